@@ -1,0 +1,92 @@
+"""What a contact law is. Written for ONE contact point: no pose, no body, no time; `vmap` lives above it.
+
+Sign convention, stated here once for the whole library:
+
+- penetration > 0 means overlap; its rate > 0 means approach;
+- the normal force is >= 0 and pushes the two surfaces apart (a law that may pull says so);
+- slip velocity > 0 is motion of the pin's surface along +t relative to the sleeve's; the traction is the force on the
+  pin along +t, so a dissipative law returns a traction of the opposite sign to the slip.
+
+A law owns its memory: `remembers` names its memory variables, `memory_rate` is their time derivative, and `latch`
+rewrites them at the instants at which contact begins or ends (which are always ends of integration steps).
+"""
+
+import abc
+from typing import ClassVar, Literal
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from clearance_jax._types import Scalar
+
+Smoothness = Literal["C-1", "C0", "C1", "C2"]
+Memory = Float[Array, " memory"]
+Regime = Int[Array, "..."]
+
+# Regimes of a normal law: what the force is made of. The solver ends a step wherever a regime changes.
+APART, CLIPPED, CONTACT = 0, 1, 2
+
+
+class AbstractStiffness(eqx.Module):
+    """A stiffness that is computed from the joint's geometry instead of being given as a number."""
+
+    @abc.abstractmethod
+    def value(self, pin_radius: Scalar, radial_clearance: Scalar) -> Scalar:
+        """The stiffness in N/m^n."""
+
+
+class AbstractLaw(eqx.Module):
+    """What normal and friction laws have in common: a smoothness class and an owned memory."""
+
+    smoothness: eqx.AbstractClassVar[Smoothness]
+    remembers: ClassVar[tuple[str, ...]] = ()
+
+    def prepared(self, pin_radius: Scalar, radial_clearance: Scalar) -> "AbstractLaw":
+        """This law with everything that depends only on geometry computed (once a solve, not once a step)."""
+        stiffness = getattr(self, "stiffness", None)
+        if isinstance(stiffness, AbstractStiffness):
+            value = stiffness.value(pin_radius, radial_clearance)
+            return eqx.tree_at(lambda law: law.stiffness, self, value, is_leaf=lambda x: x is stiffness)
+        return self
+
+    def latch(self, memory: Memory, began, ended, penetration_rate: Scalar) -> Memory:
+        """The memory after an instant at which contact `began` or `ended` (flags); unchanged by default."""
+        return memory
+
+
+class AbstractNormalLaw(AbstractLaw):
+    """Normal force of one contact point."""
+
+    @abc.abstractmethod
+    def __call__(self, penetration: Scalar, penetration_rate: Scalar, memory: Memory) -> Scalar:
+        """The normal force [N] for a penetration [m], its rate [m/s] and the law's memory."""
+
+    @abc.abstractmethod
+    def energy(self, penetration: Scalar) -> Scalar:
+        """The elastic energy [J] stored at a penetration [m]; what the force does beyond it is counted as loss."""
+
+    def unclipped(self, penetration: Scalar, penetration_rate: Scalar, memory: Memory) -> Scalar:
+        """The force before any `max(0, .)`; its sign tells the clipped regime. The force itself by default."""
+        return self(penetration, penetration_rate, memory)
+
+    def regime(self, penetration: Array, penetration_rate: Array, memory: Memory) -> Regime:
+        """`APART`, `CLIPPED` or `CONTACT`, for arrays of penetrations and rates of any one shape."""
+        pulls = self.unclipped(penetration, penetration_rate, memory) < 0
+        return jnp.where(penetration > 0, jnp.where(pulls, CLIPPED, CONTACT), APART)
+
+
+class AbstractFrictionLaw(AbstractLaw):
+    """Friction of one contact point."""
+
+    @abc.abstractmethod
+    def __call__(self, slip_velocity: Scalar, normal_force: Scalar, memory: Memory) -> Scalar:
+        """The traction on the pin [N] for a slip velocity [m/s], a normal force [N] and the law's memory."""
+
+    def memory_rate(self, slip_velocity: Scalar, normal_force: Scalar, memory: Memory) -> Memory:
+        """Time derivative of the memory; zero by default."""
+        return jnp.zeros_like(memory)
+
+    def regime(self, slip_velocity: Array) -> Regime | None:
+        """Which smooth piece of the law a slip velocity lies on, or `None` for a law of one piece (the default)."""
+        return None

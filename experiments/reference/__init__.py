@@ -1,0 +1,1 @@
+"""Independent reference solutions; nothing in here imports clearance_jax."""
