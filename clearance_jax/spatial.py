@@ -32,8 +32,8 @@ def plus(a: Term, b: Term) -> Term:
 
 
 def minus(a: Term, b: Term) -> Term:
-    """a - b."""
-    return a if is_zero(b) else -b if is_zero(a) else a - b
+    """a - b; the difference of a term with itself is absent."""
+    return 0.0 if a is b else a if is_zero(b) else -b if is_zero(a) else a - b
 
 
 def times(a: Term, b: Term) -> Term:

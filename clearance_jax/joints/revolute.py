@@ -40,6 +40,7 @@ class Signals(NamedTuple):
     overlap: Array
     """(|e|^2 - c^2) / (2 c) [m]: has the sign of the penetration, equals it at first touch, and stays smooth where the
     pin crosses the sleeve's centre (the penetration itself has a kink there)."""
+    overlap_rate: Array
     slip_velocity: Array
 
 
@@ -72,8 +73,9 @@ class RevoluteClearance(eqx.Module):
 
     @property
     def remembers(self) -> tuple[str, ...]:
-        """Names of the laws' memory variables, the normal law's first."""
-        return self.normal.remembers + (() if self.friction is None else self.friction.remembers)
+        """Names of the laws' memory variables, and whether the pin was touching (a law with memory needs to know)."""
+        names = self.normal.remembers + (() if self.friction is None else self.friction.remembers)
+        return (*names, "touching") if names else ()
 
     @property
     def latches(self) -> bool:
@@ -105,7 +107,7 @@ class RevoluteClearance(eqx.Module):
             normal_force=normal_force,
             traction=traction,
             elastic_energy=self.normal.energy(penetration),
-            memory_rate=jnp.concatenate([jnp.zeros_like(normal_memory), friction_rate]),
+            memory_rate=self._join(jnp.zeros_like(normal_memory), friction_rate, jnp.zeros(())),
         )
 
     def signals(self, eccentricity: Vector, eccentricity_rate: Vector, spin: Scalar) -> Signals:
@@ -116,7 +118,8 @@ class RevoluteClearance(eqx.Module):
         # (|e| - c)(|e| + c) / 2c rather than |e|^2 - c^2: the difference of squares would lose half the digits.
         overlap = (distance - clearance) * (distance + clearance) / (2 * clearance)
         slip = jnp.asarray(cross((nx, ny), eccentricity_rate)) + spin * (self.sleeve_radius - distance)
-        return Signals(overlap, slip)
+        overlap_rate = jnp.asarray(dot((ex, ey), eccentricity_rate)) / clearance
+        return Signals(overlap, overlap_rate, slip)
 
     def penetration_of(self, overlap: Array, overlap_rate: Array) -> tuple[Array, Array]:
         """Penetration and its rate from the overlap signal and its rate (arrays of any one shape)."""
@@ -134,14 +137,26 @@ class RevoluteClearance(eqx.Module):
         zone = None if self.friction is None else self.friction.regime(slip_velocity)
         return regime if zone is None else jnp.where(regime == CONTACT, CONTACT + 1 + (zone + 1), regime)
 
-    def latch(self, memory: Array, began: Array, ended: Array, penetration_rate: Scalar) -> Array:
-        """The memory after an instant at which contact began or ended."""
+    def latch(self, memory: Array, overlap: Array, overlap_rate: Array) -> Array:
+        """The memory at the start of a step: rewritten by the laws where contact has just begun or ended."""
         normal_memory, friction_memory = self._split(memory)
-        new_normal = self.normal.latch(normal_memory, began, ended, penetration_rate)
-        if self.friction is None:
-            return new_normal
-        return jnp.concatenate([new_normal, self.friction.latch(friction_memory, began, ended, penetration_rate)])
+        touching, touched = overlap > 0, memory[-1] > 0.5
+        began, ended = touching & ~touched, touched & ~touching
+        _, penetration_rate = self.penetration_of(overlap, overlap_rate)
+        normal_memory = self.normal.latch(normal_memory, began, ended, penetration_rate)
+        if self.friction is not None:
+            friction_memory = self.friction.latch(friction_memory, began, ended, penetration_rate)
+        return self._join(normal_memory, friction_memory, jnp.where(touching, 1.0, 0.0))
+
+    def memory_scale(self) -> Array:
+        """Magnitude of each memory variable for error control; infinite for one that only changes by latching."""
+        friction = jnp.zeros(0) if self.friction is None else self.friction.memory_scale()
+        return self._join(self.normal.memory_scale(), friction, jnp.asarray(jnp.inf))
 
     def _split(self, memory: Array) -> tuple[Array, Array]:
         n = len(self.normal.remembers)
-        return memory[:n], memory[n:]
+        m = 0 if self.friction is None else len(self.friction.remembers)
+        return memory[:n], memory[n : n + m]
+
+    def _join(self, normal: Array, friction: Array, touching: Array) -> Array:
+        return jnp.concatenate([normal, friction, touching[None]]) if self.remembers else jnp.zeros(0)

@@ -54,6 +54,10 @@ class AbstractLaw(eqx.Module):
         """The memory after an instant at which contact `began` or `ended` (flags); unchanged by default."""
         return memory
 
+    def memory_scale(self) -> Memory:
+        """Magnitude of each memory variable for error control; infinite (the default) where it only latches."""
+        return jnp.full(len(self.remembers), jnp.inf)
+
 
 class AbstractNormalLaw(AbstractLaw):
     """Normal force of one contact point."""

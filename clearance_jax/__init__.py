@@ -1,0 +1,44 @@
+"""clearance_jax: mechanisms and robots with clearance joints in JAX."""
+
+from clearance_jax.joints import RevoluteClearance
+from clearance_jax.mechanism.body import (
+    Body,
+    ConstantEffort,
+    Gravity,
+    JointSpring,
+    Motion,
+    Point,
+    Position,
+    Servo,
+    Spring,
+)
+from clearance_jax.mechanism.drives import ConstantSpeed, Harmonic, Spline, Step5Sum, StepSum
+from clearance_jax.mechanism.mechanism import Mechanism, parameters, replace
+from clearance_jax.mechanism.tree import Fixed, Prismatic, Revolute
+from clearance_jax.solve import Solution, simulate
+
+__all__ = [
+    "Body",
+    "ConstantEffort",
+    "ConstantSpeed",
+    "Fixed",
+    "Gravity",
+    "Harmonic",
+    "JointSpring",
+    "Mechanism",
+    "Motion",
+    "Point",
+    "Position",
+    "Prismatic",
+    "Revolute",
+    "RevoluteClearance",
+    "Servo",
+    "Solution",
+    "Spline",
+    "Spring",
+    "Step5Sum",
+    "StepSum",
+    "parameters",
+    "replace",
+    "simulate",
+]

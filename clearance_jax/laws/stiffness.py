@@ -1,0 +1,33 @@
+"""Contact stiffness from geometry and materials."""
+
+import jax.numpy as jnp
+
+from clearance_jax._types import Scalar, physical
+from clearance_jax.laws._base import AbstractStiffness
+
+
+class InternalHertz(AbstractStiffness):
+    r"""Hertz stiffness of a pin in a sleeve (internal contact of spheres).
+
+    K = (4/3) E* sqrt(R_i R_j / (R_i - R_j)), R_i = R_j + c, 1/E* = (1 - nu_1^2)/E_1 + (1 - nu_2^2)/E_2
+    (Lankarani and Nikravesh 1990). Valid while the contact radius is small against the pin's.
+
+    **Arguments:**
+
+    - `pin_modulus`, `sleeve_modulus`: Young's moduli [Pa].
+    - `pin_poisson`, `sleeve_poisson`: Poisson's ratios.
+    - `reference_clearance` [m]: K is computed for this clearance and stays there when the joint's clearance changes.
+      `None`: K follows the clearance, dK/dc = -K/(2c), which grows without bound (and without physical meaning: the
+      contact becomes conformal) as c goes to 0.
+    """
+
+    pin_modulus: Scalar = physical("Pa", above=0.0)
+    sleeve_modulus: Scalar = physical("Pa", above=0.0)
+    pin_poisson: Scalar = physical("", least=0.0, below=0.5, default=0.3)
+    sleeve_poisson: Scalar = physical("", least=0.0, below=0.5, default=0.3)
+    reference_clearance: Scalar | None = physical("m", above=0.0, default=None)
+
+    def value(self, pin_radius: Scalar, radial_clearance: Scalar) -> Scalar:
+        clearance = radial_clearance if self.reference_clearance is None else self.reference_clearance
+        compliance = (1 - self.pin_poisson**2) / self.pin_modulus + (1 - self.sleeve_poisson**2) / self.sleeve_modulus
+        return 4 / (3 * compliance) * jnp.sqrt(pin_radius * (pin_radius + clearance) / clearance)

@@ -1,0 +1,1 @@
+"""Mechanisms: bodies, joints of the tree, loops, drives, and parameters by name."""

@@ -1,0 +1,146 @@
+"""Rigid bodies, points on them, and the motion that a joint coordinate is given."""
+
+import abc
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from clearance_jax._types import Scalar, flattened, physical
+from clearance_jax.mechanism.drives import AbstractDrive
+from clearance_jax.spatial import Term, Vector, times
+
+GROUND = "ground"
+
+
+class Position(eqx.Module):
+    """A plane vector of numbers; a component left out is absent from the compiled program."""
+
+    x: Scalar | None = physical("m", default=None)
+    y: Scalar | None = physical("m", default=None)
+
+    @property
+    def vector(self) -> Vector:
+        """The components, absent ones as the constant 0.0."""
+        return _present(self.x), _present(self.y)
+
+
+class Gravity(eqx.Module):
+    """Acceleration of free fall; a component left out is absent from the compiled program."""
+
+    x: Scalar | None = physical("m/s^2", default=None)
+    y: Scalar | None = physical("m/s^2", default=None)
+
+    @property
+    def vector(self) -> Vector:
+        """The components, absent ones as the constant 0.0."""
+        return _present(self.x), _present(self.y)
+
+
+def _present(value: Scalar | None) -> Term:
+    return 0.0 if value is None else value
+
+
+ORIGIN = Position()
+
+
+class Body(eqx.Module):
+    """A rigid body.
+
+    **Arguments:**
+
+    - `mass` [kg]: `None` for a massless link.
+    - `inertia` [kg m^2]: about the centre of mass; `None` for a point mass.
+    - `center_of_mass` [m]: in the body's frame.
+    """
+
+    name: str = eqx.field(static=True)
+    mass: Scalar | None = physical("kg", above=0.0, default=None)
+    inertia: Scalar | None = physical("kg*m^2", above=0.0, default=None)
+    center_of_mass: Position = ORIGIN
+
+
+class Point(eqx.Module):
+    """A named point of a body whose motion is reported."""
+
+    name: str = eqx.field(static=True)
+    body: str = eqx.field(static=True)
+    at: Position = ORIGIN
+
+
+class AbstractActuator(eqx.Module):
+    """A generalised force along one free coordinate."""
+
+    @abc.abstractmethod
+    def __call__(self, time: Scalar, position: Scalar, velocity: Scalar) -> Scalar:
+        """The force [N] or torque [N m]."""
+
+
+class ConstantEffort(AbstractActuator):
+    """A constant torque [N m] (or force [N] on a sliding joint)."""
+
+    effort: Scalar = physical("effort")
+
+    def __call__(self, time, position, velocity):
+        return self.effort + 0 * position
+
+
+class Servo(AbstractActuator):
+    """A linear position servo: k (target - q) + b (target' - q')."""
+
+    target: AbstractDrive
+    stiffness: Scalar = physical("effort/coordinate", least=0.0)
+    damping: Scalar = physical("effort*s/coordinate", least=0.0)
+
+    def __call__(self, time, position, velocity):
+        goal, goal_rate, _ = self.target(time)
+        return self.stiffness * (goal - position) + self.damping * (goal_rate - velocity)
+
+
+class JointSpring(AbstractActuator):
+    """A spring and damper in a joint: -k (q - q0) - b q'. Its energy is booked as actuator work."""
+
+    stiffness: Scalar = physical("effort/coordinate", least=0.0)
+    damping: Scalar = physical("effort*s/coordinate", least=0.0, default=0.0)
+    rest: Scalar = physical("coordinate", default=0.0)
+
+    def __call__(self, time, position, velocity):
+        return -self.stiffness * (position - self.rest) - self.damping * velocity
+
+
+class Spring(eqx.Module):
+    """A spring and damper between points of two bodies: tension k (l - l0) + b l'."""
+
+    name: str = eqx.field(static=True)
+    body_a: str = eqx.field(static=True)
+    body_b: str = eqx.field(static=True)
+    stiffness: Scalar = physical("N/m", least=0.0)
+    damping: Scalar = physical("N*s/m", least=0.0, default=0.0)
+    free_length: Scalar = physical("m", least=0.0, default=0.0)
+    at_a: Position = ORIGIN
+    at_b: Position = ORIGIN
+
+
+class Motion(eqx.Module):
+    """How one joint coordinate moves: prescribed by a drive, or free (a state) under any number of actuators.
+
+    **Arguments:**
+
+    - `drive`: prescribes the coordinate; it then costs no state.
+    - `position`, `velocity`: initial values of a free coordinate (a first guess where a loop must be assembled).
+    - `actuators`: generalised forces along a free coordinate.
+    """
+
+    drive: AbstractDrive | None = None
+    position: Scalar = physical("coordinate", default=0.0)
+    velocity: Scalar = physical("coordinate/s", default=0.0)
+    actuators: tuple[AbstractActuator, ...] = flattened(default=())
+
+    @property
+    def is_free(self) -> bool:
+        """Whether the coordinate is a state."""
+        return self.drive is None
+
+    def effort(self, time: Scalar, position: Term, velocity: Term) -> Term:
+        """The sum of the actuators' forces."""
+        efforts = [a(time, jnp.asarray(position), jnp.asarray(velocity)) for a in self.actuators]
+        return sum(efforts[1:], efforts[0]) if efforts else times(0.0, position)

@@ -1,0 +1,157 @@
+"""Drives: a joint coordinate as a function of time, with its first two derivatives and its break points.
+
+A drive of a rotation is in rad, of a slide in m; its fields carry the unit "coordinate", resolved by the joint.
+"""
+
+import abc
+from typing import Literal
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from clearance_jax._checks import ClearanceError
+from clearance_jax._numerics import sincos
+from clearance_jax._types import Scalar, physical
+from clearance_jax.spatial import Term
+
+Values = Float[Array, " n"]
+Motion3 = tuple[Term, Term, Term]
+
+
+class AbstractDrive(eqx.Module):
+    """A prescribed coordinate."""
+
+    @abc.abstractmethod
+    def __call__(self, time: Scalar) -> Motion3:
+        """`(q, q', q'')`; one that vanishes identically is the constant 0.0."""
+
+    def breaks(self) -> Values:
+        """Times at which a derivative jumps: integration steps end there. None by default."""
+        return jnp.zeros(0)
+
+    def prepared(self) -> "AbstractDrive":
+        """This drive with what depends only on its numbers computed."""
+        return self
+
+
+class ConstantSpeed(AbstractDrive):
+    """q = start + speed t."""
+
+    speed: Scalar = physical("coordinate/s")
+    start: Scalar = physical("coordinate", default=0.0)
+
+    def __call__(self, time):
+        return self.start + self.speed * time, self.speed, 0.0
+
+
+class StepSum(AbstractDrive):
+    """q = offset + sum of rise_i STEP(t, begin_i, 0, end_i, 1), the cubic STEP of ADAMS: q'' jumps at every begin and end.
+
+    **Arguments:** `begin`, `end` [s] and `rise` of shape (n,), `offset`.
+    """
+
+    begin: Values = physical("s")
+    end: Values = physical("s")
+    rise: Values = physical("coordinate")
+    offset: Scalar = physical("coordinate", default=0.0)
+
+    def __call__(self, time):
+        span = self.end - self.begin
+        s = (time - self.begin) / span
+        inside = (s >= 0) & (s < 1)
+        s = jnp.clip(s, 0.0, 1.0)
+        q = self.offset + jnp.sum(self.rise * s * s * (3 - 2 * s))
+        v = jnp.sum(jnp.where(inside, self.rise * 6 * s * (1 - s) / span, 0.0))
+        return q, v, jnp.sum(jnp.where(inside, self.rise * (6 - 12 * s) / span**2, 0.0))
+
+    def breaks(self):
+        return jnp.concatenate([self.begin, self.end])
+
+
+class Step5Sum(AbstractDrive):
+    """As `StepSum` with the quintic STEP5: q'' is continuous, q''' jumps."""
+
+    begin: Values = physical("s")
+    end: Values = physical("s")
+    rise: Values = physical("coordinate")
+    offset: Scalar = physical("coordinate", default=0.0)
+
+    def __call__(self, time):
+        span = self.end - self.begin
+        s = jnp.clip((time - self.begin) / span, 0.0, 1.0)
+        q = self.offset + jnp.sum(self.rise * s**3 * (10 + s * (6 * s - 15)))
+        v = jnp.sum(self.rise * 30 * s * s * (1 - s) ** 2 / span)
+        return q, v, jnp.sum(self.rise * 60 * s * (1 - s) * (1 - 2 * s) / span**2)
+
+    def breaks(self):
+        return jnp.concatenate([self.begin, self.end])
+
+
+class Harmonic(AbstractDrive):
+    """q = offset + amplitude sin(angular_frequency t + phase), angular_frequency in rad/s."""
+
+    amplitude: Scalar = physical("coordinate")
+    angular_frequency: Scalar = physical("rad/s")
+    phase: Scalar = physical("rad", default=0.0)
+    offset: Scalar = physical("coordinate", default=0.0)
+
+    def __call__(self, time):
+        w = self.angular_frequency
+        sine, cosine = sincos(w * time + self.phase)
+        swing = self.amplitude * sine
+        return self.offset + swing, self.amplitude * w * cosine, -w * w * swing
+
+
+class Spline(AbstractDrive):
+    """A cubic spline through a table; q''' jumps at the knots. Before and after the table its first and last pieces go on.
+
+    **Arguments:** `times` [s] (increasing), `values`, both of shape (n,) with n >= 4; `ends`: "not-a-knot", "natural"
+    (q'' = 0) or "clamped" (q' = 0).
+    """
+
+    times: Values = physical("s")
+    values: Values = physical("coordinate")
+    ends: Literal["not-a-knot", "natural", "clamped"] = eqx.field(static=True, default="not-a-knot")
+    curvature: Values | None = physical("coordinate/s^2", default=None)
+    """q'' at the knots; computed once a solve."""
+
+    def __check_init__(self):
+        if self.times.shape[0] < 4 or self.times.shape != self.values.shape:
+            raise ClearanceError("A spline drive needs `times` and `values` of one length of at least 4.")
+
+    def prepared(self):
+        curvature = spline_curvature(self.times, self.values, self.ends)
+        return eqx.tree_at(lambda s: s.curvature, self, curvature, is_leaf=lambda x: x is None)
+
+    def __call__(self, time):
+        m = spline_curvature(self.times, self.values, self.ends) if self.curvature is None else self.curvature
+        i = jnp.clip(jnp.searchsorted(self.times, time, side="right") - 1, 0, self.times.shape[0] - 2)
+        h = self.times[i + 1] - self.times[i]
+        u, ya, yb, ma, mb = time - self.times[i], self.values[i], self.values[i + 1], m[i], m[i + 1]
+        slope = (yb - ya) / h - h * (2 * ma + mb) / 6
+        third = (mb - ma) / h
+        return (ya + u * (slope + u * (ma / 2 + u * third / 6)), slope + u * (ma + u * third / 2), ma + u * third)
+
+    def breaks(self):
+        return self.times
+
+
+def spline_curvature(times: Values, values: Values, ends: str) -> Values:
+    """q'' at the knots of a cubic spline (one small dense solve, differentiable by times and values)."""
+    n = times.shape[0]
+    h = jnp.diff(times)
+    slope = jnp.diff(values) / h
+    inner = jnp.arange(1, n - 1)
+    a = jnp.zeros((n, n))
+    a = a.at[inner, inner - 1].set(h[:-1]).at[inner, inner].set(2 * (h[:-1] + h[1:])).at[inner, inner + 1].set(h[1:])
+    b = jnp.zeros(n).at[1:-1].set(6 * jnp.diff(slope))
+    if ends == "natural":
+        a = a.at[0, 0].set(1.0).at[-1, -1].set(1.0)
+    elif ends == "clamped":
+        a = a.at[0, 0].set(2 * h[0]).at[0, 1].set(h[0]).at[-1, -1].set(2 * h[-1]).at[-1, -2].set(h[-1])
+        b = b.at[0].set(6 * slope[0]).at[-1].set(-6 * slope[-1])
+    else:
+        a = a.at[0, 0].set(h[1]).at[0, 1].set(-h[0] - h[1]).at[0, 2].set(h[0])
+        a = a.at[-1, -3].set(h[-1]).at[-1, -2].set(-h[-1] - h[-2]).at[-1, -1].set(h[-2])
+    return jnp.linalg.solve(a, b)

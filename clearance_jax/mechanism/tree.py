@@ -1,0 +1,215 @@
+"""Joints of the tree and its kinematics: one forward sweep from the ground gives every body's pose and motion.
+
+Each joint is a short list of elementary coordinates (slides along and turns about the axes of its frame). A prescribed
+coordinate contributes motion only; a free one also contributes a column, the velocity of the points beyond it per unit
+of its rate, from which mass matrix, forces and constraints are built.
+"""
+
+import abc
+from typing import NamedTuple
+
+import equinox as eqx
+from jaxtyping import Array
+
+from clearance_jax._types import Scalar, flattened, physical
+from clearance_jax.joints import RevoluteClearance
+from clearance_jax.mechanism.body import ORIGIN, Motion, Position
+from clearance_jax.spatial import (
+    IDENTITY,
+    ZERO,
+    Rotation,
+    Term,
+    Vector,
+    add,
+    is_zero,
+    minus,
+    plus,
+    rotation_of,
+    scale,
+    spin_cross,
+    subtract,
+    times,
+)
+
+FREE_PLAY = Motion()
+
+
+class Column(NamedTuple):
+    """What one coordinate moves: a unit slide along `axis`, or (`axis` is None) a unit spin about `pivot`."""
+
+    index: int
+    axis: Vector | None
+    pivot: Vector
+
+    def velocity_at(self, point: Vector) -> Vector:
+        """Velocity of the point of a moved body that is at `point`, per unit rate."""
+        return spin_cross(1.0, subtract(point, self.pivot)) if self.axis is None else self.axis
+
+    @property
+    def spin(self) -> float:
+        """Spin of a moved body per unit rate."""
+        return 1.0 if self.axis is None else 0.0
+
+
+class Frame(NamedTuple):
+    """Pose and motion of a body's frame; accelerations are those with every free coordinate's acceleration left out."""
+
+    angle: Term = 0.0
+    rotation: Rotation = IDENTITY
+    position: Vector = ZERO
+    spin: Term = 0.0
+    velocity: Vector = ZERO
+    spin_rate: Term = 0.0
+    acceleration: Vector = ZERO
+    free: tuple[Column, ...] = ()
+    prescribed: tuple[tuple[Column, Term], ...] = ()
+
+    def point(self, at: Vector) -> Vector:
+        """World position of the point that is at `at` in the body's frame."""
+        return add(self.position, self.rotation.apply(at))
+
+    def velocity_at(self, point: Vector) -> Vector:
+        """Velocity of the body's material point that is at `point`."""
+        return add(self.velocity, spin_cross(self.spin, subtract(point, self.position)))
+
+    def acceleration_at(self, point: Vector) -> Vector:
+        """Acceleration of the body's material point at `point` (without the free coordinates' accelerations)."""
+        arm = subtract(point, self.position)
+        centripetal = scale(minus(0.0, times(self.spin, self.spin)), arm)
+        return add(self.acceleration, add(spin_cross(self.spin_rate, arm), centripetal))
+
+    def moved_to(self, at: Vector) -> "Frame":
+        """The frame of the same body with its origin at `at`."""
+        if is_zero(at[0]) and is_zero(at[1]):
+            return self
+        point = self.point(at)
+        return self._replace(
+            position=point, velocity=self.velocity_at(point), acceleration=self.acceleration_at(point)
+        )
+
+    def turned(self, angle: Term, spin: Term = 0.0, spin_rate: Term = 0.0) -> "Frame":
+        """The frame after a turn about its origin."""
+        turned = plus(self.angle, angle)
+        return self._replace(
+            angle=turned,
+            rotation=rotation_of(turned),
+            spin=plus(self.spin, spin),
+            spin_rate=plus(self.spin_rate, spin_rate),
+        )
+
+    def slid(self, by: Vector, rate: Vector, acceleration: Vector) -> "Frame":
+        """The frame after a slide along its own axes."""
+        step, rate = self.rotation.apply(by), self.rotation.apply(rate)
+        point = add(self.position, step)
+        coriolis = spin_cross(times(2.0, self.spin), rate)
+        return self._replace(
+            position=point,
+            velocity=add(self.velocity_at(point), rate),
+            acceleration=add(add(self.acceleration_at(point), coriolis), self.rotation.apply(acceleration)),
+        )
+
+
+class Coordinate(NamedTuple):
+    """One elementary coordinate of a joint: its name, how it moves, and the axis it slides along (None: it turns)."""
+
+    name: str
+    motion: Motion
+    slides: Vector | None
+
+
+class AbstractJoint(eqx.Module):
+    """A joint of the tree: places the child's frame on the parent's."""
+
+    name: eqx.AbstractVar[str]
+    parent: eqx.AbstractVar[str]
+    child: eqx.AbstractVar[str]
+    at_parent: eqx.AbstractVar[Position]
+    at_child: eqx.AbstractVar[Position]
+    angle: eqx.AbstractVar[Scalar | None]
+
+    @abc.abstractmethod
+    def coordinates(self) -> tuple[Coordinate, ...]:
+        """The joint's elementary coordinates, in the order in which they act."""
+
+
+class Revolute(AbstractJoint):
+    """A pin joint, ideal or with clearance.
+
+    With clearance in the tree it has two play coordinates (the eccentricity in the sleeve's frame) before its rotation.
+    Where it closes a loop it has no coordinates: it is a force element (with clearance) or a constraint (ideal). The
+    sleeve is on the parent, the pin on the child.
+    """
+
+    name: str = eqx.field(static=True)
+    parent: str = eqx.field(static=True)
+    child: str = eqx.field(static=True)
+    at_parent: Position = ORIGIN
+    at_child: Position = ORIGIN
+    angle: Scalar | None = physical("rad", default=None)
+    motion: Motion = flattened(default=FREE_PLAY)
+    clearance: RevoluteClearance | None = flattened(default=None)
+    eccentricity: Position = ORIGIN
+
+    def coordinates(self):
+        turn = Coordinate(self.name, self.motion, None)
+        if self.clearance is None:
+            return (turn,)
+        return (
+            Coordinate(f"{self.name}.play_x", Motion(position=self.eccentricity.vector[0]), (1.0, 0.0)),
+            Coordinate(f"{self.name}.play_y", Motion(position=self.eccentricity.vector[1]), (0.0, 1.0)),
+            turn,
+        )
+
+
+class Prismatic(AbstractJoint):
+    """A sliding joint along the x axis of the joint frame (the parent's, turned by `angle`)."""
+
+    name: str = eqx.field(static=True)
+    parent: str = eqx.field(static=True)
+    child: str = eqx.field(static=True)
+    at_parent: Position = ORIGIN
+    at_child: Position = ORIGIN
+    angle: Scalar | None = physical("rad", default=None)
+    motion: Motion = flattened(default=FREE_PLAY)
+
+    def coordinates(self):
+        return (Coordinate(self.name, self.motion, (1.0, 0.0)),)
+
+
+class Fixed(AbstractJoint):
+    """A rigid connection."""
+
+    name: str = eqx.field(static=True)
+    parent: str = eqx.field(static=True)
+    child: str = eqx.field(static=True)
+    at_parent: Position = ORIGIN
+    at_child: Position = ORIGIN
+    angle: Scalar | None = physical("rad", default=None)
+
+    def coordinates(self):
+        return ()
+
+
+def place(joint: AbstractJoint, parent: Frame, time: Scalar, values: dict[str, tuple[int, Array, Array]]) -> Frame:
+    """The child's frame. `values[name]` is the (index, position, velocity) of each free coordinate."""
+    frame = parent.moved_to(joint.at_parent.vector)
+    if joint.angle is not None:
+        frame = frame.turned(joint.angle)
+    for name, motion, slides in joint.coordinates():
+        if motion.drive is None:
+            index, q, v = values[name]
+            a: Term = 0.0
+        else:
+            index = -1
+            q, v, a = motion.drive(time)  # a tuple, any of which may be the constant 0.0
+        if slides is None:
+            column = Column(index, None, frame.position)
+            frame = frame.turned(q, v, a)
+        else:
+            column = Column(index, frame.rotation.apply(slides), ZERO)
+            frame = frame.slid(scale(q, slides), scale(v, slides), scale(a, slides))
+        if motion.drive is None:
+            frame = frame._replace(free=(*frame.free, column))
+        else:
+            frame = frame._replace(prescribed=(*frame.prescribed, (column, v)))
+    return frame.moved_to(subtract(ZERO, joint.at_child.vector))

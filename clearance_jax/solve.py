@@ -1,0 +1,223 @@
+"""`simulate`: a mechanism from t0 to t1, with error control that contact cannot fool, a result code and energy books."""
+
+from typing import Any
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from clearance_jax._checks import ClearanceError, require_float64
+from clearance_jax._types import Scalar
+from clearance_jax.dynamics import BOOKS, energies, projected, rate
+from clearance_jax.mechanism.body import Servo
+from clearance_jax.mechanism.mechanism import Mechanism, frames, layout, parameters
+from clearance_jax.stepping import ContactController, Stepper
+
+SOLVERS = {"tsit5": diffrax.Tsit5, "dopri8": diffrax.Dopri8}
+
+
+class Solution(eqx.Module):
+    """A solved motion.
+
+    - `time`: sample times [s], shape (samples,); `y`: states `[q, v, memory, books]` there, shape (samples, n).
+    - `final`: the state at the end; `initial`: at the start.
+    - `result`: 0 where the solve reached t1, else diffrax's code (`message` in words); `steps`, `rejected`: counts.
+    - `energy_residual`: |energy gained - work of drives + losses| / energy exchanged, a measure of the solve's quality.
+    """
+
+    time: Float[Array, " samples"]
+    y: Float[Array, "samples n"]
+    initial: Float[Array, " n"]
+    final: Float[Array, " n"]
+    result: Any
+    steps: Int[Array, ""]
+    rejected: Int[Array, ""]
+    energy_residual: Float[Array, ""]
+
+    @property
+    def succeeded(self) -> Array:
+        """Whether the solve reached t1."""
+        return self.result == diffrax.RESULTS.successful
+
+
+def simulate(
+    mechanism: Mechanism,
+    t1: Any,
+    *,
+    t0: Any = 0.0,
+    save_at: Any = None,
+    rtol: Any = 1e-8,
+    atol: Any = None,
+    solver: str | Any = "tsit5",
+    watch: bool = True,
+    books: bool = True,
+    max_steps: int = 10_000_000,
+    y0: Any = None,
+    throw: bool = True,
+) -> Solution:
+    """Simulate a mechanism from `t0` to `t1`. Works under jit, vmap and jvp.
+
+    **Arguments:**
+
+    - `t1`, `t0`: end and start [s].
+    - `save_at`: number of equally spaced samples (both ends included), or an array of times; `None`: only the end.
+    - `rtol`: the one accuracy knob; absolute tolerances follow from it and the scene's own scales.
+    - `atol`: overrides them, one number per state component `[q, v, memory]`.
+    - `solver`: "tsit5", "dopri8" (for rtol below 1e-8) or an explicit diffrax Runge-Kutta solver.
+    - `watch`: end steps at every switch of the contact laws. Off: the plain PID controller, whose error has a floor.
+    - `books`: integrate work and losses, for `energy_residual`.
+    - `y0`: start from this state instead of the mechanism's initial one.
+    - `throw`: raise where the solve fails (never inside vmap: there a failed lane is data).
+
+    **Raises:** `ClearanceError` for float64 off, t1 <= t0, and numbers that are not finite or out of bounds.
+    """
+    require_float64()
+    check_values(mechanism)
+    if not isinstance(t0, jax.core.Tracer) and not isinstance(t1, jax.core.Tracer) and not float(t1) > float(t0):
+        raise ClearanceError(f"`t1` must be greater than `t0`, but t0 = {float(t0)} and t1 = {float(t1)}.")
+    t0, t1 = jnp.asarray(t0, float), jnp.asarray(t1, float)
+    if isinstance(save_at, int):
+        save_at = t0 + (t1 - t0) * jnp.linspace(0.0, 1.0, save_at)
+    elif save_at is not None:
+        save_at = jnp.asarray(save_at, float)
+    chosen = SOLVERS[solver]() if isinstance(solver, str) else solver
+    rtol = jnp.asarray(rtol, float)
+    solution = _solve(mechanism, t0, t1, save_at, rtol, atol, chosen, watch, books, max_steps, y0)
+    if throw and not isinstance(solution.final, jax.core.Tracer) and not bool(solution.succeeded):
+        raise RuntimeError(f"The solve stopped before t1: {diffrax.RESULTS[solution.result]}. "
+                           "Pass `throw=False` to keep what was computed.")
+    return solution
+
+
+@eqx.filter_jit
+def _solve(mechanism, t0, t1, save_at, rtol, atol, solver, watch, books, max_steps, y0) -> Solution:
+    mechanism = mechanism.prepared()
+    start = initial_state(mechanism, t0) if y0 is None else jnp.asarray(y0, float)[: layout(mechanism).size]
+    scale, relative = tolerances(mechanism, start, t0, t1, rtol, atol)
+    extra = len(BOOKS) if books else 0
+    pad = jnp.zeros(extra)
+    start = jnp.concatenate([start, pad])
+    controller = ContactController(
+        jnp.concatenate([scale, pad + jnp.inf]), jnp.concatenate([relative, pad]), drive_breaks(mechanism), watch
+    )
+    subs = [diffrax.SubSaveAt(t1=True)] + ([] if save_at is None else [diffrax.SubSaveAt(ts=save_at)])
+    out = diffrax.diffeqsolve(
+        diffrax.ODETerm(rate),
+        Stepper(solver),
+        t0,
+        t1,
+        None,
+        start,
+        args=mechanism,
+        saveat=diffrax.SaveAt(subs=subs),
+        stepsize_controller=controller,
+        adjoint=diffrax.ForwardMode(),
+        max_steps=max_steps,
+        throw=False,
+    )
+    final = out.ys[0][-1]
+    time = out.ts[0] if save_at is None else out.ts[1]
+    y = out.ys[0] if save_at is None else out.ys[1]
+    if mechanism.closures() and save_at is not None:
+        # Dense output interpolates between projected states: project the samples too.
+        y = jax.vmap(lambda t, y: projected(t, y, mechanism, mechanism.closures(), 1))(time, y)
+    residual = _residual(mechanism, t0, t1, start, final) if books else jnp.asarray(jnp.nan)
+    return Solution(
+        time, y, start, final, out.result, out.stats["num_accepted_steps"], out.stats["num_rejected_steps"], residual
+    )
+
+
+def _residual(mechanism, t0, t1, start, final):
+    before, after = energies(t0, start, mechanism), energies(t1, final, mechanism)
+    gained = sum(after.values()) - sum(before.values())
+    drive, damping, friction, exchanged = final[-len(BOOKS) :]
+    return jnp.abs(gained - drive + damping + friction) / jnp.where(exchanged > 0, exchanged, 1.0)
+
+
+def initial_state(mechanism: Mechanism, t0: Scalar) -> Array:
+    """The state at t0: the given initial values, then the nearest ones at which every loop is assembled.
+
+    A loop with clearance starts with its pin at `eccentricity` in the sleeve and at rest relative to it, that is, with
+    the positions and velocities of the ideal mechanism.
+    """
+    plan = layout(mechanism)
+    free = mechanism.free_coordinates()
+    q = [jnp.asarray(c.motion.position, dtype=float) for c in free]
+    v = [jnp.asarray(c.motion.velocity, dtype=float) for c in free]
+    y = jnp.concatenate([jnp.stack([*q, *v]) if free else jnp.zeros(0), jnp.zeros(plan.remembered)])
+    return projected(t0, y, mechanism, mechanism.loops, 12) if mechanism.loops and mechanism.assemble else y
+
+
+def drive_breaks(mechanism: Mechanism) -> Array:
+    """Break times of every drive and servo target."""
+    drives = [c.motion.drive for c in mechanism.coordinates() if c.motion.drive is not None]
+    servos = [a for c in mechanism.coordinates() for a in c.motion.actuators]
+    drives += [a.target for a in servos if isinstance(a, Servo)]
+    return jnp.concatenate([jnp.zeros(0), *(drive.breaks() for drive in drives)])
+
+
+def tolerances(mechanism, y0, t0, t1, rtol, atol) -> tuple[Array, Array]:
+    """Absolute tolerance per component from the scene's own scales (size, clearance, speeds), and a relative one where
+    the scale is not known beforehand (velocities, and penetrations that may exceed a tiny clearance)."""
+    n = layout(mechanism).free
+    free = mechanism.free_coordinates()
+    sizes = [jnp.abs(leaf.value) for leaf in parameters(mechanism).values()
+             if leaf.metadata["unit"] == "m" and leaf.path[0] != "points" and "clearance" not in leaf.path]
+    length = jnp.max(jnp.stack([jnp.asarray(s, float) for s in sizes])) if sizes else jnp.asarray(1.0)
+    length = jnp.where(length > 0, length, 1.0)
+    gravity = jnp.hypot(*(jnp.asarray(g, float) for g in mechanism.gravity.vector))
+    spin = jnp.sqrt(gravity / length)
+    for coordinate in mechanism.coordinates():
+        drive = coordinate.motion.drive
+        if drive is not None:
+            times = jnp.linspace(t0, t1, 33)
+            speed = jnp.max(jnp.abs(jax.vmap(lambda t, d=drive: jnp.asarray(d(t)[1], float))(times)))
+            spin = jnp.maximum(spin, speed if coordinate.slides is None else speed / length)
+    for i, coordinate in enumerate(free):
+        speed = jnp.abs(y0[n + i])
+        spin = jnp.maximum(spin, speed if coordinate.slides is None else speed / length)
+    spin = jnp.where(spin > 0, spin, 1 / (t1 - t0))
+    acceleration = jnp.maximum(gravity, spin * spin * length)
+    clearances = {j.name: j.clearance.radial_clearance for j in mechanism.clearance_joints() if j.clearance}
+    position, velocity, adapt = [], [], []
+    for coordinate in free:
+        joint = coordinate.name.rpartition(".")[0]
+        if joint in clearances:
+            c = clearances[joint]
+            position.append(c)
+            velocity.append(jnp.maximum(spin * c, jnp.sqrt(2 * acceleration * c)))
+            adapt.append(1.0)
+        else:
+            position.append(jnp.asarray(1.0) if coordinate.slides is None else length)
+            velocity.append(spin if coordinate.slides is None else spin * length)
+            adapt.append(0.0)
+    memory = [j.clearance.memory_scale() for j in mechanism.clearance_joints() if j.clearance]
+    scale = jnp.concatenate([jnp.stack(position + velocity) if free else jnp.zeros(0), *memory])
+    scale = rtol * scale if atol is None else jnp.broadcast_to(jnp.asarray(atol, float), scale.shape)
+    relative = rtol * jnp.concatenate([jnp.asarray(adapt), jnp.ones(n), *(jnp.zeros_like(m) for m in memory)])
+    return scale, relative
+
+
+def check_values(mechanism: Mechanism) -> None:
+    """Every number finite and inside its bounds. Tracers pass (a batch lane that breaks a bound is a result code)."""
+    for name, leaf in parameters(mechanism).items():
+        if isinstance(leaf.value, jax.core.Tracer):
+            continue
+        value, meta = np.asarray(leaf.value), leaf.metadata
+        problem = None
+        if not np.all(np.isfinite(value)):
+            problem = "be finite"
+        elif meta.get("above") is not None and not np.all(value > meta["above"]):
+            problem = f"be greater than {meta['above']:g} {meta['unit']}"
+        elif meta.get("least") is not None and not np.all(value >= meta["least"]):
+            problem = f"be at least {meta['least']:g} {meta['unit']}"
+        elif meta.get("below") is not None and not np.all(value < meta["below"]):
+            problem = f"be less than {meta['below']:g} {meta['unit']}"
+        if problem:
+            raise ClearanceError(f"`{name}` must {problem}, but it is {value.tolist()}.")
+
+
+__all__ = ["SOLVERS", "Solution", "frames", "initial_state", "simulate"]
