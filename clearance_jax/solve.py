@@ -95,21 +95,47 @@ def simulate(
 @eqx.filter_jit
 def _solve(mechanism, t0, t1, save_at, rtol, atol, solver, watch, books, max_steps, y0) -> Solution:
     mechanism = mechanism.prepared()
-    start = initial_state(mechanism, t0) if y0 is None else jnp.asarray(y0, float)[: layout(mechanism).size]
-    scale, relative = tolerances(mechanism, start, t0, t1, rtol, atol)
-    extra = len(BOOKS) if books else 0
-    pad = jnp.zeros(extra)
-    start = jnp.concatenate([start, pad])
+    start = _start(mechanism, t0, books, y0)
+    out = _integrate(mechanism, t0, t1, start, save_at, rtol, atol, solver, watch, max_steps, None)
+    final = out.ys[0][-1]
+    time = out.ts[0] if save_at is None else out.ts[1]
+    y = out.ys[0] if save_at is None else _samples(mechanism, time, out.ys[1])
+    residual = energy_residual(mechanism, t0, t1, start, final) if books else jnp.asarray(jnp.nan)
+    return Solution(
+        time, y, start, final, out.result, out.stats["num_accepted_steps"], out.stats["num_rejected_steps"], residual
+    )
+
+
+def _start(mechanism, t0, books, y0):
+    if y0 is not None and y0.shape[0] > layout(mechanism).size:
+        return jnp.asarray(y0, float)
+    start = initial_state(mechanism, t0) if y0 is None else jnp.asarray(y0, float)
+    return jnp.concatenate([start, jnp.zeros(len(BOOKS) if books else 0)])
+
+
+def _samples(mechanism, time, y):
+    """Dense output interpolates between projected states: project the samples of a mechanism with closures too."""
+    if not mechanism.closures():
+        return y
+    return jax.vmap(lambda t, y: projected(t, y, mechanism, mechanism.closures(), 1))(time, y)
+
+
+def _integrate(mechanism, t0, t1, start, save_at, rtol, atol, solver, watch, max_steps, dt0, steps=False):
+    size = layout(mechanism).size
+    scale, relative = tolerances(mechanism, start[:size], t0, t1, rtol, atol)
+    pad = jnp.zeros(start.shape[0] - size)
     controller = ContactController(
         jnp.concatenate([scale, pad + jnp.inf]), jnp.concatenate([relative, pad]), drive_breaks(mechanism), watch
     )
-    subs = [diffrax.SubSaveAt(t1=True)] + ([] if save_at is None else [diffrax.SubSaveAt(ts=save_at)])
-    out = diffrax.diffeqsolve(
+    subs = [diffrax.SubSaveAt(t1=True)]
+    subs += [] if save_at is None else [diffrax.SubSaveAt(ts=save_at)]
+    subs += [diffrax.SubSaveAt(t0=True, steps=True)] if steps else []
+    return diffrax.diffeqsolve(
         diffrax.ODETerm(rate),
         Stepper(solver),
         t0,
         t1,
-        None,
+        dt0,
         start,
         args=mechanism,
         saveat=diffrax.SaveAt(subs=subs),
@@ -118,19 +144,10 @@ def _solve(mechanism, t0, t1, save_at, rtol, atol, solver, watch, books, max_ste
         max_steps=max_steps,
         throw=False,
     )
-    final = out.ys[0][-1]
-    time = out.ts[0] if save_at is None else out.ts[1]
-    y = out.ys[0] if save_at is None else out.ys[1]
-    if mechanism.closures() and save_at is not None:
-        # Dense output interpolates between projected states: project the samples too.
-        y = jax.vmap(lambda t, y: projected(t, y, mechanism, mechanism.closures(), 1))(time, y)
-    residual = _residual(mechanism, t0, t1, start, final) if books else jnp.asarray(jnp.nan)
-    return Solution(
-        time, y, start, final, out.result, out.stats["num_accepted_steps"], out.stats["num_rejected_steps"], residual
-    )
 
 
-def _residual(mechanism, t0, t1, start, final):
+def energy_residual(mechanism, t0, t1, start, final):
+    """|energy gained - work of drives + losses| / energy exchanged between two states with books."""
     before, after = energies(t0, start, mechanism), energies(t1, final, mechanism)
     gained = sum(after.values()) - sum(before.values())
     drive, damping, friction, exchanged = final[-len(BOOKS) :]

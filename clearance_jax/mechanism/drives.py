@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 from clearance_jax._checks import ClearanceError
 from clearance_jax._numerics import sincos
 from clearance_jax._types import Scalar, physical
-from clearance_jax.spatial import Term
+from clearance_jax.spatial import Term, total
 
 Values = Float[Array, " n"]
 Motion3 = tuple[Term, Term, Term]
@@ -135,6 +135,22 @@ class Spline(AbstractDrive):
 
     def breaks(self):
         return self.times
+
+
+class DriveSum(AbstractDrive):
+    """The sum of several drives."""
+
+    terms: tuple[AbstractDrive, ...]
+
+    def __call__(self, time):
+        parts = [drive(time) for drive in self.terms]
+        return total(p[0] for p in parts), total(p[1] for p in parts), total(p[2] for p in parts)
+
+    def breaks(self):
+        return jnp.concatenate([drive.breaks() for drive in self.terms])
+
+    def prepared(self):
+        return DriveSum(tuple(drive.prepared() for drive in self.terms))
 
 
 def spline_curvature(times: Values, values: Values, ends: str) -> Values:

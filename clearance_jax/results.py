@@ -1,0 +1,207 @@
+"""From a solution to a labelled dataset: variables with units, provenance, contact episodes; save and load.
+
+`VARIABLES` is the one table of what can appear; plots know nothing else.
+"""
+
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import numpy as np
+import xarray as xr
+
+from clearance_jax._checks import ClearanceError
+from clearance_jax.dynamics import observe, prescribed_owners
+from clearance_jax.mechanism.mechanism import Mechanism, parameters
+from clearance_jax.mechanism.tree import AbstractJoint
+from clearance_jax.solve import Solution
+from clearance_jax.trace import Trace
+
+
+class Variable(NamedTuple):
+    """Dimensions after time, SI unit, meaning."""
+
+    dims: tuple[str, ...]
+    unit: str
+    meaning: str
+
+
+VARIABLES = {
+    "q": Variable(("coordinate",), "rad or m", "joint coordinate"),
+    "v": Variable(("coordinate",), "rad/s or m/s", "rate of the joint coordinate"),
+    "position": Variable(("point", "axis"), "m", "position of a named point"),
+    "velocity": Variable(("point", "axis"), "m/s", "velocity of a named point"),
+    "acceleration": Variable(("point", "axis"), "m/s^2", "acceleration of a named point"),
+    "eccentricity": Variable(("joint", "axis"), "m", "pin centre from sleeve centre, in the sleeve's axes"),
+    "penetration": Variable(("joint",), "m", "overlap of pin and sleeve (negative: apart)"),
+    "penetration_rate": Variable(("joint",), "m/s", "rate of the penetration (positive: approach)"),
+    "contact_force": Variable(("joint",), "N", "normal contact force"),
+    "friction_force": Variable(("joint",), "N", "traction on the pin"),
+    "slip_velocity": Variable(("joint",), "m/s", "slip of the pin's surface on the sleeve's"),
+    "contact_state": Variable(("joint",), "1", "0 free, 1 contact, 2 impact"),
+    "joint_reaction": Variable(("any_joint", "axis"), "N", "force on the child body, world axes"),
+    "drive_force": Variable(("drive",), "N m or N", "effort of a prescribed coordinate"),
+    "kinetic_energy": Variable((), "J", "kinetic energy"),
+    "potential_energy": Variable((), "J", "potential energy of weight"),
+    "elastic_energy": Variable((), "J", "elastic energy of contacts and springs"),
+    "drive_work": Variable((), "J", "work of drives and actuators since the start"),
+    "damping_loss": Variable((), "J", "energy lost in contact damping and dampers since the start"),
+    "friction_loss": Variable((), "J", "energy lost in friction since the start"),
+    "exchanged": Variable((), "J", "sum of absolute powers of drives and inertia since the start"),
+}
+
+EPISODES = {
+    "episode_joint": ("1", "which clearance joint (index)"),
+    "episode_start": ("s", "first touch"),
+    "episode_end": ("s", "separation (NaN: still in contact at the end)"),
+    "impact_speed": ("m/s", "approach speed at first touch"),
+    "peak_force": ("N", "largest normal force, refined between steps"),
+    "peak_time": ("s", "when the largest normal force acts"),
+    "restitution": ("1", "separation speed over impact speed (NaN: still in contact)"),
+}
+
+_observe = eqx.filter_jit(
+    lambda mechanism, time, y: jax.vmap(lambda t, y: observe(t, y, mechanism.prepared()))(time, y)
+)
+
+
+def to_dataset(mechanism: Mechanism, solution: Solution | Trace, **provenance: Any) -> xr.Dataset:
+    """Everything observable of a solution as an `xarray.Dataset`.
+
+    A `Trace` also gives contact episodes and the three contact states (an impact is recognised by its episode).
+
+    **Arguments:** `provenance`: anything to be kept as attributes beside version, result and counts.
+    """
+    traced = solution if isinstance(solution, Trace) else None
+    solved = traced.solution if traced else solution
+    assert isinstance(solved, Solution)
+    seen = {k: np.asarray(v) for k, v in _observe(mechanism, solved.time, solved.y).items()}
+    joints = [joint.name for joint in mechanism.clearance_joints()]
+    coords: dict[str, Any] = {"time": ("time", np.asarray(solved.time), {"units": "s"}), "axis": ["x", "y"]}
+    coords["coordinate"] = [c.name for c in mechanism.coordinates()]
+    coords["point"] = [p.name for p in mechanism.points]
+    coords["joint"] = joints
+    coords["any_joint"] = [j.name for j in _all(mechanism)]
+    coords["drive"] = sorted({n for names in prescribed_owners(mechanism).values() for n in names},
+                             key=coords["coordinate"].index)
+    episodes: dict[str, Any] = {}
+    if joints:
+        touching = seen["penetration"] > 0
+        seen["contact_state"] = touching.astype(np.int8)
+        if traced is not None and traced.time.size > 1:
+            episodes, impacts = contact_episodes(mechanism, traced)
+            for joint, begin, end in impacts:
+                during = (coords["time"][1] >= begin) & (coords["time"][1] <= end)
+                seen["contact_state"][during & touching[:, joint], joint] = 2
+    data = {
+        name: (("time", *VARIABLES[name].dims), value, {"units": VARIABLES[name].unit,
+                                                        "long_name": VARIABLES[name].meaning})
+        for name, value in seen.items()
+    }
+    data |= {name: ("episode", np.asarray(value), {"units": EPISODES[name][0], "long_name": EPISODES[name][1]})
+             for name, value in episodes.items()}
+    used = {dim for value in data.values() for dim in ((value[0],) if isinstance(value[0], str) else value[0])}
+    attrs = {
+        "software": f"clearance_jax {version('clearance-jax')}",
+        "mechanism": mechanism.name,
+        "result": (traced.message if traced else "") or ("successful" if bool(solved.succeeded) else "failed"),
+        "accepted_steps": int(solved.steps),
+        "rejected_steps": int(solved.rejected),
+        "energy_residual": float(solved.energy_residual),
+        **{f"parameter.{n}": np.asarray(leaf.value) for n, leaf in parameters(mechanism).items()},
+        **provenance,
+    }
+    return xr.Dataset(data, {k: v for k, v in coords.items() if k in used}, attrs)
+
+
+def _all(mechanism: Mechanism) -> tuple[AbstractJoint, ...]:
+    return mechanism.all_joints()
+
+
+def contact_episodes(mechanism: Mechanism, trace: Trace) -> tuple[dict[str, list], list[tuple[int, float, float]]]:
+    """The table of contact episodes, and for each the interval in which it is an impact.
+
+    Step ends lie on every touch and separation. A peak is the vertex of the parabola through the three step ends around
+    the largest force. An impact lasts until separation, or, where contact goes on, until the penetration has been
+    through one compression and restitution (the second change of sign of its rate, or the rate's decay to 5 % of the
+    impact speed where it does not oscillate).
+    """
+    seen = {k: np.asarray(v) for k, v in _observe(mechanism, trace.time, trace.y).items()}
+    table: dict[str, list] = {name: [] for name in EPISODES}
+    impacts = []
+    for joint in range(seen["penetration"].shape[1]):
+        touching = np.concatenate([[False], seen["penetration"][:, joint] > 0, [False]])
+        begins = np.flatnonzero(touching[1:] & ~touching[:-1])
+        ends = np.flatnonzero(~touching[1:] & touching[:-1])
+        # A touch within round-off of the sleeve's surface may read as apart at one step end: not a separation.
+        for begin, end in _merged(trace.time, begins, ends):
+            part = slice(begin, min(end + 1, trace.time.size))
+            t, force, rate = trace.time[part], seen["contact_force"][part, joint], seen["penetration_rate"][part, joint]
+            open_ended = end >= trace.time.size
+            peak_time, peak = _vertex(t, force)
+            table["episode_joint"].append(joint)
+            table["episode_start"].append(t[0])
+            table["episode_end"].append(np.nan if open_ended else t[-1])
+            table["impact_speed"].append(rate[0])
+            table["peak_force"].append(peak)
+            table["peak_time"].append(peak_time)
+            table["restitution"].append(np.nan if open_ended or rate[0] <= 0 else -rate[-1] / rate[0])
+            impacts.append((joint, t[0], _impact_end(t, rate, open_ended)))
+    return table, impacts
+
+
+def _merged(time, begins, ends):
+    """Episodes with gaps and lengths below 1e-12 s taken away."""
+    out: list[list[int]] = []
+    for begin, end in zip(begins, ends, strict=True):
+        if out and time[begin] - time[min(out[-1][1], time.size - 1)] < 1e-12:
+            out[-1][1] = end
+        else:
+            out.append([begin, end])
+    return [(b, e) for b, e in out if e >= time.size or time[e] - time[b] > 1e-12]
+
+
+def _vertex(t, f) -> tuple[float, float]:
+    k = int(np.argmax(f))
+    if 0 < k < len(f) - 1:
+        (ta, tb, tc), (fa, fb, fc) = t[k - 1 : k + 2], f[k - 1 : k + 2]
+        left, right = (fb - fa) / (tb - ta), (fc - fb) / (tc - tb)
+        curvature = (right - left) / (tc - ta)
+        if curvature < 0:
+            at = 0.5 * (ta + tb) - left / (2 * curvature)
+            if ta < at < tc:
+                return float(at), float(fb + (at - tb) * (left + curvature * (at - ta)))
+    return float(t[k]), float(f[k])
+
+
+def _impact_end(t, rate, open_ended: bool) -> float:
+    turns = np.flatnonzero(np.sign(rate[1:]) != np.sign(rate[:-1]))
+    if turns.size >= 2:
+        return float(t[turns[1] + 1])
+    if not open_ended:
+        return float(t[-1])
+    lively = np.flatnonzero(np.abs(rate) >= 0.05 * abs(rate[0]))
+    return float(t[lively[-1]])
+
+
+def save(dataset: xr.Dataset, path: str | Path) -> None:
+    """Write to NetCDF without loss (whole or not at all). **Raises** `ClearanceError` where the path is not writable."""
+    path = Path(path)
+    partial = path.with_name(path.name + ".partial")
+    try:
+        dataset.to_netcdf(partial, engine="h5netcdf", invalid_netcdf=False)
+        partial.replace(path)
+    except OSError as error:
+        partial.unlink(missing_ok=True)
+        raise ClearanceError(f"Cannot write `{path}`: {error.strerror or error}. Choose another `-o` path.") from error
+
+
+def load_dataset(path: str | Path) -> xr.Dataset:
+    """Read a dataset written by `save`."""
+    try:
+        with xr.open_dataset(path, engine="h5netcdf") as file:
+            return file.load()
+    except (OSError, ValueError) as error:
+        raise ClearanceError(f"Cannot read `{path}` as a result file: {error}.") from error

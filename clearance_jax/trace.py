@@ -1,0 +1,119 @@
+"""A solve in blocks of steps that keeps every step end: for progress, interruption, contact episodes and exact peaks.
+
+Every touch and separation is the end of a step, so the step ends hold each contact episode exactly. A block is one
+compiled call of at most `BLOCK` steps; between blocks Python is in control, so that a long solve shows its progress and
+a keyboard interrupt keeps what was computed.
+"""
+
+from collections.abc import Callable
+
+import diffrax
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from clearance_jax._checks import ClearanceError, require_float64
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.solve import SOLVERS, Solution, _integrate, _samples, _start, check_values, energy_residual
+
+BLOCK = 4096
+
+
+class Trace(eqx.Module):
+    """A solution with every step end: `time` (steps,), `y` (steps, n); `message` is empty where the solve succeeded."""
+
+    solution: Solution
+    time: np.ndarray
+    y: np.ndarray
+    message: str = eqx.field(static=True)
+
+
+@eqx.filter_jit
+def _block(mechanism, t0, t1, start, grid, rtol, atol, solver, watch):
+    mechanism = mechanism.prepared()
+    # Samples before this block are moved to its start, so that the others keep their places in the buffer.
+    out = _integrate(
+        mechanism, t0, t1, start, jnp.maximum(grid, t0), rtol, atol, solver, watch, BLOCK, None, steps=True
+    )
+    accepted, rejected = out.stats["num_accepted_steps"], out.stats["num_rejected_steps"]
+    return out.ts[2], out.ys[2], out.ts[1], _samples(mechanism, out.ts[1], out.ys[1]), out.result, accepted, rejected
+
+
+@eqx.filter_jit
+def _first_state(mechanism, t0):
+    return _start(mechanism.prepared(), t0, True, None)
+
+
+_residual = eqx.filter_jit(lambda m, *args: energy_residual(m.prepared(), *args))
+
+
+def trace(
+    mechanism: Mechanism,
+    t1: float,
+    *,
+    t0: float = 0.0,
+    samples: int = 1001,
+    rtol: float = 1e-8,
+    atol=None,
+    solver="tsit5",
+    watch: bool = True,
+    max_steps: int = 10_000_000,
+    progress: Callable[[float], None] | None = None,
+) -> Trace:
+    """Simulate as `simulate` does, but in blocks of steps, keeping every step end.
+
+    **Arguments** as `simulate`; `samples` equally spaced output times; `progress` is called with the fraction done.
+    """
+    require_float64()
+    check_values(mechanism)
+    if not t1 > t0:
+        raise ClearanceError(f"`t1` must be greater than `t0`, but t0 = {t0} and t1 = {t1}.")
+    grid = np.linspace(t0, t1, samples)
+    chosen = SOLVERS[solver]() if isinstance(solver, str) else solver
+    first = _first_state(mechanism, jnp.asarray(t0, float))
+    now, y = float(t0), np.asarray(first)
+    times, states, sampled = [np.array([now])], [y[None]], np.full((samples, y.size), np.nan)
+    accepted, rejected, message = 0, 0, ""
+    result = diffrax.RESULTS.successful
+    options = (jnp.asarray(grid), jnp.asarray(rtol, float), atol, chosen, watch)
+    try:
+        while now < t1 and not message:
+            ts, ys, sample_t, sample_y, result, more, wasted = _block(
+                mechanism, jnp.asarray(now), jnp.asarray(t1, float), jnp.asarray(y), *options
+            )
+            kept = np.isfinite(ts)
+            kept[0] = False  # the block's start is the last one's end
+            new = np.isfinite(sample_t) & ((grid > now) | (grid == t0))
+            sampled[new] = np.asarray(sample_y)[new]
+            accepted, rejected = accepted + int(more), rejected + int(wasted)
+            if np.any(kept):
+                times.append(np.asarray(ts)[kept])
+                states.append(np.asarray(ys)[kept])
+                now, y = float(times[-1][-1]), states[-1][-1]
+            if progress is not None:
+                progress((now - t0) / (t1 - t0))
+            if now < t1:
+                message = _failure(result, np.any(kept), accepted + rejected, max_steps)
+    except KeyboardInterrupt:
+        message = "interrupted"
+    done = np.isfinite(sampled[:, 0])
+    solution = Solution(
+        jnp.asarray(grid[done]),
+        jnp.asarray(sampled[done]),
+        first,
+        jnp.asarray(y),
+        result if message else diffrax.RESULTS.successful,
+        jnp.asarray(accepted),
+        jnp.asarray(rejected),
+        _residual(mechanism, jnp.asarray(float(t0)), jnp.asarray(now), first, jnp.asarray(y)),
+    )
+    return Trace(solution, np.concatenate(times), np.concatenate(states), message)
+
+
+def _failure(result, progressed: bool, steps: int, max_steps: int) -> str:
+    """Why a block that did not reach the end must not be followed by another; empty where it may."""
+    if not bool(result == diffrax.RESULTS.max_steps_reached):
+        return str(diffrax.RESULTS[result])
+    if not progressed:
+        return "the step size collapsed: a state that is not finite, or a force that jumps"
+    return f"stopped after {steps} steps" if steps >= max_steps else ""

@@ -1,0 +1,47 @@
+"""Quantities with units, read by pint and returned in SI."""
+
+import functools
+import math
+from typing import Any
+
+from clearance_jax._checks import ClearanceError
+
+
+@functools.cache
+def registry() -> Any:
+    """The unit registry (built at first use: it takes a while)."""
+    import pint
+
+    return pint.UnitRegistry()
+
+
+def to_si(value: Any, unit: str, where: str) -> float:
+    """`value` ("0.1 mm", or a bare number where no dimension is expected) in the SI `unit`.
+
+    **Raises:** `ClearanceError` naming `where` for a missing unit, a wrong dimension, an unknown unit, or NaN.
+    """
+    if unit in ("", "1"):
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise ClearanceError(f"{where} must be a bare number, but it is {value!r}.")
+        return _finite(float(value), where)
+    if isinstance(value, bool) or not isinstance(value, str):
+        raise ClearanceError(f'{where} needs a unit: write it as a string such as "{value} {unit}".')
+    import pint
+
+    try:
+        quantity = registry().Quantity(value.replace("rpm", "revolutions_per_minute"))
+        return _finite(float(quantity.to(unit).magnitude), where)
+    except pint.DimensionalityError as error:
+        raise ClearanceError(
+            f"{where} must be in {unit} or a unit of that dimension, but {value!r} is in {error.units1}."
+        ) from None
+    except (pint.UndefinedUnitError, pint.PintError, ValueError, TypeError, AttributeError, SyntaxError) as error:
+        raise ClearanceError(f'{where} is not a quantity: {value!r} ({error}). Write it as "2.5 {unit}".') from None
+    except Exception as error:  # pint's parser raises tokenizer errors of several kinds
+        raise ClearanceError(f'{where} is not a quantity: {value!r} ({error}). Write it as "2.5 {unit}".') from None
+
+
+def _finite(value: float, where: str) -> float:
+    if not math.isfinite(value):
+        raise ClearanceError(f"{where} must be finite, but it is {value}.")
+    return value
