@@ -29,7 +29,7 @@ def to_si(value: Any, unit: str, where: str) -> float:
     import pint
 
     try:
-        quantity = registry().Quantity(value.replace("rpm", "revolutions_per_minute"))
+        quantity = registry().Quantity(value)
         return _finite(float(quantity.to(unit).magnitude), where)
     except pint.DimensionalityError as error:
         raise ClearanceError(

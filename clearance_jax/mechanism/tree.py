@@ -31,8 +31,6 @@ from clearance_jax.spatial import (
     times,
 )
 
-FREE_PLAY = Motion()
-
 
 class Column(NamedTuple):
     """What one coordinate moves: a unit slide along `axis`, or (`axis` is None) a unit spin about `pivot`."""
@@ -146,7 +144,7 @@ class Revolute(AbstractJoint):
     at_parent: Position = ORIGIN
     at_child: Position = ORIGIN
     angle: Scalar | None = physical("rad", default=None)
-    motion: Motion = flattened(default=FREE_PLAY)
+    motion: Motion = flattened(default_factory=Motion)
     clearance: RevoluteClearance | None = flattened(default=None)
     eccentricity: Position = ORIGIN
 
@@ -170,7 +168,7 @@ class Prismatic(AbstractJoint):
     at_parent: Position = ORIGIN
     at_child: Position = ORIGIN
     angle: Scalar | None = physical("rad", default=None)
-    motion: Motion = flattened(default=FREE_PLAY)
+    motion: Motion = flattened(default_factory=Motion)
 
     def coordinates(self):
         return (Coordinate(self.name, self.motion, (1.0, 0.0)),)

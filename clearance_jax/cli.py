@@ -1,0 +1,194 @@
+"""The command `clearance`: simulate, info, plot. Every error is one sentence and exit code 2."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from clearance_jax._checks import ClearanceError
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode="rich",
+    help="Mechanisms and robots with clearance joints.\n\n"
+    "[bold]Examples[/bold]\n\n"
+    "clearance simulate experiments/scenes/slider_crank.toml -o out.nc --plot out.png\n\n"
+    "clearance simulate experiments/scenes/joint5_velocity_1.toml --set joint5.radial_clearance=0.2mm "
+    "--set joint5.friction.coefficient=0.3\n\n"
+    "clearance info experiments/scenes/four_bar.toml\n\n"
+    "clearance plot out.nc -o out.png",
+)
+console, errors = Console(), Console(stderr=True)
+
+SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="A scene file (TOML with units).")]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="NAME=VALUE", help="Replace one parameter, e.g. joint5.radial_clearance=0.2mm."),
+]
+Ideal = Annotated[bool, typer.Option("--ideal", help="Take every clearance away.")]
+
+
+def _mechanism(scene_file: Path, settings: list[str] | None, ideal: bool):
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    from clearance_jax.mechanism.mechanism import parameters, replace
+    from clearance_jax.scene import load_scene, parse_setting
+    from clearance_jax.solve import check_values
+
+    scene = load_scene(scene_file)
+    mechanism = scene.mechanism
+    known = parameters(mechanism)
+    mechanism = replace(mechanism, dict(parse_setting(text, known, mechanism) for text in settings or []))
+    check_values(mechanism)
+    return (mechanism.ideal() if ideal else mechanism), scene
+
+
+def _use_cache() -> None:
+    """Keep compiled programs between runs, in the user's cache folder (or where JAX_COMPILATION_CACHE_DIR says)."""
+    import os
+
+    import jax
+
+    if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
+        root = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
+        jax.config.update("jax_compilation_cache_dir", str(root / "clearance_jax"))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+
+
+def _writable(path: Path | None) -> None:
+    if path is not None and (not path.parent.is_dir() or path.is_dir()):
+        raise ClearanceError(f"Cannot write `{path}`: its folder does not exist or it is a folder. Make it first.")
+
+
+@app.command()
+def simulate(
+    scene_file: SceneFile,
+    settings: Settings = None,
+    t1: Annotated[str | None, typer.Option(help="End time with a unit, e.g. 0.5s (default: the scene's).")] = None,
+    rtol: Annotated[float | None, typer.Option(help="Accuracy, e.g. 1e-8 (default: the scene's).")] = None,
+    samples: Annotated[int | None, typer.Option(help="Number of output times.", min=2)] = None,
+    solver: Annotated[str | None, typer.Option(help="tsit5, or dopri8 for rtol below 1e-8.")] = None,
+    ideal: Ideal = False,
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="Result file (NetCDF).")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Figure of the result (.png, .pdf).")] = None,
+) -> None:
+    """Simulate a scene and write a dataset and a figure.
+
+    Ctrl-C stops the solve and keeps what was computed.
+    """
+    mechanism, scene = _mechanism(scene_file, settings, ideal)
+    _use_cache()
+    from clearance_jax.results import save, to_dataset
+    from clearance_jax.solve import SOLVERS
+    from clearance_jax.trace import trace
+    from clearance_jax.units import to_si
+
+    _writable(output)
+    _writable(plot)
+    options: dict[str, Any] = {"rtol": 1e-8, "samples": 1001, "solver": "tsit5"} | scene.solve
+    if solver is not None and solver not in SOLVERS:
+        raise ClearanceError(f"`--solver` must be tsit5 or dopri8, but it is {solver!r}.")
+    given = {"rtol": rtol, "samples": samples, "solver": solver, "t1": to_si(t1, "s", "`--t1`") if t1 else None}
+    options |= {k: v for k, v in given.items() if v is not None}
+    if "t1" not in options:
+        raise ClearanceError(f"{scene_file}: the table `solve` has no `t1`. Add one, or give `--t1 1s`.")
+    end = options.pop("t1")
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"))
+    with Progress(*columns, TimeElapsedColumn(), console=errors, transient=True) as bar:
+        task = bar.add_task("compiling and solving", total=1.0)
+        result = trace(mechanism, end, **options, progress=lambda f: bar.update(task, completed=f))
+    dataset = to_dataset(mechanism, result, scene=scene.text, settings=" ".join(settings or []),
+                         solve=repr({"t1": end, **options}))
+    _report(mechanism, result, dataset)
+    if output is not None:
+        save(dataset, output)
+        console.print(f"dataset  {output}")
+    if plot is not None:
+        from clearance_jax.plot import overview, save_figure
+
+        save_figure(overview(dataset), plot)
+        console.print(f"figure   {plot}")
+    if result.message:
+        raise typer.Exit(130 if result.message == "interrupted" else 1)
+
+
+def _report(mechanism, result, dataset) -> None:
+    solution = result.solution
+    console.print(f"[bold]{mechanism.name}[/bold]: {dataset.attrs['result']} at t = {result.time[-1]:.6g} s, "
+                  f"{int(solution.steps)} steps ({int(solution.rejected)} rejected), "
+                  f"energy residual {float(solution.energy_residual):.1e}")
+    if "peak_force" in dataset:
+        count = dataset.sizes["episode"]
+        peak = float(dataset["peak_force"].max()) if count else 0.0
+        console.print(f"{count} contact episodes, largest force {peak:.6g} N")
+    if "point" in dataset.coords:
+        import numpy as np
+
+        for point in dataset["point"].values:
+            speed = np.hypot(*dataset["velocity"].sel(point=point).values.T).max()
+            acceleration = np.hypot(*dataset["acceleration"].sel(point=point).values.T).max()
+            console.print(f"{point}: largest speed {speed:.6g} m/s, largest acceleration {acceleration:.6g} m/s^2")
+
+
+@app.command()
+def info(scene_file: SceneFile, settings: Settings = None, ideal: Ideal = False) -> None:
+    """What a scene contains: states, terms, cost of one vector-field evaluation, every parameter by its name."""
+    mechanism, _ = _mechanism(scene_file, settings, ideal)
+    import jax
+    import jax.numpy as jnp
+    import numpy as np
+    from rich.table import Table
+
+    from clearance_jax.dynamics import rate
+    from clearance_jax.mechanism.mechanism import layout, parameters
+
+    plan = layout(mechanism)
+    console.print(f"[bold]{mechanism.name}[/bold]")
+    console.print(f"states: {plan.size} (positions and speeds of {', '.join(plan.names) or 'nothing'}"
+                  + (f"; {plan.remembered} memory variables" if plan.remembered else "") + ")")
+    for joint in mechanism.clearance_joints():
+        clearance = joint.clearance
+        assert clearance is not None
+        friction = "no friction" if clearance.friction is None else type(clearance.friction).__name__
+        console.print(f"clearance joint {joint.name}: {type(clearance.normal).__name__} "
+                      f"(class {clearance.normal.smoothness}), {friction}")
+    console.print(f"ideal loop closures: {', '.join(j.name for j in mechanism.closures()) or 'none'}")
+    prepared = mechanism.prepared()
+    compiled = jax.jit(rate).lower(jnp.zeros(()), jnp.zeros(plan.size), prepared).compile()
+    cost: Any = compiled.cost_analysis()
+    console.print(f"one evaluation of the vector field: {int(cost.get('flops', 0))} operations (compiler's count)")
+    table = Table("parameter", "value", "unit")
+    for name, leaf in parameters(mechanism).items():
+        table.add_row(name, np.array2string(np.asarray(leaf.value), precision=8), leaf.metadata["unit"])
+    console.print(table)
+
+
+@app.command()
+def plot(
+    result_file: Annotated[Path, typer.Argument(metavar="RESULT", help="A result file written by `simulate -o`.")],
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="Figure (default: RESULT with .png).")] = None,
+) -> None:
+    """Draw the figure of a result file."""
+    from clearance_jax.plot import overview, save_figure
+    from clearance_jax.results import load_dataset
+
+    output = result_file.with_suffix(".png") if output is None else output
+    _writable(output)
+    save_figure(overview(load_dataset(result_file)), output)
+    console.print(f"figure   {output}")
+
+
+def main() -> None:
+    """Entry point: turns every `ClearanceError` into one sentence and exit code 2."""
+    try:
+        app()
+    except ClearanceError as error:
+        errors.print(f"[red]error:[/red] {error}", soft_wrap=True, highlight=False, markup=False)
+        raise SystemExit(2) from None
+    except KeyboardInterrupt:
+        errors.print("interrupted")
+        raise SystemExit(130) from None

@@ -1,0 +1,103 @@
+"""Figures from a dataset: the four panels of the motion, and the pin's path in the sleeve. Dataset in, Figure out."""
+
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
+
+STATES = (("free", "tab:blue"), ("contact", "tab:green"), ("impact", "tab:red"))
+
+
+def overview(dataset: xr.Dataset) -> Figure:
+    """Eccentricity, contact force, speed and acceleration of the first named point, and the pin's path."""
+    joints = list(dataset["joint"].values) if "joint" in dataset.coords else []
+    with mpl.rc_context({"axes.grid": True, "grid.alpha": 0.3, "font.size": 9}):
+        figure = Figure(figsize=(13, 7.5) if joints else (9, 7), layout="constrained")
+        left, right = figure.subfigures(1, 2, width_ratios=(2, 1)) if joints else (figure, None)
+        axes = left.subplots(2, 2) if joints else left.subplots(2, 1)[:, None]
+        if joints:
+            _eccentricity(axes[0, 0], dataset)
+            _force(axes[0, 1], dataset)
+            rows: Any = axes[1]
+            assert right is not None
+            for axis, joint in zip(np.atleast_1d(right.subplots(len(joints), 1)), joints, strict=True):
+                pin_path(axis, dataset, joint)
+        else:
+            rows = axes[:, 0]
+        if "point" in dataset.coords:
+            _point(rows[0], dataset, "velocity", "speed, m/s")
+            _point(rows[1], dataset, "acceleration", "acceleration, m/s²")
+        figure.suptitle(f"{dataset.attrs.get('mechanism', '')}   ({dataset.attrs.get('result', '')})")
+    return figure
+
+
+def _seconds(dataset: xr.Dataset) -> tuple[np.ndarray, str]:
+    t = dataset["time"].values
+    return (t * 1e3, "time, ms") if t[-1] < 0.2 else (t, "time, s")
+
+
+def _eccentricity(axis, dataset: xr.Dataset) -> None:
+    t, label = _seconds(dataset)
+    for joint in dataset["joint"].values:
+        e = np.hypot(*dataset["eccentricity"].sel(joint=joint).values.T) * 1e3
+        (line,) = axis.plot(t, e, lw=0.8, label=f"{joint}")
+        clearance = dataset.attrs.get(f"parameter.{joint}.radial_clearance")
+        if clearance is not None:
+            axis.axhline(float(clearance) * 1e3, color=line.get_color(), ls="--", lw=0.8, alpha=0.7)
+    axis.set(xlabel=label, ylabel="eccentricity, mm", title="(a) pin from sleeve centre (dashed: clearance)")
+    if dataset.sizes["joint"] > 1:
+        axis.legend()
+
+
+def _force(axis, dataset: xr.Dataset) -> None:
+    t, label = _seconds(dataset)
+    factor = 1e3 if t[-1] > dataset["time"].values[-1] * 10 else 1.0
+    for index, joint in enumerate(dataset["joint"].values):
+        force = dataset["contact_force"].sel(joint=joint).values
+        (line,) = axis.plot(t, force, lw=0.8, label=f"{joint}")
+        if "peak_force" in dataset:
+            own = dataset["episode_joint"].values == index
+            axis.plot(dataset["peak_time"].values[own] * factor, dataset["peak_force"].values[own], "v", ms=4,
+                      color=line.get_color(), mfc="none", label="refined peaks" if index == 0 else None)
+    axis.set(xlabel=label, ylabel="normal force, N", title="(b) contact force", ylim=(0, None))
+    axis.legend()
+
+
+def _point(axis, dataset: xr.Dataset, name: str, ylabel: str) -> None:
+    t, label = _seconds(dataset)
+    for point in dataset["point"].values:
+        axis.plot(t, np.hypot(*dataset[name].sel(point=point).values.T), lw=0.8, label=f"{point}")
+    axis.set(xlabel=label, ylabel=ylabel, title=f"{'(c)' if name == 'velocity' else '(d)'} {name} of {point}")
+
+
+def pin_path(axis, dataset: xr.Dataset, joint: str) -> None:
+    """The pin centre's path inside the clearance circle, coloured by contact state."""
+    here = dataset.sel(joint=joint)
+    x, y = here["eccentricity"].values.T * 1e6
+    axis.plot(x, y, lw=0.4, color="0.75", zorder=1)
+    for code, (name, colour) in enumerate(STATES):
+        chosen = here["contact_state"].values == code
+        if np.any(chosen):
+            axis.plot(x[chosen], y[chosen], ".", ms=3, color=colour, label=f"{name} ({np.mean(chosen):.0%})",
+                      zorder=2 + code)
+    clearance = dataset.attrs.get(f"parameter.{joint}.radial_clearance")
+    if clearance is not None:
+        angle = np.linspace(0, 2 * np.pi, 361)
+        radius = float(clearance) * 1e6
+        axis.plot(radius * np.cos(angle), radius * np.sin(angle), "k--", lw=0.8, label="clearance circle")
+    axis.set_aspect("equal", adjustable="datalim")
+    axis.set(xlabel="e_x, µm", ylabel="e_y, µm", title=f"pin centre in the sleeve of {joint}")
+    axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncol=2, fontsize=8)
+
+
+def save_figure(figure: Figure, path) -> None:
+    """Write a figure. **Raises** `ClearanceError` where the path is not writable or its ending unknown."""
+    from clearance_jax._checks import ClearanceError
+
+    try:
+        figure.savefig(path, dpi=130)
+    except (OSError, ValueError) as error:
+        raise ClearanceError(f"Cannot write the figure `{path}`: {error}. Choose another path ending in .png or .pdf."
+                             ) from error
