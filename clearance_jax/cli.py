@@ -101,8 +101,9 @@ def simulate(
     with Progress(*columns, TimeElapsedColumn(), console=errors, transient=True) as bar:
         task = bar.add_task("compiling and solving", total=1.0)
         result = trace(mechanism, end, **options, progress=lambda f: bar.update(task, completed=f))
-    dataset = to_dataset(mechanism, result, scene=scene.text, settings=" ".join(settings or []),
-                         solve=repr({"t1": end, **options}))
+    dataset = to_dataset(
+        mechanism, result, scene=scene.text, settings=" ".join(settings or []), solve=repr({"t1": end, **options})
+    )
     _report(mechanism, result, dataset)
     if output is not None:
         save(dataset, output)
@@ -118,9 +119,11 @@ def simulate(
 
 def _report(mechanism, result, dataset) -> None:
     solution = result.solution
-    console.print(f"[bold]{mechanism.name}[/bold]: {dataset.attrs['result']} at t = {result.time[-1]:.6g} s, "
-                  f"{int(solution.steps)} steps ({int(solution.rejected)} rejected), "
-                  f"energy residual {float(solution.energy_residual):.1e}")
+    console.print(
+        f"[bold]{mechanism.name}[/bold]: {dataset.attrs['result']} at t = {result.time[-1]:.6g} s, "
+        f"{int(solution.steps)} steps ({int(solution.rejected)} rejected), "
+        f"energy residual {float(solution.energy_residual):.1e}"
+    )
     if "peak_force" in dataset:
         count = dataset.sizes["episode"]
         peak = float(dataset["peak_force"].max()) if count else 0.0
@@ -148,14 +151,19 @@ def info(scene_file: SceneFile, settings: Settings = None, ideal: Ideal = False)
 
     plan = layout(mechanism)
     console.print(f"[bold]{mechanism.name}[/bold]")
-    console.print(f"states: {plan.size} (positions and speeds of {', '.join(plan.names) or 'nothing'}"
-                  + (f"; {plan.remembered} memory variables" if plan.remembered else "") + ")")
+    console.print(
+        f"states: {plan.size} (positions and speeds of {', '.join(plan.names) or 'nothing'}"
+        + (f"; {plan.remembered} memory variables" if plan.remembered else "")
+        + ")"
+    )
     for joint in mechanism.clearance_joints():
         clearance = joint.clearance
         assert clearance is not None
         friction = "no friction" if clearance.friction is None else type(clearance.friction).__name__
-        console.print(f"clearance joint {joint.name}: {type(clearance.normal).__name__} "
-                      f"(class {clearance.normal.smoothness}), {friction}")
+        console.print(
+            f"clearance joint {joint.name}: {type(clearance.normal).__name__} "
+            f"(class {clearance.normal.smoothness}), {friction}"
+        )
     console.print(f"ideal loop closures: {', '.join(j.name for j in mechanism.closures()) or 'none'}")
     prepared = mechanism.prepared()
     compiled = jax.jit(rate).lower(jnp.zeros(()), jnp.zeros(plan.size), prepared).compile()

@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from clearance_jax._numerics import safe_unit
 from clearance_jax._types import Scalar
 from clearance_jax.joints import Contact, Signals
 from clearance_jax.mechanism.body import GROUND, Body, Spring
@@ -26,7 +27,6 @@ from clearance_jax.spatial import (
     Vector,
     add,
     as_array,
-    cross,
     dot,
     factor,
     minus,
@@ -37,7 +37,6 @@ from clearance_jax.spatial import (
     times,
     total,
 )
-from clearance_jax._numerics import safe_unit
 
 Frames = dict[str, Frame]
 BOOKS = ("drive_work", "damping_loss", "friction_loss", "exchanged")
@@ -91,14 +90,16 @@ class Play(NamedTuple):
 
 
 def play(mechanism: Mechanism, joint: Revolute, motion: Frames, y: Array) -> Play:
-    """Kinematics of a clearance joint. In the tree the eccentricity is a pair of coordinates, in a loop a difference."""
+    """Kinematics of a clearance joint: in the tree its coordinates, in a loop a difference of positions."""
     sleeve, pin = motion[joint.parent], motion[joint.child]
     spin = minus(pin.spin, sleeve.spin)
     centre = pin.point(joint.at_child.vector)
     names = layout(mechanism).names
     if f"{joint.name}.play_x" not in names:
         gap = subtract(centre, sleeve.point(joint.at_parent.vector))
-        return Play(gap, subtract(pin.velocity_at(centre), sleeve.velocity_at(centre)), spin, Rotation(1.0, 0.0), centre)
+        return Play(
+            gap, subtract(pin.velocity_at(centre), sleeve.velocity_at(centre)), spin, Rotation(1.0, 0.0), centre
+        )
     i, n = names.index(f"{joint.name}.play_x"), len(names)
     axis = next(column.axis for column in pin.free if column.index == i)
     assert axis is not None  # a play coordinate slides
@@ -165,12 +166,19 @@ def accelerations(mechanism: Mechanism, time: Scalar, y: Array, motion: Frames, 
     for loop in loops:
         gap = closure(loop, motion)
         rows += gap.rows
-        lag += [minus(minus(0.0, a), total(times(r, q) for r, q in zip(row, free, strict=True)))
-                for a, row in zip(gap.acceleration, gap.rows, strict=True)]
+        lag += [
+            minus(minus(0.0, a), total(times(r, q) for r, q in zip(row, free, strict=True)))
+            for a, row in zip(gap.acceleration, gap.rows, strict=True)
+        ]
     correction, forces = constrained(inertia, rows, lag)
     closing = [
-        Pair(loop.parent, loop.child, (forces[2 * i], forces[2 * i + 1]), 0.0,
-             motion[loop.child].point(loop.at_child.vector))
+        Pair(
+            loop.parent,
+            loop.child,
+            (forces[2 * i], forces[2 * i + 1]),
+            0.0,
+            motion[loop.child].point(loop.at_child.vector),
+        )
         for i, loop in enumerate(loops)
     ]
     return Balance(inertia, [plus(a, b) for a, b in zip(free, correction, strict=True)], closing)
@@ -263,7 +271,8 @@ def pair_load(pair: Pair, motion: Frames) -> dict[int, Term]:
 
 class Gap(NamedTuple):
     """A loop's constraint: the pin's centre from the sleeve's, its rate, its acceleration without the free
-    coordinates' accelerations, and its Jacobian by rows."""
+    coordinates' accelerations, and its Jacobian by rows.
+    """
 
     gap: Vector
     rate: Vector
@@ -338,7 +347,8 @@ def powers(
     balance: Balance,
 ) -> Array:
     """Rates of the books: work of drives and actuators, loss in contact damping and dampers, loss in friction, and the
-    sum of the absolute powers (the energy exchanged, against which a residual is judged)."""
+    sum of the absolute powers (the energy exchanged, against which a residual is judged).
+    """
     n = layout(mechanism).free
     drive = total(times(effort, speed) for effort, speed in driving(mechanism, motion, pairs, balance))
     for i, coordinate in enumerate(mechanism.free_coordinates()):
@@ -363,7 +373,7 @@ def powers(
 def driving(mechanism: Mechanism, motion: Frames, pairs: list[Pair], balance: Balance) -> list[tuple[Term, Term]]:
     """Driving force and speed of every prescribed coordinate, by d'Alembert on its own column."""
     extra = Extra(balance.acceleration)
-    efforts: dict[tuple[str, int], list] = {}
+    efforts: dict[str, list[Term]] = {}
     owners = prescribed_owners(mechanism)
     for body in mechanism.bodies:
         frame = motion[body.name]

@@ -59,10 +59,37 @@ def _force(axis, dataset: xr.Dataset) -> None:
         (line,) = axis.plot(t, force, lw=0.8, label=f"{joint}")
         if "peak_force" in dataset:
             own = dataset["episode_joint"].values == index
-            axis.plot(dataset["peak_time"].values[own] * factor, dataset["peak_force"].values[own], "v", ms=4,
-                      color=line.get_color(), mfc="none", label="refined peaks" if index == 0 else None)
+            axis.plot(
+                dataset["peak_time"].values[own] * factor,
+                dataset["peak_force"].values[own],
+                "v",
+                ms=4,
+                color=line.get_color(),
+                mfc="none",
+                label="refined peaks" if index == 0 else None,
+            )
     axis.set(xlabel=label, ylabel="normal force, N", title="(b) contact force", ylim=(0, None))
+    _fit_peaks(axis, dataset)
     axis.legend()
+
+
+def _fit_peaks(axis, dataset: xr.Dataset) -> None:
+    """Where one short peak towers over the motion, keep the motion readable and state the peak in words."""
+    if "peak_force" not in dataset or dataset.sizes["episode"] == 0:
+        return
+    largest = int(dataset["peak_force"].argmax())
+    peak, sampled = float(dataset["peak_force"][largest]), float(np.percentile(dataset["contact_force"], 99.9))
+    if peak > 4 * sampled > 0:
+        axis.set_ylim(0, 1.6 * sampled)
+        axis.text(
+            0.5,
+            0.97,
+            f"largest peak {peak:.4g} N at {float(dataset['peak_time'][largest]):.4g} s (above the axis)",
+            transform=axis.transAxes,
+            ha="center",
+            va="top",
+            fontsize=8,
+        )
 
 
 def _point(axis, dataset: xr.Dataset, name: str, ylabel: str) -> None:
@@ -80,14 +107,15 @@ def pin_path(axis, dataset: xr.Dataset, joint: str) -> None:
     for code, (name, colour) in enumerate(STATES):
         chosen = here["contact_state"].values == code
         if np.any(chosen):
-            axis.plot(x[chosen], y[chosen], ".", ms=3, color=colour, label=f"{name} ({np.mean(chosen):.0%})",
-                      zorder=2 + code)
+            axis.plot(
+                x[chosen], y[chosen], ".", ms=3, color=colour, label=f"{name} ({np.mean(chosen):.0%})", zorder=2 + code
+            )
     clearance = dataset.attrs.get(f"parameter.{joint}.radial_clearance")
     if clearance is not None:
         angle = np.linspace(0, 2 * np.pi, 361)
         radius = float(clearance) * 1e6
         axis.plot(radius * np.cos(angle), radius * np.sin(angle), "k--", lw=0.8, label="clearance circle")
-    axis.set_aspect("equal", adjustable="datalim")
+    axis.set_aspect("equal", adjustable="box")
     axis.set(xlabel="e_x, µm", ylabel="e_y, µm", title=f"pin centre in the sleeve of {joint}")
     axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncol=2, fontsize=8)
 
@@ -99,5 +127,6 @@ def save_figure(figure: Figure, path) -> None:
     try:
         figure.savefig(path, dpi=130)
     except (OSError, ValueError) as error:
-        raise ClearanceError(f"Cannot write the figure `{path}`: {error}. Choose another path ending in .png or .pdf."
-                             ) from error
+        raise ClearanceError(
+            f"Cannot write the figure `{path}`: {error}. Choose another path ending in .png or .pdf."
+        ) from error

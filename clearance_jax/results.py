@@ -84,8 +84,9 @@ def to_dataset(mechanism: Mechanism, solution: Solution | Trace, **provenance: A
     coords["point"] = [p.name for p in mechanism.points]
     coords["joint"] = joints
     coords["any_joint"] = [j.name for j in _all(mechanism)]
-    coords["drive"] = sorted({n for names in prescribed_owners(mechanism).values() for n in names},
-                             key=coords["coordinate"].index)
+    coords["drive"] = sorted(
+        {n for names in prescribed_owners(mechanism).values() for n in names}, key=coords["coordinate"].index
+    )
     episodes: dict[str, Any] = {}
     if joints:
         touching = seen["penetration"] > 0
@@ -96,12 +97,17 @@ def to_dataset(mechanism: Mechanism, solution: Solution | Trace, **provenance: A
                 during = (coords["time"][1] >= begin) & (coords["time"][1] <= end)
                 seen["contact_state"][during & touching[:, joint], joint] = 2
     data = {
-        name: (("time", *VARIABLES[name].dims), value, {"units": VARIABLES[name].unit,
-                                                        "long_name": VARIABLES[name].meaning})
+        name: (
+            ("time", *VARIABLES[name].dims),
+            value,
+            {"units": VARIABLES[name].unit, "long_name": VARIABLES[name].meaning},
+        )
         for name, value in seen.items()
     }
-    data |= {name: ("episode", np.asarray(value), {"units": EPISODES[name][0], "long_name": EPISODES[name][1]})
-             for name, value in episodes.items()}
+    data |= {
+        name: ("episode", np.asarray(value), {"units": EPISODES[name][0], "long_name": EPISODES[name][1]})
+        for name, value in episodes.items()
+    }
     used = {dim for value in data.values() for dim in ((value[0],) if isinstance(value[0], str) else value[0])}
     attrs = {
         "software": f"clearance_jax {version('clearance-jax')}",
@@ -125,8 +131,7 @@ def contact_episodes(mechanism: Mechanism, trace: Trace) -> tuple[dict[str, list
 
     Step ends lie on every touch and separation. A peak is the vertex of the parabola through the three step ends around
     the largest force. An impact lasts until separation, or, where contact goes on, until the penetration has been
-    through one compression and restitution (the second change of sign of its rate, or the rate's decay to 5 % of the
-    impact speed where it does not oscillate).
+    through one compression and restitution (the second change of sign of its rate), or the rate has died away.
     """
     seen = {k: np.asarray(v) for k, v in _observe(mechanism, trace.time, trace.y).items()}
     table: dict[str, list] = {name: [] for name in EPISODES}
@@ -177,17 +182,23 @@ def _vertex(t, f) -> tuple[float, float]:
 
 
 def _impact_end(t, rate, open_ended: bool) -> float:
+    """Second change of sign of the rate, or where it has fallen below 5 % of the impact speed for as long as the impact
+    had lasted until then; separation at the latest.
+    """
+    end = t[-1]
     turns = np.flatnonzero(np.sign(rate[1:]) != np.sign(rate[:-1]))
-    if turns.size >= 2:
-        return float(t[turns[1] + 1])
-    if not open_ended:
-        return float(t[-1])
+    if turns.size >= 2 and open_ended:
+        end = min(end, t[turns[1] + 1])
     lively = np.flatnonzero(np.abs(rate) >= 0.05 * abs(rate[0]))
-    return float(t[lively[-1]])
+    pauses = np.flatnonzero(np.diff(lively) > 1)
+    for last, following in zip(lively[pauses], lively[pauses + 1], strict=True):
+        if t[following] - t[last] >= t[last] - t[0]:
+            return float(min(end, t[last]))
+    return float(min(end, t[lively[-1]] if open_ended else end))
 
 
 def save(dataset: xr.Dataset, path: str | Path) -> None:
-    """Write to NetCDF without loss (whole or not at all). **Raises** `ClearanceError` where the path is not writable."""
+    """Write to NetCDF without loss, whole or not at all. **Raises** `ClearanceError` for a path not writable."""
     path = Path(path)
     partial = path.with_name(path.name + ".partial")
     try:

@@ -76,8 +76,10 @@ class Table:
         """The key's value, one of `allowed`."""
         value = self.get(name, default) if default is not None else self.need(name)
         if value not in allowed:
-            raise ClearanceError(f"{self.key(name)} must be one of the allowed words, but it is {value!r}. "
-                                 + suggest(str(value), allowed))
+            raise ClearanceError(
+                f"{self.key(name)} must be one of the allowed words, but it is {value!r}. "
+                + suggest(str(value), allowed)
+            )
         return value
 
     def number(self, name: str, unit: str) -> float | None:
@@ -137,8 +139,9 @@ def _mechanism(top: Table, path: Path) -> Mechanism:
         joint = _joint(name, table, path)
         if joint.child in placed:
             if not isinstance(joint, Revolute):
-                raise ClearanceError(f"{table.where} closes a loop (`{joint.child}` is placed already): only a revolute "
-                                     "joint can.")
+                raise ClearanceError(
+                    f"{table.where} closes a loop (`{joint.child}` is placed already): only a revolute joint can."
+                )
             loops.append(joint)
         else:
             joints.append(joint)
@@ -147,8 +150,14 @@ def _mechanism(top: Table, path: Path) -> Mechanism:
     points = tuple(_point(name, table) for name, table in top.tables("point"))
     x, y = _vector(top, "gravity", "m/s^2")
     return Mechanism(
-        bodies, tuple(joints), tuple(loops), springs, points, Gravity(x, y),
-        str(top.get("name", path.stem)), bool(top.get("assemble", True)),
+        bodies,
+        tuple(joints),
+        tuple(loops),
+        springs,
+        points,
+        Gravity(x, y),
+        str(top.get("name", path.stem)),
+        bool(top.get("assemble", True)),
     )
 
 
@@ -201,8 +210,13 @@ def _spring(name: str, table: Table) -> Spring:
     ends = str(table.need("body_a")), str(table.need("body_b"))
     table.need("stiffness")
     spring = Spring(
-        name, *ends, table.number("stiffness", "N/m"), table.number("damping", "N*s/m") or 0.0,
-        table.number("free_length", "m") or 0.0, _position(table, "at_a"), _position(table, "at_b"),
+        name,
+        *ends,
+        table.number("stiffness", "N/m"),
+        table.number("damping", "N*s/m") or 0.0,
+        table.number("free_length", "m") or 0.0,
+        _position(table, "at_a"),
+        _position(table, "at_b"),
     )
     _bounded(spring, table)
     table.finish()
@@ -212,8 +226,11 @@ def _spring(name: str, table: Table) -> Spring:
 def _joint(name: str, table: Table, path: Path) -> AbstractJoint:
     kind = table.word("type", JOINTS)
     common = dict(
-        name=name, parent=str(table.need("parent")), child=str(table.need("child")),
-        at_parent=_position(table, "at_parent"), at_child=_position(table, "at_child"),
+        name=name,
+        parent=str(table.need("parent")),
+        child=str(table.need("child")),
+        at_parent=_position(table, "at_parent"),
+        at_child=_position(table, "at_child"),
         angle=table.number("angle", "rad"),
     )
     if kind == "fixed":
@@ -223,10 +240,14 @@ def _joint(name: str, table: Table, path: Path) -> AbstractJoint:
         if kind == "prismatic":
             joint = Prismatic(**common, motion=motion)
         else:
-            joint = Revolute(**common, motion=motion, clearance=_clearance(table),
-                             eccentricity=_position(table, "eccentricity"))
-    table.finish({"radial_clearance", "pin_radius", "normal", "friction", "drive", "actuator", "position", "velocity"}
-                 if kind == "revolute" else ())
+            joint = Revolute(
+                **common, motion=motion, clearance=_clearance(table), eccentricity=_position(table, "eccentricity")
+            )
+    table.finish(
+        {"radial_clearance", "pin_radius", "normal", "friction", "drive", "actuator", "position", "velocity"}
+        if kind == "revolute"
+        else ()
+    )
     return joint
 
 
@@ -304,17 +325,17 @@ def _clearance(table: Table) -> RevoluteClearance | None:
             f"{table.where}: sleeve_radius - pin_radius is {sleeve - pin:g} m, but the radial clearance is "
             f"{clearance:g} m. The pin must fit in the sleeve: give two of the three, or make them agree."
         )
-    joint = RevoluteClearance(
-        clearance, pin, _normal(table.table("normal"), table), _friction(table.table("friction"))
-    )
+    joint = RevoluteClearance(clearance, pin, _normal(table.table("normal"), table), _friction(table.table("friction")))
     _bounded(joint, table)
     return joint
 
 
 def _normal(table: Table, joint: Table):
     if not joint.has("normal"):
-        raise ClearanceError(f"{joint.where} lacks the table `normal` (its contact law). Add one with a key `law`. "
-                             + suggest("", NORMAL_LAWS))
+        raise ClearanceError(
+            f"{joint.where} lacks the table `normal` (its contact law). Add one with a key `law`. "
+            + suggest("", NORMAL_LAWS)
+        )
     factory = NORMAL_LAWS[table.word("law", NORMAL_LAWS)]
     cls = factory if inspect.isclass(factory) else RestitutionLaw
     exponent = table.number("exponent", "")
@@ -382,11 +403,15 @@ def _bounded(module, table: Table) -> None:
         if "unit" not in meta or value is None or dataclasses.is_dataclass(value):
             continue
         for bound, holds, words in (
-            ("above", np.greater, "greater than"), ("least", np.greater_equal, "at least"), ("below", np.less, "below"),
+            ("above", np.greater, "greater than"),
+            ("least", np.greater_equal, "at least"),
+            ("below", np.less, "below"),
         ):
             if meta.get(bound) is not None and not np.all(holds(np.asarray(value), meta[bound])):
-                raise ClearanceError(f"{table.key(field.name)} must be {words} {meta[bound]:g} {meta['unit']}, but it is "
-                                     f"{np.asarray(value).tolist()} {meta['unit']}.")
+                raise ClearanceError(
+                    f"{table.key(field.name)} must be {words} {meta[bound]:g} {meta['unit']}, but it is "
+                    f"{np.asarray(value).tolist()} {meta['unit']}."
+                )
 
 
 def parse_setting(text: str, known: dict[str, Leaf], mechanism: Mechanism) -> tuple[str, float]:

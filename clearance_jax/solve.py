@@ -1,4 +1,4 @@
-"""`simulate`: a mechanism from t0 to t1, with error control that contact cannot fool, a result code and energy books."""
+"""`simulate`: a mechanism from t0 to t1, with error control that contact cannot fool, result code and energy books."""
 
 from typing import Any
 
@@ -87,8 +87,10 @@ def simulate(
     rtol = jnp.asarray(rtol, float)
     solution = _solve(mechanism, t0, t1, save_at, rtol, atol, chosen, watch, books, max_steps, y0)
     if throw and not isinstance(solution.final, jax.core.Tracer) and not bool(solution.succeeded):
-        raise RuntimeError(f"The solve stopped before t1: {diffrax.RESULTS[solution.result]}. "
-                           "Pass `throw=False` to keep what was computed.")
+        raise RuntimeError(
+            f"The solve stopped before t1: {diffrax.RESULTS[solution.result]}. "
+            "Pass `throw=False` to keep what was computed."
+        )
     return solution
 
 
@@ -178,11 +180,15 @@ def drive_breaks(mechanism: Mechanism) -> Array:
 
 def tolerances(mechanism, y0, t0, t1, rtol, atol) -> tuple[Array, Array]:
     """Absolute tolerance per component from the scene's own scales (size, clearance, speeds), and a relative one where
-    the scale is not known beforehand (velocities, and penetrations that may exceed a tiny clearance)."""
+    the scale is not known beforehand (velocities, and penetrations that may exceed a tiny clearance).
+    """
     n = layout(mechanism).free
     free = mechanism.free_coordinates()
-    sizes = [jnp.abs(leaf.value) for leaf in parameters(mechanism).values()
-             if leaf.metadata["unit"] == "m" and leaf.path[0] != "points" and "clearance" not in leaf.path]
+    sizes = [
+        jnp.abs(leaf.value)
+        for leaf in parameters(mechanism).values()
+        if leaf.metadata["unit"] == "m" and leaf.path[0] != "points" and "clearance" not in leaf.path
+    ]
     length = jnp.max(jnp.stack([jnp.asarray(s, float) for s in sizes])) if sizes else jnp.asarray(1.0)
     length = jnp.where(length > 0, length, 1.0)
     gravity = jnp.hypot(*(jnp.asarray(g, float) for g in mechanism.gravity.vector))

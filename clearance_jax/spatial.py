@@ -27,17 +27,17 @@ def is_zero(a: Term) -> bool:
 
 
 def plus(a: Term, b: Term) -> Term:
-    """a + b."""
+    """A + b."""
     return b if is_zero(a) else a if is_zero(b) else a + b
 
 
 def minus(a: Term, b: Term) -> Term:
-    """a - b; the difference of a term with itself is absent."""
+    """A - b; the difference of a term with itself is absent."""
     return 0.0 if a is b else a if is_zero(b) else -b if is_zero(a) else a - b
 
 
 def times(a: Term, b: Term) -> Term:
-    """a * b."""
+    """A * b."""
     if is_zero(a) or is_zero(b):
         return 0.0
     if isinstance(a, float) and a == 1.0:
@@ -56,22 +56,22 @@ def total(terms) -> Term:
 
 
 def add(a: Vector, b: Vector) -> Vector:
-    """a + b."""
+    """A + b."""
     return plus(a[0], b[0]), plus(a[1], b[1])
 
 
 def subtract(a: Vector, b: Vector) -> Vector:
-    """a - b."""
+    """A - b."""
     return minus(a[0], b[0]), minus(a[1], b[1])
 
 
 def scale(k: Term, a: Vector) -> Vector:
-    """k a."""
+    """K a."""
     return times(k, a[0]), times(k, a[1])
 
 
 def dot(a: Vector, b: Vector) -> Term:
-    """a . b."""
+    """A . b."""
     return plus(times(a[0], b[0]), times(a[1], b[1]))
 
 
@@ -81,7 +81,7 @@ def cross(a: Vector, b: Vector) -> Term:
 
 
 def spin_cross(spin: Term, a: Vector) -> Vector:
-    """spin x a for a spin about the plane's normal."""
+    """Spin x a for a spin about the plane's normal."""
     return minus(0.0, times(spin, a[1])), times(spin, a[0])
 
 

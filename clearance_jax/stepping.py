@@ -105,8 +105,11 @@ def latch(time: Array, y: Array, mechanism: Mechanism) -> Array | None:
 
 
 class WatchState(NamedTuple):
-    """State of the controller: the wrapped one's, the step size it would have taken had it not been cut (0: not cut), and
-    how often in a row a cut has failed to get clear of its switch."""
+    """State of the controller.
+
+    The wrapped one's; the step size it would have taken had it not been cut (0: not cut); and how often in a row a cut
+    has failed to get clear of its switch.
+    """
 
     inner: Any
     natural: Array
@@ -165,7 +168,9 @@ class ContactController(diffrax.AbstractAdaptiveStepSizeController):
         y1, h = y1_candidate, t1 - t0
         size = jnp.maximum(jnp.abs(y0), jnp.abs(y1))
         controlled = jnp.isfinite(self.scale)
-        ratio = jnp.where(controlled, y_error.error / (jnp.where(controlled, self.scale, 1.0) + self.relative * size), 0.0)
+        ratio = jnp.where(
+            controlled, y_error.error / (jnp.where(controlled, self.scale, 1.0) + self.relative * size), 0.0
+        )
         count = jnp.maximum(jnp.sum(controlled), 1)
         scaled = jnp.sqrt(jnp.sum(ratio * ratio) / count)
         scaled = jnp.where(jnp.isfinite(scaled) & jnp.all(jnp.isfinite(y1)), scaled, jnp.inf)
@@ -256,9 +261,7 @@ def first_switch(t0, t1, y0, y1, ends: StepEnds, mechanism: Mechanism, pad, poin
         return jnp.where(beyond, low, middle), jnp.where(beyond, middle, high)
 
     found = jnp.any(flags)
-    low, high = jax.lax.cond(
-        found, lambda: jax.lax.fori_loop(0, 36, halve, (low, high)), lambda: (low, high)
-    )
+    low, high = jax.lax.cond(found, lambda: jax.lax.fori_loop(0, 36, halve, (low, high)), lambda: (low, high))
     at = t0 + high * h + pad
     return found & (at < t1), at
 

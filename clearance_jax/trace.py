@@ -83,7 +83,7 @@ def trace(
             )
             kept = np.isfinite(ts)
             kept[0] = False  # the block's start is the last one's end
-            new = np.isfinite(sample_t) & ((grid > now) | (grid == t0))
+            new = np.isfinite(sample_t) & (grid >= now) & np.isnan(sampled[:, 0])
             sampled[new] = np.asarray(sample_y)[new]
             accepted, rejected = accepted + int(more), rejected + int(wasted)
             if np.any(kept):

@@ -61,10 +61,11 @@ class RevoluteClearance(eqx.Module):
     friction: AbstractFrictionLaw | None = None
 
     def prepared(self) -> "RevoluteClearance":
-        """This joint with its laws' geometry-dependent numbers computed."""
+        """The joint with its laws' geometry-dependent numbers computed."""
         geometry = self.pin_radius, self.radial_clearance
         friction = None if self.friction is None else self.friction.prepared(*geometry)
-        return RevoluteClearance(*reversed(geometry), self.normal.prepared(*geometry), friction)
+        normal = self.normal.prepared(*geometry)
+        return RevoluteClearance(self.radial_clearance, self.pin_radius, normal, friction)
 
     @property
     def sleeve_radius(self) -> Scalar:
@@ -83,7 +84,7 @@ class RevoluteClearance(eqx.Module):
         return len(self.remembers) > 0
 
     def contact(self, eccentricity: Vector, eccentricity_rate: Vector, spin: Scalar, memory: Array) -> Contact:
-        """Forces for an eccentricity (pin centre from sleeve centre), its rate and the pin's spin relative to the sleeve.
+        """Forces for an eccentricity (pin centre from sleeve centre), its rate and the pin's relative spin.
 
         The rate is the one seen by an observer on the sleeve; any pair of axes will do, fixed or turning.
         """

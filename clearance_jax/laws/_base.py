@@ -43,7 +43,7 @@ class AbstractLaw(eqx.Module):
     remembers: ClassVar[tuple[str, ...]] = ()
 
     def prepared(self, pin_radius: Scalar, radial_clearance: Scalar) -> "AbstractLaw":
-        """This law with everything that depends only on geometry computed (once a solve, not once a step)."""
+        """The law with everything that depends only on geometry computed (once a solve, not once a step)."""
         stiffness = getattr(self, "stiffness", None)
         if isinstance(stiffness, AbstractStiffness):
             value = stiffness.value(pin_radius, radial_clearance)

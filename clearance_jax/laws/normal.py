@@ -1,6 +1,6 @@
 """Normal laws without memory: linear Kelvin-Voigt, Hertz, ADAMS IMPACT, Hunt-Crossley with a fixed factor."""
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -29,7 +29,7 @@ class LinearKelvinVoigt(AbstractNormalLaw):
     **Arguments:** `stiffness` k [N/m], `damping` b [N s/m], `clipped`.
     """
 
-    stiffness: Scalar | AbstractStiffness = physical("N/m", above=0.0)
+    stiffness: Scalar | AbstractStiffness | Any = physical("N/m", above=0.0)
     damping: Scalar = physical("N*s/m", least=0.0)
     clipped: bool = eqx.field(static=True, default=True)
     smoothness: ClassVar[Smoothness] = "C-1"
@@ -54,7 +54,7 @@ class LinearKelvinVoigt(AbstractNormalLaw):
 class Hertz(AbstractNormalLaw):
     """F = K d^n, elastic. **Arguments:** `stiffness` K [N/m^n], `exponent` n >= 1 (`None`: 3/2)."""
 
-    stiffness: Scalar | AbstractStiffness = physical("N/m^1.5", above=0.0)
+    stiffness: Scalar | AbstractStiffness | Any = physical("N/m^1.5", above=0.0)
     exponent: Scalar | None = physical("", least=1.0, default=None)
     smoothness: ClassVar[Smoothness] = "C1"
 
@@ -75,7 +75,7 @@ class AdamsImpact(AbstractNormalLaw):
     is complete, `exponent` n (`None`: 3/2).
     """
 
-    stiffness: Scalar | AbstractStiffness = physical("N/m^1.5", above=0.0)
+    stiffness: Scalar | AbstractStiffness | Any = physical("N/m^1.5", above=0.0)
     damping: Scalar = physical("N*s/m", least=0.0)
     full_damping_depth: Scalar = physical("m", above=0.0)
     exponent: Scalar | None = physical("", least=1.0, default=None)
@@ -99,7 +99,7 @@ class HuntCrossley(AbstractNormalLaw):
     **Arguments:** `stiffness` K [N/m^n], `damping_factor` lambda [s/m], `exponent` n (`None`: 3/2).
     """
 
-    stiffness: Scalar | AbstractStiffness = physical("N/m^1.5", above=0.0)
+    stiffness: Scalar | AbstractStiffness | Any = physical("N/m^1.5", above=0.0)
     damping_factor: Scalar = physical("s/m", least=0.0)
     exponent: Scalar | None = physical("", least=1.0, default=None)
     smoothness: ClassVar[Smoothness] = "C1"

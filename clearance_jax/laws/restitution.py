@@ -5,7 +5,7 @@ the damping ratio a(e) for a coefficient of restitution e; a member is a functio
 """
 
 from collections.abc import Callable
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -18,12 +18,12 @@ from clearance_jax.laws.normal import hertz_energy, hertz_power
 
 
 def lankarani_nikravesh_ratio(restitution):
-    """a = 3 (1 - e^2) / 4 (Lankarani and Nikravesh 1990, doi 10.1115/1.2912617)."""
+    """A = 3 (1 - e^2) / 4 (Lankarani and Nikravesh 1990, doi 10.1115/1.2912617)."""
     return 0.75 * (1 - restitution**2)
 
 
 def flores_ratio(restitution):
-    """a = 8 (1 - e) / (5 e) (Flores et al. 2011, doi 10.1007/s11044-010-9237-4)."""
+    """A = 8 (1 - e) / (5 e) (Flores et al. 2011, doi 10.1007/s11044-010-9237-4)."""
     return 1.6 * (1 - restitution) / restitution
 
 
@@ -56,7 +56,7 @@ class RestitutionLaw(AbstractNormalLaw):
     3/2), `minimum_impact_speed` [m/s]: v0 is never below it, because a/v0 grows without bound for a pin that settles.
     """
 
-    stiffness: Scalar | AbstractStiffness = physical("N/m^1.5", above=0.0)
+    stiffness: Scalar | AbstractStiffness | Any = physical("N/m^1.5", above=0.0)
     restitution: Scalar = physical("", above=0.0, below=1.0)
     ratio: Callable = eqx.field(static=True, default=exact_ratio)
     exponent: Scalar | None = physical("", least=1.0, default=None)

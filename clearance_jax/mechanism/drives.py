@@ -31,7 +31,7 @@ class AbstractDrive(eqx.Module):
         return jnp.zeros(0)
 
     def prepared(self) -> "AbstractDrive":
-        """This drive with what depends only on its numbers computed."""
+        """The drive with what depends only on its numbers computed."""
         return self
 
 
@@ -46,7 +46,7 @@ class ConstantSpeed(AbstractDrive):
 
 
 class StepSum(AbstractDrive):
-    """q = offset + sum of rise_i STEP(t, begin_i, 0, end_i, 1), the cubic STEP of ADAMS: q'' jumps at every begin and end.
+    """q = offset + sum of rise_i STEP(t, begin_i, 0, end_i, 1), the cubic STEP of ADAMS; q'' jumps at both ends.
 
     **Arguments:** `begin`, `end` [s] and `rise` of shape (n,), `offset`.
     """
@@ -104,7 +104,7 @@ class Harmonic(AbstractDrive):
 
 
 class Spline(AbstractDrive):
-    """A cubic spline through a table; q''' jumps at the knots. Before and after the table its first and last pieces go on.
+    """A cubic spline through a table; q''' jumps at the knots. Outside the table its end pieces go on.
 
     **Arguments:** `times` [s] (increasing), `values`, both of shape (n,) with n >= 4; `ends`: "not-a-knot", "natural"
     (q'' = 0) or "clamped" (q' = 0).
@@ -154,7 +154,7 @@ class DriveSum(AbstractDrive):
 
 
 def spline_curvature(times: Values, values: Values, ends: str) -> Values:
-    """q'' at the knots of a cubic spline (one small dense solve, differentiable by times and values)."""
+    """Q'' at the knots of a cubic spline (one small dense solve, differentiable by times and values)."""
     n = times.shape[0]
     h = jnp.diff(times)
     slope = jnp.diff(values) / h

@@ -10,7 +10,9 @@ from typing import NamedTuple
 from clearance_jax._checks import ClearanceError
 from clearance_jax.mechanism.drives import AbstractDrive, ConstantSpeed, DriveSum, Step5Sum, StepSum
 
-_TOKEN = re.compile(r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<word>[A-Za-z_]\w*)|(?P<sign>[-+*(),]))")
+_TOKEN = re.compile(
+    r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<word>[A-Za-z_]\w*)|(?P<sign>[-+*(),]))"
+)
 
 
 class Token(NamedTuple):

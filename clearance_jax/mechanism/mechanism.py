@@ -1,4 +1,4 @@
-"""The mechanism: bodies, the tree of joints, loops, springs, points of interest, gravity; and its parameters by name."""
+"""The mechanism: bodies, the tree of joints, loops, springs, points, gravity; and its parameters by name."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
@@ -69,8 +69,9 @@ class Mechanism(eqx.Module):
     @staticmethod
     def _known(owner: str, key: str, word: str, allowed: set[str]) -> None:
         if word not in allowed:
-            raise ClearanceError(f"`{owner}.{key}` must name a body, but `{word}` is not one that fits. "
-                                 + suggest(word, allowed))
+            raise ClearanceError(
+                f"`{owner}.{key}` must name a body, but `{word}` is not one that fits. " + suggest(word, allowed)
+            )
 
     # Structure -----------------------------------------------------------------------------------------------------
 
@@ -119,8 +120,10 @@ class Mechanism(eqx.Module):
             raise ClearanceError(f"Joint `{name}` must be revolute to have a radial clearance, but it is not.")
         if clearance is None:
             if joint.clearance is None:
-                raise ClearanceError(f"Joint `{name}` is ideal: give its pin radius and laws, "
-                                     "`with_clearance(name, RevoluteClearance(...))`.")
+                raise ClearanceError(
+                    f"Joint `{name}` is ideal: give its pin radius and laws, "
+                    "`with_clearance(name, RevoluteClearance(...))`."
+                )
             clearance = joint.clearance
         if radial is not None:
             clearance = RevoluteClearance(radial, clearance.pin_radius, clearance.normal, clearance.friction)
@@ -140,7 +143,7 @@ class Mechanism(eqx.Module):
         )
 
     def prepared(self) -> "Mechanism":
-        """This mechanism with everything that depends only on its numbers computed (once a solve, not once a step)."""
+        """The mechanism with everything that depends only on its numbers computed (once a solve, not once a step)."""
         return self._with_joints(_prepared)
 
 
@@ -247,7 +250,9 @@ def replace(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
         path, old = leaf.path, follow(mechanism, leaf.path)
         new = jnp.asarray(value, dtype=float) if index is None else jnp.asarray(old).at[index].set(value)
         if np.ndim(new) < np.ndim(old):
-            raise ClearanceError(f"`{name}` must have shape {np.shape(old)}, but a value of shape {np.shape(new)} was "
-                                 f"given. Name one entry as `{name}.0`.")
+            raise ClearanceError(
+                f"`{name}` must have shape {np.shape(old)}, but a value of shape {np.shape(new)} was "
+                f"given. Name one entry as `{name}.0`."
+            )
         mechanism = eqx.tree_at(lambda m, path=path: follow(m, path), mechanism, new)
     return mechanism

@@ -81,9 +81,7 @@ class Frame(NamedTuple):
         if is_zero(at[0]) and is_zero(at[1]):
             return self
         point = self.point(at)
-        return self._replace(
-            position=point, velocity=self.velocity_at(point), acceleration=self.acceleration_at(point)
-        )
+        return self._replace(position=point, velocity=self.velocity_at(point), acceleration=self.acceleration_at(point))
 
     def turned(self, angle: Term, spin: Term = 0.0, spin_rate: Term = 0.0) -> "Frame":
         """The frame after a turn about its origin."""

@@ -39,7 +39,8 @@ def run_odeint(
     kind: str, p: Array, t: Array, rtol: float, scale: Array, hmax: float = 0.0, direct: bool = True, repeats: int = 3
 ) -> Baseline:
     """LSODA. `direct` hands odeint the compiled function itself, the least overhead that odeint allows (it takes no
-    LowLevelCallable); otherwise a Python function with odeint's own argument order calls it, as most users write it."""
+    LowLevelCallable); otherwise a Python function with odeint's own argument order calls it, as most users write it.
+    """
     problem, y0 = PROBLEMS[kind], PROBLEMS[kind].start(p)
     rhs = problem.rhs if direct else lambda y, t, p: problem.rhs(t, y, p)
 
@@ -55,7 +56,7 @@ def run_odeint(
 def run_solve_ivp(
     kind: str, p: Array, t: Array, rtol: float, scale: Array, hmax: float = np.inf, method="DOP853", repeats: int = 3
 ) -> Baseline:
-    """scipy's solve_ivp with the compiled right-hand side."""
+    """Scipy's solve_ivp with the compiled right-hand side."""
     problem, y0 = PROBLEMS[kind], PROBLEMS[kind].start(p)
 
     def solve() -> tuple[Array, int]:

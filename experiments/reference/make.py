@@ -26,7 +26,8 @@ CASES: dict[str, tuple[str, Array, Array]] = {
 
 def load(name: str) -> dict[str, Array]:
     """One case: `t`, `y` (row k at t[k]), `params`, `switchings` (rows: time, margin that ended, contact state after)
-    and `agreement`, the largest difference between the two integrators over the largest magnitude, per state."""
+    and `agreement`, the largest difference between the two integrators over the largest magnitude, per state.
+    """
     with np.load(DATA / f"{name}.npz") as file:
         return dict(file)
 

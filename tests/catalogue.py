@@ -1,0 +1,53 @@
+"""One example of every law; the contract suites run over these."""
+
+import jax.numpy as jnp
+import numpy as np
+
+import clearance_jax as cj
+from clearance_jax import laws
+
+K = 6.61e10
+NORMAL = {
+    "kelvin-voigt": laws.LinearKelvinVoigt(1e7, 500.0),
+    "kelvin-voigt-unclipped": laws.LinearKelvinVoigt(1e7, 500.0, clipped=False),
+    "hertz": laws.Hertz(K),
+    "hertz-n": laws.Hertz(K, 1.8),
+    "adams-impact": laws.AdamsImpact(K, 2000.0, 1e-5),
+    "hunt-crossley": laws.HuntCrossley(K, 0.5),
+    "exact-restitution": laws.exact_restitution(K, 0.7),
+    "lankarani-nikravesh": laws.lankarani_nikravesh(K, 0.7),
+    "flores": laws.flores(K, 0.7),
+}
+FRICTION = {
+    "cubic": laws.CubicCoulomb(0.3, 1e-2),
+    "tanh": laws.TanhCoulomb(0.3, 1e-2),
+    "brown-mcphee": laws.BrownMcPhee(0.4, 0.3, 1e-2),
+    "lugre": laws.LuGre(0.4, 0.3, 1e-3, 1e5, 1e-2, 0.0),
+}
+
+
+def slider_crank(clearance: float = 5e-4, **changes) -> cj.Mechanism:
+    """The reference problem: massless crank at 5000 rpm, one clearance joint between conrod and slider."""
+    compliance = 2 * (1 - 0.3**2) / 207e9
+    stiffness = 4 / (3 * compliance) * np.sqrt(0.01 * 0.0105 / 0.0005)
+    wrist = cj.RevoluteClearance(
+        clearance, 0.01, laws.AdamsImpact(stiffness, 2000.0, 1e-5), laws.TanhCoulomb(0.03, 0.01)
+    )
+    return cj.Mechanism(
+        bodies=(
+            cj.Body("crank"),
+            cj.Body("conrod", 0.21, 2.5e-4, cj.Position(0.06)),
+            cj.Body("slider", 0.14),
+        ),
+        joints=(
+            cj.Revolute("main", "ground", "crank", motion=cj.Motion(cj.ConstantSpeed(5000 * np.pi / 30))),
+            cj.Revolute("crankpin", "crank", "conrod", at_parent=cj.Position(0.05)),
+            cj.Prismatic("guide", "ground", "slider", motion=cj.Motion(position=0.17)),
+        ),
+        loops=(cj.Revolute("wrist", "conrod", "slider", at_parent=cj.Position(0.12), clearance=wrist),),
+        points=(cj.Point("piston", "slider"),),
+    )
+
+
+def no_memory():
+    return jnp.zeros(0)

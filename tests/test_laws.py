@@ -1,0 +1,188 @@
+"""Contracts of the contact laws, over the catalogue; closed forms of impacts."""
+
+import catalogue
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from clearance_jax import laws
+from clearance_jax.laws._base import AbstractFrictionLaw, AbstractNormalLaw
+from clearance_jax.laws.restitution import exact_ratio
+
+PENETRATIONS = jnp.array([-1e-3, -1e-12, 0.0, 1e-12, 1e-9, 1e-6, 1e-5, 3e-5])
+RATES = jnp.array([-1.0, -1e-3, 0.0, 1e-9, 1.0])
+GRID = [x.ravel() for x in jnp.meshgrid(PENETRATIONS, RATES)]
+
+
+def concrete(cls):
+    for sub in cls.__subclasses__():
+        yield from concrete(sub)
+        if not sub.__abstractmethods__:
+            yield sub
+
+
+@pytest.mark.parametrize(
+    ("base", "listed"), [(AbstractNormalLaw, catalogue.NORMAL), (AbstractFrictionLaw, catalogue.FRICTION)]
+)
+def test_every_law_is_in_the_catalogue(base, listed):
+    assert set(concrete(base)) == {type(law) for law in listed.values()}
+
+
+def prepared(law):
+    law = law.prepared(jnp.asarray(0.01), jnp.asarray(5e-4))
+    memory = jnp.full(len(law.remembers), 0.3)
+    return law, memory
+
+
+@pytest.mark.parametrize("name", catalogue.NORMAL)
+class TestNormal:
+    def test_force_and_gradient(self, name):
+        law, memory = prepared(catalogue.NORMAL[name])
+        force = jax.vmap(law, (0, 0, None))(*GRID, memory)
+        slopes = jax.vmap(jax.grad(law, (0, 1)), (0, 0, None))(*GRID, memory)
+        apart = GRID[0] <= 0
+        assert np.all(np.isfinite(force))
+        assert all(np.all(np.isfinite(s)) for s in slopes)
+        assert np.all(np.asarray(force)[apart] == 0)
+        assert all(np.all(np.asarray(s)[apart] == 0) for s in slopes)
+        if name != "kelvin-voigt-unclipped":
+            assert np.all(force >= 0)
+
+    def test_first_touch_is_as_smooth_as_the_class_says(self, name):
+        law, memory = prepared(catalogue.NORMAL[name])
+        jump = law(jnp.asarray(1e-13), jnp.asarray(1.0), memory)
+        if law.smoothness == "C-1":
+            assert jump > 100.0
+        else:
+            assert jump < 1e-6
+
+    def test_energy_is_the_integral_of_the_elastic_force(self, name):
+        law, memory = prepared(catalogue.NORMAL[name])
+        d = jnp.array([1e-8, 1e-6, 2e-5])
+        elastic = jax.vmap(jax.grad(law.energy))(d)
+        np.testing.assert_allclose(elastic, jax.vmap(law, (0, None, None))(d, jnp.zeros(()), memory), rtol=1e-12)
+
+    def test_regime_agrees_with_the_force(self, name):
+        law, memory = prepared(catalogue.NORMAL[name])
+        force = np.asarray(jax.vmap(law, (0, 0, None))(*GRID, memory))
+        regime = np.asarray(law.regime(*GRID, memory))
+        assert np.all(regime[np.asarray(GRID[0]) <= 0] == 0)
+        assert np.all(force[regime == 1] == 0)
+
+    def test_a_closed_cycle_dissipates(self, name):
+        law, memory = prepared(catalogue.NORMAL[name])
+        angle = jnp.linspace(0, 2 * jnp.pi, 4001)
+        d, rate = 1e-5 + 1e-5 * jnp.sin(angle), 0.05 * jnp.cos(angle)
+        loss = jnp.trapezoid(jax.vmap(law, (0, 0, None))(d, rate, memory) * 1e-5 * jnp.cos(angle), angle)
+        assert loss > -1e-12 * float(law(jnp.asarray(2e-5), jnp.zeros(()), memory)) * 1e-5
+
+
+@pytest.mark.parametrize("name", catalogue.FRICTION)
+class TestFriction:
+    slips = jnp.array([-3.0, -1e-2, -1e-5, -1e-12, 0.0, 1e-12, 1e-5, 1e-2, 3.0])
+
+    def test_odd_bounded_and_dissipative(self, name):
+        law, memory = catalogue.FRICTION[name], jnp.zeros(len(catalogue.FRICTION[name].remembers))
+        traction = np.asarray(jax.vmap(law, (0, None, None))(self.slips, jnp.asarray(100.0), memory))
+        np.testing.assert_allclose(traction, -traction[::-1], atol=1e-12)
+        assert np.all(traction * np.asarray(self.slips) <= 0)
+        if name != "lugre":  # its traction is bounded along solutions, not for an unbent bristle
+            assert np.all(np.abs(traction) <= 0.42 * 100)
+        slope = jax.vmap(jax.grad(law), (0, None, None))(self.slips, jnp.asarray(100.0), memory)
+        assert np.all(np.isfinite(slope))
+
+    def test_no_force_no_friction(self, name):
+        law, memory = catalogue.FRICTION[name], jnp.zeros(len(catalogue.FRICTION[name].remembers))
+        traction = jax.vmap(law, (0, None, None))(self.slips, jnp.zeros(()), memory)
+        assert np.all(np.asarray(traction) == 0)
+
+
+def test_lugre_bristle_stays_bounded_and_reaches_coulomb():
+    law = catalogue.FRICTION["lugre"]
+    rate = jax.jit(lambda v, z: law.memory_rate(v, jnp.asarray(1.0), z))
+    v = 2e-2
+    solution = solve_ivp(lambda t, z: np.asarray(rate(v, jnp.asarray(z))), (0, 5e-3), [0.0], rtol=1e-8, atol=1e-14)
+    assert np.max(np.abs(solution.y)) <= 0.4 / 1e5
+    steady = float(law(jnp.asarray(v), jnp.asarray(1.0), jnp.asarray(solution.y[:, -1])))
+    assert steady == pytest.approx(-0.3, rel=1e-5)
+
+
+def impact(law, mass, speed, memory):
+    """Delivered restitution, peak force and penetration, and duration of a free impact (DOP853, both ends located)."""
+    force = jax.jit(lambda d, v: law(d, v, memory))
+
+    def rhs(t, y):
+        return [y[1], -float(force(y[0], y[1])) / mass]
+
+    def apart(t, y):
+        return y[0]
+
+    def clipped(t, y):
+        return float(law.unclipped(jnp.asarray(y[0]), jnp.asarray(y[1]), memory)) if t > 0 else 1.0
+
+    apart.terminal, apart.direction = True, -1
+    clipped.terminal, clipped.direction = True, -1
+    start = [1e-16, speed]
+    out = solve_ivp(
+        rhs, (0, 1.0), start, method="DOP853", rtol=1e-11, atol=1e-16, events=[apart, clipped], dense_output=True
+    )
+    return -out.y[1, -1] / speed, out
+
+
+@pytest.mark.parametrize(
+    ("e", "exact", "ln", "flores"), [(0.3, 0.3, 0.6842, 0.2562), (0.5, 0.5, 0.7252, 0.4704), (0.9, 0.9, 0.9132, 0.8939)]
+)
+def test_delivered_restitution(e, exact, ln, flores):
+    # Table of the delivered restitution derived from the phase-plane integral a(1+e) = ln((1+a)/(1-ae)).
+    for make, expected in ((laws.exact_restitution, exact), (laws.lankarani_nikravesh, ln), (laws.flores, flores)):
+        law = make(catalogue.K, e).prepared(jnp.asarray(0.01), jnp.asarray(5e-4))
+        delivered, _ = impact(law, 0.14, 0.5, jnp.array([0.5]))
+        assert delivered == pytest.approx(expected, abs=6e-5)
+
+
+@pytest.mark.parametrize("e", [0.05, 0.1, 0.3, 0.5, 0.9, 0.99, 0.999])
+def test_exact_ratio_solves_its_equation(e):
+    a = float(exact_ratio(jnp.asarray(e)))
+    assert a * (1 + e) == pytest.approx(np.log((1 + a) / (1 - a * e)), rel=1e-8)
+    h = 1e-6 * e * (1 - e)
+    difference = (exact_ratio(jnp.asarray(e + h)) - exact_ratio(jnp.asarray(e - h))) / (2 * h)
+    assert float(jax.grad(exact_ratio)(jnp.asarray(e))) == pytest.approx(float(difference), rel=1e-5)
+
+
+def test_hertz_impact_closed_form():
+    # d_max = (5 m v^2 / 4 K)^0.4, F = K d^1.5, T = 2.943275 d/v
+    _, out = impact(laws.Hertz(6.61e10), 0.14, 0.5, jnp.zeros(0))
+    deepest = (5 * 0.14 * 0.25 / (4 * 6.61e10)) ** 0.4
+    assert np.max(out.sol(np.linspace(0, out.t[-1], 20001))[0]) == pytest.approx(deepest, rel=1e-8)
+    assert out.t[-1] == pytest.approx(2.943275 * deepest / 0.5, rel=1e-6)
+    assert -out.y[1, -1] == pytest.approx(0.5, rel=1e-8)
+
+
+@pytest.mark.parametrize(("zeta", "clipped", "unclipped"), [(0.05, 0.85876, 0.85447), (0.4, 0.36353, 0.25383)])
+def test_kelvin_voigt_restitution(zeta, clipped, unclipped):
+    k, m = 1e7, 0.14
+    b = 2 * zeta * np.sqrt(k * m)
+    e, _ = impact(laws.LinearKelvinVoigt(k, b), m, 0.5, jnp.zeros(0))
+    assert e == pytest.approx(clipped, abs=1e-5)
+    free = np.exp(-np.pi * zeta / np.sqrt(1 - zeta**2))
+    assert free == pytest.approx(unclipped, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("mass", "speed", "e"), [(50.0, 1e-3, 0.698), (50.0, 5e-3, 0.224), (300.0, 1e-3, 0.630), (300.0, 5e-3, 0.181)]
+)
+def test_adams_impact_with_the_papers_numbers(mass, speed, e):
+    law = laws.AdamsImpact(2.487e6 * 1000**1.5, 2.487e6, 1e-5)
+    delivered, _ = impact(law, mass, speed, jnp.zeros(0))
+    assert delivered == pytest.approx(e, abs=6e-4)
+
+
+def test_internal_hertz_stiffness_of_the_papers_joint():
+    material = laws.InternalHertz(2.01e11, 2.06e11, 0.3, 0.3)
+    assert float(material.value(jnp.asarray(0.025), jnp.asarray(5e-5))) == pytest.approx(5.27540e11, rel=1e-5)
+    slope = jax.grad(lambda c: material.value(jnp.asarray(0.025), c))(jnp.asarray(5e-5))
+    assert float(slope) == pytest.approx(-5.27540e11 / (2 * 5e-5), rel=2e-3)
+    fixed = laws.InternalHertz(2.01e11, 2.06e11, 0.3, 0.3, 5e-5)
+    assert float(jax.grad(lambda c: fixed.value(jnp.asarray(0.025), c))(jnp.asarray(2e-4))) == 0.0

@@ -1,0 +1,112 @@
+"""Scene files, their errors, the command line, and datasets."""
+
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import clearance_jax as cj
+from clearance_jax.cli import app
+from clearance_jax.mechanism.expressions import read_expression
+from clearance_jax.plot import overview
+from clearance_jax.results import load_dataset, save, to_dataset
+from clearance_jax.scene import load_scene
+from clearance_jax.trace import trace
+
+SCENES = Path(__file__).parents[1] / "experiments" / "scenes"
+VELOCITY_1 = "step(time, 0, 0, 0.5, 90 d) + step(time, 0.5, 0, 1, 30 d) + step(time, 1, 0, 1.5, 10 d)"
+
+
+@pytest.mark.parametrize("path", sorted(SCENES.glob("*.toml")), ids=lambda p: p.stem)
+def test_every_scene_loads(path):
+    scene = load_scene(path)
+    assert scene.solve["t1"] > 0
+    assert len(scene.mechanism.clearance_joints()) >= 1
+
+
+CHANGES = [
+    ('radial_clearance = "0.5 mm"', "radial_clearance = 0.5", "needs a unit"),
+    ('radial_clearance = "0.5 mm"', 'radial_clearance = "0.5 kg"', "must be in m"),
+    ('radial_clearance = "0.5 mm"', 'radial_clearance = "-0.5 mm"', "greater than 0"),
+    ('radial_clearance = "0.5 mm"', 'radial_clearence = "0.5 mm"', "add `radial_clearance`|not a known key"),
+    ('radial_clearance = "0.5 mm"', 'radial_clearance = "nan mm"', "finite"),
+    ('pin_radius = "10 mm"', 'pin_radius = "10 mm"\nsleeve_radius = "9 mm"', "must fit in the sleeve"),
+    ('mass = "0.14 kg"', 'mass = "-1 kg"', "greater than 0"),
+    ('law = "adams-impact"', 'law = "adams-inpact"', "Did you mean `adams-impact`"),
+    ('parent = "crank"', 'parent = "crnk"', "Did you mean `crank`"),
+    ('type = "prismatic"', 'type = "prismatik"', "Did you mean `prismatic`"),
+    ('{ type = "constant-speed", speed = "5000 rpm" }', '"step(time, 0, 0 0.5, 1)"', "expected `,`"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "words"), CHANGES)
+def test_bad_scenes_are_refused_with_file_key_and_fix(tmp_path, old, new, words):
+    text = (SCENES / "slider_crank.toml").read_text()
+    assert old in text
+    path = tmp_path / "bad.toml"
+    path.write_text(text.replace(old, new))
+    with pytest.raises(ValueError, match=words) as caught:
+        load_scene(path)
+    assert "bad.toml" in str(caught.value)
+
+
+def test_drive_expression_of_the_paper():
+    drive = read_expression(VELOCITY_1)
+    assert float(drive(jnp.asarray(2.0))[0]) == pytest.approx(np.deg2rad(130), rel=1e-12)
+    assert float(drive(jnp.asarray(0.25))[1]) == pytest.approx(4.71239, rel=1e-5)
+    assert float(drive(jnp.asarray(0.0))[2]) == pytest.approx(37.6991, rel=1e-5)
+    assert sorted(set(np.asarray(drive.breaks()).tolist())) == [0.0, 0.5, 1.0, 1.5]
+
+
+@pytest.mark.parametrize(
+    "text", ["", "step(time, 0, 0, 1)", "step(tme,0,0,1,2)", "step(time,1,0,0,2)", "90 d 30", "sin(time)", "import os"]
+)
+def test_bad_expressions_are_refused(text):
+    with pytest.raises(ValueError, match=r"expected|must end after"):
+        read_expression(text)
+
+
+def test_dataset_roundtrip_and_figure(tmp_path):
+    scene = load_scene(SCENES / "slider_crank.toml")
+    result = trace(scene.mechanism, 2e-3, rtol=1e-6, samples=201)
+    dataset = to_dataset(scene.mechanism, result, scene=scene.text)
+    save(dataset, tmp_path / "a.nc")
+    again = load_dataset(tmp_path / "a.nc")
+    assert dataset.identical(again)
+    assert dataset.sizes["episode"] >= 2
+    assert set(np.unique(dataset["contact_state"])) >= {0, 2}
+    assert float(dataset["peak_force"].max()) >= float(dataset["contact_force"].max())
+    # The ends of a touching bodies' reaction agree with the contact force.
+    reaction = np.hypot(*dataset["joint_reaction"].sel(any_joint="wrist").values.T)
+    contact = np.hypot(dataset["contact_force"], dataset["friction_force"]).values[:, 0]
+    np.testing.assert_allclose(reaction, contact, atol=1e-6)
+    overview(dataset).savefig(tmp_path / "a.png")
+    assert (tmp_path / "a.png").stat().st_size > 10_000
+
+
+def test_trace_agrees_with_simulate():
+    scene = load_scene(SCENES / "slider_crank.toml")
+    result = trace(scene.mechanism, 2e-3, rtol=1e-8, samples=11)
+    direct = cj.simulate(scene.mechanism, 2e-3, rtol=1e-8, save_at=11)
+    assert result.message == ""
+    np.testing.assert_allclose(result.solution.y[:, :4], direct.y[:, :4], rtol=1e-9, atol=1e-9)
+
+
+def test_command_line(tmp_path):
+    runner = CliRunner()
+    assert "Examples" in runner.invoke(app, ["--help"]).output
+    out = tmp_path / "o.nc"
+    scene = str(SCENES / "slider_crank.toml")
+    result = runner.invoke(
+        app, ["simulate", scene, "--t1", "1ms", "--set", "wrist.radial_clearance=0.2mm", "-o", str(out)]
+    )
+    assert result.exit_code == 0, result.output
+    assert float(load_dataset(out).attrs["parameter.wrist.radial_clearance"]) == pytest.approx(2e-4)
+    info = runner.invoke(app, ["info", scene])
+    assert info.exit_code == 0
+    assert "wrist.radial_clearance" in info.output
+    bad = runner.invoke(app, ["simulate", scene, "--set", "wrist.gap=1mm"])
+    assert isinstance(bad.exception, ValueError)
+    assert not (tmp_path / "o.nc.partial").exists()

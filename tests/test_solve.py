@@ -1,0 +1,159 @@
+"""The solve against independent references, invariants and limits."""
+
+from pathlib import Path
+
+import catalogue
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import clearance_jax as cj
+from clearance_jax import laws
+
+DATA = Path(__file__).parents[1] / "experiments" / "reference" / "data"
+OMEGA = 5000 * np.pi / 30
+
+
+def absolute(y, t):
+    """States with the conrod's absolute angle, as the reference has them."""
+    y = np.asarray(y)
+    return np.stack([y[:, 0] + OMEGA * t, y[:, 1], y[:, 2] + OMEGA, y[:, 3]], 1)
+
+
+@pytest.mark.parametrize("solver", ["tsit5", "dopri8"])
+def test_slider_crank_error_follows_the_tolerance(solver):
+    for clearance in (0.5, 0.2, 0.1):
+        reference = np.load(DATA / f"slider_crank_{clearance}mm.npz")
+        t, truth = reference["t"], reference["y"]
+        scale = np.abs(truth).max(0)
+        for rtol in (1e-5, 1e-8, 1e-11):
+            s = cj.simulate(catalogue.slider_crank(clearance * 1e-3), t[-1], save_at=t, rtol=rtol, solver=solver)
+            error = np.abs(absolute(s.y, t) - truth).max(0) / scale
+            assert error.max() <= 3000 * rtol
+            assert float(s.energy_residual) <= max(10 * rtol, 1e-8)
+
+
+def test_plain_controller_has_a_floor():
+    reference = np.load(DATA / "slider_crank_0.1mm.npz")
+    t, truth = reference["t"], reference["y"]
+    m = catalogue.slider_crank(1e-4)
+    errors = {}
+    for watch in (True, False):
+        s = cj.simulate(m, t[-1], save_at=t, rtol=1e-11, solver="dopri8", watch=watch)
+        errors[watch] = np.max(np.abs(absolute(s.y, t) - truth).max(0) / np.abs(truth).max(0))
+    assert errors[True] < 1e-8 < errors[False]
+
+
+def test_ideal_slider_crank_keeps_its_loop_and_the_closed_form():
+    m = catalogue.slider_crank().ideal()
+    t = np.linspace(0, 2 * np.pi / OMEGA, 101)
+    s = cj.simulate(m, t[-1], save_at=t, rtol=1e-8)
+    beta = np.arcsin(0.05 / 0.12 * np.sin(OMEGA * t))
+    x = 0.05 * np.cos(OMEGA * t) + 0.12 * np.cos(beta)
+    y = np.asarray(s.y)
+    phi = y[:, 0] + OMEGA * t
+    gap = np.hypot(
+        y[:, 1] - 0.05 * np.cos(OMEGA * t) - 0.12 * np.cos(phi), 0.05 * np.sin(OMEGA * t) + 0.12 * np.sin(phi)
+    )
+    assert gap.max() < 1e-10
+    np.testing.assert_allclose(y[:, 1], x, atol=1e-9)
+
+
+def test_batch_equals_loop():
+    m = catalogue.slider_crank()
+    clearances = jnp.linspace(1e-4, 5e-4, 8)
+
+    def end(c):
+        return cj.simulate(cj.replace(m, {"wrist.radial_clearance": c}), 2e-3, rtol=1e-7).final[:4]
+
+    batch = jax.jit(jax.vmap(end))(clearances)
+    loop = jnp.stack([jax.jit(end)(c) for c in clearances])
+    np.testing.assert_allclose(batch, loop, rtol=1e-6, atol=1e-6)
+
+
+def test_jvp_runs_and_is_finite():
+    m = catalogue.slider_crank()
+    _, tangent = jax.jvp(
+        lambda c: cj.simulate(cj.replace(m, {"wrist.radial_clearance": c}), 1e-3, rtol=1e-7).final[:4],
+        (jnp.asarray(3e-4),),
+        (jnp.asarray(1.0),),
+    )
+    assert np.all(np.isfinite(tangent))
+    assert np.any(np.asarray(tangent) != 0)
+
+
+def drop(law, clearance=1e-3, friction=None, gravity=9.81, mass=0.14):
+    """A pin that may only fall: joint with a prescribed, resting rotation, payload's centre on the pin."""
+    joint = cj.RevoluteClearance(clearance, 0.01, law, friction)
+    return cj.Mechanism(
+        bodies=(cj.Body("pin", mass),),
+        joints=(cj.Revolute("j", "ground", "pin", motion=cj.Motion(cj.ConstantSpeed(0.0)), clearance=joint),),
+        gravity=cj.Gravity(y=-gravity),
+    )
+
+
+def test_static_penetration_of_hertz():
+    # d = (W/K)^(2/3); a damped law settles there.
+    law = laws.HuntCrossley(6.61e10, 100.0)
+    s = cj.simulate(drop(law, 1e-6), 0.05, rtol=1e-9)
+    assert -float(s.final[1]) - 1e-6 == pytest.approx(75.58e-9, rel=1e-4)
+
+
+def test_undamped_bouncing_keeps_its_energy():
+    s = cj.simulate(drop(laws.Hertz(6.61e10)), 2.0, rtol=1e-11, solver="dopri8")
+    assert float(s.energy_residual) < 1e-8
+
+
+def test_restitution_law_bounces_as_it_says():
+    m = drop(laws.exact_restitution(6.61e10, 0.8), gravity=0.0)
+    y0 = jnp.array([0.0, 0.0, 0.5, 0.0, 0.0, 0.0])
+    s = cj.simulate(m, 0.003, y0=y0, rtol=1e-9)
+    assert -float(s.final[2]) == pytest.approx(0.4, rel=1e-6)
+
+
+@pytest.mark.parametrize("clearance", [1e-3, 1e-5, 1e-7])
+def test_deviation_from_ideal_falls_with_the_clearance(clearance):
+    m = catalogue.slider_crank(clearance)
+    ideal = cj.simulate(m.ideal(), 3e-3, rtol=1e-9)
+    s = cj.simulate(m, 3e-3, rtol=1e-7)
+    contact = 2e-5  # the penetration under load does not vanish with the clearance
+    assert abs(float(s.final[1] - ideal.final[1])) < 3 * (clearance + contact)
+
+
+def test_energy_books_with_gravity_springs_and_actuators():
+    m = cj.Mechanism(
+        bodies=(cj.Body("arm", 1.0, 0.05, cj.Position(0.3, 0.01)), cj.Body("tip", 0.5, 0.01, cj.Position(0.1))),
+        joints=(
+            cj.Revolute("shoulder", "ground", "arm", motion=cj.Motion(cj.Harmonic(0.5, 3.0))),
+            cj.Revolute(
+                "elbow",
+                "arm",
+                "tip",
+                at_parent=cj.Position(0.6),
+                motion=cj.Motion(position=0.4, actuators=(cj.JointSpring(5.0, 0.1),)),
+            ),
+        ),
+        springs=(cj.Spring("s", "ground", "tip", 20.0, 0.5, 0.2, cj.Position(0.2, -0.5)),),
+        gravity=cj.Gravity(y=-9.81),
+    )
+    s = cj.simulate(m, 2.0, rtol=1e-10)
+    assert float(s.energy_residual) < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"wrist.radial_clearance": -1e-4}, "greater than"),
+        ({"slider.mass": float("nan")}, "finite"),
+        ({"wrist.radial_clearence": 1e-4}, "Did you mean `wrist.radial_clearance`"),
+    ],
+)
+def test_bad_numbers_are_refused(change, words):
+    with pytest.raises(ValueError, match=words):
+        cj.simulate(cj.replace(catalogue.slider_crank(), change), 1e-3)
+
+
+def test_end_before_start_is_refused():
+    with pytest.raises(ValueError, match="greater than `t0`"):
+        cj.simulate(catalogue.slider_crank(), -1.0)
