@@ -15,7 +15,10 @@ from clearance_jax.mechanism.body import (
 from clearance_jax.mechanism.drives import ConstantSpeed, Harmonic, Spline, Step5Sum, StepSum
 from clearance_jax.mechanism.mechanism import Mechanism, parameters, replace
 from clearance_jax.mechanism.tree import Fixed, Prismatic, Revolute
+from clearance_jax.results import load_dataset, save, to_dataset
+from clearance_jax.scene import load
 from clearance_jax.solve import Solution, simulate
+from clearance_jax.trace import Trace, trace
 
 __all__ = [
     "Body",
@@ -38,7 +41,13 @@ __all__ = [
     "Spring",
     "Step5Sum",
     "StepSum",
+    "Trace",
+    "load",
+    "load_dataset",
     "parameters",
     "replace",
+    "save",
     "simulate",
+    "to_dataset",
+    "trace",
 ]

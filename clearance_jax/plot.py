@@ -15,7 +15,8 @@ def overview(dataset: xr.Dataset) -> Figure:
     joints = list(dataset["joint"].values) if "joint" in dataset.coords else []
     with mpl.rc_context({"axes.grid": True, "grid.alpha": 0.3, "font.size": 9}):
         figure = Figure(figsize=(13, 7.5) if joints else (9, 7), layout="constrained")
-        left, right = figure.subfigures(1, 2, width_ratios=(2, 1)) if joints else (figure, None)
+        parts: Any = figure.subfigures(1, 2, width_ratios=(2, 1)) if joints else (figure, None)
+        left, right = parts
         axes = left.subplots(2, 2) if joints else left.subplots(2, 1)[:, None]
         if joints:
             _eccentricity(axes[0, 0], dataset)
@@ -94,6 +95,7 @@ def _fit_peaks(axis, dataset: xr.Dataset) -> None:
 
 def _point(axis, dataset: xr.Dataset, name: str, ylabel: str) -> None:
     t, label = _seconds(dataset)
+    point = ""
     for point in dataset["point"].values:
         axis.plot(t, np.hypot(*dataset[name].sel(point=point).values.T), lw=0.8, label=f"{point}")
     axis.set(xlabel=label, ylabel=ylabel, title=f"{'(c)' if name == 'velocity' else '(d)'} {name} of {point}")

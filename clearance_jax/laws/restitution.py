@@ -13,7 +13,7 @@ import jax.numpy as jnp
 
 from clearance_jax._numerics import positive_part
 from clearance_jax._types import Scalar, physical
-from clearance_jax.laws._base import AbstractNormalLaw, AbstractStiffness, Smoothness
+from clearance_jax.laws._base import AbstractNormalLaw, Smoothness
 from clearance_jax.laws.normal import hertz_energy, hertz_power
 
 
@@ -56,7 +56,7 @@ class RestitutionLaw(AbstractNormalLaw):
     3/2), `minimum_impact_speed` [m/s]: v0 is never below it, because a/v0 grows without bound for a pin that settles.
     """
 
-    stiffness: Scalar | AbstractStiffness | Any = physical("N/m^1.5", above=0.0)
+    stiffness: Any = physical("N/m^1.5", above=0.0)
     restitution: Scalar = physical("", above=0.0, below=1.0)
     ratio: Callable = eqx.field(static=True, default=exact_ratio)
     exponent: Scalar | None = physical("", least=1.0, default=None)
