@@ -144,7 +144,7 @@ def contact_episodes(mechanism: Mechanism, trace: Trace) -> tuple[dict[str, list
         for begin, end in _merged(trace.time, begins, ends):
             part = slice(begin, min(end + 1, trace.time.size))
             t, force, rate = trace.time[part], seen["contact_force"][part, joint], seen["penetration_rate"][part, joint]
-            open_ended = end >= trace.time.size
+            open_ended = bool(end >= trace.time.size)
             peak_time, peak = _vertex(t, force)
             table["episode_joint"].append(joint)
             table["episode_start"].append(t[0])

@@ -128,7 +128,10 @@ def _integrate(mechanism, t0, t1, start, save_at, rtol, atol, solver, watch, max
     scale, relative = tolerances(mechanism, start[:size], t0, t1, rtol, atol)
     pad = jnp.zeros(start.shape[0] - size)
     controller = ContactController(
-        jnp.concatenate([scale, pad + jnp.inf]), jnp.concatenate([relative, pad]), drive_breaks(mechanism), watch
+        scale=jnp.concatenate([scale, pad + jnp.inf]),
+        relative=jnp.concatenate([relative, pad]),
+        breaks=drive_breaks(mechanism),
+        watch=watch,
     )
     subs = [diffrax.SubSaveAt(t1=True)]
     subs += [] if save_at is None else [diffrax.SubSaveAt(ts=save_at)]

@@ -166,6 +166,7 @@ class ContactController(diffrax.AbstractAdaptiveStepSizeController):
 
     def adapt_step_size(self, t0, t1, y0, y1_candidate, args, y_error, error_order, controller_state):
         y1, h = y1_candidate, t1 - t0
+        assert isinstance(y_error, StepEnds)  # this controller goes with `Stepper`
         size = jnp.maximum(jnp.abs(y0), jnp.abs(y1))
         controlled = jnp.isfinite(self.scale)
         ratio = jnp.where(

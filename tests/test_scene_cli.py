@@ -79,8 +79,8 @@ def test_dataset_roundtrip_and_figure(tmp_path):
     assert set(np.unique(dataset["contact_state"])) >= {0, 2}
     assert float(dataset["peak_force"].max()) >= float(dataset["contact_force"].max())
     # The ends of a touching bodies' reaction agree with the contact force.
-    reaction = np.hypot(*dataset["joint_reaction"].sel(any_joint="wrist").values.T)
-    contact = np.hypot(dataset["contact_force"], dataset["friction_force"]).values[:, 0]
+    reaction = np.linalg.norm(dataset["joint_reaction"].sel(any_joint="wrist").values, axis=1)
+    contact = np.hypot(dataset["contact_force"].values, dataset["friction_force"].values)[:, 0]
     np.testing.assert_allclose(reaction, contact, atol=1e-6)
     overview(dataset).savefig(tmp_path / "a.png")
     assert (tmp_path / "a.png").stat().st_size > 10_000

@@ -57,7 +57,7 @@ class RevoluteClearance(eqx.Module):
 
     radial_clearance: Scalar = physical("m", above=0.0)
     pin_radius: Scalar = physical("m", above=0.0)
-    normal: AbstractNormalLaw = eqx.field()
+    normal: AbstractNormalLaw  # pyright: ignore[reportGeneralTypeIssues]
     friction: AbstractFrictionLaw | None = None
 
     def prepared(self) -> "RevoluteClearance":

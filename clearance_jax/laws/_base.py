@@ -9,22 +9,16 @@ Sign convention, stated here once for the whole library:
 
 A law owns its memory: `remembers` names its memory variables, `memory_rate` is their time derivative, and `latch`
 rewrites them at the instants at which contact begins or ends (which are always ends of integration steps).
-
-A law is written with scalars in mind, but every formula is elementwise: penetrations, rates, slips and forces may be
-arrays of one shape that share the law and its memory (the solver samples `regime` so).
 """
 
 import abc
-import dataclasses
-from typing import ClassVar, Literal, TypeVar
+from typing import ClassVar, Literal
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from clearance_jax._checks import ClearanceError
-from clearance_jax._numerics import Real
-from clearance_jax._types import Flag, Number, Scalar
+from clearance_jax._types import Scalar
 
 Smoothness = Literal["C-1", "C0", "C1", "C2"]
 Memory = Float[Array, " memory"]
@@ -36,67 +30,49 @@ Value = Float[Array, "..."]
 APART, CLIPPED, CONTACT = 0, 1, 2
 
 
-LawT = TypeVar("LawT", bound="AbstractLaw")
-
-
-class AbstractParameter(eqx.Module):
-    """A parameter of a law that is computed once a solve instead of being given as a number."""
+class AbstractStiffness(eqx.Module):
+    """A stiffness that is computed from the joint's geometry instead of being given as a number."""
 
     @abc.abstractmethod
-    def value(self, pin_radius: Scalar, radial_clearance: Scalar) -> Number:
-        """The number for a joint with this pin radius [m] and radial clearance [m]."""
-
-
-class AbstractStiffness(AbstractParameter):
-    """A stiffness [N/m^n] that is computed from the joint's geometry."""
+    def value(self, pin_radius: Scalar, radial_clearance: Scalar) -> Scalar:
+        """The stiffness in N/m^n."""
 
 
 class AbstractLaw(eqx.Module):
-    """What normal and friction laws have in common: a smoothness class and an owned memory.
-
-    `smoothness` is how many continuous derivatives the force has where the surfaces first touch (normal laws) or where
-    the slip changes its sign or its zone (friction laws): C-1 jumps, C0 has a kink.
-    """
+    """What normal and friction laws have in common: a smoothness class and an owned memory."""
 
     smoothness: eqx.AbstractClassVar[Smoothness]
     remembers: ClassVar[tuple[str, ...]] = ()
 
-    def prepared(self: LawT, pin_radius: Scalar, radial_clearance: Scalar) -> LawT:
-        """This law with everything that depends only on geometry computed (once a solve, not once a step)."""
-        numbers = {
-            field.name: parameter.value(pin_radius, radial_clearance)
-            for field in dataclasses.fields(self)
-            if isinstance(parameter := getattr(self, field.name), AbstractParameter)
-        }
-        return dataclasses.replace(self, **numbers) if numbers else self
+    def prepared(self, pin_radius: Scalar, radial_clearance: Scalar) -> "AbstractLaw":
+        """The law with everything that depends only on geometry computed (once a solve, not once a step)."""
+        stiffness = getattr(self, "stiffness", None)
+        if isinstance(stiffness, AbstractStiffness):
+            value = stiffness.value(pin_radius, radial_clearance)
+            return eqx.tree_at(lambda law: law.stiffness, self, value, is_leaf=lambda x: x is stiffness)
+        return self
 
-    def latch(self, memory: Memory, began: Flag, ended: Flag, penetration_rate: Scalar) -> Memory:
+    def latch(self, memory: Memory, began, ended, penetration_rate: Scalar) -> Memory:
         """The memory after an instant at which contact `began` or `ended` (flags); unchanged by default."""
         return memory
 
-
-def number(parameter: Number | AbstractParameter) -> Array:
-    """The number of a parameter of a prepared law; raises `ClearanceError` for one that is still to be computed."""
-    if isinstance(parameter, AbstractParameter):
-        raise ClearanceError(
-            "A parameter of a law must be a number when the law is evaluated, but it is still "
-            f"`{type(parameter).__name__}`. Call `law.prepared(pin_radius, radial_clearance)` once before."
-        )
-    return jnp.asarray(parameter)
+    def memory_scale(self) -> Memory:
+        """Magnitude of each memory variable for error control; infinite (the default) where it only latches."""
+        return jnp.full(len(self.remembers), jnp.inf)
 
 
 class AbstractNormalLaw(AbstractLaw):
     """Normal force of one contact point."""
 
     @abc.abstractmethod
-    def __call__(self, penetration: Real, penetration_rate: Real, memory: Memory) -> Real:
+    def __call__(self, penetration: Value, penetration_rate: Value, memory: Memory) -> Value:
         """The normal force [N] for a penetration [m], its rate [m/s] and the law's memory."""
 
     @abc.abstractmethod
-    def energy(self, penetration: Real) -> Real:
+    def energy(self, penetration: Value) -> Value:
         """The elastic energy [J] stored at a penetration [m]; what the force does beyond it is counted as loss."""
 
-    def unclipped(self, penetration: Real, penetration_rate: Real, memory: Memory) -> Real:
+    def unclipped(self, penetration: Value, penetration_rate: Value, memory: Memory) -> Value:
         """The force before any `max(0, .)`; its sign tells the clipped regime. The force itself by default."""
         return self(penetration, penetration_rate, memory)
 
@@ -110,7 +86,7 @@ class AbstractFrictionLaw(AbstractLaw):
     """Friction of one contact point."""
 
     @abc.abstractmethod
-    def __call__(self, slip_velocity: Real, normal_force: Real, memory: Memory) -> Real:
+    def __call__(self, slip_velocity: Value, normal_force: Value, memory: Memory) -> Value:
         """The traction on the pin [N] for a slip velocity [m/s], a normal force [N] and the law's memory."""
 
     def memory_rate(self, slip_velocity: Value, normal_force: Value, memory: Memory) -> Memory:

@@ -1,47 +1,33 @@
-"""Stiffnesses that are computed from materials and geometry."""
+"""Contact stiffness from geometry and materials."""
 
 import jax.numpy as jnp
 
-from clearance_jax._types import Number, Scalar, physical
+from clearance_jax._types import Scalar, physical
 from clearance_jax.laws._base import AbstractStiffness
 
 
 class InternalHertz(AbstractStiffness):
-    """Hertz stiffness of a pin (radius R_j) inside a sleeve (radius R_i = R_j + c), sphere in spherical socket.
+    r"""Hertz stiffness of a pin in a sleeve (internal contact of spheres).
 
-    K = 4/3 E* sqrt(R_i R_j / (R_i - R_j)),  1/E* = (1 - nu_j^2)/E_j + (1 - nu_i^2)/E_i  [N/m^1.5]
-
-    Source: Hertz contact in the form of Lankarani and Nikravesh (1990), with the minus sign of an internal contact
-    (FACTS.md 1.1; the plus sign belongs to two balls and makes the contact of the paper's joint 32 times too soft).
-
-    Two modes. With `reference_clearance` the stiffness is that of this clearance whatever the joint's clearance is
-    now: use it where the clearance is a design variable or wears. Without, the stiffness follows the joint's
-    clearance, dK/dc = -K/(2c) for c << R_j, which is unphysical as c -> 0: the conformal limit breaks Hertz's
-    half-space, while the formula grows without bound and would reward a vanishing clearance.
-
-    Valid for a contact radius much smaller than R_j, elastic, frictionless, a sphere-like contact. For a cylindrical
-    pin of some length the form is only a fit (5 to 12 times softer than line contact for the paper's geometry).
+    K = (4/3) E* sqrt(R_i R_j / (R_i - R_j)), R_i = R_j + c, 1/E* = (1 - nu_1^2)/E_1 + (1 - nu_2^2)/E_2
+    (Lankarani and Nikravesh 1990). Valid while the contact radius is small against the pin's.
 
     **Arguments:**
 
-    - `pin_modulus`, `sleeve_modulus`: Young's moduli E_j, E_i [Pa].
-    - `pin_poisson`, `sleeve_poisson`: Poisson's ratios nu_j, nu_i [1].
-    - `reference_clearance`: radial clearance c [m] at which the stiffness is fixed, or `None` to follow the joint.
+    - `pin_modulus`, `sleeve_modulus`: Young's moduli [Pa].
+    - `pin_poisson`, `sleeve_poisson`: Poisson's ratios.
+    - `reference_clearance` [m]: K is computed for this clearance and stays there when the joint's clearance changes.
+      `None`: K follows the clearance, dK/dc = -K/(2c), which grows without bound (and without physical meaning: the
+      contact becomes conformal) as c goes to 0.
     """
 
-    pin_modulus: Number = physical("Pa", above=0.0)
-    sleeve_modulus: Number = physical("Pa", above=0.0)
-    pin_poisson: Number = physical("1", above=-1.0, below=0.5)
-    sleeve_poisson: Number = physical("1", above=-1.0, below=0.5)
-    reference_clearance: Number | None = physical("m", above=0.0, default=None)
+    pin_modulus: Scalar = physical("Pa", above=0.0)
+    sleeve_modulus: Scalar = physical("Pa", above=0.0)
+    pin_poisson: Scalar = physical("", least=0.0, below=0.5, default=0.3)
+    sleeve_poisson: Scalar = physical("", least=0.0, below=0.5, default=0.3)
+    reference_clearance: Scalar | None = physical("m", above=0.0, default=None)
 
-    def effective_modulus(self) -> Number:
-        """The modulus E* [Pa] of the pair."""
-        pin = (1 - self.pin_poisson * self.pin_poisson) / self.pin_modulus
-        sleeve = (1 - self.sleeve_poisson * self.sleeve_poisson) / self.sleeve_modulus
-        return 1 / (pin + sleeve)
-
-    def value(self, pin_radius: Scalar, radial_clearance: Scalar) -> Number:
+    def value(self, pin_radius: Scalar, radial_clearance: Scalar) -> Scalar:
         clearance = radial_clearance if self.reference_clearance is None else self.reference_clearance
-        effective_radius = (pin_radius + clearance) * pin_radius / clearance
-        return 4 / 3 * self.effective_modulus() * jnp.sqrt(effective_radius)
+        compliance = (1 - self.pin_poisson**2) / self.pin_modulus + (1 - self.sleeve_poisson**2) / self.sleeve_modulus
+        return 4 / (3 * compliance) * jnp.sqrt(pin_radius * (pin_radius + clearance) / clearance)
