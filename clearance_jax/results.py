@@ -9,11 +9,12 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
 from clearance_jax._checks import ClearanceError
-from clearance_jax.dynamics import observe, prescribed_owners
+from clearance_jax.dynamics import observe, prescribed_owners, rate
 from clearance_jax.mechanism.mechanism import Mechanism, parameters
 from clearance_jax.mechanism.tree import AbstractJoint
 from clearance_jax.solve import Solution
@@ -65,6 +66,18 @@ EPISODES = {
 _observe = eqx.filter_jit(
     lambda mechanism, time, y: jax.vmap(lambda t, y: observe(t, y, mechanism.prepared()))(time, y)
 )
+
+
+@eqx.filter_jit
+def _force_rate(mechanism, time, y):
+    """Time derivative of every contact force along the motion [N/s]."""
+    ready = mechanism.prepared()
+
+    def at(t, y):
+        along = jnp.ones_like(t), rate(t, y, ready)
+        return jax.jvp(lambda t, y: observe(t, y, ready)["contact_force"], (t, y), along)[1]
+
+    return jax.vmap(at)(time, y)
 
 
 def to_dataset(mechanism: Mechanism, solution: Solution | Trace, **provenance: Any) -> xr.Dataset:
@@ -129,11 +142,12 @@ def _all(mechanism: Mechanism) -> tuple[AbstractJoint, ...]:
 def contact_episodes(mechanism: Mechanism, trace: Trace) -> tuple[dict[str, list], list[tuple[int, float, float]]]:
     """The table of contact episodes, and for each the interval in which it is an impact.
 
-    Step ends lie on every touch and separation. A peak is the vertex of the parabola through the three step ends around
-    the largest force. An impact lasts until separation, or, where contact goes on, until the penetration has been
+    Step ends lie on every touch and separation. A peak is the top of the cubic through force and rate at the step ends
+    around it. An impact lasts until separation, or, where contact goes on, until the penetration has been
     through one compression and restitution (the second change of sign of its rate), or the rate has died away.
     """
     seen = {k: np.asarray(v) for k, v in _observe(mechanism, trace.time, trace.y).items()}
+    rates = np.asarray(_force_rate(mechanism, trace.time, trace.y))
     table: dict[str, list] = {name: [] for name in EPISODES}
     impacts = []
     for joint in range(seen["penetration"].shape[1]):
@@ -143,17 +157,21 @@ def contact_episodes(mechanism: Mechanism, trace: Trace) -> tuple[dict[str, list
         # A touch within round-off of the sleeve's surface may read as apart at one step end: not a separation.
         for begin, end in _merged(trace.time, begins, ends):
             part = slice(begin, min(end + 1, trace.time.size))
-            t, force, rate = trace.time[part], seen["contact_force"][part, joint], seen["penetration_rate"][part, joint]
+            t, force, speed = (
+                trace.time[part],
+                seen["contact_force"][part, joint],
+                seen["penetration_rate"][part, joint],
+            )
             open_ended = bool(end >= trace.time.size)
-            peak_time, peak = _vertex(t, force)
+            peak_time, peak = _peak(t, force, rates[part, joint])
             table["episode_joint"].append(joint)
             table["episode_start"].append(t[0])
             table["episode_end"].append(np.nan if open_ended else t[-1])
-            table["impact_speed"].append(rate[0])
+            table["impact_speed"].append(speed[0])
             table["peak_force"].append(peak)
             table["peak_time"].append(peak_time)
-            table["restitution"].append(np.nan if open_ended or rate[0] <= 0 else -rate[-1] / rate[0])
-            impacts.append((joint, t[0], _impact_end(t, rate, open_ended)))
+            table["restitution"].append(np.nan if open_ended or speed[0] <= 0 else -speed[-1] / speed[0])
+            impacts.append((joint, t[0], _impact_end(t, speed, open_ended)))
     return table, impacts
 
 
@@ -168,17 +186,18 @@ def _merged(time, begins, ends):
     return [(b, e) for b, e in out if e >= time.size or time[e] - time[b] > 1e-12]
 
 
-def _vertex(t, f) -> tuple[float, float]:
-    k = int(np.argmax(f))
-    if 0 < k < len(f) - 1:
-        (ta, tb, tc), (fa, fb, fc) = t[k - 1 : k + 2], f[k - 1 : k + 2]
-        left, right = (fb - fa) / (tb - ta), (fc - fb) / (tc - tb)
-        curvature = (right - left) / (tc - ta)
-        if curvature < 0:
-            at = 0.5 * (ta + tb) - left / (2 * curvature)
-            if ta < at < tc:
-                return float(at), float(fb + (at - tb) * (left + curvature * (at - ta)))
-    return float(t[k]), float(f[k])
+def _peak(t, force, rate) -> tuple[float, float]:
+    """Time and height of the largest force: over the step ends, and the tops of the cubic Hermite pieces between."""
+    rising = (rate[:-1] > 0) & (rate[1:] < 0)
+    h, a, b = np.diff(t)[rising], (rate[:-1] * np.diff(t))[rising], (rate[1:] * np.diff(t))[rising]
+    rise = np.diff(force)[rising]
+    # p(s) = f0 + a s + (3 rise - 2a - b) s^2 + (a + b - 2 rise) s^3; p' changes sign once, from a > 0 to b < 0.
+    cubic, square = a + b - 2 * rise, 3 * rise - 2 * a - b
+    s = a / (-square + np.sqrt(square * square - 3 * cubic * a))
+    tops = force[:-1][rising] + s * (a + s * (square + s * cubic))
+    times, heights = np.concatenate([t, t[:-1][rising] + s * h]), np.concatenate([force, tops])
+    k = int(np.argmax(heights))
+    return float(times[k]), float(heights[k])
 
 
 def _impact_end(t, rate, open_ended: bool) -> float:

@@ -127,7 +127,7 @@ def _integrate(mechanism, t0, t1, start, save_at, rtol, atol, solver, watch, max
     size = layout(mechanism).size
     scale, relative = tolerances(mechanism, start[:size], t0, t1, rtol, atol)
     pad = jnp.zeros(start.shape[0] - size)
-    controller = ContactController(
+    controller = ContactController(  # pyright: ignore[reportCallIssue]  # the abstract rtol, atol, norm are properties
         scale=jnp.concatenate([scale, pad + jnp.inf]),
         relative=jnp.concatenate([relative, pad]),
         breaks=drive_breaks(mechanism),
