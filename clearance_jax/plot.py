@@ -78,7 +78,7 @@ def _fit_peaks(axis, dataset: xr.Dataset) -> None:
     """Where one short peak towers over the motion, keep the motion readable and state the peak in words."""
     if "peak_force" not in dataset or dataset.sizes["episode"] == 0:
         return
-    largest = int(dataset["peak_force"].argmax())
+    largest = int(dataset["peak_force"].values.argmax())
     peak, sampled = float(dataset["peak_force"][largest]), float(np.percentile(dataset["contact_force"], 99.9))
     if peak > 4 * sampled > 0:
         axis.set_ylim(0, 1.6 * sampled)

@@ -77,9 +77,10 @@ def test_dataset_roundtrip_and_figure(tmp_path):
     assert dataset.identical(again)
     assert dataset.sizes["episode"] >= 2
     assert set(np.unique(dataset["contact_state"])) >= {0, 2}
-    # Peaks are found between the steps: the largest of 20 001 samples agrees, though the table has no samples.
-    fine = to_dataset(scene.mechanism, trace(scene.mechanism, 2e-3, rtol=1e-8, samples=20_001))
-    assert float(fine["peak_force"].max()) == pytest.approx(float(fine["contact_force"].max()), rel=1e-6)
+    # Peaks are found between the steps: the largest of 20 001 samples agrees, though the table has no samples. A force
+    # is as accurate as 0.17 m * rtol * dF/dd makes it, 3000 rtol here.
+    fine = to_dataset(scene.mechanism, trace(scene.mechanism, 2e-3, rtol=1e-9, samples=20_001))
+    assert float(fine["peak_force"].max()) == pytest.approx(float(fine["contact_force"].max()), rel=3e-6)
     # The ends of a touching bodies' reaction agree with the contact force.
     reaction = np.linalg.norm(dataset["joint_reaction"].sel(any_joint="wrist").values, axis=1)
     contact = np.hypot(dataset["contact_force"].values, dataset["friction_force"].values)[:, 0]
