@@ -1,5 +1,6 @@
 """clearance_jax: mechanisms and robots with clearance joints in JAX."""
 
+from clearance_jax.configure import configure
 from clearance_jax.joints import RevoluteClearance
 from clearance_jax.mechanism.body import (
     Body,
@@ -42,6 +43,7 @@ __all__ = [
     "Step5Sum",
     "StepSum",
     "Trace",
+    "configure",
     "load",
     "load_dataset",
     "parameters",

@@ -11,9 +11,8 @@ def require_float64() -> None:
     """Raise unless 64-bit floats are on: a penetration of 1e-8 m on a 1 m arm does not exist in float32."""
     if not jax.config.jax_enable_x64:  # pyright: ignore[reportAttributeAccessIssue]
         raise ClearanceError(
-            "clearance_jax needs 64-bit floats, but they are off in JAX. Call "
-            '`jax.config.update("jax_enable_x64", True)` before anything else, or set the environment variable '
-            "JAX_ENABLE_X64=1."
+            "clearance_jax needs 64-bit floats, but they are off in JAX. Call `clearance_jax.configure()` before "
+            "anything else, or set the environment variable JAX_ENABLE_X64=1."
         )
 
 

@@ -32,9 +32,9 @@ Ideal = Annotated[bool, typer.Option("--ideal", help="Take every clearance away.
 
 
 def _mechanism(scene_file: Path, settings: list[str] | None, ideal: bool):
-    import jax
+    from clearance_jax.configure import configure
 
-    jax.config.update("jax_enable_x64", True)
+    configure(cache=True)
     from clearance_jax.mechanism.mechanism import parameters, replace
     from clearance_jax.scene import load_scene, parse_setting
     from clearance_jax.solve import check_values
@@ -45,18 +45,6 @@ def _mechanism(scene_file: Path, settings: list[str] | None, ideal: bool):
     mechanism = replace(mechanism, dict(parse_setting(text, known, mechanism) for text in settings or []))
     check_values(mechanism)
     return (mechanism.ideal() if ideal else mechanism), scene
-
-
-def _use_cache() -> None:
-    """Keep compiled programs between runs, in the user's cache folder (or where JAX_COMPILATION_CACHE_DIR says)."""
-    import os
-
-    import jax
-
-    if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
-        root = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
-        jax.config.update("jax_compilation_cache_dir", str(root / "clearance_jax"))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
 
 
 def _writable(path: Path | None) -> None:
@@ -81,7 +69,6 @@ def simulate(
     Ctrl-C stops the solve and keeps what was computed.
     """
     mechanism, scene = _mechanism(scene_file, settings, ideal)
-    _use_cache()
     from clearance_jax.results import save, to_dataset
     from clearance_jax.solve import SOLVERS
     from clearance_jax.trace import trace

@@ -327,7 +327,7 @@ def projected(time: Scalar, y: Array, mechanism: Mechanism, loops: tuple[Revolut
             right += [minus(0.0, error[0]), minus(0.0, error[1])]
         change, _ = constrained(mass_matrix(mechanism, motion), rows, right)
         start = 0 if what == "position" else n
-        return y.at[start : start + n].add(as_array(change))
+        return jnp.concatenate([y[:start], y[start : start + n] + as_array(change), y[start + n :]])
 
     for _ in range(iterations):
         y = correct(y, "position")

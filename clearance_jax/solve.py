@@ -16,6 +16,7 @@ from clearance_jax.dynamics import BOOKS, energies, projected, rate
 from clearance_jax.mechanism.body import Servo
 from clearance_jax.mechanism.mechanism import Mechanism, frames, layout, parameters
 from clearance_jax.stepping import ContactController, Stepper
+from clearance_jax.tolerances import tolerances
 
 SOLVERS = {"tsit5": diffrax.Tsit5, "dopri8": diffrax.Dopri8}
 
@@ -125,12 +126,14 @@ def _samples(mechanism, time, y):
 
 def _integrate(mechanism, t0, t1, start, save_at, rtol, atol, solver, watch, max_steps, dt0, steps=False):
     size = layout(mechanism).size
-    scale, relative = tolerances(mechanism, start[:size], t0, t1, rtol, atol)
-    pad = jnp.zeros(start.shape[0] - size)
+    allowed = tolerances(mechanism, start[:size], t0, t1, rtol, atol)
+    # Of the books, the absolute powers only judge the others: they have kinks and need no accuracy.
+    books = jnp.stack([allowed.energy] * (len(BOOKS) - 1) + [jnp.inf]) if start.shape[0] > size else jnp.zeros(0)
     controller = ContactController(  # pyright: ignore[reportCallIssue]  # the abstract rtol, atol, norm are properties
-        scale=jnp.concatenate([scale, pad + jnp.inf]),
-        relative=jnp.concatenate([relative, pad]),
+        scale=jnp.concatenate([allowed.absolute, books]),
+        relative=jnp.concatenate([allowed.relative, jnp.zeros_like(books)]),
         breaks=drive_breaks(mechanism),
+        states=size,
         watch=watch,
     )
     subs = [diffrax.SubSaveAt(t1=True)]
@@ -180,54 +183,6 @@ def drive_breaks(mechanism: Mechanism) -> Array:
     servos = [a for c in mechanism.coordinates() for a in c.motion.actuators]
     drives += [a.target for a in servos if isinstance(a, Servo)]
     return jnp.concatenate([jnp.zeros(0), *(drive.breaks() for drive in drives)])
-
-
-def tolerances(mechanism, y0, t0, t1, rtol, atol) -> tuple[Array, Array]:
-    """Absolute tolerance per component from the scene's own scales (size, clearance, speeds), and a relative one where
-    the scale is not known beforehand (velocities, and penetrations that may exceed a tiny clearance).
-    """
-    n = layout(mechanism).free
-    free = mechanism.free_coordinates()
-    sizes = [
-        jnp.abs(leaf.value)
-        for leaf in parameters(mechanism).values()
-        if leaf.metadata["unit"] == "m" and leaf.path[0] != "points" and "clearance" not in leaf.path
-    ]
-    length = jnp.max(jnp.stack([jnp.asarray(s, float) for s in sizes])) if sizes else jnp.asarray(1.0)
-    length = jnp.where(length > 0, length, 1.0)
-    gravity = jnp.hypot(*(jnp.asarray(g, float) for g in mechanism.gravity.vector))
-    spin = jnp.sqrt(gravity / length)
-    for coordinate in mechanism.coordinates():
-        drive = coordinate.motion.drive
-        if drive is not None:
-            times = jnp.linspace(t0, t1, 33)
-            speed = jnp.max(jnp.abs(jax.vmap(lambda t, d=drive: jnp.asarray(d(t)[1], float))(times)))
-            spin = jnp.maximum(spin, speed if coordinate.slides is None else speed / length)
-    for i, coordinate in enumerate(free):
-        speed = jnp.abs(y0[n + i])
-        spin = jnp.maximum(spin, speed if coordinate.slides is None else speed / length)
-    spin = jnp.where(spin > 0, spin, 1 / (t1 - t0))
-    acceleration = jnp.maximum(gravity, spin * spin * length)
-    clearances = {j.name: j.clearance.radial_clearance for j in mechanism.clearance_joints() if j.clearance}
-    position, velocity, adapt = [], [], []
-    for coordinate in free:
-        joint = coordinate.name.rpartition(".")[0]
-        if joint in clearances:
-            c = clearances[joint]
-            position.append(c)
-            velocity.append(jnp.maximum(spin * c, jnp.sqrt(2 * acceleration * c)))
-            adapt.append(1.0)
-        else:
-            position.append(jnp.asarray(1.0) if coordinate.slides is None else length)
-            velocity.append(spin if coordinate.slides is None else spin * length)
-            adapt.append(0.0)
-    memory = [j.clearance.memory_scale() for j in mechanism.clearance_joints() if j.clearance]
-    scale = jnp.concatenate([jnp.stack(position + velocity) if free else jnp.zeros(0), *memory])
-    # Impacts amplify a local error: a fifth of the tolerance in each step keeps position within 100 rtol.
-    rtol = 0.2 * rtol
-    scale = rtol * scale if atol is None else jnp.broadcast_to(jnp.asarray(atol, float), scale.shape)
-    relative = rtol * jnp.concatenate([jnp.asarray(adapt), jnp.ones(n), *(jnp.zeros_like(m) for m in memory)])
-    return scale, relative
 
 
 def check_values(mechanism: Mechanism) -> None:

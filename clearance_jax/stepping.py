@@ -98,7 +98,7 @@ def latch(time: Array, y: Array, mechanism: Mechanism) -> Array | None:
         if joint.clearance is not None and joint.clearance.remembers:
             parts.append(joint.clearance.latch(memory[joint.name], signal.overlap, signal.overlap_rate))
     start = 2 * plan.free
-    return y.at[start : start + plan.remembered].set(jnp.concatenate(parts))
+    return jnp.concatenate([y[:start], *parts, y[start + plan.remembered :]])
 
 
 # The controller ----------------------------------------------------------------------------------------------------
@@ -124,12 +124,14 @@ class ContactController(diffrax.AbstractAdaptiveStepSizeController):
     - `scale`: per component of the state, the absolute tolerance; infinite where the component is not controlled.
     - `relative`: per component, the tolerance relative to its present size.
     - `breaks`: times at which a drive's derivatives jump.
+    - `states`: how many components are states (the rest are energy books).
     - `watch`: whether to watch the contacts (off: a plain PID controller with break points).
     """
 
     scale: Array
     relative: Array
     breaks: Array
+    states: int = eqx.field(static=True)
     watch: bool = eqx.field(static=True, default=True)
     points: int = eqx.field(static=True, default=10)
     controller: diffrax.PIDController = diffrax.PIDController(rtol=0.0, atol=1.0)
@@ -153,7 +155,7 @@ class ContactController(diffrax.AbstractAdaptiveStepSizeController):
         if dt0 is None:
             slope = func(terms, t0, y0, args)
             dt0 = self._first_step(t0, t1, y0, slope)
-        end = self._before_break(t0, t0 + dt0)
+        end = self._before_break(t0, t0 + on_grid(dt0))
         _, inner = self.controller.init(terms, t0, t1, y0, end - t0, args, func, error_order)
         return end, WatchState(inner, jnp.zeros_like(end), jnp.zeros((), int))
 
@@ -172,7 +174,8 @@ class ContactController(diffrax.AbstractAdaptiveStepSizeController):
         ratio = jnp.where(
             controlled, y_error.error / (jnp.where(controlled, self.scale, 1.0) + self.relative * size), 0.0
         )
-        count = jnp.maximum(jnp.sum(controlled), 1)
+        # The mean is over the states: an energy book adds to the error where it is the worst, and dilutes nothing.
+        count = jnp.maximum(jnp.sum(controlled[: self.states]), 1)
         scaled = jnp.sqrt(jnp.sum(ratio * ratio) / count)
         scaled = jnp.where(jnp.isfinite(scaled) & jnp.all(jnp.isfinite(y1)), scaled, jnp.inf)
         accurate, _, proposal, _, inner, result = self.controller.adapt_step_size(
@@ -192,7 +195,7 @@ class ContactController(diffrax.AbstractAdaptiveStepSizeController):
         natural = controller_state.natural
         # A cut step says nothing about the step size: go back to the one that was cut.
         step = jnp.maximum(proposal - jnp.where(accurate, t1, t0), jnp.where(keep, natural, 0.0))
-        next_t1 = jnp.where(cut, at, next_t0 + step)
+        next_t1 = jnp.where(cut, at, next_t0 + on_grid(step))
         stuck = cut & (at - t0 <= 8 * pad)
         free = keep & (natural == 0)
         stalls = jnp.where(stuck, controller_state.stalls + 1, jnp.where(free, 0, controller_state.stalls))
@@ -221,6 +224,17 @@ class ContactController(diffrax.AbstractAdaptiveStepSizeController):
         return jnp.where(jnp.any(here), jnp.max(jnp.where(here, self.breaks + margin, -jnp.inf)), t0), jnp.any(here)
 
 
+def on_grid(step):
+    """The step size rounded down to a power of 2^(1/8).
+
+    A step size computed from an error estimate carries rounding errors magnified by 1/rtol, and choosing the next step
+    magnifies them again: two programs for the same solve (alone, or in a batch) would drift to different steps, and
+    through the impacts to results that differ by the whole error of the solve. On a grid they take the same steps.
+    """
+    # Off the grid's own points by a hair: a step that is on the grid stays there whatever its last digits.
+    return jnp.exp2(jnp.floor(8 * jnp.log2(step) + 1e-4) / 8)
+
+
 class Samples(NamedTuple):
     """The watched signals of one joint along a step."""
 
@@ -245,18 +259,19 @@ def first_switch(t0, t1, y0, y1, ends: StepEnds, mechanism: Mechanism, pad, poin
     # The regime at the start is read just after it: the start itself is the last switch.
     begin = jnp.minimum(pad / h, 0.5)
     started = regimes(begin)
-    grid = np.arange(1, points + 1) / points
-    extra = [extremum(curve, h, grid) for curve in curves]
-    s = jnp.sort(jnp.concatenate([jnp.asarray(grid), jnp.stack(extra)]))
 
     def changed(s):
         flags = [now != start for now, start in zip(regimes(s), started, strict=True)]
-        return jnp.any(jnp.stack(flags), axis=0)
+        return jnp.any(jnp.stack(flags), axis=0) & (s > begin)
 
-    flags = changed(s) & (s > begin)
-    index = jnp.argmax(flags)
-    high = s[index]
-    low = jnp.maximum(begin, jnp.where(index > 0, s[jnp.maximum(index - 1, 0)], begin))
+    grid = np.arange(1, points + 1) / points
+    closest = jnp.stack([extremum(curve, h, grid) for curve in curves])
+    # The first sample past a change; no sort (XLA then compiles the whole solve as one function, see `configure`).
+    first = jnp.min(jnp.where(changed(jnp.asarray(grid)), jnp.asarray(grid), jnp.inf))
+    high = jnp.minimum(first, jnp.min(jnp.where(changed(closest), closest, jnp.inf)))
+    found = high <= 1
+    high = jnp.where(found, high, 1.0)
+    low = jnp.maximum(begin, (jnp.ceil(high * points) - 1) / points)
 
     def halve(_, bracket):
         low, high = bracket
@@ -264,7 +279,6 @@ def first_switch(t0, t1, y0, y1, ends: StepEnds, mechanism: Mechanism, pad, poin
         beyond = changed(middle)
         return jnp.where(beyond, low, middle), jnp.where(beyond, middle, high)
 
-    found = jnp.any(flags)
     low, high = jax.lax.cond(found, lambda: jax.lax.fori_loop(0, 36, halve, (low, high)), lambda: (low, high))
     at = t0 + high * h + pad
     return found & (at < t1), at

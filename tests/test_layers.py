@@ -7,12 +7,12 @@ import pytest
 
 ROOT = Path(__file__).parents[1] / "clearance_jax"
 LAYERS = [
-    {"_types", "_checks", "_numerics"},
+    {"_types", "_checks", "_numerics", "configure"},
     {"spatial", "laws", "units"},
     {"joints"},
     {"mechanism"},
     {"dynamics"},
-    {"stepping", "solve", "trace"},
+    {"tolerances", "stepping", "solve", "trace"},
     {"results", "scene"},
     {"plot"},
     {"cli"},

@@ -30,9 +30,10 @@ def test_slider_crank_error_follows_the_tolerance(solver):
         for rtol in (1e-5, 1e-8, 1e-11):
             s = cj.simulate(catalogue.slider_crank(clearance * 1e-3), t[-1], save_at=t, rtol=rtol, solver=solver)
             error = np.abs(absolute(s.y, t) - truth).max(0) / scale
+            assert error[:2].max() <= 100 * rtol
             assert error.max() <= 3000 * rtol
-            # The books are not part of the error norm: they close as well as the position does.
-            assert float(s.energy_residual) <= max(100 * rtol, 1e-8)
+            assert float(s.energy_residual) <= 10 * rtol
+        assert error.max() <= 2e-9
 
 
 def test_plain_controller_has_a_floor():
@@ -43,7 +44,7 @@ def test_plain_controller_has_a_floor():
         t, truth = reference["t"], reference["y"]
         m = catalogue.slider_crank(clearance * 1e-3)
         for watch, worst in errors.items():
-            s = cj.simulate(m, t[-1], save_at=t, rtol=1e-11, solver="dopri8", watch=watch)
+            s = cj.simulate(m, t[-1], save_at=t, rtol=1e-11, solver="dopri8", watch=watch, books=False)
             worst.append(float(np.max(np.abs(absolute(s.y, t) - truth).max(0) / np.abs(truth).max(0))))
     assert max(errors[True]) < 2e-9
     assert max(errors[False]) > 1e-7
@@ -65,17 +66,17 @@ def test_ideal_slider_crank_keeps_its_loop_and_the_closed_form():
 
 
 def test_batch_equals_loop():
+    # Two compiled programs round differently; steps on a grid keep that from changing the steps they take.
     m = catalogue.slider_crank()
-    clearances = jnp.linspace(1e-4, 5e-4, 8)
+    clearances = jnp.linspace(1e-4, 5e-4, 256)
 
     def end(c):
-        return cj.simulate(cj.replace(m, {"wrist.radial_clearance": c}), 2e-3, rtol=1e-7).final[:4]
+        return cj.simulate(cj.replace(m, {"wrist.radial_clearance": c}), 6e-3, rtol=1e-7, books=False).final
 
-    batch = jax.jit(jax.vmap(end))(clearances)
-    loop = jnp.stack([jax.jit(end)(c) for c in clearances])
-    # Two compiled programs round differently and may then choose other steps: equal to the accuracy asked for.
-    scale = np.abs(np.asarray(loop)).max(0)
-    assert np.max(np.abs(np.asarray(batch - loop)) / scale) <= 100 * 1e-7
+    batch = np.asarray(jax.jit(jax.vmap(end))(clearances))
+    alone = jax.jit(end)
+    loop = np.stack([alone(c) for c in clearances])
+    assert np.max(np.abs(batch - loop) / np.abs(loop).max(0)) <= 10 * 1e-7
 
 
 def test_jvp_runs_and_is_finite():

@@ -1,0 +1,84 @@
+"""What one accuracy knob, rtol, allows each component of the state: from the scene's own lengths, speeds and masses."""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from clearance_jax._types import Scalar
+from clearance_jax.mechanism.mechanism import Mechanism, layout, parameters
+
+# Impacts amplify a local error: a tenth of the tolerance in each step keeps every position within 100 rtol.
+LOCAL = 0.1
+# The energy books need less: at this multiple of the local tolerance they close to a few rtol.
+BOOKS_SHARE = 4.0
+
+
+class Scales(NamedTuple):
+    """Magnitudes of a scene's motion."""
+
+    length: Array
+    spin: Array
+    acceleration: Array
+    energy: Array
+
+
+class Tolerances(NamedTuple):
+    """Error allowed in one step: per component of `[q, v, memory]` absolute and relative to its size; and in a book."""
+
+    absolute: Float[Array, " n"]
+    relative: Float[Array, " n"]
+    energy: Scalar
+
+
+def scales(mechanism: Mechanism, y0: Array, t0: Scalar, t1: Scalar) -> Scales:
+    """Largest length of the bodies, fastest spin of drives, start and pendulum, and what follows from them."""
+    sizes = [
+        jnp.abs(leaf.value)
+        for leaf in parameters(mechanism).values()
+        if leaf.metadata["unit"] == "m" and leaf.path[0] != "points" and "clearance" not in leaf.path
+    ]
+    length = jnp.max(jnp.stack([jnp.asarray(s, float) for s in sizes])) if sizes else jnp.asarray(1.0)
+    length = jnp.where(length > 0, length, 1.0)
+    gravity = jnp.hypot(*(jnp.asarray(g, float) for g in mechanism.gravity.vector))
+    speeds = [(jnp.sqrt(gravity / length), None)]
+    for coordinate in mechanism.coordinates():
+        drive = coordinate.motion.drive
+        if drive is not None:
+            rates = jax.vmap(lambda t, d=drive: jnp.asarray(d(t)[1], float))(jnp.linspace(t0, t1, 33))
+            speeds.append((jnp.max(jnp.abs(rates)), coordinate.slides))
+    n = layout(mechanism).free
+    speeds += [(jnp.abs(y0[n + i]), c.slides) for i, c in enumerate(mechanism.free_coordinates())]
+    spin = jnp.max(jnp.stack([speed if slides is None else speed / length for speed, slides in speeds]))
+    spin = jnp.where(spin > 0, spin, 1 / (t1 - t0))
+    mass = sum((jnp.asarray(b.mass) for b in mechanism.bodies if b.mass is not None), jnp.zeros(()))
+    inertia = sum((jnp.asarray(b.inertia) for b in mechanism.bodies if b.inertia is not None), jnp.zeros(()))
+    energy = mass * (spin * length) ** 2 + inertia * spin**2
+    return Scales(length, spin, jnp.maximum(gravity, spin * spin * length), energy)
+
+
+def tolerances(mechanism: Mechanism, y0: Array, t0: Scalar, t1: Scalar, rtol: Scalar, atol: Any) -> Tolerances:
+    """Absolute tolerances from the scene's scales, and relative ones where the scale is not known beforehand
+    (velocities, and penetrations that may exceed a tiny clearance). `atol` (per component) overrides the absolute ones.
+    """
+    size = scales(mechanism, y0, t0, t1)
+    clearances = {j.name: j.clearance.radial_clearance for j in mechanism.clearance_joints() if j.clearance}
+    position, velocity, adapt = [], [], []
+    for coordinate in mechanism.free_coordinates():
+        c = clearances.get(coordinate.name.rpartition(".")[0])
+        if c is not None:
+            position.append(c)
+            velocity.append(jnp.maximum(size.spin * c, jnp.sqrt(2 * size.acceleration * c)))
+        else:
+            turns = coordinate.slides is None
+            position.append(jnp.asarray(1.0) if turns else size.length)
+            velocity.append(size.spin if turns else size.spin * size.length)
+        adapt.append(0.0 if c is None else 1.0)
+    memory = [j.clearance.memory_scale() for j in mechanism.clearance_joints() if j.clearance]
+    absolute = jnp.concatenate([jnp.stack(position + velocity) if position else jnp.zeros(0), *memory])
+    local = LOCAL * rtol
+    absolute = local * absolute if atol is None else jnp.broadcast_to(jnp.asarray(atol, float), absolute.shape)
+    relative = jnp.concatenate([jnp.asarray(adapt), jnp.ones(len(adapt)), *(jnp.zeros_like(m) for m in memory)])
+    energy = jnp.where(size.energy > 0, BOOKS_SHARE * local * size.energy, jnp.inf)
+    return Tolerances(absolute, local * relative, energy)
