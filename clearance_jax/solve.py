@@ -18,6 +18,8 @@ from clearance_jax.mechanism.mechanism import Mechanism, frames, layout, paramet
 from clearance_jax.stepping import ContactController, Stepper
 from clearance_jax.tolerances import tolerances
 
+# Traced once and called from every stage (a step asks for it a dozen times); XLA inlines the calls.
+_rate = jax.jit(rate)
 SOLVERS = {"tsit5": diffrax.Tsit5, "dopri8": diffrax.Dopri8}
 
 
@@ -140,7 +142,7 @@ def _integrate(mechanism, t0, t1, start, save_at, rtol, atol, solver, watch, max
     subs += [] if save_at is None else [diffrax.SubSaveAt(ts=save_at)]
     subs += [diffrax.SubSaveAt(t0=True, steps=True)] if steps else []
     return diffrax.diffeqsolve(
-        diffrax.ODETerm(rate),
+        diffrax.ODETerm(_rate),
         Stepper(solver),
         t0,
         t1,

@@ -20,6 +20,8 @@ from clearance_jax.dynamics import projected, signals
 from clearance_jax.mechanism.mechanism import Mechanism, layout
 
 _EPS = float(np.finfo(np.float64).eps)
+# A switch is located between two samples, a tenth of the step apart, to a sixth of the 1e-8 of a step put on top.
+HALVINGS = 26
 
 
 class StepEnds(NamedTuple):
@@ -258,17 +260,16 @@ def first_switch(t0, t1, y0, y1, ends: StepEnds, mechanism: Mechanism, pad, poin
 
     # The regime at the start is read just after it: the start itself is the last switch.
     begin = jnp.minimum(pad / h, 0.5)
-    started = regimes(begin)
-
-    def changed(s):
-        flags = [now != start for now, start in zip(regimes(s), started, strict=True)]
-        return jnp.any(jnp.stack(flags), axis=0) & (s > begin)
-
     grid = np.arange(1, points + 1) / points
-    closest = jnp.stack([extremum(curve, h, grid) for curve in curves])
+    s = jnp.concatenate([begin[None], jnp.asarray(grid), *(extremum(curve, h, grid)[None] for curve in curves)])
+    sampled = regimes(s)
+    started = [regime[0] for regime in sampled]
+
+    def changed(now):
+        return jnp.any(jnp.stack([regime != start for regime, start in zip(now, started, strict=True)]), axis=0)
+
     # The first sample past a change; no sort (XLA then compiles the whole solve as one function, see `configure`).
-    first = jnp.min(jnp.where(changed(jnp.asarray(grid)), jnp.asarray(grid), jnp.inf))
-    high = jnp.minimum(first, jnp.min(jnp.where(changed(closest), closest, jnp.inf)))
+    high = jnp.min(jnp.where(changed(sampled) & (s > begin), s, jnp.inf))
     found = high <= 1
     high = jnp.where(found, high, 1.0)
     low = jnp.maximum(begin, (jnp.ceil(high * points) - 1) / points)
@@ -276,10 +277,10 @@ def first_switch(t0, t1, y0, y1, ends: StepEnds, mechanism: Mechanism, pad, poin
     def halve(_, bracket):
         low, high = bracket
         middle = 0.5 * (low + high)
-        beyond = changed(middle)
+        beyond = changed(regimes(middle))
         return jnp.where(beyond, low, middle), jnp.where(beyond, middle, high)
 
-    low, high = jax.lax.cond(found, lambda: jax.lax.fori_loop(0, 36, halve, (low, high)), lambda: (low, high))
+    low, high = jax.lax.cond(found, lambda: jax.lax.fori_loop(0, HALVINGS, halve, (low, high)), lambda: (low, high))
     at = t0 + high * h + pad
     return found & (at < t1), at
 
@@ -287,12 +288,14 @@ def first_switch(t0, t1, y0, y1, ends: StepEnds, mechanism: Mechanism, pad, poin
 def watched(t0, t1, y0, y1, ends: StepEnds, mechanism: Mechanism):
     """Signals and their rates at both ends of a step, per joint."""
 
-    def at(t, y, slope):
-        return jax.jvp(lambda t, y: signals(t, y, mechanism), (t, y), (jnp.ones_like(t), slope))
-
-    here, here_rate = at(t0, y0, ends.slope0)
-    there, there_rate = at(t1, y1, ends.slope1)
+    here, here_rate = _signals_and_rates(t0, y0, ends.slope0, mechanism)
+    there, there_rate = _signals_and_rates(t1, y1, ends.slope1, mechanism)
     return list(zip(here, here_rate, there, there_rate, strict=True))
+
+
+@jax.jit
+def _signals_and_rates(t, y, slope, mechanism):
+    return jax.jvp(lambda t, y: signals(t, y, mechanism), (t, y), (jnp.ones_like(t), slope))
 
 
 def along(curve, h, s) -> Samples:
