@@ -287,7 +287,6 @@ def first_switch(t0, t1, y0, y1, ends: StepEnds, mechanism: Mechanism, pad, poin
 
 def watched(t0, t1, y0, y1, ends: StepEnds, mechanism: Mechanism):
     """Signals and their rates at both ends of a step, per joint."""
-
     here, here_rate = _signals_and_rates(t0, y0, ends.slope0, mechanism)
     there, there_rate = _signals_and_rates(t1, y1, ends.slope1, mechanism)
     return list(zip(here, here_rate, there, there_rate, strict=True))
