@@ -1,0 +1,66 @@
+"""What the experiments share: the scenes as the references have them, timing, tables, where output goes."""
+
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+import clearance_jax as cj
+
+SCENES = Path(__file__).parent / "scenes"
+CRANK_SPEED = 5000 * 2 * np.pi / 60
+
+
+def output(name: str) -> Path:
+    """A file in `out/` of the working directory."""
+    folder = Path("out")
+    folder.mkdir(exist_ok=True)
+    return folder / name
+
+
+def slider_crank() -> cj.Mechanism:
+    return cj.load(SCENES / "slider_crank.toml")
+
+
+def joint5() -> cj.Mechanism:
+    return cj.load(SCENES / "joint5_velocity_1.toml")
+
+
+def as_reference(kind: str, y: Any, t: Any) -> np.ndarray:
+    """States as `experiments.reference` has them: absolute conrod angle for the slider-crank."""
+    y = np.asarray(y)[..., :4]
+    if kind == "joint5":
+        return y
+    turned = np.stack([CRANK_SPEED * np.asarray(t), 0 * t, CRANK_SPEED + 0 * t, 0 * t], -1)
+    return y + turned
+
+
+def error(y: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """Largest error of each state over the samples, relative to the state's largest magnitude."""
+    return np.abs(y - truth).max(0) / np.abs(truth).max(0)
+
+
+def seconds(call: Callable[[], Any], repeats: int) -> float:
+    """The shortest of several runs, after one that compiles."""
+    jax.block_until_ready(call())
+    times = []
+    for _ in range(repeats):
+        clock = time.perf_counter()
+        jax.block_until_ready(call())
+        times.append(time.perf_counter() - clock)
+    return min(times)
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[Any]], path: Path) -> str:
+    """Print a Markdown table and write it to `path`."""
+    cells = [list(head), *([str(c) for c in row] for row in rows)]
+    widths = [max(len(row[i]) for row in cells) for i in range(len(head))]
+    lines = ["| " + " | ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)) + " |" for row in cells]
+    lines.insert(1, "|" + "|".join("-" * (w + 2) for w in widths) + "|")
+    text = "\n".join(lines) + "\n"
+    print(text, flush=True)
+    path.write_text(text, encoding="utf-8")
+    return text

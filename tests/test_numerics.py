@@ -1,0 +1,185 @@
+"""Functions of `_numerics`: values against numpy, gradients at the kink, mixed batches, arguments of 1e-12."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from clearance_jax import _numerics as numerics
+
+MIXED = np.array([-3.0, -1.0, -1e-12, -1e-150, 0.0, 1e-150, 1e-12, 1e-6, 0.25, 1.0, 2.0])
+ULP = np.finfo(float).eps
+
+
+def power(exponent):
+    return lambda x: numerics.positive_power(x, jnp.asarray(exponent))
+
+
+# The function, what it is of a positive argument, its slope there; below the kink and at it, value and slope are 0.
+ONE_SIDED = {
+    "safe_sqrt": (numerics.safe_sqrt, np.sqrt, lambda x: 0.5 / np.sqrt(x)),
+    "positive_part": (numerics.positive_part, lambda x: x, np.ones_like),
+    "power_three_halves": (numerics.power_three_halves, lambda x: x**1.5, lambda x: 1.5 * x**0.5),
+    "positive_power_1": (power(1.0), lambda x: x, np.ones_like),
+    "positive_power_1.8": (power(1.8), lambda x: x**1.8, lambda x: 1.8 * x**0.8),
+    "positive_power_2": (power(2.0), lambda x: x**2, lambda x: 2 * x),
+}
+
+
+@pytest.mark.parametrize("name", ONE_SIDED)
+def test_one_sided_functions_in_a_mixed_batch(name):
+    function, value, slope = ONE_SIDED[name]
+    got, got_slope = jax.vmap(jax.value_and_grad(function))(jnp.asarray(MIXED))
+    positive = MIXED > 0
+    assert np.all(np.asarray(got)[~positive] == 0)
+    assert np.all(np.asarray(got_slope)[~positive] == 0)
+    np.testing.assert_allclose(np.asarray(got)[positive], value(MIXED[positive]), rtol=4 * ULP)
+    np.testing.assert_allclose(np.asarray(got_slope)[positive], slope(MIXED[positive]), rtol=4 * ULP)
+
+
+@pytest.mark.parametrize("name", ONE_SIDED)
+def test_reverse_mode_through_a_sum_is_finite_beside_the_kink(name):
+    function = ONE_SIDED[name][0]
+    slopes = jax.grad(lambda x: jnp.sum(function(x)))(jnp.asarray(MIXED))
+    np.testing.assert_array_equal(slopes, jax.vmap(jax.grad(function))(jnp.asarray(MIXED)))
+
+
+def test_positive_power_has_a_finite_gradient_by_its_exponent():
+    got = jax.vmap(jax.grad(numerics.positive_power, 1), (0, None))(jnp.asarray(MIXED), jnp.asarray(1.8))
+    positive = MIXED > 0
+    expected = MIXED[positive] ** 1.8 * np.log(MIXED[positive])
+    assert np.all(np.asarray(got)[~positive] == 0)
+    np.testing.assert_allclose(np.asarray(got)[positive], expected, rtol=8 * ULP)
+
+
+PAIRS = np.array(
+    [(0.0, 0.0), (1e-12, 0.0), (0.0, -1e-12), (3e-12, -4e-12), (3e-150, 4e-150), (-5.0, 12.0), (1e-12, 1.0), (0.0, 2.0)]
+)
+
+
+def test_safe_norm_and_unit_of_lengths_from_nothing_to_metres():
+    x, y = jnp.asarray(PAIRS.T)
+    expected = np.hypot(*PAIRS.T)
+    length, ux, uy = numerics.safe_unit(x, y)
+    np.testing.assert_allclose(numerics.safe_norm(x, y), expected, rtol=4 * ULP)
+    np.testing.assert_allclose(length, expected, rtol=4 * ULP)
+    some = expected > 0
+    np.testing.assert_allclose(np.asarray(ux)[some], PAIRS[some, 0] / expected[some], rtol=4 * ULP)
+    np.testing.assert_allclose(np.asarray(uy)[some], PAIRS[some, 1] / expected[some], rtol=4 * ULP)
+    assert (float(length[0]), float(ux[0]), float(uy[0])) == (0.0, 0.0, 0.0)
+
+
+def test_safe_norm_gradient_is_the_direction_and_0_at_the_origin():
+    slopes = np.stack(jax.vmap(jax.grad(numerics.safe_norm, (0, 1)))(*jnp.asarray(PAIRS.T)), 1)
+    assert np.all(slopes[0] == 0)
+    lengths = np.hypot(*PAIRS[1:].T)[:, None]
+    np.testing.assert_allclose(slopes[1:], PAIRS[1:] / lengths, rtol=8 * ULP)
+
+
+def test_safe_unit_gradient_is_finite_and_perpendicular():
+    x, y = PAIRS.T
+    jacobian = np.stack(
+        [np.stack(row) for row in jax.vmap(jax.jacrev(numerics.safe_unit, (0, 1)))(jnp.asarray(x), jnp.asarray(y))]
+    )
+    assert np.all(np.isfinite(jacobian))
+    assert np.all(jacobian[0, :, 0] == 0)
+    ux, uy, length = x[1:] / np.hypot(*PAIRS[1:].T), y[1:] / np.hypot(*PAIRS[1:].T), np.hypot(*PAIRS[1:].T)
+    ordinary = length > 1e-100
+    expected = np.array([[uy * uy, -ux * uy], [-ux * uy, ux * ux]]) / length
+    scaled = (jacobian[1:, :, 1:] - expected) * length
+    assert np.max(np.abs(scaled[:, :, ordinary])) < 8 * ULP
+
+
+ANGLES = np.concatenate(
+    [
+        np.random.default_rng(0).uniform(-50, 50, 200_000),
+        np.arange(-31, 32) * (np.pi / 2),
+        np.arange(-63, 64, 2) * (np.pi / 4),
+        [0.0, 1e-12, -1e-12, 1e-150],
+    ]
+)
+ANGLES = ANGLES[np.abs(ANGLES) < 50]
+
+
+def test_sincos_against_numpy():
+    sine, cosine = jax.jit(numerics.sincos)(jnp.asarray(ANGLES))
+    np.testing.assert_allclose(sine, np.sin(ANGLES), rtol=0, atol=4e-16)
+    np.testing.assert_allclose(cosine, np.cos(ANGLES), rtol=0, atol=4e-16)
+
+
+def test_sincos_keeps_the_digits_of_a_small_angle():
+    small = np.array([1e-150, 1e-12, -1e-12, 1e-8, 1e-5])
+    np.testing.assert_allclose(numerics.sincos(jnp.asarray(small))[0], np.sin(small), rtol=2 * ULP)
+    np.testing.assert_allclose(numerics.sincos(jnp.asarray(small))[1], np.cos(small), rtol=2 * ULP)
+
+
+def test_sincos_error_grows_as_its_docstring_says():
+    large = np.random.default_rng(1).uniform(50, 1e5, 100_000)
+    sine, cosine = jax.jit(numerics.sincos)(jnp.asarray(large))
+    assert np.max(np.abs(sine - np.sin(large)) / large) < 1e-16
+    assert np.max(np.abs(cosine - np.cos(large)) / large) < 1e-16
+
+
+def test_sincos_derivatives():
+    x = jnp.asarray(ANGLES)
+    _, (sine_rate, cosine_rate) = jax.jvp(numerics.sincos, (x,), (jnp.full_like(x, 2.0),))
+    np.testing.assert_allclose(sine_rate, 2 * np.cos(ANGLES), rtol=0, atol=8e-16)
+    np.testing.assert_allclose(cosine_rate, -2 * np.sin(ANGLES), rtol=0, atol=8e-16)
+    reverse = jax.grad(lambda a: jnp.sum(numerics.sincos(a)[0] + 3 * numerics.sincos(a)[1]))(x)
+    np.testing.assert_allclose(reverse, np.cos(ANGLES) - 3 * np.sin(ANGLES), rtol=0, atol=2e-15)
+    second = jax.vmap(jax.grad(jax.grad(lambda a: numerics.sincos(a)[0])))(x)
+    np.testing.assert_allclose(second, -np.sin(ANGLES), rtol=0, atol=4e-16)
+
+
+STEPS = {
+    "step3": (numerics.step3, np.polynomial.Polynomial([0, 0, 3, -2]), 1),
+    "step5": (numerics.step5, np.polynomial.Polynomial([0, 0, 0, 10, -15, 6]), 2),
+}
+
+
+@pytest.mark.parametrize("name", STEPS)
+class TestStep:
+    def test_value_slope_and_curvature_inside(self, name):
+        function, polynomial, _ = STEPS[name]
+        s = np.concatenate([[1e-12, 1e-6], np.linspace(0.01, 0.99, 99), [1 - 1e-6]])
+        for order in range(3):
+            expected = polynomial.deriv(order)
+            # Both sides sum terms as large as the coefficients.
+            rounding = 4 * ULP * np.sum(np.abs(expected.coef))
+            np.testing.assert_allclose(jax.vmap(function)(jnp.asarray(s)), expected(s), rtol=0, atol=rounding)
+            function = jax.grad(function)
+
+    def test_ends_and_beyond(self, name):
+        function, _, _ = STEPS[name]
+        outside = jnp.array([-5.0, -1e-12, 0.0, 1.0, 1 + 1e-12, 7.0])
+        np.testing.assert_array_equal(jax.vmap(function)(outside), [0, 0, 0, 1, 1, 1])
+        np.testing.assert_array_equal(jax.vmap(jax.grad(function))(outside), np.zeros(6))
+
+    def test_small_arguments_keep_their_digits(self, name):
+        function, polynomial, _ = STEPS[name]
+        assert float(function(jnp.asarray(1e-12))) == pytest.approx(polynomial(1e-12), rel=1e-14)
+        assert float(jax.grad(function)(jnp.asarray(1e-12))) == pytest.approx(polynomial.deriv()(1e-12), rel=1e-11)
+
+    def test_continuous_derivatives_end_where_they_should(self, name):
+        function, polynomial, continuous = STEPS[name]
+        h = 1e-9
+        for order in range(continuous + 2):
+            jumps = [float(function(jnp.asarray(end + h)) - function(jnp.asarray(end - h))) for end in (0.0, 1.0)]
+            if order <= continuous:
+                assert np.max(np.abs(jumps)) < 100 * h
+            else:
+                steepest = polynomial.deriv(order)
+                np.testing.assert_allclose(jumps, [steepest(0.0), -steepest(1.0)], rtol=1e-6)
+            function = jax.grad(function)
+
+
+def test_every_public_function_is_tested_here():
+    public = {
+        name
+        for name, value in vars(numerics).items()
+        if callable(value) and getattr(value, "__module__", "") == numerics.__name__ and not name.startswith("_")
+    }
+    assert public == {
+        *("sincos", "safe_sqrt", "safe_norm", "safe_unit", "positive_part", "power_three_halves", "positive_power"),
+        *("step3", "step5"),
+    }
