@@ -39,7 +39,9 @@ from clearance_jax.spatial import (
 )
 
 Frames = dict[str, Frame]
-BOOKS = ("drive_work", "damping_loss", "friction_loss", "exchanged")
+# Quadratures in the state. What contacts and dampers absorb, minus what contacts hold elastically, is the damping loss:
+# a book of the loss itself would have to follow an elastic energy that a clipped force no longer feels.
+BOOKS = ("drive_work", "absorbed_work", "friction_loss", "exchanged")
 
 
 class Pair(NamedTuple):
@@ -346,28 +348,27 @@ def powers(
     pairs: list[Pair],
     balance: Balance,
 ) -> Array:
-    """Rates of the books: work of drives and actuators, loss in contact damping and dampers, loss in friction, and the
-    sum of the absolute powers (the energy exchanged, against which a residual is judged).
+    """Rates of the books: work of drives and actuators, work absorbed by normal forces and dampers, loss in friction,
+    and the sum of the absolute powers (the energy exchanged, against which a residual is judged).
     """
     n = layout(mechanism).free
     drive = total(times(effort, speed) for effort, speed in driving(mechanism, motion, pairs, balance))
     for i, coordinate in enumerate(mechanism.free_coordinates()):
         drive = plus(drive, times(coordinate.motion.effort(time, y[i], y[n + i]), y[n + i]))
-    damping: Term = 0.0
+    absorbed: Term = 0.0
     friction: Term = 0.0
     for joint in mechanism.clearance_joints():
         assert joint.clearance is not None
         now = contacts[joint.name]
-        _, elastic = jax.jvp(joint.clearance.normal.energy, (now.penetration,), (now.penetration_rate,))
-        damping = plus(damping, now.normal_force * now.penetration_rate - elastic)
+        absorbed = plus(absorbed, now.normal_force * now.penetration_rate)
         if joint.clearance.friction is not None:
             friction = plus(friction, -now.traction * now.slip_velocity)
     for spring in mechanism.springs:
         _, speed, _, _ = spring_state(spring, motion)
-        damping = plus(damping, spring.damping * speed * speed)
+        absorbed = plus(absorbed, spring.damping * speed * speed)
     kinetic = kinetic_power(mechanism, motion, balance)
     exchanged = jnp.abs(jnp.asarray(drive)) + jnp.abs(jnp.asarray(kinetic))
-    return as_array([drive, damping, friction, exchanged])
+    return as_array([drive, absorbed, friction, exchanged])
 
 
 def driving(mechanism: Mechanism, motion: Frames, pairs: list[Pair], balance: Balance) -> list[tuple[Term, Term]]:
@@ -424,7 +425,6 @@ def energies(time: Scalar, y: Array, mechanism: Mechanism) -> dict[str, Array]:
     motion = frames(mechanism, time, y)
     kinetic: Term = 0.0
     potential: Term = 0.0
-    elastic: Term = 0.0
     for body in mechanism.bodies:
         frame = motion[body.name]
         centre = frame.point(body.center_of_mass.vector)
@@ -434,8 +434,7 @@ def energies(time: Scalar, y: Array, mechanism: Mechanism) -> dict[str, Array]:
             potential = minus(potential, times(body.mass, dot(mechanism.gravity.vector, centre)))
         if body.inertia is not None:
             kinetic = plus(kinetic, times(0.5 * body.inertia, times(frame.spin, frame.spin)))
-    for joint in mechanism.clearance_joints():
-        elastic = plus(elastic, contact(mechanism, joint, motion, y).elastic_energy)
+    elastic = contact_energy(mechanism, motion, y)
     for spring in mechanism.springs:
         elongation, _, _, _ = spring_state(spring, motion)
         elastic = plus(elastic, 0.5 * spring.stiffness * elongation * elongation)
@@ -444,6 +443,24 @@ def energies(time: Scalar, y: Array, mechanism: Mechanism) -> dict[str, Array]:
         "potential_energy": jnp.asarray(potential, dtype=float),
         "elastic_energy": jnp.asarray(elastic, dtype=float),
     }
+
+
+def contact_energy(mechanism: Mechanism, motion: Frames, y: Array) -> Term:
+    """Elastic energy of the contacts [J]."""
+    return total(contact(mechanism, joint, motion, y).elastic_energy for joint in mechanism.clearance_joints())
+
+
+def opened_books(time: Scalar, y: Array, mechanism: Mechanism) -> Array:
+    """A state without books, with books as at the start of a solve."""
+    held = contact_energy(mechanism, frames(mechanism, time, y), y)
+    return jnp.concatenate([y, as_array([held if name == "absorbed_work" else 0.0 for name in BOOKS])])
+
+
+def read_books(time: Scalar, y: Array, mechanism: Mechanism) -> dict[str, Array]:
+    """Work of the drives, losses, and energy exchanged since the start [J]."""
+    books = dict(zip(BOOKS, y[-len(BOOKS) :], strict=True))
+    books["damping_loss"] = books.pop("absorbed_work") - contact_energy(mechanism, frames(mechanism, time, y), y)
+    return books
 
 
 # Observables -------------------------------------------------------------------------------------------------------
@@ -488,7 +505,7 @@ def observe(time: Scalar, y: Array, mechanism: Mechanism) -> dict[str, Array]:
         out["drive_force"] = as_array([effort for effort, _ in efforts])
     out |= energies(time, y, mechanism)
     if y.shape[0] > plan.size:
-        out |= dict(zip(BOOKS, y[plan.size :], strict=True))
+        out |= read_books(time, y, mechanism)
     return out
 
 

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float, Int
 
 from clearance_jax._checks import ClearanceError, require_float64
 from clearance_jax._types import Scalar
-from clearance_jax.dynamics import BOOKS, energies, projected, rate
+from clearance_jax.dynamics import BOOKS, energies, opened_books, projected, rate, read_books
 from clearance_jax.mechanism.body import Servo
 from clearance_jax.mechanism.mechanism import Mechanism, frames, layout, parameters
 from clearance_jax.stepping import ContactController, Stepper
@@ -116,7 +116,7 @@ def _start(mechanism, t0, books, y0):
     if y0 is not None and y0.shape[0] > layout(mechanism).size:
         return jnp.asarray(y0, float)
     start = initial_state(mechanism, t0) if y0 is None else jnp.asarray(y0, float)
-    return jnp.concatenate([start, jnp.zeros(len(BOOKS) if books else 0)])
+    return opened_books(t0, start, mechanism) if books else start
 
 
 def _samples(mechanism, time, y):
@@ -161,8 +161,9 @@ def energy_residual(mechanism, t0, t1, start, final):
     """|energy gained - work of drives + losses| / energy exchanged between two states with books."""
     before, after = energies(t0, start, mechanism), energies(t1, final, mechanism)
     gained = sum(after.values()) - sum(before.values())
-    drive, damping, friction, exchanged = final[-len(BOOKS) :]
-    return jnp.abs(gained - drive + damping + friction) / jnp.where(exchanged > 0, exchanged, 1.0)
+    books = read_books(t1, final, mechanism)
+    lost, exchanged = books["damping_loss"] + books["friction_loss"], books["exchanged"]
+    return jnp.abs(gained - books["drive_work"] + lost) / jnp.where(exchanged > 0, exchanged, 1.0)
 
 
 def initial_state(mechanism: Mechanism, t0: Scalar) -> Array:

@@ -136,7 +136,7 @@ class RevoluteClearance(eqx.Module):
         penetration, rate = self.penetration_of(overlap, overlap_rate)
         regime = self.normal.regime(penetration, rate, normal_memory)
         zone = None if self.friction is None else self.friction.regime(slip_velocity)
-        return regime if zone is None else jnp.where(regime == CONTACT, CONTACT + 1 + (zone + 1), regime)
+        return regime if zone is None else jnp.where(regime >= CONTACT, 3 * regime + zone, regime)
 
     def latch(self, memory: Array, overlap: Array, overlap_rate: Array) -> Array:
         """The memory at the start of a step: rewritten by the laws where contact has just begun or ended."""

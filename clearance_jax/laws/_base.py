@@ -26,7 +26,8 @@ Regime = Int[Array, "..."]
 Value = Float[Array, "..."]
 """One contact point's scalar, or samples of it."""
 
-# Regimes of a normal law: what the force is made of. The solver ends a step wherever a regime changes.
+# Regimes of a normal law: what the force is made of; CONTACT and above: it presses, on this or a further smooth piece.
+# The solver ends a step wherever a regime changes.
 APART, CLIPPED, CONTACT = 0, 1, 2
 
 
@@ -76,10 +77,14 @@ class AbstractNormalLaw(AbstractLaw):
         """The force before any `max(0, .)`; its sign tells the clipped regime. The force itself by default."""
         return self(penetration, penetration_rate, memory)
 
+    def piece(self, penetration: Value) -> Regime | int:
+        """Which smooth piece of the pressing law a penetration lies on, from 0; a law of one piece by default."""
+        return 0
+
     def regime(self, penetration: Value, penetration_rate: Value, memory: Memory) -> Regime:
-        """`APART`, `CLIPPED` or `CONTACT`, for arrays of penetrations and rates of any one shape."""
+        """`APART`, `CLIPPED`, or `CONTACT` plus the piece, for arrays of penetrations and rates of any one shape."""
         pulls = self.unclipped(penetration, penetration_rate, memory) < 0
-        return jnp.where(penetration > 0, jnp.where(pulls, CLIPPED, CONTACT), APART)
+        return jnp.where(penetration > 0, jnp.where(pulls, CLIPPED, CONTACT + self.piece(penetration)), APART)
 
 
 class AbstractFrictionLaw(AbstractLaw):
