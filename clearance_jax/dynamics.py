@@ -10,7 +10,6 @@ force is found by projecting the same balance on its own column, where it is wan
 
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
@@ -458,7 +457,7 @@ def opened_books(time: Scalar, y: Array, mechanism: Mechanism) -> Array:
 
 def read_books(time: Scalar, y: Array, mechanism: Mechanism) -> dict[str, Array]:
     """Work of the drives, losses, and energy exchanged since the start [J]."""
-    books = dict(zip(BOOKS, y[-len(BOOKS) :], strict=True))
+    books: dict[str, Array] = dict(zip(BOOKS, y[-len(BOOKS) :], strict=True))
     books["damping_loss"] = books.pop("absorbed_work") - contact_energy(mechanism, frames(mechanism, time, y), y)
     return books
 

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float, Int
 
 from clearance_jax._checks import ClearanceError, require_float64
 from clearance_jax._types import Scalar
-from clearance_jax.dynamics import BOOKS, energies, opened_books, projected, rate, read_books
+from clearance_jax.dynamics import energies, opened_books, projected, rate, read_books
 from clearance_jax.mechanism.body import Servo
 from clearance_jax.mechanism.mechanism import Mechanism, frames, layout, parameters
 from clearance_jax.stepping import ContactController, Stepper
@@ -129,13 +129,12 @@ def _samples(mechanism, time, y):
 def _integrate(mechanism, t0, t1, start, save_at, rtol, atol, solver, watch, max_steps, dt0, steps=False):
     size = layout(mechanism).size
     allowed = tolerances(mechanism, start[:size], t0, t1, rtol, atol)
-    # Of the books, the absolute powers only judge the others: they have kinks and need no accuracy.
-    books = jnp.stack([allowed.energy] * (len(BOOKS) - 1) + [jnp.inf]) if start.shape[0] > size else jnp.zeros(0)
+    # The books judge the solve; they do not steer it (with them in the error norm they closed no better).
+    books = jnp.full(start.shape[0] - size, jnp.inf)
     controller = ContactController(  # pyright: ignore[reportCallIssue]  # the abstract rtol, atol, norm are properties
         scale=jnp.concatenate([allowed.absolute, books]),
         relative=jnp.concatenate([allowed.relative, jnp.zeros_like(books)]),
         breaks=drive_breaks(mechanism),
-        states=size,
         watch=watch,
     )
     subs = [diffrax.SubSaveAt(t1=True)]

@@ -126,14 +126,12 @@ class ContactController(diffrax.AbstractAdaptiveStepSizeController):
     - `scale`: per component of the state, the absolute tolerance; infinite where the component is not controlled.
     - `relative`: per component, the tolerance relative to its present size.
     - `breaks`: times at which a drive's derivatives jump.
-    - `states`: how many components are states (the rest are energy books).
     - `watch`: whether to watch the contacts (off: a plain PID controller with break points).
     """
 
     scale: Array
     relative: Array
     breaks: Array
-    states: int = eqx.field(static=True)
     watch: bool = eqx.field(static=True, default=True)
     points: int = eqx.field(static=True, default=10)
     controller: diffrax.PIDController = diffrax.PIDController(rtol=0.0, atol=1.0)
@@ -176,9 +174,7 @@ class ContactController(diffrax.AbstractAdaptiveStepSizeController):
         ratio = jnp.where(
             controlled, y_error.error / (jnp.where(controlled, self.scale, 1.0) + self.relative * size), 0.0
         )
-        # The mean is over the states: an energy book adds to the error where it is the worst, and dilutes nothing.
-        count = jnp.maximum(jnp.sum(controlled[: self.states]), 1)
-        scaled = jnp.sqrt(jnp.sum(ratio * ratio) / count)
+        scaled = jnp.sqrt(jnp.sum(ratio * ratio) / jnp.maximum(jnp.sum(controlled), 1))
         scaled = jnp.where(jnp.isfinite(scaled) & jnp.all(jnp.isfinite(y1)), scaled, jnp.inf)
         accurate, _, proposal, _, inner, result = self.controller.adapt_step_size(
             t0, t1, jnp.zeros(()), jnp.zeros(()), args, scaled, error_order, controller_state.inner

@@ -1,4 +1,4 @@
-"""What one accuracy knob, rtol, allows each component of the state: from the scene's own lengths, speeds and masses."""
+"""What one accuracy knob, rtol, allows each component of the state: from the scene's own lengths and speeds."""
 
 from typing import Any, NamedTuple
 
@@ -11,8 +11,6 @@ from clearance_jax.mechanism.mechanism import Mechanism, layout, parameters
 
 # Impacts amplify a local error: a tenth of the tolerance in each step keeps every position within 100 rtol.
 LOCAL = 0.1
-# The energy books need less: at this multiple of the local tolerance they close to a few rtol.
-BOOKS_SHARE = 4.0
 
 
 class Scales(NamedTuple):
@@ -21,15 +19,13 @@ class Scales(NamedTuple):
     length: Array
     spin: Array
     acceleration: Array
-    energy: Array
 
 
 class Tolerances(NamedTuple):
-    """Error allowed in one step: per component of `[q, v, memory]` absolute and relative to its size; and in a book."""
+    """Error allowed in one step, per component of `[q, v, memory]`: absolute, and relative to its size."""
 
     absolute: Float[Array, " n"]
     relative: Float[Array, " n"]
-    energy: Scalar
 
 
 def scales(mechanism: Mechanism, y0: Array, t0: Scalar, t1: Scalar) -> Scales:
@@ -52,10 +48,7 @@ def scales(mechanism: Mechanism, y0: Array, t0: Scalar, t1: Scalar) -> Scales:
     speeds += [(jnp.abs(y0[n + i]), c.slides) for i, c in enumerate(mechanism.free_coordinates())]
     spin = jnp.max(jnp.stack([speed if slides is None else speed / length for speed, slides in speeds]))
     spin = jnp.where(spin > 0, spin, 1 / (t1 - t0))
-    mass = sum((jnp.asarray(b.mass) for b in mechanism.bodies if b.mass is not None), jnp.zeros(()))
-    inertia = sum((jnp.asarray(b.inertia) for b in mechanism.bodies if b.inertia is not None), jnp.zeros(()))
-    energy = mass * (spin * length) ** 2 + inertia * spin**2
-    return Scales(length, spin, jnp.maximum(gravity, spin * spin * length), energy)
+    return Scales(length, spin, jnp.maximum(gravity, spin * spin * length))
 
 
 def tolerances(mechanism: Mechanism, y0: Array, t0: Scalar, t1: Scalar, rtol: Scalar, atol: Any) -> Tolerances:
@@ -80,5 +73,4 @@ def tolerances(mechanism: Mechanism, y0: Array, t0: Scalar, t1: Scalar, rtol: Sc
     local = LOCAL * rtol
     absolute = local * absolute if atol is None else jnp.broadcast_to(jnp.asarray(atol, float), absolute.shape)
     relative = jnp.concatenate([jnp.asarray(adapt), jnp.ones(len(adapt)), *(jnp.zeros_like(m) for m in memory)])
-    energy = jnp.where(size.energy > 0, BOOKS_SHARE * local * size.energy, jnp.inf)
-    return Tolerances(absolute, local * relative, energy)
+    return Tolerances(absolute, local * relative)

@@ -99,7 +99,7 @@ class AbstractFrictionLaw(AbstractLaw):
         return jnp.zeros_like(memory)
 
     def regime(self, slip_velocity: Value) -> Regime | None:
-        """Which smooth piece of the law, or which side of its steep layer, a slip velocity lies on; `None` (the default)
-        for a law without either.
+        """Which smooth piece of the law or side of its steep layer a slip velocity lies on; `None` (the default) for a
+        law without either.
         """
         return None
