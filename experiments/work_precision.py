@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import matplotlib as mpl
-import matplotlib.figure
-import matplotlib.ticker
 import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 import clearance_jax as cj
 from clearance_jax.solve import SOLVERS as SOLVER_CLASSES
@@ -125,7 +125,7 @@ def figure(points: list[Point]):
     cases = list(dict.fromkeys(p.case for p in points))
     tools = list(dict.fromkeys(p.tool for p in points))
     with mpl.rc_context({"axes.grid": True, "grid.alpha": 0.3, "font.size": 8}):
-        drawn = mpl.figure.Figure(figsize=(3.4 * len(cases) + 1, 7), layout="constrained")
+        drawn = Figure(figsize=(3.4 * len(cases) + 1, 7), layout="constrained")
         axes = drawn.subplots(2, len(cases), squeeze=False, sharey="row")
         for column, case in enumerate(cases):
             for tool in tools:
@@ -147,7 +147,7 @@ def figure(points: list[Point]):
             axes[0, column].set(title=case, xlabel="time, ms")
             axes[1, column].set(xlabel="vector-field evaluations")
             for axis in axes[:, column]:
-                axis.xaxis.set_minor_formatter(mpl.ticker.NullFormatter())
+                axis.xaxis.set_minor_formatter(NullFormatter())
         for row in (0, 1):
             axes[row, 0].set(ylabel="error of the worst state, relative")
         drawn.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=len(tools))
