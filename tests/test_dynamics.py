@@ -1,0 +1,203 @@
+"""The vector field against Lagrange's equations, its kinematics against derivatives, and its reactions against balance."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import clearance_jax as cj
+from clearance_jax import laws
+from clearance_jax.dynamics import energies, observe, rate
+from clearance_jax.mechanism.mechanism import frames, layout
+
+GRAVITY = cj.Gravity(0.7, -9.81)
+
+
+def at(x, y):
+    return cj.Position(x, y)
+
+
+def tree() -> cj.Mechanism:
+    """Everything a tree may hold: a driven turn, a slide, a driven slide, a clearance joint, a weld, springs, no loss."""
+    hertz = cj.RevoluteClearance(2e-3, 0.01, laws.Hertz(1e6))
+    return cj.Mechanism(
+        bodies=(
+            cj.Body("arm", 1.3, 0.05, at(0.3, 0.02)),
+            cj.Body("carriage", 0.7, 0.02, at(-0.05, 0.1)),
+            cj.Body("ram", 0.4, None, at(0.01, 0.02)),
+            cj.Body("rod", 0.9, 0.03, at(0.2, -0.04)),
+            cj.Body("tip", 0.2, 0.001, at(0.05, 0.0)),
+        ),
+        joints=(
+            cj.Revolute("shoulder", "ground", "arm", at(0.1, 0.2), motion=cj.Motion(cj.Harmonic(0.6, 5.0, 0.3))),
+            cj.Prismatic("slide", "arm", "carriage", at(0.5, 0.0), at(0.02, -0.03), jnp.asarray(0.4)),
+            cj.Prismatic("press", "carriage", "ram", at(0.0, 0.1), motion=cj.Motion(cj.Harmonic(0.05, 9.0))),
+            cj.Revolute("pin", "carriage", "rod", at(0.1, 0.05), at(0.01, 0.02), jnp.asarray(-0.7), clearance=hertz),
+            cj.Fixed("weld", "rod", "tip", at(0.4, 0.1), at(0.0, 0.01), jnp.asarray(1.1)),
+        ),
+        springs=(
+            cj.Spring("s", "ground", "tip", 40.0, 0.0, 0.3, at(0.2, -0.5), at(0.03, 0.02)),
+            cj.Spring("between", "arm", "rod", 25.0, 0.0, 0.1, at(0.2, 0.1), at(0.1, 0.0)),
+        ),
+        points=(cj.Point("end", "tip", at(0.1, 0.05)), cj.Point("corner", "carriage", at(0.1, 0.1))),
+        gravity=GRAVITY,
+    )
+
+
+def states(mechanism, count, seed=0):
+    """Random times and states; the pin of a clearance joint lies anywhere within 1.5 clearances."""
+    rng = np.random.default_rng(seed)
+    plan = layout(mechanism)
+    y = rng.uniform(-1, 1, (count, plan.size))
+    for i, name in enumerate(plan.names):
+        if ".play" in name:
+            y[:, i] *= 2e-3
+    return jnp.asarray(rng.uniform(0, 2, count)), jnp.asarray(y)
+
+
+def lagrangian_acceleration(mechanism, time, y):
+    """Accelerations by Lagrange's equations, from the energies alone."""
+    n = layout(mechanism).free
+
+    def lagrangian(t, q, v):
+        e = energies(t, jnp.concatenate([q, v]), mechanism)
+        return e["kinetic_energy"] - e["potential_energy"] - e["elastic_energy"]
+
+    q, v = y[:n], y[n:]
+    momentum = jax.grad(lagrangian, 2)
+    mass = jax.jacfwd(momentum, 2)(time, q, v)
+    convected = jax.jvp(lambda t, q: momentum(t, q, v), (time, q), (jnp.ones_like(time), v))[1]
+    return jnp.linalg.solve(mass, jax.grad(lagrangian, 1)(time, q, v) - convected)
+
+
+def test_accelerations_are_lagranges():
+    m = tree().prepared()
+    t, y = states(m, 200)
+    n = layout(m).free
+    got = np.asarray(jax.jit(jax.vmap(lambda t, y: rate(t, y, m)[n:]))(t, y))
+    expected = np.asarray(jax.jit(jax.vmap(lambda t, y: lagrangian_acceleration(m, t, y)))(t, y))
+    touching = np.hypot(*np.asarray(y[:, 1:3]).T) > 2e-3
+    assert 20 < touching.sum() < 180
+    np.testing.assert_allclose(got, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+
+
+def test_velocities_and_accelerations_are_derivatives():
+    m = tree().prepared()
+    t, y = states(m, 50, seed=1)
+
+    def along(what):
+        """A quantity's rate along the motion."""
+
+        def derivative(t, y):
+            return jax.jvp(lambda t, y: observe(t, y, m)[what], (t, y), (jnp.ones_like(t), rate(t, y, m)))[1]
+
+        return jax.jit(jax.vmap(derivative))(t, y)
+
+    seen = jax.jit(jax.vmap(lambda t, y: observe(t, y, m)))(t, y)
+    for quantity, its_rate in (("position", "velocity"), ("velocity", "acceleration"), ("q", "v")):
+        expected = np.asarray(seen[its_rate])
+        np.testing.assert_allclose(along(quantity), expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+
+
+def test_power_of_the_drives_is_the_rate_of_energy():
+    m = tree().prepared()
+    t, y = states(m, 50, seed=2)
+
+    def energy(t, y):
+        return sum(energies(t, y, m).values())
+
+    gained = jax.jit(jax.vmap(lambda t, y: jax.jvp(energy, (t, y), (jnp.ones_like(t), rate(t, y, m)))[1]))(t, y)
+    seen = jax.jit(jax.vmap(lambda t, y: observe(t, y, m)))(t, y)
+    names = [c.name for c in m.coordinates()]
+    speeds = np.asarray(seen["v"])[:, [names.index("shoulder"), names.index("press")]]
+    work = np.sum(np.asarray(seen["drive_force"]) * speeds, 1)
+    np.testing.assert_allclose(work, gained, rtol=0, atol=1e-11 * np.abs(work).max())
+
+
+def test_reactions_balance_every_body():
+    """Forces of all joints and springs on a body add up to mass times acceleration minus weight."""
+    m = tree().prepared()
+    t, y = states(m, 20, seed=3)
+    points = tuple(cj.Point(f"centre_{b.name}", b.name, b.center_of_mass) for b in m.bodies)
+    watched = cj.Mechanism(m.bodies, m.joints, m.loops, m.springs, points, m.gravity)
+    seen = jax.jit(jax.vmap(lambda t, y: observe(t, y, watched)))(t, y)
+    motion = jax.vmap(lambda t, y: {k: (f.position, f.angle) for k, f in frames(m, t, y).items() if k != "ground"})
+    placed = motion(t, y)
+
+    def place(body, local):
+        if body == "ground":
+            return np.broadcast_to([local.x, local.y], (t.size, 2))
+        (x, y0), angle = placed[body]
+        c, s = np.cos(angle), np.sin(angle)
+        return np.stack([x + c * local.x - s * local.y, y0 + s * local.x + c * local.y], 1)
+
+    forces = {b.name: -b.mass * (np.asarray(seen["acceleration"])[:, i] - [0.7, -9.81]) for i, b in enumerate(m.bodies)}
+    scale = max(np.abs(f).max() for f in forces.values())
+    for i, joint in enumerate(m.joints):
+        reaction = np.asarray(seen["joint_reaction"])[:, i]
+        forces[joint.child] = forces[joint.child] + reaction
+        if joint.parent != "ground":
+            forces[joint.parent] = forces[joint.parent] - reaction
+    for spring in m.springs:
+        span = place(spring.body_b, spring.at_b) - place(spring.body_a, spring.at_a)
+        length = np.linalg.norm(span, axis=1, keepdims=True)
+        pull = spring.stiffness * (length - spring.free_length) * span / length
+        forces[spring.body_b] = forces[spring.body_b] - pull
+        if spring.body_a != "ground":
+            forces[spring.body_a] = forces[spring.body_a] + pull
+    for left in forces.values():
+        assert np.abs(left).max() <= 1e-11 * scale
+
+
+def double_pendulum(closed: bool) -> cj.Mechanism:
+    """Two links; `closed`: as two loose bodies, each with three coordinates, held by ideal loops."""
+    bodies = (cj.Body("a", 1.0, 0.02, at(0.3, 0.0)), cj.Body("b", 0.7, 0.01, at(0.2, 0.05)))
+    if not closed:
+        joints = (
+            cj.Revolute("p", "ground", "a", motion=cj.Motion(position=0.4, velocity=1.0)),
+            cj.Revolute("q", "a", "b", at(0.6, 0.0), motion=cj.Motion(position=-0.9, velocity=-2.0)),
+        )
+        return cj.Mechanism(bodies, joints, gravity=GRAVITY)
+    slides = tuple(cj.Body(f"{axis}_{b.name}") for b in bodies for axis in "xy")
+    x, y = 0.6 * np.cos(0.4), 0.6 * np.sin(0.4)
+    start = {"a": (0.0, 0.0, 0.4), "b": (x, y, -0.5)}
+    speed = {"a": (0.0, 0.0, 1.0), "b": (-y, x, -1.0)}
+    joints = []
+    for name in "ab":
+        motions = [cj.Motion(position=q, velocity=v) for q, v in zip(start[name], speed[name], strict=True)]
+        joints += [
+            cj.Prismatic(f"sx_{name}", "ground", f"x_{name}", motion=motions[0]),
+            cj.Prismatic(f"sy_{name}", f"x_{name}", f"y_{name}", angle=np.pi / 2, motion=motions[1]),
+            cj.Revolute(f"turn_{name}", f"y_{name}", name, angle=-np.pi / 2, motion=motions[2]),
+        ]
+    loops = (cj.Revolute("p", "ground", "a"), cj.Revolute("q", "a", "b", at(0.6, 0.0)))
+    return cj.Mechanism((*slides, *bodies), tuple(joints), loops, gravity=GRAVITY)
+
+
+def test_ideal_loops_move_as_the_tree_and_do_not_drift():
+    t = np.linspace(0, 2.0, 101)
+    tree_angles = np.asarray(cj.simulate(double_pendulum(False), 2.0, save_at=t, rtol=1e-11, solver="dopri8").y)
+    s = cj.simulate(double_pendulum(True), 2.0, save_at=t, rtol=1e-8)
+    y = np.asarray(s.y)
+    a, b = y[:, 2], y[:, 5]
+    np.testing.assert_allclose(a, tree_angles[:, 0], atol=3e-7)
+    np.testing.assert_allclose(b, tree_angles[:, 0] + tree_angles[:, 1], atol=3e-7)
+    gap = np.concatenate([y[:, 0:2], y[:, 3:5] - y[:, 0:2] - 0.6 * np.stack([np.cos(a), np.sin(a)], 1)], 1)
+    gap_rate = np.concatenate(
+        [y[:, 6:8], y[:, 9:11] - y[:, 6:8] - 0.6 * y[:, 8:9] * np.stack([-np.sin(a), np.cos(a)], 1)], 1
+    )
+    assert np.abs(gap).max() < 1e-10
+    assert np.abs(gap_rate).max() < 1e-10
+    assert float(s.energy_residual) < 1e-7
+
+
+@pytest.mark.parametrize("values", [{}, {"pin.radial_clearance": 1e-9}])
+def test_two_million_times_smaller_play_has_the_same_mass(values):
+    # The play coordinates are measured from the sleeve: their size does not touch the digits of the mass matrix.
+    m = cj.replace(tree(), values).prepared()
+    t, y = states(m, 5, seed=4)
+    y = y.at[:, 1:3].set(0.0)
+    n = layout(m).free
+    got = jax.vmap(lambda t, y: rate(t, y, m)[n:])(t, y)
+    expected = jax.vmap(lambda t, y: lagrangian_acceleration(m, t, y))(t, y)
+    np.testing.assert_allclose(got, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
