@@ -7,6 +7,7 @@ import tomllib
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
 from clearance_jax._checks import ClearanceError, suggest
@@ -115,7 +116,8 @@ def load_scene(path: str | Path) -> Scene:
         raise ClearanceError(f"`{path}` is not valid TOML: {error}.") from None
     top = Table(values, f"{path}:")
     try:
-        mechanism = _mechanism(top, path)
+        with jax.ensure_compile_time_eval():  # numbers stay numbers where a scene is loaded inside a jitted function
+            mechanism = _mechanism(top, path)
     except ClearanceError as error:
         if str(path) in str(error):
             raise

@@ -57,7 +57,7 @@ def minimal_loop(clearances):
         t, h, y, slope, attempts = carry
         going = t < END
         h = jnp.minimum(h, END - t)
-        slopes = [slope]
+        slopes, new = [slope], y
         for weights, node in zip(tableau.a_lower, tableau.c, strict=True):
             new = y + h * sum(float(w) * k for w, k in zip(weights, slopes, strict=False) if w != 0)
             slopes.append(field(t + float(node) * h, new, mechanism))

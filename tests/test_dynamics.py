@@ -1,4 +1,4 @@
-"""The vector field against Lagrange's equations, its kinematics against derivatives, and its reactions against balance."""
+"""The vector field against Lagrange's equations, its kinematics against derivatives, its reactions against balance."""
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +18,7 @@ def at(x, y):
 
 
 def tree() -> cj.Mechanism:
-    """Everything a tree may hold: a driven turn, a slide, a driven slide, a clearance joint, a weld, springs, no loss."""
+    """Everything a tree may hold: turn, slide, driven slide, a clearance joint, a weld and springs, no loss."""
     hertz = cj.RevoluteClearance(2e-3, 0.01, laws.Hertz(1e6))
     return cj.Mechanism(
         bodies=(
@@ -131,7 +131,10 @@ def test_reactions_balance_every_body():
         c, s = np.cos(angle), np.sin(angle)
         return np.stack([x + c * local.x - s * local.y, y0 + s * local.x + c * local.y], 1)
 
-    forces = {b.name: -b.mass * (np.asarray(seen["acceleration"])[:, i] - [0.7, -9.81]) for i, b in enumerate(m.bodies)}
+    forces = {
+        b.name: -np.asarray(b.mass) * (np.asarray(seen["acceleration"])[:, i] - [0.7, -9.81])
+        for i, b in enumerate(m.bodies)
+    }
     scale = max(np.abs(f).max() for f in forces.values())
     for i, joint in enumerate(m.joints):
         reaction = np.asarray(seen["joint_reaction"])[:, i]

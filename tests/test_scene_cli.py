@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -24,6 +25,13 @@ def test_every_scene_loads(path):
     scene = load_scene(path)
     assert scene.solve["t1"] > 0
     assert len(scene.mechanism.clearance_joints()) >= 1
+
+
+def test_a_scene_may_be_loaded_inside_a_jitted_function():
+    def mass(factor):
+        return factor * cj.parameters(cj.load(SCENES / "slider_crank.toml"))["slider.mass"].value
+
+    assert float(jax.jit(mass)(2.0)) == pytest.approx(0.28)
 
 
 CHANGES = [
