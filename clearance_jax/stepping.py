@@ -20,8 +20,6 @@ from clearance_jax.dynamics import projected, signals
 from clearance_jax.mechanism.mechanism import Mechanism, layout
 
 _EPS = float(np.finfo(np.float64).eps)
-# A switch is located between two samples, a tenth of the step apart, to a sixth of the 1e-8 of a step put on top.
-HALVINGS = 26
 
 
 class StepEnds(NamedTuple):
@@ -126,12 +124,14 @@ class ContactController(diffrax.AbstractAdaptiveStepSizeController):
     - `scale`: per component of the state, the absolute tolerance; infinite where the component is not controlled.
     - `relative`: per component, the tolerance relative to its present size.
     - `breaks`: times at which a drive's derivatives jump.
+    - `margin`: how far past a switch a cut step ends, as a fraction of the uncut step.
     - `watch`: whether to watch the contacts (off: a plain PID controller with break points).
     """
 
     scale: Array
     relative: Array
     breaks: Array
+    margin: Array
     watch: bool = eqx.field(static=True, default=True)
     points: int = eqx.field(static=True, default=10)
     controller: diffrax.PIDController = diffrax.PIDController(rtol=0.0, atol=1.0)
@@ -180,9 +180,9 @@ class ContactController(diffrax.AbstractAdaptiveStepSizeController):
             t0, t1, jnp.zeros(()), jnp.zeros(()), args, scaled, error_order, controller_state.inner
         )
         if self.watch and args.clearance_joints():
-            # Past a switch by enough for round-off not to hide it, by too little for the kink to matter (its effect on
-            # the error is of second order); four times more wherever that was not enough to get clear.
-            pad = jnp.maximum(4 * _EPS * jnp.abs(t1), 1e-8 * jnp.maximum(h, controller_state.natural))
+            # Past a switch by enough for round-off not to hide it, by too little for the kink to matter; four times more
+            # wherever that was not enough to get clear.
+            pad = jnp.maximum(4 * _EPS * jnp.abs(t1), self.margin * jnp.maximum(h, controller_state.natural))
             pad = pad * 4.0 ** jnp.minimum(controller_state.stalls, 24)
             cut, at = first_switch(t0, t1, y0, y1, y_error, args, pad, self.points)
             cut = cut & accurate
@@ -270,15 +270,19 @@ def first_switch(t0, t1, y0, y1, ends: StepEnds, mechanism: Mechanism, pad, poin
     high = jnp.where(found, high, 1.0)
     low = jnp.maximum(begin, (jnp.ceil(high * points) - 1) / points)
 
-    def halve(_, bracket):
+    def wide(bracket):
+        low, high = bracket
+        return found & (high - low > 0.25 * begin)
+
+    def halve(bracket):
         low, high = bracket
         middle = 0.5 * (low + high)
         beyond = changed(regimes(middle))
         return jnp.where(beyond, low, middle), jnp.where(beyond, middle, high)
 
-    low, high = jax.lax.cond(found, lambda: jax.lax.fori_loop(0, HALVINGS, halve, (low, high)), lambda: (low, high))
+    _, high = jax.lax.while_loop(wide, halve, (low, high))
     at = t0 + high * h + pad
-    return found & (at < t1), at
+    return found & (at < t1 - pad), at
 
 
 def watched(t0, t1, y0, y1, ends: StepEnds, mechanism: Mechanism):
