@@ -8,16 +8,18 @@ from jax._src import xla_bridge  # the only place that knows whether a backend h
 
 from clearance_jax._checks import ClearanceError
 
-# XLA runs a loop's body operation by operation, some 0.1 us each, unless everything the loop touches fits in this many
-# bytes (1024 by default): then the whole loop becomes one compiled function. A solve of a mechanism is such a loop.
+# XLA runs a loop's body operation by operation, some 0.1 us each, unless one turn of the loop touches fewer bytes than
+# this (1024 by default): then the whole loop becomes one compiled function. That makes a single solve several times
+# faster; a batch of some 60 lanes or more, whose operations are long, is better off without. Both were measured with
+# thresholds from 1e3 to 1e9 on mechanisms of 4 and 8 states.
 _WHOLE_LOOPS = "xla_cpu_small_while_loop_byte_threshold"
-_THRESHOLD = 1_000_000_000
+_THRESHOLD = 500_000
 
 
 def configure(*, cache: bool | str | Path = False) -> None:
-    """Set JAX up for mechanisms: 64-bit floats, and whole solves compiled as one function on the CPU.
+    """Set JAX up for mechanisms: 64-bit floats, and single solves compiled as one function on the CPU.
 
-    The second makes a single solve about ten times faster, and changes no result but in the last digits
+    The second makes a single solve several times faster, and changes no result but in the last digits
     (`experiments/batches.py` measures it). Call it before the first JAX computation of the process.
 
     **Arguments:**
