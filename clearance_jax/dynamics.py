@@ -301,6 +301,17 @@ def closure(loop: Revolute, motion: Frames) -> Gap:
     )
 
 
+def openings(time: Scalar, y: Array, mechanism: Mechanism) -> dict[str, Array]:
+    """How far every loop is from its initial closure [m]: the pin's centre from the place `eccentricity` gives it."""
+    motion = frames(mechanism, time, y)
+    out = {}
+    for loop in mechanism.loops:
+        offset = motion[loop.parent].rotation.apply(loop.eccentricity.vector)
+        x, y_ = subtract(closure(loop, motion).gap, offset)
+        out[loop.name] = jnp.hypot(jnp.asarray(x, float), jnp.asarray(y_, float))
+    return out
+
+
 def constrained(inertia: Factored, rows: list[list[Term]], right: list[Term]) -> tuple[list[Term], list[Term]]:
     """The smallest change x (in the kinetic norm) with J x = right, and the multipliers that make it."""
     spread = [solve(inertia, row) for row in rows]

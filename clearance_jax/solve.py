@@ -12,11 +12,11 @@ from jaxtyping import Array, Float, Int
 
 from clearance_jax._checks import ClearanceError, require_float64
 from clearance_jax._types import Scalar
-from clearance_jax.dynamics import energies, opened_books, projected, rate, read_books
+from clearance_jax.dynamics import energies, opened_books, openings, projected, rate, read_books
 from clearance_jax.mechanism.body import Servo
 from clearance_jax.mechanism.mechanism import Mechanism, frames, layout, parameters
 from clearance_jax.stepping import ContactController, Stepper
-from clearance_jax.tolerances import tolerances
+from clearance_jax.tolerances import largest_length, tolerances
 
 # Traced once and called from every stage (a step asks for it a dozen times); XLA inlines the calls.
 _rate = jax.jit(rate)
@@ -74,9 +74,10 @@ def simulate(
     - `watch`: end steps at every switch of the contact laws. Off: the plain PID controller, whose error has a floor.
     - `books`: integrate work and losses, for `energy_residual`.
     - `y0`: start from this state instead of the mechanism's initial one.
-    - `throw`: raise where the solve fails (never inside vmap: there a failed lane is data).
+    - `throw`: raise where the solve fails (never inside jit or vmap: there a failed lane is data).
 
-    **Raises:** `ClearanceError` for float64 off, t1 <= t0, and numbers that are not finite or out of bounds.
+    **Raises:** `ClearanceError` for float64 off, t1 <= t0, numbers that are not finite or out of bounds, and a loop
+    that cannot be closed; `RuntimeError` for a solve that fails on its way.
     """
     require_float64()
     check_values(mechanism)
@@ -87,10 +88,15 @@ def simulate(
         save_at = t0 + (t1 - t0) * jnp.linspace(0.0, 1.0, save_at)
     elif save_at is not None:
         save_at = jnp.asarray(save_at, float)
+        known = not any(isinstance(t, Tracer) for t in (t0, t1, save_at))
+        if known and not (np.all(np.diff(save_at) > 0) and save_at[0] >= t0 and save_at[-1] <= t1):
+            raise ClearanceError("The times in `save_at` must increase and lie between `t0` and `t1`.")
     chosen = SOLVERS[solver]() if isinstance(solver, str) else solver
     rtol = jnp.asarray(rtol, float)
     solution = _solve(mechanism, t0, t1, save_at, rtol, atol, chosen, watch, books, max_steps, y0)
     if throw and not isinstance(solution.final, Tracer) and not bool(solution.succeeded):
+        if y0 is None:
+            check_assembled(mechanism, t0, solution.initial)
         raise RuntimeError(
             f"The solve stopped before t1: {diffrax.RESULTS[solution.result]}. "
             "Pass `throw=False` to keep what was computed."
@@ -102,13 +108,18 @@ def simulate(
 def _solve(mechanism, t0, t1, save_at, rtol, atol, solver, watch, books, max_steps, y0) -> Solution:
     mechanism = mechanism.prepared()
     start = _start(mechanism, t0, books, y0)
-    out = _integrate(mechanism, t0, t1, start, save_at, rtol, atol, solver, watch, max_steps, None)
+    # There is no motion of a mechanism that is not closed: end at once, with a code of its own.
+    closed = is_assembled(mechanism, t0, start) if y0 is None else True
+    end = jnp.where(closed, t1, t0 + 1e-9 * (t1 - t0))
+    save_at = None if save_at is None else jnp.where(closed, save_at, jnp.minimum(save_at, end))
+    out = _integrate(mechanism, t0, end, start, save_at, rtol, atol, solver, watch, max_steps, None)
+    result = diffrax.RESULTS.where(closed, out.result, diffrax.RESULTS.nonlinear_divergence)
     final = out.ys[0][-1]
     time = out.ts[0] if save_at is None else out.ts[1]
     y = out.ys[0] if save_at is None else _samples(mechanism, time, out.ys[1])
     residual = energy_residual(mechanism, t0, t1, start, final) if books else jnp.asarray(jnp.nan)
     return Solution(
-        time, y, start, final, out.result, out.stats["num_accepted_steps"], out.stats["num_rejected_steps"], residual
+        time, y, start, final, result, out.stats["num_accepted_steps"], out.stats["num_rejected_steps"], residual
     )
 
 
@@ -191,6 +202,26 @@ def initial_state(mechanism: Mechanism, t0: Scalar) -> Array:
     v = [jnp.asarray(c.motion.velocity, dtype=float) for c in free]
     y = jnp.concatenate([jnp.stack([*q, *v]) if free else jnp.zeros(0), jnp.zeros(plan.remembered)])
     return projected(t0, y, mechanism, mechanism.loops, 12) if mechanism.loops and mechanism.assemble else y
+
+
+def is_assembled(mechanism: Mechanism, t0: Scalar, y: Array) -> Array:
+    """Whether every loop is closed at the start (true where the mechanism is not to be assembled)."""
+    if not mechanism.loops or not mechanism.assemble:
+        return jnp.asarray(True)
+    gaps = jnp.stack(list(openings(t0, y, mechanism).values()))
+    return jnp.all(gaps <= 1e-10 * largest_length(mechanism))
+
+
+def check_assembled(mechanism: Mechanism, t0: Any, y: Array) -> None:
+    """Raise where a loop is open at the start, naming it."""
+    t0 = jnp.asarray(t0, float)
+    if bool(is_assembled(mechanism, t0, y)):
+        return
+    name, gap = max(openings(t0, y, mechanism).items(), key=lambda item: np.nan_to_num(float(item[1]), nan=np.inf))
+    raise ClearanceError(
+        f"The mechanism cannot be assembled: at t = {float(t0):g} s its loop `{name}` stays open by "
+        f"{float(gap) * 1e3:.4g} mm. Change lengths, or the joints' `position`, to start nearer to a closed one."
+    )
 
 
 def drive_breaks(mechanism: Mechanism) -> Array:

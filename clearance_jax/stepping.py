@@ -180,8 +180,8 @@ class ContactController(diffrax.AbstractAdaptiveStepSizeController):
             t0, t1, jnp.zeros(()), jnp.zeros(()), args, scaled, error_order, controller_state.inner
         )
         if self.watch and args.clearance_joints():
-            # Past a switch by enough for round-off not to hide it, by too little for the kink to matter; four times more
-            # wherever that was not enough to get clear.
+            # Past a switch by enough for round-off not to hide it, by too little for the kink to matter; four times
+            # more wherever that was not enough to get clear.
             pad = jnp.maximum(4 * _EPS * jnp.abs(t1), self.margin * jnp.maximum(h, controller_state.natural))
             pad = pad * 4.0 ** jnp.minimum(controller_state.stalls, 24)
             cut, at = first_switch(t0, t1, y0, y1, y_error, args, pad, self.points)

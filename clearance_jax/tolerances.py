@@ -28,15 +28,20 @@ class Tolerances(NamedTuple):
     relative: Float[Array, " n"]
 
 
-def scales(mechanism: Mechanism, y0: Array, t0: Scalar, t1: Scalar) -> Scales:
-    """Largest length of the bodies, fastest spin of drives, start and pendulum, and what follows from them."""
+def largest_length(mechanism: Mechanism) -> Array:
+    """The largest length among the mechanism's numbers [m], clearances and points aside; 1 where there is none."""
     sizes = [
         jnp.abs(leaf.value)
         for leaf in parameters(mechanism).values()
         if leaf.metadata["unit"] == "m" and leaf.path[0] != "points" and "clearance" not in leaf.path
     ]
     length = jnp.max(jnp.stack([jnp.asarray(s, float) for s in sizes])) if sizes else jnp.asarray(1.0)
-    length = jnp.where(length > 0, length, 1.0)
+    return jnp.where(length > 0, length, 1.0)
+
+
+def scales(mechanism: Mechanism, y0: Array, t0: Scalar, t1: Scalar) -> Scales:
+    """Largest length of the bodies, fastest spin of drives, start and pendulum, and what follows from them."""
+    length = largest_length(mechanism)
     gravity = jnp.hypot(*(jnp.asarray(g, float) for g in mechanism.gravity.vector))
     speeds = [(jnp.sqrt(gravity / length), None)]
     for coordinate in mechanism.coordinates():

@@ -14,7 +14,16 @@ import numpy as np
 
 from clearance_jax._checks import ClearanceError, require_float64
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.solve import SOLVERS, Solution, _integrate, _samples, _start, check_values, energy_residual
+from clearance_jax.solve import (
+    SOLVERS,
+    Solution,
+    _integrate,
+    _samples,
+    _start,
+    check_assembled,
+    check_values,
+    energy_residual,
+)
 
 BLOCK = 4096
 
@@ -71,6 +80,7 @@ def trace(
     grid = np.linspace(t0, t1, samples)
     chosen = SOLVERS[solver]() if isinstance(solver, str) else solver
     first = _first_state(mechanism, jnp.asarray(t0, float))
+    check_assembled(mechanism, t0, first)
     now, y = float(t0), np.asarray(first)
     times, states, sampled = [np.array([now])], [y[None]], np.full((samples, y.size), np.nan)
     accepted, rejected, message = 0, 0, ""

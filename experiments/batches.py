@@ -50,7 +50,7 @@ def minimal_loop(clearances):
     tableau = diffrax.Tsit5().tableau
     mechanism = jax.vmap(lambda c: with_clearance(c).prepared())(clearances)
     field = jax.vmap(rate, (0, 1, 0), 1)
-    start = jax.vmap(lambda m: initial_state(m, 0.0), 0, 1)(mechanism)
+    start = jax.vmap(lambda m: initial_state(m, jnp.zeros(())), 0, 1)(mechanism)
     scale = RTOL * jnp.array([1.0, 0.1, CRANK_SPEED, 0.1 * CRANK_SPEED])[:, None]
 
     def attempt(carry):
@@ -59,17 +59,17 @@ def minimal_loop(clearances):
         h = jnp.minimum(h, END - t)
         slopes, new = [slope], y
         for weights, node in zip(tableau.a_lower, tableau.c, strict=True):
-            new = y + h * sum(float(w) * k for w, k in zip(weights, slopes, strict=False) if w != 0)
+            new = y + h[None] * sum(float(w) * k for w, k in zip(weights, slopes, strict=False) if w != 0)
             slopes.append(field(t + float(node) * h, new, mechanism))
-        error = h * sum(float(w) * k for w, k in zip(tableau.b_error, slopes, strict=True))
+        error = h[None] * sum(float(w) * k for w, k in zip(tableau.b_error, slopes, strict=True))
         size = jnp.sqrt(jnp.mean((error / (scale + RTOL * jnp.abs(y))) ** 2, axis=0))
         keep = going & (size <= 1)
         factor = jnp.clip(0.9 * jnp.maximum(size, 1e-10) ** -0.2, 0.2, 10.0)
         return (
             jnp.where(keep, t + h, t),
             jnp.where(going, h * factor, h),
-            jnp.where(keep, new, y),
-            jnp.where(keep, slopes[-1], slope),
+            jnp.where(keep[None], new, y),
+            jnp.where(keep[None], slopes[-1], slope),
             attempts + going,
         )
 

@@ -1,0 +1,43 @@
+"""Every experiment runs in its quick mode, and shows there what it is for."""
+
+import pytest
+
+from experiments import batches, hard_cases, work_precision
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+
+
+def test_work_precision(tmp_path):
+    points = work_precision.main(quick=True)
+    ours = [p for p in points if p.tool in work_precision.SOLVERS]
+    assert {p.rtol for p in ours} == {1e-5, 1e-8}
+    assert all(p.error <= 3000 * p.rtol for p in ours)
+    assert {"scipy odeint + numba", "numba DOP853"} <= {p.tool for p in points}
+    assert (tmp_path / "out" / "work_precision_quick.png").stat().st_size > 10_000
+    assert "tsit5, not watched" in (tmp_path / "out" / "work_precision_quick.md").read_text()
+
+
+# Cases that share a compiled program; stiffness, many clearances and chaos only run in full, by the command.
+GROUPS = {
+    "joint5": (hard_cases.exact_centre, hard_cases.friction_corner),
+    "slider-crank": (hard_cases.tiny_clearance, hard_cases.mass_ratio),
+    "pin": (hard_cases.resting, hard_cases.bouncing),
+    "two-joints": (hard_cases.two_contacts,),
+}
+
+
+@pytest.mark.parametrize("group", GROUPS)
+def test_hard_cases(group):
+    for row in hard_cases.main(quick=True, cases=GROUPS[group]):
+        assert row.result == "reached t1"
+        assert row.energy <= 10 * hard_cases.RTOL
+        # Impacts amplify; an error that does not fall with the tolerance is a floor.
+        assert row.error <= 3000 * hard_cases.RTOL
+        assert row.tighter <= 0.1 * row.error
+
+
+def test_batches():
+    assert batches.main(quick=True) <= 10
