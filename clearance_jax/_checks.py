@@ -17,10 +17,17 @@ def require_float64() -> None:
 
 
 def suggest(word: str, allowed) -> str:
-    """A sentence that lists the allowed words, the nearest first."""
+    """A sentence with the nearest of the allowed words, and all of them where they are few."""
     import difflib
 
     allowed = sorted(allowed)
-    near = difflib.get_close_matches(word, allowed, n=1)
-    hint = f"Did you mean `{near[0]}`? " if near else ""
-    return f"{hint}Allowed: {', '.join(allowed)}." if allowed else "There are none here."
+    if not allowed:
+        return "There are none here."
+    near = difflib.get_close_matches(word, allowed, n=3, cutoff=0.5)
+    hint = (
+        f"Did you mean {' or '.join(f'`{name}`' for name in near[: None if len(allowed) > 12 else 1])}? "
+        if near
+        else ""
+    )
+    listed = ", ".join(allowed) if len(allowed) <= 12 else f"{', '.join(allowed[:12])}, ... ({len(allowed)} in all)"
+    return f"{hint}Allowed: {listed}."

@@ -182,7 +182,8 @@ def main() -> None:
     try:
         app()
     except ClearanceError as error:
-        errors.print(f"[red]error:[/red] {error}", soft_wrap=True, highlight=False, markup=False)
+        errors.print("error:", style="red", end=" ")
+        errors.print(str(error), soft_wrap=True, highlight=False, markup=False)
         raise SystemExit(2) from None
     except KeyboardInterrupt:
         errors.print("interrupted")

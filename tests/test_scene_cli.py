@@ -1,5 +1,9 @@
 """Scene files, their errors, the command line, and datasets."""
 
+import os
+import re
+import subprocess
+import sys
 from pathlib import Path
 
 import jax
@@ -9,7 +13,7 @@ import pytest
 from typer.testing import CliRunner
 
 import clearance_jax as cj
-from clearance_jax.cli import app
+from clearance_jax.cli import app, main
 from clearance_jax.mechanism.expressions import read_expression
 from clearance_jax.plot import overview
 from clearance_jax.results import load_dataset, save, to_dataset
@@ -118,6 +122,56 @@ def test_command_line(tmp_path):
     info = runner.invoke(app, ["info", scene])
     assert info.exit_code == 0
     assert "wrist.radial_clearance" in info.output
+    robot = str(SCENES / "joint5_velocity_1.toml")
+    whole, ideal = (runner.invoke(app, ["info", robot, *more]).output for more in ([], ["--ideal"]))
+    assert operations(ideal) < 0.5 * operations(whole)  # what a scene does not need is not compiled
     bad = runner.invoke(app, ["simulate", scene, "--set", "wrist.gap=1mm"])
     assert isinstance(bad.exception, ValueError)
     assert not (tmp_path / "o.nc.partial").exists()
+
+
+def operations(output):
+    return int(re.findall(r"vector field: (\d+) operations", output)[0])
+
+
+COMMANDS = [
+    (["simulate", "{scene}", "--set", "wrist.gap=1mm"], "wrist.gap"),
+    (["simulate", "{scene}", "--set", "wrist.radial_clearance=1kg"], "must be in m"),
+    (["simulate", "{scene}", "--t1", "-1s"], "greater than `t0`"),
+    (["simulate", "{scene}", "-o", "missing/o.nc"], "its folder does not exist"),
+    (
+        ["simulate", "{scene}", "--t1", "1ms", "--set", "wrist.at_parent.x=3cm", "--set", "drive.main.start=1.5rad"],
+        "open",
+    ),
+    (["simulate", "missing.toml"], "Cannot read the scene file"),
+    (["plot", "{scene}"], "as a result file"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "words"), COMMANDS)
+def test_bad_commands_end_with_one_sentence_and_code_2(arguments, words, monkeypatch, capsys, tmp_path):
+    scene = str(SCENES / "slider_crank.toml")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["clearance", *(a.format(scene=scene) for a in arguments)])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    message = capsys.readouterr().err
+    assert words in message
+    assert "Traceback" not in message
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [
+        ("import jax.numpy as jnp; jnp.zeros(1) + 1; import clearance_jax as cj; cj.configure()", "must come before"),
+        ("import clearance_jax as cj; cj.simulate(cj.load('{scene}'), 1e-3)", "needs 64-bit floats"),
+    ],
+)
+def test_set_up_too_late_or_not_at_all(code, words):
+    environment = {k: v for k, v in os.environ.items() if k not in ("XLA_FLAGS", "JAX_ENABLE_X64")}
+    code = code.format(scene=SCENES / "slider_crank.toml")
+    run = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
+    assert run.returncode == 1
+    assert words in run.stderr.splitlines()[-1]
