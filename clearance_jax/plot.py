@@ -104,14 +104,18 @@ def _point(axis, dataset: xr.Dataset, name: str, ylabel: str) -> None:
 def pin_path(axis, dataset: xr.Dataset, joint: str) -> None:
     """The pin centre's path inside the clearance circle, coloured by contact state."""
     here = dataset.sel(joint=joint)
-    x, y = here["eccentricity"].values.T * 1e6
+    # Step ends show an impact that is shorter than the time between samples; the shares are those of time.
+    places, states = (
+        ("step_eccentricity", "step_state") if "step_state" in dataset else ("eccentricity", "contact_state")
+    )
+    x, y = here[places].values.T * 1e6
     axis.plot(x, y, lw=0.4, color="0.75", zorder=1)
     for code, (name, colour) in enumerate(STATES):
-        chosen = here["contact_state"].values == code
+        chosen = here[states].values == code
         if np.any(chosen):
-            axis.plot(
-                x[chosen], y[chosen], ".", ms=3, color=colour, label=f"{name} ({np.mean(chosen):.0%})", zorder=2 + code
-            )
+            share = np.mean(here["contact_state"].values == code)
+            label = f"{name} ({share:.0%})" if share >= 0.005 else f"{name} (< 1%)"
+            axis.plot(x[chosen], y[chosen], ".", ms=3, color=colour, label=label, zorder=2 + code)
     clearance = dataset.attrs.get(f"parameter.{joint}.radial_clearance")
     if clearance is not None:
         angle = np.linspace(0, 2 * np.pi, 361)

@@ -53,6 +53,14 @@ VARIABLES = {
     "exchanged": Variable((), "J", "sum of absolute powers of drives and inertia since the start"),
 }
 
+# Of a trace: what each clearance joint did at every step end, every touch and every separation among them.
+STEPS = {
+    "step_time": Variable((), "s", "end of an integration step"),
+    "step_eccentricity": Variable(("joint", "axis"), "m", "pin centre from sleeve centre at the step ends"),
+    "step_force": Variable(("joint",), "N", "normal contact force at the step ends"),
+    "step_state": Variable(("joint",), "1", "0 free, 1 contact, 2 impact, at the step ends"),
+}
+
 EPISODES = {
     "episode_joint": ("1", "which clearance joint (index)"),
     "episode_start": ("s", "first touch"),
@@ -101,14 +109,19 @@ def to_dataset(mechanism: Mechanism, solution: Solution | Trace, **provenance: A
         {n for names in prescribed_owners(mechanism).values() for n in names}, key=coords["coordinate"].index
     )
     episodes: dict[str, Any] = {}
+    steps: dict[str, Any] = {}
     if joints:
-        touching = seen["penetration"] > 0
-        seen["contact_state"] = touching.astype(np.int8)
+        impacts = []
         if traced is not None and traced.time.size > 1:
-            episodes, impacts = contact_episodes(mechanism, traced)
-            for joint, begin, end in impacts:
-                during = (coords["time"][1] >= begin) & (coords["time"][1] <= end)
-                seen["contact_state"][during & touching[:, joint], joint] = 2
+            at_steps = {k: np.asarray(v) for k, v in _observe(mechanism, traced.time, traced.y).items()}
+            episodes, impacts = contact_episodes(mechanism, traced, at_steps)
+            steps = {
+                "step_time": traced.time,
+                "step_eccentricity": at_steps["eccentricity"],
+                "step_force": at_steps["contact_force"],
+                "step_state": contact_states(traced.time, at_steps["penetration"], impacts),
+            }
+        seen["contact_state"] = contact_states(coords["time"][1], seen["penetration"], impacts)
     data = {
         name: (
             ("time", *VARIABLES[name].dims),
@@ -116,6 +129,10 @@ def to_dataset(mechanism: Mechanism, solution: Solution | Trace, **provenance: A
             {"units": VARIABLES[name].unit, "long_name": VARIABLES[name].meaning},
         )
         for name, value in seen.items()
+    }
+    data |= {
+        name: (("step", *STEPS[name].dims), value, {"units": STEPS[name].unit, "long_name": STEPS[name].meaning})
+        for name, value in steps.items()
     }
     data |= {
         name: ("episode", np.asarray(value), {"units": EPISODES[name][0], "long_name": EPISODES[name][1]})
@@ -139,14 +156,23 @@ def _all(mechanism: Mechanism) -> tuple[AbstractJoint, ...]:
     return mechanism.all_joints()
 
 
-def contact_episodes(mechanism: Mechanism, trace: Trace) -> tuple[dict[str, list], list[tuple[int, float, float]]]:
-    """The table of contact episodes, and for each the interval in which it is an impact.
+def contact_states(time, penetration, impacts: list[tuple[int, float, float]]) -> np.ndarray:
+    """0 free, 1 contact, 2 impact, for times and penetrations (time, joint)."""
+    touching = penetration > 0
+    states = touching.astype(np.int8)
+    for joint, begin, end in impacts:
+        states[(time >= begin) & (time <= end) & touching[:, joint], joint] = 2
+    return states
+
+
+def contact_episodes(mechanism: Mechanism, trace: Trace, seen: dict[str, np.ndarray]) -> tuple[dict[str, list], list]:
+    """The table of contact episodes from what was `seen` at the step ends, and for each the interval in which it is an
+    impact, (joint, begin, end).
 
     Step ends lie on every touch and separation. A peak is the top of the cubic through force and rate at the step ends
     around it. An impact lasts until separation, or, where contact goes on, until the penetration has been
     through one compression and restitution (the second change of sign of its rate), or the rate has died away.
     """
-    seen = {k: np.asarray(v) for k, v in _observe(mechanism, trace.time, trace.y).items()}
     rates = np.asarray(_force_rate(mechanism, trace.time, trace.y))
     table: dict[str, list] = {name: [] for name in EPISODES}
     impacts = []
@@ -206,7 +232,7 @@ def _impact_end(t, rate, open_ended: bool) -> float:
     """
     end = t[-1]
     turns = np.flatnonzero(np.sign(rate[1:]) != np.sign(rate[:-1]))
-    if turns.size >= 2 and open_ended:
+    if turns.size >= 2:
         end = min(end, t[turns[1] + 1])
     lively = np.flatnonzero(np.abs(rate) >= 0.05 * abs(rate[0]))
     pauses = np.flatnonzero(np.diff(lively) > 1)
