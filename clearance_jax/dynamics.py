@@ -13,6 +13,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from clearance_jax._checks import ClearanceError
 from clearance_jax._numerics import safe_unit
 from clearance_jax._types import Scalar
 from clearance_jax.joints import Contact, Signals
@@ -20,6 +21,7 @@ from clearance_jax.mechanism.body import GROUND, Body, Spring
 from clearance_jax.mechanism.mechanism import Mechanism, frames, layout
 from clearance_jax.mechanism.tree import Column, Frame, Revolute
 from clearance_jax.spatial import (
+    ZERO,
     Factored,
     Rotation,
     Term,
@@ -28,10 +30,12 @@ from clearance_jax.spatial import (
     as_array,
     dot,
     factor,
+    is_zero,
     minus,
     plus,
     scale,
     solve,
+    spin_cross,
     subtract,
     times,
     total,
@@ -163,6 +167,10 @@ def accelerations(mechanism: Mechanism, time: Scalar, y: Array, motion: Frames, 
     loops = mechanism.closures()
     if not loops:
         return Balance(inertia, free, [])
+    if not free:
+        raise ClearanceError(
+            f"The ideal loop `{loops[0].name}` joins bodies that are all prescribed: free one of them."
+        )
     rows, lag = [], []
     for loop in loops:
         gap = closure(loop, motion)
@@ -196,6 +204,12 @@ def mass_matrix(mechanism: Mechanism, motion: Frames) -> Factored:
             for b in frame.free:
                 if b.index <= a.index:
                     matrix[a.index][b.index] = plus(matrix[a.index][b.index], coupling(body, a, b, centre))
+    for i, name in enumerate(layout(mechanism).names):
+        if is_zero(matrix[i][i]):
+            raise ClearanceError(
+                f"Nothing with inertia moves with the free coordinate `{name}`: give a body beyond it a mass (where it "
+                "turns, an inertia), or prescribe it with a drive."
+            )
     return factor(matrix)
 
 
@@ -301,13 +315,17 @@ def closure(loop: Revolute, motion: Frames) -> Gap:
     )
 
 
+def initial_offset(loop: Revolute, motion: Frames) -> Vector:
+    """Where in its sleeve the pin of a loop with clearance starts, at rest there, along the world's axes."""
+    return ZERO if loop.clearance is None else sleeve_rotation(loop, motion).apply(loop.eccentricity.vector)
+
+
 def openings(time: Scalar, y: Array, mechanism: Mechanism) -> dict[str, Array]:
     """How far every loop is from its initial closure [m]: the pin's centre from the place `eccentricity` gives it."""
     motion = frames(mechanism, time, y)
     out = {}
     for loop in mechanism.loops:
-        offset = motion[loop.parent].rotation.apply(loop.eccentricity.vector)
-        x, y_ = subtract(closure(loop, motion).gap, offset)
+        x, y_ = subtract(closure(loop, motion).gap, initial_offset(loop, motion))
         out[loop.name] = jnp.hypot(jnp.asarray(x, float), jnp.asarray(y_, float))
     return out
 
@@ -332,9 +350,9 @@ def projected(time: Scalar, y: Array, mechanism: Mechanism, loops: tuple[Revolut
         motion = frames(mechanism, time, y)
         rows, right = [], []
         for loop in loops:
-            gap = closure(loop, motion)
-            offset = motion[loop.parent].rotation.apply(loop.eccentricity.vector)
-            error = subtract(gap.gap, offset) if what == "position" else gap.rate
+            gap, offset = closure(loop, motion), initial_offset(loop, motion)
+            turning = spin_cross(motion[loop.parent].spin, offset)
+            error = subtract(gap.gap, offset) if what == "position" else subtract(gap.rate, turning)
             rows += gap.rows
             right += [minus(0.0, error[0]), minus(0.0, error[1])]
         change, _ = constrained(mass_matrix(mechanism, motion), rows, right)
@@ -402,7 +420,8 @@ def driving(mechanism: Mechanism, motion: Frames, pairs: list[Pair], balance: Ba
                     continue
                 work = plus(dot(column.velocity_at(pair.at), pair.force), times(column.spin, pair.torque))
                 efforts[key][0] = minus(efforts[key][0], times(sign, work))
-    return [(effort, speed) for effort, speed in efforts.values()]
+    # In the order of the coordinates, whatever the order of the bodies.
+    return [(efforts[c.name][0], efforts[c.name][1]) for c in mechanism.coordinates() if c.name in efforts]
 
 
 def prescribed_owners(mechanism: Mechanism) -> dict[str, tuple[str, ...]]:

@@ -1,5 +1,6 @@
 """`simulate`: a mechanism from t0 to t1, with error control that contact cannot fool, result code and energy books."""
 
+import operator
 from typing import Any
 
 import diffrax
@@ -10,13 +11,13 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
-from clearance_jax._checks import ClearanceError, require_float64
+from clearance_jax._checks import ClearanceError, require_float64, suggest
 from clearance_jax._types import Scalar
-from clearance_jax.dynamics import energies, opened_books, openings, projected, rate, read_books
+from clearance_jax.dynamics import BOOKS, energies, opened_books, openings, projected, rate, read_books
 from clearance_jax.mechanism.body import Servo
 from clearance_jax.mechanism.mechanism import Mechanism, frames, layout, parameters
 from clearance_jax.stepping import ContactController, Stepper
-from clearance_jax.tolerances import largest_length, tolerances
+from clearance_jax.tolerances import Tolerances, largest_length, tolerances
 
 # Traced once and called from every stage (a step asks for it a dozen times); XLA inlines the calls.
 _rate = jax.jit(rate)
@@ -28,7 +29,7 @@ class Solution(eqx.Module):
 
     - `time`: sample times [s], shape (samples,); `y`: states `[q, v, memory, books]` there, shape (samples, n).
     - `final`: the state at the end; `initial`: at the start.
-    - `result`: 0 where the solve reached t1, else diffrax's code (`message` in words); `steps`, `rejected`: counts.
+    - `result`: diffrax's code; `succeeded` where the solve reached t1, `message` in words; `steps`, `rejected`: counts.
     - `energy_residual`: |energy gained - work of drives + losses| / energy exchanged, a measure of the solve's quality.
     """
 
@@ -45,6 +46,20 @@ class Solution(eqx.Module):
     def succeeded(self) -> Array:
         """Whether the solve reached t1."""
         return self.result == diffrax.RESULTS.successful
+
+    @property
+    def message(self) -> str:
+        """Why a single solve stopped; empty where it reached t1."""
+        return "" if bool(self.succeeded) else meaning(self.result)
+
+
+def meaning(result: Any) -> str:
+    """A failed solve's code in words."""
+    if bool(result == diffrax.RESULTS.dt_min_reached):
+        return "the step size collapsed: a state that is not finite, or a force that jumps"
+    if bool(result == diffrax.RESULTS.nonlinear_divergence):
+        return "a number is out of its bounds, or the mechanism cannot be assembled"
+    return diffrax.RESULTS[result].rstrip(".")
 
 
 def simulate(
@@ -79,27 +94,27 @@ def simulate(
     **Raises:** `ClearanceError` for float64 off, t1 <= t0, numbers that are not finite or out of bounds, and a loop
     that cannot be closed; `RuntimeError` for a solve that fails on its way.
     """
-    require_float64()
-    check_values(mechanism)
-    if not isinstance(t0, Tracer) and not isinstance(t1, Tracer) and not float(t1) > float(t0):
-        raise ClearanceError(f"`t1` must be greater than `t0`, but t0 = {float(t0)} and t1 = {float(t1)}.")
-    t0, t1 = jnp.asarray(t0, float), jnp.asarray(t1, float)
-    if isinstance(save_at, int):
-        save_at = t0 + (t1 - t0) * jnp.linspace(0.0, 1.0, save_at)
+    chosen = check_arguments(mechanism, t0, t1, rtol, solver)
+    t0, t1, rtol = (jnp.asarray(x, float) for x in (t0, t1, rtol))
+    size = layout(mechanism).size
+    books = books or size == 0  # without states the books are what there is to integrate
+    if isinstance(save_at, int | np.integer):
+        save_at = t0 + (t1 - t0) * jnp.linspace(0.0, 1.0, int(save_at))
     elif save_at is not None:
         save_at = jnp.asarray(save_at, float)
         known = not any(isinstance(t, Tracer) for t in (t0, t1, save_at))
         if known and not (np.all(np.diff(save_at) > 0) and save_at[0] >= t0 and save_at[-1] <= t1):
             raise ClearanceError("The times in `save_at` must increase and lie between `t0` and `t1`.")
-    chosen = SOLVERS[solver]() if isinstance(solver, str) else solver
-    rtol = jnp.asarray(rtol, float)
+    if y0 is not None:
+        y0 = jnp.asarray(y0, float)
+        if y0.shape not in ((size,), (size + len(BOOKS),)):
+            raise ClearanceError(f"`y0` must have shape ({size},), [q, v, memory], but it has {y0.shape}.")
     solution = _solve(mechanism, t0, t1, save_at, rtol, atol, chosen, watch, books, max_steps, y0)
     if throw and not isinstance(solution.final, Tracer) and not bool(solution.succeeded):
         if y0 is None:
             check_assembled(mechanism, t0, solution.initial)
         raise RuntimeError(
-            f"The solve stopped before t1: {diffrax.RESULTS[solution.result]}. "
-            "Pass `throw=False` to keep what was computed."
+            f"The solve stopped before t1: {solution.message}. Pass `throw=False` to keep what was computed."
         )
     return solution
 
@@ -108,12 +123,15 @@ def simulate(
 def _solve(mechanism, t0, t1, save_at, rtol, atol, solver, watch, books, max_steps, y0) -> Solution:
     mechanism = mechanism.prepared()
     start = _start(mechanism, t0, books, y0)
-    # There is no motion of a mechanism that is not closed: end at once, with a code of its own.
-    closed = is_assembled(mechanism, t0, start) if y0 is None else True
-    end = jnp.where(closed, t1, t0 + 1e-9 * (t1 - t0))
-    save_at = None if save_at is None else jnp.where(closed, save_at, jnp.minimum(save_at, end))
-    out = _integrate(mechanism, t0, end, start, save_at, rtol, atol, solver, watch, max_steps, None)
-    result = diffrax.RESULTS.where(closed, out.result, diffrax.RESULTS.nonlinear_divergence)
+    # A lane of a batch with impossible numbers, or a mechanism that is not closed, ends at once with a code of its own.
+    possible = jnp.isfinite(t1) & (t1 > t0) & (rtol > 0) & (rtol < 1) & bounds_hold(mechanism)
+    if y0 is None:
+        possible &= is_assembled(mechanism, t0, start)
+    end = jnp.where(possible, t1, t0)
+    save_at = None if save_at is None else jnp.where(possible, save_at, t0)
+    allowed = _tolerances(mechanism, t0, t1, start, rtol, atol)
+    out = _integrate(mechanism, t0, end, start, save_at, allowed, solver, watch, max_steps)
+    result = diffrax.RESULTS.where(possible, out.result, diffrax.RESULTS.nonlinear_divergence)
     final = out.ys[0][-1]
     time = out.ts[0] if save_at is None else out.ts[1]
     y = out.ys[0] if save_at is None else _samples(mechanism, time, out.ys[1])
@@ -137,16 +155,17 @@ def _samples(mechanism, time, y):
     return jax.vmap(lambda t, y: projected(t, y, mechanism, mechanism.closures(), 1))(time, y)
 
 
-def _integrate(mechanism, t0, t1, start, save_at, rtol, atol, solver, watch, max_steps, dt0, steps=False):
+def _tolerances(mechanism, t0, t1, start, rtol, atol):
     size = layout(mechanism).size
-    allowed = tolerances(mechanism, start[:size], t0, t1, rtol, atol)
-    # The books judge the solve; they do not steer it (with them in the error norm they closed no better).
-    books = jnp.full(start.shape[0] - size, jnp.inf)
+    return tolerances(mechanism, start[:size], t0, t1, rtol, atol, start.shape[0] - size)
+
+
+def _integrate(mechanism, t0, t1, start, save_at, allowed: Tolerances, solver, watch, max_steps, steps=False):
     controller = ContactController(  # pyright: ignore[reportCallIssue]  # the abstract rtol, atol, norm are properties
-        scale=jnp.concatenate([allowed.absolute, books]),
-        relative=jnp.concatenate([allowed.relative, jnp.zeros_like(books)]),
+        scale=allowed.absolute,
+        relative=allowed.relative,
         breaks=drive_breaks(mechanism),
-        margin=switch_margin(mechanism, rtol),
+        margin=allowed.margin,
         watch=watch,
     )
     subs = [diffrax.SubSaveAt(t1=True)]
@@ -157,7 +176,7 @@ def _integrate(mechanism, t0, t1, start, save_at, rtol, atol, solver, watch, max
         Stepper(solver),
         t0,
         t1,
-        dt0,
+        None,
         start,
         args=mechanism,
         saveat=diffrax.SaveAt(subs=subs),
@@ -166,19 +185,6 @@ def _integrate(mechanism, t0, t1, start, save_at, rtol, atol, solver, watch, max
         max_steps=max_steps,
         throw=False,
     )
-
-
-def switch_margin(mechanism, rtol):
-    """How far past a switch a cut step may end, as a fraction of the uncut step.
-
-    What is left of the switch inside the step costs an error of second order in the margin, of first order where a
-    force jumps.
-    """
-    laws = [
-        law for j in mechanism.clearance_joints() if j.clearance for law in (j.clearance.normal, j.clearance.friction)
-    ]
-    jumps = any(law is not None and law.smoothness == "C-1" for law in laws)
-    return jnp.clip(rtol if jumps else jnp.sqrt(rtol), 1e-8, 1e-3)
 
 
 def energy_residual(mechanism, t0, t1, start, final):
@@ -232,23 +238,52 @@ def drive_breaks(mechanism: Mechanism) -> Array:
     return jnp.concatenate([jnp.zeros(0), *(drive.breaks() for drive in drives)])
 
 
+def check_arguments(mechanism: Mechanism, t0: Any, t1: Any, rtol: Any, solver: Any) -> Any:
+    """Raise for what a solve cannot start from (tracers pass: in a batch it is a result code). Returns the solver."""
+    require_float64()
+    check_values(mechanism)
+    if not any(isinstance(t, Tracer) for t in (t0, t1)) and not -np.inf < float(t0) < float(t1) < np.inf:
+        raise ClearanceError(f"`t1` must be finite and greater than `t0`, but t0 = {float(t0)} and t1 = {float(t1)}.")
+    if not isinstance(rtol, Tracer) and not 0 < float(rtol) < 1:
+        raise ClearanceError(f"`rtol` must be between 0 and 1, for instance 1e-8, but it is {float(rtol)}.")
+    if isinstance(solver, str) and solver not in SOLVERS:
+        raise ClearanceError(f"There is no solver {solver!r}. " + suggest(solver, SOLVERS))
+    return SOLVERS[solver]() if isinstance(solver, str) else solver
+
+
+BOUNDS = (
+    ("above", operator.gt, "greater than"),
+    ("least", operator.ge, "at least"),
+    ("below", operator.lt, "below"),
+)
+
+
+def bounds_hold(mechanism: Mechanism) -> Array:
+    """Whether every number is finite and inside its bounds (a flag, also for tracers)."""
+    flags = []
+    for leaf in parameters(mechanism).values():
+        flags.append(jnp.all(jnp.isfinite(leaf.value)))
+        flags += [jnp.all(f(leaf.value, leaf.metadata[b])) for b, f, _ in BOUNDS if leaf.metadata.get(b) is not None]
+    return jnp.all(jnp.stack(flags)) if flags else jnp.asarray(True)
+
+
 def check_values(mechanism: Mechanism) -> None:
-    """Every number finite and inside its bounds. Tracers pass (a batch lane that breaks a bound is a result code)."""
+    """Raise for a number that is not finite or not inside its bounds. Tracers pass."""
     for name, leaf in parameters(mechanism).items():
         if isinstance(leaf.value, Tracer):
             continue
-        value, meta = np.asarray(leaf.value), leaf.metadata
-        problem = None
+        try:
+            value = np.asarray(leaf.value, float)
+        except (TypeError, ValueError):
+            raise ClearanceError(f"`{name}` must be a number in {leaf.metadata['unit']}, not {leaf.value!r}.") from None
         if not np.all(np.isfinite(value)):
-            problem = "be finite"
-        elif meta.get("above") is not None and not np.all(value > meta["above"]):
-            problem = f"be greater than {meta['above']:g} {meta['unit']}"
-        elif meta.get("least") is not None and not np.all(value >= meta["least"]):
-            problem = f"be at least {meta['least']:g} {meta['unit']}"
-        elif meta.get("below") is not None and not np.all(value < meta["below"]):
-            problem = f"be less than {meta['below']:g} {meta['unit']}"
-        if problem:
-            raise ClearanceError(f"`{name}` must {problem}, but it is {value.tolist()}.")
+            raise ClearanceError(f"`{name}` must be finite, but it is {value.tolist()}.")
+        for bound, holds, words in BOUNDS:
+            limit = leaf.metadata.get(bound)
+            if limit is not None and not np.all(holds(value, limit)):
+                raise ClearanceError(
+                    f"`{name}` must be {words} {limit:g} {leaf.metadata['unit']}, but it is {value.tolist()}."
+                )
 
 
 __all__ = ["SOLVERS", "Solution", "frames", "initial_state", "simulate"]

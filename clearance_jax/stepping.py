@@ -176,6 +176,7 @@ class ContactController(diffrax.AbstractAdaptiveStepSizeController):
         )
         scaled = jnp.sqrt(jnp.sum(ratio * ratio) / jnp.maximum(jnp.sum(controlled), 1))
         scaled = jnp.where(jnp.isfinite(scaled) & jnp.all(jnp.isfinite(y1)), scaled, jnp.inf)
+        collapsed = (scaled > 1) & (h <= 8 * _EPS * jnp.abs(t1))
         accurate, _, proposal, _, inner, result = self.controller.adapt_step_size(
             t0, t1, jnp.zeros(()), jnp.zeros(()), args, scaled, error_order, controller_state.inner
         )
@@ -203,6 +204,7 @@ class ContactController(diffrax.AbstractAdaptiveStepSizeController):
         next_t1 = jnp.maximum(next_t1, next_t0 + 2 * _EPS * jnp.abs(next_t0))
         clipped = self._before_break(next_t0, next_t1)
         natural = jnp.where(clipped < next_t1, jnp.maximum(natural, next_t1 - next_t0), natural)
+        result = diffrax.RESULTS.where(collapsed, diffrax.RESULTS.dt_min_reached, result)
         return keep, next_t0, clipped, made_jump, WatchState(inner, natural, stalls), result
 
     def _before_break(self, t0, t1):

@@ -12,17 +12,17 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from clearance_jax._checks import ClearanceError, require_float64
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.solve import (
-    SOLVERS,
     Solution,
     _integrate,
     _samples,
     _start,
+    _tolerances,
+    check_arguments,
     check_assembled,
-    check_values,
     energy_residual,
+    meaning,
 )
 
 BLOCK = 4096
@@ -38,19 +38,20 @@ class Trace(eqx.Module):
 
 
 @eqx.filter_jit
-def _block(mechanism, t0, t1, start, grid, rtol, atol, solver, watch):
+def _block(mechanism, t0, t1, start, grid, allowed, solver, watch):
     mechanism = mechanism.prepared()
     # Samples before this block are moved to its start, so that the others keep their places in the buffer.
-    out = _integrate(
-        mechanism, t0, t1, start, jnp.maximum(grid, t0), rtol, atol, solver, watch, BLOCK, None, steps=True
-    )
+    out = _integrate(mechanism, t0, t1, start, jnp.maximum(grid, t0), allowed, solver, watch, BLOCK, steps=True)
     accepted, rejected = out.stats["num_accepted_steps"], out.stats["num_rejected_steps"]
     return out.ts[2], out.ys[2], out.ts[1], _samples(mechanism, out.ts[1], out.ys[1]), out.result, accepted, rejected
 
 
 @eqx.filter_jit
-def _first_state(mechanism, t0):
-    return _start(mechanism.prepared(), t0, True, None)
+def _first(mechanism, t0, t1, rtol, atol):
+    """The state at t0, and the tolerances of the whole solve."""
+    mechanism = mechanism.prepared()
+    start = _start(mechanism, t0, True, None)
+    return start, _tolerances(mechanism, t0, t1, start, rtol, atol)
 
 
 _residual = eqx.filter_jit(lambda m, *args: energy_residual(m.prepared(), *args))
@@ -73,19 +74,16 @@ def trace(
 
     **Arguments** as `simulate`; `samples` equally spaced output times; `progress` is called with the fraction done.
     """
-    require_float64()
-    check_values(mechanism)
-    if not t1 > t0:
-        raise ClearanceError(f"`t1` must be greater than `t0`, but t0 = {t0} and t1 = {t1}.")
+    chosen = check_arguments(mechanism, t0, t1, rtol, solver)
     grid = np.linspace(t0, t1, samples)
-    chosen = SOLVERS[solver]() if isinstance(solver, str) else solver
-    first = _first_state(mechanism, jnp.asarray(t0, float))
+    first, allowed = _first(mechanism, jnp.asarray(t0, float), jnp.asarray(t1, float), jnp.asarray(rtol, float), atol)
     check_assembled(mechanism, t0, first)
     now, y = float(t0), np.asarray(first)
     times, states, sampled = [np.array([now])], [y[None]], np.full((samples, y.size), np.nan)
+    sampled[0] = y  # whatever happens, the start is known
     accepted, rejected, message = 0, 0, ""
     result = diffrax.RESULTS.successful
-    options = (jnp.asarray(grid), jnp.asarray(rtol, float), atol, chosen, watch)
+    options = (jnp.asarray(grid), allowed, chosen, watch)
     try:
         while now < t1 and not message:
             ts, ys, sample_t, sample_y, result, more, wasted = _block(
@@ -105,7 +103,7 @@ def trace(
             if now < t1:
                 message = _failure(result, np.any(kept), accepted + rejected, max_steps)
     except KeyboardInterrupt:
-        message = "interrupted"
+        message, result = "interrupted", diffrax.RESULTS.event_occurred
     done = np.isfinite(sampled[:, 0])
     solution = Solution(
         jnp.asarray(grid[done]),
@@ -123,7 +121,7 @@ def trace(
 def _failure(result, progressed: bool, steps: int, max_steps: int) -> str:
     """Why a block that did not reach the end must not be followed by another; empty where it may."""
     if not bool(result == diffrax.RESULTS.max_steps_reached):
-        return str(diffrax.RESULTS[result])
+        return meaning(result)
     if not progressed:
-        return "the step size collapsed: a state that is not finite, or a force that jumps"
+        return meaning(diffrax.RESULTS.dt_min_reached)
     return f"stopped after {steps} steps" if steps >= max_steps else ""
