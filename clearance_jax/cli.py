@@ -1,10 +1,12 @@
 """The command `clearance`: simulate, info, plot. Every error is one sentence and exit code 2."""
 
+import os
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from clearance_jax._checks import ClearanceError
@@ -47,9 +49,19 @@ def _mechanism(scene_file: Path, settings: list[str] | None, ideal: bool):
     return (mechanism.ideal() if ideal else mechanism), scene
 
 
-def _writable(path: Path | None) -> None:
-    if path is not None and (not path.parent.is_dir() or path.is_dir()):
+FIGURES = (".png", ".pdf", ".svg")
+
+
+def _writable(path: Path | None, endings: tuple[str, ...] = ()) -> None:
+    """Raise before the solve for what could not be written after it."""
+    if path is None:
+        return
+    if not path.parent.is_dir() or path.is_dir():
         raise ClearanceError(f"Cannot write `{path}`: its folder does not exist or it is a folder. Make it first.")
+    if not os.access(path if path.exists() else path.parent, os.W_OK):
+        raise ClearanceError(f"Cannot write `{path}`: no permission. Choose another path.")
+    if endings and path.suffix.lower() not in endings:
+        raise ClearanceError(f"Cannot write `{path}`: a figure's name must end in {', '.join(endings)}.")
 
 
 @app.command()
@@ -75,11 +87,13 @@ def simulate(
     from clearance_jax.units import to_si
 
     _writable(output)
-    _writable(plot)
+    _writable(plot, FIGURES)
+    if output is not None and plot is not None and output.resolve() == plot.resolve():
+        raise ClearanceError(f"`-o` and `--plot` name the same file `{output}`. Give two names.")
     options: dict[str, Any] = {"rtol": 1e-8, "samples": 1001, "solver": "tsit5"} | scene.solve
     if solver is not None and solver not in SOLVERS:
         raise ClearanceError(f"`--solver` must be tsit5 or dopri8, but it is {solver!r}.")
-    given = {"rtol": rtol, "samples": samples, "solver": solver, "t1": to_si(t1, "s", "`--t1`") if t1 else None}
+    given = {"rtol": rtol, "samples": samples, "solver": solver, "t1": None if t1 is None else to_si(t1, "s", "`--t1`")}
     options |= {k: v for k, v in given.items() if v is not None}
     if "t1" not in options:
         raise ClearanceError(f"{scene_file}: the table `solve` has no `t1`. Add one, or give `--t1 1s`.")
@@ -94,12 +108,12 @@ def simulate(
     _report(mechanism, result, dataset)
     if output is not None:
         save(dataset, output)
-        console.print(f"dataset  {output}")
+        console.print(f"dataset  {escape(str(output))}", soft_wrap=True)
     if plot is not None:
         from clearance_jax.plot import overview, save_figure
 
         save_figure(overview(dataset), plot)
-        console.print(f"figure   {plot}")
+        console.print(f"figure   {escape(str(plot))}", soft_wrap=True)
     if result.message:
         raise typer.Exit(130 if result.message == "interrupted" else 1)
 
@@ -107,7 +121,7 @@ def simulate(
 def _report(mechanism, result, dataset) -> None:
     solution = result.solution
     console.print(
-        f"[bold]{mechanism.name}[/bold]: {dataset.attrs['result']} at t = {result.time[-1]:.6g} s, "
+        f"[bold]{escape(mechanism.name)}[/bold]: {dataset.attrs['result']} at t = {result.time[-1]:.6g} s, "
         f"{int(solution.steps)} steps ({int(solution.rejected)} rejected), "
         f"energy residual {float(solution.energy_residual):.1e}"
     )
@@ -135,9 +149,10 @@ def info(scene_file: SceneFile, settings: Settings = None, ideal: Ideal = False)
 
     from clearance_jax.dynamics import rate
     from clearance_jax.mechanism.mechanism import layout, parameters
+    from clearance_jax.scene import unit_of
 
     plan = layout(mechanism)
-    console.print(f"[bold]{mechanism.name}[/bold]")
+    console.print(f"[bold]{escape(mechanism.name)}[/bold]")
     console.print(
         f"states: {plan.size} (positions and speeds of {', '.join(plan.names) or 'nothing'}"
         + (f"; {plan.remembered} memory variables" if plan.remembered else "")
@@ -157,8 +172,11 @@ def info(scene_file: SceneFile, settings: Settings = None, ideal: Ideal = False)
     cost: Any = compiled.cost_analysis()
     console.print(f"one evaluation of the vector field: {int(cost.get('flops', 0))} operations (compiler's count)")
     table = Table("parameter", "value", "unit")
-    for name, leaf in parameters(mechanism).items():
-        table.add_row(name, np.array2string(np.asarray(leaf.value), precision=8), leaf.metadata["unit"])
+    known = parameters(mechanism)
+    for name, leaf in known.items():
+        table.add_row(
+            name, escape(np.array2string(np.asarray(leaf.value), precision=8)), unit_of(leaf, known, mechanism)
+        )
     console.print(table)
 
 
@@ -172,9 +190,9 @@ def plot(
     from clearance_jax.results import load_dataset
 
     output = result_file.with_suffix(".png") if output is None else output
-    _writable(output)
+    _writable(output, FIGURES)
     save_figure(overview(load_dataset(result_file)), output)
-    console.print(f"figure   {output}")
+    console.print(f"figure   {escape(str(output))}", soft_wrap=True)
 
 
 def main() -> None:

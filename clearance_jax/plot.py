@@ -1,5 +1,6 @@
 """Figures from a dataset: the four panels of the motion, and the pin's path in the sleeve. Dataset in, Figure out."""
 
+from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
@@ -7,12 +8,18 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
+from clearance_jax._checks import ClearanceError
+
 STATES = (("free", "tab:blue"), ("contact", "tab:green"), ("impact", "tab:red"))
 
 
 def overview(dataset: xr.Dataset) -> Figure:
     """Eccentricity, contact force, speed and acceleration of the first named point, and the pin's path."""
     joints = list(dataset["joint"].values) if "joint" in dataset.coords else []
+    if "time" not in dataset.coords or not (joints or "point" in dataset.coords):
+        raise ClearanceError(
+            "There is nothing to draw: this is no result of `clearance simulate`, or it names no point."
+        )
     with mpl.rc_context({"axes.grid": True, "grid.alpha": 0.3, "font.size": 9}):
         figure = Figure(figsize=(13, 7.5) if joints else (9, 7), layout="constrained")
         parts: Any = figure.subfigures(1, 2, width_ratios=(2, 1)) if joints else (figure, None)
@@ -128,11 +135,13 @@ def pin_path(axis, dataset: xr.Dataset, joint: str) -> None:
 
 def save_figure(figure: Figure, path) -> None:
     """Write a figure. **Raises** `ClearanceError` where the path is not writable or its ending unknown."""
-    from clearance_jax._checks import ClearanceError
-
+    path = Path(path)
+    partial = path.with_name(f".partial.{path.name}")
     try:
-        figure.savefig(path, dpi=130)
+        figure.savefig(partial, dpi=130)
+        partial.replace(path)
     except (OSError, ValueError) as error:
+        partial.unlink(missing_ok=True)
         raise ClearanceError(
             f"Cannot write the figure `{path}`: {error}. Choose another path ending in .png or .pdf."
         ) from error

@@ -98,6 +98,14 @@ def to_dataset(mechanism: Mechanism, solution: Solution | Trace, **provenance: A
     traced = solution if isinstance(solution, Trace) else None
     solved = traced.solution if traced else solution
     assert isinstance(solved, Solution)
+    if solved.time.ndim != 1:
+        raise ClearanceError(
+            f"A dataset holds one solve, but this is a batch of shape {solved.time.shape[:-1]}. Take one lane: "
+            "`jax.tree.map(lambda x: x[i], solution)`."
+        )
+    reached = np.isfinite(np.asarray(solved.time))
+    if not reached.all():  # a solve that stopped early: keep what it computed
+        solved = eqx.tree_at(lambda s: (s.time, s.y), solved, (solved.time[reached], solved.y[reached]))
     seen = {k: np.asarray(v) for k, v in _observe(mechanism, solved.time, solved.y).items()}
     joints = [joint.name for joint in mechanism.clearance_joints()]
     coords: dict[str, Any] = {"time": ("time", np.asarray(solved.time), {"units": "s"}), "axis": ["x", "y"]}

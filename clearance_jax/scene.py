@@ -76,7 +76,7 @@ class Table:
     def word(self, name: str, allowed, default: str | None = None) -> str:
         """The key's value, one of `allowed`."""
         value = self.get(name, default) if default is not None else self.need(name)
-        if value not in allowed:
+        if not isinstance(value, str) or value not in allowed:
             raise ClearanceError(
                 f"{self.key(name)} must be one of the allowed words, but it is {value!r}. "
                 + suggest(str(value), allowed)
@@ -85,7 +85,8 @@ class Table:
 
     def number(self, name: str, unit: str) -> float | None:
         """The key's quantity in SI, or `None` where the key is absent."""
-        return to_si(self.get(name), unit, self.key(name)) if self.has(name) else None
+        value = self.get(name)
+        return to_si(value, unit, self.key(name)) if self.has(name) else None
 
     def table(self, name: str) -> "Table":
         """The key's sub-table (empty where absent)."""
@@ -144,6 +145,12 @@ def _mechanism(top: Table, path: Path) -> Mechanism:
                 raise ClearanceError(
                     f"{table.where} closes a loop (`{joint.child}` is placed already): only a revolute joint can."
                 )
+            for key in ("drive", "actuator", "position", "velocity"):
+                if table.has(key):
+                    raise ClearanceError(
+                        f"{table.key(key)} has no effect: the joint closes a loop (`{joint.child}` is placed already). "
+                        "Move it to a joint of the tree, or write this joint before the one that places the body."
+                    )
             loops.append(joint)
         else:
             joints.append(joint)
@@ -151,6 +158,9 @@ def _mechanism(top: Table, path: Path) -> Mechanism:
     springs = tuple(_spring(name, table) for name, table in top.tables("spring"))
     points = tuple(_point(name, table) for name, table in top.tables("point"))
     x, y = _vector(top, "gravity", "m/s^2")
+    assemble = top.get("assemble", True)
+    if not isinstance(assemble, bool):
+        raise ClearanceError(f"{top.key('assemble')} must be true or false, but it is {assemble!r}.")
     return Mechanism(
         bodies,
         tuple(joints),
@@ -159,7 +169,7 @@ def _mechanism(top: Table, path: Path) -> Mechanism:
         points,
         Gravity(x, y),
         str(top.get("name", path.stem)),
-        bool(top.get("assemble", True)),
+        assemble,
     )
 
 
@@ -169,6 +179,10 @@ def _solve(table: Table) -> dict[str, Any]:
         value = table.number(name, unit)
         if value is not None:
             options[name] = value
+    if not 0 < options.get("rtol", 1e-8) < 1:
+        raise ClearanceError(f"{table.key('rtol')} must be between 0 and 1, but it is {options['rtol']:g}.")
+    if not options.get("t0", 0.0) < options.get("t1", np.inf):
+        raise ClearanceError(f"{table.key('t1')} must be greater than t0, but it is {options['t1']:g} s.")
     if table.has("samples"):
         samples = table.get("samples")
         if not isinstance(samples, int) or samples < 2:
@@ -276,7 +290,11 @@ def _drive(table: Table, name: str, coordinate: str, path: Path) -> AbstractDriv
         scale = to_si(f"1 {inner.need('unit')}", coordinate, inner.key("unit"))
         drive = Spline(times, values * scale, inner.word("ends", {"not-a-knot", "natural", "clamped"}, "not-a-knot"))
     else:
-        drive = cls(**_fields(cls, inner, coordinate, skip={"curvature"}))
+        values = _fields(cls, inner, coordinate, skip={"curvature"})
+        try:
+            drive = cls(**values)
+        except ClearanceError as error:
+            raise ClearanceError(f"{inner.where}: {error}") from None
     inner.finish()
     return drive
 
@@ -309,25 +327,34 @@ def _csv(path: Path, where: str) -> tuple[np.ndarray, np.ndarray]:
 
 def _clearance(table: Table) -> RevoluteClearance | None:
     given = [k for k in ("radial_clearance", "diametral_clearance") if table.has(k)]
-    if not given:
+    radii = table.has("pin_radius") and table.has("sleeve_radius")
+    if not given and not radii:
         for key in ("normal", "friction", "pin_radius", "sleeve_radius"):
             if table.has(key):
                 raise ClearanceError(f"{table.key(key)} belongs to a joint with clearance: add `radial_clearance` too.")
         return None
     if len(given) == 2:
         raise ClearanceError(f"{table.where} gives both a radial and a diametral clearance. Give one.")
-    clearance = table.number(given[0], "m")
-    assert clearance is not None
-    clearance = clearance if given[0].startswith("radial") else clearance / 2
     pin, sleeve = table.number("pin_radius", "m"), table.number("sleeve_radius", "m")
+    clearance = table.number(given[0], "m") if given else None
+    if clearance is not None and given[0].startswith("diametral"):
+        clearance /= 2
+    if clearance is None and pin is not None and sleeve is not None:
+        clearance = sleeve - pin
+        if clearance <= 0:
+            raise ClearanceError(f"{table.where}: the pin must fit in the sleeve, but pin_radius >= sleeve_radius.")
+    assert clearance is not None  # given, or from both radii
     if pin is None:
-        raise ClearanceError(f"{table.where} lacks the key `pin_radius`. Add it.")
+        if sleeve is None:
+            raise ClearanceError(f"{table.where} lacks the key `pin_radius`. Add it (or `sleeve_radius`).")
+        pin = sleeve - clearance
     if sleeve is not None and not np.isclose(sleeve - pin, clearance, rtol=1e-6):
         raise ClearanceError(
             f"{table.where}: sleeve_radius - pin_radius is {sleeve - pin:g} m, but the radial clearance is "
             f"{clearance:g} m. The pin must fit in the sleeve: give two of the three, or make them agree."
         )
-    joint = RevoluteClearance(clearance, pin, _normal(table.table("normal"), table), _friction(table.table("friction")))
+    friction = None if table.get("friction") == "none" else _friction(table.table("friction"))
+    joint = RevoluteClearance(clearance, pin, _normal(table.table("normal"), table), friction)
     _bounded(joint, table)
     return joint
 
@@ -385,6 +412,8 @@ def _fields(cls, table: Table, coordinate: str, skip=frozenset()) -> dict[str, A
         unit = resolved(field.metadata["unit"], coordinate)
         value = table.get(field.name)
         if isinstance(value, list):
+            if not issubclass(cls, AbstractDrive):
+                raise ClearanceError(f"{table.key(field.name)} must be one quantity, but it is the list {value!r}.")
             out[field.name] = [to_si(v, unit, f"{table.key(field.name)}[{i}]") for i, v in enumerate(value)]
         else:
             out[field.name] = to_si(value, unit, table.key(field.name))
@@ -416,6 +445,17 @@ def _bounded(module, table: Table) -> None:
                 )
 
 
+def unit_of(leaf: Leaf, known: dict[str, Leaf], mechanism: Mechanism) -> str:
+    """The unit of a parameter, with that of its joint's coordinate and of its law's exponent put in."""
+    owner = leaf.name.removeprefix("drive.").partition(".")[0]
+    sliding = any(j.name == owner and isinstance(j, Prismatic) for j in mechanism.joints)
+    unit = resolved(leaf.metadata["unit"], "m" if sliding else "rad")
+    exponent = known.get(f"{leaf.name.rpartition('.')[0]}.exponent")
+    if exponent is not None and unit == "N/m^1.5":
+        unit = f"N/m^{float(exponent.value):g}"
+    return unit
+
+
 def parse_setting(text: str, known: dict[str, Leaf], mechanism: Mechanism) -> tuple[str, float]:
     """`name=value` of the command line, in SI, checked against the parameters of a mechanism."""
     name, equals, value = text.partition("=")
@@ -425,9 +465,7 @@ def parse_setting(text: str, known: dict[str, Leaf], mechanism: Mechanism) -> tu
     leaf = known.get(name) or known.get(name.rpartition(".")[0])
     if leaf is None:
         raise ClearanceError(f"`--set {text}`: there is no parameter `{name}`. " + suggest(name, known))
-    owner = name.removeprefix("drive.").partition(".")[0]
-    sliding = any(j.name == owner and isinstance(j, Prismatic) for j in mechanism.joints)
-    unit = resolved(leaf.metadata["unit"], "m" if sliding else "rad")
+    unit = unit_of(leaf, known, mechanism)
     value = value.strip()
     if unit == "":
         try:

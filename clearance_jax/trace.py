@@ -101,7 +101,7 @@ def trace(
             if progress is not None:
                 progress((now - t0) / (t1 - t0))
             if now < t1:
-                message = _failure(result, np.any(kept), accepted + rejected, max_steps)
+                message = _failure(result, bool(np.any(kept)), accepted + rejected, max_steps)
     except KeyboardInterrupt:
         message, result = "interrupted", diffrax.RESULTS.event_occurred
     done = np.isfinite(sampled[:, 0])

@@ -6,6 +6,8 @@ from typing import Any
 
 from clearance_jax._checks import ClearanceError
 
+ANGLES = ("radian", "degree", "turn", "revolution", "arc", "grade", "cycle")
+
 
 @functools.cache
 def registry() -> Any:
@@ -30,7 +32,7 @@ def to_si(value: Any, unit: str, where: str) -> float:
 
     try:
         quantity = registry().Quantity(value)
-        return _finite(float(quantity.to(unit).magnitude), where)
+        magnitude = float(quantity.to(unit).magnitude)
     except pint.DimensionalityError as error:
         raise ClearanceError(
             f"{where} must be in {unit} or a unit of that dimension, but {value!r} is in {error.units1}."
@@ -39,6 +41,10 @@ def to_si(value: Any, unit: str, where: str) -> float:
         raise ClearanceError(f'{where} is not a quantity: {value!r} ({error}). Write it as "2.5 {unit}".') from None
     except Exception as error:  # pint's parser raises tokenizer errors of several kinds
         raise ClearanceError(f'{where} is not a quantity: {value!r} ({error}). Write it as "2.5 {unit}".') from None
+    # To pint an angle is a bare number: "30" would pass for radians, and hertz for rad/s.
+    if unit in ("rad", "rad/s") and not any(word in str(quantity.units) for word in ANGLES):
+        raise ClearanceError(f'{where} needs a unit of angle (deg, rad, rpm ...): write it as "{value} {unit}".')
+    return _finite(magnitude, where)
 
 
 def _finite(value: float, where: str) -> float:

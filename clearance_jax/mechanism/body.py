@@ -74,6 +74,10 @@ class AbstractActuator(eqx.Module):
     def __call__(self, time: Scalar, position: Scalar, velocity: Scalar) -> Scalar:
         """The force [N] or torque [N m]."""
 
+    def prepared(self) -> "AbstractActuator":
+        """The actuator with what depends only on its numbers computed (once a solve)."""
+        return self
+
 
 class ConstantEffort(AbstractActuator):
     """A constant torque [N m] (or force [N] on a sliding joint)."""
@@ -94,6 +98,9 @@ class Servo(AbstractActuator):
     def __call__(self, time, position, velocity):
         goal, goal_rate, _ = self.target(time)
         return self.stiffness * (goal - position) + self.damping * (goal_rate - velocity)
+
+    def prepared(self):
+        return Servo(self.target.prepared(), self.stiffness, self.damping)
 
 
 class JointSpring(AbstractActuator):

@@ -8,6 +8,8 @@ from typing import Literal
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from clearance_jax._checks import ClearanceError
@@ -45,6 +47,14 @@ class ConstantSpeed(AbstractDrive):
         return self.start + self.speed * time, self.speed, 0.0
 
 
+def _check_steps(drive) -> None:
+    shapes = {drive.begin.shape, drive.end.shape, drive.rise.shape}
+    if len(shapes) > 1 or drive.begin.ndim != 1:
+        raise ClearanceError("A step drive needs `begin`, `end` and `rise` as lists of one length.")
+    if not isinstance(drive.begin - drive.end, Tracer) and not np.all(drive.end > drive.begin):
+        raise ClearanceError("Every step of a drive must end after it begins.")
+
+
 class StepSum(AbstractDrive):
     """q = offset + sum of rise_i STEP(t, begin_i, 0, end_i, 1), the cubic STEP of ADAMS; q'' jumps at both ends.
 
@@ -55,6 +65,9 @@ class StepSum(AbstractDrive):
     end: Values = physical("s")
     rise: Values = physical("coordinate")
     offset: Scalar = physical("coordinate", default=0.0)
+
+    def __check_init__(self):
+        _check_steps(self)
 
     def __call__(self, time):
         span = self.end - self.begin
@@ -76,6 +89,9 @@ class Step5Sum(AbstractDrive):
     end: Values = physical("s")
     rise: Values = physical("coordinate")
     offset: Scalar = physical("coordinate", default=0.0)
+
+    def __check_init__(self):
+        _check_steps(self)
 
     def __call__(self, time):
         span = self.end - self.begin
@@ -119,6 +135,10 @@ class Spline(AbstractDrive):
     def __check_init__(self):
         if self.times.shape[0] < 4 or self.times.shape != self.values.shape:
             raise ClearanceError("A spline drive needs `times` and `values` of one length of at least 4.")
+        if not isinstance(self.times, Tracer) and not np.all(np.diff(self.times) > 0):
+            raise ClearanceError("The `times` of a spline drive must increase.")
+        if self.ends not in ("not-a-knot", "natural", "clamped"):
+            raise ClearanceError(f"`ends` must be not-a-knot, natural or clamped, but it is {self.ends!r}.")
 
     def prepared(self):
         curvature = spline_curvature(self.times, self.values, self.ends)

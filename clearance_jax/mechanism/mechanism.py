@@ -43,6 +43,8 @@ class Mechanism(eqx.Module):
 
     def __check_init__(self):
         parts = (*self.bodies, *self.joints, *self.loops, *self.springs, *self.points)
+        if not self.bodies:
+            raise ClearanceError("A mechanism needs at least one body (in a scene file a table `[body.NAME]`).")
         seen: set[str] = set()
         for part in parts:
             if part.name in seen or part.name in (GROUND, "gravity", "drive"):
@@ -158,6 +160,9 @@ def _prepared(joint: AbstractJoint) -> AbstractJoint:
         joint = eqx.tree_at(lambda j: j.clearance, joint, joint.clearance.prepared())
     if isinstance(joint, Revolute | Prismatic) and joint.motion.drive is not None:
         joint = eqx.tree_at(lambda j: j.motion.drive, joint, joint.motion.drive.prepared())
+    if isinstance(joint, Revolute | Prismatic) and joint.motion.actuators:
+        actuators = tuple(actuator.prepared() for actuator in joint.motion.actuators)
+        joint = eqx.tree_at(lambda j: j.motion.actuators, joint, actuators)
     return joint
 
 
@@ -248,6 +253,8 @@ def replace(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
         if leaf is None:
             raise ClearanceError(f"There is no parameter `{name}`. " + suggest(name, known))
         path, old = leaf.path, follow(mechanism, leaf.path)
+        if index is not None and not (np.ndim(old) == 1 and index < np.shape(old)[0]):
+            raise ClearanceError(f"`{leaf.name}` has shape {np.shape(old)}: there is no entry {index}.")
         new = jnp.asarray(value, dtype=float) if index is None else jnp.asarray(old).at[index].set(value)
         if np.ndim(new) < np.ndim(old):
             raise ClearanceError(
