@@ -43,7 +43,7 @@ def to_si(value: Any, unit: str, where: str) -> float:
         raise ClearanceError(f'{where} is not a quantity: {value!r} ({error}). Write it as "2.5 {unit}".') from None
     # To pint an angle is a bare number: "30" would pass for radians, and hertz for rad/s.
     if unit in ("rad", "rad/s") and not any(word in str(quantity.units) for word in ANGLES):
-        raise ClearanceError(f'{where} needs a unit of angle (deg, rad, rpm ...): write it as "{value} {unit}".')
+        raise ClearanceError(f'{where} needs a unit of angle (deg, rad, rpm ...): write it as "1.5 {unit}".')
     return _finite(magnitude, where)
 
 
