@@ -204,3 +204,41 @@ def test_two_million_times_smaller_play_has_the_same_mass(values):
     got = jax.vmap(lambda t, y: rate(t, y, m)[n:])(t, y)
     expected = jax.vmap(lambda t, y: lagrangian_acceleration(m, t, y))(t, y)
     np.testing.assert_allclose(got, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
+
+
+def two_arms(*order):
+    bodies = {"light": cj.Body("light", None, 1.0), "heavy": cj.Body("heavy", None, 100.0)}
+    joints = tuple(
+        cj.Revolute(f"to_{name}", "ground", name, motion=cj.Motion(cj.Harmonic(1.0, 2.0))) for name in bodies
+    )
+    return cj.Mechanism(tuple(bodies[name] for name in order), joints)
+
+
+def test_drive_efforts_are_named_by_their_coordinates_whatever_the_order_of_the_bodies():
+    for order in (("light", "heavy"), ("heavy", "light")):
+        m = two_arms(*order)
+        dataset = cj.to_dataset(m, cj.simulate(m, 1.0, save_at=3, rtol=1e-6))
+        torque = dataset["drive_force"].sel(drive=["to_light", "to_heavy"]).values[1]
+        np.testing.assert_allclose(torque, [-4 * np.sin(1.0), -400 * np.sin(1.0)], rtol=1e-12)
+
+
+def test_a_coordinate_that_moves_nothing_is_refused():
+    m = cj.Mechanism((cj.Body("a"),), (cj.Prismatic("slide", "ground", "a"),))
+    with pytest.raises(ValueError, match="moves with the free coordinate `slide`"):
+        cj.simulate(m, 1.0)
+
+
+def test_ideal_forgets_where_the_pin_started():
+    from catalogue import slider_crank
+
+    m = slider_crank()
+    wrist = m.loops[0]
+    off = cj.Revolute(
+        "wrist", "conrod", "slider", wrist.at_parent, clearance=wrist.clearance, eccentricity=at(3e-4, 2e-4)
+    )
+    m = cj.Mechanism(m.bodies, m.joints, (off,))
+    y = np.asarray(cj.simulate(m, 1e-5, save_at=2, rtol=1e-6).y)[0]
+    # Axes of the conrod, at angle 0 at the start: the slider is off by the eccentricity, at rest in the sleeve.
+    np.testing.assert_allclose(y[1] - 0.05 * np.cos(0) - 0.12 * np.cos(y[0]), 3e-4 * np.cos(y[0]) - 2e-4 * np.sin(y[0]))
+    ideal = np.asarray(cj.simulate(m.ideal(), 1e-5, save_at=2, rtol=1e-6).y)[0]
+    np.testing.assert_allclose(ideal[1], 0.17, rtol=1e-14)

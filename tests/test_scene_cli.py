@@ -50,6 +50,17 @@ CHANGES = [
     ('parent = "crank"', 'parent = "crnk"', "Did you mean `crank`"),
     ('type = "prismatic"', 'type = "prismatik"', "Did you mean `prismatic`"),
     ('{ type = "constant-speed", speed = "5000 rpm" }', '"step(time, 0, 0 0.5, 1)"', "expected `,`"),
+    ('speed = "5000 rpm"', 'speed = "83 Hz"', "unit of angle"),
+    (
+        'type = "constant-speed", speed = "5000 rpm"',
+        'type = "step", begin = ["1 s"], end = ["0 s"], rise = ["1 rad"]',
+        "end",
+    ),
+    ('radial_clearance = "0.5 mm"', 'radial_clearance = "0.5 mm"\nposition = "3 deg"', "has no effect"),
+    ("coefficient = 0.03", "coefficient = [0.03, 0.04]", "must be one quantity"),
+    ('law = "adams-impact"', 'law = ["adams-impact"]', "one of the allowed words"),
+    ('pin_radius = "10 mm"', 'sleeve_radius = "0.1 mm"', "greater than 0"),
+    ("rtol = 1e-8", "rtol = 0", "between 0 and 1"),
 ]
 
 

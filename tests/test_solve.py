@@ -10,6 +10,7 @@ import pytest
 
 import clearance_jax as cj
 from clearance_jax import laws
+from clearance_jax.trace import BLOCK
 
 DATA = Path(__file__).parents[1] / "experiments" / "reference" / "data"
 OMEGA = 5000 * np.pi / 30
@@ -165,6 +166,46 @@ def test_a_mechanism_that_cannot_be_assembled_is_refused_or_is_a_failed_lane():
         return cj.simulate(cj.replace(m, {"wrist.at_parent.x": length}), 1e-3, save_at=3).succeeded
 
     assert np.asarray(jax.vmap(reached)(jnp.array([0.03, 0.12]))).tolist() == [False, True]
+
+
+def test_impossible_lanes_of_a_batch_fail_at_once_and_alone():
+    def end(c):
+        s = cj.simulate(cj.replace(catalogue.slider_crank(), {"wrist.radial_clearance": c}), 1e-4, rtol=1e-6)
+        return s.succeeded, s.steps + s.rejected
+
+    succeeded, attempts = jax.jit(jax.vmap(end))(jnp.array([1e-4, 0.0, jnp.nan, -1e-4]))
+    assert np.asarray(succeeded).tolist() == [True, False, False, False]
+    assert np.asarray(attempts)[1:].tolist() == [0, 0, 0]
+
+
+def test_books_of_a_mechanism_without_states_follow_the_tolerance():
+    m = cj.load(DATA.parents[1] / "scenes" / "joint5_velocity_1.toml").ideal()
+    for rtol in (1e-6, 1e-9):
+        assert float(cj.simulate(m, 3.0, rtol=rtol).energy_residual) <= 10 * rtol
+
+
+def test_a_trace_of_many_blocks_is_the_solve():
+    m = cj.load(DATA.parents[1] / "scenes" / "joint5_velocity_1.toml")
+    traced = cj.trace(m, 3.0, rtol=1e-7)
+    assert traced.time.size > 2 * BLOCK
+    s = cj.simulate(m, 3.0, rtol=1e-7)
+    np.testing.assert_allclose(traced.solution.final, s.final, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"rtol": float("nan")}, "`rtol` must be between"),
+        ({"rtol": 0.0}, "`rtol` must be between"),
+        ({"t0": 2.0}, "greater than `t0`"),
+        ({"solver": "tsit"}, "Did you mean `tsit5`"),
+        ({"save_at": [0.0, 2.0]}, "between `t0` and `t1`"),
+        ({"y0": [0.0, 0.0]}, "`y0` must have shape"),
+    ],
+)
+def test_bad_arguments_are_refused(arguments, words):
+    with pytest.raises(ValueError, match=words):
+        cj.simulate(catalogue.slider_crank(), 1e-3, **arguments)
 
 
 def test_energy_books_with_gravity_springs_and_actuators():
