@@ -14,7 +14,8 @@ import numpy as np
 import xarray as xr
 
 from clearance_jax._checks import ClearanceError
-from clearance_jax.dynamics import observe, prescribed_owners, rate
+from clearance_jax.dynamics import observe, rate
+from clearance_jax.energy import prescribed_owners
 from clearance_jax.mechanism.mechanism import Mechanism, parameters
 from clearance_jax.mechanism.tree import AbstractJoint
 from clearance_jax.solve import Solution

@@ -13,7 +13,9 @@ from jaxtyping import Array, Float, Int
 
 from clearance_jax._checks import ClearanceError, require_float64, suggest
 from clearance_jax._types import Scalar
-from clearance_jax.dynamics import BOOKS, energies, opened_books, openings, projected, rate, read_books
+from clearance_jax.dynamics import rate
+from clearance_jax.energy import BOOKS, energies, opened_books, read_books
+from clearance_jax.equations import openings, projected
 from clearance_jax.mechanism.body import Servo
 from clearance_jax.mechanism.mechanism import Mechanism, frames, layout, parameters
 from clearance_jax.stepping import ContactController, Stepper

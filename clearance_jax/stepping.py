@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from clearance_jax.dynamics import projected, signals
+from clearance_jax.equations import projected, signals
 from clearance_jax.mechanism.mechanism import Mechanism, layout
 
 _EPS = float(np.finfo(np.float64).eps)

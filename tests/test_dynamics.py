@@ -7,7 +7,8 @@ import pytest
 
 import clearance_jax as cj
 from clearance_jax import laws
-from clearance_jax.dynamics import energies, observe, rate
+from clearance_jax.dynamics import observe, rate
+from clearance_jax.energy import energies
 from clearance_jax.mechanism.mechanism import frames, layout
 
 GRAVITY = cj.Gravity(0.7, -9.81)

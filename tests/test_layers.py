@@ -11,7 +11,7 @@ LAYERS = [
     {"spatial", "laws", "units"},
     {"joints"},
     {"mechanism"},
-    {"dynamics"},
+    {"equations", "energy", "dynamics"},
     {"tolerances", "stepping", "solve", "trace"},
     {"results", "scene"},
     {"plot"},
