@@ -15,9 +15,7 @@ import xarray as xr
 
 from clearance_jax._checks import ClearanceError
 from clearance_jax.dynamics import observe, rate
-from clearance_jax.energy import prescribed_owners
 from clearance_jax.mechanism.mechanism import Mechanism, parameters
-from clearance_jax.mechanism.tree import AbstractJoint
 from clearance_jax.solve import Solution
 from clearance_jax.trace import Trace
 
@@ -63,13 +61,13 @@ STEPS = {
 }
 
 EPISODES = {
-    "episode_joint": ("1", "which clearance joint (index)"),
-    "episode_start": ("s", "first touch"),
-    "episode_end": ("s", "separation (NaN: still in contact at the end)"),
-    "impact_speed": ("m/s", "approach speed at first touch"),
-    "peak_force": ("N", "largest normal force, refined between steps"),
-    "peak_time": ("s", "when the largest normal force acts"),
-    "restitution": ("1", "separation speed over impact speed (NaN: still in contact)"),
+    "episode_joint": Variable((), "1", "which clearance joint (index)"),
+    "episode_start": Variable((), "s", "first touch"),
+    "episode_end": Variable((), "s", "separation (NaN: still in contact at the end)"),
+    "impact_speed": Variable((), "m/s", "approach speed at first touch"),
+    "peak_force": Variable((), "N", "largest normal force, refined between steps"),
+    "peak_time": Variable((), "s", "when the largest normal force acts"),
+    "restitution": Variable((), "1", "separation speed over impact speed (NaN: still in contact)"),
 }
 
 _observe = eqx.filter_jit(
@@ -113,10 +111,8 @@ def to_dataset(mechanism: Mechanism, solution: Solution | Trace, **provenance: A
     coords["coordinate"] = [c.name for c in mechanism.coordinates()]
     coords["point"] = [p.name for p in mechanism.points]
     coords["joint"] = joints
-    coords["any_joint"] = [j.name for j in _all(mechanism)]
-    coords["drive"] = sorted(
-        {n for names in prescribed_owners(mechanism).values() for n in names}, key=coords["coordinate"].index
-    )
+    coords["any_joint"] = [j.name for j in mechanism.all_joints()]
+    coords["drive"] = [c.name for c in mechanism.coordinates() if not c.motion.is_free]
     episodes: dict[str, Any] = {}
     steps: dict[str, Any] = {}
     if joints:
@@ -131,27 +127,13 @@ def to_dataset(mechanism: Mechanism, solution: Solution | Trace, **provenance: A
                 "step_state": contact_states(traced.time, at_steps["penetration"], impacts),
             }
         seen["contact_state"] = contact_states(coords["time"][1], seen["penetration"], impacts)
-    data = {
-        name: (
-            ("time", *VARIABLES[name].dims),
-            value,
-            {"units": VARIABLES[name].unit, "long_name": VARIABLES[name].meaning},
-        )
-        for name, value in seen.items()
-    }
-    data |= {
-        name: (("step", *STEPS[name].dims), value, {"units": STEPS[name].unit, "long_name": STEPS[name].meaning})
-        for name, value in steps.items()
-    }
-    data |= {
-        name: ("episode", np.asarray(value), {"units": EPISODES[name][0], "long_name": EPISODES[name][1]})
-        for name, value in episodes.items()
-    }
-    used = {dim for value in data.values() for dim in ((value[0],) if isinstance(value[0], str) else value[0])}
+    data = _variables("time", seen, VARIABLES)
+    data |= _variables("step", steps, STEPS) | _variables("episode", episodes, EPISODES)
+    used = {dim for dims, _, _ in data.values() for dim in dims}
     attrs = {
         "software": f"clearance_jax {version('clearance-jax')}",
         "mechanism": mechanism.name,
-        "result": (traced.message if traced else "") or ("successful" if bool(solved.succeeded) else "failed"),
+        "result": (traced.message if traced else solved.message) or "successful",
         "accepted_steps": int(solved.steps),
         "rejected_steps": int(solved.rejected),
         "energy_residual": float(solved.energy_residual),
@@ -161,8 +143,13 @@ def to_dataset(mechanism: Mechanism, solution: Solution | Trace, **provenance: A
     return xr.Dataset(data, {k: v for k, v in coords.items() if k in used}, attrs)
 
 
-def _all(mechanism: Mechanism) -> tuple[AbstractJoint, ...]:
-    return mechanism.all_joints()
+def _variables(first: str, values: dict[str, Any], described: dict[str, Variable]) -> dict[str, tuple]:
+    """Xarray's (dimensions, values, attributes) of every value; `first` is the leading dimension."""
+    out = {}
+    for name, value in values.items():
+        dims, unit, meaning = described[name]
+        out[name] = ((first, *dims), np.asarray(value), {"units": unit, "long_name": meaning})
+    return out
 
 
 def contact_states(time, penetration, impacts: list[tuple[int, float, float]]) -> np.ndarray:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from clearance_jax._checks import ClearanceError, suggest
+from clearance_jax._checks import BOUNDS, ClearanceError, suggest
 from clearance_jax._types import Leaf
 from clearance_jax.joints import RevoluteClearance
 from clearance_jax.laws import FRICTION_LAWS, NORMAL_LAWS, InternalHertz, RestitutionLaw
@@ -433,11 +433,7 @@ def _bounded(module, table: Table) -> None:
         meta = field.metadata
         if "unit" not in meta or value is None or dataclasses.is_dataclass(value):
             continue
-        for bound, holds, words in (
-            ("above", np.greater, "greater than"),
-            ("least", np.greater_equal, "at least"),
-            ("below", np.less, "below"),
-        ):
+        for bound, holds, words in BOUNDS:
             if meta.get(bound) is not None and not np.all(holds(np.asarray(value), meta[bound])):
                 raise ClearanceError(
                     f"{table.key(field.name)} must be {words} {meta[bound]:g} {meta['unit']}, but it is "

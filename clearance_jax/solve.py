@@ -1,6 +1,5 @@
 """`simulate`: a mechanism from t0 to t1, with error control that contact cannot fool, result code and energy books."""
 
-import operator
 from typing import Any
 
 import diffrax
@@ -11,7 +10,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
-from clearance_jax._checks import ClearanceError, require_float64, suggest
+from clearance_jax._checks import BOUNDS, ClearanceError, require_float64, suggest
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics import rate
 from clearance_jax.energy import BOOKS, energies, opened_books, read_books
@@ -251,13 +250,6 @@ def check_arguments(mechanism: Mechanism, t0: Any, t1: Any, rtol: Any, solver: A
     if isinstance(solver, str) and solver not in SOLVERS:
         raise ClearanceError(f"There is no solver {solver!r}. " + suggest(solver, SOLVERS))
     return SOLVERS[solver]() if isinstance(solver, str) else solver
-
-
-BOUNDS = (
-    ("above", operator.gt, "greater than"),
-    ("least", operator.ge, "at least"),
-    ("below", operator.lt, "below"),
-)
 
 
 def bounds_hold(mechanism: Mechanism) -> Array:

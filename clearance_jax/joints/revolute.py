@@ -78,11 +78,6 @@ class RevoluteClearance(eqx.Module):
         names = self.normal.remembers + (() if self.friction is None else self.friction.remembers)
         return (*names, "touching") if names else ()
 
-    @property
-    def latches(self) -> bool:
-        """Whether any law rewrites its memory when contact begins or ends."""
-        return len(self.remembers) > 0
-
     def contact(self, eccentricity: Vector, eccentricity_rate: Vector, spin: Scalar, memory: Array) -> Contact:
         """Forces for an eccentricity (pin centre from sleeve centre), its rate and the pin's relative spin.
 

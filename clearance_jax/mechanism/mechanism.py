@@ -170,11 +170,10 @@ def _prepared(joint: AbstractJoint) -> AbstractJoint:
 
 
 class Layout(NamedTuple):
-    """Where each quantity lives in the flat state vector `[q, v, memory, books]` (static)."""
+    """Where each quantity lives in the flat state vector `[q, v, memory]`, which books may follow (static)."""
 
     names: tuple[str, ...]
     memories: tuple[tuple[str, int], ...]
-    books: int
 
     @property
     def free(self) -> int:
@@ -188,8 +187,8 @@ class Layout(NamedTuple):
 
     @property
     def size(self) -> int:
-        """Length of the state vector."""
-        return 2 * self.free + self.remembered + self.books
+        """Length of the state vector without books."""
+        return 2 * self.free + self.remembered
 
     def memory_of(self, y: Array) -> dict[str, Array]:
         """Memory of each clearance joint."""
@@ -200,10 +199,10 @@ class Layout(NamedTuple):
         return out
 
 
-def layout(mechanism: Mechanism, books: int = 0) -> Layout:
-    """The state layout of a mechanism (with `books` extra quadratures)."""
+def layout(mechanism: Mechanism) -> Layout:
+    """The state layout of a mechanism."""
     memories = tuple((j.name, len(j.clearance.remembers)) for j in mechanism.clearance_joints() if j.clearance)
-    return Layout(tuple(c.name for c in mechanism.free_coordinates()), memories, books)
+    return Layout(tuple(c.name for c in mechanism.free_coordinates()), memories)
 
 
 def frames(mechanism: Mechanism, time: Scalar, y: Array) -> dict[str, Frame]:
