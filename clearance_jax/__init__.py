@@ -1,6 +1,7 @@
 """clearance_jax: mechanisms and robots with clearance joints in JAX."""
 
 from clearance_jax.configure import configure
+from clearance_jax.flow import Solution
 from clearance_jax.joints import RevoluteClearance
 from clearance_jax.mechanism.body import (
     Body,
@@ -18,7 +19,7 @@ from clearance_jax.mechanism.mechanism import Mechanism, parameters, replace
 from clearance_jax.mechanism.tree import Fixed, Prismatic, Revolute
 from clearance_jax.results import load_dataset, save, to_dataset
 from clearance_jax.scene import load
-from clearance_jax.solve import Solution, simulate
+from clearance_jax.solve import simulate
 from clearance_jax.trace import Trace, trace
 
 __all__ = [

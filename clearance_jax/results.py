@@ -15,8 +15,8 @@ import xarray as xr
 
 from clearance_jax._checks import ClearanceError
 from clearance_jax.dynamics import observe, rate
+from clearance_jax.flow import Solution
 from clearance_jax.mechanism.mechanism import Mechanism, parameters
-from clearance_jax.solve import Solution
 from clearance_jax.trace import Trace
 
 

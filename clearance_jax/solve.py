@@ -4,63 +4,18 @@ from typing import Any
 
 import diffrax
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array
 
 from clearance_jax._checks import BOUNDS, ClearanceError, require_float64, suggest
-from clearance_jax._types import Scalar
-from clearance_jax.dynamics import rate
-from clearance_jax.energy import BOOKS, energies, opened_books, read_books
-from clearance_jax.equations import openings, projected
-from clearance_jax.mechanism.body import Servo
+from clearance_jax.energy import BOOKS
+from clearance_jax.equations import openings
+from clearance_jax.flow import Inputs, Options, Solution, flow, initial_state, is_assembled
 from clearance_jax.mechanism.mechanism import Mechanism, frames, layout, parameters
-from clearance_jax.stepping import ContactController, Stepper
-from clearance_jax.tolerances import Tolerances, largest_length, tolerances
 
-# Traced once and called from every stage (a step asks for it a dozen times); XLA inlines the calls.
-_rate = jax.jit(rate)
 SOLVERS = {"tsit5": diffrax.Tsit5, "dopri8": diffrax.Dopri8}
-
-
-class Solution(eqx.Module):
-    """A solved motion.
-
-    - `time`: sample times [s], shape (samples,); `y`: states `[q, v, memory, books]` there, shape (samples, n).
-    - `final`: the state at the end; `initial`: at the start.
-    - `result`: diffrax's code; `succeeded` where the solve reached t1, `message` in words; `steps`, `rejected`: counts.
-    - `energy_residual`: |energy gained - work of drives + losses| / energy exchanged, a measure of the solve's quality.
-    """
-
-    time: Float[Array, " samples"]
-    y: Float[Array, "samples n"]
-    initial: Float[Array, " n"]
-    final: Float[Array, " n"]
-    result: Any
-    steps: Int[Array, ""]
-    rejected: Int[Array, ""]
-    energy_residual: Float[Array, ""]
-
-    @property
-    def succeeded(self) -> Array:
-        """Whether the solve reached t1."""
-        return self.result == diffrax.RESULTS.successful
-
-    @property
-    def message(self) -> str:
-        """Why a single solve stopped; empty where it reached t1."""
-        return "" if bool(self.succeeded) else meaning(self.result)
-
-
-def meaning(result: Any) -> str:
-    """A failed solve's code in words."""
-    if bool(result == diffrax.RESULTS.dt_min_reached):
-        return "the step size collapsed: a state that is not finite, or a force that jumps"
-    if bool(result == diffrax.RESULTS.nonlinear_divergence):
-        return "a number is out of its bounds, or the mechanism cannot be assembled"
-    return diffrax.RESULTS[result].rstrip(".")
 
 
 def simulate(
@@ -110,7 +65,9 @@ def simulate(
         y0 = jnp.asarray(y0, float)
         if y0.shape not in ((size,), (size + len(BOOKS),)):
             raise ClearanceError(f"`y0` must have shape ({size},), [q, v, memory], but it has {y0.shape}.")
-    solution = _solve(mechanism, t0, t1, save_at, rtol, atol, chosen, watch, books, max_steps, y0)
+    atol = None if atol is None else jnp.asarray(atol, float)
+    inputs = Inputs(mechanism, t0, t1, save_at, rtol, atol, y0)
+    solution = _solve(inputs, Options(chosen, watch, books, max_steps))
     if throw and not isinstance(solution.final, Tracer) and not bool(solution.succeeded):
         if y0 is None:
             check_assembled(mechanism, t0, solution.initial)
@@ -120,103 +77,7 @@ def simulate(
     return solution
 
 
-@eqx.filter_jit
-def _solve(mechanism, t0, t1, save_at, rtol, atol, solver, watch, books, max_steps, y0) -> Solution:
-    mechanism = mechanism.prepared()
-    start = _start(mechanism, t0, books, y0)
-    # A lane of a batch with impossible numbers, or a mechanism that is not closed, ends at once with a code of its own.
-    possible = jnp.isfinite(t1) & (t1 > t0) & (rtol > 0) & (rtol < 1) & bounds_hold(mechanism)
-    if y0 is None:
-        possible &= is_assembled(mechanism, t0, start)
-    end = jnp.where(possible, t1, t0)
-    save_at = None if save_at is None else jnp.where(possible, save_at, t0)
-    allowed = _tolerances(mechanism, t0, t1, start, rtol, atol)
-    out = _integrate(mechanism, t0, end, start, save_at, allowed, solver, watch, max_steps)
-    result = diffrax.RESULTS.where(possible, out.result, diffrax.RESULTS.nonlinear_divergence)
-    final = out.ys[0][-1]
-    time = out.ts[0] if save_at is None else out.ts[1]
-    y = out.ys[0] if save_at is None else _samples(mechanism, time, out.ys[1])
-    residual = energy_residual(mechanism, t0, t1, start, final) if books else jnp.asarray(jnp.nan)
-    return Solution(
-        time, y, start, final, result, out.stats["num_accepted_steps"], out.stats["num_rejected_steps"], residual
-    )
-
-
-def _start(mechanism, t0, books, y0):
-    if y0 is not None and y0.shape[0] > layout(mechanism).size:
-        return jnp.asarray(y0, float)
-    start = initial_state(mechanism, t0) if y0 is None else jnp.asarray(y0, float)
-    return opened_books(t0, start, mechanism) if books else start
-
-
-def _samples(mechanism, time, y):
-    """Dense output interpolates between projected states: project the samples of a mechanism with closures too."""
-    if not mechanism.closures():
-        return y
-    return jax.vmap(lambda t, y: projected(t, y, mechanism, mechanism.closures(), 1))(time, y)
-
-
-def _tolerances(mechanism, t0, t1, start, rtol, atol):
-    size = layout(mechanism).size
-    return tolerances(mechanism, start[:size], t0, t1, rtol, atol, start.shape[0] - size)
-
-
-def _integrate(mechanism, t0, t1, start, save_at, allowed: Tolerances, solver, watch, max_steps, steps=False):
-    controller = ContactController(  # pyright: ignore[reportCallIssue]  # the abstract rtol, atol, norm are properties
-        scale=allowed.absolute,
-        relative=allowed.relative,
-        breaks=drive_breaks(mechanism),
-        margin=allowed.margin,
-        watch=watch,
-    )
-    subs = [diffrax.SubSaveAt(t1=True)]
-    subs += [] if save_at is None else [diffrax.SubSaveAt(ts=save_at)]
-    subs += [diffrax.SubSaveAt(t0=True, steps=True)] if steps else []
-    return diffrax.diffeqsolve(
-        diffrax.ODETerm(_rate),
-        Stepper(solver),
-        t0,
-        t1,
-        None,
-        start,
-        args=mechanism,
-        saveat=diffrax.SaveAt(subs=subs),
-        stepsize_controller=controller,
-        adjoint=diffrax.ForwardMode(),
-        max_steps=max_steps,
-        throw=False,
-    )
-
-
-def energy_residual(mechanism, t0, t1, start, final):
-    """|energy gained - work of drives + losses| / energy exchanged between two states with books."""
-    before, after = energies(t0, start, mechanism), energies(t1, final, mechanism)
-    gained = sum(after.values()) - sum(before.values())
-    books = read_books(t1, final, mechanism)
-    lost, exchanged = books["damping_loss"] + books["friction_loss"], books["exchanged"]
-    return jnp.abs(gained - books["drive_work"] + lost) / jnp.where(exchanged > 0, exchanged, 1.0)
-
-
-def initial_state(mechanism: Mechanism, t0: Scalar) -> Array:
-    """The state at t0: the given initial values, then the nearest ones at which every loop is assembled.
-
-    A loop with clearance starts with its pin at `eccentricity` in the sleeve and at rest relative to it, that is, with
-    the positions and velocities of the ideal mechanism.
-    """
-    plan = layout(mechanism)
-    free = mechanism.free_coordinates()
-    q = [jnp.asarray(c.motion.position, dtype=float) for c in free]
-    v = [jnp.asarray(c.motion.velocity, dtype=float) for c in free]
-    y = jnp.concatenate([jnp.stack([*q, *v]) if free else jnp.zeros(0), jnp.zeros(plan.remembered)])
-    return projected(t0, y, mechanism, mechanism.loops, 12) if mechanism.loops and mechanism.assemble else y
-
-
-def is_assembled(mechanism: Mechanism, t0: Scalar, y: Array) -> Array:
-    """Whether every loop is closed at the start (true where the mechanism is not to be assembled)."""
-    if not mechanism.loops or not mechanism.assemble:
-        return jnp.asarray(True)
-    gaps = jnp.stack(list(openings(t0, y, mechanism).values()))
-    return jnp.all(gaps <= 1e-10 * largest_length(mechanism))
+_solve = eqx.filter_jit(lambda inputs, options: flow(inputs, options=options))
 
 
 def check_assembled(mechanism: Mechanism, t0: Any, y: Array) -> None:
@@ -231,14 +92,6 @@ def check_assembled(mechanism: Mechanism, t0: Any, y: Array) -> None:
     )
 
 
-def drive_breaks(mechanism: Mechanism) -> Array:
-    """Break times of every drive and servo target."""
-    drives = [c.motion.drive for c in mechanism.coordinates() if c.motion.drive is not None]
-    servos = [a for c in mechanism.coordinates() for a in c.motion.actuators]
-    drives += [a.target for a in servos if isinstance(a, Servo)]
-    return jnp.concatenate([jnp.zeros(0), *(drive.breaks() for drive in drives)])
-
-
 def check_arguments(mechanism: Mechanism, t0: Any, t1: Any, rtol: Any, solver: Any) -> Any:
     """Raise for what a solve cannot start from (tracers pass: in a batch it is a result code). Returns the solver."""
     require_float64()
@@ -250,15 +103,6 @@ def check_arguments(mechanism: Mechanism, t0: Any, t1: Any, rtol: Any, solver: A
     if isinstance(solver, str) and solver not in SOLVERS:
         raise ClearanceError(f"There is no solver {solver!r}. " + suggest(solver, SOLVERS))
     return SOLVERS[solver]() if isinstance(solver, str) else solver
-
-
-def bounds_hold(mechanism: Mechanism) -> Array:
-    """Whether every number is finite and inside its bounds (a flag, also for tracers)."""
-    flags = []
-    for leaf in parameters(mechanism).values():
-        flags.append(jnp.all(jnp.isfinite(leaf.value)))
-        flags += [jnp.all(f(leaf.value, leaf.metadata[b])) for b, f, _ in BOUNDS if leaf.metadata.get(b) is not None]
-    return jnp.all(jnp.stack(flags)) if flags else jnp.asarray(True)
 
 
 def check_values(mechanism: Mechanism) -> None:

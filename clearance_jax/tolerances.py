@@ -2,6 +2,7 @@
 
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -11,6 +12,9 @@ from clearance_jax.mechanism.mechanism import Mechanism, layout, parameters
 
 # Impacts amplify a local error: a tenth of the tolerance in each step keeps every position within 100 rtol.
 LOCAL = 0.1
+FLOOR = 1e-3
+# The smallest part of a step that a switch is located to.
+SHORTEST = 1e-8
 
 
 class Scales(NamedTuple):
@@ -24,12 +28,16 @@ class Scales(NamedTuple):
 
 class Tolerances(NamedTuple):
     """Error allowed in one step, per component of `[q, v, memory, books]`: absolute (infinite: not controlled), and
-    relative to its size; and how far past a switch a cut step may end, as a fraction of the uncut step.
+    relative to its size; the components' magnitudes, and the size (in magnitudes) below which the derivative along a
+    direction of variation is not resolved relatively; how far past a switch a cut step may end, as a fraction of the
+    uncut step.
     """
 
     absolute: Float[Array, " n"]
     relative: Float[Array, " n"]
     margin: Scalar
+    unit: Float[Array, " n"]
+    floor: Array | None = None
 
 
 def largest_length(mechanism: Mechanism) -> Array:
@@ -63,18 +71,36 @@ def scales(mechanism: Mechanism, y0: Array, t0: Scalar, t1: Scalar) -> Scales:
     return Scales(length, spin, jnp.maximum(gravity, spin * spin * length), energy)
 
 
-def switch_margin(mechanism: Mechanism, rtol: Scalar) -> Scalar:
+def floors(varied: Any, directions: Any, unit: Array) -> Float[Array, " directions"]:
+    """Size of a derivative (in magnitudes of the state) from which on its error is controlled relative to itself.
+
+    A thousandth of the motion for a change of the number by itself (by one, for a zero). Without a floor the first
+    instants after a touch, where a derivative grows from nothing as a power of time, could never be resolved.
+    """
+    total = jnp.zeros(jax.tree.leaves(directions)[0].shape[0])
+    mechanism, y0 = eqx.filter(varied, jax.tree.map(lambda d: d is not None, directions, is_leaf=lambda d: d is None))
+    moved, pushed = directions
+    for value, rows in zip(jax.tree.leaves(mechanism), jax.tree.leaves(moved), strict=True):
+        size = jnp.where(value == 0, 1.0, jnp.abs(value))
+        total += jnp.sum(rows / size, axis=tuple(range(1, rows.ndim)))
+    if y0 is not None:
+        magnitude = jnp.where(jnp.isfinite(unit), unit, 1.0)[: y0.shape[0]]
+        total += jnp.sum(pushed / magnitude, axis=1)
+    return FLOOR * total
+
+
+def switch_margin(mechanism: Mechanism, rtol: Scalar, varied: bool = False) -> Scalar:
     """How far past a switch a cut step may end. What is left of the switch inside the step costs an error of second
-    order in the margin, of first order where a force jumps.
+    order in the margin; of first order where a force jumps, and in derivatives where its slope jumps.
     """
     joints = [j.clearance for j in mechanism.clearance_joints() if j.clearance]
     laws = [law for joint in joints for law in (joint.normal, joint.friction)]
     jumps = any(law is not None and law.smoothness == "C-1" for law in laws)
-    return jnp.clip(rtol if jumps else jnp.sqrt(rtol), 1e-8, 1e-3)
+    return jnp.clip(rtol if jumps or varied else jnp.sqrt(rtol), SHORTEST, 1e-3)
 
 
 def tolerances(
-    mechanism: Mechanism, y0: Array, t0: Scalar, t1: Scalar, rtol: Scalar, atol: Any, books: int
+    mechanism: Mechanism, y0: Array, t0: Scalar, t1: Scalar, rtol: Scalar, atol: Any, books: int, varied: bool = False
 ) -> Tolerances:
     """Absolute tolerances from the scene's scales, and relative ones where the scale is not known beforehand
     (velocities, and penetrations that may exceed a tiny clearance). `atol` (per component) overrides the absolute ones.
@@ -96,11 +122,12 @@ def tolerances(
             velocity.append(size.spin if turns else size.spin * size.length)
         adapt.append(0.0 if c is None else 1.0)
     memory = [j.clearance.memory_scale() for j in mechanism.clearance_joints() if j.clearance]
-    absolute = jnp.concatenate([jnp.stack(position + velocity) if position else jnp.zeros(0), *memory])
+    unit = jnp.concatenate([jnp.stack(position + velocity) if position else jnp.zeros(0), *memory])
     local = LOCAL * rtol
-    absolute = local * absolute if atol is None else jnp.broadcast_to(jnp.asarray(atol, float), absolute.shape)
+    absolute = local * unit if atol is None else jnp.broadcast_to(jnp.asarray(atol, float), unit.shape)
     relative = jnp.concatenate([jnp.asarray(adapt), jnp.ones(len(adapt)), *(jnp.zeros_like(m) for m in memory)])
     judged = jnp.where((not adapt) & (size.energy > 0), local * size.energy, jnp.inf)
     absolute = jnp.concatenate([absolute, jnp.broadcast_to(judged, (books,))])
     relative = jnp.concatenate([local * relative, jnp.zeros(books)])
-    return Tolerances(absolute, relative, switch_margin(mechanism, rtol))
+    unit = jnp.concatenate([unit, jnp.broadcast_to(jnp.where(jnp.isfinite(judged), size.energy, jnp.inf), (books,))])
+    return Tolerances(absolute, relative, switch_margin(mechanism, rtol, varied), unit)

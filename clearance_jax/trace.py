@@ -12,18 +12,19 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.solve import (
+from clearance_jax.flow import (
+    Options,
     Solution,
-    _integrate,
-    _samples,
-    _start,
-    _tolerances,
-    check_arguments,
-    check_assembled,
     energy_residual,
+    initial,
+    integrate,
     meaning,
+    projected_samples,
+    tolerances_of,
 )
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.solve import check_arguments, check_assembled
+from clearance_jax.variation import Problem
 
 BLOCK = 4096
 
@@ -39,19 +40,20 @@ class Trace(eqx.Module):
 
 @eqx.filter_jit
 def _block(mechanism, t0, t1, start, grid, allowed, solver, watch):
-    mechanism = mechanism.prepared()
+    problem, options = Problem(mechanism.prepared()), Options(solver, watch, True, BLOCK)
     # Samples before this block are moved to its start, so that the others keep their places in the buffer.
-    out = _integrate(mechanism, t0, t1, start, jnp.maximum(grid, t0), allowed, solver, watch, BLOCK, steps=True)
+    out = integrate(problem, t0, t1, start, jnp.maximum(grid, t0), allowed, options, steps=True)
     accepted, rejected = out.stats["num_accepted_steps"], out.stats["num_rejected_steps"]
-    return out.ts[2], out.ys[2], out.ts[1], _samples(mechanism, out.ts[1], out.ys[1]), out.result, accepted, rejected
+    sampled = projected_samples(problem, out.ts[1], out.ys[1])
+    return out.ts[2], out.ys[2], out.ts[1], sampled, out.result, accepted, rejected
 
 
 @eqx.filter_jit
 def _first(mechanism, t0, t1, rtol, atol):
     """The state at t0, and the tolerances of the whole solve."""
-    mechanism = mechanism.prepared()
-    start = _start(mechanism, t0, True, None)
-    return start, _tolerances(mechanism, t0, t1, start, rtol, atol)
+    problem = Problem(mechanism.prepared())
+    start = initial(problem.mechanism, t0, True, None)
+    return start, tolerances_of(problem, t0, t1, start, rtol, atol)
 
 
 _residual = eqx.filter_jit(lambda m, *args: energy_residual(m.prepared(), *args))

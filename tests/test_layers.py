@@ -12,7 +12,7 @@ LAYERS = [
     {"joints"},
     {"mechanism"},
     {"equations", "energy", "dynamics"},
-    {"tolerances", "stepping", "solve", "trace"},
+    {"tolerances", "variation", "watch", "stepping", "control", "flow", "solve", "trace"},
     {"results", "scene"},
     {"plot"},
     {"cli"},

@@ -15,7 +15,7 @@ from jaxtyping import Array
 from clearance_jax._numerics import positive_part, safe_sqrt, safe_unit
 from clearance_jax._types import Scalar, physical
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw
-from clearance_jax.laws._base import CONTACT
+from clearance_jax.laws._base import CONTACT, Touch
 from clearance_jax.spatial import Vector, cross, dot
 
 
@@ -94,6 +94,7 @@ class RevoluteClearance(eqx.Module):
         else:
             traction = self.friction(slip, normal_force, friction_memory)
             friction_rate = self.friction.memory_rate(slip, normal_force, friction_memory)
+            friction_rate = jnp.where(penetration > 0, friction_rate, jnp.zeros_like(friction_rate))
         return Contact(
             force=(-normal_force * nx - traction * ny, -normal_force * ny + traction * nx),
             torque=traction * (self.sleeve_radius - distance),
@@ -133,15 +134,23 @@ class RevoluteClearance(eqx.Module):
         zone = None if self.friction is None else self.friction.regime(slip_velocity)
         return regime if zone is None else jnp.where(regime >= CONTACT, 3 * regime + zone, regime)
 
-    def latch(self, memory: Array, overlap: Array, overlap_rate: Array) -> Array:
-        """The memory at the start of a step: rewritten by the laws where contact has just begun or ended."""
+    def latch(self, memory: Array, now: Signals, rate: Signals) -> Array:
+        """The memory at the start of a step: rewritten by the laws where contact has just begun or ended.
+
+        **Arguments:** the signals `now`, and their time derivatives (`rate`).
+        """
         normal_memory, friction_memory = self._split(memory)
-        touching, touched = overlap > 0, memory[-1] > 0.5
-        began, ended = touching & ~touched, touched & ~touching
-        _, penetration_rate = self.penetration_of(overlap, overlap_rate)
-        normal_memory = self.normal.latch(normal_memory, began, ended, penetration_rate)
+        touching, touched = now.overlap > 0, memory[-1] > 0.5
+        # A solve may start deep in contact; only a touch at which little has changed since can be traced back.
+        recent = jnp.abs(rate.overlap_rate * now.overlap) < 0.01 * now.overlap_rate**2
+        elapsed = jnp.where(recent, now.overlap / jnp.where(recent, now.overlap_rate, 1.0), 0.0)
+        _, speed = self.penetration_of(now.overlap, now.overlap_rate)
+        # Where the overlap is zero its rate is the penetration's.
+        speed = jnp.where(recent, now.overlap_rate - rate.overlap_rate * elapsed, speed)
+        touch = Touch(touching & ~touched, touched & ~touching, speed, now.slip_velocity, elapsed)
+        normal_memory = self.normal.latch(normal_memory, touch)
         if self.friction is not None:
-            friction_memory = self.friction.latch(friction_memory, began, ended, penetration_rate)
+            friction_memory = self.friction.latch(friction_memory, touch)
         return self._join(normal_memory, friction_memory, jnp.where(touching, 1.0, 0.0))
 
     def memory_scale(self) -> Array:

@@ -12,7 +12,7 @@ rewrites them at the instants at which contact begins or ends (which are always 
 """
 
 import abc
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -39,11 +39,25 @@ class AbstractStiffness(eqx.Module):
         """The stiffness in N/m^n."""
 
 
+class Touch(NamedTuple):
+    """An instant at which contact `began` or `ended` (flags): approach speed then, slip velocity, and the time elapsed
+    since, a round-off in value that carries how the instant depends on parameters.
+    """
+
+    began: Array
+    ended: Array
+    penetration_rate: Scalar
+    slip_velocity: Scalar
+    elapsed: Scalar
+
+
 class AbstractLaw(eqx.Module):
     """What normal and friction laws have in common: a smoothness class and an owned memory."""
 
     smoothness: eqx.AbstractClassVar[Smoothness]
     remembers: ClassVar[tuple[str, ...]] = ()
+    smooth_alternative: ClassVar[str] = ""
+    """What to use where derivatives are wanted, for a law of class C-1."""
 
     def prepared(self, pin_radius: Scalar, radial_clearance: Scalar) -> "AbstractLaw":
         """The law with everything that depends only on geometry computed (once a solve, not once a step)."""
@@ -53,8 +67,8 @@ class AbstractLaw(eqx.Module):
             return eqx.tree_at(lambda law: law.stiffness, self, value, is_leaf=lambda x: x is stiffness)
         return self
 
-    def latch(self, memory: Memory, began, ended, penetration_rate: Scalar) -> Memory:
-        """The memory after an instant at which contact `began` or `ended` (flags); unchanged by default."""
+    def latch(self, memory: Memory, touch: Touch) -> Memory:
+        """The memory after an instant at which contact began or ended; unchanged by default."""
         return memory
 
     def memory_scale(self) -> Memory:
@@ -95,7 +109,7 @@ class AbstractFrictionLaw(AbstractLaw):
         """The traction on the pin [N] for a slip velocity [m/s], a normal force [N] and the law's memory."""
 
     def memory_rate(self, slip_velocity: Value, normal_force: Value, memory: Memory) -> Memory:
-        """Time derivative of the memory; zero by default."""
+        """Time derivative of the memory while the surfaces touch (it is frozen while they do not); zero by default."""
         return jnp.zeros_like(memory)
 
     def regime(self, slip_velocity: Value) -> Regime | None:

@@ -96,10 +96,12 @@ class LuGre(AbstractFrictionLaw):
         return -normal_force * (bend + self.viscous * slip_velocity)
 
     def memory_rate(self, slip_velocity, normal_force, memory):
-        return jnp.where(normal_force > 0, self._bend_rate(slip_velocity, memory[0]), 0.0)[None]
+        return self._bend_rate(slip_velocity, memory[0])[None]
 
-    def latch(self, memory, began, ended, penetration_rate):
-        return jnp.where(ended, jnp.zeros_like(memory), memory)
+    def latch(self, memory, touch):
+        # The straight bristle has been bending with the slip since the touch.
+        bend = jnp.where(touch.began, touch.slip_velocity * touch.elapsed, memory)
+        return jnp.where(touch.ended, jnp.zeros_like(memory), bend)
 
     def memory_scale(self):
         return (self.static_coefficient / self.bristle_stiffness)[None]

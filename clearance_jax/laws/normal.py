@@ -33,6 +33,7 @@ class LinearKelvinVoigt(AbstractNormalLaw):
     damping: Scalar = physical("N*s/m", least=0.0)
     clipped: bool = eqx.field(static=True, default=True)
     smoothness: ClassVar[Smoothness] = "C-1"
+    smooth_alternative: ClassVar[str] = "`HuntCrossley` (class C1)"
 
     def unclipped(self, penetration, penetration_rate, memory):
         force = self.stiffness * penetration + self.damping * penetration_rate

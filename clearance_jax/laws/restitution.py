@@ -82,9 +82,9 @@ class RestitutionLaw(AbstractNormalLaw):
     def energy(self, penetration):
         return hertz_energy(self.stiffness, penetration, self.exponent)
 
-    def latch(self, memory, began, ended, penetration_rate):
-        speed = jnp.where(began, jnp.maximum(penetration_rate, self.minimum_impact_speed), memory[0])
-        return jnp.where(ended, 0.0, speed)[None]
+    def latch(self, memory, touch):
+        speed = jnp.where(touch.began, jnp.maximum(touch.penetration_rate, self.minimum_impact_speed), memory[0])
+        return jnp.where(touch.ended, 0.0, speed)[None]
 
 
 def exact_restitution(stiffness, restitution, **options) -> RestitutionLaw:

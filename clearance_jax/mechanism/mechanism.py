@@ -11,7 +11,7 @@ from jaxtyping import Array
 from clearance_jax._checks import ClearanceError, suggest
 from clearance_jax._types import Leaf, Scalar, follow, physical_leaves
 from clearance_jax.joints import RevoluteClearance
-from clearance_jax.mechanism.body import GROUND, Body, Gravity, Point, Spring
+from clearance_jax.mechanism.body import GROUND, Body, Gravity, Point, Servo, Spring
 from clearance_jax.mechanism.tree import AbstractJoint, Coordinate, Frame, Prismatic, Revolute, place
 
 NO_GRAVITY = Gravity()
@@ -214,6 +214,14 @@ def frames(mechanism: Mechanism, time: Scalar, y: Array) -> dict[str, Frame]:
     for joint in mechanism.joints:
         out[joint.child] = place(joint, out[joint.parent], time, values)
     return out
+
+
+def drive_breaks(mechanism: Mechanism) -> Array:
+    """Break times of every drive and servo target."""
+    drives = [c.motion.drive for c in mechanism.coordinates() if c.motion.drive is not None]
+    servos = [a for c in mechanism.coordinates() for a in c.motion.actuators]
+    drives += [a.target for a in servos if isinstance(a, Servo)]
+    return jnp.concatenate([jnp.zeros(0), *(drive.breaks() for drive in drives)])
 
 
 # Parameters by name ------------------------------------------------------------------------------------------------

@@ -46,22 +46,24 @@ def stops_of(t: Array, p: Array, problem: Problem) -> tuple[Array, Array]:
 @njit
 def dop853_step(field, mode, inside, t, y, h, p, size):
     """One step of length h and its error in units of `size`, by Hairer's combination of the two estimates."""
-    k, new = np.empty((13, 4)), np.empty(4)
+    count = len(y)
+    k, new = np.empty((13, count)), np.empty(count)
     for i in range(13):
         row = A[i] if i < 12 else B
-        for n in range(4):
+        for n in range(count):
             slope = 0.0
             for j in range(i):
                 slope += row[j] * k[j, n]
             new[n] = y[n] + h * slope
-        k[i, 0], k[i, 1], k[i, 2], k[i, 3] = field(mode, inside, t + (C[i] if i < 12 else 1.0) * h, new, p)
+        for n, rate in enumerate(field(mode, inside, t + (C[i] if i < 12 else 1.0) * h, new, p)):
+            k[i, n] = rate
     third, fifth = 0.0, 0.0
-    for n in range(4):
+    for n in range(count):
         e3, e5 = 0.0, 0.0
         for i in range(13):
             e3, e5 = e3 + E3[i] * k[i, n], e5 + E5[i] * k[i, n]
         third, fifth = third + (e3 / size[n]) ** 2, fifth + (e5 / size[n]) ** 2
-    error = abs(h) * fifth / np.sqrt((fifth + 0.01 * third) * 4) if fifth > 0 else 0.0
+    error = abs(h) * fifth / np.sqrt((fifth + 0.01 * third) * count) if fifth > 0 else 0.0
     return new, error
 
 
@@ -136,7 +138,7 @@ def first_crossing(field, signals, mode, inside, t, y, h, p, size):
 
 @njit
 def _dop853(field, signals, y, stops, p, size, limit):
-    out = np.empty((len(stops), 4))
+    out = np.empty((len(stops), len(y)))
     log = [(stops[0], 0.0, 0.0)]
     t, out[0] = stops[0], y
     mode, h, steps = mode_of(signals(t, y, p), p), FIRST_STEP, 0

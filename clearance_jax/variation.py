@@ -1,0 +1,105 @@
+"""A motion and its derivatives as one stack: what is computed of a state is pushed along every direction of variation.
+
+The derivative of a solve by a number is the solve of the variational equations on the SAME steps. So the state of a
+differentiated solve is a stack: row 0 the motion, row 1 + k its derivative along direction k. A Runge-Kutta step treats
+the rows alike; what differs is only how a function of the state is applied to a stack, and that is `lift`.
+"""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.extend.core import Literal
+from jaxtyping import Array
+
+from clearance_jax.mechanism.mechanism import Mechanism
+
+
+class Problem(eqx.Module):
+    """What a solve is of: a prepared mechanism, and the directions in which its numbers are varied.
+
+    `directions` is the mechanism's own tree: with a leading axis (one entry a direction) for a number that is varied,
+    `None` for one that is not; altogether `None` where nothing is differentiated: then a state is a flat vector, not a
+    stack.
+    """
+
+    mechanism: Mechanism
+    directions: Any = None
+
+    @property
+    def varies(self) -> bool:
+        """Whether states are stacks."""
+        return self.directions is not None
+
+
+def lift(function, problem: Problem, *stacks: Array) -> Array:
+    """`function(mechanism, *arrays)` of the motion and, where the problem varies, its derivatives, as a stack."""
+    if not problem.varies:
+        return function(problem.mechanism, *stacks)
+    varied, fixed = split(problem.mechanism, problem.directions)
+
+    def along(direction, *rates):
+        at = (varied, *(stack[0] for stack in stacks))
+        return jax.jvp(lambda v, *y: function(eqx.combine(v, fixed), *y), at, (direction, *rates))
+
+    value, rates = jax.vmap(along, out_axes=(None, 0))(problem.directions, *(stack[1:] for stack in stacks))
+    return jnp.concatenate([value[None], rates])
+
+
+def motion(problem: Problem, stack: Array) -> Array:
+    """The state itself."""
+    return stack[0] if problem.varies else stack
+
+
+def split(tree, directions):
+    """`tree` as its varied leaves and the others, each with `None` in the places of the other."""
+    return eqx.partition(tree, jax.tree.map(lambda d: d is not None, directions, is_leaf=lambda d: d is None))
+
+
+def pushed(function, tree: Any, directions: Any) -> tuple[Any, Any]:
+    """`function(tree)` and its derivatives along the directions: `None` for leaves that do not depend on them."""
+    varied, fixed = split(tree, directions)
+
+    def of(v):
+        return function(eqx.combine(v, fixed))
+
+    value = of(varied)
+    shape = jax.tree.structure(eqx.filter(value, eqx.is_inexact_array))
+
+    def flat(v):
+        return jax.tree.leaves(eqx.filter(of(v), eqx.is_inexact_array))
+
+    rates = jax.vmap(lambda d: jax.jvp(flat, (varied,), (d,))[1])(directions)
+    kept = [r if moved else None for r, moved in zip(rates, _dependent(flat, varied), strict=True)]
+    return value, jax.tree.unflatten(shape, kept)
+
+
+def moves(function, problem: Problem) -> bool:
+    """Whether `function(mechanism)` depends on a varied number at all."""
+    varied, fixed = split(problem.mechanism, problem.directions)
+    return any(_dependent(lambda v: function(eqx.combine(v, fixed)), varied))
+
+
+def basis(varied: Any) -> Any:
+    """One direction for every entry of every leaf of `varied` (`None`: not varied), stacked along a leading axis."""
+    leaves, tree = jax.tree.flatten(varied)
+    sizes = [leaf.size for leaf in leaves]
+    rows = np.eye(sum(sizes))
+    starts = np.cumsum([0, *sizes])
+    blocks = [
+        jnp.asarray(rows[:, start : start + leaf.size].reshape(-1, *leaf.shape))
+        for start, leaf in zip(starts, leaves, strict=False)
+    ]
+    return jax.tree.unflatten(tree, blocks)
+
+
+def _dependent(function, argument) -> list[bool]:
+    """Which outputs of a function depend on its argument at all, by its program."""
+    program = jax.make_jaxpr(function)(argument).jaxpr
+    reached = set(program.invars)
+    for equation in program.eqns:
+        if any(not isinstance(v, Literal) and v in reached for v in equation.invars):
+            reached.update(equation.outvars)
+    return [not isinstance(v, Literal) and v in reached for v in program.outvars]

@@ -1,0 +1,112 @@
+"""Where a step crosses a switch of the contact laws: the signals along the step, and the first change of regime."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from clearance_jax.equations import signals
+from clearance_jax.mechanism.mechanism import Mechanism, layout
+
+
+class Samples(NamedTuple):
+    """The watched signals of one joint along a step."""
+
+    overlap: Array
+    overlap_rate: Array
+    slip_velocity: Array
+
+
+def first_switch(t0, t1, y0, y1, slope0, slope1, mechanism: Mechanism, pad, points: int):
+    """Whether any law changes regime inside the step, and when to end the step so that it ends just past the change."""
+    h = t1 - t0
+    memory = layout(mechanism).memory_of(y1)
+    curves = watched(t0, t1, y0, y1, slope0, slope1, mechanism)
+    joints = [j.clearance for j in mechanism.clearance_joints() if j.clearance is not None]
+    memories = [memory[j.name] for j in mechanism.clearance_joints()]
+
+    def regimes(s):
+        return [
+            joint.regime(*along(curve, h, s), kept) for joint, curve, kept in zip(joints, curves, memories, strict=True)
+        ]
+
+    # The regime at the start is read just after it: the start itself is the last switch.
+    begin = jnp.minimum(pad / h, 0.5)
+    grid = np.arange(1, points + 1) / points
+    s = jnp.concatenate([begin[None], jnp.asarray(grid), *(extremum(curve, h, grid)[None] for curve in curves)])
+    sampled = regimes(s)
+    started = [regime[0] for regime in sampled]
+
+    def changed(now):
+        return jnp.any(jnp.stack([regime != start for regime, start in zip(now, started, strict=True)]), axis=0)
+
+    # The first sample past a change; no sort (XLA then compiles the whole solve as one function, see `configure`).
+    high = jnp.min(jnp.where(changed(sampled) & (s > begin), s, jnp.inf))
+    found = high <= 1
+    high = jnp.where(found, high, 1.0)
+    low = jnp.maximum(begin, (jnp.ceil(high * points) - 1) / points)
+
+    def wide(bracket):
+        low, high = bracket
+        return found & (high - low > 0.25 * begin)
+
+    def halve(bracket):
+        low, high = bracket
+        middle = 0.5 * (low + high)
+        beyond = changed(regimes(middle))
+        return jnp.where(beyond, low, middle), jnp.where(beyond, middle, high)
+
+    _, high = jax.lax.while_loop(wide, halve, (low, high))
+    at = t0 + high * h + pad
+    return found & (at < t1 - pad), at
+
+
+def watched(t0, t1, y0, y1, slope0, slope1, mechanism: Mechanism):
+    """Signals and their rates at both ends of a step, per joint."""
+    here, here_rate = signals_and_rates(t0, y0, slope0, mechanism)
+    there, there_rate = signals_and_rates(t1, y1, slope1, mechanism)
+    return list(zip(here, here_rate, there, there_rate, strict=True))
+
+
+@jax.jit
+def signals_and_rates(t, y, slope, mechanism):
+    return jax.jvp(lambda t, y: signals(t, y, mechanism), (t, y), (jnp.ones_like(t), slope))
+
+
+def along(curve, h, s) -> Samples:
+    """The signals at fractions `s` of the step: quintic Hermite for the overlap, cubic for the slip."""
+    a, a_rate, b, b_rate = curve
+    p0, v0, c0 = a.overlap, a.overlap_rate * h, a_rate.overlap_rate * h * h
+    p1, v1, c1 = b.overlap, b.overlap_rate * h, b_rate.overlap_rate * h * h
+    d, e, f = p1 - p0 - v0 - 0.5 * c0, v1 - v0 - c0, c1 - c0
+    k3, k4, k5 = 10 * d - 4 * e + 0.5 * f, -15 * d + 7 * e - f, 6 * d - 3 * e + 0.5 * f
+    overlap = p0 + s * (v0 + s * (0.5 * c0 + s * (k3 + s * (k4 + s * k5))))
+    rate = (v0 + s * (c0 + s * (3 * k3 + s * (4 * k4 + s * 5 * k5)))) / h
+    q0, w0, q1, w1 = a.slip_velocity, a_rate.slip_velocity * h, b.slip_velocity, b_rate.slip_velocity * h
+    d, e = q1 - q0 - w0, w1 - w0
+    slip = q0 + s * (w0 + s * ((3 * d - e) + s * (e - 2 * d)))
+    return Samples(overlap, rate, slip)
+
+
+def extremum(curve, h, grid) -> Array:
+    """The fraction of the step at which the gap comes closest to a change of sign (a graze begins and ends there)."""
+    samples = along(curve, h, jnp.asarray(grid))
+    apart = curve[0].overlap <= 0
+    closeness = jnp.where(apart, samples.overlap, -samples.overlap)
+    k = jnp.argmax(closeness)
+    n = len(grid)
+    # Secant on the rate over the neighbouring samples; where it has no root there the sample itself serves.
+    low, high = jnp.maximum(k - 1, 0), jnp.minimum(k + 1, n - 1)
+    ra, rb = samples.overlap_rate[low], samples.overlap_rate[high]
+    sa, sb = jnp.asarray(grid)[low], jnp.asarray(grid)[high]
+    crosses = ra * rb < 0
+    s = jnp.where(crosses, sa - ra * (sb - sa) / jnp.where(crosses, rb - ra, 1.0), jnp.asarray(grid)[k])
+    for _ in range(2):
+        here = along(curve, h, s)
+        step = 1e-4
+        slope = (along(curve, h, s + step).overlap_rate - here.overlap_rate) / step
+        moved = s - here.overlap_rate / jnp.where(slope != 0, slope, 1.0)
+        s = jnp.where(crosses & (moved > sa) & (moved < sb), moved, s)
+    return s
