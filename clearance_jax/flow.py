@@ -105,7 +105,7 @@ def _flow_jvp(primals, tangents, *, options: Options):
     (inputs,), (rates,) = primals, tangents
     varied = (rates.mechanism, rates.y0)
     if rates.t0 is not None:
-        raise ClearanceError("A solve cannot be differentiated by its start time `t0`. Shift the drives' times instead.")
+        raise ClearanceError("A solve cannot be differentiated by its start time `t0`: shift the drives' times.")
     refuse_jumps(inputs.mechanism)
     directions = basis(varied)
     amounts = jnp.concatenate([jnp.zeros(0), *(jnp.ravel(leaf) for leaf in jax.tree.leaves(varied))])
@@ -150,7 +150,7 @@ def _stacked(inputs, directions, *, options):
 
 @_stacked.def_jvp
 def _stacked_jvp(primals, tangents, *, options):
-    # A second derivative of the program would miss what moving a switch adds to it, and nothing would control its error.
+    # A second derivative of the program would miss what moving a switch adds to it, and nothing would bound its error.
     raise ClearanceError("`simulate` has first derivatives only. For second ones use `clearance_jax.hessian`.")
 
 
@@ -211,9 +211,7 @@ def projected_samples(problem: Problem, time, y):
 def tolerances_of(problem: Problem, t0, t1, first, rtol, atol) -> Tolerances:
     """The tolerances of a solve that starts with the state `first`."""
     size = layout(problem.mechanism).size
-    return tolerances(
-        problem.mechanism, first[:size], t0, t1, rtol, atol, first.shape[0] - size, varied=problem.varies
-    )
+    return tolerances(problem.mechanism, first[:size], t0, t1, rtol, atol, first.shape[0] - size, varied=problem.varies)
 
 
 def integrate(problem: Problem, t0, t1, start, save_at, allowed: Tolerances, options: Options, steps=False):
@@ -253,8 +251,8 @@ def refuse_jumps(mechanism: Mechanism) -> None:
         for law in (joint.clearance.normal, joint.clearance.friction):
             if law is not None and law.smoothness == "C-1":
                 raise ClearanceError(
-                    f"The law {type(law).__name__} of joint `{joint.name}` jumps (class C-1): its derivatives are wrong "
-                    f"at every tolerance. Use {law.smooth_alternative} where derivatives are wanted."
+                    f"The law {type(law).__name__} of joint `{joint.name}` jumps (class C-1): its derivatives are "
+                    f"wrong at every tolerance. Use {law.smooth_alternative} where derivatives are wanted."
                 )
 
 

@@ -19,8 +19,12 @@ class Samples(NamedTuple):
     slip_velocity: Array
 
 
-def first_switch(t0, t1, y0, y1, slope0, slope1, mechanism: Mechanism, pad, points: int):
-    """Whether any law changes regime inside the step, and when to end the step so that it ends just past the change."""
+def first_switch(times, ends, mechanism: Mechanism, pad, points: int):
+    """Whether any law changes regime inside a step, and when to end the step so that it ends just past the change.
+
+    **Arguments:** `times` (t0, t1); `ends` (y0, y1, slope0, slope1); `pad`: how far past [s]; `points`: samples.
+    """
+    (t0, t1), (y0, y1, slope0, slope1) = times, ends
     h = t1 - t0
     memory = layout(mechanism).memory_of(y1)
     curves = watched(t0, t1, y0, y1, slope0, slope1, mechanism)
@@ -72,6 +76,7 @@ def watched(t0, t1, y0, y1, slope0, slope1, mechanism: Mechanism):
 
 @jax.jit
 def signals_and_rates(t, y, slope, mechanism):
+    """The watched signals of every clearance joint, and their time derivatives along the motion."""
     return jax.jvp(lambda t, y: signals(t, y, mechanism), (t, y), (jnp.ones_like(t), slope))
 
 

@@ -183,6 +183,7 @@ def dop853(problem: Problem, t: Array, p: Array, rtol: float = 1e-14, limit: flo
 
 EXTENDED = np.longdouble
 ROWS = tuple(range(2, 17, 2))
+SEPARABLE = 1e-11  # s; two switchings within a twelfth of such a step are not told apart any further
 HERMITE = np.linspace(0, 1, 13, dtype=EXTENDED)[1:]
 
 
@@ -201,12 +202,15 @@ class Gbs:
         return np.array(margins(self.mode, self.signals(t, y, self.p), self.p))
 
     def midpoint(self, t, y, f, h, n):
-        """Gragg's method with n substeps and his smoothing; its error has only even powers of h / n."""
+        """Increment of y by Gragg's method, n substeps and his smoothing; its error has only even powers of h / n.
+
+        Increments, for Neville's weights add up to 120 and would magnify the round-off of y itself by as much.
+        """
         small = h / n
-        before, now = y, y + small * f
+        before, now = 0 * y, small * f
         for i in range(1, n):
-            before, now = now, before + 2 * small * self.slope(t + i * small, now)
-        return (before + now + small * self.slope(t + h, now)) / 2
+            before, now = now, before + 2 * small * self.slope(t + i * small, y + now)
+        return (before + now + small * self.slope(t + h, y + now)) / 2
 
     def step(self, t, y, f, h):
         """Neville's table over the substep numbers ROWS; the error is the last correction in it."""
@@ -217,7 +221,7 @@ class Gbs:
                 ratio = EXTENDED(n) / ROWS[row - k]
                 entry.append(entry[k - 1] + (entry[k - 1] - previous[k - 1]) / (ratio * ratio - 1))
             table = entry
-        return table[-1], float(np.max(np.abs(table[-1] - table[-2]) / self.size))
+        return y + table[-1], float(np.max(np.abs(table[-1] - table[-2]) / self.size))
 
     def look_inside(self, t, y, f, new, h):
         """Walk along the cubic: 'clear', 'halve', or (h below the first crossing, h beyond it, which margin)."""
@@ -227,10 +231,13 @@ class Gbs:
             bend = s * (s - 1) * ((1 - 2 * s) * (new - y) + (s - 1) * h * f + s * h * end)
             state = new if j == len(HERMITE) else (1 - s) * y + s * new + bend
             seen.append(self.margins(t + s * h, state))
+            low = HERMITE[j - 2] * h if j > 1 else EXTENDED(0)
+            negative = [i for i in range(4) if seen[j][i] < 0]
+            if len(negative) > 1 and h > SEPARABLE:
+                return "halve"  # a pin soon apart may have left the clip just before: a shorter step shows the first
+            if negative:
+                return low, s * h, negative[0]
             for i in range(4):
-                low = HERMITE[j - 2] * h if j > 1 else EXTENDED(0)
-                if seen[j][i] < 0:
-                    return low, s * h, i
                 if j > 1 and seen[j - 2][i] > seen[j - 1][i] <= seen[j][i]:
                     change = max(m[i] for m in seen) - seen[j - 1][i]
                     if seen[j - 1][i] < 0.1 * change and h > 1e-8:
@@ -266,8 +273,8 @@ class Gbs:
         return high
 
 
-def gbs(problem: Problem, t: Array, p: Array, rtol: float = 1e-17, limit: float | None = None) -> Solution:
-    """As `dop853`, by the other method; the default step limit is twice as long."""
+def gbs(problem: Problem, t: Array, p: Array, rtol=1e-17, limit: float | None = None, dtype: type = float) -> Solution:
+    """As `dop853`, by the other method; the default step limit is twice as long. The states are rounded to `dtype`."""
     stops, wanted = stops_of(t, p, problem)
     limit = 2 * problem.step_limit if limit is None else limit
     run = Gbs(problem, p, rtol * problem.scale(p).astype(EXTENDED))
@@ -308,4 +315,4 @@ def gbs(problem: Problem, t: Array, p: Array, rtol: float = 1e-17, limit: float 
             f = run.slope(now, y)
             log.append((float(now), float(seen[2]), float(run.mode[0])))
         out.append(y)
-    return Solution(np.array(out)[wanted].astype(float), np.array(log).reshape(-1, 3), steps)
+    return Solution(np.array(out)[wanted].astype(dtype), np.array(log).reshape(-1, 3), steps)

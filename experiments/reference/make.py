@@ -1,4 +1,8 @@
-"""Compute the reference solutions with both integrators: `python -m experiments.reference.make` (about 3 minutes)."""
+"""Compute the reference solutions with both integrators: `python -m experiments.reference.make` (ten minutes).
+
+The states of every case, then the derivatives of the slider-cranks. Both store what extrapolation in extended precision
+gives, rounded to double, together with how well another method agrees with it.
+"""
 
 import time
 from pathlib import Path
@@ -7,6 +11,7 @@ import numpy as np
 
 from experiments.reference.located import dop853, gbs
 from experiments.reference.problems import LAW, PROBLEMS, Array, joint5_parameters, slider_crank_parameters
+from experiments.reference.variational import force_jumps, solve_differences, solve_double, solve_extended, split
 
 DATA = Path(__file__).parent / "data"
 REVOLUTION = 2 * np.pi / slider_crank_parameters(1e-3)[LAW]
@@ -29,6 +34,18 @@ def load(name: str) -> dict[str, Array]:
     and `agreement`, the largest difference between the two integrators over the largest magnitude, per state.
     """
     with np.load(DATA / f"{name}.npz") as file:
+        return dict(file)
+
+
+VARIATIONS = tuple(name for name, (kind, _, _) in CASES.items() if kind == "slider_crank")
+
+
+def load_variation(name: str) -> dict[str, Array]:
+    """Derivatives of one slider-crank: `t`, `y` (row k at t[k]), `dy` (time, state, parameter), the parameters being
+    clearance [m], friction and stiffness [N/m^1.5] in this order, `params`, and `agreement` (state, parameter): largest
+    difference over time to the extrapolated central differences, over the entry's largest magnitude over time.
+    """
+    with np.load(DATA / f"{name}_variation.npz") as file:
         return dict(file)
 
 
@@ -58,11 +75,41 @@ def make(name: str) -> None:
     print(f"{'':20s} y(T) = {' '.join(f'{v:.17g}' for v in extended.y[-1])}", flush=True)
 
 
+def make_variation(name: str) -> None:
+    """Derivatives of one case in three ways. Stored is extrapolation on the variational equations, extended precision.
+
+    In double, the round-off of d = |e| - c (1e-17 m against some 1e-6) reaches the force's gradient and leaves 1e-9;
+    differences divide the state's error by their step. They are the check, for they never see those equations.
+    """
+    _, t, p = CASES[name]
+    clock = time.perf_counter()
+    double, extended = solve_double(t, p), solve_extended(t, p)
+    middle = time.perf_counter()
+    differences = solve_differences(t, p)
+    end = time.perf_counter()
+    y, dy = split(extended.y)
+    largest = np.max(np.abs(dy), axis=0)
+    agreement = np.max(np.abs(differences - dy), axis=0) / largest
+    in_double = np.max(np.abs(split(double.y)[1] - dy), axis=0) / largest
+    at_end = np.abs(differences - dy)[-1] / largest
+    np.savez_compressed(DATA / f"{name}_variation.npz", t=t, y=y, dy=dy, params=p, agreement=agreement)
+    print(
+        f"{name:20s} derivatives by c, mu, K   force jumps {max(force_jumps(p).values()):.0e}   "
+        f"equations {extended.steps} steps {middle - clock:.1f} s, differences {end - middle:.1f} s"
+    )
+    for label, error in (("differences", agreement), ("at the end", at_end), ("DOP853", in_double)):
+        print(f"{'':20s} {label:12s} {'  '.join(f'{e:.0e}' for e in np.max(error, axis=0))}")
+    for column, values in zip(("c", "mu", "K"), dy[-1].T, strict=True):
+        print(f"{'':20s} dy/d{column:3s} = {' '.join(f'{v:.17g}' for v in values)}", flush=True)
+
+
 def main() -> None:
     """All cases."""
     DATA.mkdir(exist_ok=True)
     for name in CASES:
         make(name)
+    for name in VARIATIONS:
+        make_variation(name)
 
 
 if __name__ == "__main__":
