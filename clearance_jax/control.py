@@ -29,12 +29,13 @@ class WatchState(NamedTuple):
     """State of the controller.
 
     The wrapped one's; the step size it would have taken had it not been cut (0: not cut); and how often in a row a cut
-    has failed to get clear of its switch.
+    has failed to get clear of its switch; what the observer has recorded.
     """
 
     inner: Any
     natural: Array
     stalls: Array
+    record: Any
 
 
 class ContactController(diffrax.AbstractAdaptiveStepSizeController):
@@ -48,6 +49,8 @@ class ContactController(diffrax.AbstractAdaptiveStepSizeController):
     - `margin`: how far past a switch a cut step ends, as a fraction of the uncut step.
     - `unit`: per component, its magnitude (of derivatives only).
     - `floor`: per direction, the size (in units) from which on a derivative's error is relative to its size.
+    - `observer`: sees every accepted step, `observer(record, (t0, t1), (y0, y1, slope0, slope1), mechanism) -> record`,
+      from `observer.start(t0, y0, mechanism)`.
     - `watch`: whether to watch the contacts (off: a plain PID controller with break points).
     """
 
@@ -57,6 +60,7 @@ class ContactController(diffrax.AbstractAdaptiveStepSizeController):
     margin: Array
     unit: Array | None = None
     floor: Array | None = None
+    observer: Any = None
     watch: bool = eqx.field(static=True, default=True)
     points: int = eqx.field(static=True, default=10)
     controller: diffrax.PIDController = diffrax.PIDController(rtol=0.0, atol=1.0)
@@ -82,7 +86,8 @@ class ContactController(diffrax.AbstractAdaptiveStepSizeController):
             dt0 = self._first_step(t0, t1, motion(args, y0), motion(args, slope))
         end = self._before_break(t0, t0 + on_grid(dt0))
         _, inner = self.controller.init(terms, t0, t1, y0, end - t0, args, func, error_order)
-        return end, WatchState(inner, jnp.zeros_like(end), jnp.zeros((), int))
+        record = None if self.observer is None else self.observer.start(t0, motion(args, y0), args.mechanism)
+        return end, WatchState(inner, jnp.zeros_like(end), jnp.zeros((), int), record)
 
     def _first_step(self, t0, t1, y0, slope):
         # A thousandth of the time in which the state changes by its own tolerance-free scale; the error control grows
@@ -102,7 +107,9 @@ class ContactController(diffrax.AbstractAdaptiveStepSizeController):
         count = jnp.maximum(jnp.sum(controlled), 1)
 
         def rms(x):
-            return jnp.sqrt(jnp.sum(jnp.where(controlled, x, 0.0) ** 2, axis=-1) / count)
+            return jnp.sqrt(
+                jnp.sum(jnp.where(controlled.reshape((1,) * (x.ndim - 1) + (-1,)), x, 0.0) ** 2, axis=-1) / count
+            )
 
         size = jnp.maximum(jnp.abs(motion(problem, y0)), jnp.abs(motion(problem, y1)))
         scaled = rms(motion(problem, error) / (scale + self.relative * size))
@@ -110,8 +117,8 @@ class ContactController(diffrax.AbstractAdaptiveStepSizeController):
             assert self.unit is not None
             assert self.floor is not None
             unit = jnp.where(controlled, self.unit, 1.0)
-            columns = jnp.maximum(rms(y0[1:] / unit), rms(y1[1:] / unit))
-            derivatives = rms(error[1:] / scale) / (self.floor + columns)
+            columns = jnp.maximum(rms(y0[1:] / unit[None]), rms(y1[1:] / unit[None]))
+            derivatives = rms(error[1:] / scale[None]) / (self.floor + columns)
             scaled = jnp.maximum(scaled, LENIENCE * jnp.max(derivatives))
         return jnp.where(jnp.isfinite(scaled) & jnp.all(jnp.isfinite(y1)), scaled, jnp.inf)
 
@@ -124,12 +131,12 @@ class ContactController(diffrax.AbstractAdaptiveStepSizeController):
         accurate, _, proposal, _, inner, result = self.controller.adapt_step_size(
             t0, t1, jnp.zeros(()), jnp.zeros(()), args, scaled, error_order, controller_state.inner
         )
+        ends = [motion(problem, x) for x in (y0, y1_candidate, y_error.slope0, y_error.slope1)]
         if self.watch and problem.mechanism.clearance_joints():
             # Past a switch by enough for round-off not to hide it, by too little for the kink to matter; four times
             # more wherever that was not enough to get clear.
             pad = jnp.maximum(4 * _EPS * jnp.abs(t1), self.margin * jnp.maximum(h, controller_state.natural))
             pad = pad * 4.0 ** jnp.minimum(controller_state.stalls, 24)
-            ends = [motion(problem, x) for x in (y0, y1_candidate, y_error.slope0, y_error.slope1)]
             cut, at = first_switch((t0, t1), ends, problem.mechanism, pad, self.points)
             cut = cut & accurate
         else:
@@ -150,7 +157,11 @@ class ContactController(diffrax.AbstractAdaptiveStepSizeController):
         clipped = self._before_break(next_t0, next_t1)
         natural = jnp.where(clipped < next_t1, jnp.maximum(natural, next_t1 - next_t0), natural)
         result = diffrax.RESULTS.where(collapsed, diffrax.RESULTS.dt_min_reached, result)
-        return keep, next_t0, clipped, made_jump, WatchState(inner, natural, stalls), result
+        record = controller_state.record
+        if self.observer is not None:
+            seen = self.observer(record, (t0, t1), ends, problem.mechanism)
+            record = jax.tree.map(lambda new, old: jnp.where(keep, new, old), seen, record)
+        return keep, next_t0, clipped, made_jump, WatchState(inner, natural, stalls, record), result
 
     def _before_break(self, t0, t1):
         """`t1`, or just before the next break where that comes first."""

@@ -29,7 +29,14 @@ from clearance_jax.variation import Problem, basis, lift, motion, moves, pushed
 # Traced once and called from every stage (a step asks for it a dozen times); XLA inlines the calls.
 @jax.jit
 def _rate(time, y, problem: Problem):
-    return lift(lambda m, y: rate(time, y, m), problem, y)
+    added = problem.integrands
+
+    def field(mechanism, y):
+        state = y[: y.shape[0] - len(added)]
+        extra = [jnp.reshape(integrand(time, state, mechanism), (1,)) for integrand in added]
+        return jnp.concatenate([rate(time, state, mechanism), *extra])
+
+    return lift(field, problem, y)
 
 
 class Solution(eqx.Module):
@@ -38,6 +45,7 @@ class Solution(eqx.Module):
     - `time`: sample times [s], shape (samples,); `y`: states `[q, v, memory, books]` there, shape (samples, n).
     - `final`: the state at the end; `initial`: at the start.
     - `result`: diffrax's code; `succeeded` where the solve reached t1, `message` in words; `steps`, `rejected`: counts.
+    - `record`: what an observer recorded (metrics use one).
     - `energy_residual`: |energy gained - work of drives + losses| / energy exchanged, a measure of the solve's quality.
     """
 
@@ -49,6 +57,7 @@ class Solution(eqx.Module):
     steps: Int[Array, ""]
     rejected: Int[Array, ""]
     energy_residual: Float[Array, ""]
+    record: Any = None
 
     @property
     def succeeded(self) -> Array:
@@ -89,6 +98,10 @@ class Options(NamedTuple):
     watch: bool
     books: bool
     max_steps: int
+    derivatives: str = "controlled"
+    observer: Any = None
+    integrands: tuple = ()
+    """Functions of (time, state, mechanism) to be integrated along with the motion."""
 
 
 # The solve -----------------------------------------------------------------------------------------------------------
@@ -97,6 +110,12 @@ class Options(NamedTuple):
 @eqx.filter_custom_jvp
 def flow(inputs: Inputs, *, options: Options) -> Solution:
     """Solve; differentiable by every number of the mechanism, `y0`, `t1` and `save_at`."""
+    return solved(inputs, options)
+
+
+def plain_flow(inputs: Inputs, options: Options) -> Solution:
+    """As `flow`, differentiated as the program it is: cheaper, and of unknown accuracy."""
+    refuse_jumps(inputs.mechanism)
     return solved(inputs, options)
 
 
@@ -160,15 +179,16 @@ def solved(inputs: Inputs, options: Options, directions: Any = None) -> Solution
 
     def begin(tree):
         mechanism = tree[0].prepared()
-        return mechanism, initial(mechanism, t0, options.books, tree[1])
+        start = initial(mechanism, t0, options.books, tree[1])
+        return mechanism, jnp.concatenate([start, jnp.zeros(len(options.integrands))])
 
     tree = inputs.mechanism, inputs.y0
     if directions is None:
         mechanism, start = begin(tree)
-        problem = Problem(mechanism)
+        problem = Problem(mechanism, None, options.integrands)
     else:
         (mechanism, first), (slopes, moved) = pushed(begin, tree, directions)
-        problem = Problem(mechanism, slopes)
+        problem = Problem(mechanism, slopes, options.integrands)
         count = jax.tree.leaves(directions)[0].shape[0]
         start = jnp.concatenate([first[None], jnp.zeros((count, *first.shape)) if moved is None else moved])
     first = motion(problem, start)
@@ -190,7 +210,8 @@ def solved(inputs: Inputs, options: Options, directions: Any = None) -> Solution
     if options.books:
         residual = energy_residual(mechanism, t0, t1, first, motion(problem, final))
     accepted, rejected = out.stats["num_accepted_steps"], out.stats["num_rejected_steps"]
-    return Solution(time, y, start, final, result, accepted, rejected, residual)
+    record = out.controller_state.record if options.observer is not None else None
+    return Solution(time, y, start, final, result, accepted, rejected, residual, record)
 
 
 def initial(mechanism, t0, books, y0):
@@ -223,6 +244,7 @@ def integrate(problem: Problem, t0, t1, start, save_at, allowed: Tolerances, opt
         floor=allowed.floor,
         breaks=drive_breaks(problem.mechanism),
         margin=allowed.margin,
+        observer=options.observer,
         watch=options.watch,
     )
     subs = [diffrax.SubSaveAt(t1=True)]
@@ -236,7 +258,7 @@ def integrate(problem: Problem, t0, t1, start, save_at, allowed: Tolerances, opt
         None,
         start,
         args=problem,
-        saveat=diffrax.SaveAt(subs=subs),
+        saveat=diffrax.SaveAt(subs=subs, controller_state=options.observer is not None),
         stepsize_controller=controller,
         adjoint=diffrax.ForwardMode(),
         max_steps=options.max_steps,

@@ -12,9 +12,11 @@ from jaxtyping import Array
 from clearance_jax._checks import BOUNDS, ClearanceError, require_float64, suggest
 from clearance_jax.energy import BOOKS
 from clearance_jax.equations import openings
-from clearance_jax.flow import Inputs, Options, Solution, flow, initial_state, is_assembled
+from clearance_jax.flow import Inputs, Options, Solution, flow, initial_state, is_assembled, plain_flow
 from clearance_jax.mechanism.mechanism import Mechanism, frames, layout, parameters
 
+MAX_STEPS = 10_000_000
+DERIVATIVES = ("controlled", "screening")
 SOLVERS = {"tsit5": diffrax.Tsit5, "dopri8": diffrax.Dopri8}
 
 
@@ -29,11 +31,12 @@ def simulate(
     solver: str | Any = "tsit5",
     watch: bool = True,
     books: bool = True,
-    max_steps: int = 10_000_000,
+    derivatives: str = "controlled",
+    max_steps: int = MAX_STEPS,
     y0: Any = None,
     throw: bool = True,
 ) -> Solution:
-    """Simulate a mechanism from `t0` to `t1`. Works under jit, vmap and jvp.
+    """Simulate a mechanism from `t0` to `t1`. Works under jit, vmap, jvp and grad.
 
     **Arguments:**
 
@@ -44,16 +47,17 @@ def simulate(
     - `solver`: "tsit5", "dopri8" (for rtol below 1e-8) or an explicit diffrax Runge-Kutta solver.
     - `watch`: end steps at every switch of the contact laws. Off: the plain PID controller, whose error has a floor.
     - `books`: integrate work and losses, for `energy_residual`.
+    - `derivatives`: "controlled": a differentiated solve carries the derivatives in its state and in its error control;
+      first derivatives only, forward or reverse. "screening": the program is differentiated as it stands (forward
+      only): cheaper, for a first look; wrong by 1e-3 and more at any tolerance where contacts begin and end.
     - `y0`: start from this state instead of the mechanism's initial one.
     - `throw`: raise where the solve fails (never inside jit or vmap: there a failed lane is data).
 
     **Raises:** `ClearanceError` for float64 off, t1 <= t0, numbers that are not finite or out of bounds, and a loop
     that cannot be closed; `RuntimeError` for a solve that fails on its way.
     """
-    chosen = check_arguments(mechanism, t0, t1, rtol, solver)
-    t0, t1, rtol = (jnp.asarray(x, float) for x in (t0, t1, rtol))
-    size = layout(mechanism).size
-    books = books or size == 0  # without states the books are what there is to integrate
+    check_arguments(mechanism, t0, t1, rtol, solver)
+    t0, t1 = jnp.asarray(t0, float), jnp.asarray(t1, float)
     if isinstance(save_at, int | np.integer):
         save_at = t0 + (t1 - t0) * jnp.linspace(0.0, 1.0, int(save_at))
     elif save_at is not None:
@@ -61,13 +65,48 @@ def simulate(
         known = not any(isinstance(t, Tracer) for t in (t0, t1, save_at))
         if known and not (np.all(np.diff(save_at) > 0) and save_at[0] >= t0 and save_at[-1] <= t1):
             raise ClearanceError("The times in `save_at` must increase and lie between `t0` and `t1`.")
+    options = Options(SOLVERS[solver]() if isinstance(solver, str) else solver, watch, books, max_steps, derivatives)
+    return _run(mechanism, t0, t1, save_at, rtol, atol, y0, options, throw)
+
+
+def solve(
+    mechanism: Mechanism,
+    t1: Any,
+    *,
+    t0: Any = 0.0,
+    save_at: Any = None,
+    rtol: Any = 1e-8,
+    solver: str | Any = "tsit5",
+    books: bool = False,
+    y0: Any = None,
+    derivatives: str = "controlled",
+    **extras: Any,
+) -> Solution:
+    """`simulate` for metrics: without books, with an `observer` or `integrands` (see `Options`), `save_at` increasing but
+    not strictly; states of a failed lane of a batch are NaN, so that no metric is made of a motion that stopped early.
+    """
+    check_arguments(mechanism, t0, t1, rtol, solver)
+    chosen = SOLVERS[solver]() if isinstance(solver, str) else solver
+    options = Options(chosen, True, books, MAX_STEPS, derivatives, **extras)
+    out = _run(mechanism, t0, t1, save_at, rtol, None, y0, options, True)
+    final, y = (jnp.where(out.succeeded, x, jnp.nan) for x in (out.final, out.y))
+    return eqx.tree_at(lambda s: (s.final, s.y), out, (final, y))
+
+
+def _run(mechanism, t0, t1, save_at, rtol, atol, y0, options: Options, throw) -> Solution:
+    t0, t1, rtol = (jnp.asarray(x, float) for x in (t0, t1, rtol))
+    size = layout(mechanism).size
+    if size == 0:
+        options = options._replace(books=True)  # without states the books are what there is to integrate
+    if options.derivatives not in DERIVATIVES:
+        raise ClearanceError(f"There are no derivatives {options.derivatives!r}. Allowed: {', '.join(DERIVATIVES)}.")
     if y0 is not None:
         y0 = jnp.asarray(y0, float)
         if y0.shape not in ((size,), (size + len(BOOKS),)):
             raise ClearanceError(f"`y0` must have shape ({size},), [q, v, memory], but it has {y0.shape}.")
+    save_at = None if save_at is None else jnp.asarray(save_at, float)
     atol = None if atol is None else jnp.asarray(atol, float)
-    inputs = Inputs(mechanism, t0, t1, save_at, rtol, atol, y0)
-    solution = _solve(inputs, Options(chosen, watch, books, max_steps))
+    solution = _solve(Inputs(mechanism, t0, t1, save_at, rtol, atol, y0), options)
     if throw and not isinstance(solution.final, Tracer) and not bool(solution.succeeded):
         if y0 is None:
             check_assembled(mechanism, t0, solution.initial)
@@ -77,7 +116,9 @@ def simulate(
     return solution
 
 
-_solve = eqx.filter_jit(lambda inputs, options: flow(inputs, options=options))
+@eqx.filter_jit
+def _solve(inputs: Inputs, options: Options) -> Solution:
+    return flow(inputs, options=options) if options.derivatives == "controlled" else plain_flow(inputs, options)
 
 
 def check_assembled(mechanism: Mechanism, t0: Any, y: Array) -> None:

@@ -22,11 +22,12 @@ class Problem(eqx.Module):
 
     `directions` is the mechanism's own tree: with a leading axis (one entry a direction) for a number that is varied,
     `None` for one that is not; altogether `None` where nothing is differentiated: then a state is a flat vector, not a
-    stack.
+    stack. `integrands` are functions of (time, state, mechanism) whose integrals follow the state.
     """
 
     mechanism: Mechanism
     directions: Any = None
+    integrands: tuple = eqx.field(static=True, default=())
 
     @property
     def varies(self) -> bool:

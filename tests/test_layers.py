@@ -12,7 +12,7 @@ LAYERS = [
     {"joints"},
     {"mechanism"},
     {"equations", "energy", "dynamics"},
-    {"tolerances", "variation", "watch", "stepping", "control", "flow", "solve", "trace"},
+    {"tolerances", "variation", "watch", "stepping", "control", "flow", "solve", "trace", "signals", "metrics", "sensitivity", "periodic", "trust", "mesh"},
     {"results", "scene"},
     {"plot"},
     {"cli"},

@@ -1,0 +1,174 @@
+"""What a designer asks of a motion, as one number (or a few) with a correct derivative.
+
+A metric is a reduction over time (`Peak`, `Rms`, `Mean`, `At`, `SoftPeak`, ...) of a signal (`PositionError`,
+`ContactForce`, ...). Calling it, `metric(mechanism, t1)`, solves; jit, vmap and differentiation go through:
+
+    peak = cj.metrics.Peak(cj.metrics.PositionError("piston"))
+    jax.grad(lambda c: peak(cj.replace(mechanism, {"wrist.radial_clearance": c}), 0.012))(1e-4)
+"""
+
+import abc
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from clearance_jax._checks import ClearanceError, suggest
+from clearance_jax._types import Scalar
+from clearance_jax.energy import read_books
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.signals import AbstractSignal, PeakFinder, TouchCounter
+from clearance_jax.solve import solve
+
+
+class AbstractMetric(eqx.Module):
+    """A number, or a few, of a motion."""
+
+    @abc.abstractmethod
+    def __call__(self, mechanism: Mechanism, t1: Any, **options: Any) -> Array:
+        """The metric of the motion from `t0` to `t1`; `options` are `simulate`'s `t0`, `rtol`, `solver`, `y0`."""
+
+
+class Peak(AbstractMetric):
+    """The largest value of a signal over time, or its `count` highest peaks (the same one again where there are fewer).
+
+    A first solve finds where the peaks are, between the steps too; the second ends samples there. The derivative is
+    the signal's at a fixed time: at a peak its time derivative is zero (envelope theorem), and at either end of the
+    motion the time is fixed. Where two peaks tie the maximum has a kink: ask for both (`count=2`).
+    """
+
+    signal: AbstractSignal
+    count: int = eqx.field(static=True, default=1)
+
+    def __call__(self, mechanism, t1, **options):
+        times = self.times(mechanism, t1, **options)
+        order = jnp.argsort(times)
+        values = self.signal.along(mechanism, t1, times[order], **options)
+        found = values[jnp.argsort(order)]
+        return found[0] if self.count == 1 else found
+
+    def times(self, mechanism: Mechanism, t1: Any, **options: Any) -> Float[Array, " count"]:
+        """When the peaks are [s], the highest first."""
+        fixed = jax.lax.stop_gradient(mechanism)
+        finder = PeakFinder(self.signal.bound(fixed, t1, **options), self.count)
+        options = {k: jax.lax.stop_gradient(v) if eqx.is_array(v) else v for k, v in options.items()}
+        found = solve(fixed, t1, observer=finder, **options).record.finished()
+        return jax.lax.stop_gradient(jnp.where(jnp.isfinite(found.value), found.time, found.time[0]))
+
+
+class Rms(AbstractMetric):
+    """Root of the time average of a signal's square; integrated along with the motion, by the solver."""
+
+    signal: AbstractSignal
+
+    def __call__(self, mechanism, t1, **options):
+        span = t1 - options.get("t0", 0.0)
+        # Away from zero by nothing that counts: a signal that is zero throughout has no derivative to give.
+        square = self.signal.integral(mechanism, t1, 2, **options) / span
+        return jnp.sqrt(jnp.where(square > 0, square, 1.0)) * (square > 0)
+
+
+class Mean(AbstractMetric):
+    """Time average of a signal."""
+
+    signal: AbstractSignal
+
+    def __call__(self, mechanism, t1, **options):
+        return self.signal.integral(mechanism, t1, 1, **options) / (t1 - options.get("t0", 0.0))
+
+
+class At(AbstractMetric):
+    """A signal at given times [s], in increasing order."""
+
+    signal: AbstractSignal
+    times: Float[Array, " times"] = eqx.field(converter=lambda t: jnp.atleast_1d(jnp.asarray(t, float)))
+
+    def __call__(self, mechanism, t1, **options):
+        return self.signal.along(mechanism, t1, self.times, **options)
+
+
+class SoftPeak(AbstractMetric):
+    """A smooth bound of the largest of N samples of a signal (Kreisselmeier and Steinhauser 1979):
+
+        KS = max + (1/rho) ln sum exp(rho (g_i - max)),   max <= KS <= max + ln(N) / rho.
+
+    Between samples h apart the signal may be higher than `max` by h^2 |g''| / 8. **Arguments:** `signal`; `rho` > 0, in
+    one over the signal's unit; `samples` N.
+    """
+
+    signal: AbstractSignal
+    rho: Scalar = eqx.field(converter=lambda r: jnp.asarray(r, float))
+    samples: int = eqx.field(static=True, default=1001)
+
+    def __call__(self, mechanism, t1, **options):
+        values = self._values(mechanism, t1, **options)
+        return jax.nn.logsumexp(self.rho * values) / self.rho
+
+    def bounds(self, mechanism: Mechanism, t1: Any, **options: Any) -> tuple[Array, Array]:
+        """Between which the largest sample is: (KS - ln(N) / rho, KS)."""
+        value = self(mechanism, t1, **options)
+        return value - jnp.log(self.samples) / self.rho, value
+
+    def _values(self, mechanism, t1, **options):
+        t0 = options.get("t0", 0.0)
+        return self.signal.along(mechanism, t1, t0 + (t1 - t0) * jnp.linspace(0.0, 1.0, self.samples), **options)
+
+
+class PNorm(AbstractMetric):
+    """A smooth bound of the largest of N samples of a signal that is not negative: (sum g_i^p)^(1/p), p >= 1, between
+    max and N^(1/p) max.
+    """
+
+    signal: AbstractSignal
+    p: Scalar = eqx.field(converter=lambda p: jnp.asarray(p, float))
+    samples: int = eqx.field(static=True, default=1001)
+
+    def __call__(self, mechanism, t1, **options):
+        t0 = options.get("t0", 0.0)
+        times = t0 + (t1 - t0) * jnp.linspace(0.0, 1.0, self.samples)
+        values = jnp.abs(self.signal.along(mechanism, t1, times, **options))
+        top = jax.lax.stop_gradient(jnp.max(values))
+        top = jnp.where(top > 0, top, 1.0)
+        total = jnp.sum((values / top) ** self.p)
+        return top * jnp.where(total > 0, total, 1.0) ** (1 / self.p) * (total > 0)
+
+    def bounds(self, mechanism: Mechanism, t1: Any, **options: Any) -> tuple[Array, Array]:
+        """Between which the largest sample is: (norm / N^(1/p), norm)."""
+        value = self(mechanism, t1, **options)
+        return value / self.samples ** (1 / self.p), value
+
+
+class EnergyLost(AbstractMetric):
+    """Energy lost in damping and friction [J]."""
+
+    def __call__(self, mechanism, t1, **options):
+        books = read_books(t1, solve(mechanism, t1, books=True, **options).final, mechanism.prepared())
+        return books["damping_loss"] + books["friction_loss"]
+
+
+class Impacts(AbstractMetric):
+    """Number of times a joint's surfaces meet. It has no derivative: asking for one is an error."""
+
+    joint: str = eqx.field(static=True)
+
+    def __call__(self, mechanism, t1, **options):
+        names = [joint.name for joint in mechanism.clearance_joints()]
+        if self.joint not in names:
+            raise ClearanceError(f"There is no clearance joint `{self.joint}`. " + suggest(self.joint, names))
+        counted = solve(mechanism, t1, observer=TouchCounter(names.index(self.joint)), **options)
+        return _counted(counted.record.count, mechanism)
+
+
+@eqx.filter_custom_jvp
+def _counted(count, mechanism):
+    return count
+
+
+@_counted.def_jvp
+def _counted_jvp(primals, tangents):
+    raise ClearanceError(
+        "The number of impacts is a whole number: it has no derivative (zero almost everywhere, infinite where an impact "
+        "appears). Use the energy lost or a peak force, or a gradient-free method."
+    )
