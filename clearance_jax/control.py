@@ -107,9 +107,8 @@ class ContactController(diffrax.AbstractAdaptiveStepSizeController):
         count = jnp.maximum(jnp.sum(controlled), 1)
 
         def rms(x):
-            return jnp.sqrt(
-                jnp.sum(jnp.where(controlled.reshape((1,) * (x.ndim - 1) + (-1,)), x, 0.0) ** 2, axis=-1) / count
-            )
+            wanted = jnp.where(jnp.broadcast_to(controlled, x.shape), x, 0.0)
+            return jnp.sqrt(jnp.sum(wanted * wanted, axis=-1) / count)
 
         size = jnp.maximum(jnp.abs(motion(problem, y0)), jnp.abs(motion(problem, y1)))
         scaled = rms(motion(problem, error) / (scale + self.relative * size))

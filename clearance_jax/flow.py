@@ -28,15 +28,16 @@ from clearance_jax.variation import Problem, basis, lift, motion, moves, pushed
 
 # Traced once and called from every stage (a step asks for it a dozen times); XLA inlines the calls.
 @jax.jit
-def _rate(time, y, problem: Problem):
+def field(time, y, problem: Problem):
+    """The rate of a state, or of a stack: the mechanism's, then the integrands."""
     added = problem.integrands
 
-    def field(mechanism, y):
+    def augmented(mechanism, y):
         state = y[: y.shape[0] - len(added)]
         extra = [jnp.reshape(integrand(time, state, mechanism), (1,)) for integrand in added]
         return jnp.concatenate([rate(time, state, mechanism), *extra])
 
-    return lift(field, problem, y)
+    return lift(augmented, problem, y)
 
 
 class Solution(eqx.Module):
@@ -145,12 +146,12 @@ def _later(inputs: Inputs, rates: Inputs, value: Solution, moved: list[Array]) -
     problem = Problem(inputs.mechanism.prepared())
     initial, final, y = moved
     if rates.t1 is not None:
-        final = final + _rate(inputs.t1, value.final, problem) * rates.t1
+        final = final + field(inputs.t1, value.final, problem) * rates.t1
     shift = rates.save_at
     if inputs.save_at is None and rates.t1 is not None:
         shift = jnp.broadcast_to(rates.t1, value.time.shape)
     if shift is not None:
-        y = y + jax.vmap(_rate, in_axes=(0, 0, None))(value.time, value.y, problem) * shift[:, None]
+        y = y + jax.vmap(field, in_axes=(0, 0, None))(value.time, value.y, problem) * shift[:, None]
     return [initial, final, y]
 
 
@@ -176,31 +177,14 @@ def _stacked_jvp(primals, tangents, *, options):
 def solved(inputs: Inputs, options: Options, directions: Any = None) -> Solution:
     """Solve motion and variations: with directions (a tree like `(mechanism, y0)`), states are stacks."""
     t0, t1, rtol, save_at = inputs.t0, inputs.t1, inputs.rtol, inputs.save_at
-
-    def begin(tree):
-        mechanism = tree[0].prepared()
-        start = initial(mechanism, t0, options.books, tree[1])
-        return mechanism, jnp.concatenate([start, jnp.zeros(len(options.integrands))])
-
-    tree = inputs.mechanism, inputs.y0
-    if directions is None:
-        mechanism, start = begin(tree)
-        problem = Problem(mechanism, None, options.integrands)
-    else:
-        (mechanism, first), (slopes, moved) = pushed(begin, tree, directions)
-        problem = Problem(mechanism, slopes, options.integrands)
-        count = jax.tree.leaves(directions)[0].shape[0]
-        start = jnp.concatenate([first[None], jnp.zeros((count, *first.shape)) if moved is None else moved])
+    problem, start, allowed = posed(inputs, options, directions)
     first = motion(problem, start)
     # A lane of a batch with impossible numbers, or a mechanism that is not closed, ends at once with a code of its own.
-    possible = jnp.isfinite(t1) & (t1 > t0) & (rtol > 0) & (rtol < 1) & bounds_hold(mechanism)
+    possible = jnp.isfinite(t1) & (t1 > t0) & (rtol > 0) & (rtol < 1) & bounds_hold(problem.mechanism)
     if inputs.y0 is None:
-        possible &= is_assembled(mechanism, t0, first)
+        possible &= is_assembled(problem.mechanism, t0, first)
     end = jnp.where(possible, t1, t0)
     save_at = None if save_at is None else jnp.where(possible, save_at, t0)
-    allowed = tolerances_of(problem, t0, t1, first, rtol, inputs.atol)
-    if directions is not None:
-        allowed = allowed._replace(floor=floors(tree, directions, allowed.unit))
     out = integrate(problem, t0, end, start, save_at, allowed, options)
     result = diffrax.RESULTS.where(possible, out.result, diffrax.RESULTS.nonlinear_divergence)
     final = out.ys[0][-1]
@@ -208,10 +192,31 @@ def solved(inputs: Inputs, options: Options, directions: Any = None) -> Solution
     y = out.ys[0] if save_at is None else projected_samples(problem, time, out.ys[1])
     residual = jnp.asarray(jnp.nan)
     if options.books:
-        residual = energy_residual(mechanism, t0, t1, first, motion(problem, final))
+        residual = energy_residual(problem.mechanism, t0, t1, first, motion(problem, final))
     accepted, rejected = out.stats["num_accepted_steps"], out.stats["num_rejected_steps"]
-    record = out.controller_state.record if options.observer is not None else None
+    record = None if out.controller_state is None else out.controller_state.record
     return Solution(time, y, start, final, result, accepted, rejected, residual, record)
+
+
+def posed(inputs: Inputs, options: Options, directions: Any = None) -> tuple[Problem, Array, Tolerances]:
+    """What to integrate, from which state (or stack), and how accurately."""
+
+    def begin(tree):
+        mechanism = tree[0].prepared()
+        start = initial(mechanism, inputs.t0, options.books, tree[1])
+        return mechanism, jnp.concatenate([start, jnp.zeros(len(options.integrands))])
+
+    tree = inputs.mechanism, inputs.y0
+    if directions is None:
+        mechanism, start = begin(tree)
+        problem = Problem(mechanism, None, options.integrands)
+        return problem, start, tolerances_of(problem, inputs.t0, inputs.t1, start, inputs.rtol, inputs.atol)
+    (mechanism, first), (slopes, moved) = pushed(begin, tree, directions)
+    problem = Problem(mechanism, slopes, options.integrands)
+    count = jax.tree.leaves(directions)[0].shape[0]
+    start = jnp.concatenate([first[None], jnp.zeros((count, *first.shape)) if moved is None else moved])
+    allowed = tolerances_of(problem, inputs.t0, inputs.t1, first, inputs.rtol, inputs.atol)
+    return problem, start, allowed._replace(floor=floors(tree, directions, allowed.unit))
 
 
 def initial(mechanism, t0, books, y0):
@@ -230,9 +235,17 @@ def projected_samples(problem: Problem, time, y):
 
 
 def tolerances_of(problem: Problem, t0, t1, first, rtol, atol) -> Tolerances:
-    """The tolerances of a solve that starts with the state `first`."""
-    size = layout(problem.mechanism).size
-    return tolerances(problem.mechanism, first[:size], t0, t1, rtol, atol, first.shape[0] - size, varied=problem.varies)
+    """The tolerances of a solve that starts with the state `first`; integrals by their signals' scales."""
+    mechanism, size, added = problem.mechanism, layout(problem.mechanism).size, len(problem.integrands)
+    out = tolerances(mechanism, first[:size], t0, t1, rtol, atol, first.shape[0] - size - added, problem.varies)
+    if not added:
+        return out
+    unit = (t1 - t0) * jnp.stack([integrand.scale(mechanism) for integrand in problem.integrands])
+    return out._replace(
+        absolute=jnp.concatenate([out.absolute, rtol * unit]),
+        relative=jnp.concatenate([out.relative, jnp.zeros(added)]),
+        unit=jnp.concatenate([out.unit, unit]),
+    )
 
 
 def integrate(problem: Problem, t0, t1, start, save_at, allowed: Tolerances, options: Options, steps=False):
@@ -251,7 +264,7 @@ def integrate(problem: Problem, t0, t1, start, save_at, allowed: Tolerances, opt
     subs += [] if save_at is None else [diffrax.SubSaveAt(ts=save_at)]
     subs += [diffrax.SubSaveAt(t0=True, steps=True)] if steps else []
     return diffrax.diffeqsolve(
-        diffrax.ODETerm(_rate),
+        diffrax.ODETerm(field),
         Stepper(options.solver, moving_breaks=problem.varies and moves(drive_breaks, problem)),
         t0,
         t1,

@@ -169,6 +169,6 @@ def _counted(count, mechanism):
 @_counted.def_jvp
 def _counted_jvp(primals, tangents):
     raise ClearanceError(
-        "The number of impacts is a whole number: it has no derivative (zero almost everywhere, infinite where an impact "
-        "appears). Use the energy lost or a peak force, or a gradient-free method."
+        "The number of impacts is a whole number: it has no derivative (zero almost everywhere, infinite where an "
+        "impact appears). Use the energy lost or a peak force, or a gradient-free method."
     )

@@ -57,7 +57,8 @@ class PeriodicMotion(eqx.Module):
     converged: Bool[Array, ""]
     result: Any
     held: Bool[Array, " n"]
-    """Memory that no touch rewrites in the period: its multiplier is +1 whatever the motion does."""
+    """Memory that no touch rewrites in the period: its multiplier is +1 whatever the motion does, and its derivative 0.
+    (Its row of `monodromy` is a unit row; with a row of zeros the other multipliers are the same.)"""
 
     @property
     def multipliers(self) -> Complex[Array, "*batch n"]:
@@ -66,7 +67,6 @@ class PeriodicMotion(eqx.Module):
 
     @property
     def _moving(self) -> Complex[Array, "*batch n"]:
-        # The row of a memory that is held is a unit row; without it the other eigenvalues stay as they are.
         return _eigenvalues(jnp.where(self.held[..., None], 0.0, self.monodromy))
 
     @property
@@ -83,19 +83,17 @@ class PeriodicMotion(eqx.Module):
     def message(self) -> str:
         """Why a single search did not converge, or that its cycle is unstable; empty for a stable cycle."""
         count = f"{int(self.iterations)} iterations"
+        if bool(self.stable):
+            return ""
         if bool(self.converged):
             size = float(jnp.max(jnp.abs(self._moving)))
-            return (
-                ""
-                if bool(self.stable)
-                else f"The periodic motion is not stable: its largest |multiplier| is {size:.3g}."
-            )
+            return f"The periodic motion is not stable: its largest |multiplier| is {size:.3g}."
         if not bool(self.result == diffrax.RESULTS.successful):
             return f"No periodic motion was found: after {count} a solve stopped, {meaning(self.result)}."
         return (
-            f"No periodic motion was found: after {count} the state still misses itself by {float(self.residual):.2g} of "
-            "the scene's scales. The motion may be chaotic, or repeat after several periods only (try 2 or 3 times the "
-            "period), or settle slowly (try a larger `settle`, or a `guess`)."
+            f"No periodic motion was found: after {count} the state still misses itself by {float(self.residual):.2g} "
+            "of the scene's scales. The motion may be chaotic, or repeat after several periods only (try 2 or 3 times "
+            "the period), or settle slowly (try a larger `settle`, or a `guess`)."
         )
 
 
@@ -161,9 +159,10 @@ def periodic_motion(
     plan = layout(mechanism)
     if not plan.free:
         raise ClearanceError("A periodic motion needs a free coordinate, but every joint of this mechanism is driven.")
+    guess, turns = (None if x is None else jnp.asarray(x, float) for x in (guess, turns))
     for name, given, size in (("guess", guess, plan.size), ("turns", turns, plan.free)):
-        if given is not None and jnp.shape(given) != (size,):
-            raise ClearanceError(f"`{name}` must have shape ({size},), but it has {jnp.shape(given)}.")
+        if given is not None and given.shape != (size,):
+            raise ClearanceError(f"`{name}` must have shape ({size},), but it has {given.shape}.")
     t0, period, rtol = (jnp.asarray(x, float) for x in (t0, period, rtol))
     for name, gap in seams(mechanism, t0, period).items():
         if not isinstance(gap, Tracer) and not float(gap) <= SEAM:
@@ -171,7 +170,6 @@ def periodic_motion(
                 f"The drive of `{name}` does not repeat after the period of {float(period):g} s: it misses its start "
                 f"by {float(gap):.2g} (radians or largest lengths). Give the drives' common period, to full precision."
             )
-    guess, turns = (None if x is None else jnp.asarray(x, float) for x in (guess, turns))
     search = Search(mechanism, t0, period, rtol, guess, turns)
     return _find(search, Limits(Options(chosen, True, False, max_steps), settle, max_iterations))
 
@@ -221,9 +219,10 @@ def _cycle_jvp(primals, tangents, *, limits: Limits):
             return advanced(search._replace(mechanism=mechanism, period=period), motion.y, limits)[0]
 
         at, along = (search.mechanism, search.period), (rates.mechanism, rates.period)
-        _, moved = eqx.filter_jvp(end, at, along)
+        reached, moved = eqx.filter_jvp(end, at, along)
         moved = _inverse(search, motion.y, motion.monodromy) @ moved
-        moved = jnp.where(motion.converged, moved, jnp.nan)
+        # A factor: a choice of NaN would become a choice of zero in a gradient.
+        moved = moved * jnp.where(motion.converged & jnp.all(jnp.isfinite(reached)), 1.0, jnp.nan)
         tangent = eqx.tree_at(lambda m: m.y, tangent, moved, is_leaf=lambda x: x is None)
     return motion, tangent
 
@@ -300,8 +299,14 @@ def found(search: Search, limits: Limits) -> PeriodicMotion:
     s = jax.lax.while_loop(unfinished, iterate, start)
     gaps = [gap <= SEAM for gap in seams(search.mechanism, search.t0, search.period).values()]
     converged = (s.residual <= CLOSED * search.rtol) & jnp.all(jnp.asarray(gaps))
-    held = (jnp.arange(size) >= 2 * n) & jnp.all(s.jacobian == jnp.eye(size), axis=1)
+    held = held_memory(s.jacobian, n)
     return PeriodicMotion(s.y, s.jacobian, s.residual, s.iterations, s.turns, converged, s.result, held)
+
+
+def held_memory(jacobian: Array, free: int) -> Array:
+    """Which components are memory that no touch rewrote in the period: their rows are unit rows, to the last digit."""
+    size = jacobian.shape[0]
+    return (jnp.arange(size) >= 2 * free) & jnp.all(jacobian == jnp.eye(size), axis=1)
 
 
 def advanced(search: Search, y: Array, limits: Limits) -> tuple[Array, Any]:
@@ -336,10 +341,11 @@ def free_turns(search: Search) -> Array:
     out = []
     for coordinate in search.mechanism.free_coordinates():
         holding = [a for a in coordinate.motion.actuators if not isinstance(a, ConstantEffort)]
+        targets = [a.target for a in holding if isinstance(a, Servo)]
         if coordinate.slides is None and not holding:
             out.append(jnp.asarray(jnp.nan))
-        elif coordinate.slides is None and all(isinstance(a, Servo) for a in holding):
-            (begin, end), _ = _ends(holding[0].target, search.t0, search.period)
+        elif coordinate.slides is None and len(targets) == len(holding):
+            (begin, end), _ = _ends(targets[0], search.t0, search.period)
             out.append(jnp.round((end - begin) / TURN))
         else:
             out.append(jnp.zeros(()))
@@ -347,8 +353,12 @@ def free_turns(search: Search) -> Array:
 
 
 def _inverse(search: Search, y: Array, jacobian: Array, unit: Array | None = None) -> Array:
-    """(I - dP/dy)^-1 in the scene's scales; where it is singular to within the Jacobian's error, of least norm."""
+    """(I - dP/dy)^-1 in the scene's scales; where it is singular to within the Jacobian's error, of least norm.
+
+    Memory that is held can have any value: it keeps its own.
+    """
     unit = scale(search, y) if unit is None else unit
+    jacobian = jnp.where(held_memory(jacobian, layout(search.mechanism).free)[:, None], 0.0, jacobian)
     matrix = jnp.eye(unit.size) - jacobian * unit[None, :] / unit[:, None]
     return unit[:, None] * jnp.linalg.pinv(matrix, rtol=search.rtol) / unit[None, :]
 

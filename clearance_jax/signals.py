@@ -17,8 +17,9 @@ from clearance_jax.equations import projected, signals
 from clearance_jax.mechanism.mechanism import Mechanism, frames, layout
 from clearance_jax.solve import solve
 from clearance_jax.spatial import minus
+from clearance_jax.tolerances import largest_length
 
-# Newton steps from a pin's place in its sleeve to the ideal mechanism: each squares the error, 1e-3 of a length at most.
+# Newton steps from a pin's place in its sleeve to the ideal mechanism: each squares the error, some 1e-3 at first.
 _ASSEMBLE = 4
 
 
@@ -41,6 +42,12 @@ class AbstractSignal(eqx.Module):
             return jax.vmap(lambda t, y, r: self.value(t, y, ready, r))(times, y, reference)
         return jax.vmap(lambda t, y: self.value(t, y, ready, self._reference(t, y, ready)))(times, y)
 
+    def scale(self, mechanism: Mechanism) -> Scalar:
+        """Magnitude of the signal, where an integral of it must itself be watched; infinite (the default): its kinks,
+        if any, are the laws' switches, at which steps end anyway.
+        """
+        return jnp.asarray(jnp.inf)
+
     def _reference(self, time, y, mechanism):
         return ideal_state(time, y, mechanism) if self.needs_ideal else None
 
@@ -59,8 +66,8 @@ class AbstractSignal(eqx.Module):
         """The time integral of a power of the signal."""
         if self.needs_ideal and freedom(mechanism.ideal()) > 0:
             raise ClearanceError(
-                "An average of an error against an ideal mechanism that moves freely is not integrated along. Drive its "
-                "joints, or average samples: `At(signal, times)`."
+                "An average of an error against an ideal mechanism that moves freely is not integrated along. Drive "
+                "its joints, or average samples: `At(signal, times)`."
             )
         return solve(mechanism, t1, integrands=(Integrand(self, power),), **options).final[-1]
 
@@ -104,6 +111,9 @@ class Integrand(eqx.Module):
     def __call__(self, time, y, mechanism):
         return Instant(self.signal)(time, y, mechanism) ** self.power
 
+    def scale(self, mechanism):
+        return self.signal.scale(mechanism) ** self.power
+
 
 def freedom(mechanism: Mechanism) -> int:
     """How many coordinates drives and closures leave free."""
@@ -130,6 +140,12 @@ def hermite(y0, s0, y1, s1, x):
 # Signals -------------------------------------------------------------------------------------------------------------
 
 
+def play_size(mechanism: Mechanism) -> Scalar:
+    """The largest clearance [m]."""
+    sizes = [joint.clearance.radial_clearance for joint in mechanism.clearance_joints() if joint.clearance]
+    return jnp.max(jnp.stack(sizes)) if sizes else jnp.asarray(jnp.inf)
+
+
 def _point(mechanism: Mechanism, name: str) -> int:
     names = [point.name for point in mechanism.points]
     if name not in names:
@@ -151,6 +167,9 @@ class PositionError(AbstractSignal):
     point: str = eqx.field(static=True)
     needs_ideal: ClassVar[bool] = True
 
+    def scale(self, mechanism):
+        return play_size(mechanism)  # a distance has a kink at zero
+
     def value(self, time, y, mechanism, reference):
         off, _ = _deviation(self, time, y, mechanism, reference)
         return safe_norm(off[0], off[1])
@@ -164,6 +183,9 @@ class PathDeviation(AbstractSignal):
     point: str = eqx.field(static=True)
     needs_ideal: ClassVar[bool] = True
 
+    def scale(self, mechanism):
+        return play_size(mechanism)
+
     def value(self, time, y, mechanism, reference):
         off, velocity = _deviation(self, time, y, mechanism, reference)
         speed = safe_norm(velocity[0], velocity[1])
@@ -176,6 +198,9 @@ class OrientationError(AbstractSignal):
 
     body: str = eqx.field(static=True)
     needs_ideal: ClassVar[bool] = True
+
+    def scale(self, mechanism):
+        return play_size(mechanism) / largest_length(mechanism)
 
     def value(self, time, y, mechanism, reference):
         names = [body.name for body in mechanism.bodies]
@@ -288,8 +313,8 @@ def tops(value, slope):
 
 
 class Touches(NamedTuple):
-    """Of a joint: how often its surfaces have met, the lowest approach speed among these [m/s], and the smallest distance
-    at which they have turned back without touching [m] (infinite: none).
+    """Of a joint: how often its surfaces have met, the lowest approach speed among these [m/s], and the smallest
+    distance at which they have turned back without touching [m] (infinite: none).
     """
 
     count: Array

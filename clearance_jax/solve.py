@@ -82,8 +82,8 @@ def solve(
     derivatives: str = "controlled",
     **extras: Any,
 ) -> Solution:
-    """`simulate` for metrics: without books, with an `observer` or `integrands` (see `Options`), `save_at` increasing but
-    not strictly; states of a failed lane of a batch are NaN, so that no metric is made of a motion that stopped early.
+    """`simulate` for metrics: without books, with an `observer` or `integrands` (see `Options`), `save_at` increasing
+    but not strictly; states of a failed lane are NaN, so that no metric is made of a motion that stopped early.
     """
     check_arguments(mechanism, t0, t1, rtol, solver)
     chosen = SOLVERS[solver]() if isinstance(solver, str) else solver

@@ -12,7 +12,8 @@ LAYERS = [
     {"joints"},
     {"mechanism"},
     {"equations", "energy", "dynamics"},
-    {"tolerances", "variation", "watch", "stepping", "control", "flow", "solve", "trace", "signals", "metrics", "sensitivity", "periodic", "trust", "mesh"},
+    {"tolerances", "variation", "watch", "stepping", "control", "flow", "solve", "trace"}
+    | {"signals", "metrics", "sensitivity", "periodic", "trust", "mesh"},
     {"results", "scene"},
     {"plot"},
     {"cli"},

@@ -1,9 +1,9 @@
 """Derivatives of motions: `python -m experiments.derivatives` writes the tables out/derivatives_*.md.
 
-    ladder         error against tolerance, on the slider-crank, beside what other ways give
-    closed_forms   a trap for error control, two balls, times of switching
-    cost           time of value and Jacobian over time of the value, and of compiling them
-    finite         ten thousand random scenes and starts: no derivative that is not a finite number
+ladder         error against tolerance, on the slider-crank, beside what other ways give
+closed_forms   a trap for error control, two balls, times of switching
+cost           time of value and Jacobian over time of the value, and of compiling them
+finite         ten thousand random scenes and starts: no derivative that is not a finite number
 """
 
 from typing import NamedTuple

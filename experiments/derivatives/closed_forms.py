@@ -14,8 +14,7 @@ from scipy.special import gamma
 
 import clearance_jax as cj
 from clearance_jax import laws
-from clearance_jax.flow import Inputs, Options, solved
-from clearance_jax.solve import SOLVERS
+from clearance_jax.solve import DERIVATIVES
 from experiments.common import output, table
 
 LOOSE, TIGHT = 1e-6, 1e-10
@@ -44,18 +43,15 @@ class Row(NamedTuple):
         return abs(self.plain - self.exact) / max(1.0, abs(self.exact))
 
 
-def final(mechanism, t1, rtol, y0=None, rule: bool = True):
-    """The state at the end; without the rule, of the program that the rule would replace."""
-    if rule:
-        return cj.simulate(mechanism, t1, rtol=rtol, solver=SOLVER, books=False, y0=y0, throw=False).final
-    options = Options(SOLVERS[SOLVER](), watch=True, books=False, max_steps=10_000_000)
-    start, stop = jnp.asarray(0.0), jnp.asarray(t1, float)
-    return solved(Inputs(mechanism, start, stop, None, jnp.asarray(rtol, float), None, y0), options).final
+def final(mechanism, t1, rtol, y0=None, rule: str = "controlled"):
+    """The state at the end."""
+    s = cj.simulate(mechanism, t1, rtol=rtol, solver=SOLVER, books=False, y0=y0, throw=False, derivatives=rule)
+    return s.final
 
 
 def rows(case: str, end: Callable[..., Any], at, exact: dict[str, float], rtols, plain: bool) -> list[Row]:
     """Derivatives of `end(values, rtol, rule)` at `at`, one for every entry of `exact`."""
-    both = [jax.jit(jax.jacfwd(lambda v, r, rule=rule: end(v, r, rule))) for rule in ((True, False) if plain else (True,))]
+    both = [jax.jit(jax.jacfwd(lambda v, r, rule=rule: end(v, r, rule))) for rule in DERIVATIVES[: 2 if plain else 1]]
     out = []
     for rtol in rtols:
         found = [np.asarray(f(jnp.asarray(at, float), jnp.asarray(rtol))) for f in both]
@@ -67,7 +63,7 @@ def rows(case: str, end: Callable[..., Any], at, exact: dict[str, float], rtols,
     return out
 
 
-# The trap of arXiv:2406.09699 ------------------------------------------------------------------------------------------
+# The trap of arXiv:2406.09699 ----------------------------------------------------------------------------------------
 
 FREQUENCY, TRAP_END, REST = 3.0, 2.0, 0.25
 
@@ -91,7 +87,7 @@ def trap(rtols, plain: bool) -> list[Row]:
     return rows("trap", end, [REST, REST, FREQUENCY**2], exact, rtols, plain)
 
 
-# Two balls -------------------------------------------------------------------------------------------------------------
+# Two balls -----------------------------------------------------------------------------------------------------------
 
 REACH, BALL_END, STEEL = 1.0, 1.0, 1e10
 """Distance of the centres at touch [m], end [s], and the stiffness [N/m^1.5] of two steel surfaces."""
@@ -152,7 +148,7 @@ def rigid_distance(found: list[Row]) -> float:
     return max(abs(mine[by] - value) for by, value in {"x1": 1.0, "x2": 0.0, "v1": BALL_END, "v2": 0.0}.items())
 
 
-# Times of switching ----------------------------------------------------------------------------------------------------
+# Times of switching --------------------------------------------------------------------------------------------------
 
 BEGIN, STOP, RISE = (0.2, 0.7), (0.5, 1.0), (0.3, -0.2)
 MEETING = (0.2, 0.5), (0.5, 1.0)
@@ -214,14 +210,25 @@ def main(quick: bool = False) -> list[Row]:
     table(
         ("case", "by", "rtol", "exact", "error", "plain", "its error"),
         [
-            (r.case, r.by, f"{r.rtol:.0e}", f"{r.exact:.6g}", f"{r.error:.1e}", f"{r.plain:.6g}", f"{r.plain_error:.1e}")
+            (
+                r.case,
+                r.by,
+                f"{r.rtol:.0e}",
+                f"{r.exact:.6g}",
+                f"{r.error:.1e}",
+                f"{r.plain:.6g}",
+                f"{r.plain_error:.1e}",
+            )
             for r in found
         ],
         output(f"derivatives_closed_forms{suffix}.md"),
     )
-    worst = {case: max(r.error for r in found if r.case == case and r.rtol == TIGHT) for case in {r.case for r in found}}
+    worst = {
+        case: max(r.error for r in found if r.case == case and r.rtol == TIGHT) for case in {r.case for r in found}
+    }
     for case, error in sorted(worst.items()):
         print(f"{case}: worst error {error:.1e}, required {LIMIT:.0e}: {'yes' if error <= LIMIT else 'NO'}")
     apart = rigid_distance([r for r in found if r.case == "two balls"])
-    print(f"two balls against rigid ones: {apart:.1e}, required {RIGID_LIMIT:.0e}: {'yes' if apart <= RIGID_LIMIT else 'NO'}")
+    verdict = "yes" if apart <= RIGID_LIMIT else "NO"
+    print(f"two balls against rigid ones: {apart:.1e}, required {RIGID_LIMIT:.0e}: {verdict}")
     return found

@@ -82,7 +82,14 @@ def numbers(count: int) -> tuple[cj.Mechanism, list[str]]:
     if count > len(acting(mechanism)):
         springs = [
             cj.Spring(
-                f"spring{i}", "ground", "slider", WEAK, WEAK, LENGTH, cj.Position(LENGTH, i * LENGTH), cj.Position(0.0, 0.0)
+                f"spring{i}",
+                "ground",
+                "slider",
+                WEAK,
+                WEAK,
+                LENGTH,
+                cj.Position(LENGTH, i * LENGTH),
+                cj.Position(0.0, 0.0),
             )
             for i in (1, 2, 3)
         ]
@@ -145,7 +152,7 @@ def in_process(setup: str, solver: str, rtol: float, count: int) -> Cost:
     """`measure` in a fresh process without a cache of compiled programs."""
     environment = {k: v for k, v in os.environ.items() if k not in ("XLA_FLAGS", "JAX_COMPILATION_CACHE_DIR")}
     task = json.dumps([setup, solver, rtol, count])
-    command = [sys.executable, "-m", "experiments.derivatives.cost", task]
+    command = [sys.executable, "-m", "experiments.derivatives", "--measure", task]
     answer = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
     return Cost(*json.loads(answer.stdout.splitlines()[-1]))
 
@@ -204,11 +211,11 @@ def main(quick: bool = False, rtols: dict[str, float] | None = None) -> list[Cos
     return costs
 
 
-if __name__ == "__main__":
-    arguments = json.loads(sys.argv[1])
-    if arguments[0] == "single":
+def measured(task: str) -> str:
+    """What `in_process` asks of the fresh process."""
+    setup, *rest = json.loads(task)
+    if setup == "single":
         cj.configure()
     else:
         jax.config.update("jax_enable_x64", True)
-    lanes = LANES if arguments[0] == "batch" else 1
-    print(json.dumps(measure(*arguments, lanes, REPEATS[arguments[0]])))
+    return json.dumps(measure(setup, *rest, LANES if setup == "batch" else 1, REPEATS[setup]))

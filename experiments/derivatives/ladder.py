@@ -15,8 +15,7 @@ import numpy as np
 import clearance_jax as cj
 from clearance_jax import laws
 from clearance_jax.dynamics import rate
-from clearance_jax.flow import Inputs, Options, solved
-from clearance_jax.solve import SOLVERS, initial_state
+from clearance_jax.solve import initial_state
 from experiments.common import output, slider_crank, table
 from experiments.reference.baselines import run_compiled
 from experiments.reference.make import REVOLUTION, load_variation
@@ -29,12 +28,10 @@ from experiments.reference.sensitivity_baselines import (
     cvodes,
     differences,
 )
-from experiments.reference.variational import STATES
 
 NAMES = ("wrist.radial_clearance", "wrist.friction.coefficient", "wrist.normal.stiffness")
 CASES = {"0.5 mm": "slider_crank_0.5mm", "0.1 mm": "slider_crank_0.1mm"}
 RTOLS = tuple(10.0**-k for k in range(5, 12))
-MAX_STEPS = 10_000_000
 REVERSE_MAX_STEPS = 2**15
 MILD, FINE = 1e-4, 1e-6
 """Relative steps of finite differences."""
@@ -91,23 +88,13 @@ def jacobian(end) -> Jacobian:
     return jax.jit(jax.jacfwd(end, has_aux=True))
 
 
-def ours(solver: str):
-    """End of a revolution, through the library's rule of differentiation."""
+def ours(solver: str, derivatives: str = "controlled"):
+    """End of a revolution; "screening" differentiates the program, whose steps are chosen for the motion alone."""
 
     def end(values, rtol):
-        s = cj.simulate(moved(values), REVOLUTION, rtol=rtol, solver=solver, books=False, throw=False)
-        return s.final, s.steps
-
-    return end
-
-
-def without_rule(solver: str):
-    """The same solve, differentiated as a program: steps chosen for the motion alone."""
-    options = Options(SOLVERS[solver](), watch=True, books=False, max_steps=MAX_STEPS)
-
-    def end(values, rtol):
-        mechanism, start, stop = moved(values), jnp.asarray(0.0), jnp.asarray(REVOLUTION)
-        s = solved(Inputs(mechanism, start, stop, None, rtol, None, None), options)
+        s = cj.simulate(
+            moved(values), REVOLUTION, rtol=rtol, solver=solver, books=False, throw=False, derivatives=derivatives
+        )
         return s.final, s.steps
 
     return end
@@ -186,7 +173,7 @@ def measure(quick: bool) -> list[Rung]:
     for solver in ("tsit5",) if quick else ("tsit5", "dopri8"):
         programs[f"ours, {solver}"] = jacobian(ours(solver)), rtols
         if not quick:
-            programs[f"no rule, {solver}"] = jacobian(without_rule(solver)), rtols
+            programs[f"no rule, {solver}"] = jacobian(ours(solver, "screening")), rtols
     if not quick:
         programs["textbook reverse mode, tsit5"] = jax.jit(jax.jacrev(textbook, has_aux=True)), few[:3]
         for step in (MILD, FINE):
@@ -195,7 +182,7 @@ def measure(quick: bool) -> list[Rung]:
     for case in cases:
         for tool, (run, at) in programs.items():
             rungs += ladder(case, tool, run, at)
-            print(f"{case}, {tool}: worst {', '.join(f'{r.worst:.1e}' for r in rungs[-len(at):])}", flush=True)
+            print(f"{case}, {tool}: worst {', '.join(f'{r.worst:.1e}' for r in rungs[-len(at) :])}", flush=True)
         rungs += baselines(case, few)
     return rungs
 

@@ -1,0 +1,116 @@
+"""Many parameters, one number: reverse differentiation over steps that a probe has chosen.
+
+One random direction through all parameters is carried along with the motion, in the error norm: the steps that it
+needs are, but for bad luck, those that every other direction needs. On these steps the solve is a plain composition of
+Runge-Kutta steps, which JAX differentiates in reverse; steps are recomputed on the way back (two levels), so memory
+grows with the square root of their number. The error is not controlled for each parameter by itself.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from clearance_jax._checks import ClearanceError
+from clearance_jax._types import Scalar
+from clearance_jax.flow import Inputs, Options, Solution, field, initial, integrate, posed, refuse_jumps
+from clearance_jax.mechanism.mechanism import Mechanism, drive_breaks, replace
+from clearance_jax.solve import SOLVERS, check_arguments
+from clearance_jax.stepping import Stepper
+from clearance_jax.variation import Problem, moves, pushed
+
+SHORTEST, LONGEST = 2**10, 2**20
+SEED = 20
+
+
+@eqx.filter_jit
+def _steps(mechanism, values, inputs: Inputs, options: Options):
+    """Ends of the steps that motion and probe need (infinite beyond the last), and the result."""
+    rng = np.random.default_rng(SEED)
+    probe = {
+        name: jnp.where(value == 0, 1.0, jnp.abs(value))[None] * rng.choice([-1.0, 1.0], value.shape)
+        for name, value in values.items()
+    }
+    changed, direction = pushed(lambda v: replace(mechanism, v), values, probe)
+    problem, start, allowed = posed(inputs._replace(mechanism=changed), options, (direction, None))
+    if moves(drive_breaks, problem):
+        raise ClearanceError("A time at which a drive switches cannot vary in reverse mode. Use mode='forward'.")
+    out = integrate(problem, inputs.t0, inputs.t1, start, None, allowed, options, steps=True)
+    return out.ts[1], out.result
+
+
+@eqx.filter_jit
+def _sweep(mechanism, values, function, begins, ends, inputs: Inputs, options: Options):
+    stepper, term = Stepper(options.solver), diffrax.ODETerm(field)
+
+    def of(values):
+        changed = replace(mechanism, values)
+        problem = Problem(changed.prepared())
+        start = initial(problem.mechanism, inputs.t0, options.books, None)
+
+        def step(y, times):
+            begin, end = times
+            moved, *_ = stepper.step(term, begin, end, y, problem, field(begin, y, problem), False)
+            return jnp.where(end > begin, moved, y), None
+
+        @jax.checkpoint
+        def stretch(y, times):
+            return jax.lax.scan(jax.checkpoint(step), y, times)
+
+        final, _ = jax.lax.scan(stretch, start, (begins, ends))
+        nothing = jnp.zeros((), int)
+        successful = diffrax.RESULTS.successful
+        solution = Solution(
+            ends[-1, -1:], final[None], start, final, successful, nothing, nothing, jnp.asarray(jnp.nan)
+        )
+        return jnp.asarray(function(changed, solution))
+
+    value, pull = jax.vjp(of, values)
+    rows = jax.vmap(pull)(jnp.eye(value.size).reshape(value.size, *value.shape))[0]
+    return value, {name: row.reshape(*value.shape, *row.shape[1:]) for name, row in rows.items()}
+
+
+def reverse(
+    mechanism: Mechanism,
+    function: Callable[[Mechanism, Solution], Array],
+    values: dict[str, Array],
+    t1: Any,
+    *,
+    t0: Any = 0.0,
+    rtol: Scalar | float = 1e-8,
+    solver: str | Any = "tsit5",
+    books: bool = False,
+) -> tuple[Array, dict[str, Array]]:
+    """Value and Jacobian of `function(mechanism, solution)`, of the final state only, by the named values."""
+    check_arguments(mechanism, t0, t1, rtol, solver)
+    refuse_jumps(mechanism)
+    chosen = SOLVERS[solver]() if isinstance(solver, str) else solver
+    t0, t1, rtol = (jnp.asarray(x, float) for x in (t0, t1, rtol))
+    inputs = Inputs(mechanism, t0, t1, None, rtol, None, None)
+    size = SHORTEST
+    while True:
+        options = Options(chosen, True, books, size)
+        times, result = _steps(mechanism, values, inputs, options)
+        if not bool(result == diffrax.RESULTS.max_steps_reached) or size >= LONGEST:
+            break
+        size *= 4
+    if not bool(result == diffrax.RESULTS.successful):
+        raise RuntimeError("The solve stopped before t1. Simulate to see why.")
+    times = np.asarray(times)
+    times = times[np.isfinite(times)]
+    begins, ends = times[:-1].copy(), times[1:]
+    breaks = np.asarray(drive_breaks(mechanism))
+    margin = 4 * np.finfo(float).eps * np.abs(breaks)
+    for time, hair in zip(
+        breaks, margin, strict=True
+    ):  # a step that ends just before a break is followed by one just past it
+        begins[(begins < time) & (time - begins <= 2 * hair)] = time + hair
+    width = int(np.ceil(np.sqrt(begins.size)))
+    padding = width * int(np.ceil(begins.size / width)) - begins.size
+    begins, ends = (np.concatenate([x, np.full(padding, ends[-1])]).reshape(-1, width) for x in (begins, ends))
+    return _sweep(mechanism, values, function, jnp.asarray(begins), jnp.asarray(ends), inputs, options)

@@ -1,0 +1,162 @@
+"""`sensitivities`: value and Jacobian of what is asked of a motion, by parameter names; and second derivatives."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.flatten_util
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from clearance_jax._checks import ClearanceError
+from clearance_jax.mechanism.mechanism import Mechanism, parameters, replace
+from clearance_jax.metrics import AbstractMetric
+from clearance_jax.solve import solve
+
+# Directions from which on one reverse sweep over the steps costs less than carrying all of them.
+MANY = 40
+
+
+class Sensitivities(eqx.Module):
+    """Value, shape (...), and its derivatives: `jacobian[name]`, shape (..., *parameter's)."""
+
+    value: Array
+    jacobian: dict[str, Array]
+    names: tuple[str, ...] = eqx.field(static=True)
+    trusted: bool | None = eqx.field(static=True, default=None)
+    """Whether the error of the derivatives was controlled (`None`: see `gradient_report`); false for a screening."""
+
+    def matrix(self) -> Float[Array, "... parameters"]:
+        """The Jacobian with the parameters' entries along the last axis, in the order of `names`."""
+        n = np.ndim(self.value)
+        return jnp.concatenate([jnp.reshape(self.jacobian[k], (*np.shape(self.value), -1)) for k in self.names], n)
+
+
+def values_of(mechanism: Mechanism, names: Sequence[str]) -> dict[str, Array]:
+    """The present values of named parameters (`name.i`: one entry of an array)."""
+    known = parameters(mechanism)
+    replace(mechanism, {name: 0.0 for name in names if name not in known})  # an unknown name raises here
+    out = {}
+    for name in names:
+        head, _, tail = name.rpartition(".")
+        value = known[name].value if name in known else known[head].value[int(tail)]
+        out[name] = jnp.asarray(value, float)
+    return out
+
+
+def output(metric: AbstractMetric | Callable, mechanism: Mechanism, t1: Any, **options: Any) -> Array:
+    """A metric, or a function `(mechanism, solution) -> array`, of the motion."""
+    if isinstance(metric, AbstractMetric):
+        return metric(mechanism, t1, **options)
+    return jnp.asarray(metric(mechanism, solve(mechanism, t1, **options)))
+
+
+@eqx.filter_jit
+def _value_and_jacobian(metric, mechanism, values, t1, options):
+    def of(values):
+        return output(metric, replace(mechanism, values), t1, **options)
+
+    flat, unravel = jax.flatten_util.ravel_pytree(values)
+
+    def along(direction):
+        return jax.jvp(lambda p: of(unravel(p)), (flat,), (direction,))
+
+    # The rule of `flow` makes one solve of this: it sees which numbers vary, not how many directions are asked of it.
+    value, slopes = jax.vmap(along, out_axes=(None, -1))(jnp.eye(flat.size))
+    jacobian, start = {}, 0
+    for name, number in values.items():
+        part = slopes[..., start : start + number.size]
+        jacobian[name] = part.reshape(*value.shape, *number.shape)
+        start += number.size
+    return value, jacobian
+
+
+def sensitivities(
+    mechanism: Mechanism,
+    metric: AbstractMetric | Callable,
+    wrt: Sequence[str],
+    t1: Any,
+    *,
+    mode: str = "auto",
+    **options: Any,
+) -> Sensitivities:
+    """Value and derivatives of a metric of the motion by named parameters, from one solve.
+
+    **Arguments:**
+
+    - `metric`: one of `clearance_jax.metrics`, or a function `(mechanism, solution) -> array`; give `save_at` for
+      samples in `solution.y`.
+    - `wrt`: dotted names, as in `cj.parameters(mechanism)`; `name.i` for one entry of an array.
+    - `mode`: "forward": error-controlled tangents; "reverse": one probe solve sets the steps, then one reverse sweep
+      over them (for a scalar metric that is a function of the final state, and many parameters); "auto": the second
+      from 40 parameters on where it applies; "screening": the program differentiated as it stands, for a first look.
+    - `options`: `simulate`'s `t0`, `rtol`, `solver`, `save_at`, `y0`.
+
+    **Raises:** `ClearanceError` for an unknown name or mode, a law of class C-1, a metric without derivative;
+    `RuntimeError` where the solve fails.
+    """
+    wrt = (wrt,) if isinstance(wrt, str) else tuple(wrt)
+    if mode not in ("auto", "forward", "reverse", "screening"):
+        raise ClearanceError(f"There is no mode {mode!r}. Allowed: auto, forward, reverse, screening.")
+    values = values_of(mechanism, wrt)
+    many = sum(number.size for number in values.values()) >= MANY
+    if mode == "reverse" or (
+        mode == "auto" and many and not isinstance(metric, AbstractMetric) and "save_at" not in options
+    ):
+        from clearance_jax.mesh import reverse
+
+        value, jacobian = reverse(mechanism, metric, values, t1, **options)
+        return Sensitivities(value, jacobian, wrt)
+    if mode == "screening":
+        options = {**options, "derivatives": "screening"}
+    value, jacobian = _value_and_jacobian(metric, mechanism, values, jnp.asarray(t1, float), options)
+    if not bool(jnp.all(jnp.isfinite(value))):
+        raise RuntimeError("The solve stopped before t1, so there is no value to differentiate. Simulate to see why.")
+    return Sensitivities(value, jacobian, wrt, False if mode == "screening" else None)
+
+
+class Hessian(eqx.Module):
+    """Second derivatives by `names` (`matrix`, shape (..., n, n)) and how far they may be off (`error`, same shape)."""
+
+    matrix: Array
+    error: Array
+    names: tuple[str, ...] = eqx.field(static=True)
+
+
+# Relative steps of the differences of gradients; the second is a check on the first.
+HESSIAN_STEP = 1e-4
+
+
+def hessian(
+    mechanism: Mechanism, metric: AbstractMetric | Callable, wrt: Sequence[str], t1: Any, **options: Any
+) -> Hessian:
+    """Second derivatives of a metric, as central differences of error-controlled gradients.
+
+    The step is 1e-4 of each parameter (of 1, for a zero) and again twice that; Richardson's extrapolation of the two is
+    the answer, and its difference from the first, plus the asymmetry, the stated `error`. Contact changes with the
+    parameters: where a contact appears or vanishes within the step the error says so.
+    """
+    wrt = (wrt,) if isinstance(wrt, str) else tuple(wrt)
+    values = values_of(mechanism, wrt)
+    if any(number.ndim for number in values.values()):
+        raise ClearanceError("`hessian` wants scalars: name the entries of an array, `name.0`.")
+    centre = jnp.stack(list(values.values()))
+    step = HESSIAN_STEP * jnp.where(centre == 0, 1.0, jnp.abs(centre))
+
+    def gradient(point):
+        moved = replace(mechanism, dict(zip(wrt, point, strict=True)))
+        return sensitivities(moved, metric, wrt, t1, mode="forward", **options).matrix()
+
+    def differences(size):
+        rows = []
+        for k in range(len(wrt)):
+            move = jnp.zeros_like(centre).at[k].set(size * step[k])
+            rows.append((gradient(centre + move) - gradient(centre - move)) / (2 * size * step[k]))
+        return jnp.stack(rows, -2)
+
+    near, far = differences(1.0), differences(2.0)
+    best = near + (near - far) / 3
+    symmetric = 0.5 * (best + jnp.swapaxes(best, -1, -2))
+    return Hessian(symmetric, jnp.abs(symmetric - near) + 0.5 * jnp.abs(best - jnp.swapaxes(best, -1, -2)), wrt)

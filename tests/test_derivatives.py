@@ -1,0 +1,165 @@
+"""Derivatives of a solve: against independent references, closed forms and the rules that derivatives obey."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import clearance_jax as cj
+from clearance_jax import laws
+from clearance_jax._checks import ClearanceError
+from clearance_jax.dynamics import rate
+from experiments import derivatives
+from experiments.derivatives import closed_forms, ladder
+
+
+@pytest.fixture(scope="module")
+def jacobian():
+    """Of the slider-crank after a revolution, by c, mu and K; compiled once."""
+    return ladder.jacobian(ladder.ours("tsit5"))
+
+
+@pytest.mark.parametrize("case", ladder.CASES)
+def test_ladder(case, jacobian):
+    """Against integrations in extended precision that share no code with the library."""
+    loose, tight = ladder.ladder(case, "ours, tsit5", jacobian, (1e-7, 1e-9))
+    assert loose.worst <= 1e-4
+    assert tight.worst <= ladder.AT_NINE
+    assert all(b <= 0.1 * a for a, b in zip(loose.errors, tight.errors, strict=True))
+
+
+# Closed forms --------------------------------------------------------------------------------------------------------
+
+
+def test_equilibrium_trap():
+    """Nothing moves, so nothing limits the steps but the derivatives' own error (arXiv:2406.09699)."""
+    found = closed_forms.trap((1e-9,), plain=True)
+    assert max(row.error for row in found) <= closed_forms.LIMIT
+    assert max(row.plain_error for row in found) > 1e-3
+
+
+def test_two_balls():
+    found = closed_forms.two_balls((closed_forms.TIGHT,), plain=False)
+    assert max(row.error for row in found) <= closed_forms.LIMIT
+    assert closed_forms.rigid_distance(found) <= closed_forms.RIGID_LIMIT
+
+
+@pytest.mark.parametrize("case", ["times apart", "times that meet"])
+def test_times_of_a_drive(case):
+    """A number that acts only through a time of switching; two switches at one time have a derivative each."""
+    found = [row for row in closed_forms.timing((1e-9,), plain=False) if row.case == case]
+    assert max(row.error for row in found) <= closed_forms.LIMIT
+
+
+def test_time_of_a_drive_against_differences():
+    """A contact is driven; the middle of three steps is moved."""
+    mechanism = closed_forms.shaken(closed_forms.BEGIN, closed_forms.STOP)
+    play = cj.RevoluteClearance(0.1, 0.01, laws.HuntCrossley(1e3, 0.5))
+    mechanism = cj.Mechanism(
+        mechanism.bodies, mechanism.joints, (cj.Revolute("play", "carriage", "bob", clearance=play),), assemble=False
+    )
+
+    def end(begin):
+        m = cj.replace(mechanism, {"drive.rail.begin.1": begin})
+        return cj.simulate(m, 1.3, rtol=1e-10, books=False, throw=False).final
+
+    begin, step = 0.7, 1e-4
+    slope = jax.jit(jax.jacfwd(end))(begin)
+    up, upper, lower, down = jax.jit(lambda all: jax.lax.map(end, all))(
+        begin + step * jnp.array([1.0, 0.5, -0.5, -1.0])
+    )
+    coarse, fine = (up - down) / (2 * step), (upper - lower) / step
+    difference = fine + (fine - coarse) / 3
+    np.testing.assert_allclose(slope, difference, rtol=0, atol=1e-6 * np.abs(difference).max())
+
+
+# The rules of differentiation ----------------------------------------------------------------------------------------
+
+
+def pin() -> cj.Mechanism:
+    """A pin that falls through its sleeve, touches and slips."""
+    joint = cj.RevoluteClearance(1e-3, 0.01, laws.HuntCrossley(1e6, 0.5), laws.TanhCoulomb(0.3, 0.01))
+    motion = cj.Motion(cj.ConstantSpeed(3.0))
+    return cj.Mechanism(
+        bodies=(cj.Body("pin", 0.14),),
+        joints=(cj.Revolute("joint", "ground", "pin", motion=motion, clearance=joint),),
+        gravity=cj.Gravity(y=-9.81),
+    )
+
+
+END = 0.03
+NAMES = ("joint.radial_clearance", "joint.friction.coefficient", "pin.mass", "drive.joint.speed")
+AT = jnp.array([1e-3, 0.3, 0.14, 3.0])
+
+
+def fallen(values, t1=END, save_at=None):
+    m = cj.replace(pin(), dict(zip(NAMES, values, strict=True)))
+    return cj.simulate(m, t1, save_at=save_at, rtol=1e-8, books=False, throw=False)
+
+
+def size(values):
+    """One number made of several samples."""
+    s = fallen(values, save_at=jnp.linspace(0.0, END, 7))
+    return jnp.sum(s.y**2 @ jnp.array([1e6, 1e6, 1.0, 1.0])) + 1e3 * s.final[0]
+
+
+def test_reverse_is_forward():
+    reverse, forward = jax.jit(jax.grad(size))(AT), jax.jit(jax.jacfwd(size))(AT)
+    np.testing.assert_allclose(reverse, forward, rtol=1e-9)
+    _, along = jax.jit(lambda v, d: jax.jvp(size, (v,), (d,)))(AT, 2 * AT)
+    np.testing.assert_allclose(along, 2 * forward @ AT, rtol=1e-6)
+
+
+def test_batch_is_loop():
+    at = jnp.outer(jnp.linspace(0.8, 1.3, 5), AT)
+    slopes = jax.jacfwd(lambda v: fallen(v).final)
+    batch, alone = jax.jit(jax.vmap(slopes))(at), jax.jit(slopes)
+    loop = np.stack([alone(v) for v in at])
+    largest = np.abs(loop).max((0, 1))
+    assert np.max(np.abs(batch - loop) / largest) <= 1e-7
+
+
+def test_derivative_by_time_is_the_rate():
+    """By the end, and by every sample time: the rate of the motion there, and only there."""
+    times = jnp.array([0.004, 0.017, 0.02, 0.029])
+
+    @jax.jit
+    def slopes(t1, times):
+        def both(t1, times):
+            s = fallen(AT, t1, times)
+            return (s.final, s.y, s.time), (s.final, s.y)
+
+        return jax.jacfwd(both, (0, 1), has_aux=True)(t1, times)
+
+    ((final_t1, final_times), (y_t1, y_times), (_, time_times)), (final, y) = slopes(jnp.asarray(END), times)
+    m = pin().prepared()
+    np.testing.assert_allclose(final_t1, rate(jnp.asarray(END), final, m), rtol=1e-12)
+    np.testing.assert_array_equal(final_times, 0.0)
+    np.testing.assert_array_equal(y_t1, 0.0)
+    np.testing.assert_array_equal(time_times, np.eye(4))
+    for i, (t, state) in enumerate(zip(times, y, strict=True)):
+        np.testing.assert_allclose(y_times[i, :, i], rate(t, state, m), rtol=1e-12)
+        np.testing.assert_array_equal(np.delete(y_times[i], i, axis=1), 0.0)
+
+
+def test_laws_that_jump_are_refused():
+    play = cj.RevoluteClearance(1e-3, 0.01, laws.LinearKelvinVoigt(1e6, 100.0))
+    m = pin().with_clearance("joint", play)
+    assert bool(cj.simulate(m, 1e-3, books=False).succeeded)
+    with pytest.raises(ClearanceError, match="HuntCrossley"):
+        jax.jacfwd(lambda c: cj.simulate(cj.replace(m, {"joint.radial_clearance": c}), 1e-3, books=False).final)(1e-3)
+
+
+# The experiment ------------------------------------------------------------------------------------------------------
+
+
+def test_quick_experiment(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    found = derivatives.main(quick=True)
+    assert max(rung.worst for rung in found.rungs if rung.tool.startswith("ours") and rung.rtol == 1e-9) <= 1e-6
+    assert {"trap", "two balls", "times apart"} <= {row.case for row in found.closed}
+    assert all(cost.steps_both > cost.steps > 100 for cost in found.costs)
+    assert all(count.bad == count.stopped == 0 for count in found.counts)
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        f"derivatives_{part}_quick.md" for part in ("ladder", "limits", "closed_forms", "cost", "finite")
+    }
