@@ -89,7 +89,9 @@ def solve(
     chosen = SOLVERS[solver]() if isinstance(solver, str) else solver
     options = Options(chosen, True, books, MAX_STEPS, derivatives, **extras)
     out = _run(mechanism, t0, t1, save_at, rtol, None, y0, options, True)
-    final, y = (jnp.where(out.succeeded, x, jnp.nan) for x in (out.final, out.y))
+    # A factor, not a selection: a selection's derivative in reverse would be a silent zero.
+    factor = jnp.where(out.succeeded, 1.0, jnp.nan)
+    final, y = factor * out.final, factor * out.y
     return eqx.tree_at(lambda s: (s.final, s.y), out, (final, y))
 
 
