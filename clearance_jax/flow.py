@@ -127,24 +127,30 @@ def _flow_jvp(primals, tangents, *, options: Options):
     if rates.t0 is not None:
         raise ClearanceError("A solve cannot be differentiated by its start time `t0`: shift the drives' times.")
     refuse_jumps(inputs.mechanism)
-    directions = basis(varied)
-    amounts = jnp.concatenate([jnp.zeros(0), *(jnp.ravel(leaf) for leaf in jax.tree.leaves(varied))])
-    value, slopes = variations(inputs, directions, options)
-    moved = [jnp.tensordot(amounts, slope, 1) for slope in slopes]
+    if jax.tree.leaves(varied):
+        amounts = jnp.concatenate([jnp.ravel(leaf) for leaf in jax.tree.leaves(varied)])
+        value, slopes = variations(inputs, basis(varied), options)
+        moved = [jnp.tensordot(amounts, slope, 1) for slope in slopes]
+    else:
+        value = _stacked(inputs, None, options=options)
+        moved = [jnp.zeros_like(x) for x in (value.initial, value.final, value.y)]
     if rates.t1 is not None or rates.save_at is not None:
         moved = _later(inputs, rates, value, moved)
-    initial, final, y = moved
-    time = rates.t1[None] if inputs.save_at is None and rates.t1 is not None else rates.save_at
-    tangent = jax.tree.map(lambda _: None, value)
+    start, final, y = moved
+    time = rates.save_at
+    if inputs.save_at is None and rates.t1 is not None:
+        time = rates.t1[None]
+    nothing = jax.tree.map(lambda _: None, value)
+    changed = (time, y, start, final)
     return value, eqx.tree_at(
-        lambda s: (s.time, s.y, s.initial, s.final), tangent, (time, y, initial, final), is_leaf=lambda x: x is None
+        lambda s: (s.time, s.y, s.initial, s.final), nothing, changed, is_leaf=lambda x: x is None
     )
 
 
 def _later(inputs: Inputs, rates: Inputs, value: Solution, moved: list[Array]) -> list[Array]:
     """The tangents with what moving the end or the sample times adds: the rate of the motion there."""
     problem = Problem(inputs.mechanism.prepared())
-    initial, final, y = moved
+    start, final, y = moved
     if rates.t1 is not None:
         final = final + field(inputs.t1, value.final, problem) * rates.t1
     shift = rates.save_at
@@ -152,7 +158,7 @@ def _later(inputs: Inputs, rates: Inputs, value: Solution, moved: list[Array]) -
         shift = jnp.broadcast_to(rates.t1, value.time.shape)
     if shift is not None:
         y = y + jax.vmap(field, in_axes=(0, 0, None))(value.time, value.y, problem) * shift[:, None]
-    return [initial, final, y]
+    return [start, final, y]
 
 
 def variations(inputs: Inputs, directions: Any, options: Options) -> tuple[Solution, list[Array]]:

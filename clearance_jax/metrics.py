@@ -19,7 +19,16 @@ from clearance_jax._checks import ClearanceError, suggest
 from clearance_jax._types import Scalar
 from clearance_jax.energy import read_books
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.signals import AbstractSignal, PeakFinder, TouchCounter
+from clearance_jax.signals import (
+    AbstractSignal,
+    Acceleration,
+    ContactForce,
+    OrientationError,
+    PathDeviation,
+    PeakFinder,
+    PositionError,
+    TouchCounter,
+)
 from clearance_jax.solve import solve
 
 
@@ -144,7 +153,9 @@ class EnergyLost(AbstractMetric):
     """Energy lost in damping and friction [J]."""
 
     def __call__(self, mechanism, t1, **options):
-        books = read_books(t1, solve(mechanism, t1, books=True, **options).final, mechanism.prepared())
+        books = read_books(
+            jnp.asarray(t1, float), solve(mechanism, t1, books=True, **options).final, mechanism.prepared()
+        )
         return books["damping_loss"] + books["friction_loss"]
 
 
@@ -172,3 +183,22 @@ def _counted_jvp(primals, tangents):
         "The number of impacts is a whole number: it has no derivative (zero almost everywhere, infinite where an "
         "impact appears). Use the energy lost or a peak force, or a gradient-free method."
     )
+
+
+__all__ = [
+    "AbstractMetric",
+    "AbstractSignal",
+    "Acceleration",
+    "At",
+    "ContactForce",
+    "EnergyLost",
+    "Impacts",
+    "Mean",
+    "OrientationError",
+    "PNorm",
+    "PathDeviation",
+    "Peak",
+    "PositionError",
+    "Rms",
+    "SoftPeak",
+]

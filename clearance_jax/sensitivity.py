@@ -12,6 +12,7 @@ from jaxtyping import Array, Float
 
 from clearance_jax._checks import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism, parameters, replace
+from clearance_jax.mesh import reverse
 from clearance_jax.metrics import AbstractMetric
 from clearance_jax.solve import solve
 
@@ -105,8 +106,6 @@ def sensitivities(
     if mode == "reverse" or (
         mode == "auto" and many and not isinstance(metric, AbstractMetric) and "save_at" not in options
     ):
-        from clearance_jax.mesh import reverse
-
         value, jacobian = reverse(mechanism, metric, values, t1, **options)
         return Sensitivities(value, jacobian, wrt)
     if mode == "screening":

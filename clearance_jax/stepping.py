@@ -3,6 +3,7 @@
 from typing import Any, ClassVar, NamedTuple
 
 import diffrax
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,8 +11,10 @@ from jaxtyping import Array
 
 from clearance_jax.equations import projected
 from clearance_jax.mechanism.mechanism import Mechanism, drive_breaks, layout
-from clearance_jax.variation import Problem, lift
+from clearance_jax.variation import Problem, lift, split
 from clearance_jax.watch import signals_and_rates
+
+_EPS = float(np.finfo(np.float64).eps)
 
 
 class StepEnds(NamedTuple):
@@ -58,7 +61,7 @@ class Stepper(diffrax.AbstractAdaptiveSolver):
         if layout(mechanism).remembered:
             y0 = lift(lambda m, y, f: latch(t0, y, f, m), problem, y0, slope)
         if self.moving_breaks and made_jump is not False:
-            y0 = jnp.where(made_jump, past_moving_break(terms, t0, y0, slope, problem), y0)
+            y0 = jnp.where(made_jump, past_moving_break(terms, t0, y0, problem), y0)
         if layout(mechanism).remembered or mechanism.closures() or self.moving_breaks:
             # The slope kept from the last step belongs to another memory, or to the state before its projection.
             slope = terms.vf(t0, y0, args)
@@ -126,14 +129,26 @@ def latch(time: Array, y: Array, slope: Array, mechanism: Mechanism) -> Array:
     return jnp.concatenate([y[:start], *parts, y[start + plan.remembered :]])
 
 
-def past_moving_break(terms, time: Array, stack: Array, slope: Array, problem: Problem) -> Array:
-    """The stack just past a break whose time t_b is varied.
+def past_moving_break(terms, time: Array, stack: Array, problem: Problem) -> Array:
+    """The stack just past breaks whose times t_b are varied.
 
-    The slope jumps from f- to f+ there; a direction that delays the break by dt_b leaves the state on f- for that much
+    A break makes the slope jump from f- to f+; a direction that delays it by dt_b leaves the state on f- for that much
     longer, so its derivative jumps by (f- - f+) dt_b. (Each smooth piece of a drive does not know of it: a parameter
-    that acts only through a time of switching would have derivative zero.)
+    that acts only through a time of switching would have derivative zero.) Several breaks may lie at this one time, and
+    a direction moves one of them: so f- is the slope of the mechanism moved along the direction until that one break,
+    and no other, lies just ahead.
     """
     times = lift(drive_breaks, problem)
-    nearest = jnp.argmin(jnp.abs(times[0] - time))
-    jump = slope[0] - terms.vf(time, stack, problem)[0]
-    return stack.at[1:].add(times[1:, nearest][:, None] * jump)
+    ahead = 32 * _EPS * jnp.abs(time)  # a step starts 4 eps past a break, see `ContactController`
+    here = jnp.abs(times[0] - time) <= 0.5 * ahead
+    delays = jnp.where(here[None], times[1:], 0.0)
+    delay = jnp.take_along_axis(delays, jnp.argmax(jnp.abs(delays), axis=1)[:, None], axis=1)[:, 0]
+    varied, fixed = split(problem.mechanism, problem.directions)
+
+    def before(direction, delay):
+        by = jnp.where(delay == 0, 0.0, ahead / jnp.where(delay == 0, 1.0, delay))
+        moved = jax.tree.map(lambda x, d: x + by * d, varied, direction)
+        return terms.vf(time, stack[0], Problem(eqx.combine(moved, fixed)))
+
+    jumps = jax.vmap(before)(problem.directions, delay) - terms.vf(time, stack[0], Problem(problem.mechanism))[None]
+    return stack.at[1:].add(delay[:, None] * jumps)

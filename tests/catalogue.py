@@ -49,5 +49,17 @@ def slider_crank(clearance: float = 5e-4, **changes) -> cj.Mechanism:
     )
 
 
+def playful_servo() -> cj.Mechanism:
+    """An arm on a servo whose joint has play: without it the arm still moves freely."""
+    motion = cj.Motion(actuators=(cj.Servo(cj.Harmonic(0.3, 10.0), 50.0, 5.0),))
+    play = cj.RevoluteClearance(1e-4, 0.01, laws.HuntCrossley(1e9, 0.5))
+    return cj.Mechanism(
+        bodies=(cj.Body("arm", 1.0, 0.01, cj.Position(0.1)),),
+        joints=(cj.Revolute("hip", "ground", "arm", motion=motion, clearance=play),),
+        points=(cj.Point("tip", "arm", cj.Position(0.2)),),
+        gravity=cj.Gravity(y=-9.81),
+    )
+
+
 def no_memory():
     return jnp.zeros(0)

@@ -22,10 +22,10 @@ def jacobian():
 @pytest.mark.parametrize("case", ladder.CASES)
 def test_ladder(case, jacobian):
     """Against integrations in extended precision that share no code with the library."""
-    loose, tight = ladder.ladder(case, "ours, tsit5", jacobian, (1e-7, 1e-9))
-    assert loose.worst <= 1e-4
+    loose, tight = ladder.ladder(case, "ours, tsit5", jacobian, (1e-6, 1e-9))
+    assert loose.worst <= 1e-3
     assert tight.worst <= ladder.AT_NINE
-    assert all(b <= 0.1 * a for a, b in zip(loose.errors, tight.errors, strict=True))
+    assert all(b <= 0.03 * a for a, b in zip(loose.errors, tight.errors, strict=True))
 
 
 # Closed forms --------------------------------------------------------------------------------------------------------

@@ -1,0 +1,179 @@
+"""Metrics and sensitivities: against the independent reference, dense samples, and differences."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from catalogue import playful_servo
+
+import clearance_jax as cj
+from clearance_jax import metrics
+from clearance_jax._checks import ClearanceError
+from experiments.common import slider_crank
+from experiments.reference.make import load_variation
+
+CLEARANCE, FRICTION = "wrist.radial_clearance", "wrist.friction.coefficient"
+T1 = 0.012
+ERROR = metrics.PositionError("piston")
+
+
+@pytest.fixture(scope="module")
+def mechanism():
+    return slider_crank()
+
+
+def at(metric, mechanism, clearance, rtol=1e-9, t1=T1):
+    return metric(cj.replace(mechanism, {CLEARANCE: clearance}), t1, rtol=rtol)
+
+
+def difference(metric, mechanism, clearance=5e-4, step=2e-8):
+    up, down = (at(metric, mechanism, clearance + s * step, rtol=1e-11) for s in (1, -1))
+    return (up - down) / (2 * step)
+
+
+def test_error_at_times_is_the_references_and_so_is_its_derivative(mechanism):
+    known = load_variation("slider_crank_0.5mm")
+    some = slice(60, 201, 20)
+    times, x, dx = known["t"][some], known["y"][some, 1], known["dy"][some, 1, 0]
+    crank = 2 * np.pi / T1 * times
+    ideal = 0.05 * np.cos(crank) + np.sqrt(0.12**2 - (0.05 * np.sin(crank)) ** 2)
+    metric = metrics.At(ERROR, times)
+    found = cj.sensitivities(mechanism, metric, [CLEARANCE], T1, rtol=1e-10)
+    np.testing.assert_allclose(found.value, np.abs(x - ideal), rtol=1e-6)
+    np.testing.assert_allclose(
+        found.jacobian[CLEARANCE], np.sign(x - ideal) * dx, rtol=1e-6, atol=1e-6 * np.max(abs(dx))
+    )
+
+
+def test_peak_is_between_samples_and_follows_its_top(mechanism):
+    metric = metrics.Peak(ERROR, 3)
+    peaks, slopes = jax.jvp(lambda c: at(metric, mechanism, c), (5e-4,), (1.0,))
+    dense = at(metrics.At(ERROR, np.linspace(0, T1, 4001)), mechanism, 5e-4)
+    tops = np.flatnonzero((dense[1:-1] > dense[:-2]) & (dense[1:-1] >= dense[2:])) + 1
+    expected = np.sort(np.asarray(dense)[tops])[::-1][:3]
+    assert np.all(np.asarray(peaks) >= expected - 1e-15)  # a sample is never higher than the top beside it
+    np.testing.assert_allclose(peaks, expected, rtol=1e-4)
+    times = metric.times(cj.replace(mechanism, {CLEARANCE: 5e-4}), T1, rtol=1e-9)
+    order = jnp.argsort(times)
+    _, fixed = jax.jvp(lambda c: at(metrics.At(ERROR, times[order]), mechanism, c), (5e-4,), (1.0,))
+    np.testing.assert_allclose(slopes[order], fixed, rtol=1e-6)
+    np.testing.assert_allclose(slopes[0], difference(metric, mechanism)[0], rtol=2e-4)
+
+
+@pytest.mark.parametrize("metric", [metrics.Rms(ERROR), metrics.Mean(ERROR)], ids=["rms", "mean"])
+def test_averages_and_their_gradients(mechanism, metric):
+    value, slope = jax.value_and_grad(lambda c: at(metric, mechanism, c))(5e-4)
+    dense = np.asarray(at(metrics.At(ERROR, np.linspace(0, T1, 4001)), mechanism, 5e-4))
+    power = 2 if isinstance(metric, metrics.Rms) else 1
+    np.testing.assert_allclose(
+        value, np.mean(0.5 * (dense[1:] ** power + dense[:-1] ** power)) ** (1 / power), rtol=1e-5
+    )
+    np.testing.assert_allclose(slope, difference(metric, mechanism), rtol=1e-4)
+
+
+def test_peak_contact_force_is_the_traces(mechanism):
+    value = at(metrics.Peak(metrics.ContactForce("wrist")), mechanism, 5e-4)
+    episodes = cj.to_dataset(mechanism, cj.trace(mechanism, T1, rtol=1e-9))
+    np.testing.assert_allclose(value, float(episodes["peak_force"].max()), rtol=1e-4)
+    assert int(at(metrics.Impacts("wrist"), mechanism, 5e-4)) == episodes.sizes["episode"]
+
+
+def test_energy_lost_and_its_gradient(mechanism):
+    value, slope = jax.value_and_grad(lambda c: at(metrics.EnergyLost(), mechanism, c))(5e-4)
+    books = cj.to_dataset(mechanism, cj.simulate(mechanism, T1, rtol=1e-9, save_at=2))
+    np.testing.assert_allclose(value, float(books["damping_loss"][-1] + books["friction_loss"][-1]), rtol=1e-7)
+    np.testing.assert_allclose(slope, difference(metrics.EnergyLost(), mechanism), rtol=1e-4)
+
+
+def test_soft_peaks_bound_the_largest_sample(mechanism):
+    largest = float(jnp.max(at(metrics.At(ERROR, np.linspace(0, T1, 1001)), mechanism, 5e-4)))
+    ready = cj.replace(mechanism, {CLEARANCE: 5e-4})
+    for metric in (metrics.SoftPeak(ERROR, 1e5), metrics.PNorm(ERROR, 30.0)):
+        low, high = metric.bounds(ready, T1, rtol=1e-9)
+        assert float(low) <= largest * (1 + 1e-12)
+        assert float(high) >= largest * (1 - 1e-12)
+        assert float(high - low) > 0
+
+
+def test_orientation_and_path(mechanism):
+    angle = at(metrics.At(metrics.OrientationError("conrod"), [0.003]), mechanism, 5e-4)
+    assert 0 < float(angle[0]) < 5e-3  # some clearance over a conrod's length
+    path = at(metrics.At(metrics.PathDeviation("piston"), [0.003]), mechanism, 5e-4)
+    assert float(path[0]) == 0.0  # a piston leaves its straight path by nothing
+
+
+def test_whole_numbers_have_no_derivative(mechanism):
+    with pytest.raises(ClearanceError, match="whole number"):
+        jax.grad(lambda c: 1.0 * at(metrics.Impacts("wrist"), mechanism, c))(5e-4)
+
+
+def test_free_ideal_motion_is_solved_for():
+    """A servo drives a joint with play: the ideal mechanism moves freely, and the error is against its own motion."""
+    mechanism = playful_servo()
+    metric = metrics.Peak(metrics.PositionError("tip"))
+    value = metric(mechanism, 0.2, rtol=1e-8)
+    times = np.linspace(0, 0.2, 2001)
+    tips = [
+        cj.to_dataset(m, cj.simulate(m, 0.2, save_at=times))["position"].values[:, 0]
+        for m in (mechanism, mechanism.ideal())
+    ]
+    largest = np.max(np.hypot(*(tips[0] - tips[1]).T))
+    np.testing.assert_allclose(value, largest, rtol=1e-4)
+
+
+# Sensitivities -------------------------------------------------------------------------------------------------------
+
+
+def final(mechanism, solution):
+    return solution.final[:4]
+
+
+def test_modes_agree_and_screening_says_what_it_is(mechanism):
+    names = [CLEARANCE, FRICTION, "conrod.mass", "drive.main.speed"]
+    known = load_variation("slider_crank_0.5mm")["dy"][-1]
+    forward = cj.sensitivities(mechanism, final, names, T1, rtol=1e-9)
+    reverse = cj.sensitivities(mechanism, final, names, T1, rtol=1e-9, mode="reverse")
+    screening = cj.sensitivities(mechanism, final, names, T1, rtol=1e-9, mode="screening")
+    scale = np.max(np.abs(forward.matrix()), axis=0)
+    assert np.max(np.abs(forward.matrix() - reverse.matrix()) / scale) < 1e-5
+    np.testing.assert_allclose(forward.jacobian[CLEARANCE][1], known[1, 0], rtol=1e-6)
+    assert screening.trusted is False
+    assert np.max(np.abs(forward.matrix() - screening.matrix()) / scale) > 1e-6  # it is not the same thing
+
+
+def oscillator():
+    motion = cj.Motion(position=0.0, velocity=0.3, actuators=(cj.JointSpring(40.0),))
+    return cj.Mechanism(
+        bodies=(cj.Body("mass", mass=2.0),),
+        joints=(cj.Prismatic("slide", "ground", "mass", motion=motion),),
+    )
+
+
+def test_hessian_against_the_oscillators_closed_form():
+    """Position (v / w) sin(w t) with w = sqrt(k / m): second derivatives by k and m."""
+    mechanism, t1 = oscillator(), 0.9
+    names = [n for n in cj.parameters(mechanism) if n.endswith(("stiffness", "mass"))]
+    found = cj.hessian(mechanism, lambda m, s: s.final[0], names, t1, rtol=1e-10)
+
+    def exact(p):
+        given = dict(zip(names, p, strict=True))
+        k, m = (next(v for n, v in given.items() if n.endswith(word)) for word in ("stiffness", "mass"))
+        w = jnp.sqrt(k / m)
+        return 0.3 / w * jnp.sin(w * t1)
+
+    truth = jax.hessian(exact)(jnp.array([float(cj.parameters(mechanism)[n].value) for n in names]))
+    np.testing.assert_allclose(found.matrix, truth, rtol=1e-5)
+    assert np.all(np.abs(found.matrix - truth) <= found.error + 1e-9 * np.abs(truth))
+    with pytest.raises(ClearanceError, match="hessian"):
+        jax.hessian(lambda k: cj.simulate(cj.replace(mechanism, {names[0]: k}), t1).final[0])(40.0)
+
+
+def test_messages(mechanism):
+    with pytest.raises(ClearanceError, match=r"radal.*Did you mean `wrist\.radial_clearance`"):
+        cj.sensitivities(mechanism, final, ["wrist.radal_clearance"], T1)
+    with pytest.raises(ClearanceError, match="mode"):
+        cj.sensitivities(mechanism, final, [CLEARANCE], T1, mode="backward")
+    with pytest.raises(ClearanceError, match="point"):
+        metrics.Peak(metrics.PositionError("nowhere"))(mechanism, T1)
+    with pytest.raises(ClearanceError, match="derivatives"):
+        cj.simulate(mechanism, T1, derivatives="exact")
