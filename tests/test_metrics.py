@@ -41,7 +41,7 @@ def test_error_at_times_is_the_references_and_so_is_its_derivative(mechanism):
     found = cj.sensitivities(mechanism, metric, [CLEARANCE], T1, rtol=1e-10)
     np.testing.assert_allclose(found.value, np.abs(x - ideal), rtol=1e-6)
     np.testing.assert_allclose(
-        found.jacobian[CLEARANCE], np.sign(x - ideal) * dx, rtol=1e-6, atol=1e-6 * np.max(abs(dx))
+        found.jacobian[CLEARANCE], np.sign(x - ideal) * dx, rtol=1e-6, atol=1e-6 * float(np.max(np.abs(dx)))
     )
 
 
