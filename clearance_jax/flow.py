@@ -135,7 +135,7 @@ def _flow_jvp(primals, tangents, *, options: Options):
         value = _stacked(inputs, None, options=options)
         moved = [jnp.zeros_like(x) for x in (value.initial, value.final, value.y)]
     if rates.t1 is not None or rates.save_at is not None:
-        moved = _later(inputs, rates, value, moved)
+        moved = _later(inputs, rates, value, moved, options)
     start, final, y = moved
     time = rates.save_at
     if inputs.save_at is None and rates.t1 is not None:
@@ -147,9 +147,9 @@ def _flow_jvp(primals, tangents, *, options: Options):
     )
 
 
-def _later(inputs: Inputs, rates: Inputs, value: Solution, moved: list[Array]) -> list[Array]:
+def _later(inputs: Inputs, rates: Inputs, value: Solution, moved: list[Array], options: Options) -> list[Array]:
     """The tangents with what moving the end or the sample times adds: the rate of the motion there."""
-    problem = Problem(inputs.mechanism.prepared())
+    problem = Problem(inputs.mechanism.prepared(), None, options.integrands)
     start, final, y = moved
     if rates.t1 is not None:
         final = final + field(inputs.t1, value.final, problem) * rates.t1

@@ -44,8 +44,9 @@ class Peak(AbstractMetric):
     """The largest value of a signal over time, or its `count` highest peaks (the same one again where there are fewer).
 
     A first solve finds where the peaks are, between the steps too; the second ends samples there. The derivative is
-    the signal's at a fixed time: at a peak its time derivative is zero (envelope theorem), and at either end of the
-    motion the time is fixed. Where two peaks tie the maximum has a kink: ask for both (`count=2`).
+    the signal's at a fixed time: at a smooth peak its time derivative is zero (envelope theorem), and at either end of
+    the motion the time is fixed. Where the peak is a kink or a jump whose time moves with a parameter (an acceleration
+    at a drive's break, by the break's time) that is not the whole derivative. Where two peaks tie the maximum has a kink: ask for both (`count=2`).
     """
 
     signal: AbstractSignal
@@ -76,7 +77,8 @@ class Rms(AbstractMetric):
         span = t1 - options.get("t0", 0.0)
         # Away from zero by nothing that counts: a signal that is zero throughout has no derivative to give.
         square = self.signal.integral(mechanism, t1, 2, **options) / span
-        return jnp.sqrt(jnp.where(square > 0, square, 1.0)) * (square > 0)
+        # Not `square > 0`: a failed lane is NaN and must stay so.
+        return jnp.where(square == 0, 0.0, jnp.sqrt(jnp.where(square == 0, 1.0, square)))
 
 
 class Mean(AbstractMetric):
@@ -139,9 +141,9 @@ class PNorm(AbstractMetric):
         times = t0 + (t1 - t0) * jnp.linspace(0.0, 1.0, self.samples)
         values = jnp.abs(self.signal.along(mechanism, t1, times, **options))
         top = jax.lax.stop_gradient(jnp.max(values))
-        top = jnp.where(top > 0, top, 1.0)
+        top = jnp.where(top == 0, 1.0, top)
         total = jnp.sum((values / top) ** self.p)
-        return top * jnp.where(total > 0, total, 1.0) ** (1 / self.p) * (total > 0)
+        return jnp.where(total == 0, 0.0, top * jnp.where(total == 0, 1.0, total) ** (1 / self.p))
 
     def bounds(self, mechanism: Mechanism, t1: Any, **options: Any) -> tuple[Array, Array]:
         """Between which the largest sample is: (norm / N^(1/p), norm)."""

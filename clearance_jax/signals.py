@@ -34,13 +34,15 @@ class AbstractSignal(eqx.Module):
 
     def along(self, mechanism: Mechanism, t1: Any, times: Float[Array, " times"], **options: Any) -> Array:
         """The signal at the given times [s], shape (times,)."""
-        y = solve(mechanism, t1, save_at=times, **options).y
-        ready = mechanism.prepared()
+        solution = solve(mechanism, t1, save_at=times, **options)
+        # Signals forgive a NaN (a norm of NaN is 0): a failed lane is marked once more, on the signal itself.
+        factor = jnp.where(solution.succeeded, 1.0, jnp.nan)
+        y, ready = solution.y, mechanism.prepared()
         if self.needs_ideal and freedom(mechanism.ideal()) > 0:
             own = {k: v for k, v in options.items() if k != "y0"}
             reference = solve(mechanism.ideal(), t1, save_at=times, **own).y
-            return jax.vmap(lambda t, y, r: self.value(t, y, ready, r))(times, y, reference)
-        return jax.vmap(lambda t, y: self.value(t, y, ready, self._reference(t, y, ready)))(times, y)
+            return factor * jax.vmap(lambda t, y, r: self.value(t, y, ready, r))(times, y, reference)
+        return factor * jax.vmap(lambda t, y: self.value(t, y, ready, self._reference(t, y, ready)))(times, y)
 
     def scale(self, mechanism: Mechanism) -> Scalar:
         """Magnitude of the signal, where an integral of it must itself be watched; infinite (the default): its kinks,
@@ -296,7 +298,8 @@ class PeakFinder(eqx.Module):
         falls, jump = slope[0] <= 0, 1e-9 * (jnp.abs(before) + jnp.abs(value[0]))
         left = rising & (before >= value[0]) & (falls | (before - value[0] > jump))
         right = falls & (value[0] > before) & (rising | (value[0] - before > jump))
-        record = record.with_candidate(t0, jnp.maximum(before, value[0]), left | right)
+        time = jnp.where(right, t0, record.end[0])  # on the higher side of a jump
+        record = record.with_candidate(time, jnp.maximum(before, value[0]), left | right)
         place, height = tops(value, slope / PIECES)
         record = record.with_candidates(t0 + (s[:-1] + place / PIECES) * h, height)
         return record._replace(end=jnp.stack([t1, value[-1], slope[-1]]))

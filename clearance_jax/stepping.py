@@ -148,7 +148,10 @@ def past_moving_break(terms, time: Array, stack: Array, problem: Problem) -> Arr
     def before(direction, delay):
         by = jnp.where(delay == 0, 0.0, ahead / jnp.where(delay == 0, 1.0, delay))
         moved = jax.tree.map(lambda x, d: x + by * d, varied, direction)
-        return terms.vf(time, stack[0], Problem(eqx.combine(moved, fixed)))
+        return terms.vf(time, stack[0], Problem(eqx.combine(moved, fixed), None, problem.integrands))
 
-    jumps = jax.vmap(before)(problem.directions, delay) - terms.vf(time, stack[0], Problem(problem.mechanism))[None]
+    jumps = (
+        jax.vmap(before)(problem.directions, delay)
+        - terms.vf(time, stack[0], Problem(problem.mechanism, None, problem.integrands))[None]
+    )
     return stack.at[1:].add(delay[:, None] * jumps)

@@ -82,10 +82,10 @@ def floors(varied: Any, directions: Any, unit: Array) -> Float[Array, " directio
     moved, pushed = directions
     for value, rows in zip(jax.tree.leaves(mechanism), jax.tree.leaves(moved), strict=True):
         size = jnp.where(value == 0, 1.0, jnp.abs(value))
-        total += jnp.sum(rows / size[None], axis=tuple(range(1, rows.ndim)))
+        total += jnp.sum(jnp.abs(rows) / size[None], axis=tuple(range(1, rows.ndim)))
     if y0 is not None:
         magnitude = jnp.where(jnp.isfinite(unit), unit, 1.0)[: y0.shape[0]]
-        total += jnp.sum(pushed / magnitude[None], axis=1)
+        total += jnp.sum(jnp.abs(pushed) / magnitude[None], axis=1)
     return FLOOR * total
 
 

@@ -71,11 +71,11 @@ FACTOR = 1.5
 """How far the predicted horizon may be from the measured one."""
 
 CHAOTIC = {
-    # The first four set `Limits.spread`; the others test it.
-    "A1, calibrates": Numbers(1e-3, 1e-3, 20, 0.05),
-    "A2, calibrates": Numbers(1e-3, 2e-3, 20, 0.2),
-    "A3, calibrates": Numbers(1e-3, 5e-4, 30, 0.1),
-    "A4, calibrates": Numbers(5e-4, 1e-3, 20, 0.05, speed=0.03),
+    # `Limits.spread` was chosen with all of these in view, so none of them is a test of that number.
+    "A1": Numbers(1e-3, 1e-3, 20, 0.05),
+    "A2": Numbers(1e-3, 2e-3, 20, 0.2),
+    "A3": Numbers(1e-3, 5e-4, 30, 0.1),
+    "A4": Numbers(5e-4, 1e-3, 20, 0.05, speed=0.03),
     "B1": Numbers(2e-3, 1.5e-3, 15, 0.1, speed=0.1),
     "B2": Numbers(1e-3, 1.2e-3, 25, 0.1),
     "B3": Numbers(8e-4, 1e-3, 18, 0.05),
@@ -159,7 +159,7 @@ def horizon(name: str, numbers: Numbers, scatter: float) -> Horizon:
 
 def horizons(quick: bool) -> list[Horizon]:
     chosen = {**CHAOTIC, **REGULAR}
-    names = ("A1, calibrates", "B1", "R1, periodic") if quick else chosen
+    names = ("A1", "B1", "R1, periodic") if quick else chosen
     rows = [horizon(name, chosen[name], scatter) for scatter in SCATTERS for name in names]
     head = (
         "scene",
