@@ -46,7 +46,8 @@ class Peak(AbstractMetric):
     A first solve finds where the peaks are, between the steps too; the second ends samples there. The derivative is
     the signal's at a fixed time: at a smooth peak its time derivative is zero (envelope theorem), and at either end of
     the motion the time is fixed. Where the peak is a kink or a jump whose time moves with a parameter (an acceleration
-    at a drive's break, by the break's time) that is not the whole derivative. Where two peaks tie the maximum has a kink: ask for both (`count=2`).
+    at a drive's break, by the break's time) that is not the whole derivative. Where two peaks tie the
+    maximum has a kink: ask for both (`count=2`).
     """
 
     signal: AbstractSignal

@@ -271,7 +271,7 @@ def gradient_report(
         tail = np.max(np.abs(slopes), 0) / np.median(np.abs(slopes), 0)
     # A change the solve cannot resolve, or one small beside another parameter's, is not judged.
     change = np.max(np.abs([predicted, up, down]), axis=0)
-    judged = change > max(limits.minor * np.max(change), 10 * abs(values[1] - value), rtol * abs(value))
+    judged = change > max(limits.minor * np.max(change), rtol * abs(value))
     if digits > limits.digits and np.any(judged):
         reasons.append(f"The gradient changes by {digits:.1g} of itself when the tolerance is ten times tighter.")
     for k in np.flatnonzero(judged):
@@ -311,7 +311,8 @@ def gradient_report(
         precision = np.log(1 / rtol) / exponent if exponent * (times[-1] - times[0]) > 1 else np.inf
         count = np.sum([np.asarray(joint.count) for joint in out[2]], axis=0)
         slowest, miss = (min(float(joint[i][0]) for joint in out[2]) for i in (1, 2))
-    if horizon < t1:
+    # An explanation, not a test: a large spread that stays linear misleads nobody (12 of 48 good gradients had one).
+    if reasons and horizon < t1:
         reasons.append(
             f"Neighbouring motions within the scatter have parted by t = {horizon:.3g} s, before the end at "
             f"{float(t1):.3g} s: beyond, a derivative says nothing of them."
