@@ -42,8 +42,7 @@ class Limits(eqx.Module):
     """Standard errors from which a difference of slopes is significant."""
     spread: float = 0.05
     """Spread of the pins over the scatter, over the clearance, at which neighbouring motions have parted. Chosen by the
-    chaotic scenes of the experiment, whose measured horizons 0.03 to 0.1 meet about equally well; 0.02 is met by the
-    plain spread of a regular motion at a scatter of 1 % already."""
+    chaotic scenes of the experiment, whose measured horizons 0.03 to 0.1 meet about equally well."""
     minor: float = 0.05
     """Change over the step, relative to the largest parameter's, below which a parameter is not judged."""
     tail: float = 10.0
