@@ -15,9 +15,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from clearance_jax.mechanism.mechanism import layout
 from clearance_jax.stepping import StepEnds
 from clearance_jax.variation import Problem, motion
-from clearance_jax.watch import first_switch
+from clearance_jax.watch import first_switch, misfit, watched
 
 _EPS = float(np.finfo(np.float64).eps)
 # The motion's errors are amplified by the impacts to come, and so are kept at a tenth of rtol in each step; a
@@ -47,6 +48,7 @@ class ContactController(diffrax.AbstractAdaptiveStepSizeController):
     - `scale`: per component of the state, the absolute tolerance; infinite where the component is not controlled.
     - `relative`: per component, the tolerance relative to its present size.
     - `breaks`: times at which a drive's derivatives jump.
+    - `fit`: how far the overlaps may be from the curves on which switches are looked for, over the clearance.
     - `margin`: how far past a switch a cut step ends, as a fraction of the uncut step.
     - `unit`: per component, its magnitude (of derivatives only).
     - `floor`: per direction, the size (in units) from which on a derivative's error is relative to its size.
@@ -59,6 +61,7 @@ class ContactController(diffrax.AbstractAdaptiveStepSizeController):
     relative: Array
     breaks: Array
     margin: Array
+    fit: Array
     unit: Array | None = None
     floor: Array | None = None
     observer: Any = None
@@ -128,17 +131,23 @@ class ContactController(diffrax.AbstractAdaptiveStepSizeController):
         assert isinstance(y_error, StepEnds)  # this controller goes with `Stepper`
         h = t1 - t0
         scaled, of_motion = self.scaled_error(problem, y0, y1_candidate, y_error.error)
+        ends = tuple(motion(problem, x) for x in (y_error.start, y1_candidate, y_error.slope0, y_error.slope1))
+        watching = self.watch and bool(problem.mechanism.clearance_joints())
+        curves = watched((t0, t1), ends, problem.mechanism) if watching else []
+        if watching:
+            off = misfit((t0, t1), ends, curves, problem.mechanism) / self.fit
+            scaled, of_motion = jnp.maximum(scaled, off), jnp.maximum(of_motion, off)
         collapsed = (scaled > 1) & (h <= 8 * _EPS * jnp.abs(t1))
         accurate, _, proposal, _, inner, result = self.controller.adapt_step_size(
             t0, t1, jnp.zeros(()), jnp.zeros(()), args, scaled, error_order, controller_state.inner
         )
-        ends = [motion(problem, x) for x in (y0, y1_candidate, y_error.slope0, y_error.slope1)]
-        if self.watch and problem.mechanism.clearance_joints():
+        if watching:
             # Past a switch by enough for round-off not to hide it, by too little for the kink to matter; four times
             # more wherever that was not enough to get clear.
             pad = jnp.maximum(4 * _EPS * jnp.abs(t1), self.margin * jnp.maximum(h, controller_state.natural))
             pad = pad * 4.0 ** jnp.minimum(controller_state.stalls, 24)
-            cut, at = first_switch((t0, t1), ends, problem.mechanism, pad, self.points)
+            memory = layout(problem.mechanism).memory_of(ends[1])
+            cut, at = first_switch((t0, t1), curves, memory, problem.mechanism, pad, self.points)
             # Where the motion is accurate the switch is located, also where the derivatives, whose slope jumps there,
             # are not: shrinking the step towards the jump would end at a step of a round-off.
             cut = cut & (of_motion <= 1)

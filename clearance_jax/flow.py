@@ -263,6 +263,7 @@ def integrate(problem: Problem, t0, t1, start, save_at, allowed: Tolerances, opt
         floor=allowed.floor,
         breaks=drive_breaks(problem.mechanism),
         margin=allowed.margin,
+        fit=allowed.fit,
         observer=options.observer,
         watch=options.watch,
     )
@@ -301,7 +302,8 @@ def energy_residual(mechanism, t0, t1, start, final):
     """|energy gained - work of drives + losses| / energy exchanged between two states with books."""
     before, after = energies(t0, start, mechanism), energies(t1, final, mechanism)
     gained = sum(after.values()) - sum(before.values())
-    books = read_books(t1, final, mechanism)
+    opened = read_books(t0, start, mechanism)
+    books = {name: value - opened[name] for name, value in read_books(t1, final, mechanism).items()}
     lost, exchanged = books["damping_loss"] + books["friction_loss"], books["exchanged"]
     return jnp.abs(gained - books["drive_work"] + lost) / jnp.where(exchanged > 0, exchanged, 1.0)
 

@@ -16,13 +16,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from clearance_jax._checks import ClearanceError
 from clearance_jax._types import Scalar
 from clearance_jax.flow import Inputs, Options, Solution, field, initial, integrate, posed, refuse_jumps
-from clearance_jax.mechanism.mechanism import Mechanism, drive_breaks, replace
-from clearance_jax.solve import SOLVERS, check_arguments
+from clearance_jax.mechanism.mechanism import Mechanism, drive_breaks, layout, replace
+from clearance_jax.solve import check_arguments
 from clearance_jax.stepping import Stepper
-from clearance_jax.variation import Problem, moves, pushed
+from clearance_jax.variation import Problem, pushed
 
 SHORTEST, LONGEST = 2**10, 2**20
 SEED = 20
@@ -38,8 +37,6 @@ def _steps(mechanism, values, inputs: Inputs, options: Options):
     }
     changed, direction = pushed(lambda v: replace(mechanism, v), values, probe)
     problem, start, allowed = posed(inputs._replace(mechanism=changed), options, (direction, None))
-    if moves(drive_breaks, problem):
-        raise ClearanceError("A time at which a drive switches cannot vary in reverse mode. Use mode='forward'.")
     out = integrate(problem, inputs.t0, inputs.t1, start, None, allowed, options, steps=True)
     return out.ts[1], out.result
 
@@ -86,12 +83,14 @@ def reverse(
     solver: str | Any = "tsit5",
     books: bool = False,
 ) -> tuple[Array, dict[str, Array]]:
-    """Value and Jacobian of `function(mechanism, solution)`, of the final state only, by the named values."""
-    check_arguments(mechanism, t0, t1, rtol, solver)
+    """Value and Jacobian of `function(mechanism, solution)`, of the final state only, by the named values; no time at
+    which a drive switches may be among them.
+    """
+    chosen = check_arguments(mechanism, t0, t1, rtol, solver)
     refuse_jumps(mechanism)
-    chosen = SOLVERS[solver]() if isinstance(solver, str) else solver
     t0, t1, rtol = (jnp.asarray(x, float) for x in (t0, t1, rtol))
     inputs = Inputs(mechanism, t0, t1, None, rtol, None, None)
+    books = books or layout(mechanism).size == 0  # without states the books are what there is to integrate
     size = SHORTEST
     while True:
         options = Options(chosen, True, books, size)

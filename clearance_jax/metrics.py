@@ -55,6 +55,8 @@ class Peak(AbstractMetric):
 
     def __call__(self, mechanism, t1, **options):
         times = self.times(mechanism, t1, **options)
+        # At the end of the motion the peak goes along with it.
+        times = jnp.where(times == t1, t1, times)
         order = jnp.argsort(times)
         values = self.signal.along(mechanism, t1, times[order], **options)
         found = values[jnp.argsort(order)]
@@ -156,14 +158,17 @@ class EnergyLost(AbstractMetric):
     """Energy lost in damping and friction [J]."""
 
     def __call__(self, mechanism, t1, **options):
-        books = read_books(
-            jnp.asarray(t1, float), solve(mechanism, t1, books=True, **options).final, mechanism.prepared()
-        )
-        return books["damping_loss"] + books["friction_loss"]
+        solution, ready = solve(mechanism, t1, books=True, **options), mechanism.prepared()
+        # `y0` may come with books that are not empty.
+        before = read_books(jnp.asarray(options.get("t0", 0.0), float), solution.initial, ready)
+        after = read_books(jnp.asarray(t1, float), solution.final, ready)
+        return sum(after[name] - before[name] for name in ("damping_loss", "friction_loss"))
 
 
 class Impacts(AbstractMetric):
-    """Number of times a joint's surfaces meet. It has no derivative: asking for one is an error."""
+    """Number of times a joint's surfaces meet (NaN for a failed lane of a batch). It has no derivative: asking for one
+    is an error.
+    """
 
     joint: str = eqx.field(static=True)
 
@@ -172,11 +177,11 @@ class Impacts(AbstractMetric):
         if self.joint not in names:
             raise ClearanceError(f"There is no clearance joint `{self.joint}`. " + suggest(self.joint, names))
         counted = solve(mechanism, t1, observer=TouchCounter(names.index(self.joint)), **options)
-        return _counted(counted.record.count, mechanism)
+        return _counted(jnp.where(counted.succeeded, counted.record.count, jnp.nan), (mechanism, t1, options))
 
 
 @eqx.filter_custom_jvp
-def _counted(count, mechanism):
+def _counted(count, given):
     return count
 
 

@@ -11,11 +11,14 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from clearance_jax._checks import ClearanceError
-from clearance_jax.mechanism.mechanism import Mechanism, parameters, replace
+from clearance_jax.mechanism.mechanism import Mechanism, drive_breaks, parameters, replace
 from clearance_jax.mesh import reverse
 from clearance_jax.metrics import AbstractMetric
-from clearance_jax.solve import solve
+from clearance_jax.solve import check_values, solve
+from clearance_jax.variation import depends
 
+# Options that a reverse sweep knows.
+REVERSIBLE = ("t0", "rtol", "solver", "books")
 # Directions from which on one reverse sweep over the steps costs less than carrying all of them.
 MANY = 40
 
@@ -103,9 +106,11 @@ def sensitivities(
         raise ClearanceError(f"There is no mode {mode!r}. Allowed: auto, forward, reverse, screening.")
     values = values_of(mechanism, wrt)
     many = sum(number.size for number in values.values()) >= MANY
-    if mode == "reverse" or (
-        mode == "auto" and many and not isinstance(metric, AbstractMetric) and "save_at" not in options
-    ):
+    wanted = mode == "reverse" or (mode == "auto" and many)
+    obstacle = _not_in_reverse(mechanism, metric, values, options) if wanted else ""
+    if mode == "reverse" and obstacle:
+        raise ClearanceError(f"Reverse mode is for functions of the final state: {obstacle}. Use mode='forward'.")
+    if wanted and not obstacle:
         value, jacobian = reverse(mechanism, metric, values, t1, **options)
         return Sensitivities(value, jacobian, wrt)
     if mode == "screening":
@@ -116,6 +121,19 @@ def sensitivities(
     return Sensitivities(value, jacobian, wrt, False if mode == "screening" else None)
 
 
+def _not_in_reverse(mechanism, metric, values, options) -> str:
+    """Why the reverse sweep cannot serve; empty where it can."""
+    if isinstance(metric, AbstractMetric):
+        return f"`{type(metric).__name__}` looks at the whole motion"
+    others = sorted(set(options) - set(REVERSIBLE))
+    if others:
+        return f"it does not know `{others[0]}`"
+    varied, fixed = eqx.partition(values, eqx.is_inexact_array)
+    if depends(lambda v: drive_breaks(replace(mechanism, eqx.combine(v, fixed))), varied):
+        return "a time at which a drive switches varies"
+    return ""
+
+
 class Hessian(eqx.Module):
     """Second derivatives by `names` (`matrix`, shape (..., n, n)) and how far they may be off (`error`, same shape)."""
 
@@ -124,7 +142,7 @@ class Hessian(eqx.Module):
     names: tuple[str, ...] = eqx.field(static=True)
 
 
-# Relative steps of the differences of gradients; the second is a check on the first.
+# Relative step of the differences of gradients; twice it is the check.
 HESSIAN_STEP = 1e-4
 
 
@@ -146,6 +164,7 @@ def hessian(
 
     def gradient(point):
         moved = replace(mechanism, dict(zip(wrt, point, strict=True)))
+        check_values(moved)  # a number at its bound has no neighbour on both sides
         return sensitivities(moved, metric, wrt, t1, mode="forward", **options).matrix()
 
     def differences(size):

@@ -14,6 +14,7 @@ from clearance_jax._numerics import safe_norm
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics import observe, rate
 from clearance_jax.equations import projected, signals
+from clearance_jax.interpolate import hermite
 from clearance_jax.mechanism.mechanism import Mechanism, frames, layout
 from clearance_jax.solve import solve
 from clearance_jax.spatial import minus
@@ -39,8 +40,7 @@ class AbstractSignal(eqx.Module):
         factor = jnp.where(solution.succeeded, 1.0, jnp.nan)
         y, ready = solution.y, mechanism.prepared()
         if self.needs_ideal and freedom(mechanism.ideal()) > 0:
-            own = {k: v for k, v in options.items() if k != "y0"}
-            reference = solve(mechanism.ideal(), t1, save_at=times, **own).y
+            reference = self._freely(mechanism, t1, times, options)
             return factor * jax.vmap(lambda t, y, r: self.value(t, y, ready, r))(times, y, reference)
         return factor * jax.vmap(lambda t, y: self.value(t, y, ready, self._reference(t, y, ready)))(times, y)
 
@@ -53,14 +53,22 @@ class AbstractSignal(eqx.Module):
     def _reference(self, time, y, mechanism):
         return ideal_state(time, y, mechanism) if self.needs_ideal else None
 
+    def _freely(self, mechanism, t1, times, options):
+        """States of an ideal mechanism that moves freely; from its own initial state, for it has no other."""
+        if options.get("y0") is not None:
+            raise ClearanceError(
+                "An error against an ideal mechanism that moves freely cannot start from `y0`: where the ideal one "
+                "starts is not known. Set the initial values of the mechanism's coordinates instead."
+            )
+        return solve(mechanism.ideal(), t1, save_at=times, **options).y
+
     def bound(self, mechanism: Mechanism, t1: Any, **options: Any) -> Callable:
         """The signal as a function of (time, state, mechanism) alone, for an observer."""
         if not self.needs_ideal or freedom(mechanism.ideal()) == 0:
             return Instant(self)
-        own = {k: v for k, v in options.items() if k != "y0"}
         t0 = options.get("t0", 0.0)
         times = t0 + (t1 - t0) * jnp.linspace(0.0, 1.0, TABLE)
-        y = solve(mechanism.ideal(), t1, save_at=times, **own).y
+        y = self._freely(mechanism, t1, times, options)
         ready = mechanism.ideal().prepared()
         return Tabulated(self, times, y, jax.vmap(lambda t, y: rate(t, y, ready))(times, y))
 
@@ -131,12 +139,6 @@ def ideal_state(time: Scalar, y: Array, mechanism: Mechanism) -> Array:
     where = [plan.names.index(name) for name in own.names]
     guess = jnp.stack([*(y[i] for i in where), *(y[plan.free + i] for i in where)])
     return projected(time, guess, ideal, ideal.closures(), _ASSEMBLE)
-
-
-def hermite(y0, s0, y1, s1, x):
-    """The cubic through both ends with slopes s0 and s1 (per unit of x), at x in [0, 1]."""
-    d = y1 - y0
-    return y0 + x * (s0 + x * ((3 * d - 2 * s0 - s1) + x * (s0 + s1 - 2 * d)))
 
 
 # Signals -------------------------------------------------------------------------------------------------------------
@@ -306,13 +308,18 @@ class PeakFinder(eqx.Module):
 
 
 def tops(value, slope):
-    """Place in [0, 1] and height of the top of the cubic on each part; minus infinity where there is none."""
+    """Place in [0, 1] and height of the top of the cubic on each part; minus infinity where there is none.
+
+    A part that rises though its slopes at both ends fall holds a jump: its top is its end.
+    """
     a, b, rise = slope[:-1], slope[1:], value[1:] - value[:-1]
     inside = (a > 0) & (b <= 0)
     cubic, square = a + b - 2 * rise, 3 * rise - 2 * a - b
     root = jnp.sqrt(jnp.where(inside, square * square - 3 * cubic * a, 1.0))
     x = jnp.where(inside, a / jnp.where(inside, root - square, 1.0), 0.0)
-    return x, jnp.where(inside, value[:-1] + x * (a + x * (square + x * cubic)), -jnp.inf)
+    jumps = (a <= 0) & (b <= 0) & (rise > 1e-9 * jnp.abs(value[1:]))
+    inner = value[:-1] + x * (a + x * (square + x * cubic))
+    return jnp.where(jumps, 1.0, x), jnp.where(inside, inner, jnp.where(jumps, value[1:], -jnp.inf))
 
 
 class Touches(NamedTuple):

@@ -17,6 +17,8 @@ from clearance_jax.mechanism.mechanism import Mechanism, frames, layout, paramet
 
 MAX_STEPS = 10_000_000
 DERIVATIVES = ("controlled", "screening")
+OPTIONS = ("t0", "save_at", "rtol", "solver", "books", "y0", "derivatives")
+"""What metrics pass on to a solve."""
 SOLVERS = {"tsit5": diffrax.Tsit5, "dopri8": diffrax.Dopri8}
 
 
@@ -56,7 +58,7 @@ def simulate(
     **Raises:** `ClearanceError` for float64 off, t1 <= t0, numbers that are not finite or out of bounds, and a loop
     that cannot be closed; `RuntimeError` for a solve that fails on its way.
     """
-    check_arguments(mechanism, t0, t1, rtol, solver)
+    chosen = check_arguments(mechanism, t0, t1, rtol, solver)
     t0, t1 = jnp.asarray(t0, float), jnp.asarray(t1, float)
     if isinstance(save_at, int | np.integer):
         save_at = t0 + (t1 - t0) * jnp.linspace(0.0, 1.0, int(save_at))
@@ -65,7 +67,7 @@ def simulate(
         known = not any(isinstance(t, Tracer) for t in (t0, t1, save_at))
         if known and not (np.all(np.diff(save_at) > 0) and save_at[0] >= t0 and save_at[-1] <= t1):
             raise ClearanceError("The times in `save_at` must increase and lie between `t0` and `t1`.")
-    options = Options(SOLVERS[solver]() if isinstance(solver, str) else solver, watch, books, max_steps, derivatives)
+    options = Options(chosen, watch, books, max_steps, derivatives)
     return _run(mechanism, t0, t1, save_at, rtol, atol, y0, options, throw)
 
 
@@ -85,8 +87,10 @@ def solve(
     """`simulate` for metrics: without books, with an `observer` or `integrands` (see `Options`), `save_at` increasing
     but not strictly; states of a failed lane are NaN, so that no metric is made of a motion that stopped early.
     """
-    check_arguments(mechanism, t0, t1, rtol, solver)
-    chosen = SOLVERS[solver]() if isinstance(solver, str) else solver
+    chosen = check_arguments(mechanism, t0, t1, rtol, solver)
+    unknown = sorted(set(extras) - {"observer", "integrands"})
+    if unknown:
+        raise ClearanceError(f"There is no option `{unknown[0]}`. " + suggest(unknown[0], OPTIONS))
     options = Options(chosen, True, books, MAX_STEPS, derivatives, **extras)
     out = _run(mechanism, t0, t1, save_at, rtol, None, y0, options, True)
     # A factor, not a selection: a selection's derivative in reverse would be a silent zero.

@@ -18,9 +18,12 @@ _EPS = float(np.finfo(np.float64).eps)
 
 
 class StepEnds(NamedTuple):
-    """What a step tells the controller in place of a bare error estimate."""
+    """What a step tells the controller in place of a bare error estimate: its error, the state from which it really
+    started (with laws latched), and the slopes at its ends.
+    """
 
     error: Array
+    start: Array
     slope0: Array
     slope1: Array
 
@@ -71,7 +74,7 @@ class Stepper(diffrax.AbstractAdaptiveSolver):
         slopes = stages(terms, t0, t1, y0, slope, args, tableau)
         y1 = y0 + h * _weighted(tableau.b_sol, slopes)
         last = slopes[-1] if tableau.fsal else terms.vf(t1, y1, args)
-        error = StepEnds(h * _weighted(tableau.b_error, slopes), slopes[0], last)
+        error = StepEnds(h * _weighted(tableau.b_error, slopes), y0, slopes[0], last)
         if mechanism.closures():
             y1 = lift(lambda m, y: projected(t1, y, m, m.closures(), 1), problem, y1)
         dense = {"y0": y0, "y1": y1, "k": h * jnp.stack(list(slopes))}

@@ -13,6 +13,8 @@ from clearance_jax.mechanism.mechanism import Mechanism, layout, parameters
 # Impacts amplify a local error: a tenth of the tolerance in each step keeps every position within 100 rtol.
 LOCAL = 0.1
 FLOOR = 1e-3
+# A contact less deep than this many rtol of the clearance may be passed by.
+FIT = 100.0
 # The smallest part of a step that a switch is located to.
 SHORTEST = 1e-8
 
@@ -30,13 +32,14 @@ class Tolerances(NamedTuple):
     """Error allowed in one step, per component of `[q, v, memory, books]`: absolute (infinite: not controlled), and
     relative to its size; the components' magnitudes, and the size (in magnitudes) below which the derivative along a
     direction of variation is not resolved relatively; how far past a switch a cut step may end, as a fraction of the
-    uncut step.
+    uncut step; and how far inside a step the overlaps may be from the curves that stand for them, over the clearance.
     """
 
     absolute: Float[Array, " n"]
     relative: Float[Array, " n"]
     margin: Scalar
     unit: Float[Array, " n"]
+    fit: Scalar
     floor: Array | None = None
 
 
@@ -130,4 +133,4 @@ def tolerances(
     absolute = jnp.concatenate([absolute, jnp.broadcast_to(judged, (books,))])
     relative = jnp.concatenate([local * relative, jnp.zeros(books)])
     unit = jnp.concatenate([unit, jnp.broadcast_to(jnp.where(jnp.isfinite(judged), size.energy, jnp.inf), (books,))])
-    return Tolerances(absolute, relative, switch_margin(mechanism, rtol, varied), unit)
+    return Tolerances(absolute, relative, switch_margin(mechanism, rtol, varied), unit, FIT * rtol)

@@ -80,7 +80,12 @@ def pushed(function, tree: Any, directions: Any) -> tuple[Any, Any]:
 def moves(function, problem: Problem) -> bool:
     """Whether `function(mechanism)` depends on a varied number at all."""
     varied, fixed = split(problem.mechanism, problem.directions)
-    return any(_dependent(lambda v: function(eqx.combine(v, fixed)), varied))
+    return depends(lambda v: function(eqx.combine(v, fixed)), varied)
+
+
+def depends(function, argument) -> bool:
+    """Whether any output of a function depends on its argument at all."""
+    return any(_dependent(function, argument))
 
 
 def basis(varied: Any) -> Any:

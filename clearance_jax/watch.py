@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Array
 
 from clearance_jax.equations import signals
+from clearance_jax.interpolate import between, hermite, quintic
 from clearance_jax.mechanism.mechanism import Mechanism, layout
 
 
@@ -19,15 +20,14 @@ class Samples(NamedTuple):
     slip_velocity: Array
 
 
-def first_switch(times, ends, mechanism: Mechanism, pad, points: int):
+def first_switch(times, curves, memory, mechanism: Mechanism, pad, points: int):
     """Whether any law changes regime inside a step, and when to end the step so that it ends just past the change.
 
-    **Arguments:** `times` (t0, t1); `ends` (y0, y1, slope0, slope1); `pad`: how far past [s]; `points`: samples.
+    **Arguments:** `times` (t0, t1); `curves`: from `watched`; `memory`: by joint; `pad`: how far past [s]; `points`:
+    samples.
     """
-    (t0, t1), (y0, y1, slope0, slope1) = times, ends
+    t0, t1 = times
     h = t1 - t0
-    memory = layout(mechanism).memory_of(y1)
-    curves = watched(t0, t1, y0, y1, slope0, slope1, mechanism)
     joints = [j.clearance for j in mechanism.clearance_joints() if j.clearance is not None]
     memories = [memory[j.name] for j in mechanism.clearance_joints()]
 
@@ -67,11 +67,33 @@ def first_switch(times, ends, mechanism: Mechanism, pad, points: int):
     return found & (at < t1 - pad), at
 
 
-def watched(t0, t1, y0, y1, slope0, slope1, mechanism: Mechanism):
-    """Signals and their rates at both ends of a step, per joint."""
+def watched(times, ends, mechanism: Mechanism):
+    """Signals and their rates at both ends of a step, per joint; `ends` (y0, y1, slope0, slope1)."""
+    (t0, t1), (y0, y1, slope0, slope1) = times, ends
     here, here_rate = signals_and_rates(t0, y0, slope0, mechanism)
     there, there_rate = signals_and_rates(t1, y1, slope1, mechanism)
     return list(zip(here, here_rate, there, there_rate, strict=True))
+
+
+# Where along a step its curves are checked: not symmetric about the middle, where the error of an odd motion is zero.
+CHECKED = (0.3, 0.6)
+
+
+def misfit(times, ends, curves, mechanism: Mechanism) -> Array:
+    """How far the overlaps are from their curves inside a step, over the clearance: the largest.
+
+    The error estimate sees only the state. What a drive prescribes, or a body that turns freely, moves the surfaces
+    without any error in the state: a step could swing past a contact and not know.
+    """
+    t0, h = times[0], times[1] - times[0]
+    worst, free = jnp.zeros(()), layout(mechanism).free
+    joints = [j.clearance for j in mechanism.clearance_joints() if j.clearance is not None]
+    for s in CHECKED:
+        seen = signals(t0 + s * h, between(ends, h, s, free), mechanism)
+        for joint, curve, now in zip(joints, curves, seen, strict=True):
+            off = jnp.abs(along(curve, h, s).overlap - now.overlap) / joint.radial_clearance
+            worst = jnp.maximum(worst, off)
+    return worst
 
 
 @jax.jit
@@ -83,16 +105,12 @@ def signals_and_rates(t, y, slope, mechanism):
 def along(curve, h, s) -> Samples:
     """The signals at fractions `s` of the step: quintic Hermite for the overlap, cubic for the slip."""
     a, a_rate, b, b_rate = curve
-    p0, v0, c0 = a.overlap, a.overlap_rate * h, a_rate.overlap_rate * h * h
-    p1, v1, c1 = b.overlap, b.overlap_rate * h, b_rate.overlap_rate * h * h
-    d, e, f = p1 - p0 - v0 - 0.5 * c0, v1 - v0 - c0, c1 - c0
-    k3, k4, k5 = 10 * d - 4 * e + 0.5 * f, -15 * d + 7 * e - f, 6 * d - 3 * e + 0.5 * f
-    overlap = p0 + s * (v0 + s * (0.5 * c0 + s * (k3 + s * (k4 + s * k5))))
-    rate = (v0 + s * (c0 + s * (3 * k3 + s * (4 * k4 + s * 5 * k5)))) / h
-    q0, w0, q1, w1 = a.slip_velocity, a_rate.slip_velocity * h, b.slip_velocity, b_rate.slip_velocity * h
-    d, e = q1 - q0 - w0, w1 - w0
-    slip = q0 + s * (w0 + s * ((3 * d - e) + s * (e - 2 * d)))
-    return Samples(overlap, rate, slip)
+    start, end = (
+        (at.overlap, at.overlap_rate * h, rate.overlap_rate * h * h) for at, rate in ((a, a_rate), (b, b_rate))
+    )
+    overlap, rate = quintic(start, end, s)
+    slip = hermite(a.slip_velocity, a_rate.slip_velocity * h, b.slip_velocity, b_rate.slip_velocity * h, s)
+    return Samples(overlap, rate / h, slip)
 
 
 def extremum(curve, h, grid) -> Array:

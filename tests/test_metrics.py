@@ -107,6 +107,47 @@ def test_whole_numbers_have_no_derivative(mechanism):
         jax.grad(lambda c: 1.0 * at(metrics.Impacts("wrist"), mechanism, c))(5e-4)
 
 
+def test_a_failed_lane_is_nan_in_every_metric(mechanism):
+    """Lanes: fine; a clearance out of its bounds; not a number."""
+    every = (
+        metrics.Peak(ERROR),
+        metrics.Peak(metrics.ContactForce("wrist"), 2),
+        metrics.Rms(ERROR),
+        metrics.Mean(metrics.OrientationError("conrod")),
+        metrics.At(metrics.PathDeviation("piston"), [1e-3, 2e-3]),
+        metrics.SoftPeak(ERROR, 1e5, 11),
+        metrics.PNorm(metrics.Acceleration("piston"), 8.0, 11),
+        metrics.EnergyLost(),
+        metrics.Impacts("wrist"),
+    )
+
+    @jax.jit
+    @jax.vmap
+    def values(clearance):
+        return [at(metric, mechanism, clearance, 1e-6, 2e-3) for metric in every]
+
+    for metric, found in zip(every, values(jnp.array([5e-4, -5e-4, jnp.nan])), strict=True):
+        assert np.all(np.isfinite(found[0])), metric
+        assert np.all(np.isnan(found[1:])), metric
+
+
+def test_the_end_moves_a_peak_that_lies_there():
+    """A mass on a spring, x = 1 - cos(w t): the acceleration w^2 cos(w t) is highest at the start. Let go from the
+    middle at speed v it is v w sin(w t), highest at the end.
+    """
+    motion = cj.Motion(actuators=(cj.JointSpring(40.0, 0.0, 1.0),))
+    swing = cj.Mechanism(
+        bodies=(cj.Body("mass", 1.0),),
+        joints=(cj.Prismatic("slide", "ground", "mass", motion=motion),),
+        points=(cj.Point("end", "mass"),),
+    )
+    metric, w = metrics.Peak(metrics.Acceleration("end")), np.sqrt(40.0)
+    np.testing.assert_allclose(jax.value_and_grad(lambda t: metric(swing, t))(0.1), (w**2, 0.0), rtol=1e-9)
+    y0 = jnp.array([1.0, 0.4])
+    late = jax.value_and_grad(lambda t: metric(swing, t, t0=0.3, y0=y0))(0.4)
+    np.testing.assert_allclose(late, (0.4 * w * np.sin(0.1 * w), 0.4 * w**2 * np.cos(0.1 * w)), rtol=1e-6)
+
+
 def test_free_ideal_motion_is_solved_for():
     """A servo drives a joint with play: the ideal mechanism moves freely, and the error is against its own motion."""
     mechanism = playful_servo()
@@ -119,6 +160,8 @@ def test_free_ideal_motion_is_solved_for():
     ]
     largest = np.max(np.hypot(*(tips[0] - tips[1]).T))
     np.testing.assert_allclose(value, largest, rtol=1e-4)
+    with pytest.raises(ClearanceError, match="cannot start from `y0`"):
+        metric(mechanism, 0.2, y0=jnp.zeros(4))
 
 
 # Sensitivities -------------------------------------------------------------------------------------------------------
@@ -177,3 +220,9 @@ def test_messages(mechanism):
         metrics.Peak(metrics.PositionError("nowhere"))(mechanism, T1)
     with pytest.raises(ClearanceError, match="derivatives"):
         cj.simulate(mechanism, T1, derivatives="exact")
+    with pytest.raises(ClearanceError, match="`Rms` looks at the whole motion"):
+        cj.sensitivities(mechanism, metrics.Rms(ERROR), [CLEARANCE], T1, mode="reverse")
+    with pytest.raises(ClearanceError, match="does not know `y0`"):
+        cj.sensitivities(mechanism, final, [CLEARANCE], T1, mode="reverse", y0=jnp.zeros(4))
+    with pytest.raises(ClearanceError, match=r"no option `rtoll`.*Did you mean `rtol`"):
+        metrics.Rms(ERROR)(mechanism, T1, rtoll=1e-6)

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.integrate
 
 import clearance_jax as cj
 from clearance_jax import laws
@@ -35,6 +36,35 @@ def test_slider_crank_error_follows_the_tolerance(solver):
             assert error.max() <= 3000 * rtol
             assert float(s.energy_residual) <= 10 * rtol
         assert error.max() <= 2e-9
+
+
+def test_a_free_pin_does_not_swing_past_the_contacts_of_a_driven_sleeve():
+    """Nothing in the state hints at the drive while the pin flies: its steps must be short enough all the same."""
+    c, amplitude, frequency, damping, v0, end = 1.873e-3, 1.2944e-3, 16.103, 0.0813, 0.0268, 0.0896
+    pin = cj.RevoluteClearance(c, 0.01, laws.HuntCrossley(1e9, damping))
+    m = cj.Mechanism(
+        bodies=(cj.Body("sleeve", 1.0), cj.Body("pin", 0.1)),
+        joints=(
+            cj.Prismatic("shaker", "ground", "sleeve", motion=cj.Motion(cj.Harmonic(amplitude, 2 * np.pi * frequency))),
+            cj.Prismatic("guide", "ground", "pin", motion=cj.Motion(velocity=v0)),
+        ),
+        loops=(cj.Revolute("play", "sleeve", "pin", clearance=pin),),
+        assemble=False,
+    )
+
+    def rate(t, y):
+        w = 2 * np.pi * frequency
+        off, speed = y[0] - amplitude * np.sin(w * t), y[1] - amplitude * w * np.cos(w * t)
+        depth, side = max(abs(off) - c, 0.0), np.sign(off)
+        return [y[1], -side * 1e9 * depth**1.5 * max(1 + damping * side * speed, 0.0) / 0.1]
+
+    # Steps too short to miss a contact, by another code.
+    truth = scipy.integrate.solve_ivp(rate, (0, end), [0.0, v0], "DOP853", rtol=1e-10, atol=1e-13, max_step=5e-5)
+    for solver in ("tsit5", "dopri8"):
+        for rtol in (1e-5, 1e-8):
+            s = cj.simulate(m, end, rtol=rtol, solver=solver)
+            np.testing.assert_allclose(s.final[0], truth.y[0, -1], rtol=0, atol=max(1e-7, 100 * rtol) * c)
+            assert float(s.energy_residual) <= 10 * rtol
 
 
 def test_plain_controller_has_a_floor():
