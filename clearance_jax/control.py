@@ -52,8 +52,7 @@ class ContactController(diffrax.AbstractAdaptiveStepSizeController):
     - `margin`: how far past a switch a cut step ends, as a fraction of the uncut step.
     - `unit`: per component, its magnitude (of derivatives only).
     - `floor`: per direction, the size (in units) from which on a derivative's error is relative to its size.
-    - `observer`: sees every accepted step, `observer(record, (t0, t1), (y0, y1, slope0, slope1), mechanism) -> record`,
-      from `observer.start(t0, y0, mechanism)`.
+    - `observer`: sees every accepted step, see `signals.AbstractObserver`.
     - `watch`: whether to watch the contacts (off: a plain PID controller with break points).
     """
 
@@ -90,7 +89,7 @@ class ContactController(diffrax.AbstractAdaptiveStepSizeController):
             dt0 = self._first_step(t0, t1, motion(args, y0), motion(args, slope))
         end = self._before_break(t0, t0 + on_grid(dt0))
         _, inner = self.controller.init(terms, t0, t1, y0, end - t0, args, func, error_order)
-        record = None if self.observer is None else self.observer.start(t0, motion(args, y0), args.mechanism)
+        record = None if self.observer is None else self.observer.start(t0, y0, args)
         return end, WatchState(inner, jnp.zeros_like(end), jnp.zeros((), int), record)
 
     def _first_step(self, t0, t1, y0, slope):
@@ -131,7 +130,8 @@ class ContactController(diffrax.AbstractAdaptiveStepSizeController):
         assert isinstance(y_error, StepEnds)  # this controller goes with `Stepper`
         h = t1 - t0
         scaled, of_motion = self.scaled_error(problem, y0, y1_candidate, y_error.error)
-        ends = tuple(motion(problem, x) for x in (y_error.start, y1_candidate, y_error.slope0, y_error.slope1))
+        stacks = y_error.start, y1_candidate, y_error.slope0, y_error.slope1
+        ends = tuple(motion(problem, x) for x in stacks)
         watching = self.watch and bool(problem.mechanism.clearance_joints())
         curves = watched((t0, t1), ends, problem.mechanism) if watching else []
         if watching:
@@ -171,7 +171,7 @@ class ContactController(diffrax.AbstractAdaptiveStepSizeController):
         result = diffrax.RESULTS.where(collapsed, diffrax.RESULTS.dt_min_reached, result)
         record = controller_state.record
         if self.observer is not None:
-            seen = self.observer(record, (t0, t1), ends, problem.mechanism)
+            seen = self.observer(record, (t0, t1), stacks, problem)
             record = jax.tree.map(lambda new, old: jnp.where(keep, new, old), seen, record)
         return keep, next_t0, clipped, made_jump, WatchState(inner, natural, stalls, record), result
 

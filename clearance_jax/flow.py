@@ -40,13 +40,20 @@ def field(time, y, problem: Problem):
     return lift(augmented, problem, y)
 
 
+class Picked(NamedTuple):
+    """States that an observer has picked: at `time` [s], shape (k,); `y`, shape (k, n)."""
+
+    time: Float[Array, " k"]
+    y: Float[Array, "k *rows n"]
+
+
 class Solution(eqx.Module):
     """A solved motion.
 
     - `time`: sample times [s], shape (samples,); `y`: states `[q, v, memory, books]` there, shape (samples, n).
     - `final`: the state at the end; `initial`: at the start.
     - `result`: diffrax's code; `succeeded` where the solve reached t1, `message` in words; `steps`, `rejected`: counts.
-    - `record`: what an observer recorded (metrics use one).
+    - `record`: what an observer recorded, `picked`: the states that it picked (metrics use one).
     - `energy_residual`: |energy gained - work of drives + losses| / energy exchanged, a measure of the solve's quality.
     """
 
@@ -59,6 +66,7 @@ class Solution(eqx.Module):
     rejected: Int[Array, ""]
     energy_residual: Float[Array, ""]
     record: Any = None
+    picked: Picked | None = None
 
     @property
     def succeeded(self) -> Array:
@@ -133,39 +141,51 @@ def _flow_jvp(primals, tangents, *, options: Options):
         moved = [jnp.tensordot(amounts, slope, 1) for slope in slopes]
     else:
         value = _stacked(inputs, None, options=options)
-        moved = [jnp.zeros_like(x) for x in (value.initial, value.final, value.y)]
+        moved = [jnp.zeros_like(x) for x in _states(value)]
     if rates.t1 is not None or rates.save_at is not None:
         moved = _later(inputs, rates, value, moved, options)
-    start, final, y = moved
     time = rates.save_at
     if inputs.save_at is None and rates.t1 is not None:
         time = rates.t1[None]
     nothing = jax.tree.map(lambda _: None, value)
+    start, final, y, *picked = moved
     changed = (time, y, start, final)
-    return value, eqx.tree_at(
-        lambda s: (s.time, s.y, s.initial, s.final), nothing, changed, is_leaf=lambda x: x is None
-    )
+    out = eqx.tree_at(lambda s: (s.time, s.y, s.initial, s.final), nothing, changed, is_leaf=lambda x: x is None)
+    if value.picked is not None:
+        later = None if rates.t1 is None else jnp.where(value.picked.time == inputs.t1, rates.t1, 0.0)
+        kept = Picked(later, *picked)
+        out = eqx.tree_at(lambda s: s.picked, out, kept, is_leaf=lambda x: isinstance(x, Picked))
+    return value, out
+
+
+def _states(solution: Solution) -> list:
+    """Its states, which have derivatives."""
+    picked = [] if solution.picked is None else [solution.picked.y]
+    return [solution.initial, solution.final, solution.y, *picked]
 
 
 def _later(inputs: Inputs, rates: Inputs, value: Solution, moved: list[Array], options: Options) -> list[Array]:
     """The tangents with what moving the end or the sample times adds: the rate of the motion there."""
     problem = Problem(inputs.mechanism.prepared(), None, options.integrands)
-    start, final, y = moved
+    start, final, y, *picked = moved
     if rates.t1 is not None:
-        final = final + field(inputs.t1, value.final, problem) * rates.t1
+        last = field(inputs.t1, value.final, problem) * rates.t1
+        final = final + last
+        if value.picked is not None:
+            picked = [picked[0] + jnp.where((value.picked.time == inputs.t1)[:, None], last[None], 0.0)]
     shift = rates.save_at
     if inputs.save_at is None and rates.t1 is not None:
         shift = jnp.broadcast_to(rates.t1, value.time.shape)
     if shift is not None:
         y = y + jax.vmap(field, in_axes=(0, 0, None))(value.time, value.y, problem) * shift[:, None]
-    return [start, final, y]
+    return [start, final, y, *picked]
 
 
 def variations(inputs: Inputs, directions: Any, options: Options) -> tuple[Solution, list[Array]]:
-    """The solution, and the derivatives of `initial`, `final` and `y` along each direction (leading axis)."""
+    """The solution, and the derivatives of its states along each direction (leading axis)."""
     stacked = _stacked(inputs, directions, options=options)
-    stacks = (stacked.initial, stacked.final, jnp.moveaxis(stacked.y, -2, 0))
-    value = eqx.tree_at(lambda s: (s.initial, s.final, s.y), stacked, tuple(stack[0] for stack in stacks))
+    stacks = [jnp.moveaxis(stack, -2, 0) for stack in _states(stacked)]
+    value = eqx.tree_at(_states, stacked, [stack[0] for stack in stacks])
     return value, [stack[1:] for stack in stacks]
 
 
@@ -200,8 +220,10 @@ def solved(inputs: Inputs, options: Options, directions: Any = None) -> Solution
     if options.books:
         residual = energy_residual(problem.mechanism, t0, t1, first, motion(problem, final))
     accepted, rejected = out.stats["num_accepted_steps"], out.stats["num_rejected_steps"]
-    record = None if out.controller_state is None else out.controller_state.record
-    return Solution(time, y, start, final, result, accepted, rejected, residual, record)
+    record, picked = None, None
+    if options.observer is not None:
+        record, picked = options.observer.finished(out.controller_state.record)
+    return Solution(time, y, start, final, result, accepted, rejected, residual, record, picked)
 
 
 def posed(inputs: Inputs, options: Options, directions: Any = None) -> tuple[Problem, Array, Tolerances]:

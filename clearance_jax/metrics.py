@@ -43,32 +43,38 @@ class AbstractMetric(eqx.Module):
 class Peak(AbstractMetric):
     """The largest value of a signal over time, or its `count` highest peaks (the same one again where there are fewer).
 
-    A first solve finds where the peaks are, between the steps too; the second ends samples there. The derivative is
-    the signal's at a fixed time: at a smooth peak its time derivative is zero (envelope theorem), and at either end of
-    the motion the time is fixed. Where the peak is a kink or a jump whose time moves with a parameter (an acceleration
-    at a drive's break, by the break's time) that is not the whole derivative. Where two peaks tie the
-    maximum has a kink: ask for both (`count=2`).
+    The solve finds them on its way, between its steps too, and keeps their states with their derivatives. The
+    derivative is the signal's at a fixed time: at a smooth peak its time derivative is zero (envelope theorem), at the
+    start the time is fixed, and at the end it goes along with `t1`. Where the peak is a kink or a jump whose time moves
+    with a parameter (an acceleration at a drive's break, by the break's time) that is not the whole derivative. Where
+    two peaks tie the maximum has a kink: ask for both (`count=2`).
     """
 
     signal: AbstractSignal
     count: int = eqx.field(static=True, default=1)
 
     def __call__(self, mechanism, t1, **options):
-        times = self.times(mechanism, t1, **options)
-        # At the end of the motion the peak goes along with it.
-        times = jnp.where(times == t1, t1, times)
-        order = jnp.argsort(times)
-        values = self.signal.along(mechanism, t1, times[order], **options)
-        found = values[jnp.argsort(order)]
+        solution = self._solved(mechanism, t1, options)
+        # In the order of time, for an ideal mechanism that moves freely; and back.
+        order = jnp.argsort(solution.picked.time)
+        times, y = solution.picked.time[order], solution.picked.y[order]
+        found = self.signal.of(solution, times, y, mechanism, t1, **options)[jnp.argsort(order)]
         return found[0] if self.count == 1 else found
 
     def times(self, mechanism: Mechanism, t1: Any, **options: Any) -> Float[Array, " count"]:
         """When the peaks are [s], the highest first."""
-        fixed = jax.lax.stop_gradient(mechanism)
-        finder = PeakFinder(self.signal.bound(fixed, t1, **options), self.count)
-        options = {k: jax.lax.stop_gradient(v) if eqx.is_array(v) else v for k, v in options.items()}
-        found = solve(fixed, t1, observer=finder, **options).record.finished()
-        return jax.lax.stop_gradient(jnp.where(jnp.isfinite(found.value), found.time, found.time[0]))
+        return self._solved(mechanism, t1, options).picked.time
+
+    def _solved(self, mechanism, t1, options):
+        # Where the peaks are is looked for without derivatives.
+        fixed, end, others = _fixed((mechanism, t1, options))
+        finder = PeakFinder(self.signal.bound(fixed, end, **others), self.count)
+        return solve(mechanism, t1, observer=finder, **options)
+
+
+def _fixed(tree):
+    """The same numbers, without derivatives."""
+    return jax.tree.map(lambda x: jax.lax.stop_gradient(x) if eqx.is_array(x) else x, tree)
 
 
 class Rms(AbstractMetric):

@@ -14,11 +14,13 @@ from clearance_jax._numerics import safe_norm
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics import observe, rate
 from clearance_jax.equations import projected, signals
-from clearance_jax.interpolate import hermite
+from clearance_jax.flow import Picked, Solution
+from clearance_jax.interpolate import between, hermite
 from clearance_jax.mechanism.mechanism import Mechanism, frames, layout
 from clearance_jax.solve import solve
 from clearance_jax.spatial import minus
 from clearance_jax.tolerances import largest_length
+from clearance_jax.variation import Problem, motion
 
 # Newton steps from a pin's place in its sleeve to the ideal mechanism: each squares the error, some 1e-3 at first.
 _ASSEMBLE = 4
@@ -36,9 +38,13 @@ class AbstractSignal(eqx.Module):
     def along(self, mechanism: Mechanism, t1: Any, times: Float[Array, " times"], **options: Any) -> Array:
         """The signal at the given times [s], shape (times,)."""
         solution = solve(mechanism, t1, save_at=times, **options)
+        return self.of(solution, times, solution.y, mechanism, t1, **options)
+
+    def of(self, solution: Solution, times: Array, y: Array, mechanism: Mechanism, t1: Any, **options: Any) -> Array:
+        """The signal of a solution's states at increasing times, shape (times,)."""
         # Signals forgive a NaN (a norm of NaN is 0): a failed lane is marked once more, on the signal itself.
         factor = jnp.where(solution.succeeded, 1.0, jnp.nan)
-        y, ready = solution.y, mechanism.prepared()
+        ready = mechanism.prepared()
         if self.needs_ideal and freedom(mechanism.ideal()) > 0:
             reference = self._freely(mechanism, t1, times, options)
             return factor * jax.vmap(lambda t, y, r: self.value(t, y, ready, r))(times, y, reference)
@@ -239,87 +245,132 @@ class Acceleration(AbstractSignal):
 # Observers -----------------------------------------------------------------------------------------------------------
 
 
-class Peaks(NamedTuple):
-    """The highest peaks so far, the highest first: time [s] and value (minus infinity: none yet); and time, value and
-    slope of the signal at the last step's end, a peak if the next step does not begin higher or rising.
+class AbstractObserver(eqx.Module):
+    """Watches a solve step by step. Its record starts with `start`, and every accepted step makes a new one of it.
+
+    States are stacks where the problem varies (see `variation`): what an observer picks it picks with its derivatives.
     """
+
+    @abc.abstractmethod
+    def start(self, t0: Array, y0: Array, problem: Problem) -> Any:
+        """The record before the first step."""
+
+    @abc.abstractmethod
+    def __call__(self, record: Any, times: tuple, ends: tuple, problem: Problem) -> Any:
+        """The record after a step; `times` (t0, t1), `ends` (y0, y1, slope0, slope1)."""
+
+    def finished(self, record: Any) -> tuple[Any, Picked | None]:
+        """What the solution reports of it: no states in the record itself."""
+        return record, None
+
+
+class Peaks(NamedTuple):
+    """The highest peaks so far, the highest first: time [s], value (minus infinity: none yet), state."""
 
     time: Array
     value: Array
-    end: Array
+    y: Array
 
-    def finished(self) -> "Peaks":
-        """With the end of the motion, where the signal is rising there."""
-        return self.with_candidate(self.end[0], self.end[1], self.end[2] > 0)
-
-    def with_candidate(self, time, value, wanted) -> "Peaks":
-        """With one more peak, if wanted."""
-        return self.with_candidates(time[None], jnp.where(wanted, value, -jnp.inf)[None])
-
-    def with_candidates(self, times, values) -> "Peaks":
-        """The highest of these and the new ones."""
-        time, value = jnp.concatenate([self.time, times]), jnp.concatenate([self.value, values])
-        top = jnp.argsort(-value)[: self.value.shape[0]]
-        return Peaks(time[top], value[top], self.end)
+    def highest(self, time, value, y) -> "Peaks":
+        """Of these and more of them (leading axis), as many as there were of these."""
+        time, value, y = (jnp.concatenate([a, b]) for a, b in zip(self, (time, value, y), strict=True))
+        count = self.value.shape[0]
+        top = jnp.argmax(value)[None] if count == 1 else jnp.argsort(-value)[:count]
+        return Peaks(time[top], value[top], y[top])
 
 
-# Parts of a step on each of which a signal is one cubic.
+class PeakRecord(NamedTuple):
+    """Peaks so far; and time, value, slope and state at the last step's end, a peak if the next step does not begin
+    higher or rising.
+    """
+
+    peaks: Peaks
+    time: Array
+    value: Array
+    slope: Array
+    y: Array
+
+
+# Parts of a step on each of which a signal is nearly one cubic.
 PIECES = 4
 
 
-class PeakFinder(eqx.Module):
+class PeakFinder(AbstractObserver):
     """Finds where a signal peaks: within a step, or between two (a kink, a jump at a drive's break), or at either end.
 
-    Contact begins and ends with a step, so within one the signal is smooth: on each part of a step (states in between
-    by cubic interpolation) it is the cubic through values and slopes at the part's ends.
+    Contact begins and ends with a step, so within one the signal is smooth: on each part of a step it is the cubic
+    through values and slopes at the part's ends (states in between by interpolation), and at the top of the highest the
+    signal itself says what is left to go. At a top, that matters: a derivative at a fixed time is off by how far the
+    time is from the top, over the duration of an impact.
     """
 
     signal: Any
     count: int = eqx.field(static=True)
 
-    def start(self, t0, y0, mechanism):
-        value = jnp.asarray(self.signal(t0, y0, mechanism), float)
+    def start(self, t0, y0, problem):
+        value = jnp.asarray(self.signal(t0, motion(problem, y0), problem.mechanism), float)
         none = jnp.full(self.count, -jnp.inf)
+        times, states = jnp.broadcast_to(t0, none.shape), jnp.broadcast_to(y0, (self.count, *y0.shape))
         # As if it had been rising until t0: then a signal that falls from the start peaks there.
-        return Peaks(jnp.broadcast_to(jnp.asarray(t0, float), none.shape), none, jnp.stack([t0, value, jnp.inf]))
+        return PeakRecord(Peaks(times, none, states), t0, value, jnp.asarray(jnp.inf), y0)
 
-    def __call__(self, record, times, ends, mechanism):
-        (t0, t1), (y0, y1, slope0, slope1) = times, ends
-        h = t1 - t0
+    def __call__(self, record, times, ends, problem):
+        (t0, t1), h, free = times, times[1] - times[0], layout(problem.mechanism).free
+        own = tuple(motion(problem, end) for end in ends)
 
         def at(s):
             def along(s):
-                state = hermite(y0, h * slope0, y1, h * slope1, s)
-                return jnp.asarray(self.signal(t0 + s * h, state, mechanism), float)
+                now = self.signal(t0 + s * h, between(own, h, s, free), problem.mechanism)
+                return jnp.asarray(now, float)
 
             return jax.jvp(along, (s,), (jnp.ones_like(s),))
 
         s = jnp.linspace(0.0, 1.0, PIECES + 1)
         value, slope = jax.vmap(at)(s)
-        before, rising = record.end[1], record.end[2] > 0
+        before, rising = record.value, record.slope > 0
         falls, jump = slope[0] <= 0, 1e-9 * (jnp.abs(before) + jnp.abs(value[0]))
         left = rising & (before >= value[0]) & (falls | (before - value[0] > jump))
-        right = falls & (value[0] > before) & (rising | (value[0] - before > jump))
-        time = jnp.where(right, t0, record.end[0])  # on the higher side of a jump
-        record = record.with_candidate(time, jnp.maximum(before, value[0]), left | right)
-        place, height = tops(value, slope / PIECES)
-        record = record.with_candidates(t0 + (s[:-1] + place / PIECES) * h, height)
-        return record._replace(end=jnp.stack([t1, value[-1], slope[-1]]))
+        right = falls & (value[0] > before) & (rising | (value[0] - before > jump))  # the higher side of a jump
+        height = jnp.where(left | right, jnp.maximum(before, value[0]), -jnp.inf)
+        between_steps = jnp.where(right, t0, record.time), height, jnp.where(right, ends[0], record.y)
+
+        place, height, bend = tops(value, slope / PIECES)
+        best = jnp.argmax(height)
+        top = place[best]
+        # One Newton step on the signal's own slope; a jump (no bend) stays where it is.
+        here, rate = at((best + top) / PIECES)
+        moved = jnp.where(bend[best] < 0, -rate / PIECES / jnp.where(bend[best] < 0, bend[best], -1.0), 0.0)
+        moved = jnp.clip(top + moved, 0.0, 1.0) - top
+        height = jnp.where(jnp.isfinite(height[best]), here + 0.5 * rate / PIECES * moved, -jnp.inf)
+        x = (best + top + moved) / PIECES
+        inside = t0 + x * h, height, between(ends, h, x, free)
+
+        found = record.peaks.highest(*(jnp.stack(pair) for pair in zip(between_steps, inside, strict=True)))
+        return PeakRecord(found, t1, value[-1], slope[-1], ends[1])
+
+    def finished(self, record):
+        # The end of the motion is a peak where the signal is rising there.
+        value = jnp.where(record.slope > 0, record.value, -jnp.inf)
+        time, value, y = record.peaks.highest(record.time[None], value[None], record.y[None])
+        found = jnp.isfinite(value)
+        time = jnp.where(found, time, time[0])
+        y = jnp.where(found.reshape(-1, *[1] * (y.ndim - 1)), y, y[:1])
+        return None, Picked(time, y)
 
 
 def tops(value, slope):
-    """Place in [0, 1] and height of the top of the cubic on each part; minus infinity where there is none.
+    """Place in [0, 1], height (minus infinity: none) and second derivative of the top of the cubic on each part.
 
-    A part that rises though its slopes at both ends fall holds a jump: its top is its end.
+    A part that rises though its slopes at both ends fall holds a jump: its top is its end, without a second derivative.
     """
     a, b, rise = slope[:-1], slope[1:], value[1:] - value[:-1]
-    inside = (a > 0) & (b <= 0)
+    smooth = (a > 0) & (b <= 0)
     cubic, square = a + b - 2 * rise, 3 * rise - 2 * a - b
-    root = jnp.sqrt(jnp.where(inside, square * square - 3 * cubic * a, 1.0))
-    x = jnp.where(inside, a / jnp.where(inside, root - square, 1.0), 0.0)
+    root = jnp.sqrt(jnp.where(smooth, square * square - 3 * cubic * a, 1.0))
+    x = jnp.where(smooth, a / jnp.where(smooth, root - square, 1.0), 1.0)
     jumps = (a <= 0) & (b <= 0) & (rise > 1e-9 * jnp.abs(value[1:]))
-    inner = value[:-1] + x * (a + x * (square + x * cubic))
-    return jnp.where(jumps, 1.0, x), jnp.where(inside, inner, jnp.where(jumps, value[1:], -jnp.inf))
+    height = jnp.where(jumps, value[1:], value[:-1] + x * (a + x * (square + x * cubic)))
+    return x, jnp.where(smooth | jumps, height, -jnp.inf), jnp.where(smooth, -2 * root, 0.0)
 
 
 class Touches(NamedTuple):
@@ -332,22 +383,22 @@ class Touches(NamedTuple):
     nearest_miss: Array
 
 
-class TouchCounter(eqx.Module):
+class TouchCounter(AbstractObserver):
     """Counts impacts of a joint (by its place among the clearance joints) and sees how near to grazing they come."""
 
     joint: int = eqx.field(static=True)
 
-    def start(self, t0, y0, mechanism):
+    def start(self, t0, y0, problem):
         return Touches(jnp.zeros((), int), jnp.asarray(jnp.inf), jnp.asarray(jnp.inf))
 
-    def __call__(self, record, times, ends, mechanism):
-        (t0, t1), (y0, y1, *_) = times, ends
-        here, there = (signals(t, y, mechanism)[self.joint] for t, y in ((t0, y0), (t1, y1)))
+    def __call__(self, record, times, ends, problem):
+        (t0, t1), states = times, [motion(problem, y) for y in ends[:2]]
+        here, there = (signals(t, y, problem.mechanism)[self.joint] for t, y in zip(times, states, strict=True))
         met = (here.overlap <= 0) & (there.overlap > 0)
         # The cubic through both ends of a step that stays apart has its top where the surfaces come nearest.
         h = t1 - t0
         value, slope = jnp.stack([here.overlap, there.overlap]), h * jnp.stack([here.overlap_rate, there.overlap_rate])
-        _, height = tops(value, slope)
+        _, height, _ = tops(value, slope)
         missed = (here.overlap <= 0) & (there.overlap <= 0) & jnp.isfinite(height[0])
         return Touches(
             record.count + met,

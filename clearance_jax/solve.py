@@ -95,8 +95,9 @@ def solve(
     out = _run(mechanism, t0, t1, save_at, rtol, None, y0, options, True)
     # A factor, not a selection: a selection's derivative in reverse would be a silent zero.
     factor = jnp.where(out.succeeded, 1.0, jnp.nan)
-    final, y = factor * out.final, factor * out.y
-    return eqx.tree_at(lambda s: (s.final, s.y), out, (final, y))
+    if out.picked is not None:
+        out = eqx.tree_at(lambda s: s.picked.y, out, factor * out.picked.y)
+    return eqx.tree_at(lambda s: (s.final, s.y), out, (factor * out.final, factor * out.y))
 
 
 def _run(mechanism, t0, t1, save_at, rtol, atol, y0, options: Options, throw) -> Solution:

@@ -23,7 +23,7 @@ from clearance_jax.mechanism.mechanism import Mechanism, replace
 from clearance_jax.metrics import AbstractMetric, Peak
 from clearance_jax.periodic import periodic_motion
 from clearance_jax.sensitivity import output, values_of
-from clearance_jax.signals import TouchCounter, Touches
+from clearance_jax.signals import AbstractObserver, TouchCounter, Touches
 from clearance_jax.solve import solve
 
 
@@ -119,16 +119,16 @@ def _lanes(metric, mechanism, points, rtols, names, t1, options):
     return jax.vmap(at)(points, rtols)
 
 
-class _Touching(eqx.Module):
+class _Touching(AbstractObserver):
     """Watches all clearance joints at once."""
 
     joints: tuple[TouchCounter, ...]
 
-    def start(self, t0, y0, mechanism):
-        return tuple(joint.start(t0, y0, mechanism) for joint in self.joints)
+    def start(self, t0, y0, problem):
+        return tuple(joint.start(t0, y0, problem) for joint in self.joints)
 
-    def __call__(self, record, times, ends, mechanism):
-        return tuple(j(r, times, ends, mechanism) for j, r in zip(self.joints, record, strict=True))
+    def __call__(self, record, times, ends, problem):
+        return tuple(j(r, times, ends, problem) for j, r in zip(self.joints, record, strict=True))
 
 
 # Samples of the pins' spread over the motion.
