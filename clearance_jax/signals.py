@@ -133,7 +133,13 @@ class Integrand(eqx.Module):
 
 def freedom(mechanism: Mechanism) -> int:
     """How many coordinates drives and closures leave free."""
-    return layout(mechanism).free - 2 * len(mechanism.closures())
+    left = layout(mechanism).free - 2 * len(mechanism.closures())
+    if left < 0:
+        raise ClearanceError(
+            "Without its clearances this mechanism is over-constrained: its loops demand more than its joints can "
+            "give. For an error against the ideal mechanism free more coordinates."
+        )
+    return left
 
 
 def ideal_state(time: Scalar, y: Array, mechanism: Mechanism) -> Array:

@@ -294,7 +294,9 @@ def gradient_report(
                 f"A few motions within the scatter have derivatives by `{names[k]}` {tail[k]:.0f} times the median: "
                 "their mean means little."
             )
-    if tie is not None:
+    # Explanations, not tests: of a tie that turns no peak over within the step, or of a large spread that stays linear,
+    # an optimiser feels nothing.
+    if reasons and tie is not None:
         apart = np.abs(tie[1] - gradient)
         near = value - tie[0] < np.max(step * unit * apart)
         if near and np.any(judged & (apart > limits.slope * np.abs(gradient))):
@@ -310,7 +312,6 @@ def gradient_report(
         precision = np.log(1 / rtol) / exponent if exponent * (times[-1] - times[0]) > 1 else np.inf
         count = np.sum([np.asarray(joint.count) for joint in out[2]], axis=0)
         slowest, miss = (min(float(joint[i][0]) for joint in out[2]) for i in (1, 2))
-    # An explanation, not a test: a large spread that stays linear misleads nobody (12 of 48 good gradients had one).
     if reasons and horizon < t1:
         reasons.append(
             f"Neighbouring motions within the scatter have parted by t = {horizon:.3g} s, before the end at "

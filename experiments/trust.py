@@ -194,6 +194,8 @@ def horizons(quick: bool) -> list[Horizon]:
 # Verdicts ------------------------------------------------------------------------------------------------------------
 
 STEP = 0.02
+SEED = 1
+"""The report's limits were set on the cases of seed 0."""
 SWEEP = 101
 SWEEP_RTOL = 1e-10
 WRONG, RIGHT = 0.5, 0.2
@@ -291,7 +293,7 @@ def at_events(kind: str, seen: str, scenes: list[Numbers], ends: np.ndarray, rng
     ]
 
 
-def cases(quick: bool, seed: int = 0) -> list[Case]:
+def cases(quick: bool, seed: int = SEED) -> list[Case]:
     """Designs of every kind, drawn with one seed; few and of two kinds, for one metric, in the quick mode."""
     rng = np.random.default_rng(seed)
 
