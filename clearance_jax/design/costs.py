@@ -1,0 +1,83 @@
+"""What a clearance costs to make: the cost functions of the tolerancing literature, decreasing in the clearance.
+
+Lengths in metres, costs in any currency; so are the constants. Sources: reciprocal (Chase and Greenwood 1988), its
+square (Spotts 1973), a power (Sutherland and Roth 1975), exponential (Speckhart 1972), exponential with reciprocal
+power (Michael and Siddall 1981).
+"""
+
+import abc
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+from scipy.interpolate import PchipInterpolator
+
+from clearance_jax._checks import ClearanceError
+from clearance_jax._types import Scalar
+
+
+def _number(value) -> Array:
+    return jnp.asarray(value, float)
+
+
+class AbstractCost(eqx.Module):
+    """Cost of one clearance."""
+
+    @abc.abstractmethod
+    def __call__(self, clearance: Scalar) -> Scalar:
+        """The cost of a clearance [m]."""
+
+
+class Reciprocal(AbstractCost):
+    """`fixed + factor / clearance^power`; power 1 and 2 are the classical ones."""
+
+    factor: Scalar = eqx.field(converter=_number)
+    power: Scalar = eqx.field(converter=_number, default=1.0)
+    fixed: Scalar = eqx.field(converter=_number, default=0.0)
+
+    def __call__(self, clearance):
+        return self.fixed + self.factor / clearance**self.power
+
+
+class Exponential(AbstractCost):
+    """`fixed + factor exp(-rate clearance)`, rate in 1/m."""
+
+    factor: Scalar = eqx.field(converter=_number)
+    rate: Scalar = eqx.field(converter=_number)
+    fixed: Scalar = eqx.field(converter=_number, default=0.0)
+
+    def __call__(self, clearance):
+        return self.fixed + self.factor * jnp.exp(-self.rate * clearance)
+
+
+class ExponentialReciprocal(AbstractCost):
+    """`fixed + factor exp(-rate clearance) / clearance^power`."""
+
+    factor: Scalar = eqx.field(converter=_number)
+    rate: Scalar = eqx.field(converter=_number)
+    power: Scalar = eqx.field(converter=_number, default=1.0)
+    fixed: Scalar = eqx.field(converter=_number, default=0.0)
+
+    def __call__(self, clearance):
+        return self.fixed + self.factor * jnp.exp(-self.rate * clearance) / clearance**self.power
+
+
+class Table(AbstractCost):
+    """Costs quoted for a process at some clearances, and in between a curve that does not overshoot (PCHIP); beyond
+    the first and the last the cost is theirs.
+    """
+
+    clearances: Float[Array, " n"]
+    coefficients: Float[Array, "4 n-1"]
+
+    def __init__(self, clearances, costs):
+        x, y = ([float(v) for v in values] for values in (clearances, costs))
+        if len(x) != len(y) or len(x) < 2 or any(b <= a for a, b in zip(x, x[1:], strict=False)):
+            raise ClearanceError("A cost table wants at least two clearances, increasing, and a cost for each.")
+        self.clearances = jnp.asarray(x)
+        self.coefficients = jnp.asarray(PchipInterpolator(x, y).c)
+
+    def __call__(self, clearance):
+        x = jnp.clip(clearance, self.clearances[0], self.clearances[-1])
+        i = jnp.clip(jnp.searchsorted(self.clearances, x, side="right") - 1, 0, self.clearances.shape[0] - 2)
+        return jnp.polyval(self.coefficients[:, i], x - self.clearances[i])

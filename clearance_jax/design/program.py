@@ -1,0 +1,143 @@
+"""A design problem as numbers: what a solver sees of it, and what is kept of every point that it asks for.
+
+Variables are positive lengths of very different size, so solvers work in their logarithms. Limits are scaled: a limit
+is (value / bound - 1), held where it is not positive.
+"""
+
+import json
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from clearance_jax._checks import ClearanceError
+
+# A limit counts as held if it is violated by no more than this share of its bound: a solver ends on the limit itself.
+SLACK = 1e-9
+
+
+class Point(NamedTuple):
+    """An evaluated design: variables `x` (n,), objective, scaled limits (m,); their gradients by x, (n,) and (m, n),
+    where they were asked for.
+    """
+
+    x: np.ndarray
+    objective: float
+    limits: np.ndarray
+    gradient: np.ndarray | None = None
+    jacobian: np.ndarray | None = None
+
+    @property
+    def worst(self) -> float:
+        """The most violated limit (minus infinity where there is none); infinite where a value is not a number."""
+        if not math.isfinite(self.objective) or not np.all(np.isfinite(self.limits)):
+            return math.inf
+        return float(np.max(self.limits, initial=-math.inf))
+
+    @property
+    def feasible(self) -> bool:
+        """Whether every limit is held."""
+        return self.worst <= SLACK
+
+
+class Enough(Exception):
+    """The solver has used up its evaluations."""
+
+
+class Program:
+    """Minimise an objective under limits and bounds, remembering every point.
+
+    **Arguments:**
+
+    - `evaluate`: `(x, with_gradient) -> Point`.
+    - `names`, `lower`, `upper`: of the variables, positive; `limit_names`: of the limits.
+    - `record`: a file (JSON lines) to which every point is added, and from which a run that was stopped goes on.
+    - `most`: evaluations after which a solver is stopped with the best so far.
+    - `progress`: called with each new point.
+    """
+
+    def __init__(
+        self,
+        evaluate: Callable[[np.ndarray, bool], Point],
+        names: Sequence[str],
+        lower: np.ndarray,
+        upper: np.ndarray,
+        limit_names: Sequence[str],
+        record: str | Path | None = None,
+        most: int = 1_000_000,
+        progress: Callable[[Point], None] | None = None,
+    ):
+        self.names, self.limit_names = tuple(names), tuple(limit_names)
+        self.lower, self.upper = np.asarray(lower, float), np.asarray(upper, float)
+        for name, low, high in zip(self.names, self.lower, self.upper, strict=True):
+            if not 0 < low < high < math.inf:
+                raise ClearanceError(f"The bounds of `{name}` contradict each other: 0 < {low:g} < {high:g} must hold.")
+        self._evaluate, self._most, self._progress = evaluate, most, progress
+        self._file = None if record is None else Path(record)
+        self.points: list[Point] = []
+        self._known: dict[bytes, Point] = {}
+        self.evaluations = self.gradients = 0
+        if self._file is not None and self._file.exists():
+            self._load()
+
+    def at(self, x: np.ndarray, gradient: bool = False) -> Point:
+        """The point at `x`, from memory where it is known."""
+        x = np.clip(np.asarray(x, float), self.lower, self.upper)
+        known = self._known.get(x.tobytes())
+        if known is not None and (known.gradient is not None or not gradient):
+            return known
+        if self.evaluations + self.gradients >= self._most:
+            raise Enough
+        point = self._evaluate(x, gradient)
+        self.gradients += gradient
+        self.evaluations += not gradient
+        self._keep(point)
+        if self._file is not None:
+            with self._file.open("a") as file:
+                file.write(json.dumps({"names": self.names, **_listed(point)}) + "\n")
+        if self._progress is not None:
+            self._progress(point)
+        return point
+
+    @property
+    def best(self) -> Point | None:
+        """The feasible point with the least objective."""
+        held = [p for p in self.points if p.feasible]
+        return min(held, key=lambda p: p.objective, default=None)
+
+    @property
+    def nearest(self) -> Point | None:
+        """The point with the least violation."""
+        return min(self.points, key=lambda p: p.worst, default=None)
+
+    def most_violated(self, point: Point) -> str:
+        """The most violated limit of a point in words."""
+        if not len(point.limits):
+            return "no limit"
+        bad = ~np.isfinite(point.limits)
+        if np.any(bad):
+            return f"{self.limit_names[int(np.argmax(bad))]} is not a number"
+        k = int(np.argmax(point.limits))
+        return f"{self.limit_names[k]} is {1 + point.limits[k]:.6g} times its bound"
+
+    def _keep(self, point: Point) -> None:
+        self.points.append(point)
+        self._known[point.x.tobytes()] = point
+
+    def _load(self) -> None:
+        assert self._file is not None
+        for line in self._file.read_text().splitlines():
+            try:
+                entry = json.loads(line)
+            except json.JSONDecodeError:
+                continue  # the line that was being written when the run was stopped
+            if tuple(entry.pop("names")) != self.names or len(entry["limits"]) != len(self.limit_names):
+                raise ClearanceError(f"`{self._file}` records another problem. Choose another file.")
+            arrays = {k: None if v is None else np.asarray(v, float) for k, v in entry.items() if k != "objective"}
+            self._keep(Point(objective=float(entry["objective"]), **arrays))
+
+
+def _listed(point: Point) -> dict:
+    return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in point._asdict().items()}
