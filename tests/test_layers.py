@@ -8,18 +8,18 @@ import pytest
 ROOT = Path(__file__).parents[1] / "clearance_jax"
 LAYERS = [
     {"_types", "_checks", "_numerics", "configure"},
-    {"spatial", "laws", "units"},
+    {"spatial", "laws", "units", "fits"},
     {"joints"},
     {"mechanism"},
     {"equations", "energy", "dynamics"},
-    {"tolerances", "variation", "watch", "stepping", "control", "flow", "solve", "trace"}
+    {"tolerances", "variation", "interpolate", "watch", "stepping", "control", "flow", "solve", "trace"}
     | {"signals", "metrics", "sensitivity", "periodic", "trust", "mesh"},
     {"results", "scene"},
-    {"plot"},
+    {"plot", "design"},
     {"cli"},
 ]
 HOST_ONLY = {"xarray", "matplotlib", "tomllib", "pint", "scipy", "typer", "rich"}
-DEVICE = set().union(*LAYERS[:6]) - {"units"}
+DEVICE = set().union(*LAYERS[:6]) - {"units", "fits"}
 MODULES = sorted(path for path in ROOT.rglob("*.py") if path != ROOT / "__init__.py")
 
 

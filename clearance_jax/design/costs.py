@@ -6,6 +6,7 @@ power (Michael and Siddall 1981).
 """
 
 import abc
+import itertools
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -72,7 +73,7 @@ class Table(AbstractCost):
 
     def __init__(self, clearances, costs):
         x, y = ([float(v) for v in values] for values in (clearances, costs))
-        if len(x) != len(y) or len(x) < 2 or any(b <= a for a, b in zip(x, x[1:], strict=False)):
+        if len(x) != len(y) or len(x) < 2 or any(b <= a for a, b in itertools.pairwise(x)):
             raise ClearanceError("A cost table wants at least two clearances, increasing, and a cost for each.")
         self.clearances = jnp.asarray(x)
         self.coefficients = jnp.asarray(PchipInterpolator(x, y).c)

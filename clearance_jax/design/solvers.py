@@ -109,7 +109,7 @@ def _scipy(program: Program, start, method: str, options: dict) -> None:
 
 
 def augmented_lagrangian(program: Program, start: np.ndarray, tolerance: float = 1e-9, most: int = 250) -> None:
-    """Augmented Lagrangian (Rockafellar 1974) with optax's L-BFGS and a backtracking search, in at most so many steps."""
+    """Augmented Lagrangian (Rockafellar 1974): optax's L-BFGS, backtracking; at most so many evaluations."""
     scaled = _Scaled(program, start)
     multipliers, weight, z, spent = np.zeros(len(program.limit_names)), 10.0, scaled.start, 0
     violation, wanted = np.inf, 1e-2
@@ -172,8 +172,8 @@ def _jitted(method: optax.GradientTransformation) -> Callable:
 
 
 def projected_adam(program: Program, start: np.ndarray, rate: float = 0.05, most: int = 250) -> None:
-    """optax's Adam on objective and exact penalty, clipped to the bounds, with a rate that falls to nothing: robust, and
-    coarse.
+    """Adam (optax's) on objective and exact penalty, clipped to the bounds, with a rate that falls to nothing: robust,
+    and coarse.
     """
     scaled = _Scaled(program, start)
     method = optax.adam(optax.cosine_decay_schedule(rate, most))
@@ -238,7 +238,7 @@ def run(program: Program, method: str, start: np.ndarray) -> str:
 
 
 def restored(program: Program, x: np.ndarray, steps: int = 40) -> Point | None:
-    """The nearest feasible point on the scaling line through `x`, towards smaller clearances: by bisection, or nothing."""
+    """The nearest feasible point on the scaling line through `x`, towards smaller clearances: bisection, or nothing."""
     here = program.at(x)
     if here.feasible:
         return here

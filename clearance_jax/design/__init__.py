@@ -1,0 +1,21 @@
+"""Tolerance design: the largest, or the cheapest, clearances that keep errors and forces within bounds."""
+
+from clearance_jax.design.costs import AbstractCost, Exponential, ExponentialReciprocal, Reciprocal, Table
+from clearance_jax.design.problem import Band, Design, Limit, ToleranceProblem
+from clearance_jax.design.program import Point, Program
+from clearance_jax.design.solvers import SOLVERS
+
+__all__ = [
+    "SOLVERS",
+    "AbstractCost",
+    "Band",
+    "Design",
+    "Exponential",
+    "ExponentialReciprocal",
+    "Limit",
+    "Point",
+    "Program",
+    "Reciprocal",
+    "Table",
+    "ToleranceProblem",
+]

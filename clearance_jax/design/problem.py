@@ -1,0 +1,334 @@
+"""The question a designer asks: which clearances, so that errors and forces stay within bounds, at the least cost."""
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from clearance_jax._checks import ClearanceError
+from clearance_jax.design.costs import AbstractCost
+from clearance_jax.design.program import Point, Program
+from clearance_jax.design.solvers import GRADIENT_FREE, restored, run
+from clearance_jax.mechanism.mechanism import Mechanism, parameters, replace
+from clearance_jax.metrics import AbstractMetric, Peak
+from clearance_jax.solve import check_arguments, check_values
+from clearance_jax.trust import gradient_report
+
+# Peaks that are limits each: where the highest changes place, the next one has been watched already.
+PEAKS = 3
+
+
+class Limit(eqx.Module):
+    """A metric that must not exceed a bound (> 0, in the metric's unit) in any condition."""
+
+    metric: AbstractMetric
+    bound: float
+    name: str = eqx.field(static=True, default="")
+
+    def __check_init__(self):
+        if not (np.isfinite(self.bound) and self.bound > 0):
+            raise ClearanceError(f"The bound of a limit must be a positive number, but it is {self.bound}.")
+
+    @property
+    def title(self) -> str:
+        """The given name, or the metric's."""
+        signal = getattr(self.metric, "signal", None)
+        parts = [type(self.metric).__name__] + ([] if signal is None else [type(signal).__name__])
+        return self.name or " ".join(parts)
+
+
+class Band(NamedTuple):
+    """Made clearances lie between `least` times the designed one and the designed one, which is their upper limit: the
+    limits must hold on `points` values between, all joints alike, and at every corner for up to `corners` joints.
+    """
+
+    least: float
+    points: int = 3
+    corners: int = 3
+
+    def factors(self, count: int) -> np.ndarray:
+        """Factors on the designed clearances, shape (scenarios, count)."""
+        if not 0 < self.least < 1:
+            raise ClearanceError(f"`Band.least` must be between 0 and 1, but it is {self.least}.")
+        along = np.linspace(self.least, 1.0, self.points)[:, None] * np.ones(count)
+        if 1 < count <= self.corners:
+            grid = np.stack(np.meshgrid(*[[self.least, 1.0]] * count), -1).reshape(-1, count)
+            along = np.concatenate([along, grid])
+        return np.unique(along, axis=0)
+
+
+class ToleranceProblem:
+    """Clearances by name, bounds on them, limits on the motion, and what clearances cost.
+
+    **Arguments:**
+
+    - `mechanism`, `t1`: the motion, from 0 to `t1` [s].
+    - `variables`: name -> (least, greatest), positive, in the parameter's unit.
+    - `limits`: `Limit`s.
+    - `cost`: one cost function for all variables, or name -> cost function; `None`: the largest clearance is wanted,
+      common to all variables where there are several.
+    - `conditions`: name of the condition -> values by parameter name (speeds, loads, friction, phases), or a sequence
+      of such values; every limit must hold in each. None: the mechanism as it is.
+    - `band`: the limits must hold over a band of made clearances, see `Band`.
+    - `rtol`, `solver`: of the solves.
+
+    **Raises:** `ClearanceError` for unknown names, bounds that contradict each other, numbers that are not finite.
+    """
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        t1: float,
+        variables: Mapping[str, tuple[float, float]],
+        limits: Sequence[Limit],
+        cost: AbstractCost | Mapping[str, AbstractCost] | None = None,
+        conditions: Mapping[str, Mapping[str, Any]] | Sequence[Mapping[str, Any]] | None = None,
+        band: Band | None = None,
+        rtol: float = 1e-8,
+        solver: str = "tsit5",
+    ):
+        check_arguments(mechanism, 0.0, t1, rtol, solver)
+        self.mechanism, self.t1, self.limits = mechanism, float(t1), tuple(limits)
+        self.variables = {name: (float(low), float(high)) for name, (low, high) in variables.items()}
+        if not self.variables or not self.limits:
+            raise ClearanceError("A design problem wants at least one variable and one limit.")
+        self.rtol, self.solver, self.band = rtol, solver, band
+        self.common = cost is None
+        self.costs = _costs(cost, tuple(self.variables))
+        if not isinstance(conditions, Mapping):
+            conditions = {f"condition {i + 1}": c for i, c in enumerate(conditions or [{}])}
+        self.conditions = {name: dict(values) for name, values in conditions.items()}
+        for name, values in self.conditions.items():
+            try:
+                moved = replace(mechanism, values)
+                check_values(replace(moved, {k: low for k, (low, _) in self.variables.items()}))
+                known = parameters(moved)
+            except ClearanceError as error:
+                raise ClearanceError(f"In `{name}`: {error}") from None
+            for variable in self.variables:
+                if variable in values:
+                    raise ClearanceError(f"`{variable}` is a variable, so `{name}` cannot set it.")
+                if variable in known and np.ndim(known[variable].value):
+                    raise ClearanceError(f"`{variable}` is an array: name one of its entries, `{variable}.0`.")
+        self._metrics = tuple(
+            Peak(limit.metric.signal, PEAKS)
+            if isinstance(limit.metric, Peak) and limit.metric.count == 1
+            else limit.metric
+            for limit in self.limits
+        )
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What the solver varies: the variables, or their common value."""
+        return ("common clearance",) if self.common and len(self.variables) > 1 else tuple(self.variables)
+
+    def program(self, rtol: float | None = None, solver: str | None = None, **options: Any) -> Program:
+        """The problem as numbers, solved with the given accuracy; `options` as `Program`'s."""
+        bounds = np.array(list(self.variables.values()))
+        if len(self.names) < len(self.variables):
+            bounds = np.array([[bounds[:, 0].max(), bounds[:, 1].min()]])
+        factors = np.ones((1, len(self.variables))) if self.band is None else self.band.factors(len(self.variables))
+        scenarios = [(condition, row) for condition in self.conditions for row in factors]
+        solve = {"rtol": rtol or self.rtol, "solver": solver or self.solver}
+        shapes = [self._shape(metric, solve) for metric in self._metrics]
+        titles = [
+            limit.title + (f", peak {k + 1}" if size > 1 else "") + self._place(condition, row)
+            for condition, row in scenarios
+            for limit, size in zip(self.limits, shapes, strict=True)
+            for k in range(size)
+        ]
+
+        def evaluate(x, gradient):
+            return self._evaluate(x, gradient, scenarios, solve)
+
+        return Program(evaluate, self.names, bounds[:, 0], bounds[:, 1], titles, **options)
+
+    def clearances(self, x: np.ndarray) -> dict[str, float]:
+        """The variables by name of a solver's point."""
+        return dict(zip(self.variables, np.broadcast_to(x, (len(self.variables),)).tolist(), strict=True))
+
+    def solve(
+        self,
+        method: Literal["auto", "slsqp", "trust-constr", "augmented-lagrangian", "projected-adam", "cobyqa", "cma-es"]
+        | str = "slsqp",
+        start: Mapping[str, float] | None = None,
+        record: str | Path | None = None,
+        most: int = 1_000_000,
+        progress: Callable[[Point], None] | None = None,
+    ) -> "Design":
+        """The best design found, which holds its limits in a simulation of its own (see `Design.feasible`).
+
+        **Arguments:** `method`: "auto" asks `gradient_report` at the start whether gradients are worth having, and else
+        takes "cobyqa"; `start`: values by name (default: the geometric middle of the bounds); `record`: a file with
+        every evaluated point, from which an interrupted run goes on; `most` evaluations; `progress`: called with each.
+        """
+        program = self.program(record=record, most=most, progress=progress)
+        x = np.sqrt(program.lower * program.upper)
+        if start is not None:
+            given = np.array([float(start[name]) for name in self.variables])
+            x = np.array([given.min()]) if len(self.names) < len(self.variables) else given
+        if program.best is not None:
+            x = program.best.x
+        note = ""
+        if method == "auto":
+            note = self._distrust(x)
+            method = "cobyqa" if note else "slsqp"
+        if method not in GRADIENT_FREE:
+            self._check_derivatives(x)
+        stopped = run(program, method, x)
+        best = program.best
+        if best is None and program.nearest is not None and not stopped:
+            best = restored(program, program.nearest.x)
+        return Design(self, program, method, best or program.nearest, stopped, note)
+
+    def _check_derivatives(self, x):
+        """Raise for a metric without derivatives, before anything is spent."""
+        values = self.clearances(x)
+        for limit, metric in zip(self.limits, self._metrics, strict=True):
+
+            def of(c, metric=metric):
+                moved = replace(self.mechanism, {name: c * v for name, v in values.items()})
+                return metric(moved, jnp.asarray(self.t1), rtol=self.rtol, solver=self.solver)
+
+            try:
+                jax.eval_shape(jax.jacfwd(of), jnp.ones(()))
+            except ClearanceError as error:
+                raise ClearanceError(f"Limit `{limit.title}`: {error} Or choose method='cobyqa'.") from None
+
+    def _distrust(self, x) -> str:
+        """Why gradients are useless at a point, in words; empty where they are not."""
+        for name, values in self.conditions.items():
+            moved = replace(self.mechanism, {**values, **self.clearances(x)})
+            for limit in self.limits:
+                report = gradient_report(
+                    moved, limit.metric, tuple(self.variables), self.t1, rtol=self.rtol, on_untrusted="ignore"
+                )
+                if not report.trusted:
+                    return f"Gradients are not to be trusted ({name}, {limit.title}): {report.reasons[0]}"
+        return ""
+
+    def _place(self, condition, row) -> str:
+        where = [condition] if len(self.conditions) > 1 else []
+        if self.band is not None:
+            where.append("clearances times " + " ".join(f"{f:g}" for f in row))
+        return f" ({', '.join(where)})" if where else ""
+
+    def _shape(self, metric, solve) -> int:
+        out = jax.eval_shape(lambda t1: metric(self.mechanism, t1, **solve), jnp.asarray(self.t1))
+        return int(np.prod(out.shape))
+
+    def _evaluate(self, x, gradient, scenarios, solve) -> Point:
+        wide = np.broadcast_to(x, (len(self.variables),))
+        limits, rows = [], []
+        for condition, factors in scenarios:
+            given = {k: jnp.asarray(v, float) for k, v in self.conditions[condition].items()}
+            asked = (self.mechanism, self._metrics, tuple(self.variables), jnp.asarray(wide * factors), given)
+            out = (_slopes if gradient else _values)(*asked, jnp.asarray(self.t1), solve)
+            bounds = np.concatenate(
+                [np.full(np.size(v), limit.bound) for v, limit in zip(out[0], self.limits, strict=True)]
+            )
+            limits.append(np.concatenate([np.ravel(v) for v in out[0]]) / bounds - 1)
+            if gradient:
+                rows.append(
+                    np.concatenate([np.reshape(j, (-1, len(wide))) for j in out[1]]) * factors / bounds[:, None]
+                )
+        objective, slope = self._objective(wide)
+        jacobian = np.concatenate(rows) if gradient else None
+        if len(x) < len(wide):
+            slope, jacobian = slope.sum(keepdims=True), jacobian if jacobian is None else jacobian.sum(1, keepdims=True)
+        return Point(np.array(x), objective, np.concatenate(limits), slope if gradient else None, jacobian)
+
+    def _objective(self, x) -> tuple[float, np.ndarray]:
+        if self.common:
+            return float(-np.mean(x)), np.full(len(x), -1.0 / len(x))
+        pairs = [jax.value_and_grad(cost)(float(c)) for cost, c in zip(self.costs, x, strict=True)]
+        return float(sum(v for v, _ in pairs)), np.array([float(g) for _, g in pairs])
+
+
+def _costs(cost, names) -> list[Callable]:
+    if cost is None:
+        return []
+    if not isinstance(cost, Mapping):
+        return [cost] * len(names)
+    missing = [name for name in names if name not in cost]
+    if missing:
+        raise ClearanceError(f"There is no cost for `{missing[0]}`. Give one for every variable.")
+    return [cost[name] for name in names]
+
+
+def _moved(mechanism, names, values, given):
+    return replace(mechanism, {**given, **dict(zip(names, values, strict=True))})
+
+
+@eqx.filter_jit
+def _values(mechanism, metrics, names, values, given, t1, solve):
+    moved = _moved(mechanism, names, values, given)
+    return ([metric(moved, t1, **solve) for metric in metrics],)
+
+
+@eqx.filter_jit
+def _slopes(mechanism, metrics, names, values, given, t1, solve):
+    def of(values):
+        moved = _moved(mechanism, names, values, given)
+        out = [metric(moved, t1, **solve) for metric in metrics]
+        return out, out
+
+    slopes, out = jax.jacfwd(of, has_aux=True)(values)
+    return out, slopes
+
+
+class Design:
+    """A solver's answer: `clearances` by name, `objective`, whether it is `feasible`; prints as a designer reads it."""
+
+    def __init__(self, problem: ToleranceProblem, program: Program, method: str, point: Point, stopped: str, note: str):
+        self.problem, self.program, self.method, self.point = problem, program, method, point
+        self.stopped, self.note = stopped, note
+
+    @property
+    def clearances(self) -> dict[str, float]:
+        """The variables by name."""
+        return self.problem.clearances(self.point.x)
+
+    @property
+    def objective(self) -> float:
+        """The cost, or minus the common clearance."""
+        return self.point.objective
+
+    @property
+    def feasible(self) -> bool:
+        """Whether every limit is held."""
+        return self.point.feasible
+
+    @property
+    def active(self) -> list[str]:
+        """The limits that decide: those met to a thousandth."""
+        return [n for n, g in zip(self.program.limit_names, self.point.limits, strict=True) if g > -1e-3]
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """The mechanism with the designed clearances."""
+        return replace(self.problem.mechanism, self.clearances)
+
+    def __str__(self) -> str:
+        units = {name: leaf.metadata["unit"] for name, leaf in parameters(self.problem.mechanism).items()}
+        lines = [
+            "Design" if self.feasible else f"NO FEASIBLE DESIGN: {self.program.most_violated(self.point)}",
+            *(
+                f"  {name} = {value * 1e3:.6g} mm" if units.get(name) == "m" else f"  {name} = {value:.6g}"
+                for name, value in self.clearances.items()
+            ),
+        ]
+        if not self.problem.common:
+            lines.append(f"  cost {self.objective:.6g}")
+        lines += [f"  decided by: {name}" for name in self.active]
+        if self.feasible and not self.active:
+            lines.append("  no limit decides: the bounds of the variables do")
+        lines.append(
+            f"  {self.method}: {self.program.gradients} evaluations with gradients, {self.program.evaluations} without"
+        )
+        lines += [f"  {text}" for text in (self.stopped, self.note) if text]
+        return "\n".join(lines)
