@@ -4,11 +4,13 @@ from clearance_jax.design.costs import AbstractCost, Exponential, ExponentialRec
 from clearance_jax.design.problem import Band, Design, Limit, ToleranceProblem
 from clearance_jax.design.program import Point, Program
 from clearance_jax.design.solvers import SOLVERS
+from clearance_jax.design.verify import Certificate, static_weights
 
 __all__ = [
     "SOLVERS",
     "AbstractCost",
     "Band",
+    "Certificate",
     "Design",
     "Exponential",
     "ExponentialReciprocal",
@@ -18,4 +20,5 @@ __all__ = [
     "Reciprocal",
     "Table",
     "ToleranceProblem",
+    "static_weights",
 ]

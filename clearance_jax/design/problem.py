@@ -12,7 +12,8 @@ import numpy as np
 from clearance_jax._checks import ClearanceError
 from clearance_jax.design.costs import AbstractCost
 from clearance_jax.design.program import Point, Program
-from clearance_jax.design.solvers import GRADIENT_FREE, restored, run
+from clearance_jax.design.solvers import GRADIENT_FREE, run
+from clearance_jax.design.verify import Certificate, verify
 from clearance_jax.mechanism.mechanism import Mechanism, parameters, replace
 from clearance_jax.metrics import AbstractMetric, Peak
 from clearance_jax.solve import check_arguments, check_values
@@ -156,6 +157,8 @@ class ToleranceProblem:
         method: Literal["auto", "slsqp", "trust-constr", "augmented-lagrangian", "projected-adam", "cobyqa", "cma-es"]
         | str = "slsqp",
         start: Mapping[str, float] | None = None,
+        starts: int = 1,
+        seed: int = 0,
         record: str | Path | None = None,
         most: int = 1_000_000,
         progress: Callable[[Point], None] | None = None,
@@ -163,8 +166,9 @@ class ToleranceProblem:
         """The best design found, which holds its limits in a simulation of its own (see `Design.feasible`).
 
         **Arguments:** `method`: "auto" asks `gradient_report` at the start whether gradients are worth having, and else
-        takes "cobyqa"; `start`: values by name (default: the geometric middle of the bounds); `record`: a file with
-        every evaluated point, from which an interrupted run goes on; `most` evaluations; `progress`: called with each.
+        takes "cobyqa"; `start`: values by name (default: the geometric middle of the bounds); `starts`: so many in all,
+        the others at random between the bounds (impacts make many local optima); `record`: a file with every evaluated
+        point, from which an interrupted run goes on; `most` evaluations; `progress`: called with each.
         """
         program = self.program(record=record, most=most, progress=progress)
         x = np.sqrt(program.lower * program.upper)
@@ -179,11 +183,14 @@ class ToleranceProblem:
             method = "cobyqa" if note else "slsqp"
         if method not in GRADIENT_FREE:
             self._check_derivatives(x)
-        stopped = run(program, method, x)
-        best = program.best
-        if best is None and program.nearest is not None and not stopped:
-            best = restored(program, program.nearest.x)
-        return Design(self, program, method, best or program.nearest, stopped, note)
+        # Finer than the solves it cannot be.
+        options = {"tolerance": 10 * self.rtol} if method == "slsqp" else {}
+        stopped, rng = run(program, method, x, **options), np.random.default_rng(seed)
+        for _ in range(starts - 1):
+            if not stopped:
+                other = np.exp(rng.uniform(np.log(program.lower), np.log(program.upper)))
+                stopped = run(program, method, other, **options)
+        return Design(self, program, method, program.best or program.nearest, stopped, note)
 
     def _check_derivatives(self, x):
         """Raise for a metric without derivatives, before anything is spent."""
@@ -307,6 +314,10 @@ class Design:
     def active(self) -> list[str]:
         """The limits that decide: those met to a thousandth."""
         return [n for n, g in zip(self.program.limit_names, self.point.limits, strict=True) if g > -1e-3]
+
+    def verify(self, **options: Any) -> Certificate:
+        """A certificate by another solver and a tenfold tighter tolerance, see `design.verify.verify`."""
+        return verify(self, **options)
 
     @property
     def mechanism(self) -> Mechanism:

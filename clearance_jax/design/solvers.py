@@ -20,6 +20,8 @@ from clearance_jax.design.program import Enough, Point, Program
 INSIDE = 1e-10
 # Share of its bound below which a limit is as good as zero.
 SMALLEST = 1e-3
+# A point with no larger violation may be pulled inside; what a violation is worth, over the objective.
+NEARLY, PRICE = 1e-3, 3.0
 LBFGS = optax.scale_by_lbfgs(memory_size=20)
 
 
@@ -224,12 +226,13 @@ SOLVERS: dict[str, Callable[..., None]] = {
 GRADIENT_FREE = ("cobyqa", "cma-es")
 
 
-def run(program: Program, method: str, start: np.ndarray) -> str:
-    """Run a solver by name; returns why it stopped early, or nothing."""
+def run(program: Program, method: str, start: np.ndarray, **options) -> str:
+    """Run a solver by name, then pull its answer inside the limits; returns why it stopped early, or nothing."""
     if method not in SOLVERS:
         raise ClearanceError(f"There is no design solver {method!r}. " + suggest(method, SOLVERS))
     try:
-        SOLVERS[method](program, start)
+        SOLVERS[method](program, start, **options)
+        _pull_inside(program)
     except Enough:
         return "stopped: as many evaluations as allowed"
     except KeyboardInterrupt:
@@ -237,19 +240,28 @@ def run(program: Program, method: str, start: np.ndarray) -> str:
     return ""
 
 
-def restored(program: Program, x: np.ndarray, steps: int = 40) -> Point | None:
-    """The nearest feasible point on the scaling line through `x`, towards smaller clearances: bisection, or nothing."""
-    here = program.at(x)
-    if here.feasible:
-        return here
-    low = float(np.min(np.log(program.lower / x)))
-    good, bad, found = low, 0.0, program.at(x * np.exp(low))
-    if not found.feasible:
-        return None
-    for _ in range(steps):
-        middle = 0.5 * (good + bad)
-        point = program.at(x * np.exp(middle))
-        good, bad, found = (middle, bad, point) if point.feasible else (good, middle, found)
-        if bad - good < 1e-9:
+def _pull_inside(program: Program) -> None:
+    """Evaluate a feasible neighbour of the best point that all but holds its limits: solvers end on a limit from both
+    sides, and the best point that holds may be an early and poor one.
+    """
+    near = [p for p in program.points if p.worst < NEARLY]
+    if near:
+        # A violation is worth some multiple of itself in objective: powers of clearances have small exponents.
+        best = min(near, key=lambda p: p.objective + PRICE * abs(p.objective) * max(p.worst, 0.0))
+        restored(program, best.x)
+    elif program.nearest is not None:
+        restored(program, program.nearest.x)
+
+
+def restored(program: Program, x: np.ndarray) -> Point | None:
+    """A feasible point on the scaling line through `x`, towards smaller clearances and near; nothing where none is."""
+    point, shift, low = program.at(x), 0.0, float(np.max(np.log(program.lower / x)))
+    # Errors grow about as clearances do: shrink by the violation, and on from there.
+    for _ in range(12):
+        if point.feasible:
+            return point
+        shift = max(low, shift - max(2 * point.worst, 1e-8) if np.isfinite(point.worst) else shift - 0.5)
+        point = program.at(x * np.exp(shift))
+        if shift == low:
             break
-    return found
+    return point if point.feasible else None

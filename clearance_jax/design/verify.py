@@ -1,0 +1,235 @@
+"""Proof of a design by other means than those that found it, as a certificate that a person can read."""
+
+import dataclasses
+from typing import TYPE_CHECKING
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.optimize
+
+from clearance_jax._checks import ClearanceError
+from clearance_jax.design.program import Point, Program
+from clearance_jax.design.solvers import run
+from clearance_jax.dynamics import observe
+from clearance_jax.mechanism.body import Position
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.solve import solve
+
+if TYPE_CHECKING:
+    from clearance_jax.design.problem import Design
+
+# A limit is active within this share of its bound.
+ACTIVE = 1e-4
+OTHER = {"tsit5": "dopri8"}
+
+
+@dataclasses.dataclass(frozen=True)
+class Certificate:
+    """What was found of a design; printing it gives the statement.
+
+    - `worst`: the most violated scaled limit in a fresh simulation with another solver at a tenth of rtol, `limit` its
+      name; `scale`: by how much all clearances can grow or must shrink together until a limit is just met, by bisection
+      with that solver (1: the design itself).
+    - `islands`: scalings between which the limits hold, from a sweep along the same line.
+    - `residual`: of the Karush-Kuhn-Tucker conditions, over the objective's gradient, in logarithms; `prices`: per
+      active limit, relative change of the objective per relative change of its bound.
+    - `checked`: name -> (price, by re-optimising with the bound 1 % up and down), where asked for.
+    - `starts`: objectives that other starts have led to; `goal`: what a looser bound does, in words.
+    """
+
+    names: tuple[str, ...]
+    x: np.ndarray
+    worst: float
+    limit: str
+    scale: float
+    islands: tuple[tuple[float, float], ...]
+    residual: float
+    prices: dict[str, float]
+    checked: dict[str, tuple[float, float]]
+    starts: tuple[float, ...]
+    objective: float
+    goal: str
+    solver: str
+    rtol: float
+
+    @property
+    def holds(self) -> bool:
+        """Whether the limits hold in the fresh simulation, to a millionth of their bounds."""
+        return self.worst <= 1e-6
+
+    def __str__(self) -> str:
+        at = ", ".join(f"{name} = {value:.6g}" for name, value in zip(self.names, self.x, strict=True))
+        verdict = "The limits hold" if self.holds else "THE LIMITS DO NOT HOLD"
+        lines = [
+            f"Certificate for {at}",
+            f"  {verdict} in a fresh simulation ({self.solver}, rtol {self.rtol:.0e}): the closest is {self.limit}, at "
+            f"{1 + self.worst:.9f} of its bound.",
+            f"  Scaled together, the clearances meet it at {self.scale:.9f} times the design.",
+        ]
+        spans = ", ".join(f"{a:.4g} to {b:.4g}" for a, b in self.islands) or "none"
+        alone = "in one piece" if len(self.islands) == 1 else f"in {len(self.islands)} ISLANDS"
+        lines.append(f"  Along that line designs hold {alone}: {spans} times the design.")
+        lines.append(f"  Optimality (Karush-Kuhn-Tucker) residual {self.residual:.1e}.")
+        for name, price in self.prices.items():
+            text = f"  A bound 1 % looser on {name} {self.goal} by {price:.4g} %"
+            if name in self.checked:
+                text += f" (re-optimised: {self.checked[name][1]:.4g} %)"
+            lines.append(text + ".")
+        if self.starts:
+            others = [s for s in self.starts if s < self.objective - 1e-4 * abs(self.objective)]
+            lines.append(
+                f"  {len(self.starts)} other starts: "
+                + (
+                    f"{len(others)} LED TO A BETTER DESIGN, {min(others):.6g}."
+                    if others
+                    else "none led to a better one."
+                )
+            )
+        return "\n".join(lines)
+
+
+def verify(
+    design: "Design", *, sweep: int = 40, starts: int = 0, reoptimise: bool = False, seed: int = 0
+) -> Certificate:
+    """Check a design with another solver and a tenfold tighter tolerance.
+
+    **Arguments:** `sweep`: scalings at which the limits are looked at between a tenth of the design and the bounds;
+    `starts`: random starts of the same method; `reoptimise`: check the prices by solving again with changed bounds.
+    """
+    if not design.feasible:
+        raise ClearanceError(f"There is no feasible design to verify: {design.program.most_violated(design.point)}.")
+    problem = design.problem
+    solver, rtol = OTHER.get(problem.solver, "tsit5"), 0.1 * problem.rtol
+    fresh = problem.program(rtol=rtol, solver=solver)
+    x = design.point.x
+    at = fresh.at(x, True)
+    scale = _scale(fresh, x, at)
+    islands = _islands(fresh, x, sweep)
+    residual, multipliers = _optimality(fresh, at)
+    names = fresh.limit_names
+    prices = {names[k]: float(multipliers[k]) for k in np.flatnonzero(multipliers > 1e-6)}
+    checked = {n: (p, _repriced(design, n)) for n, p in prices.items()} if reoptimise else {}
+    objectives = []
+    rng = np.random.default_rng(seed)
+    for _ in range(starts):
+        other = problem.program()
+        run(other, design.method, np.exp(rng.uniform(np.log(other.lower), np.log(other.upper))))
+        objectives.append(other.best.objective if other.best else np.inf)
+    k = int(np.argmax(at.limits))
+    return Certificate(
+        fresh.names, x, at.worst, names[k], scale, islands, residual, prices, checked, tuple(objectives),
+        at.objective, "enlarges the clearance" if problem.common else "lowers the cost", solver, rtol,
+    )  # fmt: skip
+
+
+def _scale(program: Program, x: np.ndarray, at: Point) -> float:
+    """The factor on all variables at which the worst limit is just met, nearest to 1; the bounds' where none is."""
+    low, high = float(np.max(program.lower / x)), float(np.min(program.upper / x))
+
+    def worst(s):
+        return program.at(s * x).worst
+
+    step = 1e-5
+    good, bad = (1.0, None) if at.worst <= 0 else (None, 1.0)
+    while good is None or bad is None:
+        if bad is None:
+            s = min(1 + step, high)
+            good, bad = (s, None) if worst(s) <= 0 else (good, s)
+            if s == high and bad is None:
+                return high
+        else:
+            s = max(1 - step, low)
+            good, bad = (s, bad) if worst(s) <= 0 else (None, s)
+            if s == low and good is None:
+                return low
+        step *= 4
+    return float(scipy.optimize.brentq(worst, good, bad, xtol=1e-12, rtol=1e-10)) if worst(good) < 0 else float(good)
+
+
+def _islands(program: Program, x: np.ndarray, count: int) -> tuple[tuple[float, float], ...]:
+    """Intervals of scalings whose designs hold, to the sweep's spacing."""
+    low, high = float(np.max(program.lower / x)), float(np.min(program.upper / x))
+    s = np.unique(np.append(np.geomspace(max(low, 0.1), max(min(high, 10.0), 1.0), count), 1.0))
+    held = np.array([program.at(v * x).worst <= 1e-6 for v in s])
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], held, [False]]).astype(int)))
+    return tuple((float(s[a]), float(s[b - 1])) for a, b in edges.reshape(-1, 2))
+
+
+def _optimality(program: Program, at: Point) -> tuple[float, np.ndarray]:
+    """Residual of the Karush-Kuhn-Tucker conditions by logarithms, and the limits' multipliers over the objective."""
+    assert at.gradient is not None
+    assert at.jacobian is not None
+    size = max(abs(at.objective), 1e-300)
+    gradient, jacobian = at.gradient * at.x / size, at.jacobian * at.x
+    active = np.flatnonzero(at.limits > -ACTIVE)
+    walls = [(i, -1.0) for i in np.flatnonzero(at.x <= program.lower * (1 + 1e-9))]
+    walls += [(i, 1.0) for i in np.flatnonzero(at.x >= program.upper * (1 - 1e-9))]
+    columns = [*jacobian[active], *(sign * np.eye(len(at.x))[i] for i, sign in walls)]
+    multipliers = np.zeros(len(at.limits))
+    if not columns:
+        return float(np.linalg.norm(gradient)), multipliers
+    found, left = scipy.optimize.nnls(np.stack(columns, 1), -gradient)
+    multipliers[active] = found[: len(active)]
+    return float(left / max(np.linalg.norm(gradient), 1e-300)), multipliers
+
+
+def _repriced(design: "Design", name: str) -> float:
+    """Relative change of the best objective per relative change of one limit's bound, by solving twice more."""
+    program = design.problem.program()
+    k = program.limit_names.index(name)
+    best = []
+    for change in (0.01, -0.01):
+
+        def evaluate(x, gradient, change=change):
+            point = program.at(x, gradient)
+            factor = np.ones(len(point.limits))
+            factor[k] = 1 / (1 + change)
+            jacobian = None if point.jacobian is None else point.jacobian * factor[:, None]
+            return point._replace(limits=(point.limits + 1) * factor - 1, jacobian=jacobian)
+
+        moved = Program(evaluate, program.names, program.lower, program.upper, program.limit_names)
+        run(moved, design.method, design.point.x)
+        best.append(moved.best.objective if moved.best else np.nan)
+    return float((best[1] - best[0]) / 0.02 / abs(design.objective))
+
+
+def static_weights(mechanism: Mechanism, point: str, t1: float, samples: int = 181) -> dict[str, float]:
+    """How far a named point of the ideal mechanism moves per clearance of each joint, at most over time: the largest
+    singular value of its place by an offset of the pin in the sleeve. The sum of weight times clearance bounds what
+    play alone can do to a mechanism at rest; impacts can do more.
+
+    **Raises:** `ClearanceError` for an ideal mechanism that moves freely: where it is depends on forces.
+    """
+    from clearance_jax.signals import freedom, ideal_state
+
+    if freedom(mechanism.ideal()) > 0:
+        raise ClearanceError("An ideal mechanism that moves freely has no static bound: drive its joints.")
+    index = [p.name for p in mechanism.points].index(point)
+    clearance = [joint.name for joint in mechanism.clearance_joints()]
+    times = jnp.linspace(0.0, t1, samples)
+    states = solve(mechanism, t1, save_at=times).y
+    weights = {}
+    for name in clearance:
+
+        def place(offset, t, y, name=name):
+            moved = _offset(mechanism, name, offset)
+            reference = ideal_state(t, y, moved)
+            return observe(t, reference, moved.ideal().prepared())["position"][index]
+
+        slopes = jax.jit(jax.vmap(jax.jacfwd(place), (None, 0, 0)))(jnp.zeros(2), times, states)
+        weights[name] = float(np.max(np.linalg.norm(np.asarray(slopes), ord=2, axis=(1, 2))))
+    return weights
+
+
+def _offset(mechanism: Mechanism, name: str, offset) -> Mechanism:
+    """The mechanism with a joint's place on its parent moved [m]."""
+    for group in ("joints", "loops"):
+        for i, joint in enumerate(getattr(mechanism, group)):
+            if joint.name == name:
+                at = joint.at_parent
+                moved = Position(at.vector[0] + offset[0], at.vector[1] + offset[1])
+                moved_joint = dataclasses.replace(joint, at_parent=moved)
+                return eqx.tree_at(lambda m, g=group, i=i: getattr(m, g)[i], mechanism, moved_joint)
+    raise ClearanceError(f"There is no joint `{name}`.")

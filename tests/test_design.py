@@ -1,0 +1,176 @@
+"""Tolerance design: against closed forms, with its messages, its memory and its certificate."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from catalogue import slider_crank
+
+import clearance_jax as cj
+from clearance_jax import design, metrics
+from clearance_jax._checks import ClearanceError
+from clearance_jax.design import solvers
+from optimize import exponential_cost_closed_form as closed_form
+from optimize import largest_clearance
+
+NAME = "wrist.radial_clearance"
+PEAK = metrics.Peak(metrics.PositionError("piston"))
+
+
+def test_the_literatures_example():
+    """B = (1, 3, 2), S = (1, 1/2, 2), bound 0.1: clearances and costs by hand."""
+    worst, rss = closed_form.allocation("worst case", 3), closed_form.allocation("statistical", 3)
+    np.testing.assert_allclose(worst.x, [0.0236701, 0.0579796, 0.0236701], rtol=3e-6)
+    np.testing.assert_allclose(worst.cost, 178.4847, rtol=1e-6)
+    np.testing.assert_allclose(rss.x, [0.0455006, 0.1041703, 0.0361138], rtol=3e-6)
+    np.testing.assert_allclose(rss.cost, 106.1572, rtol=1e-6)
+
+
+def test_closed_form_allocations(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    for row in closed_form.main(quick=True):
+        assert abs(row.cost_error) <= 1e-6, row
+        assert row.violation <= 1e-8, row
+        assert 0 < row.needed <= (40 if row.method == "slsqp" else 250), row
+
+
+@pytest.mark.parametrize(("method", "error"), [("trust-constr", 1e-4), ("cobyqa", 1e-5), ("projected-adam", 2e-2)])
+def test_the_other_solvers_agree(method, error):
+    problem = closed_form.allocation("worst case", 3)
+    program = problem.program()
+    assert solvers.run(program, method, np.full(3, 0.01)) == ""
+    assert program.best is not None
+    assert -1e-8 <= program.best.objective / problem.cost - 1 <= error
+
+
+def test_costs():
+    c = jnp.array([1e-5, 4e-5, 2e-4])
+    np.testing.assert_allclose(design.Reciprocal(2e-3, 2.0, 7.0)(c), 7 + 2e-3 / c**2)
+    np.testing.assert_allclose(design.Exponential(3.0, 1e4, 1.0)(c), 1 + 3 * jnp.exp(-1e4 * c))
+    np.testing.assert_allclose(design.ExponentialReciprocal(3.0, 1e4, 0.5)(c), 3 * jnp.exp(-1e4 * c) / c**0.5)
+    table = design.Table([1e-5, 4e-5, 1e-4], [9.0, 4.0, 1.0])
+    np.testing.assert_allclose([table(x) for x in (1e-5, 4e-5, 1e-4)], [9, 4, 1])
+    np.testing.assert_allclose([table(x) for x in (1e-6, 1.0)], [9, 1])
+    between = [float(table(x)) for x in np.linspace(1e-5, 1e-4, 50)]
+    assert np.all(np.diff(between) < 0)
+    with pytest.raises(ClearanceError, match="increasing"):
+        design.Table([1e-5, 1e-5], [1, 2])
+
+
+def test_a_band_has_its_ends_and_corners():
+    factors = design.Band(0.5).factors(2)
+    assert {tuple(row) for row in factors} == {(0.5, 0.5), (0.75, 0.75), (1, 1), (0.5, 1), (1, 0.5)}
+
+
+def test_what_was_evaluated_is_kept_and_resumed_from(tmp_path):
+    problem, file = closed_form.allocation("worst case", 5), tmp_path / "points.jsonl"
+
+    def program(**options):
+        n = len(problem.x)
+        names = [f"c{i}" for i in range(n)]
+        return design.Program(problem._evaluate, names, np.full(n, 1e-6), np.full(n, 1e2), ["error"], **options)
+
+    first = program(record=file, most=6)
+    assert "as many" in solvers.run(first, "slsqp", np.full(5, 1e-3))
+    assert first.gradients == 6
+    assert first.best is not None
+    with file.open("a") as f:
+        f.write('{"names": ["c0", ')  # cut off in the middle of a line
+    second = program(record=file)
+    assert second.gradients == 0
+    assert second.best is not None
+    assert second.best.objective == first.best.objective
+    solvers.run(second, "slsqp", np.full(5, 1e-3))
+    assert second.best.objective <= problem.cost * (1 + 1e-6)
+    fresh = program()
+    solvers.run(fresh, "slsqp", np.full(5, 1e-3))
+    assert second.gradients == fresh.gradients - 6  # the first six were remembered
+    with pytest.raises(ClearanceError, match="another problem"):
+        design.Program(problem._evaluate, ["other"], np.ones(1), 2 * np.ones(1), ["error"], record=file)
+
+
+def test_an_interrupted_run_keeps_its_best():
+    problem = closed_form.allocation("worst case", 3)
+
+    def stop(point):
+        if point.worst < 0 and program.gradients > 4:
+            raise KeyboardInterrupt
+
+    program = design.Program(
+        problem._evaluate, ["a", "b", "c"], np.full(3, 1e-6), np.full(3, 1e2), ["error"], progress=stop
+    )
+    assert solvers.run(program, "slsqp", np.full(3, 1e-3)) == "interrupted"
+    assert program.best is not None
+    assert program.best.objective < program.points[0].objective
+
+
+def asked(mechanism=None, variables=None, limits=None, **options):
+    return design.ToleranceProblem(
+        slider_crank() if mechanism is None else mechanism,
+        1e-3,
+        {NAME: (1e-5, 1e-3)} if variables is None else variables,
+        [design.Limit(PEAK, 1e-4)] if limits is None else limits,
+        **options,
+    )
+
+
+def test_messages():
+    with pytest.raises(ClearanceError, match=r"Did you mean `wrist\.radial_clearance`"):
+        asked(variables={"wrist.radial_clearence": (1e-5, 1e-3)})
+    with pytest.raises(ClearanceError, match="contradict"):
+        asked(variables={NAME: (1e-3, 1e-5)}).program()
+    with pytest.raises(ClearanceError, match=r"In `fast`.*finite"):
+        asked(conditions={"fast": {"drive.main.speed": np.nan}})
+    with pytest.raises(ClearanceError, match="is a variable"):
+        asked(conditions={"wide": {NAME: 1e-4}})
+    with pytest.raises(ClearanceError, match="positive number"):
+        design.Limit(PEAK, np.nan)
+    with pytest.raises(ClearanceError, match="no cost for"):
+        asked(cost={"other": design.Reciprocal(1.0)})
+    with pytest.raises(ClearanceError, match=r"no design solver `?'newton'"):
+        asked().solve("newton")
+    with pytest.raises(ClearanceError, match=r"whole number.*cobyqa"):
+        asked(limits=[design.Limit(metrics.Impacts("wrist"), 3.0)]).solve()
+
+
+def test_infeasible_and_unlimited_problems_say_so():
+    impossible = asked(limits=[design.Limit(PEAK, 1e-9, "piston")]).solve()
+    assert not impossible.feasible
+    assert "NO FEASIBLE DESIGN: piston" in str(impossible)
+    assert len(impossible.program.points) > 1
+    with pytest.raises(ClearanceError, match="no feasible design to verify: piston"):
+        impossible.verify()
+    free = asked(limits=[design.Limit(PEAK, 1.0)]).solve()
+    np.testing.assert_allclose(free.clearances[NAME], 1e-3)
+    assert "no limit decides" in str(free)
+
+
+@pytest.mark.slow
+def test_largest_clearance_of_the_papers_robot(monkeypatch, tmp_path, capsys):
+    monkeypatch.chdir(tmp_path)
+    found = largest_clearance.main(quick=True)
+    assert found.feasible
+    assert found.program.gradients <= 8
+    certificate = found.verify(sweep=4)
+    assert certificate.holds
+    np.testing.assert_allclose(certificate.scale, 1.0, atol=1e-6)
+    assert len(certificate.islands) == 1
+    printed = capsys.readouterr().out
+    assert "in one piece" in printed
+    assert "Nearest common fit: " in printed
+    # By another way: the error at the answer, and beside it.
+    c = found.clearances[largest_clearance.NAME]
+    error = metrics.Peak(metrics.PositionError("end"))
+    at, above = (
+        error(cj.replace(found.problem.mechanism, {largest_clearance.NAME: s * c}), found.problem.t1, solver="dopri8")
+        for s in (1.0, 1.001)
+    )
+    assert float(at) <= largest_clearance.BOUND * (1 + 1e-6) < float(above)
+
+
+def test_static_weights_of_a_lever():
+    """A driven arm of length L, its end pinned with play to a slider on a line through the hub: the slider's place by
+    an offset (a, b) of the pin is a along the line and b tan(beta) across, so the weight is 1 / cos(beta) at most.
+    """
+    weights = design.static_weights(slider_crank(), "piston", 0.012)
+    beta = np.arcsin(0.05 / 0.12)
+    np.testing.assert_allclose(weights["wrist"], 1 / np.cos(beta), rtol=1e-3)
