@@ -136,6 +136,7 @@ class ContactController(diffrax.AbstractAdaptiveStepSizeController):
         curves = watched((t0, t1), ends, problem.mechanism) if watching else []
         if watching:
             off = misfit((t0, t1), ends, curves, problem.mechanism) / self.fit
+            off = jnp.where(jnp.isfinite(off), off, jnp.inf)
             scaled, of_motion = jnp.maximum(scaled, off), jnp.maximum(of_motion, off)
         collapsed = (scaled > 1) & (h <= 8 * _EPS * jnp.abs(t1))
         accurate, _, proposal, _, inner, result = self.controller.adapt_step_size(
@@ -167,6 +168,8 @@ class ContactController(diffrax.AbstractAdaptiveStepSizeController):
         next_t0, made_jump = self._past_break(keep, next_t0)
         next_t1 = jnp.maximum(next_t1, next_t0 + 2 * _EPS * jnp.abs(next_t0))
         clipped = self._before_break(next_t0, next_t1)
+        if self.observer is not None:
+            clipped = jnp.minimum(clipped, next_t0 + self.observer.longest)
         natural = jnp.where(clipped < next_t1, jnp.maximum(natural, next_t1 - next_t0), natural)
         result = diffrax.RESULTS.where(collapsed, diffrax.RESULTS.dt_min_reached, result)
         record = controller_state.record

@@ -206,7 +206,14 @@ def solved(inputs: Inputs, options: Options, directions: Any = None) -> Solution
     problem, start, allowed = posed(inputs, options, directions)
     first = motion(problem, start)
     # A lane of a batch with impossible numbers, or a mechanism that is not closed, ends at once with a code of its own.
-    possible = jnp.isfinite(t1) & (t1 > t0) & (rtol > 0) & (rtol < 1) & bounds_hold(problem.mechanism)
+    possible = (
+        jnp.all(jnp.isfinite(first))
+        & jnp.isfinite(t1)
+        & (t1 > t0)
+        & (rtol > 0)
+        & (rtol < 1)
+        & bounds_hold(problem.mechanism)
+    )
     if inputs.y0 is None:
         possible &= is_assembled(problem.mechanism, t0, first)
     end = jnp.where(possible, t1, t0)
@@ -221,8 +228,10 @@ def solved(inputs: Inputs, options: Options, directions: Any = None) -> Solution
         residual = energy_residual(problem.mechanism, t0, t1, first, motion(problem, final))
     accepted, rejected = out.stats["num_accepted_steps"], out.stats["num_rejected_steps"]
     record, picked = None, None
-    if options.observer is not None:
+    if out.controller_state is not None:
         record, picked = options.observer.finished(out.controller_state.record)
+        if picked is not None:
+            picked = Picked(picked.time, projected_samples(problem, picked.time, picked.y))
     return Solution(time, y, start, final, result, accepted, rejected, residual, record, picked)
 
 

@@ -43,33 +43,36 @@ class AbstractMetric(eqx.Module):
 class Peak(AbstractMetric):
     """The largest value of a signal over time, or its `count` highest peaks (the same one again where there are fewer).
 
-    The solve finds them on its way, between its steps too, and keeps their states with their derivatives. The
-    derivative is the signal's at a fixed time: at a smooth peak its time derivative is zero (envelope theorem), at the
-    start the time is fixed, and at the end it goes along with `t1`. Where the peak is a kink or a jump whose time moves
-    with a parameter (an acceleration at a drive's break, by the break's time) that is not the whole derivative. Where
-    two peaks tie the maximum has a kink: ask for both (`count=2`).
+    The solve finds them on its way, between its steps too, and keeps their states with their derivatives; peaks closer
+    together than a 400th of the motion may be missed where nothing in the state moves as fast. The derivative is the
+    signal's at a fixed time: at a smooth peak its time derivative is zero (envelope theorem), at the start the time is
+    fixed, and at the end it goes along with `t1`. Where the peak is a kink or a jump whose time moves with a parameter
+    (an acceleration at a drive's break, by the break's time) that is not the whole derivative. Where two peaks tie the
+    maximum has a kink: ask for both (`count=2`).
     """
 
     signal: AbstractSignal
     count: int = eqx.field(static=True, default=1)
 
     def __call__(self, mechanism, t1, **options):
-        solution = self._solved(mechanism, t1, options)
+        solution, picked = self._solved(mechanism, t1, options)
         # In the order of time, for an ideal mechanism that moves freely; and back.
-        order = jnp.argsort(solution.picked.time)
-        times, y = solution.picked.time[order], solution.picked.y[order]
-        found = self.signal.of(solution, times, y, mechanism, t1, **options)[jnp.argsort(order)]
+        order = jnp.argsort(picked.time)
+        found = self.signal.of(solution, picked.time[order], picked.y[order], mechanism, t1, **options)
+        found = found[jnp.argsort(order)]
         return found[0] if self.count == 1 else found
 
     def times(self, mechanism: Mechanism, t1: Any, **options: Any) -> Float[Array, " count"]:
         """When the peaks are [s], the highest first."""
-        return self._solved(mechanism, t1, options).picked.time
+        return self._solved(mechanism, t1, options)[1].time
 
     def _solved(self, mechanism, t1, options):
         # Where the peaks are is looked for without derivatives.
         fixed, end, others = _fixed((mechanism, t1, options))
-        finder = PeakFinder(self.signal.bound(fixed, end, **others), self.count)
-        return solve(mechanism, t1, observer=finder, **options)
+        finder = PeakFinder(self.signal.bound(fixed, end, **others), self.count, end - others.get("t0", 0.0))
+        solution = solve(mechanism, t1, observer=finder, **options)
+        assert solution.picked is not None
+        return solution, solution.picked
 
 
 def _fixed(tree):

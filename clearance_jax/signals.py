@@ -257,6 +257,11 @@ class AbstractObserver(eqx.Module):
     States are stacks where the problem varies (see `variation`): what an observer picks it picks with its derivatives.
     """
 
+    @property
+    def longest(self) -> Any:
+        """The longest step that it can see through [s]."""
+        return jnp.inf
+
     @abc.abstractmethod
     def start(self, t0: Array, y0: Array, problem: Problem) -> Any:
         """The record before the first step."""
@@ -280,7 +285,7 @@ class Peaks(NamedTuple):
     def highest(self, time, value, y) -> "Peaks":
         """Of these and more of them (leading axis), as many as there were of these."""
         time, value, y = (jnp.concatenate([a, b]) for a, b in zip(self, (time, value, y), strict=True))
-        count = self.value.shape[0]
+        count, value = self.value.shape[0], jnp.where(jnp.isnan(value), -jnp.inf, value)
         top = jnp.argmax(value)[None] if count == 1 else jnp.argsort(-value)[:count]
         return Peaks(time[top], value[top], y[top])
 
@@ -297,6 +302,8 @@ class PeakRecord(NamedTuple):
     y: Array
 
 
+# Steps into which a motion is cut at least where peaks are looked for.
+STEPS = 100
 # Parts of a step on each of which a signal is nearly one cubic.
 PIECES = 4
 
@@ -312,6 +319,13 @@ class PeakFinder(AbstractObserver):
 
     signal: Any
     count: int = eqx.field(static=True)
+    span: Any = jnp.inf
+    """Length of the motion [s]."""
+
+    @property
+    def longest(self):
+        # A signal may follow a drive, of which the state, and so the step size, knows nothing.
+        return self.span / STEPS
 
     def start(self, t0, y0, problem):
         value = jnp.asarray(self.signal(t0, motion(problem, y0), problem.mechanism), float)
@@ -341,17 +355,22 @@ class PeakFinder(AbstractObserver):
         between_steps = jnp.where(right, t0, record.time), height, jnp.where(right, ends[0], record.y)
 
         place, height, bend = tops(value, slope / PIECES)
-        best = jnp.argmax(height)
-        top = place[best]
-        # One Newton step on the signal's own slope; a jump (no bend) stays where it is.
-        here, rate = at((best + top) / PIECES)
-        moved = jnp.where(bend[best] < 0, -rate / PIECES / jnp.where(bend[best] < 0, bend[best], -1.0), 0.0)
-        moved = jnp.clip(top + moved, 0.0, 1.0) - top
-        height = jnp.where(jnp.isfinite(height[best]), here + 0.5 * rate / PIECES * moved, -jnp.inf)
-        x = (best + top + moved) / PIECES
-        inside = t0 + x * h, height, between(ends, h, x, free)
 
-        found = record.peaks.highest(*(jnp.stack(pair) for pair in zip(between_steps, inside, strict=True)))
+        def refined(k):
+            # One Newton step on the signal's own slope; a jump (no bend) stays where it is.
+            here, rate = at((k + place[k]) / PIECES)
+            moved = jnp.where(bend[k] < 0, -rate / PIECES / jnp.where(bend[k] < 0, bend[k], -1.0), 0.0)
+            moved = jnp.clip(place[k] + moved, 0.0, 1.0) - place[k]
+            found = jnp.where(jnp.isfinite(height[k]), here + 0.5 * rate / PIECES * moved, -jnp.inf)
+            # Where a peak is has no derivative here: the signal's at a fixed time is the peak's.
+            x = jax.lax.stop_gradient((k + place[k] + moved) / PIECES)
+            return t0 + x * h, found, between(ends, h, x, free)
+
+        best = jnp.argmax(height)[None] if self.count == 1 else jnp.arange(PIECES)
+        inside = jax.vmap(refined)(best)
+        found = record.peaks.highest(
+            *(jnp.concatenate([a[None], b]) for a, b in zip(between_steps, inside, strict=True))
+        )
         return PeakRecord(found, t1, value[-1], slope[-1], ends[1])
 
     def finished(self, record):

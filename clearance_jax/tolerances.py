@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from clearance_jax._types import Scalar
@@ -15,6 +16,7 @@ LOCAL = 0.1
 FLOOR = 1e-3
 # A contact less deep than this many rtol of the clearance may be passed by.
 FIT = 100.0
+_EPS = float(np.finfo(np.float64).eps)
 # The smallest part of a step that a switch is located to.
 SHORTEST = 1e-8
 
@@ -133,4 +135,9 @@ def tolerances(
     absolute = jnp.concatenate([absolute, jnp.broadcast_to(judged, (books,))])
     relative = jnp.concatenate([local * relative, jnp.zeros(books)])
     unit = jnp.concatenate([unit, jnp.broadcast_to(jnp.where(jnp.isfinite(judged), size.energy, jnp.inf), (books,))])
-    return Tolerances(absolute, relative, switch_margin(mechanism, rtol, varied), unit, FIT * rtol)
+    sizes = list(clearances.values())
+    # Where the surfaces are is known to the round-off of lengths and of angles turned, however short the step.
+    turned = 1 + size.spin * jnp.maximum(jnp.abs(t0), jnp.abs(t1))
+    noise = 64 * _EPS * size.length * turned / jnp.min(jnp.stack(sizes)) if sizes else 0.0
+    fit = jnp.clip(FIT * rtol, noise, jnp.maximum(noise, 0.1))
+    return Tolerances(absolute, relative, switch_margin(mechanism, rtol, varied), unit, fit)

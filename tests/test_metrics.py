@@ -163,6 +163,23 @@ def test_the_end_moves_a_peak_that_lies_there():
     np.testing.assert_allclose(late, (0.4 * w * np.sin(0.1 * w), 0.4 * w**2 * np.cos(0.1 * w)), rtol=1e-6)
 
 
+def test_peaks_of_a_driven_point_beside_a_free_mass():
+    """Nothing in the state moves as the drive does: amplitude w^2, twice a period."""
+    driven, free = cj.Motion(cj.Harmonic(0.1, 60.0)), cj.Motion(velocity=1.0)
+    mechanism = cj.Mechanism(
+        bodies=(cj.Body("a", 1.0), cj.Body("b", 1.0)),
+        joints=(
+            cj.Prismatic("shaker", "ground", "a", motion=driven),
+            cj.Prismatic("slide", "ground", "b", motion=free),
+        ),
+        points=(cj.Point("end", "a"),),
+    )
+    metric = metrics.Peak(metrics.Acceleration("end"), 3)
+    np.testing.assert_allclose(metric(mechanism, 1.0), 0.1 * 60.0**2, rtol=1e-6)
+    times = metric.times(mechanism, 1.0) * 60 / np.pi - 0.5
+    np.testing.assert_allclose(times, np.round(times), atol=1e-3)
+
+
 def test_free_ideal_motion_is_solved_for():
     """A servo drives a joint with play: the ideal mechanism moves freely, and the error is against its own motion."""
     mechanism = playful_servo()

@@ -1,5 +1,6 @@
 """The solve against independent references, invariants and limits."""
 
+import dataclasses
 from pathlib import Path
 
 import catalogue
@@ -11,6 +12,7 @@ import scipy.integrate
 
 import clearance_jax as cj
 from clearance_jax import laws
+from clearance_jax.mechanism.body import AbstractActuator
 from clearance_jax.trace import BLOCK
 
 DATA = Path(__file__).parents[1] / "experiments" / "reference" / "data"
@@ -65,6 +67,28 @@ def test_a_free_pin_does_not_swing_past_the_contacts_of_a_driven_sleeve():
             s = cj.simulate(m, end, rtol=rtol, solver=solver)
             np.testing.assert_allclose(s.final[0], truth.y[0, -1], rtol=0, atol=max(1e-7, 100 * rtol) * c)
             assert float(s.energy_residual) <= 10 * rtol
+
+
+class Broken(AbstractActuator):
+    """A force that is not a number after a while."""
+
+    def __call__(self, time, position, velocity):
+        return jnp.where(time > 0.005, jnp.nan, 0.0 * position)
+
+
+def test_a_force_that_is_not_a_number_ends_the_solve():
+    m = catalogue.slider_crank()
+    guide = dataclasses.replace(m.joints[2], motion=cj.Motion(position=0.17, actuators=(Broken(),)))
+    broken = dataclasses.replace(m, joints=(*m.joints[:2], guide))
+    s = cj.simulate(broken, 0.01, throw=False, books=False, max_steps=5000)
+    assert "step size collapsed" in s.message
+    assert int(s.rejected) < 500
+
+
+def test_small_clearances_after_many_turns_are_not_lost_in_round_off():
+    m = catalogue.slider_crank(1e-6)
+    for rtol in (1e-9, 1e-11):
+        assert bool(cj.simulate(m, 1.2001, t0=1.2, rtol=rtol, books=False).succeeded)
 
 
 def test_plain_controller_has_a_floor():

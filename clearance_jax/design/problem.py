@@ -234,14 +234,14 @@ class ToleranceProblem:
         for condition, factors in scenarios:
             given = {k: jnp.asarray(v, float) for k, v in self.conditions[condition].items()}
             asked = (self.mechanism, self._metrics, tuple(self.variables), jnp.asarray(wide * factors), given)
-            out = (_slopes if gradient else _values)(*asked, jnp.asarray(self.t1), solve)
+            found, slopes = (_slopes if gradient else _values)(*asked, jnp.asarray(self.t1), solve)
             bounds = np.concatenate(
-                [np.full(np.size(v), limit.bound) for v, limit in zip(out[0], self.limits, strict=True)]
+                [np.full(np.size(v), limit.bound) for v, limit in zip(found, self.limits, strict=True)]
             )
-            limits.append(np.concatenate([np.ravel(v) for v in out[0]]) / bounds - 1)
+            limits.append(np.concatenate([np.ravel(v) for v in found]) / bounds - 1)
             if gradient:
                 rows.append(
-                    np.concatenate([np.reshape(j, (-1, len(wide))) for j in out[1]]) * factors / bounds[:, None]
+                    np.concatenate([np.reshape(j, (-1, len(wide))) for j in slopes]) * factors / bounds[:, None]
                 )
         objective, slope = self._objective(wide)
         jacobian = np.concatenate(rows) if gradient else None
@@ -274,7 +274,7 @@ def _moved(mechanism, names, values, given):
 @eqx.filter_jit
 def _values(mechanism, metrics, names, values, given, t1, solve):
     moved = _moved(mechanism, names, values, given)
-    return ([metric(moved, t1, **solve) for metric in metrics],)
+    return [metric(moved, t1, **solve) for metric in metrics], []
 
 
 @eqx.filter_jit

@@ -153,18 +153,17 @@ def _descend(merit: Callable, z: np.ndarray, bounds, most: int, tolerance: float
         if direction @ free >= 0:
             direction = -free
         length = 1.0 if spent > 1 else min(1.0, 0.3 / np.linalg.norm(direction))
-        improved = False
-        while spent < most:
+        better = None
+        while spent < most and better is None:
             moved = np.clip(z + length * direction, *bounds)
             there, slope = merit(moved)
             spent += 1
-            if there <= value + 1e-4 * gradient @ (moved - z):
-                improved = bool(np.any(moved != z))
-                break
             length *= 0.3
-        if not improved:
+            if there <= value + 1e-4 * gradient @ (moved - z):
+                better = moved, there, slope
+        if better is None or np.all(better[0] == z):
             break
-        z, value, gradient = moved, there, slope
+        z, value, gradient = better
     return z, spent
 
 
