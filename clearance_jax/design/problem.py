@@ -11,6 +11,7 @@ import numpy as np
 
 from clearance_jax._checks import ClearanceError
 from clearance_jax.design.costs import AbstractCost
+from clearance_jax.design.made import Band, Yield, Yielded, counted
 from clearance_jax.design.program import Point, Program
 from clearance_jax.design.solvers import GRADIENT_FREE, run
 from clearance_jax.design.verify import Certificate, verify
@@ -42,24 +43,12 @@ class Limit(eqx.Module):
         return self.name or " ".join(parts)
 
 
-class Band(NamedTuple):
-    """Made clearances lie between `least` times the designed one and the designed one, which is their upper limit: the
-    limits must hold on `points` values between, all joints alike, and at every corner for up to `corners` joints.
-    """
+class Scenario(NamedTuple):
+    """One simulation that a design must stand: the title of its condition, values by name, factors on the variables."""
 
-    least: float
-    points: int = 3
-    corners: int = 3
-
-    def factors(self, count: int) -> np.ndarray:
-        """Factors on the designed clearances, shape (scenarios, count)."""
-        if not 0 < self.least < 1:
-            raise ClearanceError(f"`Band.least` must be between 0 and 1, but it is {self.least}.")
-        along = np.linspace(self.least, 1.0, self.points)[:, None] * np.ones(count)
-        if 1 < count <= self.corners:
-            grid = np.stack(np.meshgrid(*[[self.least, 1.0]] * count), -1).reshape(-1, count)
-            along = np.concatenate([along, grid])
-        return np.unique(along, axis=0)
+    title: str
+    given: dict[str, jax.Array]
+    factors: np.ndarray
 
 
 class ToleranceProblem:
@@ -74,7 +63,7 @@ class ToleranceProblem:
       common to all variables where there are several.
     - `conditions`: name of the condition -> values by parameter name (speeds, loads, friction, phases), or a sequence
       of such values; every limit must hold in each. None: the mechanism as it is.
-    - `band`: the limits must hold over a band of made clearances, see `Band`.
+    - `made`: how parts come out of manufacture, a `Band` or a `Yield`; None: as designed.
     - `rtol`, `solver`: of the solves.
 
     **Raises:** `ClearanceError` for unknown names, bounds that contradict each other, numbers that are not finite.
@@ -88,7 +77,7 @@ class ToleranceProblem:
         limits: Sequence[Limit],
         cost: AbstractCost | Mapping[str, AbstractCost] | None = None,
         conditions: Mapping[str, Mapping[str, Any]] | Sequence[Mapping[str, Any]] | None = None,
-        band: Band | None = None,
+        made: Band | Yield | None = None,
         rtol: float = 1e-8,
         solver: str = "tsit5",
     ):
@@ -97,7 +86,7 @@ class ToleranceProblem:
         self.variables = {name: (float(low), float(high)) for name, (low, high) in variables.items()}
         if not self.variables or not self.limits:
             raise ClearanceError("A design problem wants at least one variable and one limit.")
-        self.rtol, self.solver, self.band = rtol, solver, band
+        self.rtol, self.solver, self.made = rtol, solver, made
         self.common = cost is None
         self.costs = _costs(cost, tuple(self.variables))
         if not isinstance(conditions, Mapping):
@@ -132,21 +121,65 @@ class ToleranceProblem:
         bounds = np.array(list(self.variables.values()))
         if len(self.names) < len(self.variables):
             bounds = np.array([[bounds[:, 0].max(), bounds[:, 1].min()]])
-        factors = np.ones((1, len(self.variables))) if self.band is None else self.band.factors(len(self.variables))
-        scenarios = [(condition, row) for condition in self.conditions for row in factors]
         solve = {"rtol": rtol or self.rtol, "solver": solver or self.solver}
-        shapes = [self._shape(metric, solve) for metric in self._metrics]
-        titles = [
-            limit.title + (f", peak {k + 1}" if size > 1 else "") + self._place(condition, row)
-            for condition, row in scenarios
-            for limit, size in zip(self.limits, shapes, strict=True)
-            for k in range(size)
-        ]
+        scenarios = self.scenarios()
+        if isinstance(self.made, Yield):
+            titles = [f"yield of {self.made.target:.4g}{self._in(condition)}" for condition in self.conditions]
+        else:
+            sizes = [self._size(metric, solve) for metric in self._metrics]
+            titles = [
+                limit.title + (f", peak {k + 1}" if size > 1 else "") + scenario.title
+                for scenario in scenarios
+                for limit, size in zip(self.limits, sizes, strict=True)
+                for k in range(size)
+            ]
 
         def evaluate(x, gradient):
             return self._evaluate(x, gradient, scenarios, solve)
 
         return Program(evaluate, self.names, bounds[:, 0], bounds[:, 1], titles, **options)
+
+    def scenarios(self, fresh: int = 0, seed: int | None = None) -> list[Scenario]:
+        """What a design is simulated in, condition by condition; of a `Yield` its samples, or so many fresh ones."""
+        names, found = tuple(self.variables), []
+        for condition, values in self.conditions.items():
+            given = {name: jnp.asarray(value, float) for name, value in values.items()}
+            where = self._in(condition)
+            if isinstance(self.made, Yield):
+                draws = self.made.draws(names, fresh, seed)
+                known = parameters(replace(self.mechanism, values))
+                others = {n: np.asarray(known[n].value) * f for n, f in draws.items() if n not in names}
+                for i in range(fresh or self.made.samples):
+                    moved = {n: jnp.asarray(f[i], float) for n, f in others.items()}
+                    row = np.array([draws[n][i] for n in names])
+                    found.append(Scenario(f"{where}, sample {i + 1}", {**given, **moved}, row))
+            elif isinstance(self.made, Band):
+                for row in self.made.factors(len(names)):
+                    found.append(Scenario(f"{where}, clearances times {' '.join(f'{f:g}' for f in row)}", given, row))
+            else:
+                found.append(Scenario(where, given, np.ones(len(names))))
+        return found
+
+    def yielded(self, x: np.ndarray, samples: int = 10_000, seed: int = 12345, batch: int = 250) -> Yielded:
+        """The yield of a design (its variables, shape (n,)) on fresh samples; the worst condition's."""
+        if not isinstance(self.made, Yield):
+            raise ClearanceError("Only a problem with `made=Yield(...)` has a yield.")
+        scenarios, solve = self.scenarios(samples, seed), {"rtol": self.rtol, "solver": self.solver}
+        wide = np.broadcast_to(x, (len(self.variables),))
+        held = []
+        for start in range(0, len(scenarios), batch):
+            part = scenarios[start : start + batch]
+            part = part + part[-1:] * (batch - len(part))  # one batch size, so one program
+            points = jnp.asarray(wide * np.stack([s.factors for s in part]))
+            given = {name: jnp.stack([s.given[name] for s in part]) for name in part[0].given}
+            asked = self.mechanism, self._metrics, tuple(self.variables), points, given, jnp.asarray(self.t1), solve
+            found = _batch(*asked)
+            worst = [
+                np.max(np.reshape(v, (batch, -1)), 1) / m.bound - 1 for v, m in zip(found, self.limits, strict=True)
+            ]
+            held.append(np.max(worst, axis=0) <= 0)  # false for a lane that could not be solved
+        rows = np.concatenate(held)[: len(scenarios)].reshape(len(self.conditions), samples)
+        return min((counted(row) for row in rows), key=lambda y: y.share)
 
     def clearances(self, x: np.ndarray) -> dict[str, float]:
         """The variables by name of a solver's point."""
@@ -218,36 +251,51 @@ class ToleranceProblem:
                     return f"Gradients are not to be trusted ({name}, {limit.title}): {report.reasons[0]}"
         return ""
 
-    def _place(self, condition, row) -> str:
-        where = [condition] if len(self.conditions) > 1 else []
-        if self.band is not None:
-            where.append("clearances times " + " ".join(f"{f:g}" for f in row))
-        return f" ({', '.join(where)})" if where else ""
+    def _in(self, condition) -> str:
+        return f" ({condition})" if len(self.conditions) > 1 else ""
 
-    def _shape(self, metric, solve) -> int:
+    def _size(self, metric, solve) -> int:
         out = jax.eval_shape(lambda t1: metric(self.mechanism, t1, **solve), jnp.asarray(self.t1))
         return int(np.prod(out.shape))
 
     def _evaluate(self, x, gradient, scenarios, solve) -> Point:
         wide = np.broadcast_to(x, (len(self.variables),))
         limits, rows = [], []
-        for condition, factors in scenarios:
-            given = {k: jnp.asarray(v, float) for k, v in self.conditions[condition].items()}
-            asked = (self.mechanism, self._metrics, tuple(self.variables), jnp.asarray(wide * factors), given)
-            found, slopes = (_slopes if gradient else _values)(*asked, jnp.asarray(self.t1), solve)
+        for scenario in scenarios:
+            asked = (self.mechanism, self._metrics, tuple(self.variables), jnp.asarray(wide * scenario.factors))
+            call = _slopes if gradient else _values
+            found, slopes = call(*asked, scenario.given, jnp.asarray(self.t1), solve)
             bounds = np.concatenate(
                 [np.full(np.size(v), limit.bound) for v, limit in zip(found, self.limits, strict=True)]
             )
             limits.append(np.concatenate([np.ravel(v) for v in found]) / bounds - 1)
             if gradient:
-                rows.append(
-                    np.concatenate([np.reshape(j, (-1, len(wide))) for j in slopes]) * factors / bounds[:, None]
-                )
+                by_variable = np.concatenate([np.reshape(j, (-1, len(wide))) for j in slopes])
+                rows.append(by_variable * scenario.factors / bounds[:, None])
+        values, jacobian = np.stack(limits), np.stack(rows) if gradient else None
+        if isinstance(self.made, Yield):
+            values, jacobian = self._at_risk(values, jacobian)
+        else:
+            values = values.ravel()
+            jacobian = None if jacobian is None else jacobian.reshape(-1, len(wide))
         objective, slope = self._objective(wide)
-        jacobian = np.concatenate(rows) if gradient else None
         if len(x) < len(wide):
             slope, jacobian = slope.sum(keepdims=True), jacobian if jacobian is None else jacobian.sum(1, keepdims=True)
-        return Point(np.array(x), objective, np.concatenate(limits), slope if gradient else None, jacobian)
+        return Point(np.array(x), objective, values, slope if gradient else None, jacobian)
+
+    def _at_risk(self, values, jacobian):
+        """Of scaled limits (scenarios, m) and slopes (scenarios, m, n): conditional values at risk, one a condition."""
+        assert isinstance(self.made, Yield)
+        risks, slopes = [], []
+        for k in range(len(self.conditions)):
+            part = slice(k * self.made.samples, (k + 1) * self.made.samples)
+            which = np.argmax(values[part], axis=1)
+            worst = np.take_along_axis(values[part], which[:, None], 1)[:, 0]
+            weights = self.made.weights(worst)
+            risks.append(float(weights @ worst))
+            if jacobian is not None:
+                slopes.append(weights @ np.take_along_axis(jacobian[part], which[:, None, None], 1)[:, 0])
+        return np.array(risks), None if jacobian is None else np.stack(slopes)
 
     def _objective(self, x) -> tuple[float, np.ndarray]:
         if self.common:
@@ -275,6 +323,11 @@ def _moved(mechanism, names, values, given):
 def _values(mechanism, metrics, names, values, given, t1, solve):
     moved = _moved(mechanism, names, values, given)
     return [metric(moved, t1, **solve) for metric in metrics], []
+
+
+@eqx.filter_jit
+def _batch(mechanism, metrics, names, points, given, t1, solve):
+    return jax.vmap(lambda v, g: _values(mechanism, metrics, names, v, g, t1, solve)[0])(points, given)
 
 
 @eqx.filter_jit
@@ -314,6 +367,10 @@ class Design:
     def active(self) -> list[str]:
         """The limits that decide: those met to a thousandth."""
         return [n for n, g in zip(self.program.limit_names, self.point.limits, strict=True) if g > -1e-3]
+
+    def yielded(self, samples: int = 10_000, seed: int = 12345) -> Yielded:
+        """The yield on fresh samples, of a problem with `made=Yield(...)`."""
+        return self.problem.yielded(self.point.x, samples, seed)
 
     def verify(self, **options: Any) -> Certificate:
         """A certificate by another solver and a tenfold tighter tolerance, see `design.verify.verify`."""

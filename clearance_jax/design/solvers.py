@@ -5,6 +5,7 @@ program remembers every point, and its best feasible one is the answer, also of 
 """
 
 import functools
+import warnings
 from collections.abc import Callable
 
 import jax
@@ -205,13 +206,15 @@ def cma_es(program: Program, start: np.ndarray, tolerance: float = 1e-6, seed: i
         "tolx": tolerance,
         "tolfun": tolerance**2,
     }
-    cma.fmin_con2(
-        lambda z: scaled.value(np.asarray(z))[0],
-        scaled.start.tolist(),
-        0.2,
-        constraints=lambda z: scaled.value(np.asarray(z))[1].tolist(),
-        options=options,
-    )
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*moarchiving")  # an extra of cma's that is not used
+        cma.fmin_con2(
+            lambda z: scaled.value(np.asarray(z))[0],
+            scaled.start.tolist(),
+            0.2,
+            constraints=lambda z: scaled.value(np.asarray(z))[1].tolist(),
+            options=options,
+        )
 
 
 SOLVERS: dict[str, Callable[..., None]] = {
