@@ -64,8 +64,8 @@ class ExponentialReciprocal(AbstractCost):
 
 
 class Table(AbstractCost):
-    """Costs quoted for a process at some clearances, and in between a curve that does not overshoot (PCHIP); beyond
-    the first and the last the cost is theirs.
+    """Costs quoted for a process at some clearances, and in between a curve that does not overshoot (PCHIP); below the
+    first it goes on straight, beyond the last the cost is the last.
     """
 
     clearances: Float[Array, " n"]
@@ -81,4 +81,5 @@ class Table(AbstractCost):
     def __call__(self, clearance):
         x = jnp.clip(clearance, self.clearances[0], self.clearances[-1])
         i = jnp.clip(jnp.searchsorted(self.clearances, x, side="right") - 1, 0, self.clearances.shape[0] - 2)
-        return jnp.polyval(self.coefficients[:, i], x - self.clearances[i])
+        below = jnp.minimum(clearance - self.clearances[0], 0.0) * self.coefficients[2, 0]
+        return jnp.polyval(self.coefficients[:, i], x - self.clearances[i]) + below

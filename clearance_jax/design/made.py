@@ -22,7 +22,7 @@ class Band(NamedTuple):
         """Factors on the designed clearances, shape (scenarios, count)."""
         if not 0 < self.least < 1:
             raise ClearanceError(f"`Band.least` must be between 0 and 1, but it is {self.least}.")
-        along = np.linspace(self.least, 1.0, self.points)[:, None] * np.ones(count)
+        along = np.append(np.linspace(self.least, 1.0, self.points), 1.0)[:, None] * np.ones(count)
         if 1 < count <= self.corners:
             grid = np.stack(np.meshgrid(*[[self.least, 1.0]] * count), -1).reshape(-1, count)
             along = np.concatenate([along, grid])

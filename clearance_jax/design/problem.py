@@ -1,5 +1,6 @@
 """The question a designer asks: which clearances, so that errors and forces stay within bounds, at the least cost."""
 
+import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -17,6 +18,7 @@ from clearance_jax.design.solvers import GRADIENT_FREE, run
 from clearance_jax.design.verify import Certificate, verify
 from clearance_jax.mechanism.mechanism import Mechanism, parameters, replace
 from clearance_jax.metrics import AbstractMetric, Peak
+from clearance_jax.sensitivity import values_of
 from clearance_jax.solve import check_arguments, check_values
 from clearance_jax.trust import gradient_report
 
@@ -40,7 +42,8 @@ class Limit(eqx.Module):
         """The given name, or the metric's."""
         signal = getattr(self.metric, "signal", None)
         parts = [type(self.metric).__name__] + ([] if signal is None else [type(signal).__name__])
-        return self.name or " ".join(parts)
+        of = next((getattr(signal, n) for n in ("point", "joint", "body") if hasattr(signal, n)), None)
+        return self.name or " ".join(parts) + ("" if of is None else f" of {of}")
 
 
 class Scenario(NamedTuple):
@@ -89,13 +92,18 @@ class ToleranceProblem:
         self.rtol, self.solver, self.made = rtol, solver, made
         self.common = cost is None
         self.costs = _costs(cost, tuple(self.variables))
+        if not conditions:
+            conditions = [{}]
         if not isinstance(conditions, Mapping):
-            conditions = {f"condition {i + 1}": c for i, c in enumerate(conditions or [{}])}
+            conditions = {f"condition {i + 1}": c for i, c in enumerate(conditions)}
         self.conditions = {name: dict(values) for name, values in conditions.items()}
         for name, values in self.conditions.items():
             try:
                 moved = replace(mechanism, values)
-                check_values(replace(moved, {k: low for k, (low, _) in self.variables.items()}))
+                for end in (0, 1):
+                    check_values(replace(moved, {name: ends[end] for name, ends in self.variables.items()}))
+                if isinstance(made, Yield):
+                    values_of(moved, tuple(made.scatter))  # an unknown name raises here
                 known = parameters(moved)
             except ClearanceError as error:
                 raise ClearanceError(f"In `{name}`: {error}") from None
@@ -124,7 +132,7 @@ class ToleranceProblem:
         solve = {"rtol": rtol or self.rtol, "solver": solver or self.solver}
         scenarios = self.scenarios()
         if isinstance(self.made, Yield):
-            titles = [f"yield of {self.made.target:.4g}{self._in(condition)}" for condition in self.conditions]
+            titles = groups = [f"yield of {self.made.target:.4g}{self._in(condition)}" for condition in self.conditions]
         else:
             sizes = [self._size(metric, solve) for metric in self._metrics]
             titles = [
@@ -133,11 +141,29 @@ class ToleranceProblem:
                 for limit, size in zip(self.limits, sizes, strict=True)
                 for k in range(size)
             ]
+            pairs = list(zip(self.limits, sizes, strict=True))
+            groups = [limit.title for _ in scenarios for limit, size in pairs for _ in range(size)]
 
         def evaluate(x, gradient):
             return self._evaluate(x, gradient, scenarios, solve)
 
-        return Program(evaluate, self.names, bounds[:, 0], bounds[:, 1], titles, **options)
+        return Program(
+            evaluate,
+            self.names,
+            bounds[:, 0],
+            bounds[:, 1],
+            titles,
+            groups=groups,
+            identity=self._identity(solve),
+            **options,
+        )
+
+    def _identity(self, solve) -> str:
+        """A short text that another problem does not have."""
+        leaves, structure = jax.tree.flatten(eqx.filter((self.mechanism, self.costs, self._metrics), eqx.is_array_like))
+        asked = (self.t1, self.variables, self.conditions, self.made, solve, [limit.bound for limit in self.limits])
+        text = repr(([np.asarray(leaf).tolist() for leaf in leaves], str(structure), asked))
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def scenarios(self, fresh: int = 0, seed: int | None = None) -> list[Scenario]:
         """What a design is simulated in, condition by condition; of a `Yield` its samples, or so many fresh ones."""
@@ -167,8 +193,11 @@ class ToleranceProblem:
         scenarios, solve = self.scenarios(samples, seed), {"rtol": self.rtol, "solver": self.solver}
         wide = np.broadcast_to(x, (len(self.variables),))
         held = []
-        for start in range(0, len(scenarios), batch):
-            part = scenarios[start : start + batch]
+        # Not across conditions: they may set different names.
+        starts = [k * samples + i for k in range(len(self.conditions)) for i in range(0, samples, batch)]
+        for start in starts:
+            part = scenarios[start : min(start + batch, (start // samples + 1) * samples)]
+            size = len(part)
             part = part + part[-1:] * (batch - len(part))  # one batch size, so one program
             points = jnp.asarray(wide * np.stack([s.factors for s in part]))
             given = {name: jnp.stack([s.given[name] for s in part]) for name in part[0].given}
@@ -177,8 +206,8 @@ class ToleranceProblem:
             worst = [
                 np.max(np.reshape(v, (batch, -1)), 1) / m.bound - 1 for v, m in zip(found, self.limits, strict=True)
             ]
-            held.append(np.max(worst, axis=0) <= 0)  # false for a lane that could not be solved
-        rows = np.concatenate(held)[: len(scenarios)].reshape(len(self.conditions), samples)
+            held.append((np.max(worst, axis=0) <= 0)[:size])  # false for a lane that could not be solved
+        rows = np.concatenate(held).reshape(len(self.conditions), samples)
         return min((counted(row) for row in rows), key=lambda y: y.share)
 
     def clearances(self, x: np.ndarray) -> dict[str, float]:
@@ -244,9 +273,19 @@ class ToleranceProblem:
         for name, values in self.conditions.items():
             moved = replace(self.mechanism, {**values, **self.clearances(x)})
             for limit in self.limits:
-                report = gradient_report(
-                    moved, limit.metric, tuple(self.variables), self.t1, rtol=self.rtol, on_untrusted="ignore"
-                )
+                samples = max(16, len(self.variables) + 3)
+                try:
+                    report = gradient_report(
+                        moved,
+                        limit.metric,
+                        tuple(self.variables),
+                        self.t1,
+                        rtol=self.rtol,
+                        samples=samples,
+                        on_untrusted="ignore",
+                    )
+                except (ClearanceError, RuntimeError) as error:
+                    return f"There are no gradients to trust ({name}, {limit.title}): {error}"
                 if not report.trusted:
                     return f"Gradients are not to be trusted ({name}, {limit.title}): {report.reasons[0]}"
         return ""

@@ -53,7 +53,9 @@ class Program:
 
     - `evaluate`: `(x, with_gradient) -> Point`.
     - `names`, `lower`, `upper`: of the variables, positive; `limit_names`: of the limits.
-    - `record`: a file (JSON lines) to which every point is added, and from which a run that was stopped goes on.
+    - `groups`: of each limit, which of the designer's limits it belongs to (default: itself).
+    - `record`: a file (JSON lines) to which every point is added, and from which a run that was stopped goes on, if the
+      `identity` recorded in it is the same.
     - `most`: evaluations after which a solver is stopped with the best so far.
     - `progress`: called with each new point.
     """
@@ -65,17 +67,22 @@ class Program:
         lower: np.ndarray,
         upper: np.ndarray,
         limit_names: Sequence[str],
+        groups: Sequence[str] | None = None,
         record: str | Path | None = None,
+        identity: str = "",
         most: int = 1_000_000,
         progress: Callable[[Point], None] | None = None,
     ):
         self.names, self.limit_names = tuple(names), tuple(limit_names)
+        self.groups, self._identity = tuple(groups or limit_names), identity
         self.lower, self.upper = np.asarray(lower, float), np.asarray(upper, float)
         for name, low, high in zip(self.names, self.lower, self.upper, strict=True):
             if not 0 < low < high < math.inf:
                 raise ClearanceError(f"The bounds of `{name}` contradict each other: 0 < {low:g} < {high:g} must hold.")
         self._evaluate, self._most, self._progress = evaluate, most, progress
         self._file = None if record is None else Path(record)
+        if self._file is not None and not self._file.parent.is_dir():
+            raise ClearanceError(f"There is no folder `{self._file.parent}` for the record.")
         self.points: list[Point] = []
         self._known: dict[bytes, Point] = {}
         self.evaluations = self.gradients = 0
@@ -96,7 +103,7 @@ class Program:
         self._keep(point)
         if self._file is not None:
             with self._file.open("a") as file:
-                file.write(json.dumps({"names": self.names, **_listed(point)}) + "\n")
+                file.write(json.dumps({"names": self.names, "identity": self._identity, **_listed(point)}) + "\n")
         if self._progress is not None:
             self._progress(point)
         return point
@@ -128,12 +135,17 @@ class Program:
 
     def _load(self) -> None:
         assert self._file is not None
-        for line in self._file.read_text().splitlines():
+        text = self._file.read_text()
+        if text and not text.endswith("\n"):
+            with self._file.open("a") as file:
+                file.write("\n")
+        for line in text.splitlines():
             try:
                 entry = json.loads(line)
             except json.JSONDecodeError:
                 continue  # the line that was being written when the run was stopped
-            if tuple(entry.pop("names")) != self.names or len(entry["limits"]) != len(self.limit_names):
+            known = (tuple(entry.pop("names")), entry.pop("identity"), len(entry["limits"]))
+            if known != (self.names, self._identity, len(self.limit_names)):
                 raise ClearanceError(f"`{self._file}` records another problem. Choose another file.")
             arrays = {k: None if v is None else np.asarray(v, float) for k, v in entry.items() if k != "objective"}
             self._keep(Point(objective=float(entry["objective"]), **arrays))

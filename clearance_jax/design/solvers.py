@@ -32,11 +32,11 @@ class _Scaled:
     are nearly linear.
     """
 
-    def __init__(self, program: Program, start: np.ndarray):
+    def __init__(self, program: Program, start: np.ndarray, gradient: bool = True):
         self.program = program
         self.bounds = np.log(program.lower), np.log(program.upper)
         self.start = np.clip(np.log(start), *self.bounds)
-        first = program.at(np.exp(self.start), True)
+        first = program.at(np.exp(self.start), gradient)
         self.positive = first.objective > 0
         self.size = max(abs(first.objective), 1e-300)
 
@@ -64,25 +64,25 @@ class _Scaled:
         return np.nan_to_num(np.log(np.maximum(1 + point.limits, SMALLEST)), nan=1e1) + INSIDE
 
 
-def slsqp(program: Program, start: np.ndarray, tolerance: float = 1e-10) -> None:
+def slsqp(program: Program, start: np.ndarray, tolerance: float = 1e-10) -> str:
     """Sequential quadratic programming (Kraft 1988), scipy's."""
-    _scipy(program, start, "SLSQP", {"ftol": tolerance, "maxiter": 200})
+    return _scipy(program, start, "SLSQP", {"ftol": tolerance, "maxiter": 200})
 
 
-def trust_constr(program: Program, start: np.ndarray, tolerance: float = 1e-10) -> None:
+def trust_constr(program: Program, start: np.ndarray, tolerance: float = 1e-10) -> str:
     """Trust-region interior point, scipy's: slower and more patient, a second opinion."""
-    _scipy(program, start, "trust-constr", {"gtol": tolerance, "xtol": 1e-12, "maxiter": 500})
+    return _scipy(program, start, "trust-constr", {"gtol": tolerance, "xtol": 1e-12, "maxiter": 500})
 
 
-def cobyqa(program: Program, start: np.ndarray, tolerance: float = 1e-6) -> None:
+def cobyqa(program: Program, start: np.ndarray, tolerance: float = 1e-6) -> str:
     """Quadratic models without gradients (Ragonneau 2022), scipy's."""
-    _scipy(program, start, "COBYQA", {"final_tr_radius": tolerance, "maxfev": 5000})
+    return _scipy(program, start, "COBYQA", {"final_tr_radius": tolerance, "maxfev": 5000})
 
 
-def _scipy(program: Program, start, method: str, options: dict) -> None:
-    scaled = _Scaled(program, start)
-    limits = {"fun": lambda z: -scaled.value(z)[1]}
+def _scipy(program: Program, start, method: str, options: dict) -> str:
     exact = method != "COBYQA"
+    scaled = _Scaled(program, start, exact)
+    limits = {"fun": lambda z: -scaled.value(z)[1]}
     if exact:
         limits["jac"] = lambda z: -scaled.slopes(z)[3]
 
@@ -100,7 +100,7 @@ def _scipy(program: Program, start, method: str, options: dict) -> None:
         constraints = [scipy.optimize.NonlinearConstraint(limits["fun"], 0.0, np.inf, **jacobian)]
     if not program.limit_names:
         constraints = []
-    scipy.optimize.minimize(
+    found = scipy.optimize.minimize(
         objective,
         scaled.start,
         jac=exact or None,
@@ -109,6 +109,7 @@ def _scipy(program: Program, start, method: str, options: dict) -> None:
         constraints=constraints,
         options=options,
     )
+    return "" if found.success else f"{method} ended with: {found.message}"
 
 
 def augmented_lagrangian(program: Program, start: np.ndarray, tolerance: float = 1e-9, most: int = 250) -> None:
@@ -128,8 +129,9 @@ def augmented_lagrangian(program: Program, start: np.ndarray, tolerance: float =
         z, used = _descend(merit, z, scaled.bounds, most - spent, wanted)
         spent += used
         _, limits = scaled.value(z)
+        # Of a violated limit the violation; of one with slack, how far its multiplier is from zero.
+        now = float(np.max(np.abs(np.maximum(limits, -multipliers / weight)), initial=0.0))
         multipliers = np.maximum(0.0, multipliers + weight * limits)
-        now = float(np.max(np.maximum(limits, -multipliers / weight), initial=0.0))
         if now <= tolerance and wanted <= 1e2 * tolerance:
             return
         # Early multipliers are rough, and so may their minimum be.
@@ -146,11 +148,12 @@ def _descend(merit: Callable, z: np.ndarray, bounds, most: int, tolerance: float
     value, gradient = merit(z)
     spent = 1
     while spent < most:
-        free = np.where(((z <= bounds[0]) & (gradient > 0)) | ((z >= bounds[1]) & (gradient < 0)), 0.0, gradient)
+        fixed = ((z <= bounds[0]) & (gradient > 0)) | ((z >= bounds[1]) & (gradient < 0))
+        free = np.where(fixed, 0.0, gradient)
         if np.linalg.norm(free) <= tolerance:
             break
         update, state = improve(jnp.asarray(free), state, jnp.asarray(z))
-        direction = -np.asarray(update)
+        direction = np.where(fixed, 0.0, -np.asarray(update))
         if direction @ free >= 0:
             direction = -free
         length = 1.0 if spent > 1 else min(1.0, 0.3 / np.linalg.norm(direction))
@@ -198,7 +201,7 @@ def cma_es(program: Program, start: np.ndarray, tolerance: float = 1e-6, seed: i
         import cma
     except ImportError:
         raise ClearanceError("CMA-ES needs the package cma: pip install 'clearance-jax[cma]'.") from None
-    scaled = _Scaled(program, start)
+    scaled = _Scaled(program, start, False)
     options = {
         "bounds": [b.tolist() for b in scaled.bounds],
         "seed": seed,
@@ -217,7 +220,7 @@ def cma_es(program: Program, start: np.ndarray, tolerance: float = 1e-6, seed: i
         )
 
 
-SOLVERS: dict[str, Callable[..., None]] = {
+SOLVERS: dict[str, Callable[..., str | None]] = {
     "slsqp": slsqp,
     "trust-constr": trust_constr,
     "augmented-lagrangian": augmented_lagrangian,
@@ -233,13 +236,15 @@ def run(program: Program, method: str, start: np.ndarray, **options) -> str:
     if method not in SOLVERS:
         raise ClearanceError(f"There is no design solver {method!r}. " + suggest(method, SOLVERS))
     try:
-        SOLVERS[method](program, start, **options)
+        said = SOLVERS[method](program, start, **options)
         _pull_inside(program)
+        return said or ""
     except Enough:
         return "stopped: as many evaluations as allowed"
     except KeyboardInterrupt:
+        if not program.points:
+            raise
         return "interrupted"
-    return ""
 
 
 def _pull_inside(program: Program) -> None:
@@ -257,7 +262,8 @@ def _pull_inside(program: Program) -> None:
 
 def restored(program: Program, x: np.ndarray) -> Point | None:
     """A feasible point on the scaling line through `x`, towards smaller clearances and near; nothing where none is."""
-    point, shift, low = program.at(x), 0.0, float(np.max(np.log(program.lower / x)))
+    # One that has come to its bound stays there, and the others go on.
+    point, shift, low = program.at(x), 0.0, float(np.min(np.log(program.lower / x)))
     # Errors grow about as clearances do: shrink by the violation, and on from there.
     for _ in range(12):
         if point.feasible:

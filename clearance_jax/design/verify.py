@@ -11,7 +11,7 @@ import scipy.optimize
 
 from clearance_jax._checks import ClearanceError
 from clearance_jax.design.program import Point, Program
-from clearance_jax.design.solvers import run
+from clearance_jax.design.solvers import GRADIENT_FREE, run
 from clearance_jax.dynamics import observe
 from clearance_jax.mechanism.body import Position
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -31,7 +31,7 @@ class Certificate:
 
     - `worst`: the most violated scaled limit in a fresh simulation with another solver at a tenth of rtol, `limit` its
       name; `scale`: by how much all clearances can grow or must shrink together until a limit is just met, by bisection
-      with that solver (1: the design itself).
+      with that solver (1: the design itself; not a number: the bounds come first).
     - `islands`: scalings between which the limits hold, from a sweep along the same line.
     - `residual`: of the Karush-Kuhn-Tucker conditions, over the objective's gradient, in logarithms; `prices`: per
       active limit, relative change of the objective per relative change of its bound.
@@ -66,7 +66,8 @@ class Certificate:
             f"Certificate for {at}",
             f"  {verdict} in a fresh simulation ({self.solver}, rtol {self.rtol:.0e}): the closest is {self.limit}, at "
             f"{1 + self.worst:.9f} of its bound.",
-            f"  Scaled together, the clearances meet it at {self.scale:.9f} times the design.",
+            "  Scaled together, the clearances "
+            + ("meet no limit." if np.isnan(self.scale) else f"meet it at {self.scale:.9f} times the design."),
         ]
         spans = ", ".join(f"{a:.4g} to {b:.4g}" for a, b in self.islands) or "none"
         alone = "in one piece" if len(self.islands) == 1 else f"in {len(self.islands)} ISLANDS"
@@ -104,18 +105,20 @@ def verify(
     solver, rtol = OTHER.get(problem.solver, "tsit5"), 0.1 * problem.rtol
     fresh = problem.program(rtol=rtol, solver=solver)
     x = design.point.x
-    at = fresh.at(x, True)
+    at = fresh.at(x, design.method not in GRADIENT_FREE)
     scale = _scale(fresh, x, at)
     islands = _islands(fresh, x, sweep)
-    residual, multipliers = _optimality(fresh, at)
+    residual, multipliers = _optimality(fresh, at) if at.gradient is not None else (np.nan, np.zeros(len(at.limits)))
     names = fresh.limit_names
-    prices = {names[k]: float(multipliers[k]) for k in np.flatnonzero(multipliers > 1e-6)}
+    prices: dict[str, float] = {}
+    for k in np.flatnonzero(multipliers > 1e-6):
+        prices[fresh.groups[k]] = prices.get(fresh.groups[k], 0.0) + float(multipliers[k])
     checked = {n: (p, _repriced(design, n)) for n, p in prices.items()} if reoptimise else {}
     objectives = []
     rng = np.random.default_rng(seed)
     for _ in range(starts):
         other = problem.program()
-        run(other, design.method, np.exp(rng.uniform(np.log(other.lower), np.log(other.upper))))
+        _run(other, design.method, np.exp(rng.uniform(np.log(other.lower), np.log(other.upper))))
         objectives.append(other.best.objective if other.best else np.inf)
     k = int(np.argmax(at.limits))
     return Certificate(
@@ -124,8 +127,14 @@ def verify(
     )  # fmt: skip
 
 
+def _run(program: Program, method: str, start: np.ndarray) -> None:
+    """`run`; an interruption ends the verification, whose other statements would be about half-finished runs."""
+    if run(program, method, start) == "interrupted":
+        raise KeyboardInterrupt
+
+
 def _scale(program: Program, x: np.ndarray, at: Point) -> float:
-    """The factor on all variables at which the worst limit is just met, nearest to 1; the bounds' where none is."""
+    """The factor on all variables at which the worst limit is just met, nearest to 1; NaN: the bounds come first."""
     low, high = float(np.max(program.lower / x)), float(np.min(program.upper / x))
 
     def worst(s):
@@ -138,12 +147,12 @@ def _scale(program: Program, x: np.ndarray, at: Point) -> float:
             s = min(1 + step, high)
             good, bad = (s, None) if worst(s) <= 0 else (good, s)
             if s == high and bad is None:
-                return high
+                return np.nan
         else:
             s = max(1 - step, low)
             good, bad = (s, bad) if worst(s) <= 0 else (None, s)
             if s == low and good is None:
-                return low
+                return np.nan
         step *= 4
     return float(scipy.optimize.brentq(worst, good, bad, xtol=1e-12, rtol=1e-10)) if worst(good) < 0 else float(good)
 
@@ -178,19 +187,18 @@ def _optimality(program: Program, at: Point) -> tuple[float, np.ndarray]:
 def _repriced(design: "Design", name: str) -> float:
     """Relative change of the best objective per relative change of one limit's bound, by solving twice more."""
     program = design.problem.program()
-    k = program.limit_names.index(name)
+    rows = np.array([group == name for group in program.groups])
     best = []
     for change in (0.01, -0.01):
 
         def evaluate(x, gradient, change=change):
             point = program.at(x, gradient)
-            factor = np.ones(len(point.limits))
-            factor[k] = 1 / (1 + change)
+            factor = np.where(rows, 1 / (1 + change), 1.0)
             jacobian = None if point.jacobian is None else point.jacobian * factor[:, None]
             return point._replace(limits=(point.limits + 1) * factor - 1, jacobian=jacobian)
 
         moved = Program(evaluate, program.names, program.lower, program.upper, program.limit_names)
-        run(moved, design.method, design.point.x)
+        _run(moved, design.method, design.point.x)
         best.append(moved.best.objective if moved.best else np.nan)
     return float((best[1] - best[0]) / 0.02 / abs(design.objective))
 
