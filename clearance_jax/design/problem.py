@@ -433,7 +433,9 @@ class Design:
             lines.append(f"  cost {self.objective:.6g}")
         lines += [f"  decided by: {name}" for name in self.active]
         if self.feasible and not self.active:
-            lines.append("  no limit decides: the bounds of the variables do")
+            at = np.isclose(self.point.x, self.program.lower) | np.isclose(self.point.x, self.program.upper)
+            who = "the bounds of the variables do" if np.any(at) else "the solver stopped short of one"
+            lines.append(f"  no limit decides: {who}")
         lines.append(
             f"  {self.method}: {self.program.gradients} evaluations with gradients, {self.program.evaluations} without"
         )
