@@ -5,6 +5,7 @@ inertia and load. Only coordinates that are states have rows; a prescribed coord
 projecting the same balance on its own column, where it is wanted (`energy.driving`).
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -16,7 +17,7 @@ from clearance_jax._types import Scalar
 from clearance_jax.joints import Contact, Signals
 from clearance_jax.mechanism.body import Body, Spring
 from clearance_jax.mechanism.mechanism import Mechanism, frames, layout
-from clearance_jax.mechanism.tree import Column, Frame, Revolute
+from clearance_jax.mechanism.tree import PLAY, Column, Frame, Revolute
 from clearance_jax.spatial import (
     ZERO,
     Factored,
@@ -39,6 +40,9 @@ from clearance_jax.spatial import (
 )
 
 Frames = dict[str, Frame]
+
+# Factor on the inertia of a coordinate that is to stay: it takes less than a nanometre of a closing loop's metre.
+FIRM = 1e9
 
 
 class Pair(NamedTuple):
@@ -80,12 +84,12 @@ def play(mechanism: Mechanism, joint: Revolute, motion: Frames, y: Array) -> Pla
     spin = minus(pin.spin, sleeve.spin)
     centre = pin.point(joint.at_child.vector)
     names = layout(mechanism).names
-    if f"{joint.name}.play_x" not in names:
+    if joint.name + PLAY[0] not in names:
         gap = subtract(centre, sleeve.point(joint.at_parent.vector))
         return Play(
             gap, subtract(pin.velocity_at(centre), sleeve.velocity_at(centre)), spin, Rotation(1.0, 0.0), centre
         )
-    i, n = names.index(f"{joint.name}.play_x"), len(names)
+    i, n = names.index(joint.name + PLAY[0]), len(names)
     axis = next(column.axis for column in pin.free if column.index == i)
     assert axis is not None  # a play coordinate slides
     return Play((y[i], y[i + 1]), (y[n + i], y[n + i + 1]), spin, Rotation(*axis), centre)
@@ -179,8 +183,10 @@ def accelerations(mechanism: Mechanism, time: Scalar, y: Array, motion: Frames, 
     return Balance(inertia, [plus(a, b) for a, b in zip(free, correction, strict=True)], closing)
 
 
-def mass_matrix(mechanism: Mechanism, motion: Frames) -> Factored:
-    """The factored mass matrix of the free coordinates (lower triangle, structural zeros absent)."""
+def mass_matrix(mechanism: Mechanism, motion: Frames, firm: Sequence[int] = ()) -> Factored:
+    """The factored mass matrix of the free coordinates (lower triangle, structural zeros absent); the `firm` ones are
+    all but immovable.
+    """
     n = layout(mechanism).free
     matrix: list[list[Term]] = [[0.0] * (i + 1) for i in range(n)]
     for body in mechanism.bodies:
@@ -196,6 +202,8 @@ def mass_matrix(mechanism: Mechanism, motion: Frames) -> Factored:
                 f"Nothing with inertia moves with the free coordinate `{name}`: give a body beyond it a mass (where it "
                 "turns, an inertia), or prescribe it with a drive."
             )
+    for i in firm:
+        matrix[i][i] = times(FIRM, matrix[i][i])
     return factor(matrix)
 
 
@@ -328,9 +336,15 @@ def constrained(inertia: Factored, rows: list[list[Term]], right: list[Term]) ->
     return change, multipliers
 
 
-def projected(time: Scalar, y: Array, mechanism: Mechanism, loops: tuple[Revolute, ...], iterations: int = 2) -> Array:
-    """The nearest state (in the kinetic norm) whose loops are closed in position and velocity."""
-    n = layout(mechanism).free
+def projected(
+    time: Scalar, y: Array, mechanism: Mechanism, loops: tuple[Revolute, ...], iterations: int = 2, firm_play: bool = False
+) -> Array:
+    """The nearest state (in the kinetic norm) whose loops are closed in position and velocity. With `firm_play` pins
+    stay where they are in their sleeves, unless nothing else can close the loops.
+    """
+    plan = layout(mechanism)
+    n = plan.free
+    firm = [i for i, name in enumerate(plan.names) if name.endswith(PLAY)] if firm_play else []
 
     def correct(y: Array, what: str) -> Array:
         motion = frames(mechanism, time, y)
@@ -341,7 +355,7 @@ def projected(time: Scalar, y: Array, mechanism: Mechanism, loops: tuple[Revolut
             error = subtract(gap.gap, offset) if what == "position" else subtract(gap.rate, turning)
             rows += gap.rows
             right += [minus(0.0, error[0]), minus(0.0, error[1])]
-        change, _ = constrained(mass_matrix(mechanism, motion), rows, right)
+        change, _ = constrained(mass_matrix(mechanism, motion, firm), rows, right)
         start = 0 if what == "position" else n
         return jnp.concatenate([y[:start], y[start : start + n] + as_array(change), y[start + n :]])
 

@@ -342,15 +342,15 @@ def energy_residual(mechanism, t0, t1, start, final):
 def initial_state(mechanism: Mechanism, t0: Scalar) -> Array:
     """The state at t0: the given initial values, then the nearest ones at which every loop is assembled.
 
-    A loop with clearance starts with its pin at `eccentricity` in the sleeve and at rest relative to it, that is, with
-    the positions and velocities of the ideal mechanism.
+    Every joint with clearance starts with its pin at `eccentricity` in the sleeve and at rest relative to it, that is,
+    with the positions and velocities of the ideal mechanism.
     """
     plan = layout(mechanism)
     free = mechanism.free_coordinates()
     q = [jnp.asarray(c.motion.position, dtype=float) for c in free]
     v = [jnp.asarray(c.motion.velocity, dtype=float) for c in free]
     y = jnp.concatenate([jnp.stack([*q, *v]) if free else jnp.zeros(0), jnp.zeros(plan.remembered)])
-    return projected(t0, y, mechanism, mechanism.loops, 12) if mechanism.loops and mechanism.assemble else y
+    return projected(t0, y, mechanism, mechanism.loops, 12, firm_play=True) if mechanism.loops and mechanism.assemble else y
 
 
 def is_assembled(mechanism: Mechanism, t0: Scalar, y: Array) -> Array:

@@ -128,6 +128,10 @@ class AbstractJoint(eqx.Module):
         """The joint's elementary coordinates, in the order in which they act."""
 
 
+# What the names of a clearance joint's play coordinates end in.
+PLAY = (".play_x", ".play_y")
+
+
 class Revolute(AbstractJoint):
     """A pin joint, ideal or with clearance.
 
@@ -151,8 +155,8 @@ class Revolute(AbstractJoint):
         if self.clearance is None:
             return (turn,)
         return (
-            Coordinate(f"{self.name}.play_x", Motion(position=self.eccentricity.vector[0]), (1.0, 0.0)),
-            Coordinate(f"{self.name}.play_y", Motion(position=self.eccentricity.vector[1]), (0.0, 1.0)),
+            Coordinate(self.name + PLAY[0], Motion(position=self.eccentricity.vector[0]), (1.0, 0.0)),
+            Coordinate(self.name + PLAY[1], Motion(position=self.eccentricity.vector[1]), (0.0, 1.0)),
             turn,
         )
 
