@@ -52,7 +52,7 @@ class ContactController(diffrax.AbstractAdaptiveStepSizeController):
     - `margin`: how far past a switch a cut step ends, as a fraction of the uncut step.
     - `unit`: per component, its magnitude (of derivatives only).
     - `floor`: per direction, the size (in units) from which on a derivative's error is relative to its size.
-    - `observer`: sees every accepted step, see `signals.AbstractObserver`.
+    - `observer`: sees every accepted step, see `observers.AbstractObserver`.
     - `watch`: whether to watch the contacts (off: a plain PID controller with break points).
     """
 

@@ -19,15 +19,14 @@ from clearance_jax._checks import ClearanceError, suggest
 from clearance_jax._types import Scalar
 from clearance_jax.energy import read_books
 from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.observers import PeakFinder, TouchCounter
 from clearance_jax.signals import (
     AbstractSignal,
     Acceleration,
     ContactForce,
     OrientationError,
     PathDeviation,
-    PeakFinder,
     PositionError,
-    TouchCounter,
 )
 from clearance_jax.solve import solve
 

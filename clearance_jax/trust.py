@@ -21,9 +21,9 @@ from clearance_jax._checks import ClearanceError
 from clearance_jax.dynamics import observe
 from clearance_jax.mechanism.mechanism import Mechanism, replace
 from clearance_jax.metrics import AbstractMetric, Peak
+from clearance_jax.observers import AbstractObserver, TouchCounter, Touches
 from clearance_jax.periodic import periodic_motion
 from clearance_jax.sensitivity import output, values_of
-from clearance_jax.signals import AbstractObserver, TouchCounter, Touches
 from clearance_jax.solve import solve
 
 

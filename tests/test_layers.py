@@ -13,7 +13,7 @@ LAYERS = [
     {"mechanism"},
     {"equations", "energy", "dynamics"},
     {"tolerances", "variation", "interpolate", "watch", "stepping", "control", "flow", "solve", "trace"}
-    | {"signals", "metrics", "sensitivity", "periodic", "trust", "mesh"},
+    | {"signals", "observers", "metrics", "sensitivity", "periodic", "trust", "mesh"},
     {"results", "scene"},
     {"plot", "design"},
     {"cli"},
