@@ -8,8 +8,8 @@ programs, the metric's and the motion's, and again only for another structure: n
 """
 
 import warnings
-from collections.abc import Callable, Sequence
-from typing import Any, Literal
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, Literal, NamedTuple
 
 import equinox as eqx
 import jax
@@ -193,6 +193,215 @@ def regression(moves: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.nd
     return fit[1:] / units, np.sqrt(np.diag(covariance))[1:] / units
 
 
+class _Question(NamedTuple):
+    """The report's arguments: the numbers `centre` of `names`, how far they are moved, and how that is judged."""
+
+    names: tuple[str, ...]
+    centre: np.ndarray
+    step: float
+    scatter: float
+    samples: int
+    rtol: float
+    seed: int
+    limits: Limits
+
+    @property
+    def unit(self) -> np.ndarray:
+        """What `step` and `scatter` are relative to: each parameter's own size, one for a zero."""
+        return np.where(self.centre == 0, 1.0, np.abs(self.centre))
+
+    def moves(self) -> np.ndarray:
+        """Changes (lanes, parameters): twice none, a step up by each, a step down by each, draws of the scatter."""
+        p, unit = len(self.names), self.unit
+        # Antithetic pairs: the mean of a linear metric is then exact.
+        half = np.random.default_rng(self.seed).standard_normal((-(-self.samples // 2), p))
+        draws = self.scatter * unit * np.concatenate([half, -half])[: self.samples]
+        return np.concatenate([np.zeros((2, p)), np.diag(self.step * unit), np.diag(-self.step * unit), draws])
+
+
+def _checked(mechanism, wrt, samples, on_untrusted) -> tuple[tuple[str, ...], np.ndarray]:
+    """Names and numbers of the parameters, once it is seen that there is something to report on."""
+    names = (wrt,) if isinstance(wrt, str) else tuple(wrt)
+    given = values_of(mechanism, names)
+    if any(number.ndim for number in given.values()):
+        raise ClearanceError("`gradient_report` wants scalars: name the entries of an array, `name.0`.")
+    p = len(names)
+    if samples < p + 3:
+        raise ClearanceError(f"{p} parameters need `samples` of at least {p + 3}, not {samples}.")
+    if on_untrusted not in ("ignore", "warn", "raise", "smooth"):
+        raise ClearanceError(f"There is no on_untrusted={on_untrusted!r}. Allowed: ignore, warn, raise, smooth.")
+    return names, np.array([float(v) for v in given.values()])
+
+
+class _Samples(NamedTuple):
+    """The metric and its gradient at the design, a step away from it, and over the scatter.
+
+    `finer`: the gradient at rtol/10; `up`, `down`: changes of the metric over a step by each parameter; `draws`
+    (samples, parameters) of the scatter that could be solved, `cloud` and `slopes` there; `complete`: all could be
+    solved; `second`: value and gradient of the second highest peak, of a metric that is a peak.
+    """
+
+    value: np.floating
+    gradient: np.ndarray
+    finer: np.ndarray
+    up: np.ndarray
+    down: np.ndarray
+    draws: np.ndarray
+    cloud: np.ndarray
+    slopes: np.ndarray
+    complete: bool
+    second: tuple[np.floating, np.ndarray] | None
+
+
+def _sampled(question: _Question, mechanism, metric, t1, options) -> _Samples:
+    """All solves of the metric, in one program."""
+    p, samples, rtol, moves = len(question.names), question.samples, question.rtol, question.moves()
+    rtols = np.where(np.arange(len(moves)) == 1, rtol / 10, rtol)
+    # Of a peak the second highest is looked at too: where they tie, the metric has a kink.
+    peak = isinstance(metric, Peak) and metric.count == 1
+    asked = Peak(metric.signal, 2) if isinstance(metric, Peak) and peak else metric
+    points = jnp.asarray(question.centre + moves)
+    lanes = _lanes(asked, mechanism, points, jnp.asarray(rtols), question.names, t1, options)
+    values, slopes = (np.asarray(x) for x in lanes)
+    if values.ndim > (2 if peak else 1):
+        raise ClearanceError("`gradient_report` wants a metric that is one number.")
+    second = (values[0, 1], slopes[0, 1]) if peak else None
+    values, slopes = (values[:, 0], slopes[:, 0]) if peak else (values, slopes)
+    fine = np.isfinite(values) & np.all(np.isfinite(slopes), axis=1)
+    if not fine[0] or np.sum(fine[-samples:]) < p + 3:
+        raise RuntimeError("The solve stopped before t1, so there is no value to differentiate. Simulate to see why.")
+    up, down = values[2 : 2 + p] - values[0], values[2 + p : 2 + 2 * p] - values[0]
+    draws, cloud, over = (x[-samples:][fine[-samples:]] for x in (moves, values, slopes))
+    return _Samples(values[0], slopes[0], slopes[1], up, down, draws, cloud, over, bool(np.all(fine)), second)
+
+
+class _Findings(NamedTuple):
+    """What samples say of a gradient, per parameter but for `digits`; named as in the report, and
+
+    - `error`: of the gradient; `predicted`: the change of the metric over a step, by the gradient;
+    - `mean`, `deviation` of the derivative over the scatter; `slope`, `slope_error` of the metric's regression there.
+    """
+
+    error: np.ndarray
+    digits: np.floating
+    predicted: np.ndarray
+    linearity: np.ndarray
+    mean: np.ndarray
+    deviation: np.ndarray
+    slope: np.ndarray
+    slope_error: np.ndarray
+    signal_to_noise: np.ndarray
+    slope_ratio: np.ndarray
+    slope_z: np.ndarray
+    heavy_tail: np.ndarray
+
+
+def _findings(question: _Question, seen: _Samples) -> _Findings:
+    """Statistics of the samples, without a verdict."""
+    gradient, slopes, unit = seen.gradient, seen.slopes, question.unit
+    # Zeros over zeros are no finding: a ratio of them is not a number, and no comparison with a limit is true of it.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        error = np.abs(seen.finer - gradient)
+        predicted = question.step * unit * gradient
+        missed = np.maximum(np.abs(seen.up - predicted), np.abs(seen.down + predicted))
+        mean, deviation = slopes.mean(0), slopes.std(0, ddof=1)
+        slope, slope_error = regression(seen.draws, seen.cloud)
+        return _Findings(
+            error=error,
+            digits=np.max(error * unit) / np.max(np.abs(gradient) * unit),
+            predicted=predicted,
+            linearity=missed / np.abs(predicted),
+            mean=mean,
+            deviation=deviation,
+            slope=slope,
+            slope_error=slope_error,
+            signal_to_noise=np.abs(mean) / deviation,
+            slope_ratio=slope / mean,
+            slope_z=np.abs(slope - mean) / np.hypot(slope_error, deviation / np.sqrt(len(seen.cloud))),
+            heavy_tail=np.max(np.abs(slopes), 0) / np.median(np.abs(slopes), 0),
+        )
+
+
+def _doubts(question: _Question, seen: _Samples, found: _Findings, k: int) -> Iterator[str]:
+    """Why not to believe the derivative by the k-th parameter."""
+    name, mean, limits = question.names[k], found.mean[k], question.limits
+    if not found.linearity[k] <= limits.linearity:
+        yield (
+            f"A step of {question.step:.0%} in `{name}` changes the metric by {seen.up[k]:.3g} and {seen.down[k]:.3g}, "
+            f"where the gradient predicts +-{abs(found.predicted[k]):.3g}."
+        )
+    if found.signal_to_noise[k] < limits.signal_to_noise:
+        yield (
+            f"Over a scatter of {question.scatter:.0%} the derivative by `{name}` is {mean:.3g} +- "
+            f"{found.deviation[k]:.3g}: its signal-to-noise ratio is {found.signal_to_noise[k]:.2g}."
+        )
+    if found.slope_z[k] > limits.significance and abs(found.slope_ratio[k] - 1) > limits.slope:
+        yield (
+            f"Over the scatter the metric follows `{name}` with slope {found.slope[k]:.3g}, not with the mean "
+            f"derivative {mean:.3g}: it jumps or has kinks."
+        )
+    if found.heavy_tail[k] > limits.tail:
+        yield (
+            f"A few motions within the scatter have derivatives by `{name}` {found.heavy_tail[k]:.0f} times the "
+            "median: their mean means little."
+        )
+
+
+def _tie(question: _Question, seen: _Samples, judged: np.ndarray) -> Iterator[str]:
+    """A tie of two peaks with different slopes, unless no peak is turned over within the step."""
+    if seen.second is None:
+        return
+    value, gradient = seen.second
+    apart = np.abs(gradient - seen.gradient)
+    near = seen.value - value < np.max(question.step * question.unit * apart)
+    if near and np.any(judged & (apart > question.limits.slope * np.abs(seen.gradient))):
+        yield f"Two peaks tie: {seen.value:.6g} and {value:.6g}, with different slopes: use `Peak(signal, 2)`."
+
+
+def _reasons(question: _Question, seen: _Samples, found: _Findings) -> list[str]:
+    """Every test that failed, as a sentence; and where one did, whether a tie explains it."""
+    limits = question.limits
+    reasons = [] if seen.complete else ["Some motions near this design could not be solved to the end."]
+    # A change the solve cannot resolve, or one small beside another parameter's, is not judged.
+    change = np.max(np.abs([found.predicted, seen.up, seen.down]), axis=0)
+    judged = change > max(limits.minor * np.max(change), question.rtol * abs(seen.value))
+    if found.digits > limits.digits and np.any(judged):
+        reasons.append(f"The gradient changes by {found.digits:.1g} of itself when the tolerance is ten times tighter.")
+    for k in np.flatnonzero(judged).tolist():
+        reasons += _doubts(question, seen, found, k)
+    # An explanation, not a test: of a tie that turns no peak over within the step an optimiser feels nothing.
+    if reasons:
+        reasons += _tie(question, seen, judged)
+    return reasons
+
+
+class _Divergence(NamedTuple):
+    """How motions over the scatter part and touch, as in the report; the defaults hold where there is no clearance."""
+
+    lyapunov: float = 0.0
+    horizon: float = np.inf
+    precision_horizon: float = np.inf
+    impacts: tuple[int, int] = (0, 0)
+    slowest_impact: float = np.inf
+    nearest_miss: float = np.inf
+
+
+def _divergence(question: _Question, mechanism, draws: np.ndarray, t1, options) -> _Divergence:
+    """Of the motion and those at `draws` (samples, parameters) of the scatter, in one program."""
+    if not mechanism.clearance_joints():
+        return _Divergence()
+    names, rtol = question.names, question.rtol
+    points = jnp.asarray(question.centre + np.concatenate([np.zeros((1, len(names))), draws]))
+    scatter = jnp.asarray(question.scatter * question.unit)
+    times, apart, touches = neighbours(mechanism, names, points, scatter, t1, {**options, "rtol": rtol})
+    times, spread = np.asarray(times), np.sqrt(np.mean(np.asarray(apart) ** 2, axis=0))
+    exponent, horizon = horizon_of(times, spread, question.limits.spread)
+    precision = np.log(1 / rtol) / exponent if exponent * (times[-1] - times[0]) > 1 else np.inf
+    count = np.sum([np.asarray(joint.count) for joint in touches], axis=0)
+    slowest, miss = (min(float(joint[i][0]) for joint in touches) for i in (1, 2))
+    return _Divergence(exponent, horizon, precision, (int(count.min()), int(count.max())), slowest, miss)
+
+
 def gradient_report(
     mechanism: Mechanism,
     metric: AbstractMetric | Callable,
@@ -224,116 +433,36 @@ def gradient_report(
     **Raises:** `ClearanceError` for unknown names, arrays, a metric of several numbers, too few samples, a law of
     class C-1; `RuntimeError` where the motion itself, or too many of the scatter, cannot be solved to the end.
     """
-    names = (wrt,) if isinstance(wrt, str) else tuple(wrt)
-    given = values_of(mechanism, names)
-    if any(number.ndim for number in given.values()):
-        raise ClearanceError("`gradient_report` wants scalars: name the entries of an array, `name.0`.")
-    p = len(names)
-    if samples < p + 3:
-        raise ClearanceError(f"{p} parameters need `samples` of at least {p + 3}, not {samples}.")
-    if on_untrusted not in ("ignore", "warn", "raise", "smooth"):
-        raise ClearanceError(f"There is no on_untrusted={on_untrusted!r}. Allowed: ignore, warn, raise, smooth.")
+    names, centre = _checked(mechanism, wrt, samples, on_untrusted)
+    question = _Question(names, centre, step, scatter, samples, rtol, seed, limits)
     t1 = jnp.asarray(t1, float)
-    centre = np.array([float(v) for v in given.values()])
-    unit = np.where(centre == 0, 1.0, np.abs(centre))
-    # Antithetic pairs: the mean of a linear metric is then exact.
-    half = np.random.default_rng(seed).standard_normal((-(-samples // 2), p))
-    draws = scatter * unit * np.concatenate([half, -half])[:samples]
-    moves = np.concatenate([np.zeros((2, p)), np.diag(step * unit), np.diag(-step * unit), draws])
-    rtols = np.where(np.arange(len(moves)) == 1, rtol / 10, rtol)
-    # Of a peak the second highest is looked at too: where they tie, the metric has a kink.
-    peak = isinstance(metric, Peak) and metric.count == 1
-    asked = Peak(metric.signal, 2) if isinstance(metric, Peak) and peak else metric
-    lanes = _lanes(asked, mechanism, jnp.asarray(centre + moves), jnp.asarray(rtols), names, t1, options)
-    values, slopes = (np.asarray(x) for x in lanes)
-    if values.ndim > (2 if peak else 1):
-        raise ClearanceError("`gradient_report` wants a metric that is one number.")
-    tie = (values[0, 1], slopes[0, 1]) if peak else None
-    values, slopes = (values[:, 0], slopes[:, 0]) if peak else (values, slopes)
-    fine = np.isfinite(values) & np.all(np.isfinite(slopes), axis=1)
-    if not fine[0] or np.sum(fine[-samples:]) < p + 3:
-        raise RuntimeError("The solve stopped before t1, so there is no value to differentiate. Simulate to see why.")
-    reasons = [] if np.all(fine) else ["Some motions near this design could not be solved to the end."]
-    value, gradient = values[0], slopes[0]
-    # Zeros over zeros are no finding: a ratio of them is not a number, and no comparison below is true of it.
-    with np.errstate(divide="ignore", invalid="ignore"):
-        error = np.abs(slopes[1] - gradient)
-        digits = np.max(error * unit) / np.max(np.abs(gradient) * unit)
-        up, down = values[2 : 2 + p] - value, values[2 + p : 2 + 2 * p] - value
-        predicted = step * unit * gradient
-        linearity = np.maximum(np.abs(up - predicted), np.abs(down + predicted)) / np.abs(predicted)
-        draws, cloud, slopes = (x[-samples:][fine[-samples:]] for x in (moves, values, slopes))
-        mean, deviation = slopes.mean(0), slopes.std(0, ddof=1)
-        slope, slope_error = regression(draws, cloud)
-        snr, ratio = np.abs(mean) / deviation, slope / mean
-        z = np.abs(slope - mean) / np.hypot(slope_error, deviation / np.sqrt(len(cloud)))
-        tail = np.max(np.abs(slopes), 0) / np.median(np.abs(slopes), 0)
-    # A change the solve cannot resolve, or one small beside another parameter's, is not judged.
-    change = np.max(np.abs([predicted, up, down]), axis=0)
-    judged = change > max(limits.minor * np.max(change), rtol * abs(value))
-    if digits > limits.digits and np.any(judged):
-        reasons.append(f"The gradient changes by {digits:.1g} of itself when the tolerance is ten times tighter.")
-    for k in np.flatnonzero(judged):
-        if not linearity[k] <= limits.linearity:
-            reasons.append(
-                f"A step of {step:.0%} in `{names[k]}` changes the metric by {up[k]:.3g} and {down[k]:.3g}, where the "
-                f"gradient predicts +-{abs(predicted[k]):.3g}."
-            )
-        if snr[k] < limits.signal_to_noise:
-            reasons.append(
-                f"Over a scatter of {scatter:.0%} the derivative by `{names[k]}` is {mean[k]:.3g} +- "
-                f"{deviation[k]:.3g}: its signal-to-noise ratio is {snr[k]:.2g}."
-            )
-        if z[k] > limits.significance and abs(ratio[k] - 1) > limits.slope:
-            reasons.append(
-                f"Over the scatter the metric follows `{names[k]}` with slope {slope[k]:.3g}, not with the mean "
-                f"derivative {mean[k]:.3g}: it jumps or has kinks."
-            )
-        if tail[k] > limits.tail:
-            reasons.append(
-                f"A few motions within the scatter have derivatives by `{names[k]}` {tail[k]:.0f} times the median: "
-                "their mean means little."
-            )
-    # Explanations, not tests: of a tie that turns no peak over within the step, or of a large spread that stays linear,
-    # an optimiser feels nothing.
-    if reasons and tie is not None:
-        apart = np.abs(tie[1] - gradient)
-        near = value - tie[0] < np.max(step * unit * apart)
-        if near and np.any(judged & (apart > limits.slope * np.abs(gradient))):
-            reasons.append(
-                f"Two peaks tie: {value:.6g} and {tie[0]:.6g}, with different slopes: use `Peak(signal, 2)`."
-            )
-    exponent, horizon, precision, count, slowest, miss = 0.0, np.inf, np.inf, np.zeros(1, int), np.inf, np.inf
-    if mechanism.clearance_joints():
-        points = jnp.asarray(centre + np.concatenate([np.zeros((1, p)), draws]))
-        out = neighbours(mechanism, names, points, jnp.asarray(scatter * unit), t1, {**options, "rtol": rtol})
-        times, spread = np.asarray(out[0]), np.sqrt(np.mean(np.asarray(out[1]) ** 2, axis=0))
-        exponent, horizon = horizon_of(times, spread, limits.spread)
-        precision = np.log(1 / rtol) / exponent if exponent * (times[-1] - times[0]) > 1 else np.inf
-        count = np.sum([np.asarray(joint.count) for joint in out[2]], axis=0)
-        slowest, miss = (min(float(joint[i][0]) for joint in out[2]) for i in (1, 2))
-    if reasons and horizon < t1:
+    seen = _sampled(question, mechanism, metric, t1, options)
+    found = _findings(question, seen)
+    reasons = _reasons(question, seen, found)
+    parting = _divergence(question, mechanism, seen.draws, t1, options)
+    # An explanation, not a test: of a large spread that stays linear an optimiser feels nothing.
+    if reasons and parting.horizon < t1:
         reasons.append(
-            f"Neighbouring motions within the scatter have parted by t = {horizon:.3g} s, before the end at "
+            f"Neighbouring motions within the scatter have parted by t = {parting.horizon:.3g} s, before the end at "
             f"{float(t1):.3g} s: beyond, a derivative says nothing of them."
         )
     smoothed = bool(reasons) and on_untrusted == "smooth"
     report = GradientReport(
-        value=jnp.asarray(value),
-        gradient=jnp.asarray(slope if smoothed else gradient),
-        gradient_error=jnp.asarray(slope_error if smoothed else error),
-        digits=jnp.asarray(digits),
-        linearity=jnp.asarray(linearity),
-        signal_to_noise=jnp.asarray(snr),
-        slope_ratio=jnp.asarray(ratio),
-        slope_z=jnp.asarray(z),
-        heavy_tail=jnp.asarray(tail),
-        lyapunov=jnp.asarray(exponent),
-        horizon=jnp.asarray(horizon),
-        precision_horizon=jnp.asarray(precision),
-        impacts=(int(count.min()), int(count.max())),
-        slowest_impact=jnp.asarray(slowest),
-        nearest_miss=jnp.asarray(miss),
+        value=jnp.asarray(seen.value),
+        gradient=jnp.asarray(found.slope if smoothed else seen.gradient),
+        gradient_error=jnp.asarray(found.slope_error if smoothed else found.error),
+        digits=jnp.asarray(found.digits),
+        linearity=jnp.asarray(found.linearity),
+        signal_to_noise=jnp.asarray(found.signal_to_noise),
+        slope_ratio=jnp.asarray(found.slope_ratio),
+        slope_z=jnp.asarray(found.slope_z),
+        heavy_tail=jnp.asarray(found.heavy_tail),
+        lyapunov=jnp.asarray(parting.lyapunov),
+        horizon=jnp.asarray(parting.horizon),
+        precision_horizon=jnp.asarray(parting.precision_horizon),
+        impacts=parting.impacts,
+        slowest_impact=jnp.asarray(parting.slowest_impact),
+        nearest_miss=jnp.asarray(parting.nearest_miss),
         multipliers=None if period is None else periodic_motion(mechanism, period).multipliers,
         names=names,
         reasons=tuple(reasons),
