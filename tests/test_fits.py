@@ -7,90 +7,101 @@ from clearance_jax import fits
 from clearance_jax._checks import ClearanceError
 from clearance_jax.fits import COMMON, Fit, fit, fits_within, limits
 
-# Diameter [mm], class, lower and upper deviation [um]: DIN ISO 286-2 and JIS B 0401 as reprinted in tool catalogues.
-LIMITS = [
-    (2, "h9", -25, 0),
-    (3, "H7", 0, 10),
-    (3, "D9", 20, 45),
-    (3, "E8", 14, 28),
-    (3, "F7", 6, 16),
-    (3, "G6", 2, 8),
-    (3, "H8", 0, 14),
-    (3, "H10", 0, 40),
-    (3, "H11", 0, 60),
-    (3, "H12", 0, 100),
-    (3, "H13", 0, 140),
-    (3, "H14", 0, 250),
-    (3, "m6", 2, 8),
-    (3, "n6", 4, 10),
-    (3, "p6", 6, 12),
-    (3, "r6", 10, 16),
-    (3, "c9", -85, -60),
-    (6, "c9", -100, -70),
-    (3, "k6", 0, 6),
-    (3, "s6", 14, 20),
-    (5, "b9", -170, -140),
-    (8, "E8", 25, 47),
-    (8, "js7", -7.5, 7.5),
-    (10, "H7", 0, 15),
-    (10, "g6", -14, -5),
-    (10, "c9", -116, -80),
-    (18, "c9", -138, -95),
-    (18, "e8", -59, -32),
-    (25, "H7", 0, 21),
-    (25, "g6", -20, -7),
-    (25, "h6", -13, 0),
-    (25, "JS9", -26, 26),
-    (25, "k5", 2, 11),
-    (25, "k8", 0, 33),
-    (25, "m6", 8, 21),
-    (30, "c9", -162, -110),
-    (40, "c9", -182, -120),
-    (45, "c9", -192, -130),
-    (50, "H8", 0, 39),
-    (50, "f7", -50, -25),
-    (50, "H11", 0, 160),
-    (50, "c11", -290, -130),
-    (50, "d9", -142, -80),
-    (50, "D9", 80, 142),
-    (50, "F8", 25, 64),
-    (60, "r6", 41, 60),
-    (70, "r6", 43, 62),
-    (70, "E13", 60, 520),
-    (100, "G7", 12, 47),
-    (110, "a12", -760, -410),
-    (150, "n6", 27, 52),
-    (240, "a12", -1280, -820),
-    (250, "H14", 0, 1150),
-    (300, "p6", 56, 88),
-    (400, "g5", -43, -18),
-    (450, "s6", 232, 272),
-    (500, "h9", -155, 0),
-]
+# Lower and upper deviation [um] by class and diameter [mm]: DIN ISO 286-2 and JIS B 0401 as tool catalogues have them.
+LIMITS = {
+    "h9": {2: (-25, 0), 500: (-155, 0)},
+    "H7": {3: (0, 10), 10: (0, 15), 25: (0, 21)},
+    "D9": {3: (20, 45), 50: (80, 142)},
+    "E8": {3: (14, 28), 8: (25, 47)},
+    "F7": {3: (6, 16)},
+    "G6": {3: (2, 8)},
+    "H8": {3: (0, 14), 50: (0, 39)},
+    "H10": {3: (0, 40)},
+    "H11": {3: (0, 60), 50: (0, 160)},
+    "H12": {3: (0, 100)},
+    "H13": {3: (0, 140)},
+    "H14": {3: (0, 250), 250: (0, 1150)},
+    "m6": {3: (2, 8), 25: (8, 21)},
+    "n6": {3: (4, 10), 150: (27, 52)},
+    "p6": {3: (6, 12), 300: (56, 88)},
+    "r6": {3: (10, 16), 60: (41, 60), 70: (43, 62)},
+    "c9": {
+        3: (-85, -60),
+        6: (-100, -70),
+        10: (-116, -80),
+        18: (-138, -95),
+        30: (-162, -110),
+        40: (-182, -120),
+        45: (-192, -130),
+    },
+    "k6": {3: (0, 6)},
+    "s6": {3: (14, 20), 450: (232, 272)},
+    "b9": {5: (-170, -140)},
+    "js7": {8: (-7.5, 7.5)},
+    "g6": {10: (-14, -5), 25: (-20, -7)},
+    "e8": {18: (-59, -32)},
+    "h6": {25: (-13, 0)},
+    "JS9": {25: (-26, 26)},
+    "k5": {25: (2, 11)},
+    "k8": {25: (0, 33)},
+    "f7": {50: (-50, -25)},
+    "c11": {50: (-290, -130)},
+    "d9": {50: (-142, -80)},
+    "F8": {50: (25, 64)},
+    "E13": {70: (60, 520)},
+    "G7": {100: (12, 47)},
+    "a12": {110: (-760, -410), 240: (-1280, -820)},
+    "g5": {400: (-43, -18)},
+}
 
-# The rows of the reference table in FACTS.md section 9: diameter [mm], H7/g6 and H8/f7 diametral clearances [um].
-CLEARANCES = [
-    (8, (5, 29), (13, 50)),
-    (15, (6, 35), (16, 61)),
-    (25, (7, 41), (20, 74)),
-    (40, (9, 50), (25, 89)),
-    (60, (10, 59), (30, 106)),
-    (100, (12, 69), (36, 125)),
-]
+# The rows of the reference table in FACTS.md section 9, and further fits: least and greatest diametral clearance [um]
+# by diameter [mm].
+FITS = {
+    "H7/g6": {8: (5, 29), 15: (6, 35), 25: (7, 41), 40: (9, 50), 60: (10, 59), 100: (12, 69)},
+    "H8/f7": {8: (13, 50), 15: (16, 61), 25: (20, 74), 40: (25, 89), 60: (30, 106), 100: (36, 125)},
+    "H11/c11": {50: (130, 450)},
+    "F8/h6": {25: (20, 66)},
+    "H7/k6": {25: (-15, 19)},
+    "H7/s6": {25: (-48, -14)},
+}
 
 
-@pytest.mark.parametrize(("size", "tolerance_class", "lower", "upper"), LIMITS)
+def rows(table):
+    return [(size, name, *row) for name, sizes in table.items() for size, row in sizes.items()]
+
+
+def um(*values):
+    """The values [um] in metres."""
+    return tuple(value / 1e6 for value in values)
+
+
+def tolerances(grade, diameters):
+    """Tolerances of a grade [um]."""
+    return np.array([limits(d, f"H{grade}")[1] for d in diameters]) * 1e6
+
+
+def deviations(shaft, diameters):
+    """Of both deviations of a shaft the one nearer to zero [um]: the upper one up to h, the lower one beyond."""
+    return np.array([limits(d, shaft)[shaft < "i"] for d in diameters]) * 1e6
+
+
+def means(ranges):
+    """Geometric means [mm] and upper bounds [m] of ranges of diameters."""
+    bounds = np.array(ranges, float)
+    return np.sqrt(bounds[:-1] * bounds[1:]), bounds[1:] * 1e-3
+
+
+@pytest.mark.parametrize(("size", "tolerance_class", "lower", "upper"), rows(LIMITS))
 def test_limits(size, tolerance_class, lower, upper):
-    assert limits(size * 1e-3, tolerance_class) == (lower / 1e6, upper / 1e6)
+    assert limits(size * 1e-3, tolerance_class) == um(lower, upper)
 
 
-@pytest.mark.parametrize(("size", "sliding", "running"), CLEARANCES)
-def test_clearances(size, sliding, running):
-    for name, expected in (("H7/g6", sliding), ("H8/f7", running)):
-        found = fit(size * 1e-3, name)
-        np.testing.assert_allclose(found.diametral_clearance, np.multiply(expected, 1e-6), rtol=1e-12)
-        np.testing.assert_allclose(found.radial_clearance, np.multiply(expected, 0.5e-6), rtol=1e-12)
-        assert found.is_clearance
+@pytest.mark.parametrize(("size", "name", "least", "greatest"), rows(FITS))
+def test_clearances(size, name, least, greatest):
+    found = fit(size * 1e-3, name)
+    assert found.diametral_clearance == um(least, greatest)
+    assert found.radial_clearance == um(least / 2, greatest / 2)
+    assert found.is_clearance == (least >= 0)
 
 
 def test_tables_follow_the_formulas_they_were_rounded_from():
@@ -104,38 +115,34 @@ def test_tables_follow_the_formulas_they_were_rounded_from():
         "n": (5, 0.34),
         "k": (0.6, 1 / 3),
     }
-    bounds = np.array(fits.RANGES, float)
-    mean, largest = np.sqrt(bounds[:-1] * bounds[1:]), bounds[1:] * 1e-3
+    mean, largest = means(fits.RANGES)
     for grade, factor in factors.items():
-        tolerances = [limits(d, f"H{grade}")[1] * 1e6 for d in largest]
-        np.testing.assert_allclose(tolerances, factor * (0.45 * np.cbrt(mean) + 0.001 * mean), rtol=0.05, atol=0.5)
+        expected = factor * (0.45 * np.cbrt(mean) + 0.001 * mean)
+        np.testing.assert_allclose(tolerances(grade, largest), expected, rtol=0.05, atol=0.5)
     for letter, (factor, power) in powers.items():
-        deviations = [limits(d, f"{letter}6")[letter < "i"] * 1e6 for d in largest]
-        np.testing.assert_allclose(deviations, factor * mean**power, rtol=0.02, atol=1.0)
-    fine = np.array(fits.FINE_RANGES, float)
-    mean, largest = np.sqrt(fine[:-1] * fine[1:]), fine[1:] * 1e-3
-    above = mean > 40
+        np.testing.assert_allclose(deviations(f"{letter}6", largest), factor * mean**power, rtol=0.02, atol=1.0)
+    mean, largest = means(fits.FINE_RANGES)
     formulas = {
         "a": -np.where(mean <= 120, 265 + 1.3 * mean, 3.5 * mean),
         "b": -np.where(mean <= 160, 140 + 0.85 * mean, 1.8 * mean),
-        "c": np.where(above, -(95 + 0.8 * mean), np.nan),
-        "s": np.where(above, [limits(d, "H7")[1] * 1e6 + 0.4 * m for d, m in zip(largest, mean, strict=True)], np.nan),
+        "c": np.where(mean > 40, -(95 + 0.8 * mean), np.nan),
+        "s": np.where(mean > 40, tolerances(7, largest) + 0.4 * mean, np.nan),
     }
     for letter, expected in formulas.items():
-        deviations = np.array([limits(d, f"{letter}7")[letter < "i"] * 1e6 for d in largest])
         known = np.isfinite(expected)
-        np.testing.assert_allclose(deviations[known], expected[known], rtol=0.05, atol=2.0)
+        np.testing.assert_allclose(deviations(f"{letter}7", largest)[known], expected[known], rtol=0.05, atol=2.0)
 
 
 def test_shafts_beyond_h_follow_their_rules():
     """ISO 286-1: m = IT7 - IT6, p = IT7 + 0 to 5 um, r the geometric mean of p and s [um], from 3 mm on."""
-    for diameter in np.array(fits.FINE_RANGES[1:]) * 1e-3:
-        m, p, r, s = (limits(diameter, f"{letter}6")[0] * 1e6 for letter in "mprs")
-        fine, coarse, coarser = (limits(diameter, f"H{grade}")[1] * 1e6 for grade in (6, 7, 8))
-        assert m == pytest.approx(coarse - fine, abs=0.1)
-        assert -0.1 < p - coarse < 5.1
-        assert r == pytest.approx(np.sqrt(p * s), abs=1.5)
-        assert diameter > 0.05 or 0.9 < s - coarser < 4.1
+    _, largest = means(fits.FINE_RANGES)
+    m, p, r, s = (deviations(f"{letter}6", largest) for letter in "mprs")
+    fine, coarse, coarser = (tolerances(grade, largest) for grade in (6, 7, 8))
+    np.testing.assert_allclose(m, coarse - fine, rtol=0, atol=0.1)
+    assert np.all((p - coarse > -0.1) & (p - coarse < 5.1))
+    np.testing.assert_allclose(r, np.sqrt(p * s), rtol=0, atol=1.5)
+    above = (s - coarser)[largest <= 0.05]
+    assert np.all((above > 0.9) & (above < 4.1))
 
 
 def test_finest_grades():
@@ -143,8 +150,8 @@ def test_finest_grades():
     h3 = [2, 2.5, 2.5, 3, 4, 4, 5, 6, 8, 10, 12, 13, 15]
     h4 = [3, 4, 4, 5, 6, 7, 8, 10, 12, 14, 16, 18, 20]
     for bound, third, fourth in zip(fits.RANGES, h3, h4, strict=True):
-        assert limits(bound * 1e-3, "h3") == (-third / 1e6, 0)
-        assert limits(bound * 1e-3, "h4") == (-fourth / 1e6, 0)
+        assert limits(bound * 1e-3, "h3") == um(-third, 0)
+        assert limits(bound * 1e-3, "h4") == um(-fourth, 0)
 
 
 def test_tables_are_complete_and_monotone():
@@ -162,28 +169,18 @@ def test_a_hole_mirrors_the_shaft(letter):
 
 
 def test_a_range_includes_its_upper_bound():
-    assert limits(0.018, "H7") == limits(0.0101, "H7") == (0, 18e-6)
-    assert limits(0.0180001, "H7") == (0, 21e-6)
-    assert limits(0.01, "H7") == (0, 15e-6)
     # Noise of binary fractions does not carry a diameter over the bound.
     assert 3 * 0.006 > 0.018
-    assert limits(3 * 0.006, "H7") == (0, 18e-6)
+    for diameter, upper in ((0.01, 15), (0.0101, 18), (0.018, 18), (3 * 0.006, 18), (0.0180001, 21)):
+        assert limits(diameter, "H7") == um(0, upper)
 
 
-def test_loose_transition_and_interference_fits():
-    loose = fit(0.05, "H11/c11")
-    assert loose == Fit("H11/c11", 0.05, (0.0, 160e-6), (-290e-6, -130e-6))
-    assert loose.radial_clearance == (65e-6, 225e-6)
-    assert str(loose) == "H11/c11 at 50 mm: radial clearance 65 to 225 um"
+def test_fits_as_records_and_text():
+    assert fit(0.05, "H11/c11") == Fit("H11/c11", 0.05, um(0, 160), um(-290, -130))
+    assert str(fit(0.05, "H11/c11")) == "H11/c11 at 50 mm: radial clearance 65 to 225 um"
     assert str(fit(0.025, "H7/h6")) == "H7/h6 at 25 mm: radial clearance 0 to 17 um"
-    transition = fit(0.025, "H7 / k6")
-    assert transition.name == "H7/k6"
-    assert transition.diametral_clearance == (-15e-6, 19e-6)
-    assert not transition.is_clearance
-    press = fit(0.025, "H7/s6")
-    assert press.diametral_clearance == (-48e-6, -14e-6)
-    assert not press.is_clearance
-    assert fit(0.025, "F8/h6").radial_clearance == (10e-6, 33e-6)
+    assert fit(0.025, "H7 / k6") == fit(0.025, "H7/k6")
+    assert fit(0.025, "H7 / k6").name == "H7/k6"
 
 
 def test_common_fits_exist_and_clear_at_every_diameter():
@@ -216,37 +213,31 @@ def test_a_fit_lies_within_its_own_clearances(name):
         assert own not in fits_within(diameter, greatest - 1e-9)
 
 
-@pytest.mark.parametrize("diameter", [0.0, -0.01, 0.5001, 25.0, float("nan")])
-def test_diameters_out_of_range(diameter):
-    with pytest.raises(ClearanceError, match=r"`diameter` must be above 0 and at most 0\.5 m"):
-        limits(diameter, "H7")
-    with pytest.raises(ClearanceError, match=r"25 mm are 0\.025"):
-        fits_within(diameter, 1e-4)
+OUT_OF_RANGE = (0.0, -0.01, 0.5001, 25.0, float("nan"))
+REFUSED = [
+    *((limits, (diameter, "H7"), r"`diameter` must be above 0 and at most 0\.5 m") for diameter in OUT_OF_RANGE),
+    *((fits_within, (diameter, 1e-4), r"25 mm are 0\.025") for diameter in OUT_OF_RANGE),
+    (limits, (0.025, "K7"), "Allowed: A, B, C, D, E, F, G, H, JS .holes.; a, b, c"),
+    (limits, (0.025, "Js7"), "known letter"),
+    (limits, (0.025, "t6"), "known letter"),
+    (limits, (0.025, "H2"), "Allowed: 3, 4, 5"),
+    (limits, (0.025, "g17"), "14, 15, 16"),
+    *((limits, (0.025, malformed), "a letter and a grade") for malformed in ("H", "7H", "H7.5", "")),
+    *(
+        (fit, (0.025, malformed), 'Write it as "H7/g6"')
+        for malformed in ("H7", "H7g6", "g6/H7", "H7/H8", "h6/g6", "", "/", "H7/")
+    ),
+    *(
+        (fits_within, (0.025, greatest, least), "`least`")
+        for greatest, least in ((1e-6, 2e-6), (-1e-6, 0.0), (1e-5, -1e-6), (float("nan"), 0.0))
+    ),
+]
 
 
-@pytest.mark.parametrize(
-    ("tolerance_class", "message"),
-    [
-        ("K7", "Allowed: A, B, C, D, E, F, G, H, JS .holes.; a, b, c"),
-        ("Js7", "known letter"),
-        ("t6", "known letter"),
-        ("H2", "Allowed: 3, 4, 5"),
-        ("g17", "14, 15, 16"),
-        ("H", "a letter and a grade"),
-        ("7H", "a letter and a grade"),
-        ("H7.5", "a letter and a grade"),
-        ("", "a letter and a grade"),
-    ],
-)
-def test_unknown_classes(tolerance_class, message):
+@pytest.mark.parametrize(("function", "arguments", "message"), REFUSED)
+def test_refusals(function, arguments, message):
     with pytest.raises(ClearanceError, match=message):
-        limits(0.025, tolerance_class)
-
-
-@pytest.mark.parametrize("name", ["H7", "H7g6", "g6/H7", "H7/H8", "h6/g6", "", "/", "H7/"])
-def test_malformed_fits(name):
-    with pytest.raises(ClearanceError, match='Write it as "H7/g6"'):
-        fit(0.025, name)
+        function(*arguments)
 
 
 def test_what_the_standard_lacks_up_to_one_millimetre():
@@ -254,9 +245,3 @@ def test_what_the_standard_lacks_up_to_one_millimetre():
         with pytest.raises(ClearanceError, match="up to 1 mm"):
             limits(0.001, tolerance_class)
         assert limits(0.00101, tolerance_class)[1] != 0
-
-
-@pytest.mark.parametrize("bounds", [(1e-6, 2e-6), (-1e-6, 0.0), (1e-5, -1e-6), (float("nan"), 0.0)])
-def test_bounds_in_the_wrong_order(bounds):
-    with pytest.raises(ClearanceError, match="`least`"):
-        fits_within(0.025, *bounds)
