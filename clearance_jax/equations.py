@@ -337,7 +337,12 @@ def constrained(inertia: Factored, rows: list[list[Term]], right: list[Term]) ->
 
 
 def projected(
-    time: Scalar, y: Array, mechanism: Mechanism, loops: tuple[Revolute, ...], iterations: int = 2, firm_play: bool = False
+    time: Scalar,
+    y: Array,
+    mechanism: Mechanism,
+    loops: tuple[Revolute, ...],
+    iterations: int = 2,
+    firm_play: bool = False,
 ) -> Array:
     """The nearest state (in the kinetic norm) whose loops are closed in position and velocity. With `firm_play` pins
     stay where they are in their sleeves, unless nothing else can close the loops.

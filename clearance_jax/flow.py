@@ -350,7 +350,11 @@ def initial_state(mechanism: Mechanism, t0: Scalar) -> Array:
     q = [jnp.asarray(c.motion.position, dtype=float) for c in free]
     v = [jnp.asarray(c.motion.velocity, dtype=float) for c in free]
     y = jnp.concatenate([jnp.stack([*q, *v]) if free else jnp.zeros(0), jnp.zeros(plan.remembered)])
-    return projected(t0, y, mechanism, mechanism.loops, 12, firm_play=True) if mechanism.loops and mechanism.assemble else y
+    return (
+        projected(t0, y, mechanism, mechanism.loops, 12, firm_play=True)
+        if mechanism.loops and mechanism.assemble
+        else y
+    )
 
 
 def is_assembled(mechanism: Mechanism, t0: Scalar, y: Array) -> Array:

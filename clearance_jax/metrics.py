@@ -8,7 +8,7 @@ A metric is a reduction over time (`Peak`, `Rms`, `Mean`, `At`, `SoftPeak`, ...)
 """
 
 import abc
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -33,6 +33,11 @@ from clearance_jax.solve import solve
 
 class AbstractMetric(eqx.Module):
     """A number, or a few, of a motion."""
+
+    @property
+    def unit(self) -> str:
+        """The unit of its values."""
+        return getattr(getattr(self, "signal", None), "unit", "")
 
     @abc.abstractmethod
     def __call__(self, mechanism: Mechanism, t1: Any, **options: Any) -> Array:
@@ -164,6 +169,8 @@ class PNorm(AbstractMetric):
 
 class EnergyLost(AbstractMetric):
     """Energy lost in damping and friction [J]."""
+
+    unit: ClassVar[str] = "J"
 
     def __call__(self, mechanism, t1, **options):
         solution, ready = solve(mechanism, t1, books=True, **options), mechanism.prepared()

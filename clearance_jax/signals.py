@@ -22,12 +22,13 @@ from clearance_jax.spatial import minus
 from clearance_jax.tolerances import largest_length
 
 # Newton steps from a pin's place in its sleeve to the ideal mechanism: each squares the error, some 1e-3 at first.
-_ASSEMBLE = 4
+ASSEMBLE = 4
 
 
 class AbstractSignal(eqx.Module):
-    """A scalar function of time, state and mechanism; names are static."""
+    """A scalar function of time, state and mechanism, in `unit`; names are static."""
 
+    unit: ClassVar[str] = ""
     needs_ideal: ClassVar[bool] = False
 
     @abc.abstractmethod
@@ -149,7 +150,7 @@ def ideal_state(time: Scalar, y: Array, mechanism: Mechanism) -> Array:
         return jnp.zeros(0)
     where = [plan.names.index(name) for name in own.names]
     guess = jnp.stack([*(y[i] for i in where), *(y[plan.free + i] for i in where)])
-    return projected(time, guess, ideal, ideal.closures(), _ASSEMBLE)
+    return projected(time, guess, ideal, ideal.closures(), ASSEMBLE)
 
 
 # Signals -------------------------------------------------------------------------------------------------------------
@@ -179,6 +180,7 @@ def _deviation(signal, time, y, mechanism, reference):
 class PositionError(AbstractSignal):
     """Distance of a named point from where the ideal mechanism has it at the same time [m]."""
 
+    unit: ClassVar[str] = "m"
     point: str = eqx.field(static=True)
     needs_ideal: ClassVar[bool] = True
 
@@ -195,6 +197,7 @@ class PathDeviation(AbstractSignal):
     where the ideal point stands still.
     """
 
+    unit: ClassVar[str] = "m"
     point: str = eqx.field(static=True)
     needs_ideal: ClassVar[bool] = True
 
@@ -211,6 +214,7 @@ class PathDeviation(AbstractSignal):
 class OrientationError(AbstractSignal):
     """Angle between a body and the ideal mechanism's [rad], not negative."""
 
+    unit: ClassVar[str] = "rad"
     body: str = eqx.field(static=True)
     needs_ideal: ClassVar[bool] = True
 
@@ -228,6 +232,7 @@ class OrientationError(AbstractSignal):
 class ContactForce(AbstractSignal):
     """Normal contact force in a clearance joint [N]."""
 
+    unit: ClassVar[str] = "N"
     joint: str = eqx.field(static=True)
 
     def value(self, time, y, mechanism, reference):
@@ -240,6 +245,7 @@ class ContactForce(AbstractSignal):
 class Acceleration(AbstractSignal):
     """Magnitude of a named point's acceleration [m/s^2]."""
 
+    unit: ClassVar[str] = "m/s^2"
     point: str = eqx.field(static=True)
 
     def value(self, time, y, mechanism, reference):

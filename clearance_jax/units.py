@@ -47,6 +47,14 @@ def to_si(value: Any, unit: str, where: str) -> float:
     return _finite(magnitude, where)
 
 
+def shown(value: float, unit: str, digits: int = 6) -> str:
+    """A quantity in SI as it is read in a workshop: lengths below a millimetre in um, below a metre in mm."""
+    if unit == "m" and abs(value) < 1:
+        small = abs(value) < 1e-3
+        return f"{value * (1e6 if small else 1e3):.{digits}g} {'um' if small else 'mm'}"
+    return f"{value:.{digits}g} {unit}".rstrip()
+
+
 def _finite(value: float, where: str) -> float:
     if not math.isfinite(value):
         raise ClearanceError(f"{where} must be finite, but it is {value}.")

@@ -1,11 +1,15 @@
 """Tolerance design: the largest, or the cheapest, clearances that keep errors and forces within bounds."""
 
+from clearance_jax.design.answer import Design
 from clearance_jax.design.costs import AbstractCost, Exponential, ExponentialReciprocal, Reciprocal, Table
+from clearance_jax.design.explain import Response, Tradeoff, responses, tradeoff
 from clearance_jax.design.made import Band, Yield, Yielded
-from clearance_jax.design.problem import Design, Limit, ToleranceProblem
+from clearance_jax.design.problem import Limit, ToleranceProblem
 from clearance_jax.design.program import Point, Program
 from clearance_jax.design.solvers import SOLVERS
-from clearance_jax.design.verify import Certificate, static_weights
+from clearance_jax.design.standard import StandardFits, nearest_fits
+from clearance_jax.design.static import static_weights
+from clearance_jax.design.verify import Certificate
 
 __all__ = [
     "SOLVERS",
@@ -19,9 +23,15 @@ __all__ = [
     "Point",
     "Program",
     "Reciprocal",
+    "Response",
+    "StandardFits",
     "Table",
     "ToleranceProblem",
+    "Tradeoff",
     "Yield",
     "Yielded",
+    "nearest_fits",
+    "responses",
     "static_weights",
+    "tradeoff",
 ]

@@ -1,9 +1,10 @@
 """The question a designer asks: which clearances, so that errors and forces stay within bounds, at the least cost."""
 
+import copy
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import equinox as eqx
 import jax
@@ -11,11 +12,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from clearance_jax._checks import ClearanceError
+from clearance_jax.design.answer import Design
 from clearance_jax.design.costs import AbstractCost
+from clearance_jax.design.evaluate import FEW, Scenario, Simulations
 from clearance_jax.design.made import Band, Yield, Yielded, counted
 from clearance_jax.design.program import Point, Program
 from clearance_jax.design.solvers import GRADIENT_FREE, run
-from clearance_jax.design.verify import Certificate, verify
 from clearance_jax.mechanism.mechanism import Mechanism, parameters, replace
 from clearance_jax.metrics import AbstractMetric, Peak
 from clearance_jax.sensitivity import values_of
@@ -44,14 +46,6 @@ class Limit(eqx.Module):
         parts = [type(self.metric).__name__] + ([] if signal is None else [type(signal).__name__])
         of = next((getattr(signal, n) for n in ("point", "joint", "body") if hasattr(signal, n)), None)
         return self.name or " ".join(parts) + ("" if of is None else f" of {of}")
-
-
-class Scenario(NamedTuple):
-    """One simulation that a design must stand: the title of its condition, values by name, factors on the variables."""
-
-    title: str
-    given: dict[str, jax.Array]
-    factors: np.ndarray
 
 
 class ToleranceProblem:
@@ -119,6 +113,14 @@ class ToleranceProblem:
             for limit in self.limits
         )
 
+        self.bounds = [limit.bound for limit in self.limits]
+
+    def as_designed(self) -> "ToleranceProblem":
+        """The same problem for parts that come out exactly as designed."""
+        problem = copy.copy(self)
+        problem.made = None
+        return problem
+
     @property
     def names(self) -> tuple[str, ...]:
         """What the solver varies: the variables, or their common value."""
@@ -129,12 +131,12 @@ class ToleranceProblem:
         bounds = np.array(list(self.variables.values()))
         if len(self.names) < len(self.variables):
             bounds = np.array([[bounds[:, 0].max(), bounds[:, 1].min()]])
-        solve = {"rtol": rtol or self.rtol, "solver": solver or self.solver}
+        simulations = self.simulations(rtol, solver)
         scenarios = self.scenarios()
         if isinstance(self.made, Yield):
             titles = groups = [f"yield of {self.made.target:.4g}{self._in(condition)}" for condition in self.conditions]
         else:
-            sizes = [self._size(metric, solve) for metric in self._metrics]
+            sizes = simulations.sizes()
             titles = [
                 limit.title + (f", peak {k + 1}" if size > 1 else "") + scenario.title
                 for scenario in scenarios
@@ -145,23 +147,32 @@ class ToleranceProblem:
             groups = [limit.title for _ in scenarios for limit, size in pairs for _ in range(size)]
 
         def evaluate(x, gradient):
-            return self._evaluate(x, gradient, scenarios, solve)
+            # To do without derivatives is another program to compile, which for a few variables takes longer than it
+            # can save.
+            gradient = gradient or (program.gradients > 0 and len(x) <= FEW)
+            return self._evaluate(x, gradient, scenarios, simulations)
 
-        return Program(
+        program = Program(
             evaluate,
             self.names,
             bounds[:, 0],
             bounds[:, 1],
             titles,
             groups=groups,
-            identity=self._identity(solve),
+            identity=self._identity(simulations.solve),
             **options,
         )
+        return program
+
+    def simulations(self, rtol: float | None = None, solver: str | None = None) -> Simulations:
+        """What designs are simulated by."""
+        solve = {"rtol": rtol or self.rtol, "solver": solver or self.solver}
+        return Simulations(self.mechanism, self._metrics, self.bounds, tuple(self.variables), self.t1, solve)
 
     def _identity(self, solve) -> str:
         """A short text that another problem does not have."""
         leaves, structure = jax.tree.flatten(eqx.filter((self.mechanism, self.costs, self._metrics), eqx.is_array_like))
-        asked = (self.t1, self.variables, self.conditions, self.made, solve, [limit.bound for limit in self.limits])
+        asked = (self.t1, self.variables, self.conditions, self.made, solve, self.bounds)
         text = repr(([np.asarray(leaf).tolist() for leaf in leaves], str(structure), asked))
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -186,29 +197,17 @@ class ToleranceProblem:
                 found.append(Scenario(where, given, np.ones(len(names))))
         return found
 
-    def yielded(self, x: np.ndarray, samples: int = 10_000, seed: int = 12345, batch: int = 250) -> Yielded:
+    def yielded(self, x: np.ndarray, samples: int = 10_000, seed: int = 12345) -> Yielded:
         """The yield of a design (its variables, shape (n,)) on fresh samples; the worst condition's."""
         if not isinstance(self.made, Yield):
             raise ClearanceError("Only a problem with `made=Yield(...)` has a yield.")
-        scenarios, solve = self.scenarios(samples, seed), {"rtol": self.rtol, "solver": self.solver}
+        return self.counted(x, self.scenarios(samples, seed))
+
+    def counted(self, x: np.ndarray, scenarios: Sequence[Scenario], exact: bool = False) -> Yielded:
+        """In how many scenarios, as many of each condition, a design holds all limits; the worst condition's."""
         wide = np.broadcast_to(x, (len(self.variables),))
-        held = []
-        # Not across conditions: they may set different names.
-        starts = [k * samples + i for k in range(len(self.conditions)) for i in range(0, samples, batch)]
-        for start in starts:
-            part = scenarios[start : min(start + batch, (start // samples + 1) * samples)]
-            size = len(part)
-            part = part + part[-1:] * (batch - len(part))  # one batch size, so one program
-            points = jnp.asarray(wide * np.stack([s.factors for s in part]))
-            given = {name: jnp.stack([s.given[name] for s in part]) for name in part[0].given}
-            asked = self.mechanism, self._metrics, tuple(self.variables), points, given, jnp.asarray(self.t1), solve
-            found = _batch(*asked)
-            worst = [
-                np.max(np.reshape(v, (batch, -1)), 1) / m.bound - 1 for v, m in zip(found, self.limits, strict=True)
-            ]
-            held.append((np.max(worst, axis=0) <= 0)[:size])  # false for a lane that could not be solved
-        rows = np.concatenate(held).reshape(len(self.conditions), samples)
-        return min((counted(row) for row in rows), key=lambda y: y.share)
+        held = self.simulations().worst(wide, scenarios, exact).reshape(len(self.conditions), -1) <= 0
+        return min((counted(row) for row in held), key=lambda y: y.share)
 
     def clearances(self, x: np.ndarray) -> dict[str, float]:
         """The variables by name of a solver's point."""
@@ -293,24 +292,9 @@ class ToleranceProblem:
     def _in(self, condition) -> str:
         return f" ({condition})" if len(self.conditions) > 1 else ""
 
-    def _size(self, metric, solve) -> int:
-        out = jax.eval_shape(lambda t1: metric(self.mechanism, t1, **solve), jnp.asarray(self.t1))
-        return int(np.prod(out.shape))
-
-    def _evaluate(self, x, gradient, scenarios, solve) -> Point:
+    def _evaluate(self, x, gradient, scenarios, simulations) -> Point:
         wide = np.broadcast_to(x, (len(self.variables),))
-        limits, rows = [], []
-        for scenario in scenarios:
-            asked = (self.mechanism, self._metrics, tuple(self.variables), jnp.asarray(wide * scenario.factors))
-            call = _slopes if gradient else _values
-            found, slopes = call(*asked, scenario.given, jnp.asarray(self.t1), solve)
-            bounds = np.concatenate(
-                [np.full(np.size(v), limit.bound) for v, limit in zip(found, self.limits, strict=True)]
-            )
-            limits.append(np.concatenate([np.ravel(v) for v in found]) / bounds - 1)
-            if gradient:
-                by_variable = np.concatenate([np.reshape(j, (-1, len(wide))) for j in slopes])
-                rows.append(by_variable * scenario.factors / bounds[:, None])
+        limits, rows = zip(*(simulations.limits(wide, s, gradient) for s in scenarios), strict=True)
         values, jacobian = np.stack(limits), np.stack(rows) if gradient else None
         if isinstance(self.made, Yield):
             values, jacobian = self._at_risk(values, jacobian)
@@ -352,92 +336,3 @@ def _costs(cost, names) -> list[Callable]:
     if missing:
         raise ClearanceError(f"There is no cost for `{missing[0]}`. Give one for every variable.")
     return [cost[name] for name in names]
-
-
-def _moved(mechanism, names, values, given):
-    return replace(mechanism, {**given, **dict(zip(names, values, strict=True))})
-
-
-@eqx.filter_jit
-def _values(mechanism, metrics, names, values, given, t1, solve):
-    moved = _moved(mechanism, names, values, given)
-    return [metric(moved, t1, **solve) for metric in metrics], []
-
-
-@eqx.filter_jit
-def _batch(mechanism, metrics, names, points, given, t1, solve):
-    return jax.vmap(lambda v, g: _values(mechanism, metrics, names, v, g, t1, solve)[0])(points, given)
-
-
-@eqx.filter_jit
-def _slopes(mechanism, metrics, names, values, given, t1, solve):
-    def of(values):
-        moved = _moved(mechanism, names, values, given)
-        out = [metric(moved, t1, **solve) for metric in metrics]
-        return out, out
-
-    slopes, out = jax.jacfwd(of, has_aux=True)(values)
-    return out, slopes
-
-
-class Design:
-    """A solver's answer: `clearances` by name, `objective`, whether it is `feasible`; prints as a designer reads it."""
-
-    def __init__(self, problem: ToleranceProblem, program: Program, method: str, point: Point, stopped: str, note: str):
-        self.problem, self.program, self.method, self.point = problem, program, method, point
-        self.stopped, self.note = stopped, note
-
-    @property
-    def clearances(self) -> dict[str, float]:
-        """The variables by name."""
-        return self.problem.clearances(self.point.x)
-
-    @property
-    def objective(self) -> float:
-        """The cost, or minus the common clearance."""
-        return self.point.objective
-
-    @property
-    def feasible(self) -> bool:
-        """Whether every limit is held."""
-        return self.point.feasible
-
-    @property
-    def active(self) -> list[str]:
-        """The limits that decide: those met to a thousandth."""
-        return [n for n, g in zip(self.program.limit_names, self.point.limits, strict=True) if g > -1e-3]
-
-    def yielded(self, samples: int = 10_000, seed: int = 12345) -> Yielded:
-        """The yield on fresh samples, of a problem with `made=Yield(...)`."""
-        return self.problem.yielded(self.point.x, samples, seed)
-
-    def verify(self, **options: Any) -> Certificate:
-        """A certificate by another solver and a tenfold tighter tolerance, see `design.verify.verify`."""
-        return verify(self, **options)
-
-    @property
-    def mechanism(self) -> Mechanism:
-        """The mechanism with the designed clearances."""
-        return replace(self.problem.mechanism, self.clearances)
-
-    def __str__(self) -> str:
-        units = {name: leaf.metadata["unit"] for name, leaf in parameters(self.problem.mechanism).items()}
-        lines = [
-            "Design" if self.feasible else f"NO FEASIBLE DESIGN: {self.program.most_violated(self.point)}",
-            *(
-                f"  {name} = {value * 1e3:.6g} mm" if units.get(name) == "m" else f"  {name} = {value:.6g}"
-                for name, value in self.clearances.items()
-            ),
-        ]
-        if not self.problem.common:
-            lines.append(f"  cost {self.objective:.6g}")
-        lines += [f"  decided by: {name}" for name in self.active]
-        if self.feasible and not self.active:
-            at = np.isclose(self.point.x, self.program.lower) | np.isclose(self.point.x, self.program.upper)
-            who = "the bounds of the variables do" if np.any(at) else "the solver stopped short of one"
-            lines.append(f"  no limit decides: {who}")
-        lines.append(
-            f"  {self.method}: {self.program.gradients} evaluations with gradients, {self.program.evaluations} without"
-        )
-        lines += [f"  {text}" for text in (self.stopped, self.note) if text]
-        return "\n".join(lines)

@@ -58,6 +58,7 @@ class Program:
       `identity` recorded in it is the same.
     - `most`: evaluations after which a solver is stopped with the best so far.
     - `progress`: called with each new point.
+    - `known`: points evaluated before.
     """
 
     def __init__(
@@ -72,6 +73,7 @@ class Program:
         identity: str = "",
         most: int = 1_000_000,
         progress: Callable[[Point], None] | None = None,
+        known: Sequence[Point] = (),
     ):
         self.names, self.limit_names = tuple(names), tuple(limit_names)
         self.groups, self._identity = tuple(groups or limit_names), identity
@@ -86,6 +88,8 @@ class Program:
         self.points: list[Point] = []
         self._known: dict[bytes, Point] = {}
         self.evaluations = self.gradients = 0
+        for point in known:
+            self._keep(point)
         if self._file is not None and self._file.exists():
             self._load()
 
@@ -98,8 +102,8 @@ class Program:
         if self.evaluations + self.gradients >= self._most:
             raise Enough
         point = self._evaluate(x, gradient)
-        self.gradients += gradient
-        self.evaluations += not gradient
+        self.gradients += point.gradient is not None
+        self.evaluations += point.gradient is None
         self._keep(point)
         if self._file is not None:
             with self._file.open("a") as file:
@@ -118,6 +122,21 @@ class Program:
     def nearest(self) -> Point | None:
         """The point with the least violation."""
         return min(self.points, key=lambda p: p.worst, default=None)
+
+    def rebounded(self, group: str, factor: float) -> "Program":
+        """The same program with the bounds of one of the designer's limits times a factor; it evaluates, and
+        remembers, through this one.
+        """
+
+        def moved(point: Point) -> Point:
+            limits = (point.limits + 1) * shrink - 1
+            jacobian = None if point.jacobian is None else point.jacobian * shrink[:, None]
+            return point._replace(limits=limits, jacobian=jacobian)
+
+        shrink = np.where([name == group for name in self.groups], 1 / factor, 1.0)
+        names = self.names, self.lower, self.upper, self.limit_names, self.groups
+        known = [moved(point) for point in self.points]
+        return Program(lambda x, gradient: moved(self.at(x, gradient)), *names, known=known)
 
     def most_violated(self, point: Point) -> str:
         """The most violated limit of a point in words."""

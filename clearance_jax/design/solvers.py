@@ -5,6 +5,7 @@ program remembers every point, and its best feasible one is the answer, also of 
 """
 
 import functools
+import tempfile
 import warnings
 from collections.abc import Callable
 
@@ -209,7 +210,8 @@ def cma_es(program: Program, start: np.ndarray, tolerance: float = 1e-6, seed: i
         "tolx": tolerance,
         "tolfun": tolerance**2,
     }
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), tempfile.TemporaryDirectory() as scratch:
+        options["verb_filenameprefix"] = scratch + "/"  # its logger makes a folder even where it logs nothing
         warnings.filterwarnings("ignore", message=".*moarchiving")  # an extra of cma's that is not used
         cma.fmin_con2(
             lambda z: scaled.value(np.asarray(z))[0],
@@ -235,9 +237,14 @@ def run(program: Program, method: str, start: np.ndarray, **options) -> str:
     """Run a solver by name, then pull its answer inside the limits; returns why it stopped early, or nothing."""
     if method not in SOLVERS:
         raise ClearanceError(f"There is no design solver {method!r}. " + suggest(method, SOLVERS))
+    exact = method not in GRADIENT_FREE
     try:
+        # Where a motion has no end there is no slope to follow: smaller clearances rattle less.
+        if not np.isfinite(program.at(start, exact).worst):
+            found = restored(program, start, exact)
+            start = start if found is None else found.x
         said = SOLVERS[method](program, start, **options)
-        _pull_inside(program)
+        _pull_inside(program, exact)
         return said or ""
     except Enough:
         return "stopped: as many evaluations as allowed"
@@ -247,7 +254,7 @@ def run(program: Program, method: str, start: np.ndarray, **options) -> str:
         return "interrupted"
 
 
-def _pull_inside(program: Program) -> None:
+def _pull_inside(program: Program, gradient: bool) -> None:
     """Evaluate a feasible neighbour of the best point that all but holds its limits: solvers end on a limit from both
     sides, and the best point that holds may be an early and poor one.
     """
@@ -255,21 +262,21 @@ def _pull_inside(program: Program) -> None:
     if near:
         # A violation is worth some multiple of itself in objective: powers of clearances have small exponents.
         best = min(near, key=lambda p: p.objective + PRICE * abs(p.objective) * max(p.worst, 0.0))
-        restored(program, best.x)
+        restored(program, best.x, gradient)
     elif program.nearest is not None:
-        restored(program, program.nearest.x)
+        restored(program, program.nearest.x, gradient)
 
 
-def restored(program: Program, x: np.ndarray) -> Point | None:
+def restored(program: Program, x: np.ndarray, gradient: bool = False) -> Point | None:
     """A feasible point on the scaling line through `x`, towards smaller clearances and near; nothing where none is."""
     # One that has come to its bound stays there, and the others go on.
-    point, shift, low = program.at(x), 0.0, float(np.min(np.log(program.lower / x)))
+    point, shift, low = program.at(x, gradient), 0.0, float(np.min(np.log(program.lower / x)))
     # Errors grow about as clearances do: shrink by the violation, and on from there.
     for _ in range(12):
         if point.feasible:
             return point
         shift = max(low, shift - max(2 * point.worst, 1e-8) if np.isfinite(point.worst) else shift - 0.5)
-        point = program.at(x * np.exp(shift))
+        point = program.at(x * np.exp(shift), gradient)
         if shift == low:
             break
     return point if point.feasible else None

@@ -3,19 +3,17 @@
 import dataclasses
 from typing import TYPE_CHECKING
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
 import scipy.optimize
 
 from clearance_jax._checks import ClearanceError
+from clearance_jax.design.made import Yield, Yielded
 from clearance_jax.design.program import Point, Program
 from clearance_jax.design.solvers import GRADIENT_FREE, run
-from clearance_jax.dynamics import observe
-from clearance_jax.mechanism.body import Position
-from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.solve import solve
+from clearance_jax.design.static import static_weights
+from clearance_jax.mechanism.mechanism import replace
+from clearance_jax.metrics import Peak, PositionError
+from clearance_jax.units import shown
 
 if TYPE_CHECKING:
     from clearance_jax.design.problem import Design
@@ -36,10 +34,12 @@ class Certificate:
     - `residual`: of the Karush-Kuhn-Tucker conditions, over the objective's gradient, in logarithms; `prices`: per
       active limit, relative change of the objective per relative change of its bound.
     - `checked`: name -> (price, by re-optimising with the bound 1 % up and down), where asked for.
+    - `yielded`: of a `Yield`, on fresh samples; `static`: by limit on a point's error, what play alone can do to the
+      mechanism at rest [m].
     - `starts`: objectives that other starts have led to; `goal`: what a looser bound does, in words.
     """
 
-    names: tuple[str, ...]
+    names: dict[str, str]
     x: np.ndarray
     worst: float
     limit: str
@@ -51,6 +51,8 @@ class Certificate:
     starts: tuple[float, ...]
     objective: float
     goal: str
+    yielded: Yielded | None
+    static: dict[str, float]
     solver: str
     rtol: float
 
@@ -60,7 +62,9 @@ class Certificate:
         return self.worst <= 1e-6
 
     def __str__(self) -> str:
-        at = ", ".join(f"{name} = {value:.6g}" for name, value in zip(self.names, self.x, strict=True))
+        at = ", ".join(
+            f"{name} = {shown(value, unit)}" for (name, unit), value in zip(self.names.items(), self.x, strict=True)
+        )
         verdict = "The limits hold" if self.holds else "THE LIMITS DO NOT HOLD"
         lines = [
             f"Certificate for {at}",
@@ -78,6 +82,12 @@ class Certificate:
             if name in self.checked:
                 text += f" (re-optimised: {self.checked[name][1]:.4g} %)"
             lines.append(text + ".")
+        if self.yielded is not None:
+            lines.append(f"  {self.yielded}")
+        for name, value in self.static.items():
+            lines.append(
+                f"  Of {name} play alone, at rest, could make {shown(value, 'm', 4)}; more is motion or force."
+            )
         if self.starts:
             others = [s for s in self.starts if s < self.objective - 1e-4 * abs(self.objective)]
             lines.append(
@@ -92,12 +102,13 @@ class Certificate:
 
 
 def verify(
-    design: "Design", *, sweep: int = 40, starts: int = 0, reoptimise: bool = False, seed: int = 0
+    design: "Design", *, sweep: int = 40, starts: int = 0, reoptimise: bool = False, samples: int = 1000, seed: int = 0
 ) -> Certificate:
     """Check a design with another solver and a tenfold tighter tolerance.
 
     **Arguments:** `sweep`: scalings at which the limits are looked at between a tenth of the design and the bounds;
-    `starts`: random starts of the same method; `reoptimise`: check the prices by solving again with changed bounds.
+    `starts`: random starts of the same method; `reoptimise`: check the prices by solving again with changed bounds;
+    `samples`: fresh ones for a `Yield`.
     """
     if not design.feasible:
         raise ClearanceError(f"There is no feasible design to verify: {design.program.most_violated(design.point)}.")
@@ -121,10 +132,31 @@ def verify(
         _run(other, design.method, np.exp(rng.uniform(np.log(other.lower), np.log(other.upper))))
         objectives.append(other.best.objective if other.best else np.inf)
     k = int(np.argmax(at.limits))
+    units = dict(zip(fresh.names, design.units.values(), strict=False))  # a common clearance has the first one's
+    goal = "enlarges the clearance" if problem.common else "lowers the cost"
+    yielded = design.yielded(samples) if isinstance(problem.made, Yield) else None
     return Certificate(
-        fresh.names, x, at.worst, names[k], scale, islands, residual, prices, checked, tuple(objectives),
-        at.objective, "enlarges the clearance" if problem.common else "lowers the cost", solver, rtol,
+        units, x, at.worst, names[k], scale, islands, residual, prices, checked, tuple(objectives), at.objective, goal,
+        yielded, _static(design), solver, rtol,
     )  # fmt: skip
+
+
+def _static(design: "Design") -> dict[str, float]:
+    """Weights times clearances, in the condition where they add up to most; of driven mechanisms."""
+    found: dict[str, float] = {}
+    for limit in design.problem.limits:
+        if not isinstance(limit.metric, Peak) or not isinstance(limit.metric.signal, PositionError):
+            continue
+        for values in design.problem.conditions.values():
+            moved = replace(design.mechanism, values)
+            try:
+                weights = static_weights(moved, limit.metric.signal.point, design.problem.t1)
+            except ClearanceError:
+                continue
+            sizes = {j.name: j.clearance.radial_clearance for j in moved.clearance_joints() if j.clearance}
+            total = sum(weight * float(sizes[name]) for name, weight in weights.items())
+            found[limit.title] = max(total, found.get(limit.title, 0.0))
+    return found
 
 
 def _run(program: Program, method: str, start: np.ndarray) -> None:
@@ -135,7 +167,7 @@ def _run(program: Program, method: str, start: np.ndarray) -> None:
 
 def _scale(program: Program, x: np.ndarray, at: Point) -> float:
     """The factor on all variables at which the worst limit is just met, nearest to 1; NaN: the bounds come first."""
-    low, high = float(np.max(program.lower / x)), float(np.min(program.upper / x))
+    low, high = _ends(program, x)
 
     def worst(s):
         return program.at(s * x).worst
@@ -157,9 +189,14 @@ def _scale(program: Program, x: np.ndarray, at: Point) -> float:
     return float(scipy.optimize.brentq(worst, good, bad, xtol=1e-12, rtol=1e-10)) if worst(good) < 0 else float(good)
 
 
+def _ends(program: Program, x: np.ndarray) -> tuple[float, float]:
+    """The least and the greatest scaling: a variable that has come to its bound stays there, and the others go on."""
+    return float(np.min(program.lower / x)), float(np.max(program.upper / x))
+
+
 def _islands(program: Program, x: np.ndarray, count: int) -> tuple[tuple[float, float], ...]:
     """Intervals of scalings whose designs hold, to the sweep's spacing."""
-    low, high = float(np.max(program.lower / x)), float(np.min(program.upper / x))
+    low, high = _ends(program, x)
     s = np.unique(np.append(np.geomspace(max(low, 0.1), max(min(high, 10.0), 1.0), count), 1.0))
     held = np.array([program.at(v * x).worst <= 1e-6 for v in s])
     edges = np.flatnonzero(np.diff(np.concatenate([[False], held, [False]]).astype(int)))
@@ -186,58 +223,9 @@ def _optimality(program: Program, at: Point) -> tuple[float, np.ndarray]:
 
 def _repriced(design: "Design", name: str) -> float:
     """Relative change of the best objective per relative change of one limit's bound, by solving twice more."""
-    program = design.problem.program()
-    rows = np.array([group == name for group in program.groups])
-    best = []
+    program, best = design.problem.program(), []
     for change in (0.01, -0.01):
-
-        def evaluate(x, gradient, change=change):
-            point = program.at(x, gradient)
-            factor = np.where(rows, 1 / (1 + change), 1.0)
-            jacobian = None if point.jacobian is None else point.jacobian * factor[:, None]
-            return point._replace(limits=(point.limits + 1) * factor - 1, jacobian=jacobian)
-
-        moved = Program(evaluate, program.names, program.lower, program.upper, program.limit_names)
+        moved = program.rebounded(name, 1 + change)
         _run(moved, design.method, design.point.x)
         best.append(moved.best.objective if moved.best else np.nan)
     return float((best[1] - best[0]) / 0.02 / abs(design.objective))
-
-
-def static_weights(mechanism: Mechanism, point: str, t1: float, samples: int = 181) -> dict[str, float]:
-    """How far a named point of the ideal mechanism moves per clearance of each joint, at most over time: the largest
-    singular value of its place by an offset of the pin in the sleeve. The sum of weight times clearance bounds what
-    play alone can do to a mechanism at rest; impacts can do more.
-
-    **Raises:** `ClearanceError` for an ideal mechanism that moves freely: where it is depends on forces.
-    """
-    from clearance_jax.signals import freedom, ideal_state
-
-    if freedom(mechanism.ideal()) > 0:
-        raise ClearanceError("An ideal mechanism that moves freely has no static bound: drive its joints.")
-    index = [p.name for p in mechanism.points].index(point)
-    clearance = [joint.name for joint in mechanism.clearance_joints()]
-    times = jnp.linspace(0.0, t1, samples)
-    states = solve(mechanism, t1, save_at=times).y
-    weights = {}
-    for name in clearance:
-
-        def place(offset, t, y, name=name):
-            moved = _offset(mechanism, name, offset)
-            reference = ideal_state(t, y, moved)
-            return observe(t, reference, moved.ideal().prepared())["position"][index]
-
-        slopes = jax.jit(jax.vmap(jax.jacfwd(place), (None, 0, 0)))(jnp.zeros(2), times, states)
-        weights[name] = float(np.max(np.linalg.norm(np.asarray(slopes), ord=2, axis=(1, 2))))
-    return weights
-
-
-def _offset(mechanism: Mechanism, name: str, offset) -> Mechanism:
-    """The mechanism with a joint's place on its parent moved [m]."""
-    for group in ("joints", "loops"):
-        for i, joint in enumerate(getattr(mechanism, group)):
-            if joint.name == name:
-                at = joint.at_parent
-                moved = Position(at.vector[0] + offset[0], at.vector[1] + offset[1])
-                moved_joint = dataclasses.replace(joint, at_parent=moved)
-                return eqx.tree_at(lambda m, g=group, i=i: getattr(m, g)[i], mechanism, moved_joint)
-    raise ClearanceError(f"There is no joint `{name}`.")

@@ -1,0 +1,86 @@
+"""A solver's answer to a tolerance problem, as a designer reads it."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from clearance_jax.design.made import Yielded
+from clearance_jax.design.program import Point, Program
+from clearance_jax.design.verify import Certificate, verify
+from clearance_jax.mechanism.mechanism import Mechanism, parameters, replace
+from clearance_jax.units import shown
+
+if TYPE_CHECKING:
+    from clearance_jax.design.problem import ToleranceProblem
+
+
+class Design:
+    """A solver's answer: `clearances` by name, `objective`, whether it is `feasible`; prints as a designer reads it."""
+
+    def __init__(
+        self, problem: "ToleranceProblem", program: Program, method: str, point: Point, stopped: str, note: str
+    ):
+        self.problem, self.program, self.method, self.point = problem, program, method, point
+        self.stopped, self.note = stopped, note
+
+    @property
+    def clearances(self) -> dict[str, float]:
+        """The variables by name."""
+        return self.problem.clearances(self.point.x)
+
+    @property
+    def units(self) -> dict[str, str]:
+        """The variables' units by name."""
+        known = parameters(self.problem.mechanism)
+        # An entry of an array has the array's.
+        leaves = {name: known.get(name) or known[name.rpartition(".")[0]] for name in self.problem.variables}
+        return {name: leaf.metadata["unit"] for name, leaf in leaves.items()}
+
+    @property
+    def objective(self) -> float:
+        """The cost, or minus the common clearance."""
+        return self.point.objective
+
+    @property
+    def feasible(self) -> bool:
+        """Whether every limit is held."""
+        return self.point.feasible
+
+    @property
+    def active(self) -> list[str]:
+        """The limits that decide: those met to a thousandth."""
+        return [n for n, g in zip(self.program.limit_names, self.point.limits, strict=True) if g > -1e-3]
+
+    def yielded(self, samples: int = 10_000, seed: int = 12345) -> Yielded:
+        """The yield on fresh samples, of a problem with `made=Yield(...)`."""
+        return self.problem.yielded(self.point.x, samples, seed)
+
+    def verify(self, **options: Any) -> Certificate:
+        """A certificate by another solver and a tenfold tighter tolerance, see `design.verify.verify`."""
+        return verify(self, **options)
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """The mechanism with the designed clearances."""
+        return replace(self.problem.mechanism, self.clearances)
+
+    def __str__(self) -> str:
+        lines = [
+            "Design" if self.feasible else f"NO FEASIBLE DESIGN: {self.program.most_violated(self.point)}",
+            *(
+                f"  {name} = {shown(value, unit)}"
+                for (name, unit), value in zip(self.units.items(), self.clearances.values(), strict=True)
+            ),
+        ]
+        if not self.problem.common:
+            lines.append(f"  cost {self.objective:.6g}")
+        lines += [f"  decided by: {name}" for name in self.active]
+        if self.feasible and not self.active:
+            at = np.isclose(self.point.x, self.program.lower) | np.isclose(self.point.x, self.program.upper)
+            who = "the bounds of the variables do" if np.any(at) else "the solver stopped short of one"
+            lines.append(f"  no limit decides: {who}")
+        lines.append(
+            f"  {self.method}: {self.program.gradients} evaluations with gradients, {self.program.evaluations} without"
+        )
+        lines += [f"  {text}" for text in (self.stopped, self.note) if text]
+        return "\n".join(lines)

@@ -1,0 +1,115 @@
+"""Designs as simulations: what a design must stand, solved one by one with derivatives, or in batches without."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from clearance_jax.mechanism.mechanism import Mechanism, replace
+from clearance_jax.metrics import AbstractMetric
+
+# Scenarios solved at a time where no derivatives are asked for.
+BATCH = 250
+# Variables up to which derivatives come along with every evaluation.
+FEW = 5
+
+
+class Scenario(NamedTuple):
+    """One simulation that a design must stand: the title of its condition, values by name, factors on the variables."""
+
+    title: str
+    given: Mapping[str, jax.Array]
+    factors: np.ndarray
+
+
+class Simulations:
+    """Metrics of a mechanism whose numbers `names` are a design's; limits are (value / bound - 1).
+
+    **Arguments:** `metrics` with their `bounds`; `t1` [s]; `solve`: options of the solves.
+    """
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        metrics: Sequence[AbstractMetric],
+        bounds: Sequence[float],
+        names: Sequence[str],
+        t1: float,
+        solve: dict[str, Any],
+    ):
+        self.metrics, self.bounds, self.names = tuple(metrics), tuple(bounds), tuple(names)
+        self.mechanism, self.t1, self.solve = mechanism, t1, solve
+
+    def sizes(self) -> list[int]:
+        """How many numbers each metric is."""
+
+        def size(metric):
+            out = jax.eval_shape(lambda t1: metric(self.mechanism, t1, **self.solve), jnp.asarray(self.t1))
+            return int(np.prod(out.shape))
+
+        return [size(metric) for metric in self.metrics]
+
+    def limits(self, x: np.ndarray, scenario: Scenario, gradient: bool) -> tuple[np.ndarray, np.ndarray | None]:
+        """Scaled limits (m,) of a design (n,) in a scenario, and their derivatives (m, n)."""
+        call = _slopes if gradient else _values
+        values, slopes = call(*self._asked(x * scenario.factors, scenario.given))
+        bounds = np.concatenate([np.full(np.size(v), bound) for v, bound in zip(values, self.bounds, strict=True)])
+        limits = np.concatenate([np.ravel(v) for v in values]) / bounds - 1
+        if not gradient:
+            return limits, None
+        rows = np.concatenate([np.reshape(s, (-1, len(x))) for s in slopes])
+        return limits, rows * scenario.factors / bounds[:, None]
+
+    def worst(self, x: np.ndarray, scenarios: Sequence[Scenario], exact: bool = False) -> np.ndarray:
+        """The most violated scaled limit of a design in each scenario, shape (scenarios,); infinite where there is no
+        motion to the end. Many are solved in batches, few one by one, with derivatives (`exact`) if that program is
+        compiled. Scenarios of one condition must follow each other.
+        """
+        if len(scenarios) <= BATCH:
+            found = np.array([self.limits(x, scenario, exact)[0].max() for scenario in scenarios])
+            return np.where(np.isfinite(found), found, np.inf)
+        worst, start = [], 0
+        while start < len(scenarios):
+            # Not across conditions: they may set different names.
+            known = scenarios[start].given.keys()
+            part = [s for s in scenarios[start : start + BATCH] if s.given.keys() == known]
+            filled = part + part[-1:] * (BATCH - len(part))  # one batch size, so one program
+            points = x * np.stack([s.factors for s in filled])
+            given = {name: jnp.stack([s.given[name] for s in filled]) for name in known}
+            values = _batch(*self._asked(points, given))
+            scaled = [np.reshape(v, (BATCH, -1)) / bound - 1 for v, bound in zip(values, self.bounds, strict=True)]
+            found = np.concatenate(scaled, axis=1).max(axis=1)[: len(part)]
+            worst.append(np.where(np.isfinite(found), found, np.inf))
+            start += len(part)
+        return np.concatenate(worst)
+
+    def _asked(self, x, given) -> tuple:
+        return self.mechanism, self.metrics, self.names, jnp.asarray(x), dict(given), jnp.asarray(self.t1), self.solve
+
+
+def _found(mechanism, metrics, names, x, given, t1, solve):
+    moved = replace(mechanism, {**given, **dict(zip(names, x, strict=True))})
+    return [metric(moved, t1, **solve) for metric in metrics]
+
+
+@eqx.filter_jit
+def _values(*asked):
+    return _found(*asked), []
+
+
+@eqx.filter_jit
+def _slopes(mechanism, metrics, names, x, given, t1, solve):
+    def of(x):
+        out = _found(mechanism, metrics, names, x, given, t1, solve)
+        return out, out
+
+    slopes, out = jax.jacfwd(of, has_aux=True)(x)
+    return out, slopes
+
+
+@eqx.filter_jit
+def _batch(mechanism, metrics, names, points, given, t1, solve):
+    return jax.vmap(lambda x, g: _found(mechanism, metrics, names, x, g, t1, solve))(points, given)

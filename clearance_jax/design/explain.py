@@ -1,0 +1,127 @@
+"""Why an answer is what it is: what each clearance contributes to an error, and what a looser bound would save."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from clearance_jax.design.program import SLACK, Point
+from clearance_jax.design.solvers import run
+from clearance_jax.units import shown
+
+if TYPE_CHECKING:
+    from clearance_jax.design.answer import Design
+
+FACTORS = (0.6, 0.8, 0.9, 1.0, 1.1, 1.25, 1.5, 2.0)
+
+
+class Response(NamedTuple):
+    """A limit where it is nearest to its bound: `value` and `slopes` by variable, in the metric's `unit` (per the
+    variable's); `where`: which peak, in which condition.
+    """
+
+    limit: str
+    where: str
+    unit: str
+    value: float
+    bound: float
+    slopes: dict[str, float]
+    contributions: dict[str, float]
+    """Slope times clearance: what each variable has in the value, to first order."""
+
+    @property
+    def rest(self) -> float:
+        """What no variable's contribution explains: deformation, inertia, play that is not a variable."""
+        return self.value - sum(self.contributions.values())
+
+    def __str__(self) -> str:
+        lines = [f"{self.where}: {shown(self.value, self.unit, 5)} of {shown(self.bound, self.unit, 5)}"]
+        for name, part in self.contributions.items():
+            slope = f"{self.slopes[name]:.4g} {'um per um' if self.unit == 'm' else f'{self.unit} per m'}"
+            lines.append(f"  {name}: {shown(part, self.unit, 4)} ({part / self.value:.1%}), {slope}")
+        lines.append(f"  the rest: {shown(self.rest, self.unit, 4)} ({self.rest / self.value:.1%})")
+        return "\n".join(lines)
+
+
+def responses(design: "Design") -> tuple[Response, ...]:
+    """One for each of the designer's limits, at the design itself (of a `Yield`: of parts as designed).
+
+    **Raises:** `ClearanceError` for a metric without derivatives.
+    """
+    problem = design.problem.as_designed()
+    wide = np.array(list(design.clearances.values()))
+    simulations = problem.simulations()
+    found = [(scenario.title, *simulations.limits(wide, scenario, True)) for scenario in problem.scenarios()]
+    sizes = simulations.sizes()
+    ends = np.cumsum([0, *sizes])
+    out = []
+    for i, limit in enumerate(problem.limits):
+        # The scenario and the peak in it that come nearest to the bound.
+        rows = slice(ends[i], ends[i + 1])
+        title, limits, slopes = max(found, key=lambda f: np.max(f[1][rows]))
+        k = ends[i] + int(np.argmax(limits[rows]))
+        by_name = dict(zip(problem.variables, (slopes[k] * limit.bound).tolist(), strict=True))
+        out.append(
+            Response(
+                limit.title,
+                limit.title + title,
+                limit.metric.unit,
+                float((1 + limits[k]) * limit.bound),
+                limit.bound,
+                by_name,
+                {name: slope * c for (name, slope), c in zip(by_name.items(), wide.tolist(), strict=True)},
+            )
+        )
+    return tuple(out)
+
+
+class Tradeoff(NamedTuple):
+    """The best objective that was found for each bound on one limit (NaN: no design holds it)."""
+
+    limit: str
+    unit: str
+    bounds: np.ndarray
+    objectives: np.ndarray
+    designs: tuple[dict[str, float] | None, ...]
+
+
+def tradeoff(design: "Design", limit: str = "", factors: Sequence[float] = FACTORS) -> Tradeoff:
+    """Cost (or minus the common clearance) against a bound: the problem is solved again for each factor on it.
+
+    **Arguments:** `limit`: its title (default: the one nearest to its bound).
+    """
+    program = design.problem.program(known=design.program.points)
+    titles = [title for title in dict.fromkeys(program.groups)]
+    nearest = program.groups[int(np.argmax(design.point.limits))]
+    limit = limit or nearest
+    if limit not in titles:
+        from clearance_jax._checks import ClearanceError, suggest
+
+        raise ClearanceError(f"There is no limit {limit!r}. " + suggest(limit, titles))
+    start = design.point.x
+    # Outwards from the design, so that each starts at its neighbour's answer.
+    order = sorted(factors, key=lambda f: abs(np.log(f)))
+    best: dict[float, Point | None] = {}
+    for factor in order:
+        solved = [f for f in best if best[f] is not None]
+        near = min(solved, key=lambda f: abs(np.log(f / factor)), default=None)
+        point = None if near is None else best[near]
+        moved = program.rebounded(limit, factor)
+        if run(moved, design.method, start if point is None else point.x) == "interrupted":
+            raise KeyboardInterrupt
+        best[factor] = moved.best
+    # A design found for one bound may be better for a looser one than what was found there.
+    rows = np.array([group == limit for group in program.groups])
+    for factor in best:
+        held = [p for p in program.points if np.all((1 + p.limits) / np.where(rows, factor, 1.0) - 1 <= SLACK)]
+        best[factor] = min(held, key=lambda p: p.objective, default=None)
+    asked = {known.title: known for known in design.problem.limits}.get(limit)
+    bound, unit = (1.0, "") if asked is None else (asked.bound, asked.metric.unit)
+    ends = [best[f] for f in factors]
+    return Tradeoff(
+        limit,
+        unit,
+        bound * np.array(factors),
+        np.array([np.nan if p is None else p.objective for p in ends]),
+        tuple(None if p is None else design.problem.clearances(p.x) for p in ends),
+    )
