@@ -1,4 +1,4 @@
-"""The command `clearance`: simulate, info, plot. Every error is one sentence and exit code 2."""
+"""The command `clearance`: simulate, info, plot, optimize. Every error is one sentence and exit code 2."""
 
 import os
 from pathlib import Path
@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from clearance_jax._checks import ClearanceError
 
@@ -21,7 +21,8 @@ app = typer.Typer(
     "clearance simulate experiments/scenes/joint5_velocity_1.toml --set joint5.radial_clearance=0.2mm "
     "--set joint5.friction.coefficient=0.3\n\n"
     "clearance info experiments/scenes/four_bar.toml\n\n"
-    "clearance plot out.nc -o out.png",
+    "clearance plot out.nc -o out.png\n\n"
+    "clearance optimize optimize/studies/slider_crank.toml --report out.html",
 )
 console, errors = Console(), Console(stderr=True)
 
@@ -193,6 +194,75 @@ def plot(
     _writable(output, FIGURES)
     save_figure(overview(load_dataset(result_file)), output)
     console.print(f"figure   {escape(str(output))}", soft_wrap=True)
+
+
+@app.command()
+def optimize(
+    study_file: Annotated[Path, typer.Argument(metavar="STUDY", help="A study file (TOML with units).")],
+    report: Annotated[Path | None, typer.Option(help="Report with figures and certificate (.html).")] = None,
+    record: Annotated[
+        Path | None, typer.Option(help="Keep every evaluated design in this file; go on from it if it exists.")
+    ] = None,
+    method: Annotated[str | None, typer.Option(help="Solver (default: the study's, or slsqp).")] = None,
+    starts: Annotated[int | None, typer.Option(help="Number of starts, the first in the middle.", min=1)] = None,
+    verify: Annotated[bool, typer.Option(help="Prove the answer by another solver (takes a while).")] = True,
+) -> None:
+    """Find the largest, or the cheapest, clearances that keep every limit of a study, and prove them.
+
+    Ctrl-C stops the search and keeps the best design so far.
+    """
+    from clearance_jax.configure import configure
+
+    configure(cache=True)
+    from clearance_jax.design import SOLVERS, findings, write_report
+    from clearance_jax.design.report import Findings
+    from clearance_jax.study import load_study
+
+    _writable(report, (".html", ".htm"))
+    _writable(record)
+    study = load_study(study_file)
+    options = dict(study.solve)
+    if method is not None:
+        if method not in ("auto", *SOLVERS):
+            raise ClearanceError(f"`--method` must be auto, {', '.join(SOLVERS)}, but it is {method!r}.")
+        options["method"] = method
+    if starts is not None:
+        options["starts"] = starts
+    common = study.problem.common
+
+    with Progress(SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), console=errors) as bar:
+        task, points = bar.add_task("compiling"), []
+
+        def progress(point):
+            points.append(point)
+            held = [p.objective for p in points if p.feasible]
+            best = "none holds every limit yet" if not held else f"best {-min(held) if common else min(held):.6g}"
+            bar.update(task, description=f"{len(points)} designs, {best}")
+
+        design = study.problem.solve(record=record, progress=progress, **options)
+        console.print(f"[bold]{escape(study.name)}[/bold]")
+        console.print(str(design), highlight=False, markup=False, soft_wrap=True)
+        found = Findings(design)
+        try:
+            if not design.stopped and design.feasible and verify:
+                bar.update(task, description="verifying by another solver")
+                found = Findings(design, design.verify(**study.verify))
+                console.print(str(found.certificate), highlight=False, markup=False, soft_wrap=True)
+            if not design.stopped and report is not None:
+                bar.update(task, description="trade-off and standard fits")
+                found = findings(design, found.certificate)
+        except KeyboardInterrupt:
+            found = found._replace(notes=(*found.notes, "Interrupted before every statement was made."))
+    for text in found.notes:
+        console.print(text, highlight=False, markup=False, soft_wrap=True)
+    if found.fits is not None:
+        console.print(str(found.fits), highlight=False, markup=False, soft_wrap=True)
+    if report is not None:
+        write_report(found, report, study.name, study.text)
+        console.print(f"report   {escape(str(report))}", soft_wrap=True)
+    interrupted = design.stopped == "interrupted" or any(text.startswith("Interrupted") for text in found.notes)
+    if interrupted or not design.feasible:
+        raise typer.Exit(130 if interrupted else 1)
 
 
 def main() -> None:

@@ -4,15 +4,14 @@ Minimise sum B_i / c_i^k, or sum exp(-B_i c_i), under sum S_i c_i <= eps (worst 
 (statistical). The Karush-Kuhn-Tucker conditions give each answer in closed form.
 """
 
-import argparse
 from typing import NamedTuple
 
 import numpy as np
 
-import clearance_jax as cj
 from clearance_jax.design import Point, Program
 from clearance_jax.design.solvers import run
 from experiments.common import output, table
+from optimize.common import command
 
 BOUND = 0.1
 COUNTS = (2, 5, 20, 50)
@@ -119,7 +118,4 @@ def main(quick: bool = False) -> list[Row]:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="few problems")
-    cj.configure(cache=True)
-    main(parser.parse_args().quick)
+    command(main, __doc__, "few problems")

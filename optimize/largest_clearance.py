@@ -2,8 +2,6 @@
 `python -m optimize.largest_clearance`. The paper's four speeds are four conditions.
 """
 
-import argparse
-
 import matplotlib.pyplot as plt
 import numpy as np
 
@@ -12,6 +10,7 @@ from clearance_jax import fits
 from clearance_jax.design import Design, Limit, ToleranceProblem
 from clearance_jax.metrics import Peak, PositionError
 from experiments.common import SCENES, output
+from optimize.common import command
 
 NAME = "joint5.radial_clearance"
 BOUND = 2e-4
@@ -75,7 +74,4 @@ def main(quick: bool = False) -> Design:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="one speed, the start only")
-    cj.configure(cache=True)
-    main(parser.parse_args().quick)
+    command(main, __doc__, "one speed, the start only")

@@ -2,13 +2,13 @@
 `python -m optimize.yield_design`. Clearances, stiffnesses and payloads scatter from one robot to the next.
 """
 
-import argparse
 import time
 
 import clearance_jax as cj
 from clearance_jax.design import Design, Limit, ToleranceProblem, Yield, Yielded
 from clearance_jax.metrics import Peak, PositionError
 from experiments.common import SCENES
+from optimize.common import command
 
 NAME = "joint5.radial_clearance"
 BOUND = 2e-4
@@ -43,7 +43,4 @@ def main(quick: bool = False) -> tuple[Design, Yielded]:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="fewer samples")
-    cj.configure(cache=True)
-    main(parser.parse_args().quick)
+    command(main, __doc__, "fewer samples")

@@ -16,6 +16,7 @@ LAYERS = [
     | {"signals", "observers", "metrics", "sensitivity", "periodic", "trust", "mesh"},
     {"results", "scene"},
     {"plot", "design"},
+    {"study"},
     {"cli"},
 ]
 HOST_ONLY = {"xarray", "matplotlib", "tomllib", "pint", "scipy", "typer", "rich"}

@@ -6,6 +6,7 @@ from clearance_jax.design.explain import Response, Tradeoff, responses, tradeoff
 from clearance_jax.design.made import Band, Yield, Yielded
 from clearance_jax.design.problem import Limit, ToleranceProblem
 from clearance_jax.design.program import Point, Program
+from clearance_jax.design.report import Findings, findings, write_report
 from clearance_jax.design.solvers import SOLVERS
 from clearance_jax.design.standard import StandardFits, nearest_fits
 from clearance_jax.design.static import static_weights
@@ -19,6 +20,7 @@ __all__ = [
     "Design",
     "Exponential",
     "ExponentialReciprocal",
+    "Findings",
     "Limit",
     "Point",
     "Program",
@@ -30,8 +32,10 @@ __all__ = [
     "Tradeoff",
     "Yield",
     "Yielded",
+    "findings",
     "nearest_fits",
     "responses",
     "static_weights",
     "tradeoff",
+    "write_report",
 ]

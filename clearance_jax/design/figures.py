@@ -1,0 +1,106 @@
+"""Figures of a design: errors over time, contributions, what a bound costs, how the solver came there."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from clearance_jax.design.explain import Response, Tradeoff
+from clearance_jax.mechanism.mechanism import replace
+from clearance_jax.metrics import At
+
+if TYPE_CHECKING:
+    from clearance_jax.design.answer import Design
+
+STYLE = {"axes.grid": True, "grid.alpha": 0.3, "font.size": 9}
+# Small enough to be read on a phone.
+WIDTH, HEIGHT = 5.4, 3.2
+SAMPLES = 1001
+
+
+def _axes() -> tuple[Figure, Axes]:
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(WIDTH, HEIGHT), layout="constrained")
+        return figure, figure.subplots()
+
+
+def _scaled(unit: str) -> tuple[float, str]:
+    return (1e6, "µm") if unit == "m" else (1.0, unit)
+
+
+def over_time(design: "Design") -> dict[str, Figure]:
+    """For each limit on a signal: the signal over time in every condition, with its bound."""
+    figures = {}
+    times = np.linspace(0, design.problem.t1, SAMPLES)
+    for limit in design.problem.limits:
+        signal = getattr(limit.metric, "signal", None)
+        if signal is None:
+            continue
+        figure, axes = _axes()
+        factor, unit = _scaled(signal.unit)
+        for name, values in design.problem.conditions.items():
+            moved = replace(design.mechanism, values)
+            found = At(signal, times)(moved, design.problem.t1, rtol=design.problem.rtol, solver=design.problem.solver)
+            axes.plot(times, factor * np.asarray(found), lw=0.8, label=name)
+        axes.axhline(factor * limit.bound, color="k", ls="--", lw=0.8, label="bound")
+        axes.set(xlabel="time, s", ylabel=f"{type(signal).__name__}, {unit}", title=limit.title)
+        axes.legend(fontsize=8)
+        figures[limit.title] = figure
+    return figures
+
+
+def contributions(why: Sequence[Response]) -> Figure:
+    """Which clearance has how much of each limit's value, to first order, and what is left."""
+    figure, axes = _axes()
+    figure.set_figheight(0.9 + 0.55 * len(why) + 0.18 * len(why[0].contributions))
+    names = [*why[0].contributions, "the rest"]
+    colours = [f"C{i}" for i in range(10)]
+    for row, response in enumerate(why):
+        ends = [0.0, 0.0]  # negative parts to the left, the others to the right
+        for i, part in enumerate([*response.contributions.values(), response.rest]):
+            share = 100 * part / response.bound
+            side = int(share >= 0)
+            colour = "0.75" if i == len(names) - 1 else colours[i % 10]
+            axes.barh(row, share, left=ends[side], color=colour, label=names[i] if row == 0 else None)
+            ends[side] += share
+    axes.axvline(100, color="k", ls="--", lw=0.8)
+    axes.set(yticks=range(len(why)), yticklabels=[r.limit for r in why], xlabel="share of the bound, %")
+    axes.invert_yaxis()
+    axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.28), ncol=2)
+    return figure
+
+
+def trade(found: Tradeoff, design: "Design") -> Figure:
+    """What each bound costs, or how large a clearance it allows."""
+    figure, axes = _axes()
+    factor, unit = _scaled(found.unit)
+    common = design.problem.common
+    values = -1e6 * found.objectives if common else found.objectives
+    axes.plot(factor * found.bounds, values, "o-", lw=1)
+    own = -1e6 * design.objective if common else design.objective
+    asked = {limit.title: limit.bound for limit in design.problem.limits}.get(found.limit, 1.0)
+    axes.plot([factor * asked], [own], "k*", ms=12, label="the design")
+    label = "clearance, µm" if common else "least cost"
+    axes.set(xlabel=f"bound on {found.limit}" + (f", {unit}" if unit else ""), ylabel=label)
+    axes.legend()
+    return figure
+
+
+def history(design: "Design") -> Figure:
+    """Cost (or clearance) of each evaluated design, those that hold all limits apart from the others."""
+    figure, axes = _axes()
+    points, common = design.program.points, design.problem.common
+    values = np.array([-1e6 * p.objective if common else p.objective for p in points])
+    held = np.array([p.feasible for p in points])
+    number = np.arange(1, len(points) + 1)
+    for chosen, style, label in ((held, "o", "holds all limits"), (~held, "x", "violates one")):
+        if np.any(chosen):
+            axes.plot(number[chosen], values[chosen], style, ms=4, label=label)
+    axes.set(xlabel="evaluation", ylabel="clearance, µm" if common else "cost")
+    if not common and values.min() > 0:
+        axes.set_yscale("log")
+    axes.legend()
+    return figure

@@ -1,0 +1,230 @@
+"""The report of a design: one HTML file that needs nothing else, its figures inside and the numbers beside them."""
+
+import html
+import io
+import platform
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+
+from clearance_jax._checks import ClearanceError
+from clearance_jax.design import figures
+from clearance_jax.design.explain import Response, Tradeoff, responses, tradeoff
+from clearance_jax.design.standard import StandardFits, nearest_fits
+from clearance_jax.design.verify import Certificate
+from clearance_jax.units import shown
+
+if TYPE_CHECKING:
+    from clearance_jax.design.answer import Design
+
+CSS = """
+:root { color-scheme: light; --line: #d8dce2; --soft: #5b6573; --good: #1b7f4b; --bad: #b3261e; }
+* { box-sizing: border-box; }
+body { margin: 0; font: 16px/1.5 system-ui, sans-serif; color: #1c2430; background: #f5f6f8; }
+main { max-width: 62rem; margin: 0 auto; padding: 1rem; }
+h1 { font-size: 1.5rem; margin: .5rem 0; } h2 { font-size: 1.15rem; margin: 0 0 .5rem; }
+section { background: #fff; border: 1px solid var(--line); border-radius: .5rem; padding: 1rem; margin: 1rem 0; }
+.verdict { font-weight: 600; color: var(--good); } .verdict.bad { color: var(--bad); }
+.wide { overflow-x: auto; }
+table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
+th, td { text-align: left; padding: .3rem .6rem .3rem 0; border-bottom: 1px solid var(--line); vertical-align: top; }
+td:not(:first-child), th:not(:first-child) { text-align: right; }
+caption, figcaption, .soft { color: var(--soft); font-size: .9rem; text-align: left; }
+.two { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(22rem, 100%), 1fr)); gap: 1rem; }
+figure { margin: 0; } figure svg { width: 100%; height: auto; display: block; }
+pre { white-space: pre-wrap; overflow-wrap: anywhere; font-size: .85rem; margin: 0; }
+@media print { body { background: #fff; } section { break-inside: avoid; } }
+"""
+
+
+class Findings(NamedTuple):
+    """What a report tells of a design; `None` where it was not asked for, or cannot be had."""
+
+    design: "Design"
+    certificate: Certificate | None = None
+    responses: tuple[Response, ...] = ()
+    tradeoff: Tradeoff | None = None
+    fits: StandardFits | None = None
+    notes: tuple[str, ...] = ()
+
+
+def findings(design: "Design", certificate: Certificate | None = None) -> Findings:
+    """Contributions, trade-off and nearest fits of a design, as far as its problem has them."""
+    notes: list[str] = []
+
+    def found(call, *none):
+        try:
+            return call(design)
+        except ClearanceError as error:
+            notes.append(str(error))
+            return none[0] if none else None
+
+    if not design.feasible:
+        return Findings(design, notes=("No design holds every limit, so there is nothing to explain or to verify.",))
+    why = found(responses, ())
+    trade, fitted = found(tradeoff), found(nearest_fits)
+    if fitted is None and not notes:
+        notes.append("No combination of common fits holds the limits.")
+    return Findings(design, certificate, why, trade, fitted, tuple(notes))
+
+
+def write_report(found: Findings, path: str | Path, title: str = "Tolerance design", study: str = "") -> None:
+    """Write the HTML file; `study`: the text of the study file. **Raises** `ClearanceError` where it cannot."""
+    path = Path(path)
+    try:
+        path.write_text(_page(found, title, study), encoding="utf-8")
+    except OSError as error:
+        raise ClearanceError(f"Cannot write the report `{path}`: {error.strerror}. Choose another path.") from None
+
+
+def _page(found: Findings, title: str, study: str) -> str:
+    design = found.design
+    parts = [_answer(found, title), _limits(found)]
+    if found.responses:
+        parts.append(_contributions(found.responses))
+    if found.tradeoff is not None:
+        parts.append(_tradeoff(found.tradeoff, design))
+    if found.certificate is not None:
+        parts.append(f"<section><h2>Certificate</h2><pre>{html.escape(str(found.certificate))}</pre></section>")
+    parts += [_search(design), _asked(design, found.notes, study)]
+    return (
+        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{html.escape(title)}</title><style>{CSS}</style></head><body><main>{''.join(parts)}</main></body></html>\n"
+    )
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "") -> str:
+    cells = "".join(f"<th>{html.escape(h)}</th>" for h in head)
+    body = "".join("<tr>" + "".join(f"<td>{html.escape(c)}</td>" for c in row) + "</tr>" for row in rows)
+    title = f"<caption>{html.escape(caption)}</caption>" if caption else ""
+    return f'<div class="wide"><table>{title}<thead><tr>{cells}</tr></thead><tbody>{body}</tbody></table></div>'
+
+
+def _figure(figure: Figure, caption: str) -> str:
+    text = io.StringIO()
+    # Without a date the same design gives the same file.
+    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": caption}):
+        figure.savefig(text, format="svg", metadata={"Date": None})
+    svg = text.getvalue()
+    svg = svg[svg.index("<svg") :]
+    described = f'<svg role="img" aria-label="{html.escape(caption, quote=True)}"'
+    return f"<figure>{svg.replace('<svg', described, 1)}<figcaption>{html.escape(caption)}</figcaption></figure>"
+
+
+def _answer(found: Findings, title: str) -> str:
+    design, units = found.design, found.design.units
+    if not design.feasible:
+        verdict = f"No feasible design: {design.program.most_violated(design.point)}."
+    elif found.certificate is None:
+        verdict = "Every limit is held. Not verified by another solver."
+    else:
+        held = "are held" if found.certificate.holds else "are NOT held"
+        verdict = f"The limits {held} in a fresh simulation by another solver ({found.certificate.solver})."
+    good = design.feasible and (found.certificate is None or found.certificate.holds)
+    fits = {} if found.fits is None else found.fits.fits
+    rows = []
+    for name, value in design.clearances.items():
+        fit = fits.get(name)
+        least, greatest = (1e6 * c for c in fit.radial_clearance) if fit else (0.0, 0.0)
+        rows.append(
+            [name, shown(value, units[name]), fit.name if fit else "", f"{least:g} to {greatest:g}" if fit else ""]
+        )
+    objective = "" if design.problem.common else f"<p>Cost {design.objective:.6g}.</p>"
+    notes = "".join(f'<p class="verdict bad">{html.escape(t)}</p>' for t in (design.stopped, design.note) if t)
+    made = "" if found.fits is None else f'<p class="soft">With these fits: {html.escape(str(found.fits.yielded))}</p>'
+    table = _table(("variable", "largest allowed", "nearest ISO 286 fit", "radial clearance, um"), rows)
+    verdict_class = "verdict" if good else "verdict bad"
+    return (
+        f"<h1>{html.escape(title)}</h1><section><h2>The answer</h2>"
+        f'<p class="{verdict_class}">{html.escape(verdict)}</p>{notes}{table}{objective}{made}</section>'
+    )
+
+
+def _limits(found: Findings) -> str:
+    design = found.design
+    names, values = design.program.limit_names, design.point.limits
+    order = np.argsort(-values)[:12]
+    rows = [[names[k], f"{100 * (1 + values[k]):.4f} %"] for k in order]
+    left = len(names) - len(order)
+    caption = f"The {len(order)} nearest to their bounds, of {len(names)}." if left else ""
+    plots = "".join(
+        _figure(figure, f"{title} over time, and its bound") for title, figure in figures.over_time(design).items()
+    )
+    table = _table(("limit", "share of its bound"), rows, caption)
+    return f'<section><h2>Limits</h2><div class="two"><div>{table}</div>{plots}</div></section>'
+
+
+def _contributions(why: Sequence[Response]) -> str:
+    tables = []
+    for response in why:
+        unit, each = response.unit, "um per um" if response.unit == "m" else f"{response.unit} per m"
+        rows = [
+            [name, shown(part, unit, 4), f"{part / response.value:.1%}", f"{response.slopes[name]:.4g}"]
+            for name, part in response.contributions.items()
+        ]
+        rows.append(["the rest", shown(response.rest, unit, 4), f"{response.rest / response.value:.1%}", ""])
+        caption = f"{response.where}: {shown(response.value, unit, 5)} of {shown(response.bound, unit, 5)}"
+        tables.append(_table(("variable", "contribution", "share", f"sensitivity, {each}"), rows, caption))
+    note = (
+        "A contribution is the clearance times the error's derivative by it; the rest is deformation, inertia and play "
+        "that is no variable."
+    )
+    plot = _figure(figures.contributions(why), "Error budget: each clearance's share of the bound")
+    return (
+        f'<section><h2>Where the error comes from</h2><div class="two"><div>{"".join(tables)}'
+        f'<p class="soft">{note}</p></div>{plot}</div></section>'
+    )
+
+
+def _tradeoff(found: Tradeoff, design: "Design") -> str:
+    common, names = design.problem.common, list(design.clearances)
+    rows = []
+    for bound, objective, at in zip(found.bounds, found.objectives, found.designs, strict=True):
+        value = "none holds it" if at is None else shown(-objective, "m", 5) if common else f"{objective:.5g}"
+        sizes = ["" if at is None else shown(at[n], design.units[n], 4) for n in names]
+        rows.append([shown(bound, found.unit, 4), value, *sizes])
+    head = ("bound", "clearance" if common else "least cost", *names)
+    plot = _figure(figures.trade(found, design), "What a tighter bound costs")
+    return (
+        f"<section><h2>What another bound on {html.escape(found.limit)} would mean</h2>"
+        f'<div class="two"><div>{_table(head, rows)}</div>{plot}</div></section>'
+    )
+
+
+def _search(design: "Design") -> str:
+    program = design.program
+    text = f"{design.method}: {program.gradients} evaluations with derivatives, {program.evaluations} without."
+    plot = _figure(figures.history(design), "Every evaluated design")
+    return f'<section><h2>How it was found</h2><div class="two"><p>{html.escape(text)}</p>{plot}</div></section>'
+
+
+def _asked(design: "Design", notes: Sequence[str], study: str) -> str:
+    problem = design.problem
+    bounds = [
+        [name, shown(low, unit), shown(high, unit)]
+        for (name, (low, high)), unit in zip(problem.variables.items(), design.units.values(), strict=True)
+    ]
+    limits = [[limit.title, shown(limit.bound, limit.metric.unit)] for limit in problem.limits]
+    conditions = [
+        [name, ", ".join(f"{k} = {np.asarray(v).tolist()}" for k, v in values.items()) or "the mechanism as it is"]
+        for name, values in problem.conditions.items()
+    ]
+    made = "as designed" if problem.made is None else str(problem.made)
+    lines = [
+        f"Mechanism {problem.mechanism.name}, to t = {problem.t1:g} s, solver {problem.solver}, rtol {problem.rtol:g}.",
+        f"Parts are made: {made}.",
+        f"clearance_jax {version('clearance-jax')}, jax {version('jax')}, Python {platform.python_version()}.",
+        *notes,
+    ]
+    text = "".join(f"<p>{html.escape(line)}</p>" for line in lines)
+    source = f"<h2>Study</h2><pre>{html.escape(study)}</pre>" if study else ""
+    return (
+        f"<section><h2>What was asked</h2>{text}{_table(('variable', 'least', 'greatest'), bounds)}"
+        f"{_table(('limit', 'bound'), limits)}{_table(('condition', 'values in SI'), conditions)}{source}</section>"
+    )

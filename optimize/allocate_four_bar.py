@@ -1,0 +1,35 @@
+"""The cheapest clearances of a loaded four-bar's three joints that keep its rocker's tip within 0.5 mm of its place:
+`python -m optimize.allocate_four_bar`. Solvers with and without gradients, and a certificate.
+"""
+
+import numpy as np
+
+import clearance_jax as cj
+from clearance_jax.design import Limit, Reciprocal, ToleranceProblem
+from clearance_jax.metrics import Peak, PositionError
+from experiments.common import SCENES
+from optimize.common import Allocation, allocate, command
+
+COSTS = {"crankpin.radial_clearance": 2e-4, "pivot.radial_clearance": 1e-4, "knuckle.radial_clearance": 1e-4}
+"""Cost times clearance [m]."""
+BOUND = 5e-4
+REVOLUTION = 2 * np.pi / 20.0
+METHODS = ("slsqp", "augmented-lagrangian", "cobyqa")
+
+
+def problem(quick: bool = False) -> ToleranceProblem:
+    return ToleranceProblem(
+        cj.load(SCENES / "four_bar_loaded.toml"),
+        0.01 * REVOLUTION if quick else REVOLUTION,
+        dict.fromkeys(COSTS, (1e-5, 1e-3)),
+        [Limit(Peak(PositionError("tip")), BOUND, "tip")],
+        cost={name: Reciprocal(factor) for name, factor in COSTS.items()},
+    )
+
+
+def main(quick: bool = False) -> Allocation:
+    return allocate("allocate_four_bar", problem(quick), METHODS[:1] if quick else METHODS, quick)
+
+
+if __name__ == "__main__":
+    command(main, __doc__, "a hundredth of a revolution, one solver")

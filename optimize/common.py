@@ -1,0 +1,64 @@
+"""What the studies share: the command line, and an allocation solved in several ways with its proof and its figures."""
+
+import argparse
+import time
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import clearance_jax as cj
+from clearance_jax.design import Certificate, Design, ToleranceProblem, nearest_fits, responses, tradeoff
+from clearance_jax.design.figures import contributions, trade
+from clearance_jax.plot import save_figure
+from experiments.common import output, table
+
+
+def command(main: Callable, doc: str | None, quick: str) -> None:
+    """Run a study from the command line; `quick` says what its quick mode leaves out."""
+    parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help=quick)
+    given = parser.parse_args()
+    cj.configure(cache=True)
+    main(given.quick)
+
+
+class Allocation(NamedTuple):
+    """Answers of several solvers to one problem, the first one's certificate, and seconds of each."""
+
+    designs: dict[str, Design]
+    certificate: Certificate
+    seconds: dict[str, float]
+
+
+def allocate(name: str, problem: ToleranceProblem, methods: Sequence[str], quick: bool) -> Allocation:
+    """Solve by each method from the same start; table, certificate and figures of the first one's answer."""
+    designs, seconds = {}, {}
+    for method in methods:
+        clock = time.perf_counter()
+        designs[method] = problem.solve(method)
+        seconds[method] = time.perf_counter() - clock
+        print(designs[method], flush=True)
+    table(
+        ("method", *problem.variables, "cost", "solves with gradients", "without", "seconds, compiling included"),
+        [
+            (
+                method,
+                *(f"{1e6 * c:.3f} um" for c in found.clearances.values()),
+                f"{found.objective:.6f}",
+                found.program.gradients,
+                found.program.evaluations,
+                f"{seconds[method]:.0f}",
+            )
+            for method, found in designs.items()
+        ],
+        output(f"{name}{'_quick' if quick else ''}.md"),
+    )
+    design = designs[methods[0]]
+    certificate = design.verify(sweep=4 if quick else 40, reoptimise=not quick)
+    print(certificate)
+    why = responses(design)
+    print(*why, sep="\n")
+    save_figure(contributions(why), output(f"{name}{'_quick' if quick else ''}_contributions.png"))
+    if not quick:
+        print(nearest_fits(design) or "No combination of common fits holds the limits.")
+        save_figure(trade(tradeoff(design), design), output(f"{name}_tradeoff.png"))
+    return Allocation(designs, certificate, seconds)
