@@ -62,7 +62,7 @@ def _writable(path: Path | None, endings: tuple[str, ...] = ()) -> None:
     if not os.access(path if path.exists() else path.parent, os.W_OK):
         raise ClearanceError(f"Cannot write `{path}`: no permission. Choose another path.")
     if endings and path.suffix.lower() not in endings:
-        raise ClearanceError(f"Cannot write `{path}`: a figure's name must end in {', '.join(endings)}.")
+        raise ClearanceError(f"Cannot write `{path}`: its name must end in {', '.join(endings)}.")
 
 
 @app.command()

@@ -23,7 +23,7 @@ SIGNALS = {
     "contact-force": metrics.ContactForce,
     "acceleration": metrics.Acceleration,
 }
-REDUCTIONS = {"peak": metrics.Peak, "rms": metrics.Rms, "mean": metrics.Mean}
+REDUCTIONS = {"peak": metrics.Peak, "rms": metrics.Rms, "mean": metrics.Mean, "at": metrics.At}
 COUNTS = {"energy-lost": metrics.EnergyLost, "impacts": metrics.Impacts}
 COSTS = {"reciprocal", "exponential", "exponential-reciprocal", "table"}
 
@@ -48,6 +48,15 @@ def load_study(path: str | Path) -> Study:
         raise ClearanceError(f"Cannot read the study file `{path}`: {error.strerror}.") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ClearanceError(f"`{path}` is not valid TOML: {error}.") from None
+    try:
+        return _study(path, top, text)
+    except ClearanceError as error:
+        if str(path) in str(error):
+            raise
+        raise ClearanceError(f"{path}: {error}") from None
+
+
+def _study(path: Path, top: Table, text: str) -> Study:
     scene = load_scene(path.parent / str(top.need("scene")))
     mechanism = scene.mechanism
     mechanism = replace(mechanism, _values(top.table("set"), mechanism))
@@ -118,11 +127,12 @@ def _numbers(table: Table, **least: int) -> dict[str, int]:
 
 
 def _limit(name: str, table: Table) -> Limit:
-    """`metric` over a `signal` of a `point`, `body` or `joint`; or a count of a `joint`."""
+    """`metric` over a `signal` of a `point`, `body` or `joint` ("at" given `times`); or a count of a `joint`."""
     kind = table.word("metric", {*REDUCTIONS, *COUNTS})
     if kind in REDUCTIONS:
         signal = SIGNALS[table.word("signal", SIGNALS)]
-        metric = REDUCTIONS[kind](signal(**_names(signal, table)))
+        times = ([to_si(v, "s", table.key("times")) for v in table.need("times")],) if kind == "at" else ()
+        metric = REDUCTIONS[kind](signal(**_names(signal, table)), *times)
     else:
         metric = COUNTS[kind](**_names(COUNTS[kind], table))
     bound = table.need("bound")

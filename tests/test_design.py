@@ -8,9 +8,19 @@ from catalogue import slider_crank
 import clearance_jax as cj
 from clearance_jax import design, metrics
 from clearance_jax._checks import ClearanceError
-from clearance_jax.design import made, solvers
+from clearance_jax.design import made, solvers, verify
+from clearance_jax.solve import solve
+from experiments.trust import CHAOTIC, scene
+from experiments.trust import NAME as PLAY
+from optimize import (
+    allocate_four_bar,
+    allocate_planar_arm,
+    allocate_slider_crank,
+    largest_clearance,
+    treacherous,
+    yield_design,
+)
 from optimize import exponential_cost_closed_form as closed_form
-from optimize import largest_clearance, yield_design
 
 NAME = "wrist.radial_clearance"
 NAME5 = yield_design.NAME
@@ -216,3 +226,82 @@ def test_a_metric_without_derivative_is_designed_for_without():
     certificate = found.verify(sweep=3)
     assert certificate.holds
     assert np.isnan(certificate.residual)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("study", [allocate_slider_crank, allocate_four_bar, allocate_planar_arm])
+def test_allocations(study, monkeypatch, tmp_path, capsys):
+    monkeypatch.chdir(tmp_path)
+    found = study.main(quick=True)
+    (designed,) = found.designs.values()
+    assert designed.feasible
+    assert designed.active
+    assert designed.program.gradients <= 15
+    assert found.certificate.holds
+    np.testing.assert_allclose(found.certificate.scale, 1.0, atol=1e-6)
+    assert found.certificate.residual <= 1e-2
+    # What play alone could do is most of the error, and not more than all of it.
+    (static,) = found.certificate.static.values()
+    bound = designed.problem.bounds[0]
+    assert 0.2 * bound <= static <= 1.2 * bound
+    assert "the rest" in capsys.readouterr().out
+    assert all(path.stat().st_size > 1000 for path in (tmp_path / "out").glob("*.png"))
+
+
+def test_islands_are_reported(capsys):
+    found = treacherous.main(quick=True)
+    assert found.docking.feasible
+    assert len(found.certificate.islands) >= 2
+    assert "ISLANDS" in capsys.readouterr().out
+    # Between two islands the limit is violated, by a solve of its own.
+    between = np.sqrt(found.certificate.islands[0][1] * found.certificate.islands[1][0])
+    problem = found.docking.problem
+    (metric,) = (limit.metric for limit in problem.limits)
+    moved = cj.replace(problem.mechanism, {NAME: between * found.docking.clearances[NAME]})
+    assert float(metric(moved, problem.t1)[0]) > treacherous.BOUND
+
+
+class Place(metrics.AbstractMetric):
+    """How far the pin is from where it started [m]."""
+
+    def __call__(self, mechanism, t1, **options):
+        return jnp.abs(solve(mechanism, t1, **options).final[0])
+
+
+@pytest.mark.slow
+def test_a_chaotic_design_is_not_left_to_gradients():
+    clearance = CHAOTIC["A2"].clearance
+    problem = design.ToleranceProblem(
+        scene(CHAOTIC["A2"]), 0.2, {PLAY: (0.5 * clearance, 2 * clearance)}, [design.Limit(Place(), 1.0)]
+    )
+    found = problem.solve("auto", most=5)
+    assert found.method == "cobyqa"
+    assert found.program.gradients == 0
+    assert "Gradients are not to be trusted" in str(found)
+
+
+def test_a_variable_at_its_bound_stays_on_the_scaling_line():
+    """Two variables, one at its upper bound: the other goes on alone, to where the sum is the bound."""
+
+    def evaluate(x, gradient):
+        return design.Point(x, float(np.sum(1 / x)), np.array([np.sum(x) - 1]))
+
+    program = design.Program(evaluate, ["a", "b"], np.full(2, 1e-3), np.array([0.25, 10.0]), ["sum"])
+    x = np.array([0.25, 0.5])
+    scale = verify._scale(program, x, program.at(x))
+    np.testing.assert_allclose(scale, 1.5, rtol=1e-9)
+    assert verify._islands(program, x, 50)[-1][1] <= 1.5
+
+
+def test_a_start_that_cannot_be_simulated_is_left():
+    """Above 1 nothing can be simulated: solvers begin below, where it can."""
+
+    def evaluate(x, gradient):
+        limits = np.array([np.nan if x[0] > 1 else x[0] / 0.3 - 1])
+        slopes = (np.array([-1 / x[0] ** 2]), np.array([[1 / 0.3]])) if gradient else ()
+        return design.Point(x, float(1 / x[0]), limits, *slopes)
+
+    program = design.Program(evaluate, ["a"], np.array([1e-3]), np.array([100.0]), ["error"])
+    assert solvers.run(program, "slsqp", np.array([50.0])) == ""
+    assert program.best is not None
+    np.testing.assert_allclose(program.best.x, 0.3, rtol=1e-8)

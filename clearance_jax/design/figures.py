@@ -7,6 +7,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from clearance_jax.design.explain import Response, Tradeoff
 from clearance_jax.mechanism.mechanism import replace
@@ -15,9 +16,9 @@ from clearance_jax.metrics import At
 if TYPE_CHECKING:
     from clearance_jax.design.answer import Design
 
-STYLE = {"axes.grid": True, "grid.alpha": 0.3, "font.size": 9}
+STYLE = {"axes.grid": True, "grid.alpha": 0.3, "font.size": 10, "legend.fontsize": 9}
 # Small enough to be read on a phone.
-WIDTH, HEIGHT = 5.4, 3.2
+WIDTH, HEIGHT = 4.6, 3.0
 SAMPLES = 1001
 
 
@@ -35,6 +36,7 @@ def over_time(design: "Design") -> dict[str, Figure]:
     """For each limit on a signal: the signal over time in every condition, with its bound."""
     figures = {}
     times = np.linspace(0, design.problem.t1, SAMPLES)
+    several = len(design.problem.conditions) > 1
     for limit in design.problem.limits:
         signal = getattr(limit.metric, "signal", None)
         if signal is None:
@@ -44,10 +46,10 @@ def over_time(design: "Design") -> dict[str, Figure]:
         for name, values in design.problem.conditions.items():
             moved = replace(design.mechanism, values)
             found = At(signal, times)(moved, design.problem.t1, rtol=design.problem.rtol, solver=design.problem.solver)
-            axes.plot(times, factor * np.asarray(found), lw=0.8, label=name)
+            axes.plot(times, factor * np.asarray(found), lw=0.8, label=name if several else None)
         axes.axhline(factor * limit.bound, color="k", ls="--", lw=0.8, label="bound")
-        axes.set(xlabel="time, s", ylabel=f"{type(signal).__name__}, {unit}", title=limit.title)
-        axes.legend(fontsize=8)
+        axes.set(xlabel="time, s", ylabel=f"{limit.title}, {unit}")
+        axes.legend()
         figures[limit.title] = figure
     return figures
 
@@ -55,7 +57,7 @@ def over_time(design: "Design") -> dict[str, Figure]:
 def contributions(why: Sequence[Response]) -> Figure:
     """Which clearance has how much of each limit's value, to first order, and what is left."""
     figure, axes = _axes()
-    figure.set_figheight(0.9 + 0.55 * len(why) + 0.18 * len(why[0].contributions))
+    figure.set_figheight(1.1 + 0.5 * len(why) + 0.12 * len(why[0].contributions))
     names = [*why[0].contributions, "the rest"]
     colours = [f"C{i}" for i in range(10)]
     for row, response in enumerate(why):
@@ -69,7 +71,7 @@ def contributions(why: Sequence[Response]) -> Figure:
     axes.axvline(100, color="k", ls="--", lw=0.8)
     axes.set(yticks=range(len(why)), yticklabels=[r.limit for r in why], xlabel="share of the bound, %")
     axes.invert_yaxis()
-    axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.28), ncol=2)
+    figure.legend(loc="outside lower center", ncol=2)
     return figure
 
 
@@ -95,12 +97,13 @@ def history(design: "Design") -> Figure:
     points, common = design.program.points, design.problem.common
     values = np.array([-1e6 * p.objective if common else p.objective for p in points])
     held = np.array([p.feasible for p in points])
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     number = np.arange(1, len(points) + 1)
     for chosen, style, label in ((held, "o", "holds all limits"), (~held, "x", "violates one")):
         if np.any(chosen):
             axes.plot(number[chosen], values[chosen], style, ms=4, label=label)
     axes.set(xlabel="evaluation", ylabel="clearance, µm" if common else "cost")
-    if not common and values.min() > 0:
+    if not common and 0 < 10 * values.min() < values.max():
         axes.set_yscale("log")
     axes.legend()
     return figure

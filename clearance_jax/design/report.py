@@ -3,6 +3,7 @@
 import html
 import io
 import platform
+import re
 from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
@@ -32,12 +33,14 @@ section { background: #fff; border: 1px solid var(--line); border-radius: .5rem;
 .verdict { font-weight: 600; color: var(--good); } .verdict.bad { color: var(--bad); }
 .wide { overflow-x: auto; }
 table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
-th, td { text-align: left; padding: .3rem .6rem .3rem 0; border-bottom: 1px solid var(--line); vertical-align: top; }
+th { vertical-align: bottom; }
+th, td { text-align: left; padding: .3rem .6rem .3rem 0; border-bottom: 1px solid var(--line); }
+td:not(:first-child) { white-space: nowrap; }
 td:not(:first-child), th:not(:first-child) { text-align: right; }
 caption, figcaption, .soft { color: var(--soft); font-size: .9rem; text-align: left; }
-.two { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(22rem, 100%), 1fr)); gap: 1rem; }
-figure { margin: 0; } figure svg { width: 100%; height: auto; display: block; }
+figure { margin: 1rem 0 0; max-width: 36rem; } figure svg { width: 100%; height: auto; display: block; }
 pre { white-space: pre-wrap; overflow-wrap: anywhere; font-size: .85rem; margin: 0; }
+@media (max-width: 40rem) { table { font-size: .85rem; } th, td { padding-right: .35rem; } }
 @media print { body { background: #fff; } section { break-inside: avoid; } }
 """
 
@@ -100,10 +103,15 @@ def _page(found: Findings, title: str, study: str) -> str:
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "") -> str:
-    cells = "".join(f"<th>{html.escape(h)}</th>" for h in head)
-    body = "".join("<tr>" + "".join(f"<td>{html.escape(c)}</td>" for c in row) + "</tr>" for row in rows)
+    # Long names may break after a dot or an underline: a phone is narrow.
+    cells = "".join(f"<th>{_breakable(h)}</th>" for h in head)
+    body = "".join("<tr>" + "".join(f"<td>{_breakable(c)}</td>" for c in row) + "</tr>" for row in rows)
     title = f"<caption>{html.escape(caption)}</caption>" if caption else ""
     return f'<div class="wide"><table>{title}<thead><tr>{cells}</tr></thead><tbody>{body}</tbody></table></div>'
+
+
+def _breakable(text: str) -> str:
+    return re.sub(r"(?<=[A-Za-z0-9])([._])(?=[A-Za-z])", r"\1<wbr>", html.escape(text))
 
 
 def _figure(figure: Figure, caption: str) -> str:
@@ -157,7 +165,7 @@ def _limits(found: Findings) -> str:
         _figure(figure, f"{title} over time, and its bound") for title, figure in figures.over_time(design).items()
     )
     table = _table(("limit", "share of its bound"), rows, caption)
-    return f'<section><h2>Limits</h2><div class="two"><div>{table}</div>{plots}</div></section>'
+    return f"<section><h2>Limits</h2>{table}{plots}</section>"
 
 
 def _contributions(why: Sequence[Response]) -> str:
@@ -176,10 +184,7 @@ def _contributions(why: Sequence[Response]) -> str:
         "that is no variable."
     )
     plot = _figure(figures.contributions(why), "Error budget: each clearance's share of the bound")
-    return (
-        f'<section><h2>Where the error comes from</h2><div class="two"><div>{"".join(tables)}'
-        f'<p class="soft">{note}</p></div>{plot}</div></section>'
-    )
+    return f'<section><h2>Where the error comes from</h2>{"".join(tables)}<p class="soft">{note}</p>{plot}</section>'
 
 
 def _tradeoff(found: Tradeoff, design: "Design") -> str:
@@ -193,7 +198,7 @@ def _tradeoff(found: Tradeoff, design: "Design") -> str:
     plot = _figure(figures.trade(found, design), "What a tighter bound costs")
     return (
         f"<section><h2>What another bound on {html.escape(found.limit)} would mean</h2>"
-        f'<div class="two"><div>{_table(head, rows)}</div>{plot}</div></section>'
+        f"{_table(head, rows)}{plot}</section>"
     )
 
 
@@ -201,7 +206,7 @@ def _search(design: "Design") -> str:
     program = design.program
     text = f"{design.method}: {program.gradients} evaluations with derivatives, {program.evaluations} without."
     plot = _figure(figures.history(design), "Every evaluated design")
-    return f'<section><h2>How it was found</h2><div class="two"><p>{html.escape(text)}</p>{plot}</div></section>'
+    return f"<section><h2>How it was found</h2><p>{html.escape(text)}</p>{plot}</section>"
 
 
 def _asked(design: "Design", notes: Sequence[str], study: str) -> str:
