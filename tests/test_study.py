@@ -1,0 +1,194 @@
+"""Study files, the command `clearance optimize` and its report."""
+
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import clearance_jax as cj
+from clearance_jax import design, metrics
+from clearance_jax._checks import ClearanceError
+from clearance_jax.cli import app, main
+from clearance_jax.study import load_study
+
+ROOT = Path(__file__).parents[1]
+SCENE = ROOT / "experiments" / "scenes" / "slider_crank.toml"
+STUDY = f"""
+name = "Wrist <pin>"
+scene = "{SCENE}"
+t1 = "1 ms"
+
+[solve]
+rtol = 1e-7
+
+[verify]
+sweep = 3
+
+[variable."wrist.radial_clearance"]
+least = "20 um"
+greatest = "0.5 mm"
+cost = {{ law = "reciprocal", factor = "0.1 mm" }}
+
+[limit.piston]
+metric = "peak"
+signal = "position-error"
+point = "piston"
+bound = "0.1 mm"
+
+[condition.slow]
+"drive.main.speed" = "3000 rpm"
+"""
+
+
+@pytest.fixture
+def study(tmp_path):
+    path = tmp_path / "study.toml"
+    path.write_text(STUDY)
+    return path
+
+
+def test_a_study_is_the_problem_it_says(study):
+    loaded = load_study(study)
+    problem = loaded.problem
+    assert problem.variables == {"wrist.radial_clearance": (pytest.approx(2e-5), pytest.approx(5e-4))}
+    (limit,) = problem.limits
+    assert limit.bound == pytest.approx(1e-4)
+    assert isinstance(limit.metric, metrics.Peak)
+    assert limit.metric.signal.point == "piston"
+    np.testing.assert_allclose(problem.conditions["slow"]["drive.main.speed"], 100 * np.pi)
+    np.testing.assert_allclose(problem.costs[0](2e-5), 5.0)
+    assert (problem.t1, problem.rtol, problem.solver) == (pytest.approx(1e-3), 1e-7, "tsit5")
+    assert loaded.solve == {"method": "slsqp"}
+    assert loaded.verify == {"sweep": 3}
+
+
+def test_costs_limits_and_manufacture_of_a_study(tmp_path):
+    def loaded(old, new):
+        path = tmp_path / "s.toml"
+        path.write_text(STUDY.replace(old, new))
+        return load_study(path).problem
+
+    reciprocal = 'law = "reciprocal", factor = "0.1 mm"'
+    squared = loaded(reciprocal, 'law = "reciprocal", factor = "4 mm^2", power = 2, fixed = 1')
+    np.testing.assert_allclose(squared.costs[0](1e-3), 5.0)
+    exponential = loaded(reciprocal, 'law = "exponential", factor = 3, rate = "1 / (10 um)"')
+    np.testing.assert_allclose(exponential.costs[0](1e-5), 3 / np.e)
+    both = loaded(reciprocal, 'law = "exponential-reciprocal", factor = "1 mm", rate = "1 / mm"')
+    np.testing.assert_allclose(both.costs[0](1e-3), 1 / np.e)
+    table = loaded(reciprocal, 'law = "table", clearances = ["10 um", "40 um"], costs = [9, 4]')
+    np.testing.assert_allclose(table.costs[0](4e-5), 4)
+    force = loaded(
+        'metric = "peak"\nsignal = "position-error"\npoint = "piston"\nbound = "0.1 mm"',
+        'metric = "rms"\nsignal = "contact-force"\njoint = "wrist"\nbound = "1 kN"',
+    )
+    assert isinstance(force.limits[0].metric, metrics.Rms)
+    assert force.limits[0].bound == 1000
+    instant = loaded('metric = "peak"', 'metric = "at"\ntimes = ["0.5 ms", "1 ms"]')
+    np.testing.assert_allclose(instant.limits[0].metric.times, [5e-4, 1e-3])
+    lost = loaded(
+        'metric = "peak"\nsignal = "position-error"\npoint = "piston"\nbound = "0.1 mm"',
+        'metric = "energy-lost"\nbound = "1 J"',
+    )
+    assert lost.limits[0].metric.unit == "J"
+    band = loaded("[condition.slow]", '[made]\nkind = "band"\nleast = 0.8\n[condition.slow]')
+    assert band.made == design.Band(0.8)
+    scatter = '[made]\nkind = "yield"\ntarget = 0.95\nsamples = 8\n[made.scatter]\n"slider.mass" = "2 percent"\n'
+    made = loaded("[condition.slow]", scatter + "[condition.slow]").made
+    assert isinstance(made, design.Yield)
+    assert (made.scatter, made.target, made.samples) == ({"slider.mass": 0.02}, 0.95, 8)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('bound = "0.1 mm"', 'bound = "0.1 kg"', "limit.piston.bound must be in m"),
+        ('bound = "0.1 mm"', 'bound = "0.1 mm"\nbond = 1', "limit.piston.bond is not a known key"),
+        ('metric = "peak"', 'metric = "peek"', "Did you mean `peak`"),
+        ('signal = "position-error"', 'signal = "speed"', "limit.piston.signal must be one of"),
+        ('least = "20 um"', 'least = "1 mm"', "contradict"),
+        ("wrist.radial_clearance", "wrist.radial_clearence", "Did you mean `wrist.radial_clearance`"),
+        ('"drive.main.speed"', '"drive.main.sped"', "drive.main.sped"),
+        ('"3000 rpm"', '"nan rpm"', "finite"),
+        ("sweep = 3", "sweep = 0.5", "whole number"),
+        ('law = "reciprocal"', 'law = "linear"', "variable.wrist.radial_clearance.cost.law"),
+        ("[solve]", '[solve]\nmethod = "newton"', "solve.method must be one of"),
+        (f'scene = "{SCENE}"', 'scene = "no.toml"', "Cannot read the scene file"),
+        ("[condition.slow]", '[made]\nkind = "yield"\n[made.scatter]\n"no" = "1 percent"\n[condition.slow]', "`no`"),
+    ],
+)  # fmt: skip
+def test_a_wrong_study_ends_with_one_sentence_and_code_2(old, new, words, study, monkeypatch, capsys):
+    study.write_text(STUDY.replace(old, new))
+    monkeypatch.setattr(sys, "argv", ["clearance", "optimize", str(study)])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    message = capsys.readouterr().err
+    assert words in message.replace("\n", " ")
+    assert "Traceback" not in message
+
+
+def test_every_study_of_the_repository_loads():
+    studies = sorted((ROOT / "optimize" / "studies").glob("*.toml"))
+    assert studies
+    for path in studies:
+        assert load_study(path).problem.limits
+
+
+@pytest.mark.slow
+def test_optimize_command(study, tmp_path):
+    """Answer, certificate, report and record; a second run goes on from the record."""
+    report, record = tmp_path / "r.html", tmp_path / "p.jsonl"
+    arguments = ["optimize", str(study), "--report", str(report), "--record", str(record)]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 0, result.output
+    assert "decided by: piston" in result.output
+    assert "The limits hold in a fresh simulation" in result.output
+    page = report.read_text()
+    assert "Wrist &lt;pin&gt;" in page
+    assert page.count("<svg") >= 4
+    assert not re.search(r'(src|href)="(?!#)', page)  # needs nothing else
+    # The numbers are the solver's, here by a solve of its own.
+    (allowed,) = re.findall(r"<td>([0-9.]+) um</td><td>H", page)
+    mechanism = cj.replace(
+        cj.load(SCENE), {"wrist.radial_clearance": 1e-6 * float(allowed), "drive.main.speed": 100 * np.pi}
+    )
+    error = metrics.Peak(metrics.PositionError("piston"))(mechanism, 1e-3, rtol=1e-7)
+    np.testing.assert_allclose(error, 1e-4, rtol=1e-4)
+    again = CliRunner().invoke(app, ["optimize", str(study), "--record", str(record), "--no-verify"])
+    assert again.exit_code == 0
+    assert "0 evaluations with gradients, 0 without" in again.output
+
+
+def test_an_interrupted_search_keeps_its_best(study, monkeypatch):
+    def interrupted(self, x, gradient, scenarios, simulations):
+        calls.append(x)
+        if len(calls) > 2:
+            raise KeyboardInterrupt
+        return design.Point(x, float(1 / x[0]), np.full(3, -0.5), -1 / x**2, np.zeros((3, 1)))
+
+    calls: list = []
+    monkeypatch.setattr(design.ToleranceProblem, "_evaluate", interrupted)
+    result = CliRunner().invoke(app, ["optimize", str(study)])
+    assert result.exit_code == 130
+    assert "interrupted" in result.output
+    assert "wrist.radial_clearance = " in result.output
+
+
+def test_infeasible_designs_report_what_is_violated(study, tmp_path):
+    problem = load_study(study).problem
+
+    def evaluate(x, gradient):
+        return design.Point(x, 1.0, np.array([0.5]), np.zeros(1), np.zeros((1, 1)))
+
+    program = design.Program(evaluate, problem.names, np.array([1e-5]), np.array([1e-3]), ["piston"])
+    point = program.at(np.array([1e-4]), True)
+    answer = design.Design(problem, program, "slsqp", point, "", "")
+    found = design.findings(answer)
+    assert "No design holds every limit" in found.notes[0]
+    design.write_report(found, tmp_path / "r.html")
+    assert "No feasible design: piston is 1.5 times its bound" in (tmp_path / "r.html").read_text()
+    with pytest.raises(ClearanceError, match="Cannot write the report"):
+        design.write_report(found, tmp_path / "missing" / "r.html")
