@@ -53,7 +53,8 @@ def allocate(name: str, problem: ToleranceProblem, methods: Sequence[str], quick
         output(f"{name}{'_quick' if quick else ''}.md"),
     )
     design = designs[methods[0]]
-    certificate = design.verify(sweep=4 if quick else 40, reoptimise=not quick)
+    # In quick mode by the same solver, which is compiled already.
+    certificate = design.verify(sweep=4, solver=problem.solver) if quick else design.verify(reoptimise=True)
     print(certificate)
     why = responses(design)
     print(*why, sep="\n")

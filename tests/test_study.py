@@ -57,6 +57,7 @@ def test_a_study_is_the_problem_it_says(study):
     (limit,) = problem.limits
     assert limit.bound == pytest.approx(1e-4)
     assert isinstance(limit.metric, metrics.Peak)
+    assert isinstance(limit.metric.signal, metrics.PositionError)
     assert limit.metric.signal.point == "piston"
     np.testing.assert_allclose(problem.conditions["slow"]["drive.main.speed"], 100 * np.pi)
     np.testing.assert_allclose(problem.costs[0](2e-5), 5.0)
@@ -87,6 +88,7 @@ def test_costs_limits_and_manufacture_of_a_study(tmp_path):
     assert isinstance(force.limits[0].metric, metrics.Rms)
     assert force.limits[0].bound == 1000
     instant = loaded('metric = "peak"', 'metric = "at"\ntimes = ["0.5 ms", "1 ms"]')
+    assert isinstance(instant.limits[0].metric, metrics.At)
     np.testing.assert_allclose(instant.limits[0].metric.times, [5e-4, 1e-3])
     lost = loaded(
         'metric = "peak"\nsignal = "position-error"\npoint = "piston"\nbound = "0.1 mm"',

@@ -87,7 +87,9 @@ class Simulations:
         return np.concatenate(worst)
 
     def _asked(self, x, given) -> tuple:
-        return self.mechanism, self.metrics, self.names, jnp.asarray(x), dict(given), jnp.asarray(self.t1), self.solve
+        # The tolerance as an array: another one is not another program.
+        solve = {**self.solve, "rtol": jnp.asarray(self.solve["rtol"])}
+        return self.mechanism, self.metrics, self.names, jnp.asarray(x), dict(given), jnp.asarray(self.t1), solve
 
 
 def _found(mechanism, metrics, names, x, given, t1, solve):

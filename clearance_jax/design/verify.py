@@ -102,18 +102,25 @@ class Certificate:
 
 
 def verify(
-    design: "Design", *, sweep: int = 40, starts: int = 0, reoptimise: bool = False, samples: int = 1000, seed: int = 0
+    design: "Design",
+    *,
+    sweep: int = 40,
+    starts: int = 0,
+    reoptimise: bool = False,
+    samples: int = 1000,
+    seed: int = 0,
+    solver: str | None = None,
 ) -> Certificate:
     """Check a design with another solver and a tenfold tighter tolerance.
 
     **Arguments:** `sweep`: scalings at which the limits are looked at between a tenth of the design and the bounds;
     `starts`: random starts of the same method; `reoptimise`: check the prices by solving again with changed bounds;
-    `samples`: fresh ones for a `Yield`.
+    `samples`: fresh ones for a `Yield`; `solver`: which one (default: another than the design's).
     """
     if not design.feasible:
         raise ClearanceError(f"There is no feasible design to verify: {design.program.most_violated(design.point)}.")
     problem = design.problem
-    solver, rtol = OTHER.get(problem.solver, "tsit5"), 0.1 * problem.rtol
+    solver, rtol = solver or OTHER.get(problem.solver, "tsit5"), 0.1 * problem.rtol
     fresh = problem.program(rtol=rtol, solver=solver)
     x = design.point.x
     at = fresh.at(x, design.method not in GRADIENT_FREE)

@@ -18,7 +18,7 @@ from experiments.common import CRANK_SPEED, joint5, output, table
 from experiments.derivatives.ladder import crank
 
 RTOL = 1e-5
-MAX_STEPS, MAX_STEPS_VARIED = 6000, 60_000
+MAX_STEPS, MAX_STEPS_VARIED = 2000, 20_000
 """Attempts allowed to a motion (its lane is left out where it needs more: a heavy, slow impact of low restitution is
 stiff) and to motion and derivatives, which must never be what fails.
 """
