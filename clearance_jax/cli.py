@@ -242,13 +242,13 @@ def optimize(
         design = study.problem.solve(record=record, progress=progress, **options)
         console.print(f"[bold]{escape(study.name)}[/bold]")
         console.print(str(design), highlight=False, markup=False, soft_wrap=True)
-        found = Findings(design)
+        found, searched = Findings(design), design.stopped != "interrupted"
         try:
-            if not design.stopped and design.feasible and verify:
+            if searched and design.feasible and verify:
                 bar.update(task, description="verifying by another solver")
                 found = Findings(design, design.verify(**study.verify))
                 console.print(str(found.certificate), highlight=False, markup=False, soft_wrap=True)
-            if not design.stopped and report is not None:
+            if searched and report is not None:
                 bar.update(task, description="trade-off and standard fits")
                 found = findings(design, found.certificate)
         except KeyboardInterrupt:
@@ -260,8 +260,9 @@ def optimize(
     if report is not None:
         write_report(found, report, study.name, study.text)
         console.print(f"report   {escape(str(report))}", soft_wrap=True)
-    interrupted = design.stopped == "interrupted" or any(text.startswith("Interrupted") for text in found.notes)
-    if interrupted or not design.feasible:
+    interrupted = not searched or any(text.startswith("Interrupted") for text in found.notes)
+    refuted = found.certificate is not None and not found.certificate.holds
+    if interrupted or refuted or not design.feasible:
         raise typer.Exit(130 if interrupted else 1)
 
 

@@ -345,7 +345,7 @@ def projected(
     firm_play: bool = False,
 ) -> Array:
     """The nearest state (in the kinetic norm) whose loops are closed in position and velocity. With `firm_play` pins
-    stay where they are in their sleeves, unless nothing else can close the loops.
+    all but stay where they are in their sleeves.
     """
     plan = layout(mechanism)
     n = plan.free

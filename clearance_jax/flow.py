@@ -350,11 +350,11 @@ def initial_state(mechanism: Mechanism, t0: Scalar) -> Array:
     q = [jnp.asarray(c.motion.position, dtype=float) for c in free]
     v = [jnp.asarray(c.motion.velocity, dtype=float) for c in free]
     y = jnp.concatenate([jnp.stack([*q, *v]) if free else jnp.zeros(0), jnp.zeros(plan.remembered)])
-    return (
-        projected(t0, y, mechanism, mechanism.loops, 12, firm_play=True)
-        if mechanism.loops and mechanism.assemble
-        else y
-    )
+    if not mechanism.loops or not mechanism.assemble:
+        return y
+    # What is left, where only play can close a loop that is a little too long, play takes.
+    y = projected(t0, y, mechanism, mechanism.loops, 8, firm_play=True)
+    return projected(t0, y, mechanism, mechanism.loops, 4)
 
 
 def is_assembled(mechanism: Mechanism, t0: Scalar, y: Array) -> Array:

@@ -152,20 +152,20 @@ def _cost(table: Table, unit: str) -> AbstractCost:
         sizes = [to_si(v, unit, table.key("clearances")) for v in table.need("clearances")]
         cost: AbstractCost = CostTable(sizes, [to_si(v, "", table.key("costs")) for v in table.need("costs")])
     else:
-        power = table.number("power", "")
+        power, inverse = table.number("power", ""), f"1/({unit})" if unit else ""
         fixed = table.number("fixed", "") or 0.0
         table.need("factor")
         if law == "exponential":
             table.need("rate")
-            cost = Exponential(table.number("factor", ""), table.number("rate", f"1/{unit}"), fixed)
+            cost = Exponential(table.number("factor", ""), table.number("rate", inverse), fixed)
         else:
             power = 1.0 if power is None else power
-            factor = table.number("factor", f"{unit}**{power:g}")
+            factor = table.number("factor", f"({unit})**{power:g}" if unit else "")
             if law == "reciprocal":
                 cost = Reciprocal(factor, power, fixed)
             else:
                 table.need("rate")
-                cost = ExponentialReciprocal(factor, table.number("rate", f"1/{unit}"), power, fixed)
+                cost = ExponentialReciprocal(factor, table.number("rate", inverse), power, fixed)
     table.finish()
     return cost
 

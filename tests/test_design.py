@@ -8,7 +8,7 @@ from catalogue import slider_crank
 import clearance_jax as cj
 from clearance_jax import design, metrics
 from clearance_jax._checks import ClearanceError
-from clearance_jax.design import made, solvers, verify
+from clearance_jax.design import evaluate, made, solvers, verify
 from clearance_jax.solve import solve
 from experiments.trust import CHAOTIC, scene
 from experiments.trust import NAME as PLAY
@@ -138,6 +138,8 @@ def test_messages():
         asked(conditions={"wide": {NAME: 1e-4}})
     with pytest.raises(ClearanceError, match="positive number"):
         design.Limit(PEAK, np.nan)
+    with pytest.raises(ClearanceError, match="Two limits are called"):
+        asked(limits=[design.Limit(PEAK, 1e-4), design.Limit(PEAK, 2e-4)])
     with pytest.raises(ClearanceError, match="no cost for"):
         asked(cost={"other": design.Reciprocal(1.0)})
     with pytest.raises(ClearanceError, match=r"no design solver `?'newton'"):
@@ -305,3 +307,21 @@ def test_a_start_that_cannot_be_simulated_is_left():
     assert solvers.run(program, "slsqp", np.array([50.0])) == ""
     assert program.best is not None
     np.testing.assert_allclose(program.best.x, 0.3, rtol=1e-8)
+
+
+def test_batches_do_not_mix_conditions(monkeypatch):
+    """Conditions that set different names, more than a batch of them, and none of them a whole number of batches."""
+
+    def batch(mechanism, metrics, names, points, given, t1, solve):
+        calls.append(set(given))
+        return [next(iter(given.values()))]
+
+    calls: list = []
+    monkeypatch.setattr(evaluate, "_batch", batch)
+    monkeypatch.setattr(evaluate, "BATCH", 4)
+    rows = [("a", 1.0), ("a", 2.0), ("b", 3.0), ("b", 4.0), ("a", 5.0), ("a", np.nan), ("a", 7.0)]
+    scenarios = [evaluate.Scenario("", {name: jnp.asarray(v)}, np.ones(1)) for name, v in rows]
+    simulations = evaluate.Simulations(slider_crank(), [PEAK], [2.0], ["x"], 1.0, {"rtol": 1e-8})
+    found = simulations.worst(np.ones(1), scenarios)
+    np.testing.assert_allclose(found, [-0.5, 0, 0.5, 1, 1.5, np.inf, 2.5])
+    assert calls == [{"a"}, {"b"}, {"a"}]

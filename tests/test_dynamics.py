@@ -1,5 +1,8 @@
 """The vector field against Lagrange's equations, its kinematics against derivatives, its reactions against balance."""
 
+import dataclasses
+from pathlib import Path
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,8 +12,10 @@ import clearance_jax as cj
 from clearance_jax import laws
 from clearance_jax.dynamics import observe, rate
 from clearance_jax.energy import energies
+from clearance_jax.flow import initial_state, is_assembled
 from clearance_jax.mechanism.mechanism import frames, layout
 
+SCENES = Path(__file__).parents[1] / "experiments" / "scenes"
 GRAVITY = cj.Gravity(0.7, -9.81)
 
 
@@ -243,3 +248,27 @@ def test_ideal_forgets_where_the_pin_started():
     np.testing.assert_allclose(y[1] - 0.05 * np.cos(0) - 0.12 * np.cos(y[0]), 3e-4 * np.cos(y[0]) - 2e-4 * np.sin(y[0]))
     ideal = np.asarray(cj.simulate(m.ideal(), 1e-5, save_at=2, rtol=1e-6).y)[0]
     np.testing.assert_allclose(ideal[1], 0.17, rtol=1e-14)
+
+
+@pytest.mark.parametrize("too_short", [0.0, 2e-5])
+def test_assembly_leaves_pins_in_their_sleeves(too_short):
+    """A four-bar with three clearances from a rough guess: its pins stay centred, and meet with the ideal speeds; a
+    slider-crank near its toggle, a little out of reach: play alone can close it, and does.
+    """
+    if too_short:
+        scene, values = "slider_crank_loaded.toml", {"guide.position": 0.17 + too_short, "main.position": 0.0}
+    else:
+        scene, values = "four_bar_loaded.toml", {}
+    mechanism = cj.replace(cj.load(SCENES / scene), values)
+    (loop,) = mechanism.loops
+    if too_short:
+        # A slider that is held where it is: only the play can give.
+        guide = dataclasses.replace(mechanism.joint("guide"), motion=cj.Motion(cj.ConstantSpeed(0.0, 0.17 + too_short)))
+        joints = tuple(guide if joint.name == "guide" else joint for joint in mechanism.joints)
+        mechanism = dataclasses.replace(mechanism, joints=joints)
+    y = initial_state(mechanism.prepared(), jnp.asarray(0.0))
+    assert bool(is_assembled(mechanism.prepared(), jnp.asarray(0.0), y))
+    names = layout(mechanism).names
+    plays = np.array([y[i] for i, name in enumerate(names) if ".play_" in name])
+    assert loop.clearance is not None
+    np.testing.assert_allclose(np.abs(plays).max(), too_short, rtol=1e-2, atol=1e-10)

@@ -8,6 +8,7 @@ from clearance_jax.design.made import Yielded
 from clearance_jax.design.program import Point, Program
 from clearance_jax.design.verify import Certificate, verify
 from clearance_jax.mechanism.mechanism import Mechanism, parameters, replace
+from clearance_jax.scene import unit_of
 from clearance_jax.units import shown
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ class Design:
         known = parameters(self.problem.mechanism)
         # An entry of an array has the array's.
         leaves = {name: known.get(name) or known[name.rpartition(".")[0]] for name in self.problem.variables}
-        return {name: leaf.metadata["unit"] for name, leaf in leaves.items()}
+        return {name: unit_of(leaf, known, self.problem.mechanism) for name, leaf in leaves.items()}
 
     @property
     def objective(self) -> float:

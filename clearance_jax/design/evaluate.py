@@ -75,7 +75,9 @@ class Simulations:
         while start < len(scenarios):
             # Not across conditions: they may set different names.
             known = scenarios[start].given.keys()
-            part = [s for s in scenarios[start : start + BATCH] if s.given.keys() == known]
+            window = scenarios[start : start + BATCH]
+            others = (i for i, scenario in enumerate(window) if scenario.given.keys() != known)
+            part = list(window[: next(others, BATCH)])
             filled = part + part[-1:] * (BATCH - len(part))  # one batch size, so one program
             points = x * np.stack([s.factors for s in filled])
             given = {name: jnp.stack([s.given[name] for s in filled]) for name in known}

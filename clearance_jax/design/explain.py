@@ -17,7 +17,7 @@ FACTORS = (0.6, 0.8, 0.9, 1.0, 1.1, 1.25, 1.5, 2.0)
 
 class Response(NamedTuple):
     """A limit where it is nearest to its bound: `value` and `slopes` by variable, in the metric's `unit` (per the
-    variable's); `where`: which peak, in which condition.
+    variable's, `units`); `where`: in which condition.
     """
 
     limit: str
@@ -25,6 +25,7 @@ class Response(NamedTuple):
     unit: str
     value: float
     bound: float
+    units: dict[str, str]
     slopes: dict[str, float]
     contributions: dict[str, float]
     """Slope times clearance: what each variable has in the value, to first order."""
@@ -34,17 +35,22 @@ class Response(NamedTuple):
         """What no variable's contribution explains: deformation, inertia, play that is not a variable."""
         return self.value - sum(self.contributions.values())
 
+    def sensitivity(self, name: str) -> str:
+        """The slope by a variable, with its unit."""
+        same = self.unit == self.units[name] == "m"
+        return f"{self.slopes[name]:.4g} {'um per um' if same else f'{self.unit or 1} per {self.units[name] or 1}'}"
+
     def __str__(self) -> str:
         lines = [f"{self.where}: {shown(self.value, self.unit, 5)} of {shown(self.bound, self.unit, 5)}"]
         for name, part in self.contributions.items():
-            slope = f"{self.slopes[name]:.4g} {'um per um' if self.unit == 'm' else f'{self.unit} per m'}"
-            lines.append(f"  {name}: {shown(part, self.unit, 4)} ({part / self.value:.1%}), {slope}")
-        lines.append(f"  the rest: {shown(self.rest, self.unit, 4)} ({self.rest / self.value:.1%})")
+            share = f"{part / self.bound:.1%} of the bound"
+            lines.append(f"  {name}: {shown(part, self.unit, 4)} ({share}), {self.sensitivity(name)}")
+        lines.append(f"  the rest: {shown(self.rest, self.unit, 4)} ({self.rest / self.bound:.1%})")
         return "\n".join(lines)
 
 
 def responses(design: "Design") -> tuple[Response, ...]:
-    """One for each of the designer's limits, at the design itself (of a `Yield`: of parts as designed).
+    """One for each of the designer's limits, at the design itself, of parts as designed (neither `Band` nor `Yield`).
 
     **Raises:** `ClearanceError` for a metric without derivatives.
     """
@@ -68,6 +74,7 @@ def responses(design: "Design") -> tuple[Response, ...]:
                 limit.metric.unit,
                 float((1 + limits[k]) * limit.bound),
                 limit.bound,
+                design.units,
                 by_name,
                 {name: slope * c for (name, slope), c in zip(by_name.items(), wide.tolist(), strict=True)},
             )

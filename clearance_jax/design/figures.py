@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from clearance_jax._checks import ClearanceError
 from clearance_jax.design.explain import Response, Tradeoff
 from clearance_jax.mechanism.mechanism import replace
 from clearance_jax.metrics import At
@@ -28,6 +29,14 @@ def _axes() -> tuple[Figure, Axes]:
         return figure, figure.subplots()
 
 
+def _objective(design: "Design") -> tuple[float, str]:
+    """Factor on the objective, and what it is called."""
+    if not design.problem.common:
+        return 1.0, "cost"
+    factor, unit = _scaled(next(iter(design.units.values())))
+    return -factor, f"clearance, {unit}" if unit == "µm" else f"largest value, {unit}"
+
+
 def _scaled(unit: str) -> tuple[float, str]:
     return (1e6, "µm") if unit == "m" else (1.0, unit)
 
@@ -45,9 +54,20 @@ def over_time(design: "Design") -> dict[str, Figure]:
         factor, unit = _scaled(signal.unit)
         for name, values in design.problem.conditions.items():
             moved = replace(design.mechanism, values)
-            found = At(signal, times)(moved, design.problem.t1, rtol=design.problem.rtol, solver=design.problem.solver)
+            solve = {"rtol": design.problem.rtol, "solver": design.problem.solver}
+            try:
+                found = At(signal, times)(moved, design.problem.t1, **solve)
+            except (ClearanceError, RuntimeError):
+                continue  # a design that could not be simulated is reported as such elsewhere
             axes.plot(times, factor * np.asarray(found), lw=0.8, label=name if several else None)
-        axes.axhline(factor * limit.bound, color="k", ls="--", lw=0.8, label="bound")
+        kind = type(limit.metric).__name__
+        axes.axhline(
+            factor * limit.bound,
+            color="k",
+            ls="--",
+            lw=0.8,
+            label="bound" if kind == "Peak" else f"bound on its {kind}",
+        )
         axes.set(xlabel="time, s", ylabel=f"{limit.title}, {unit}")
         axes.legend()
         figures[limit.title] = figure
@@ -79,13 +99,10 @@ def trade(found: Tradeoff, design: "Design") -> Figure:
     """What each bound costs, or how large a clearance it allows."""
     figure, axes = _axes()
     factor, unit = _scaled(found.unit)
-    common = design.problem.common
-    values = -1e6 * found.objectives if common else found.objectives
-    axes.plot(factor * found.bounds, values, "o-", lw=1)
-    own = -1e6 * design.objective if common else design.objective
+    times, label = _objective(design)
+    axes.plot(factor * found.bounds, times * found.objectives, "o-", lw=1)
     asked = {limit.title: limit.bound for limit in design.problem.limits}.get(found.limit, 1.0)
-    axes.plot([factor * asked], [own], "k*", ms=12, label="the design")
-    label = "clearance, µm" if common else "least cost"
+    axes.plot([factor * asked], [times * design.objective], "k*", ms=12, label="the design")
     axes.set(xlabel=f"bound on {found.limit}" + (f", {unit}" if unit else ""), ylabel=label)
     axes.legend()
     return figure
@@ -94,16 +111,16 @@ def trade(found: Tradeoff, design: "Design") -> Figure:
 def history(design: "Design") -> Figure:
     """Cost (or clearance) of each evaluated design, those that hold all limits apart from the others."""
     figure, axes = _axes()
-    points, common = design.program.points, design.problem.common
-    values = np.array([-1e6 * p.objective if common else p.objective for p in points])
+    points, (times, label) = design.program.points, _objective(design)
+    values = times * np.array([p.objective for p in points])
     held = np.array([p.feasible for p in points])
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     number = np.arange(1, len(points) + 1)
-    for chosen, style, label in ((held, "o", "holds all limits"), (~held, "x", "violates one")):
+    for chosen, style, what in ((held, "o", "holds all limits"), (~held, "x", "violates one")):
         if np.any(chosen):
-            axes.plot(number[chosen], values[chosen], style, ms=4, label=label)
-    axes.set(xlabel="evaluation", ylabel="clearance, µm" if common else "cost")
-    if not common and 0 < 10 * values.min() < values.max():
+            axes.plot(number[chosen], values[chosen], style, ms=4, label=what)
+    axes.set(xlabel="evaluation", ylabel=label)
+    if 0 < 10 * values.min() < values.max():
         axes.set_yscale("log")
     axes.legend()
     return figure

@@ -17,7 +17,7 @@ from clearance_jax.design.costs import AbstractCost
 from clearance_jax.design.evaluate import FEW, Scenario, Simulations
 from clearance_jax.design.made import Band, Yield, Yielded, counted
 from clearance_jax.design.program import Point, Program
-from clearance_jax.design.solvers import GRADIENT_FREE, run
+from clearance_jax.design.solvers import GRADIENT_FREE, INTERRUPTED, SPENT, run
 from clearance_jax.mechanism.mechanism import Mechanism, parameters, replace
 from clearance_jax.metrics import AbstractMetric, Peak
 from clearance_jax.sensitivity import values_of
@@ -83,6 +83,10 @@ class ToleranceProblem:
         self.variables = {name: (float(low), float(high)) for name, (low, high) in variables.items()}
         if not self.variables or not self.limits:
             raise ClearanceError("A design problem wants at least one variable and one limit.")
+        called = [limit.title for limit in self.limits]
+        for title in called:
+            if called.count(title) > 1:
+                raise ClearanceError(f"Two limits are called `{title}`: give each a name of its own.")
         self.rtol, self.solver, self.made = rtol, solver, made
         self.common = cost is None
         self.costs = _costs(cost, tuple(self.variables))
@@ -149,7 +153,7 @@ class ToleranceProblem:
         def evaluate(x, gradient):
             # To do without derivatives is another program to compile, which for a few variables takes longer than it
             # can save.
-            gradient = gradient or (program.gradients > 0 and len(x) <= FEW)
+            gradient = gradient or (program.gradients > 0 and len(self.variables) <= FEW)
             return self._evaluate(x, gradient, scenarios, simulations)
 
         program = Program(
@@ -248,7 +252,8 @@ class ToleranceProblem:
         options = {"tolerance": 10 * self.rtol} if method == "slsqp" else {}
         stopped, rng = run(program, method, x, **options), np.random.default_rng(seed)
         for _ in range(starts - 1):
-            if not stopped:
+            # A solver that gave up is one thing, an end to all of it another.
+            if stopped not in (INTERRUPTED, SPENT):
                 other = np.exp(rng.uniform(np.log(program.lower), np.log(program.upper)))
                 stopped = run(program, method, other, **options)
         return Design(self, program, method, program.best or program.nearest, stopped, note)

@@ -58,21 +58,21 @@ class Findings(NamedTuple):
 
 def findings(design: "Design", certificate: Certificate | None = None) -> Findings:
     """Contributions, trade-off and nearest fits of a design, as far as its problem has them."""
-    notes: list[str] = []
-
-    def found(call, *none):
-        try:
-            return call(design)
-        except ClearanceError as error:
-            notes.append(str(error))
-            return none[0] if none else None
-
     if not design.feasible:
         return Findings(design, notes=("No design holds every limit, so there is nothing to explain or to verify.",))
-    why = found(responses, ())
-    trade, fitted = found(tradeoff), found(nearest_fits)
-    if fitted is None and not notes:
-        notes.append("No combination of common fits holds the limits.")
+    notes: list[str] = []
+    why, trade, fitted = (), None, None
+    try:
+        why = responses(design)
+    except ClearanceError as error:
+        notes.append(str(error))
+    trade = tradeoff(design)
+    try:
+        fitted = nearest_fits(design)
+        if fitted is None:
+            notes.append("No combination of common fits was found that holds the limits.")
+    except ClearanceError as error:
+        notes.append(str(error))
     return Findings(design, certificate, why, trade, fitted, tuple(notes))
 
 
@@ -157,7 +157,7 @@ def _answer(found: Findings, title: str) -> str:
 def _limits(found: Findings) -> str:
     design = found.design
     names, values = design.program.limit_names, design.point.limits
-    order = np.argsort(-values)[:12]
+    order = np.argsort(-np.nan_to_num(values, nan=np.inf))[:12]
     rows = [[names[k], f"{100 * (1 + values[k]):.4f} %"] for k in order]
     left = len(names) - len(order)
     caption = f"The {len(order)} nearest to their bounds, of {len(names)}." if left else ""
@@ -171,14 +171,14 @@ def _limits(found: Findings) -> str:
 def _contributions(why: Sequence[Response]) -> str:
     tables = []
     for response in why:
-        unit, each = response.unit, "um per um" if response.unit == "m" else f"{response.unit} per m"
+        unit = response.unit
         rows = [
-            [name, shown(part, unit, 4), f"{part / response.value:.1%}", f"{response.slopes[name]:.4g}"]
+            [name, shown(part, unit, 4), f"{part / response.bound:.1%}", response.sensitivity(name)]
             for name, part in response.contributions.items()
         ]
-        rows.append(["the rest", shown(response.rest, unit, 4), f"{response.rest / response.value:.1%}", ""])
+        rows.append(["the rest", shown(response.rest, unit, 4), f"{response.rest / response.bound:.1%}", ""])
         caption = f"{response.where}: {shown(response.value, unit, 5)} of {shown(response.bound, unit, 5)}"
-        tables.append(_table(("variable", "contribution", "share", f"sensitivity, {each}"), rows, caption))
+        tables.append(_table(("variable", "contribution", "share of the bound", "sensitivity"), rows, caption))
     note = (
         "A contribution is the clearance times the error's derivative by it; the rest is deformation, inertia and play "
         "that is no variable."
@@ -189,9 +189,9 @@ def _contributions(why: Sequence[Response]) -> str:
 
 def _tradeoff(found: Tradeoff, design: "Design") -> str:
     common, names = design.problem.common, list(design.clearances)
-    rows = []
+    unit, rows = next(iter(design.units.values())), []
     for bound, objective, at in zip(found.bounds, found.objectives, found.designs, strict=True):
-        value = "none holds it" if at is None else shown(-objective, "m", 5) if common else f"{objective:.5g}"
+        value = "none holds it" if at is None else shown(-objective, unit, 5) if common else f"{objective:.5g}"
         sizes = ["" if at is None else shown(at[n], design.units[n], 4) for n in names]
         rows.append([shown(bound, found.unit, 4), value, *sizes])
     head = ("bound", "clearance" if common else "least cost", *names)

@@ -231,6 +231,7 @@ SOLVERS: dict[str, Callable[..., str | None]] = {
     "cma-es": cma_es,
 }
 GRADIENT_FREE = ("cobyqa", "cma-es")
+INTERRUPTED, SPENT = "interrupted", "stopped: as many evaluations as allowed"
 
 
 def run(program: Program, method: str, start: np.ndarray, **options) -> str:
@@ -247,11 +248,11 @@ def run(program: Program, method: str, start: np.ndarray, **options) -> str:
         _pull_inside(program, exact)
         return said or ""
     except Enough:
-        return "stopped: as many evaluations as allowed"
+        return SPENT
     except KeyboardInterrupt:
         if not program.points:
             raise
-        return "interrupted"
+        return INTERRUPTED
 
 
 def _pull_inside(program: Program, gradient: bool) -> None:

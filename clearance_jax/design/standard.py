@@ -75,11 +75,12 @@ def nearest_fits(
         values = np.concatenate(found)
         return float(np.max(values)) if np.all(np.isfinite(values)) else np.inf
 
-    while min(chosen.values()) >= 0 and worst(chosen) > SLACK:
-        # Islands, or errors that do not grow with the clearance: all tighter.
-        chosen = {i: place - 1 for i, place in chosen.items()}
-    if min(chosen.values()) < 0:
-        return None
+    chosen = {i: max(place, 0) for i, place in chosen.items()}
+    while worst(chosen) > SLACK:
+        # A tightest fit wider than the design, islands, or errors that do not grow with the clearance: all tighter.
+        if not any(chosen.values()):
+            return None
+        chosen = {i: max(place - 1, 0) for i, place in chosen.items()}
     growing = True
     while growing:
         looser = [{**chosen, i: place + 1} for i, place in chosen.items() if place + 1 < len(lists[i])]

@@ -66,12 +66,14 @@ class Certificate:
             f"{name} = {shown(value, unit)}" for (name, unit), value in zip(self.names.items(), self.x, strict=True)
         )
         verdict = "The limits hold" if self.holds else "THE LIMITS DO NOT HOLD"
+        met = f"meet it at {self.scale:.9f} times the design"
+        if np.isnan(self.scale):
+            met = "meet no limit within their bounds" if self.holds else "hold at no size within their bounds"
         lines = [
             f"Certificate for {at}",
             f"  {verdict} in a fresh simulation ({self.solver}, rtol {self.rtol:.0e}): the closest is {self.limit}, at "
             f"{1 + self.worst:.9f} of its bound.",
-            "  Scaled together, the clearances "
-            + ("meet no limit." if np.isnan(self.scale) else f"meet it at {self.scale:.9f} times the design."),
+            f"  Scaled together, the clearances {met}.",
         ]
         spans = ", ".join(f"{a:.4g} to {b:.4g}" for a, b in self.islands) or "none"
         alone = "in one piece" if len(self.islands) == 1 else f"in {len(self.islands)} ISLANDS"
