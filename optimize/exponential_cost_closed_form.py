@@ -6,10 +6,12 @@ Minimise sum B_i / c_i^k, or sum exp(-B_i c_i), under sum S_i c_i <= eps (worst 
 
 from typing import NamedTuple
 
+import matplotlib.pyplot as plt
 import numpy as np
 
 from clearance_jax.design import Point, Program
 from clearance_jax.design.solvers import run
+from clearance_jax.plot import save_figure
 from experiments.common import output, table
 from optimize.common import command
 
@@ -108,12 +110,21 @@ def problems(quick: bool) -> list[Allocation]:
 
 
 def main(quick: bool = False) -> list[Row]:
-    rows = [solved(problem, method) for problem in problems(quick) for method in METHODS]
+    asked = problems(quick)
+    rows = [solved(problem, method) for problem in asked for method in METHODS]
     table(
         ("problem", "method", "cost error", "limit violated by", "gradients", f"until {COST_ERROR:g}"),
         [(r.name, r.method, f"{r.cost_error:.1e}", f"{max(r.violation, 0):.0e}", r.gradients, r.needed) for r in rows],
         output(f"allocation_closed_form{'_quick' if quick else ''}.md"),
     )
+    fig, ax = plt.subplots(figsize=(5, 3.2), layout="constrained")
+    for method in METHODS:
+        needed = [row.needed for row in rows if row.method == method]
+        ax.plot([len(problem.x) for problem in asked], needed, "o", ms=4, alpha=0.6, label=method)
+    ax.set(xlabel="clearances", ylabel=f"evaluations until the cost is right to {COST_ERROR:g}", xscale="log")
+    ax.legend()
+    save_figure(fig, output(f"allocation_closed_form{'_quick' if quick else ''}.png"))
+    plt.close(fig)
     return rows
 
 

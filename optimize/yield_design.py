@@ -6,8 +6,10 @@ import time
 
 import clearance_jax as cj
 from clearance_jax.design import Design, Limit, ToleranceProblem, Yield, Yielded
+from clearance_jax.design.figures import history
 from clearance_jax.metrics import Peak, PositionError
-from experiments.common import SCENES
+from clearance_jax.plot import save_figure
+from experiments.common import SCENES, output
 from optimize.common import command
 
 NAME = "joint5.radial_clearance"
@@ -38,7 +40,10 @@ def main(quick: bool = False) -> tuple[Design, Yielded]:
     clock = time.perf_counter()
     found = design.yielded(FRESH["quick" if quick else "whole"])
     print(found)
-    print(f"{time.perf_counter() - clock:.0f} s")
+    print(f"{time.perf_counter() - clock:.0f} s", flush=True)
+    save_figure(history(design), output(f"yield_design{'_quick' if quick else ''}.png"))
+    if not quick:
+        print(design.verify(sweep=8))
     return design, found
 
 
