@@ -121,7 +121,7 @@ def main(quick: bool = False) -> list[Row]:
     for method in METHODS:
         needed = [row.needed for row in rows if row.method == method]
         ax.plot([len(problem.x) for problem in asked], needed, "o", ms=4, alpha=0.6, label=method)
-    ax.set(xlabel="clearances", ylabel=f"evaluations until the cost is right to {COST_ERROR:g}", xscale="log")
+    ax.set(xlabel="clearances", ylabel=f"evaluations until right to {COST_ERROR:g}")
     ax.legend()
     save_figure(fig, output(f"allocation_closed_form{'_quick' if quick else ''}.png"))
     plt.close(fig)
