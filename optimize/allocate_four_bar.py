@@ -5,10 +5,9 @@
 import numpy as np
 
 import clearance_jax as cj
-from clearance_jax.design import Limit, Reciprocal, ToleranceProblem
-from clearance_jax.metrics import Peak, PositionError
+from clearance_jax.design import ToleranceProblem
 from experiments.common import SCENES
-from optimize.common import Allocation, allocate, command
+from optimize.common import Allocation, allocate, cheapest, command
 
 COSTS = {"crankpin.radial_clearance": 2e-4, "pivot.radial_clearance": 1e-4, "knuckle.radial_clearance": 1e-4}
 """Cost times clearance [m]."""
@@ -18,13 +17,8 @@ METHODS = ("slsqp", "augmented-lagrangian", "cobyqa")
 
 
 def problem(quick: bool = False) -> ToleranceProblem:
-    return ToleranceProblem(
-        cj.load(SCENES / "four_bar_loaded.toml"),
-        0.01 * REVOLUTION if quick else REVOLUTION,
-        dict.fromkeys(COSTS, (1e-5, 1e-3)),
-        [Limit(Peak(PositionError("tip")), BOUND, "tip")],
-        cost={name: Reciprocal(factor) for name, factor in COSTS.items()},
-    )
+    end = 0.01 * REVOLUTION if quick else REVOLUTION
+    return cheapest(cj.load(SCENES / "four_bar_loaded.toml"), end, COSTS, "tip", BOUND)
 
 
 def main(quick: bool = False) -> Allocation:

@@ -7,10 +7,9 @@ import numpy as np
 
 import clearance_jax as cj
 from clearance_jax import laws
-from clearance_jax.design import Limit, Reciprocal, ToleranceProblem
-from clearance_jax.metrics import Peak, PositionError
+from clearance_jax.design import ToleranceProblem
 from experiments.common import output, table
-from optimize.common import Allocation, allocate, command
+from optimize.common import Allocation, allocate, cheapest, command
 
 BOUND = 2e-4
 END = 1.0
@@ -43,13 +42,9 @@ def arm(joints: int) -> cj.Mechanism:
 
 def problem(joints: int = 3, quick: bool = False) -> ToleranceProblem:
     names = [f"joint{i + 1}.radial_clearance" for i in range(joints)]
-    return ToleranceProblem(
-        arm(joints),
-        0.2 * END if quick else END,
-        dict.fromkeys(names, (5e-6, 1e-3)),
-        [Limit(Peak(PositionError("tool")), BOUND, "tool")],
-        cost={name: Reciprocal(1e-4 * 1.5**i) for i, name in enumerate(reversed(names))},  # larger joints cost more
-    )
+    # Larger joints cost more.
+    costs = {name: 1e-4 * 1.5 ** (joints - 1 - i) for i, name in enumerate(names)}
+    return cheapest(arm(joints), 0.2 * END if quick else END, costs, "tool", BOUND, least=5e-6)
 
 
 def counted(joints: int) -> dict[str, int]:

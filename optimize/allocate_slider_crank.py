@@ -5,10 +5,9 @@
 import numpy as np
 
 import clearance_jax as cj
-from clearance_jax.design import Limit, Reciprocal, ToleranceProblem
-from clearance_jax.metrics import Peak, PositionError
+from clearance_jax.design import ToleranceProblem
 from experiments.common import SCENES
-from optimize.common import Allocation, allocate, command
+from optimize.common import Allocation, allocate, cheapest, command
 
 COSTS = {"crankpin.radial_clearance": 2e-4, "wrist.radial_clearance": 1e-4}
 """Cost times clearance [m]: the crankpin is dearer to make."""
@@ -18,13 +17,8 @@ METHODS = ("slsqp", "augmented-lagrangian", "cobyqa", "cma-es")
 
 
 def problem(quick: bool = False) -> ToleranceProblem:
-    return ToleranceProblem(
-        cj.load(SCENES / "slider_crank_loaded.toml"),
-        0.1 * REVOLUTION if quick else REVOLUTION,
-        dict.fromkeys(COSTS, (1e-5, 1e-3)),
-        [Limit(Peak(PositionError("piston")), BOUND, "piston")],
-        cost={name: Reciprocal(factor) for name, factor in COSTS.items()},
-    )
+    end = 0.1 * REVOLUTION if quick else REVOLUTION
+    return cheapest(cj.load(SCENES / "slider_crank_loaded.toml"), end, COSTS, "piston", BOUND)
 
 
 def main(quick: bool = False) -> Allocation:

@@ -2,12 +2,22 @@
 
 import argparse
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import clearance_jax as cj
-from clearance_jax.design import Certificate, Design, ToleranceProblem, nearest_fits, responses, tradeoff
+from clearance_jax.design import (
+    Certificate,
+    Design,
+    Limit,
+    Reciprocal,
+    ToleranceProblem,
+    nearest_fits,
+    responses,
+    tradeoff,
+)
 from clearance_jax.design.figures import contributions, trade
+from clearance_jax.metrics import Peak, PositionError
 from clearance_jax.plot import save_figure
 from experiments.common import output, table
 
@@ -19,6 +29,21 @@ def command(main: Callable, doc: str | None, quick: str) -> None:
     given = parser.parse_args()
     cj.configure(cache=True)
     main(given.quick)
+
+
+def cheapest(
+    mechanism: cj.Mechanism, t1: float, costs: Mapping[str, float], point: str, bound: float, least: float = 1e-5
+) -> ToleranceProblem:
+    """The cheapest clearances, from `least` to 1 mm, that keep a point within a bound [m]; `costs` are
+    times the clearance [m].
+    """
+    return ToleranceProblem(
+        mechanism,
+        t1,
+        dict.fromkeys(costs, (least, 1e-3)),
+        [Limit(Peak(PositionError(point)), bound, point)],
+        cost={name: Reciprocal(factor) for name, factor in costs.items()},
+    )
 
 
 class Allocation(NamedTuple):

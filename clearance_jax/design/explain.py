@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from clearance_jax._checks import ClearanceError, suggest
 from clearance_jax.design.program import SLACK, Point
-from clearance_jax.design.solvers import run
+from clearance_jax.design.solvers import INTERRUPTED, run
 from clearance_jax.units import shown
 
 if TYPE_CHECKING:
@@ -98,33 +99,25 @@ def tradeoff(design: "Design", limit: str = "", factors: Sequence[float] = FACTO
     **Arguments:** `limit`: its title (default: the one nearest to its bound).
     """
     program = design.problem.program(known=design.program.points)
-    titles = [title for title in dict.fromkeys(program.groups)]
-    nearest = program.groups[int(np.argmax(design.point.limits))]
-    limit = limit or nearest
+    titles = list(dict.fromkeys(program.groups))
+    limit = limit or program.groups[int(np.argmax(design.point.limits))]
     if limit not in titles:
-        from clearance_jax._checks import ClearanceError, suggest
-
         raise ClearanceError(f"There is no limit {limit!r}. " + suggest(limit, titles))
-    start = design.point.x
-    # Outwards from the design, so that each starts at its neighbour's answer.
-    order = sorted(factors, key=lambda f: abs(np.log(f)))
-    best: dict[float, Point | None] = {}
-    for factor in order:
-        solved = [f for f in best if best[f] is not None]
-        near = min(solved, key=lambda f: abs(np.log(f / factor)), default=None)
-        point = None if near is None else best[near]
-        moved = program.rebounded(limit, factor)
-        if run(moved, design.method, start if point is None else point.x) == "interrupted":
-            raise KeyboardInterrupt
-        best[factor] = moved.best
-    # A design found for one bound may be better for a looser one than what was found there.
     rows = np.array([group == limit for group in program.groups])
-    for factor in best:
+
+    def best(factor) -> Point | None:
+        """Of all that was evaluated, for whichever bound."""
         held = [p for p in program.points if np.all((1 + p.limits) / np.where(rows, factor, 1.0) - 1 <= SLACK)]
-        best[factor] = min(held, key=lambda p: p.objective, default=None)
-    asked = {known.title: known for known in design.problem.limits}.get(limit)
+        return min(held, key=lambda p: p.objective, default=None)
+
+    # Outwards from the design: what was found for one bound is where the next one starts.
+    for factor in sorted(factors, key=lambda f: abs(np.log(f))):
+        known = best(factor) or design.point
+        if run(program.rebounded(limit, factor), design.method, known.x) == INTERRUPTED:
+            raise KeyboardInterrupt
+    asked = {own.title: own for own in design.problem.limits}.get(limit)
     bound, unit = (1.0, "") if asked is None else (asked.bound, asked.metric.unit)
-    ends = [best[f] for f in factors]
+    ends = [best(f) for f in factors]
     return Tradeoff(
         limit,
         unit,

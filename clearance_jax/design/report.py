@@ -61,19 +61,18 @@ def findings(design: "Design", certificate: Certificate | None = None) -> Findin
     if not design.feasible:
         return Findings(design, notes=("No design holds every limit, so there is nothing to explain or to verify.",))
     notes: list[str] = []
-    why, trade, fitted = (), None, None
+    why, fitted = (), None
     try:
         why = responses(design)
     except ClearanceError as error:
         notes.append(str(error))
-    trade = tradeoff(design)
     try:
         fitted = nearest_fits(design)
         if fitted is None:
             notes.append("No combination of common fits was found that holds the limits.")
     except ClearanceError as error:
         notes.append(str(error))
-    return Findings(design, certificate, why, trade, fitted, tuple(notes))
+    return Findings(design, certificate, why, tradeoff(design), fitted, tuple(notes))
 
 
 def write_report(found: Findings, path: str | Path, title: str = "Tolerance design", study: str = "") -> None:

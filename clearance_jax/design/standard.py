@@ -62,7 +62,7 @@ def nearest_fits(
         raise ClearanceError("No variable is a radial clearance of known diameter: give `diameters`.")
     # The tightest first: a chosen fit is a place in its list.
     lists = {i: sorted(fits.fits_within(sizes[names[i]], 1.0), key=_greatest) for i in fitted}
-    chosen = {i: sum(_greatest(f) <= wide[i] for f in lists[i]) - 1 for i in fitted}
+    chosen = {i: max(sum(_greatest(f) <= wide[i] for f in lists[i]) - 1, 0) for i in fitted}
     simulations = problem.simulations()
     exact = design.program.gradients > 0 and len(wide) <= FEW  # by the program that is compiled already
 
@@ -75,7 +75,6 @@ def nearest_fits(
         values = np.concatenate(found)
         return float(np.max(values)) if np.all(np.isfinite(values)) else np.inf
 
-    chosen = {i: max(place, 0) for i, place in chosen.items()}
     while worst(chosen) > SLACK:
         # A tightest fit wider than the design, islands, or errors that do not grow with the clearance: all tighter.
         if not any(chosen.values()):

@@ -9,7 +9,7 @@ import scipy.optimize
 from clearance_jax._checks import ClearanceError
 from clearance_jax.design.made import Yield, Yielded
 from clearance_jax.design.program import Point, Program
-from clearance_jax.design.solvers import GRADIENT_FREE, run
+from clearance_jax.design.solvers import GRADIENT_FREE, INTERRUPTED, run
 from clearance_jax.design.static import static_weights
 from clearance_jax.mechanism.mechanism import replace
 from clearance_jax.metrics import Peak, PositionError
@@ -170,7 +170,7 @@ def _static(design: "Design") -> dict[str, float]:
 
 def _run(program: Program, method: str, start: np.ndarray) -> None:
     """`run`; an interruption ends the verification, whose other statements would be about half-finished runs."""
-    if run(program, method, start) == "interrupted":
+    if run(program, method, start) == INTERRUPTED:
         raise KeyboardInterrupt
 
 
