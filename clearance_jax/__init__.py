@@ -1,8 +1,11 @@
 """clearance_jax: mechanisms and robots with clearance joints in JAX."""
 
-from clearance_jax import metrics
+from clearance_jax.analysis import metrics
+from clearance_jax.analysis.periodic import PeriodicMotion, periodic_motion
+from clearance_jax.analysis.sensitivity import Sensitivities, hessian, sensitivities
+from clearance_jax.analysis.trust import GradientReport, gradient_report
 from clearance_jax.configure import configure
-from clearance_jax.flow import Solution
+from clearance_jax.io.scene import load
 from clearance_jax.joints import RevoluteClearance
 from clearance_jax.mechanism.body import (
     Body,
@@ -18,13 +21,10 @@ from clearance_jax.mechanism.body import (
 from clearance_jax.mechanism.drives import ConstantSpeed, Harmonic, Spline, Step5Sum, StepSum
 from clearance_jax.mechanism.mechanism import Mechanism, parameters, replace
 from clearance_jax.mechanism.tree import Fixed, Prismatic, Revolute
-from clearance_jax.periodic import PeriodicMotion, periodic_motion
-from clearance_jax.results import load_dataset, save, to_dataset
-from clearance_jax.scene import load
-from clearance_jax.sensitivity import Sensitivities, hessian, sensitivities
-from clearance_jax.solve import simulate
-from clearance_jax.trace import Trace, trace
-from clearance_jax.trust import GradientReport, gradient_report
+from clearance_jax.results.dataset import load_dataset, save, to_dataset
+from clearance_jax.solve.flow import Solution
+from clearance_jax.solve.simulate import simulate
+from clearance_jax.solve.trace import Trace, trace
 
 __all__ = [
     "Body",

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from clearance_jax._checks import require_float64
+from clearance_jax.errors import require_float64
 
 Scalar: TypeAlias = Float[Array, ""]
 Number: TypeAlias = Float[Array, "..."] | float

@@ -6,7 +6,7 @@ from pathlib import Path
 import jax
 from jax._src import xla_bridge  # the only place that knows whether a backend has started
 
-from clearance_jax._checks import ClearanceError
+from clearance_jax.errors import ClearanceError
 
 # XLA runs a loop's body operation by operation, some 0.1 us each, unless one turn of the loop touches fewer bytes than
 # this (1024 by default): then the whole loop becomes one compiled function. That makes a single solve several times

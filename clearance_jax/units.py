@@ -4,7 +4,7 @@ import functools
 import math
 from typing import Any
 
-from clearance_jax._checks import ClearanceError
+from clearance_jax.errors import ClearanceError
 
 ANGLES = ("radian", "degree", "turn", "revolution", "arc", "grade", "cycle")
 

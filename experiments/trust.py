@@ -19,10 +19,11 @@ import jax.numpy as jnp
 import numpy as np
 
 import clearance_jax as cj
-from clearance_jax import laws, metrics
-from clearance_jax._checks import ClearanceError
-from clearance_jax.solve import solve
-from clearance_jax.trust import LIMITS, horizon_of, neighbours
+from clearance_jax import laws
+from clearance_jax.analysis import metrics
+from clearance_jax.analysis.trust import LIMITS, horizon_of, neighbours
+from clearance_jax.errors import ClearanceError
+from clearance_jax.solve.simulate import solve
 from experiments.common import output, table
 
 NAME = "play.radial_clearance"

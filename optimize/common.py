@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import clearance_jax as cj
+from clearance_jax.analysis.metrics import Peak, PositionError
 from clearance_jax.design import (
     Certificate,
     Design,
@@ -16,9 +17,8 @@ from clearance_jax.design import (
     responses,
     tradeoff,
 )
-from clearance_jax.design.figures import contributions, trade
-from clearance_jax.metrics import Peak, PositionError
-from clearance_jax.plot import save_figure
+from clearance_jax.report.design_figures import contributions, trade
+from clearance_jax.report.figures import save_figure
 from experiments.common import output, table
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from clearance_jax.design import Point, Program
 from clearance_jax.design.solvers import run
-from clearance_jax.plot import save_figure
+from clearance_jax.report.figures import save_figure
 from experiments.common import output, table
 from optimize.common import command
 

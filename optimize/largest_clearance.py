@@ -6,9 +6,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import clearance_jax as cj
-from clearance_jax import fits
-from clearance_jax.design import Design, Limit, ToleranceProblem
-from clearance_jax.metrics import Peak, PositionError
+from clearance_jax.analysis.metrics import Peak, PositionError
+from clearance_jax.design import Design, Limit, ToleranceProblem, fits
 from experiments.common import SCENES, output
 from optimize.common import command
 

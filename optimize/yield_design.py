@@ -5,10 +5,10 @@
 import time
 
 import clearance_jax as cj
+from clearance_jax.analysis.metrics import Peak, PositionError
 from clearance_jax.design import Design, Limit, ToleranceProblem, Yield, Yielded
-from clearance_jax.design.figures import history
-from clearance_jax.metrics import Peak, PositionError
-from clearance_jax.plot import save_figure
+from clearance_jax.report.design_figures import history
+from clearance_jax.report.figures import save_figure
 from experiments.common import SCENES, output
 from optimize.common import command
 

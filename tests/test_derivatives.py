@@ -7,8 +7,8 @@ import pytest
 
 import clearance_jax as cj
 from clearance_jax import laws
-from clearance_jax._checks import ClearanceError
-from clearance_jax.dynamics import rate
+from clearance_jax.dynamics.field import rate
+from clearance_jax.errors import ClearanceError
 from experiments import derivatives
 from experiments.derivatives import closed_forms, ladder
 

@@ -6,10 +6,11 @@ import pytest
 from catalogue import slider_crank
 
 import clearance_jax as cj
-from clearance_jax import design, metrics
-from clearance_jax._checks import ClearanceError
+from clearance_jax import design
+from clearance_jax.analysis import metrics
 from clearance_jax.design import evaluate, made, solvers, verify
-from clearance_jax.solve import solve
+from clearance_jax.errors import ClearanceError
+from clearance_jax.solve.simulate import solve
 from experiments.trust import CHAOTIC, scene
 from experiments.trust import NAME as PLAY
 from optimize import (

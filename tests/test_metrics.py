@@ -8,8 +8,8 @@ import pytest
 from catalogue import playful_servo
 
 import clearance_jax as cj
-from clearance_jax import metrics
-from clearance_jax._checks import ClearanceError
+from clearance_jax.analysis import metrics
+from clearance_jax.errors import ClearanceError
 from experiments.common import slider_crank
 from experiments.reference.make import load_variation
 from experiments.trust import REGULAR, scene

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import clearance_jax as cj
-from clearance_jax._checks import ClearanceError
-from clearance_jax.periodic import periodic_motion
+from clearance_jax.analysis.periodic import periodic_motion
+from clearance_jax.errors import ClearanceError
 
 MASS, AMPLITUDE = 2.0, 0.1
 CRANK = Path(__file__).parents[1] / "experiments" / "scenes" / "slider_crank.toml"

@@ -13,12 +13,12 @@ import pytest
 from typer.testing import CliRunner
 
 import clearance_jax as cj
-from clearance_jax.cli import app, main
+from clearance_jax.cli.main import app, main
+from clearance_jax.io.scene import load_scene
 from clearance_jax.mechanism.expressions import read_expression
-from clearance_jax.plot import overview
-from clearance_jax.results import load_dataset, save, to_dataset
-from clearance_jax.scene import load_scene
-from clearance_jax.trace import trace
+from clearance_jax.report.figures import overview
+from clearance_jax.results.dataset import load_dataset, save, to_dataset
+from clearance_jax.solve.trace import trace
 
 SCENES = Path(__file__).parents[1] / "experiments" / "scenes"
 VELOCITY_1 = "step(time, 0, 0, 0.5, 90 d) + step(time, 0.5, 0, 1, 30 d) + step(time, 1, 0, 1.5, 10 d)"

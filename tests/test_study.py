@@ -9,10 +9,12 @@ import pytest
 from typer.testing import CliRunner
 
 import clearance_jax as cj
-from clearance_jax import design, metrics
-from clearance_jax._checks import ClearanceError
-from clearance_jax.cli import app, main
-from clearance_jax.study import load_study
+from clearance_jax import design
+from clearance_jax.analysis import metrics
+from clearance_jax.cli.main import app, main
+from clearance_jax.errors import ClearanceError
+from clearance_jax.io.study import load_study
+from clearance_jax.report.html import write_report
 
 ROOT = Path(__file__).parents[1]
 SCENE = ROOT / "experiments" / "scenes" / "slider_crank.toml"
@@ -190,7 +192,7 @@ def test_infeasible_designs_report_what_is_violated(study, tmp_path):
     answer = design.Design(problem, program, "slsqp", point, "", "")
     found = design.findings(answer)
     assert "No design holds every limit" in found.notes[0]
-    design.write_report(found, tmp_path / "r.html")
+    write_report(found, tmp_path / "r.html")
     assert "No feasible design: piston is 1.5 times its bound" in (tmp_path / "r.html").read_text()
     with pytest.raises(ClearanceError, match="Cannot write the report"):
-        design.write_report(found, tmp_path / "missing" / "r.html")
+        write_report(found, tmp_path / "missing" / "r.html")

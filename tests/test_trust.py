@@ -5,8 +5,8 @@ import pytest
 
 import clearance_jax as cj
 from clearance_jax import laws
-from clearance_jax._checks import ClearanceError
-from clearance_jax.trust import UntrustedGradient, horizon_of, regression
+from clearance_jax.analysis.trust import UntrustedGradient, horizon_of, regression
+from clearance_jax.errors import ClearanceError
 from experiments import trust as experiment
 from experiments.trust import CHAOTIC, NAME, REGULAR, place, scene
 

@@ -3,10 +3,10 @@
 from clearance_jax.design.answer import Design
 from clearance_jax.design.costs import AbstractCost, Exponential, ExponentialReciprocal, Reciprocal, Table
 from clearance_jax.design.explain import Response, Tradeoff, responses, tradeoff
+from clearance_jax.design.findings import Findings, findings
 from clearance_jax.design.made import Band, Yield, Yielded
 from clearance_jax.design.problem import Limit, ToleranceProblem
 from clearance_jax.design.program import Point, Program
-from clearance_jax.design.report import Findings, findings, write_report
 from clearance_jax.design.solvers import SOLVERS
 from clearance_jax.design.standard import StandardFits, nearest_fits
 from clearance_jax.design.static import static_weights
@@ -37,5 +37,4 @@ __all__ = [
     "responses",
     "static_weights",
     "tradeoff",
-    "write_report",
 ]

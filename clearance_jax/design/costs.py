@@ -13,8 +13,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 from scipy.interpolate import PchipInterpolator
 
-from clearance_jax._checks import ClearanceError
 from clearance_jax._types import Scalar
+from clearance_jax.errors import ClearanceError
 
 
 def _number(value) -> Array:

@@ -8,8 +8,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from clearance_jax.analysis.metrics import AbstractMetric
 from clearance_jax.mechanism.mechanism import Mechanism, replace
-from clearance_jax.metrics import AbstractMetric
 
 # Scenarios solved at a time where no derivatives are asked for.
 BATCH = 250

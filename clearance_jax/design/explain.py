@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from clearance_jax._checks import ClearanceError, suggest
 from clearance_jax.design.program import SLACK, Point
 from clearance_jax.design.solvers import INTERRUPTED, run
+from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.units import shown
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.stats
 
-from clearance_jax._checks import ClearanceError
+from clearance_jax.errors import ClearanceError
 
 
 class Band(NamedTuple):

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clearance_jax._checks import ClearanceError
+from clearance_jax.errors import ClearanceError
 
 # A limit counts as held if it is violated by no more than this share of its bound: a solver ends on the limit itself.
 SLACK = 1e-9

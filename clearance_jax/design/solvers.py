@@ -15,8 +15,8 @@ import numpy as np
 import optax
 import scipy.optimize
 
-from clearance_jax._checks import ClearanceError, suggest
 from clearance_jax.design.program import Enough, Point, Program
+from clearance_jax.errors import ClearanceError, suggest
 
 # Where an active limit is aimed at, in shares of its bound: inside, by less than anything else in the answer counts.
 INSIDE = 1e-10

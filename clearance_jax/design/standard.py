@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import scipy.stats
 
-from clearance_jax import fits
-from clearance_jax._checks import ClearanceError
+from clearance_jax.design import fits
 from clearance_jax.design.evaluate import FEW, Scenario
 from clearance_jax.design.made import Yielded
 from clearance_jax.design.program import SLACK
+from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import parameters
 
 if TYPE_CHECKING:

@@ -7,13 +7,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from clearance_jax._checks import ClearanceError
-from clearance_jax.dynamics import observe
-from clearance_jax.equations import projected
+from clearance_jax.analysis.signals import ASSEMBLE, freedom
+from clearance_jax.dynamics.equations import projected
+from clearance_jax.dynamics.field import observe
+from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.body import Position
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.signals import ASSEMBLE, freedom
-from clearance_jax.solve import solve
+from clearance_jax.solve.simulate import solve
 
 
 def static_weights(mechanism: Mechanism, point: str, t1: float, samples: int = 181) -> dict[str, float]:

@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.optimize
 
-from clearance_jax._checks import ClearanceError
+from clearance_jax.analysis.metrics import Peak, PositionError
 from clearance_jax.design.made import Yield, Yielded
 from clearance_jax.design.program import Point, Program
 from clearance_jax.design.solvers import GRADIENT_FREE, INTERRUPTED, run
 from clearance_jax.design.static import static_weights
+from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import replace
-from clearance_jax.metrics import Peak, PositionError
 from clearance_jax.units import shown
 
 if TYPE_CHECKING:

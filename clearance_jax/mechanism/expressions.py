@@ -7,7 +7,7 @@ import math
 import re
 from typing import NamedTuple
 
-from clearance_jax._checks import ClearanceError
+from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.drives import AbstractDrive, ConstantSpeed, DriveSum, Step5Sum, StepSum
 
 _TOKEN = re.compile(

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from clearance_jax._checks import ClearanceError, suggest
 from clearance_jax._types import Leaf, Scalar, follow, physical_leaves
+from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.joints import RevoluteClearance
 from clearance_jax.mechanism.body import GROUND, Body, Gravity, Point, Servo, Spring
 from clearance_jax.mechanism.tree import AbstractJoint, Coordinate, Frame, Prismatic, Revolute, place

@@ -11,9 +11,9 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from clearance_jax._checks import ClearanceError
 from clearance_jax._numerics import safe_unit
 from clearance_jax._types import Scalar
+from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import Contact, Signals
 from clearance_jax.mechanism.body import Body, Spring
 from clearance_jax.mechanism.mechanism import Mechanism, frames, layout

@@ -10,12 +10,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from clearance_jax._checks import ClearanceError
+from clearance_jax.analysis.metrics import AbstractMetric
+from clearance_jax.analysis.reverse import reverse
+from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism, drive_breaks, parameters, replace
-from clearance_jax.mesh import reverse
-from clearance_jax.metrics import AbstractMetric
-from clearance_jax.solve import check_values, solve
-from clearance_jax.variation import depends
+from clearance_jax.solve.problem import depends
+from clearance_jax.solve.simulate import check_values, solve
 
 # Options that a reverse sweep knows.
 REVERSIBLE = ("t0", "rtol", "solver", "books")

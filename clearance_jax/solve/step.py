@@ -9,10 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from clearance_jax.equations import projected
+from clearance_jax.dynamics.equations import projected
 from clearance_jax.mechanism.mechanism import Mechanism, drive_breaks, layout
-from clearance_jax.variation import Problem, lift, split
-from clearance_jax.watch import signals_and_rates
+from clearance_jax.solve.problem import Problem, lift, split
+from clearance_jax.solve.switches import signals_and_rates
 
 _EPS = float(np.finfo(np.float64).eps)
 

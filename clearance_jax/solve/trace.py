@@ -12,7 +12,8 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from clearance_jax.flow import (
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.solve.flow import (
     Options,
     Solution,
     energy_residual,
@@ -22,9 +23,8 @@ from clearance_jax.flow import (
     projected_samples,
     tolerances_of,
 )
-from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.solve import check_arguments, check_assembled
-from clearance_jax.variation import Problem
+from clearance_jax.solve.problem import Problem
+from clearance_jax.solve.simulate import check_arguments, check_assembled
 
 BLOCK = 4096
 

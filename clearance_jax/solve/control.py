@@ -16,9 +16,9 @@ import numpy as np
 from jaxtyping import Array
 
 from clearance_jax.mechanism.mechanism import layout
-from clearance_jax.stepping import StepEnds
-from clearance_jax.variation import Problem, motion
-from clearance_jax.watch import first_switch, misfit, watched
+from clearance_jax.solve.problem import Problem, motion
+from clearance_jax.solve.step import StepEnds
+from clearance_jax.solve.switches import first_switch, misfit, watched
 
 _EPS = float(np.finfo(np.float64).eps)
 # The motion's errors are amplified by the impacts to come, and so are kept at a tenth of rtol in each step; a

@@ -15,12 +15,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from clearance_jax._checks import ClearanceError, suggest
 from clearance_jax._types import Scalar
-from clearance_jax.energy import read_books
-from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.observers import PeakFinder, TouchCounter
-from clearance_jax.signals import (
+from clearance_jax.analysis.signals import (
     AbstractSignal,
     Acceleration,
     ContactForce,
@@ -28,7 +24,11 @@ from clearance_jax.signals import (
     PathDeviation,
     PositionError,
 )
-from clearance_jax.solve import solve
+from clearance_jax.dynamics.energy import read_books
+from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.solve.observers import PeakFinder, TouchCounter
+from clearance_jax.solve.simulate import solve
 
 
 class AbstractMetric(eqx.Module):

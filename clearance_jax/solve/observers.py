@@ -8,11 +8,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from clearance_jax.equations import signals
-from clearance_jax.flow import Picked
-from clearance_jax.interpolate import between
+from clearance_jax.dynamics.equations import signals
 from clearance_jax.mechanism.mechanism import layout
-from clearance_jax.variation import Problem, motion
+from clearance_jax.solve.flow import Picked
+from clearance_jax.solve.interpolate import between
+from clearance_jax.solve.problem import Problem, motion
 
 
 class AbstractObserver(eqx.Module):

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from clearance_jax._types import Scalar
-from clearance_jax.equations import (
+from clearance_jax.dynamics.equations import (
     Balance,
     Extra,
     Frames,

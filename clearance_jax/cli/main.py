@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-from clearance_jax._checks import ClearanceError
+from clearance_jax.errors import ClearanceError
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -38,9 +38,9 @@ def _mechanism(scene_file: Path, settings: list[str] | None, ideal: bool):
     from clearance_jax.configure import configure
 
     configure(cache=True)
+    from clearance_jax.io.scene import load_scene, parse_setting
     from clearance_jax.mechanism.mechanism import parameters, replace
-    from clearance_jax.scene import load_scene, parse_setting
-    from clearance_jax.solve import check_values
+    from clearance_jax.solve.simulate import check_values
 
     scene = load_scene(scene_file)
     mechanism = scene.mechanism
@@ -82,9 +82,9 @@ def simulate(
     Ctrl-C stops the solve and keeps what was computed.
     """
     mechanism, scene = _mechanism(scene_file, settings, ideal)
-    from clearance_jax.results import save, to_dataset
-    from clearance_jax.solve import SOLVERS
-    from clearance_jax.trace import trace
+    from clearance_jax.results.dataset import save, to_dataset
+    from clearance_jax.solve.simulate import SOLVERS
+    from clearance_jax.solve.trace import trace
     from clearance_jax.units import to_si
 
     _writable(output)
@@ -111,7 +111,7 @@ def simulate(
         save(dataset, output)
         console.print(f"dataset  {escape(str(output))}", soft_wrap=True)
     if plot is not None:
-        from clearance_jax.plot import overview, save_figure
+        from clearance_jax.report.figures import overview, save_figure
 
         save_figure(overview(dataset), plot)
         console.print(f"figure   {escape(str(plot))}", soft_wrap=True)
@@ -148,9 +148,9 @@ def info(scene_file: SceneFile, settings: Settings = None, ideal: Ideal = False)
     import numpy as np
     from rich.table import Table
 
-    from clearance_jax.dynamics import rate
+    from clearance_jax.dynamics.field import rate
+    from clearance_jax.io.scene import unit_of
     from clearance_jax.mechanism.mechanism import layout, parameters
-    from clearance_jax.scene import unit_of
 
     plan = layout(mechanism)
     console.print(f"[bold]{escape(mechanism.name)}[/bold]")
@@ -187,8 +187,8 @@ def plot(
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Figure (default: RESULT with .png).")] = None,
 ) -> None:
     """Draw the figure of a result file."""
-    from clearance_jax.plot import overview, save_figure
-    from clearance_jax.results import load_dataset
+    from clearance_jax.report.figures import overview, save_figure
+    from clearance_jax.results.dataset import load_dataset
 
     output = result_file.with_suffix(".png") if output is None else output
     _writable(output, FIGURES)
@@ -214,9 +214,9 @@ def optimize(
     from clearance_jax.configure import configure
 
     configure(cache=True)
-    from clearance_jax.design import SOLVERS, findings, write_report
-    from clearance_jax.design.report import Findings
-    from clearance_jax.study import load_study
+    from clearance_jax.design import SOLVERS, Findings, findings
+    from clearance_jax.io.study import load_study
+    from clearance_jax.report.html import write_report
 
     _writable(report, (".html", ".htm"))
     _writable(record)

@@ -9,11 +9,11 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array
 
-from clearance_jax._checks import BOUNDS, ClearanceError, require_float64, suggest
-from clearance_jax.energy import BOOKS
-from clearance_jax.equations import openings
-from clearance_jax.flow import Inputs, Options, Solution, flow, initial_state, is_assembled, plain_flow
+from clearance_jax.dynamics.energy import BOOKS
+from clearance_jax.dynamics.equations import openings
+from clearance_jax.errors import BOUNDS, ClearanceError, require_float64, suggest
 from clearance_jax.mechanism.mechanism import Mechanism, frames, layout, parameters
+from clearance_jax.solve.flow import Inputs, Options, Solution, flow, initial_state, is_assembled, plain_flow
 
 MAX_STEPS = 10_000_000
 DERIVATIVES = ("controlled", "screening")

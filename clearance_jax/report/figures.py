@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from clearance_jax._checks import ClearanceError
+from clearance_jax.errors import ClearanceError
 
 STATES = (("free", "tab:blue"), ("contact", "tab:green"), ("impact", "tab:red"))
 

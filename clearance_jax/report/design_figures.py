@@ -9,10 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from clearance_jax._checks import ClearanceError
+from clearance_jax.analysis.metrics import At
 from clearance_jax.design.explain import Response, Tradeoff
+from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import replace
-from clearance_jax.metrics import At
 
 if TYPE_CHECKING:
     from clearance_jax.design.answer import Design

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from clearance_jax._checks import BOUNDS, ClearanceError, suggest
 from clearance_jax._types import Leaf
+from clearance_jax.errors import BOUNDS, ClearanceError, suggest
 from clearance_jax.joints import RevoluteClearance
 from clearance_jax.laws import FRICTION_LAWS, NORMAL_LAWS, InternalHertz, RestitutionLaw
 from clearance_jax.mechanism.body import (

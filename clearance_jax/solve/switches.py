@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from clearance_jax.equations import signals
-from clearance_jax.interpolate import between, hermite, quintic
+from clearance_jax.dynamics.equations import signals
 from clearance_jax.mechanism.mechanism import Mechanism, layout
+from clearance_jax.solve.interpolate import between, hermite, quintic
 
 
 class Samples(NamedTuple):

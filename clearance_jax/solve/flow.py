@@ -14,16 +14,16 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from clearance_jax._checks import BOUNDS, ClearanceError
 from clearance_jax._types import Scalar
-from clearance_jax.control import ContactController
-from clearance_jax.dynamics import rate
-from clearance_jax.energy import energies, opened_books, read_books
-from clearance_jax.equations import openings, projected
+from clearance_jax.dynamics.energy import energies, opened_books, read_books
+from clearance_jax.dynamics.equations import openings, projected
+from clearance_jax.dynamics.field import rate
+from clearance_jax.errors import BOUNDS, ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism, drive_breaks, layout, parameters
-from clearance_jax.stepping import Stepper
-from clearance_jax.tolerances import Tolerances, floors, largest_length, tolerances
-from clearance_jax.variation import Problem, basis, lift, motion, moves, pushed
+from clearance_jax.solve.control import ContactController
+from clearance_jax.solve.problem import Problem, basis, lift, motion, moves, pushed
+from clearance_jax.solve.step import Stepper
+from clearance_jax.solve.tolerances import Tolerances, floors, largest_length, tolerances
 
 
 # Traced once and called from every stage (a step asks for it a dozen times); XLA inlines the calls.

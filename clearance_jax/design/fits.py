@@ -16,7 +16,7 @@ import dataclasses
 import re
 from typing import SupportsFloat
 
-from clearance_jax._checks import ClearanceError
+from clearance_jax.errors import ClearanceError
 
 LARGEST = 0.5  # [m]; above it the standard has other tables
 # Upper bounds [mm] of the ranges of nominal diameter, "over ... up to and including"; the finer ones for a, b, c, r, s.

@@ -16,16 +16,16 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Complex, Float, Int
 
-from clearance_jax._checks import ClearanceError
 from clearance_jax._types import Scalar
-from clearance_jax.equations import projected
-from clearance_jax.flow import Inputs, Options, flow, initial_state, meaning, tolerances_of
+from clearance_jax.dynamics.equations import projected
+from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.body import ConstantEffort, Servo
 from clearance_jax.mechanism.drives import AbstractDrive
 from clearance_jax.mechanism.mechanism import Mechanism, layout
-from clearance_jax.solve import check_arguments
-from clearance_jax.tolerances import LOCAL, largest_length
-from clearance_jax.variation import Problem
+from clearance_jax.solve.flow import Inputs, Options, flow, initial_state, meaning, tolerances_of
+from clearance_jax.solve.problem import Problem
+from clearance_jax.solve.simulate import check_arguments
+from clearance_jax.solve.tolerances import LOCAL, largest_length
 
 TURN = 2 * np.pi
 # The residual is driven to rtol; where no step lowers it further it must be within this many rtol, the error that a

@@ -13,11 +13,11 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
-from clearance_jax._checks import ClearanceError
-from clearance_jax.dynamics import observe, rate
-from clearance_jax.flow import Solution
+from clearance_jax.dynamics.field import observe, rate
+from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism, parameters
-from clearance_jax.trace import Trace
+from clearance_jax.solve.flow import Solution
+from clearance_jax.solve.trace import Trace
 
 
 class Variable(NamedTuple):

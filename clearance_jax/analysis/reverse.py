@@ -17,11 +17,11 @@ import numpy as np
 from jaxtyping import Array
 
 from clearance_jax._types import Scalar
-from clearance_jax.flow import Inputs, Options, Solution, field, initial, integrate, posed, refuse_jumps
 from clearance_jax.mechanism.mechanism import Mechanism, drive_breaks, layout, replace
-from clearance_jax.solve import check_arguments
-from clearance_jax.stepping import Stepper
-from clearance_jax.variation import Problem, pushed
+from clearance_jax.solve.flow import Inputs, Options, Solution, field, initial, integrate, posed, refuse_jumps
+from clearance_jax.solve.problem import Problem, pushed
+from clearance_jax.solve.simulate import check_arguments
+from clearance_jax.solve.step import Stepper
 
 SHORTEST, LONGEST = 2**10, 2**20
 SEED = 20

@@ -17,14 +17,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from clearance_jax._checks import ClearanceError
-from clearance_jax.dynamics import observe
+from clearance_jax.analysis.metrics import AbstractMetric, Peak
+from clearance_jax.analysis.periodic import periodic_motion
+from clearance_jax.analysis.sensitivity import output, values_of
+from clearance_jax.dynamics.field import observe
+from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism, replace
-from clearance_jax.metrics import AbstractMetric, Peak
-from clearance_jax.observers import AbstractObserver, TouchCounter, Touches
-from clearance_jax.periodic import periodic_motion
-from clearance_jax.sensitivity import output, values_of
-from clearance_jax.solve import solve
+from clearance_jax.solve.observers import AbstractObserver, TouchCounter, Touches
+from clearance_jax.solve.simulate import solve
 
 
 class Limits(eqx.Module):

@@ -9,17 +9,17 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from clearance_jax._checks import ClearanceError, suggest
 from clearance_jax._numerics import safe_norm
 from clearance_jax._types import Scalar
-from clearance_jax.dynamics import observe, rate
-from clearance_jax.equations import projected
-from clearance_jax.flow import Solution
-from clearance_jax.interpolate import hermite
+from clearance_jax.dynamics.equations import projected
+from clearance_jax.dynamics.field import observe, rate
+from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.mechanism.mechanism import Mechanism, frames, layout
-from clearance_jax.solve import solve
+from clearance_jax.solve.flow import Solution
+from clearance_jax.solve.interpolate import hermite
+from clearance_jax.solve.simulate import solve
+from clearance_jax.solve.tolerances import largest_length
 from clearance_jax.spatial import minus
-from clearance_jax.tolerances import largest_length
 
 # Newton steps from a pin's place in its sleeve to the ideal mechanism: each squares the error, some 1e-3 at first.
 ASSEMBLE = 4

@@ -5,15 +5,15 @@ import tomllib
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from clearance_jax import metrics
-from clearance_jax._checks import ClearanceError
+from clearance_jax.analysis import metrics
 from clearance_jax.design.costs import AbstractCost, Exponential, ExponentialReciprocal, Reciprocal
 from clearance_jax.design.costs import Table as CostTable
 from clearance_jax.design.made import Band, Yield
 from clearance_jax.design.problem import Limit, ToleranceProblem
 from clearance_jax.design.solvers import SOLVERS
+from clearance_jax.errors import ClearanceError
+from clearance_jax.io.scene import Table, load_scene, parse_setting, unit_of
 from clearance_jax.mechanism.mechanism import parameters, replace
-from clearance_jax.scene import Table, load_scene, parse_setting, unit_of
 from clearance_jax.units import to_si
 
 SIGNALS = {

@@ -7,17 +7,16 @@ import re
 from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from clearance_jax._checks import ClearanceError
-from clearance_jax.design import figures
-from clearance_jax.design.explain import Response, Tradeoff, responses, tradeoff
-from clearance_jax.design.standard import StandardFits, nearest_fits
-from clearance_jax.design.verify import Certificate
+from clearance_jax.design.explain import Response, Tradeoff
+from clearance_jax.design.findings import Findings
+from clearance_jax.errors import ClearanceError
+from clearance_jax.report import design_figures as figures
 from clearance_jax.units import shown
 
 if TYPE_CHECKING:
@@ -43,36 +42,6 @@ pre { white-space: pre-wrap; overflow-wrap: anywhere; font-size: .85rem; margin:
 @media (max-width: 40rem) { table { font-size: .85rem; } th, td { padding-right: .35rem; } }
 @media print { body { background: #fff; } section { break-inside: avoid; } }
 """
-
-
-class Findings(NamedTuple):
-    """What a report tells of a design; `None` where it was not asked for, or cannot be had."""
-
-    design: "Design"
-    certificate: Certificate | None = None
-    responses: tuple[Response, ...] = ()
-    tradeoff: Tradeoff | None = None
-    fits: StandardFits | None = None
-    notes: tuple[str, ...] = ()
-
-
-def findings(design: "Design", certificate: Certificate | None = None) -> Findings:
-    """Contributions, trade-off and nearest fits of a design, as far as its problem has them."""
-    if not design.feasible:
-        return Findings(design, notes=("No design holds every limit, so there is nothing to explain or to verify.",))
-    notes: list[str] = []
-    why, fitted = (), None
-    try:
-        why = responses(design)
-    except ClearanceError as error:
-        notes.append(str(error))
-    try:
-        fitted = nearest_fits(design)
-        if fitted is None:
-            notes.append("No combination of common fits was found that holds the limits.")
-    except ClearanceError as error:
-        notes.append(str(error))
-    return Findings(design, certificate, why, tradeoff(design), fitted, tuple(notes))
 
 
 def write_report(found: Findings, path: str | Path, title: str = "Tolerance design", study: str = "") -> None:

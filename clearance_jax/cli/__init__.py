@@ -1,0 +1,5 @@
+"""The command `clearance`."""
+
+from clearance_jax.cli.main import main
+
+__all__ = ["main"]

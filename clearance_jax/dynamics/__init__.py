@@ -1,0 +1,1 @@
+"""The vector field: kinematics, equations of motion, closures, energies, observables."""

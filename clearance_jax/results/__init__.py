@@ -1,0 +1,1 @@
+"""Labelled datasets of solutions, and their files."""
