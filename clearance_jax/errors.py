@@ -1,15 +1,6 @@
 """The three voices of error: structure and value raise here; what happens inside a solve is a result code."""
 
-import operator
-
 import jax
-
-# What a number's field may demand of it: key of its metadata, test, words.
-BOUNDS = (
-    ("above", operator.gt, "greater than"),
-    ("least", operator.ge, "at least"),
-    ("below", operator.lt, "below"),
-)
 
 
 class ClearanceError(ValueError):

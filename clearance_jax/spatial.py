@@ -118,6 +118,18 @@ class Factored(NamedTuple):
     lower: list[list[Term]]
     inverse_diagonal: list[Term]
 
+    def solve(self, right: list[Term]) -> list[Term]:
+        """The solution for one right-hand side."""
+        lower, inverse = self
+        n = len(right)
+        x = list(right)
+        for i in range(n):
+            x[i] = minus(x[i], total(times(lower[i][j], x[j]) for j in range(i)))
+        x = [times(inverse[i], x[i]) for i in range(n)]
+        for i in reversed(range(n)):
+            x[i] = minus(x[i], total(times(lower[j][i], x[j]) for j in range(i + 1, n)))
+        return x
+
 
 def factor(matrix: list[list[Term]]) -> Factored:
     """Factor a symmetric positive definite matrix given by its lower triangle (structural zeros stay absent).
@@ -125,28 +137,17 @@ def factor(matrix: list[list[Term]]) -> Factored:
     n is the number of free coordinates (a handful), so the loops are unrolled into the program.
     """
     lower: list[list[Term]] = []
-    diagonal: list[Term] = []
+    inverse: list[Term] = []
     for i, entries in enumerate(matrix):
         row: list[Term] = []
+        scaled: list[Term] = []
         for j in range(i):
-            coupled = minus(entries[j], total(times(times(row[k], lower[j][k]), diagonal[k]) for k in range(j)))
-            row.append(0.0 if is_zero(coupled) else coupled / diagonal[j])
+            coupled = minus(entries[j], total(times(scaled[k], lower[j][k]) for k in range(j)))
+            scaled.append(coupled)
+            row.append(0.0 if is_zero(coupled) else times(coupled, inverse[j]))
         lower.append(row)
-        diagonal.append(minus(entries[i], total(times(times(row[k], row[k]), diagonal[k]) for k in range(i))))
-    return Factored(lower, [1.0 / d for d in diagonal])
-
-
-def solve(factored: Factored, right: list[Term]) -> list[Term]:
-    """Solve the factored system for one right-hand side."""
-    lower, inverse = factored
-    n = len(right)
-    x = list(right)
-    for i in range(n):
-        x[i] = minus(x[i], total(times(lower[i][j], x[j]) for j in range(i)))
-    x = [times(inverse[i], x[i]) for i in range(n)]
-    for i in reversed(range(n)):
-        x[i] = minus(x[i], total(times(lower[j][i], x[j]) for j in range(i + 1, n)))
-    return x
+        inverse.append(1.0 / minus(entries[i], total(times(row[k], scaled[k]) for k in range(i))))
+    return Factored(lower, inverse)
 
 
 def as_array(terms: list[Term]) -> Array:

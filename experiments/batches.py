@@ -21,7 +21,7 @@ import numpy as np
 
 import clearance_jax as cj
 from clearance_jax.dynamics.field import rate
-from clearance_jax.solve.simulate import initial_state
+from clearance_jax.solve.flow import initial_state
 from experiments.common import CRANK_SPEED, output, seconds, slider_crank, table
 
 RTOL = 1e-7

@@ -15,9 +15,10 @@ from scipy.special import gamma
 
 import clearance_jax as cj
 from clearance_jax import laws
-from clearance_jax.dynamics.field import observe, rate
+from clearance_jax.dynamics.observe import observe
+from clearance_jax.dynamics.field import rate
 from clearance_jax.laws.restitution import exact_ratio
-from clearance_jax.solve.simulate import initial_state
+from clearance_jax.solve.flow import initial_state
 
 MASS, SPEED, GRAVITY = 0.14, 0.5, 9.81
 CLEARANCE, RADIUS, GAP = 1e-3, 0.01, 1e-5

@@ -11,8 +11,10 @@ import pytest
 import clearance_jax as cj
 from clearance_jax import laws
 from clearance_jax.dynamics.energy import energies
-from clearance_jax.dynamics.field import observe, rate
-from clearance_jax.mechanism.mechanism import frames, layout
+from clearance_jax.dynamics.observe import observe
+from clearance_jax.dynamics.field import rate
+from clearance_jax.dynamics.kinematics import frames
+from clearance_jax.mechanism.state import layout
 from clearance_jax.solve.flow import initial_state, is_assembled
 
 SCENES = Path(__file__).parents[1] / "experiments" / "scenes"

@@ -7,7 +7,6 @@ A metric is a reduction over time (`Peak`, `Rms`, `Mean`, `At`, `SoftPeak`, ...)
     jax.grad(lambda c: peak(cj.replace(mechanism, {"wrist.radial_clearance": c}), 0.012))(1e-4)
 """
 
-import abc
 from typing import Any, ClassVar
 
 import equinox as eqx
@@ -16,6 +15,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from clearance_jax._types import Scalar
+from clearance_jax.analysis.measure import AbstractMetric, Reply, Request
 from clearance_jax.analysis.signals import (
     AbstractSignal,
     Acceleration,
@@ -23,25 +23,14 @@ from clearance_jax.analysis.signals import (
     OrientationError,
     PathDeviation,
     PositionError,
+    clearance_index,
 )
-from clearance_jax.dynamics.energy import read_books
-from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.dynamics.energy import BOOKS, energies, read_books
+from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.state import layout
 from clearance_jax.solve.observers import PeakFinder, TouchCounter
-from clearance_jax.solve.simulate import solve
-
-
-class AbstractMetric(eqx.Module):
-    """A number, or a few, of a motion."""
-
-    @property
-    def unit(self) -> str:
-        """The unit of its values."""
-        return getattr(getattr(self, "signal", None), "unit", "")
-
-    @abc.abstractmethod
-    def __call__(self, mechanism: Mechanism, t1: Any, **options: Any) -> Array:
-        """The metric of the motion from `t0` to `t1`; `options` are `simulate`'s `t0`, `rtol`, `solver`, `y0`."""
+from clearance_jax.solve.simulate import run
 
 
 class Peak(AbstractMetric):
@@ -58,25 +47,25 @@ class Peak(AbstractMetric):
     signal: AbstractSignal
     count: int = eqx.field(static=True, default=1)
 
-    def __call__(self, mechanism, t1, **options):
-        solution, picked = self._solved(mechanism, t1, options)
+    def request(self, mechanism, t1, options):
+        # Where the peaks are is looked for without derivatives.
+        fixed, end, others = _fixed((mechanism, t1, options))
+        return Request((PeakFinder(self.signal.bound(fixed, end, **others), self.count, end - others.get("t0", 0.0)),))
+
+    def value(self, reply):
+        (picked,) = reply.picked
         # In the order of time, for an ideal mechanism that moves freely; and back.
         order = jnp.argsort(picked.time)
-        found = self.signal.of(solution, picked.time[order], picked.y[order], mechanism, t1, **options)
+        found = signal_at(self.signal, reply, picked.time[order], picked.y[order])
         found = found[jnp.argsort(order)]
         return found[0] if self.count == 1 else found
 
     def times(self, mechanism: Mechanism, t1: Any, **options: Any) -> Float[Array, " count"]:
         """When the peaks are [s], the highest first."""
-        return self._solved(mechanism, t1, options)[1].time
-
-    def _solved(self, mechanism, t1, options):
-        # Where the peaks are is looked for without derivatives.
-        fixed, end, others = _fixed((mechanism, t1, options))
-        finder = PeakFinder(self.signal.bound(fixed, end, **others), self.count, end - others.get("t0", 0.0))
-        solution = solve(mechanism, t1, observer=finder, **options)
-        assert solution.picked is not None
-        return solution, solution.picked
+        solution = run(mechanism, t1, observers=self.request(mechanism, t1, options).observers, **options)
+        (picked,) = solution.picked
+        assert picked is not None
+        return picked.time
 
 
 def _fixed(tree):
@@ -84,15 +73,22 @@ def _fixed(tree):
     return jax.tree.map(lambda x: jax.lax.stop_gradient(x) if eqx.is_array(x) else x, tree)
 
 
+def signal_at(signal: AbstractSignal, reply: Reply, times: Array, y: Array) -> Array:
+    """A signal of states at increasing times."""
+    return signal.of(reply.solution, times, y, reply.mechanism, reply.t1, **reply.options)
+
+
 class Rms(AbstractMetric):
     """Root of the time average of a signal's square; integrated along with the motion, by the solver."""
 
     signal: AbstractSignal
 
-    def __call__(self, mechanism, t1, **options):
-        span = t1 - options.get("t0", 0.0)
+    def request(self, mechanism, t1, options):
+        return Request(integrands=(self.signal.integrand(mechanism, 2),))
+
+    def value(self, reply):
         # Away from zero by nothing that counts: a signal that is zero throughout has no derivative to give.
-        square = self.signal.integral(mechanism, t1, 2, **options) / span
+        square = reply.integrals[0] / reply.span
         # Not `square > 0`: a failed lane is NaN and must stay so.
         return jnp.where(square == 0, 0.0, jnp.sqrt(jnp.where(square == 0, 1.0, square)))
 
@@ -102,8 +98,11 @@ class Mean(AbstractMetric):
 
     signal: AbstractSignal
 
-    def __call__(self, mechanism, t1, **options):
-        return self.signal.integral(mechanism, t1, 1, **options) / (t1 - options.get("t0", 0.0))
+    def request(self, mechanism, t1, options):
+        return Request(integrands=(self.signal.integrand(mechanism, 1),))
+
+    def value(self, reply):
+        return reply.integrals[0] / reply.span
 
 
 class At(AbstractMetric):
@@ -112,8 +111,11 @@ class At(AbstractMetric):
     signal: AbstractSignal
     times: Float[Array, " times"] = eqx.field(converter=lambda t: jnp.atleast_1d(jnp.asarray(t, float)))
 
-    def __call__(self, mechanism, t1, **options):
-        return self.signal.along(mechanism, t1, self.times, **options)
+    def request(self, mechanism, t1, options):
+        return Request(times=self.times)
+
+    def value(self, reply):
+        return signal_at(self.signal, reply, self.times, reply.solution.y)
 
 
 class SoftPeak(AbstractMetric):
@@ -129,8 +131,11 @@ class SoftPeak(AbstractMetric):
     rho: Scalar = eqx.field(converter=lambda r: jnp.asarray(r, float))
     samples: int = eqx.field(static=True, default=1001)
 
-    def __call__(self, mechanism, t1, **options):
-        values = self._values(mechanism, t1, **options)
+    def request(self, mechanism, t1, options):
+        return Request(times=evenly(options.get("t0", 0.0), t1, self.samples))
+
+    def value(self, reply):
+        values = signal_at(self.signal, reply, reply.solution.time, reply.solution.y)
         return jax.nn.logsumexp(self.rho * values) / self.rho
 
     def bounds(self, mechanism: Mechanism, t1: Any, **options: Any) -> tuple[Array, Array]:
@@ -138,9 +143,10 @@ class SoftPeak(AbstractMetric):
         value = self(mechanism, t1, **options)
         return value - jnp.log(self.samples) / self.rho, value
 
-    def _values(self, mechanism, t1, **options):
-        t0 = options.get("t0", 0.0)
-        return self.signal.along(mechanism, t1, t0 + (t1 - t0) * jnp.linspace(0.0, 1.0, self.samples), **options)
+
+def evenly(t0: Any, t1: Any, count: int) -> Array:
+    """Times from t0 to t1, both included."""
+    return t0 + (t1 - t0) * jnp.linspace(0.0, 1.0, count)
 
 
 class PNorm(AbstractMetric):
@@ -152,10 +158,11 @@ class PNorm(AbstractMetric):
     p: Scalar = eqx.field(converter=lambda p: jnp.asarray(p, float))
     samples: int = eqx.field(static=True, default=1001)
 
-    def __call__(self, mechanism, t1, **options):
-        t0 = options.get("t0", 0.0)
-        times = t0 + (t1 - t0) * jnp.linspace(0.0, 1.0, self.samples)
-        values = jnp.abs(self.signal.along(mechanism, t1, times, **options))
+    def request(self, mechanism, t1, options):
+        return Request(times=evenly(options.get("t0", 0.0), t1, self.samples))
+
+    def value(self, reply):
+        values = jnp.abs(signal_at(self.signal, reply, reply.solution.time, reply.solution.y))
         top = jax.lax.stop_gradient(jnp.max(values))
         top = jnp.where(top == 0, 1.0, top)
         total = jnp.sum((values / top) ** self.p)
@@ -172,12 +179,19 @@ class EnergyLost(AbstractMetric):
 
     unit: ClassVar[str] = "J"
 
-    def __call__(self, mechanism, t1, **options):
-        solution, ready = solve(mechanism, t1, books=True, **options), mechanism.prepared()
+    def request(self, mechanism, t1, options):
+        return Request(books=True)
+
+    def value(self, reply):
+        ready, size = reply.mechanism.prepared(), layout(reply.mechanism).size
+
+        def lost(time, y):
+            held = energies(jnp.asarray(time, float), y, ready)["contact_energy"]
+            books = read_books(y[size : size + len(BOOKS)], held)
+            return books["damping_loss"] + books["friction_loss"]
+
         # `y0` may come with books that are not empty.
-        before = read_books(jnp.asarray(options.get("t0", 0.0), float), solution.initial, ready)
-        after = read_books(jnp.asarray(t1, float), solution.final, ready)
-        return sum(after[name] - before[name] for name in ("damping_loss", "friction_loss"))
+        return lost(reply.t1, reply.solution.final) - lost(reply.t0, reply.solution.initial)
 
 
 class Impacts(AbstractMetric):
@@ -187,12 +201,12 @@ class Impacts(AbstractMetric):
 
     joint: str = eqx.field(static=True)
 
-    def __call__(self, mechanism, t1, **options):
-        names = [joint.name for joint in mechanism.clearance_joints()]
-        if self.joint not in names:
-            raise ClearanceError(f"There is no clearance joint `{self.joint}`. " + suggest(self.joint, names))
-        counted = solve(mechanism, t1, observer=TouchCounter(names.index(self.joint)), **options)
-        return _counted(jnp.where(counted.succeeded, counted.record.count, jnp.nan), (mechanism, t1, options))
+    def request(self, mechanism, t1, options):
+        return Request((TouchCounter(clearance_index(mechanism, self.joint)),))
+
+    def value(self, reply):
+        count = jnp.where(reply.solution.succeeded, reply.solution.records[0].count, jnp.nan)
+        return _counted(count, (reply.mechanism, reply.t1, reply.options))
 
 
 @eqx.filter_custom_jvp

@@ -8,7 +8,6 @@ dy = (I - dP/dy)^-1 (dP/dp) dp, however long the transient was.
 
 from typing import Any, NamedTuple
 
-import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -17,15 +16,18 @@ from jax.core import Tracer
 from jaxtyping import Array, Bool, Complex, Float, Int
 
 from clearance_jax._types import Scalar
-from clearance_jax.dynamics.equations import projected
+from clearance_jax.dynamics.closures import projected
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.body import ConstantEffort, Servo
 from clearance_jax.mechanism.drives import AbstractDrive
-from clearance_jax.mechanism.mechanism import Mechanism, layout
-from clearance_jax.solve.flow import Inputs, Options, flow, initial_state, meaning, tolerances_of
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.state import layout
+from clearance_jax.solve.attempt import Options
+from clearance_jax.solve.codes import Result, words
+from clearance_jax.solve.flow import Inputs, flow, initial_state
 from clearance_jax.solve.problem import Problem
 from clearance_jax.solve.simulate import check_arguments
-from clearance_jax.solve.tolerances import LOCAL, largest_length
+from clearance_jax.solve.tolerances import LOCAL, largest_length, tolerances
 
 TURN = 2 * np.pi
 # The residual is driven to rtol; where no step lowers it further it must be within this many rtol, the error that a
@@ -46,7 +48,7 @@ class PeriodicMotion(eqx.Module):
     - `residual`: largest |P(y) - y| in the scene's own scales; the error of `y` is about `residual` / `margin`.
     - `iterations`: Newton steps tried, and settlings.
     - `turns`: whole turns a period of each free coordinate, shape (free,); 0 for a slide.
-    - `converged`; `result`: diffrax's code of the last solve.
+    - `converged`; `code`: how the last solve ended (`codes.Result`).
     """
 
     y: Float[Array, " n"]
@@ -55,7 +57,7 @@ class PeriodicMotion(eqx.Module):
     iterations: Int[Array, ""]
     turns: Float[Array, " free"]
     converged: Bool[Array, ""]
-    result: Any
+    code: Int[Array, ""]
     held: Bool[Array, " n"]
     """Memory that no touch rewrites in the period: its multiplier is +1 whatever the motion does, and its derivative 0.
     (Its row of `monodromy` is a unit row; with a row of zeros the other multipliers are the same.)"""
@@ -88,8 +90,8 @@ class PeriodicMotion(eqx.Module):
         if bool(self.converged):
             size = float(jnp.max(jnp.abs(self._moving)))
             return f"The periodic motion is not stable: its largest |multiplier| is {size:.3g}."
-        if not bool(self.result == diffrax.RESULTS.successful):
-            return f"No periodic motion was found: after {count} a solve stopped, {meaning(self.result)}."
+        if int(self.code) != Result.REACHED_END:
+            return f"No periodic motion was found: after {count} a solve stopped, {words(self.code)}."
         return (
             f"No periodic motion was found: after {count} the state still misses itself by {float(self.residual):.2g} "
             "of the scene's scales. The motion may be chaotic, or repeat after several periods only (try 2 or 3 times "
@@ -113,7 +115,7 @@ class Search(NamedTuple):
     turns: Array | None
 
 
-class Limits(NamedTuple):
+class Effort(NamedTuple):
     """What a search is compiled for."""
 
     options: Options
@@ -171,7 +173,7 @@ def periodic_motion(
                 f"by {float(gap):.2g} (radians or largest lengths). Give the drives' common period, to full precision."
             )
     search = Search(mechanism, t0, period, rtol, guess, turns)
-    return _find(search, Limits(Options(chosen, True, False, max_steps), settle, max_iterations))
+    return _find(search, Effort(Options(chosen, True, False, max_steps), settle, max_iterations))
 
 
 def seams(mechanism: Mechanism, t0: Array, period: Array) -> dict[str, Array]:
@@ -201,22 +203,22 @@ def _ends(drive: AbstractDrive, t0: Array, period: Array) -> tuple[tuple[Array, 
 
 
 @eqx.filter_custom_jvp
-def cycle(search: Search, *, limits: Limits) -> PeriodicMotion:
+def cycle(search: Search, *, effort: Effort) -> PeriodicMotion:
     """Search; `y` is differentiable by every number of the mechanism and the period."""
-    return found(search, limits)
+    return search_cycle(search, effort)
 
 
 @cycle.def_jvp
-def _cycle_jvp(primals, tangents, *, limits: Limits):
+def _cycle_jvp(primals, tangents, *, effort: Effort):
     (search,), (rates,) = primals, tangents
     if rates.t0 is not None:
         raise ClearanceError("A periodic motion cannot be differentiated by `t0`: shift the drives' times.")
-    motion = cycle(search, limits=limits)
+    motion = cycle(search, effort=effort)
     tangent = jax.tree.map(lambda _: None, motion)
     if jax.tree.leaves((rates.mechanism, rates.period)):
 
         def end(mechanism, period):
-            return advanced(search._replace(mechanism=mechanism, period=period), motion.y, limits)[0]
+            return advanced(search._replace(mechanism=mechanism, period=period), motion.y, effort)[0]
 
         at, along = (search.mechanism, search.period), (rates.mechanism, rates.period)
         reached, moved = eqx.filter_jvp(end, at, along)
@@ -228,7 +230,7 @@ def _cycle_jvp(primals, tangents, *, limits: Limits):
 
 
 # One compiled function, as for `simulate`: what a search is called with does not compile it again.
-_find = eqx.filter_jit(lambda search, limits: cycle(search, limits=limits))
+_find = eqx.filter_jit(lambda search, effort: cycle(search, effort=effort))
 
 
 class _State(NamedTuple):
@@ -244,19 +246,19 @@ class _State(NamedTuple):
     """Part of Newton's step to be tried next; 0: settle."""
     stalled: Array
     iterations: Array
-    result: Any
+    code: Array
 
 
-def found(search: Search, limits: Limits) -> PeriodicMotion:
+def search_cycle(search: Search, effort: Effort) -> PeriodicMotion:
     """Settle, then damped Newton steps with the error-controlled Jacobian; settle again where these get stuck."""
     plan = layout(search.mechanism)
     n, size = plan.free, plan.size
-    first = initial_state(search.mechanism.prepared(), search.t0) if search.guess is None else search.guess
+    first = initial_state(search.mechanism.prepared(), search.t0)[0] if search.guess is None else search.guess
     free = free_turns(search)
 
     def mapped(y):
-        end, result = advanced(search, y, limits)
-        return end, (end, result)
+        end, code = advanced(search, y, effort)
+        return end, (end, code)
 
     def counted(y, end):
         """Whole turns made: free rotations as they did, the others as they must."""
@@ -264,10 +266,10 @@ def found(search: Search, limits: Limits) -> PeriodicMotion:
 
     def settled(y):
         def once(_, y):
-            end, _ = advanced(search, y, limits)
+            end, _ = advanced(search, y, effort)
             return end.at[:n].add(-TURN * counted(y, end))
 
-        return jax.lax.fori_loop(0, limits.settle, once, y)
+        return jax.lax.fori_loop(0, effort.settle, once, y)
 
     def newton(s):
         step = _inverse(search, s.y, s.jacobian, s.unit) @ (s.end - s.y)
@@ -276,7 +278,7 @@ def found(search: Search, limits: Limits) -> PeriodicMotion:
     def iterate(s: _State) -> _State:
         settling = s.damping == 0
         y = jax.lax.cond(settling, lambda: settled(s.y), lambda: newton(s))
-        jacobian, (end, result) = jax.jacfwd(mapped, has_aux=True)(y)
+        jacobian, (end, code) = jax.jacfwd(mapped, has_aux=True)(y)
         turns = jnp.where(settling, counted(y, end), s.turns)
         end = end.at[:n].add(-TURN * turns)
         unit = jnp.where(settling, scale(search, y), s.unit)
@@ -286,21 +288,23 @@ def found(search: Search, limits: Limits) -> PeriodicMotion:
         damping = jnp.where(settling | better, 1.0, shorter)
         # In reach of the solve's own error, where P is not smooth, a first failure says that nothing is left to gain.
         stalled = ~settling & ~better & (s.residual <= CLOSED * search.rtol)
-        new = _State(y, end, jacobian, residual, turns, unit, damping, stalled, s.iterations + 1, result)
+        new = _State(y, end, jacobian, residual, turns, unit, damping, stalled, s.iterations + 1, code)
         kept = s._replace(damping=damping, stalled=stalled, iterations=s.iterations + 1)
         return jax.tree.map(lambda a, b: jnp.where(settling | better, a, b), new, kept)
 
     def unfinished(s: _State):
         going = (s.residual > search.rtol) & ~s.stalled & jnp.all(jnp.isfinite(s.y))
-        return going & (s.iterations < limits.iterations)
+        return going & (s.iterations < effort.iterations)
 
     nothing = jnp.asarray(jnp.inf), jnp.zeros(n), jnp.ones(size), jnp.zeros(()), jnp.asarray(False)
-    start = _State(first, first, jnp.zeros((size, size)), *nothing, jnp.asarray(0), diffrax.RESULTS.successful)
+    start = _State(
+        first, first, jnp.zeros((size, size)), *nothing, jnp.asarray(0), jnp.asarray(int(Result.REACHED_END))
+    )
     s = jax.lax.while_loop(unfinished, iterate, start)
     gaps = [gap <= SEAM for gap in seams(search.mechanism, search.t0, search.period).values()]
     converged = (s.residual <= CLOSED * search.rtol) & jnp.all(jnp.asarray(gaps))
     held = held_memory(s.jacobian, n)
-    return PeriodicMotion(s.y, s.jacobian, s.residual, s.iterations, s.turns, converged, s.result, held)
+    return PeriodicMotion(s.y, s.jacobian, s.residual, s.iterations, s.turns, converged, s.code, held)
 
 
 def held_memory(jacobian: Array, free: int) -> Array:
@@ -309,23 +313,23 @@ def held_memory(jacobian: Array, free: int) -> Array:
     return (jnp.arange(size) >= 2 * free) & jnp.all(jacobian == jnp.eye(size), axis=1)
 
 
-def advanced(search: Search, y: Array, limits: Limits) -> tuple[Array, Any]:
-    """The state a period later, NaN where the solve fails, and the solve's code.
+def advanced(search: Search, y: Array, effort: Effort) -> tuple[Array, Any]:
+    """The state a period later, NaN where the solve fails, and how the solve ended.
 
     The start is projected on ideal closures: so a direction that opens a loop has multiplier 0, and I - dP/dy stays
     regular.
     """
     t0, mechanism = search.t0, search.mechanism
     if mechanism.closures():
-        y = projected(t0, y, mechanism.prepared(), mechanism.closures())
-    solution = flow(Inputs(mechanism, t0, t0 + search.period, None, search.rtol, None, y), options=limits.options)
-    return jnp.where(solution.succeeded, solution.final, jnp.nan), solution.result
+        y = projected(t0, y, mechanism.prepared(), 2)
+    solution = flow(Inputs(mechanism, t0, t0 + search.period, None, search.rtol, None, y), options=effort.options)
+    return jnp.where(solution.succeeded, solution.final, jnp.nan), solution.code
 
 
 def scale(search: Search, y: Array) -> Array:
     """Magnitude of each component of the state, as error control sees it; 1 for memory that is only latched."""
     problem = Problem(search.mechanism.prepared())
-    allowed = tolerances_of(problem, search.t0, search.t0 + search.period, y, search.rtol, None)
+    allowed = tolerances(problem, y, search.t0, search.t0 + search.period, search.rtol)
     unit = allowed.unit + allowed.relative / (LOCAL * search.rtol) * jnp.abs(y)
     return jnp.where(jnp.isfinite(unit), unit, 1.0)
 

@@ -9,7 +9,6 @@ grows with the square root of their number. The error is not controlled for each
 from collections.abc import Callable
 from typing import Any
 
-import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -17,11 +16,16 @@ import numpy as np
 from jaxtyping import Array
 
 from clearance_jax._types import Scalar
-from clearance_jax.mechanism.mechanism import Mechanism, drive_breaks, layout, replace
-from clearance_jax.solve.flow import Inputs, Options, Solution, field, initial, integrate, posed, refuse_jumps
-from clearance_jax.solve.problem import Problem, pushed
+from clearance_jax.mechanism.mechanism import Mechanism, drive_breaks
+from clearance_jax.mechanism.state import layout
+from clearance_jax.parameters import replace
+from clearance_jax.solve.attempt import Options
+from clearance_jax.solve.codes import Result, code_of
+from clearance_jax.solve.driver import integrate
+from clearance_jax.solve.flow import Inputs, Solution, initial, problem_of, refuse_jumps
+from clearance_jax.solve.problem import Problem, push
 from clearance_jax.solve.simulate import check_arguments
-from clearance_jax.solve.step import Stepper
+from clearance_jax.solve.step import try_step
 
 SHORTEST, LONGEST = 2**10, 2**20
 SEED = 20
@@ -35,36 +39,33 @@ def _steps(mechanism, values, inputs: Inputs, options: Options):
         name: jnp.where(value == 0, 1.0, jnp.abs(value))[None] * rng.choice([-1.0, 1.0], value.shape)
         for name, value in values.items()
     }
-    changed, direction = pushed(lambda v: replace(mechanism, v), values, probe)
-    problem, start, allowed = posed(inputs._replace(mechanism=changed), options, (direction, None))
+    changed, direction = push(lambda v: replace(mechanism, v), values, probe)
+    problem, start, allowed, _ = problem_of(inputs._replace(mechanism=changed), options, (direction, None, ()))
     out = integrate(problem, inputs.t0, inputs.t1, start, None, allowed, options, steps=True)
-    return out.ts[1], out.result
+    return out.ts[1], code_of(jnp.asarray(True), out.result)
 
 
 @eqx.filter_jit
 def _sweep(mechanism, values, function, begins, ends, inputs: Inputs, options: Options):
-    stepper, term = Stepper(options.solver), diffrax.ODETerm(field)
 
     def of(values):
         changed = replace(mechanism, values)
-        problem = Problem(changed.prepared())
-        start = initial(problem.mechanism, inputs.t0, options.books, None)
+        problem = Problem(changed.prepared(), (), None, options.books)
+        start, _ = initial(problem, inputs.t0, None)
 
         def step(y, times):
             begin, end = times
-            moved, *_ = stepper.step(term, begin, end, y, problem, field(begin, y, problem), False)
-            return jnp.where(end > begin, moved, y), None
+            trial = try_step(problem, options.solver, (begin, end), y, jnp.zeros_like(y), True)
+            return jnp.where(end > begin, trial.end, y), None
 
         @jax.checkpoint
         def stretch(y, times):
             return jax.lax.scan(jax.checkpoint(step), y, times)
 
         final, _ = jax.lax.scan(stretch, start, (begins, ends))
-        nothing = jnp.zeros((), int)
-        successful = diffrax.RESULTS.successful
-        solution = Solution(
-            ends[-1, -1:], final[None], start, final, successful, nothing, nothing, jnp.asarray(jnp.nan)
-        )
+        none = jnp.zeros((), int)
+        reached = jnp.asarray(int(Result.REACHED_END))
+        solution = Solution(ends[-1, -1:], final[None], start, final, reached, none, none, jnp.asarray(jnp.nan))
         return jnp.asarray(function(changed, solution))
 
     value, pull = jax.vjp(of, values)
@@ -94,20 +95,19 @@ def reverse(
     size = SHORTEST
     while True:
         options = Options(chosen, True, books, size)
-        times, result = _steps(mechanism, values, inputs, options)
-        if not bool(result == diffrax.RESULTS.max_steps_reached) or size >= LONGEST:
+        times, code = _steps(mechanism, values, inputs, options)
+        if int(code) != Result.MAX_STEPS or size >= LONGEST:
             break
         size *= 4
-    if not bool(result == diffrax.RESULTS.successful):
+    if int(code) != Result.REACHED_END:
         raise RuntimeError("The solve stopped before t1. Simulate to see why.")
     times = np.asarray(times)
     times = times[np.isfinite(times)]
     begins, ends = times[:-1].copy(), times[1:]
     breaks = np.asarray(drive_breaks(mechanism))
     margin = 4 * np.finfo(float).eps * np.abs(breaks)
-    for time, hair in zip(
-        breaks, margin, strict=True
-    ):  # a step that ends just before a break is followed by one just past it
+    # A step that ends just before a break is followed by one just past it.
+    for time, hair in zip(breaks, margin, strict=True):
         begins[(begins < time) & (time - begins <= 2 * hair)] = time + hair
     width = int(np.ceil(np.sqrt(begins.size)))
     padding = width * int(np.ceil(begins.size / width)) - begins.size

@@ -10,12 +10,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from clearance_jax.analysis.metrics import AbstractMetric
+from clearance_jax.analysis.measure import AbstractMetric, measure
 from clearance_jax.analysis.reverse import reverse
 from clearance_jax.errors import ClearanceError
-from clearance_jax.mechanism.mechanism import Mechanism, drive_breaks, parameters, replace
+from clearance_jax.mechanism.mechanism import Mechanism, drive_breaks
+from clearance_jax.parameters import check_values, replace, values_of
 from clearance_jax.solve.problem import depends
-from clearance_jax.solve.simulate import check_values, solve
 
 # Options that a reverse sweep knows.
 REVERSIBLE = ("t0", "rtol", "solver", "books")
@@ -38,23 +38,9 @@ class Sensitivities(eqx.Module):
         return jnp.concatenate([jnp.reshape(self.jacobian[k], (*np.shape(self.value), -1)) for k in self.names], n)
 
 
-def values_of(mechanism: Mechanism, names: Sequence[str]) -> dict[str, Array]:
-    """The present values of named parameters (`name.i`: one entry of an array)."""
-    known = parameters(mechanism)
-    replace(mechanism, {name: 0.0 for name in names if name not in known})  # an unknown name raises here
-    out = {}
-    for name in names:
-        head, _, tail = name.rpartition(".")
-        value = known[name].value if name in known else known[head].value[int(tail)]
-        out[name] = jnp.asarray(value, float)
-    return out
-
-
 def output(metric: AbstractMetric | Callable, mechanism: Mechanism, t1: Any, **options: Any) -> Array:
     """A metric, or a function `(mechanism, solution) -> array`, of the motion."""
-    if isinstance(metric, AbstractMetric):
-        return metric(mechanism, t1, **options)
-    return jnp.asarray(metric(mechanism, solve(mechanism, t1, **options)))
+    return measure(mechanism, {"metric": metric}, t1, **options)["metric"]
 
 
 @eqx.filter_jit

@@ -11,18 +11,25 @@ from jaxtyping import Array, Float
 
 from clearance_jax._numerics import safe_norm
 from clearance_jax._types import Scalar
-from clearance_jax.dynamics.equations import projected
-from clearance_jax.dynamics.field import observe, rate
+from clearance_jax.dynamics.closures import projected
+from clearance_jax.dynamics.equations import balance
+from clearance_jax.dynamics.field import slope
+from clearance_jax.dynamics.inertia import Extra
+from clearance_jax.dynamics.kinematics import frames, play
 from clearance_jax.errors import ClearanceError, suggest
-from clearance_jax.mechanism.mechanism import Mechanism, frames, layout
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.state import layout
+from clearance_jax.mechanism.tree import Frame
 from clearance_jax.solve.flow import Solution
 from clearance_jax.solve.interpolate import hermite
-from clearance_jax.solve.simulate import solve
+from clearance_jax.solve.simulate import run
 from clearance_jax.solve.tolerances import largest_length
-from clearance_jax.spatial import minus
+from clearance_jax.spatial import add, as_array, minus
 
 # Newton steps from a pin's place in its sleeve to the ideal mechanism: each squares the error, some 1e-3 at first.
 ASSEMBLE = 4
+# Samples of an ideal mechanism's free motion, to find peaks of an error with; their values are solved for exactly.
+TABLE = 1001
 
 
 class AbstractSignal(eqx.Module):
@@ -35,10 +42,11 @@ class AbstractSignal(eqx.Module):
     def value(self, time: Scalar, y: Array, mechanism: Mechanism, reference: Array | None) -> Scalar:
         """The signal of one state; `reference` is the ideal mechanism's state."""
 
-    def along(self, mechanism: Mechanism, t1: Any, times: Float[Array, " times"], **options: Any) -> Array:
-        """The signal at the given times [s], shape (times,)."""
-        solution = solve(mechanism, t1, save_at=times, **options)
-        return self.of(solution, times, solution.y, mechanism, t1, **options)
+    def scale(self, mechanism: Mechanism) -> Scalar:
+        """Magnitude of the signal, where an integral of it must itself be watched; infinite (the default): its kinks,
+        if any, are the laws' switches, at which steps end anyway.
+        """
+        return jnp.asarray(jnp.inf)
 
     def of(self, solution: Solution, times: Array, y: Array, mechanism: Mechanism, t1: Any, **options: Any) -> Array:
         """The signal of a solution's states at increasing times, shape (times,)."""
@@ -50,11 +58,24 @@ class AbstractSignal(eqx.Module):
             return factor * jax.vmap(lambda t, y, r: self.value(t, y, ready, r))(times, y, reference)
         return factor * jax.vmap(lambda t, y: self.value(t, y, ready, self._reference(t, y, ready)))(times, y)
 
-    def scale(self, mechanism: Mechanism) -> Scalar:
-        """Magnitude of the signal, where an integral of it must itself be watched; infinite (the default): its kinks,
-        if any, are the laws' switches, at which steps end anyway.
-        """
-        return jnp.asarray(jnp.inf)
+    def bound(self, mechanism: Mechanism, t1: Any, **options: Any) -> Callable:
+        """The signal as a function of (time, state, mechanism) alone, for an observer."""
+        if not self.needs_ideal or freedom(mechanism.ideal()) == 0:
+            return Instant(self)
+        t0 = options.get("t0", 0.0)
+        times = t0 + (t1 - t0) * jnp.linspace(0.0, 1.0, TABLE)
+        y = self._freely(mechanism, t1, times, options)
+        ready = mechanism.ideal().prepared()
+        return Tabulated(self, times, y, jax.vmap(lambda t, y: slope(t, y, ready))(times, y))
+
+    def integrand(self, mechanism: Mechanism, power: int) -> "Integrand":
+        """A power of the signal, to be integrated along with the motion."""
+        if self.needs_ideal and freedom(mechanism.ideal()) > 0:
+            raise ClearanceError(
+                "An average of an error against an ideal mechanism that moves freely is not integrated along. Drive "
+                "its joints, or average samples: `At(signal, times)`."
+            )
+        return Integrand(self, power)
 
     def _reference(self, time, y, mechanism):
         return ideal_state(time, y, mechanism) if self.needs_ideal else None
@@ -66,30 +87,7 @@ class AbstractSignal(eqx.Module):
                 "An error against an ideal mechanism that moves freely cannot start from `y0`: where the ideal one "
                 "starts is not known. Set the initial values of the mechanism's coordinates instead."
             )
-        return solve(mechanism.ideal(), t1, save_at=times, **options).y
-
-    def bound(self, mechanism: Mechanism, t1: Any, **options: Any) -> Callable:
-        """The signal as a function of (time, state, mechanism) alone, for an observer."""
-        if not self.needs_ideal or freedom(mechanism.ideal()) == 0:
-            return Instant(self)
-        t0 = options.get("t0", 0.0)
-        times = t0 + (t1 - t0) * jnp.linspace(0.0, 1.0, TABLE)
-        y = self._freely(mechanism, t1, times, options)
-        ready = mechanism.ideal().prepared()
-        return Tabulated(self, times, y, jax.vmap(lambda t, y: rate(t, y, ready))(times, y))
-
-    def integral(self, mechanism: Mechanism, t1: Any, power: int, **options: Any) -> Scalar:
-        """The time integral of a power of the signal."""
-        if self.needs_ideal and freedom(mechanism.ideal()) > 0:
-            raise ClearanceError(
-                "An average of an error against an ideal mechanism that moves freely is not integrated along. Drive "
-                "its joints, or average samples: `At(signal, times)`."
-            )
-        return solve(mechanism, t1, integrands=(Integrand(self, power),), **options).final[-1]
-
-
-# Samples of an ideal mechanism's free motion, to find peaks of an error with; their values are solved for exactly.
-TABLE = 1001
+        return run(mechanism.ideal(), t1, save_at=times, **options).y
 
 
 class Instant(eqx.Module):
@@ -128,6 +126,7 @@ class Integrand(eqx.Module):
         return Instant(self.signal)(time, y, mechanism) ** self.power
 
     def scale(self, mechanism):
+        """Magnitude of the integrand."""
         return self.signal.scale(mechanism) ** self.power
 
 
@@ -148,9 +147,10 @@ def ideal_state(time: Scalar, y: Array, mechanism: Mechanism) -> Array:
     plan, own = layout(mechanism), layout(ideal)
     if own.free == 0:
         return jnp.zeros(0)
-    where = [plan.names.index(name) for name in own.names]
-    guess = jnp.stack([*(y[i] for i in where), *(y[plan.free + i] for i in where)])
-    return projected(time, guess, ideal, ideal.closures(), ASSEMBLE)
+    state = plan.split(y)
+    where = [plan.velocities.index(name) for name in own.velocities]
+    guess = jnp.stack([*(state.q[i] for i in where), *(state.v[i] for i in where)])
+    return projected(time, guess, ideal, ASSEMBLE)
 
 
 # Signals -------------------------------------------------------------------------------------------------------------
@@ -158,23 +158,36 @@ def ideal_state(time: Scalar, y: Array, mechanism: Mechanism) -> Array:
 
 def play_size(mechanism: Mechanism) -> Scalar:
     """The largest clearance [m]."""
-    sizes = [joint.clearance.radial_clearance for joint in mechanism.clearance_joints() if joint.clearance]
+    sizes = [joint.size for joint in mechanism.clearance_joints()]
     return jnp.max(jnp.stack(sizes)) if sizes else jnp.asarray(jnp.inf)
 
 
-def _point(mechanism: Mechanism, name: str) -> int:
-    names = [point.name for point in mechanism.points]
+def known(kind: str, name: str, names: list[str]) -> int:
+    """The place of a name among the known ones. **Raises** `ClearanceError` for an unknown one."""
     if name not in names:
-        raise ClearanceError(f"There is no point `{name}`. " + suggest(name, names))
+        raise ClearanceError(f"There is no {kind} `{name}`. " + suggest(name, names))
     return names.index(name)
+
+
+def clearance_index(mechanism: Mechanism, name: str) -> int:
+    """The place of a joint among those with clearance."""
+    return known("clearance joint", name, [joint.name for joint in mechanism.clearance_joints()])
+
+
+def _named_point(mechanism: Mechanism, name: str):
+    return mechanism.points[known("point", name, [point.name for point in mechanism.points])]
+
+
+def _frames(mechanism: Mechanism, time, y) -> dict[str, Frame]:
+    return frames(mechanism, time, layout(mechanism).split(y))
 
 
 def _deviation(signal, time, y, mechanism, reference):
     """Actual minus ideal place of a point, and the ideal velocity."""
-    i = _point(mechanism, signal.point)
-    here = observe(time, y, mechanism)["position"][i]
-    ideal = observe(time, reference, mechanism.ideal())
-    return here - ideal["position"][i], ideal["velocity"][i]
+    point = _named_point(mechanism, signal.point)
+    here, ideal = _frames(mechanism, time, y)[point.body], _frames(mechanism.ideal(), time, reference)[point.body]
+    actual, wanted = here.point(point.at.vector), ideal.point(point.at.vector)
+    return as_array(list(actual)) - as_array(list(wanted)), as_array(list(ideal.velocity_at(wanted)))
 
 
 class PositionError(AbstractSignal):
@@ -222,24 +235,24 @@ class OrientationError(AbstractSignal):
         return play_size(mechanism) / largest_length(mechanism)
 
     def value(self, time, y, mechanism, reference):
-        names = [body.name for body in mechanism.bodies]
-        if self.body not in names:
-            raise ClearanceError(f"There is no body `{self.body}`. " + suggest(self.body, names))
-        here = frames(mechanism, time, y)[self.body].angle
-        return jnp.abs(jnp.asarray(minus(here, frames(mechanism.ideal(), time, reference)[self.body].angle), float))
+        known("body", self.body, [body.name for body in mechanism.bodies])
+        here = _frames(mechanism, time, y)[self.body].angle
+        ideal = _frames(mechanism.ideal(), time, reference)[self.body].angle
+        return jnp.abs(jnp.asarray(minus(here, ideal), float))
 
 
 class ContactForce(AbstractSignal):
-    """Normal contact force in a clearance joint [N]."""
+    """Normal contact force in a clearance joint [N]: of all its points together."""
 
     unit: ClassVar[str] = "N"
     joint: str = eqx.field(static=True)
 
     def value(self, time, y, mechanism, reference):
-        names = [joint.name for joint in mechanism.clearance_joints()]
-        if self.joint not in names:
-            raise ClearanceError(f"There is no clearance joint `{self.joint}`. " + suggest(self.joint, names))
-        return observe(time, y, mechanism)["contact_force"][names.index(self.joint)]
+        joint = mechanism.clearance_joints()[clearance_index(mechanism, self.joint)]
+        state = layout(mechanism).split(y)
+        at = play(joint, frames(mechanism, time, state), state).relative
+        action = joint.clearance.act(at, state.memory[joint.name])
+        return sum((point.normal_force for point in action.points[1:]), action.points[0].normal_force)
 
 
 class Acceleration(AbstractSignal):
@@ -249,5 +262,17 @@ class Acceleration(AbstractSignal):
     point: str = eqx.field(static=True)
 
     def value(self, time, y, mechanism, reference):
-        a = observe(time, y, mechanism)["acceleration"][_point(mechanism, self.point)]
+        point = _named_point(mechanism, self.point)
+        now = balance(mechanism, time, layout(mechanism).split(y))
+        frame = now.motion[point.body]
+        at = frame.point(point.at.vector)
+        a = as_array(list(add(frame.acceleration_at(at), Extra(now.acceleration).at(frame, at))))
         return safe_norm(a[0], a[1])
+
+
+def along(
+    signal: AbstractSignal, mechanism: Mechanism, t1: Any, times: Float[Array, " times"], **options: Any
+) -> Array:
+    """A signal at the given times [s], shape (times,), by a solve of its own."""
+    solution = run(mechanism, t1, save_at=times, **options)
+    return signal.of(solution, times, solution.y, mechanism, t1, **options)

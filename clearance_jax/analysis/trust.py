@@ -17,14 +17,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from clearance_jax.analysis.metrics import AbstractMetric, Peak
+from clearance_jax.analysis.measure import AbstractMetric
+from clearance_jax.analysis.metrics import Peak
 from clearance_jax.analysis.periodic import periodic_motion
-from clearance_jax.analysis.sensitivity import output, values_of
-from clearance_jax.dynamics.field import observe
+from clearance_jax.analysis.sensitivity import output
+from clearance_jax.dynamics.observe import observe
 from clearance_jax.errors import ClearanceError
-from clearance_jax.mechanism.mechanism import Mechanism, replace
-from clearance_jax.solve.observers import AbstractObserver, TouchCounter, Touches
-from clearance_jax.solve.simulate import solve
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.parameters import replace, values_of
+from clearance_jax.solve.observers import TouchCounter, Touches
+from clearance_jax.solve.simulate import run
 
 
 class Limits(eqx.Module):
@@ -119,18 +121,6 @@ def _lanes(metric, mechanism, points, rtols, names, t1, options):
     return jax.vmap(at)(points, rtols)
 
 
-class _Touching(AbstractObserver):
-    """Watches all clearance joints at once."""
-
-    joints: tuple[TouchCounter, ...]
-
-    def start(self, t0, y0, problem):
-        return tuple(joint.start(t0, y0, problem) for joint in self.joints)
-
-    def __call__(self, record, times, ends, problem):
-        return tuple(j(r, times, ends, problem) for j, r in zip(self.joints, record, strict=True))
-
-
 # Samples of the pins' spread over the motion.
 SAMPLES = 400
 
@@ -148,20 +138,20 @@ def neighbours(
     t0 = options.get("t0", 0.0)
     times = t0 + (t1 - t0) * jnp.linspace(0.0, 1.0, SAMPLES)
     joints = mechanism.clearance_joints()
-    observer = _Touching(tuple(TouchCounter(i) for i in range(len(joints))))
+    observers = tuple(TouchCounter(i) for i in range(len(joints)))
 
     def at(point):
         def pins(point):
             changed = replace(mechanism, dict(zip(names, point, strict=True)))
-            solution = solve(changed, t1, save_at=times, observer=observer, **options)
+            solution = run(changed, t1, save_at=times, observers=observers, **options)
             ready = changed.prepared()
-            return jax.vmap(lambda t, y: observe(t, y, ready)["eccentricity"])(times, solution.y), solution.record
+            return jax.vmap(lambda t, y: observe(t, y, ready)["eccentricity"])(times, solution.y), solution.records
 
         slopes, record = jax.jacfwd(pins, has_aux=True)(point)
         return jnp.sqrt(jnp.sum((slopes * scatter[None, None, None]) ** 2, axis=(2, 3))), record
 
     apart, record = jax.vmap(at)(points)
-    sizes = jnp.stack([joint.clearance.radial_clearance for joint in joints if joint.clearance])
+    sizes = jnp.stack([joint.size for joint in joints])
     return times, jnp.max(apart / sizes[None, None], axis=2), record
 
 

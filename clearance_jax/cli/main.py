@@ -39,8 +39,7 @@ def _mechanism(scene_file: Path, settings: list[str] | None, ideal: bool):
 
     configure(cache=True)
     from clearance_jax.io.scene import load_scene, parse_setting
-    from clearance_jax.mechanism.mechanism import parameters, replace
-    from clearance_jax.solve.simulate import check_values
+    from clearance_jax.parameters import check_values, parameters, replace
 
     scene = load_scene(scene_file)
     mechanism = scene.mechanism
@@ -149,8 +148,8 @@ def info(scene_file: SceneFile, settings: Settings = None, ideal: Ideal = False)
     from rich.table import Table
 
     from clearance_jax.dynamics.field import rate
-    from clearance_jax.io.scene import unit_of
-    from clearance_jax.mechanism.mechanism import layout, parameters
+    from clearance_jax.mechanism.state import layout
+    from clearance_jax.parameters import parameters, unit_of
 
     plan = layout(mechanism)
     console.print(f"[bold]{escape(mechanism.name)}[/bold]")

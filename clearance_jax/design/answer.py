@@ -7,8 +7,8 @@ import numpy as np
 from clearance_jax.design.made import Yielded
 from clearance_jax.design.program import Point, Program
 from clearance_jax.design.verify import Certificate, verify
-from clearance_jax.io.scene import unit_of
-from clearance_jax.mechanism.mechanism import Mechanism, parameters, replace
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.parameters import parameters, replace, unit_of
 from clearance_jax.units import shown
 
 if TYPE_CHECKING:

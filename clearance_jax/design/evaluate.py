@@ -9,7 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from clearance_jax.analysis.metrics import AbstractMetric
-from clearance_jax.mechanism.mechanism import Mechanism, replace
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.parameters import replace
 
 # Scenarios solved at a time where no derivatives are asked for.
 BATCH = 250

@@ -12,7 +12,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from clearance_jax.analysis.metrics import AbstractMetric, Peak
-from clearance_jax.analysis.sensitivity import values_of
 from clearance_jax.analysis.trust import gradient_report
 from clearance_jax.design.answer import Design
 from clearance_jax.design.costs import AbstractCost
@@ -21,8 +20,9 @@ from clearance_jax.design.made import Band, Yield, Yielded, counted
 from clearance_jax.design.program import Point, Program
 from clearance_jax.design.solvers import GRADIENT_FREE, INTERRUPTED, SPENT, run
 from clearance_jax.errors import ClearanceError
-from clearance_jax.mechanism.mechanism import Mechanism, parameters, replace
-from clearance_jax.solve.simulate import check_arguments, check_values
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.parameters import check_values, parameters, replace, values_of
+from clearance_jax.solve.simulate import check_arguments
 
 # Peaks that are limits each: where the highest changes place, the next one has been watched already.
 PEAKS = 3

@@ -11,7 +11,7 @@ from clearance_jax.design.evaluate import FEW, Scenario
 from clearance_jax.design.made import Yielded
 from clearance_jax.design.program import SLACK
 from clearance_jax.errors import ClearanceError
-from clearance_jax.mechanism.mechanism import parameters
+from clearance_jax.parameters import parameters
 
 if TYPE_CHECKING:
     from clearance_jax.design.answer import Design

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from clearance_jax.analysis.signals import ASSEMBLE, freedom
-from clearance_jax.dynamics.equations import projected
-from clearance_jax.dynamics.field import observe
+from clearance_jax.dynamics.closures import projected
+from clearance_jax.dynamics.observe import observe
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.body import Position
 from clearance_jax.mechanism.mechanism import Mechanism

@@ -12,7 +12,7 @@ from clearance_jax.design.program import Point, Program
 from clearance_jax.design.solvers import GRADIENT_FREE, INTERRUPTED, run
 from clearance_jax.design.static import static_weights
 from clearance_jax.errors import ClearanceError
-from clearance_jax.mechanism.mechanism import replace
+from clearance_jax.parameters import replace
 from clearance_jax.units import shown
 
 if TYPE_CHECKING:

@@ -1,72 +1,42 @@
 """Driving forces, the energies, and the books of work and losses that are integrated along with the motion."""
 
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
-from clearance_jax._types import Scalar
-from clearance_jax.dynamics.equations import (
-    Balance,
-    Extra,
-    Frames,
-    Pair,
-    contact,
-    inertial_load,
-    spring_state,
-)
-from clearance_jax.joints import Contact
+from clearance_jax._types import Rows, Scalar
+from clearance_jax.dynamics.equations import Balance
+from clearance_jax.dynamics.inertia import Extra, inertial_load
+from clearance_jax.dynamics.kinematics import Frames, frames, play, spring_state
 from clearance_jax.mechanism.body import GROUND
-from clearance_jax.mechanism.mechanism import Mechanism, frames, layout
-from clearance_jax.spatial import (
-    Term,
-    add,
-    as_array,
-    dot,
-    minus,
-    plus,
-    times,
-    total,
-)
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.state import State, layout
+from clearance_jax.spatial import Term, add, dot, minus, plus, times, total
 
-# Quadratures in the state. What contacts and dampers absorb, minus what contacts hold elastically, is the damping loss:
-# a book of the loss itself would have to follow an elastic energy that a clipped force no longer feels.
+# Quadratures beside the state. What contacts and dampers absorb, minus what contacts hold elastically, is the damping
+# loss: a book of the loss itself would have to follow an elastic energy that a clipped force no longer feels.
 BOOKS = ("drive_work", "absorbed_work", "friction_loss", "exchanged")
 
 
-def powers(
-    mechanism: Mechanism,
-    time: Scalar,
-    y: Array,
-    motion: Frames,
-    contacts: dict[str, Contact],
-    pairs: list[Pair],
-    balance: Balance,
-) -> Array:
+def powers(mechanism: Mechanism, time: Scalar, state: State, now: Balance) -> Rows:
     """Rates of the books: work of drives and actuators, work absorbed by normal forces and dampers, loss in friction,
     and the sum of the absolute powers (the energy exchanged, against which a residual is judged).
     """
-    n = layout(mechanism).free
-    drive = total(times(effort, speed) for effort, speed in driving(mechanism, motion, pairs, balance))
+    drive = total(times(effort, speed) for effort, speed in driving(mechanism, now))
     for i, coordinate in enumerate(mechanism.free_coordinates()):
-        drive = plus(drive, times(coordinate.motion.effort(time, y[i], y[n + i]), y[n + i]))
-    absorbed: Term = 0.0
-    friction: Term = 0.0
-    for joint in mechanism.clearance_joints():
-        assert joint.clearance is not None
-        now = contacts[joint.name]
-        absorbed = plus(absorbed, now.normal_force * now.penetration_rate)
-        if joint.clearance.friction is not None:
-            friction = plus(friction, -now.traction * now.slip_velocity)
+        drive = plus(drive, times(coordinate.motion.effort(time, state.q[i], state.v[i]), state.v[i]))
+    absorbed: Term = total(action.absorbed_power for action in now.actions.values())
+    friction: Term = total(action.friction_power for action in now.actions.values())
     for spring in mechanism.springs:
-        _, speed, _, _ = spring_state(spring, motion)
-        absorbed = plus(absorbed, spring.damping * speed * speed)
-    kinetic = kinetic_power(mechanism, motion, balance)
+        absorbed = plus(absorbed, spring.damping * spring_state(spring, now.motion).rate ** 2)
+    kinetic = kinetic_power(mechanism, now)
     exchanged = jnp.abs(jnp.asarray(drive)) + jnp.abs(jnp.asarray(kinetic))
-    return as_array([drive, absorbed, friction, exchanged])
+    return tuple(jnp.asarray(power, float) for power in (drive, absorbed, friction, exchanged))
 
 
-def driving(mechanism: Mechanism, motion: Frames, pairs: list[Pair], balance: Balance) -> list[tuple[Term, Term]]:
+def driving(mechanism: Mechanism, now: Balance) -> list[tuple[Term, Term]]:
     """Driving force and speed of every prescribed coordinate, by d'Alembert on its own column."""
-    extra = Extra(balance.acceleration)
+    motion, extra = now.motion, Extra(now.acceleration)
     efforts: dict[str, list[Term]] = {}
     owners = prescribed_owners(mechanism)
     for body in mechanism.bodies:
@@ -75,7 +45,7 @@ def driving(mechanism: Mechanism, motion: Frames, pairs: list[Pair], balance: Ba
             load = inertial_load(mechanism, body, frame, column, extra)
             entry = efforts.setdefault(key, [0.0, speed])
             entry[0] = minus(entry[0], load)
-    for pair in (*pairs, *balance.closures):
+    for pair in (*now.pairs, *now.closing):
         for name, sign in ((pair.child, 1.0), (pair.parent, -1.0)):
             other = pair.parent if sign > 0 else pair.child
             if name == GROUND:
@@ -98,12 +68,12 @@ def prescribed_owners(mechanism: Mechanism) -> dict[str, tuple[str, ...]]:
     return owners
 
 
-def kinetic_power(mechanism: Mechanism, motion: Frames, balance: Balance) -> Term:
+def kinetic_power(mechanism: Mechanism, now: Balance) -> Term:
     """Rate of the kinetic energy."""
-    extra = Extra(balance.acceleration)
+    extra = Extra(now.acceleration)
     power: Term = 0.0
     for body in mechanism.bodies:
-        frame = motion[body.name]
+        frame = now.motion[body.name]
         centre = frame.point(body.center_of_mass.vector)
         if body.mass is not None:
             acceleration = add(frame.acceleration_at(centre), extra.at(frame, centre))
@@ -116,7 +86,8 @@ def kinetic_power(mechanism: Mechanism, motion: Frames, balance: Balance) -> Ter
 
 def energies(time: Scalar, y: Array, mechanism: Mechanism) -> dict[str, Array]:
     """Kinetic, potential (weight) and elastic (contacts, springs) energy [J]."""
-    motion = frames(mechanism, time, y)
+    state = layout(mechanism).split(y)
+    motion = frames(mechanism, time, state)
     kinetic: Term = 0.0
     potential: Term = 0.0
     for body in mechanism.bodies:
@@ -128,30 +99,46 @@ def energies(time: Scalar, y: Array, mechanism: Mechanism) -> dict[str, Array]:
             potential = minus(potential, times(body.mass, dot(mechanism.gravity.vector, centre)))
         if body.inertia is not None:
             kinetic = plus(kinetic, times(0.5 * body.inertia, times(frame.spin, frame.spin)))
-    elastic = contact_energy(mechanism, motion, y)
+    held = contact_energy(mechanism, motion, state)
+    elastic: Term = held
     for spring in mechanism.springs:
-        elongation, _, _, _ = spring_state(spring, motion)
-        elastic = plus(elastic, 0.5 * spring.stiffness * elongation * elongation)
-    return {
-        "kinetic_energy": jnp.asarray(kinetic, dtype=float),
-        "potential_energy": jnp.asarray(potential, dtype=float),
-        "elastic_energy": jnp.asarray(elastic, dtype=float),
+        elastic = plus(elastic, 0.5 * spring.stiffness * spring_state(spring, motion).elongation ** 2)
+    found = {
+        "kinetic_energy": kinetic,
+        "potential_energy": potential,
+        "elastic_energy": elastic,
+        "contact_energy": held,
     }
+    return {name: jnp.asarray(value, dtype=float) for name, value in found.items()}
 
 
-def contact_energy(mechanism: Mechanism, motion: Frames, y: Array) -> Term:
+def contact_energy(mechanism: Mechanism, motion: Frames, state: State) -> Term:
     """Elastic energy of the contacts [J]."""
-    return total(contact(mechanism, joint, motion, y).elastic_energy for joint in mechanism.clearance_joints())
+    return total(joint.clearance.stored(play(joint, motion, state).relative) for joint in mechanism.clearance_joints())
 
 
-def opened_books(time: Scalar, y: Array, mechanism: Mechanism) -> Array:
-    """A state without books, with books as at the start of a solve."""
-    held = contact_energy(mechanism, frames(mechanism, time, y), y)
-    return jnp.concatenate([y, as_array([held if name == "absorbed_work" else 0.0 for name in BOOKS])])
+def opened_books(time: Scalar, y: Array, mechanism: Mechanism) -> Float[Array, " books"]:
+    """Books as at the start of a solve from a state."""
+    state = layout(mechanism).split(y)
+    held = jnp.asarray(contact_energy(mechanism, frames(mechanism, time, state), state), float)
+    return jnp.stack([held if name == "absorbed_work" else jnp.zeros(()) for name in BOOKS])
 
 
-def read_books(time: Scalar, y: Array, mechanism: Mechanism) -> dict[str, Array]:
-    """Work of the drives, losses, and energy exchanged since the start [J]."""
-    books: dict[str, Array] = dict(zip(BOOKS, y[-len(BOOKS) :], strict=True))
-    books["damping_loss"] = books.pop("absorbed_work") - contact_energy(mechanism, frames(mechanism, time, y), y)
-    return books
+def read_books(books: Float[Array, " books"], contact: Scalar) -> dict[str, Array]:
+    """Work of the drives, losses, and energy exchanged since the start [J]; `contact`: the contacts' elastic energy."""
+    out: dict[str, Array] = dict(zip(BOOKS, books, strict=True))
+    out["damping_loss"] = out.pop("absorbed_work") - contact
+    return out
+
+
+def energy_residual(mechanism: Mechanism, times: tuple, states: tuple) -> Scalar:
+    """|energy gained - work of drives + losses| / energy exchanged, between two states with books."""
+    y = jnp.stack(states)
+    seen = jax.vmap(lambda t, y: energies(t, y, mechanism))(jnp.stack(times), y)
+    gains = {name: value[1] - value[0] for name, value in seen.items()}
+    plan = layout(mechanism)
+    books = y[1, plan.size : plan.size + len(BOOKS)] - y[0, plan.size : plan.size + len(BOOKS)]
+    moved = read_books(books, gains.pop("contact_energy"))
+    gained, lost = sum(gains.values()), moved["damping_loss"] + moved["friction_loss"]
+    exchanged = moved["exchanged"]
+    return jnp.abs(gained - moved["drive_work"] + lost) / jnp.where(exchanged > 0, exchanged, 1.0)

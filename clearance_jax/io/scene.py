@@ -4,16 +4,16 @@ import csv
 import dataclasses
 import inspect
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
-from clearance_jax._types import Leaf
-from clearance_jax.errors import BOUNDS, ClearanceError, suggest
+from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.joints import RevoluteClearance
-from clearance_jax.laws import FRICTION_LAWS, NORMAL_LAWS, InternalHertz, RestitutionLaw
+from clearance_jax.laws import FRICTION_LAWS, NORMAL_LAWS, InternalHertz
 from clearance_jax.mechanism.body import (
     GROUND,
     AbstractActuator,
@@ -30,7 +30,8 @@ from clearance_jax.mechanism.body import (
 from clearance_jax.mechanism.drives import AbstractDrive, ConstantSpeed, Harmonic, Spline, Step5Sum, StepSum
 from clearance_jax.mechanism.expressions import read_expression
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.mechanism.tree import AbstractJoint, Fixed, Prismatic, Revolute
+from clearance_jax.mechanism.tree import SLIDING, TURNING, AbstractJoint, Fixed, Prismatic, Revolute
+from clearance_jax.parameters import Parametrised, check_bounds, find, parameters, resolved_unit
 from clearance_jax.units import to_si
 
 DRIVES = {"constant-speed": ConstantSpeed, "step": StepSum, "step5": Step5Sum, "harmonic": Harmonic, "spline": Spline}
@@ -252,7 +253,7 @@ def _joint(name: str, table: Table, path: Path) -> AbstractJoint:
     if kind == "fixed":
         joint: AbstractJoint = Fixed(**common)
     else:
-        motion = _motion(table, "rad" if kind == "revolute" else "m", path)
+        motion = _motion(table, TURNING if kind == "revolute" else SLIDING, path)
         if kind == "prismatic":
             joint = Prismatic(**common, motion=motion)
         else:
@@ -267,17 +268,18 @@ def _joint(name: str, table: Table, path: Path) -> AbstractJoint:
     return joint
 
 
-def _motion(table: Table, coordinate: str, path: Path) -> Motion:
-    drive = _drive(table, "drive", coordinate, path) if table.has("drive") else None
+def _motion(table: Table, units: dict[str, str], path: Path) -> Motion:
+    coordinate = units["coordinate"]
+    drive = _drive(table, "drive", units, path) if table.has("drive") else None
     if drive is not None and (table.has("position") or table.has("velocity") or table.has("actuator")):
         raise ClearanceError(f"{table.where} has a drive: it takes no initial position or velocity and no actuator.")
     position = table.number("position", coordinate)
     velocity = table.number("velocity", f"{coordinate}/s")
-    actuators = tuple(_actuator(t, coordinate, path) for _, t in table.tables("actuator"))
+    actuators = tuple(_actuator(t, units, path) for _, t in table.tables("actuator"))
     return Motion(drive, position or 0.0, velocity or 0.0, actuators)
 
 
-def _drive(table: Table, name: str, coordinate: str, path: Path) -> AbstractDrive:
+def _drive(table: Table, name: str, units: dict[str, str], path: Path) -> AbstractDrive:
     if isinstance(table.values[name], str):
         try:
             return read_expression(table.get(name))
@@ -287,10 +289,10 @@ def _drive(table: Table, name: str, coordinate: str, path: Path) -> AbstractDriv
     cls = DRIVES[inner.word("type", DRIVES)]
     if cls is Spline and inner.has("file"):
         times, values = _csv(path.parent / str(inner.get("file")), inner.key("file"))
-        scale = to_si(f"1 {inner.need('unit')}", coordinate, inner.key("unit"))
+        scale = to_si(f"1 {inner.need('unit')}", units["coordinate"], inner.key("unit"))
         drive = Spline(times, values * scale, inner.word("ends", {"not-a-knot", "natural", "clamped"}, "not-a-knot"))
     else:
-        values = _fields(cls, inner, coordinate, skip={"curvature"})
+        values = _fields(cls, inner, units, skip={"curvature"})
         try:
             drive = cls(**values)
         except ClearanceError as error:
@@ -299,12 +301,12 @@ def _drive(table: Table, name: str, coordinate: str, path: Path) -> AbstractDriv
     return drive
 
 
-def _actuator(table: Table, coordinate: str, path: Path) -> AbstractActuator:
+def _actuator(table: Table, units: dict[str, str], path: Path) -> AbstractActuator:
     cls = ACTUATORS[table.word("type", ACTUATORS)]
-    values = _fields(cls, table, coordinate, skip={"target"})
+    values = _fields(cls, table, units, skip={"target"})
     if cls is Servo:
         table.need("target")
-        values["target"] = _drive(table, "target", coordinate, path)
+        values["target"] = _drive(table, "target", units, path)
     actuator = cls(**values)
     _bounded(actuator, table)
     table.finish()
@@ -365,37 +367,42 @@ def _normal(table: Table, joint: Table):
             f"{joint.where} lacks the table `normal` (its contact law). Add one with a key `law`. "
             + suggest("", NORMAL_LAWS)
         )
-    factory = NORMAL_LAWS[table.word("law", NORMAL_LAWS)]
-    cls = factory if inspect.isclass(factory) else RestitutionLaw
-    exponent = table.number("exponent", "")
-    power = 1.0 if "Voigt" in cls.__name__ else 1.5 if exponent is None else exponent
-    skip = {"ratio", "damping_ratio", "stiffness"}
-    values = _fields(cls, table, "", skip=skip)
-    if isinstance(table.values.get("stiffness"), dict):
+    factory: Any = NORMAL_LAWS[table.word("law", NORMAL_LAWS)]
+    # A member of a family is a function; its numbers are those of the class that it returns.
+    cls = factory if inspect.isclass(factory) else inspect.signature(factory, eval_str=True).return_annotation
+    values = _fields(cls, table, skip={"ratio", "stiffness"})
+    given = table.need("stiffness")
+    if isinstance(given, dict):
         inner = table.table("stiffness")
-        values["stiffness"] = InternalHertz(**_fields(InternalHertz, inner, ""))
+        values["stiffness"] = InternalHertz(**_fields(InternalHertz, inner))
         _bounded(values["stiffness"], inner)
         inner.finish()
     else:
-        table.need("stiffness")
-        values["stiffness"] = table.number("stiffness", f"N/m^{power:g}")
+        # In which unit, the law knows once it has its other numbers.
+        unit = resolved_unit(_unit_of(cls, "stiffness"), factory(stiffness=1.0, **values).units())
+        values["stiffness"] = to_si(given, unit, table.key("stiffness"))
     law = factory(**values)
     _bounded(law, table)
     table.finish()
     return law
 
 
+def _unit_of(cls, name: str) -> str:
+    """The unit that a class's field has."""
+    return next(field.metadata["unit"] for field in dataclasses.fields(cls) if field.name == name)
+
+
 def _friction(table: Table):
     if not table.values:
         return None
     cls = FRICTION_LAWS[table.word("law", FRICTION_LAWS)]
-    law = cls(**_fields(cls, table, ""))
+    law = cls(**_fields(cls, table))
     _bounded(law, table)
     table.finish()
     return law
 
 
-def _fields(cls, table: Table, coordinate: str, skip=frozenset()) -> dict[str, Any]:
+def _fields(cls, table: Table, units: Mapping[str, str] | None = None, skip=frozenset()) -> dict[str, Any]:
     """Constructor arguments of a class whose numbers are `physical` fields, from a table."""
     out: dict[str, Any] = {}
     for field in dataclasses.fields(cls):
@@ -409,7 +416,7 @@ def _fields(cls, table: Table, coordinate: str, skip=frozenset()) -> dict[str, A
             if field.default is dataclasses.MISSING:
                 table.need(field.name)
             continue
-        unit = resolved(field.metadata["unit"], coordinate)
+        unit = resolved_unit(field.metadata["unit"], units or {})
         value = table.get(field.name)
         if isinstance(value, list):
             if not issubclass(cls, AbstractDrive):
@@ -420,49 +427,25 @@ def _fields(cls, table: Table, coordinate: str, skip=frozenset()) -> dict[str, A
     return out
 
 
-def resolved(unit: str, coordinate: str) -> str:
-    """A field's unit with "coordinate" and "effort" replaced by those of a rotation or a slide."""
-    effort = "N*m" if coordinate == "rad" else "N"
-    return unit.replace("effort", effort).replace("coordinate", coordinate or "rad")
-
-
 def _bounded(module, table: Table) -> None:
     """Raise for a number of `module` outside its bounds, naming the table's key."""
+    words = module.units() if isinstance(module, Parametrised) else {}
     for field in dataclasses.fields(module):
         value = getattr(module, field.name)
-        meta = field.metadata
-        if "unit" not in meta or value is None or dataclasses.is_dataclass(value):
-            continue
-        for bound, holds, words in BOUNDS:
-            if meta.get(bound) is not None and not np.all(holds(np.asarray(value), meta[bound])):
-                raise ClearanceError(
-                    f"{table.key(field.name)} must be {words} {meta[bound]:g} {meta['unit']}, but it is "
-                    f"{np.asarray(value).tolist()} {meta['unit']}."
-                )
+        if "unit" in field.metadata and value is not None and not dataclasses.is_dataclass(value):
+            check_bounds(value, field.metadata, table.key(field.name), resolved_unit(field.metadata["unit"], words))
 
 
-def unit_of(leaf: Leaf, known: dict[str, Leaf], mechanism: Mechanism) -> str:
-    """The unit of a parameter, with that of its joint's coordinate and of its law's exponent put in."""
-    owner = leaf.name.removeprefix("drive.").partition(".")[0]
-    sliding = any(j.name == owner and isinstance(j, Prismatic) for j in mechanism.joints)
-    unit = resolved(leaf.metadata["unit"], "m" if sliding else "rad")
-    exponent = known.get(f"{leaf.name.rpartition('.')[0]}.exponent")
-    if exponent is not None and unit == "N/m^1.5":
-        unit = f"N/m^{float(exponent.value):g}"
-    return unit
-
-
-def parse_setting(text: str, known: dict[str, Leaf], mechanism: Mechanism) -> tuple[str, float]:
+def parse_setting(text: str, mechanism: Mechanism) -> tuple[str, float]:
     """`name=value` of the command line, in SI, checked against the parameters of a mechanism."""
     name, equals, value = text.partition("=")
-    name = name.strip()
+    name, value = name.strip(), value.strip()
     if not equals:
         raise ClearanceError(f"`--set {text}` must read NAME=VALUE, for instance `joint5.radial_clearance=0.2mm`.")
-    leaf = known.get(name) or known.get(name.rpartition(".")[0])
-    if leaf is None:
-        raise ClearanceError(f"`--set {text}`: there is no parameter `{name}`. " + suggest(name, known))
-    unit = unit_of(leaf, known, mechanism)
-    value = value.strip()
+    try:
+        unit = find(parameters(mechanism), name)[0].unit
+    except ClearanceError as error:
+        raise ClearanceError(f"`--set {text}`: {error}") from None
     if unit == "":
         try:
             return name, float(value)

@@ -12,8 +12,8 @@ from clearance_jax.design.made import Band, Yield
 from clearance_jax.design.problem import Limit, ToleranceProblem
 from clearance_jax.design.solvers import SOLVERS
 from clearance_jax.errors import ClearanceError
-from clearance_jax.io.scene import Table, load_scene, parse_setting, unit_of
-from clearance_jax.mechanism.mechanism import parameters, replace
+from clearance_jax.io.scene import Table, load_scene, parse_setting
+from clearance_jax.parameters import parameters, replace, unit_of
 from clearance_jax.units import to_si
 
 SIGNALS = {

@@ -1,5 +1,23 @@
 """Clearance joints: geometry x normal law x friction law."""
 
-from clearance_jax.joints.revolute import Contact, RevoluteClearance, Signals
+from clearance_jax.joints._base import (
+    AbstractClearance,
+    AbstractElement,
+    Action,
+    ContactPoint,
+    PlayCoordinate,
+    PreparedClearance,
+    Relative,
+)
+from clearance_jax.joints.revolute import RevoluteClearance
 
-__all__ = ["Contact", "RevoluteClearance", "Signals"]
+__all__ = [
+    "AbstractClearance",
+    "AbstractElement",
+    "Action",
+    "ContactPoint",
+    "PlayCoordinate",
+    "PreparedClearance",
+    "Relative",
+    "RevoluteClearance",
+]

@@ -1,24 +1,21 @@
-"""Contact laws, each for one contact point. Adding one: its class or function, an export here, a catalogue line."""
+"""Contact laws, each for one contact point."""
 
-from clearance_jax.laws._base import AbstractFrictionLaw, AbstractNormalLaw, AbstractStiffness
-from clearance_jax.laws.friction import BrownMcPhee, CubicCoulomb, LuGre, TanhCoulomb
-from clearance_jax.laws.normal import AdamsImpact, Hertz, HuntCrossley, LinearKelvinVoigt
-from clearance_jax.laws.restitution import RestitutionLaw, exact_restitution, flores, lankarani_nikravesh
+from clearance_jax.laws._base import AbstractFrictionLaw, AbstractNormalLaw, AbstractStiffness, Touch
+from clearance_jax.laws.friction import FRICTION_LAWS, BrownMcPhee, CubicCoulomb, LuGre, TanhCoulomb
+from clearance_jax.laws.geometry import Geometry, Material
+from clearance_jax.laws.normal import (
+    NORMAL_LAWS,
+    AdamsImpact,
+    Hertz,
+    HuntCrossley,
+    LinearKelvinVoigt,
+    RestitutionLaw,
+    exact_restitution,
+    flores,
+    lankarani_nikravesh,
+)
+from clearance_jax.laws.smoothing import SmoothedOnset
 from clearance_jax.laws.stiffness import InternalHertz
-
-NORMAL_LAWS = {
-    "kelvin-voigt": LinearKelvinVoigt,
-    "hertz": Hertz,
-    "adams-impact": AdamsImpact,
-    "hunt-crossley": HuntCrossley,
-    "exact-restitution": exact_restitution,
-    "lankarani-nikravesh": lankarani_nikravesh,
-    "flores": flores,
-}
-"""Normal laws by the name a scene file gives them."""
-
-FRICTION_LAWS = {"cubic": CubicCoulomb, "tanh": TanhCoulomb, "brown-mcphee": BrownMcPhee, "lugre": LuGre}
-"""Friction laws by the name a scene file gives them."""
 
 __all__ = [
     "FRICTION_LAWS",
@@ -29,13 +26,17 @@ __all__ = [
     "AdamsImpact",
     "BrownMcPhee",
     "CubicCoulomb",
+    "Geometry",
     "Hertz",
     "HuntCrossley",
     "InternalHertz",
     "LinearKelvinVoigt",
     "LuGre",
+    "Material",
     "RestitutionLaw",
+    "SmoothedOnset",
     "TanhCoulomb",
+    "Touch",
     "exact_restitution",
     "flores",
     "lankarani_nikravesh",

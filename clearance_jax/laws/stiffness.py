@@ -2,8 +2,10 @@
 
 import jax.numpy as jnp
 
-from clearance_jax._types import Scalar, physical
+from clearance_jax._types import Scalar
 from clearance_jax.laws._base import AbstractStiffness
+from clearance_jax.laws.geometry import Geometry, Material
+from clearance_jax.parameters import physical
 
 
 class InternalHertz(AbstractStiffness):
@@ -27,7 +29,9 @@ class InternalHertz(AbstractStiffness):
     sleeve_poisson: Scalar = physical("", least=0.0, below=0.5, default=0.3)
     reference_clearance: Scalar | None = physical("m", above=0.0, default=None)
 
-    def value(self, pin_radius: Scalar, radial_clearance: Scalar) -> Scalar:
-        clearance = radial_clearance if self.reference_clearance is None else self.reference_clearance
-        compliance = (1 - self.pin_poisson**2) / self.pin_modulus + (1 - self.sleeve_poisson**2) / self.sleeve_modulus
-        return 4 / (3 * compliance) * jnp.sqrt(pin_radius * (pin_radius + clearance) / clearance)
+    def value(self, geometry: Geometry) -> Scalar:
+        clearance = geometry.radial_clearance if self.reference_clearance is None else self.reference_clearance
+        pin, sleeve = Material(self.pin_modulus, self.pin_poisson), Material(self.sleeve_modulus, self.sleeve_poisson)
+        radius = geometry.pin_radius
+        compliance = pin.compliance + sleeve.compliance
+        return 4 / (3 * compliance) * jnp.sqrt(radius * (radius + clearance) / clearance)

@@ -1,1 +1,1 @@
-"""Mechanisms: bodies, joints of the tree, loops, drives, and parameters by name."""
+"""Mechanisms: bodies, joints of the tree, loops, drives, and the layout of their states."""

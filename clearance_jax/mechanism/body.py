@@ -5,8 +5,9 @@ import abc
 import equinox as eqx
 import jax.numpy as jnp
 
-from clearance_jax._types import Scalar, flattened, physical
+from clearance_jax._types import Scalar
 from clearance_jax.mechanism.drives import AbstractDrive
+from clearance_jax.parameters import flattened, leading, physical
 from clearance_jax.spatial import Term, Vector, times
 
 GROUND = "ground"
@@ -137,7 +138,7 @@ class Motion(eqx.Module):
     - `actuators`: generalised forces along a free coordinate.
     """
 
-    drive: AbstractDrive | None = None
+    drive: AbstractDrive | None = leading(default=None)
     position: Scalar = physical("coordinate", default=0.0)
     velocity: Scalar = physical("coordinate/s", default=0.0)
     actuators: tuple[AbstractActuator, ...] = flattened(default=())
@@ -146,6 +147,11 @@ class Motion(eqx.Module):
     def is_free(self) -> bool:
         """Whether the coordinate is a state."""
         return self.drive is None
+
+    def prepared(self) -> "Motion":
+        """The motion with what depends only on its numbers computed (once a solve)."""
+        drive = None if self.drive is None else self.drive.prepared()
+        return Motion(drive, self.position, self.velocity, tuple(a.prepared() for a in self.actuators))
 
     def effort(self, time: Scalar, position: Term, velocity: Term) -> Term:
         """The sum of the actuators' forces."""

@@ -13,8 +13,9 @@ from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from clearance_jax._numerics import sincos
-from clearance_jax._types import Scalar, physical
+from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError
+from clearance_jax.parameters import physical
 from clearance_jax.spatial import Term, total
 
 Values = Float[Array, " n"]

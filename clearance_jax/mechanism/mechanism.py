@@ -1,20 +1,55 @@
-"""The mechanism: bodies, the tree of joints, loops, springs, points, gravity; and its parameters by name."""
+"""The mechanism: bodies, the tree of joints, loops, springs, points, gravity."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array
 
-from clearance_jax._types import Leaf, Scalar, follow, physical_leaves
 from clearance_jax.errors import ClearanceError, suggest
-from clearance_jax.joints import RevoluteClearance
+from clearance_jax.joints import AbstractClearance, PreparedClearance
 from clearance_jax.mechanism.body import GROUND, Body, Gravity, Point, Servo, Spring
-from clearance_jax.mechanism.tree import AbstractJoint, Coordinate, Frame, Prismatic, Revolute, place
+from clearance_jax.mechanism.tree import AbstractJoint, Coordinate, Revolute
+from clearance_jax.parameters import replace
 
 NO_GRAVITY = Gravity()
+
+
+class ClearanceJoint(NamedTuple):
+    """A joint whose clearance is there; `play`: where its play coordinates begin among the free ones (`None`: it closes
+    a loop and has none).
+    """
+
+    joint: Revolute
+    clearance: Any
+    play: int | None
+
+    @property
+    def name(self) -> str:
+        """The joint's."""
+        return self.joint.name
+
+    @property
+    def parent(self) -> str:
+        """The body that the sleeve is on."""
+        return self.joint.parent
+
+    @property
+    def child(self) -> str:
+        """The body that the pin is on."""
+        return self.joint.child
+
+    @property
+    def laws(self) -> tuple[Any, ...]:
+        """Its contact laws, as the user gave them."""
+        joint = self.clearance.joint if isinstance(self.clearance, PreparedClearance) else self.clearance
+        return (joint.normal,) if joint.friction is None else (joint.normal, joint.friction)
+
+    @property
+    def size(self) -> Array:
+        """Its largest clearance [m]."""
+        return jnp.max(jnp.stack([play.scale for play in self.joint.play() if play.slides is not None]))
 
 
 class Mechanism(eqx.Module):
@@ -86,10 +121,15 @@ class Mechanism(eqx.Module):
         """The coordinates that are states."""
         return tuple(c for c in self.coordinates() if c.motion.is_free)
 
-    def clearance_joints(self) -> tuple[Revolute, ...]:
+    def clearance_joints(self) -> tuple[ClearanceJoint, ...]:
         """Every joint with clearance, those of the tree first."""
-        candidates = (*(j for j in self.joints if isinstance(j, Revolute)), *self.loops)
-        return tuple(joint for joint in candidates if joint.clearance is not None)
+        names = [c.name for c in self.free_coordinates()]
+        out = []
+        for joint in (*self.joints, *self.loops):
+            if isinstance(joint, Revolute) and joint.clearance is not None:
+                first = joint.name + joint.play()[0].suffix
+                out.append(ClearanceJoint(joint, joint.clearance, names.index(first) if first in names else None))
+        return tuple(out)
 
     def closures(self) -> tuple[Revolute, ...]:
         """The loops without clearance: ideal constraints."""
@@ -112,7 +152,7 @@ class Mechanism(eqx.Module):
         """The same mechanism with every clearance taken away."""
         return self._with_joints(lambda joint: _without_clearance(joint))
 
-    def with_clearance(self, name: str, clearance: RevoluteClearance | None = None, *, radial: Any = None):
+    def with_clearance(self, name: str, clearance: AbstractClearance | None = None, *, radial: Any = None):
         """The same mechanism with clearance in joint `name`.
 
         Give the whole `clearance`, or only `radial` [m] for a joint that has clearance already.
@@ -120,17 +160,16 @@ class Mechanism(eqx.Module):
         joint = self.joint(name)
         if not isinstance(joint, Revolute):
             raise ClearanceError(f"Joint `{name}` must be revolute to have a radial clearance, but it is not.")
-        if clearance is None:
-            if joint.clearance is None:
-                raise ClearanceError(
-                    f"Joint `{name}` is ideal: give its pin radius and laws, "
-                    "`with_clearance(name, RevoluteClearance(...))`."
-                )
-            clearance = joint.clearance
-        if radial is not None:
-            clearance = RevoluteClearance(radial, clearance.pin_radius, clearance.normal, clearance.friction)
-        new = eqx.tree_at(lambda j: j.clearance, joint, clearance, is_leaf=lambda x: x is None)
-        return self._with_joints(lambda j: new if j.name == name else j)
+        if clearance is None and joint.clearance is None:
+            raise ClearanceError(
+                f"Joint `{name}` is ideal: give its pin radius and laws, "
+                "`with_clearance(name, RevoluteClearance(...))`."
+            )
+        new = joint
+        if clearance is not None:
+            new = eqx.tree_at(lambda j: j.clearance, joint, clearance, is_leaf=lambda x: x is None)
+        changed = self._with_joints(lambda j: new if j.name == name else j)
+        return changed if radial is None else replace(changed, {f"{name}.radial_clearance": radial})
 
     def _with_joints(self, change) -> "Mechanism":
         return Mechanism(
@@ -145,8 +184,10 @@ class Mechanism(eqx.Module):
         )
 
     def prepared(self) -> "Mechanism":
-        """The mechanism with everything that depends only on its numbers computed (once a solve, not once a step)."""
-        return self._with_joints(_prepared)
+        """The mechanism with everything that depends only on its numbers computed (once a solve, not once a step): its
+        drives, actuators and clearances are then of the types that a step evaluates.
+        """
+        return self._with_joints(lambda joint: joint.prepared())
 
 
 def _without_clearance(joint: AbstractJoint) -> AbstractJoint:
@@ -155,118 +196,9 @@ def _without_clearance(joint: AbstractJoint) -> AbstractJoint:
     return joint
 
 
-def _prepared(joint: AbstractJoint) -> AbstractJoint:
-    if isinstance(joint, Revolute) and joint.clearance is not None:
-        joint = eqx.tree_at(lambda j: j.clearance, joint, joint.clearance.prepared())
-    if isinstance(joint, Revolute | Prismatic) and joint.motion.drive is not None:
-        joint = eqx.tree_at(lambda j: j.motion.drive, joint, joint.motion.drive.prepared())
-    if isinstance(joint, Revolute | Prismatic) and joint.motion.actuators:
-        actuators = tuple(actuator.prepared() for actuator in joint.motion.actuators)
-        joint = eqx.tree_at(lambda j: j.motion.actuators, joint, actuators)
-    return joint
-
-
-# Kinematics --------------------------------------------------------------------------------------------------------
-
-
-class Layout(NamedTuple):
-    """Where each quantity lives in the flat state vector `[q, v, memory]`, which books may follow (static)."""
-
-    names: tuple[str, ...]
-    memories: tuple[tuple[str, int], ...]
-
-    @property
-    def free(self) -> int:
-        """Number of free coordinates."""
-        return len(self.names)
-
-    @property
-    def remembered(self) -> int:
-        """Number of memory variables."""
-        return sum(n for _, n in self.memories)
-
-    @property
-    def size(self) -> int:
-        """Length of the state vector without books."""
-        return 2 * self.free + self.remembered
-
-    def memory_of(self, y: Array) -> dict[str, Array]:
-        """Memory of each clearance joint."""
-        out, start = {}, 2 * self.free
-        for name, n in self.memories:
-            out[name] = y[start : start + n]
-            start += n
-        return out
-
-
-def layout(mechanism: Mechanism) -> Layout:
-    """The state layout of a mechanism."""
-    memories = tuple((j.name, len(j.clearance.remembers)) for j in mechanism.clearance_joints() if j.clearance)
-    return Layout(tuple(c.name for c in mechanism.free_coordinates()), memories)
-
-
-def frames(mechanism: Mechanism, time: Scalar, y: Array) -> dict[str, Frame]:
-    """Pose and motion of every body: one sweep from the ground."""
-    names = [c.name for c in mechanism.free_coordinates()]
-    n = len(names)
-    values = {name: (i, y[i], y[n + i]) for i, name in enumerate(names)}
-    out = {GROUND: Frame()}
-    for joint in mechanism.joints:
-        out[joint.child] = place(joint, out[joint.parent], time, values)
-    return out
-
-
 def drive_breaks(mechanism: Mechanism) -> Array:
     """Break times of every drive and servo target."""
     drives = [c.motion.drive for c in mechanism.coordinates() if c.motion.drive is not None]
     servos = [a for c in mechanism.coordinates() for a in c.motion.actuators]
     drives += [a.target for a in servos if isinstance(a, Servo)]
     return jnp.concatenate([jnp.zeros(0), *(drive.breaks() for drive in drives)])
-
-
-# Parameters by name ------------------------------------------------------------------------------------------------
-
-
-def _leaves(mechanism: Mechanism) -> Iterator[Leaf]:
-    for group in ("bodies", "joints", "loops", "springs", "points"):
-        for index, part in enumerate(getattr(mechanism, group)):
-            for leaf in physical_leaves(part, (group, str(index)), f"{part.name}."):
-                # A drive's numbers are the drive's: `drive.crank.speed`, not `crank.drive.speed`.
-                name = leaf.name.replace(f"{part.name}.drive.", f"drive.{part.name}.", 1)
-                yield Leaf(name, leaf.path, leaf.value, leaf.metadata)
-    yield from physical_leaves(mechanism.gravity, ("gravity",), "gravity.")
-
-
-def parameters(mechanism: Mechanism) -> dict[str, Leaf]:
-    """Every number of the mechanism by its one dotted name, with value, unit and bounds (`.metadata`)."""
-    return {leaf.name: leaf for leaf in _leaves(mechanism)}
-
-
-def replace(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
-    """A new mechanism with some numbers replaced.
-
-    **Arguments:**
-
-    - `values`: dotted name to number or array (SI; tracers welcome). A name may end in `.i` for one entry of an array.
-
-    **Raises:** `ClearanceError` for an unknown name.
-    """
-    known = parameters(mechanism)
-    for name, value in values.items():
-        leaf, index = known.get(name), None
-        if leaf is None and name.rpartition(".")[2].isdigit():
-            head, _, tail = name.rpartition(".")
-            leaf, index = known.get(head), int(tail)
-        if leaf is None:
-            raise ClearanceError(f"There is no parameter `{name}`. " + suggest(name, known))
-        path, old = leaf.path, follow(mechanism, leaf.path)
-        if index is not None and not (np.ndim(old) == 1 and index < np.shape(old)[0]):
-            raise ClearanceError(f"`{leaf.name}` has shape {np.shape(old)}: there is no entry {index}.")
-        new = jnp.asarray(value, dtype=float) if index is None else jnp.asarray(old).at[index].set(value)
-        if np.ndim(new) < np.ndim(old):
-            raise ClearanceError(
-                f"`{name}` must have shape {np.shape(old)}, but a value of shape {np.shape(new)} was "
-                f"given. Name one entry as `{name}.0`."
-            )
-        mechanism = eqx.tree_at(lambda m, path=path: follow(m, path), mechanism, new)
-    return mechanism

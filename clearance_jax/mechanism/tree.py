@@ -6,14 +6,16 @@ of its rate, from which mass matrix, forces and constraints are built.
 """
 
 import abc
+import dataclasses
 from typing import NamedTuple
 
 import equinox as eqx
 from jaxtyping import Array
 
-from clearance_jax._types import Scalar, flattened, physical
-from clearance_jax.joints import RevoluteClearance
+from clearance_jax._types import Scalar
+from clearance_jax.joints import AbstractClearance, PlayCoordinate, PreparedClearance
 from clearance_jax.mechanism.body import ORIGIN, Motion, Position
+from clearance_jax.parameters import Parametrised, flattened, physical
 from clearance_jax.spatial import (
     IDENTITY,
     ZERO,
@@ -106,14 +108,21 @@ class Frame(NamedTuple):
 
 
 class Coordinate(NamedTuple):
-    """One elementary coordinate of a joint: its name, how it moves, and the axis it slides along (None: it turns)."""
+    """One elementary coordinate of a joint: its name, how it moves, the axis it slides along (None: it turns), and of a
+    play coordinate its magnitude.
+    """
 
     name: str
     motion: Motion
     slides: Vector | None
+    play: Scalar | None = None
 
 
-class AbstractJoint(eqx.Module):
+TURNING = {"coordinate": "rad", "effort": "N*m"}
+SLIDING = {"coordinate": "m", "effort": "N"}
+
+
+class AbstractJoint(Parametrised):
     """A joint of the tree: places the child's frame on the parent's."""
 
     name: eqx.AbstractVar[str]
@@ -127,15 +136,15 @@ class AbstractJoint(eqx.Module):
     def coordinates(self) -> tuple[Coordinate, ...]:
         """The joint's elementary coordinates, in the order in which they act."""
 
-
-# What the names of a clearance joint's play coordinates end in.
-PLAY = (".play_x", ".play_y")
+    def prepared(self) -> "AbstractJoint":
+        """The joint with what depends only on its numbers computed (once a solve)."""
+        return self
 
 
 class Revolute(AbstractJoint):
     """A pin joint, ideal or with clearance.
 
-    With clearance in the tree it has two play coordinates (the eccentricity in the sleeve's frame) before its rotation.
+    With clearance in the tree its play coordinates (the eccentricity in the sleeve's frame) come before its rotation.
     Where it closes a loop it has no coordinates: it is a force element (with clearance) or a constraint (ideal). The
     sleeve is on the parent, the pin on the child.
     """
@@ -147,18 +156,38 @@ class Revolute(AbstractJoint):
     at_child: Position = ORIGIN
     angle: Scalar | None = physical("rad", default=None)
     motion: Motion = flattened(default_factory=Motion)
-    clearance: RevoluteClearance | None = flattened(default=None)
+    clearance: AbstractClearance | PreparedClearance | None = flattened(default=None)
     eccentricity: Position = ORIGIN
+
+    def units(self):
+        return TURNING
 
     def coordinates(self):
         turn = Coordinate(self.name, self.motion, None)
         if self.clearance is None:
             return (turn,)
+        # Play starts where `eccentricity` says; further coordinates (a tilt) start at zero.
+        start = [*self.eccentricity.vector]
+        slides = [play for play in self.play() if play.slides is not None]
+        places = dict(zip((play.suffix for play in slides), start, strict=False))
         return (
-            Coordinate(self.name + PLAY[0], Motion(position=self.eccentricity.vector[0]), (1.0, 0.0)),
-            Coordinate(self.name + PLAY[1], Motion(position=self.eccentricity.vector[1]), (0.0, 1.0)),
+            *(
+                Coordinate(
+                    self.name + play.suffix, Motion(position=places.get(play.suffix, 0.0)), play.slides, play.scale
+                )
+                for play in self.play()
+            ),
             turn,
         )
+
+    def play(self) -> tuple[PlayCoordinate, ...]:
+        """What its clearance adds to the tree."""
+        clearance = self.clearance.joint if isinstance(self.clearance, PreparedClearance) else self.clearance
+        return () if clearance is None else clearance.play()
+
+    def prepared(self):
+        clearance = self.clearance.prepared() if isinstance(self.clearance, AbstractClearance) else self.clearance
+        return dataclasses.replace(self, motion=self.motion.prepared(), clearance=clearance)
 
 
 class Prismatic(AbstractJoint):
@@ -172,8 +201,14 @@ class Prismatic(AbstractJoint):
     angle: Scalar | None = physical("rad", default=None)
     motion: Motion = flattened(default_factory=Motion)
 
+    def units(self):
+        return SLIDING
+
     def coordinates(self):
         return (Coordinate(self.name, self.motion, (1.0, 0.0)),)
+
+    def prepared(self):
+        return dataclasses.replace(self, motion=self.motion.prepared())
 
 
 class Fixed(AbstractJoint):
@@ -195,7 +230,7 @@ def place(joint: AbstractJoint, parent: Frame, time: Scalar, values: dict[str, t
     frame = parent.moved_to(joint.at_parent.vector)
     if joint.angle is not None:
         frame = frame.turned(joint.angle)
-    for name, motion, slides in joint.coordinates():
+    for name, motion, slides, _ in joint.coordinates():
         if motion.drive is None:
             index, q, v = values[name]
             a: Term = 0.0

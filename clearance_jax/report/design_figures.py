@@ -12,7 +12,7 @@ from matplotlib.ticker import MaxNLocator
 from clearance_jax.analysis.metrics import At
 from clearance_jax.design.explain import Response, Tradeoff
 from clearance_jax.errors import ClearanceError
-from clearance_jax.mechanism.mechanism import replace
+from clearance_jax.parameters import replace
 
 if TYPE_CHECKING:
     from clearance_jax.design.answer import Design

@@ -13,9 +13,11 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
-from clearance_jax.dynamics.field import observe, rate
+from clearance_jax.dynamics.field import rate
+from clearance_jax.dynamics.observe import observe
 from clearance_jax.errors import ClearanceError
-from clearance_jax.mechanism.mechanism import Mechanism, parameters
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.parameters import parameters
 from clearance_jax.solve.flow import Solution
 from clearance_jax.solve.trace import Trace
 

@@ -6,13 +6,19 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
-from clearance_jax.dynamics.equations import signals
-from clearance_jax.mechanism.mechanism import layout
-from clearance_jax.solve.flow import Picked
+from clearance_jax.dynamics.kinematics import relative_motions
+from clearance_jax.mechanism.state import layout
 from clearance_jax.solve.interpolate import between
 from clearance_jax.solve.problem import Problem, motion
+
+
+class Picked(NamedTuple):
+    """States that an observer has picked: at `time` [s], shape (k,); `y`, shape (k, n)."""
+
+    time: Float[Array, " k"]
+    y: Float[Array, "k *rows n"]
 
 
 class AbstractObserver(eqx.Module):
@@ -108,12 +114,12 @@ class PeakFinder(AbstractObserver):
         return PeakRecord(Peaks(times, none, states), t0, value, jnp.asarray(jnp.inf), y0)
 
     def __call__(self, record, times, ends, problem):
-        (t0, t1), h, free = times, times[1] - times[0], layout(problem.mechanism).free
+        (t0, t1), h, plan = times, times[1] - times[0], layout(problem.mechanism)
         own = tuple(motion(problem, end) for end in ends)
 
         def at(s):
             def along(s):
-                now = self.signal(t0 + s * h, between(own, h, s, free), problem.mechanism)
+                now = self.signal(t0 + s * h, between(own, h, s, plan), problem.mechanism)
                 return jnp.asarray(now, float)
 
             return jax.jvp(along, (s,), (jnp.ones_like(s),))
@@ -137,7 +143,7 @@ class PeakFinder(AbstractObserver):
             found = jnp.where(jnp.isfinite(height[k]), here + 0.5 * rate / PIECES * moved, -jnp.inf)
             # Where a peak is has no derivative here: the signal's at a fixed time is the peak's.
             x = jax.lax.stop_gradient((k + place[k] + moved) / PIECES)
-            return t0 + x * h, found, between(ends, h, x, free)
+            return t0 + x * h, found, between(ends, h, x, plan)
 
         best = jnp.argmax(height)[None] if self.count == 1 else jnp.arange(PIECES)
         found = record.peaks.highest(*(x[None] for x in between_steps))
@@ -196,15 +202,21 @@ class TouchCounter(AbstractObserver):
 
     def __call__(self, record, times, ends, problem):
         (t0, t1), states = times, [motion(problem, y) for y in ends[:2]]
-        here, there = (signals(t, y, problem.mechanism)[self.joint] for t, y in zip(times, states, strict=True))
-        met = (here.overlap <= 0) & (there.overlap > 0)
+        clearance = problem.mechanism.clearance_joints()[self.joint].clearance
+        here, there = (
+            clearance.depths(relative_motions(t, y, problem.mechanism)[self.joint])
+            for t, y in zip(times, states, strict=True)
+        )
+        depth, rate = jnp.stack([here[0], there[0]]), jnp.stack([here[1], there[1]])
+        # Of a joint with several points: it touches where the deepest does.
+        k = jnp.argmax(jnp.max(depth, axis=0))
+        value, slope = depth[:, k], rate[:, k]
+        met = jnp.all(depth[0] <= 0) & jnp.any(depth[1] > 0)
         # The cubic through both ends of a step that stays apart has its top where the surfaces come nearest.
-        h = t1 - t0
-        value, slope = jnp.stack([here.overlap, there.overlap]), h * jnp.stack([here.overlap_rate, there.overlap_rate])
-        _, height, _ = tops(value, slope)
-        missed = (here.overlap <= 0) & (there.overlap <= 0) & jnp.isfinite(height[0])
+        _, height, _ = tops(value, (t1 - t0) * slope)
+        missed = jnp.all(depth <= 0) & jnp.isfinite(height[0])
         return Touches(
             record.count + met,
-            jnp.where(met, jnp.minimum(record.slowest, there.overlap_rate), record.slowest),
+            jnp.where(met, jnp.minimum(record.slowest, slope[1]), record.slowest),
             jnp.where(missed, jnp.minimum(record.nearest_miss, jnp.abs(height[0])), record.nearest_miss),
         )

@@ -1,8 +1,10 @@
-"""A motion and its derivatives as one stack: what is computed of a state is pushed along every direction of variation.
+"""What is integrated: a motion, or a motion and its derivatives as one stack.
 
 The derivative of a solve by a number is the solve of the variational equations on the SAME steps. So the state of a
 differentiated solve is a stack: row 0 the motion, row 1 + k its derivative along direction k. A Runge-Kutta step treats
 the rows alike; what differs is only how a function of the state is applied to a stack, and that is `lift`.
+
+Beside the state stand quadratures: the energy books and whatever else is integrated along. Nothing depends on them.
 """
 
 from typing import Any
@@ -14,32 +16,87 @@ import numpy as np
 from jax.extend.core import Literal
 from jaxtyping import Array
 
+from clearance_jax._types import Scalar
+from clearance_jax.dynamics.energy import BOOKS
+from clearance_jax.dynamics.field import rate
 from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.state import layout, vector
 
 
 class Problem(eqx.Module):
     """What a solve is of: a prepared mechanism, and the directions in which its numbers are varied.
 
-    `directions` is the mechanism's own tree: with a leading axis (one entry a direction) for a number that is varied,
-    `None` for one that is not; altogether `None` where nothing is differentiated: then a state is a flat vector, not a
-    stack. `integrands` are functions of (time, state, mechanism) whose integrals follow the state.
+    `integrands` are functions of (time, state, mechanism), of any shape, whose integrals follow the state; `books`:
+    whether the energy books do, before them. `directions` is a tree like `model`: with a leading axis (one entry a
+    direction) for a number that is varied, `None` for one that is not; altogether `None` where nothing is
+    differentiated: then a state is a flat vector, not a stack.
     """
 
     mechanism: Mechanism
+    integrands: tuple = ()
     directions: Any = None
-    integrands: tuple = eqx.field(static=True, default=())
+    books: bool = eqx.field(static=True, default=False)
 
     @property
     def varies(self) -> bool:
         """Whether states are stacks."""
         return self.directions is not None
 
+    @property
+    def model(self) -> tuple:
+        """All that a rate depends on beside time and state."""
+        return self.mechanism, self.integrands
+
+    @property
+    def size(self) -> int:
+        """Length of a state without quadratures."""
+        return layout(self.mechanism).size
+
+    @property
+    def places(self) -> slice:
+        """The positions that have a speed of their own."""
+        return layout(self.mechanism).q
+
+    @property
+    def speeds(self) -> slice:
+        """The velocities."""
+        return layout(self.mechanism).v
+
+    @property
+    def without_directions(self) -> "Problem":
+        """The motion alone."""
+        return Problem(self.mechanism, self.integrands, None, self.books)
+
+
+def with_model(problem: Problem, model: tuple) -> Problem:
+    """The same problem of another mechanism, without directions."""
+    return Problem(model[0], model[1], None, problem.books)
+
+
+def widths(problem: Problem) -> list[int]:
+    """How many numbers each integrand is."""
+    y, time = jnp.zeros(problem.size), jnp.zeros(())
+    return [int(np.prod(jax.eval_shape(f, time, y, problem.mechanism).shape)) for f in problem.integrands]
+
+
+# Traced once and called wherever a rate is wanted; XLA inlines the calls.
+@jax.jit
+def field(time: Scalar, y: Array, problem: Problem) -> Array:
+    """The rate of a state, or of a stack, (..., size), and of the quadratures behind it, (..., size + quadratures)."""
+
+    def whole(model, y):
+        mechanism, integrands = model
+        rows = rate(time, tuple(y[i] for i in range(problem.size)), mechanism, problem.books)
+        return jnp.concatenate([vector(rows), *(jnp.ravel(f(time, y, mechanism)) for f in integrands)])
+
+    return lift(whole, problem, y)
+
 
 def lift(function, problem: Problem, *stacks: Array) -> Array:
-    """`function(mechanism, *arrays)` of the motion and, where the problem varies, its derivatives, as a stack."""
+    """`function(model, *arrays)` of the motion and, where the problem varies, its derivatives, as a stack."""
     if not problem.varies:
-        return function(problem.mechanism, *stacks)
-    varied, fixed = split(problem.mechanism, problem.directions)
+        return function(problem.model, *stacks)
+    varied, fixed = split(problem.model, problem.directions)
 
     def along(direction, *rates):
         at = (varied, *(stack[0] for stack in stacks))
@@ -54,12 +111,17 @@ def motion(problem: Problem, stack: Array) -> Array:
     return stack[0] if problem.varies else stack
 
 
+def books_of(problem: Problem, y: Array) -> Array:
+    """The energy books behind a state (of the motion)."""
+    return y[problem.size : problem.size + len(BOOKS)]
+
+
 def split(tree, directions):
     """`tree` as its varied leaves and the others, each with `None` in the places of the other."""
     return eqx.partition(tree, jax.tree.map(lambda d: d is not None, directions, is_leaf=lambda d: d is None))
 
 
-def pushed(function, tree: Any, directions: Any) -> tuple[Any, Any]:
+def push(function, tree: Any, directions: Any) -> tuple[Any, Any]:
     """`function(tree)` and its derivatives along the directions: `None` for leaves that do not depend on them."""
     varied, fixed = split(tree, directions)
 
@@ -79,8 +141,8 @@ def pushed(function, tree: Any, directions: Any) -> tuple[Any, Any]:
 
 def moves(function, problem: Problem) -> bool:
     """Whether `function(mechanism)` depends on a varied number at all."""
-    varied, fixed = split(problem.mechanism, problem.directions)
-    return depends(lambda v: function(eqx.combine(v, fixed)), varied)
+    varied, fixed = split(problem.model, problem.directions)
+    return depends(lambda v: function(eqx.combine(v, fixed)[0]), varied)
 
 
 def depends(function, argument) -> bool:

@@ -10,10 +10,13 @@ from jax.core import Tracer
 from jaxtyping import Array
 
 from clearance_jax.dynamics.energy import BOOKS
-from clearance_jax.dynamics.equations import openings
-from clearance_jax.errors import BOUNDS, ClearanceError, require_float64, suggest
-from clearance_jax.mechanism.mechanism import Mechanism, frames, layout, parameters
-from clearance_jax.solve.flow import Inputs, Options, Solution, flow, initial_state, is_assembled, plain_flow
+from clearance_jax.errors import ClearanceError, require_float64, suggest
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.state import layout
+from clearance_jax.parameters import check_values
+from clearance_jax.solve.attempt import Options
+from clearance_jax.solve.flow import CLOSED, Inputs, Solution, flow, initial_state, plain_flow
+from clearance_jax.solve.tolerances import largest_length
 
 MAX_STEPS = 10_000_000
 DERIVATIVES = ("controlled", "screening")
@@ -61,7 +64,7 @@ def simulate(
     chosen = check_arguments(mechanism, t0, t1, rtol, solver)
     t0, t1 = jnp.asarray(t0, float), jnp.asarray(t1, float)
     if isinstance(save_at, int | np.integer):
-        save_at = t0 + (t1 - t0) * jnp.linspace(0.0, 1.0, int(save_at))
+        save_at = t0 + (t1 - t0) * jnp.asarray(np.linspace(0.0, 1.0, int(save_at)))
     elif save_at is not None:
         save_at = jnp.asarray(save_at, float)
         known = not any(isinstance(t, Tracer) for t in (t0, t1, save_at))
@@ -71,7 +74,7 @@ def simulate(
     return _run(mechanism, t0, t1, save_at, rtol, atol, y0, options, throw)
 
 
-def solve(
+def run(
     mechanism: Mechanism,
     t1: Any,
     *,
@@ -82,25 +85,28 @@ def solve(
     books: bool = False,
     y0: Any = None,
     derivatives: str = "controlled",
-    **extras: Any,
+    observers: tuple = (),
+    integrands: tuple = (),
+    **unknown: Any,
 ) -> Solution:
-    """`simulate` for metrics: without books, with an `observer` or `integrands` (see `Options`), `save_at` increasing
-    but not strictly; states of a failed lane are NaN, so that no metric is made of a motion that stopped early.
+    """`simulate` for metrics: without books, with `observers` and `integrands`, `save_at` increasing but not strictly;
+    states of a failed lane are NaN, so that no metric is made of a motion that stopped early.
     """
     chosen = check_arguments(mechanism, t0, t1, rtol, solver)
-    unknown = sorted(set(extras) - {"observer", "integrands"})
     if unknown:
-        raise ClearanceError(f"There is no option `{unknown[0]}`. " + suggest(unknown[0], OPTIONS))
-    options = Options(chosen, True, books, MAX_STEPS, derivatives, **extras)
-    out = _run(mechanism, t0, t1, save_at, rtol, None, y0, options, True)
+        raise ClearanceError(f"There is no option `{min(unknown)}`. " + suggest(min(unknown), OPTIONS))
+    options = Options(chosen, True, books, MAX_STEPS, derivatives, observers)
+    out = _run(mechanism, t0, t1, save_at, rtol, None, y0, options, True, integrands)
     # A factor, not a selection: a selection's derivative in reverse would be a silent zero.
     factor = jnp.where(out.succeeded, 1.0, jnp.nan)
-    if out.picked is not None:
-        out = eqx.tree_at(lambda s: s.picked.y, out, factor * out.picked.y)
-    return eqx.tree_at(lambda s: (s.final, s.y), out, (factor * out.final, factor * out.y))
+
+    def states(s):
+        return [s.final, s.y, *(one.y for one in s.picked if one is not None)]
+
+    return eqx.tree_at(states, out, [factor * y for y in states(out)])
 
 
-def _run(mechanism, t0, t1, save_at, rtol, atol, y0, options: Options, throw) -> Solution:
+def _run(mechanism, t0, t1, save_at, rtol, atol, y0, options: Options, throw, integrands=()) -> Solution:
     t0, t1, rtol = (jnp.asarray(x, float) for x in (t0, t1, rtol))
     size = layout(mechanism).size
     if size == 0:
@@ -113,10 +119,11 @@ def _run(mechanism, t0, t1, save_at, rtol, atol, y0, options: Options, throw) ->
             raise ClearanceError(f"`y0` must have shape ({size},), [q, v, memory], but it has {y0.shape}.")
     save_at = None if save_at is None else jnp.asarray(save_at, float)
     atol = None if atol is None else jnp.asarray(atol, float)
-    solution = _solve(Inputs(mechanism, t0, t1, save_at, rtol, atol, y0), options)
+    inputs = Inputs(mechanism, t0, t1, save_at, rtol, atol, y0, integrands)
+    solution = flow(inputs, options=options) if options.derivatives == "controlled" else plain_flow(inputs, options)
     if throw and not isinstance(solution.final, Tracer) and not bool(solution.succeeded):
         if y0 is None:
-            check_assembled(mechanism, t0, solution.initial)
+            check_assembled(mechanism, t0, _open_loops(mechanism, t0))
         raise RuntimeError(
             f"The solve stopped before t1: {solution.message}. Pass `throw=False` to keep what was computed."
         )
@@ -124,19 +131,20 @@ def _run(mechanism, t0, t1, save_at, rtol, atol, y0, options: Options, throw) ->
 
 
 @eqx.filter_jit
-def _solve(inputs: Inputs, options: Options) -> Solution:
-    return flow(inputs, options=options) if options.derivatives == "controlled" else plain_flow(inputs, options)
+def _open_loops(mechanism: Mechanism, t0: Array) -> Array:
+    return initial_state(mechanism.prepared(), t0)[1]
 
 
-def check_assembled(mechanism: Mechanism, t0: Any, y: Array) -> None:
-    """Raise where a loop is open at the start, naming it."""
-    t0 = jnp.asarray(t0, float)
-    if bool(is_assembled(mechanism, t0, y)):
+def check_assembled(mechanism: Mechanism, t0: Any, open_loops: Array) -> None:
+    """Raise where a loop stays open at the start (by so much each [m]), naming it."""
+    gaps = np.nan_to_num(np.asarray(open_loops), nan=np.inf)
+    if np.all(gaps <= CLOSED * float(largest_length(mechanism))):
         return
-    name, gap = max(openings(t0, y, mechanism).items(), key=lambda item: np.nan_to_num(float(item[1]), nan=np.inf))
+    worst = int(np.argmax(gaps))
     raise ClearanceError(
-        f"The mechanism cannot be assembled: at t = {float(t0):g} s its loop `{name}` stays open by "
-        f"{float(gap) * 1e3:.4g} mm. Change lengths, or the joints' `position`, to start nearer to a closed one."
+        f"The mechanism cannot be assembled: at t = {float(t0):g} s its loop `{mechanism.loops[worst].name}` stays
+        open " f"by {float(gaps[worst]) * 1e3:.4g} mm. Change lengths, or the joints' `position`, to start nearer to a
+        closed " "one."
     )
 
 
@@ -151,25 +159,3 @@ def check_arguments(mechanism: Mechanism, t0: Any, t1: Any, rtol: Any, solver: A
     if isinstance(solver, str) and solver not in SOLVERS:
         raise ClearanceError(f"There is no solver {solver!r}. " + suggest(solver, SOLVERS))
     return SOLVERS[solver]() if isinstance(solver, str) else solver
-
-
-def check_values(mechanism: Mechanism) -> None:
-    """Raise for a number that is not finite or not inside its bounds. Tracers pass."""
-    for name, leaf in parameters(mechanism).items():
-        if isinstance(leaf.value, Tracer):
-            continue
-        try:
-            value = np.asarray(leaf.value, float)
-        except (TypeError, ValueError):
-            raise ClearanceError(f"`{name}` must be a number in {leaf.metadata['unit']}, not {leaf.value!r}.") from None
-        if not np.all(np.isfinite(value)):
-            raise ClearanceError(f"`{name}` must be finite, but it is {value.tolist()}.")
-        for bound, holds, words in BOUNDS:
-            limit = leaf.metadata.get(bound)
-            if limit is not None and not np.all(holds(value, limit)):
-                raise ClearanceError(
-                    f"`{name}` must be {words} {limit:g} {leaf.metadata['unit']}, but it is {value.tolist()}."
-                )
-
-
-__all__ = ["SOLVERS", "Solution", "frames", "initial_state", "simulate"]

@@ -9,7 +9,11 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from clearance_jax._types import Scalar
-from clearance_jax.mechanism.mechanism import Mechanism, layout, parameters
+from clearance_jax.dynamics.energy import BOOKS
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.state import layout
+from clearance_jax.parameters import parameters
+from clearance_jax.solve.problem import Problem, widths
 
 # Impacts amplify a local error: a tenth of the tolerance in each step keeps every position within 100 rtol.
 LOCAL = 0.1
@@ -31,17 +35,22 @@ class Scales(NamedTuple):
 
 
 class Tolerances(NamedTuple):
-    """Error allowed in one step, per component of `[q, v, memory, books]`: absolute (infinite: not controlled), and
-    relative to its size; the components' magnitudes, and the size (in magnitudes) below which the derivative along a
-    direction of variation is not resolved relatively; how far past a switch a cut step may end, as a fraction of the
-    uncut step; and how far inside a step the overlaps may be from the curves that stand for them, over the clearance.
+    """What a solve is allowed, per component of the state and its quadratures, and otherwise.
+
+    - `absolute` error in one step (infinite: not controlled), and `relative` to the component's size.
+    - `unit`: the components' magnitudes; `floor`: the size (in magnitudes) below which the derivative along a direction
+      of variation is not resolved relatively.
+    - `margin`: how far past a switch a cut step may end, as a fraction of the uncut step.
+    - `fit`: how far inside a step pins may be from the curves that stand for them, over the clearance.
+    - `rate`: how fast the scene moves [1/s].
     """
 
     absolute: Float[Array, " n"]
     relative: Float[Array, " n"]
-    margin: Scalar
     unit: Float[Array, " n"]
+    margin: Scalar
     fit: Scalar
+    rate: Scalar
     floor: Array | None = None
 
 
@@ -64,10 +73,11 @@ def scales(mechanism: Mechanism, y0: Array, t0: Scalar, t1: Scalar) -> Scales:
     for coordinate in mechanism.coordinates():
         drive = coordinate.motion.drive
         if drive is not None:
-            rates = jax.vmap(lambda t, d=drive: jnp.asarray(d(t)[1], float))(jnp.linspace(t0, t1, 33))
+            times = t0 + (t1 - t0) * jnp.asarray(np.linspace(0.0, 1.0, 33))
+            rates = jax.vmap(lambda t, d=drive: jnp.asarray(d(t)[1], float))(times)
             speeds.append((jnp.max(jnp.abs(rates)), coordinate.slides))
-    n = layout(mechanism).free
-    speeds += [(jnp.abs(y0[n + i]), c.slides) for i, c in enumerate(mechanism.free_coordinates())]
+    moving = layout(mechanism).split(y0).v
+    speeds += [(jnp.abs(v), c.slides) for v, c in zip(moving, mechanism.free_coordinates(), strict=True)]
     spin = jnp.max(jnp.stack([speed if slides is None else speed / length for speed, slides in speeds]))
     spin = jnp.where(spin > 0, spin, 1 / (t1 - t0))
     mass = sum((jnp.asarray(b.mass) for b in mechanism.bodies if b.mass is not None), jnp.zeros(()))
@@ -83,9 +93,9 @@ def floors(varied: Any, directions: Any, unit: Array) -> Float[Array, " directio
     instants after a touch, where a derivative grows from nothing as a power of time, could never be resolved.
     """
     total = jnp.zeros(jax.tree.leaves(directions)[0].shape[0])
-    mechanism, y0 = eqx.filter(varied, jax.tree.map(lambda d: d is not None, directions, is_leaf=lambda d: d is None))
+    model, y0 = eqx.filter(varied, jax.tree.map(lambda d: d is not None, directions, is_leaf=lambda d: d is None))
     moved, pushed = directions
-    for value, rows in zip(jax.tree.leaves(mechanism), jax.tree.leaves(moved), strict=True):
+    for value, rows in zip(jax.tree.leaves(model), jax.tree.leaves(moved), strict=True):
         size = jnp.where(value == 0, 1.0, jnp.abs(value))
         total += jnp.sum(jnp.abs(rows) / size[None], axis=tuple(range(1, rows.ndim)))
     if y0 is not None:
@@ -98,46 +108,54 @@ def switch_margin(mechanism: Mechanism, rtol: Scalar, varied: bool = False) -> S
     """How far past a switch a cut step may end. What is left of the switch inside the step costs an error of second
     order in the margin; of first order where a force jumps, and in derivatives where its slope jumps.
     """
-    joints = [j.clearance for j in mechanism.clearance_joints() if j.clearance]
-    laws = [law for joint in joints for law in (joint.normal, joint.friction)]
-    jumps = any(law is not None and law.smoothness == "C-1" for law in laws)
+    laws = [law for joint in mechanism.clearance_joints() for law in joint.laws]
+    jumps = any(law.smoothness == "C-1" for law in laws)
     return jnp.clip(rtol if jumps or varied else jnp.sqrt(rtol), SHORTEST, 1e-3)
 
 
-def tolerances(
-    mechanism: Mechanism, y0: Array, t0: Scalar, t1: Scalar, rtol: Scalar, atol: Any, books: int, varied: bool = False
-) -> Tolerances:
+def tolerances(problem: Problem, y0: Array, t0: Scalar, t1: Scalar, rtol: Scalar, atol: Any = None) -> Tolerances:
     """Absolute tolerances from the scene's scales, and relative ones where the scale is not known beforehand
-    (velocities, and penetrations that may exceed a tiny clearance). `atol` (per component) overrides the absolute ones.
+    (velocities, and penetrations that may exceed a tiny clearance). `atol` (per component of the state) overrides the
+    absolute ones; `y0`: the state (of the motion) at the start.
 
-    The books (so many components more) judge a solve and do not steer it: with them in the error norm they closed no
-    better. Only where there is no state at all are they what the steps must be chosen for.
+    The books judge a solve and do not steer it: with them in the error norm they closed no better. Only where there is
+    no state at all are they what the steps must be chosen for. Integrals are held by their signals' scales.
     """
-    size = scales(mechanism, y0, t0, t1)
-    clearances = {j.name: j.clearance.radial_clearance for j in mechanism.clearance_joints() if j.clearance}
+    mechanism = problem.mechanism
+    size, joints = scales(mechanism, y0, t0, t1), mechanism.clearance_joints()
     position, velocity, adapt = [], [], []
     for coordinate in mechanism.free_coordinates():
-        c = clearances.get(coordinate.name.rpartition(".")[0])
+        turns, c = coordinate.slides is None, coordinate.play
         if c is not None:
+            slow = size.spin * c
             position.append(c)
-            velocity.append(jnp.maximum(size.spin * c, jnp.sqrt(2 * size.acceleration * c)))
+            velocity.append(slow if turns else jnp.maximum(slow, jnp.sqrt(2 * size.acceleration * c)))
         else:
-            turns = coordinate.slides is None
             position.append(jnp.asarray(1.0) if turns else size.length)
             velocity.append(size.spin if turns else size.spin * size.length)
         adapt.append(0.0 if c is None else 1.0)
-    memory = [j.clearance.memory_scale() for j in mechanism.clearance_joints() if j.clearance]
-    unit = jnp.concatenate([jnp.stack(position + velocity) if position else jnp.zeros(0), *memory])
+    memory = [scale for joint in joints for scale in joint.clearance.memory_scale()]
+    unit = jnp.stack([*position, *velocity, *memory]) if position or memory else jnp.zeros(0)
     local = LOCAL * rtol
     absolute = local * unit if atol is None else jnp.broadcast_to(jnp.asarray(atol, float), unit.shape)
-    relative = jnp.concatenate([jnp.asarray(adapt), jnp.ones(len(adapt)), *(jnp.zeros_like(m) for m in memory)])
-    judged = jnp.where((not adapt) & (size.energy > 0), local * size.energy, jnp.inf)
-    absolute = jnp.concatenate([absolute, jnp.broadcast_to(judged, (books,))])
-    relative = jnp.concatenate([local * relative, jnp.zeros(books)])
-    unit = jnp.concatenate([unit, jnp.broadcast_to(jnp.where(jnp.isfinite(judged), size.energy, jnp.inf), (books,))])
-    sizes = list(clearances.values())
+    relative = local * jnp.asarray([*adapt, *[1.0] * len(adapt), *[0.0] * len(memory)])
+    books = len(BOOKS) if problem.books else 0
+    judged = jnp.where((not adapt) & (size.energy > 0), size.energy, jnp.inf)
+    signals = [
+        jnp.broadcast_to((t1 - t0) * f.scale(mechanism), (width,))
+        for f, width in zip(problem.integrands, widths(problem), strict=True)
+    ]
+    added = jnp.concatenate([jnp.broadcast_to(judged, (books,)), *signals])
+    allowed = jnp.concatenate([jnp.broadcast_to(local * judged, (books,)), *(rtol * unit for unit in signals)])
     # Where the surfaces are is known to the round-off of lengths and of angles turned, however short the step.
     turned = 1 + size.spin * jnp.maximum(jnp.abs(t0), jnp.abs(t1))
-    noise = 64 * _EPS * size.length * turned / jnp.min(jnp.stack(sizes)) if sizes else 0.0
-    fit = jnp.clip(FIT * rtol, noise, jnp.maximum(noise, 0.1))
-    return Tolerances(absolute, relative, switch_margin(mechanism, rtol, varied), unit, fit)
+    smallest = jnp.min(jnp.stack([joint.size for joint in joints])) if joints else jnp.inf
+    noise = 64 * _EPS * size.length * turned / smallest
+    return Tolerances(
+        absolute=jnp.concatenate([absolute, allowed]),
+        relative=jnp.concatenate([relative, jnp.zeros_like(added)]),
+        unit=jnp.concatenate([unit, added]),
+        margin=switch_margin(mechanism, rtol, problem.varies),
+        fit=jnp.clip(FIT * rtol, noise, jnp.maximum(noise, 0.1)),
+        rate=size.spin,
+    )

@@ -2,29 +2,28 @@
 
 Every touch and separation is the end of a step, so the step ends hold each contact episode exactly. A block is one
 compiled call of at most `BLOCK` steps; between blocks Python is in control, so that a long solve shows its progress and
-a keyboard interrupt keeps what was computed.
+a keyboard interrupt keeps what was computed. Blocks take the steps that `simulate` takes: the same attempts, and what
+is remembered from one to the next goes from block to block too.
 """
 
 from collections.abc import Callable
+from typing import Any, NamedTuple
 
-import diffrax
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
+from clearance_jax.dynamics.energy import energy_residual
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.solve.flow import (
-    Options,
-    Solution,
-    energy_residual,
-    initial,
-    integrate,
-    meaning,
-    projected_samples,
-    tolerances_of,
-)
+from clearance_jax.solve.attempt import Carry, Options, attempt, dense, means_of, start_carry
+from clearance_jax.solve.codes import Result, words
+from clearance_jax.solve.flow import Inputs, Solution, problem_of, projected_samples
 from clearance_jax.solve.problem import Problem
 from clearance_jax.solve.simulate import check_arguments, check_assembled
+from clearance_jax.solve.step import Trial
+from clearance_jax.solve.tolerances import Tolerances
 
 BLOCK = 4096
 
@@ -38,25 +37,57 @@ class Trace(eqx.Module):
     message: str = eqx.field(static=True)
 
 
-@eqx.filter_jit
-def _block(mechanism, t0, t1, start, grid, allowed, solver, watch):
-    problem, options = Problem(mechanism.prepared()), Options(solver, watch, True, BLOCK)
-    # Samples before this block are moved to its start, so that the others keep their places in the buffer.
-    out = integrate(problem, t0, t1, start, jnp.maximum(grid, t0), allowed, options, steps=True)
-    accepted, rejected = out.stats["num_accepted_steps"], out.stats["num_rejected_steps"]
-    sampled = projected_samples(problem, out.ts[1], out.ys[1])
-    return out.ts[2], out.ys[2], out.ts[1], sampled, out.result, accepted, rejected
+class Steps(NamedTuple):
+    """The steps of a block, with room for `BLOCK`: when each begins and ends, and its try."""
+
+    begin: Array
+    end: Array
+    trial: Trial
 
 
 @eqx.filter_jit
-def _first(mechanism, t0, t1, rtol, atol):
-    """The state at t0, and the tolerances of the whole solve."""
-    problem = Problem(mechanism.prepared())
-    start = initial(problem.mechanism, t0, True, None)
-    return start, tolerances_of(problem, t0, t1, start, rtol, atol)
+def _block(problem: Problem, allowed: Tolerances, carry: Carry, last, grid, options: Options):
+    """At most `BLOCK` steps more: the solve on its way, the ends of the steps, how many, and the samples among them."""
+    means = means_of(options, allowed)
+
+    def going(state):
+        carry, _, count = state
+        tries = carry.accepted + carry.rejected
+        return (count < BLOCK) & (carry.time < last) & ~carry.collapsed & (tries < options.max_steps)
+
+    def once(state):
+        carry, steps, count = state
+        moved, trial, keep = attempt(carry, problem, options, means, last)
+        now = Steps(carry.time, carry.end, trial)
+        # A try that was not kept is overwritten by the next one.
+        steps = jax.tree.map(lambda room, x: room.at[count].set(x), steps, now)
+        return moved, steps, count + keep
+
+    shape = jax.eval_shape(lambda c: attempt(c, problem, options, means, last)[1], carry)
+    one = Steps(carry.time, carry.end, shape)
+    room = jax.tree.map(lambda x: jnp.zeros((BLOCK, *x.shape)), one)
+    carry, steps, count = jax.lax.while_loop(going, once, (carry, room, jnp.zeros((), int)))
+
+    ends = jnp.where(jnp.arange(BLOCK) < count, steps.end, jnp.inf)
+    place = jnp.clip(jnp.searchsorted(ends, grid), 0, BLOCK - 1)
+
+    def sample(time, k):
+        step = jax.tree.map(lambda x: x[k], steps)
+        return dense(options, step.trial, (step.begin, step.end)).evaluate(time)
+
+    sampled = projected_samples(problem, grid, jax.vmap(sample)(grid, place))
+    inside = (grid > steps.begin[0]) & (grid <= jnp.where(count > 0, steps.end[count - 1], -jnp.inf))
+    return carry, ends, steps.trial.end, count, jnp.where(inside[:, None], sampled, jnp.nan)
 
 
-_residual = eqx.filter_jit(lambda m, *args: energy_residual(m.prepared(), *args))
+@eqx.filter_jit
+def _begin(inputs: Inputs, options: Options):
+    problem, start, allowed, opened = problem_of(inputs, options)
+    carry = start_carry(problem, options, means_of(options, allowed), inputs.t0, inputs.t1, start)
+    return problem, allowed, carry, opened
+
+
+_residual = eqx.filter_jit(energy_residual)
 
 
 def trace(
@@ -66,8 +97,8 @@ def trace(
     t0: float = 0.0,
     samples: int = 1001,
     rtol: float = 1e-8,
-    atol=None,
-    solver="tsit5",
+    atol: Any = None,
+    solver: str | Any = "tsit5",
     watch: bool = True,
     max_steps: int = 10_000_000,
     progress: Callable[[float], None] | None = None,
@@ -78,52 +109,49 @@ def trace(
     """
     chosen = check_arguments(mechanism, t0, t1, rtol, solver)
     grid = np.linspace(t0, t1, samples)
-    first, allowed = _first(mechanism, jnp.asarray(t0, float), jnp.asarray(t1, float), jnp.asarray(rtol, float), atol)
-    check_assembled(mechanism, t0, first)
-    now, y = float(t0), np.asarray(first)
-    times, states, sampled = [np.array([now])], [y[None]], np.full((samples, y.size), np.nan)
-    sampled[0] = y  # whatever happens, the start is known
-    accepted, rejected, message = 0, 0, ""
-    result = diffrax.RESULTS.successful
-    options = (jnp.asarray(grid), allowed, chosen, watch)
+    start, last, asked = (jnp.asarray(x, float) for x in (t0, t1, rtol))
+    options = Options(chosen, watch, True, max_steps)
+    atol = None if atol is None else jnp.asarray(atol, float)
+    problem, allowed, carry, opened = _begin(Inputs(mechanism, start, last, None, asked, atol, None), options)
+    first = carry.y
+    check_assembled(mechanism, t0, opened)
+    times, states = [np.array([float(t0)])], [np.asarray(first)[None]]
+    sampled = np.full((samples, first.size), np.nan)
+    sampled[0] = np.asarray(first)  # whatever happens, the start is known
+    code = Result.REACHED_END
     try:
-        while now < t1 and not message:
-            ts, ys, sample_t, sample_y, result, more, wasted = _block(
-                mechanism, jnp.asarray(now), jnp.asarray(t1, float), jnp.asarray(y), *options
-            )
-            kept = np.isfinite(ts)
-            kept[0] = False  # the block's start is the last one's end
-            new = np.isfinite(sample_t) & (grid >= now) & np.isnan(sampled[:, 0])
-            sampled[new] = np.asarray(sample_y)[new]
-            accepted, rejected = accepted + int(more), rejected + int(wasted)
-            if np.any(kept):
-                times.append(np.asarray(ts)[kept])
-                states.append(np.asarray(ys)[kept])
-                now, y = float(times[-1][-1]), states[-1][-1]
+        while float(carry.time) < t1 and code == Result.REACHED_END:
+            # One donated carry would save nothing: a block lasts long.
+            carry, ends, y, count, some = _block(problem, allowed, carry, last, jnp.asarray(grid), options)
+            kept = int(count)
+            times.append(np.asarray(ends)[:kept])
+            states.append(np.asarray(y)[:kept])
+            some = np.asarray(some)
+            new = np.isfinite(some[:, 0])
+            sampled[new] = some[new]
             if progress is not None:
-                progress((now - t0) / (t1 - t0))
-            if now < t1:
-                message = _failure(result, bool(np.any(kept)), accepted + rejected, max_steps)
+                progress((float(carry.time) - t0) / (t1 - t0))
+            code = _code(carry, t1, max_steps)
     except KeyboardInterrupt:
-        message, result = "interrupted", diffrax.RESULTS.event_occurred
+        code = Result.INTERRUPTED
+    time, y = np.concatenate(times), np.concatenate(states)
     done = np.isfinite(sampled[:, 0])
     solution = Solution(
         jnp.asarray(grid[done]),
         jnp.asarray(sampled[done]),
         first,
-        jnp.asarray(y),
-        result if message else diffrax.RESULTS.successful,
-        jnp.asarray(accepted),
-        jnp.asarray(rejected),
-        _residual(mechanism, jnp.asarray(float(t0)), jnp.asarray(now), first, jnp.asarray(y)),
+        jnp.asarray(y[-1]),
+        jnp.asarray(int(code)),
+        carry.accepted,
+        carry.rejected,
+        _residual(problem.mechanism, (start, jnp.asarray(time[-1])), (first, jnp.asarray(y[-1]))),
     )
-    return Trace(solution, np.concatenate(times), np.concatenate(states), message)
+    return Trace(solution, time, y, words(code))
 
 
-def _failure(result, progressed: bool, steps: int, max_steps: int) -> str:
-    """Why a block that did not reach the end must not be followed by another; empty where it may."""
-    if not bool(result == diffrax.RESULTS.max_steps_reached):
-        return meaning(result)
-    if not progressed:
-        return meaning(diffrax.RESULTS.dt_min_reached)
-    return f"stopped after {steps} steps" if steps >= max_steps else ""
+def _code(carry: Carry, t1: float, max_steps: int) -> Result:
+    """Whether another block may follow, and if not, why."""
+    if bool(carry.collapsed):
+        return Result.STEP_COLLAPSED
+    done = int(carry.accepted + carry.rejected)
+    return Result.MAX_STEPS if done >= max_steps and float(carry.time) < t1 else Result.REACHED_END

@@ -13,7 +13,7 @@ import numpy as np
 
 import clearance_jax as cj
 from clearance_jax import laws
-from clearance_jax.mechanism.mechanism import layout
+from clearance_jax.mechanism.state import layout
 from experiments.common import CRANK_SPEED, joint5, output, table
 from experiments.derivatives.ladder import crank
 

@@ -5,16 +5,16 @@ the damping ratio a(e) for a coefficient of restitution e; a member is a functio
 """
 
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from clearance_jax._numerics import positive_part
-from clearance_jax._types import Scalar, physical
-from clearance_jax.laws._base import AbstractNormalLaw, Smoothness
-from clearance_jax.laws.normal import hertz_energy, hertz_power
+from clearance_jax._types import Scalar
+from clearance_jax.laws._base import Smoothness, stiffness_of
+from clearance_jax.laws.normal._power import STIFFNESS, AbstractPowerLaw, power, power_energy
+from clearance_jax.parameters import physical
 
 
 def lankarani_nikravesh_ratio(restitution):
@@ -49,42 +49,42 @@ def exact_ratio(restitution):
     return -jnp.expm1(newton(jax.lax.stop_gradient(w), e)) / e
 
 
-class RestitutionLaw(AbstractNormalLaw):
+class Damped(NamedTuple):
+    """Constants of a `RestitutionLaw`."""
+
+    stiffness: Scalar
+    damping_ratio: Scalar
+
+
+class RestitutionLaw(AbstractPowerLaw):
     """F = max(0, K d^n (1 + a d'/v0)), a = ratio(e), v0 = the speed of the last impact.
 
     **Arguments:** `stiffness` K [N/m^n], `restitution` e in (0, 1), `ratio` the member's a(e), `exponent` n (`None`:
     3/2), `minimum_impact_speed` [m/s]: v0 is never below it, because a/v0 grows without bound for a pin that settles.
     """
 
-    stiffness: Any = physical("N/m^1.5", above=0.0)
+    stiffness: Any = physical(STIFFNESS, above=0.0)
     restitution: Scalar = physical("", above=0.0, below=1.0)
     ratio: Callable = eqx.field(static=True, default=exact_ratio)
     exponent: Scalar | None = physical("", least=1.0, default=None)
     minimum_impact_speed: Scalar = physical("m/s", above=0.0, default=1e-3)
-    damping_ratio: Scalar | None = physical("", least=0.0, default=None)
-    """a(e); computed once a solve."""
     smoothness: ClassVar[Smoothness] = "C1"
     remembers: ClassVar[tuple[str, ...]] = ("impact_speed",)
 
-    def prepared(self, pin_radius, radial_clearance):
-        law = AbstractNormalLaw.prepared(self, pin_radius, radial_clearance)
-        ratio = self.ratio(self.restitution)
-        return eqx.tree_at(lambda law: law.damping_ratio, law, ratio, is_leaf=lambda x: x is None)
+    def constants(self, geometry):
+        return Damped(stiffness_of(self.stiffness, geometry), self.ratio(self.restitution))
 
-    def unclipped(self, penetration, penetration_rate, memory):
-        ratio = self.ratio(self.restitution) if self.damping_ratio is None else self.damping_ratio
+    def formula(self, constants, penetration, penetration_rate, memory):
         speed = jnp.maximum(memory[0], self.minimum_impact_speed)
-        return self.stiffness * hertz_power(penetration, self.exponent) * (1 + ratio * penetration_rate / speed)
+        elastic = constants.stiffness * power(penetration, self.exponent)
+        return elastic * (1 + constants.damping_ratio * penetration_rate / speed)
 
-    def __call__(self, penetration, penetration_rate, memory):
-        return positive_part(self.unclipped(penetration, penetration_rate, memory))
+    def energy(self, constants, penetration):
+        return power_energy(constants.stiffness, penetration, self.exponent)
 
-    def energy(self, penetration):
-        return hertz_energy(self.stiffness, penetration, self.exponent)
-
-    def latch(self, memory, touch):
+    def latch(self, constants, memory, touch):
         speed = jnp.where(touch.began, jnp.maximum(touch.penetration_rate, self.minimum_impact_speed), memory[0])
-        return jnp.where(touch.ended, 0.0, speed)[None]
+        return (jnp.where(touch.ended, 0.0, speed),)
 
 
 def exact_restitution(stiffness, restitution, **options) -> RestitutionLaw:

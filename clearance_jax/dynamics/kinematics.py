@@ -1,0 +1,93 @@
+"""Where everything is and how it moves: poses of the bodies, relative motion in the joints, springs."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from clearance_jax._numerics import safe_unit
+from clearance_jax._types import Rows, Scalar
+from clearance_jax.joints import Relative
+from clearance_jax.mechanism.body import GROUND, Spring
+from clearance_jax.mechanism.mechanism import ClearanceJoint, Mechanism
+from clearance_jax.mechanism.state import State, layout
+from clearance_jax.mechanism.tree import Frame, Revolute, place
+from clearance_jax.spatial import Rotation, Vector, dot, minus, subtract
+
+Frames = dict[str, Frame]
+
+
+def frames(mechanism: Mechanism, time: Scalar, state: State) -> Frames:
+    """Pose and motion of every body: one sweep from the ground."""
+    names = layout(mechanism).velocities
+    values = {name: (i, state.q[i], state.v[i]) for i, name in enumerate(names)}
+    out = {GROUND: Frame()}
+    for joint in mechanism.joints:
+        out[joint.child] = place(joint, out[joint.parent], time, values)
+    return out
+
+
+class Play(NamedTuple):
+    """A clearance joint's relative motion; `rotation` takes the sleeve's axes to the world's, `pin` is the pin's centre
+    in the world.
+    """
+
+    relative: Relative
+    rotation: Rotation
+    pin: Vector
+
+
+def play(joint: ClearanceJoint, motion: Frames, state: State) -> Play:
+    """Kinematics of a clearance joint: in the tree its coordinates, in a loop a difference of positions."""
+    sleeve, pin = motion[joint.parent], motion[joint.child]
+    centre = pin.point(joint.joint.at_child.vector)
+    angle, spin = minus(pin.angle, sleeve.angle), minus(pin.spin, sleeve.spin)
+    if joint.play is not None:
+        i = joint.play
+        axis = next(column.axis for column in pin.free if column.index == i)
+        assert axis is not None  # the first play coordinate slides along the sleeve's x axis
+        at = Relative((state.q[i], state.q[i + 1]), angle, (state.v[i], state.v[i + 1]), spin)
+        return Play(at, Rotation(*axis), centre)
+    rotation = sleeve_rotation(joint.joint, motion)
+    gap = subtract(centre, sleeve.point(joint.joint.at_parent.vector))
+    rate = subtract(pin.velocity_at(centre), sleeve.velocity_at(centre))
+    return Play(Relative(rotation.undo(gap), angle, rotation.undo(rate), spin), rotation, centre)
+
+
+def sleeve_rotation(joint: Revolute, motion: Frames) -> Rotation:
+    """Orientation of the sleeve's axes: the parent's, turned by the joint's own angle."""
+    frame = motion[joint.parent]
+    return frame.rotation if joint.angle is None else frame.turned(joint.angle).rotation
+
+
+def relative_motions(time: Scalar, y: Array | Rows, mechanism: Mechanism) -> list[Relative]:
+    """The relative motion in every clearance joint."""
+    state = layout(mechanism).split(y)
+    motion = frames(mechanism, time, state)
+    return [_arrays(play(joint, motion, state).relative) for joint in mechanism.clearance_joints()]
+
+
+def _arrays(at: Relative) -> Relative:
+    x, y = (jnp.asarray(p, float) for p in at.place)
+    vx, vy = (jnp.asarray(v, float) for v in at.velocity)
+    return Relative((x, y), jnp.asarray(at.angle, float), (vx, vy), jnp.asarray(at.spin, float))
+
+
+class SpringState(NamedTuple):
+    """Elongation [m], its rate, tension [N] and direction (a to b) of a spring."""
+
+    elongation: Array
+    rate: Array
+    tension: Array
+    along: Vector
+
+
+def spring_state(spring: Spring, motion: Frames) -> SpringState:
+    """What a spring does."""
+    frame_a, frame_b = motion[spring.body_a], motion[spring.body_b]
+    a, b = frame_a.point(spring.at_a.vector), frame_b.point(spring.at_b.vector)
+    span = subtract(b, a)
+    length, ux, uy = safe_unit(jnp.asarray(span[0], dtype=float), jnp.asarray(span[1], dtype=float))
+    rate = jnp.asarray(dot((ux, uy), subtract(frame_b.velocity_at(b), frame_a.velocity_at(a))))
+    elongation = length - spring.free_length
+    return SpringState(elongation, rate, spring.stiffness * elongation + spring.damping * rate, (ux, uy))

@@ -1,0 +1,111 @@
+"""What can be observed of a state."""
+
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from clearance_jax._types import Scalar
+from clearance_jax.dynamics.energy import BOOKS, driving, energies, read_books
+from clearance_jax.dynamics.equations import Balance, balance
+from clearance_jax.dynamics.inertia import Extra
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.state import State, layout
+from clearance_jax.spatial import Term, Vector, add, as_array, scale, subtract
+
+
+def observe(time: Scalar, y: Array, mechanism: Mechanism) -> dict[str, Array]:
+    """Everything reported of one state. Rows follow the mechanism's own order of coordinates, joints and points."""
+    plan = layout(mechanism)
+    state = plan.split(y)
+    now = balance(mechanism, time, state)
+    out = coordinate_values(mechanism, time, state) | point_motions(mechanism, now) | contacts(mechanism, now)
+    out["joint_reaction"] = jnp.stack([as_array(list(f)) for f in reactions(mechanism, now)])
+    efforts = driving(mechanism, now)
+    if efforts:
+        out["drive_force"] = as_array([effort for effort, _ in efforts])
+    held = energies(time, y, mechanism)
+    contact = held.pop("contact_energy")
+    out |= held
+    if y.shape[0] > plan.size:
+        out |= read_books(y[plan.size : plan.size + len(BOOKS)], contact)
+    return out
+
+
+def contacts(mechanism: Mechanism, now: Balance) -> dict[str, Array]:
+    """What happens in every clearance joint: place of the pin, shape (joints, 2), and at the contact point."""
+    if not now.actions:
+        return {}
+    plays = [now.plays[joint.name].relative for joint in mechanism.clearance_joints()]
+    points = [action.points[0] for action in now.actions.values()]
+    return {
+        "eccentricity": jnp.stack([as_array(list(at.place)) for at in plays]),
+        "penetration": jnp.stack([p.penetration for p in points]),
+        "penetration_rate": jnp.stack([p.penetration_rate for p in points]),
+        "contact_force": jnp.stack([p.normal_force for p in points]),
+        "friction_force": jnp.stack([p.traction[0] for p in points]),
+        "slip_velocity": jnp.stack([p.slip[0] for p in points]),
+    }
+
+
+def point_motions(mechanism: Mechanism, now: Balance) -> dict[str, Array]:
+    """Position, velocity and acceleration of every named point, shape (points, 2)."""
+    if not mechanism.points:
+        return {}
+    extra, places, speeds, rates = Extra(now.acceleration), [], [], []
+    for point in mechanism.points:
+        frame = now.motion[point.body]
+        at = frame.point(point.at.vector)
+        places.append(as_array(list(at)))
+        speeds.append(as_array(list(frame.velocity_at(at))))
+        rates.append(as_array(list(add(frame.acceleration_at(at), extra.at(frame, at)))))
+    return {"position": jnp.stack(places), "velocity": jnp.stack(speeds), "acceleration": jnp.stack(rates)}
+
+
+def coordinate_values(mechanism: Mechanism, time: Scalar, state: State) -> dict[str, Array]:
+    """Position and velocity of every elementary coordinate, prescribed ones too."""
+    i = 0
+    q: list[Term] = []
+    v: list[Term] = []
+    for coordinate in mechanism.coordinates():
+        if coordinate.motion.drive is None:
+            q.append(state.q[i])
+            v.append(state.v[i])
+            i += 1
+        else:
+            now = coordinate.motion.drive(time)
+            q.append(now[0])
+            v.append(now[1])
+    return {"q": as_array(q), "v": as_array(v)}
+
+
+def reactions(mechanism: Mechanism, now: Balance) -> list[Vector]:
+    """World force on the child in every joint, tree then loops, by the momentum of what hangs on it."""
+    extra = Extra(now.acceleration)
+    by_name = dict(zip(now.actions, now.pairs, strict=False))
+    closing = dict(zip([j.name for j in mechanism.closures()], now.closing, strict=True))
+    out: list[Vector] = []
+    for joint in mechanism.joints:
+        if joint.name in now.actions:
+            out.append(by_name[joint.name].force)
+            continue
+        beyond = descendants(mechanism, joint.child)
+        force: Vector = (0.0, 0.0)
+        for body in mechanism.bodies:
+            if body.name in beyond and body.mass is not None:
+                frame = now.motion[body.name]
+                centre = frame.point(body.center_of_mass.vector)
+                acceleration = add(frame.acceleration_at(centre), extra.at(frame, centre))
+                force = add(force, scale(body.mass, subtract(acceleration, mechanism.gravity.vector)))
+        for pair in (*now.pairs, *now.closing):
+            inside = (pair.child in beyond) - (pair.parent in beyond)
+            force = subtract(force, scale(float(inside), pair.force))
+        out.append(force)
+    return out + [(by_name | closing)[loop.name].force for loop in mechanism.loops]
+
+
+def descendants(mechanism: Mechanism, body: str) -> set[str]:
+    """A body and every body that hangs on it."""
+    beyond = {body}
+    for joint in mechanism.joints:
+        if joint.parent in beyond:
+            beyond.add(joint.child)
+    return beyond

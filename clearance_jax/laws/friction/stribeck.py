@@ -1,0 +1,34 @@
+"""Friction with a Stribeck peak, without memory."""
+
+from typing import ClassVar
+
+import jax.numpy as jnp
+
+from clearance_jax._types import Scalar
+from clearance_jax.laws._base import AbstractFrictionLaw, Smoothness, along_slip, outside
+from clearance_jax.parameters import physical
+
+
+class BrownMcPhee(AbstractFrictionLaw):
+    """T = -N (mu_d tanh(4 x) + (mu_s - mu_d) x / (x^2/4 + 3/4)^2), x = v/v_t (Brown and McPhee 2016,
+    doi 10.1007/s11044-015-9471-9). Smooth, with a peak near mu_s at x = 1.
+
+    **Arguments:** `static_coefficient` mu_s, `dynamic_coefficient` mu_d, `transition_speed` v_t [m/s].
+    """
+
+    static_coefficient: Scalar = physical("", least=0.0)
+    dynamic_coefficient: Scalar = physical("", least=0.0)
+    transition_speed: Scalar = physical("m/s", above=0.0)
+    smoothness: ClassVar[Smoothness] = "C2"
+
+    def traction(self, constants, slip, normal_force, memory):
+        def profile(v):
+            x = v / self.transition_speed
+            bump = x / (0.25 * x * x + 0.75) ** 2
+            stribeck = (self.static_coefficient - self.dynamic_coefficient) * bump
+            return -normal_force * (self.dynamic_coefficient * jnp.tanh(4 * x) + stribeck)
+
+        return along_slip(profile, slip)
+
+    def switches(self, constants, slip, normal_force, memory):
+        return (outside(slip, self.transition_speed),)

@@ -1,0 +1,39 @@
+"""What a law may know of the contact that it acts in."""
+
+from typing import Any, Literal, NamedTuple
+
+import equinox as eqx
+
+from clearance_jax._types import Scalar
+from clearance_jax.parameters import physical
+
+
+class Material(eqx.Module):
+    """An elastic material: Young's `modulus` E [Pa], `poisson_ratio` nu."""
+
+    modulus: Scalar = physical("Pa", above=0.0)
+    poisson_ratio: Scalar = physical("", least=0.0, below=0.5, default=0.3)
+
+    @property
+    def compliance(self) -> Scalar:
+        """(1 - nu^2) / E [1/Pa], its share of 1 / E*."""
+        return (1 - self.poisson_ratio**2) / self.modulus
+
+
+class Geometry(NamedTuple):
+    """A pin in a sleeve: radii and radial clearance [m]; `length` of the contact [m] and materials, where they are
+    known; whether a contact is a `point` or a `line` along the sleeve.
+    """
+
+    pin_radius: Scalar
+    sleeve_radius: Scalar
+    radial_clearance: Scalar
+    length: Scalar | None = None
+    pin_material: Material | None = None
+    sleeve_material: Material | None = None
+    kind: Literal["point", "line"] = "point"
+
+
+# What differs from one contact point to another of the same joint (the curvature of a worn wall, say): the law's own
+# business, absent (`None`) for a round sleeve.
+Local = Any

@@ -1,0 +1,34 @@
+"""The IMPACT function of MSC ADAMS."""
+
+from typing import Any, ClassVar
+
+from clearance_jax._numerics import step3
+from clearance_jax._types import Scalar
+from clearance_jax.laws._base import Smoothness
+from clearance_jax.laws.normal._power import STIFFNESS, AbstractPowerLaw, power
+from clearance_jax.parameters import physical
+
+
+class AdamsImpact(AbstractPowerLaw):
+    """F = max(0, K d^n + STEP(d, 0, 0, d_max, c_max) d') for d > 0: the IMPACT function of MSC ADAMS.
+
+    The outer max(0, .) belongs to the definition (SolidWorks Motion and ADAMS function manuals; Qian et al. 2022,
+    Eqs. 6 and 7, doi 10.3390/app122111041).
+
+    **Arguments:** `stiffness` K [N/m^n], `damping` c_max [N s/m], `full_damping_depth` d_max [m] at which the damping
+    is complete, `exponent` n (`None`: 3/2).
+    """
+
+    stiffness: Any = physical(STIFFNESS, above=0.0)
+    damping: Scalar = physical("N*s/m", least=0.0)
+    full_damping_depth: Scalar = physical("m", above=0.0)
+    exponent: Scalar | None = physical("", least=1.0, default=None)
+    smoothness: ClassVar[Smoothness] = "C0"
+
+    def formula(self, constants, penetration, penetration_rate, memory):
+        damping = self.damping * step3(penetration / self.full_damping_depth)
+        return constants * power(penetration, self.exponent) + damping * penetration_rate
+
+    def switches(self, constants, penetration, penetration_rate, memory):
+        # The damping's curvature jumps at d_max, by 6 c_max / d_max^2: no error estimate sees it.
+        return (penetration - self.full_damping_depth,)

@@ -1,0 +1,39 @@
+"""Hertz's elastic contact, and Hunt and Crossley's damping of it."""
+
+from typing import Any, ClassVar
+
+from clearance_jax._types import Scalar
+from clearance_jax.laws._base import Smoothness
+from clearance_jax.laws.normal._power import STIFFNESS, AbstractPowerLaw, power
+from clearance_jax.parameters import physical
+
+
+class Hertz(AbstractPowerLaw):
+    """F = K d^n, elastic. **Arguments:** `stiffness` K [N/m^n], `exponent` n >= 1 (`None`: 3/2)."""
+
+    stiffness: Any = physical(STIFFNESS, above=0.0)
+    exponent: Scalar | None = physical("", least=1.0, default=None)
+    smoothness: ClassVar[Smoothness] = "C1"
+
+    @property
+    def clips(self):
+        return False
+
+    def formula(self, constants, penetration, penetration_rate, memory):
+        return constants * power(penetration, self.exponent)
+
+
+class HuntCrossley(AbstractPowerLaw):
+    """F = max(0, K d^n (1 + lambda d')) with a fixed factor: no memory, so restitution falls with impact speed,
+    e = 1 - (2/3) lambda v + (4/9)(lambda v)^2 - ... (Hunt and Crossley 1975, doi 10.1115/1.3423596).
+
+    **Arguments:** `stiffness` K [N/m^n], `damping_factor` lambda [s/m], `exponent` n (`None`: 3/2).
+    """
+
+    stiffness: Any = physical(STIFFNESS, above=0.0)
+    damping_factor: Scalar = physical("s/m", least=0.0)
+    exponent: Scalar | None = physical("", least=1.0, default=None)
+    smoothness: ClassVar[Smoothness] = "C1"
+
+    def formula(self, constants, penetration, penetration_rate, memory):
+        return constants * power(penetration, self.exponent) * (1 + self.damping_factor * penetration_rate)

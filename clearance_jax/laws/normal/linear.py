@@ -1,0 +1,38 @@
+"""The linear spring and damper."""
+
+from typing import Any, ClassVar
+
+import equinox as eqx
+
+from clearance_jax._numerics import positive_part
+from clearance_jax._types import Scalar
+from clearance_jax.laws._base import AbstractNormalLaw, Smoothness, stiffness_of
+from clearance_jax.parameters import physical
+
+
+class LinearKelvinVoigt(AbstractNormalLaw):
+    """F = k d + b d'. The force jumps to b v at touch (class C-1: no trustworthy derivative; use `HuntCrossley`).
+
+    Unclipped, it pulls before separation; clipped, F = max(0, k d + b d').
+
+    **Arguments:** `stiffness` k [N/m], `damping` b [N s/m], `clipped`.
+    """
+
+    stiffness: Any = physical("N/m", above=0.0)
+    damping: Scalar = physical("N*s/m", least=0.0)
+    clipped: bool = eqx.field(static=True, default=True)
+    smoothness: ClassVar[Smoothness] = "C-1"
+    smooth_alternative: ClassVar[str] = "`HuntCrossley` (class C1)"
+
+    @property
+    def clips(self):
+        return self.clipped
+
+    def constants(self, geometry):
+        return stiffness_of(self.stiffness, geometry)
+
+    def formula(self, constants, penetration, penetration_rate, memory):
+        return constants * penetration + self.damping * penetration_rate
+
+    def energy(self, constants, penetration):
+        return 0.5 * constants * positive_part(penetration) ** 2

@@ -1,0 +1,50 @@
+"""A law with its onset smoothed, so that it has derivatives that can be trusted."""
+
+from typing import Any, ClassVar
+
+import jax.numpy as jnp
+
+from clearance_jax._numerics import step5
+from clearance_jax._types import Scalar
+from clearance_jax.laws._base import AbstractNormalLaw, Smoothness
+from clearance_jax.parameters import flattened, physical
+
+
+class SmoothedOnset(AbstractNormalLaw):
+    """F = F_e(d) + STEP5(d / w) (F - F_e): what a law does beyond its elastic force F_e, at rest, grows over the
+    depth w from nothing at first touch, instead of being there at once.
+
+    A law of class C-1 (a linear damper) so becomes one of class C0, whose derivatives can be trusted. The elastic
+    energy stays the law's own.
+
+    **Arguments:** `law`, without memory; `width` w [m] > 0: deep against round-off, shallow against the penetration.
+    """
+
+    law: AbstractNormalLaw = flattened()
+    width: Scalar = physical("m", above=0.0)
+    smoothness: ClassVar[Smoothness] = "C0"
+
+    @property
+    def clips(self):
+        return self.law.clips
+
+    def units(self):
+        return self.law.units()
+
+    def constants(self, geometry) -> Any:
+        return self.law.constants(geometry)
+
+    def formula(self, constants, penetration, penetration_rate, memory):
+        elastic = self.law.formula(constants, penetration, jnp.zeros_like(penetration_rate), memory)
+        whole = self.law.formula(constants, penetration, penetration_rate, memory)
+        return elastic + step5(penetration / self.width) * (whole - elastic)
+
+    def switches(self, constants, penetration, penetration_rate, memory):
+        return (penetration - self.width, *self.law.switches(constants, penetration, penetration_rate, memory))
+
+    def energy(self, constants, penetration):
+        return self.law.energy(constants, penetration)
+
+    def __check_init__(self):
+        if self.law.remembers:
+            raise ValueError("Only a law without memory can have its onset smoothed.")

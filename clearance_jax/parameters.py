@@ -1,0 +1,227 @@
+"""The numbers of a model: array leaves with unit and bounds, each reached by one dotted name.
+
+A number of the model (a mass, a clearance, a stiffness) is always an array leaf, never a Python float: a float field
+would be a compile-time constant (a new compilation for every value, and no derivative).
+
+What a name is follows from how the model is made. A member of a tuple that has a `name` starts a name of its own
+(`wrist.`); a flattened field adds nothing to it, a leading field goes in front (`drive.crank.speed`), any other adds
+itself.
+"""
+
+import dataclasses
+import operator
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array
+
+from clearance_jax._types import Flag
+from clearance_jax.errors import ClearanceError, require_float64, suggest
+
+# What a number's field may demand of it: key of its metadata, test, words.
+BOUNDS = (
+    ("above", operator.gt, "greater than"),
+    ("least", operator.ge, "at least"),
+    ("below", operator.lt, "below"),
+)
+
+
+def as_leaf(value: Any) -> Any:
+    """`value` as a float64 array leaf; `None` (the quantity is absent from the model) stays `None`."""
+    if value is None or isinstance(value, eqx.Module):
+        return value
+    if isinstance(value, (int, float, np.ndarray, np.generic, list, tuple)):
+        require_float64()
+        return jnp.asarray(value, dtype=float)
+    return value
+
+
+def physical(unit: str, *, above: float | None = None, least: float | None = None, below: float | None = None, **field):
+    """A dataclass field that holds one physical number (or `None` where the quantity may be absent).
+
+    **Arguments:**
+
+    - `unit`: the SI unit, as pint spells it; a word that its owner resolves (see `Parametrised.units`) otherwise.
+    - `above`, `least`, `below`: open lower, closed lower and open upper bound of valid values, checked at the door of
+      `simulate` and by the scene reader.
+    - `field`: passed on to `dataclasses.field` (for instance `default`).
+    """
+    metadata = {"unit": unit, "above": above, "least": least, "below": below}
+    return eqx.field(converter=as_leaf, metadata=metadata, **field)
+
+
+def flattened(**field):
+    """A field whose own name is left out of dotted parameter names: its members appear as its owner's."""
+    return eqx.field(metadata={"flattened": True}, **field)
+
+
+def leading(**field):
+    """A field whose own name comes first in dotted parameter names."""
+    return eqx.field(metadata={"leading": True}, **field)
+
+
+class Parametrised(eqx.Module):
+    """A part of a model whose numbers have units that depend on what else it is made of."""
+
+    def units(self) -> dict[str, str]:
+        """SI units by the words that its own and its members' fields have for them. None by default."""
+        return {}
+
+
+@dataclasses.dataclass(frozen=True)
+class Leaf:
+    """One number of a model: dotted name, the attribute path to it, its value and its field's metadata; `owners`: the
+    parts that it belongs to, the nearest last.
+    """
+
+    name: str
+    path: tuple[str, ...]
+    value: Any
+    metadata: Any
+    owners: tuple[Any, ...] = ()
+
+    @property
+    def unit(self) -> str:
+        """The SI unit, with what its owners know of it put in."""
+        words: dict[str, str] = {}
+        for owner in self.owners:
+            words |= owner.units() if isinstance(owner, Parametrised) else {}
+        return resolved_unit(self.metadata["unit"], words)
+
+
+def resolved_unit(unit: str, words: Mapping[str, str]) -> str:
+    """A unit with words replaced by the units that they stand for."""
+    for word, meant in words.items():
+        unit = unit.replace(word, meant)
+    return unit
+
+
+def leaves(module: eqx.Module, path: tuple[str, ...] = (), prefix: str = "", owners: tuple = ()) -> Iterator[Leaf]:
+    """Every number of `module`, with its dotted name and how to reach it."""
+    owners = (*owners, module)
+    for field in dataclasses.fields(module):
+        if field.metadata.get("static", False):
+            continue
+        value, here = getattr(module, field.name), (*path, field.name)
+        name = prefix if field.metadata.get("flattened") else f"{prefix}{field.name}."
+        name = f"{field.name}.{prefix}" if field.metadata.get("leading") else name
+        if "unit" in field.metadata and not isinstance(value, eqx.Module):
+            if value is not None:
+                yield Leaf(name[:-1], here, value, field.metadata, owners)
+        elif isinstance(value, eqx.Module):
+            yield from leaves(value, here, name, owners)
+        elif isinstance(value, tuple):
+            for index, member in enumerate(value):
+                own = getattr(member, "name", None)
+                inner = f"{name}{index}." if own is None else f"{own}."
+                yield from leaves(member, (*here, str(index)), inner, owners)
+
+
+def parameters(module: eqx.Module) -> dict[str, Leaf]:
+    """Every number of a model by its one dotted name, with value, unit and bounds."""
+    return {leaf.name: leaf for leaf in leaves(module)}
+
+
+def follow(module: Any, path: tuple[str, ...]) -> Any:
+    """The member of `module` at an attribute path (digits index tuples)."""
+    for step in path:
+        module = module[int(step)] if step.isdigit() else getattr(module, step)
+    return module
+
+
+def find(known: Mapping[str, Leaf], name: str) -> tuple[Leaf, int | None]:
+    """The leaf that a name means, and the entry (`name.i`) of an array. **Raises** `ClearanceError` for neither."""
+    if name in known:
+        return known[name], None
+    head, _, tail = name.rpartition(".")
+    if not (tail.isdigit() and head in known):
+        raise ClearanceError(f"There is no parameter `{name}`. " + suggest(name, known))
+    shape = np.shape(known[head].value)
+    if not (len(shape) == 1 and int(tail) < shape[0]):
+        raise ClearanceError(f"`{head}` has shape {shape}: there is no entry {int(tail)}.")
+    return known[head], int(tail)
+
+
+def replace(module: Any, values: Mapping[str, Any]) -> Any:
+    """A new mechanism with some numbers replaced.
+
+    **Arguments:**
+
+    - `values`: dotted name to number or array (SI; tracers welcome). A name may end in `.i` for one entry of an array.
+
+    **Raises:** `ClearanceError` for an unknown name.
+    """
+    known = parameters(module)
+    for name, value in values.items():
+        leaf, index = find(known, name)
+        path, old = leaf.path, follow(module, leaf.path)
+        new = jnp.asarray(value, dtype=float) if index is None else jnp.asarray(old).at[index].set(value)
+        if np.ndim(new) < np.ndim(old):
+            raise ClearanceError(
+                f"`{name}` must have shape {np.shape(old)}, but a value of shape {np.shape(new)} was "
+                f"given. Name one entry as `{name}.0`."
+            )
+        module = eqx.tree_at(lambda m, path=path: follow(m, path), module, new)
+    return module
+
+
+def values_of(module: eqx.Module, names: Sequence[str]) -> dict[str, Array]:
+    """The present values of named parameters (`name.i`: one entry of an array)."""
+    known, out = parameters(module), {}
+    for name in names:
+        leaf, index = find(known, name)
+        out[name] = jnp.asarray(leaf.value if index is None else leaf.value[index], float)
+    return out
+
+
+def unit_of(module: eqx.Module, name: str) -> str:
+    """The SI unit of a named parameter."""
+    return find(parameters(module), name)[0].unit
+
+
+def violations(value: Any, metadata: Mapping[str, Any]) -> Iterator[tuple[str, float, Any]]:
+    """Of each bound of a number's field: what it demands in words, its limit, and whether it holds (a flag)."""
+    for key, holds, words in BOUNDS:
+        limit = metadata.get(key)
+        if limit is not None:
+            yield words, limit, holds(value, limit)
+
+
+def bounds_hold(module: eqx.Module) -> Flag:
+    """Whether every number is finite and inside its bounds (a flag, also for tracers)."""
+    every = [(jnp.ravel(jnp.asarray(leaf.value)), leaf.metadata) for leaf in leaves(module)]
+    if not every:
+        return jnp.asarray(True)
+    numbers = jnp.concatenate([value for value, _ in every])
+    good = jnp.isfinite(numbers)
+    for key, holds, _ in BOUNDS:
+        limits = [np.full(value.shape, np.nan if m.get(key) is None else m[key]) for value, m in every]
+        limit = np.concatenate(limits)
+        good &= holds(numbers, jnp.asarray(limit)) | jnp.asarray(np.isnan(limit))
+    return jnp.all(good)
+
+
+def check_values(module: eqx.Module) -> None:
+    """Raise for a number that is not finite or not inside its bounds. Tracers pass."""
+    for name, leaf in parameters(module).items():
+        if isinstance(leaf.value, Tracer):
+            continue
+        try:
+            value = np.asarray(leaf.value, float)
+        except (TypeError, ValueError):
+            raise ClearanceError(f"`{name}` must be a number in {leaf.unit}, not {leaf.value!r}.") from None
+        if not np.all(np.isfinite(value)):
+            raise ClearanceError(f"`{name}` must be finite, but it is {value.tolist()}.")
+        check_bounds(value, leaf.metadata, f"`{name}`", leaf.unit)
+
+
+def check_bounds(value: Any, metadata: Mapping[str, Any], where: str, unit: str) -> None:
+    """Raise for a number outside its field's bounds, naming `where` it stands."""
+    value = np.asarray(value)
+    for words, limit, holds in violations(value, metadata):
+        if not np.all(holds):
+            raise ClearanceError(f"{where} must be {words} {limit:g} {unit}, but it is {value.tolist()} {unit}.")

@@ -1,0 +1,120 @@
+"""ONE attempt at a step: tried, judged, decided, recorded. Whatever drives a solve drives this.
+
+Single solves are driven by diffrax, which calls its two halves one after the other (`driver`); blocks that keep every
+step end drive it themselves (`trace`).
+"""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from clearance_jax._types import Flag, Scalar
+from clearance_jax.solve.control import Control, Decision, Means, decided, first_end, judged
+from clearance_jax.solve.problem import Problem
+from clearance_jax.solve.step import Trial, try_step
+from clearance_jax.solve.tableau import tableau_of
+
+
+class Options(NamedTuple):
+    """What a solve is compiled for: `simulate`'s choices. `solver`: a diffrax Runge-Kutta solver; `observers`: see
+    every accepted step, see `observers.AbstractObserver`.
+    """
+
+    solver: Any
+    watch: bool
+    books: bool
+    max_steps: int
+    derivatives: str = "controlled"
+    observers: tuple = ()
+
+
+def means_of(options: Options, allowed) -> Means:
+    """What a solve is judged by."""
+    longest = None
+    for observer in options.observers:
+        longest = observer.longest if longest is None else jnp.minimum(longest, observer.longest)
+    return Means(allowed, options.watch, float(options.solver.error_order(None)), longest)
+
+
+def started(options: Options, t0: Scalar, y0: Array, problem: Problem) -> tuple:
+    """The observers' records before the first step."""
+    return tuple(observer.start(t0, y0, problem) for observer in options.observers)
+
+
+@eqx.filter_jit
+def decide(
+    problem: Problem, trial: Trial, times: tuple, means: Means, control: Control, observers: tuple, record: tuple
+) -> tuple[Decision, tuple]:
+    """The second half: what follows from a try, and what the observers have seen by then. (A function of its own to
+    JAX: diffrax traces its loop three times.)
+    """
+    decision = decided(problem, judged(problem, trial, times, means, control), times, means, control)
+    ends = trial.start, trial.end, trial.slope0, trial.slope1
+    seen = tuple(observer(own, times, ends, problem) for observer, own in zip(observers, record, strict=True))
+    return decision, jax.tree.map(lambda new, old: jnp.where(decision.keep, new, old), seen, record)
+
+
+class Carry(NamedTuple):
+    """A solve on its way: where it is, the end of the next try, the slope at the state (unless `fresh`), what the
+    control remembers and the observers have seen; counts of kept and rejected tries, and whether it has failed.
+    """
+
+    time: Array
+    end: Array
+    y: Array
+    slope: Array
+    fresh: Flag
+    past_break: Flag
+    control: Control
+    record: tuple
+    accepted: Array
+    rejected: Array
+    collapsed: Flag
+
+
+def attempt(carry: Carry, problem: Problem, options: Options, means: Means, last: Scalar) -> tuple[Carry, Trial, Flag]:
+    """One attempt on the way to `last`; the try, and whether it was kept."""
+    times = carry.time, carry.end
+    trial = try_step(problem, options.solver, times, carry.y, carry.slope, carry.fresh)
+    decision, record = decide(problem, trial, times, means, carry.control, options.observers, carry.record)
+    keep = decision.keep
+    time = jnp.minimum(decision.start, last)
+    # As diffrax does: a solve that would end within a round-off of its end ends there, or goes halfway and sees.
+    near = decision.end > last - 100 * jnp.spacing(last)
+    end = jnp.where(near, jnp.where(keep, last, time + 0.5 * (last - time)), decision.end)
+    moved = Carry(
+        time,
+        end,
+        jnp.where(keep, trial.end, carry.y),
+        jnp.where(keep, trial.slope1, carry.slope),
+        jnp.where(keep, decision.past_break, carry.fresh),
+        decision.past_break,
+        decision.control,
+        record,
+        carry.accepted + keep,
+        carry.rejected + ~keep,
+        decision.collapsed,
+    )
+    return moved, trial, keep
+
+
+def start_carry(problem: Problem, options: Options, means: Means, t0: Scalar, t1: Scalar, y0: Array) -> Carry:
+    """Before the first attempt."""
+    end = jnp.minimum(first_end(problem, t0, t1, y0, means), t1)
+    yes, no, none = jnp.asarray(True), jnp.asarray(False), jnp.zeros((), int)
+    record = started(options, t0, y0, problem)
+    return Carry(t0, end, y0, jnp.zeros_like(y0), yes, no, Control.begin(), record, none, none, no)
+
+
+def dense_info(options: Options, trial: Trial, times: tuple) -> dict[str, Array]:
+    """What the solver's own interpolation of a step is made of."""
+    count = tableau_of(options.solver).stages
+    return {"y0": trial.start, "y1": trial.end, "k": (times[1] - times[0]) * trial.slopes[:count]}
+
+
+def dense(options: Options, trial: Trial, times: tuple) -> Any:
+    """The solver's own interpolation of a step."""
+    return options.solver.interpolation_cls(t0=times[0], t1=times[1], **dense_info(options, trial, times))

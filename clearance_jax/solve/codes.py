@@ -1,0 +1,42 @@
+"""How a solve ends: codes of our own, and their words."""
+
+import enum
+
+import diffrax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from clearance_jax._types import Code, Flag
+
+
+class Result(enum.IntEnum):
+    """Why a solve ended."""
+
+    REACHED_END = 0
+    IMPOSSIBLE = 1
+    STEP_COLLAPSED = 2
+    MAX_STEPS = 3
+    INTERRUPTED = 4
+
+
+WORDS = {
+    Result.REACHED_END: "",
+    Result.IMPOSSIBLE: "a number is out of its bounds, or the mechanism cannot be assembled",
+    Result.STEP_COLLAPSED: "the step size collapsed: a state that is not finite, or a force that jumps",
+    Result.MAX_STEPS: "the largest number of steps was reached",
+    Result.INTERRUPTED: "interrupted",
+}
+
+
+def words(code: int | Array) -> str:
+    """A code in words; empty where the solve reached its end."""
+    return WORDS[Result(int(code))]
+
+
+def code_of(possible: Flag, result: diffrax.RESULTS) -> Code:
+    """Diffrax's result, and whether there was anything to solve, as a code of ours."""
+    known = ((diffrax.RESULTS.successful, Result.REACHED_END), (diffrax.RESULTS.max_steps_reached, Result.MAX_STEPS))
+    code = jnp.asarray(int(Result.STEP_COLLAPSED))
+    for theirs, ours in known:
+        code = jnp.where(result == theirs, int(ours), code)
+    return jnp.where(possible, code, int(Result.IMPOSSIBLE))
