@@ -6,10 +6,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax.extend.core import ClosedJaxpr, Jaxpr
 from scipy.interpolate import CubicSpline
 
 import clearance_jax as cj
-from clearance_jax.mechanism.drives import AbstractDrive, DriveSum
+from clearance_jax.mechanism.drives import AbstractDrive, DriveSum, spline_curvature
 from clearance_jax.mechanism.expressions import read_expression
 
 KNOTS = np.array([0.1, 0.35, 0.5, 0.9, 1.0, 1.45, 1.7])
@@ -119,6 +120,66 @@ class TestSpline:
         )
         basis = CubicSpline(KNOTS, np.eye(KNOTS.size), bc_type=ends)
         np.testing.assert_allclose(slopes, basis(t), rtol=0, atol=1e-13)
+
+    def test_derivatives_by_the_table_and_its_times(self, ends):
+        t = np.array([0.0, 0.2, 0.95, 1.5, 1.9])  # the first and the last beyond the table
+        table = np.concatenate([KNOTS, TABLE])
+
+        def ours(table):
+            return jnp.stack(
+                jax.vmap(cj.Spline(table[: KNOTS.size], table[KNOTS.size :], ends).prepared())(jnp.asarray(t))
+            )
+
+        def theirs(table):
+            return np.stack([CubicSpline(*np.split(table, 2), bc_type=ends)(t, order) for order in range(3)])
+
+        moves = 1e-5 * np.eye(table.size)
+        expected = np.stack([theirs(table + m) - theirs(table - m) for m in moves], axis=-1) / 2e-5
+        for jacobian in (jax.jacfwd, jax.jacrev):
+            slopes = np.asarray(jax.jit(jacobian(ours))(jnp.asarray(table)))
+            np.testing.assert_allclose(slopes, expected, rtol=0, atol=1e-7 * np.max(np.abs(expected)))
+
+    def test_many_tables_at_once(self, ends):
+        stretched, tables = np.stack([KNOTS, 2 * KNOTS]), np.stack([TABLE, TABLE[::-1]])
+        got = jax.vmap(lambda times, values: spline_curvature(times, values, ends))(stretched, tables)
+        alone = [spline_curvature(jnp.asarray(t), jnp.asarray(v), ends) for t, v in zip(stretched, tables, strict=True)]
+        np.testing.assert_array_equal(got, np.stack(alone))
+
+    def test_a_long_table_needs_no_square_array(self, ends):
+        n = 20_000
+        rng = np.random.default_rng(0)
+        times, values = np.cumsum(rng.uniform(0.5, 1.5, n)), rng.standard_normal(n)
+
+        def curvature(times, values):
+            return spline_curvature(times, values, ends)
+
+        def slopes(times, values):
+            return jax.grad(lambda *table: jnp.sum(curvature(*table) ** 2), (0, 1))(times, values)
+
+        for function in (curvature, slopes):
+            assert largest(jax.make_jaxpr(function)(times, values).jaxpr) <= 10 * n
+        expected = CubicSpline(times, values, bc_type=ends)(times, 2)
+        size = np.max(np.abs(expected))
+        np.testing.assert_allclose(
+            curvature(jnp.asarray(times), jnp.asarray(values)), expected, rtol=0, atol=1e-13 * size
+        )
+        assert all(np.all(np.isfinite(s)) for s in slopes(jnp.asarray(times), jnp.asarray(values)))
+
+
+def largest(program: Jaxpr) -> int:
+    """Size of the largest array in a program and in the programs that it calls."""
+    sizes = [getattr(variable.aval, "size", 1) for equation in program.eqns for variable in equation.outvars]
+    for equation in program.eqns:
+        inner = jax.tree.leaves(equation.params, is_leaf=lambda p: isinstance(p, Jaxpr | ClosedJaxpr))
+        sizes += [largest(p.jaxpr if isinstance(p, ClosedJaxpr) else p) for p in inner if hasattr(p, "eqns")]
+    return max(sizes, default=0)
+
+
+def test_the_largest_array_is_found_inside_calls_too():
+    def dense(x):
+        return jax.lax.cond(x[0] > 0, jax.jit(lambda x: x + jnp.sum(jnp.outer(x, x))), jnp.sin, x)
+
+    assert largest(jax.make_jaxpr(dense)(jnp.ones(50)).jaxpr) == 2500
 
 
 def test_a_spline_needs_four_values_of_one_length():
