@@ -10,8 +10,11 @@ from jax.extend.core import ClosedJaxpr, Jaxpr
 from scipy.interpolate import CubicSpline
 
 import clearance_jax as cj
-from clearance_jax.mechanism.drives import AbstractDrive, DriveSum, spline_curvature
+from clearance_jax._types import Scalar, physical
+from clearance_jax.mechanism.body import AbstractActuator
+from clearance_jax.mechanism.drives import AbstractDrive, DriveSum, PreparedSpline, spline_curvature
 from clearance_jax.mechanism.expressions import read_expression
+from clearance_jax.mechanism.mechanism import drive_breaks
 
 KNOTS = np.array([0.1, 0.35, 0.5, 0.9, 1.0, 1.45, 1.7])
 TABLE = np.array([0.2, -0.4, 0.1, 0.9, 0.3, -1.1, 0.4])
@@ -92,8 +95,10 @@ class TestContract:
 
     def test_prepared_is_the_same_drive(self, name):
         drive = DRIVES[name][0]
-        t = jnp.asarray(0.777)
-        np.testing.assert_allclose(np.stack(drive.prepared()(t)), np.stack(drive(t)), rtol=1e-14)
+        t, prepared = jnp.asarray(0.777), drive.prepared()
+        np.testing.assert_allclose(np.stack(prepared(t)), np.stack(drive(t)), rtol=1e-14)
+        np.testing.assert_array_equal(prepared.breaks(), drive.breaks())
+        assert prepared.prepared() == prepared  # a mechanism may be prepared twice
 
 
 @pytest.mark.parametrize("ends", ["not-a-knot", "natural", "clamped"])
@@ -235,9 +240,59 @@ def test_a_sum_adds_its_terms_and_their_breaks():
         np.testing.assert_allclose(np.stack(drive(jnp.asarray(t))), expected, rtol=1e-14)
         np.testing.assert_allclose(np.stack(drive.prepared()(jnp.asarray(t))), expected, rtol=1e-12)
     assert sorted(np.asarray(drive.breaks()).tolist()) == sorted([0.3, 0.8, *KNOTS.tolist()])
-    prepared = drive.prepared().terms[1]
-    assert isinstance(prepared, cj.Spline)
-    assert prepared.curvature is not None
+    assert isinstance(drive.prepared().terms[1], PreparedSpline)
+
+
+class Push(AbstractActuator):
+    """A force that is there from `begin` on."""
+
+    force: Scalar = physical("effort")
+    begin: Scalar = physical("s")
+
+    def __call__(self, time, position, velocity):
+        return jnp.where(time >= self.begin, self.force, 0.0) + 0 * position
+
+    def breaks(self):
+        return self.begin[None]
+
+
+def block(*actuators):
+    """A mass of 2 kg on a guide."""
+    guide = cj.Prismatic("guide", "ground", "block", motion=cj.Motion(actuators=actuators))
+    return cj.Mechanism((cj.Body("block", 2.0),), (guide,))
+
+
+def test_drive_breaks_are_those_of_drives_and_actuators():
+    target = cj.Spline(KNOTS, TABLE)
+    servo = cj.Servo(target, 10.0, 1.0)
+    m = block(servo, Push(3.0, 0.62), cj.ConstantEffort(1.0))
+    for mechanism in (m, m.prepared()):
+        assert sorted(np.asarray(drive_breaks(mechanism)).tolist()) == sorted([0.62, *KNOTS.tolist()])
+    driven = cj.Prismatic("guide", "ground", "block", motion=cj.Motion(cj.StepSum([0.3], [0.8], [1.0])))
+    assert np.asarray(drive_breaks(cj.Mechanism((cj.Body("block"),), (driven,)))).tolist() == [0.3, 0.8]
+    assert drive_breaks(block()).shape == (0,)
+
+
+def test_a_force_with_a_break_is_integrated_on_both_sides_of_it():
+    s = cj.simulate(block(Push(3.0, 0.6217)), 1.0, rtol=1e-6, books=False)
+    left = 1.0 - 0.6217
+    np.testing.assert_allclose(s.final, [1.5 * left**2 / 2, 1.5 * left], rtol=1e-12)
+    assert int(s.rejected) == 0
+
+
+def test_a_solve_is_differentiable_by_a_spline_and_its_times():
+    m = block(cj.Servo(cj.Spline(KNOTS, TABLE), 50.0, 5.0))
+
+    def end(values, times):
+        table = {"guide.0.target.values": values, "guide.0.target.times": times}
+        return cj.simulate(cj.replace(m, table), 1.6, t0=0.2, rtol=1e-10, books=False).final[0]
+
+    point = jnp.stack([TABLE, KNOTS])
+    slopes = jnp.concatenate(jax.grad(end, (0, 1))(*point))
+    moves = 1e-4 * np.eye(14).reshape(14, 2, 7)
+    value = jax.jit(end)
+    expected = [(value(*(point + m)) - value(*(point - m))) / 2e-4 for m in moves]
+    np.testing.assert_allclose(slopes, expected, rtol=0, atol=1e-6 * np.max(np.abs(expected)))
 
 
 def test_what_vanishes_identically_is_absent_from_the_program():

@@ -290,7 +290,7 @@ def _drive(table: Table, name: str, coordinate: str, path: Path) -> AbstractDriv
         scale = to_si(f"1 {inner.need('unit')}", coordinate, inner.key("unit"))
         drive = Spline(times, values * scale, inner.word("ends", {"not-a-knot", "natural", "clamped"}, "not-a-knot"))
     else:
-        values = _fields(cls, inner, coordinate, skip={"curvature"})
+        values = _fields(cls, inner, coordinate)
         try:
             drive = cls(**values)
         except ClearanceError as error:

@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from clearance_jax._types import Scalar, flattened, physical
-from clearance_jax.mechanism.drives import AbstractDrive
+from clearance_jax.mechanism.drives import AbstractMotionLaw, Values
 from clearance_jax.spatial import Term, Vector, times
 
 GROUND = "ground"
@@ -78,6 +78,10 @@ class AbstractActuator(eqx.Module):
         """The actuator with what depends only on its numbers computed (once a solve)."""
         return self
 
+    def breaks(self) -> Values:
+        """Times at which the force or a derivative of it jumps: integration steps end there. None by default."""
+        return jnp.zeros(0)
+
 
 class ConstantEffort(AbstractActuator):
     """A constant torque [N m] (or force [N] on a sliding joint)."""
@@ -91,7 +95,7 @@ class ConstantEffort(AbstractActuator):
 class Servo(AbstractActuator):
     """A linear position servo: k (target - q) + b (target' - q')."""
 
-    target: AbstractDrive
+    target: AbstractMotionLaw
     stiffness: Scalar = physical("effort/coordinate", least=0.0)
     damping: Scalar = physical("effort*s/coordinate", least=0.0)
 
@@ -101,6 +105,9 @@ class Servo(AbstractActuator):
 
     def prepared(self):
         return Servo(self.target.prepared(), self.stiffness, self.damping)
+
+    def breaks(self):
+        return self.target.breaks()
 
 
 class JointSpring(AbstractActuator):
@@ -137,7 +144,7 @@ class Motion(eqx.Module):
     - `actuators`: generalised forces along a free coordinate.
     """
 
-    drive: AbstractDrive | None = None
+    drive: AbstractMotionLaw | None = None
     position: Scalar = physical("coordinate", default=0.0)
     velocity: Scalar = physical("coordinate/s", default=0.0)
     actuators: tuple[AbstractActuator, ...] = flattened(default=())

@@ -22,8 +22,8 @@ Values = Float[Array, " n"]
 Motion3 = tuple[Term, Term, Term]
 
 
-class AbstractDrive(eqx.Module):
-    """A prescribed coordinate."""
+class AbstractMotionLaw(eqx.Module):
+    """A coordinate as a function of time."""
 
     @abc.abstractmethod
     def __call__(self, time: Scalar) -> Motion3:
@@ -33,9 +33,13 @@ class AbstractDrive(eqx.Module):
         """Times at which a derivative jumps: integration steps end there. None by default."""
         return jnp.zeros(0)
 
-    def prepared(self) -> "AbstractDrive":
-        """The drive with what depends only on its numbers computed."""
+    def prepared(self) -> "AbstractMotionLaw":
+        """The same motion with what depends only on its numbers computed (once a solve); by default nothing does."""
         return self
+
+
+class AbstractDrive(AbstractMotionLaw):
+    """A motion law as a user gives it, by numbers of its own."""
 
 
 class ConstantSpeed(AbstractDrive):
@@ -130,8 +134,6 @@ class Spline(AbstractDrive):
     times: Values = physical("s")
     values: Values = physical("coordinate")
     ends: Literal["not-a-knot", "natural", "clamped"] = eqx.field(static=True, default="not-a-knot")
-    curvature: Values | None = physical("coordinate/s^2", default=None)
-    """q'' at the knots; computed once a solve."""
 
     def __check_init__(self):
         if self.times.shape[0] < 4 or self.times.shape != self.values.shape:
@@ -142,14 +144,26 @@ class Spline(AbstractDrive):
             raise ClearanceError(f"`ends` must be not-a-knot, natural or clamped, but it is {self.ends!r}.")
 
     def prepared(self):
-        curvature = spline_curvature(self.times, self.values, self.ends)
-        return eqx.tree_at(lambda s: s.curvature, self, curvature, is_leaf=lambda x: x is None)
+        return PreparedSpline(self.times, self.values, spline_curvature(self.times, self.values, self.ends))
 
     def __call__(self, time):
-        m = spline_curvature(self.times, self.values, self.ends) if self.curvature is None else self.curvature
+        return self.prepared()(time)
+
+    def breaks(self):
+        return self.times
+
+
+class PreparedSpline(AbstractMotionLaw):
+    """A cubic spline whose q'' at the knots is known: what a solve evaluates of a `Spline`."""
+
+    times: Values = physical("s")
+    values: Values = physical("coordinate")
+    curvature: Values = physical("coordinate/s^2")
+
+    def __call__(self, time):
         i = jnp.clip(jnp.searchsorted(self.times, time, side="right") - 1, 0, self.times.shape[0] - 2)
-        h = self.times[i + 1] - self.times[i]
-        u, ya, yb, ma, mb = time - self.times[i], self.values[i], self.values[i + 1], m[i], m[i + 1]
+        h, u = self.times[i + 1] - self.times[i], time - self.times[i]
+        ya, yb, ma, mb = self.values[i], self.values[i + 1], self.curvature[i], self.curvature[i + 1]
         slope = (yb - ya) / h - h * (2 * ma + mb) / 6
         third = (mb - ma) / h
         return (ya + u * (slope + u * (ma / 2 + u * third / 6)), slope + u * (ma + u * third / 2), ma + u * third)
@@ -159,9 +173,9 @@ class Spline(AbstractDrive):
 
 
 class DriveSum(AbstractDrive):
-    """The sum of several drives."""
+    """The sum of several motion laws: drives, as a user gives it; what they are prepared to, once it is prepared."""
 
-    terms: tuple[AbstractDrive, ...]
+    terms: tuple[AbstractMotionLaw, ...]
 
     def __call__(self, time):
         parts = [drive(time) for drive in self.terms]
