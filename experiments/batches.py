@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import clearance_jax as cj
-from clearance_jax.dynamics.field import rate
+from clearance_jax.dynamics.field import slope
 from clearance_jax.solve.flow import initial_state
 from experiments.common import CRANK_SPEED, output, seconds, slider_crank, table
 
@@ -49,7 +49,7 @@ def minimal_loop(clearances):
     """Final states (4, lanes) and attempts of each lane, by the shortest adaptive Tsit5 that gives an answer."""
     tableau = diffrax.Tsit5().tableau
     mechanism = jax.vmap(lambda c: with_clearance(c).prepared())(clearances)
-    field = jax.vmap(rate, (0, 1, 0), 1)
+    field = jax.vmap(slope, (0, 1, 0), 1)
     start = jax.vmap(lambda m: initial_state(m, jnp.zeros(())), 0, 1)(mechanism)
     scale = RTOL * jnp.array([1.0, 0.1, CRANK_SPEED, 0.1 * CRANK_SPEED])[:, None]
 

@@ -23,7 +23,7 @@ from clearance_jax import laws
 from clearance_jax.analysis import metrics
 from clearance_jax.analysis.trust import LIMITS, horizon_of, neighbours
 from clearance_jax.errors import ClearanceError
-from clearance_jax.solve.simulate import solve
+from clearance_jax.solve.simulate import run
 from experiments.common import output, table
 
 NAME = "play.radial_clearance"
@@ -122,7 +122,7 @@ def derivatives(mechanism, points, times):
     """Derivative of the pin's position by the clearance at the times, for every clearance in `points`."""
 
     def at(c):
-        return solve(cj.replace(mechanism, {NAME: c}), times[-1], save_at=times, rtol=RTOL).y[:, 0]
+        return run(cj.replace(mechanism, {NAME: c}), times[-1], save_at=times, rtol=RTOL).y[:, 0]
 
     return jax.vmap(lambda c: jax.jvp(at, (c,), (jnp.ones_like(c),))[1])(points)
 
@@ -240,7 +240,7 @@ def _primal(kind: str):
         mechanism = scene(Numbers(*numbers))
         options = {"rtol": SWEEP_RTOL, "solver": "dopri8"}
         if kind == "place":
-            return place(mechanism, solve(mechanism, end, **options))
+            return place(mechanism, run(mechanism, end, **options))
         if kind == "peak force":
             return METRICS[kind](mechanism, end, **options)
         if kind == "peak time":

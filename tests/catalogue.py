@@ -10,6 +10,7 @@ K = 6.61e10
 NORMAL = {
     "kelvin-voigt": laws.LinearKelvinVoigt(1e7, 500.0),
     "kelvin-voigt-unclipped": laws.LinearKelvinVoigt(1e7, 500.0, clipped=False),
+    "smoothed-onset": laws.SmoothedOnset(laws.LinearKelvinVoigt(1e7, 500.0), 1e-6),
     "hertz": laws.Hertz(K),
     "hertz-n": laws.Hertz(K, 1.8),
     "adams-impact": laws.AdamsImpact(K, 2000.0, 1e-5),

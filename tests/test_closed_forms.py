@@ -15,9 +15,9 @@ from scipy.special import gamma
 
 import clearance_jax as cj
 from clearance_jax import laws
+from clearance_jax.dynamics.field import slope
 from clearance_jax.dynamics.observe import observe
-from clearance_jax.dynamics.field import rate
-from clearance_jax.laws.restitution import exact_ratio
+from clearance_jax.laws.normal.restitution import exact_ratio
 from clearance_jax.solve.flow import initial_state
 
 MASS, SPEED, GRAVITY = 0.14, 0.5, 9.81
@@ -183,7 +183,7 @@ def equilibrium(values):
     m, now = cj.replace(hung(), values).prepared(), jnp.asarray(0.0)
 
     def acceleration(q):
-        return rate(now, jnp.concatenate([q, jnp.zeros(3)]), m)[3:]
+        return slope(now, jnp.concatenate([q, jnp.zeros(3)]), m)[3:]
 
     def newton(_, q):
         return q - jnp.linalg.solve(jax.jacfwd(acceleration)(q), acceleration(q))
@@ -191,7 +191,7 @@ def equilibrium(values):
     # From above the root: there the force is convex, and Newton's method cannot leave the contact.
     start = jnp.stack([jnp.asarray(0.0), -values["j.radial_clearance"] - 1e-5, jnp.asarray(0.0)])
     q = jax.lax.fori_loop(0, 60, newton, start)
-    return q, jax.jacfwd(lambda y: rate(now, y, m))(jnp.concatenate([q, jnp.zeros(3)]))
+    return q, jax.jacfwd(lambda y: slope(now, y, m))(jnp.concatenate([q, jnp.zeros(3)]))
 
 
 def test_static_load_and_small_oscillations():

@@ -8,9 +8,9 @@ from catalogue import slider_crank
 import clearance_jax as cj
 from clearance_jax import design
 from clearance_jax.analysis import metrics
+from clearance_jax.analysis.measure import Request
 from clearance_jax.design import evaluate, made, solvers, verify
 from clearance_jax.errors import ClearanceError
-from clearance_jax.solve.simulate import solve
 from experiments.trust import CHAOTIC, scene
 from experiments.trust import NAME as PLAY
 from optimize import (
@@ -267,8 +267,11 @@ def test_islands_are_reported(capsys):
 class Place(metrics.AbstractMetric):
     """How far the pin is from where it started [m]."""
 
-    def __call__(self, mechanism, t1, **options):
-        return jnp.abs(solve(mechanism, t1, **options).final[0])
+    def request(self, mechanism, t1, options):
+        return Request()
+
+    def value(self, reply):
+        return jnp.abs(reply.solution.final[0])
 
 
 @pytest.mark.slow

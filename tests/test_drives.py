@@ -6,11 +6,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax.extend.core import ClosedJaxpr, Jaxpr
 from scipy.interpolate import CubicSpline
 
 import clearance_jax as cj
-from clearance_jax.mechanism.drives import AbstractDrive, DriveSum
+from clearance_jax._types import Scalar
+from clearance_jax.mechanism.body import AbstractActuator
+from clearance_jax.mechanism.drives import AbstractDrive, DriveSum, PreparedSpline, spline_curvature
 from clearance_jax.mechanism.expressions import read_expression
+from clearance_jax.mechanism.mechanism import drive_breaks
+from clearance_jax.parameters import physical
 
 KNOTS = np.array([0.1, 0.35, 0.5, 0.9, 1.0, 1.45, 1.7])
 TABLE = np.array([0.2, -0.4, 0.1, 0.9, 0.3, -1.1, 0.4])
@@ -91,8 +96,10 @@ class TestContract:
 
     def test_prepared_is_the_same_drive(self, name):
         drive = DRIVES[name][0]
-        t = jnp.asarray(0.777)
-        np.testing.assert_allclose(np.stack(drive.prepared()(t)), np.stack(drive(t)), rtol=1e-14)
+        t, prepared = jnp.asarray(0.777), drive.prepared()
+        np.testing.assert_allclose(np.stack(prepared(t)), np.stack(drive(t)), rtol=1e-14)
+        np.testing.assert_array_equal(prepared.breaks(), drive.breaks())
+        assert prepared.prepared() == prepared  # a mechanism may be prepared twice
 
 
 @pytest.mark.parametrize("ends", ["not-a-knot", "natural", "clamped"])
@@ -119,6 +126,66 @@ class TestSpline:
         )
         basis = CubicSpline(KNOTS, np.eye(KNOTS.size), bc_type=ends)
         np.testing.assert_allclose(slopes, basis(t), rtol=0, atol=1e-13)
+
+    def test_derivatives_by_the_table_and_its_times(self, ends):
+        t = np.array([0.0, 0.2, 0.95, 1.5, 1.9])  # the first and the last beyond the table
+        table = np.concatenate([KNOTS, TABLE])
+
+        def ours(table):
+            return jnp.stack(
+                jax.vmap(cj.Spline(table[: KNOTS.size], table[KNOTS.size :], ends).prepared())(jnp.asarray(t))
+            )
+
+        def theirs(table):
+            return np.stack([CubicSpline(*np.split(table, 2), bc_type=ends)(t, order) for order in range(3)])
+
+        moves = 1e-5 * np.eye(table.size)
+        expected = np.stack([theirs(table + m) - theirs(table - m) for m in moves], axis=-1) / 2e-5
+        for jacobian in (jax.jacfwd, jax.jacrev):
+            slopes = np.asarray(jax.jit(jacobian(ours))(jnp.asarray(table)))
+            np.testing.assert_allclose(slopes, expected, rtol=0, atol=1e-7 * np.max(np.abs(expected)))
+
+    def test_many_tables_at_once(self, ends):
+        stretched, tables = np.stack([KNOTS, 2 * KNOTS]), np.stack([TABLE, TABLE[::-1]])
+        got = jax.vmap(lambda times, values: spline_curvature(times, values, ends))(stretched, tables)
+        alone = [spline_curvature(jnp.asarray(t), jnp.asarray(v), ends) for t, v in zip(stretched, tables, strict=True)]
+        np.testing.assert_array_equal(got, np.stack(alone))
+
+    def test_a_long_table_needs_no_square_array(self, ends):
+        n = 20_000
+        rng = np.random.default_rng(0)
+        times, values = np.cumsum(rng.uniform(0.5, 1.5, n)), rng.standard_normal(n)
+
+        def curvature(times, values):
+            return spline_curvature(times, values, ends)
+
+        def slopes(times, values):
+            return jax.grad(lambda *table: jnp.sum(curvature(*table) ** 2), (0, 1))(times, values)
+
+        for function in (curvature, slopes):
+            assert largest(jax.make_jaxpr(function)(times, values).jaxpr) <= 10 * n
+        expected = CubicSpline(times, values, bc_type=ends)(times, 2)
+        size = np.max(np.abs(expected))
+        np.testing.assert_allclose(
+            curvature(jnp.asarray(times), jnp.asarray(values)), expected, rtol=0, atol=1e-13 * size
+        )
+        assert all(np.all(np.isfinite(s)) for s in slopes(jnp.asarray(times), jnp.asarray(values)))
+
+
+def largest(program: Jaxpr) -> int:
+    """Size of the largest array in a program and in the programs that it calls."""
+    sizes = [getattr(variable.aval, "size", 1) for equation in program.eqns for variable in equation.outvars]
+    for equation in program.eqns:
+        inner = jax.tree.leaves(equation.params, is_leaf=lambda p: isinstance(p, Jaxpr | ClosedJaxpr))
+        sizes += [largest(p.jaxpr if isinstance(p, ClosedJaxpr) else p) for p in inner if hasattr(p, "eqns")]
+    return max(sizes, default=0)
+
+
+def test_the_largest_array_is_found_inside_calls_too():
+    def dense(x):
+        return jax.lax.cond(x[0] > 0, jax.jit(lambda x: x + jnp.sum(jnp.outer(x, x))), jnp.sin, x)
+
+    assert largest(jax.make_jaxpr(dense)(jnp.ones(50)).jaxpr) == 2500
 
 
 def test_a_spline_needs_four_values_of_one_length():
@@ -174,9 +241,59 @@ def test_a_sum_adds_its_terms_and_their_breaks():
         np.testing.assert_allclose(np.stack(drive(jnp.asarray(t))), expected, rtol=1e-14)
         np.testing.assert_allclose(np.stack(drive.prepared()(jnp.asarray(t))), expected, rtol=1e-12)
     assert sorted(np.asarray(drive.breaks()).tolist()) == sorted([0.3, 0.8, *KNOTS.tolist()])
-    prepared = drive.prepared().terms[1]
-    assert isinstance(prepared, cj.Spline)
-    assert prepared.curvature is not None
+    assert isinstance(drive.prepared().terms[1], PreparedSpline)
+
+
+class Push(AbstractActuator):
+    """A force that is there from `begin` on."""
+
+    force: Scalar = physical("effort")
+    begin: Scalar = physical("s")
+
+    def __call__(self, time, position, velocity):
+        return jnp.where(time >= self.begin, self.force, 0.0) + 0 * position
+
+    def breaks(self):
+        return self.begin[None]
+
+
+def block(*actuators):
+    """A mass of 2 kg on a guide."""
+    guide = cj.Prismatic("guide", "ground", "block", motion=cj.Motion(actuators=actuators))
+    return cj.Mechanism((cj.Body("block", 2.0),), (guide,))
+
+
+def test_drive_breaks_are_those_of_drives_and_actuators():
+    target = cj.Spline(KNOTS, TABLE)
+    servo = cj.Servo(target, 10.0, 1.0)
+    m = block(servo, Push(3.0, 0.62), cj.ConstantEffort(1.0))
+    for mechanism in (m, m.prepared()):
+        assert sorted(np.asarray(drive_breaks(mechanism)).tolist()) == sorted([0.62, *KNOTS.tolist()])
+    driven = cj.Prismatic("guide", "ground", "block", motion=cj.Motion(cj.StepSum([0.3], [0.8], [1.0])))
+    assert np.asarray(drive_breaks(cj.Mechanism((cj.Body("block"),), (driven,)))).tolist() == [0.3, 0.8]
+    assert drive_breaks(block()).shape == (0,)
+
+
+def test_a_force_with_a_break_is_integrated_on_both_sides_of_it():
+    s = cj.simulate(block(Push(3.0, 0.6217)), 1.0, rtol=1e-6, books=False)
+    left = 1.0 - 0.6217
+    np.testing.assert_allclose(s.final, [1.5 * left**2 / 2, 1.5 * left], rtol=1e-12)
+    assert int(s.rejected) == 0
+
+
+def test_a_solve_is_differentiable_by_a_spline_and_its_times():
+    m = block(cj.Servo(cj.Spline(KNOTS, TABLE), 50.0, 5.0))
+
+    def end(values, times):
+        table = {"guide.0.target.values": values, "guide.0.target.times": times}
+        return cj.simulate(cj.replace(m, table), 1.6, t0=0.2, rtol=1e-10, books=False).final[0]
+
+    point = jnp.stack([TABLE, KNOTS])
+    slopes = jnp.concatenate(jax.grad(end, (0, 1))(*point))
+    moves = 1e-4 * np.eye(14).reshape(14, 2, 7)
+    value = jax.jit(end)
+    expected = [(value(*(point + m)) - value(*(point - m))) / 2e-4 for m in moves]
+    np.testing.assert_allclose(slopes, expected, rtol=0, atol=1e-6 * np.max(np.abs(expected)))
 
 
 def test_what_vanishes_identically_is_absent_from_the_program():

@@ -11,11 +11,11 @@ import pytest
 import clearance_jax as cj
 from clearance_jax import laws
 from clearance_jax.dynamics.energy import energies
-from clearance_jax.dynamics.observe import observe
-from clearance_jax.dynamics.field import rate
+from clearance_jax.dynamics.field import slope
 from clearance_jax.dynamics.kinematics import frames
+from clearance_jax.dynamics.observe import observe
 from clearance_jax.mechanism.state import layout
-from clearance_jax.solve.flow import initial_state, is_assembled
+from clearance_jax.solve.flow import closed_start
 
 SCENES = Path(__file__).parents[1] / "experiments" / "scenes"
 GRAVITY = cj.Gravity(0.7, -9.81)
@@ -57,7 +57,7 @@ def states(mechanism, count, seed=0):
     rng = np.random.default_rng(seed)
     plan = layout(mechanism)
     y = rng.uniform(-1, 1, (count, plan.size))
-    for i, name in enumerate(plan.names):
+    for i, name in enumerate(plan.positions):
         if ".play" in name:
             y[:, i] *= 2e-3
     return jnp.asarray(rng.uniform(0, 2, count)), jnp.asarray(y)
@@ -82,7 +82,7 @@ def test_accelerations_are_lagranges():
     m = tree().prepared()
     t, y = states(m, 200)
     n = layout(m).free
-    got = np.asarray(jax.jit(jax.vmap(lambda t, y: rate(t, y, m)[n:]))(t, y))
+    got = np.asarray(jax.jit(jax.vmap(lambda t, y: slope(t, y, m)[n:]))(t, y))
     expected = np.asarray(jax.jit(jax.vmap(lambda t, y: lagrangian_acceleration(m, t, y)))(t, y))
     touching = np.hypot(*np.asarray(y[:, 1:3]).T) > 2e-3
     assert 20 < touching.sum() < 180
@@ -97,7 +97,7 @@ def test_velocities_and_accelerations_are_derivatives():
         """A quantity's rate along the motion."""
 
         def derivative(t, y):
-            return jax.jvp(lambda t, y: observe(t, y, m)[what], (t, y), (jnp.ones_like(t), rate(t, y, m)))[1]
+            return jax.jvp(lambda t, y: observe(t, y, m)[what], (t, y), (jnp.ones_like(t), slope(t, y, m)))[1]
 
         return jax.jit(jax.vmap(derivative))(t, y)
 
@@ -114,7 +114,7 @@ def test_power_of_the_drives_is_the_rate_of_energy():
     def energy(t, y):
         return sum(energies(t, y, m).values())
 
-    gained = jax.jit(jax.vmap(lambda t, y: jax.jvp(energy, (t, y), (jnp.ones_like(t), rate(t, y, m)))[1]))(t, y)
+    gained = jax.jit(jax.vmap(lambda t, y: jax.jvp(energy, (t, y), (jnp.ones_like(t), slope(t, y, m)))[1]))(t, y)
     seen = jax.jit(jax.vmap(lambda t, y: observe(t, y, m)))(t, y)
     names = [c.name for c in m.coordinates()]
     speeds = np.asarray(seen["v"])[:, [names.index("shoulder"), names.index("press")]]
@@ -209,7 +209,7 @@ def test_two_million_times_smaller_play_has_the_same_mass(values):
     t, y = states(m, 5, seed=4)
     y = y.at[:, 1:3].set(0.0)
     n = layout(m).free
-    got = jax.vmap(lambda t, y: rate(t, y, m)[n:])(t, y)
+    got = jax.vmap(lambda t, y: slope(t, y, m)[n:])(t, y)
     expected = jax.vmap(lambda t, y: lagrangian_acceleration(m, t, y))(t, y)
     np.testing.assert_allclose(got, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
 
@@ -268,9 +268,9 @@ def test_assembly_leaves_pins_in_their_sleeves(too_short):
         guide = dataclasses.replace(mechanism.joint("guide"), motion=cj.Motion(cj.ConstantSpeed(0.0, 0.17 + too_short)))
         joints = tuple(guide if joint.name == "guide" else joint for joint in mechanism.joints)
         mechanism = dataclasses.replace(mechanism, joints=joints)
-    y = initial_state(mechanism.prepared(), jnp.asarray(0.0))
-    assert bool(is_assembled(mechanism.prepared(), jnp.asarray(0.0), y))
-    names = layout(mechanism).names
+    y, still_open = closed_start(mechanism.prepared(), jnp.asarray(0.0))
+    assert float(jnp.max(still_open)) <= 1e-12
+    names = layout(mechanism).positions
     plays = np.array([y[i] for i, name in enumerate(names) if ".play_" in name])
     assert loop.clearance is not None
     np.testing.assert_allclose(np.abs(plays).max(), too_short, rtol=1e-2, atol=1e-10)

@@ -54,6 +54,7 @@ class Peak(AbstractMetric):
 
     def value(self, reply):
         (picked,) = reply.picked
+        assert picked is not None
         # In the order of time, for an ideal mechanism that moves freely; and back.
         order = jnp.argsort(picked.time)
         found = signal_at(self.signal, reply, picked.time[order], picked.y[order])

@@ -253,7 +253,7 @@ def search_cycle(search: Search, effort: Effort) -> PeriodicMotion:
     """Settle, then damped Newton steps with the error-controlled Jacobian; settle again where these get stuck."""
     plan = layout(search.mechanism)
     n, size = plan.free, plan.size
-    first = initial_state(search.mechanism.prepared(), search.t0)[0] if search.guess is None else search.guess
+    first = initial_state(search.mechanism.prepared(), search.t0) if search.guess is None else search.guess
     free = free_turns(search)
 
     def mapped(y):

@@ -13,7 +13,7 @@ from clearance_jax.dynamics.observe import observe
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.body import Position
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.solve.simulate import solve
+from clearance_jax.solve.simulate import run
 
 
 def static_weights(mechanism: Mechanism, point: str, t1: float, samples: int = 181) -> dict[str, float]:
@@ -37,13 +37,13 @@ def static_weights(mechanism: Mechanism, point: str, t1: float, samples: int = 1
 @eqx.filter_jit
 def _weights(ideal: Mechanism, index: int, names: tuple[str, ...], t1, samples: int):
     times = jnp.linspace(0.0, t1, samples)
-    states = solve(ideal, t1, save_at=times).y
+    states = run(ideal, t1, save_at=times).y
 
     def place(offsets, t, y):
         moved = ideal
         for name, offset in zip(names, offsets, strict=True):
             moved = _offset(moved, name, offset)
-        closed = projected(t, y, moved, moved.closures(), ASSEMBLE) if moved.closures() else y
+        closed = projected(t, y, moved, ASSEMBLE) if moved.closures() else y
         return observe(t, closed, moved.prepared())["position"][index]
 
     slopes = jax.vmap(jax.jacfwd(place), (None, 0, 0))(jnp.zeros((len(names), 2)), times, states)

@@ -292,7 +292,7 @@ def _drive(table: Table, name: str, units: dict[str, str], path: Path) -> Abstra
         scale = to_si(f"1 {inner.need('unit')}", units["coordinate"], inner.key("unit"))
         drive = Spline(times, values * scale, inner.word("ends", {"not-a-knot", "natural", "clamped"}, "not-a-knot"))
     else:
-        values = _fields(cls, inner, units, skip={"curvature"})
+        values = _fields(cls, inner, units)
         try:
             drive = cls(**values)
         except ClearanceError as error:
@@ -379,7 +379,8 @@ def _normal(table: Table, joint: Table):
         inner.finish()
     else:
         # In which unit, the law knows once it has its other numbers.
-        unit = resolved_unit(_unit_of(cls, "stiffness"), factory(stiffness=1.0, **values).units())
+        words = factory(**{"stiffness": 1.0, **values}).units()
+        unit = resolved_unit(_unit_of(cls, "stiffness"), words)
         values["stiffness"] = to_si(given, unit, table.key("stiffness"))
     law = factory(**values)
     _bounded(law, table)

@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from clearance_jax._types import Scalar
-from clearance_jax.mechanism.drives import AbstractDrive
+from clearance_jax.mechanism.drives import AbstractMotionLaw, Values
 from clearance_jax.parameters import flattened, leading, physical
 from clearance_jax.spatial import Term, Vector, times
 
@@ -79,6 +79,10 @@ class AbstractActuator(eqx.Module):
         """The actuator with what depends only on its numbers computed (once a solve)."""
         return self
 
+    def breaks(self) -> Values:
+        """Times at which the force or a derivative of it jumps: integration steps end there. None by default."""
+        return jnp.zeros(0)
+
 
 class ConstantEffort(AbstractActuator):
     """A constant torque [N m] (or force [N] on a sliding joint)."""
@@ -92,7 +96,7 @@ class ConstantEffort(AbstractActuator):
 class Servo(AbstractActuator):
     """A linear position servo: k (target - q) + b (target' - q')."""
 
-    target: AbstractDrive
+    target: AbstractMotionLaw
     stiffness: Scalar = physical("effort/coordinate", least=0.0)
     damping: Scalar = physical("effort*s/coordinate", least=0.0)
 
@@ -102,6 +106,9 @@ class Servo(AbstractActuator):
 
     def prepared(self):
         return Servo(self.target.prepared(), self.stiffness, self.damping)
+
+    def breaks(self):
+        return self.target.breaks()
 
 
 class JointSpring(AbstractActuator):
@@ -138,7 +145,7 @@ class Motion(eqx.Module):
     - `actuators`: generalised forces along a free coordinate.
     """
 
-    drive: AbstractDrive | None = leading(default=None)
+    drive: AbstractMotionLaw | None = leading(default=None)
     position: Scalar = physical("coordinate", default=0.0)
     velocity: Scalar = physical("coordinate/s", default=0.0)
     actuators: tuple[AbstractActuator, ...] = flattened(default=())

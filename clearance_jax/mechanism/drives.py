@@ -4,12 +4,13 @@ A drive of a rotation is in rad, of a slide in m; its fields carry the unit "coo
 """
 
 import abc
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
+from jax.lax.linalg import tridiagonal_solve
 from jaxtyping import Array, Float
 
 from clearance_jax._numerics import sincos
@@ -22,8 +23,8 @@ Values = Float[Array, " n"]
 Motion3 = tuple[Term, Term, Term]
 
 
-class AbstractDrive(eqx.Module):
-    """A prescribed coordinate."""
+class AbstractMotionLaw(eqx.Module):
+    """A coordinate as a function of time."""
 
     @abc.abstractmethod
     def __call__(self, time: Scalar) -> Motion3:
@@ -33,9 +34,13 @@ class AbstractDrive(eqx.Module):
         """Times at which a derivative jumps: integration steps end there. None by default."""
         return jnp.zeros(0)
 
-    def prepared(self) -> "AbstractDrive":
-        """The drive with what depends only on its numbers computed."""
+    def prepared(self) -> "AbstractMotionLaw":
+        """The same motion with what depends only on its numbers computed (once a solve); by default nothing does."""
         return self
+
+
+class AbstractDrive(AbstractMotionLaw):
+    """A motion law as a user gives it, by numbers of its own."""
 
 
 class ConstantSpeed(AbstractDrive):
@@ -130,8 +135,6 @@ class Spline(AbstractDrive):
     times: Values = physical("s")
     values: Values = physical("coordinate")
     ends: Literal["not-a-knot", "natural", "clamped"] = eqx.field(static=True, default="not-a-knot")
-    curvature: Values | None = physical("coordinate/s^2", default=None)
-    """q'' at the knots; computed once a solve."""
 
     def __check_init__(self):
         if self.times.shape[0] < 4 or self.times.shape != self.values.shape:
@@ -142,14 +145,26 @@ class Spline(AbstractDrive):
             raise ClearanceError(f"`ends` must be not-a-knot, natural or clamped, but it is {self.ends!r}.")
 
     def prepared(self):
-        curvature = spline_curvature(self.times, self.values, self.ends)
-        return eqx.tree_at(lambda s: s.curvature, self, curvature, is_leaf=lambda x: x is None)
+        return PreparedSpline(self.times, self.values, spline_curvature(self.times, self.values, self.ends))
 
     def __call__(self, time):
-        m = spline_curvature(self.times, self.values, self.ends) if self.curvature is None else self.curvature
+        return self.prepared()(time)
+
+    def breaks(self):
+        return self.times
+
+
+class PreparedSpline(AbstractMotionLaw):
+    """A cubic spline whose q'' at the knots is known: what a solve evaluates of a `Spline`."""
+
+    times: Values = physical("s")
+    values: Values = physical("coordinate")
+    curvature: Values = physical("coordinate/s^2")
+
+    def __call__(self, time):
         i = jnp.clip(jnp.searchsorted(self.times, time, side="right") - 1, 0, self.times.shape[0] - 2)
-        h = self.times[i + 1] - self.times[i]
-        u, ya, yb, ma, mb = time - self.times[i], self.values[i], self.values[i + 1], m[i], m[i + 1]
+        h, u = self.times[i + 1] - self.times[i], time - self.times[i]
+        ya, yb, ma, mb = self.values[i], self.values[i + 1], self.curvature[i], self.curvature[i + 1]
         slope = (yb - ya) / h - h * (2 * ma + mb) / 6
         third = (mb - ma) / h
         return (ya + u * (slope + u * (ma / 2 + u * third / 6)), slope + u * (ma + u * third / 2), ma + u * third)
@@ -159,9 +174,9 @@ class Spline(AbstractDrive):
 
 
 class DriveSum(AbstractDrive):
-    """The sum of several drives."""
+    """The sum of several motion laws: drives, as a user gives it; what they are prepared to, once it is prepared."""
 
-    terms: tuple[AbstractDrive, ...]
+    terms: tuple[AbstractMotionLaw, ...]
 
     def __call__(self, time):
         parts = [drive(time) for drive in self.terms]
@@ -175,20 +190,37 @@ class DriveSum(AbstractDrive):
 
 
 def spline_curvature(times: Values, values: Values, ends: str) -> Values:
-    """Q'' at the knots of a cubic spline (one small dense solve, differentiable by times and values)."""
-    n = times.shape[0]
+    """Q'' at the knots of a cubic spline, differentiable by times and values.
+
+    At an inner knot h_a m_a + 2 (h_a + h_b) m + h_b m_b = 6 (slope_b - slope_a), for the intervals before and after.
+    The two end values are eliminated: three bands are left, whatever the ends.
+    """
     h = jnp.diff(times)
     slope = jnp.diff(values) / h
-    inner = jnp.arange(1, n - 1)
-    a = jnp.zeros((n, n))
-    a = a.at[inner, inner - 1].set(h[:-1]).at[inner, inner].set(2 * (h[:-1] + h[1:])).at[inner, inner + 1].set(h[1:])
-    b = jnp.zeros(n).at[1:-1].set(6 * jnp.diff(slope))
+    begin, end = _end(ends, h[0], h[1], slope[0]), _end(ends, h[-1], h[-2], -slope[-1])
+    below = h[:-1].at[0].set(0.0).at[-1].add(h[-1] * end.second)
+    middle = (2 * (h[:-1] + h[1:])).at[0].add(h[0] * begin.first).at[-1].add(h[-1] * end.first)
+    above = h[1:].at[-1].set(0.0).at[0].add(h[0] * begin.second)
+    right = (6 * jnp.diff(slope)).at[0].add(-h[0] * begin.constant).at[-1].add(-h[-1] * end.constant)
+    m = tridiagonal_solve(below, middle, above, right[:, None])[:, 0]
+    return jnp.concatenate([begin.value(m[0], m[1])[None], m, end.value(m[-1], m[-2])[None]])
+
+
+class _End(NamedTuple):
+    """Q'' at an end of a spline: `constant`, and factors of q'' at the `first` and the `second` knot from that end."""
+
+    constant: Scalar | float
+    first: Scalar | float
+    second: Scalar | float
+
+    def value(self, first: Scalar, second: Scalar) -> Scalar:
+        return self.constant + self.first * first + self.second * second
+
+
+def _end(ends: str, near: Scalar, far: Scalar, slope: Scalar) -> _End:
+    """For the lengths of the two intervals at the end, and the table's slope in the nearer one, away from the end."""
     if ends == "natural":
-        a = a.at[0, 0].set(1.0).at[-1, -1].set(1.0)
-    elif ends == "clamped":
-        a = a.at[0, 0].set(2 * h[0]).at[0, 1].set(h[0]).at[-1, -1].set(2 * h[-1]).at[-1, -2].set(h[-1])
-        b = b.at[0].set(6 * slope[0]).at[-1].set(-6 * slope[-1])
-    else:
-        a = a.at[0, 0].set(h[1]).at[0, 1].set(-h[0] - h[1]).at[0, 2].set(h[0])
-        a = a.at[-1, -3].set(h[-1]).at[-1, -2].set(-h[-1] - h[-2]).at[-1, -1].set(h[-2])
-    return jnp.linalg.solve(a, b)
+        return _End(0.0, 0.0, 0.0)
+    if ends == "clamped":
+        return _End(3 * slope / near, -0.5, 0.0)
+    return _End(0.0, (near + far) / far, -near / far)

@@ -9,7 +9,7 @@ from jaxtyping import Array
 
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.joints import AbstractClearance, PreparedClearance
-from clearance_jax.mechanism.body import GROUND, Body, Gravity, Point, Servo, Spring
+from clearance_jax.mechanism.body import GROUND, Body, Gravity, Point, Spring
 from clearance_jax.mechanism.tree import AbstractJoint, Coordinate, Revolute
 from clearance_jax.parameters import replace
 
@@ -197,8 +197,8 @@ def _without_clearance(joint: AbstractJoint) -> AbstractJoint:
 
 
 def drive_breaks(mechanism: Mechanism) -> Array:
-    """Break times of every drive and servo target."""
-    drives = [c.motion.drive for c in mechanism.coordinates() if c.motion.drive is not None]
-    servos = [a for c in mechanism.coordinates() for a in c.motion.actuators]
-    drives += [a.target for a in servos if isinstance(a, Servo)]
-    return jnp.concatenate([jnp.zeros(0), *(drive.breaks() for drive in drives)])
+    """Break times of every drive and actuator."""
+    motions = [coordinate.motion for coordinate in mechanism.coordinates()]
+    drives = [motion.drive.breaks() for motion in motions if motion.drive is not None]
+    actuators = [actuator.breaks() for motion in motions for actuator in motion.actuators]
+    return jnp.concatenate([jnp.zeros(0), *drives, *actuators])

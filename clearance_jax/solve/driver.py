@@ -104,6 +104,8 @@ def integrate(problem: Problem, t0, t1, start, save_at, allowed, options: Option
     subs = [diffrax.SubSaveAt(t1=True)]
     subs += [] if save_at is None else [diffrax.SubSaveAt(ts=save_at)]
     subs += [diffrax.SubSaveAt(t0=True, steps=True)] if steps else []
+    # To pyright the abstract rtol, atol and norm are fields, not properties.
+    controller = Controller(options, means_of(options, allowed))  # pyright: ignore[reportCallIssue]
     return diffrax.diffeqsolve(
         diffrax.ODETerm(_own_field),
         Stepper(options, moving_breaks),
@@ -113,7 +115,7 @@ def integrate(problem: Problem, t0, t1, start, save_at, allowed, options: Option
         start,
         args=problem,
         saveat=diffrax.SaveAt(subs=subs, controller_state=bool(options.observers)),
-        stepsize_controller=Controller(options, means_of(options, allowed)),  # pyright: ignore[reportCallIssue]  # the abstract rtol, atol, norm are properties
+        stepsize_controller=controller,
         adjoint=diffrax.ForwardMode(),
         max_steps=options.max_steps,
         throw=False,

@@ -275,14 +275,19 @@ def initial(problem: Problem, t0: Scalar, y0: Array | None) -> tuple[Array, Floa
     size, mechanism = problem.size, problem.mechanism
     opened = jnp.zeros(0)
     if y0 is None:
-        y0, opened = initial_state(mechanism, t0)
+        y0, opened = closed_start(mechanism, t0)
     books = []
     if problem.books:
         books = [y0[size:] if y0.shape[0] > size else opened_books(t0, y0, mechanism)]
     return jnp.concatenate([y0[:size], *books, jnp.zeros(sum(widths(problem)))]), opened
 
 
-def initial_state(mechanism: Mechanism, t0: Scalar) -> tuple[Array, Float[Array, " loops"]]:
+def initial_state(mechanism: Mechanism, t0: Scalar) -> Array:
+    """The state `[q, v, memory]` at t0 of a prepared mechanism, see `closed_start`."""
+    return closed_start(mechanism, t0)[0]
+
+
+def closed_start(mechanism: Mechanism, t0: Scalar) -> tuple[Array, Float[Array, " loops"]]:
     """The state at t0: the given initial values, then the nearest ones at which every loop is assembled; and how far
     each loop is open [m] (of a mechanism that is not to be assembled, none).
 

@@ -15,7 +15,7 @@ from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.parameters import check_values
 from clearance_jax.solve.attempt import Options
-from clearance_jax.solve.flow import CLOSED, Inputs, Solution, flow, initial_state, plain_flow
+from clearance_jax.solve.flow import CLOSED, Inputs, Solution, closed_start, flow, plain_flow
 from clearance_jax.solve.tolerances import largest_length
 
 MAX_STEPS = 10_000_000
@@ -132,7 +132,7 @@ def _run(mechanism, t0, t1, save_at, rtol, atol, y0, options: Options, throw, in
 
 @eqx.filter_jit
 def _open_loops(mechanism: Mechanism, t0: Array) -> Array:
-    return initial_state(mechanism.prepared(), t0)[1]
+    return closed_start(mechanism.prepared(), t0)[1]
 
 
 def check_assembled(mechanism: Mechanism, t0: Any, open_loops: Array) -> None:
@@ -142,9 +142,9 @@ def check_assembled(mechanism: Mechanism, t0: Any, open_loops: Array) -> None:
         return
     worst = int(np.argmax(gaps))
     raise ClearanceError(
-        f"The mechanism cannot be assembled: at t = {float(t0):g} s its loop `{mechanism.loops[worst].name}` stays
-        open " f"by {float(gaps[worst]) * 1e3:.4g} mm. Change lengths, or the joints' `position`, to start nearer to a
-        closed " "one."
+        f"The mechanism cannot be assembled: at t = {float(t0):g} s its loop `{mechanism.loops[worst].name}` stays "
+        f"open by {float(gaps[worst]) * 1e3:.4g} mm. Change lengths, or the joints' `position`, to start nearer to a "
+        "closed one."
     )
 
 

@@ -142,9 +142,8 @@ def extremum(clearance: PreparedClearance, curve: Curve, samples: Array) -> Floa
             f = depths(s)[1][k]
             left = fa * f > 0
             # Illinois: the end that stays counts half, or it would stay for ever.
-            return (
-                jnp.where(left, s, a), jnp.where(left, b, s), jnp.where(left, f, 0.5 * fa), jnp.where(left, 0.5 * fb,
-            f), )  # fmt: skip
+            new_a, new_b = jnp.where(left, s, a), jnp.where(left, b, s)
+            return new_a, new_b, jnp.where(left, f, 0.5 * fa), jnp.where(left, 0.5 * fb, f)
 
         start = samples[low], samples[high], rate[low, k], rate[high, k]
         a, b, fa, fb = jax.lax.fori_loop(0, EXTREMUM, secant, start)
@@ -167,10 +166,8 @@ def located(switches, started, bracket, ends, precision: Scalar) -> Scalar:
         s = jnp.minimum(root + past, high)
         now = switches(s)
         beyond = jnp.any((now > 0) != started)
-        return (
-            jnp.where(beyond, low, s), jnp.where(beyond, s, high),
-            jnp.where(beyond, at_low, now), jnp.where(beyond, now, at_high), root,
-        )  # fmt: skip
+        low, high = jnp.where(beyond, low, s), jnp.where(beyond, s, high)
+        return low, high, jnp.where(beyond, at_low, now), jnp.where(beyond, now, at_high), root
 
     low, high = bracket
     return jax.lax.fori_loop(0, SECANTS, secant, (low, high, *ends, high))[1]

@@ -14,7 +14,7 @@ import numpy as np
 
 import clearance_jax as cj
 from clearance_jax import laws
-from clearance_jax.dynamics.field import rate
+from clearance_jax.dynamics.field import slope
 from clearance_jax.solve.flow import initial_state
 from experiments.common import output, slider_crank, table
 from experiments.reference.baselines import run_compiled
@@ -105,7 +105,7 @@ def textbook(values, rtol):
     mechanism = moved(values).prepared()
     size = jnp.asarray(PROBLEM.scale(slider_crank_parameters(5e-4)))
     s = diffrax.diffeqsolve(
-        diffrax.ODETerm(jax.jit(rate)),
+        diffrax.ODETerm(jax.jit(slope)),
         diffrax.Tsit5(),
         0.0,
         REVOLUTION,
