@@ -69,7 +69,7 @@ def lagrangian_acceleration(mechanism, time, y):
 
     def lagrangian(t, q, v):
         e = energies(t, jnp.concatenate([q, v]), mechanism)
-        return e["kinetic_energy"] - e["potential_energy"] - e["elastic_energy"]
+        return e.kinetic - e.potential - e.elastic
 
     q, v = y[:n], y[n:]
     momentum = jax.grad(lagrangian, 2)
@@ -112,7 +112,7 @@ def test_power_of_the_drives_is_the_rate_of_energy():
     t, y = states(m, 50, seed=2)
 
     def energy(t, y):
-        return sum(energies(t, y, m).values())
+        return energies(t, y, m).total
 
     gained = jax.jit(jax.vmap(lambda t, y: jax.jvp(energy, (t, y), (jnp.ones_like(t), slope(t, y, m)))[1]))(t, y)
     seen = jax.jit(jax.vmap(lambda t, y: observe(t, y, m)))(t, y)
@@ -129,7 +129,9 @@ def test_reactions_balance_every_body():
     points = tuple(cj.Point(f"centre_{b.name}", b.name, b.center_of_mass) for b in m.bodies)
     watched = cj.Mechanism(m.bodies, m.joints, m.loops, m.springs, points, m.gravity)
     seen = jax.jit(jax.vmap(lambda t, y: observe(t, y, watched)))(t, y)
-    motion = jax.vmap(lambda t, y: {k: (f.position, f.angle) for k, f in frames(m, t, y).items() if k != "ground"})
+    motion = jax.vmap(
+        lambda t, y: {k: (f.position, f.angle) for k, f in frames(m, t, layout(m).split(y)).items() if k != "ground"}
+    )
     placed = motion(t, y)
 
     def place(body, local):

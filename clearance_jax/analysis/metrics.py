@@ -187,7 +187,7 @@ class EnergyLost(AbstractMetric):
         ready, size = reply.mechanism.prepared(), layout(reply.mechanism).size
 
         def lost(time, y):
-            held = energies(jnp.asarray(time, float), y, ready)["contact_energy"]
+            held = energies(jnp.asarray(time, float), y, ready).contacts
             books = read_books(y[size : size + len(BOOKS)], held)
             return books["damping_loss"] + books["friction_loss"]
 

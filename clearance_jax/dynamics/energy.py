@@ -1,5 +1,7 @@
 """Driving forces, the energies, and the books of work and losses that are integrated along with the motion."""
 
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -84,8 +86,27 @@ def kinetic_power(mechanism: Mechanism, now: Balance) -> Term:
     return power
 
 
-def energies(time: Scalar, y: Array, mechanism: Mechanism) -> dict[str, Array]:
-    """Kinetic, potential (weight) and elastic (contacts, springs) energy [J]."""
+class Energies(NamedTuple):
+    """Kinetic and potential (weight) energy, and what springs and contacts hold elastically [J]."""
+
+    kinetic: Scalar
+    potential: Scalar
+    springs: Scalar
+    contacts: Scalar
+
+    @property
+    def elastic(self) -> Scalar:
+        """In springs and contacts [J]."""
+        return self.springs + self.contacts
+
+    @property
+    def total(self) -> Scalar:
+        """All together [J]."""
+        return self.kinetic + self.potential + self.elastic
+
+
+def energies(time: Scalar, y: Array, mechanism: Mechanism) -> Energies:
+    """The energies of a state."""
     state = layout(mechanism).split(y)
     motion = frames(mechanism, time, state)
     kinetic: Term = 0.0
@@ -99,17 +120,11 @@ def energies(time: Scalar, y: Array, mechanism: Mechanism) -> dict[str, Array]:
             potential = minus(potential, times(body.mass, dot(mechanism.gravity.vector, centre)))
         if body.inertia is not None:
             kinetic = plus(kinetic, times(0.5 * body.inertia, times(frame.spin, frame.spin)))
-    held = contact_energy(mechanism, motion, state)
-    elastic: Term = held
+    springs: Term = 0.0
     for spring in mechanism.springs:
-        elastic = plus(elastic, 0.5 * spring.stiffness * spring_state(spring, motion).elongation ** 2)
-    found = {
-        "kinetic_energy": kinetic,
-        "potential_energy": potential,
-        "elastic_energy": elastic,
-        "contact_energy": held,
-    }
-    return {name: jnp.asarray(value, dtype=float) for name, value in found.items()}
+        springs = plus(springs, 0.5 * spring.stiffness * spring_state(spring, motion).elongation ** 2)
+    held = contact_energy(mechanism, motion, state)
+    return Energies(*(jnp.asarray(energy, float) for energy in (kinetic, potential, springs, held)))
 
 
 def contact_energy(mechanism: Mechanism, motion: Frames, state: State) -> Term:
@@ -135,10 +150,9 @@ def energy_residual(mechanism: Mechanism, times: tuple, states: tuple) -> Scalar
     """|energy gained - work of drives + losses| / energy exchanged, between two states with books."""
     y = jnp.stack(states)
     seen = jax.vmap(lambda t, y: energies(t, y, mechanism))(jnp.stack(times), y)
-    gains = {name: value[1] - value[0] for name, value in seen.items()}
-    plan = layout(mechanism)
-    books = y[1, plan.size : plan.size + len(BOOKS)] - y[0, plan.size : plan.size + len(BOOKS)]
-    moved = read_books(books, gains.pop("contact_energy"))
-    gained, lost = sum(gains.values()), moved["damping_loss"] + moved["friction_loss"]
-    exchanged = moved["exchanged"]
-    return jnp.abs(gained - moved["drive_work"] + lost) / jnp.where(exchanged > 0, exchanged, 1.0)
+    gained = jax.tree.map(lambda e: e[1] - e[0], seen)
+    size = layout(mechanism).size
+    books = slice(size, size + len(BOOKS))
+    moved = read_books(y[1, books] - y[0, books], gained.contacts)
+    lost, exchanged = moved["damping_loss"] + moved["friction_loss"], moved["exchanged"]
+    return jnp.abs(gained.total - moved["drive_work"] + lost) / jnp.where(exchanged > 0, exchanged, 1.0)

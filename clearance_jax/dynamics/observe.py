@@ -23,10 +23,9 @@ def observe(time: Scalar, y: Array, mechanism: Mechanism) -> dict[str, Array]:
     if efforts:
         out["drive_force"] = as_array([effort for effort, _ in efforts])
     held = energies(time, y, mechanism)
-    contact = held.pop("contact_energy")
-    out |= held
+    out |= {"kinetic_energy": held.kinetic, "potential_energy": held.potential, "elastic_energy": held.elastic}
     if y.shape[0] > plan.size:
-        out |= read_books(y[plan.size : plan.size + len(BOOKS)], contact)
+        out |= read_books(y[plan.size : plan.size + len(BOOKS)], held.contacts)
     return out
 
 

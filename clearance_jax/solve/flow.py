@@ -61,6 +61,11 @@ class Solution(eqx.Module):
         return self.code == int(Result.REACHED_END)
 
     @property
+    def found(self) -> list[Picked]:
+        """The states that observers picked, of those that pick any."""
+        return [one for one in self.picked if one is not None]
+
+    @property
     def message(self) -> str:
         """Why a single solve stopped; empty where it reached t1."""
         return words(self.code)
@@ -114,24 +119,35 @@ def _flow_jvp(primals, tangents, *, options: Options):
         moved = [jnp.tensordot(amounts, slope, 1) for slope in slopes]
     else:
         value = _stacked(inputs, None, options=options)
-        moved = [jnp.zeros_like(x) for x in _states(value)]
+        moved = [jnp.zeros_like(x) for x in states_of(value)]
     if rates.t1 is not None or rates.save_at is not None:
         moved = _later(inputs, rates, value, moved, options)
     time = rates.save_at
     if inputs.save_at is None and rates.t1 is not None:
         time = rates.t1[None]
     start, final, y, *picks = moved
-    kept, rest = [], iter(picks)
-    for one in value.picked:
-        later = None if one is None or rates.t1 is None else jnp.where(one.time == inputs.t1, rates.t1, 0.0)
-        kept.append(None if one is None else Picked(later, next(rest)))
+    chosen = [i for i, one in enumerate(value.picked) if one is not None]
+    at = [None if rates.t1 is None else jnp.where(one.time == inputs.t1, rates.t1, 0.0) for one in value.found]
+
+    def varied(s):
+        return [s.time, s.initial, s.final, s.y, *(s.picked[i].y for i in chosen), *(s.picked[i].time for i in chosen)]
+
     nothing = jax.tree.map(lambda _: None, value)
-    return value, dataclasses.replace(nothing, time=time, y=y, initial=start, final=final, picked=tuple(kept))
+    new = [time, start, final, y, *picks, *at]
+    return value, eqx.tree_at(varied, nothing, new, is_leaf=lambda x: x is None)
 
 
-def _states(solution: Solution) -> list:
+def states_of(solution: Solution) -> list[Array]:
     """Its states, which have derivatives."""
-    return [solution.initial, solution.final, solution.y, *(one.y for one in solution.picked if one is not None)]
+    return [solution.initial, solution.final, solution.y, *(one.y for one in solution.found)]
+
+
+def with_states(solution: Solution, states: list[Array]) -> Solution:
+    """The same solution with other states, in the order of `states_of`."""
+    start, final, y, *picks = states
+    rest = iter(picks)
+    picked = tuple(None if one is None else one._replace(y=next(rest)) for one in solution.picked)
+    return dataclasses.replace(solution, initial=start, final=final, y=y, picked=picked)
 
 
 def _later(inputs: Inputs, rates: Inputs, value: Solution, moved: list[Array], options: Options) -> list[Array]:
@@ -145,10 +161,9 @@ def _later(inputs: Inputs, rates: Inputs, value: Solution, moved: list[Array], o
     if rates.t1 is not None:
         last = rate(inputs.t1, value.final) * rates.t1
         final = final + last
-        found = [one for one in value.picked if one is not None]
         picks = [
             pick + jnp.where((one.time == inputs.t1)[:, None], last[None], 0.0)
-            for pick, one in zip(picks, found, strict=True)
+            for pick, one in zip(picks, value.found, strict=True)
         ]
     shift = rates.save_at
     if inputs.save_at is None and rates.t1 is not None:
@@ -161,8 +176,8 @@ def _later(inputs: Inputs, rates: Inputs, value: Solution, moved: list[Array], o
 def variations(inputs: Inputs, directions: Any, options: Options) -> tuple[Solution, list[Array]]:
     """The solution, and the derivatives of its states along each direction (leading axis)."""
     stacked = _stacked(inputs, directions, options=options)
-    stacks = [jnp.moveaxis(stack, -2, 0) for stack in _states(stacked)]
-    value = eqx.tree_at(_states, stacked, [stack[0] for stack in stacks])
+    stacks = [jnp.moveaxis(stack, -2, 0) for stack in states_of(stacked)]
+    value = with_states(stacked, [stack[0] for stack in stacks])
     return value, [stack[1:] for stack in stacks]
 
 
@@ -307,4 +322,5 @@ def projected_samples(problem: Problem, time: Array, y: Array) -> Array:
     """Dense output interpolates between projected states: project the samples of a mechanism with closures too."""
     if not problem.mechanism.closures():
         return y
-    return jax.vmap(lambda t, y: lift(lambda m, y: projected(t, y, m[0]), problem, y))(time, y)
+    # A sample is further from closed than a step end: its velocity wants the Jacobian of the place that it comes to.
+    return jax.vmap(lambda t, y: lift(lambda m, y: projected(t, y, m[0], 2), problem, y))(time, y)

@@ -15,7 +15,7 @@ from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.parameters import check_values
 from clearance_jax.solve.attempt import Options
-from clearance_jax.solve.flow import CLOSED, Inputs, Solution, closed_start, flow, plain_flow
+from clearance_jax.solve.flow import CLOSED, Inputs, Solution, closed_start, flow, plain_flow, states_of, with_states
 from clearance_jax.solve.tolerances import largest_length
 
 MAX_STEPS = 10_000_000
@@ -100,10 +100,7 @@ def run(
     # A factor, not a selection: a selection's derivative in reverse would be a silent zero.
     factor = jnp.where(out.succeeded, 1.0, jnp.nan)
 
-    def states(s):
-        return [s.final, s.y, *(one.y for one in s.picked if one is not None)]
-
-    return eqx.tree_at(states, out, [factor * y for y in states(out)])
+    return with_states(out, [out.initial, *(factor * y for y in states_of(out)[1:])])
 
 
 def _run(mechanism, t0, t1, save_at, rtol, atol, y0, options: Options, throw, integrands=()) -> Solution:

@@ -110,7 +110,7 @@ def first_of(clearance: PreparedClearance, curve: Curve, memory, begin: Scalar) 
     samples = jnp.concatenate([samples, extremum(clearance, curve, samples)])
     values = jax.vmap(switches)(samples)
     started = values[0] > 0
-    changed = jnp.any((values > 0) != started, axis=1) & (samples > begin)
+    changed = jnp.any((values > 0) != started[None], axis=1) & (samples > begin)
     high = jnp.min(jnp.where(changed, samples, jnp.inf))
     found = high <= 1
     high = jnp.where(found, high, 1.0)

@@ -66,7 +66,7 @@ def crank() -> cj.Mechanism:
     (wrist,) = (joint.clearance for joint in mechanism.clearance_joints())
     assert wrist is not None
     assert isinstance(wrist.normal, laws.AdamsImpact)
-    stiffness = cj.parameters(mechanism.prepared())["wrist.normal.stiffness"].value
+    stiffness = wrist.prepared().normal.constants
     law = laws.AdamsImpact(stiffness, wrist.normal.damping, wrist.normal.full_damping_depth)
     clearance = cj.RevoluteClearance(wrist.radial_clearance, wrist.pin_radius, law, wrist.friction)
     return mechanism.with_clearance("wrist", clearance)
