@@ -116,6 +116,8 @@ def leaves(module: eqx.Module, path: tuple[str, ...] = (), prefix: str = "", own
             yield from leaves(value, here, name, owners)
         elif isinstance(value, tuple):
             for index, member in enumerate(value):
+                if not isinstance(member, eqx.Module):
+                    continue
                 own = getattr(member, "name", None)
                 inner = f"{name}{index}." if own is None else f"{own}."
                 yield from leaves(member, (*here, str(index)), inner, owners)

@@ -7,7 +7,7 @@ import pytest
 
 import clearance_jax as cj
 from clearance_jax import laws
-from clearance_jax.dynamics.field import rate
+from clearance_jax.dynamics.field import slope
 from clearance_jax.errors import ClearanceError
 from experiments import derivatives
 from experiments.derivatives import closed_forms, ladder
@@ -133,12 +133,12 @@ def test_derivative_by_time_is_the_rate():
 
     ((final_t1, final_times), (y_t1, y_times), (_, time_times)), (final, y) = slopes(jnp.asarray(END), times)
     m = pin().prepared()
-    np.testing.assert_allclose(final_t1, rate(jnp.asarray(END), final, m), rtol=1e-12)
+    np.testing.assert_allclose(final_t1, slope(jnp.asarray(END), final, m), rtol=1e-12)
     np.testing.assert_array_equal(final_times, 0.0)
     np.testing.assert_array_equal(y_t1, 0.0)
     np.testing.assert_array_equal(time_times, np.eye(4))
     for i, (t, state) in enumerate(zip(times, y, strict=True)):
-        np.testing.assert_allclose(y_times[i, :, i], rate(t, state, m), rtol=1e-12)
+        np.testing.assert_allclose(y_times[i, :, i], slope(t, state, m), rtol=1e-12)
         np.testing.assert_array_equal(np.delete(y_times[i], i, axis=1), 0.0)
 
 

@@ -19,7 +19,7 @@ from clearance_jax.solve.problem import Problem, widths
 LOCAL = 0.1
 FLOOR = 1e-3
 # A contact less deep than this many rtol of the clearance may be passed by.
-FIT = 100.0
+FIT = 10.0
 _EPS = float(np.finfo(np.float64).eps)
 # The smallest part of a step that a switch is located to.
 SHORTEST = 1e-8
