@@ -30,6 +30,7 @@ from clearance_jax.mechanism.body import (
 from clearance_jax.mechanism.drives import AbstractDrive, ConstantSpeed, Harmonic, Spline, Step5Sum, StepSum
 from clearance_jax.mechanism.expressions import read_expression
 from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.quantities import leaf_of, resolve_unit, unit_of
 from clearance_jax.mechanism.tree import AbstractJoint, Fixed, Prismatic, Revolute
 from clearance_jax.units import to_si
 
@@ -409,7 +410,7 @@ def _fields(cls, table: Table, coordinate: str, skip=frozenset()) -> dict[str, A
             if field.default is dataclasses.MISSING:
                 table.need(field.name)
             continue
-        unit = resolved(field.metadata["unit"], coordinate)
+        unit = resolve_unit(field.metadata["unit"], coordinate)
         value = table.get(field.name)
         if isinstance(value, list):
             if not issubclass(cls, AbstractDrive):
@@ -418,12 +419,6 @@ def _fields(cls, table: Table, coordinate: str, skip=frozenset()) -> dict[str, A
         else:
             out[field.name] = to_si(value, unit, table.key(field.name))
     return out
-
-
-def resolved(unit: str, coordinate: str) -> str:
-    """A field's unit with "coordinate" and "effort" replaced by those of a rotation or a slide."""
-    effort = "N*m" if coordinate == "rad" else "N"
-    return unit.replace("effort", effort).replace("coordinate", coordinate or "rad")
 
 
 def _bounded(module, table: Table) -> None:
@@ -441,24 +436,13 @@ def _bounded(module, table: Table) -> None:
                 )
 
 
-def unit_of(leaf: Leaf, known: dict[str, Leaf], mechanism: Mechanism) -> str:
-    """The unit of a parameter, with that of its joint's coordinate and of its law's exponent put in."""
-    owner = leaf.name.removeprefix("drive.").partition(".")[0]
-    sliding = any(j.name == owner and isinstance(j, Prismatic) for j in mechanism.joints)
-    unit = resolved(leaf.metadata["unit"], "m" if sliding else "rad")
-    exponent = known.get(f"{leaf.name.rpartition('.')[0]}.exponent")
-    if exponent is not None and unit == "N/m^1.5":
-        unit = f"N/m^{float(exponent.value):g}"
-    return unit
-
-
 def parse_setting(text: str, known: dict[str, Leaf], mechanism: Mechanism) -> tuple[str, float]:
     """`name=value` of the command line, in SI, checked against the parameters of a mechanism."""
     name, equals, value = text.partition("=")
     name = name.strip()
     if not equals:
         raise ClearanceError(f"`--set {text}` must read NAME=VALUE, for instance `joint5.radial_clearance=0.2mm`.")
-    leaf = known.get(name) or known.get(name.rpartition(".")[0])
+    leaf = leaf_of(name, known)
     if leaf is None:
         raise ClearanceError(f"`--set {text}`: there is no parameter `{name}`. " + suggest(name, known))
     unit = unit_of(leaf, known, mechanism)
