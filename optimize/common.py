@@ -56,14 +56,21 @@ class Allocation(NamedTuple):
 
 def allocate(name: str, problem: ToleranceProblem, methods: Sequence[str], quick: bool) -> Allocation:
     """Solve by each method from the same start; table, certificate and figures of the first one's answer."""
-    designs, seconds = {}, {}
+    asked, designs, seconds = problem.specification, {}, {}
     for method in methods:
         clock = time.perf_counter()
         designs[method] = problem.solve(method)
         seconds[method] = time.perf_counter() - clock
         print(designs[method], flush=True)
     table(
-        ("method", *problem.variables, "cost", "solves with gradients", "without", "seconds, compiling included"),
+        (
+            "method",
+            *asked.variables,
+            "cost",
+            "solves with gradients",
+            "without",
+            "seconds, compiling included",
+        ),
         [
             (
                 method,
@@ -79,7 +86,7 @@ def allocate(name: str, problem: ToleranceProblem, methods: Sequence[str], quick
     )
     design = designs[methods[0]]
     # In quick mode by the same solver, which is compiled already.
-    certificate = design.verify(sweep=4, solver=problem.solver) if quick else design.verify(reoptimise=True)
+    certificate = design.verify(sweep=4, solver=asked.solver) if quick else design.verify(reoptimise=True)
     print(certificate)
     why = responses(design)
     print(*why, sep="\n")

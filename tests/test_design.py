@@ -132,7 +132,7 @@ def test_messages():
     with pytest.raises(ClearanceError, match=r"Did you mean `wrist\.radial_clearance`"):
         asked(variables={"wrist.radial_clearence": (1e-5, 1e-3)})
     with pytest.raises(ClearanceError, match="contradict"):
-        asked(variables={NAME: (1e-3, 1e-5)}).program()
+        design.formulate(asked(variables={NAME: (1e-3, 1e-5)}).specification)
     with pytest.raises(ClearanceError, match=r"In `fast`.*finite"):
         asked(conditions={"fast": {"drive.main.speed": np.nan}})
     with pytest.raises(ClearanceError, match="is a variable"):
@@ -176,9 +176,9 @@ def test_largest_clearance_of_the_papers_robot(monkeypatch, tmp_path, capsys):
     assert "Nearest common fit: " in printed
     # By another way: the error at the answer, and beside it.
     c = found.clearances[largest_clearance.NAME]
-    error = metrics.Peak(metrics.PositionError("end"))
+    error, asked = metrics.Peak(metrics.PositionError("end")), found.specification
     at, above = (
-        error(cj.replace(found.problem.mechanism, {largest_clearance.NAME: s * c}), found.problem.t1, solver="dopri8")
+        error(cj.replace(asked.mechanism, {largest_clearance.NAME: s * c}), asked.t1, solver="dopri8")
         for s in (1.0, 1.001)
     )
     assert float(at) <= largest_clearance.BOUND * (1 + 1e-6) < float(above)
@@ -245,7 +245,7 @@ def test_allocations(study, monkeypatch, tmp_path, capsys):
     assert found.certificate.residual <= 1e-2
     # What play alone could do is most of the error, and not more than all of it.
     (static,) = found.certificate.static.values()
-    bound = designed.problem.bounds[0]
+    bound = designed.specification.limits[0].bound
     assert 0.2 * bound <= static <= 1.2 * bound
     assert "the rest" in capsys.readouterr().out
     assert all(path.stat().st_size > 1000 for path in (tmp_path / "out").glob("*.png"))
@@ -258,10 +258,10 @@ def test_islands_are_reported(capsys):
     assert "ISLANDS" in capsys.readouterr().out
     # Between two islands the limit is violated, by a solve of its own.
     between = np.sqrt(found.certificate.islands[0][1] * found.certificate.islands[1][0])
-    problem = found.docking.problem
-    (metric,) = (limit.metric for limit in problem.limits)
-    moved = cj.replace(problem.mechanism, {NAME: between * found.docking.clearances[NAME]})
-    assert float(metric(moved, problem.t1)[0]) > treacherous.BOUND
+    asked = found.docking.specification
+    (metric,) = (limit.metric for limit in asked.limits)
+    moved = cj.replace(asked.mechanism, {NAME: between * found.docking.clearances[NAME]})
+    assert float(metric(moved, asked.t1)[0]) > treacherous.BOUND
 
 
 class Place(metrics.AbstractMetric):

@@ -149,8 +149,8 @@ def info(scene_file: SceneFile, settings: Settings = None, ideal: Ideal = False)
     from rich.table import Table
 
     from clearance_jax.dynamics.field import rate
-    from clearance_jax.io.scene import unit_of
     from clearance_jax.mechanism.mechanism import layout, parameters
+    from clearance_jax.mechanism.quantities import unit_of
 
     plan = layout(mechanism)
     console.print(f"[bold]{escape(mechanism.name)}[/bold]")
@@ -214,7 +214,7 @@ def optimize(
     from clearance_jax.configure import configure
 
     configure(cache=True)
-    from clearance_jax.design import SOLVERS, Findings, findings
+    from clearance_jax.design import SOLVERS, Findings, findings, histories
     from clearance_jax.io.study import load_study
     from clearance_jax.report.html import write_report
 
@@ -228,7 +228,7 @@ def optimize(
         options["method"] = method
     if starts is not None:
         options["starts"] = starts
-    common = study.problem.common
+    common = study.problem.specification.common
 
     with Progress(SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), console=errors) as bar:
         task, points = bar.add_task("compiling"), []
@@ -258,6 +258,8 @@ def optimize(
     if found.fits is not None:
         console.print(str(found.fits), highlight=False, markup=False, soft_wrap=True)
     if report is not None:
+        if not found.histories:
+            found = found._replace(histories=histories(design))
         write_report(found, report, study.name, study.text)
         console.print(f"report   {escape(str(report))}", soft_wrap=True)
     interrupted = not searched or any(text.startswith("Interrupted") for text in found.notes)

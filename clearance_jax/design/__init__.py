@@ -4,10 +4,13 @@ from clearance_jax.design.answer import Design
 from clearance_jax.design.costs import AbstractCost, Exponential, ExponentialReciprocal, Reciprocal, Table
 from clearance_jax.design.explain import Response, Tradeoff, responses, tradeoff
 from clearance_jax.design.findings import Findings, findings
+from clearance_jax.design.formulation import formulate
+from clearance_jax.design.histories import History, histories
 from clearance_jax.design.made import Band, Yield, Yielded
-from clearance_jax.design.problem import Limit, ToleranceProblem
+from clearance_jax.design.problem import ToleranceProblem
 from clearance_jax.design.program import Point, Program
 from clearance_jax.design.solvers import SOLVERS
+from clearance_jax.design.specification import Limit, Specification
 from clearance_jax.design.standard import StandardFits, nearest_fits
 from clearance_jax.design.static import static_weights
 from clearance_jax.design.verify import Certificate
@@ -21,11 +24,13 @@ __all__ = [
     "Exponential",
     "ExponentialReciprocal",
     "Findings",
+    "History",
     "Limit",
     "Point",
     "Program",
     "Reciprocal",
     "Response",
+    "Specification",
     "StandardFits",
     "Table",
     "ToleranceProblem",
@@ -33,6 +38,8 @@ __all__ = [
     "Yield",
     "Yielded",
     "findings",
+    "formulate",
+    "histories",
     "nearest_fits",
     "responses",
     "static_weights",

@@ -1,41 +1,44 @@
 """A solver's answer to a tolerance problem, as a designer reads it."""
 
-from typing import TYPE_CHECKING, Any
+import dataclasses
+from typing import Any
 
 import numpy as np
 
+from clearance_jax.design.evaluate import fresh_yield
 from clearance_jax.design.made import Yielded
 from clearance_jax.design.program import Point, Program
-from clearance_jax.design.verify import Certificate, verify
-from clearance_jax.io.scene import unit_of
-from clearance_jax.mechanism.mechanism import Mechanism, parameters, replace
+from clearance_jax.design.specification import Specification
+from clearance_jax.design.verify import Certificate, certify
+from clearance_jax.errors import ClearanceError
+from clearance_jax.mechanism.mechanism import Mechanism, replace
 from clearance_jax.units import shown
 
-if TYPE_CHECKING:
-    from clearance_jax.design.problem import ToleranceProblem
 
-
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Design:
-    """A solver's answer: `clearances` by name, `objective`, whether it is `feasible`; prints as a designer reads it."""
+    """A solver's answer: `clearances` by name, `objective`, whether it is `feasible`; prints as a designer reads it.
 
-    def __init__(
-        self, problem: "ToleranceProblem", program: Program, method: str, point: Point, stopped: str, note: str
-    ):
-        self.problem, self.program, self.method, self.point = problem, program, method, point
-        self.stopped, self.note = stopped, note
+    It has what was asked (`specification`), the `program` with every evaluated point, the `method`, the best `point`,
+    why the solver `stopped` early, and a `note` on the choice of the method (both may be empty).
+    """
+
+    specification: Specification
+    program: Program
+    method: str
+    point: Point
+    stopped: str
+    note: str
 
     @property
     def clearances(self) -> dict[str, float]:
         """The variables by name."""
-        return self.problem.clearances(self.point.x)
+        return self.specification.clearances(self.point.x)
 
     @property
     def units(self) -> dict[str, str]:
         """The variables' units by name."""
-        known = parameters(self.problem.mechanism)
-        # An entry of an array has the array's.
-        leaves = {name: known.get(name) or known[name.rpartition(".")[0]] for name in self.problem.variables}
-        return {name: unit_of(leaf, known, self.problem.mechanism) for name, leaf in leaves.items()}
+        return self.specification.units
 
     @property
     def objective(self) -> float:
@@ -54,16 +57,21 @@ class Design:
 
     def yielded(self, samples: int = 10_000, seed: int = 12345) -> Yielded:
         """The yield on fresh samples, of a problem with `made=Yield(...)`."""
-        return self.problem.yielded(self.point.x, samples, seed)
+        return fresh_yield(self.specification, self.point.x, samples, seed)
 
     def verify(self, **options: Any) -> Certificate:
-        """A certificate by another solver and a tenfold tighter tolerance, see `design.verify.verify`."""
-        return verify(self, **options)
+        """A certificate by another solver and a tenfold tighter tolerance; `options` as `design.verify.certify`'s.
+
+        **Raises:** `ClearanceError` where the design is not feasible.
+        """
+        if not self.feasible:
+            raise ClearanceError(f"There is no feasible design to verify: {self.program.most_violated(self.point)}.")
+        return certify(self.specification, self.method, self.point, **options)
 
     @property
     def mechanism(self) -> Mechanism:
         """The mechanism with the designed clearances."""
-        return replace(self.problem.mechanism, self.clearances)
+        return replace(self.specification.mechanism, self.clearances)
 
     def __str__(self) -> str:
         lines = [
@@ -73,7 +81,7 @@ class Design:
                 for (name, unit), value in zip(self.units.items(), self.clearances.values(), strict=True)
             ),
         ]
-        if not self.problem.common:
+        if not self.specification.common:
             lines.append(f"  cost {self.objective:.6g}")
         lines += [f"  decided by: {name}" for name in self.active]
         if self.feasible and not self.active:

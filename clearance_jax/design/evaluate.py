@@ -1,7 +1,7 @@
 """Designs as simulations: what a design must stand, solved one by one with derivatives, or in batches without."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -9,20 +9,16 @@ import jax.numpy as jnp
 import numpy as np
 
 from clearance_jax.analysis.metrics import AbstractMetric
+from clearance_jax.design.made import Yield, Yielded, counted
+from clearance_jax.design.scenarios import Scenario, scenarios_of
+from clearance_jax.design.specification import Specification
+from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism, replace
 
 # Scenarios solved at a time where no derivatives are asked for.
 BATCH = 250
 # Variables up to which derivatives come along with every evaluation.
 FEW = 5
-
-
-class Scenario(NamedTuple):
-    """One simulation that a design must stand: the title of its condition, values by name, factors on the variables."""
-
-    title: str
-    given: Mapping[str, jax.Array]
-    factors: np.ndarray
 
 
 class Simulations:
@@ -117,3 +113,27 @@ def _slopes(mechanism, metrics, names, x, given, t1, solve):
 @eqx.filter_jit
 def _batch(mechanism, metrics, names, points, given, t1, solve):
     return jax.vmap(lambda x, g: _found(mechanism, metrics, names, x, g, t1, solve))(points, given)
+
+
+def simulations_of(specification: Specification, rtol: float | None = None, solver: str | None = None) -> Simulations:
+    """What designs are simulated by, to the given accuracy."""
+    solve = {"rtol": rtol or specification.rtol, "solver": solver or specification.solver}
+    metrics = [limit.simulation_metric for limit in specification.limits]
+    bounds = [limit.bound for limit in specification.limits]
+    return Simulations(
+        specification.mechanism, metrics, bounds, tuple(specification.variables), specification.t1, solve
+    )
+
+
+def yield_of(specification: Specification, x: np.ndarray, sampled: Sequence[Scenario], exact: bool = False) -> Yielded:
+    """In how many scenarios, as many of each condition, a design holds all limits; the worst condition's."""
+    worst = simulations_of(specification).worst(specification.values(x), sampled, exact)
+    held = worst.reshape(len(specification.conditions), -1) <= 0
+    return min((counted(row) for row in held), key=lambda y: y.share)
+
+
+def fresh_yield(specification: Specification, x: np.ndarray, samples: int = 10_000, seed: int = 12345) -> Yielded:
+    """The yield of a design (its variables, shape (n,)) on fresh samples; the worst condition's."""
+    if not isinstance(specification.made, Yield):
+        raise ClearanceError("Only a problem with `made=Yield(...)` has a yield.")
+    return yield_of(specification, x, scenarios_of(specification, samples, seed))

@@ -1,22 +1,21 @@
 """Proof of a design by other means than those that found it, as a certificate that a person can read."""
 
 import dataclasses
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.optimize
 
 from clearance_jax.analysis.metrics import Peak, PositionError
+from clearance_jax.design.evaluate import fresh_yield
+from clearance_jax.design.formulation import formulate
 from clearance_jax.design.made import Yield, Yielded
 from clearance_jax.design.program import Point, Program
 from clearance_jax.design.solvers import GRADIENT_FREE, INTERRUPTED, run
+from clearance_jax.design.specification import Specification
 from clearance_jax.design.static import static_weights
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import replace
 from clearance_jax.units import shown
-
-if TYPE_CHECKING:
-    from clearance_jax.design.problem import Design
 
 # A limit is active within this share of its bound.
 ACTIVE = 1e-4
@@ -103,8 +102,10 @@ class Certificate:
         return "\n".join(lines)
 
 
-def verify(
-    design: "Design",
+def certify(
+    specification: Specification,
+    method: str,
+    point: Point,
     *,
     sweep: int = 40,
     starts: int = 0,
@@ -113,59 +114,67 @@ def verify(
     seed: int = 0,
     solver: str | None = None,
 ) -> Certificate:
-    """Check a design with another solver and a tenfold tighter tolerance.
+    """Check the point that a method has found with another solver and a tenfold tighter tolerance.
 
     **Arguments:** `sweep`: scalings at which the limits are looked at between a tenth of the design and the bounds;
     `starts`: random starts of the same method; `reoptimise`: check the prices by solving again with changed bounds;
     `samples`: fresh ones for a `Yield`; `solver`: which one (default: another than the design's).
     """
-    if not design.feasible:
-        raise ClearanceError(f"There is no feasible design to verify: {design.program.most_violated(design.point)}.")
-    problem = design.problem
-    solver, rtol = solver or OTHER.get(problem.solver, "tsit5"), 0.1 * problem.rtol
-    fresh = problem.program(rtol=rtol, solver=solver)
-    x = design.point.x
-    at = fresh.at(x, design.method not in GRADIENT_FREE)
-    scale = _scale(fresh, x, at)
-    islands = _islands(fresh, x, sweep)
+    solver, rtol = solver or OTHER.get(specification.solver, "tsit5"), 0.1 * specification.rtol
+    fresh = formulate(specification, rtol, solver)
+    at = fresh.at(point.x, method not in GRADIENT_FREE)
     residual, multipliers = _optimality(fresh, at) if at.gradient is not None else (np.nan, np.zeros(len(at.limits)))
-    names = fresh.limit_names
     prices: dict[str, float] = {}
     for k in np.flatnonzero(multipliers > 1e-6):
         prices[fresh.groups[k]] = prices.get(fresh.groups[k], 0.0) + float(multipliers[k])
-    checked = {n: (p, _repriced(design, n)) for n, p in prices.items()} if reoptimise else {}
-    objectives = []
-    rng = np.random.default_rng(seed)
-    for _ in range(starts):
-        other = problem.program()
-        _run(other, design.method, np.exp(rng.uniform(np.log(other.lower), np.log(other.upper))))
-        objectives.append(other.best.objective if other.best else np.inf)
-    k = int(np.argmax(at.limits))
-    units = dict(zip(fresh.names, design.units.values(), strict=False))  # a common clearance has the first one's
-    goal = "enlarges the clearance" if problem.common else "lowers the cost"
-    yielded = design.yielded(samples) if isinstance(problem.made, Yield) else None
+    checked = {n: (p, _repriced(specification, method, point, n)) for n, p in prices.items()} if reoptimise else {}
     return Certificate(
-        units, x, at.worst, names[k], scale, islands, residual, prices, checked, tuple(objectives), at.objective, goal,
-        yielded, _static(design), solver, rtol,
-    )  # fmt: skip
+        names=dict(zip(fresh.names, specification.units.values(), strict=False)),  # a common one has the first's
+        x=point.x,
+        worst=at.worst,
+        limit=fresh.limit_names[int(np.argmax(at.limits))],
+        scale=_scale(fresh, point.x, at),
+        islands=_islands(fresh, point.x, sweep),
+        residual=residual,
+        prices=prices,
+        checked=checked,
+        starts=_others(specification, method, starts, seed),
+        objective=at.objective,
+        goal="enlarges the clearance" if specification.common else "lowers the cost",
+        yielded=fresh_yield(specification, point.x, samples) if isinstance(specification.made, Yield) else None,
+        static=_static(specification, point.x),
+        solver=solver,
+        rtol=rtol,
+    )
 
 
-def _static(design: "Design") -> dict[str, float]:
+def _static(specification: Specification, x: np.ndarray) -> dict[str, float]:
     """Weights times clearances, in the condition where they add up to most; of driven mechanisms."""
+    designed = replace(specification.mechanism, specification.clearances(x))
     found: dict[str, float] = {}
-    for limit in design.problem.limits:
+    for limit in specification.limits:
         if not isinstance(limit.metric, Peak) or not isinstance(limit.metric.signal, PositionError):
             continue
-        for values in design.problem.conditions.values():
-            moved = replace(design.mechanism, values)
+        for values in specification.conditions.values():
+            moved = replace(designed, values)
             try:
-                weights = static_weights(moved, limit.metric.signal.point, design.problem.t1)
+                weights = static_weights(moved, limit.metric.signal.point, specification.t1)
             except ClearanceError:
                 continue
             sizes = {j.name: j.clearance.radial_clearance for j in moved.clearance_joints() if j.clearance}
             total = sum(weight * float(sizes[name]) for name, weight in weights.items())
             found[limit.title] = max(total, found.get(limit.title, 0.0))
     return found
+
+
+def _others(specification: Specification, method: str, starts: int, seed: int) -> tuple[float, ...]:
+    """Objectives that random starts lead to."""
+    objectives, rng = [], np.random.default_rng(seed)
+    for _ in range(starts):
+        program = formulate(specification)
+        _run(program, method, np.exp(rng.uniform(np.log(program.lower), np.log(program.upper))))
+        objectives.append(program.best.objective if program.best else np.inf)
+    return tuple(objectives)
 
 
 def _run(program: Program, method: str, start: np.ndarray) -> None:
@@ -230,11 +239,11 @@ def _optimality(program: Program, at: Point) -> tuple[float, np.ndarray]:
     return float(left / max(np.linalg.norm(gradient), 1e-300)), multipliers
 
 
-def _repriced(design: "Design", name: str) -> float:
+def _repriced(specification: Specification, method: str, point: Point, name: str) -> float:
     """Relative change of the best objective per relative change of one limit's bound, by solving twice more."""
-    program, best = design.problem.program(), []
+    program, best = formulate(specification), []
     for change in (0.01, -0.01):
         moved = program.rebounded(name, 1 + change)
-        _run(moved, design.method, design.point.x)
+        _run(moved, method, point.x)
         best.append(moved.best.objective if moved.best else np.nan)
-    return float((best[1] - best[0]) / 0.02 / abs(design.objective))
+    return float((best[1] - best[0]) / 0.02 / abs(point.objective))

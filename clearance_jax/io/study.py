@@ -9,11 +9,13 @@ from clearance_jax.analysis import metrics
 from clearance_jax.design.costs import AbstractCost, Exponential, ExponentialReciprocal, Reciprocal
 from clearance_jax.design.costs import Table as CostTable
 from clearance_jax.design.made import Band, Yield
-from clearance_jax.design.problem import Limit, ToleranceProblem
+from clearance_jax.design.problem import ToleranceProblem
 from clearance_jax.design.solvers import SOLVERS
+from clearance_jax.design.specification import Limit
 from clearance_jax.errors import ClearanceError
-from clearance_jax.io.scene import Table, load_scene, parse_setting, unit_of
+from clearance_jax.io.scene import Table, load_scene, parse_setting
 from clearance_jax.mechanism.mechanism import parameters, replace
+from clearance_jax.mechanism.quantities import units_of
 from clearance_jax.units import to_si
 
 SIGNALS = {
@@ -101,9 +103,8 @@ def _study(path: Path, top: Table, text: str) -> Study:
 
 
 def _unit(table: Table, name: str, mechanism) -> str:
-    known = parameters(mechanism)
     replace(mechanism, {name: 1.0})  # an unknown name raises here, with what it may have meant
-    return unit_of(known.get(name) or known[name.rpartition(".")[0]], known, mechanism)
+    return units_of(mechanism, [name])[name]
 
 
 def _values(table: Table, mechanism) -> dict[str, float]:
