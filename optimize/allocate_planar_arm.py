@@ -10,12 +10,13 @@ from clearance_jax import laws
 from clearance_jax.design import ToleranceProblem
 from experiments.common import output, table
 from optimize.common import Allocation, allocate, cheapest, command
+from optimize.optax_methods import AUGMENTED_LAGRANGIAN
 
 BOUND = 2e-4
 END = 1.0
 FROM, TO = (0.6, -0.9, 0.7, -0.5, 0.4), (1.2, -0.4, -0.2, 0.3, -0.2)
 """Joint angles before and after the move [rad]."""
-METHODS = ("slsqp", "augmented-lagrangian", "cobyqa")
+METHODS = ("slsqp", AUGMENTED_LAGRANGIAN, "cobyqa")
 
 
 def arm(joints: int) -> cj.Mechanism:

@@ -3,12 +3,13 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.stats
 from catalogue import slider_crank
 
 import clearance_jax as cj
 from clearance_jax import design
 from clearance_jax.analysis import metrics
-from clearance_jax.design import evaluate, made, solvers, verify
+from clearance_jax.design import evaluate, made, verify
 from clearance_jax.errors import ClearanceError
 from clearance_jax.solve.simulate import solve
 from experiments.trust import CHAOTIC, scene
@@ -22,6 +23,7 @@ from optimize import (
     yield_design,
 )
 from optimize import exponential_cost_closed_form as closed_form
+from optimize.optax_methods import PROJECTED_ADAM
 
 NAME = "wrist.radial_clearance"
 NAME5 = yield_design.NAME
@@ -46,14 +48,69 @@ def test_closed_form_allocations(monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("method", "error"), [("trust-constr", 1e-4), ("cobyqa", 1e-5), ("projected-adam", 2e-2), ("cma-es", 1e-3)]
+    ("method", "error"), [("trust-constr", 1e-4), ("cobyqa", 1e-5), (PROJECTED_ADAM, 2e-2), ("cma-es", 1e-3)]
 )
 def test_the_other_solvers_agree(method, error):
     problem = closed_form.allocation("worst case", 3)
     program = problem.program()
-    assert solvers.run(program, method, np.full(3, 0.01)) == ""
+    assert design.run(program, method, np.full(3, 0.01)) == ""
     assert program.best is not None
     assert -1e-8 <= program.best.objective / problem.cost - 1 <= error
+
+
+@pytest.mark.parametrize("target", [0.9, 0.99])
+def test_stochastic_approximation_finds_the_best_yield(target):
+    """Of normal scatters a sum's conditional value at risk is its mean and so many standard deviations."""
+    scatter, problem = np.array([0.05, 0.1, 0.02]), closed_form.allocation("worst case", 3)
+    deviations = scipy.stats.norm.pdf(scipy.stats.norm.ppf(target)) / (1 - target)
+
+    def point(x, limits, row):
+        costs = problem.factors / x
+        return design.Point(x, float(costs.sum()), limits, -costs / x, row[None] / closed_form.BOUND)
+
+    def exact(x, gradient):
+        spread = np.linalg.norm(problem.weights * scatter * x)
+        row = problem.weights + deviations * (problem.weights * scatter) ** 2 * x / spread
+        return point(x, np.array([row @ x / closed_form.BOUND - 1]), row)
+
+    def fresh(x, samples, seed):
+        rows = problem.weights * (1 + scatter * np.random.default_rng(seed).standard_normal((samples, 3)))
+        worst = rows @ x / closed_form.BOUND - 1
+        weights = design.Yield({}, target).weights(worst)
+        return point(x, weights[None] @ worst, weights @ rows)
+
+    def program(**options):
+        return design.Program(exact, ["a", "b", "c"], np.full(3, 1e-4), np.ones(3), ["yield"], **options)
+
+    known, sampled, start = program(), program(fresh=fresh), np.full(3, 0.005)
+    assert design.run(known, "slsqp", start) == ""
+    assert design.run(sampled, "stochastic-approximation", start) == ""
+    best, found = known.best, sampled.best
+    assert best is not None
+    assert found is not None
+    assert sampled.gradients < 220
+    np.testing.assert_allclose(found.x, best.x, rtol=0.03)
+    assert best.objective * (1 - 1e-6) <= found.objective <= 1.01 * best.objective
+    looser = sampled.rebounded("yield", 2.0).fresh(start, 50, 1).limits
+    np.testing.assert_allclose(looser, (1 + sampled.fresh(start, 50, 1).limits) / 2 - 1)
+    with pytest.raises(ClearanceError, match="drawn afresh"):
+        design.run(known, "stochastic-approximation", start)
+
+
+def test_fresh_samples_are_simulated():
+    """The worst half of four fresh samples, by solves of their own."""
+    made = design.Yield({NAME: 0.1, "slider.mass": 0.1}, target=0.5, samples=2)
+    program = design.formulate(asked(made=made).specification)
+    found = program.fresh(np.array([5e-4]), 4, 3)
+    draws = made.draws((NAME,), 4, 3)
+    mass = float(cj.parameters(slider_crank())["slider.mass"].value)
+    errors = [
+        float(PEAK(cj.replace(slider_crank(), {NAME: 5e-4 * a, "slider.mass": mass * b}), 1e-3))
+        for a, b in zip(draws[NAME], draws["slider.mass"], strict=True)
+    ]
+    np.testing.assert_allclose(found.limits, np.mean(sorted(errors)[2:]) / 1e-4 - 1, rtol=1e-6)
+    assert program.points == []
+    assert program.gradients == 1
 
 
 def test_costs():
@@ -85,7 +142,7 @@ def test_what_was_evaluated_is_kept_and_resumed_from(tmp_path):
         return design.Program(problem._evaluate, names, np.full(n, 1e-6), np.full(n, 1e2), ["error"], **options)
 
     first = program(record=file, most=6)
-    assert "as many" in solvers.run(first, "slsqp", np.full(5, 1e-3))
+    assert "as many" in design.run(first, "slsqp", np.full(5, 1e-3))
     assert first.gradients == 6
     assert first.best is not None
     with file.open("a") as f:
@@ -94,10 +151,10 @@ def test_what_was_evaluated_is_kept_and_resumed_from(tmp_path):
     assert second.gradients == 0
     assert second.best is not None
     assert second.best.objective == first.best.objective
-    solvers.run(second, "slsqp", np.full(5, 1e-3))
+    design.run(second, "slsqp", np.full(5, 1e-3))
     assert second.best.objective <= problem.cost * (1 + 1e-6)
     fresh = program()
-    solvers.run(fresh, "slsqp", np.full(5, 1e-3))
+    design.run(fresh, "slsqp", np.full(5, 1e-3))
     assert second.gradients == fresh.gradients - 6  # the first six were remembered
     with pytest.raises(ClearanceError, match="another problem"):
         design.Program(problem._evaluate, ["other"], np.ones(1), 2 * np.ones(1), ["error"], record=file)
@@ -113,7 +170,7 @@ def test_an_interrupted_run_keeps_its_best():
     program = design.Program(
         problem._evaluate, ["a", "b", "c"], np.full(3, 1e-6), np.full(3, 1e2), ["error"], progress=stop
     )
-    assert solvers.run(program, "slsqp", np.full(3, 1e-3)) == "interrupted"
+    assert design.run(program, "slsqp", np.full(3, 1e-3)) == "interrupted"
     assert program.best is not None
     assert program.best.objective < program.points[0].objective
 
@@ -143,7 +200,7 @@ def test_messages():
         asked(limits=[design.Limit(PEAK, 1e-4), design.Limit(PEAK, 2e-4)])
     with pytest.raises(ClearanceError, match="no cost for"):
         asked(cost={"other": design.Reciprocal(1.0)})
-    with pytest.raises(ClearanceError, match=r"no design solver `?'newton'"):
+    with pytest.raises(ClearanceError, match=r"no design method `?'newton'"):
         asked().solve("newton")
     with pytest.raises(ClearanceError, match=r"whole number.*cobyqa"):
         asked(limits=[design.Limit(metrics.Impacts("wrist"), 3.0)]).solve()
@@ -278,7 +335,7 @@ def test_a_chaotic_design_is_not_left_to_gradients():
         scene(CHAOTIC["A2"]), 0.2, {PLAY: (0.5 * clearance, 2 * clearance)}, [design.Limit(Place(), 1.0)]
     )
     found = problem.solve("auto", most=5)
-    assert found.method == "cobyqa"
+    assert found.method.name == "cobyqa"
     assert found.program.gradients == 0
     assert "Gradients are not to be trusted" in str(found)
 
@@ -305,7 +362,7 @@ def test_a_start_that_cannot_be_simulated_is_left():
         return design.Point(x, float(1 / x[0]), limits, *slopes)
 
     program = design.Program(evaluate, ["a"], np.array([1e-3]), np.array([100.0]), ["error"])
-    assert solvers.run(program, "slsqp", np.array([50.0])) == ""
+    assert design.run(program, "slsqp", np.array([50.0])) == ""
     assert program.best is not None
     np.testing.assert_allclose(program.best.x, 0.3, rtol=1e-8)
 

@@ -190,7 +190,7 @@ def test_infeasible_designs_report_what_is_violated(study, tmp_path):
 
     program = design.Program(evaluate, asked.names, np.array([1e-5]), np.array([1e-3]), ["piston"])
     point = program.at(np.array([1e-4]), True)
-    answer = design.Design(asked, program, "slsqp", point, "", "")
+    answer = design.Design(asked, program, design.METHODS["slsqp"], point, "", "")
     found = design.findings(answer)
     assert "No design holds every limit" in found.notes[0]
     write_report(found, tmp_path / "r.html")

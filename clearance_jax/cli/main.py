@@ -93,7 +93,7 @@ def simulate(
         raise ClearanceError(f"`-o` and `--plot` name the same file `{output}`. Give two names.")
     options: dict[str, Any] = {"rtol": 1e-8, "samples": 1001, "solver": "tsit5"} | scene.solve
     if solver is not None and solver not in SOLVERS:
-        raise ClearanceError(f"`--solver` must be tsit5 or dopri8, but it is {solver!r}.")
+        raise ClearanceError(f"`--solver` must be {' or '.join(SOLVERS)}, but it is {solver!r}.")
     given = {"rtol": rtol, "samples": samples, "solver": solver, "t1": None if t1 is None else to_si(t1, "s", "`--t1`")}
     options |= {k: v for k, v in given.items() if v is not None}
     if "t1" not in options:
@@ -214,7 +214,7 @@ def optimize(
     from clearance_jax.configure import configure
 
     configure(cache=True)
-    from clearance_jax.design import SOLVERS, Findings, findings, histories
+    from clearance_jax.design import CHOICES, Findings, findings, histories
     from clearance_jax.io.study import load_study
     from clearance_jax.report.html import write_report
 
@@ -223,8 +223,8 @@ def optimize(
     study = load_study(study_file)
     options = dict(study.solve)
     if method is not None:
-        if method not in ("auto", *SOLVERS):
-            raise ClearanceError(f"`--method` must be auto, {', '.join(SOLVERS)}, but it is {method!r}.")
+        if method not in CHOICES:
+            raise ClearanceError(f"`--method` must be {', '.join(CHOICES)}, but it is {method!r}.")
         options["method"] = method
     if starts is not None:
         options["starts"] = starts

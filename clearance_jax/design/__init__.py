@@ -7,16 +7,19 @@ from clearance_jax.design.findings import Findings, findings
 from clearance_jax.design.formulation import formulate
 from clearance_jax.design.histories import History, histories
 from clearance_jax.design.made import Band, Yield, Yielded
+from clearance_jax.design.methods import CHOICES, METHODS, Method
 from clearance_jax.design.problem import ToleranceProblem
 from clearance_jax.design.program import Point, Program
-from clearance_jax.design.solvers import SOLVERS
+from clearance_jax.design.run import run
+from clearance_jax.design.scaling import ScaledProgram
 from clearance_jax.design.specification import Limit, Specification
 from clearance_jax.design.standard import StandardFits, nearest_fits
 from clearance_jax.design.static import static_weights
 from clearance_jax.design.verify import Certificate
 
 __all__ = [
-    "SOLVERS",
+    "CHOICES",
+    "METHODS",
     "AbstractCost",
     "Band",
     "Certificate",
@@ -26,10 +29,12 @@ __all__ = [
     "Findings",
     "History",
     "Limit",
+    "Method",
     "Point",
     "Program",
     "Reciprocal",
     "Response",
+    "ScaledProgram",
     "Specification",
     "StandardFits",
     "Table",
@@ -42,6 +47,7 @@ __all__ = [
     "histories",
     "nearest_fits",
     "responses",
+    "run",
     "static_weights",
     "tradeoff",
 ]

@@ -7,6 +7,7 @@ import numpy as np
 
 from clearance_jax.design.evaluate import fresh_yield
 from clearance_jax.design.made import Yielded
+from clearance_jax.design.methods import Method
 from clearance_jax.design.program import Point, Program
 from clearance_jax.design.specification import Specification
 from clearance_jax.design.verify import Certificate, certify
@@ -25,7 +26,7 @@ class Design:
 
     specification: Specification
     program: Program
-    method: str
+    method: Method
     point: Point
     stopped: str
     note: str
@@ -88,8 +89,7 @@ class Design:
             at = np.isclose(self.point.x, self.program.lower) | np.isclose(self.point.x, self.program.upper)
             who = "the bounds of the variables do" if np.any(at) else "the solver stopped short of one"
             lines.append(f"  no limit decides: {who}")
-        lines.append(
-            f"  {self.method}: {self.program.gradients} evaluations with gradients, {self.program.evaluations} without"
-        )
+        counts = f"{self.program.gradients} evaluations with gradients, {self.program.evaluations} without"
+        lines.append(f"  {self.method.name}: {counts}")
         lines += [f"  {text}" for text in (self.stopped, self.note) if text]
         return "\n".join(lines)

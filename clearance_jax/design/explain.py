@@ -9,8 +9,8 @@ from clearance_jax.design.answer import Design
 from clearance_jax.design.evaluate import simulations_of
 from clearance_jax.design.formulation import formulate
 from clearance_jax.design.program import SLACK, Point
+from clearance_jax.design.run import INTERRUPTED, run
 from clearance_jax.design.scenarios import scenarios_of
-from clearance_jax.design.solvers import INTERRUPTED, run
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.units import shown
 

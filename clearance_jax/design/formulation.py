@@ -28,9 +28,18 @@ def formulate(
         gradient = gradient or (program.gradients > 0 and len(specification.variables) <= FEW)
         return _evaluate(specification, x, gradient, scenarios, simulations)
 
-    identity = _identity(specification, simulations)
+    def fresh(x, samples, seed):
+        return _evaluate(specification, x, True, scenarios_of(specification, samples, seed), simulations)
+
     program = Program(
-        evaluate, specification.names, *specification.bounds, titles, groups=groups, identity=identity, **options
+        evaluate,
+        specification.names,
+        *specification.bounds,
+        titles,
+        groups=groups,
+        identity=_identity(specification, simulations),
+        fresh=fresh if isinstance(specification.made, Yield) else None,
+        **options,
     )
     return program
 
@@ -88,9 +97,9 @@ def _evaluate(
 
 def _at_risk(made: Yield, conditions: int, values: np.ndarray, jacobian: np.ndarray | None):
     """Of scaled limits (scenarios, m) and slopes (scenarios, m, n): conditional values at risk, one a condition."""
-    risks, slopes = [], []
+    risks, slopes, samples = [], [], len(values) // conditions
     for k in range(conditions):
-        part = slice(k * made.samples, (k + 1) * made.samples)
+        part = slice(k * samples, (k + 1) * samples)
         which = np.argmax(values[part], axis=1)
         worst = np.take_along_axis(values[part], which[:, None], 1)[:, 0]
         weights = made.weights(worst)

@@ -7,6 +7,7 @@ from typing import Any
 from clearance_jax.design.answer import Design
 from clearance_jax.design.costs import AbstractCost
 from clearance_jax.design.made import Band, Yield
+from clearance_jax.design.methods import Method
 from clearance_jax.design.program import Point
 from clearance_jax.design.search import search
 from clearance_jax.design.specification import Limit, Specification
@@ -60,7 +61,7 @@ class ToleranceProblem:
 
     def solve(
         self,
-        method: str = "slsqp",
+        method: str | Method = "slsqp",
         start: Mapping[str, float] | None = None,
         starts: int = 1,
         seed: int = 0,
@@ -70,11 +71,14 @@ class ToleranceProblem:
     ) -> Design:
         """The best design found, which holds its limits in a simulation of its own (see `Design.feasible`).
 
-        **Arguments:** `method`: one of `SOLVERS`; "auto" asks `gradient_report` at the start whether gradients are
-        worth having, and else takes "cobyqa"; `start`: values by name (default: the geometric middle of the bounds);
-        `starts`: so many in all, the others at random between the bounds (impacts make many local optima); `record`: a
-        file with every evaluated point, from which an interrupted run goes on; `most` evaluations; `progress`: called
-        with each.
+        **Arguments:**
+
+        - `method`: one of `METHODS`, or a `Method` of your own; "auto" asks `gradient_report` at the start whether
+          gradients are worth having, and else takes "cobyqa".
+        - `start`: values by name (default: the geometric middle of the bounds); `starts`: so many in all, the others at
+          random between the bounds (impacts make many local optima), by `seed`.
+        - `record`: a file with every evaluated point, from which an interrupted run goes on.
+        - `most` evaluations; `progress`: called with each.
         """
         return search(self.specification, method, start, starts, seed, record, most, progress)
 

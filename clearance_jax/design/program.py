@@ -59,6 +59,7 @@ class Program:
     - `most`: evaluations after which a solver is stopped with the best so far.
     - `progress`: called with each new point.
     - `known`: points evaluated before.
+    - `fresh`: `(x, samples, seed) -> Point`, the same by so many fresh samples of manufacture, with gradients.
     """
 
     def __init__(
@@ -74,6 +75,7 @@ class Program:
         most: int = 1_000_000,
         progress: Callable[[Point], None] | None = None,
         known: Sequence[Point] = (),
+        fresh: Callable[[np.ndarray, int, int], Point] | None = None,
     ):
         self.names, self.limit_names = tuple(names), tuple(limit_names)
         self.groups, self._identity = tuple(groups or limit_names), identity
@@ -81,7 +83,7 @@ class Program:
         for name, low, high in zip(self.names, self.lower, self.upper, strict=True):
             if not 0 < low < high < math.inf:
                 raise ClearanceError(f"The bounds of `{name}` contradict each other: 0 < {low:g} < {high:g} must hold.")
-        self._evaluate, self._most, self._progress = evaluate, most, progress
+        self._evaluate, self._fresh, self._most, self._progress = evaluate, fresh, most, progress
         self._file = None if record is None else Path(record)
         if self._file is not None and not self._file.parent.is_dir():
             raise ClearanceError(f"There is no folder `{self._file.parent}` for the record.")
@@ -99,8 +101,7 @@ class Program:
         known = self._known.get(x.tobytes())
         if known is not None and (known.gradient is not None or not gradient):
             return known
-        if self.evaluations + self.gradients >= self._most:
-            raise Enough
+        self._spend()
         point = self._evaluate(x, gradient)
         self.gradients += point.gradient is not None
         self.evaluations += point.gradient is None
@@ -111,6 +112,23 @@ class Program:
         if self._progress is not None:
             self._progress(point)
         return point
+
+    def fresh(self, x: np.ndarray, samples: int, seed: int) -> Point:
+        """The point at `x` by fresh samples, with gradients; not kept, for the next ones say something else.
+
+        **Raises:** `ClearanceError` where nothing is sampled.
+        """
+        if self._fresh is None:
+            raise ClearanceError(
+                "Only a problem with `made=Yield(...)` has samples that can be drawn afresh. Take another method."
+            )
+        self._spend()
+        self.gradients += 1
+        return self._fresh(np.clip(np.asarray(x, float), self.lower, self.upper), samples, seed)
+
+    def _spend(self) -> None:
+        if self.evaluations + self.gradients >= self._most:
+            raise Enough
 
     @property
     def best(self) -> Point | None:
@@ -136,7 +154,8 @@ class Program:
         shrink = np.where([name == group for name in self.groups], 1 / factor, 1.0)
         names = self.names, self.lower, self.upper, self.limit_names, self.groups
         known = [moved(point) for point in self.points]
-        return Program(lambda x, gradient: moved(self.at(x, gradient)), *names, known=known)
+        fresh = None if self._fresh is None else lambda x, samples, seed: moved(self.fresh(x, samples, seed))
+        return Program(lambda x, gradient: moved(self.at(x, gradient)), *names, known=known, fresh=fresh)
 
     def most_violated(self, point: Point) -> str:
         """The most violated limit of a point in words."""

@@ -10,8 +10,9 @@ import numpy as np
 from clearance_jax.analysis.trust import gradient_report
 from clearance_jax.design.answer import Design
 from clearance_jax.design.formulation import formulate
+from clearance_jax.design.methods import AUTO, Method, method_of
 from clearance_jax.design.program import Point
-from clearance_jax.design.solvers import GRADIENT_FREE, INTERRUPTED, SPENT, run
+from clearance_jax.design.run import INTERRUPTED, SPENT, run
 from clearance_jax.design.specification import Specification
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import replace
@@ -19,7 +20,7 @@ from clearance_jax.mechanism.mechanism import replace
 
 def search(
     specification: Specification,
-    method: str = "slsqp",
+    method: str | Method = "slsqp",
     start: Mapping[str, float] | None = None,
     starts: int = 1,
     seed: int = 0,
@@ -36,13 +37,14 @@ def search(
     if program.best is not None:
         x = program.best.x
     note = ""
-    if method == "auto":
+    if method == AUTO:
         note = _distrust(specification, x)
         method = "cobyqa" if note else "slsqp"
-    if method not in GRADIENT_FREE:
+    method = method_of(method)
+    if method.gradients:
         _check_derivatives(specification, x)
     # Finer than the solves it cannot be.
-    options = {"tolerance": 10 * specification.rtol} if method == "slsqp" else {}
+    options = {"tolerance": 10 * specification.rtol} if method.name == "slsqp" else {}
     stopped, rng = run(program, method, x, **options), np.random.default_rng(seed)
     for _ in range(starts - 1):
         # A solver that gave up is one thing, an end to all of it another.

@@ -9,8 +9,9 @@ from clearance_jax.analysis.metrics import Peak, PositionError
 from clearance_jax.design.evaluate import fresh_yield
 from clearance_jax.design.formulation import formulate
 from clearance_jax.design.made import Yield, Yielded
+from clearance_jax.design.methods import Method
 from clearance_jax.design.program import Point, Program
-from clearance_jax.design.solvers import GRADIENT_FREE, INTERRUPTED, run
+from clearance_jax.design.run import INTERRUPTED, run
 from clearance_jax.design.specification import Specification
 from clearance_jax.design.static import static_weights
 from clearance_jax.errors import ClearanceError
@@ -104,7 +105,7 @@ class Certificate:
 
 def certify(
     specification: Specification,
-    method: str,
+    method: Method,
     point: Point,
     *,
     sweep: int = 40,
@@ -122,7 +123,7 @@ def certify(
     """
     solver, rtol = solver or OTHER.get(specification.solver, "tsit5"), 0.1 * specification.rtol
     fresh = formulate(specification, rtol, solver)
-    at = fresh.at(point.x, method not in GRADIENT_FREE)
+    at = fresh.at(point.x, method.gradients)
     residual, multipliers = _optimality(fresh, at) if at.gradient is not None else (np.nan, np.zeros(len(at.limits)))
     prices: dict[str, float] = {}
     for k in np.flatnonzero(multipliers > 1e-6):
@@ -167,7 +168,7 @@ def _static(specification: Specification, x: np.ndarray) -> dict[str, float]:
     return found
 
 
-def _others(specification: Specification, method: str, starts: int, seed: int) -> tuple[float, ...]:
+def _others(specification: Specification, method: Method, starts: int, seed: int) -> tuple[float, ...]:
     """Objectives that random starts lead to."""
     objectives, rng = [], np.random.default_rng(seed)
     for _ in range(starts):
@@ -177,7 +178,7 @@ def _others(specification: Specification, method: str, starts: int, seed: int) -
     return tuple(objectives)
 
 
-def _run(program: Program, method: str, start: np.ndarray) -> None:
+def _run(program: Program, method: Method, start: np.ndarray) -> None:
     """`run`; an interruption ends the verification, whose other statements would be about half-finished runs."""
     if run(program, method, start) == INTERRUPTED:
         raise KeyboardInterrupt
@@ -239,7 +240,7 @@ def _optimality(program: Program, at: Point) -> tuple[float, np.ndarray]:
     return float(left / max(np.linalg.norm(gradient), 1e-300)), multipliers
 
 
-def _repriced(specification: Specification, method: str, point: Point, name: str) -> float:
+def _repriced(specification: Specification, method: Method, point: Point, name: str) -> float:
     """Relative change of the best objective per relative change of one limit's bound, by solving twice more."""
     program, best = formulate(specification), []
     for change in (0.01, -0.01):

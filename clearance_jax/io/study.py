@@ -9,13 +9,14 @@ from clearance_jax.analysis import metrics
 from clearance_jax.design.costs import AbstractCost, Exponential, ExponentialReciprocal, Reciprocal
 from clearance_jax.design.costs import Table as CostTable
 from clearance_jax.design.made import Band, Yield
+from clearance_jax.design.methods import CHOICES
 from clearance_jax.design.problem import ToleranceProblem
-from clearance_jax.design.solvers import SOLVERS
 from clearance_jax.design.specification import Limit
 from clearance_jax.errors import ClearanceError
 from clearance_jax.io.scene import Table, load_scene, parse_setting
 from clearance_jax.mechanism.mechanism import parameters, replace
 from clearance_jax.mechanism.quantities import units_of
+from clearance_jax.solve.simulate import SOLVERS
 from clearance_jax.units import to_si
 
 SIGNALS = {
@@ -78,9 +79,9 @@ def _study(path: Path, top: Table, text: str) -> Study:
     solver = top.table("solve")
     problem_options: dict[str, Any] = {
         "rtol": solver.get("rtol", scene.solve.get("rtol", 1e-8)),
-        "solver": solver.word("solver", {"tsit5", "dopri8"}, scene.solve.get("solver", "tsit5")),
+        "solver": solver.word("solver", SOLVERS, scene.solve.get("solver", "tsit5")),
     }
-    solve = {"method": solver.word("method", {"auto", *SOLVERS}, "slsqp"), **_numbers(solver, starts=1, most=1)}
+    solve = {"method": solver.word("method", CHOICES, "slsqp"), **_numbers(solver, starts=1, most=1)}
     solver.finish()
     verify = top.table("verify")
     checks = _numbers(verify, sweep=2, starts=0, samples=1)

@@ -169,7 +169,7 @@ def _tradeoff(found: Tradeoff, design: Design) -> str:
 
 def _search(design: Design) -> str:
     program = design.program
-    text = f"{design.method}: {program.gradients} evaluations with derivatives, {program.evaluations} without."
+    text = f"{design.method.name}: {program.gradients} evaluations with derivatives, {program.evaluations} without."
     plot = _figure(figures.history(design), "Every evaluated design")
     return f"<section><h2>How it was found</h2><p>{html.escape(text)}</p>{plot}</section>"
 
