@@ -6,7 +6,7 @@ import numpy as np
 
 import clearance_jax as cj
 from clearance_jax.analysis.metrics import Peak, PositionError
-from clearance_jax.design import Design, Limit, ToleranceProblem, fits, histories
+from clearance_jax.design import Design, Limit, ToleranceProblem, fits, time_histories
 from clearance_jax.report.design_figures import over_time
 from clearance_jax.report.figures import save_figure
 from experiments.common import SCENES, output
@@ -53,7 +53,7 @@ def main(quick: bool = False) -> Design:
     print(design)
     print(standard_fit(design))
     print(design.verify(sweep=8 if quick else 40))
-    save_figure(over_time(*histories(design)), output(f"largest_clearance{'_quick' if quick else ''}.png"))
+    save_figure(over_time(*time_histories(design)), output(f"largest_clearance{'_quick' if quick else ''}.png"))
     return design
 
 

@@ -9,7 +9,7 @@ from catalogue import slider_crank
 import clearance_jax as cj
 from clearance_jax import design
 from clearance_jax.analysis import metrics
-from clearance_jax.design import evaluate, made, verify
+from clearance_jax.design import evaluate, manufacture, verify
 from clearance_jax.errors import ClearanceError
 from clearance_jax.solve.simulate import solve
 from experiments.trust import CHAOTIC, scene
@@ -66,7 +66,7 @@ def test_stochastic_approximation_finds_the_best_yield(target):
 
     def point(x, limits, row):
         costs = problem.factors / x
-        return design.Point(x, float(costs.sum()), limits, -costs / x, row[None] / closed_form.BOUND)
+        return design.Evaluation(x, float(costs.sum()), limits, -costs / x, row[None] / closed_form.BOUND)
 
     def exact(x, gradient):
         spread = np.linalg.norm(problem.weights * scatter * x)
@@ -91,7 +91,7 @@ def test_stochastic_approximation_finds_the_best_yield(target):
     assert sampled.gradients < 220
     np.testing.assert_allclose(found.x, best.x, rtol=0.03)
     assert best.objective * (1 - 1e-6) <= found.objective <= 1.01 * best.objective
-    looser = sampled.rebounded("yield", 2.0).fresh(start, 50, 1).limits
+    looser = sampled.with_bound("yield", 2.0).fresh(start, 50, 1).limits
     np.testing.assert_allclose(looser, (1 + sampled.fresh(start, 50, 1).limits) / 2 - 1)
     with pytest.raises(ClearanceError, match="drawn afresh"):
         design.run(known, "stochastic-approximation", start)
@@ -99,17 +99,17 @@ def test_stochastic_approximation_finds_the_best_yield(target):
 
 def test_fresh_samples_are_simulated():
     """The worst half of four fresh samples, by solves of their own."""
-    made = design.Yield({NAME: 0.1, "slider.mass": 0.1}, target=0.5, samples=2)
-    program = design.formulate(asked(made=made).specification)
+    sampled = design.Yield({NAME: 0.1, "slider.mass": 0.1}, target=0.5, samples=2)
+    program = design.formulate(asked(manufacture=sampled).specification)
     found = program.fresh(np.array([5e-4]), 4, 3)
-    draws = made.draws((NAME,), 4, 3)
+    draws = sampled.draws((NAME,), 4, 3)
     mass = float(cj.parameters(slider_crank())["slider.mass"].value)
     errors = [
         float(PEAK(cj.replace(slider_crank(), {NAME: 5e-4 * a, "slider.mass": mass * b}), 1e-3))
         for a, b in zip(draws[NAME], draws["slider.mass"], strict=True)
     ]
     np.testing.assert_allclose(found.limits, np.mean(sorted(errors)[2:]) / 1e-4 - 1, rtol=1e-6)
-    assert program.points == []
+    assert program.history == []
     assert program.gradients == 1
 
 
@@ -118,14 +118,14 @@ def test_costs():
     np.testing.assert_allclose(design.Reciprocal(2e-3, 2.0, 7.0)(c), 7 + 2e-3 / c**2)
     np.testing.assert_allclose(design.Exponential(3.0, 1e4, 1.0)(c), 1 + 3 * jnp.exp(-1e4 * c))
     np.testing.assert_allclose(design.ExponentialReciprocal(3.0, 1e4, 0.5)(c), 3 * jnp.exp(-1e4 * c) / c**0.5)
-    table = design.Table([1e-5, 4e-5, 1e-4], [9.0, 4.0, 1.0])
+    table = design.CostTable([1e-5, 4e-5, 1e-4], [9.0, 4.0, 1.0])
     np.testing.assert_allclose([table(x) for x in (1e-5, 4e-5, 1e-4)], [9, 4, 1])
     np.testing.assert_allclose(table(1.0), 1)
     assert float(table(5e-6)) > 9
     between = [float(table(x)) for x in np.linspace(1e-5, 1e-4, 50)]
     assert np.all(np.diff(between) < 0)
     with pytest.raises(ClearanceError, match="increasing"):
-        design.Table([1e-5, 1e-5], [1, 2])
+        design.CostTable([1e-5, 1e-5], [1, 2])
 
 
 def test_a_band_has_its_ends_and_corners():
@@ -172,7 +172,7 @@ def test_an_interrupted_run_keeps_its_best():
     )
     assert design.run(program, "slsqp", np.full(3, 1e-3)) == "interrupted"
     assert program.best is not None
-    assert program.best.objective < program.points[0].objective
+    assert program.best.objective < program.history[0].objective
 
 
 def asked(mechanism=None, variables=None, limits=None, **options):
@@ -210,7 +210,7 @@ def test_infeasible_and_unlimited_problems_say_so():
     impossible = asked(limits=[design.Limit(PEAK, 1e-9, "piston")]).solve()
     assert not impossible.feasible
     assert "NO FEASIBLE DESIGN: piston" in str(impossible)
-    assert len(impossible.program.points) > 1
+    assert len(impossible.program.history) > 1
     with pytest.raises(ClearanceError, match="no feasible design to verify: piston"):
         impossible.verify()
     free = asked(limits=[design.Limit(PEAK, 1.0)]).solve()
@@ -249,8 +249,8 @@ def test_conditional_value_at_risk():
     top = np.sort(worst)[::-1]
     np.testing.assert_allclose(weights @ worst, (top[0] + top[1] + 0.5 * top[2]) / 2.5)
     # Clopper and Pearson: 459 clean samples prove 99 % at 99 %, so 299 do at 95 % (Wilks 1941).
-    assert made.counted(np.ones(299, bool)).least >= 0.99
-    assert made.counted(np.ones(298, bool)).least < 0.99
+    assert manufacture.estimate_yield(np.ones(299, bool)).least >= 0.99
+    assert manufacture.estimate_yield(np.ones(298, bool)).least < 0.99
     with pytest.raises(ClearanceError, match="must be relative"):
         design.Yield({NAME: 0.5}).draws((NAME,))
 
@@ -344,7 +344,7 @@ def test_a_variable_at_its_bound_stays_on_the_scaling_line():
     """Two variables, one at its upper bound: the other goes on alone, to where the sum is the bound."""
 
     def evaluate(x, gradient):
-        return design.Point(x, float(np.sum(1 / x)), np.array([np.sum(x) - 1]))
+        return design.Evaluation(x, float(np.sum(1 / x)), np.array([np.sum(x) - 1]))
 
     program = design.Program(evaluate, ["a", "b"], np.full(2, 1e-3), np.array([0.25, 10.0]), ["sum"])
     x = np.array([0.25, 0.5])
@@ -359,7 +359,7 @@ def test_a_start_that_cannot_be_simulated_is_left():
     def evaluate(x, gradient):
         limits = np.array([np.nan if x[0] > 1 else x[0] / 0.3 - 1])
         slopes = (np.array([-1 / x[0] ** 2]), np.array([[1 / 0.3]])) if gradient else ()
-        return design.Point(x, float(1 / x[0]), limits, *slopes)
+        return design.Evaluation(x, float(1 / x[0]), limits, *slopes)
 
     program = design.Program(evaluate, ["a"], np.array([1e-3]), np.array([100.0]), ["error"])
     assert design.run(program, "slsqp", np.array([50.0])) == ""

@@ -98,12 +98,13 @@ def test_costs_limits_and_manufacture_of_a_study(tmp_path):
         'metric = "energy-lost"\nbound = "1 J"',
     )
     assert lost.limits[0].metric.unit == "J"
-    band = loaded("[condition.slow]", '[made]\nkind = "band"\nleast = 0.8\n[condition.slow]')
-    assert band.made == design.Band(0.8)
-    scatter = '[made]\nkind = "yield"\ntarget = 0.95\nsamples = 8\n[made.scatter]\n"slider.mass" = "2 percent"\n'
-    made = loaded("[condition.slow]", scatter + "[condition.slow]").made
-    assert isinstance(made, design.Yield)
-    assert (made.scatter, made.target, made.samples) == ({"slider.mass": 0.02}, 0.95, 8)
+    band = loaded("[condition.slow]", '[manufacture]\nkind = "band"\nleast = 0.8\n[condition.slow]')
+    assert band.manufacture == design.Band(0.8)
+    scattered = '[manufacture]\nkind = "yield"\ntarget = 0.95\nsamples = 8\n'
+    scattered += '[manufacture.scatter]\n"slider.mass" = "2 percent"\n[condition.slow]'
+    asked = loaded("[condition.slow]", scattered).manufacture
+    assert isinstance(asked, design.Yield)
+    assert (asked.scatter, asked.target, asked.samples) == ({"slider.mass": 0.02}, 0.95, 8)
 
 
 @pytest.mark.parametrize(
@@ -121,7 +122,8 @@ def test_costs_limits_and_manufacture_of_a_study(tmp_path):
         ('law = "reciprocal"', 'law = "linear"', "variable.wrist.radial_clearance.cost.law"),
         ("[solve]", '[solve]\nmethod = "newton"', "solve.method must be one of"),
         (f'scene = "{SCENE}"', 'scene = "no.toml"', "Cannot read the scene file"),
-        ("[condition.slow]", '[made]\nkind = "yield"\n[made.scatter]\n"no" = "1 percent"\n[condition.slow]', "`no`"),
+        ("[verify]", '[manufacture]\nkind = "yield"\n[manufacture.scatter]\n"no" = "1 percent"\n[verify]', "`no`"),
+        ("[verify]", '[made]\nkind = "band"\nleast = 0.8\n[verify]', "made is called `manufacture` now"),
     ],
 )  # fmt: skip
 def test_a_wrong_study_ends_with_one_sentence_and_code_2(old, new, words, study, monkeypatch, capsys):
@@ -172,7 +174,7 @@ def test_an_interrupted_search_keeps_its_best(study, monkeypatch):
         calls.append(x)
         if len(calls) > 2:
             raise KeyboardInterrupt
-        return design.Point(x, float(1 / x[0]), np.full(3, -0.5), -1 / x**2, np.zeros((3, 1)))
+        return design.Evaluation(x, float(1 / x[0]), np.full(3, -0.5), -1 / x**2, np.zeros((3, 1)))
 
     calls: list = []
     monkeypatch.setattr(formulation, "_evaluate", interrupted)
@@ -186,7 +188,7 @@ def test_infeasible_designs_report_what_is_violated(study, tmp_path):
     asked = load_study(study).problem.specification
 
     def evaluate(x, gradient):
-        return design.Point(x, 1.0, np.array([0.5]), np.zeros(1), np.zeros((1, 1)))
+        return design.Evaluation(x, 1.0, np.array([0.5]), np.zeros(1), np.zeros((1, 1)))
 
     program = design.Program(evaluate, asked.names, np.array([1e-5]), np.array([1e-3]), ["piston"])
     point = program.at(np.array([1e-4]), True)

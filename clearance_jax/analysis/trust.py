@@ -27,7 +27,7 @@ from clearance_jax.solve.observers import AbstractObserver, TouchCounter, Touche
 from clearance_jax.solve.simulate import solve
 
 
-class Limits(eqx.Module):
+class TrustThresholds(eqx.Module):
     """What a derivative must meet to be trusted. Calibrated in `experiments/trust.py` on labelled cases."""
 
     digits: float = 1e-3
@@ -49,7 +49,7 @@ class Limits(eqx.Module):
     """Largest |derivative| over the median one, over the scatter, beyond which a few motions decide the mean."""
 
 
-LIMITS = Limits()
+THRESHOLDS = TrustThresholds()
 
 
 class UntrustedGradient(UserWarning):
@@ -203,7 +203,7 @@ class _Question(NamedTuple):
     samples: int
     rtol: float
     seed: int
-    limits: Limits
+    thresholds: TrustThresholds
 
     @property
     def unit(self) -> np.ndarray:
@@ -275,7 +275,7 @@ def _sampled(question: _Question, mechanism, metric, t1, options) -> _Samples:
     return _Samples(values[0], slopes[0], slopes[1], up, down, draws, cloud, over, bool(np.all(fine)), second)
 
 
-class _Findings(NamedTuple):
+class _Statistics(NamedTuple):
     """What samples say of a gradient, per parameter but for `digits`; named as in the report, and
 
     - `error`: of the gradient; `predicted`: the change of the metric over a step, by the gradient;
@@ -296,17 +296,17 @@ class _Findings(NamedTuple):
     heavy_tail: np.ndarray
 
 
-def _findings(question: _Question, seen: _Samples) -> _Findings:
+def _statistics(question: _Question, seen: _Samples) -> _Statistics:
     """Statistics of the samples, without a verdict."""
     gradient, slopes, unit = seen.gradient, seen.slopes, question.unit
-    # Zeros over zeros are no finding: a ratio of them is not a number, and no comparison with a limit is true of it.
+    # Zeros over zeros are no finding: a ratio of them is not a number, and no threshold is passed by it.
     with np.errstate(divide="ignore", invalid="ignore"):
         error = np.abs(seen.finer - gradient)
         predicted = question.step * unit * gradient
         missed = np.maximum(np.abs(seen.up - predicted), np.abs(seen.down + predicted))
         mean, deviation = slopes.mean(0), slopes.std(0, ddof=1)
         slope, slope_error = regression(seen.draws, seen.cloud)
-        return _Findings(
+        return _Statistics(
             error=error,
             digits=np.max(error * unit) / np.max(np.abs(gradient) * unit),
             predicted=predicted,
@@ -322,25 +322,25 @@ def _findings(question: _Question, seen: _Samples) -> _Findings:
         )
 
 
-def _doubts(question: _Question, seen: _Samples, found: _Findings, k: int) -> Iterator[str]:
+def _doubts(question: _Question, seen: _Samples, found: _Statistics, k: int) -> Iterator[str]:
     """Why not to believe the derivative by the k-th parameter."""
-    name, mean, limits = question.names[k], found.mean[k], question.limits
-    if not found.linearity[k] <= limits.linearity:
+    name, mean, thresholds = question.names[k], found.mean[k], question.thresholds
+    if not found.linearity[k] <= thresholds.linearity:
         yield (
             f"A step of {question.step:.0%} in `{name}` changes the metric by {seen.up[k]:.3g} and {seen.down[k]:.3g}, "
             f"where the gradient predicts +-{abs(found.predicted[k]):.3g}."
         )
-    if found.signal_to_noise[k] < limits.signal_to_noise:
+    if found.signal_to_noise[k] < thresholds.signal_to_noise:
         yield (
             f"Over a scatter of {question.scatter:.0%} the derivative by `{name}` is {mean:.3g} +- "
             f"{found.deviation[k]:.3g}: its signal-to-noise ratio is {found.signal_to_noise[k]:.2g}."
         )
-    if found.slope_z[k] > limits.significance and abs(found.slope_ratio[k] - 1) > limits.slope:
+    if found.slope_z[k] > thresholds.significance and abs(found.slope_ratio[k] - 1) > thresholds.slope:
         yield (
             f"Over the scatter the metric follows `{name}` with slope {found.slope[k]:.3g}, not with the mean "
             f"derivative {mean:.3g}: it jumps or has kinks."
         )
-    if found.heavy_tail[k] > limits.tail:
+    if found.heavy_tail[k] > thresholds.tail:
         yield (
             f"A few motions within the scatter have derivatives by `{name}` {found.heavy_tail[k]:.0f} times the "
             "median: their mean means little."
@@ -354,18 +354,18 @@ def _tie(question: _Question, seen: _Samples, judged: np.ndarray) -> Iterator[st
     value, gradient = seen.second
     apart = np.abs(gradient - seen.gradient)
     near = seen.value - value < np.max(question.step * question.unit * apart)
-    if near and np.any(judged & (apart > question.limits.slope * np.abs(seen.gradient))):
+    if near and np.any(judged & (apart > question.thresholds.slope * np.abs(seen.gradient))):
         yield f"Two peaks tie: {seen.value:.6g} and {value:.6g}, with different slopes: use `Peak(signal, 2)`."
 
 
-def _reasons(question: _Question, seen: _Samples, found: _Findings) -> list[str]:
+def _reasons(question: _Question, seen: _Samples, found: _Statistics) -> list[str]:
     """Every test that failed, as a sentence; and where one did, whether a tie explains it."""
-    limits = question.limits
+    thresholds = question.thresholds
     reasons = [] if seen.complete else ["Some motions near this design could not be solved to the end."]
     # A change the solve cannot resolve, or one small beside another parameter's, is not judged.
     change = np.max(np.abs([found.predicted, seen.up, seen.down]), axis=0)
-    judged = change > max(limits.minor * np.max(change), question.rtol * abs(seen.value))
-    if found.digits > limits.digits and np.any(judged):
+    judged = change > max(thresholds.minor * np.max(change), question.rtol * abs(seen.value))
+    if found.digits > thresholds.digits and np.any(judged):
         reasons.append(f"The gradient changes by {found.digits:.1g} of itself when the tolerance is ten times tighter.")
     for k in np.flatnonzero(judged).tolist():
         reasons += _doubts(question, seen, found, k)
@@ -395,7 +395,7 @@ def _divergence(question: _Question, mechanism, draws: np.ndarray, t1, options) 
     scatter = jnp.asarray(question.scatter * question.unit)
     times, apart, touches = neighbours(mechanism, names, points, scatter, t1, {**options, "rtol": rtol})
     times, spread = np.asarray(times), np.sqrt(np.mean(np.asarray(apart) ** 2, axis=0))
-    exponent, horizon = horizon_of(times, spread, question.limits.spread)
+    exponent, horizon = horizon_of(times, spread, question.thresholds.spread)
     precision = np.log(1 / rtol) / exponent if exponent * (times[-1] - times[0]) > 1 else np.inf
     count = np.sum([np.asarray(joint.count) for joint in touches], axis=0)
     slowest, miss = (min(float(joint[i][0]) for joint in touches) for i in (1, 2))
@@ -414,7 +414,7 @@ def gradient_report(
     rtol: float = 1e-8,
     period: Any = None,
     seed: int = 0,
-    limits: Limits = LIMITS,
+    thresholds: TrustThresholds = THRESHOLDS,
     on_untrusted: Literal["ignore", "warn", "raise", "smooth"] = "warn",
     **options: Any,
 ) -> GradientReport:
@@ -434,10 +434,10 @@ def gradient_report(
     class C-1; `RuntimeError` where the motion itself, or too many of the scatter, cannot be solved to the end.
     """
     names, centre = _checked(mechanism, wrt, samples, on_untrusted)
-    question = _Question(names, centre, step, scatter, samples, rtol, seed, limits)
+    question = _Question(names, centre, step, scatter, samples, rtol, seed, thresholds)
     t1 = jnp.asarray(t1, float)
     seen = _sampled(question, mechanism, metric, t1, options)
-    found = _findings(question, seen)
+    found = _statistics(question, seen)
     reasons = _reasons(question, seen, found)
     parting = _divergence(question, mechanism, seen.draws, t1, options)
     # An explanation, not a test: of a large spread that stays linear an optimiser feels nothing.

@@ -214,7 +214,7 @@ def optimize(
     from clearance_jax.configure import configure
 
     configure(cache=True)
-    from clearance_jax.design import CHOICES, Findings, findings, histories
+    from clearance_jax.design import METHOD_CHOICES, Findings, findings, time_histories
     from clearance_jax.io.study import load_study
     from clearance_jax.report.html import write_report
 
@@ -223,8 +223,8 @@ def optimize(
     study = load_study(study_file)
     options = dict(study.solve)
     if method is not None:
-        if method not in CHOICES:
-            raise ClearanceError(f"`--method` must be {', '.join(CHOICES)}, but it is {method!r}.")
+        if method not in METHOD_CHOICES:
+            raise ClearanceError(f"`--method` must be {', '.join(METHOD_CHOICES)}, but it is {method!r}.")
         options["method"] = method
     if starts is not None:
         options["starts"] = starts
@@ -242,7 +242,7 @@ def optimize(
         design = study.problem.solve(record=record, progress=progress, **options)
         console.print(f"[bold]{escape(study.name)}[/bold]")
         console.print(str(design), highlight=False, markup=False, soft_wrap=True)
-        found, searched = Findings(design), design.stopped != "interrupted"
+        found, searched = Findings(design), design.stop_reason != "interrupted"
         try:
             if searched and design.feasible and verify:
                 bar.update(task, description="verifying by another solver")
@@ -258,8 +258,8 @@ def optimize(
     if found.fits is not None:
         console.print(str(found.fits), highlight=False, markup=False, soft_wrap=True)
     if report is not None:
-        if not found.histories:
-            found = found._replace(histories=histories(design))
+        if not found.time_histories:
+            found = found._replace(time_histories=time_histories(design))
         write_report(found, report, study.name, study.text)
         console.print(f"report   {escape(str(report))}", soft_wrap=True)
     interrupted = not searched or any(text.startswith("Interrupted") for text in found.notes)

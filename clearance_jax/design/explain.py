@@ -8,7 +8,7 @@ import numpy as np
 from clearance_jax.design.answer import Design
 from clearance_jax.design.evaluate import simulations_of
 from clearance_jax.design.formulation import formulate
-from clearance_jax.design.program import SLACK, Point
+from clearance_jax.design.program import SLACK, Evaluation
 from clearance_jax.design.run import INTERRUPTED, run
 from clearance_jax.design.scenarios import scenarios_of
 from clearance_jax.errors import ClearanceError, suggest
@@ -57,7 +57,7 @@ def responses(design: Design) -> tuple[Response, ...]:
     **Raises:** `ClearanceError` for a metric without derivatives.
     """
     specification = design.specification.as_designed()
-    x, simulations = specification.values(design.point.x), simulations_of(specification)
+    x, simulations = specification.values(design.evaluation.x), simulations_of(specification)
     found = [(scenario.title, *simulations.limits(x, scenario, True)) for scenario in scenarios_of(specification)]
     ends = np.cumsum([0, *simulations.sizes()])
     out = []
@@ -97,22 +97,22 @@ def tradeoff(design: Design, limit: str = "", factors: Sequence[float] = FACTORS
 
     **Arguments:** `limit`: its title (default: the one nearest to its bound).
     """
-    program = formulate(design.specification, known=design.program.points)
+    program = formulate(design.specification, known=design.program.history)
     titles = list(dict.fromkeys(program.groups))
-    limit = limit or program.groups[int(np.argmax(design.point.limits))]
+    limit = limit or program.groups[int(np.argmax(design.evaluation.limits))]
     if limit not in titles:
         raise ClearanceError(f"There is no limit {limit!r}. " + suggest(limit, titles))
     rows = np.array([group == limit for group in program.groups])
 
-    def best(factor) -> Point | None:
+    def best(factor) -> Evaluation | None:
         """Of all that was evaluated, for whichever bound."""
-        held = [p for p in program.points if np.all((1 + p.limits) / np.where(rows, factor, 1.0) - 1 <= SLACK)]
+        held = [p for p in program.history if np.all((1 + p.limits) / np.where(rows, factor, 1.0) - 1 <= SLACK)]
         return min(held, key=lambda p: p.objective, default=None)
 
     # Outwards from the design: what was found for one bound is where the next one starts.
     for factor in sorted(factors, key=lambda f: abs(np.log(f))):
-        known = best(factor) or design.point
-        if run(program.rebounded(limit, factor), design.method, known.x) == INTERRUPTED:
+        known = best(factor) or design.evaluation
+        if run(program.with_bound(limit, factor), design.method, known.x) == INTERRUPTED:
             raise KeyboardInterrupt
     asked = {own.title: own for own in design.specification.limits}.get(limit)
     bound, unit = (1.0, "") if asked is None else (asked.bound, asked.metric.unit)

@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 from clearance_jax.design.answer import Design
 from clearance_jax.design.explain import Response, Tradeoff, responses, tradeoff
-from clearance_jax.design.histories import History, histories
 from clearance_jax.design.standard import StandardFits, nearest_fits
+from clearance_jax.design.time_histories import TimeHistory, time_histories
 from clearance_jax.design.verify import Certificate
 from clearance_jax.errors import ClearanceError
 
@@ -18,16 +18,16 @@ class Findings(NamedTuple):
     responses: tuple[Response, ...] = ()
     tradeoff: Tradeoff | None = None
     fits: StandardFits | None = None
-    histories: tuple[History, ...] = ()
+    time_histories: tuple[TimeHistory, ...] = ()
     notes: tuple[str, ...] = ()
 
 
 def findings(design: Design, certificate: Certificate | None = None) -> Findings:
     """Histories, contributions, trade-off and nearest fits of a design, as far as its problem has them."""
-    seen = histories(design)
+    seen = time_histories(design)
     if not design.feasible:
         note = "No design holds every limit, so there is nothing to explain or to verify."
-        return Findings(design, histories=seen, notes=(note,))
+        return Findings(design, time_histories=seen, notes=(note,))
     notes: list[str] = []
     why, fitted = (), None
     try:

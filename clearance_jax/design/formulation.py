@@ -9,8 +9,8 @@ import jax
 import numpy as np
 
 from clearance_jax.design.evaluate import FEW, Simulations, simulations_of
-from clearance_jax.design.made import Yield
-from clearance_jax.design.program import Point, Program
+from clearance_jax.design.manufacture import Yield
+from clearance_jax.design.program import Evaluation, Program
 from clearance_jax.design.scenarios import Scenario, scenarios_of
 from clearance_jax.design.specification import Specification
 
@@ -38,7 +38,7 @@ def formulate(
         titles,
         groups=groups,
         identity=_identity(specification, simulations),
-        fresh=fresh if isinstance(specification.made, Yield) else None,
+        fresh=fresh if isinstance(specification.manufacture, Yield) else None,
         **options,
     )
     return program
@@ -48,8 +48,8 @@ def _titles(
     specification: Specification, simulations: Simulations, scenarios: Sequence[Scenario]
 ) -> tuple[list[str], list[str]]:
     """Of every limit of the program its title, and the designer's limit that it belongs to."""
-    if isinstance(specification.made, Yield):
-        target = f"yield of {specification.made.target:.4g}"
+    if isinstance(specification.manufacture, Yield):
+        target = f"yield of {specification.manufacture.target:.4g}"
         titles = [target + specification.suffix(condition) for condition in specification.conditions]
         return titles, titles
     pairs = list(zip(specification.limits, simulations.sizes(), strict=True))
@@ -70,7 +70,7 @@ def _identity(specification: Specification, simulations: Simulations) -> str:
         specification.t1,
         specification.variables,
         specification.conditions,
-        specification.made,
+        specification.manufacture,
         simulations.solve,
         list(simulations.bounds),
     )
@@ -80,29 +80,29 @@ def _identity(specification: Specification, simulations: Simulations) -> str:
 
 def _evaluate(
     specification: Specification, x, gradient, scenarios: Sequence[Scenario], simulations: Simulations
-) -> Point:
+) -> Evaluation:
     clearances = specification.values(x)
     limits, rows = zip(*(simulations.limits(clearances, scenario, gradient) for scenario in scenarios), strict=True)
     values, jacobian = np.stack(limits), np.stack(rows) if gradient else None
-    if isinstance(specification.made, Yield):
-        values, jacobian = _at_risk(specification.made, len(specification.conditions), values, jacobian)
+    if isinstance(specification.manufacture, Yield):
+        values, jacobian = _at_risk(specification.manufacture, len(specification.conditions), values, jacobian)
     else:
         values = values.ravel()
         jacobian = None if jacobian is None else jacobian.reshape(-1, len(clearances))
     objective, slope = _objective(specification, clearances)
     if len(x) < len(clearances):
         slope, jacobian = slope.sum(keepdims=True), jacobian if jacobian is None else jacobian.sum(1, keepdims=True)
-    return Point(np.array(x), objective, values, slope if gradient else None, jacobian)
+    return Evaluation(np.array(x), objective, values, slope if gradient else None, jacobian)
 
 
-def _at_risk(made: Yield, conditions: int, values: np.ndarray, jacobian: np.ndarray | None):
+def _at_risk(manufacture: Yield, conditions: int, values: np.ndarray, jacobian: np.ndarray | None):
     """Of scaled limits (scenarios, m) and slopes (scenarios, m, n): conditional values at risk, one a condition."""
     risks, slopes, samples = [], [], len(values) // conditions
     for k in range(conditions):
         part = slice(k * samples, (k + 1) * samples)
         which = np.argmax(values[part], axis=1)
         worst = np.take_along_axis(values[part], which[:, None], 1)[:, 0]
-        weights = made.weights(worst)
+        weights = manufacture.weights(worst)
         risks.append(float(weights @ worst))
         if jacobian is not None:
             slopes.append(weights @ np.take_along_axis(jacobian[part], which[:, None, None], 1)[:, 0])

@@ -113,7 +113,7 @@ METHODS = {
     )
 }
 AUTO = "auto"
-CHOICES = (AUTO, *METHODS)
+METHOD_CHOICES = (AUTO, *METHODS)
 """What a method may be called: one of `METHODS`, or the choice between gradients and none."""
 
 
@@ -122,5 +122,5 @@ def method_of(method: str | Method) -> Method:
     if isinstance(method, Method):
         return method
     if method not in METHODS:
-        raise ClearanceError(f"There is no design method {method!r}. " + suggest(method, CHOICES))
+        raise ClearanceError(f"There is no design method {method!r}. " + suggest(method, METHOD_CHOICES))
     return METHODS[method]

@@ -6,9 +6,9 @@ from typing import Any
 
 from clearance_jax.design.answer import Design
 from clearance_jax.design.costs import AbstractCost
-from clearance_jax.design.made import Band, Yield
+from clearance_jax.design.manufacture import Band, Yield
 from clearance_jax.design.methods import Method
-from clearance_jax.design.program import Point
+from clearance_jax.design.program import Evaluation
 from clearance_jax.design.search import search
 from clearance_jax.design.specification import Limit, Specification
 from clearance_jax.errors import ClearanceError
@@ -27,7 +27,7 @@ class ToleranceProblem:
       common to all variables where there are several.
     - `conditions`: name of the condition -> values by parameter name (speeds, loads, friction, phases), or a sequence
       of such values; every limit must hold in each. None: the mechanism as it is.
-    - `made`: how parts come out of manufacture, a `Band` or a `Yield`; None: as designed.
+    - `manufacture`: how parts come out of manufacture, a `Band` or a `Yield`; None: as designed.
     - `rtol`, `solver`: of the solves.
 
     All of it in one form is its `specification`.
@@ -43,7 +43,7 @@ class ToleranceProblem:
         limits: Sequence[Limit],
         cost: AbstractCost | Mapping[str, AbstractCost] | None = None,
         conditions: Mapping[str, Mapping[str, Any]] | Sequence[Mapping[str, Any]] | None = None,
-        made: Band | Yield | None = None,
+        manufacture: Band | Yield | None = None,
         rtol: float = 1e-8,
         solver: str = "tsit5",
     ):
@@ -54,7 +54,7 @@ class ToleranceProblem:
             tuple(limits),
             _costs(cost, tuple(variables)),
             _conditions(conditions),
-            made,
+            manufacture,
             rtol,
             solver,
         )
@@ -67,7 +67,7 @@ class ToleranceProblem:
         seed: int = 0,
         record: str | Path | None = None,
         most: int = 1_000_000,
-        progress: Callable[[Point], None] | None = None,
+        progress: Callable[[Evaluation], None] | None = None,
     ) -> Design:
         """The best design found, which holds its limits in a simulation of its own (see `Design.feasible`).
 

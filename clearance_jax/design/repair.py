@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from clearance_jax.design.program import Point, Program
+from clearance_jax.design.program import Evaluation, Program
 
 
-def restored(program: Program, x: np.ndarray, gradient: bool = False) -> Point | None:
+def feasible_neighbour(program: Program, x: np.ndarray, gradient: bool = False) -> Evaluation | None:
     """A feasible point on the scaling line through `x`, towards smaller clearances and near; nothing where none is."""
     # One that has come to its bound stays there, and the others go on.
     point, shift, low = program.at(x, gradient), 0.0, float(np.min(np.log(program.lower / x)))

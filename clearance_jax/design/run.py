@@ -3,8 +3,8 @@
 import numpy as np
 
 from clearance_jax.design.methods import Method, method_of
-from clearance_jax.design.program import Enough, Program
-from clearance_jax.design.repair import restored
+from clearance_jax.design.program import BudgetSpent, Program
+from clearance_jax.design.repair import feasible_neighbour
 
 # A point with no larger violation may be pulled inside; what a violation is worth, over the objective.
 NEARLY, PRICE = 1e-3, 3.0
@@ -17,15 +17,15 @@ def run(program: Program, method: str | Method, start: np.ndarray, **options) ->
     try:
         # Where a motion has no end there is no slope to follow: smaller clearances rattle less.
         if not np.isfinite(program.at(start, method.gradients).worst):
-            found = restored(program, start, method.gradients)
+            found = feasible_neighbour(program, start, method.gradients)
             start = start if found is None else found.x
         said = method.solve(program, start, **options)
         _pull_inside(program, method.gradients)
         return said or ""
-    except Enough:
+    except BudgetSpent:
         return SPENT
     except KeyboardInterrupt:
-        if not program.points:
+        if not program.history:
             raise
         return INTERRUPTED
 
@@ -34,10 +34,10 @@ def _pull_inside(program: Program, gradient: bool) -> None:
     """Evaluate a feasible neighbour of the best point that all but holds its limits: solvers end on a limit from both
     sides, and the best point that holds may be an early and poor one.
     """
-    near = [p for p in program.points if p.worst < NEARLY]
+    near = [p for p in program.history if p.worst < NEARLY]
     if near:
         # A violation is worth some multiple of itself in objective: powers of clearances have small exponents.
         best = min(near, key=lambda p: p.objective + PRICE * abs(p.objective) * max(p.worst, 0.0))
-        restored(program, best.x, gradient)
+        feasible_neighbour(program, best.x, gradient)
     elif program.nearest is not None:
-        restored(program, program.nearest.x, gradient)
+        feasible_neighbour(program, program.nearest.x, gradient)

@@ -5,12 +5,12 @@ A design that cannot be simulated is a bad one there, not the end.
 
 import numpy as np
 
-from clearance_jax.design.program import Point, Program
+from clearance_jax.design.program import Evaluation, Program
 
 # Where an active limit is aimed at, in shares of its bound: inside, by less than anything else in the answer counts.
 INSIDE = 1e-10
 # Share of its bound below which a limit is as good as zero.
-SMALLEST = 1e-3
+FLOOR = 1e-3
 
 
 class ScaledProgram:
@@ -39,17 +39,17 @@ class ScaledProgram:
         """The same by so many fresh samples of manufacture."""
         return self._slopes(self.program.fresh(np.exp(z), samples, seed))
 
-    def _slopes(self, point: Point) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
+    def _slopes(self, point: Evaluation) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
         assert point.gradient is not None
         assert point.jacobian is not None
         over = max(point.objective, 1e-12 * self.size) if self.positive else self.size
-        ratio = np.maximum(1 + point.limits, SMALLEST)
+        ratio = np.maximum(1 + point.limits, FLOOR)
         gradient, jacobian = point.gradient * point.x / over, point.jacobian * point.x / ratio[:, None]
         return self._objective(point), self._limits(point), np.nan_to_num(gradient), np.nan_to_num(jacobian)
 
-    def _objective(self, point: Point) -> float:
+    def _objective(self, point: Evaluation) -> float:
         share = point.objective / self.size
         return float(np.nan_to_num(np.log(max(share, 1e-12)) if self.positive else share, nan=1e2))
 
-    def _limits(self, point: Point) -> np.ndarray:
-        return np.nan_to_num(np.log(np.maximum(1 + point.limits, SMALLEST)), nan=1e1) + INSIDE
+    def _limits(self, point: Evaluation) -> np.ndarray:
+        return np.nan_to_num(np.log(np.maximum(1 + point.limits, FLOOR)), nan=1e1) + INSIDE

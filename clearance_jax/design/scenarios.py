@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from clearance_jax.design.made import Band, Yield
+from clearance_jax.design.manufacture import Band, Yield
 from clearance_jax.design.specification import Specification
 from clearance_jax.mechanism.mechanism import parameters, replace
 
@@ -16,7 +16,7 @@ class Scenario(NamedTuple):
     """One simulation that a design must stand: the title of its condition, values by name, factors on the variables."""
 
     title: str
-    given: Mapping[str, jax.Array]
+    values: Mapping[str, jax.Array]
     factors: np.ndarray
 
 
@@ -26,16 +26,16 @@ def scenarios_of(specification: Specification, fresh: int = 0, seed: int | None 
     for condition, values in specification.conditions.items():
         given = {name: jnp.asarray(value, float) for name, value in values.items()}
         where = specification.suffix(condition)
-        if isinstance(specification.made, Yield):
-            draws = specification.made.draws(names, fresh, seed)
+        if isinstance(specification.manufacture, Yield):
+            draws = specification.manufacture.draws(names, fresh, seed)
             known = parameters(replace(specification.mechanism, values))
             others = {n: np.asarray(known[n].value) * f for n, f in draws.items() if n not in names}
-            for i in range(fresh or specification.made.samples):
+            for i in range(fresh or specification.manufacture.samples):
                 moved = {n: jnp.asarray(f[i], float) for n, f in others.items()}
                 row = np.array([draws[n][i] for n in names])
                 found.append(Scenario(f"{where}, sample {i + 1}", {**given, **moved}, row))
-        elif isinstance(specification.made, Band):
-            for row in specification.made.factors(len(names)):
+        elif isinstance(specification.manufacture, Band):
+            for row in specification.manufacture.factors(len(names)):
                 found.append(Scenario(f"{where}, clearances times {' '.join(f'{f:g}' for f in row)}", given, row))
         else:
             found.append(Scenario(where, given, np.ones(len(names))))

@@ -11,7 +11,7 @@ from clearance_jax.analysis.trust import gradient_report
 from clearance_jax.design.answer import Design
 from clearance_jax.design.formulation import formulate
 from clearance_jax.design.methods import AUTO, Method, method_of
-from clearance_jax.design.program import Point
+from clearance_jax.design.program import Evaluation
 from clearance_jax.design.run import INTERRUPTED, SPENT, run
 from clearance_jax.design.specification import Specification
 from clearance_jax.errors import ClearanceError
@@ -26,7 +26,7 @@ def search(
     seed: int = 0,
     record: str | Path | None = None,
     most: int = 1_000_000,
-    progress: Callable[[Point], None] | None = None,
+    progress: Callable[[Evaluation], None] | None = None,
 ) -> Design:
     """The best design found; arguments as `ToleranceProblem.solve`'s."""
     program = formulate(specification, record=record, most=most, progress=progress)
@@ -45,16 +45,16 @@ def search(
         _check_derivatives(specification, x)
     # Finer than the solves it cannot be.
     options = {"tolerance": 10 * specification.rtol} if method.name == "slsqp" else {}
-    stopped, rng = run(program, method, x, **options), np.random.default_rng(seed)
+    stop_reason, rng = run(program, method, x, **options), np.random.default_rng(seed)
     for _ in range(starts - 1):
         # A solver that gave up is one thing, an end to all of it another.
-        if stopped not in (INTERRUPTED, SPENT):
+        if stop_reason not in (INTERRUPTED, SPENT):
             other = np.exp(rng.uniform(np.log(program.lower), np.log(program.upper)))
-            stopped = run(program, method, other, **options)
+            stop_reason = run(program, method, other, **options)
     point = program.best or program.nearest
     if point is None:
         raise ClearanceError(f"`most` must be at least 1, but it is {most}: no design was evaluated.")
-    return Design(specification, program, method, point, stopped, note)
+    return Design(specification, program, method, point, stop_reason, note)
 
 
 def _check_derivatives(specification: Specification, x: np.ndarray) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from clearance_jax.analysis.metrics import AbstractMetric, Peak
 from clearance_jax.analysis.sensitivity import values_of
-from clearance_jax.design.made import Band, Yield
+from clearance_jax.design.manufacture import Band, Yield
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism, parameters, replace
 from clearance_jax.mechanism.quantities import units_of
@@ -59,7 +59,7 @@ class Specification:
     limits: tuple[Limit, ...]
     costs: tuple[Callable, ...]
     conditions: dict[str, dict[str, Any]]
-    made: Band | Yield | None
+    manufacture: Band | Yield | None
     rtol: float
     solver: str
 
@@ -79,8 +79,8 @@ class Specification:
             moved = replace(self.mechanism, values)
             for end in (0, 1):
                 check_values(replace(moved, {name: ends[end] for name, ends in self.variables.items()}))
-            if isinstance(self.made, Yield):
-                values_of(moved, tuple(self.made.scatter))  # an unknown name raises here
+            if isinstance(self.manufacture, Yield):
+                values_of(moved, tuple(self.manufacture.scatter))  # an unknown name raises here
             known = parameters(moved)
         except ClearanceError as error:
             raise ClearanceError(f"In `{name}`: {error}") from None
@@ -125,4 +125,4 @@ class Specification:
 
     def as_designed(self) -> "Specification":
         """The same for parts that come out exactly as designed."""
-        return dataclasses.replace(self, made=None)
+        return dataclasses.replace(self, manufacture=None)

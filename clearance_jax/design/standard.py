@@ -9,7 +9,7 @@ import scipy.stats
 from clearance_jax.design import fits
 from clearance_jax.design.answer import Design
 from clearance_jax.design.evaluate import FEW, simulations_of, yield_of
-from clearance_jax.design.made import Yielded
+from clearance_jax.design.manufacture import YieldEstimate
 from clearance_jax.design.program import SLACK
 from clearance_jax.design.scenarios import Scenario, scenarios_of
 from clearance_jax.errors import ClearanceError
@@ -24,13 +24,13 @@ SIGMAS = 3.0
 
 class StandardFits(NamedTuple):
     """Fits by variable (a variable that is no joint's clearance keeps its designed value); `worst`: the most violated
-    scaled limit with every clearance at its fit's greatest, `least`: and at its least; `yielded`: of samples.
+    scaled limit with every clearance at its fit's greatest, `least`: and at its least; `yield_estimate`: of samples.
     """
 
     fits: dict[str, fits.Fit]
     worst: float
     least: float
-    yielded: Yielded
+    yield_estimate: YieldEstimate
 
     def __str__(self) -> str:
         lines = [f"{name}: {found}" for name, found in self.fits.items()]
@@ -38,7 +38,7 @@ class StandardFits(NamedTuple):
             f"Of its bound the worst limit has {1 + self.worst:.4f} with every clearance at its greatest, "
             f"{1 + self.least:.4f} at its least."
         )
-        return "\n".join([*lines, str(self.yielded)])
+        return "\n".join([*lines, str(self.yield_estimate)])
 
 
 def nearest_fits(
@@ -54,7 +54,7 @@ def nearest_fits(
     """
     specification = design.specification.as_designed()
     names = list(design.clearances)
-    designed = specification.values(design.point.x)
+    designed = specification.values(design.evaluation.x)
     sizes = {**_diameters(design), **(diameters or {})}
     fitted = [i for i, name in enumerate(names) if name in sizes]
     if not fitted:
@@ -89,8 +89,8 @@ def nearest_fits(
     rng = np.random.default_rng(seed)
     drawn = np.tile(designed, (samples, 1))
     for i in fitted:
-        drawn[:, i] = np.maximum(_made(found[names[i]], samples, rng), SMALLEST)
-    sampled = [Scenario(scenario.title, scenario.given, row / designed) for scenario in scenarios for row in drawn]
+        drawn[:, i] = np.maximum(_draw(found[names[i]], samples, rng), SMALLEST)
+    sampled = [Scenario(scenario.title, scenario.values, row / designed) for scenario in scenarios for row in drawn]
     return StandardFits(found, worst(chosen), worst(chosen, 0), yield_of(specification, designed, sampled, exact))
 
 
@@ -106,7 +106,7 @@ def _gain(design, lists, chosen, moved) -> float:
     return float(cost(before) - cost(after))
 
 
-def _made(found: fits.Fit, samples: int, rng: np.random.Generator) -> np.ndarray:
+def _draw(found: fits.Fit, samples: int, rng: np.random.Generator) -> np.ndarray:
     """Radial clearances of parts made to a fit."""
     sizes = []
     for low, high in (found.hole, found.shaft):

@@ -10,7 +10,7 @@ import numpy as np
 import optax
 
 from clearance_jax.design.program import Program
-from clearance_jax.design.repair import restored
+from clearance_jax.design.repair import feasible_neighbour
 from clearance_jax.design.scaling import ScaledProgram
 
 # A violated limit pulls twice as hard as the objective: where as many batches violate it as do not, both balance.
@@ -46,4 +46,4 @@ def stochastic_approximation(
             total += z
         if (step + 1) % KEPT == 0:
             program.at(np.exp(z), True)
-    restored(program, np.exp(total / (steps - steps // 2)), gradient=True)
+    feasible_neighbour(program, np.exp(total / (steps - steps // 2)), gradient=True)

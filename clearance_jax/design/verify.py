@@ -8,9 +8,9 @@ import scipy.optimize
 from clearance_jax.analysis.metrics import Peak, PositionError
 from clearance_jax.design.evaluate import fresh_yield
 from clearance_jax.design.formulation import formulate
-from clearance_jax.design.made import Yield, Yielded
+from clearance_jax.design.manufacture import Yield, YieldEstimate
 from clearance_jax.design.methods import Method
-from clearance_jax.design.program import Point, Program
+from clearance_jax.design.program import Evaluation, Program
 from clearance_jax.design.run import INTERRUPTED, run
 from clearance_jax.design.specification import Specification
 from clearance_jax.design.static import static_weights
@@ -33,9 +33,9 @@ class Certificate:
     - `islands`: scalings between which the limits hold, from a sweep along the same line.
     - `residual`: of the Karush-Kuhn-Tucker conditions, over the objective's gradient, in logarithms; `prices`: per
       active limit, relative change of the objective per relative change of its bound.
-    - `checked`: name -> (price, by re-optimising with the bound 1 % up and down), where asked for.
-    - `yielded`: of a `Yield`, on fresh samples; `static`: by limit on a point's error, what play alone can do to the
-      mechanism at rest [m].
+    - `price_checks`: name -> (price, by re-optimising with the bound 1 % up and down), where asked for.
+    - `yield_estimate`: of a `Yield`, on fresh samples; `static`: by limit on a point's error, what play alone can do to
+      the mechanism at rest [m].
     - `starts`: objectives that other starts have led to; `goal`: what a looser bound does, in words.
     """
 
@@ -47,11 +47,11 @@ class Certificate:
     islands: tuple[tuple[float, float], ...]
     residual: float
     prices: dict[str, float]
-    checked: dict[str, tuple[float, float]]
+    price_checks: dict[str, tuple[float, float]]
     starts: tuple[float, ...]
     objective: float
     goal: str
-    yielded: Yielded | None
+    yield_estimate: YieldEstimate | None
     static: dict[str, float]
     solver: str
     rtol: float
@@ -81,11 +81,11 @@ class Certificate:
         lines.append(f"  Optimality (Karush-Kuhn-Tucker) residual {self.residual:.1e}.")
         for name, price in self.prices.items():
             text = f"  A bound 1 % looser on {name} {self.goal} by {price:.4g} %"
-            if name in self.checked:
-                text += f" (re-optimised: {self.checked[name][1]:.4g} %)"
+            if name in self.price_checks:
+                text += f" (re-optimised: {self.price_checks[name][1]:.4g} %)"
             lines.append(text + ".")
-        if self.yielded is not None:
-            lines.append(f"  {self.yielded}")
+        if self.yield_estimate is not None:
+            lines.append(f"  {self.yield_estimate}")
         for name, value in self.static.items():
             lines.append(
                 f"  Of {name} play alone, at rest, could make {shown(value, 'm', 4)}; more is motion or force."
@@ -106,7 +106,7 @@ class Certificate:
 def certify(
     specification: Specification,
     method: Method,
-    point: Point,
+    point: Evaluation,
     *,
     sweep: int = 40,
     starts: int = 0,
@@ -128,7 +128,8 @@ def certify(
     prices: dict[str, float] = {}
     for k in np.flatnonzero(multipliers > 1e-6):
         prices[fresh.groups[k]] = prices.get(fresh.groups[k], 0.0) + float(multipliers[k])
-    checked = {n: (p, _repriced(specification, method, point, n)) for n, p in prices.items()} if reoptimise else {}
+    checks = {n: (p, _price_check(specification, method, point, n)) for n, p in prices.items()} if reoptimise else {}
+    sampled = isinstance(specification.manufacture, Yield)
     return Certificate(
         names=dict(zip(fresh.names, specification.units.values(), strict=False)),  # a common one has the first's
         x=point.x,
@@ -138,11 +139,11 @@ def certify(
         islands=_islands(fresh, point.x, sweep),
         residual=residual,
         prices=prices,
-        checked=checked,
+        price_checks=checks,
         starts=_others(specification, method, starts, seed),
         objective=at.objective,
         goal="enlarges the clearance" if specification.common else "lowers the cost",
-        yielded=fresh_yield(specification, point.x, samples) if isinstance(specification.made, Yield) else None,
+        yield_estimate=fresh_yield(specification, point.x, samples) if sampled else None,
         static=_static(specification, point.x),
         solver=solver,
         rtol=rtol,
@@ -184,7 +185,7 @@ def _run(program: Program, method: Method, start: np.ndarray) -> None:
         raise KeyboardInterrupt
 
 
-def _scale(program: Program, x: np.ndarray, at: Point) -> float:
+def _scale(program: Program, x: np.ndarray, at: Evaluation) -> float:
     """The factor on all variables at which the worst limit is just met, nearest to 1; NaN: the bounds come first."""
     low, high = _ends(program, x)
 
@@ -222,7 +223,7 @@ def _islands(program: Program, x: np.ndarray, count: int) -> tuple[tuple[float, 
     return tuple((float(s[a]), float(s[b - 1])) for a, b in edges.reshape(-1, 2))
 
 
-def _optimality(program: Program, at: Point) -> tuple[float, np.ndarray]:
+def _optimality(program: Program, at: Evaluation) -> tuple[float, np.ndarray]:
     """Residual of the Karush-Kuhn-Tucker conditions by logarithms, and the limits' multipliers over the objective."""
     assert at.gradient is not None
     assert at.jacobian is not None
@@ -240,11 +241,11 @@ def _optimality(program: Program, at: Point) -> tuple[float, np.ndarray]:
     return float(left / max(np.linalg.norm(gradient), 1e-300)), multipliers
 
 
-def _repriced(specification: Specification, method: Method, point: Point, name: str) -> float:
+def _price_check(specification: Specification, method: Method, point: Evaluation, name: str) -> float:
     """Relative change of the best objective per relative change of one limit's bound, by solving twice more."""
     program, best = formulate(specification), []
     for change in (0.01, -0.01):
-        moved = program.rebounded(name, 1 + change)
+        moved = program.with_bound(name, 1 + change)
         _run(moved, method, point.x)
         best.append(moved.best.objective if moved.best else np.nan)
     return float((best[1] - best[0]) / 0.02 / abs(point.objective))

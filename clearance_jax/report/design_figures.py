@@ -10,7 +10,7 @@ from matplotlib.ticker import MaxNLocator
 
 from clearance_jax.design.answer import Design
 from clearance_jax.design.explain import Response, Tradeoff
-from clearance_jax.design.histories import History
+from clearance_jax.design.time_histories import TimeHistory
 
 STYLE = {"axes.grid": True, "grid.alpha": 0.3, "font.size": 10, "legend.fontsize": 9}
 # Small enough to be read on a phone.
@@ -35,7 +35,7 @@ def _scaled(unit: str) -> tuple[float, str]:
     return (1e6, "µm") if unit == "m" else (1.0, unit)
 
 
-def over_time(history: History) -> Figure:
+def over_time(history: TimeHistory) -> Figure:
     """The signal of a limit over time in every condition, with its bound."""
     figure, axes = _axes()
     factor, unit = _scaled(history.unit)
@@ -82,10 +82,10 @@ def trade(found: Tradeoff, design: Design) -> Figure:
     return figure
 
 
-def history(design: Design) -> Figure:
+def convergence(design: Design) -> Figure:
     """Cost (or clearance) of each evaluated design, those that hold all limits apart from the others."""
     figure, axes = _axes()
-    points, (times, label) = design.program.points, _objective(design)
+    points, (times, label) = design.program.history, _objective(design)
     values = times * np.array([p.objective for p in points])
     held = np.array([p.feasible for p in points])
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))

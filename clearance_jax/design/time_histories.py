@@ -12,7 +12,7 @@ from clearance_jax.mechanism.mechanism import replace
 SAMPLES = 1001
 
 
-class History(NamedTuple):
+class TimeHistory(NamedTuple):
     """The signal of a limit over `times` [s], in `unit`, by condition (without a name where there is one only);
     `metric`: what of it the bound is on ("Peak").
     """
@@ -25,7 +25,7 @@ class History(NamedTuple):
     values: dict[str, np.ndarray]
 
 
-def histories(design: Design) -> tuple[History, ...]:
+def time_histories(design: Design) -> tuple[TimeHistory, ...]:
     """One for each limit on a signal; without the conditions that cannot be simulated."""
     specification = design.specification
     several = len(specification.conditions) > 1
@@ -43,5 +43,5 @@ def histories(design: Design) -> tuple[History, ...]:
                 values[name if several else ""] = np.asarray(At(signal, times)(moved, specification.t1, **solve))
             except (ClearanceError, RuntimeError):
                 continue  # a design that could not be simulated is reported as such elsewhere
-        out.append(History(limit.title, signal.unit, type(limit.metric).__name__, limit.bound, times, values))
+        out.append(TimeHistory(limit.title, signal.unit, type(limit.metric).__name__, limit.bound, times, values))
     return tuple(out)
