@@ -2,8 +2,6 @@
 
 import operator
 
-import jax
-
 # What a number's field may demand of it: key of its metadata, test, words.
 BOUNDS = (
     ("above", operator.gt, "greater than"),
@@ -18,6 +16,8 @@ class ClearanceError(ValueError):
 
 def require_float64() -> None:
     """Raise unless 64-bit floats are on: a penetration of 1e-8 m on a 1 m arm does not exist in float32."""
+    import jax  # here, for the command's help speaks of errors too and must not wait for JAX
+
     if not jax.config.jax_enable_x64:  # pyright: ignore[reportAttributeAccessIssue]
         raise ClearanceError(
             "clearance_jax needs 64-bit floats, but they are off in JAX. Call `clearance_jax.configure()` before "

@@ -5,6 +5,7 @@ Every import counts: those inside functions, and those for type checkers only.
 
 import ast
 import functools
+import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
@@ -122,6 +123,20 @@ def test_the_device_side_knows_only_the_device():
 def test_a_report_is_handed_what_it_shows():
     wrong = {m: {n for n in EDGES[m] if place(n) not in REPORT_KNOWS} for m in MODULES if place(m) == "report"}
     assert {module: found for module, found in wrong.items() if found} == {}
+
+
+def test_the_command_starts_without_jax():
+    """What its modules import on top, other than the list of public names, which Python reads first."""
+
+    def on_top(module: str) -> set[str]:
+        tree = ast.parse(MODULES[module].read_text(encoding="utf-8"))
+        tree.body = [node for node in tree.body if isinstance(node, ast.Import | ast.ImportFrom)]
+        return imported(tree, MODULES)
+
+    start = f"{PACKAGE}.cli.main"
+    modules = {start} | reached(start, {module: own(on_top(module)) for module in MODULES})
+    outside = {name.split(".")[0] for module in modules for name in on_top(module)} - {PACKAGE}
+    assert outside - sys.stdlib_module_names == {"typer", "rich"}
 
 
 def test_the_tests_see_what_they_are_for():
