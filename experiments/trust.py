@@ -21,7 +21,8 @@ import numpy as np
 import clearance_jax as cj
 from clearance_jax import laws
 from clearance_jax.analysis import metrics
-from clearance_jax.analysis.trust import THRESHOLDS, horizon_of, neighbours
+from clearance_jax.analysis.divergence import horizon_of, neighbours
+from clearance_jax.analysis.trust import THRESHOLDS
 from clearance_jax.errors import ClearanceError
 from clearance_jax.solve.simulate import solve
 from experiments.common import output, table
