@@ -1,6 +1,7 @@
 """Tolerance design: the largest, or the cheapest, clearances that keep errors and forces within bounds."""
 
 from clearance_jax.design.answer import Design
+from clearance_jax.design.certificate import Certificate
 from clearance_jax.design.costs import AbstractCost, CostTable, Exponential, ExponentialReciprocal, Reciprocal
 from clearance_jax.design.explain import Response, Tradeoff, responses, tradeoff
 from clearance_jax.design.findings import Findings, findings
@@ -15,7 +16,6 @@ from clearance_jax.design.specification import Limit, Specification
 from clearance_jax.design.standard import StandardFits, nearest_fits
 from clearance_jax.design.static import static_weights
 from clearance_jax.design.time_histories import TimeHistory, time_histories
-from clearance_jax.design.verify import Certificate
 
 __all__ = [
     "METHODS",

@@ -5,12 +5,13 @@ from typing import Any
 
 import numpy as np
 
+from clearance_jax.design.certificate import Certificate
 from clearance_jax.design.evaluate import fresh_yield
 from clearance_jax.design.manufacture import YieldEstimate
 from clearance_jax.design.methods import Method
 from clearance_jax.design.program import Evaluation, Program
 from clearance_jax.design.specification import Specification
-from clearance_jax.design.verify import Certificate, certify
+from clearance_jax.design.verify import certify
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism, replace
 from clearance_jax.units import shown

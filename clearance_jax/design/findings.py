@@ -3,10 +3,10 @@
 from typing import NamedTuple
 
 from clearance_jax.design.answer import Design
+from clearance_jax.design.certificate import Certificate
 from clearance_jax.design.explain import Response, Tradeoff, responses, tradeoff
 from clearance_jax.design.standard import StandardFits, nearest_fits
 from clearance_jax.design.time_histories import TimeHistory, time_histories
-from clearance_jax.design.verify import Certificate
 from clearance_jax.errors import ClearanceError
 
 
