@@ -91,10 +91,26 @@ def test_stochastic_approximation_finds_the_best_yield(target):
     assert sampled.gradients < 220
     np.testing.assert_allclose(found.x, best.x, rtol=0.03)
     assert best.objective * (1 - 1e-6) <= found.objective <= 1.01 * best.objective
+    assert len(sampled.history) <= 14  # the start, and the answer made to hold the limit
     looser = sampled.with_bound("yield", 2.0).fresh(start, 50, 1).limits
     np.testing.assert_allclose(looser, (1 + sampled.fresh(start, 50, 1).limits) / 2 - 1)
     with pytest.raises(ClearanceError, match="drawn afresh"):
         design.run(known, "stochastic-approximation", start)
+
+
+def test_an_interrupted_stochastic_approximation_has_its_mean_so_far():
+    def point(x, *_):
+        return design.Evaluation(x, float(1 / x[0]), x / 0.3 - 1, -1 / x**2, np.array([[1 / 0.3]]))
+
+    def fresh(x, samples, seed):
+        if seed == 20:
+            raise KeyboardInterrupt
+        return point(x)
+
+    program = design.Program(point, ["a"], np.array([1e-3]), np.array([1.0]), ["yield"], fresh=fresh)
+    assert design.run(program, "stochastic-approximation", np.array([0.05])) == "interrupted"
+    assert program.best is not None
+    assert 0.1 < program.best.x[0] < 0.3
 
 
 def test_fresh_samples_are_simulated():

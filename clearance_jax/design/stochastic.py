@@ -15,8 +15,6 @@ from clearance_jax.design.scaling import ScaledProgram
 
 # A violated limit pulls twice as hard as the objective: where as many batches violate it as do not, both balance.
 PULL = 2.0
-# Steps between two evaluations by the problem's own samples, which are kept.
-KEPT = 50
 
 
 def stochastic_approximation(
@@ -32,18 +30,20 @@ def stochastic_approximation(
     """
     scaled = ScaledProgram(program, start)
     optimiser = optax.adam(optax.cosine_decay_schedule(rate, steps))
-    z, total = scaled.start, np.zeros(len(start))
+    z = mean = scaled.start
     state, improve = optimiser.init(jnp.asarray(z)), jax.jit(optimiser.update)
-    for step in range(steps):
-        _, limits, gradient, jacobian = scaled.fresh_slopes(z, samples, seed + step)
-        k = int(np.argmax(limits))
-        if limits[k] > 0:
-            steepness = np.linalg.norm(gradient) / max(np.linalg.norm(jacobian[k]), 1e-12)
-            gradient = gradient + PULL * steepness * jacobian[k]
-        update, state = improve(jnp.asarray(gradient), state, jnp.asarray(z))
-        z = np.clip(z + np.asarray(update), *scaled.bounds)
-        if step >= steps // 2:
-            total += z
-        if (step + 1) % KEPT == 0:
-            program.at(np.exp(z), True)
-    feasible_neighbour(program, np.exp(total / (steps - steps // 2)), gradient=True)
+    try:
+        for step in range(steps):
+            _, limits, gradient, jacobian = scaled.fresh_slopes(z, samples, seed + step)
+            k = int(np.argmax(limits))
+            if limits[k] > 0:
+                steepness = np.linalg.norm(gradient) / max(np.linalg.norm(jacobian[k]), 1e-12)
+                gradient = gradient + PULL * steepness * jacobian[k]
+            update, state = improve(jnp.asarray(gradient), state, jnp.asarray(z))
+            z = np.clip(z + np.asarray(update), *scaled.bounds)
+            mean = mean + (z - mean) / max(step - steps // 2, 1)
+    except KeyboardInterrupt:
+        feasible_neighbour(program, np.exp(mean), gradient=True)
+        raise
+    # No other point is kept: the best of many that a few fixed samples happen to like is what those alone ask for.
+    feasible_neighbour(program, np.exp(mean), gradient=True)
