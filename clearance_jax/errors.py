@@ -1,7 +1,5 @@
 """The three voices of error: structure and value raise here; what happens inside a solve is a result code."""
 
-import jax
-
 
 class ClearanceError(ValueError):
     """A scene, a mechanism or an argument that cannot be simulated. The message names the place and the fix."""
@@ -9,6 +7,8 @@ class ClearanceError(ValueError):
 
 def require_float64() -> None:
     """Raise unless 64-bit floats are on: a penetration of 1e-8 m on a 1 m arm does not exist in float32."""
+    import jax  # here, for the command's help speaks of errors too and must not wait for JAX
+
     if not jax.config.jax_enable_x64:  # pyright: ignore[reportAttributeAccessIssue]
         raise ClearanceError(
             "clearance_jax needs 64-bit floats, but they are off in JAX. Call `clearance_jax.configure()` before "

@@ -10,7 +10,7 @@ itself.
 
 import dataclasses
 import operator
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -180,9 +180,10 @@ def values_of(module: eqx.Module, names: Sequence[str]) -> dict[str, Array]:
     return out
 
 
-def unit_of(module: eqx.Module, name: str) -> str:
-    """The SI unit of a named parameter."""
-    return find(parameters(module), name)[0].unit
+def units_of(module: eqx.Module, names: Iterable[str]) -> dict[str, str]:
+    """The SI units of named parameters."""
+    known = parameters(module)
+    return {name: find(known, name)[0].unit for name in names}
 
 
 def violations(value: Any, metadata: Mapping[str, Any]) -> Iterator[tuple[str, float, Any]]:

@@ -21,7 +21,8 @@ import numpy as np
 import clearance_jax as cj
 from clearance_jax import laws
 from clearance_jax.analysis import metrics
-from clearance_jax.analysis.trust import LIMITS, horizon_of, neighbours
+from clearance_jax.analysis.divergence import horizon_of, neighbours
+from clearance_jax.analysis.trust import THRESHOLDS
 from clearance_jax.errors import ClearanceError
 from clearance_jax.solve.simulate import run
 from experiments.common import output, table
@@ -72,7 +73,7 @@ FACTOR = 1.5
 """How far the predicted horizon may be from the measured one."""
 
 CHAOTIC = {
-    # `Limits.spread` was chosen with all of these in view, so none of them is a test of that number.
+    # `TrustThresholds.spread` was chosen with all of these in view, so none of them is a test of that number.
     "A1": Numbers(1e-3, 1e-3, 20, 0.05),
     "A2": Numbers(1e-3, 2e-3, 20, 0.2),
     "A3": Numbers(1e-3, 5e-4, 30, 0.1),
@@ -143,7 +144,7 @@ def measured(mechanism: cj.Mechanism, clearance: float, scatter: float) -> float
 
 
 def horizon(name: str, numbers: Numbers, scatter: float) -> Horizon:
-    limit = LIMITS.spread
+    limit = THRESHOLDS.spread
     mechanism, c = scene(numbers), numbers.clearance
     points = np.concatenate([[c], drawn(c, scatter, DRAWS, "report")])[:, None]
     end, sigma = jnp.asarray(END), jnp.asarray([scatter * c])
@@ -196,7 +197,7 @@ def horizons(quick: bool) -> list[Horizon]:
 
 STEP = 0.02
 SEED = 1
-"""The report's limits were set on the cases of seed 0."""
+"""The report's thresholds were set on the cases of seed 0."""
 SWEEP = 101
 SWEEP_RTOL = 1e-10
 WRONG, RIGHT = 0.5, 0.2

@@ -8,12 +8,13 @@ import clearance_jax as cj
 from clearance_jax.design import ToleranceProblem
 from experiments.common import SCENES
 from optimize.common import Allocation, allocate, cheapest, command
+from optimize.optax_methods import AUGMENTED_LAGRANGIAN
 
 COSTS = {"crankpin.radial_clearance": 2e-4, "pivot.radial_clearance": 1e-4, "knuckle.radial_clearance": 1e-4}
 """Cost times clearance [m]."""
 BOUND = 5e-4
 REVOLUTION = 2 * np.pi / 20.0
-METHODS = ("slsqp", "augmented-lagrangian", "cobyqa")
+METHODS = ("slsqp", AUGMENTED_LAGRANGIAN, "cobyqa")
 
 
 def problem(quick: bool = False) -> ToleranceProblem:

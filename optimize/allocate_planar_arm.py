@@ -10,12 +10,13 @@ from clearance_jax import laws
 from clearance_jax.design import ToleranceProblem
 from experiments.common import output, table
 from optimize.common import Allocation, allocate, cheapest, command
+from optimize.optax_methods import AUGMENTED_LAGRANGIAN
 
 BOUND = 2e-4
 END = 1.0
 FROM, TO = (0.6, -0.9, 0.7, -0.5, 0.4), (1.2, -0.4, -0.2, 0.3, -0.2)
 """Joint angles before and after the move [rad]."""
-METHODS = ("slsqp", "augmented-lagrangian", "cobyqa")
+METHODS = ("slsqp", AUGMENTED_LAGRANGIAN, "cobyqa")
 
 
 def arm(joints: int) -> cj.Mechanism:
@@ -47,17 +48,17 @@ def problem(joints: int = 3, quick: bool = False) -> ToleranceProblem:
     return cheapest(arm(joints), 0.2 * END if quick else END, costs, "tool", BOUND, least=5e-6)
 
 
-def counted(joints: int) -> dict[str, int]:
+def count_solves(joints: int) -> dict[str, int]:
     """Solves that it takes each way to come within a thousandth of the best cost, limits held."""
     designs = {method: problem(joints).solve(method) for method in ("slsqp", "cma-es")}
     best = min(found.objective for found in designs.values())
     needed = {}
     for method, found in designs.items():
-        near = (i for i, p in enumerate(found.program.points) if p.feasible and p.objective <= 1.001 * best)
-        needed[method] = 1 + next(near, len(found.program.points))
+        near = (i for i, p in enumerate(found.program.history) if p.feasible and p.objective <= 1.001 * best)
+        needed[method] = 1 + next(near, len(found.program.history))
     table(
         ("method", "cost", "solves until within a thousandth", "solves"),
-        [(m, f"{d.objective:.6f}", needed[m], len(d.program.points)) for m, d in designs.items()],
+        [(m, f"{d.objective:.6f}", needed[m], len(d.program.history)) for m, d in designs.items()],
         output(f"allocate_planar_arm_{joints}.md"),
     )
     return needed
@@ -66,7 +67,7 @@ def counted(joints: int) -> dict[str, int]:
 def main(quick: bool = False) -> Allocation:
     found = allocate("allocate_planar_arm", problem(quick=quick), METHODS[:1] if quick else METHODS, quick)
     if not quick:
-        counted(5)
+        count_solves(5)
     return found
 
 

@@ -8,12 +8,13 @@ import clearance_jax as cj
 from clearance_jax.design import ToleranceProblem
 from experiments.common import SCENES
 from optimize.common import Allocation, allocate, cheapest, command
+from optimize.optax_methods import AUGMENTED_LAGRANGIAN
 
 COSTS = {"crankpin.radial_clearance": 2e-4, "wrist.radial_clearance": 1e-4}
 """Cost times clearance [m]: the crankpin is dearer to make."""
 BOUND = 2e-4
 REVOLUTION = 2 * np.pi / 60.0
-METHODS = ("slsqp", "augmented-lagrangian", "cobyqa", "cma-es")
+METHODS = ("slsqp", AUGMENTED_LAGRANGIAN, "cobyqa", "cma-es")
 
 
 def problem(quick: bool = False) -> ToleranceProblem:

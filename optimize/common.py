@@ -11,6 +11,7 @@ from clearance_jax.design import (
     Certificate,
     Design,
     Limit,
+    Method,
     Reciprocal,
     ToleranceProblem,
     nearest_fits,
@@ -54,16 +55,23 @@ class Allocation(NamedTuple):
     seconds: dict[str, float]
 
 
-def allocate(name: str, problem: ToleranceProblem, methods: Sequence[str], quick: bool) -> Allocation:
+def allocate(name: str, problem: ToleranceProblem, methods: Sequence[str | Method], quick: bool) -> Allocation:
     """Solve by each method from the same start; table, certificate and figures of the first one's answer."""
-    designs, seconds = {}, {}
+    asked, designs, seconds = problem.specification, {}, {}
     for method in methods:
         clock = time.perf_counter()
-        designs[method] = problem.solve(method)
-        seconds[method] = time.perf_counter() - clock
-        print(designs[method], flush=True)
+        found = problem.solve(method)
+        designs[found.method.name], seconds[found.method.name] = found, time.perf_counter() - clock
+        print(found, flush=True)
     table(
-        ("method", *problem.variables, "cost", "solves with gradients", "without", "seconds, compiling included"),
+        (
+            "method",
+            *asked.variables,
+            "cost",
+            "solves with gradients",
+            "without",
+            "seconds, compiling included",
+        ),
         [
             (
                 method,
@@ -77,9 +85,9 @@ def allocate(name: str, problem: ToleranceProblem, methods: Sequence[str], quick
         ],
         output(f"{name}{'_quick' if quick else ''}.md"),
     )
-    design = designs[methods[0]]
+    design = next(iter(designs.values()))
     # In quick mode by the same solver, which is compiled already.
-    certificate = design.verify(sweep=4, solver=problem.solver) if quick else design.verify(reoptimise=True)
+    certificate = design.verify(sweep=4, solver=asked.solver) if quick else design.verify(reoptimise=True)
     print(certificate)
     why = responses(design)
     print(*why, sep="\n")

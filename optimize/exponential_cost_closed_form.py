@@ -9,19 +9,19 @@ from typing import NamedTuple
 import matplotlib.pyplot as plt
 import numpy as np
 
-from clearance_jax.design import Point, Program
-from clearance_jax.design.solvers import run
+from clearance_jax.design import METHODS, Evaluation, Method, Program, run
 from clearance_jax.report.figures import save_figure
 from experiments.common import output, table
 from optimize.common import command
+from optimize.optax_methods import AUGMENTED_LAGRANGIAN
 
 BOUND = 0.1
 COUNTS = (2, 5, 20, 50)
 COST_ERROR, VIOLATION = 1e-6, 1e-8
-METHODS = ("slsqp", "augmented-lagrangian")
+COMPARED = (METHODS["slsqp"], AUGMENTED_LAGRANGIAN)
 
 
-class Allocation(NamedTuple):
+class KnownAllocation(NamedTuple):
     """A problem and its answer: `program()`, best clearances `x` (n,), least `cost`."""
 
     name: str
@@ -49,10 +49,10 @@ class Allocation(NamedTuple):
         else:
             objective, slope = np.sum(b / x**k), -k * b / x ** (k + 1)
         limits = np.array([limit / BOUND - 1])
-        return Point(x, float(objective), limits, *((slope, row[None] / BOUND) if gradient else ()))
+        return Evaluation(x, float(objective), limits, *((slope, row[None] / BOUND) if gradient else ()))
 
 
-def allocation(kind: str, count: int, exponent: float = 1.0) -> Allocation:
+def allocation(kind: str, count: int, exponent: float = 1.0) -> KnownAllocation:
     """A problem with seeded numbers; 3 variables: those of the literature's example."""
     rng = np.random.default_rng(count)
     s, b = rng.uniform(0.3, 3.0, count), rng.uniform(1.0, 5.0, count)
@@ -70,7 +70,7 @@ def allocation(kind: str, count: int, exponent: float = 1.0) -> Allocation:
         total = np.linalg.norm(s * shape) if kind == "statistical" else s @ shape
         x = shape * BOUND / total
         cost = np.sum(b / x**exponent)
-    return Allocation(f"{kind}, k = {exponent:g}, n = {count}", kind, s, b, exponent, x, float(cost))
+    return KnownAllocation(f"{kind}, k = {exponent:g}, n = {count}", kind, s, b, exponent, x, float(cost))
 
 
 class Row(NamedTuple):
@@ -86,21 +86,21 @@ class Row(NamedTuple):
     needed: int
 
 
-def solved(problem: Allocation, method: str) -> Row:
+def solve_by(problem: KnownAllocation, method: Method) -> Row:
     program = problem.program()
     run(program, method, np.full(len(problem.x), BOUND / np.sum(problem.weights) / 2))
     best = program.best
     assert best is not None
     needed = [
         i + 1
-        for i, p in enumerate(program.points)
+        for i, p in enumerate(program.history)
         if p.worst <= VIOLATION and abs(p.objective / problem.cost - 1) <= COST_ERROR
     ]
     error = best.objective / problem.cost - 1
-    return Row(problem.name, method, error, best.worst, program.gradients, needed[0] if needed else -1)
+    return Row(problem.name, method.name, error, best.worst, program.gradients, needed[0] if needed else -1)
 
 
-def problems(quick: bool) -> list[Allocation]:
+def problems(quick: bool) -> list[KnownAllocation]:
     out = []
     for count in (3, *COUNTS) if not quick else (2, 20):
         for kind in ("worst case", "statistical"):
@@ -111,16 +111,16 @@ def problems(quick: bool) -> list[Allocation]:
 
 def main(quick: bool = False) -> list[Row]:
     asked = problems(quick)
-    rows = [solved(problem, method) for problem in asked for method in METHODS]
+    rows = [solve_by(problem, method) for problem in asked for method in COMPARED]
     table(
         ("problem", "method", "cost error", "limit violated by", "gradients", f"until {COST_ERROR:g}"),
         [(r.name, r.method, f"{r.cost_error:.1e}", f"{max(r.violation, 0):.0e}", r.gradients, r.needed) for r in rows],
         output(f"allocation_closed_form{'_quick' if quick else ''}.md"),
     )
     fig, ax = plt.subplots(figsize=(5, 3.2), layout="constrained")
-    for method in METHODS:
-        needed = [row.needed for row in rows if row.method == method]
-        ax.plot([len(problem.x) for problem in asked], needed, "o", ms=4, alpha=0.6, label=method)
+    for method in COMPARED:
+        needed = [row.needed for row in rows if row.method == method.name]
+        ax.plot([len(problem.x) for problem in asked], needed, "o", ms=4, alpha=0.6, label=method.name)
     ax.set(xlabel="clearances", ylabel=f"evaluations until right to {COST_ERROR:g}")
     ax.legend()
     save_figure(fig, output(f"allocation_closed_form{'_quick' if quick else ''}.png"))

@@ -2,12 +2,13 @@
 `python -m optimize.largest_clearance`. The paper's four speeds are four conditions.
 """
 
-import matplotlib.pyplot as plt
 import numpy as np
 
 import clearance_jax as cj
 from clearance_jax.analysis.metrics import Peak, PositionError
-from clearance_jax.design import Design, Limit, ToleranceProblem, fits
+from clearance_jax.design import Design, Limit, ToleranceProblem, fits, time_histories
+from clearance_jax.report.design_figures import over_time
+from clearance_jax.report.figures import save_figure
 from experiments.common import SCENES, output
 from optimize.common import command
 
@@ -47,28 +48,12 @@ def standard_fit(design: Design) -> str:
     return f"Nearest common fit: {allowed[0]}"
 
 
-def picture(design: Design, path) -> None:
-    """The error over time in every condition, with its bound."""
-    fig, ax = plt.subplots(figsize=(7, 3.5))
-    for name, values in design.problem.conditions.items():
-        moved = cj.replace(design.mechanism, values)
-        times = np.linspace(0, design.problem.t1, 1501)
-        error = cj.metrics.At(PositionError("end"), times)(moved, design.problem.t1)
-        ax.plot(times, 1e3 * np.asarray(error), lw=0.8, label=name)
-    ax.axhline(1e3 * BOUND, color="k", ls="--", lw=0.8, label="bound")
-    ax.set(xlabel="time [s]", ylabel="error of the end [mm]")
-    ax.legend()
-    fig.tight_layout()
-    fig.savefig(path, dpi=150)
-    plt.close(fig)
-
-
 def main(quick: bool = False) -> Design:
     design = problem(quick).solve()
     print(design)
     print(standard_fit(design))
     print(design.verify(sweep=8 if quick else 40))
-    picture(design, output(f"largest_clearance{'_quick' if quick else ''}.png"))
+    save_figure(over_time(*time_histories(design)), output(f"largest_clearance{'_quick' if quick else ''}.png"))
     return design
 
 

@@ -6,8 +6,8 @@ import time
 
 import clearance_jax as cj
 from clearance_jax.analysis.metrics import Peak, PositionError
-from clearance_jax.design import Design, Limit, ToleranceProblem, Yield, Yielded
-from clearance_jax.report.design_figures import history
+from clearance_jax.design import Design, Limit, ToleranceProblem, Yield, YieldEstimate
+from clearance_jax.report.design_figures import convergence
 from clearance_jax.report.figures import save_figure
 from experiments.common import SCENES, output
 from optimize.common import command
@@ -28,20 +28,20 @@ def problem(quick: bool) -> ToleranceProblem:
         END,
         {NAME: (1e-5, 1e-3)},
         [Limit(Peak(PositionError("end")), BOUND)],
-        made=Yield(SCATTER, TARGET, SAMPLES["quick" if quick else "whole"]),
+        manufacture=Yield(SCATTER, TARGET, SAMPLES["quick" if quick else "whole"]),
     )
 
 
-def main(quick: bool = False) -> tuple[Design, Yielded]:
+def main(quick: bool = False) -> tuple[Design, YieldEstimate]:
     clock = time.perf_counter()
     design = problem(quick).solve()
     print(design)
     print(f"{time.perf_counter() - clock:.0f} s", flush=True)
     clock = time.perf_counter()
-    found = design.yielded(FRESH["quick" if quick else "whole"])
+    found = design.yield_estimate(FRESH["quick" if quick else "whole"])
     print(found)
     print(f"{time.perf_counter() - clock:.0f} s", flush=True)
-    save_figure(history(design), output(f"yield_design{'_quick' if quick else ''}.png"))
+    save_figure(convergence(design), output(f"yield_design{'_quick' if quick else ''}.png"))
     if not quick:
         print(design.verify(sweep=8))
     return design, found

@@ -3,13 +3,14 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.stats
 from catalogue import slider_crank
 
 import clearance_jax as cj
 from clearance_jax import design
 from clearance_jax.analysis import metrics
 from clearance_jax.analysis.measure import Request
-from clearance_jax.design import evaluate, made, solvers, verify
+from clearance_jax.design import evaluate, manufacture, verify
 from clearance_jax.errors import ClearanceError
 from experiments.trust import CHAOTIC, scene
 from experiments.trust import NAME as PLAY
@@ -22,6 +23,7 @@ from optimize import (
     yield_design,
 )
 from optimize import exponential_cost_closed_form as closed_form
+from optimize.optax_methods import PROJECTED_ADAM
 
 NAME = "wrist.radial_clearance"
 NAME5 = yield_design.NAME
@@ -46,14 +48,85 @@ def test_closed_form_allocations(monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("method", "error"), [("trust-constr", 1e-4), ("cobyqa", 1e-5), ("projected-adam", 2e-2), ("cma-es", 1e-3)]
+    ("method", "error"), [("trust-constr", 1e-4), ("cobyqa", 1e-5), (PROJECTED_ADAM, 2e-2), ("cma-es", 1e-3)]
 )
 def test_the_other_solvers_agree(method, error):
     problem = closed_form.allocation("worst case", 3)
     program = problem.program()
-    assert solvers.run(program, method, np.full(3, 0.01)) == ""
+    assert design.run(program, method, np.full(3, 0.01)) == ""
     assert program.best is not None
     assert -1e-8 <= program.best.objective / problem.cost - 1 <= error
+
+
+@pytest.mark.parametrize("target", [0.9, 0.99])
+def test_stochastic_approximation_finds_the_best_yield(target):
+    """Of normal scatters a sum's conditional value at risk is its mean and so many standard deviations."""
+    scatter, problem = np.array([0.05, 0.1, 0.02]), closed_form.allocation("worst case", 3)
+    deviations = scipy.stats.norm.pdf(scipy.stats.norm.ppf(target)) / (1 - target)
+
+    def point(x, limits, row):
+        costs = problem.factors / x
+        return design.Evaluation(x, float(costs.sum()), limits, -costs / x, row[None] / closed_form.BOUND)
+
+    def exact(x, gradient):
+        spread = np.linalg.norm(problem.weights * scatter * x)
+        row = problem.weights + deviations * (problem.weights * scatter) ** 2 * x / spread
+        return point(x, np.array([row @ x / closed_form.BOUND - 1]), row)
+
+    def fresh(x, samples, seed):
+        rows = problem.weights * (1 + scatter * np.random.default_rng(seed).standard_normal((samples, 3)))
+        worst = rows @ x / closed_form.BOUND - 1
+        weights = design.Yield({}, target).weights(worst)
+        return point(x, weights[None] @ worst, weights @ rows)
+
+    def program(**options):
+        return design.Program(exact, ["a", "b", "c"], np.full(3, 1e-4), np.ones(3), ["yield"], **options)
+
+    known, sampled, start = program(), program(fresh=fresh), np.full(3, 0.005)
+    assert design.run(known, "slsqp", start) == ""
+    assert design.run(sampled, "stochastic-approximation", start) == ""
+    best, found = known.best, sampled.best
+    assert best is not None
+    assert found is not None
+    assert sampled.gradients < 220
+    np.testing.assert_allclose(found.x, best.x, rtol=0.03)
+    assert best.objective * (1 - 1e-6) <= found.objective <= 1.01 * best.objective
+    assert len(sampled.history) <= 14  # the start, and the answer made to hold the limit
+    looser = sampled.with_bound("yield", 2.0).fresh(start, 50, 1).limits
+    np.testing.assert_allclose(looser, (1 + sampled.fresh(start, 50, 1).limits) / 2 - 1)
+    with pytest.raises(ClearanceError, match="drawn afresh"):
+        design.run(known, "stochastic-approximation", start)
+
+
+def test_an_interrupted_stochastic_approximation_has_its_mean_so_far():
+    def point(x, *_):
+        return design.Evaluation(x, float(1 / x[0]), x / 0.3 - 1, -1 / x**2, np.array([[1 / 0.3]]))
+
+    def fresh(x, samples, seed):
+        if seed == 20:
+            raise KeyboardInterrupt
+        return point(x)
+
+    program = design.Program(point, ["a"], np.array([1e-3]), np.array([1.0]), ["yield"], fresh=fresh)
+    assert design.run(program, "stochastic-approximation", np.array([0.05])) == "interrupted"
+    assert program.best is not None
+    assert 0.1 < program.best.x[0] < 0.3
+
+
+def test_fresh_samples_are_simulated():
+    """The worst half of four fresh samples, by solves of their own."""
+    sampled = design.Yield({NAME: 0.1, "slider.mass": 0.1}, target=0.5, samples=2)
+    program = design.formulate(asked(manufacture=sampled).specification)
+    found = program.fresh(np.array([5e-4]), 4, 3)
+    draws = sampled.draws((NAME,), 4, 3)
+    mass = float(cj.parameters(slider_crank())["slider.mass"].value)
+    errors = [
+        float(PEAK(cj.replace(slider_crank(), {NAME: 5e-4 * a, "slider.mass": mass * b}), 1e-3))
+        for a, b in zip(draws[NAME], draws["slider.mass"], strict=True)
+    ]
+    np.testing.assert_allclose(found.limits, np.mean(sorted(errors)[2:]) / 1e-4 - 1, rtol=1e-6)
+    assert program.history == []
+    assert program.gradients == 1
 
 
 def test_costs():
@@ -61,14 +134,14 @@ def test_costs():
     np.testing.assert_allclose(design.Reciprocal(2e-3, 2.0, 7.0)(c), 7 + 2e-3 / c**2)
     np.testing.assert_allclose(design.Exponential(3.0, 1e4, 1.0)(c), 1 + 3 * jnp.exp(-1e4 * c))
     np.testing.assert_allclose(design.ExponentialReciprocal(3.0, 1e4, 0.5)(c), 3 * jnp.exp(-1e4 * c) / c**0.5)
-    table = design.Table([1e-5, 4e-5, 1e-4], [9.0, 4.0, 1.0])
+    table = design.CostTable([1e-5, 4e-5, 1e-4], [9.0, 4.0, 1.0])
     np.testing.assert_allclose([table(x) for x in (1e-5, 4e-5, 1e-4)], [9, 4, 1])
     np.testing.assert_allclose(table(1.0), 1)
     assert float(table(5e-6)) > 9
     between = [float(table(x)) for x in np.linspace(1e-5, 1e-4, 50)]
     assert np.all(np.diff(between) < 0)
     with pytest.raises(ClearanceError, match="increasing"):
-        design.Table([1e-5, 1e-5], [1, 2])
+        design.CostTable([1e-5, 1e-5], [1, 2])
 
 
 def test_a_band_has_its_ends_and_corners():
@@ -85,7 +158,7 @@ def test_what_was_evaluated_is_kept_and_resumed_from(tmp_path):
         return design.Program(problem._evaluate, names, np.full(n, 1e-6), np.full(n, 1e2), ["error"], **options)
 
     first = program(record=file, most=6)
-    assert "as many" in solvers.run(first, "slsqp", np.full(5, 1e-3))
+    assert "as many" in design.run(first, "slsqp", np.full(5, 1e-3))
     assert first.gradients == 6
     assert first.best is not None
     with file.open("a") as f:
@@ -94,10 +167,10 @@ def test_what_was_evaluated_is_kept_and_resumed_from(tmp_path):
     assert second.gradients == 0
     assert second.best is not None
     assert second.best.objective == first.best.objective
-    solvers.run(second, "slsqp", np.full(5, 1e-3))
+    design.run(second, "slsqp", np.full(5, 1e-3))
     assert second.best.objective <= problem.cost * (1 + 1e-6)
     fresh = program()
-    solvers.run(fresh, "slsqp", np.full(5, 1e-3))
+    design.run(fresh, "slsqp", np.full(5, 1e-3))
     assert second.gradients == fresh.gradients - 6  # the first six were remembered
     with pytest.raises(ClearanceError, match="another problem"):
         design.Program(problem._evaluate, ["other"], np.ones(1), 2 * np.ones(1), ["error"], record=file)
@@ -113,9 +186,9 @@ def test_an_interrupted_run_keeps_its_best():
     program = design.Program(
         problem._evaluate, ["a", "b", "c"], np.full(3, 1e-6), np.full(3, 1e2), ["error"], progress=stop
     )
-    assert solvers.run(program, "slsqp", np.full(3, 1e-3)) == "interrupted"
+    assert design.run(program, "slsqp", np.full(3, 1e-3)) == "interrupted"
     assert program.best is not None
-    assert program.best.objective < program.points[0].objective
+    assert program.best.objective < program.history[0].objective
 
 
 def asked(mechanism=None, variables=None, limits=None, **options):
@@ -132,7 +205,7 @@ def test_messages():
     with pytest.raises(ClearanceError, match=r"Did you mean `wrist\.radial_clearance`"):
         asked(variables={"wrist.radial_clearence": (1e-5, 1e-3)})
     with pytest.raises(ClearanceError, match="contradict"):
-        asked(variables={NAME: (1e-3, 1e-5)}).program()
+        design.formulate(asked(variables={NAME: (1e-3, 1e-5)}).specification)
     with pytest.raises(ClearanceError, match=r"In `fast`.*finite"):
         asked(conditions={"fast": {"drive.main.speed": np.nan}})
     with pytest.raises(ClearanceError, match="is a variable"):
@@ -143,7 +216,7 @@ def test_messages():
         asked(limits=[design.Limit(PEAK, 1e-4), design.Limit(PEAK, 2e-4)])
     with pytest.raises(ClearanceError, match="no cost for"):
         asked(cost={"other": design.Reciprocal(1.0)})
-    with pytest.raises(ClearanceError, match=r"no design solver `?'newton'"):
+    with pytest.raises(ClearanceError, match=r"no design method `?'newton'"):
         asked().solve("newton")
     with pytest.raises(ClearanceError, match=r"whole number.*cobyqa"):
         asked(limits=[design.Limit(metrics.Impacts("wrist"), 3.0)]).solve()
@@ -153,7 +226,7 @@ def test_infeasible_and_unlimited_problems_say_so():
     impossible = asked(limits=[design.Limit(PEAK, 1e-9, "piston")]).solve()
     assert not impossible.feasible
     assert "NO FEASIBLE DESIGN: piston" in str(impossible)
-    assert len(impossible.program.points) > 1
+    assert len(impossible.program.history) > 1
     with pytest.raises(ClearanceError, match="no feasible design to verify: piston"):
         impossible.verify()
     free = asked(limits=[design.Limit(PEAK, 1.0)]).solve()
@@ -176,9 +249,9 @@ def test_largest_clearance_of_the_papers_robot(monkeypatch, tmp_path, capsys):
     assert "Nearest common fit: " in printed
     # By another way: the error at the answer, and beside it.
     c = found.clearances[largest_clearance.NAME]
-    error = metrics.Peak(metrics.PositionError("end"))
+    error, asked = metrics.Peak(metrics.PositionError("end")), found.specification
     at, above = (
-        error(cj.replace(found.problem.mechanism, {largest_clearance.NAME: s * c}), found.problem.t1, solver="dopri8")
+        error(cj.replace(asked.mechanism, {largest_clearance.NAME: s * c}), asked.t1, solver="dopri8")
         for s in (1.0, 1.001)
     )
     assert float(at) <= largest_clearance.BOUND * (1 + 1e-6) < float(above)
@@ -192,8 +265,8 @@ def test_conditional_value_at_risk():
     top = np.sort(worst)[::-1]
     np.testing.assert_allclose(weights @ worst, (top[0] + top[1] + 0.5 * top[2]) / 2.5)
     # Clopper and Pearson: 459 clean samples prove 99 % at 99 %, so 299 do at 95 % (Wilks 1941).
-    assert made.counted(np.ones(299, bool)).least >= 0.99
-    assert made.counted(np.ones(298, bool)).least < 0.99
+    assert manufacture.estimate_yield(np.ones(299, bool)).least >= 0.99
+    assert manufacture.estimate_yield(np.ones(298, bool)).least < 0.99
     with pytest.raises(ClearanceError, match="must be relative"):
         design.Yield({NAME: 0.5}).draws((NAME,))
 
@@ -245,7 +318,7 @@ def test_allocations(study, monkeypatch, tmp_path, capsys):
     assert found.certificate.residual <= 1e-2
     # What play alone could do is most of the error, and not more than all of it.
     (static,) = found.certificate.static.values()
-    bound = designed.problem.bounds[0]
+    bound = designed.specification.limits[0].bound
     assert 0.2 * bound <= static <= 1.2 * bound
     assert "the rest" in capsys.readouterr().out
     assert all(path.stat().st_size > 1000 for path in (tmp_path / "out").glob("*.png"))
@@ -258,10 +331,10 @@ def test_islands_are_reported(capsys):
     assert "ISLANDS" in capsys.readouterr().out
     # Between two islands the limit is violated, by a solve of its own.
     between = np.sqrt(found.certificate.islands[0][1] * found.certificate.islands[1][0])
-    problem = found.docking.problem
-    (metric,) = (limit.metric for limit in problem.limits)
-    moved = cj.replace(problem.mechanism, {NAME: between * found.docking.clearances[NAME]})
-    assert float(metric(moved, problem.t1)[0]) > treacherous.BOUND
+    asked = found.docking.specification
+    (metric,) = (limit.metric for limit in asked.limits)
+    moved = cj.replace(asked.mechanism, {NAME: between * found.docking.clearances[NAME]})
+    assert float(metric(moved, asked.t1)[0]) > treacherous.BOUND
 
 
 class Place(metrics.AbstractMetric):
@@ -281,7 +354,7 @@ def test_a_chaotic_design_is_not_left_to_gradients():
         scene(CHAOTIC["A2"]), 0.2, {PLAY: (0.5 * clearance, 2 * clearance)}, [design.Limit(Place(), 1.0)]
     )
     found = problem.solve("auto", most=5)
-    assert found.method == "cobyqa"
+    assert found.method.name == "cobyqa"
     assert found.program.gradients == 0
     assert "Gradients are not to be trusted" in str(found)
 
@@ -290,7 +363,7 @@ def test_a_variable_at_its_bound_stays_on_the_scaling_line():
     """Two variables, one at its upper bound: the other goes on alone, to where the sum is the bound."""
 
     def evaluate(x, gradient):
-        return design.Point(x, float(np.sum(1 / x)), np.array([np.sum(x) - 1]))
+        return design.Evaluation(x, float(np.sum(1 / x)), np.array([np.sum(x) - 1]))
 
     program = design.Program(evaluate, ["a", "b"], np.full(2, 1e-3), np.array([0.25, 10.0]), ["sum"])
     x = np.array([0.25, 0.5])
@@ -305,10 +378,10 @@ def test_a_start_that_cannot_be_simulated_is_left():
     def evaluate(x, gradient):
         limits = np.array([np.nan if x[0] > 1 else x[0] / 0.3 - 1])
         slopes = (np.array([-1 / x[0] ** 2]), np.array([[1 / 0.3]])) if gradient else ()
-        return design.Point(x, float(1 / x[0]), limits, *slopes)
+        return design.Evaluation(x, float(1 / x[0]), limits, *slopes)
 
     program = design.Program(evaluate, ["a"], np.array([1e-3]), np.array([100.0]), ["error"])
-    assert solvers.run(program, "slsqp", np.array([50.0])) == ""
+    assert design.run(program, "slsqp", np.array([50.0])) == ""
     assert program.best is not None
     np.testing.assert_allclose(program.best.x, 0.3, rtol=1e-8)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from clearance_jax.design import fits
-from clearance_jax.design.fits import COMMON, Fit, fit, fits_within, limits
+from clearance_jax.design.fits import COMMON, Fit, fit, fits_within, limit_deviations
 from clearance_jax.errors import ClearanceError
 
 # Lower and upper deviation [um] by class and diameter [mm]: DIN ISO 286-2 and JIS B 0401 as tool catalogues have them.
@@ -77,12 +77,12 @@ def um(*values):
 
 def tolerances(grade, diameters):
     """Tolerances of a grade [um]."""
-    return np.array([limits(d, f"H{grade}")[1] for d in diameters]) * 1e6
+    return np.array([limit_deviations(d, f"H{grade}")[1] for d in diameters]) * 1e6
 
 
 def deviations(shaft, diameters):
     """Of both deviations of a shaft the one nearer to zero [um]: the upper one up to h, the lower one beyond."""
-    return np.array([limits(d, shaft)[shaft < "i"] for d in diameters]) * 1e6
+    return np.array([limit_deviations(d, shaft)[shaft < "i"] for d in diameters]) * 1e6
 
 
 def means(ranges):
@@ -92,8 +92,8 @@ def means(ranges):
 
 
 @pytest.mark.parametrize(("size", "tolerance_class", "lower", "upper"), rows(LIMITS))
-def test_limits(size, tolerance_class, lower, upper):
-    assert limits(size * 1e-3, tolerance_class) == um(lower, upper)
+def test_limit_deviations(size, tolerance_class, lower, upper):
+    assert limit_deviations(size * 1e-3, tolerance_class) == um(lower, upper)
 
 
 @pytest.mark.parametrize(("size", "name", "least", "greatest"), rows(FITS))
@@ -150,8 +150,8 @@ def test_finest_grades():
     h3 = [2, 2.5, 2.5, 3, 4, 4, 5, 6, 8, 10, 12, 13, 15]
     h4 = [3, 4, 4, 5, 6, 7, 8, 10, 12, 14, 16, 18, 20]
     for bound, third, fourth in zip(fits.RANGES, h3, h4, strict=True):
-        assert limits(bound * 1e-3, "h3") == um(-third, 0)
-        assert limits(bound * 1e-3, "h4") == um(-fourth, 0)
+        assert limit_deviations(bound * 1e-3, "h3") == um(-third, 0)
+        assert limit_deviations(bound * 1e-3, "h4") == um(-fourth, 0)
 
 
 def test_tables_are_complete_and_monotone():
@@ -163,8 +163,8 @@ def test_tables_are_complete_and_monotone():
 
 @pytest.mark.parametrize("letter", "ABCDEFGH")
 def test_a_hole_mirrors_the_shaft(letter):
-    lower, upper = limits(0.03, f"{letter}8")
-    assert limits(0.03, f"{letter.lower()}8") == (-upper, -lower)
+    lower, upper = limit_deviations(0.03, f"{letter}8")
+    assert limit_deviations(0.03, f"{letter.lower()}8") == (-upper, -lower)
     assert upper - lower == pytest.approx(33e-6)
 
 
@@ -172,7 +172,7 @@ def test_a_range_includes_its_upper_bound():
     # Noise of binary fractions does not carry a diameter over the bound.
     assert 3 * 0.006 > 0.018
     for diameter, upper in ((0.01, 15), (0.0101, 18), (0.018, 18), (3 * 0.006, 18), (0.0180001, 21)):
-        assert limits(diameter, "H7") == um(0, upper)
+        assert limit_deviations(diameter, "H7") == um(0, upper)
 
 
 def test_fits_as_records_and_text():
@@ -215,14 +215,17 @@ def test_a_fit_lies_within_its_own_clearances(name):
 
 OUT_OF_RANGE = (0.0, -0.01, 0.5001, 25.0, float("nan"))
 REFUSED = [
-    *((limits, (diameter, "H7"), r"`diameter` must be above 0 and at most 0\.5 m") for diameter in OUT_OF_RANGE),
+    *(
+        (limit_deviations, (diameter, "H7"), r"`diameter` must be above 0 and at most 0\.5 m")
+        for diameter in OUT_OF_RANGE
+    ),
     *((fits_within, (diameter, 1e-4), r"25 mm are 0\.025") for diameter in OUT_OF_RANGE),
-    (limits, (0.025, "K7"), "Allowed: A, B, C, D, E, F, G, H, JS .holes.; a, b, c"),
-    (limits, (0.025, "Js7"), "known letter"),
-    (limits, (0.025, "t6"), "known letter"),
-    (limits, (0.025, "H2"), "Allowed: 3, 4, 5"),
-    (limits, (0.025, "g17"), "14, 15, 16"),
-    *((limits, (0.025, malformed), "a letter and a grade") for malformed in ("H", "7H", "H7.5", "")),
+    (limit_deviations, (0.025, "K7"), "Allowed: A, B, C, D, E, F, G, H, JS .holes.; a, b, c"),
+    (limit_deviations, (0.025, "Js7"), "known letter"),
+    (limit_deviations, (0.025, "t6"), "known letter"),
+    (limit_deviations, (0.025, "H2"), "Allowed: 3, 4, 5"),
+    (limit_deviations, (0.025, "g17"), "14, 15, 16"),
+    *((limit_deviations, (0.025, malformed), "a letter and a grade") for malformed in ("H", "7H", "H7.5", "")),
     *(
         (fit, (0.025, malformed), 'Write it as "H7/g6"')
         for malformed in ("H7", "H7g6", "g6/H7", "H7/H8", "h6/g6", "", "/", "H7/")
@@ -243,5 +246,5 @@ def test_refusals(function, arguments, message):
 def test_what_the_standard_lacks_up_to_one_millimetre():
     for tolerance_class in ("a9", "B11", "H14"):
         with pytest.raises(ClearanceError, match="up to 1 mm"):
-            limits(0.001, tolerance_class)
-        assert limits(0.00101, tolerance_class)[1] != 0
+            limit_deviations(0.001, tolerance_class)
+        assert limit_deviations(0.00101, tolerance_class)[1] != 0

@@ -179,16 +179,16 @@ class TestFriction:
 class Ageing(laws.AbstractNormalLaw):
     """A law that goes on while apart: it remembers how long it has been squeezed or free."""
 
-    stiffness: Any
+    squeeze: Any
     smoothness: ClassVar = "C1"
     remembers: ClassVar = ("age",)
     acts_apart: ClassVar = True
 
     def formula(self, constants, penetration, penetration_rate, memory):
-        return self.stiffness * jnp.where(penetration > 0, penetration, 0.0) ** 2 + memory[0]
+        return self.squeeze * jnp.where(penetration > 0, penetration, 0.0) ** 2 + memory[0]
 
     def energy(self, constants, penetration):
-        return self.stiffness * jnp.where(penetration > 0, penetration, 0.0) ** 3 / 3
+        return self.squeeze * jnp.where(penetration > 0, penetration, 0.0) ** 3 / 3
 
     def memory_rate(self, constants, penetration, penetration_rate, memory):
         return (jnp.ones_like(penetration),)

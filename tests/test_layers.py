@@ -1,75 +1,154 @@
-"""A module imports its own or lower layers, without circles; device code knows no xarray, matplotlib, pint or scipy."""
+"""The order of packages, no circles between modules, and what each side of the house may know of the world outside.
+
+Every import counts: those inside functions, and those for type checkers only.
+"""
 
 import ast
+import functools
+import sys
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1] / "clearance_jax"
-LAYERS = [
-    {"_types", "_checks", "_numerics", "configure"},
-    {"spatial", "laws", "units", "fits"},
-    {"joints"},
-    {"mechanism"},
-    {"equations", "energy", "dynamics"},
-    {"tolerances", "variation", "interpolate", "watch", "stepping", "control", "flow", "solve", "trace"}
-    | {"signals", "observers", "metrics", "sensitivity", "periodic", "trust", "mesh"},
-    {"results", "scene"},
-    {"plot", "design"},
-    {"study"},
-    {"cli"},
-]
-HOST_ONLY = {"xarray", "matplotlib", "tomllib", "pint", "scipy", "typer", "rich"}
-DEVICE = set().union(*LAYERS[:6]) - {"units", "fits"}
-MODULES = sorted(path for path in ROOT.rglob("*.py") if path != ROOT / "__init__.py")
+PACKAGE = "clearance_jax"
+ROOT = Path(__file__).parents[1] / PACKAGE
+# Each imports only those before it, and itself. What lies at the root as a leaf is one place.
+ORDER = (
+    "leaves",
+    "spatial",
+    "laws",
+    "joints",
+    "mechanism",
+    "dynamics",
+    "solve",
+    "analysis",
+    "results",
+    "design",
+    "io",
+    "report",
+    "cli",
+)
+LEAVES = {"_types", "_numerics", "errors", "configure", "units", "parameters"}
+# What runs on a device is `analysis` and all that it needs; `units` reads and writes for people.
+HOST_ONLY = {"xarray", "matplotlib", "pint", "scipy", "typer", "rich", "tomllib"}
+DEVICE_EXCEPT = {f"{PACKAGE}.units"}
+# A report is handed its findings and computes none.
+REPORT_KNOWS = {"leaves", "results", "design", "report"}
 
 
-def part(module: str) -> str:
-    return module.split(".")[1]
+def modules() -> dict[str, Path]:
+    """Every module by its name, but for the package's own list of public names."""
+    found = {}
+    for path in sorted(ROOT.rglob("*.py")):
+        parts = path.relative_to(ROOT).with_suffix("").parts
+        if parts != ("__init__",):
+            found[".".join((PACKAGE, *(p for p in parts if p != "__init__")))] = path
+    return found
 
 
-def level(name: str) -> int:
-    return next(i for i, names in enumerate(LAYERS) if name in names)
+MODULES = modules()
 
 
-def imports(path: Path):
-    for node in ast.walk(ast.parse(path.read_text())):
+def imported(tree: ast.AST, known: Iterable[str]) -> set[str]:
+    """What a module imports anywhere in it; `from package import module` is that module."""
+    found = set()
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
+            found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path} uses a relative import"
-            yield node.module or ""
+            assert node.level == 0, f"line {node.lineno}: a relative import"
+            names = {f"{node.module}.{alias.name}" for alias in node.names}
+            found |= {name if name in known else str(node.module) for name in names}
+    return found
 
 
-@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(ROOT)))
-def test_imports_point_down(path):
-    own = path.relative_to(ROOT).parts[0].removesuffix(".py")
-    for module in imports(path):
-        if module.startswith("clearance_jax."):
-            other = part(module)
-            assert level(other) <= level(own), (own, module)
-        if own in DEVICE:
-            assert module.split(".")[0] not in HOST_ONLY, (own, module)
+@functools.cache
+def imports(module: str) -> set[str]:
+    return imported(ast.parse(MODULES[module].read_text(encoding="utf-8")), MODULES)
 
 
-def test_no_import_circles():
-    graph = {
-        p: {part(m) for m in imports(p) if m.startswith("clearance_jax.")}
-        - {p.relative_to(ROOT).parts[0].removesuffix(".py")}
-        for p in MODULES
-    }
-    edges: dict[str, set[str]] = {}
-    for path, others in graph.items():
-        edges.setdefault(path.relative_to(ROOT).parts[0].removesuffix(".py"), set()).update(others)
+def own(found: Iterable[str]) -> set[str]:
+    return {name for name in found if name.split(".")[0] == PACKAGE}
 
-    def reach(start: str) -> set[str]:
-        seen, stack = set(), list(edges.get(start, ()))
-        while stack:
-            name = stack.pop()
-            if name not in seen:
-                seen.add(name)
-                stack += edges.get(name, ())
-        return seen
 
-    circles = [name for name in edges if name in reach(name)]
-    assert circles == []
+def place(module: str) -> str:
+    head = module.split(".")[1]
+    return "leaves" if head in LEAVES else head
+
+
+def reached(start: str, edges: Mapping[str, Iterable[str]]) -> set[str]:
+    """All that can be come to from `start` in one step or more."""
+    seen: set[str] = set()
+    stack = list(edges.get(start, ()))
+    while stack:
+        name = stack.pop()
+        if name not in seen:
+            seen.add(name)
+            stack += edges.get(name, ())
+    return seen
+
+
+def circles(edges: Mapping[str, Iterable[str]]) -> set[str]:
+    return {name for name in edges if name in reached(name, edges)}
+
+
+EDGES = {module: own(imports(module)) for module in MODULES}
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_imports_point_down(module):
+    assert place(module) in ORDER, f"{module} has no place in the order of packages"
+    wrong = [m for m in EDGES[module] if ORDER.index(place(m)) > ORDER.index(place(module))]
+    assert wrong == []
+
+
+def test_public_names_come_from_inside():
+    """Nothing inside imports the list of public names: it imports everything."""
+    assert [module for module in MODULES if PACKAGE in EDGES[module]] == []
+
+
+def test_no_circles_between_modules():
+    assert circles(EDGES) == set()
+
+
+def test_the_device_side_knows_only_the_device():
+    analysis = {module for module in MODULES if place(module) == "analysis"}
+    device = analysis.union(*(reached(module, EDGES) for module in analysis)) - DEVICE_EXCEPT
+    assert f"{PACKAGE}.dynamics.field" in device
+    host = {module: {m.split(".")[0] for m in imports(module)} & HOST_ONLY for module in device}
+    assert {module: found for module, found in host.items() if found} == {}
+
+
+def test_a_report_is_handed_what_it_shows():
+    wrong = {m: {n for n in EDGES[m] if place(n) not in REPORT_KNOWS} for m in MODULES if place(m) == "report"}
+    assert {module: found for module, found in wrong.items() if found} == {}
+
+
+def test_the_command_starts_without_jax():
+    """What its modules import on top, other than the list of public names, which Python reads first."""
+
+    def on_top(module: str) -> set[str]:
+        tree = ast.parse(MODULES[module].read_text(encoding="utf-8"))
+        tree.body = [node for node in tree.body if isinstance(node, ast.Import | ast.ImportFrom)]
+        return imported(tree, MODULES)
+
+    start = f"{PACKAGE}.cli.main"
+    modules = {start} | reached(start, {module: own(on_top(module)) for module in MODULES})
+    outside = {name.split(".")[0] for module in modules for name in on_top(module)} - {PACKAGE}
+    assert outside - sys.stdlib_module_names == {"typer", "rich"}
+
+
+def test_the_tests_see_what_they_are_for():
+    text = """
+import scipy.optimize
+from a import b
+from a.c import thing
+if TYPE_CHECKING:
+    from a.d import Type
+def function():
+    from a import e
+"""
+    assert imported(ast.parse(text), {"a", "a.b", "a.c"}) == {"scipy.optimize", "a.b", "a.c", "a.d", "a"}
+    assert circles({"a": ["b"], "b": ["c"], "c": ["b"], "d": ["a"]}) == {"b", "c"}
+    assert circles({"a": ["a"]}) == {"a"}

@@ -12,6 +12,7 @@ import clearance_jax as cj
 from clearance_jax import design
 from clearance_jax.analysis import metrics
 from clearance_jax.cli.main import app, main
+from clearance_jax.design import formulation
 from clearance_jax.errors import ClearanceError
 from clearance_jax.io.study import load_study
 from clearance_jax.report.html import write_report
@@ -54,7 +55,7 @@ def study(tmp_path):
 
 def test_a_study_is_the_problem_it_says(study):
     loaded = load_study(study)
-    problem = loaded.problem
+    problem = loaded.problem.specification
     assert problem.variables == {"wrist.radial_clearance": (pytest.approx(2e-5), pytest.approx(5e-4))}
     (limit,) = problem.limits
     assert limit.bound == pytest.approx(1e-4)
@@ -72,7 +73,7 @@ def test_costs_limits_and_manufacture_of_a_study(tmp_path):
     def loaded(old, new):
         path = tmp_path / "s.toml"
         path.write_text(STUDY.replace(old, new))
-        return load_study(path).problem
+        return load_study(path).problem.specification
 
     reciprocal = 'law = "reciprocal", factor = "0.1 mm"'
     squared = loaded(reciprocal, 'law = "reciprocal", factor = "4 mm^2", power = 2, fixed = 1')
@@ -97,12 +98,13 @@ def test_costs_limits_and_manufacture_of_a_study(tmp_path):
         'metric = "energy-lost"\nbound = "1 J"',
     )
     assert lost.limits[0].metric.unit == "J"
-    band = loaded("[condition.slow]", '[made]\nkind = "band"\nleast = 0.8\n[condition.slow]')
-    assert band.made == design.Band(0.8)
-    scatter = '[made]\nkind = "yield"\ntarget = 0.95\nsamples = 8\n[made.scatter]\n"slider.mass" = "2 percent"\n'
-    made = loaded("[condition.slow]", scatter + "[condition.slow]").made
-    assert isinstance(made, design.Yield)
-    assert (made.scatter, made.target, made.samples) == ({"slider.mass": 0.02}, 0.95, 8)
+    band = loaded("[condition.slow]", '[manufacture]\nkind = "band"\nleast = 0.8\n[condition.slow]')
+    assert band.manufacture == design.Band(0.8)
+    scattered = '[manufacture]\nkind = "yield"\ntarget = 0.95\nsamples = 8\n'
+    scattered += '[manufacture.scatter]\n"slider.mass" = "2 percent"\n[condition.slow]'
+    asked = loaded("[condition.slow]", scattered).manufacture
+    assert isinstance(asked, design.Yield)
+    assert (asked.scatter, asked.target, asked.samples) == ({"slider.mass": 0.02}, 0.95, 8)
 
 
 @pytest.mark.parametrize(
@@ -120,7 +122,8 @@ def test_costs_limits_and_manufacture_of_a_study(tmp_path):
         ('law = "reciprocal"', 'law = "linear"', "variable.wrist.radial_clearance.cost.law"),
         ("[solve]", '[solve]\nmethod = "newton"', "solve.method must be one of"),
         (f'scene = "{SCENE}"', 'scene = "no.toml"', "Cannot read the scene file"),
-        ("[condition.slow]", '[made]\nkind = "yield"\n[made.scatter]\n"no" = "1 percent"\n[condition.slow]', "`no`"),
+        ("[verify]", '[manufacture]\nkind = "yield"\n[manufacture.scatter]\n"no" = "1 percent"\n[verify]', "`no`"),
+        ("[verify]", '[made]\nkind = "band"\nleast = 0.8\n[verify]', "made is called `manufacture` now"),
     ],
 )  # fmt: skip
 def test_a_wrong_study_ends_with_one_sentence_and_code_2(old, new, words, study, monkeypatch, capsys):
@@ -138,7 +141,7 @@ def test_every_study_of_the_repository_loads():
     studies = sorted((ROOT / "optimize" / "studies").glob("*.toml"))
     assert studies
     for path in studies:
-        assert load_study(path).problem.limits
+        assert load_study(path).problem.specification.limits
 
 
 @pytest.mark.slow
@@ -167,14 +170,14 @@ def test_optimize_command(study, tmp_path):
 
 
 def test_an_interrupted_search_keeps_its_best(study, monkeypatch):
-    def interrupted(self, x, gradient, scenarios, simulations):
+    def interrupted(specification, x, gradient, scenarios, simulations):
         calls.append(x)
         if len(calls) > 2:
             raise KeyboardInterrupt
-        return design.Point(x, float(1 / x[0]), np.full(3, -0.5), -1 / x**2, np.zeros((3, 1)))
+        return design.Evaluation(x, float(1 / x[0]), np.full(3, -0.5), -1 / x**2, np.zeros((3, 1)))
 
     calls: list = []
-    monkeypatch.setattr(design.ToleranceProblem, "_evaluate", interrupted)
+    monkeypatch.setattr(formulation, "_evaluate", interrupted)
     result = CliRunner().invoke(app, ["optimize", str(study)])
     assert result.exit_code == 130
     assert "interrupted" in result.output
@@ -182,14 +185,14 @@ def test_an_interrupted_search_keeps_its_best(study, monkeypatch):
 
 
 def test_infeasible_designs_report_what_is_violated(study, tmp_path):
-    problem = load_study(study).problem
+    asked = load_study(study).problem.specification
 
     def evaluate(x, gradient):
-        return design.Point(x, 1.0, np.array([0.5]), np.zeros(1), np.zeros((1, 1)))
+        return design.Evaluation(x, 1.0, np.array([0.5]), np.zeros(1), np.zeros((1, 1)))
 
-    program = design.Program(evaluate, problem.names, np.array([1e-5]), np.array([1e-3]), ["piston"])
+    program = design.Program(evaluate, asked.names, np.array([1e-5]), np.array([1e-3]), ["piston"])
     point = program.at(np.array([1e-4]), True)
-    answer = design.Design(problem, program, "slsqp", point, "", "")
+    answer = design.Design(asked, program, design.METHODS["slsqp"], point, "", "")
     found = design.findings(answer)
     assert "No design holds every limit" in found.notes[0]
     write_report(found, tmp_path / "r.html")

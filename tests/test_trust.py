@@ -5,7 +5,9 @@ import pytest
 
 import clearance_jax as cj
 from clearance_jax import laws
-from clearance_jax.analysis.trust import UntrustedGradient, horizon_of, regression
+from clearance_jax.analysis.divergence import horizon_of
+from clearance_jax.analysis.scatter import regression
+from clearance_jax.analysis.trust import UntrustedGradient
 from clearance_jax.errors import ClearanceError
 from experiments import trust as experiment
 from experiments.trust import CHAOTIC, NAME, REGULAR, place, scene

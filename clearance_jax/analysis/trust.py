@@ -9,27 +9,23 @@ programs, the metric's and the motion's, and again only for another structure: n
 
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from clearance_jax.analysis.measure import AbstractMetric
-from clearance_jax.analysis.metrics import Peak
+from clearance_jax.analysis.divergence import divergence
+from clearance_jax.analysis.metrics import AbstractMetric
 from clearance_jax.analysis.periodic import periodic_motion
-from clearance_jax.analysis.sensitivity import output
-from clearance_jax.dynamics.observe import observe
+from clearance_jax.analysis.scatter import Samples, SamplingPlan, Statistics, sample, statistics
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.parameters import replace, values_of
-from clearance_jax.solve.observers import TouchCounter, Touches
-from clearance_jax.solve.simulate import run
+from clearance_jax.parameters import values_of
 
 
-class Limits(eqx.Module):
+class TrustThresholds(eqx.Module):
     """What a derivative must meet to be trusted. Calibrated in `experiments/trust.py` on labelled cases."""
 
     digits: float = 1e-3
@@ -51,7 +47,7 @@ class Limits(eqx.Module):
     """Largest |derivative| over the median one, over the scatter, beyond which a few motions decide the mean."""
 
 
-LIMITS = Limits()
+THRESHOLDS = TrustThresholds()
 
 
 class UntrustedGradient(UserWarning):
@@ -106,109 +102,6 @@ class GradientReport(eqx.Module):
         return "\n".join(lines)
 
 
-@eqx.filter_jit
-def _lanes(metric, mechanism, points, rtols, names, t1, options):
-    """Values and gradients at points (lanes, parameters), each lane with its own tolerance; one solve a lane."""
-
-    def at(point, rtol):
-        def of(p):
-            value = output(metric, replace(mechanism, dict(zip(names, p, strict=True))), t1, rtol=rtol, **options)
-            return value, value
-
-        slopes, value = jax.jacfwd(of, has_aux=True)(point)
-        return value, slopes
-
-    return jax.vmap(at)(points, rtols)
-
-
-# Samples of the pins' spread over the motion.
-SAMPLES = 400
-
-
-@eqx.filter_jit
-def neighbours(
-    mechanism: Mechanism, names: tuple[str, ...], points: Array, scatter: Array, t1: Any, options: dict
-) -> tuple[Array, Array, tuple[Touches, ...]]:
-    """How motions at points (lanes, parameters) part from their neighbours, and touch.
-
-    Returns times (SAMPLES,); how far the pins of neighbouring motions are apart there (lanes, SAMPLES), over the
-    clearances, the largest joint's, in linear theory, for independent changes `scatter` of the parameters; and every
-    joint's `Touches`, shape (lanes,).
-    """
-    t0 = options.get("t0", 0.0)
-    times = t0 + (t1 - t0) * jnp.linspace(0.0, 1.0, SAMPLES)
-    joints = mechanism.clearance_joints()
-    observers = tuple(TouchCounter(i) for i in range(len(joints)))
-
-    def at(point):
-        def pins(point):
-            changed = replace(mechanism, dict(zip(names, point, strict=True)))
-            solution = run(changed, t1, save_at=times, observers=observers, **options)
-            ready = changed.prepared()
-            return jax.vmap(lambda t, y: observe(t, y, ready)["eccentricity"])(times, solution.y), solution.records
-
-        slopes, record = jax.jacfwd(pins, has_aux=True)(point)
-        return jnp.sqrt(jnp.sum((slopes * scatter[None, None, None]) ** 2, axis=(2, 3))), record
-
-    apart, record = jax.vmap(at)(points)
-    sizes = jnp.stack([joint.size for joint in joints])
-    return times, jnp.max(apart / sizes[None, None], axis=2), record
-
-
-def horizon_of(times: np.ndarray, spread: np.ndarray, limit: float) -> tuple[float, float]:
-    """Growth rate of a spread (samples,) over the second half [1/s], and when it passes `limit` for good [s]: by
-    extrapolation where that is after the end, infinite where the spread does not grow exponentially.
-    """
-    half = len(times) // 2
-    later = np.log(np.maximum(spread[half:], np.finfo(float).tiny))
-    # A straight line smooths the beats of the impacts.
-    rate = float(np.polyfit(times[half:], later, 1)[0])
-    below = np.flatnonzero(spread <= limit)
-    first = below[-1] + 1 if below.size else 0
-    if first < len(times):
-        return rate, float(times[first])
-    # Growth by less than a factor e over the whole motion is drift, not divergence.
-    if rate * (times[-1] - times[0]) < 1:
-        return rate, float("inf")
-    return rate, float(times[-1] + (np.log(limit) - later[-1]) / rate)
-
-
-def regression(moves: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Slopes of `values` (samples,) over `moves` (samples, parameters) by least squares, and their standard errors."""
-    units = moves.std(0)
-    columns = np.concatenate([np.ones((len(moves), 1)), moves / units], 1)
-    fit, *_ = np.linalg.lstsq(columns, values, rcond=None)
-    left = values - columns @ fit
-    covariance = np.linalg.pinv(columns.T @ columns) * (left @ left) / (len(values) - columns.shape[1])
-    return fit[1:] / units, np.sqrt(np.diag(covariance))[1:] / units
-
-
-class _Question(NamedTuple):
-    """The report's arguments: the numbers `centre` of `names`, how far they are moved, and how that is judged."""
-
-    names: tuple[str, ...]
-    centre: np.ndarray
-    step: float
-    scatter: float
-    samples: int
-    rtol: float
-    seed: int
-    limits: Limits
-
-    @property
-    def unit(self) -> np.ndarray:
-        """What `step` and `scatter` are relative to: each parameter's own size, one for a zero."""
-        return np.where(self.centre == 0, 1.0, np.abs(self.centre))
-
-    def moves(self) -> np.ndarray:
-        """Changes (lanes, parameters): twice none, a step up by each, a step down by each, draws of the scatter."""
-        p, unit = len(self.names), self.unit
-        # Antithetic pairs: the mean of a linear metric is then exact.
-        half = np.random.default_rng(self.seed).standard_normal((-(-self.samples // 2), p))
-        draws = self.scatter * unit * np.concatenate([half, -half])[: self.samples]
-        return np.concatenate([np.zeros((2, p)), np.diag(self.step * unit), np.diag(-self.step * unit), draws])
-
-
 def _checked(mechanism, wrt, samples, on_untrusted) -> tuple[tuple[str, ...], np.ndarray]:
     """Names and numbers of the parameters, once it is seen that there is something to report on."""
     names = (wrt,) if isinstance(wrt, str) else tuple(wrt)
@@ -223,173 +116,56 @@ def _checked(mechanism, wrt, samples, on_untrusted) -> tuple[tuple[str, ...], np
     return names, np.array([float(v) for v in given.values()])
 
 
-class _Samples(NamedTuple):
-    """The metric and its gradient at the design, a step away from it, and over the scatter.
-
-    `finer`: the gradient at rtol/10; `up`, `down`: changes of the metric over a step by each parameter; `draws`
-    (samples, parameters) of the scatter that could be solved, `cloud` and `slopes` there; `complete`: all could be
-    solved; `second`: value and gradient of the second highest peak, of a metric that is a peak.
-    """
-
-    value: np.floating
-    gradient: np.ndarray
-    finer: np.ndarray
-    up: np.ndarray
-    down: np.ndarray
-    draws: np.ndarray
-    cloud: np.ndarray
-    slopes: np.ndarray
-    complete: bool
-    second: tuple[np.floating, np.ndarray] | None
-
-
-def _sampled(question: _Question, mechanism, metric, t1, options) -> _Samples:
-    """All solves of the metric, in one program."""
-    p, samples, rtol, moves = len(question.names), question.samples, question.rtol, question.moves()
-    rtols = np.where(np.arange(len(moves)) == 1, rtol / 10, rtol)
-    # Of a peak the second highest is looked at too: where they tie, the metric has a kink.
-    peak = isinstance(metric, Peak) and metric.count == 1
-    asked = Peak(metric.signal, 2) if isinstance(metric, Peak) and peak else metric
-    points = jnp.asarray(question.centre + moves)
-    lanes = _lanes(asked, mechanism, points, jnp.asarray(rtols), question.names, t1, options)
-    values, slopes = (np.asarray(x) for x in lanes)
-    if values.ndim > (2 if peak else 1):
-        raise ClearanceError("`gradient_report` wants a metric that is one number.")
-    second = (values[0, 1], slopes[0, 1]) if peak else None
-    values, slopes = (values[:, 0], slopes[:, 0]) if peak else (values, slopes)
-    fine = np.isfinite(values) & np.all(np.isfinite(slopes), axis=1)
-    if not fine[0] or np.sum(fine[-samples:]) < p + 3:
-        raise RuntimeError("The solve stopped before t1, so there is no value to differentiate. Simulate to see why.")
-    up, down = values[2 : 2 + p] - values[0], values[2 + p : 2 + 2 * p] - values[0]
-    draws, cloud, over = (x[-samples:][fine[-samples:]] for x in (moves, values, slopes))
-    return _Samples(values[0], slopes[0], slopes[1], up, down, draws, cloud, over, bool(np.all(fine)), second)
-
-
-class _Findings(NamedTuple):
-    """What samples say of a gradient, per parameter but for `digits`; named as in the report, and
-
-    - `error`: of the gradient; `predicted`: the change of the metric over a step, by the gradient;
-    - `mean`, `deviation` of the derivative over the scatter; `slope`, `slope_error` of the metric's regression there.
-    """
-
-    error: np.ndarray
-    digits: np.floating
-    predicted: np.ndarray
-    linearity: np.ndarray
-    mean: np.ndarray
-    deviation: np.ndarray
-    slope: np.ndarray
-    slope_error: np.ndarray
-    signal_to_noise: np.ndarray
-    slope_ratio: np.ndarray
-    slope_z: np.ndarray
-    heavy_tail: np.ndarray
-
-
-def _findings(question: _Question, seen: _Samples) -> _Findings:
-    """Statistics of the samples, without a verdict."""
-    gradient, slopes, unit = seen.gradient, seen.slopes, question.unit
-    # Zeros over zeros are no finding: a ratio of them is not a number, and no comparison with a limit is true of it.
-    with np.errstate(divide="ignore", invalid="ignore"):
-        error = np.abs(seen.finer - gradient)
-        predicted = question.step * unit * gradient
-        missed = np.maximum(np.abs(seen.up - predicted), np.abs(seen.down + predicted))
-        mean, deviation = slopes.mean(0), slopes.std(0, ddof=1)
-        slope, slope_error = regression(seen.draws, seen.cloud)
-        return _Findings(
-            error=error,
-            digits=np.max(error * unit) / np.max(np.abs(gradient) * unit),
-            predicted=predicted,
-            linearity=missed / np.abs(predicted),
-            mean=mean,
-            deviation=deviation,
-            slope=slope,
-            slope_error=slope_error,
-            signal_to_noise=np.abs(mean) / deviation,
-            slope_ratio=slope / mean,
-            slope_z=np.abs(slope - mean) / np.hypot(slope_error, deviation / np.sqrt(len(seen.cloud))),
-            heavy_tail=np.max(np.abs(slopes), 0) / np.median(np.abs(slopes), 0),
-        )
-
-
-def _doubts(question: _Question, seen: _Samples, found: _Findings, k: int) -> Iterator[str]:
+def _doubts(plan: SamplingPlan, thresholds: TrustThresholds, seen: Samples, found: Statistics, k: int) -> Iterator[str]:
     """Why not to believe the derivative by the k-th parameter."""
-    name, mean, limits = question.names[k], found.mean[k], question.limits
-    if not found.linearity[k] <= limits.linearity:
+    name, mean = plan.names[k], found.mean[k]
+    if not found.linearity[k] <= thresholds.linearity:
         yield (
-            f"A step of {question.step:.0%} in `{name}` changes the metric by {seen.up[k]:.3g} and {seen.down[k]:.3g}, "
+            f"A step of {plan.step:.0%} in `{name}` changes the metric by {seen.up[k]:.3g} and {seen.down[k]:.3g}, "
             f"where the gradient predicts +-{abs(found.predicted[k]):.3g}."
         )
-    if found.signal_to_noise[k] < limits.signal_to_noise:
+    if found.signal_to_noise[k] < thresholds.signal_to_noise:
         yield (
-            f"Over a scatter of {question.scatter:.0%} the derivative by `{name}` is {mean:.3g} +- "
+            f"Over a scatter of {plan.scatter:.0%} the derivative by `{name}` is {mean:.3g} +- "
             f"{found.deviation[k]:.3g}: its signal-to-noise ratio is {found.signal_to_noise[k]:.2g}."
         )
-    if found.slope_z[k] > limits.significance and abs(found.slope_ratio[k] - 1) > limits.slope:
+    if found.slope_z[k] > thresholds.significance and abs(found.slope_ratio[k] - 1) > thresholds.slope:
         yield (
             f"Over the scatter the metric follows `{name}` with slope {found.slope[k]:.3g}, not with the mean "
             f"derivative {mean:.3g}: it jumps or has kinks."
         )
-    if found.heavy_tail[k] > limits.tail:
+    if found.heavy_tail[k] > thresholds.tail:
         yield (
             f"A few motions within the scatter have derivatives by `{name}` {found.heavy_tail[k]:.0f} times the "
             "median: their mean means little."
         )
 
 
-def _tie(question: _Question, seen: _Samples, judged: np.ndarray) -> Iterator[str]:
+def _tie(plan: SamplingPlan, thresholds: TrustThresholds, seen: Samples, judged: np.ndarray) -> Iterator[str]:
     """A tie of two peaks with different slopes, unless no peak is turned over within the step."""
     if seen.second is None:
         return
     value, gradient = seen.second
     apart = np.abs(gradient - seen.gradient)
-    near = seen.value - value < np.max(question.step * question.unit * apart)
-    if near and np.any(judged & (apart > question.limits.slope * np.abs(seen.gradient))):
+    near = seen.value - value < np.max(plan.step * plan.unit * apart)
+    if near and np.any(judged & (apart > thresholds.slope * np.abs(seen.gradient))):
         yield f"Two peaks tie: {seen.value:.6g} and {value:.6g}, with different slopes: use `Peak(signal, 2)`."
 
 
-def _reasons(question: _Question, seen: _Samples, found: _Findings) -> list[str]:
+def _reasons(plan: SamplingPlan, thresholds: TrustThresholds, seen: Samples, found: Statistics) -> list[str]:
     """Every test that failed, as a sentence; and where one did, whether a tie explains it."""
-    limits = question.limits
     reasons = [] if seen.complete else ["Some motions near this design could not be solved to the end."]
     # A change the solve cannot resolve, or one small beside another parameter's, is not judged.
     change = np.max(np.abs([found.predicted, seen.up, seen.down]), axis=0)
-    judged = change > max(limits.minor * np.max(change), question.rtol * abs(seen.value))
-    if found.digits > limits.digits and np.any(judged):
+    judged = change > max(thresholds.minor * np.max(change), plan.rtol * abs(seen.value))
+    if found.digits > thresholds.digits and np.any(judged):
         reasons.append(f"The gradient changes by {found.digits:.1g} of itself when the tolerance is ten times tighter.")
     for k in np.flatnonzero(judged).tolist():
-        reasons += _doubts(question, seen, found, k)
+        reasons += _doubts(plan, thresholds, seen, found, k)
     # An explanation, not a test: of a tie that turns no peak over within the step an optimiser feels nothing.
     if reasons:
-        reasons += _tie(question, seen, judged)
+        reasons += _tie(plan, thresholds, seen, judged)
     return reasons
-
-
-class _Divergence(NamedTuple):
-    """How motions over the scatter part and touch, as in the report; the defaults hold where there is no clearance."""
-
-    lyapunov: float = 0.0
-    horizon: float = np.inf
-    precision_horizon: float = np.inf
-    impacts: tuple[int, int] = (0, 0)
-    slowest_impact: float = np.inf
-    nearest_miss: float = np.inf
-
-
-def _divergence(question: _Question, mechanism, draws: np.ndarray, t1, options) -> _Divergence:
-    """Of the motion and those at `draws` (samples, parameters) of the scatter, in one program."""
-    if not mechanism.clearance_joints():
-        return _Divergence()
-    names, rtol = question.names, question.rtol
-    points = jnp.asarray(question.centre + np.concatenate([np.zeros((1, len(names))), draws]))
-    scatter = jnp.asarray(question.scatter * question.unit)
-    times, apart, touches = neighbours(mechanism, names, points, scatter, t1, {**options, "rtol": rtol})
-    times, spread = np.asarray(times), np.sqrt(np.mean(np.asarray(apart) ** 2, axis=0))
-    exponent, horizon = horizon_of(times, spread, question.limits.spread)
-    precision = np.log(1 / rtol) / exponent if exponent * (times[-1] - times[0]) > 1 else np.inf
-    count = np.sum([np.asarray(joint.count) for joint in touches], axis=0)
-    slowest, miss = (min(float(joint[i][0]) for joint in touches) for i in (1, 2))
-    return _Divergence(exponent, horizon, precision, (int(count.min()), int(count.max())), slowest, miss)
 
 
 def gradient_report(
@@ -404,7 +180,7 @@ def gradient_report(
     rtol: float = 1e-8,
     period: Any = None,
     seed: int = 0,
-    limits: Limits = LIMITS,
+    thresholds: TrustThresholds = THRESHOLDS,
     on_untrusted: Literal["ignore", "warn", "raise", "smooth"] = "warn",
     **options: Any,
 ) -> GradientReport:
@@ -424,12 +200,12 @@ def gradient_report(
     class C-1; `RuntimeError` where the motion itself, or too many of the scatter, cannot be solved to the end.
     """
     names, centre = _checked(mechanism, wrt, samples, on_untrusted)
-    question = _Question(names, centre, step, scatter, samples, rtol, seed, limits)
+    plan = SamplingPlan(names, centre, step, scatter, samples, rtol, seed)
     t1 = jnp.asarray(t1, float)
-    seen = _sampled(question, mechanism, metric, t1, options)
-    found = _findings(question, seen)
-    reasons = _reasons(question, seen, found)
-    parting = _divergence(question, mechanism, seen.draws, t1, options)
+    seen = sample(plan, mechanism, metric, t1, options)
+    found = statistics(plan, seen)
+    reasons = _reasons(plan, thresholds, seen, found)
+    parting = divergence(plan, mechanism, seen.draws, t1, thresholds.spread, options)
     # An explanation, not a test: of a large spread that stays linear an optimiser feels nothing.
     if reasons and parting.horizon < t1:
         reasons.append(

@@ -1,40 +1,53 @@
 """Tolerance design: the largest, or the cheapest, clearances that keep errors and forces within bounds."""
 
 from clearance_jax.design.answer import Design
-from clearance_jax.design.costs import AbstractCost, Exponential, ExponentialReciprocal, Reciprocal, Table
+from clearance_jax.design.certificate import Certificate
+from clearance_jax.design.costs import AbstractCost, CostTable, Exponential, ExponentialReciprocal, Reciprocal
 from clearance_jax.design.explain import Response, Tradeoff, responses, tradeoff
 from clearance_jax.design.findings import Findings, findings
-from clearance_jax.design.made import Band, Yield, Yielded
-from clearance_jax.design.problem import Limit, ToleranceProblem
-from clearance_jax.design.program import Point, Program
-from clearance_jax.design.solvers import SOLVERS
+from clearance_jax.design.formulation import formulate
+from clearance_jax.design.manufacture import Band, Yield, YieldEstimate
+from clearance_jax.design.methods import METHOD_CHOICES, METHODS, Method
+from clearance_jax.design.problem import ToleranceProblem
+from clearance_jax.design.program import Evaluation, Program
+from clearance_jax.design.run import run
+from clearance_jax.design.scaling import ScaledProgram
+from clearance_jax.design.specification import Limit, Specification
 from clearance_jax.design.standard import StandardFits, nearest_fits
 from clearance_jax.design.static import static_weights
-from clearance_jax.design.verify import Certificate
+from clearance_jax.design.time_histories import TimeHistory, time_histories
 
 __all__ = [
-    "SOLVERS",
+    "METHODS",
+    "METHOD_CHOICES",
     "AbstractCost",
     "Band",
     "Certificate",
+    "CostTable",
     "Design",
+    "Evaluation",
     "Exponential",
     "ExponentialReciprocal",
     "Findings",
     "Limit",
-    "Point",
+    "Method",
     "Program",
     "Reciprocal",
     "Response",
+    "ScaledProgram",
+    "Specification",
     "StandardFits",
-    "Table",
+    "TimeHistory",
     "ToleranceProblem",
     "Tradeoff",
     "Yield",
-    "Yielded",
+    "YieldEstimate",
     "findings",
+    "formulate",
     "nearest_fits",
     "responses",
+    "run",
     "static_weights",
+    "time_histories",
     "tradeoff",
 ]

@@ -63,7 +63,7 @@ class ExponentialReciprocal(AbstractCost):
         return self.fixed + self.factor * jnp.exp(-self.rate * clearance) / clearance**self.power
 
 
-class Table(AbstractCost):
+class CostTable(AbstractCost):
     """Costs quoted for a process at some clearances, and in between a curve that does not overshoot (PCHIP); below the
     first it goes on straight, beyond the last the cost is the last.
     """

@@ -1,7 +1,7 @@
 """Designs as simulations: what a design must stand, solved one by one with derivatives, or in batches without."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -9,6 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from clearance_jax.analysis.metrics import AbstractMetric
+from clearance_jax.design.manufacture import Yield, YieldEstimate, estimate_yield
+from clearance_jax.design.scenarios import Scenario, scenarios_of
+from clearance_jax.design.specification import Specification
+from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import replace
 
@@ -16,14 +20,6 @@ from clearance_jax.parameters import replace
 BATCH = 250
 # Variables up to which derivatives come along with every evaluation.
 FEW = 5
-
-
-class Scenario(NamedTuple):
-    """One simulation that a design must stand: the title of its condition, values by name, factors on the variables."""
-
-    title: str
-    given: Mapping[str, jax.Array]
-    factors: np.ndarray
 
 
 class Simulations:
@@ -56,7 +52,7 @@ class Simulations:
     def limits(self, x: np.ndarray, scenario: Scenario, gradient: bool) -> tuple[np.ndarray, np.ndarray | None]:
         """Scaled limits (m,) of a design (n,) in a scenario, and their derivatives (m, n)."""
         call = _slopes if gradient else _values
-        values, slopes = call(*self._asked(x * scenario.factors, scenario.given))
+        values, slopes = call(*self._asked(x * scenario.factors, scenario.values))
         bounds = np.concatenate([np.full(np.size(v), bound) for v, bound in zip(values, self.bounds, strict=True)])
         limits = np.concatenate([np.ravel(v) for v in values]) / bounds - 1
         if not gradient:
@@ -75,13 +71,13 @@ class Simulations:
         worst, start = [], 0
         while start < len(scenarios):
             # Not across conditions: they may set different names.
-            known = scenarios[start].given.keys()
+            known = scenarios[start].values.keys()
             window = scenarios[start : start + BATCH]
-            others = (i for i, scenario in enumerate(window) if scenario.given.keys() != known)
+            others = (i for i, scenario in enumerate(window) if scenario.values.keys() != known)
             part = list(window[: next(others, BATCH)])
             filled = part + part[-1:] * (BATCH - len(part))  # one batch size, so one program
             points = x * np.stack([s.factors for s in filled])
-            given = {name: jnp.stack([s.given[name] for s in filled]) for name in known}
+            given = {name: jnp.stack([s.values[name] for s in filled]) for name in known}
             values = _batch(*self._asked(points, given))
             scaled = [np.reshape(v, (BATCH, -1)) / bound - 1 for v, bound in zip(values, self.bounds, strict=True)]
             found = np.concatenate(scaled, axis=1).max(axis=1)[: len(part)]
@@ -118,3 +114,29 @@ def _slopes(mechanism, metrics, names, x, given, t1, solve):
 @eqx.filter_jit
 def _batch(mechanism, metrics, names, points, given, t1, solve):
     return jax.vmap(lambda x, g: _found(mechanism, metrics, names, x, g, t1, solve))(points, given)
+
+
+def simulations_of(specification: Specification, rtol: float | None = None, solver: str | None = None) -> Simulations:
+    """What designs are simulated by, to the given accuracy."""
+    solve = {"rtol": rtol or specification.rtol, "solver": solver or specification.solver}
+    metrics = [limit.simulation_metric for limit in specification.limits]
+    bounds = [limit.bound for limit in specification.limits]
+    return Simulations(
+        specification.mechanism, metrics, bounds, tuple(specification.variables), specification.t1, solve
+    )
+
+
+def yield_of(
+    specification: Specification, x: np.ndarray, sampled: Sequence[Scenario], exact: bool = False
+) -> YieldEstimate:
+    """In how many scenarios, as many of each condition, a design holds all limits; the worst condition's."""
+    worst = simulations_of(specification).worst(specification.values(x), sampled, exact)
+    held = worst.reshape(len(specification.conditions), -1) <= 0
+    return min((estimate_yield(row) for row in held), key=lambda y: y.share)
+
+
+def fresh_yield(specification: Specification, x: np.ndarray, samples: int = 10_000, seed: int = 12345) -> YieldEstimate:
+    """The yield of a design (its variables, shape (n,)) on fresh samples; the worst condition's."""
+    if not isinstance(specification.manufacture, Yield):
+        raise ClearanceError("Only a problem with `manufacture=Yield(...)` has a yield.")
+    return yield_of(specification, x, scenarios_of(specification, samples, seed))

@@ -1,17 +1,18 @@
 """Why an answer is what it is: what each clearance contributes to an error, and what a looser bound would save."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from clearance_jax.design.program import SLACK, Point
-from clearance_jax.design.solvers import INTERRUPTED, run
+from clearance_jax.design.answer import Design
+from clearance_jax.design.evaluate import simulations_of
+from clearance_jax.design.formulation import formulate
+from clearance_jax.design.program import SLACK, Evaluation
+from clearance_jax.design.run import INTERRUPTED, run
+from clearance_jax.design.scenarios import scenarios_of
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.units import shown
-
-if TYPE_CHECKING:
-    from clearance_jax.design.answer import Design
 
 FACTORS = (0.6, 0.8, 0.9, 1.0, 1.1, 1.25, 1.5, 2.0)
 
@@ -50,24 +51,22 @@ class Response(NamedTuple):
         return "\n".join(lines)
 
 
-def responses(design: "Design") -> tuple[Response, ...]:
+def responses(design: Design) -> tuple[Response, ...]:
     """One for each of the designer's limits, at the design itself, of parts as designed (neither `Band` nor `Yield`).
 
     **Raises:** `ClearanceError` for a metric without derivatives.
     """
-    problem = design.problem.as_designed()
-    wide = np.array(list(design.clearances.values()))
-    simulations = problem.simulations()
-    found = [(scenario.title, *simulations.limits(wide, scenario, True)) for scenario in problem.scenarios()]
-    sizes = simulations.sizes()
-    ends = np.cumsum([0, *sizes])
+    specification = design.specification.as_designed()
+    x, simulations = specification.values(design.evaluation.x), simulations_of(specification)
+    found = [(scenario.title, *simulations.limits(x, scenario, True)) for scenario in scenarios_of(specification)]
+    ends = np.cumsum([0, *simulations.sizes()])
     out = []
-    for i, limit in enumerate(problem.limits):
+    for i, limit in enumerate(specification.limits):
         # The scenario and the peak in it that come nearest to the bound.
         rows = slice(ends[i], ends[i + 1])
         title, limits, slopes = max(found, key=lambda f: np.max(f[1][rows]))
         k = ends[i] + int(np.argmax(limits[rows]))
-        by_name = dict(zip(problem.variables, (slopes[k] * limit.bound).tolist(), strict=True))
+        by_name = dict(zip(specification.variables, (slopes[k] * limit.bound).tolist(), strict=True))
         out.append(
             Response(
                 limit.title,
@@ -77,7 +76,7 @@ def responses(design: "Design") -> tuple[Response, ...]:
                 limit.bound,
                 design.units,
                 by_name,
-                {name: slope * c for (name, slope), c in zip(by_name.items(), wide.tolist(), strict=True)},
+                {name: slope * c for (name, slope), c in zip(by_name.items(), x.tolist(), strict=True)},
             )
         )
     return tuple(out)
@@ -93,29 +92,29 @@ class Tradeoff(NamedTuple):
     designs: tuple[dict[str, float] | None, ...]
 
 
-def tradeoff(design: "Design", limit: str = "", factors: Sequence[float] = FACTORS) -> Tradeoff:
+def tradeoff(design: Design, limit: str = "", factors: Sequence[float] = FACTORS) -> Tradeoff:
     """Cost (or minus the common clearance) against a bound: the problem is solved again for each factor on it.
 
     **Arguments:** `limit`: its title (default: the one nearest to its bound).
     """
-    program = design.problem.program(known=design.program.points)
+    program = formulate(design.specification, known=design.program.history)
     titles = list(dict.fromkeys(program.groups))
-    limit = limit or program.groups[int(np.argmax(design.point.limits))]
+    limit = limit or program.groups[int(np.argmax(design.evaluation.limits))]
     if limit not in titles:
         raise ClearanceError(f"There is no limit {limit!r}. " + suggest(limit, titles))
     rows = np.array([group == limit for group in program.groups])
 
-    def best(factor) -> Point | None:
+    def best(factor) -> Evaluation | None:
         """Of all that was evaluated, for whichever bound."""
-        held = [p for p in program.points if np.all((1 + p.limits) / np.where(rows, factor, 1.0) - 1 <= SLACK)]
+        held = [p for p in program.history if np.all((1 + p.limits) / np.where(rows, factor, 1.0) - 1 <= SLACK)]
         return min(held, key=lambda p: p.objective, default=None)
 
     # Outwards from the design: what was found for one bound is where the next one starts.
     for factor in sorted(factors, key=lambda f: abs(np.log(f))):
-        known = best(factor) or design.point
-        if run(program.rebounded(limit, factor), design.method, known.x) == INTERRUPTED:
+        known = best(factor) or design.evaluation
+        if run(program.with_bound(limit, factor), design.method, known.x) == INTERRUPTED:
             raise KeyboardInterrupt
-    asked = {own.title: own for own in design.problem.limits}.get(limit)
+    asked = {own.title: own for own in design.specification.limits}.get(limit)
     bound, unit = (1.0, "") if asked is None else (asked.bound, asked.metric.unit)
     ends = [best(f) for f in factors]
     return Tradeoff(
@@ -123,5 +122,5 @@ def tradeoff(design: "Design", limit: str = "", factors: Sequence[float] = FACTO
         unit,
         bound * np.array(factors),
         np.array([np.nan if p is None else p.objective for p in ends]),
-        tuple(None if p is None else design.problem.clearances(p.x) for p in ends),
+        tuple(None if p is None else design.specification.clearances(p.x) for p in ends),
     )

@@ -3,9 +3,10 @@
 from typing import NamedTuple
 
 from clearance_jax.design.answer import Design
+from clearance_jax.design.certificate import Certificate
 from clearance_jax.design.explain import Response, Tradeoff, responses, tradeoff
 from clearance_jax.design.standard import StandardFits, nearest_fits
-from clearance_jax.design.verify import Certificate
+from clearance_jax.design.time_histories import TimeHistory, time_histories
 from clearance_jax.errors import ClearanceError
 
 
@@ -17,13 +18,16 @@ class Findings(NamedTuple):
     responses: tuple[Response, ...] = ()
     tradeoff: Tradeoff | None = None
     fits: StandardFits | None = None
+    time_histories: tuple[TimeHistory, ...] = ()
     notes: tuple[str, ...] = ()
 
 
 def findings(design: Design, certificate: Certificate | None = None) -> Findings:
-    """Contributions, trade-off and nearest fits of a design, as far as its problem has them."""
+    """Histories, contributions, trade-off and nearest fits of a design, as far as its problem has them."""
+    seen = time_histories(design)
     if not design.feasible:
-        return Findings(design, notes=("No design holds every limit, so there is nothing to explain or to verify.",))
+        note = "No design holds every limit, so there is nothing to explain or to verify."
+        return Findings(design, time_histories=seen, notes=(note,))
     notes: list[str] = []
     why, fitted = (), None
     try:
@@ -36,4 +40,4 @@ def findings(design: Design, certificate: Certificate | None = None) -> Findings
             notes.append("No combination of common fits was found that holds the limits.")
     except ClearanceError as error:
         notes.append(str(error))
-    return Findings(design, certificate, why, tradeoff(design), fitted, tuple(notes))
+    return Findings(design, certificate, why, tradeoff(design), fitted, seen, tuple(notes))

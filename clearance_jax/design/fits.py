@@ -110,7 +110,7 @@ class Fit:
         return f"{self.name} at {1e3 * self.diameter:g} mm: radial clearance {least} to {greatest} um"
 
 
-def limits(diameter: SupportsFloat, tolerance_class: str) -> tuple[float, float]:
+def limit_deviations(diameter: SupportsFloat, tolerance_class: str) -> tuple[float, float]:
     """Lower and upper deviation [m] of a hole ("H7") or a shaft ("g6").
 
     **Arguments:**
@@ -138,7 +138,7 @@ def limits(diameter: SupportsFloat, tolerance_class: str) -> tuple[float, float]
 def fit(diameter: SupportsFloat, name: str) -> Fit:
     """The fit of that name, hole first ("H7/g6"), at a nominal diameter [m].
 
-    **Raises:** `ClearanceError` for a name that is not a hole's and a shaft's, and as `limits`.
+    **Raises:** `ClearanceError` for a name that is not a hole's and a shaft's, and as `limit_deviations`.
     """
     hole, slash, shaft = (part.strip() for part in name.partition("/"))
     if not slash or not hole[:1].isupper() or not shaft[:1].islower():
@@ -146,7 +146,7 @@ def fit(diameter: SupportsFloat, name: str) -> Fit:
             f"Argument `name` must be a hole and a shaft (upper case / lower case), but it is {name!r}. "
             f'Write it as "H7/g6".'
         )
-    return Fit(f"{hole}/{shaft}", float(diameter), limits(diameter, hole), limits(diameter, shaft))
+    return Fit(f"{hole}/{shaft}", float(diameter), limit_deviations(diameter, hole), limit_deviations(diameter, shaft))
 
 
 def fits_within(

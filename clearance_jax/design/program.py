@@ -18,7 +18,7 @@ from clearance_jax.errors import ClearanceError
 SLACK = 1e-9
 
 
-class Point(NamedTuple):
+class Evaluation(NamedTuple):
     """An evaluated design: variables `x` (n,), objective, scaled limits (m,); their gradients by x, (n,) and (m, n),
     where they were asked for.
     """
@@ -42,7 +42,7 @@ class Point(NamedTuple):
         return self.worst <= SLACK
 
 
-class Enough(Exception):
+class BudgetSpent(Exception):
     """The solver has used up its evaluations."""
 
 
@@ -51,7 +51,7 @@ class Program:
 
     **Arguments:**
 
-    - `evaluate`: `(x, with_gradient) -> Point`.
+    - `evaluate`: `(x, with_gradient) -> Evaluation`.
     - `names`, `lower`, `upper`: of the variables, positive; `limit_names`: of the limits.
     - `groups`: of each limit, which of the designer's limits it belongs to (default: itself).
     - `record`: a file (JSON lines) to which every point is added, and from which a run that was stopped goes on, if the
@@ -59,11 +59,12 @@ class Program:
     - `most`: evaluations after which a solver is stopped with the best so far.
     - `progress`: called with each new point.
     - `known`: points evaluated before.
+    - `fresh`: `(x, samples, seed) -> Evaluation`, the same by so many fresh samples of manufacture, with gradients.
     """
 
     def __init__(
         self,
-        evaluate: Callable[[np.ndarray, bool], Point],
+        evaluate: Callable[[np.ndarray, bool], Evaluation],
         names: Sequence[str],
         lower: np.ndarray,
         upper: np.ndarray,
@@ -72,8 +73,9 @@ class Program:
         record: str | Path | None = None,
         identity: str = "",
         most: int = 1_000_000,
-        progress: Callable[[Point], None] | None = None,
-        known: Sequence[Point] = (),
+        progress: Callable[[Evaluation], None] | None = None,
+        known: Sequence[Evaluation] = (),
+        fresh: Callable[[np.ndarray, int, int], Evaluation] | None = None,
     ):
         self.names, self.limit_names = tuple(names), tuple(limit_names)
         self.groups, self._identity = tuple(groups or limit_names), identity
@@ -81,64 +83,81 @@ class Program:
         for name, low, high in zip(self.names, self.lower, self.upper, strict=True):
             if not 0 < low < high < math.inf:
                 raise ClearanceError(f"The bounds of `{name}` contradict each other: 0 < {low:g} < {high:g} must hold.")
-        self._evaluate, self._most, self._progress = evaluate, most, progress
+        self._evaluate, self._fresh, self._most, self._progress = evaluate, fresh, most, progress
         self._file = None if record is None else Path(record)
         if self._file is not None and not self._file.parent.is_dir():
             raise ClearanceError(f"There is no folder `{self._file.parent}` for the record.")
-        self.points: list[Point] = []
-        self._known: dict[bytes, Point] = {}
+        self.history: list[Evaluation] = []
+        self._known: dict[bytes, Evaluation] = {}
         self.evaluations = self.gradients = 0
         for point in known:
             self._keep(point)
         if self._file is not None and self._file.exists():
             self._load()
 
-    def at(self, x: np.ndarray, gradient: bool = False) -> Point:
+    def at(self, x: np.ndarray, gradient: bool = False) -> Evaluation:
         """The point at `x`, from memory where it is known."""
         x = np.clip(np.asarray(x, float), self.lower, self.upper)
         known = self._known.get(x.tobytes())
         if known is not None and (known.gradient is not None or not gradient):
             return known
-        if self.evaluations + self.gradients >= self._most:
-            raise Enough
+        self._spend()
         point = self._evaluate(x, gradient)
         self.gradients += point.gradient is not None
         self.evaluations += point.gradient is None
         self._keep(point)
         if self._file is not None:
             with self._file.open("a") as file:
-                file.write(json.dumps({"names": self.names, "identity": self._identity, **_listed(point)}) + "\n")
+                file.write(json.dumps({"names": self.names, "identity": self._identity, **_entry(point)}) + "\n")
         if self._progress is not None:
             self._progress(point)
         return point
 
+    def fresh(self, x: np.ndarray, samples: int, seed: int) -> Evaluation:
+        """The point at `x` by fresh samples, with gradients; not kept, for the next ones say something else.
+
+        **Raises:** `ClearanceError` where nothing is sampled.
+        """
+        if self._fresh is None:
+            raise ClearanceError(
+                "Only a problem with `manufacture=Yield(...)` has samples to be drawn afresh. Take another method."
+            )
+        self._spend()
+        self.gradients += 1
+        return self._fresh(np.clip(np.asarray(x, float), self.lower, self.upper), samples, seed)
+
+    def _spend(self) -> None:
+        if self.evaluations + self.gradients >= self._most:
+            raise BudgetSpent
+
     @property
-    def best(self) -> Point | None:
+    def best(self) -> Evaluation | None:
         """The feasible point with the least objective."""
-        held = [p for p in self.points if p.feasible]
+        held = [p for p in self.history if p.feasible]
         return min(held, key=lambda p: p.objective, default=None)
 
     @property
-    def nearest(self) -> Point | None:
+    def nearest(self) -> Evaluation | None:
         """The point with the least violation."""
-        return min(self.points, key=lambda p: p.worst, default=None)
+        return min(self.history, key=lambda p: p.worst, default=None)
 
-    def rebounded(self, group: str, factor: float) -> "Program":
+    def with_bound(self, group: str, factor: float) -> "Program":
         """The same program with the bounds of one of the designer's limits times a factor; it evaluates, and
         remembers, through this one.
         """
 
-        def moved(point: Point) -> Point:
+        def moved(point: Evaluation) -> Evaluation:
             limits = (point.limits + 1) * shrink - 1
             jacobian = None if point.jacobian is None else point.jacobian * shrink[:, None]
             return point._replace(limits=limits, jacobian=jacobian)
 
         shrink = np.where([name == group for name in self.groups], 1 / factor, 1.0)
         names = self.names, self.lower, self.upper, self.limit_names, self.groups
-        known = [moved(point) for point in self.points]
-        return Program(lambda x, gradient: moved(self.at(x, gradient)), *names, known=known)
+        known = [moved(point) for point in self.history]
+        fresh = None if self._fresh is None else lambda x, samples, seed: moved(self.fresh(x, samples, seed))
+        return Program(lambda x, gradient: moved(self.at(x, gradient)), *names, known=known, fresh=fresh)
 
-    def most_violated(self, point: Point) -> str:
+    def most_violated(self, point: Evaluation) -> str:
         """The most violated limit of a point in words."""
         if not len(point.limits):
             return "no limit"
@@ -148,8 +167,8 @@ class Program:
         k = int(np.argmax(point.limits))
         return f"{self.limit_names[k]} is {1 + point.limits[k]:.6g} times its bound"
 
-    def _keep(self, point: Point) -> None:
-        self.points.append(point)
+    def _keep(self, point: Evaluation) -> None:
+        self.history.append(point)
         self._known[point.x.tobytes()] = point
 
     def _load(self) -> None:
@@ -167,8 +186,8 @@ class Program:
             if known != (self.names, self._identity, len(self.limit_names)):
                 raise ClearanceError(f"`{self._file}` records another problem. Choose another file.")
             arrays = {k: None if v is None else np.asarray(v, float) for k, v in entry.items() if k != "objective"}
-            self._keep(Point(objective=float(entry["objective"]), **arrays))
+            self._keep(Evaluation(objective=float(entry["objective"]), **arrays))
 
 
-def _listed(point: Point) -> dict:
+def _entry(point: Evaluation) -> dict:
     return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in point._asdict().items()}

@@ -1,20 +1,19 @@
 """The nearest standard fits to a design, and the share of what is made with them that holds the limits."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy.stats
 
 from clearance_jax.design import fits
-from clearance_jax.design.evaluate import FEW, Scenario
-from clearance_jax.design.made import Yielded
+from clearance_jax.design.answer import Design
+from clearance_jax.design.evaluate import FEW, simulations_of, yield_of
+from clearance_jax.design.manufacture import YieldEstimate
 from clearance_jax.design.program import SLACK
+from clearance_jax.design.scenarios import Scenario, scenarios_of
 from clearance_jax.errors import ClearanceError
 from clearance_jax.parameters import parameters
-
-if TYPE_CHECKING:
-    from clearance_jax.design.answer import Design
 
 CLEARANCE, RADIUS = ".radial_clearance", ".pin_radius"
 # A fit that begins at contact has a joint that just turns.
@@ -25,13 +24,13 @@ SIGMAS = 3.0
 
 class StandardFits(NamedTuple):
     """Fits by variable (a variable that is no joint's clearance keeps its designed value); `worst`: the most violated
-    scaled limit with every clearance at its fit's greatest, `least`: and at its least; `yielded`: of samples.
+    scaled limit with every clearance at its fit's greatest, `least`: and at its least; `yield_estimate`: of samples.
     """
 
     fits: dict[str, fits.Fit]
     worst: float
     least: float
-    yielded: Yielded
+    yield_estimate: YieldEstimate
 
     def __str__(self) -> str:
         lines = [f"{name}: {found}" for name, found in self.fits.items()]
@@ -39,11 +38,11 @@ class StandardFits(NamedTuple):
             f"Of its bound the worst limit has {1 + self.worst:.4f} with every clearance at its greatest, "
             f"{1 + self.least:.4f} at its least."
         )
-        return "\n".join([*lines, str(self.yielded)])
+        return "\n".join([*lines, str(self.yield_estimate)])
 
 
 def nearest_fits(
-    design: "Design", diameters: Mapping[str, float] | None = None, samples: int = 200, seed: int = 0
+    design: Design, diameters: Mapping[str, float] | None = None, samples: int = 200, seed: int = 0
 ) -> StandardFits | None:
     """The loosest common fits whose greatest clearances, all together, hold the limits; `None` where there are none.
 
@@ -53,25 +52,25 @@ def nearest_fits(
 
     **Arguments:** `diameters`: nominal ones by variable [m] (default: twice the joint's pin radius).
     """
-    problem = design.problem.as_designed()
+    specification = design.specification.as_designed()
     names = list(design.clearances)
-    wide = np.array(list(design.clearances.values()))
+    designed = specification.values(design.evaluation.x)
     sizes = {**_diameters(design), **(diameters or {})}
     fitted = [i for i, name in enumerate(names) if name in sizes]
     if not fitted:
         raise ClearanceError("No variable is a radial clearance of known diameter: give `diameters`.")
     # The tightest first: a chosen fit is a place in its list.
     lists = {i: sorted(fits.fits_within(sizes[names[i]], 1.0), key=_greatest) for i in fitted}
-    chosen = {i: max(sum(_greatest(f) <= wide[i] for f in lists[i]) - 1, 0) for i in fitted}
-    simulations = problem.simulations()
-    exact = design.program.gradients > 0 and len(wide) <= FEW  # by the program that is compiled already
+    chosen = {i: max(sum(_greatest(f) <= designed[i] for f in lists[i]) - 1, 0) for i in fitted}
+    simulations, scenarios = simulations_of(specification), scenarios_of(specification)
+    exact = design.program.gradients > 0 and len(designed) <= FEW  # by the program that is compiled already
 
     def worst(places, end=1):
-        x = wide.copy()
+        x = designed.copy()
         for i in fitted:
             x[i] = max(lists[i][places[i]].radial_clearance[end], SMALLEST)
         # Not `program.at`: the bounds on the variables are for designs, and a fit's ends may lie outside.
-        found = [simulations.limits(x, scenario, exact)[0] for scenario in problem.scenarios()]
+        found = [simulations.limits(x, scenario, exact)[0] for scenario in scenarios]
         values = np.concatenate(found)
         return float(np.max(values)) if np.all(np.isfinite(values)) else np.inf
 
@@ -88,13 +87,11 @@ def nearest_fits(
         chosen = growing or chosen
     found = {names[i]: lists[i][place] for i, place in chosen.items()}
     rng = np.random.default_rng(seed)
-    drawn = np.tile(wide, (samples, 1))
+    drawn = np.tile(designed, (samples, 1))
     for i in fitted:
-        drawn[:, i] = np.maximum(_made(found[names[i]], samples, rng), SMALLEST)
-    scenarios = [
-        Scenario(scenario.title, scenario.given, row / wide) for scenario in problem.scenarios() for row in drawn
-    ]
-    return StandardFits(found, worst(chosen), worst(chosen, 0), problem.counted(wide, scenarios, exact))
+        drawn[:, i] = np.maximum(_draw(found[names[i]], samples, rng), SMALLEST)
+    sampled = [Scenario(scenario.title, scenario.values, row / designed) for scenario in scenarios for row in drawn]
+    return StandardFits(found, worst(chosen), worst(chosen, 0), yield_of(specification, designed, sampled, exact))
 
 
 def _greatest(found: fits.Fit) -> float:
@@ -105,11 +102,11 @@ def _gain(design, lists, chosen, moved) -> float:
     """What a looser fit gains: cost, or clearance where there is none."""
     (i,) = (i for i in chosen if moved[i] != chosen[i])
     before, after = (_greatest(lists[i][p[i]]) for p in (chosen, moved))
-    cost = design.problem.costs[i] if design.problem.costs else (lambda c: -c)
+    cost = design.specification.costs[i] if design.specification.costs else (lambda c: -c)
     return float(cost(before) - cost(after))
 
 
-def _made(found: fits.Fit, samples: int, rng: np.random.Generator) -> np.ndarray:
+def _draw(found: fits.Fit, samples: int, rng: np.random.Generator) -> np.ndarray:
     """Radial clearances of parts made to a fit."""
     sizes = []
     for low, high in (found.hole, found.shaft):
@@ -118,7 +115,7 @@ def _made(found: fits.Fit, samples: int, rng: np.random.Generator) -> np.ndarray
     return (sizes[0] - sizes[1]) / 2
 
 
-def _diameters(design: "Design") -> dict[str, float]:
+def _diameters(design: Design) -> dict[str, float]:
     known = parameters(design.mechanism)
     joints = [name.removesuffix(CLEARANCE) for name in design.clearances if name.endswith(CLEARANCE)]
     return {j + CLEARANCE: 2 * float(known[j + RADIUS].value) for j in joints if j + RADIUS in known}

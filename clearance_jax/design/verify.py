@@ -1,110 +1,30 @@
-"""Proof of a design by other means than those that found it, as a certificate that a person can read."""
-
-import dataclasses
-from typing import TYPE_CHECKING
+"""Proof of a design by other means than those that found it."""
 
 import numpy as np
 import scipy.optimize
 
 from clearance_jax.analysis.metrics import Peak, PositionError
-from clearance_jax.design.made import Yield, Yielded
-from clearance_jax.design.program import Point, Program
-from clearance_jax.design.solvers import GRADIENT_FREE, INTERRUPTED, run
+from clearance_jax.design.certificate import Certificate
+from clearance_jax.design.evaluate import fresh_yield
+from clearance_jax.design.formulation import formulate
+from clearance_jax.design.manufacture import Yield
+from clearance_jax.design.methods import Method
+from clearance_jax.design.program import Evaluation, Program
+from clearance_jax.design.run import INTERRUPTED, run
+from clearance_jax.design.specification import Specification
 from clearance_jax.design.static import static_weights
 from clearance_jax.errors import ClearanceError
 from clearance_jax.parameters import replace
-from clearance_jax.units import shown
-
-if TYPE_CHECKING:
-    from clearance_jax.design.problem import Design
 
 # A limit is active within this share of its bound.
 ACTIVE = 1e-4
 OTHER = {"tsit5": "dopri8"}
 
 
-@dataclasses.dataclass(frozen=True)
-class Certificate:
-    """What was found of a design; printing it gives the statement.
-
-    - `worst`: the most violated scaled limit in a fresh simulation with another solver at a tenth of rtol, `limit` its
-      name; `scale`: by how much all clearances can grow or must shrink together until a limit is just met, by bisection
-      with that solver (1: the design itself; not a number: the bounds come first).
-    - `islands`: scalings between which the limits hold, from a sweep along the same line.
-    - `residual`: of the Karush-Kuhn-Tucker conditions, over the objective's gradient, in logarithms; `prices`: per
-      active limit, relative change of the objective per relative change of its bound.
-    - `checked`: name -> (price, by re-optimising with the bound 1 % up and down), where asked for.
-    - `yielded`: of a `Yield`, on fresh samples; `static`: by limit on a point's error, what play alone can do to the
-      mechanism at rest [m].
-    - `starts`: objectives that other starts have led to; `goal`: what a looser bound does, in words.
-    """
-
-    names: dict[str, str]
-    x: np.ndarray
-    worst: float
-    limit: str
-    scale: float
-    islands: tuple[tuple[float, float], ...]
-    residual: float
-    prices: dict[str, float]
-    checked: dict[str, tuple[float, float]]
-    starts: tuple[float, ...]
-    objective: float
-    goal: str
-    yielded: Yielded | None
-    static: dict[str, float]
-    solver: str
-    rtol: float
-
-    @property
-    def holds(self) -> bool:
-        """Whether the limits hold in the fresh simulation, to a millionth of their bounds."""
-        return self.worst <= 1e-6
-
-    def __str__(self) -> str:
-        at = ", ".join(
-            f"{name} = {shown(value, unit)}" for (name, unit), value in zip(self.names.items(), self.x, strict=True)
-        )
-        verdict = "The limits hold" if self.holds else "THE LIMITS DO NOT HOLD"
-        met = f"meet it at {self.scale:.9f} times the design"
-        if np.isnan(self.scale):
-            met = "meet no limit within their bounds" if self.holds else "hold at no size within their bounds"
-        lines = [
-            f"Certificate for {at}",
-            f"  {verdict} in a fresh simulation ({self.solver}, rtol {self.rtol:.0e}): the closest is {self.limit}, at "
-            f"{1 + self.worst:.9f} of its bound.",
-            f"  Scaled together, the clearances {met}.",
-        ]
-        spans = ", ".join(f"{a:.4g} to {b:.4g}" for a, b in self.islands) or "none"
-        alone = "in one piece" if len(self.islands) == 1 else f"in {len(self.islands)} ISLANDS"
-        lines.append(f"  Along that line designs hold {alone}: {spans} times the design.")
-        lines.append(f"  Optimality (Karush-Kuhn-Tucker) residual {self.residual:.1e}.")
-        for name, price in self.prices.items():
-            text = f"  A bound 1 % looser on {name} {self.goal} by {price:.4g} %"
-            if name in self.checked:
-                text += f" (re-optimised: {self.checked[name][1]:.4g} %)"
-            lines.append(text + ".")
-        if self.yielded is not None:
-            lines.append(f"  {self.yielded}")
-        for name, value in self.static.items():
-            lines.append(
-                f"  Of {name} play alone, at rest, could make {shown(value, 'm', 4)}; more is motion or force."
-            )
-        if self.starts:
-            others = [s for s in self.starts if s < self.objective - 1e-4 * abs(self.objective)]
-            lines.append(
-                f"  {len(self.starts)} other starts: "
-                + (
-                    f"{len(others)} LED TO A BETTER DESIGN, {min(others):.6g}."
-                    if others
-                    else "none led to a better one."
-                )
-            )
-        return "\n".join(lines)
-
-
-def verify(
-    design: "Design",
+def certify(
+    specification: Specification,
+    method: Method,
+    point: Evaluation,
     *,
     sweep: int = 40,
     starts: int = 0,
@@ -113,53 +33,52 @@ def verify(
     seed: int = 0,
     solver: str | None = None,
 ) -> Certificate:
-    """Check a design with another solver and a tenfold tighter tolerance.
+    """Check the point that a method has found with another solver and a tenfold tighter tolerance.
 
     **Arguments:** `sweep`: scalings at which the limits are looked at between a tenth of the design and the bounds;
     `starts`: random starts of the same method; `reoptimise`: check the prices by solving again with changed bounds;
     `samples`: fresh ones for a `Yield`; `solver`: which one (default: another than the design's).
     """
-    if not design.feasible:
-        raise ClearanceError(f"There is no feasible design to verify: {design.program.most_violated(design.point)}.")
-    problem = design.problem
-    solver, rtol = solver or OTHER.get(problem.solver, "tsit5"), 0.1 * problem.rtol
-    fresh = problem.program(rtol=rtol, solver=solver)
-    x = design.point.x
-    at = fresh.at(x, design.method not in GRADIENT_FREE)
-    scale = _scale(fresh, x, at)
-    islands = _islands(fresh, x, sweep)
+    solver, rtol = solver or OTHER.get(specification.solver, "tsit5"), 0.1 * specification.rtol
+    fresh = formulate(specification, rtol, solver)
+    at = fresh.at(point.x, method.gradients)
     residual, multipliers = _optimality(fresh, at) if at.gradient is not None else (np.nan, np.zeros(len(at.limits)))
-    names = fresh.limit_names
     prices: dict[str, float] = {}
     for k in np.flatnonzero(multipliers > 1e-6):
         prices[fresh.groups[k]] = prices.get(fresh.groups[k], 0.0) + float(multipliers[k])
-    checked = {n: (p, _repriced(design, n)) for n, p in prices.items()} if reoptimise else {}
-    objectives = []
-    rng = np.random.default_rng(seed)
-    for _ in range(starts):
-        other = problem.program()
-        _run(other, design.method, np.exp(rng.uniform(np.log(other.lower), np.log(other.upper))))
-        objectives.append(other.best.objective if other.best else np.inf)
-    k = int(np.argmax(at.limits))
-    units = dict(zip(fresh.names, design.units.values(), strict=False))  # a common clearance has the first one's
-    goal = "enlarges the clearance" if problem.common else "lowers the cost"
-    yielded = design.yielded(samples) if isinstance(problem.made, Yield) else None
+    checks = {n: (p, _price_check(specification, method, point, n)) for n, p in prices.items()} if reoptimise else {}
+    sampled = isinstance(specification.manufacture, Yield)
     return Certificate(
-        units, x, at.worst, names[k], scale, islands, residual, prices, checked, tuple(objectives), at.objective, goal,
-        yielded, _static(design), solver, rtol,
-    )  # fmt: skip
+        names=dict(zip(fresh.names, specification.units.values(), strict=False)),  # a common one has the first's
+        x=point.x,
+        worst=at.worst,
+        limit=fresh.limit_names[int(np.argmax(at.limits))],
+        scale=_scale(fresh, point.x, at),
+        islands=_islands(fresh, point.x, sweep),
+        residual=residual,
+        prices=prices,
+        price_checks=checks,
+        starts=_others(specification, method, starts, seed),
+        objective=at.objective,
+        goal="enlarges the clearance" if specification.common else "lowers the cost",
+        yield_estimate=fresh_yield(specification, point.x, samples) if sampled else None,
+        static=_static(specification, point.x),
+        solver=solver,
+        rtol=rtol,
+    )
 
 
-def _static(design: "Design") -> dict[str, float]:
+def _static(specification: Specification, x: np.ndarray) -> dict[str, float]:
     """Weights times clearances, in the condition where they add up to most; of driven mechanisms."""
+    designed = replace(specification.mechanism, specification.clearances(x))
     found: dict[str, float] = {}
-    for limit in design.problem.limits:
+    for limit in specification.limits:
         if not isinstance(limit.metric, Peak) or not isinstance(limit.metric.signal, PositionError):
             continue
-        for values in design.problem.conditions.values():
-            moved = replace(design.mechanism, values)
+        for values in specification.conditions.values():
+            moved = replace(designed, values)
             try:
-                weights = static_weights(moved, limit.metric.signal.point, design.problem.t1)
+                weights = static_weights(moved, limit.metric.signal.point, specification.t1)
             except ClearanceError:
                 continue
             sizes = {j.name: j.clearance.radial_clearance for j in moved.clearance_joints() if j.clearance}
@@ -168,13 +87,23 @@ def _static(design: "Design") -> dict[str, float]:
     return found
 
 
-def _run(program: Program, method: str, start: np.ndarray) -> None:
+def _others(specification: Specification, method: Method, starts: int, seed: int) -> tuple[float, ...]:
+    """Objectives that random starts lead to."""
+    objectives, rng = [], np.random.default_rng(seed)
+    for _ in range(starts):
+        program = formulate(specification)
+        _run(program, method, np.exp(rng.uniform(np.log(program.lower), np.log(program.upper))))
+        objectives.append(program.best.objective if program.best else np.inf)
+    return tuple(objectives)
+
+
+def _run(program: Program, method: Method, start: np.ndarray) -> None:
     """`run`; an interruption ends the verification, whose other statements would be about half-finished runs."""
     if run(program, method, start) == INTERRUPTED:
         raise KeyboardInterrupt
 
 
-def _scale(program: Program, x: np.ndarray, at: Point) -> float:
+def _scale(program: Program, x: np.ndarray, at: Evaluation) -> float:
     """The factor on all variables at which the worst limit is just met, nearest to 1; NaN: the bounds come first."""
     low, high = _ends(program, x)
 
@@ -212,7 +141,7 @@ def _islands(program: Program, x: np.ndarray, count: int) -> tuple[tuple[float, 
     return tuple((float(s[a]), float(s[b - 1])) for a, b in edges.reshape(-1, 2))
 
 
-def _optimality(program: Program, at: Point) -> tuple[float, np.ndarray]:
+def _optimality(program: Program, at: Evaluation) -> tuple[float, np.ndarray]:
     """Residual of the Karush-Kuhn-Tucker conditions by logarithms, and the limits' multipliers over the objective."""
     assert at.gradient is not None
     assert at.jacobian is not None
@@ -230,11 +159,11 @@ def _optimality(program: Program, at: Point) -> tuple[float, np.ndarray]:
     return float(left / max(np.linalg.norm(gradient), 1e-300)), multipliers
 
 
-def _repriced(design: "Design", name: str) -> float:
+def _price_check(specification: Specification, method: Method, point: Evaluation, name: str) -> float:
     """Relative change of the best objective per relative change of one limit's bound, by solving twice more."""
-    program, best = design.problem.program(), []
+    program, best = formulate(specification), []
     for change in (0.01, -0.01):
-        moved = program.rebounded(name, 1 + change)
-        _run(moved, design.method, design.point.x)
+        moved = program.with_bound(name, 1 + change)
+        _run(moved, method, point.x)
         best.append(moved.best.objective if moved.best else np.nan)
-    return float((best[1] - best[0]) / 0.02 / abs(design.objective))
+    return float((best[1] - best[0]) / 0.02 / abs(point.objective))

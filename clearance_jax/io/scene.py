@@ -13,7 +13,7 @@ import numpy as np
 
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.joints import RevoluteClearance
-from clearance_jax.laws import FRICTION_LAWS, NORMAL_LAWS, InternalHertz
+from clearance_jax.laws import FRICTION_LAWS, NORMAL_LAWS, AbstractNormalLaw, InternalHertz
 from clearance_jax.mechanism.body import (
     GROUND,
     AbstractActuator,
@@ -379,7 +379,8 @@ def _normal(table: Table, joint: Table):
         inner.finish()
     else:
         # In which unit, the law knows once it has its other numbers.
-        words = factory(**{"stiffness": 1.0, **values}).units()
+        provisional: AbstractNormalLaw = factory(**{"stiffness": 1.0, **values})
+        words = provisional.units()
         unit = resolved_unit(_unit_of(cls, "stiffness"), words)
         values["stiffness"] = to_si(given, unit, table.key("stiffness"))
     law = factory(**values)

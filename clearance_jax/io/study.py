@@ -6,14 +6,15 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from clearance_jax.analysis import metrics
-from clearance_jax.design.costs import AbstractCost, Exponential, ExponentialReciprocal, Reciprocal
-from clearance_jax.design.costs import Table as CostTable
-from clearance_jax.design.made import Band, Yield
-from clearance_jax.design.problem import Limit, ToleranceProblem
-from clearance_jax.design.solvers import SOLVERS
+from clearance_jax.design.costs import AbstractCost, CostTable, Exponential, ExponentialReciprocal, Reciprocal
+from clearance_jax.design.manufacture import Band, Yield
+from clearance_jax.design.methods import METHOD_CHOICES
+from clearance_jax.design.problem import ToleranceProblem
+from clearance_jax.design.specification import Limit
 from clearance_jax.errors import ClearanceError
 from clearance_jax.io.scene import Table, load_scene, parse_setting
-from clearance_jax.parameters import parameters, replace, unit_of
+from clearance_jax.parameters import replace, units_of
+from clearance_jax.solve.simulate import SOLVERS
 from clearance_jax.units import to_si
 
 SIGNALS = {
@@ -69,16 +70,18 @@ def _study(path: Path, top: Table, text: str) -> Study:
         table.finish(("cost",))
     limits = [_limit(name, table) for name, table in top.tables("limit")]
     conditions = {name: _values(table, mechanism) for name, table in top.tables("condition")}
-    made = _made(top.table("made")) if top.has("made") else None
+    if top.has("made"):
+        raise ClearanceError(f"{top.key('made')} is called `manufacture` now. Rename the table.")
+    manufacture = _manufacture(top.table("manufacture")) if top.has("manufacture") else None
     t1 = top.number("t1", "s")
     if t1 is None and "t1" not in scene.solve:
         raise ClearanceError(f"{top.where} lacks the key `t1`, and so does the scene. Add it.")
     solver = top.table("solve")
     problem_options: dict[str, Any] = {
         "rtol": solver.get("rtol", scene.solve.get("rtol", 1e-8)),
-        "solver": solver.word("solver", {"tsit5", "dopri8"}, scene.solve.get("solver", "tsit5")),
+        "solver": solver.word("solver", SOLVERS, scene.solve.get("solver", "tsit5")),
     }
-    solve = {"method": solver.word("method", {"auto", *SOLVERS}, "slsqp"), **_numbers(solver, starts=1, most=1)}
+    solve = {"method": solver.word("method", METHOD_CHOICES, "slsqp"), **_numbers(solver, starts=1, most=1)}
     solver.finish()
     verify = top.table("verify")
     checks = _numbers(verify, sweep=2, starts=0, samples=1)
@@ -94,22 +97,19 @@ def _study(path: Path, top: Table, text: str) -> Study:
         limits,
         cost=costs or None,
         conditions=conditions,
-        made=made,
+        manufacture=manufacture,
         **problem_options,
     )
     return Study(problem, solve, checks, name, text)
 
 
 def _unit(table: Table, name: str, mechanism) -> str:
-    known = parameters(mechanism)
-    replace(mechanism, {name: 1.0})  # an unknown name raises here, with what it may have meant
-    return unit_of(known.get(name) or known[name.rpartition(".")[0]], known, mechanism)
+    return units_of(mechanism, [name])[name]
 
 
 def _values(table: Table, mechanism) -> dict[str, float]:
     """Parameters by name from quantities."""
-    known = parameters(mechanism)
-    return dict(parse_setting(f"{name}={table.get(name)}", known, mechanism) for name in table.values)
+    return dict(parse_setting(f"{name}={table.get(name)}", mechanism) for name in table.values)
 
 
 def _numbers(table: Table, **least: int) -> dict[str, int]:
@@ -170,18 +170,18 @@ def _cost(table: Table, unit: str) -> AbstractCost:
     return cost
 
 
-def _made(table: Table) -> Band | Yield:
+def _manufacture(table: Table) -> Band | Yield:
     """`least`, the share of a clearance that a band goes down to; or the scatter, and the share that must hold."""
     kind = table.word("kind", {"band", "yield"})
     if kind == "band":
         table.need("least")
-        made: Band | Yield = Band(table.number("least", ""), **_numbers(table, points=2, corners=0))
+        manufacture: Band | Yield = Band(table.number("least", ""), **_numbers(table, points=2, corners=0))
     else:
         inner = table.table("scatter")
         # Percentages are read as such, which pint takes for a unit.
         scatter = {name: to_si(inner.get(name), "percent", inner.key(name)) / 100 for name in inner.values}
         target = table.number("target", "")
         options = {} if target is None else {"target": target}
-        made = Yield(scatter, **options, **_numbers(table, samples=1, seed=0))
+        manufacture = Yield(scatter, **options, **_numbers(table, samples=1, seed=0))
     table.finish()
-    return made
+    return manufacture

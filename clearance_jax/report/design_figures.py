@@ -1,7 +1,6 @@
 """Figures of a design: errors over time, contributions, what a bound costs, how the solver came there."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import matplotlib as mpl
 import numpy as np
@@ -9,18 +8,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from clearance_jax.analysis.metrics import At
+from clearance_jax.design.answer import Design
 from clearance_jax.design.explain import Response, Tradeoff
-from clearance_jax.errors import ClearanceError
-from clearance_jax.parameters import replace
-
-if TYPE_CHECKING:
-    from clearance_jax.design.answer import Design
+from clearance_jax.design.time_histories import TimeHistory
 
 STYLE = {"axes.grid": True, "grid.alpha": 0.3, "font.size": 10, "legend.fontsize": 9}
 # Small enough to be read on a phone.
 WIDTH, HEIGHT = 4.6, 3.0
-SAMPLES = 1001
 
 
 def _axes() -> tuple[Figure, Axes]:
@@ -29,9 +23,9 @@ def _axes() -> tuple[Figure, Axes]:
         return figure, figure.subplots()
 
 
-def _objective(design: "Design") -> tuple[float, str]:
+def _objective(design: Design) -> tuple[float, str]:
     """Factor on the objective, and what it is called."""
-    if not design.problem.common:
+    if not design.specification.common:
         return 1.0, "cost"
     factor, unit = _scaled(next(iter(design.units.values())))
     return -factor, f"clearance, {unit}" if unit == "µm" else f"largest value, {unit}"
@@ -41,37 +35,17 @@ def _scaled(unit: str) -> tuple[float, str]:
     return (1e6, "µm") if unit == "m" else (1.0, unit)
 
 
-def over_time(design: "Design") -> dict[str, Figure]:
-    """For each limit on a signal: the signal over time in every condition, with its bound."""
-    figures = {}
-    times = np.linspace(0, design.problem.t1, SAMPLES)
-    several = len(design.problem.conditions) > 1
-    for limit in design.problem.limits:
-        signal = getattr(limit.metric, "signal", None)
-        if signal is None:
-            continue
-        figure, axes = _axes()
-        factor, unit = _scaled(signal.unit)
-        for name, values in design.problem.conditions.items():
-            moved = replace(design.mechanism, values)
-            solve = {"rtol": design.problem.rtol, "solver": design.problem.solver}
-            try:
-                found = At(signal, times)(moved, design.problem.t1, **solve)
-            except (ClearanceError, RuntimeError):
-                continue  # a design that could not be simulated is reported as such elsewhere
-            axes.plot(times, factor * np.asarray(found), lw=0.8, label=name if several else None)
-        kind = type(limit.metric).__name__
-        axes.axhline(
-            factor * limit.bound,
-            color="k",
-            ls="--",
-            lw=0.8,
-            label="bound" if kind == "Peak" else f"bound on its {kind}",
-        )
-        axes.set(xlabel="time, s", ylabel=f"{limit.title}, {unit}")
-        axes.legend()
-        figures[limit.title] = figure
-    return figures
+def over_time(history: TimeHistory) -> Figure:
+    """The signal of a limit over time in every condition, with its bound."""
+    figure, axes = _axes()
+    factor, unit = _scaled(history.unit)
+    for name, values in history.values.items():
+        axes.plot(history.times, factor * values, lw=0.8, label=name or None)
+    bound = "bound" if history.metric == "Peak" else f"bound on its {history.metric}"
+    axes.axhline(factor * history.bound, color="k", ls="--", lw=0.8, label=bound)
+    axes.set(xlabel="time, s", ylabel=f"{history.limit}, {unit}")
+    axes.legend()
+    return figure
 
 
 def contributions(why: Sequence[Response]) -> Figure:
@@ -95,23 +69,23 @@ def contributions(why: Sequence[Response]) -> Figure:
     return figure
 
 
-def trade(found: Tradeoff, design: "Design") -> Figure:
+def trade(found: Tradeoff, design: Design) -> Figure:
     """What each bound costs, or how large a clearance it allows."""
     figure, axes = _axes()
     factor, unit = _scaled(found.unit)
     times, label = _objective(design)
     axes.plot(factor * found.bounds, times * found.objectives, "o-", lw=1)
-    asked = {limit.title: limit.bound for limit in design.problem.limits}.get(found.limit, 1.0)
+    asked = {limit.title: limit.bound for limit in design.specification.limits}.get(found.limit, 1.0)
     axes.plot([factor * asked], [times * design.objective], "k*", ms=12, label="the design")
     axes.set(xlabel=f"bound on {found.limit}" + (f", {unit}" if unit else ""), ylabel=label)
     axes.legend()
     return figure
 
 
-def history(design: "Design") -> Figure:
+def convergence(design: Design) -> Figure:
     """Cost (or clearance) of each evaluated design, those that hold all limits apart from the others."""
     figure, axes = _axes()
-    points, (times, label) = design.program.points, _objective(design)
+    points, (times, label) = design.program.history, _objective(design)
     values = times * np.array([p.objective for p in points])
     held = np.array([p.feasible for p in points])
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))

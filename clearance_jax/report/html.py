@@ -7,20 +7,17 @@ import re
 from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
+from clearance_jax.design.answer import Design
 from clearance_jax.design.explain import Response, Tradeoff
 from clearance_jax.design.findings import Findings
 from clearance_jax.errors import ClearanceError
 from clearance_jax.report import design_figures as figures
 from clearance_jax.units import shown
-
-if TYPE_CHECKING:
-    from clearance_jax.design.answer import Design
 
 CSS = """
 :root { color-scheme: light; --line: #d8dce2; --soft: #5b6573; --good: #1b7f4b; --bad: #b3261e; }
@@ -96,7 +93,7 @@ def _figure(figure: Figure, caption: str) -> str:
 def _answer(found: Findings, title: str) -> str:
     design, units = found.design, found.design.units
     if not design.feasible:
-        verdict = f"No feasible design: {design.program.most_violated(design.point)}."
+        verdict = f"No feasible design: {design.program.most_violated(design.evaluation)}."
     elif found.certificate is None:
         verdict = "Every limit is held. Not verified by another solver."
     else:
@@ -111,27 +108,30 @@ def _answer(found: Findings, title: str) -> str:
         rows.append(
             [name, shown(value, units[name]), fit.name if fit else "", f"{least:g} to {greatest:g}" if fit else ""]
         )
-    objective = "" if design.problem.common else f"<p>Cost {design.objective:.6g}.</p>"
-    notes = "".join(f'<p class="verdict bad">{html.escape(t)}</p>' for t in (design.stopped, design.note) if t)
-    made = "" if found.fits is None else f'<p class="soft">With these fits: {html.escape(str(found.fits.yielded))}</p>'
+    objective = "" if design.specification.common else f"<p>Cost {design.objective:.6g}.</p>"
+    notes = "".join(f'<p class="verdict bad">{html.escape(t)}</p>' for t in (design.stop_reason, design.note) if t)
+    share = "" if found.fits is None else f"With these fits: {found.fits.yield_estimate}"
     table = _table(("variable", "largest allowed", "nearest ISO 286 fit", "radial clearance, um"), rows)
     verdict_class = "verdict" if good else "verdict bad"
     return (
         f"<h1>{html.escape(title)}</h1><section><h2>The answer</h2>"
-        f'<p class="{verdict_class}">{html.escape(verdict)}</p>{notes}{table}{objective}{made}</section>'
+        f'<p class="{verdict_class}">{html.escape(verdict)}</p>{notes}{table}{objective}{_soft(share)}</section>'
     )
+
+
+def _soft(text: str) -> str:
+    return f'<p class="soft">{html.escape(text)}</p>' if text else ""
 
 
 def _limits(found: Findings) -> str:
     design = found.design
-    names, values = design.program.limit_names, design.point.limits
+    names, values = design.program.limit_names, design.evaluation.limits
     order = np.argsort(-np.nan_to_num(values, nan=np.inf))[:12]
     rows = [[names[k], f"{100 * (1 + values[k]):.4f} %"] for k in order]
     left = len(names) - len(order)
     caption = f"The {len(order)} nearest to their bounds, of {len(names)}." if left else ""
-    plots = "".join(
-        _figure(figure, f"{title} over time, and its bound") for title, figure in figures.over_time(design).items()
-    )
+    captions = {f"{signal.limit} over time, and its bound": signal for signal in found.time_histories}
+    plots = "".join(_figure(figures.over_time(signal), caption) for caption, signal in captions.items())
     table = _table(("limit", "share of its bound"), rows, caption)
     return f"<section><h2>Limits</h2>{table}{plots}</section>"
 
@@ -152,11 +152,11 @@ def _contributions(why: Sequence[Response]) -> str:
         "that is no variable."
     )
     plot = _figure(figures.contributions(why), "Error budget: each clearance's share of the bound")
-    return f'<section><h2>Where the error comes from</h2>{"".join(tables)}<p class="soft">{note}</p>{plot}</section>'
+    return f"<section><h2>Where the error comes from</h2>{''.join(tables)}{_soft(note)}{plot}</section>"
 
 
-def _tradeoff(found: Tradeoff, design: "Design") -> str:
-    common, names = design.problem.common, list(design.clearances)
+def _tradeoff(found: Tradeoff, design: Design) -> str:
+    common, names = design.specification.common, list(design.clearances)
     unit, rows = next(iter(design.units.values())), []
     for bound, objective, at in zip(found.bounds, found.objectives, found.designs, strict=True):
         value = "none holds it" if at is None else shown(-objective, unit, 5) if common else f"{objective:.5g}"
@@ -170,28 +170,28 @@ def _tradeoff(found: Tradeoff, design: "Design") -> str:
     )
 
 
-def _search(design: "Design") -> str:
+def _search(design: Design) -> str:
     program = design.program
-    text = f"{design.method}: {program.gradients} evaluations with derivatives, {program.evaluations} without."
-    plot = _figure(figures.history(design), "Every evaluated design")
+    text = f"{design.method.name}: {program.gradients} evaluations with derivatives, {program.evaluations} without."
+    plot = _figure(figures.convergence(design), "Every evaluated design")
     return f"<section><h2>How it was found</h2><p>{html.escape(text)}</p>{plot}</section>"
 
 
-def _asked(design: "Design", notes: Sequence[str], study: str) -> str:
-    problem = design.problem
+def _asked(design: Design, notes: Sequence[str], study: str) -> str:
+    asked = design.specification
     bounds = [
         [name, shown(low, unit), shown(high, unit)]
-        for (name, (low, high)), unit in zip(problem.variables.items(), design.units.values(), strict=True)
+        for (name, (low, high)), unit in zip(asked.variables.items(), design.units.values(), strict=True)
     ]
-    limits = [[limit.title, shown(limit.bound, limit.metric.unit)] for limit in problem.limits]
+    limits = [[limit.title, shown(limit.bound, limit.metric.unit)] for limit in asked.limits]
     conditions = [
         [name, ", ".join(f"{k} = {np.asarray(v).tolist()}" for k, v in values.items()) or "the mechanism as it is"]
-        for name, values in problem.conditions.items()
+        for name, values in asked.conditions.items()
     ]
-    made = "as designed" if problem.made is None else str(problem.made)
+    parts = "as designed" if asked.manufacture is None else str(asked.manufacture)
     lines = [
-        f"Mechanism {problem.mechanism.name}, to t = {problem.t1:g} s, solver {problem.solver}, rtol {problem.rtol:g}.",
-        f"Parts are made: {made}.",
+        f"Mechanism {asked.mechanism.name}, to t = {asked.t1:g} s, solver {asked.solver}, rtol {asked.rtol:g}.",
+        f"Parts are made: {parts}.",
         f"clearance_jax {version('clearance-jax')}, jax {version('jax')}, Python {platform.python_version()}.",
         *notes,
     ]

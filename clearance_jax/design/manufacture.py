@@ -74,7 +74,7 @@ class Yield(NamedTuple):
         return weights
 
 
-class Yielded(NamedTuple):
+class YieldEstimate(NamedTuple):
     """Of fresh samples: the share that holds all limits, and the least yield that this proves at 95 % confidence
     (Clopper and Pearson 1934).
     """
@@ -87,8 +87,8 @@ class Yielded(NamedTuple):
         return f"Yield {self.share:.4%} of {self.samples} fresh samples: at least {self.least:.4%} at 95 % confidence."
 
 
-def counted(held: np.ndarray) -> Yielded:
+def estimate_yield(held: np.ndarray) -> YieldEstimate:
     """From which samples (n,) held all limits."""
     n, k = len(held), int(np.sum(held))
     least = float(scipy.stats.beta.ppf(0.05, k, n - k + 1)) if k else 0.0
-    return Yielded(k / n, least, n)
+    return YieldEstimate(k / n, least, n)

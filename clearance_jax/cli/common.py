@@ -1,0 +1,67 @@
+"""What the commands share: where they print, their options, and what is checked before anything takes long.
+
+Whatever needs JAX is imported by the command that runs: the help must not wait for it.
+"""
+
+import os
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+
+from clearance_jax.errors import ClearanceError
+
+console, errors = Console(), Console(stderr=True)
+
+SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="A scene file (TOML with units).")]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="NAME=VALUE", help="Replace one parameter, e.g. joint5.radial_clearance=0.2mm."),
+]
+Ideal = Annotated[bool, typer.Option("--ideal", help="Take every clearance away.")]
+
+FIGURES = (".png", ".pdf", ".svg")
+
+
+def set_up() -> None:
+    """JAX as the commands use it."""
+    from clearance_jax.configure import configure
+
+    configure(cache=True)
+
+
+def read_mechanism(scene_file: Path, settings: list[str] | None, ideal: bool) -> tuple[Any, Any]:
+    """The mechanism that the command's options make of a scene, and the scene."""
+    set_up()
+    from clearance_jax.io.scene import load_scene, parse_setting
+    from clearance_jax.parameters import check_values, replace
+
+    scene = load_scene(scene_file)
+    mechanism = scene.mechanism
+    mechanism = replace(mechanism, dict(parse_setting(text, mechanism) for text in settings or []))
+    check_values(mechanism)
+    return (mechanism.ideal() if ideal else mechanism), scene
+
+
+def check_writable(path: Path | None, endings: tuple[str, ...] = ()) -> None:
+    """Raise before the solve for what could not be written after it."""
+    if path is None:
+        return
+    if not path.parent.is_dir() or path.is_dir():
+        raise ClearanceError(f"Cannot write `{path}`: its folder does not exist or it is a folder. Make it first.")
+    if not os.access(path if path.exists() else path.parent, os.W_OK):
+        raise ClearanceError(f"Cannot write `{path}`: no permission. Choose another path.")
+    if endings and path.suffix.lower() not in endings:
+        raise ClearanceError(f"Cannot write `{path}`: its name must end in {', '.join(endings)}.")
+
+
+def say(text: str) -> None:
+    """Print a text as it is."""
+    console.print(text, highlight=False, markup=False, soft_wrap=True)
+
+
+def say_written(what: str, path: Path) -> None:
+    """Print where something was written."""
+    console.print(f"{what:<8} {escape(str(path))}", soft_wrap=True)

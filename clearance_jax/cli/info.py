@@ -1,0 +1,61 @@
+"""`clearance info`: what a scene contains, and what one evaluation of its vector field costs."""
+
+from typing import Any
+
+from rich.markup import escape
+from rich.table import Table
+
+from clearance_jax.cli.common import Ideal, SceneFile, Settings, console, read_mechanism
+
+
+def info(scene_file: SceneFile, settings: Settings = None, ideal: Ideal = False) -> None:
+    """What a scene contains: states, terms, cost of one vector-field evaluation, every parameter by its name."""
+    mechanism, _ = read_mechanism(scene_file, settings, ideal)
+    _print_terms(mechanism)
+    console.print(f"one evaluation of the vector field: {_operations(mechanism)} operations (compiler's count)")
+    console.print(_parameters(mechanism))
+
+
+def _print_terms(mechanism) -> None:
+    from clearance_jax.mechanism.state import layout
+
+    plan = layout(mechanism)
+    console.print(f"[bold]{escape(mechanism.name)}[/bold]")
+    console.print(
+        f"states: {plan.size} (positions and speeds of {', '.join(plan.positions) or 'nothing'}"
+        + (f"; {plan.remembered} memory variables" if plan.remembered else "")
+        + ")"
+    )
+    for joint in mechanism.clearance_joints():
+        clearance = joint.clearance
+        friction = "no friction" if clearance.friction is None else type(clearance.friction).__name__
+        console.print(
+            f"clearance joint {joint.name}: {type(clearance.normal).__name__} "
+            f"(class {clearance.normal.smoothness}), {friction}"
+        )
+    console.print(f"ideal loop closures: {', '.join(j.name for j in mechanism.closures()) or 'none'}")
+
+
+def _operations(mechanism) -> int:
+    """Of one evaluation of the vector field, as the compiler counts them."""
+    import jax
+    import jax.numpy as jnp
+
+    from clearance_jax.dynamics.field import slope
+    from clearance_jax.mechanism.state import layout
+
+    state = jnp.zeros(layout(mechanism).size)
+    cost: Any = jax.jit(slope).lower(jnp.zeros(()), state, mechanism.prepared()).compile().cost_analysis()
+    return int(cost.get("flops", 0))
+
+
+def _parameters(mechanism) -> Table:
+    import numpy as np
+
+    from clearance_jax.parameters import parameters
+
+    table = Table("parameter", "value", "unit")
+    for name, leaf in parameters(mechanism).items():
+        value = np.array2string(np.asarray(leaf.value), precision=8)
+        table.add_row(name, escape(value), leaf.unit)
+    return table

@@ -1,0 +1,105 @@
+"""`clearance optimize`: a study to clearances, their proof and a report."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.markup import escape
+from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+from clearance_jax.cli.common import check_writable, console, errors, say, say_written, set_up
+from clearance_jax.errors import ClearanceError
+
+CUT_SHORT = "Interrupted before every statement was made."
+
+
+def optimize(
+    study_file: Annotated[Path, typer.Argument(metavar="STUDY", help="A study file (TOML with units).")],
+    report: Annotated[Path | None, typer.Option(help="Report with figures and certificate (.html).")] = None,
+    record: Annotated[
+        Path | None, typer.Option(help="Keep every evaluated design in this file; go on from it if it exists.")
+    ] = None,
+    method: Annotated[str | None, typer.Option(help="Solver (default: the study's, or slsqp).")] = None,
+    starts: Annotated[int | None, typer.Option(help="Number of starts, the first in the middle.", min=1)] = None,
+    verify: Annotated[bool, typer.Option(help="Prove the answer by another solver (takes a while).")] = True,
+) -> None:
+    """Find the largest, or the cheapest, clearances that keep every limit of a study, and prove them.
+
+    Ctrl-C stops the search and keeps the best design so far.
+    """
+    set_up()
+    from clearance_jax.design import time_histories
+    from clearance_jax.io.study import load_study
+    from clearance_jax.report.html import write_report
+
+    check_writable(report, (".html", ".htm"))
+    check_writable(record)
+    study = load_study(study_file)
+    given = {"method": _known(method), "starts": starts, "record": record}
+    with Progress(SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), console=errors) as bar:
+        design = _search(study, {k: v for k, v in given.items() if v is not None}, bar)
+        console.print(f"[bold]{escape(study.name)}[/bold]")
+        say(str(design))
+        found = _explain(study, design, verify, report is not None, bar)
+    for text in found.notes:
+        say(text)
+    if found.fits is not None:
+        say(str(found.fits))
+    if report is not None:
+        if not found.time_histories:
+            found = found._replace(time_histories=time_histories(design))
+        write_report(found, report, study.name, study.text)
+        say_written("report", report)
+    refuted = found.certificate is not None and not found.certificate.holds
+    if _interrupted(design) or CUT_SHORT in found.notes:
+        raise typer.Exit(130)
+    if refuted or not design.feasible:
+        raise typer.Exit(1)
+
+
+def _known(method: str | None) -> str | None:
+    from clearance_jax.design import METHOD_CHOICES
+
+    if method is not None and method not in METHOD_CHOICES:
+        raise ClearanceError(f"`--method` must be {', '.join(METHOD_CHOICES)}, but it is {method!r}.")
+    return method
+
+
+def _search(study, given: dict[str, Any], bar: Progress):
+    """The design, with the best so far shown on the way."""
+    task, points, common = bar.add_task("compiling"), [], study.problem.specification.common
+
+    def progress(point):
+        points.append(point)
+        held = [p.objective for p in points if p.feasible]
+        best = "none holds every limit yet" if not held else f"best {-min(held) if common else min(held):.6g}"
+        bar.update(task, description=f"{len(points)} designs, {best}")
+
+    return study.problem.solve(progress=progress, **{**study.solve, **given})
+
+
+def _interrupted(design) -> bool:
+    from clearance_jax.design.run import INTERRUPTED
+
+    return design.stop_reason == INTERRUPTED
+
+
+def _explain(study, design, verify: bool, report: bool, bar: Progress):
+    """What can be said of the design: its certificate, and for a report whatever else."""
+    from clearance_jax.design import Findings, findings
+
+    found = Findings(design)
+    if _interrupted(design):
+        return found
+    task = bar.task_ids[0]
+    try:
+        if design.feasible and verify:
+            bar.update(task, description="verifying by another solver")
+            found = Findings(design, design.verify(**study.verify))
+            say(str(found.certificate))
+        if report:
+            bar.update(task, description="trade-off and standard fits")
+            found = findings(design, found.certificate)
+    except KeyboardInterrupt:
+        found = found._replace(notes=(*found.notes, CUT_SHORT))
+    return found

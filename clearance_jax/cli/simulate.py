@@ -1,0 +1,111 @@
+"""`clearance simulate`: a scene to a dataset and a figure."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from clearance_jax.cli.common import (
+    FIGURES,
+    Ideal,
+    SceneFile,
+    Settings,
+    check_writable,
+    console,
+    errors,
+    read_mechanism,
+    say_written,
+)
+from clearance_jax.errors import ClearanceError
+
+DEFAULTS = {"rtol": 1e-8, "samples": 1001, "solver": "tsit5"}
+
+
+def simulate(
+    scene_file: SceneFile,
+    settings: Settings = None,
+    t1: Annotated[str | None, typer.Option(help="End time with a unit, e.g. 0.5s (default: the scene's).")] = None,
+    rtol: Annotated[float | None, typer.Option(help="Accuracy, e.g. 1e-8 (default: the scene's).")] = None,
+    samples: Annotated[int | None, typer.Option(help="Number of output times.", min=2)] = None,
+    solver: Annotated[str | None, typer.Option(help="tsit5, or dopri8 for rtol below 1e-8.")] = None,
+    ideal: Ideal = False,
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="Result file (NetCDF).")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Figure of the result (.png, .pdf).")] = None,
+) -> None:
+    """Simulate a scene and write a dataset and a figure.
+
+    Ctrl-C stops the solve and keeps what was computed.
+    """
+    mechanism, scene = read_mechanism(scene_file, settings, ideal)
+    from clearance_jax.results.dataset import save, to_dataset
+
+    check_writable(output)
+    check_writable(plot, FIGURES)
+    if output is not None and plot is not None and output.resolve() == plot.resolve():
+        raise ClearanceError(f"`-o` and `--plot` name the same file `{output}`. Give two names.")
+    given = {"t1": t1, "rtol": rtol, "samples": samples, "solver": solver}
+    options = _options(scene_file, scene.solve, {k: v for k, v in given.items() if v is not None})
+    end = options.pop("t1")
+    result = _solve(mechanism, end, options)
+    dataset = to_dataset(
+        mechanism, result, scene=scene.text, settings=" ".join(settings or []), solve=repr({"t1": end, **options})
+    )
+    _report(mechanism, result, dataset)
+    if output is not None:
+        save(dataset, output)
+        say_written("dataset", output)
+    if plot is not None:
+        from clearance_jax.report.figures import overview, save_figure
+
+        save_figure(overview(dataset), plot)
+        say_written("figure", plot)
+    if result.message:
+        raise typer.Exit(130 if result.message == "interrupted" else 1)
+
+
+def _options(scene_file: Path, scene: dict[str, Any], given: dict[str, Any]) -> dict[str, Any]:
+    """How to solve: what is given on the command line, or else in the scene, or else usual."""
+    from clearance_jax.solve.simulate import SOLVERS
+    from clearance_jax.units import to_si
+
+    solver = given.get("solver")
+    if solver is not None and solver not in SOLVERS:
+        raise ClearanceError(f"`--solver` must be {' or '.join(SOLVERS)}, but it is {solver!r}.")
+    if "t1" in given:
+        given = given | {"t1": to_si(given["t1"], "s", "`--t1`")}
+    options = DEFAULTS | scene | given
+    if "t1" not in options:
+        raise ClearanceError(f"{scene_file}: the table `solve` has no `t1`. Add one, or give `--t1 1s`.")
+    return options
+
+
+def _solve(mechanism, end: float, options: dict[str, Any]):
+    """The traced motion, with a bar on the way."""
+    from clearance_jax.solve.trace import trace
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"))
+    with Progress(*columns, TimeElapsedColumn(), console=errors, transient=True) as bar:
+        task = bar.add_task("compiling and solving", total=1.0)
+        return trace(mechanism, end, **options, progress=lambda f: bar.update(task, completed=f))
+
+
+def _report(mechanism, result, dataset) -> None:
+    import numpy as np
+
+    solution = result.solution
+    console.print(
+        f"[bold]{escape(mechanism.name)}[/bold]: {dataset.attrs['result']} at t = {result.time[-1]:.6g} s, "
+        f"{int(solution.steps)} steps ({int(solution.rejected)} rejected), "
+        f"energy residual {float(solution.energy_residual):.1e}"
+    )
+    if "peak_force" in dataset:
+        count = dataset.sizes["episode"]
+        peak = float(dataset["peak_force"].max()) if count else 0.0
+        console.print(f"{count} contact episodes, largest force {peak:.6g} N")
+    if "point" in dataset.coords:
+        for point in dataset["point"].values:
+            speed = np.hypot(*dataset["velocity"].sel(point=point).values.T).max()
+            acceleration = np.hypot(*dataset["acceleration"].sel(point=point).values.T).max()
+            console.print(f"{point}: largest speed {speed:.6g} m/s, largest acceleration {acceleration:.6g} m/s^2")

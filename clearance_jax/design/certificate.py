@@ -1,0 +1,88 @@
+"""What a verification has found of a design, as a statement that a person can read."""
+
+import dataclasses
+
+import numpy as np
+
+from clearance_jax.design.manufacture import YieldEstimate
+from clearance_jax.units import shown
+
+
+@dataclasses.dataclass(frozen=True)
+class Certificate:
+    """What was found of a design; printing it gives the statement.
+
+    - `worst`: the most violated scaled limit in a fresh simulation with another solver at a tenth of rtol, `limit` its
+      name; `scale`: by how much all clearances can grow or must shrink together until a limit is just met, by bisection
+      with that solver (1: the design itself; not a number: the bounds come first).
+    - `islands`: scalings between which the limits hold, from a sweep along the same line.
+    - `residual`: of the Karush-Kuhn-Tucker conditions, over the objective's gradient, in logarithms; `prices`: per
+      active limit, relative change of the objective per relative change of its bound.
+    - `price_checks`: name -> (price, by re-optimising with the bound 1 % up and down), where asked for.
+    - `yield_estimate`: of a `Yield`, on fresh samples; `static`: by limit on a point's error, what play alone can do to
+      the mechanism at rest [m].
+    - `starts`: objectives that other starts have led to; `goal`: what a looser bound does, in words.
+    """
+
+    names: dict[str, str]
+    x: np.ndarray
+    worst: float
+    limit: str
+    scale: float
+    islands: tuple[tuple[float, float], ...]
+    residual: float
+    prices: dict[str, float]
+    price_checks: dict[str, tuple[float, float]]
+    starts: tuple[float, ...]
+    objective: float
+    goal: str
+    yield_estimate: YieldEstimate | None
+    static: dict[str, float]
+    solver: str
+    rtol: float
+
+    @property
+    def holds(self) -> bool:
+        """Whether the limits hold in the fresh simulation, to a millionth of their bounds."""
+        return self.worst <= 1e-6
+
+    def __str__(self) -> str:
+        at = ", ".join(
+            f"{name} = {shown(value, unit)}" for (name, unit), value in zip(self.names.items(), self.x, strict=True)
+        )
+        verdict = "The limits hold" if self.holds else "THE LIMITS DO NOT HOLD"
+        met = f"meet it at {self.scale:.9f} times the design"
+        if np.isnan(self.scale):
+            met = "meet no limit within their bounds" if self.holds else "hold at no size within their bounds"
+        lines = [
+            f"Certificate for {at}",
+            f"  {verdict} in a fresh simulation ({self.solver}, rtol {self.rtol:.0e}): the closest is {self.limit}, at "
+            f"{1 + self.worst:.9f} of its bound.",
+            f"  Scaled together, the clearances {met}.",
+        ]
+        spans = ", ".join(f"{a:.4g} to {b:.4g}" for a, b in self.islands) or "none"
+        alone = "in one piece" if len(self.islands) == 1 else f"in {len(self.islands)} ISLANDS"
+        lines.append(f"  Along that line designs hold {alone}: {spans} times the design.")
+        lines.append(f"  Optimality (Karush-Kuhn-Tucker) residual {self.residual:.1e}.")
+        for name, price in self.prices.items():
+            text = f"  A bound 1 % looser on {name} {self.goal} by {price:.4g} %"
+            if name in self.price_checks:
+                text += f" (re-optimised: {self.price_checks[name][1]:.4g} %)"
+            lines.append(text + ".")
+        if self.yield_estimate is not None:
+            lines.append(f"  {self.yield_estimate}")
+        for name, value in self.static.items():
+            lines.append(
+                f"  Of {name} play alone, at rest, could make {shown(value, 'm', 4)}; more is motion or force."
+            )
+        if self.starts:
+            others = [s for s in self.starts if s < self.objective - 1e-4 * abs(self.objective)]
+            lines.append(
+                f"  {len(self.starts)} other starts: "
+                + (
+                    f"{len(others)} LED TO A BETTER DESIGN, {min(others):.6g}."
+                    if others
+                    else "none led to a better one."
+                )
+            )
+        return "\n".join(lines)

@@ -1,0 +1,116 @@
+"""From what is asked to a program of numbers: objective, scaled limits and their derivatives at a point."""
+
+import hashlib
+from collections.abc import Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from clearance_jax.design.evaluate import FEW, Simulations, simulations_of
+from clearance_jax.design.manufacture import Yield
+from clearance_jax.design.program import Evaluation, Program
+from clearance_jax.design.scenarios import Scenario, scenarios_of
+from clearance_jax.design.specification import Specification
+
+
+def formulate(
+    specification: Specification, rtol: float | None = None, solver: str | None = None, **options: Any
+) -> Program:
+    """The specification as numbers, solved with the given accuracy; `options` as `Program`'s."""
+    simulations, scenarios = simulations_of(specification, rtol, solver), scenarios_of(specification)
+    titles, groups = _titles(specification, simulations, scenarios)
+
+    def evaluate(x, gradient):
+        # To do without derivatives is another program to compile, which for a few variables takes longer than it can
+        # save.
+        gradient = gradient or (program.gradients > 0 and len(specification.variables) <= FEW)
+        return _evaluate(specification, x, gradient, scenarios, simulations)
+
+    def fresh(x, samples, seed):
+        return _evaluate(specification, x, True, scenarios_of(specification, samples, seed), simulations)
+
+    program = Program(
+        evaluate,
+        specification.names,
+        *specification.bounds,
+        titles,
+        groups=groups,
+        identity=_identity(specification, simulations),
+        fresh=fresh if isinstance(specification.manufacture, Yield) else None,
+        **options,
+    )
+    return program
+
+
+def _titles(
+    specification: Specification, simulations: Simulations, scenarios: Sequence[Scenario]
+) -> tuple[list[str], list[str]]:
+    """Of every limit of the program its title, and the designer's limit that it belongs to."""
+    if isinstance(specification.manufacture, Yield):
+        target = f"yield of {specification.manufacture.target:.4g}"
+        titles = [target + specification.suffix(condition) for condition in specification.conditions]
+        return titles, titles
+    pairs = list(zip(specification.limits, simulations.sizes(), strict=True))
+    titles = [
+        limit.title + (f", peak {k + 1}" if size > 1 else "") + scenario.title
+        for scenario in scenarios
+        for limit, size in pairs
+        for k in range(size)
+    ]
+    return titles, [limit.title for _ in scenarios for limit, size in pairs for _ in range(size)]
+
+
+def _identity(specification: Specification, simulations: Simulations) -> str:
+    """A short text that another problem does not have."""
+    numbers = (specification.mechanism, list(specification.costs), simulations.metrics)
+    leaves, structure = jax.tree.flatten(eqx.filter(numbers, eqx.is_array_like))
+    asked = (
+        specification.t1,
+        specification.variables,
+        specification.conditions,
+        specification.manufacture,
+        simulations.solve,
+        list(simulations.bounds),
+    )
+    text = repr(([np.asarray(leaf).tolist() for leaf in leaves], str(structure), asked))
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _evaluate(
+    specification: Specification, x, gradient, scenarios: Sequence[Scenario], simulations: Simulations
+) -> Evaluation:
+    clearances = specification.values(x)
+    limits, rows = zip(*(simulations.limits(clearances, scenario, gradient) for scenario in scenarios), strict=True)
+    values, jacobian = np.stack(limits), np.stack(rows) if gradient else None
+    if isinstance(specification.manufacture, Yield):
+        values, jacobian = _at_risk(specification.manufacture, len(specification.conditions), values, jacobian)
+    else:
+        values = values.ravel()
+        jacobian = None if jacobian is None else jacobian.reshape(-1, len(clearances))
+    objective, slope = _objective(specification, clearances)
+    if len(x) < len(clearances):
+        slope, jacobian = slope.sum(keepdims=True), jacobian if jacobian is None else jacobian.sum(1, keepdims=True)
+    return Evaluation(np.array(x), objective, values, slope if gradient else None, jacobian)
+
+
+def _at_risk(manufacture: Yield, conditions: int, values: np.ndarray, jacobian: np.ndarray | None):
+    """Of scaled limits (scenarios, m) and slopes (scenarios, m, n): conditional values at risk, one a condition."""
+    risks, slopes, samples = [], [], len(values) // conditions
+    for k in range(conditions):
+        part = slice(k * samples, (k + 1) * samples)
+        which = np.argmax(values[part], axis=1)
+        worst = np.take_along_axis(values[part], which[:, None], 1)[:, 0]
+        weights = manufacture.weights(worst)
+        risks.append(float(weights @ worst))
+        if jacobian is not None:
+            slopes.append(weights @ np.take_along_axis(jacobian[part], which[:, None, None], 1)[:, 0])
+    return np.array(risks), None if jacobian is None else np.stack(slopes)
+
+
+def _objective(specification: Specification, x: np.ndarray) -> tuple[float, np.ndarray]:
+    if specification.common:
+        return float(-np.mean(x)), np.full(len(x), -1.0 / len(x))
+    pairs = [jax.value_and_grad(cost)(float(c)) for cost, c in zip(specification.costs, x, strict=True)]
+    return float(sum(v for v, _ in pairs)), np.array([float(g) for _, g in pairs])

@@ -1,0 +1,126 @@
+"""Ways to solve a `Program`: SLSQP and trust-constr, COBYQA and CMA-ES without gradients, and one on fresh samples.
+
+None returns anything but why it stopped: the program remembers every point, and its best feasible one is the answer,
+also of a run that was interrupted.
+"""
+
+import tempfile
+import warnings
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import scipy.optimize
+
+from clearance_jax.design.program import Program
+from clearance_jax.design.scaling import ScaledProgram
+from clearance_jax.design.stochastic import stochastic_approximation
+from clearance_jax.errors import ClearanceError, suggest
+
+
+class Method(NamedTuple):
+    """A way to solve a program: `solve(program, start, **options)` returns why it stopped early, or nothing; whether it
+    asks for `gradients`.
+    """
+
+    name: str
+    solve: Callable[..., str | None]
+    gradients: bool = True
+
+
+def slsqp(program: Program, start: np.ndarray, tolerance: float = 1e-10) -> str:
+    """Sequential quadratic programming (Kraft 1988), scipy's."""
+    return _scipy(program, start, "SLSQP", {"ftol": tolerance, "maxiter": 200})
+
+
+def trust_constr(program: Program, start: np.ndarray, tolerance: float = 1e-10) -> str:
+    """Trust-region interior point, scipy's: slower and more patient, a second opinion."""
+    return _scipy(program, start, "trust-constr", {"gtol": tolerance, "xtol": 1e-12, "maxiter": 500})
+
+
+def cobyqa(program: Program, start: np.ndarray, tolerance: float = 1e-6) -> str:
+    """Quadratic models without gradients (Ragonneau 2022), scipy's."""
+    return _scipy(program, start, "COBYQA", {"final_tr_radius": tolerance, "maxfev": 5000})
+
+
+def _scipy(program: Program, start, method: str, options: dict) -> str:
+    exact = method != "COBYQA"
+    scaled = ScaledProgram(program, start, exact)
+    limits = {"fun": lambda z: -scaled.value(z)[1]}
+    if exact:
+        limits["jac"] = lambda z: -scaled.slopes(z)[3]
+
+    def objective(z):
+        if not exact:
+            return scaled.value(z)[0]
+        # Value and slopes in one solve: SLSQP asks for both almost everywhere.
+        value, _, gradient, _ = scaled.slopes(z)
+        return value, gradient
+
+    if method == "SLSQP":
+        constraints = [{"type": "ineq", **limits}]
+    else:
+        jacobian = {"jac": limits["jac"]} if exact else {}
+        constraints = [scipy.optimize.NonlinearConstraint(limits["fun"], 0.0, np.inf, **jacobian)]
+    if not program.limit_names:
+        constraints = []
+    found = scipy.optimize.minimize(
+        objective,
+        scaled.start,
+        jac=exact or None,
+        method=method,
+        bounds=scipy.optimize.Bounds(*scaled.bounds, keep_feasible=method != "COBYQA"),
+        constraints=constraints,
+        options=options,
+    )
+    return "" if found.success else f"{method} ended with: {found.message}"
+
+
+def cma_es(program: Program, start: np.ndarray, tolerance: float = 1e-6, seed: int = 1) -> None:
+    """Covariance matrix adaptation with an augmented Lagrangian (package `cma`): a baseline without gradients."""
+    try:
+        import cma
+    except ImportError:
+        raise ClearanceError("CMA-ES needs the package cma: pip install 'clearance-jax[cma]'.") from None
+    scaled = ScaledProgram(program, start, False)
+    options = {
+        "bounds": [b.tolist() for b in scaled.bounds],
+        "seed": seed,
+        "verbose": -9,
+        "tolx": tolerance,
+        "tolfun": tolerance**2,
+    }
+    with warnings.catch_warnings(), tempfile.TemporaryDirectory() as scratch:
+        options["verb_filenameprefix"] = scratch + "/"  # its logger makes a folder even where it logs nothing
+        warnings.filterwarnings("ignore", message=".*moarchiving")  # an extra of cma's that is not used
+        cma.fmin_con2(
+            lambda z: scaled.value(np.asarray(z))[0],
+            scaled.start.tolist(),
+            0.2,
+            constraints=lambda z: scaled.value(np.asarray(z))[1].tolist(),
+            options=options,
+        )
+
+
+METHODS = {
+    method.name: method
+    for method in (
+        Method("slsqp", slsqp),
+        Method("trust-constr", trust_constr),
+        Method("stochastic-approximation", stochastic_approximation),
+        Method("cobyqa", cobyqa, gradients=False),
+        Method("cma-es", cma_es, gradients=False),
+    )
+}
+AUTO = "auto"
+METHOD_CHOICES = (AUTO, *METHODS)
+"""What a method may be called: one of `METHODS`, or the choice between gradients and none."""
+
+
+def method_of(method: str | Method) -> Method:
+    """The method of that name. **Raises:** `ClearanceError` where there is none."""
+    if isinstance(method, Method):
+        return method
+    if method not in METHODS:
+        raise ClearanceError(f"There is no design method {method!r}. " + suggest(method, METHOD_CHOICES))
+    return METHODS[method]

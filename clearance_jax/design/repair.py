@@ -1,0 +1,20 @@
+"""From a point that violates a limit to one that does not."""
+
+import numpy as np
+
+from clearance_jax.design.program import Evaluation, Program
+
+
+def feasible_neighbour(program: Program, x: np.ndarray, gradient: bool = False) -> Evaluation | None:
+    """A feasible point on the scaling line through `x`, towards smaller clearances and near; nothing where none is."""
+    # One that has come to its bound stays there, and the others go on.
+    point, shift, low = program.at(x, gradient), 0.0, float(np.min(np.log(program.lower / x)))
+    # Errors grow about as clearances do: shrink by the violation, and on from there.
+    for _ in range(12):
+        if point.feasible:
+            return point
+        shift = max(low, shift - max(2 * point.worst, 1e-8) if np.isfinite(point.worst) else shift - 0.5)
+        point = program.at(x * np.exp(shift), gradient)
+        if shift == low:
+            break
+    return point if point.feasible else None

@@ -1,0 +1,55 @@
+"""A program as methods see it: in logarithms, where costs and errors, nearly powers of clearances, are nearly linear.
+
+A design that cannot be simulated is a bad one there, not the end.
+"""
+
+import numpy as np
+
+from clearance_jax.design.program import Evaluation, Program
+
+# Where an active limit is aimed at, in shares of its bound: inside, by less than anything else in the answer counts.
+INSIDE = 1e-10
+# Share of its bound below which a limit is as good as zero.
+FLOOR = 1e-3
+
+
+class ScaledProgram:
+    """A program in logarithms: of its variables, of its objective where that is positive (else over its size at the
+    start), and of value over bound of its limits.
+    """
+
+    def __init__(self, program: Program, start: np.ndarray, gradient: bool = True):
+        self.program = program
+        self.bounds = np.log(program.lower), np.log(program.upper)
+        self.start = np.clip(np.log(start), *self.bounds)
+        first = program.at(np.exp(self.start), gradient)
+        self.positive = first.objective > 0
+        self.size = max(abs(first.objective), 1e-300)
+
+    def value(self, z: np.ndarray) -> tuple[float, np.ndarray]:
+        """Objective and limits."""
+        point = self.program.at(np.exp(z))
+        return self._objective(point), self._limits(point)
+
+    def slopes(self, z: np.ndarray) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
+        """Objective and limits, and their derivatives."""
+        return self._slopes(self.program.at(np.exp(z), True))
+
+    def fresh_slopes(self, z: np.ndarray, samples: int, seed: int) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
+        """The same by so many fresh samples of manufacture."""
+        return self._slopes(self.program.fresh(np.exp(z), samples, seed))
+
+    def _slopes(self, point: Evaluation) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
+        assert point.gradient is not None
+        assert point.jacobian is not None
+        over = max(point.objective, 1e-12 * self.size) if self.positive else self.size
+        ratio = np.maximum(1 + point.limits, FLOOR)
+        gradient, jacobian = point.gradient * point.x / over, point.jacobian * point.x / ratio[:, None]
+        return self._objective(point), self._limits(point), np.nan_to_num(gradient), np.nan_to_num(jacobian)
+
+    def _objective(self, point: Evaluation) -> float:
+        share = point.objective / self.size
+        return float(np.nan_to_num(np.log(max(share, 1e-12)) if self.positive else share, nan=1e2))
+
+    def _limits(self, point: Evaluation) -> np.ndarray:
+        return np.nan_to_num(np.log(np.maximum(1 + point.limits, FLOOR)), nan=1e1) + INSIDE

@@ -1,0 +1,42 @@
+"""What a design must stand: every condition, with parts as they come out of manufacture."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from clearance_jax.design.manufacture import Band, Yield
+from clearance_jax.design.specification import Specification
+from clearance_jax.parameters import parameters, replace
+
+
+class Scenario(NamedTuple):
+    """One simulation that a design must stand: the title of its condition, values by name, factors on the variables."""
+
+    title: str
+    values: Mapping[str, jax.Array]
+    factors: np.ndarray
+
+
+def scenarios_of(specification: Specification, fresh: int = 0, seed: int | None = None) -> list[Scenario]:
+    """What a design is simulated in, condition by condition; of a `Yield` its samples, or so many fresh ones."""
+    names, found = tuple(specification.variables), []
+    for condition, values in specification.conditions.items():
+        given = {name: jnp.asarray(value, float) for name, value in values.items()}
+        where = specification.suffix(condition)
+        if isinstance(specification.manufacture, Yield):
+            draws = specification.manufacture.draws(names, fresh, seed)
+            known = parameters(replace(specification.mechanism, values))
+            others = {n: np.asarray(known[n].value) * f for n, f in draws.items() if n not in names}
+            for i in range(fresh or specification.manufacture.samples):
+                moved = {n: jnp.asarray(f[i], float) for n, f in others.items()}
+                row = np.array([draws[n][i] for n in names])
+                found.append(Scenario(f"{where}, sample {i + 1}", {**given, **moved}, row))
+        elif isinstance(specification.manufacture, Band):
+            for row in specification.manufacture.factors(len(names)):
+                found.append(Scenario(f"{where}, clearances times {' '.join(f'{f:g}' for f in row)}", given, row))
+        else:
+            found.append(Scenario(where, given, np.ones(len(names))))
+    return found

@@ -1,0 +1,127 @@
+"""What a designer asks, checked and in one form: what may vary, what must hold in which conditions, what it costs."""
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+
+from clearance_jax.analysis.metrics import AbstractMetric, Peak
+from clearance_jax.design.manufacture import Band, Yield
+from clearance_jax.errors import ClearanceError
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.parameters import check_values, parameters, replace, units_of, values_of
+from clearance_jax.solve.simulate import check_arguments
+
+# Peaks that are limits each: where the highest changes place, the next one has been watched already.
+PEAKS = 3
+
+
+class Limit(eqx.Module):
+    """A metric that must not exceed a bound (> 0, in the metric's unit) in any condition."""
+
+    metric: AbstractMetric
+    bound: float
+    name: str = eqx.field(static=True, default="")
+
+    def __check_init__(self):
+        if not (np.isfinite(self.bound) and self.bound > 0):
+            raise ClearanceError(f"The bound of a limit must be a positive number, but it is {self.bound}.")
+
+    @property
+    def title(self) -> str:
+        """The given name, or the metric's."""
+        signal = getattr(self.metric, "signal", None)
+        parts = [type(self.metric).__name__] + ([] if signal is None else [type(signal).__name__])
+        of = next((getattr(signal, n) for n in ("point", "joint", "body") if hasattr(signal, n)), None)
+        return self.name or " ".join(parts) + ("" if of is None else f" of {of}")
+
+    @property
+    def simulation_metric(self) -> AbstractMetric:
+        """The metric that is solved for: of a peak some more peaks too."""
+        single = isinstance(self.metric, Peak) and self.metric.count == 1
+        return Peak(self.metric.signal, PEAKS) if isinstance(self.metric, Peak) and single else self.metric
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class Specification:
+    """A `ToleranceProblem`'s arguments in one form: `costs` one by one in the order of `variables`, none where the
+    largest clearance is wanted; `conditions` by name, at least one.
+
+    **Raises:** `ClearanceError` for unknown names, limits of one title, numbers that are not finite or out of bounds.
+    """
+
+    mechanism: Mechanism
+    t1: float
+    variables: dict[str, tuple[float, float]]
+    limits: tuple[Limit, ...]
+    costs: tuple[Callable, ...]
+    conditions: dict[str, dict[str, Any]]
+    manufacture: Band | Yield | None
+    rtol: float
+    solver: str
+
+    def __post_init__(self):
+        check_arguments(self.mechanism, 0.0, self.t1, self.rtol, self.solver)
+        if not self.variables or not self.limits:
+            raise ClearanceError("A design problem wants at least one variable and one limit.")
+        called = [limit.title for limit in self.limits]
+        for title in called:
+            if called.count(title) > 1:
+                raise ClearanceError(f"Two limits are called `{title}`: give each a name of its own.")
+        for name, values in self.conditions.items():
+            self._check_condition(name, values)
+
+    def _check_condition(self, name: str, values: dict[str, Any]) -> None:
+        try:
+            moved = replace(self.mechanism, values)
+            for end in (0, 1):
+                check_values(replace(moved, {name: ends[end] for name, ends in self.variables.items()}))
+            if isinstance(self.manufacture, Yield):
+                values_of(moved, tuple(self.manufacture.scatter))  # an unknown name raises here
+            known = parameters(moved)
+        except ClearanceError as error:
+            raise ClearanceError(f"In `{name}`: {error}") from None
+        for variable in self.variables:
+            if variable in values:
+                raise ClearanceError(f"`{variable}` is a variable, so `{name}` cannot set it.")
+            if variable in known and np.ndim(known[variable].value):
+                raise ClearanceError(f"`{variable}` is an array: name one of its entries, `{variable}.0`.")
+
+    @property
+    def common(self) -> bool:
+        """Whether the largest clearance is wanted, common to all variables."""
+        return not self.costs
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What the solver varies: the variables, or their common value."""
+        return ("common clearance",) if self.common and len(self.variables) > 1 else tuple(self.variables)
+
+    @property
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Least and greatest values of what the solver varies."""
+        lower, upper = np.array(list(self.variables.values())).T
+        return (lower, upper) if len(self.names) == len(lower) else (lower.max(keepdims=True), upper.min(keepdims=True))
+
+    @property
+    def units(self) -> dict[str, str]:
+        """The variables' units by name."""
+        return units_of(self.mechanism, self.variables)
+
+    def values(self, x: np.ndarray) -> np.ndarray:
+        """The variables' values at a solver's point."""
+        return np.broadcast_to(x, (len(self.variables),))
+
+    def clearances(self, x: np.ndarray) -> dict[str, float]:
+        """The variables by name at a solver's point."""
+        return dict(zip(self.variables, self.values(x).tolist(), strict=True))
+
+    def suffix(self, condition: str) -> str:
+        """How a title names a condition: not at all where there is one only."""
+        return f" ({condition})" if len(self.conditions) > 1 else ""
+
+    def as_designed(self) -> "Specification":
+        """The same for parts that come out exactly as designed."""
+        return dataclasses.replace(self, manufacture=None)
