@@ -179,7 +179,7 @@ class TestFriction:
 class Ageing(laws.AbstractNormalLaw):
     """A law that goes on while apart: it remembers how long it has been squeezed or free."""
 
-    squeeze: Any
+    squeeze: Any = None
     smoothness: ClassVar = "C1"
     remembers: ClassVar = ("age",)
     acts_apart: ClassVar = True

@@ -6,7 +6,7 @@ import inspect
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax
 import numpy as np
@@ -379,7 +379,7 @@ def _normal(table: Table, joint: Table):
         inner.finish()
     else:
         # In which unit, the law knows once it has its other numbers.
-        provisional: AbstractNormalLaw = factory(**{"stiffness": 1.0, **values})
+        provisional = cast(AbstractNormalLaw, factory(**{"stiffness": 1.0, **values}))
         words = provisional.units()
         unit = resolved_unit(_unit_of(cls, "stiffness"), words)
         values["stiffness"] = to_si(given, unit, table.key("stiffness"))

@@ -13,10 +13,11 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
-from clearance_jax.dynamics.field import rate
+from clearance_jax.dynamics.field import slope
 from clearance_jax.dynamics.observe import observe
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.state import layout
 from clearance_jax.parameters import parameters
 from clearance_jax.solve.flow import Solution
 from clearance_jax.solve.trace import Trace
@@ -83,7 +84,8 @@ def _force_rate(mechanism, time, y):
     ready = mechanism.prepared()
 
     def at(t, y):
-        along = jnp.ones_like(t), rate(t, y, ready)
+        y = y[: layout(ready).size]
+        along = jnp.ones_like(t), slope(t, y, ready)
         return jax.jvp(lambda t, y: observe(t, y, ready)["contact_force"], (t, y), along)[1]
 
     return jax.vmap(at)(time, y)
