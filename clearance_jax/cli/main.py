@@ -82,7 +82,8 @@ def simulate(
     Ctrl-C stops the solve and keeps what was computed.
     """
     mechanism, scene = _mechanism(scene_file, settings, ideal)
-    from clearance_jax.results.dataset import save, to_dataset
+    from clearance_jax.results.dataset import to_dataset
+    from clearance_jax.results.store import save
     from clearance_jax.solve.simulate import SOLVERS
     from clearance_jax.solve.trace import trace
     from clearance_jax.units import to_si
@@ -188,7 +189,7 @@ def plot(
 ) -> None:
     """Draw the figure of a result file."""
     from clearance_jax.report.figures import overview, save_figure
-    from clearance_jax.results.dataset import load_dataset
+    from clearance_jax.results.store import load_dataset
 
     output = result_file.with_suffix(".png") if output is None else output
     _writable(output, FIGURES)

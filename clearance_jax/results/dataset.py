@@ -1,11 +1,7 @@
-"""From a solution to a labelled dataset: variables with units, provenance, contact episodes; save and load.
-
-`VARIABLES` is the one table of what can appear; plots know nothing else.
-"""
+"""From a solution to a labelled dataset: variables with units, provenance, contact episodes."""
 
 from importlib.metadata import version
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -16,59 +12,9 @@ import xarray as xr
 from clearance_jax.dynamics.field import observe, rate
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism, parameters
+from clearance_jax.results.variables import EPISODES, STEPS, VARIABLES, Variable, attributes, labels
 from clearance_jax.solve.flow import Solution
 from clearance_jax.solve.trace import Trace
-
-
-class Variable(NamedTuple):
-    """Dimensions after time, SI unit, meaning."""
-
-    dims: tuple[str, ...]
-    unit: str
-    meaning: str
-
-
-VARIABLES = {
-    "q": Variable(("coordinate",), "rad or m", "joint coordinate"),
-    "v": Variable(("coordinate",), "rad/s or m/s", "rate of the joint coordinate"),
-    "position": Variable(("point", "axis"), "m", "position of a named point"),
-    "velocity": Variable(("point", "axis"), "m/s", "velocity of a named point"),
-    "acceleration": Variable(("point", "axis"), "m/s^2", "acceleration of a named point"),
-    "eccentricity": Variable(("joint", "axis"), "m", "pin centre from sleeve centre, in the sleeve's axes"),
-    "penetration": Variable(("joint",), "m", "overlap of pin and sleeve (negative: apart)"),
-    "penetration_rate": Variable(("joint",), "m/s", "rate of the penetration (positive: approach)"),
-    "contact_force": Variable(("joint",), "N", "normal contact force"),
-    "friction_force": Variable(("joint",), "N", "traction on the pin"),
-    "slip_velocity": Variable(("joint",), "m/s", "slip of the pin's surface on the sleeve's"),
-    "contact_state": Variable(("joint",), "1", "0 free, 1 contact, 2 impact"),
-    "joint_reaction": Variable(("any_joint", "axis"), "N", "force on the child body, world axes"),
-    "drive_force": Variable(("drive",), "N m or N", "effort of a prescribed coordinate"),
-    "kinetic_energy": Variable((), "J", "kinetic energy"),
-    "potential_energy": Variable((), "J", "potential energy of weight"),
-    "elastic_energy": Variable((), "J", "elastic energy of contacts and springs"),
-    "drive_work": Variable((), "J", "work of drives and actuators since the start"),
-    "damping_loss": Variable((), "J", "energy lost in contact damping and dampers since the start"),
-    "friction_loss": Variable((), "J", "energy lost in friction since the start"),
-    "exchanged": Variable((), "J", "sum of absolute powers of drives and inertia since the start"),
-}
-
-# Of a trace: what each clearance joint did at every step end, every touch and every separation among them.
-STEPS = {
-    "step_time": Variable((), "s", "end of an integration step"),
-    "step_eccentricity": Variable(("joint", "axis"), "m", "pin centre from sleeve centre at the step ends"),
-    "step_force": Variable(("joint",), "N", "normal contact force at the step ends"),
-    "step_state": Variable(("joint",), "1", "0 free, 1 contact, 2 impact, at the step ends"),
-}
-
-EPISODES = {
-    "episode_joint": Variable((), "1", "which clearance joint (index)"),
-    "episode_start": Variable((), "s", "first touch"),
-    "episode_end": Variable((), "s", "separation (NaN: still in contact at the end)"),
-    "impact_speed": Variable((), "m/s", "approach speed at first touch"),
-    "peak_force": Variable((), "N", "largest normal force, refined between steps"),
-    "peak_time": Variable((), "s", "when the largest normal force acts"),
-    "restitution": Variable((), "1", "separation speed over impact speed (NaN: still in contact)"),
-}
 
 _observe = eqx.filter_jit(
     lambda mechanism, time, y: jax.vmap(lambda t, y: observe(t, y, mechanism.prepared()))(time, y)
@@ -106,13 +52,8 @@ def to_dataset(mechanism: Mechanism, solution: Solution | Trace, **provenance: A
     if not reached.all():  # a solve that stopped early: keep what it computed
         solved = eqx.tree_at(lambda s: (s.time, s.y), solved, (solved.time[reached], solved.y[reached]))
     seen = {k: np.asarray(v) for k, v in _observe(mechanism, solved.time, solved.y).items()}
-    joints = [joint.name for joint in mechanism.clearance_joints()]
-    coords: dict[str, Any] = {"time": ("time", np.asarray(solved.time), {"units": "s"}), "axis": ["x", "y"]}
-    coords["coordinate"] = [c.name for c in mechanism.coordinates()]
-    coords["point"] = [p.name for p in mechanism.points]
-    coords["joint"] = joints
-    coords["any_joint"] = [j.name for j in mechanism.all_joints()]
-    coords["drive"] = [c.name for c in mechanism.coordinates() if not c.motion.is_free]
+    joints = mechanism.clearance_joints()
+    labelled = labels(mechanism)
     episodes: dict[str, Any] = {}
     steps: dict[str, Any] = {}
     if joints:
@@ -126,10 +67,12 @@ def to_dataset(mechanism: Mechanism, solution: Solution | Trace, **provenance: A
                 "step_force": at_steps["contact_force"],
                 "step_state": contact_states(traced.time, at_steps["penetration"], impacts),
             }
-        seen["contact_state"] = contact_states(coords["time"][1], seen["penetration"], impacts)
-    data = _variables("time", seen, VARIABLES)
-    data |= _variables("step", steps, STEPS) | _variables("episode", episodes, EPISODES)
+        seen["contact_state"] = contact_states(np.asarray(solved.time), seen["penetration"], impacts)
+    data = _variables("time", seen, VARIABLES, labelled)
+    data |= _variables("step", steps, STEPS, labelled) | _variables("episode", episodes, EPISODES, labelled)
     used = {dim for dims, _, _ in data.values() for dim in dims}
+    coords: dict[str, Any] = {"time": ("time", np.asarray(solved.time), {"units": "s"})}
+    coords |= {name: label for name, label in labelled.items() if label[0] in used}
     attrs = {
         "software": f"clearance_jax {version('clearance-jax')}",
         "mechanism": mechanism.name,
@@ -140,15 +83,15 @@ def to_dataset(mechanism: Mechanism, solution: Solution | Trace, **provenance: A
         **{f"parameter.{n}": np.asarray(leaf.value) for n, leaf in parameters(mechanism).items()},
         **provenance,
     }
-    return xr.Dataset(data, {k: v for k, v in coords.items() if k in used}, attrs)
+    return xr.Dataset(data, coords, attrs)
 
 
-def _variables(first: str, values: dict[str, Any], described: dict[str, Variable]) -> dict[str, tuple]:
+def _variables(first: str, values: dict[str, Any], described: dict[str, Variable], labelled) -> dict[str, tuple]:
     """Xarray's (dimensions, values, attributes) of every value; `first` is the leading dimension."""
     out = {}
     for name, value in values.items():
-        dims, unit, meaning = described[name]
-        out[name] = ((first, *dims), np.asarray(value), {"units": unit, "long_name": meaning})
+        variable = described[name]
+        out[name] = ((first, *variable.dims), np.asarray(value), attributes(variable, labelled))
     return out
 
 
@@ -236,24 +179,3 @@ def _impact_end(t, rate, open_ended: bool) -> float:
         if t[following] - t[last] >= t[last] - t[0]:
             return float(min(end, t[last]))
     return float(min(end, t[lively[-1]] if open_ended else end))
-
-
-def save(dataset: xr.Dataset, path: str | Path) -> None:
-    """Write to NetCDF without loss, whole or not at all. **Raises** `ClearanceError` for a path not writable."""
-    path = Path(path)
-    partial = path.with_name(path.name + ".partial")
-    try:
-        dataset.to_netcdf(partial, engine="h5netcdf", invalid_netcdf=False)
-        partial.replace(path)
-    except OSError as error:
-        partial.unlink(missing_ok=True)
-        raise ClearanceError(f"Cannot write `{path}`: {error.strerror or error}. Choose another `-o` path.") from error
-
-
-def load_dataset(path: str | Path) -> xr.Dataset:
-    """Read a dataset written by `save`."""
-    try:
-        with xr.open_dataset(path, engine="h5netcdf") as file:
-            return file.load()
-    except (OSError, ValueError) as error:
-        raise ClearanceError(f"Cannot read `{path}` as a result file: {error}.") from error
