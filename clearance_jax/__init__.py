@@ -22,7 +22,8 @@ from clearance_jax.mechanism.drives import ConstantSpeed, Harmonic, Spline, Step
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.tree import Fixed, Prismatic, Revolute
 from clearance_jax.parameters import parameters, replace
-from clearance_jax.results.dataset import load_dataset, save, to_dataset
+from clearance_jax.results.dataset import to_dataset
+from clearance_jax.results.store import load_dataset, save
 from clearance_jax.solve.flow import Solution
 from clearance_jax.solve.simulate import simulate
 from clearance_jax.solve.trace import Trace, trace

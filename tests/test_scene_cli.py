@@ -17,7 +17,8 @@ from clearance_jax.cli.main import app, main
 from clearance_jax.io.scene import load_scene
 from clearance_jax.mechanism.expressions import read_expression
 from clearance_jax.report.figures import overview
-from clearance_jax.results.dataset import load_dataset, save, to_dataset
+from clearance_jax.results.dataset import to_dataset
+from clearance_jax.results.store import load_dataset, save
 from clearance_jax.solve.trace import trace
 
 SCENES = Path(__file__).parents[1] / "experiments" / "scenes"

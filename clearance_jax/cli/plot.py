@@ -14,7 +14,7 @@ def plot(
 ) -> None:
     """Draw the figure of a result file."""
     from clearance_jax.report.figures import overview, save_figure
-    from clearance_jax.results.dataset import load_dataset
+    from clearance_jax.results.store import load_dataset
 
     output = result_file.with_suffix(".png") if output is None else output
     check_writable(output, FIGURES)

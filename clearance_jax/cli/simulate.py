@@ -39,7 +39,8 @@ def simulate(
     Ctrl-C stops the solve and keeps what was computed.
     """
     mechanism, scene = read_mechanism(scene_file, settings, ideal)
-    from clearance_jax.results.dataset import save, to_dataset
+    from clearance_jax.results.dataset import to_dataset
+    from clearance_jax.results.store import save
 
     check_writable(output)
     check_writable(plot, FIGURES)

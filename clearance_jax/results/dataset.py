@@ -1,263 +1,133 @@
-"""From a solution to a labelled dataset: variables with units, provenance, contact episodes; save and load.
-
-`VARIABLES` is the one table of what can appear; plots know nothing else.
-"""
+"""From a solution to a labelled dataset: variables with units, provenance, contact episodes."""
 
 from importlib.metadata import version
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
-from clearance_jax.dynamics.field import slope
-from clearance_jax.dynamics.observe import observe
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.mechanism.state import layout
 from clearance_jax.parameters import parameters
+from clearance_jax.results import blocks, episodes
+from clearance_jax.results.blocks import Progress, in_blocks
+from clearance_jax.results.peaks import Peaks, peaks
+from clearance_jax.results.variables import EPISODES, STEPS, VARIABLES, Variable, attributes, labels
 from clearance_jax.solve.flow import Solution
 from clearance_jax.solve.trace import Trace
 
-
-class Variable(NamedTuple):
-    """Dimensions after time, SI unit, meaning."""
-
-    dims: tuple[str, ...]
-    unit: str
-    meaning: str
+# Part of the work done once every sample and step end has been looked at: what is left are the peaks inside steps.
+_LOOKED_AT = 0.9
 
 
-VARIABLES = {
-    "q": Variable(("coordinate",), "rad or m", "joint coordinate"),
-    "v": Variable(("coordinate",), "rad/s or m/s", "rate of the joint coordinate"),
-    "position": Variable(("point", "axis"), "m", "position of a named point"),
-    "velocity": Variable(("point", "axis"), "m/s", "velocity of a named point"),
-    "acceleration": Variable(("point", "axis"), "m/s^2", "acceleration of a named point"),
-    "eccentricity": Variable(("joint", "axis"), "m", "pin centre from sleeve centre, in the sleeve's axes"),
-    "penetration": Variable(("joint",), "m", "overlap of pin and sleeve (negative: apart)"),
-    "penetration_rate": Variable(("joint",), "m/s", "rate of the penetration (positive: approach)"),
-    "contact_force": Variable(("joint",), "N", "normal contact force"),
-    "friction_force": Variable(("joint",), "N", "traction on the pin"),
-    "slip_velocity": Variable(("joint",), "m/s", "slip of the pin's surface on the sleeve's"),
-    "contact_state": Variable(("joint",), "1", "0 free, 1 contact, 2 impact"),
-    "joint_reaction": Variable(("any_joint", "axis"), "N", "force on the child body, world axes"),
-    "drive_force": Variable(("drive",), "N m or N", "effort of a prescribed coordinate"),
-    "kinetic_energy": Variable((), "J", "kinetic energy"),
-    "potential_energy": Variable((), "J", "potential energy of weight"),
-    "elastic_energy": Variable((), "J", "elastic energy of contacts and springs"),
-    "drive_work": Variable((), "J", "work of drives and actuators since the start"),
-    "damping_loss": Variable((), "J", "energy lost in contact damping and dampers since the start"),
-    "friction_loss": Variable((), "J", "energy lost in friction since the start"),
-    "exchanged": Variable((), "J", "sum of absolute powers of drives and inertia since the start"),
-}
-
-# Of a trace: what each clearance joint did at every step end, every touch and every separation among them.
-STEPS = {
-    "step_time": Variable((), "s", "end of an integration step"),
-    "step_eccentricity": Variable(("joint", "axis"), "m", "pin centre from sleeve centre at the step ends"),
-    "step_force": Variable(("joint",), "N", "normal contact force at the step ends"),
-    "step_state": Variable(("joint",), "1", "0 free, 1 contact, 2 impact, at the step ends"),
-}
-
-EPISODES = {
-    "episode_joint": Variable((), "1", "which clearance joint (index)"),
-    "episode_start": Variable((), "s", "first touch"),
-    "episode_end": Variable((), "s", "separation (NaN: still in contact at the end)"),
-    "impact_speed": Variable((), "m/s", "approach speed at first touch"),
-    "peak_force": Variable((), "N", "largest normal force, refined between steps"),
-    "peak_time": Variable((), "s", "when the largest normal force acts"),
-    "restitution": Variable((), "1", "separation speed over impact speed (NaN: still in contact)"),
-}
-
-_observe = eqx.filter_jit(
-    lambda mechanism, time, y: jax.vmap(lambda t, y: observe(t, y, mechanism.prepared()))(time, y)
-)
-
-
-@eqx.filter_jit
-def _force_rate(mechanism, time, y):
-    """Time derivative of every contact force along the motion [N/s]."""
-    ready = mechanism.prepared()
-
-    def at(t, y):
-        y = y[: layout(ready).size]
-        along = jnp.ones_like(t), slope(t, y, ready)
-        return jax.jvp(lambda t, y: observe(t, y, ready)["contact_force"], (t, y), along)[1]
-
-    return jax.vmap(at)(time, y)
-
-
-def to_dataset(mechanism: Mechanism, solution: Solution | Trace, **provenance: Any) -> xr.Dataset:
+def to_dataset(
+    mechanism: Mechanism, solution: Solution | Trace, *, progress: Progress | None = None, **provenance: Any
+) -> xr.Dataset:
     """Everything observable of a solution as an `xarray.Dataset`.
 
     A `Trace` also gives contact episodes and the three contact states (an impact is recognised by its episode).
 
-    **Arguments:** `provenance`: anything to be kept as attributes beside version, result and counts.
+    **Arguments:** `progress`: called with the fraction done; `provenance`: anything to be kept as attributes beside
+    version, result and counts.
     """
-    traced = solution if isinstance(solution, Trace) else None
-    solved = traced.solution if traced else solution
-    assert isinstance(solved, Solution)
+    joints = len(mechanism.clearance_joints())
+    traced = solution if isinstance(solution, Trace) and joints and solution.time.size > 1 else None
+    solved = solution.solution if isinstance(solution, Trace) else solution
+    time, y = _samples(solved)
+    share = 1.0 if traced is None else _LOOKED_AT * time.size / (time.size + traced.time.size)
+    seen = in_blocks(blocks.observed, mechanism, time, y, progress=_part(progress, 0.0, share))
+    steps, table, impacts = {}, {}, [episodes.NO_IMPACTS] * joints
+    if traced is not None:
+        steps, table, impacts = _of_trace(mechanism, traced, _part(progress, share, 1.0))
+    if joints:
+        seen["contact_state"] = _states(time, seen["penetration"], impacts)
+    labelled = labels(mechanism)
+    data = {
+        **_variables("time", seen, VARIABLES, labelled),
+        **_variables("step", steps, STEPS, labelled),
+        **_variables("episode", table, EPISODES, labelled),
+    }
+    used = {dim for dims, _, _ in data.values() for dim in dims}
+    coords: dict[str, Any] = {"time": ("time", time, {"units": "s"})}
+    coords |= {name: label for name, label in labelled.items() if label[0] in used}
+    return xr.Dataset(data, coords, _attributes(mechanism, solved, solution.message or "successful") | provenance)
+
+
+def _samples(solved: Solution) -> tuple[np.ndarray, np.ndarray]:
+    """Times and states that the solve reached."""
     if solved.time.ndim != 1:
         raise ClearanceError(
             f"A dataset holds one solve, but this is a batch of shape {solved.time.shape[:-1]}. Take one lane: "
             "`jax.tree.map(lambda x: x[i], solution)`."
         )
-    reached = np.isfinite(np.asarray(solved.time))
-    if not reached.all():  # a solve that stopped early: keep what it computed
-        solved = eqx.tree_at(lambda s: (s.time, s.y), solved, (solved.time[reached], solved.y[reached]))
-    seen = {k: np.asarray(v) for k, v in _observe(mechanism, solved.time, solved.y).items()}
-    joints = [joint.name for joint in mechanism.clearance_joints()]
-    coords: dict[str, Any] = {"time": ("time", np.asarray(solved.time), {"units": "s"}), "axis": ["x", "y"]}
-    coords["coordinate"] = [c.name for c in mechanism.coordinates()]
-    coords["point"] = [p.name for p in mechanism.points]
-    coords["joint"] = joints
-    coords["any_joint"] = [j.name for j in mechanism.all_joints()]
-    coords["drive"] = [c.name for c in mechanism.coordinates() if not c.motion.is_free]
-    episodes: dict[str, Any] = {}
-    steps: dict[str, Any] = {}
-    if joints:
-        impacts = []
-        if traced is not None and traced.time.size > 1:
-            at_steps = {k: np.asarray(v) for k, v in _observe(mechanism, traced.time, traced.y).items()}
-            episodes, impacts = contact_episodes(mechanism, traced, at_steps)
-            steps = {
-                "step_time": traced.time,
-                "step_eccentricity": at_steps["eccentricity"],
-                "step_force": at_steps["contact_force"],
-                "step_state": contact_states(traced.time, at_steps["penetration"], impacts),
-            }
-        seen["contact_state"] = contact_states(coords["time"][1], seen["penetration"], impacts)
-    data = _variables("time", seen, VARIABLES)
-    data |= _variables("step", steps, STEPS) | _variables("episode", episodes, EPISODES)
-    used = {dim for dims, _, _ in data.values() for dim in dims}
-    attrs = {
+    time, y = np.asarray(solved.time), np.asarray(solved.y)
+    reached = np.isfinite(time)
+    return time[reached], y[reached]
+
+
+def _of_trace(mechanism: Mechanism, trace: Trace, progress: Progress | None) -> tuple[dict, dict, list]:
+    """The variables of the step ends, the table of episodes, and of each joint when its impacts begin and end."""
+    t, y = np.asarray(trace.time), np.asarray(trace.y)
+    seen = in_blocks(blocks.at_step_ends, mechanism, t, y, progress=_part(progress, 0.0, _LOOKED_AT))
+    names = "penetration", "penetration_rate", "contact_force", "force_rate"
+    tables, impacts = [], []
+    for joint in range(seen["penetration"].shape[1]):
+        ends = episodes.StepEnds(t, *(seen[name][:, joint] for name in names))
+        spans = episodes.spans(t, ends.penetration)
+        top = _peaks(mechanism, y, joint, ends, spans)
+        own = {"episode_joint": np.full(top.time.size, joint), "peak_force": top.force, "peak_time": top.time}
+        tables.append(own | episodes.table(ends, spans))
+        impacts.append((t[spans.first], episodes.impact_ends(t, ends.penetration_rate, spans)))
+    steps = {
+        "step_time": t,
+        "step_eccentricity": seen["eccentricity"],
+        "step_force": seen["contact_force"],
+        "step_state": _states(t, seen["penetration"], impacts),
+    }
+    if progress is not None:
+        progress(1.0)
+    return steps, {name: np.concatenate([rows[name] for rows in tables]) for name in EPISODES}, impacts
+
+
+def _peaks(mechanism: Mechanism, y: np.ndarray, joint: int, ends: episodes.StepEnds, spans: episodes.Spans) -> Peaks:
+    """The largest force of every episode of a joint (by its place among the clearance joints)."""
+
+    def force(step, s):
+        begin = ends.time[step]
+        arrays = begin, y[step], ends.time[step + 1] - begin, s
+        forces, slopes = in_blocks(blocks.force_inside, mechanism, *arrays, size=blocks.FEW)
+        return forces[:, joint], slopes[:, joint]
+
+    return peaks(ends, spans, force)
+
+
+def _states(time: np.ndarray, penetration: np.ndarray, impacts: list) -> np.ndarray:
+    """The contact states of every joint (time, joint)."""
+    columns = [episodes.contact_states(time, penetration[:, j], *own) for j, own in enumerate(impacts)]
+    return np.stack(columns, axis=1)
+
+
+def _attributes(mechanism: Mechanism, solved: Solution, message: str) -> dict[str, Any]:
+    """What a dataset says of its making: version, result, counts and every number of the mechanism."""
+    return {
         "software": f"clearance_jax {version('clearance-jax')}",
         "mechanism": mechanism.name,
-        "result": (traced.message if traced else solved.message) or "successful",
+        "result": message,
         "accepted_steps": int(solved.steps),
         "rejected_steps": int(solved.rejected),
         "energy_residual": float(solved.energy_residual),
         **{f"parameter.{n}": np.asarray(leaf.value) for n, leaf in parameters(mechanism).items()},
-        **provenance,
     }
-    return xr.Dataset(data, {k: v for k, v in coords.items() if k in used}, attrs)
 
 
-def _variables(first: str, values: dict[str, Any], described: dict[str, Variable]) -> dict[str, tuple]:
+def _part(progress: Progress | None, begin: float, end: float) -> Progress | None:
+    """Progress of a part of the whole."""
+    return None if progress is None else lambda fraction: progress(begin + fraction * (end - begin))
+
+
+def _variables(first: str, values: dict[str, Any], described: dict[str, Variable], labelled) -> dict[str, tuple]:
     """Xarray's (dimensions, values, attributes) of every value; `first` is the leading dimension."""
-    out = {}
-    for name, value in values.items():
-        dims, unit, meaning = described[name]
-        out[name] = ((first, *dims), np.asarray(value), {"units": unit, "long_name": meaning})
-    return out
-
-
-def contact_states(time, penetration, impacts: list[tuple[int, float, float]]) -> np.ndarray:
-    """0 free, 1 contact, 2 impact, for times and penetrations (time, joint)."""
-    touching = penetration > 0
-    states = touching.astype(np.int8)
-    for joint, begin, end in impacts:
-        states[(time >= begin) & (time <= end) & touching[:, joint], joint] = 2
-    return states
-
-
-def contact_episodes(mechanism: Mechanism, trace: Trace, seen: dict[str, np.ndarray]) -> tuple[dict[str, list], list]:
-    """The table of contact episodes from what was `seen` at the step ends, and for each the interval in which it is an
-    impact, (joint, begin, end).
-
-    Step ends lie on every touch and separation. A peak is the top of the cubic through force and rate at the step ends
-    around it. An impact lasts until separation, or, where contact goes on, until the penetration has been
-    through one compression and restitution (the second change of sign of its rate), or the rate has died away.
-    """
-    rates = np.asarray(_force_rate(mechanism, trace.time, trace.y))
-    table: dict[str, list] = {name: [] for name in EPISODES}
-    impacts = []
-    for joint in range(seen["penetration"].shape[1]):
-        touching = np.concatenate([[False], seen["penetration"][:, joint] > 0, [False]])
-        begins = np.flatnonzero(touching[1:] & ~touching[:-1])
-        ends = np.flatnonzero(~touching[1:] & touching[:-1])
-        # A touch within round-off of the sleeve's surface may read as apart at one step end: not a separation.
-        for begin, end in _merged(trace.time, begins, ends):
-            part = slice(begin, min(end + 1, trace.time.size))
-            t, force, speed = (
-                trace.time[part],
-                seen["contact_force"][part, joint],
-                seen["penetration_rate"][part, joint],
-            )
-            open_ended = bool(end >= trace.time.size)
-            peak_time, peak = _peak(t, force, rates[part, joint])
-            table["episode_joint"].append(joint)
-            table["episode_start"].append(t[0])
-            table["episode_end"].append(np.nan if open_ended else t[-1])
-            table["impact_speed"].append(speed[0])
-            table["peak_force"].append(peak)
-            table["peak_time"].append(peak_time)
-            table["restitution"].append(np.nan if open_ended or speed[0] <= 0 else -speed[-1] / speed[0])
-            impacts.append((joint, t[0], _impact_end(t, speed, open_ended)))
-    return table, impacts
-
-
-def _merged(time, begins, ends):
-    """Episodes with gaps and lengths below 1e-12 s taken away."""
-    out: list[list[int]] = []
-    for begin, end in zip(begins, ends, strict=True):
-        if out and time[begin] - time[min(out[-1][1], time.size - 1)] < 1e-12:
-            out[-1][1] = end
-        else:
-            out.append([begin, end])
-    return [(b, e) for b, e in out if e >= time.size or time[e] - time[b] > 1e-12]
-
-
-def _peak(t, force, rate) -> tuple[float, float]:
-    """Time and height of the largest force: over the step ends, and the tops of the cubic Hermite pieces between."""
-    rising = (rate[:-1] > 0) & (rate[1:] < 0)
-    h, a, b = np.diff(t)[rising], (rate[:-1] * np.diff(t))[rising], (rate[1:] * np.diff(t))[rising]
-    rise = np.diff(force)[rising]
-    # p(s) = f0 + a s + (3 rise - 2a - b) s^2 + (a + b - 2 rise) s^3; p' changes sign once, from a > 0 to b < 0.
-    cubic, square = a + b - 2 * rise, 3 * rise - 2 * a - b
-    s = a / (-square + np.sqrt(square * square - 3 * cubic * a))
-    tops = force[:-1][rising] + s * (a + s * (square + s * cubic))
-    times, heights = np.concatenate([t, t[:-1][rising] + s * h]), np.concatenate([force, tops])
-    k = int(np.argmax(heights))
-    return float(times[k]), float(heights[k])
-
-
-def _impact_end(t, rate, open_ended: bool) -> float:
-    """Second change of sign of the rate, or where it has fallen below 5 % of the impact speed for as long as the impact
-    had lasted until then; separation at the latest.
-    """
-    end = t[-1]
-    turns = np.flatnonzero(np.sign(rate[1:]) != np.sign(rate[:-1]))
-    if turns.size >= 2:
-        end = min(end, t[turns[1] + 1])
-    lively = np.flatnonzero(np.abs(rate) >= 0.05 * abs(rate[0]))
-    pauses = np.flatnonzero(np.diff(lively) > 1)
-    for last, following in zip(lively[pauses], lively[pauses + 1], strict=True):
-        if t[following] - t[last] >= t[last] - t[0]:
-            return float(min(end, t[last]))
-    return float(min(end, t[lively[-1]] if open_ended else end))
-
-
-def save(dataset: xr.Dataset, path: str | Path) -> None:
-    """Write to NetCDF without loss, whole or not at all. **Raises** `ClearanceError` for a path not writable."""
-    path = Path(path)
-    partial = path.with_name(path.name + ".partial")
-    try:
-        dataset.to_netcdf(partial, engine="h5netcdf", invalid_netcdf=False)
-        partial.replace(path)
-    except OSError as error:
-        partial.unlink(missing_ok=True)
-        raise ClearanceError(f"Cannot write `{path}`: {error.strerror or error}. Choose another `-o` path.") from error
-
-
-def load_dataset(path: str | Path) -> xr.Dataset:
-    """Read a dataset written by `save`."""
-    try:
-        with xr.open_dataset(path, engine="h5netcdf") as file:
-            return file.load()
-    except (OSError, ValueError) as error:
-        raise ClearanceError(f"Cannot read `{path}` as a result file: {error}.") from error
+    return {
+        name: ((first, *described[name].dims), value, attributes(described[name], labelled))
+        for name, value in values.items()
+    }

@@ -1,0 +1,113 @@
+"""What is computed of many states: in blocks of one size, by one program for a mechanism's structure, however many.
+
+A program over exactly as many states as a solve happens to have would be compiled anew for every solve, which takes
+longer than the solve. Between blocks Python is in control: progress, and keyboard interrupts.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from clearance_jax._types import Scalar
+from clearance_jax.dynamics.field import slope
+from clearance_jax.dynamics.observe import observe
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.state import layout
+from clearance_jax.solve.problem import Problem
+from clearance_jax.solve.step import try_step
+
+# States a call: measured on the robot's joint and the slider-crank, a smaller block costs more in calls than it saves
+# in padding the last one, a larger one leaves the processor's cache (the slider-crank takes thrice as long a state).
+BLOCK = 2048
+# Instants inside steps a call: there are few, and each is as much work as a step.
+FEW = 256
+
+Progress = Callable[[float], None]
+
+
+def in_blocks(program, mechanism: Mechanism, *arrays, size: int = BLOCK, progress: Progress | None = None) -> Any:
+    """`program(mechanism, *arrays)` over the arrays' leading axis, as NumPy arrays (a tree of them).
+
+    **Arguments:** `program`: jitted, with as many results as it is given entries; `progress`: called with the fraction
+    done.
+    """
+    count = len(arrays[0])
+    out = None
+    for begin in range(0, max(count, 1), size):
+        part = slice(begin, min(begin + size, count))
+        blocks = (_padded(np.asarray(a[part]), size) for a in arrays)
+        now = program(mechanism, *blocks)
+        if out is None:
+            out = jax.tree.map(lambda x: np.empty((count, *x.shape[1:]), x.dtype), now)
+        jax.tree.map(lambda whole, x, part=part: _put(whole, part, x), out, now)
+        if progress is not None:
+            progress(part.stop / count if count else 1.0)
+    return out
+
+
+def _padded(block: np.ndarray, size: int) -> np.ndarray:
+    """The block filled up with its last entry (an empty one with zeros)."""
+    missing = size - len(block)
+    if missing == 0:
+        return block
+    last = block[-1:] if len(block) else np.zeros((1, *block.shape[1:]), block.dtype)
+    return np.concatenate([block, np.repeat(last, missing, axis=0)])
+
+
+def _put(whole: np.ndarray, part: slice, block: Array) -> None:
+    whole[part] = np.asarray(block)[: part.stop - part.start]
+
+
+def _batched(function):
+    """A jitted program over blocks, of a function of one state and a prepared mechanism."""
+    return jax.jit(lambda mechanism, *arrays: jax.vmap(partial(function, mechanism.prepared()))(*arrays))
+
+
+def _observed(mechanism: Mechanism, time: Scalar, y: Array) -> dict[str, Array]:
+    return observe(time, y, mechanism)
+
+
+# What a trace's step ends are asked for; the compiler leaves out what only the other observables need.
+AT_STEP_ENDS = ("eccentricity", "penetration", "penetration_rate", "contact_force")
+
+
+def _at_step_end(mechanism: Mechanism, time: Scalar, y: Array) -> dict[str, Array]:
+    """Of every clearance joint, and the rate of its contact force along the motion [N/s]."""
+    y = y[: layout(mechanism).size]
+    seen, force_rate = _along(mechanism, time, y, slope(time, y, mechanism))
+    return {name: seen[name] for name in AT_STEP_ENDS} | {"force_rate": force_rate}
+
+
+def _along(mechanism: Mechanism, time: Scalar, y: Array, rate: Array) -> tuple[dict[str, Array], Array]:
+    """What is observed of a state that moves at the given rate, and the rate of the contact forces."""
+
+    def force(time, y):
+        seen = observe(time, y, mechanism)
+        return seen["contact_force"], seen
+
+    _, force_rate, seen = jax.jvp(force, (time, y), (jnp.ones_like(time), rate), has_aux=True)
+    return seen, force_rate
+
+
+def _force_inside(mechanism: Mechanism, time: Scalar, y: Array, h: Scalar, s: Scalar) -> tuple[Array, Array]:
+    """Contact forces at a fraction s of the step of size h that starts at a step end, and their slopes per step.
+
+    One step of the eighth order leads there, whatever the solve's own solver: between the ends of its long steps an
+    interpolated penetration would be good for six digits.
+    """
+    # The end of a step up to a drive's break is recorded just past the break: the step itself is that much shorter.
+    part, y = s * jnp.maximum(h - 16 * jnp.finfo(h.dtype).eps * jnp.abs(time), 0.0), y[: layout(mechanism).size]
+    end = time + part
+    trial = try_step(Problem(mechanism), EXACT, (time, end), y, jnp.zeros_like(y), True)
+    seen, force_rate = _along(mechanism, end, trial.end, trial.slope1)
+    return seen["contact_force"], force_rate * h
+
+
+EXACT = diffrax.Dopri8()
+observed, at_step_ends, force_inside = _batched(_observed), _batched(_at_step_end), _batched(_force_inside)

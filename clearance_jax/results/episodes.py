@@ -1,0 +1,119 @@
+"""Contact episodes of a trace: which step ends belong to one contact, how long it is an impact, the contact states.
+
+Every touch and separation is a step end, so an episode is a span of step ends. All of this is about one joint; arrays
+have one entry a step end or one an episode, and nothing here is a loop over either.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+# A joint that reads as apart, or as touching, for less than this has not let go, or not touched [s]: round-off.
+SHORTEST = 1e-12
+# An impact is over once the penetration rate has stayed below this part of the impact speed for as long as it lasted.
+LIVELY = 0.05
+
+
+# When impacts begin and end, where there are none.
+NO_IMPACTS = np.zeros(0), np.zeros(0)
+
+
+class StepEnds(NamedTuple):
+    """What is known of one joint at every step end: time [s], penetration [m] and its rate, normal force [N] and its
+    rate [N/s] along the motion.
+    """
+
+    time: np.ndarray
+    penetration: np.ndarray
+    penetration_rate: np.ndarray
+    force: np.ndarray
+    force_rate: np.ndarray
+
+
+class Spans(NamedTuple):
+    """Episodes by their step ends: first touch, the last one (the separation), and whether contact goes on there."""
+
+    first: np.ndarray
+    last: np.ndarray
+    lasting: np.ndarray
+
+
+class Members(NamedTuple):
+    """The step ends of all spans in one row: their indices, the span of each, and where in the row each span starts."""
+
+    index: np.ndarray
+    span: np.ndarray
+    start: np.ndarray
+
+
+def spans(time: np.ndarray, penetration: np.ndarray) -> Spans:
+    """The episodes of a joint; contacts and pauses of a round-off are none."""
+    touching = np.concatenate([[False], penetration > 0, [False]])
+    first = np.flatnonzero(touching[1:] & ~touching[:-1])
+    end = np.flatnonzero(~touching[1:] & touching[:-1])
+    if first.size == 0:
+        return Spans(first, end, np.zeros(0, bool))
+    apart = time[first[1:]] - time[end[:-1]] >= SHORTEST
+    first, end = first[np.concatenate([[True], apart])], end[np.concatenate([apart, [True]])]
+    lasting, last = end >= time.size, np.minimum(end, time.size - 1)
+    kept = lasting | (time[last] - time[first] > SHORTEST)
+    return Spans(first[kept], last[kept], lasting[kept])
+
+
+def members(found: Spans) -> Members:
+    """The step ends of all spans in one row."""
+    length = found.last - found.first + 1
+    start = np.cumsum(length) - length
+    index = np.arange(np.sum(length, dtype=int)) + np.repeat(found.first - start, length)
+    return Members(index, np.repeat(np.arange(length.size), length), start)
+
+
+def impact_ends(time: np.ndarray, rate: np.ndarray, found: Spans) -> np.ndarray:
+    """When each episode stops being an impact: at separation, or, where contact goes on, when the penetration has been
+    through one compression and restitution (the second change of sign of its rate), or the rate has died away.
+    """
+    ends = time[found.last]
+    if ends.size == 0:
+        return ends
+    index, span, start = members(found)
+    t, r = time[index], rate[index]
+    turns = (np.sign(r[1:]) != np.sign(r[:-1])) & (span[1:] == span[:-1])
+    count = np.concatenate([[0], np.cumsum(turns)])
+    second = 1 + np.flatnonzero(turns & (count[1:] - count[start[span[1:]]] == 2))
+    ends[span[second]] = np.minimum(ends[span[second]], t[second])
+
+    lively = np.flatnonzero(np.abs(r) >= LIVELY * np.abs(r[start])[span])
+    here, following = lively[:-1], lively[1:]
+    lasted, pause = t[here] - t[start[span[here]]], t[following] - t[here]
+    calm = here[(following - here > 1) & (span[here] == span[following]) & (pause >= lasted)]
+    calmed, first = np.unique(span[calm], return_index=True)
+    ends[calmed] = np.minimum(ends[calmed], t[calm[first]])
+    # Of a contact that goes on without such a pause, what comes after the last lively step end is one.
+    restless = found.lasting.copy()
+    restless[calmed] = False
+    last = lively[np.searchsorted(span[lively], np.flatnonzero(restless), side="right") - 1]
+    ends[restless] = np.minimum(ends[restless], t[last])
+    return ends
+
+
+def contact_states(time: np.ndarray, penetration: np.ndarray, begins: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """0 free, 1 contact, 2 impact, at any times of one joint whose impacts, in order, last from `begins` to `ends`."""
+    states = (penetration > 0).astype(np.int8)
+    if begins.size:
+        latest = np.searchsorted(begins, time, side="right") - 1
+        impact = (latest >= 0) & (time <= ends[np.maximum(latest, 0)])
+        states[impact & (penetration > 0)] = 2
+    return states
+
+
+def table(seen: StepEnds, found: Spans) -> dict[str, np.ndarray]:
+    """What the step ends themselves tell of every episode."""
+    start, end = seen.time[found.first], seen.time[found.last]
+    speed, parting = seen.penetration_rate[found.first], -seen.penetration_rate[found.last]
+    known = ~found.lasting & (speed > 0)
+    return {
+        "episode_start": start,
+        "episode_end": np.where(found.lasting, np.nan, end),
+        "impact_speed": speed,
+        "restitution": np.where(known, parting / np.where(known, speed, 1.0), np.nan),
+    }
