@@ -38,10 +38,13 @@ class Trace(eqx.Module):
 
 
 class Steps(NamedTuple):
-    """The steps of a block, with room for `BLOCK`: when each begins and ends, and its try."""
+    """The steps of a block, with room for `BLOCK`: when each begins and ends, where the next one begins (just past a
+    break of a drive before which this one ends), and its try.
+    """
 
     begin: Array
     end: Array
+    next: Array
     trial: Trial
 
 
@@ -58,13 +61,13 @@ def _block(problem: Problem, allowed: Tolerances, carry: Carry, last, grid, opti
     def once(state):
         carry, steps, count = state
         moved, trial, keep = attempt(carry, problem, options, means, last)
-        now = Steps(carry.time, carry.end, trial)
+        now = Steps(carry.time, carry.end, moved.time, trial)
         # A try that was not kept is overwritten by the next one.
         steps = jax.tree.map(lambda room, x: room.at[count].set(x), steps, now)
         return moved, steps, count + keep
 
     shape = jax.eval_shape(lambda c: attempt(c, problem, options, means, last)[1], carry)
-    one = Steps(carry.time, carry.end, shape)
+    one = Steps(carry.time, carry.end, carry.time, shape)
     room = jax.tree.map(lambda x: jnp.zeros((BLOCK, *x.shape)), one)
     carry, steps, count = jax.lax.while_loop(going, once, (carry, room, jnp.zeros((), int)))
 
@@ -77,7 +80,7 @@ def _block(problem: Problem, allowed: Tolerances, carry: Carry, last, grid, opti
 
     sampled = projected_samples(problem, grid, jax.vmap(sample)(grid, place))
     inside = (grid > steps.begin[0]) & (grid <= jnp.where(count > 0, steps.end[count - 1], -jnp.inf))
-    return carry, ends, steps.trial.end, count, jnp.where(inside[:, None], sampled, jnp.nan)
+    return carry, steps.next, steps.trial.end, count, jnp.where(inside[:, None], sampled, jnp.nan)
 
 
 @eqx.filter_jit
@@ -122,9 +125,9 @@ def trace(
     try:
         while float(carry.time) < t1 and code == Result.REACHED_END:
             # One donated carry would save nothing: a block lasts long.
-            carry, ends, y, count, some = _block(problem, allowed, carry, last, jnp.asarray(grid), options)
+            carry, reached, y, count, some = _block(problem, allowed, carry, last, jnp.asarray(grid), options)
             kept = int(count)
-            times.append(np.asarray(ends)[:kept])
+            times.append(np.asarray(reached)[:kept])
             states.append(np.asarray(y)[:kept])
             some = np.asarray(some)
             new = np.isfinite(some[:, 0])

@@ -1,0 +1,187 @@
+"""One attempt: whatever drives it takes the same steps; its program stays small; each half alone."""
+
+from pathlib import Path
+
+import catalogue
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import clearance_jax as cj
+from clearance_jax import laws
+from clearance_jax.joints import AbstractElement
+from clearance_jax.solve.codes import Result, code_of, words
+from clearance_jax.solve.control import factor, on_grid
+from clearance_jax.solve.switches import Curve, first_of
+from clearance_jax.solve.tableau import tableau_of
+
+SCENES = Path(__file__).parents[1] / "experiments" / "scenes"
+
+
+def playful(normal, friction=None, drive=None):
+    """A pin that falls and bounces in the sleeve of a driven arm."""
+    play = cj.RevoluteClearance(1e-4, 0.01, normal, friction)
+    return cj.Mechanism(
+        bodies=(cj.Body("arm", 1.0, 0.01, cj.Position(0.1)),),
+        joints=(
+            cj.Revolute("hip", "ground", "arm", motion=cj.Motion(drive or cj.ConstantSpeed(20.0)), clearance=play),
+        ),
+        gravity=cj.Gravity(y=-9.81),
+    )
+
+
+CASES = {
+    "contact in a loop": (catalogue.slider_crank(), 6e-3),
+    "memory of a normal law, breaks of a drive": (
+        playful(laws.flores(1e9, 0.6), None, cj.StepSum([0.0, 0.013], [0.013, 0.031], [0.4, -0.3])),
+        0.03,
+    ),
+    "memory of friction": (playful(laws.HuntCrossley(1e9, 0.5), catalogue.FRICTION["lugre"]), 0.01),
+    "ideal closures": (catalogue.slider_crank().ideal(), 6e-3),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_diffrax_and_blocks_take_the_same_steps(case):
+    mechanism, end = CASES[case]
+    times = np.linspace(0, end, 11)
+    alone = cj.simulate(mechanism, end, save_at=times, rtol=1e-7)
+    blocks = cj.trace(mechanism, end, samples=11, rtol=1e-7).solution
+    assert (int(alone.steps), int(alone.rejected)) == (int(blocks.steps), int(blocks.rejected))
+    samples, expected = np.asarray(blocks.y), np.asarray(alone.y)
+    scale = np.maximum(np.abs(expected).max(0), 1e-300)
+    np.testing.assert_allclose(samples / scale, expected / scale, rtol=0, atol=1e-8)
+
+
+def count(jaxpr) -> int:
+    """Operations of a traced program, of every program inside it too."""
+    total = 0
+    for equation in jaxpr.eqns:
+        inner = [
+            part.jaxpr if hasattr(part, "jaxpr") else part
+            for value in equation.params.values()
+            for part in (value if isinstance(value, tuple | list) else [value])
+            if hasattr(part, "jaxpr") or hasattr(part, "eqns")
+        ]
+        total += sum(map(count, inner)) if inner else 1
+    return total
+
+
+def operations(mechanism, t1, **options) -> int:
+    numbers, rest = eqx.partition(mechanism, eqx.is_array)
+
+    def solved(numbers):
+        return cj.simulate(eqx.combine(numbers, rest), t1, save_at=201, **options).final
+
+    return count(jax.make_jaxpr(solved)(numbers).jaxpr)
+
+
+@pytest.mark.parametrize("solver", ["tsit5", "dopri8"])
+def test_programs_stay_small(solver):
+    """With samples and energy books; 10 900 and 43 600 operations before stages, assembly and samples were loops."""
+    assert operations(cj.load(SCENES / "slider_crank.toml"), 0.012, solver=solver) <= 4_000
+    assert operations(cj.load(SCENES / "squeezer.toml"), 0.03, solver=solver) <= 12_000
+
+
+def test_operations_are_counted():
+    def inner(x):
+        return jnp.sin(x) + 1.0
+
+    def outer(x):
+        return jax.lax.fori_loop(0, 3, lambda _, x: jax.jit(inner)(x) * x, x)
+
+    # In the loop: an addition to the counter, sine, addition, product.
+    assert count(jax.make_jaxpr(outer)(1.0).jaxpr) == 4
+
+
+@pytest.mark.parametrize(
+    "solver", [diffrax.Tsit5(), diffrax.Dopri5(), diffrax.Dopri8(), diffrax.Bosh3(), diffrax.Heun()]
+)
+def test_tableaus_end_with_the_end_of_the_step(solver):
+    tableau = tableau_of(solver)
+    np.testing.assert_allclose(tableau.lower.sum(1), tableau.nodes, atol=1e-13)
+    np.testing.assert_allclose(tableau.lower[-1], tableau.weights, atol=1e-15)
+    assert tableau.nodes[-1] == 1
+    assert abs(tableau.errors.sum()) < 1e-13
+
+
+def test_any_explicit_solver_serves():
+    m = catalogue.slider_crank()
+    fine = cj.simulate(m, 2e-3, rtol=1e-9)
+    for solver in (diffrax.Bosh3(), diffrax.Dopri5()):
+        coarse = cj.simulate(m, 2e-3, rtol=1e-6, solver=solver)
+        np.testing.assert_allclose(coarse.final[:4], fine.final[:4], rtol=1e-4)
+
+
+def test_step_sizes():
+    accurate, not_accurate = jnp.asarray(True), jnp.asarray(False)
+    assert float(factor(jnp.asarray(0.9**5), accurate, 5.0)) == pytest.approx(1.0)
+    assert float(factor(jnp.asarray(0.0), accurate, 5.0)) == 10.0
+    assert float(factor(jnp.asarray(jnp.inf), not_accurate, 5.0)) == pytest.approx(0.2)
+    step = on_grid(jnp.asarray(3e-5))
+    assert 3e-5 / 2**0.125 <= float(step) <= 3e-5
+    assert float(on_grid(step)) == float(step)
+
+
+def test_codes_have_words():
+    assert words(Result.REACHED_END) == ""
+    assert all(words(code) for code in Result if code is not Result.REACHED_END)
+    possible = jnp.asarray(True)
+    assert int(code_of(possible, diffrax.RESULTS.successful)) == Result.REACHED_END
+    assert int(code_of(possible, diffrax.RESULTS.max_steps_reached)) == Result.MAX_STEPS
+    assert int(code_of(possible, diffrax.RESULTS.dt_min_reached)) == Result.STEP_COLLAPSED
+    assert int(code_of(~possible, diffrax.RESULTS.successful)) == Result.IMPOSSIBLE
+
+
+def straight(start, end):
+    """The curve of a pin that goes straight from one place to another in a step of 1 ms."""
+    start, end = np.array([*start, 0.0]), np.array([*end, 0.0])
+    return Curve(jnp.asarray(np.stack([start, end - start, *np.zeros((4, 3))])), jnp.asarray(1e-3))
+
+
+def test_first_switch_of_a_known_motion():
+    """The place at which a straight motion touches, by hand."""
+    joint = cj.RevoluteClearance(1e-3, 0.01, laws.Hertz(1e9)).prepared()
+    begin = jnp.asarray(1e-8)
+    first = jax.jit(lambda curve: first_of(joint, curve, (), begin))
+    touch = first(straight((0.0, 0.0), (2e-3, 0.0)))
+    assert 0.5 < float(touch) < 0.5 + 1e-7
+    assert float(first(straight((0.0, 0.0), (0.9e-3, 0.0)))) == np.inf
+
+
+def test_a_graze_between_two_samples_is_found():
+    """A parabola whose top is inside the wall for a thousandth of the step, between two samples."""
+    joint = cj.RevoluteClearance(1e-3, 0.01, laws.Hertz(1e9)).prepared()
+    c, top, s0 = 1e-3, 1e-3 * (1 + 1e-9), 0.453
+    k = 4e-3  # along x: top - k (s - s0)^2
+    zero = np.zeros(3)
+    rows = [np.array([top - k * s0**2, 0, 0]), np.array([2 * k * s0, 0, 0]), np.array([-k, 0, 0]), zero, zero, zero]
+    first = first_of(joint, Curve(jnp.asarray(np.stack(rows)), jnp.asarray(1e-3)), (), jnp.asarray(1e-8))
+    enters = s0 - np.sqrt((top - c) / k)
+    assert enters <= float(first) <= s0 + 1e-6
+
+
+class Film(AbstractElement):
+    """A linear film: it resists the pin's motion in the sleeve at any distance."""
+
+    damping: jnp.ndarray
+
+    def wrench(self, at, geometry):
+        return (-self.damping * at.velocity[0], -self.damping * at.velocity[1]), 0.0
+
+
+def test_an_element_acts_without_touch():
+    """A pin in a film, far from the sleeve: v = v0 exp(-b t / m), and its loss is booked."""
+    play = cj.RevoluteClearance(1e-2, 0.01, laws.Hertz(1e9), element=Film(jnp.asarray(3.0)))
+    m = cj.Mechanism(
+        bodies=(cj.Body("pin", 0.5),),
+        joints=(cj.Revolute("j", "ground", "pin", motion=cj.Motion(cj.ConstantSpeed(0.0)), clearance=play),),
+    )
+    s = cj.simulate(m, 0.3, y0=jnp.array([0.0, 0.0, 0.02, 0.01]), rtol=1e-9)
+    decay = np.exp(-3.0 * 0.3 / 0.5)
+    np.testing.assert_allclose(s.final[2:4], decay * np.array([0.02, 0.01]), rtol=1e-8)
+    np.testing.assert_allclose(s.final[5], 0.25 * (1 - decay**2) * (0.02**2 + 0.01**2), rtol=1e-7)
+    assert float(s.energy_residual) < 1e-8
