@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from clearance_jax._types import Scalar
-from clearance_jax.dynamics.kinematics import Frames
+from clearance_jax.dynamics.kinematics import Extra, Frames
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.body import Body
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -25,10 +25,8 @@ from clearance_jax.spatial import (
     is_zero,
     minus,
     plus,
-    scale,
     subtract,
     times,
-    total,
 )
 
 
@@ -86,23 +84,6 @@ def generalised_load(mechanism: Mechanism, time: Scalar, state: State, motion: F
     for i, coordinate in enumerate(mechanism.free_coordinates()):
         load[i] = plus(load[i], coordinate.motion.effort(time, state.q[i], state.v[i]))
     return load
-
-
-class Extra(NamedTuple):
-    """What the free coordinates' accelerations add to the accelerations of `Frame`."""
-
-    acceleration: list[Term]
-
-    def at(self, frame: Frame, point: Vector) -> Vector:
-        """Extra acceleration of a body's point."""
-        out: Vector = (0.0, 0.0)
-        for column in frame.free:
-            out = add(out, scale(self.acceleration[column.index], column.velocity_at(point)))
-        return out
-
-    def spin_rate(self, frame: Frame) -> Term:
-        """Extra spin rate of a body."""
-        return total(times(column.spin, self.acceleration[column.index]) for column in frame.free)
 
 
 def inertial_load(mechanism: Mechanism, body: Body, frame: Frame, column: Column, extra: Extra | None = None) -> Term:

@@ -12,7 +12,20 @@ from clearance_jax.mechanism.body import GROUND, Spring
 from clearance_jax.mechanism.mechanism import ClearanceJoint, Mechanism
 from clearance_jax.mechanism.state import State, layout
 from clearance_jax.mechanism.tree import Frame, Revolute, place
-from clearance_jax.spatial import Rotation, Vector, dot, minus, subtract
+from clearance_jax.spatial import (
+    Rotation,
+    Term,
+    Vector,
+    add,
+    dot,
+    minus,
+    plus,
+    scale,
+    spin_cross,
+    subtract,
+    times,
+    total,
+)
 
 Frames = dict[str, Frame]
 
@@ -71,6 +84,52 @@ def _arrays(at: Relative) -> Relative:
     x, y = (jnp.asarray(p, float) for p in at.place)
     vx, vy = (jnp.asarray(v, float) for v in at.velocity)
     return Relative((x, y), jnp.asarray(at.angle, float), (vx, vy), jnp.asarray(at.spin, float))
+
+
+class Extra(NamedTuple):
+    """What the free coordinates' accelerations add to the accelerations of `Frame`."""
+
+    acceleration: list[Term]
+
+    def at(self, frame: Frame, point: Vector) -> Vector:
+        """Extra acceleration of a body's point."""
+        out: Vector = (0.0, 0.0)
+        for column in frame.free:
+            out = add(out, scale(self.acceleration[column.index], column.velocity_at(point)))
+        return out
+
+    def spin_rate(self, frame: Frame) -> Term:
+        """Extra spin rate of a body."""
+        return total(times(column.spin, self.acceleration[column.index]) for column in frame.free)
+
+
+def relative_accelerations(
+    time: Scalar, y: Array, slope: Array, mechanism: Mechanism
+) -> list[tuple[Relative, Relative]]:
+    """The relative motion in every clearance joint, and its rate along the motion, for a state and its slope.
+
+    With u the pin's place in the sleeve's axes, R these axes, w the sleeve's spin: u'' = R^T (a_pin - a_sleeve) - 2 w
+    x u', of the pin's centre and the sleeve's material point there.
+    """
+    plan = layout(mechanism)
+    state, motion = plan.split(y), frames(mechanism, time, plan.split(y))
+    speeds = [slope[i] for i in range(plan.v.start, plan.v.stop)]
+    extra, out = Extra(speeds), []
+    for joint in mechanism.clearance_joints():
+        at = play(joint, motion, state)
+        now, (sleeve, pin) = at.relative, (motion[joint.parent], motion[joint.child])
+        spin_rate = minus(plus(pin.spin_rate, extra.spin_rate(pin)), plus(sleeve.spin_rate, extra.spin_rate(sleeve)))
+        if joint.play is not None:
+            gain = speeds[joint.play], speeds[joint.play + 1]
+        else:
+            apart = subtract(
+                add(pin.acceleration_at(at.pin), extra.at(pin, at.pin)),
+                add(sleeve.acceleration_at(at.pin), extra.at(sleeve, at.pin)),
+            )
+            turning = scale(2.0, spin_cross(sleeve.spin, now.velocity))
+            gain = subtract(at.rotation.undo(apart), turning)
+        out.append((_arrays(now), _arrays(Relative(now.velocity, now.spin, gain, spin_rate))))
+    return out
 
 
 class SpringState(NamedTuple):

@@ -199,12 +199,12 @@ class PreparedClearance(eqx.Module):
         rates = (*rates, jnp.zeros_like(force)) if memory else ()
         return PointAction(depth, rate, slip, force, traction, rates, normal.energy(depth))
 
-    def switches(self, at: Relative, memory: Memory, before: Relative) -> Array:
-        """Functions of the relative motion whose signs make the regime of every law, shape (switches,): the
-        penetrations first. `before`: the motion at the start of the step.
+    def switches(self, at: Relative, memory: Memory, before: Relative) -> tuple[Scalar, ...]:
+        """Functions of the relative motion whose signs make the regime of every law. `before`: the motion at the start
+        of the step.
         """
         every = each(self._switches_at, self.joint.points(at), self._by_point(memory), self.joint.points(before))
-        return jnp.stack([one[0] for one in every] + [function for one in every for function in one[1:]])
+        return tuple(function for one in every for function in one)
 
     def _switches_at(self, point: ContactPoint, memory: Memory, before: ContactPoint) -> tuple[Scalar, ...]:
         normal, (own, rest, _) = self.normal.at(point.local), self._parts(memory)

@@ -10,7 +10,7 @@ from jaxtyping import Array
 
 from clearance_jax._types import Flag, Scalar
 from clearance_jax.dynamics.closures import projected
-from clearance_jax.dynamics.kinematics import relative_motions
+from clearance_jax.dynamics.kinematics import relative_accelerations
 from clearance_jax.mechanism.mechanism import drive_breaks
 from clearance_jax.mechanism.state import layout
 from clearance_jax.solve.problem import Problem, field, lift, motion, split, with_model
@@ -108,12 +108,8 @@ def latch(time: Scalar, y: Array, slope: Array, mechanism: Any) -> Array:
     """
     plan = layout(mechanism)
     memory, parts = plan.split(y).memory, []
-    now, rates = jax.jvp(
-        lambda t, y: relative_motions(t, y, mechanism),
-        (time, y[: plan.size]),
-        (jnp.ones_like(time), slope[: plan.size]),
-    )
-    for joint, at, rate in zip(mechanism.clearance_joints(), now, rates, strict=True):
+    seen = relative_accelerations(time, y, slope, mechanism)
+    for joint, (at, rate) in zip(mechanism.clearance_joints(), seen, strict=True):
         if joint.clearance.remembers:
             parts += joint.clearance.latch(memory[joint.name], at, rate)
     return jnp.concatenate([y[: plan.v.stop], jnp.stack(parts)])

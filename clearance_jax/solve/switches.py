@@ -12,8 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from clearance_jax._types import Flag, Scalar
-from clearance_jax.dynamics.kinematics import relative_motions
+from clearance_jax._types import Flag, Rows, Scalar
+from clearance_jax.dynamics.kinematics import relative_accelerations, relative_motions
 from clearance_jax.joints import PreparedClearance, Relative
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
@@ -43,15 +43,6 @@ def relative_of(pose: Float[Array, "3"], twist: Float[Array, "3"]) -> Relative:
     return Relative((pose[0], pose[1]), pose[2], (twist[0], twist[1]), twist[2])
 
 
-def _stacked(time, y, mechanism) -> Float[Array, "joints 2 3"]:
-    return jnp.stack(
-        [
-            jnp.stack([jnp.stack([*at.place, at.angle]), jnp.stack([*at.velocity, at.spin])])
-            for at in relative_motions(time, y, mechanism)
-        ]
-    )
-
-
 def curves(times, ends, mechanism: Mechanism) -> tuple[list[Curve], Scalar]:
     """The relative motion of every clearance joint along a step, and how far it is inside the step from where the
     surfaces truly are, over the clearance: the largest. `ends` (y0, y1, slope0, slope1).
@@ -60,29 +51,34 @@ def curves(times, ends, mechanism: Mechanism) -> tuple[list[Curve], Scalar]:
     a loop without any error in the state: a step could swing past a contact and not know. (Where play is a coordinate
     of the tree its curve is the state's own.)
     """
-    t0, h = times[0], times[1] - times[0]
+    (t0, t1), h = times, times[1] - times[0]
     plan, joints = layout(mechanism), mechanism.clearance_joints()
-    states = tuple(y[: plan.size] for y in ends)
-    inner = CHECKED if any(joint.play is None for joint in joints) else ()
-    s = np.array([0.0, 1.0, *inner])
-    y = jnp.stack([states[0], states[1], *(between(states, h, x, plan) for x in inner)])
-    slopes = jnp.stack([states[2], states[3], *(jnp.zeros_like(states[0]) for _ in inner)])
-    now = jnp.where(s == 1, times[1], t0 + s * h)
-    seen, rates = jax.vmap(
-        lambda t, y, f: jax.jvp(lambda t, y: _stacked(t, y, mechanism), (t, y), (jnp.ones_like(t), f))
-    )(now, y, slopes)
-    place, speed, gain = seen[:, :, 0], h * seen[:, :, 1], h * h * rates[:, :, 1]
-    start, end = ((place[k], speed[k], gain[k]) for k in (0, 1))
-    coefficients = jnp.stack(quintic_coefficients(start, end), axis=1)
-    found = [Curve(coefficients[i], h) for i in range(len(joints))]
+    y0, y1, slope0, slope1 = (y[: plan.size] for y in ends)
+
+    begin = relative_accelerations(t0, y0, slope0, mechanism)
+    finish = relative_accelerations(t1, y1, slope1, mechanism)
+    found = [curve_between(a, b, h) for a, b in zip(begin, finish, strict=True)]
     worst = jnp.zeros(())
-    for k, x in enumerate(inner, start=2):
-        for i, joint in enumerate(joints):
+    for s in CHECKED if any(joint.play is None for joint in joints) else ():
+        true = relative_motions(t0 + s * h, between((y0, y1, slope0, slope1), h, s, plan), mechanism)
+        for joint, curve, there in zip(joints, found, true, strict=True):
             if joint.play is None:
-                off = found[i].at(jnp.asarray(x)).place
-                apart = jnp.hypot(off[0] - place[k, i, 0], off[1] - place[k, i, 1])
-                worst = jnp.maximum(worst, apart / joint.size)
-    return found, worst
+                x, y = (a - b for a, b in zip(curve.at(jnp.asarray(s)).place, there.place, strict=True))
+                worst = jnp.maximum(worst, (x * x + y * y) / joint.size**2)
+    return found, jnp.sqrt(worst)
+
+
+def curve_between(begin: tuple[Relative, Relative], end: tuple[Relative, Relative], h: Scalar) -> Curve:
+    """The quintic through relative motions, each with its rate, at both ends of a step."""
+    ends = [
+        (
+            jnp.stack([*at.place, at.angle]),
+            h * jnp.stack([*at.velocity, at.spin]),
+            h * h * jnp.stack([*rate.velocity, rate.spin]),
+        )
+        for at, rate in (begin, end)
+    ]
+    return Curve(jnp.stack(quintic_coefficients(*ends)), h)
 
 
 def first_switch(curve_of: list[Curve], y: Array, mechanism: Mechanism, begin: Scalar) -> tuple[Flag, Scalar]:
@@ -98,76 +94,89 @@ def first_switch(curve_of: list[Curve], y: Array, mechanism: Mechanism, begin: S
     return first <= 1, jnp.where(first <= 1, first, 1.0)
 
 
-def first_of(clearance: PreparedClearance, curve: Curve, memory, begin: Scalar) -> Scalar:
+def first_of(clearance: PreparedClearance, curve: Curve, memory: Rows, begin: Scalar) -> Scalar:
     """The fraction at which one joint's first change of regime just has been; infinite where there is none."""
     before = curve.at(begin)
 
     def switches(s):
         return clearance.switches(curve.at(s), memory, before)
 
-    grid = np.arange(1, SAMPLES + 1) / SAMPLES
-    samples = jnp.concatenate([begin[None], jnp.asarray(grid)])
-    samples = jnp.concatenate([samples, extremum(clearance, curve, samples)])
+    samples = jnp.concatenate([begin[None], jnp.asarray(np.arange(1, SAMPLES + 1) / SAMPLES)])
+    # One array a function: so all samples are one kernel, and nothing of them is kept.
     values = jax.vmap(switches)(samples)
-    started = values[0] > 0
-    changed = jnp.any((values > 0) != started[None], axis=1) & (samples > begin)
-    high = jnp.min(jnp.where(changed, samples, jnp.inf))
-    found = high <= 1
-    high = jnp.where(found, high, 1.0)
+    started = tuple(value[0] > 0 for value in values)
+    changed = jnp.zeros(samples.shape, bool)
+    for value, start in zip(values, started, strict=True):
+        changed |= (value > 0) != start
+    high = jnp.min(jnp.where(changed & (samples > begin), samples, jnp.inf))
+
+    def beyond(s):
+        now = switches(s)
+        return jnp.any(jnp.stack([(f > 0) != start for f, start in zip(now, started, strict=True)])), jnp.stack(now)
+
+    high = jnp.minimum(high, extremum(clearance, curve, samples, beyond))
     low = jnp.max(jnp.where(samples < high, samples, begin))
-    ends = values[jnp.argmax(samples == low)], values[jnp.argmax(samples == high)]
-    return jnp.where(found, located(switches, started, (low, high), ends, begin), jnp.inf)
+    # Most steps cross nothing.
+    return jax.lax.cond(high <= 1, lambda: located(beyond, (low, high), begin), lambda: high)
 
 
-def extremum(clearance: PreparedClearance, curve: Curve, samples: Array) -> Float[Array, " points"]:
-    """The fraction at which each point's penetration comes closest to a change of sign: a graze begins and
-    ends there.
+def extremum(clearance: PreparedClearance, curve: Curve, samples: Array, beyond) -> Scalar:
+    """The fraction, between two samples, at which a penetration comes closest to a change of sign, if the regime has
+    changed there (a graze begins and ends there); infinite otherwise.
     """
 
     def depths(s):
         return clearance.depths(curve.at(s))
 
     depth, rate = jax.vmap(depths)(samples)
-    n = samples.shape[0]
     best = jnp.argmax(jnp.where(depth[:1] <= 0, depth, -depth), axis=0)
-    before, after = jnp.maximum(best - 1, 0), jnp.minimum(best + 1, n - 1)
+    before, after = jnp.maximum(best - 1, 0), jnp.minimum(best + 1, len(samples) - 1)
+    found = jnp.asarray(jnp.inf)
+    for k in range(depth.shape[1]):
+        ends = samples[before[k]], samples[after[k]], rate[before[k], k], rate[after[k], k]
 
-    def of(place, low, high, k):
-        """The root of the rate between two samples, by secants that keep a bracket; the sample where there is none."""
-        crosses = rate[low, k] * rate[high, k] < 0
+        def turned(ends=ends, k=k):
+            s = root(lambda s: depths(s)[1][k], ends)
+            return jnp.where(beyond(s)[0], s, jnp.inf)
 
-        def secant(_, bracket):
-            a, b, fa, fb = bracket
-            s = a - fa * (b - a) / jnp.where(fb != fa, fb - fa, 1.0)
-            f = depths(s)[1][k]
-            left = fa * f > 0
-            # Illinois: the end that stays counts half, or it would stay for ever.
-            new_a, new_b = jnp.where(left, s, a), jnp.where(left, b, s)
-            return new_a, new_b, jnp.where(left, f, 0.5 * fa), jnp.where(left, 0.5 * fb, f)
-
-        start = samples[low], samples[high], rate[low, k], rate[high, k]
-        a, b, fa, fb = jax.lax.fori_loop(0, EXTREMUM, secant, start)
-        return jnp.where(crosses, jnp.where(jnp.abs(fa) < jnp.abs(fb), a, b), place)
-
-    count = depth.shape[1]
-    return jnp.stack([of(samples[best[k]], before[k], after[k], k) for k in range(count)])
+        found = jnp.minimum(found, jax.lax.cond(ends[2] * ends[3] < 0, turned, lambda: jnp.asarray(jnp.inf)))
+    return found
 
 
-def located(switches, started, bracket, ends, precision: Scalar) -> Scalar:
-    """The fraction just past the first change of a sign in a bracket, by secants on all functions that change there."""
+def root(function, ends: tuple) -> Scalar:
+    """Where a function changes sign between two places (a, b, its values there), by secants that keep a bracket."""
+
+    def secant(_, bracket):
+        a, b, fa, fb = bracket
+        s = a - fa * (b - a) / jnp.where(fb != fa, fb - fa, 1.0)
+        f = function(s)
+        left = fa * f > 0
+        # Illinois: the end that stays counts half, or it would stay for ever.
+        new_a, new_b = jnp.where(left, s, a), jnp.where(left, b, s)
+        return new_a, new_b, jnp.where(left, f, 0.5 * fa), jnp.where(left, 0.5 * fb, f)
+
+    a, b, fa, fb = jax.lax.fori_loop(0, EXTREMUM, secant, ends)
+    return jnp.where(jnp.abs(fa) < jnp.abs(fb), a, b)
+
+
+def located(beyond, bracket: tuple, precision: Scalar) -> Scalar:
+    """The fraction just past the first change of a sign in a bracket, by secants on all functions that change there.
+
+    `beyond(s)`: whether the regime has changed at s, and the functions there.
+    """
 
     def secant(_, carry):
         low, high, at_low, at_high, last = carry
         crosses = (at_low > 0) != (at_high > 0)
         share = jnp.where(crosses, at_low / jnp.where(crosses, at_low - at_high, 1.0), jnp.inf)
-        root = low + jnp.min(jnp.clip(share, 0.0, 1.0)) * (high - low)
+        meets = low + jnp.min(jnp.clip(share, 0.0, 1.0)) * (high - low)
         # Past the root by as much as it is still uncertain.
-        past = jnp.clip(jnp.abs(root - last), 0.25 * precision, 0.02 * (high - low) + 0.25 * precision)
-        s = jnp.minimum(root + past, high)
-        now = switches(s)
-        beyond = jnp.any((now > 0) != started)
-        low, high = jnp.where(beyond, low, s), jnp.where(beyond, s, high)
-        return low, high, jnp.where(beyond, at_low, now), jnp.where(beyond, now, at_high), root
+        past = jnp.clip(jnp.abs(meets - last), 0.25 * precision, 0.02 * (high - low) + 0.25 * precision)
+        s = jnp.minimum(meets + past, high)
+        changed, now = beyond(s)
+        low, high = jnp.where(changed, low, s), jnp.where(changed, s, high)
+        return low, high, jnp.where(changed, at_low, now), jnp.where(changed, now, at_high), meets
 
     low, high = bracket
-    return jax.lax.fori_loop(0, SECANTS, secant, (low, high, *ends, high))[1]
+    _, (at_low, at_high) = jax.vmap(beyond)(jnp.stack(bracket))
+    return jax.lax.fori_loop(0, SECANTS, secant, (low, high, at_low, at_high, high))[1]
