@@ -113,6 +113,7 @@ def test_an_interrupted_stochastic_approximation_has_its_mean_so_far():
     assert 0.1 < program.best.x[0] < 0.3
 
 
+@pytest.mark.slow
 def test_fresh_samples_are_simulated():
     """The worst half of four fresh samples, by solves of their own."""
     sampled = design.Yield({NAME: 0.1, "slider.mass": 0.1}, target=0.5, samples=2)
