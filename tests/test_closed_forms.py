@@ -264,7 +264,8 @@ def lanes(**columns):
 def end_spun(values, y0, t1):
     """What is observed of the pin at the end."""
     m = cj.replace(spun(), values)
-    seen = observe(t1, cj.simulate(m, t1, y0=y0, rtol=0.1 * RTOL).final, m.prepared())
+    # A resting pin, whose steps are as long as they are stable, stays within a few tolerances of where it belongs.
+    seen = observe(t1, cj.simulate(m, t1, y0=y0, rtol=0.03 * RTOL).final, m.prepared())
     forces = ("contact_force", "friction_force", "drive_force")
     return {name: seen[name][0] for name in ("eccentricity", "penetration", "slip_velocity", *forces)}
 
