@@ -175,7 +175,7 @@ class Film(AbstractElement):
 
 def test_an_element_acts_without_touch():
     """A pin in a film, far from the sleeve: v = v0 exp(-b t / m), and its loss is booked."""
-    play = cj.RevoluteClearance(1e-2, 0.01, laws.Hertz(1e9), element=Film(jnp.asarray(3.0)))
+    play = cj.RevoluteClearance(1e-2, 0.01, laws.Hertz(1e9), None, Film(jnp.asarray(3.0)))
     m = cj.Mechanism(
         bodies=(cj.Body("pin", 0.5),),
         joints=(cj.Revolute("j", "ground", "pin", motion=cj.Motion(cj.ConstantSpeed(0.0)), clearance=play),),
