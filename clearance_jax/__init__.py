@@ -1,6 +1,7 @@
 """clearance_jax: mechanisms and robots with clearance joints in JAX."""
 
 from clearance_jax.analysis import metrics
+from clearance_jax.analysis.measure import measure
 from clearance_jax.analysis.periodic import PeriodicMotion, periodic_motion
 from clearance_jax.analysis.sensitivity import Sensitivities, hessian, sensitivities
 from clearance_jax.analysis.trust import GradientReport, gradient_report
@@ -58,6 +59,7 @@ __all__ = [
     "hessian",
     "load",
     "load_dataset",
+    "measure",
     "metrics",
     "parameters",
     "periodic_motion",

@@ -41,6 +41,7 @@ def simulate(
     mechanism, scene = read_mechanism(scene_file, settings, ideal)
     from clearance_jax.results.dataset import to_dataset
     from clearance_jax.results.store import save
+    from clearance_jax.solve.trace import trace
 
     check_writable(output)
     check_writable(plot, FIGURES)
@@ -49,10 +50,18 @@ def simulate(
     given = {"t1": t1, "rtol": rtol, "samples": samples, "solver": solver}
     options = _options(scene_file, scene.solve, {k: v for k, v in given.items() if v is not None})
     end = options.pop("t1")
-    result = _solve(mechanism, end, options)
-    dataset = to_dataset(
-        mechanism, result, scene=scene.text, settings=" ".join(settings or []), solve=repr({"t1": end, **options})
-    )
+    with _bar() as bar:
+        task = bar.add_task("compiling and solving", total=1.0)
+        result = trace(mechanism, end, **options, progress=lambda f: bar.update(task, completed=f))
+        bar.update(task, description="observing", completed=0.0)
+        dataset = to_dataset(
+            mechanism,
+            result,
+            progress=lambda f: bar.update(task, completed=f),
+            scene=scene.text,
+            settings=" ".join(settings or []),
+            solve=repr({"t1": end, **options}),
+        )
     _report(mechanism, result, dataset)
     if output is not None:
         save(dataset, output)
@@ -82,14 +91,9 @@ def _options(scene_file: Path, scene: dict[str, Any], given: dict[str, Any]) -> 
     return options
 
 
-def _solve(mechanism, end: float, options: dict[str, Any]):
-    """The traced motion, with a bar on the way."""
-    from clearance_jax.solve.trace import trace
-
+def _bar() -> Progress:
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"))
-    with Progress(*columns, TimeElapsedColumn(), console=errors, transient=True) as bar:
-        task = bar.add_task("compiling and solving", total=1.0)
-        return trace(mechanism, end, **options, progress=lambda f: bar.update(task, completed=f))
+    return Progress(*columns, TimeElapsedColumn(), console=errors, transient=True)
 
 
 def _report(mechanism, result, dataset) -> None:

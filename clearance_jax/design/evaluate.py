@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from clearance_jax.analysis.metrics import AbstractMetric
+from clearance_jax.analysis.measure import AbstractMetric, measure
 from clearance_jax.design.manufacture import Yield, YieldEstimate, estimate_yield
 from clearance_jax.design.scenarios import Scenario, scenarios_of
 from clearance_jax.design.specification import Specification
@@ -91,20 +91,21 @@ class Simulations:
         return self.mechanism, self.metrics, self.names, jnp.asarray(x), dict(given), jnp.asarray(self.t1), solve
 
 
-def _found(mechanism, metrics, names, x, given, t1, solve):
+def _measured(mechanism, metrics, names, x, given, t1, solve):
     moved = replace(mechanism, {**given, **dict(zip(names, x, strict=True))})
-    return [metric(moved, t1, **solve) for metric in metrics]
+    # One solve for all of them.
+    return list(measure(moved, {str(i): metric for i, metric in enumerate(metrics)}, t1, **solve).values())
 
 
 @eqx.filter_jit
 def _values(*asked):
-    return _found(*asked), []
+    return _measured(*asked), []
 
 
 @eqx.filter_jit
 def _slopes(mechanism, metrics, names, x, given, t1, solve):
     def of(x):
-        out = _found(mechanism, metrics, names, x, given, t1, solve)
+        out = _measured(mechanism, metrics, names, x, given, t1, solve)
         return out, out
 
     slopes, out = jax.jacfwd(of, has_aux=True)(x)
@@ -113,7 +114,7 @@ def _slopes(mechanism, metrics, names, x, given, t1, solve):
 
 @eqx.filter_jit
 def _batch(mechanism, metrics, names, points, given, t1, solve):
-    return jax.vmap(lambda x, g: _found(mechanism, metrics, names, x, g, t1, solve))(points, given)
+    return jax.vmap(lambda x, g: _measured(mechanism, metrics, names, x, g, t1, solve))(points, given)
 
 
 def simulations_of(specification: Specification, rtol: float | None = None, solver: str | None = None) -> Simulations:
