@@ -1,6 +1,7 @@
 """One attempt: whatever drives it takes the same steps; its program stays small; each half alone."""
 
 from pathlib import Path
+from typing import Any, ClassVar
 
 import catalogue
 import diffrax
@@ -12,7 +13,7 @@ import pytest
 
 import clearance_jax as cj
 from clearance_jax import laws
-from clearance_jax.joints import AbstractElement
+from clearance_jax.joints import AbstractClearance, AbstractElement
 from clearance_jax.solve.codes import Result, code_of, words
 from clearance_jax.solve.control import factor, on_grid
 from clearance_jax.solve.switches import Curve, first_of
@@ -185,3 +186,44 @@ def test_an_element_acts_without_touch():
     np.testing.assert_allclose(s.final[2:4], decay * np.array([0.02, 0.01]), rtol=1e-8)
     np.testing.assert_allclose(s.final[5], 0.25 * (1 - decay**2) * (0.02**2 + 0.01**2), rtol=1e-7)
     assert float(s.energy_residual) < 1e-8
+
+
+class Twin(AbstractClearance):
+    """A joint kind of its own: a pin that two rims side by side hold, each with contact laws of its own."""
+
+    radial_clearance: jnp.ndarray
+    pin_radius: jnp.ndarray
+    normal: Any = None
+    friction: Any = None
+    element: Any = None
+    count: ClassVar[int] = 2
+    tangents: ClassVar[int] = 1
+
+    def single(self):
+        return cj.RevoluteClearance(self.radial_clearance, self.pin_radius, self.normal, self.friction)
+
+    def play(self):
+        return self.single().play()
+
+    def geometry(self):
+        return self.single().geometry()
+
+    def points(self, at):
+        return self.single().points(at) * 2
+
+
+def test_a_joint_kind_of_its_own_and_laws_mapped_over_its_points():
+    """Two rims of half the stiffness are one rim; with memory at each point, in the tree and closing a loop."""
+    law, half = (laws.flores(k, 0.6) for k in (2e9, 1e9))
+    friction = catalogue.FRICTION["lugre"]
+    one = cj.RevoluteClearance(1e-4, 0.01, law, friction)
+    twin: Any = Twin
+    two = twin(jnp.asarray(1e-4), jnp.asarray(0.01), half, friction)
+    assert two.remembers == tuple(f"{name}_{i}" for i in (1, 2) for name in one.remembers)
+    m = playful(law)
+    ends = [cj.simulate(m.with_clearance("hip", c), 0.006, rtol=1e-8) for c in (one, two)]
+    np.testing.assert_allclose(ends[1].final[:4], ends[0].final[:4], rtol=1e-6)
+    assert float(ends[1].energy_residual) < 1e-7
+    m = catalogue.slider_crank()
+    ends = [cj.simulate(m.with_clearance("wrist", c), 2e-3, rtol=1e-8).final[:4] for c in (one, two)]
+    np.testing.assert_allclose(ends[1], ends[0], rtol=1e-6)

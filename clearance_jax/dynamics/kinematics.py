@@ -55,13 +55,10 @@ def play(joint: ClearanceJoint, motion: Frames, state: State) -> Play:
     sleeve, pin = motion[joint.parent], motion[joint.child]
     centre = pin.point(joint.joint.at_child.vector)
     angle, spin = minus(pin.angle, sleeve.angle), minus(pin.spin, sleeve.spin)
-    if joint.play is not None:
-        i = joint.play
-        axis = next(column.axis for column in pin.free if column.index == i)
-        assert axis is not None  # the first play coordinate slides along the sleeve's x axis
-        at = Relative((state.q[i], state.q[i + 1]), angle, (state.v[i], state.v[i + 1]), spin)
-        return Play(at, Rotation(*axis), centre)
     rotation = sleeve_rotation(joint.joint, motion)
+    if joint.play is not None:
+        at = Relative(joint.slid(state.q), angle, joint.slid(state.v), spin)
+        return Play(at, rotation, centre)
     gap = subtract(centre, sleeve.point(joint.joint.at_parent.vector))
     rate = subtract(pin.velocity_at(centre), sleeve.velocity_at(centre))
     return Play(Relative(rotation.undo(gap), angle, rotation.undo(rate), spin), rotation, centre)
@@ -120,7 +117,7 @@ def relative_accelerations(
         now, (sleeve, pin) = at.relative, (motion[joint.parent], motion[joint.child])
         spin_rate = minus(plus(pin.spin_rate, extra.spin_rate(pin)), plus(sleeve.spin_rate, extra.spin_rate(sleeve)))
         if joint.play is not None:
-            gain = speeds[joint.play], speeds[joint.play + 1]
+            gain = joint.slid(speeds)
         else:
             apart = subtract(
                 add(pin.acceleration_at(at.pin), extra.at(pin, at.pin)),

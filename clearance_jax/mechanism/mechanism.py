@@ -1,6 +1,6 @@
 """The mechanism: bodies, the tree of joints, loops, springs, points, gravity."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -12,6 +12,7 @@ from clearance_jax.joints import AbstractClearance, PreparedClearance
 from clearance_jax.mechanism.body import GROUND, Body, Gravity, Point, Spring
 from clearance_jax.mechanism.tree import AbstractJoint, Coordinate, Revolute
 from clearance_jax.parameters import replace
+from clearance_jax.spatial import ZERO, Vector, add, scale
 
 NO_GRAVITY = Gravity()
 
@@ -39,6 +40,15 @@ class ClearanceJoint(NamedTuple):
     def child(self) -> str:
         """The body that the pin is on."""
         return self.joint.child
+
+    def slid(self, values: Sequence[Any]) -> Vector:
+        """What the play coordinates that slide add up to, in the sleeve's axes, of one value a free coordinate."""
+        assert self.play is not None
+        out: Vector = ZERO
+        for value, play in zip(values[self.play :], self.joint.play(), strict=False):
+            if play.slides is not None:
+                out = add(out, scale(value, play.slides))
+        return out
 
     @property
     def laws(self) -> tuple[Any, ...]:
