@@ -58,14 +58,19 @@ def curves(times, ends, mechanism: Mechanism) -> tuple[list[Curve], Scalar]:
     begin = relative_accelerations(t0, y0, slope0, mechanism)
     finish = relative_accelerations(t1, y1, slope1, mechanism)
     found = [curve_between(a, b, h) for a, b in zip(begin, finish, strict=True)]
-    worst = jnp.zeros(())
-    for s in CHECKED if any(joint.play is None for joint in joints) else ():
+    loops = [i for i, joint in enumerate(joints) if joint.play is None]
+    if not loops:
+        return found, jnp.zeros(())
+
+    def check(k, worst):
+        s = jnp.asarray(CHECKED)[k]
         true = relative_motions(t0 + s * h, between((y0, y1, slope0, slope1), h, s, plan), mechanism)
-        for joint, curve, there in zip(joints, found, true, strict=True):
-            if joint.play is None:
-                x, y = (a - b for a, b in zip(curve.at(jnp.asarray(s)).place, there.place, strict=True))
-                worst = jnp.maximum(worst, (x * x + y * y) / joint.size**2)
-    return found, jnp.sqrt(worst)
+        for i in loops:
+            x, y = (a - b for a, b in zip(found[i].at(s).place, true[i].place, strict=True))
+            worst = jnp.maximum(worst, (x * x + y * y) / joints[i].size ** 2)
+        return worst
+
+    return found, jnp.sqrt(jax.lax.fori_loop(0, len(CHECKED), check, jnp.zeros(())))
 
 
 def curve_between(begin: tuple[Relative, Relative], end: tuple[Relative, Relative], h: Scalar) -> Curve:
@@ -96,7 +101,7 @@ def first_switch(curve_of: list[Curve], y: Array, mechanism: Mechanism, begin: S
 
 def first_of(clearance: PreparedClearance, curve: Curve, memory: Rows, begin: Scalar) -> Scalar:
     """The fraction at which one joint's first change of regime just has been; infinite where there is none."""
-    before = curve.at(begin)
+    before = clearance.joint.points(curve.at(begin))
 
     def switches(s):
         return clearance.switches(curve.at(s), memory, before)
@@ -165,18 +170,21 @@ def located(beyond, bracket: tuple, precision: Scalar) -> Scalar:
     `beyond(s)`: whether the regime has changed at s, and the functions there.
     """
 
-    def secant(_, carry):
+    def secant(k, carry):
         low, high, at_low, at_high, last = carry
         crosses = (at_low > 0) != (at_high > 0)
         share = jnp.where(crosses, at_low / jnp.where(crosses, at_low - at_high, 1.0), jnp.inf)
         meets = low + jnp.min(jnp.clip(share, 0.0, 1.0)) * (high - low)
         # Past the root by as much as it is still uncertain.
         past = jnp.clip(jnp.abs(meets - last), 0.25 * precision, 0.02 * (high - low) + 0.25 * precision)
-        s = jnp.minimum(meets + past, high)
+        s = jnp.where(k == 0, low, jnp.where(k == 1, high, jnp.minimum(meets + past, high)))
         changed, now = beyond(s)
+        changed = jnp.where(k == 0, False, changed | (k == 1))
         low, high = jnp.where(changed, low, s), jnp.where(changed, s, high)
-        return low, high, jnp.where(changed, at_low, now), jnp.where(changed, now, at_high), meets
+        at_low, at_high = jnp.where(changed, at_low, now), jnp.where(changed, now, at_high)
+        return low, high, at_low, at_high, jnp.where(k <= 1, high, meets)
 
+    # The first two turns look at the bracket's ends: so the functions stand once in the program.
     low, high = bracket
-    _, (at_low, at_high) = jax.vmap(beyond)(jnp.stack(bracket))
-    return jax.lax.fori_loop(0, SECANTS, secant, (low, high, at_low, at_high, high))[1]
+    nothing = jnp.zeros(jax.eval_shape(beyond, low)[1].shape)
+    return jax.lax.fori_loop(0, 2 + SECANTS, secant, (low, high, nothing, nothing, high))[1]
