@@ -172,7 +172,8 @@ def located(beyond, bracket: tuple, precision: Scalar) -> Scalar:
     """
 
     def wide(bracket):
-        return bracket[1] - bracket[0] > 0.25 * precision
+        # In a batch a lane without a switch (an infinite end) comes along.
+        return (bracket[1] <= 1) & (bracket[1] - bracket[0] > 0.25 * precision)
 
     def halve(bracket):
         low, high = bracket
