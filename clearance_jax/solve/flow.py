@@ -109,6 +109,7 @@ def plain_flow(inputs: Inputs, options: Options) -> Solution:
 @flow.def_jvp
 def _flow_jvp(primals, tangents, *, options: Options):
     (inputs,), (rates,) = primals, tangents
+    rates = jax.tree.map(jnp.asarray, rates)  # a tangent may come as a Python number
     if rates.t0 is not None:
         raise ClearanceError("A solve cannot be differentiated by its start time `t0`: shift the drives' times.")
     refuse_jumps(inputs.mechanism)
