@@ -21,7 +21,7 @@ GEOMETRY = laws.Geometry(jnp.asarray(0.01), jnp.asarray(0.0105), jnp.asarray(5e-
 DIGITS = 2e-14
 
 
-def close(value, before, size):
+def check_close(value, before, size):
     assert np.all(np.abs(np.asarray(value) - before) <= DIGITS * np.maximum(np.abs(before), size))
 
 
@@ -35,15 +35,15 @@ def test_normal_laws(name):
 
     value, slopes = jax.jit(jax.vmap(jax.value_and_grad(force, (0, 1))))(*columns)
     elastic = np.abs(REFERENCE[f"{name}.elastic"])
-    close(value, REFERENCE[f"{name}.force"], elastic)
+    check_close(value, REFERENCE[f"{name}.force"], elastic)
     for slope, argument in zip(slopes, ("penetration", "penetration_rate"), strict=True):
         before = REFERENCE[f"{name}.force.{argument}"]
         # A clipped force lies on the other side of its kink where it is zero to the last digit.
         kink = np.abs(REFERENCE[f"{name}.unclipped"]) <= DIGITS * elastic
         depth = np.maximum(np.abs(REFERENCE["normal"][0]), 1e-300)
         size = elastic / depth if argument == "penetration" else 0.0
-        close(np.where(kink, before, slope), before, size)
-    close(jax.vmap(law.energy)(columns[0]), REFERENCE[f"{name}.energy"], 0.0)
+        check_close(np.where(kink, before, slope), before, size)
+    check_close(jax.vmap(law.energy)(columns[0]), REFERENCE[f"{name}.energy"], 0.0)
 
 
 @pytest.mark.parametrize("name", catalogue.FRICTION)
@@ -61,14 +61,14 @@ def test_friction_laws(name):
         * (1e5 * np.abs(np.asarray(memory)) + 1e-2 * np.abs(np.asarray(slip)))
         * bool(law.law.bristles)
     )
-    close(value, REFERENCE[f"{name}.force"], size)
+    check_close(value, REFERENCE[f"{name}.force"], size)
     # A saturated slope is a difference of slopes as large as the steepest.
-    close(slopes[0], REFERENCE[f"{name}.force.slip_velocity"], 30 * np.abs(np.asarray(force)))
-    close(slopes[1], REFERENCE[f"{name}.force.normal_force"], 1.0)
+    check_close(slopes[0], REFERENCE[f"{name}.force.slip_velocity"], 30 * np.abs(np.asarray(force)))
+    check_close(slopes[1], REFERENCE[f"{name}.force.normal_force"], 1.0)
     if law.law.bristles:
 
         def rate(s, n, z):
             return law.memory_rate(jnp.asarray(1.0), (s,), n, (z,))[0]
 
         before = REFERENCE[f"{name}.memory_rate"]
-        close(jax.vmap(rate)(slip, force, memory), before, np.abs(np.asarray(slip)))
+        check_close(jax.vmap(rate)(slip, force, memory), before, np.abs(np.asarray(slip)))

@@ -2,7 +2,7 @@
 of a sign.
 
 The relative motion is interpolated, not the gap: so each joint's own geometry and laws say what is a switch, along one
-curve. A fixed number of samples and secants, and no loop that waits for the slowest lane of a batch.
+curve. The place of a change is found by bisection.
 """
 
 from typing import NamedTuple
@@ -19,9 +19,8 @@ from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.solve.interpolate import between, polynomial, quintic_coefficients
 
-# Samples of a step, secants to the extremum of a penetration, and secants to the place of a switch.
-SAMPLES = 10
-EXTREMUM, SECANTS = 3, 6
+# Samples of a step, and secants to the extremum of a penetration.
+SAMPLES, EXTREMUM = 10, 3
 # Where along a step its curves are checked: not symmetric about the middle, where the error of an odd motion is zero.
 CHECKED = (0.3, 0.6)
 
@@ -117,7 +116,7 @@ def first_of(clearance: PreparedClearance, curve: Curve, memory: Rows, begin: Sc
 
     def beyond(s):
         now = switches(s)
-        return jnp.any(jnp.stack([(f > 0) != start for f, start in zip(now, started, strict=True)])), jnp.stack(now)
+        return jnp.any(jnp.stack([(f > 0) != start for f, start in zip(now, started, strict=True)]))
 
     high = jnp.minimum(high, extremum(clearance, curve, samples, beyond))
     low = jnp.max(jnp.where(samples < high, samples, begin))
@@ -142,7 +141,7 @@ def extremum(clearance: PreparedClearance, curve: Curve, samples: Array, beyond)
 
         def turned(ends=ends, k=k):
             s = root(lambda s: depths(s)[1][k], ends)
-            return jnp.where(beyond(s)[0], s, jnp.inf)
+            return jnp.where(beyond(s), s, jnp.inf)
 
         found = jnp.minimum(found, jax.lax.cond(ends[2] * ends[3] < 0, turned, lambda: jnp.asarray(jnp.inf)))
     return found
@@ -178,7 +177,7 @@ def located(beyond, bracket: tuple, precision: Scalar) -> Scalar:
     def halve(bracket):
         low, high = bracket
         middle = 0.5 * (low + high)
-        changed, _ = beyond(middle)
+        changed = beyond(middle)
         return jnp.where(changed, low, middle), jnp.where(changed, middle, high)
 
     return jax.lax.while_loop(wide, halve, bracket)[1]
