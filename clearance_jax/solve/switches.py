@@ -170,14 +170,18 @@ def located(beyond, bracket: tuple, precision: Scalar) -> Scalar:
     microsecond, and the functions at the bracket's ends do not know of it (tried: solves 30 times worse, now and then).
     """
 
+    low, high = bracket
+
     def wide(bracket):
-        # In a batch a lane without a switch (an infinite end) comes along.
-        return (bracket[1] <= 1) & (bracket[1] - bracket[0] > 0.25 * precision)
+        return bracket[1] > 0.25 * precision
 
     def halve(bracket):
-        low, high = bracket
-        middle = 0.5 * (low + high)
-        changed = beyond(middle)
-        return jnp.where(changed, low, middle), jnp.where(changed, middle, high)
+        # The width halves whatever is found, and one selection moves the bracket: a compiler may compute a comparison
+        # twice, round the two otherwise, and so move neither of two ends that are chosen apart, for ever.
+        low, width = bracket[0], 0.5 * bracket[1]
+        return low + jnp.where(beyond(low + width), 0.0, width), width
 
-    return jax.lax.while_loop(wide, halve, bracket)[1]
+    # In a batch a lane without a switch (an infinite end) comes along.
+    width = jnp.where(high <= 1, high - low, 0.0)
+    low, width = jax.lax.while_loop(wide, halve, (low, width))
+    return jnp.where(high <= 1, low + width, high)
