@@ -169,7 +169,6 @@ def located(beyond, bracket: tuple, precision: Scalar) -> Scalar:
     Not by secants on the functions that change: just before a pin leaves, a clipped force may act once more for a
     microsecond, and the functions at the bracket's ends do not know of it (tried: solves 30 times worse, now and then).
     """
-
     low, high = bracket
 
     def wide(bracket):
