@@ -4,23 +4,38 @@ It reads as the physics does: where everything is, what the joints exert, the eq
 laws' memories, the energy books. The mechanism comes in as an argument, so that nothing is traced again at every solve.
 """
 
+from collections.abc import Callable
+
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from clearance_jax._types import Rows, Scalar
+from clearance_jax._types import Flag, Rows, Scalar
 from clearance_jax.dynamics.energy import powers
 from clearance_jax.dynamics.equations import balance
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout, vector
 
 
-def rate(time: Scalar, y: Rows, mechanism: Mechanism, books: bool = False) -> Rows:
-    """Time derivative of the state `[q, v, memory]`, and of the books if they are kept."""
+def rate(time: Scalar, y: Rows, mechanism: Mechanism, books: bool = False, counts: Flag | None = None) -> Rows:
+    """Time derivative of the state `[q, v, memory]`, and of the books if they are kept (zeros where a flag says that
+    they do not count).
+    """
     state = layout(mechanism).split(y)
     now = balance(mechanism, time, state)
     memory = [rate for action in now.actions.values() for rate in action.memory_rate]
     own = (*state.v, *(jnp.asarray(a, float) for a in now.acceleration), *memory)
-    return (*own, *powers(mechanism, time, state, now)) if books else own
+    if not books:
+        return own
+    return *own, *where_it_counts(counts, lambda: powers(mechanism, time, state, now))
+
+
+def where_it_counts(counts: Flag | None, rows: Callable[[], Rows]) -> Rows:
+    """Rows of rates that only some stages of a step are asked for; zeros at the others."""
+    if counts is None:
+        return rows()
+    shapes = jax.eval_shape(rows)
+    return jax.lax.cond(counts, rows, lambda: tuple(jnp.zeros(x.shape, x.dtype) for x in shapes))
 
 
 def slope(time: Scalar, y: Array, mechanism: Mechanism) -> Array:

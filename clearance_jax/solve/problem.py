@@ -16,9 +16,9 @@ import numpy as np
 from jax.extend.core import Literal
 from jaxtyping import Array
 
-from clearance_jax._types import Scalar
+from clearance_jax._types import Flag, Scalar
 from clearance_jax.dynamics.energy import BOOKS
-from clearance_jax.dynamics.field import rate
+from clearance_jax.dynamics.field import rate, where_it_counts
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout, vector
 
@@ -81,13 +81,16 @@ def widths(problem: Problem) -> list[int]:
 
 # Traced once and called wherever a rate is wanted; XLA inlines the calls.
 @jax.jit
-def field(time: Scalar, y: Array, problem: Problem) -> Array:
-    """The rate of a state, or of a stack, (..., size), and of the quadratures behind it, (..., size + quadratures)."""
+def field(time: Scalar, y: Array, problem: Problem, counts: Flag | None = None) -> Array:
+    """The rate of a state, or of a stack, (..., size), and of the quadratures behind it, (..., size + quadratures):
+    zeros for these where they do not count.
+    """
 
     def whole(model, y):
         mechanism, integrands = model
-        rows = rate(time, tuple(y[i] for i in range(problem.size)), mechanism, problem.books)
-        return jnp.concatenate([vector(rows), *(jnp.ravel(f(time, y, mechanism)) for f in integrands)])
+        rows = rate(time, tuple(y[i] for i in range(problem.size)), mechanism, problem.books, counts)
+        added = where_it_counts(counts, lambda: tuple(jnp.ravel(f(time, y, mechanism)) for f in integrands))
+        return jnp.concatenate([vector(rows), *added])
 
     return lift(whole, problem, y)
 

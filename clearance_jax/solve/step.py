@@ -68,13 +68,20 @@ def try_step(
         rows = slopes[..., :width]
         return y0[..., :width] + h * jnp.sum(weights.reshape(-1, *[1] * y0.ndim) * rows, axis=0)
 
+    idle = (tableau.weights == 0) & (tableau.errors == 0)
+    # The end is the next step's first stage.
+    idle[-1] = False
+
+    def counts(i):
+        return ~jnp.asarray(idle)[i] if np.any(idle) else None
+
     def stage(i, carry):
         slopes, _ = carry
         y = combined(lower[i], slopes, plan.size)
         now = jnp.where(nodes[i] == 1, t1, t0 + nodes[i] * h)
         if problem.mechanism.closures():
             y = jax.lax.cond(i == last, lambda y: lift(lambda m, y: projected(t1, y, m[0]), problem, y), lambda y: y, y)
-        return slopes.at[i].set(field(now, y, problem)), y
+        return slopes.at[i].set(field(now, y, problem, counts(i))), y
 
     slopes = jnp.zeros((last + 1, *y0.shape)).at[0].set(slope)
     first = 0 if fresh is True else 1 if fresh is False else jnp.where(fresh, 0, 1)
