@@ -40,7 +40,17 @@ def as_leaf(value: Any) -> Any:
     return value
 
 
-def physical(unit: str, *, above: float | None = None, least: float | None = None, below: float | None = None, **field):
+def physical(
+    unit: str,
+    *,
+    above: float | None = None,
+    least: float | None = None,
+    below: float | None = None,
+    help: str = "",
+    example: str = "",
+    absent: str = "",
+    **field,
+):
     """A dataclass field that holds one physical number (or `None` where the quantity may be absent).
 
     **Arguments:**
@@ -48,10 +58,18 @@ def physical(unit: str, *, above: float | None = None, least: float | None = Non
     - `unit`: the SI unit, as pint spells it; a word that its owner resolves (see `Parametrised.units`) otherwise.
     - `above`, `least`, `below`: open lower, closed lower and open upper bound of valid values, checked at the door of
       `simulate` and by the scene reader.
+    - `help`, `example`, `absent`: for the reference of scene files: what it is, its value in TOML, what its absence
+      means.
     - `field`: passed on to `dataclasses.field` (for instance `default`).
     """
     metadata = {"unit": unit, "above": above, "least": least, "below": below}
+    metadata |= {"help": help, "example": example, "absent": absent}
     return eqx.field(converter=as_leaf, metadata=metadata, **field)
+
+
+def described(help: str, example: str, absent: str = "", **field):
+    """A field that is no number, with what the reference of scene files says of it (see `physical`)."""
+    return eqx.field(metadata={"help": help, "example": example, "absent": absent}, **field)
 
 
 def flattened(**field):

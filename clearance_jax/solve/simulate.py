@@ -19,6 +19,8 @@ from clearance_jax.solve.flow import CLOSED, Inputs, Solution, closed_start, flo
 from clearance_jax.solve.tolerances import largest_length
 
 MAX_STEPS = 10_000_000
+# Output times at most: of each some hundred numbers are kept, together a gigabyte.
+MOST_SAMPLES = 1_000_000
 DERIVATIVES = ("controlled", "screening")
 OPTIONS = ("t0", "save_at", "rtol", "solver", "books", "y0", "derivatives")
 """What metrics pass on to a solve."""
