@@ -48,7 +48,7 @@ def suggest(word: str, allowed) -> str:
     """A sentence with the nearest of the allowed words, and all of them where they are few."""
     import difflib
 
-    allowed = sorted(allowed)
+    word, allowed = word[:100], sorted(allowed)
     if not allowed:
         return "There are none here."
     near = difflib.get_close_matches(word, allowed, n=3, cutoff=0.5)

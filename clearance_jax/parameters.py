@@ -20,7 +20,7 @@ from jax.core import Tracer
 from jaxtyping import Array
 
 from clearance_jax._types import Flag
-from clearance_jax.errors import ClearanceError, require_float64, suggest
+from clearance_jax.errors import ClearanceError, quoted, require_float64, suggest
 
 # What a number's field may demand of it: key of its metadata, test, words.
 BOUNDS = (
@@ -158,7 +158,7 @@ def find(known: Mapping[str, Leaf], name: str) -> tuple[Leaf, int | None]:
     if name in known:
         return known[name], None
     head, _, tail = name.rpartition(".")
-    if not (tail.isdigit() and head in known):
+    if not (tail.isdecimal() and len(tail) < 10 and head in known):
         raise ClearanceError(f"There is no parameter `{name}`. " + suggest(name, known))
     shape = np.shape(known[head].value)
     if not (len(shape) == 1 and int(tail) < shape[0]):
@@ -243,6 +243,10 @@ def check_values(module: eqx.Module) -> None:
 def check_bounds(value: Any, metadata: Mapping[str, Any], where: str, unit: str) -> None:
     """Raise for a number outside its field's bounds, naming `where` it stands."""
     value = np.asarray(value)
-    for words, limit, holds in violations(value, metadata):
-        if not np.all(holds):
-            raise ClearanceError(f"{where} must be {words} {limit:g} {unit}, but it is {value.tolist()} {unit}.")
+    if all(np.all(holds) for _, _, holds in violations(value, metadata)):
+        return
+    demanded = [f"{words} {limit:g} {unit}".rstrip() for words, limit, _ in violations(value, metadata)]
+    if metadata.get("above") is not None and metadata.get("below") is not None:
+        demanded = [f"between {metadata['above']:g} and {metadata['below']:g} {unit}".rstrip()]
+    shown = f"{quoted(value.tolist())} {unit}".rstrip()
+    raise ClearanceError(f"{where} must be {' and '.join(demanded)}, but it is {shown}.")

@@ -35,13 +35,16 @@ def set_up() -> None:
 def read_mechanism(scene_file: Path, settings: list[str] | None, ideal: bool) -> tuple[Any, Any]:
     """The mechanism that the command's options make of a scene, and the scene."""
     set_up()
-    from clearance_jax.io.scene import load_scene, parse_setting
+    from clearance_jax.io.plausible import implausible
+    from clearance_jax.io.scene import read_scene
+    from clearance_jax.io.settings import parse_settings
     from clearance_jax.parameters import check_values, replace
 
-    scene = load_scene(scene_file)
+    scene = read_scene(scene_file)
     mechanism = scene.mechanism
-    mechanism = replace(mechanism, dict(parse_setting(text, mechanism) for text in settings or []))
+    mechanism = replace(mechanism, parse_settings(settings or [], mechanism))
     check_values(mechanism)
+    warn(implausible(mechanism))
     return (mechanism.ideal() if ideal else mechanism), scene
 
 
@@ -60,6 +63,13 @@ def check_writable(path: Path | None, endings: tuple[str, ...] = ()) -> None:
 def say(text: str) -> None:
     """Print a text as it is."""
     console.print(text, highlight=False, markup=False, soft_wrap=True)
+
+
+def warn(text: str) -> None:
+    """Print what is to be doubted, if anything is."""
+    if text:
+        errors.print("warning:", style="yellow", end=" ")
+        errors.print(text, soft_wrap=True, highlight=False, markup=False)
 
 
 def say_written(what: str, path: Path) -> None:

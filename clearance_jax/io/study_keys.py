@@ -9,6 +9,9 @@ from clearance_jax.io.kinds import Flag, Quantities, Quantity, Sub, Text, Whole,
 from clearance_jax.io.table import Keys
 from clearance_jax.solve.simulate import MOST_SAMPLES, SOLVERS
 
+# Units that another key decides.
+PARAMETER, METRIC = "the parameter's", "the metric's"
+
 SIGNALS = {
     "position-error": metrics.PositionError,
     "path-deviation": metrics.PathDeviation,
@@ -58,6 +61,7 @@ STUDY = Keys(
         ),
         Sub("manufacture", "how parts come out of manufacture", '{ kind = "band", least = 0.8 }', absent="as designed"),
     ),
+    renamed={"made": "manufacture"},
 )
 
 SOLVE = Keys(
@@ -107,8 +111,8 @@ VARIABLE = Keys(
     "Variables",
     "A number that is looked for, by its dotted name; its unit is the parameter's.",
     (
-        Quantity("least", "its lower bound, above zero", '"10 um"', unit="the parameter's", required=True),
-        Quantity("greatest", "its upper bound", '"1 mm"', unit="the parameter's", required=True),
+        Quantity("least", "its lower bound, above zero", '"10 um"', unit=PARAMETER, required=True),
+        Quantity("greatest", "its upper bound", '"1 mm"', unit=PARAMETER, required=True),
         Sub(
             "cost",
             "what it costs to make; for all variables or for none",
@@ -129,13 +133,13 @@ _POSITIVE = {"above": 0.0}
 _FIXED = Quantity("fixed", "cost that no clearance saves", "1.0", default=0.0)
 _POWER = Quantity("power", "power of the clearance", "2", default=1.0, bounds=_POSITIVE)
 _RATE = Quantity(
-    "rate", "rate at which the cost falls", '"1 / (10 um)"', unit="1/the parameter's", bounds=_POSITIVE, required=True
+    "rate", "rate at which the cost falls", '"1 / (10 um)"', unit=f"1/{PARAMETER}", bounds=_POSITIVE, required=True
 )
 _FACTOR = Quantity(
     "factor",
     "factor of the clearance-dependent part",
     '"0.2 mm"',
-    unit="the parameter's to the power",
+    unit=f"{PARAMETER} to the power",
     bounds=_POSITIVE,
     required=True,
 )
@@ -169,15 +173,13 @@ COST_TABLES = {
     "table": _cost(
         "table",
         "Costs quoted at some clearances, and in between a curve that does not overshoot.",
-        Quantities(
-            "clearances", "at least two, increasing", '["10 um", "40 um"]', unit="the parameter's", required=True
-        ),
+        Quantities("clearances", "at least two, increasing", '["10 um", "40 um"]', unit=PARAMETER, required=True),
         Quantities("costs", "a cost for each, falling", "[9, 4]", required=True),
     ),
 }
 
 _METRIC = Word("metric", "what of the motion is bounded", '"peak"', allowed=(*REDUCTIONS, *COUNTS), required=True)
-_BOUND = Quantity("bound", "what it must not exceed", '"0.2 mm"', unit="the metric's", bounds=_POSITIVE, required=True)
+_BOUND = Quantity("bound", "what it must not exceed", '"0.2 mm"', unit=METRIC, bounds=_POSITIVE, required=True)
 _SIGNAL = Word("signal", "the signal that it is of", '"position-error"', allowed=tuple(SIGNALS), required=True)
 _TIMES = Quantities("times", "the times, increasing, from t0 to t1", '["0.5 ms", "1 ms"]', unit="s", required=True)
 # What a signal or a count is of; which of them it wants, its class says.

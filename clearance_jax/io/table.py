@@ -1,6 +1,8 @@
 """A table of a scene or study file, read by what is declared of its keys: it knows no key that is not."""
 
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from clearance_jax.errors import ClearanceError, quoted, suggest
@@ -11,7 +13,7 @@ NO_WORDS: Words = {}
 
 class Keys(NamedTuple):
     """What is declared of one kind of table: how the reference calls it (`name`, and the `choice` that selects it among
-    others of that name, as `law = "hertz"`), what it is, and its keys.
+    others of that name, as `law = "hertz"`), what it is, and its keys; `renamed`: what a key was called once.
     """
 
     name: str
@@ -19,6 +21,7 @@ class Keys(NamedTuple):
     help: str
     keys: tuple[Key, ...]
     choice: str = ""
+    renamed: Mapping[str, str] = MappingProxyType({})
 
     def __add__(self, other: "Keys") -> "Keys":  # pyright: ignore[reportIncompatibleMethodOverride]
         """The same table with the keys of another one."""
@@ -38,6 +41,8 @@ class Table:
         self.values, self.where, self.words = checked_table(values, where), where, words
         self._keys = {key.name: key for key in keys.keys}
         for name in self.values:
+            if name in keys.renamed:
+                raise ClearanceError(f"{self.key(name)} is called `{keys.renamed[name]}` now. Rename it.")
             if name not in self._keys:
                 raise ClearanceError(f"{self.key(name)} is not a known key. " + suggest(name[:200], self._keys))
 
@@ -61,12 +66,13 @@ class Table:
             if key.required:
                 self.need(name)
             return key.default
-        return key.read(self.values[name], self.key(name), {**self.words, **words})
+        # What is said here comes first: its words may have those of the table in them.
+        return key.read(self.values[name], self.key(name), {**words, **self.words})
 
-    def given(self, *names: str) -> dict[str, Any]:
-        """Of these keys (default: all) those that are there, or must be."""
-        names = names or tuple(self._keys)
-        return {name: self.get(name) for name in names if self.has(name) or self._keys[name].required}
+    def given(self, *skip: str) -> dict[str, Any]:
+        """All keys that are there, or must be, but for those to `skip`."""
+        keys = (key for key in self._keys.values() if key.name not in skip)
+        return {key.name: self.get(key.name) for key in keys if key.required or self.has(key.name)}
 
     def table(self, name: str, keys: Keys, words: Words = NO_WORDS) -> "Table":
         """The key's sub-table (empty where absent)."""
@@ -77,10 +83,8 @@ class Table:
         return chosen(self.values[name] if self.has(name) else {}, self.key(name), tables, {**self.words, **words})
 
     def named(self, name: str) -> Iterator[tuple[str, Any, str]]:
-        """Of each of the key's named sub-tables its name, its values and where it stands."""
-        values = checked_table(self.values[name] if self.has(name) else {}, self.key(name))
-        for inner in values:
-            yield inner, values[inner], below(self.key(name), inner)
+        """Of each entry of the key's table, whose names are the user's: its name, its value and where it stands."""
+        return entries(self.values[name] if self.has(name) else {}, self.key(name))
 
     def parts(self, name: str) -> Iterator[tuple[str, Any, str]]:
         """As `named`, of tables whose names become names of parts."""
@@ -107,6 +111,12 @@ def chosen(values: Any, where: str, tables: Mapping[str, Keys], words: Words = N
     return Chosen(word, Table(given, where, tables[word], words))
 
 
+def entries(values: Any, where: str) -> Iterator[tuple[str, Any, str]]:
+    """Of each entry of a table whose names are the user's: its name, its value and where it stands."""
+    for name, value in checked_table(values, where).items():
+        yield name, value, below(where, name)
+
+
 def checked_table(values: Any, where: str) -> dict[str, Any]:
     """The values, which must be a table."""
     if not isinstance(values, dict):
@@ -118,3 +128,14 @@ def below(where: str, name: str) -> str:
     """How a message names a key of what stands at `where`."""
     name = name if len(name) <= 60 and name.isprintable() else quoted(name)
     return f"{where}.{name}" if not where.endswith(":") else f"{where} {name}"
+
+
+@contextmanager
+def naming(where: str) -> Iterator[None]:
+    """Errors of what is done inside name the place (a file, or a key of it)."""
+    try:
+        yield
+    except ClearanceError as error:
+        if where in str(error):
+            raise
+        raise ClearanceError(f"{where}: {error}") from None
