@@ -138,7 +138,7 @@ _RATE = Quantity(
 _FACTOR = Quantity(
     "factor",
     "factor of the clearance-dependent part",
-    '"0.2 mm"',
+    '"0.04 mm^2"',
     unit=f"{PARAMETER} to the power",
     bounds=_POSITIVE,
     required=True,
