@@ -3,6 +3,7 @@
 import ast
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -98,7 +99,7 @@ PIN = {"radial_clearance": '"0.1 mm"', "pin_radius": '"10 mm"'}
 HERTZ = inline(example(scene_keys.NORMAL_TABLES["hertz"]))
 
 
-def load(tmp_path, text):
+def load(tmp_path, text) -> Any:
     path = tmp_path / "s.toml"
     path.write_text(text)
     return load_scene(path)
@@ -184,7 +185,7 @@ COST = inline(example(study_keys.COST_TABLES["reciprocal"]))
 PEAK = lines(example(study_keys.LIMIT_TABLES["peak"], "body", "joint"))
 
 
-def study(tmp_path, rest="", cost=COST, limit=PEAK):
+def study(tmp_path, rest="", cost=COST, limit=PEAK) -> Any:
     path = tmp_path / "study.toml"
     crank = ROOT / "experiments" / "scenes" / "slider_crank.toml"
     path.write_text(STUDY.format(scene=crank, cost=cost, limit=limit) + rest)

@@ -53,6 +53,8 @@ def check_writable(path: Path | None, endings: tuple[str, ...] = ()) -> None:
     """Raise before the solve for what could not be written after it."""
     if path is None:
         return
+    if "\0" in str(path):
+        raise ClearanceError(f"Cannot write {quoted(str(path))}: it is no path. Choose another.")
     try:
         if path.exists() and not path.is_file():
             raise ClearanceError(f"Cannot write `{path}`: it is a folder or a device. Choose another path.")
@@ -66,8 +68,6 @@ def check_writable(path: Path | None, endings: tuple[str, ...] = ()) -> None:
             pass
     except OSError as error:
         raise ClearanceError(f"Cannot write `{path}`: {error.strerror}. Choose another path.") from None
-    except ValueError:
-        raise ClearanceError(f"Cannot write {quoted(str(path))}: it is no path. Choose another.") from None
     if endings and path.suffix.lower() not in endings:
         raise ClearanceError(f"Cannot write `{path}`: its name must end in {', '.join(endings)}.")
 

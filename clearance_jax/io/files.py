@@ -33,6 +33,8 @@ def read_table(path: Path, where: str) -> tuple[np.ndarray, np.ndarray]:
         except ValueError:
             rows = rows[1:]
         table = np.array([[float(cell) for cell in row[:2]] for row in rows])
+        if not np.all(np.isfinite(table)):
+            raise ValueError("not every number is finite")
         return table[:, 0], table[:, 1]
     except (ValueError, IndexError, csv.Error) as error:
         raise ClearanceError(f"{where}: `{path}` must be a CSV table of time [s] and value ({error}).") from None
@@ -40,6 +42,8 @@ def read_table(path: Path, where: str) -> tuple[np.ndarray, np.ndarray]:
 
 def read_text(path: Path, what: str, largest: int) -> str:
     """The text of a file. **Raises** `ClearanceError` for what is no file (a device may never end), or too large."""
+    if "\0" in str(path):
+        raise ClearanceError(f"Cannot read the {what}: {quoted(str(path))} is no path.")
     try:
         if path.exists() and not path.is_file():
             raise ClearanceError(f"Cannot read the {what} `{path}`: it is no file. Give the path of one.")
@@ -50,5 +54,3 @@ def read_text(path: Path, what: str, largest: int) -> str:
         raise ClearanceError(f"Cannot read the {what} `{path}`: {error.strerror}.") from None
     except UnicodeDecodeError:
         raise ClearanceError(f"Cannot read the {what} `{path}`: it is not a text in UTF-8.") from None
-    except ValueError:  # a path with a character that no path has
-        raise ClearanceError(f"Cannot read the {what}: {quoted(str(path))} is no path.") from None
