@@ -146,7 +146,7 @@ class Word(Key):
         if not isinstance(value, str) or value not in self.allowed:
             raise ClearanceError(
                 f"{where} must be one of the allowed words, but it is {quoted(value)}. "
-                + suggest(str(value)[:LONGEST], self.allowed)
+                + suggest(value if isinstance(value, str) else "", self.allowed)
             )
         return value
 
