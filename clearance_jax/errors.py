@@ -1,8 +1,36 @@
 """The three voices of error: structure and value raise here; what happens inside a solve is a result code."""
 
+# A message is one or two sentences; whatever makes it longer is a value or a path that somebody typed.
+LONGEST = 600
+
 
 class ClearanceError(ValueError):
-    """A scene, a mechanism or an argument that cannot be simulated. The message names the place and the fix."""
+    """A scene, a mechanism or an argument that cannot be simulated. The message names the place and the fix, in no more
+    than `LONGEST` characters.
+    """
+
+    def __init__(self, message: object = ""):
+        super().__init__(cut(str(message), LONGEST))
+
+
+def cut(text: str, longest: int) -> str:
+    """A text of no more than `longest` characters: of a longer one its begin and its end."""
+    if len(text) <= longest:
+        return text
+    end = (longest - 5) // 3
+    return f"{text[: longest - 5 - end]} ... {text[len(text) - end :]}"
+
+
+def quoted(value: object) -> str:
+    """A value as a message shows it: as Python writes it, without what makes it long."""
+    import reprlib
+
+    short = reprlib.Repr()
+    short.maxstring = short.maxother = short.maxlong = 80
+    try:
+        return cut(short.repr(value), 120)
+    except ValueError:  # Python writes no whole number of more than some thousand digits
+        return f"{type(value).__name__} of more digits than can be shown"
 
 
 def require_float64() -> None:
@@ -20,7 +48,7 @@ def suggest(word: str, allowed) -> str:
     """A sentence with the nearest of the allowed words, and all of them where they are few."""
     import difflib
 
-    allowed = sorted(allowed)
+    word, allowed = word[:100], sorted(allowed)
     if not allowed:
         return "There are none here."
     near = difflib.get_close_matches(word, allowed, n=3, cutoff=0.5)

@@ -20,7 +20,7 @@ from jax.core import Tracer
 from jaxtyping import Array
 
 from clearance_jax._types import Flag
-from clearance_jax.errors import ClearanceError, require_float64, suggest
+from clearance_jax.errors import ClearanceError, quoted, require_float64, suggest
 
 # What a number's field may demand of it: key of its metadata, test, words.
 BOUNDS = (
@@ -40,7 +40,17 @@ def as_leaf(value: Any) -> Any:
     return value
 
 
-def physical(unit: str, *, above: float | None = None, least: float | None = None, below: float | None = None, **field):
+def physical(
+    unit: str,
+    *,
+    above: float | None = None,
+    least: float | None = None,
+    below: float | None = None,
+    help: str = "",
+    example: str = "",
+    absent: str = "",
+    **field,
+):
     """A dataclass field that holds one physical number (or `None` where the quantity may be absent).
 
     **Arguments:**
@@ -48,10 +58,18 @@ def physical(unit: str, *, above: float | None = None, least: float | None = Non
     - `unit`: the SI unit, as pint spells it; a word that its owner resolves (see `Parametrised.units`) otherwise.
     - `above`, `least`, `below`: open lower, closed lower and open upper bound of valid values, checked at the door of
       `simulate` and by the scene reader.
+    - `help`, `example`, `absent`: for the reference of scene files: what it is, its value in TOML, what its absence
+      means.
     - `field`: passed on to `dataclasses.field` (for instance `default`).
     """
     metadata = {"unit": unit, "above": above, "least": least, "below": below}
+    metadata |= {"help": help, "example": example, "absent": absent}
     return eqx.field(converter=as_leaf, metadata=metadata, **field)
+
+
+def described(help: str, example: str, absent: str = "", **field):
+    """A field that is no number, with what the reference of scene files says of it (see `physical`)."""
+    return eqx.field(metadata={"help": help, "example": example, "absent": absent}, **field)
 
 
 def flattened(**field):
@@ -140,7 +158,7 @@ def find(known: Mapping[str, Leaf], name: str) -> tuple[Leaf, int | None]:
     if name in known:
         return known[name], None
     head, _, tail = name.rpartition(".")
-    if not (tail.isdigit() and head in known):
+    if not (tail.isdecimal() and len(tail) < 10 and head in known):
         raise ClearanceError(f"There is no parameter `{name}`. " + suggest(name, known))
     shape = np.shape(known[head].value)
     if not (len(shape) == 1 and int(tail) < shape[0]):
@@ -227,6 +245,10 @@ def check_values(module: eqx.Module) -> None:
 def check_bounds(value: Any, metadata: Mapping[str, Any], where: str, unit: str) -> None:
     """Raise for a number outside its field's bounds, naming `where` it stands."""
     value = np.asarray(value)
-    for words, limit, holds in violations(value, metadata):
-        if not np.all(holds):
-            raise ClearanceError(f"{where} must be {words} {limit:g} {unit}, but it is {value.tolist()} {unit}.")
+    if all(np.all(holds) for _, _, holds in violations(value, metadata)):
+        return
+    demanded = [f"{words} {limit:g} {unit}".rstrip() for words, limit, _ in violations(value, metadata)]
+    if metadata.get("above") is not None and metadata.get("below") is not None:
+        demanded = [f"between {metadata['above']:g} and {metadata['below']:g} {unit}".rstrip()]
+    shown = f"{quoted(value.tolist())} {unit}".rstrip()
+    raise ClearanceError(f"{where} must be {' and '.join(demanded)}, but it is {shown}.")

@@ -2,9 +2,22 @@
 
 import functools
 import math
+import re
 from typing import Any
 
-from clearance_jax.errors import ClearanceError
+from clearance_jax.errors import ClearanceError, quoted
+
+# What a quantity may be written like. pint's own reader is a calculator, which "9**9**9 kg" keeps busy for ever and
+# which takes "mm" for one millimetre: it is asked about the unit only, and only of these forms.
+LONGEST = 100
+_NUMBER = r"[+-]?(?:(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?|(?:nan|inf)(?=\s))"
+_SYMBOL = r"(?:[^\W\d_²³¹⁰⁴⁵⁶⁷⁸⁹][^\W²³¹⁰⁴⁵⁶⁷⁸⁹]*|[%°])"
+_POWER = r"(?:\s*(?:\^|\*\*)\s*(?:[+-]?\d{1,2}(?:\.\d+)?|\([+-]?\d{1,2}(?:\.\d+)?\))|⁻?[²³¹⁰⁴⁵⁶⁷⁸⁹])?"
+_FACTOR = rf"{_SYMBOL}{_POWER}"
+_PRODUCT = rf"{_FACTOR}(?:\s*[*/·\s]\s*{_FACTOR})*"
+_GROUP = rf"(?:{_FACTOR}|\(\s*{_PRODUCT}\s*\))"
+_UNIT = rf"(?:1\s*/\s*)?{_GROUP}(?:\s*[*/·\s]\s*{_GROUP})*"
+_QUANTITY = re.compile(rf"\s*({_NUMBER})\s*({_UNIT}|/\s*{_UNIT}|/\s*\(\s*{_NUMBER}\s*{_UNIT}\s*\))?\s*")
 
 ANGLES = ("radian", "degree", "turn", "revolution", "arc", "grade", "cycle")
 
@@ -24,23 +37,24 @@ def to_si(value: Any, unit: str, where: str) -> float:
     """
     if unit in ("", "1"):
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise ClearanceError(f"{where} must be a bare number, but it is {value!r}.")
-        return _finite(float(value), where)
+            raise ClearanceError(f"{where} must be a bare number, but it is {quoted(value)}.")
+        return _float(value, where)
     if isinstance(value, bool) or not isinstance(value, str):
-        raise ClearanceError(f'{where} needs a unit: write it as a string such as "{value} {unit}".')
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        shown, other = (quoted(value), "") if number else ("2.5", f", not as {quoted(value)}")
+        raise ClearanceError(f'{where} needs a unit: write it as a string such as "{shown} {unit}"{other}.')
     import pint
 
+    text = _checked(value, unit, where)
     try:
-        quantity = registry().Quantity(value)
+        quantity = registry().Quantity(text)
         magnitude = float(quantity.to(unit).magnitude)
     except pint.DimensionalityError as error:
         raise ClearanceError(
-            f"{where} must be in {unit} or a unit of that dimension, but {value!r} is in {error.units1}."
+            f"{where} must be in {unit} or a unit of that dimension, but {quoted(value)} is in {error.units1}."
         ) from None
-    except (pint.UndefinedUnitError, pint.PintError, ValueError, TypeError, AttributeError, SyntaxError) as error:
-        raise ClearanceError(f'{where} is not a quantity: {value!r} ({error}). Write it as "2.5 {unit}".') from None
-    except Exception as error:  # pint's parser raises tokenizer errors of several kinds
-        raise ClearanceError(f'{where} is not a quantity: {value!r} ({error}). Write it as "2.5 {unit}".') from None
+    except Exception as error:  # pint's parser raises errors of many kinds
+        raise ClearanceError(_unread(value, unit, where, quoted(str(error)))) from None
     # To pint an angle is a bare number: "30" would pass for radians, and hertz for rad/s.
     if unit in ("rad", "rad/s") and not any(word in str(quantity.units) for word in ANGLES):
         raise ClearanceError(f'{where} needs a unit of angle (deg, rad, rpm ...): write it as "1.5 {unit}".')
@@ -53,6 +67,30 @@ def shown(value: float, unit: str, digits: int = 6) -> str:
         small = abs(value) < 1e-3
         return f"{value * (1e6 if small else 1e3):.{digits}g} {'um' if small else 'mm'}"
     return f"{value:.{digits}g} {unit}".rstrip()
+
+
+def _checked(value: str, unit: str, where: str) -> str:
+    """The text of a quantity that pint may read, in the form NUMBER UNIT (or NUMBER / (NUMBER UNIT))."""
+    if len(value) > LONGEST:
+        raise ClearanceError(_unread(value, unit, where, f"longer than {LONGEST} characters"))
+    match = _QUANTITY.fullmatch(" ".join(value.split()))  # one space at a time, or the pattern would try them all
+    if match is None:
+        lacks = "it lacks a number" if not re.search(r"\d", value) else "it must read NUMBER UNIT"
+        raise ClearanceError(_unread(value, unit, where, lacks))
+    # pint would take a long row of digits for a whole number without end.
+    number = _float(match[1].replace("_", ""), where)
+    return f"{number!r} {match[2] or ''}".replace("·", "*")
+
+
+def _unread(value: str, unit: str, where: str, why: str) -> str:
+    return f'{where} is not a quantity: {quoted(value)} ({why}). Write it as "2.5 {unit}".'
+
+
+def _float(value: Any, where: str) -> float:
+    try:
+        return _finite(float(value), where)
+    except OverflowError:  # a whole number beyond all floats
+        raise ClearanceError(f"{where} must be finite, but it is {quoted(value)}.") from None
 
 
 def _finite(value: float, where: str) -> float:

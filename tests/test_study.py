@@ -153,6 +153,7 @@ def test_optimize_command(study, tmp_path):
     assert result.exit_code == 0, result.output
     assert "decided by: piston" in result.output
     assert "The limits hold in a fresh simulation" in result.output
+    assert re.search(r"Verifying by another solver: some 20 evaluations, about \d+ (s|min)", result.output)
     page = report.read_text()
     assert "Wrist &lt;pin&gt;" in page
     assert page.count("<svg") >= 4

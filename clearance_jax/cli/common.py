@@ -4,6 +4,7 @@ Whatever needs JAX is imported by the command that runs: the help must not wait 
 """
 
 import os
+import tempfile
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,7 +12,7 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from clearance_jax.errors import ClearanceError
+from clearance_jax.errors import ClearanceError, quoted
 
 console, errors = Console(), Console(stderr=True)
 
@@ -35,13 +36,16 @@ def set_up() -> None:
 def read_mechanism(scene_file: Path, settings: list[str] | None, ideal: bool) -> tuple[Any, Any]:
     """The mechanism that the command's options make of a scene, and the scene."""
     set_up()
-    from clearance_jax.io.scene import load_scene, parse_setting
+    from clearance_jax.io.plausible import implausible
+    from clearance_jax.io.scene import read_scene
+    from clearance_jax.io.settings import parse_settings
     from clearance_jax.parameters import check_values, replace
 
-    scene = load_scene(scene_file)
+    scene = read_scene(scene_file)
     mechanism = scene.mechanism
-    mechanism = replace(mechanism, dict(parse_setting(text, mechanism) for text in settings or []))
+    mechanism = replace(mechanism, parse_settings(settings or [], mechanism))
     check_values(mechanism)
+    warn(implausible(mechanism))
     return (mechanism.ideal() if ideal else mechanism), scene
 
 
@@ -49,17 +53,45 @@ def check_writable(path: Path | None, endings: tuple[str, ...] = ()) -> None:
     """Raise before the solve for what could not be written after it."""
     if path is None:
         return
-    if not path.parent.is_dir() or path.is_dir():
-        raise ClearanceError(f"Cannot write `{path}`: its folder does not exist or it is a folder. Make it first.")
-    if not os.access(path if path.exists() else path.parent, os.W_OK):
-        raise ClearanceError(f"Cannot write `{path}`: no permission. Choose another path.")
+    if "\0" in str(path):
+        raise ClearanceError(f"Cannot write {quoted(str(path))}: it is no path. Choose another.")
+    try:
+        if path.exists() and not path.is_file():
+            raise ClearanceError(f"Cannot write `{path}`: it is a folder or a device. Choose another path.")
+        if not path.parent.is_dir():
+            raise ClearanceError(f"Cannot write `{path}`: its folder does not exist. Make it first.")
+        if path.exists() and not os.access(path, os.W_OK):
+            raise ClearanceError(f"Cannot write `{path}`: no permission. Choose another path.")
+        # What is written gets its name only when it is whole: a file beside it must be possible. (Not every folder that
+        # says so can be written to, and a name can be too long.)
+        with tempfile.NamedTemporaryFile(dir=path.parent, prefix=".", suffix=f".{path.name}.partial"):
+            pass
+    except OSError as error:
+        raise ClearanceError(f"Cannot write `{path}`: {error.strerror}. Choose another path.") from None
     if endings and path.suffix.lower() not in endings:
         raise ClearanceError(f"Cannot write `{path}`: its name must end in {', '.join(endings)}.")
+
+
+def check_distinct(**paths: Path | None) -> None:
+    """Raise where two of the files that a command reads and writes are one; by the words that name them."""
+    seen: dict[Path, str] = {}
+    for word, path in paths.items():
+        if path is not None and seen.setdefault(path.resolve(), word) != word:
+            raise ClearanceError(
+                f"The {seen[path.resolve()]} and the {word} are the same file `{path}`. Give two names."
+            )
 
 
 def say(text: str) -> None:
     """Print a text as it is."""
     console.print(text, highlight=False, markup=False, soft_wrap=True)
+
+
+def warn(text: str) -> None:
+    """Print what is to be doubted, if anything is."""
+    if text:
+        errors.print("warning:", style="yellow", end=" ")
+        errors.print(text, soft_wrap=True, highlight=False, markup=False)
 
 
 def say_written(what: str, path: Path) -> None:

@@ -1,5 +1,8 @@
 """The command `clearance`. Every error is one sentence and exit code 2."""
 
+import sys
+from typing import Any, NoReturn
+
 import typer
 
 from clearance_jax.cli.common import errors
@@ -7,7 +10,7 @@ from clearance_jax.cli.info import info
 from clearance_jax.cli.optimize import optimize
 from clearance_jax.cli.plot import plot
 from clearance_jax.cli.simulate import simulate
-from clearance_jax.errors import ClearanceError
+from clearance_jax.errors import LONGEST, ClearanceError, cut
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -26,14 +29,24 @@ for command in (simulate, info, plot, optimize):
     app.command()(command)
 
 
+# What typer raises for arguments that it cannot use; its own report of them has no bound on its length.
+UsageError: Any = typer.BadParameter.__bases__[0]
+
+
 def main() -> None:
-    """Entry point: turns every `ClearanceError` into one sentence and exit code 2."""
+    """Entry point: turns every `ClearanceError`, and every wrong argument, into one sentence and exit code 2."""
     try:
-        app()
+        raise SystemExit(app(sys.argv[1:] or ["--help"], standalone_mode=False))
+    except UsageError as error:
+        _fail(f"{error.format_message().rstrip('.')}. See `clearance --help`.")
     except ClearanceError as error:
-        errors.print("error:", style="red", end=" ")
-        errors.print(str(error), soft_wrap=True, highlight=False, markup=False)
-        raise SystemExit(2) from None
+        _fail(str(error))
     except KeyboardInterrupt:
         errors.print("interrupted")
         raise SystemExit(130) from None
+
+
+def _fail(message: str) -> NoReturn:
+    errors.print("error:", style="red", end=" ")
+    errors.print(cut(message, LONGEST), soft_wrap=True, highlight=False, markup=False)
+    raise SystemExit(2) from None

@@ -7,7 +7,8 @@ import typer
 from rich.markup import escape
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-from clearance_jax.cli.common import check_writable, console, errors, say, say_written, set_up
+from clearance_jax.cli.common import check_distinct, check_writable, console, errors, say, say_written, set_up
+from clearance_jax.cli.pace import Pace, shown_duration
 from clearance_jax.errors import ClearanceError
 
 CUT_SHORT = "Interrupted before every statement was made."
@@ -34,13 +35,15 @@ def optimize(
 
     check_writable(report, (".html", ".htm"))
     check_writable(record)
+    check_distinct(study=study_file, report=report, record=record)
     study = load_study(study_file)
     given = {"method": _known(method), "starts": starts, "record": record}
     with Progress(SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), console=errors) as bar:
-        design = _search(study, {k: v for k, v in given.items() if v is not None}, bar)
+        pace = Pace()
+        design = _search(study, {k: v for k, v in given.items() if v is not None}, bar, pace)
         console.print(f"[bold]{escape(study.name)}[/bold]")
         say(str(design))
-        found = _explain(study, design, verify, report is not None, bar)
+        found = _explain(study, design, verify, report is not None, bar, pace)
     for text in found.notes:
         say(text)
     if found.fits is not None:
@@ -65,12 +68,13 @@ def _known(method: str | None) -> str | None:
     return method
 
 
-def _search(study, given: dict[str, Any], bar: Progress):
+def _search(study, given: dict[str, Any], bar: Progress, pace: Pace):
     """The design, with the best so far shown on the way."""
     task, points, common = bar.add_task("compiling"), [], study.problem.specification.common
 
     def progress(point):
         points.append(point)
+        pace.tick()
         held = [p.objective for p in points if p.feasible]
         best = "none holds every limit yet" if not held else f"best {-min(held) if common else min(held):.6g}"
         bar.update(task, description=f"{len(points)} designs, {best}")
@@ -84,7 +88,23 @@ def _interrupted(design) -> bool:
     return design.stop_reason == INTERRUPTED
 
 
-def _explain(study, design, verify: bool, report: bool, bar: Progress):
+def _verify(study, design, bar: Progress, pace: Pace):
+    """The certificate, with how long it will take said before and how far it has come said on the way."""
+    from clearance_jax.design import expected_evaluations
+
+    count = expected_evaluations(pace.count, **study.verify)
+    seconds, done = pace.expected(count), Pace()
+    say(f"Verifying by another solver: some {count} evaluations, {shown_duration(seconds)} (Ctrl-C ends it).")
+
+    def progress(_point):
+        done.tick()
+        bar.update(bar.task_ids[0], description=f"verifying, evaluation {done.count} of some {count}")
+
+    bar.update(bar.task_ids[0], description="verifying, compiling")
+    return design.verify(**study.verify, progress=progress)
+
+
+def _explain(study, design, verify: bool, report: bool, bar: Progress, pace: Pace):
     """What can be said of the design: its certificate, and for a report whatever else."""
     from clearance_jax.design import Findings, findings
 
@@ -94,8 +114,7 @@ def _explain(study, design, verify: bool, report: bool, bar: Progress):
     task = bar.task_ids[0]
     try:
         if design.feasible and verify:
-            bar.update(task, description="verifying by another solver")
-            found = Findings(design, design.verify(**study.verify))
+            found = Findings(design, _verify(study, design, bar, pace))
             say(str(found.certificate))
         if report:
             bar.update(task, description="trade-off and standard fits")

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from clearance_jax.cli.common import FIGURES, check_writable, say_written
+from clearance_jax.cli.common import FIGURES, check_distinct, check_writable, say_written
 
 
 def plot(
@@ -18,5 +18,6 @@ def plot(
 
     output = result_file.with_suffix(".png") if output is None else output
     check_writable(output, FIGURES)
+    check_distinct(result=result_file, figure=output)
     save_figure(overview(load_dataset(result_file)), output)
     say_written("figure", output)

@@ -1,5 +1,6 @@
 """`clearance simulate`: a scene to a dataset and a figure."""
 
+import warnings
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,11 +13,13 @@ from clearance_jax.cli.common import (
     Ideal,
     SceneFile,
     Settings,
+    check_distinct,
     check_writable,
     console,
     errors,
     read_mechanism,
     say_written,
+    warn,
 )
 from clearance_jax.errors import ClearanceError
 
@@ -41,16 +44,17 @@ def simulate(
     mechanism, scene = read_mechanism(scene_file, settings, ideal)
     from clearance_jax.results.dataset import to_dataset
     from clearance_jax.results.store import save
+    from clearance_jax.solve.simulate import EnergyWarning, doubt
     from clearance_jax.solve.trace import trace
 
     check_writable(output)
     check_writable(plot, FIGURES)
-    if output is not None and plot is not None and output.resolve() == plot.resolve():
-        raise ClearanceError(f"`-o` and `--plot` name the same file `{output}`. Give two names.")
+    check_distinct(scene=scene_file, output=output, plot=plot)
     given = {"t1": t1, "rtol": rtol, "samples": samples, "solver": solver}
     options = _options(scene_file, scene.solve, {k: v for k, v in given.items() if v is not None})
     end = options.pop("t1")
-    with _bar() as bar:
+    with _bar() as bar, warnings.catch_warnings():
+        warnings.simplefilter("ignore", EnergyWarning)  # said below, after the result
         task = bar.add_task("compiling and solving", total=1.0)
         result = trace(mechanism, end, **options, progress=lambda f: bar.update(task, completed=f))
         bar.update(task, description="observing", completed=0.0)
@@ -63,6 +67,7 @@ def simulate(
             solve=repr({"t1": end, **options}),
         )
     _report(mechanism, result, dataset)
+    warn(doubt(result.solution))
     if output is not None:
         save(dataset, output)
         say_written("dataset", output)

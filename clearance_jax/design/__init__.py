@@ -16,6 +16,7 @@ from clearance_jax.design.specification import Limit, Specification
 from clearance_jax.design.standard import StandardFits, nearest_fits
 from clearance_jax.design.static import static_weights
 from clearance_jax.design.time_histories import TimeHistory, time_histories
+from clearance_jax.design.verify import expected_evaluations
 
 __all__ = [
     "METHODS",
@@ -42,6 +43,7 @@ __all__ = [
     "Tradeoff",
     "Yield",
     "YieldEstimate",
+    "expected_evaluations",
     "findings",
     "formulate",
     "nearest_fits",

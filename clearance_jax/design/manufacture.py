@@ -18,10 +18,14 @@ class Band(NamedTuple):
     points: int = 3
     corners: int = 3
 
-    def factors(self, count: int) -> np.ndarray:
-        """Factors on the designed clearances, shape (scenarios, count)."""
+    def check(self) -> None:
+        """Raise for numbers that say nothing."""
         if not 0 < self.least < 1:
             raise ClearanceError(f"`Band.least` must be between 0 and 1, but it is {self.least}.")
+
+    def factors(self, count: int) -> np.ndarray:
+        """Factors on the designed clearances, shape (scenarios, count)."""
+        self.check()
         along = np.append(np.linspace(self.least, 1.0, self.points), 1.0)[:, None] * np.ones(count)
         if 1 < count <= self.corners:
             grid = np.stack(np.meshgrid(*[[self.least, 1.0]] * count), -1).reshape(-1, count)
@@ -46,12 +50,25 @@ class Yield(NamedTuple):
     samples: int = 256
     seed: int = 0
 
+    def check(self) -> None:
+        """Raise for numbers that say nothing."""
+        if not 0 < self.target < 1 or self.samples < 1:
+            raise ClearanceError(
+                f"`Yield` wants a target between 0 and 1, and at least one sample, but they are {self.target} and "
+                f"{self.samples}."
+            )
+        for name, deviation in self.scatter.items():
+            if not 0 <= deviation < 0.2:
+                raise ClearanceError(
+                    f"The scatter of `{name}` must be relative, not negative and below 0.2 (20 %), but it is "
+                    f"{deviation:g}."
+                )
+
     def draws(self, names: tuple[str, ...], fresh: int = 0, seed: int | None = None) -> dict[str, np.ndarray]:
         """Factors on each scattered number, shape (samples,); of `names` all, 1 where one does not scatter. Of `fresh`
         samples, so many purely random ones.
         """
-        if not 0 < self.target < 1 or self.samples < 1:
-            raise ClearanceError("`Yield` wants a target between 0 and 1, and at least one sample.")
+        self.check()
         count, seed = fresh or self.samples, self.seed if seed is None else seed
         if fresh or not self.scatter:
             normal = np.random.default_rng(seed).standard_normal((count, len(self.scatter)))
@@ -60,8 +77,6 @@ class Yield(NamedTuple):
             normal = scipy.stats.norm.ppf(sequence[:count])
         found = {name: np.ones(count) for name in names}
         for (name, deviation), column in zip(self.scatter.items(), normal.T, strict=True):
-            if not 0 <= deviation < 0.2:
-                raise ClearanceError(f"The scatter of `{name}` must be relative and below 0.2, but it is {deviation}.")
             found[name] = 1 + deviation * column
         return found
 

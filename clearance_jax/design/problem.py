@@ -20,7 +20,7 @@ class ToleranceProblem:
 
     **Arguments:**
 
-    - `mechanism`, `t1`: the motion, from 0 to `t1` [s].
+    - `mechanism`, `t1`: the motion, from `t0` to `t1` [s].
     - `variables`: name -> (least, greatest), positive, in the parameter's unit.
     - `limits`: `Limit`s.
     - `cost`: one cost function for all variables, or name -> cost function; `None`: the largest clearance is wanted,
@@ -28,7 +28,7 @@ class ToleranceProblem:
     - `conditions`: name of the condition -> values by parameter name (speeds, loads, friction, phases), or a sequence
       of such values; every limit must hold in each. None: the mechanism as it is.
     - `manufacture`: how parts come out of manufacture, a `Band` or a `Yield`; None: as designed.
-    - `rtol`, `solver`: of the solves.
+    - `rtol`, `solver`, `t0`: of the solves.
 
     All of it in one form is its `specification`.
 
@@ -46,6 +46,7 @@ class ToleranceProblem:
         manufacture: Band | Yield | None = None,
         rtol: float = 1e-8,
         solver: str = "tsit5",
+        t0: float = 0.0,
     ):
         self.specification = Specification(
             mechanism,
@@ -57,6 +58,7 @@ class ToleranceProblem:
             manufacture,
             rtol,
             solver,
+            float(t0),
         )
 
     def solve(

@@ -173,20 +173,32 @@ class Program:
 
     def _load(self) -> None:
         assert self._file is not None
-        text = self._file.read_text()
+        try:
+            text = self._file.read_text()
+            entries = _recorded(text)
+            known = [(tuple(e.pop("names")), e.pop("identity"), len(e["limits"])) for e in entries]
+        except (OSError, ValueError, AttributeError, KeyError, TypeError):
+            raise ClearanceError(f"`{self._file}` is no record of designs. Choose another file.") from None
+        if any(one != (self.names, self._identity, len(self.limit_names)) for one in known):
+            raise ClearanceError(f"`{self._file}` records another problem. Choose another file.")
         if text and not text.endswith("\n"):
             with self._file.open("a") as file:
                 file.write("\n")
-        for line in text.splitlines():
-            try:
-                entry = json.loads(line)
-            except json.JSONDecodeError:
-                continue  # the line that was being written when the run was stopped
-            known = (tuple(entry.pop("names")), entry.pop("identity"), len(entry["limits"]))
-            if known != (self.names, self._identity, len(self.limit_names)):
-                raise ClearanceError(f"`{self._file}` records another problem. Choose another file.")
+        for entry in entries:
             arrays = {k: None if v is None else np.asarray(v, float) for k, v in entry.items() if k != "objective"}
             self._keep(Evaluation(objective=float(entry["objective"]), **arrays))
+
+
+def _recorded(text: str) -> list[dict]:
+    """The entries of a record. **Raises** `ValueError` for a line that is none, nor was being written when it ended."""
+    entries, begin = [], '{"names": '
+    for line in text.splitlines():
+        try:
+            entries.append(json.loads(line))
+        except json.JSONDecodeError:
+            if not (line.startswith(begin) or begin.startswith(line)):
+                raise
+    return entries
 
 
 def _entry(point: Evaluation) -> dict:

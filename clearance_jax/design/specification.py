@@ -61,9 +61,12 @@ class Specification:
     manufacture: Band | Yield | None
     rtol: float
     solver: str
+    t0: float = 0.0
 
     def __post_init__(self):
-        check_arguments(self.mechanism, 0.0, self.t1, self.rtol, self.solver)
+        check_arguments(self.mechanism, self.t0, self.t1, self.rtol, self.solver)
+        if self.manufacture is not None:
+            self.manufacture.check()
         if not self.variables or not self.limits:
             raise ClearanceError("A design problem wants at least one variable and one limit.")
         called = [limit.title for limit in self.limits]
@@ -88,6 +91,11 @@ class Specification:
                 raise ClearanceError(f"`{variable}` is a variable, so `{name}` cannot set it.")
             if variable in known and np.ndim(known[variable].value):
                 raise ClearanceError(f"`{variable}` is an array: name one of its entries, `{variable}.0`.")
+
+    @property
+    def solve(self) -> dict[str, Any]:
+        """Options of its solves."""
+        return {"t0": self.t0, "rtol": self.rtol, "solver": self.solver}
 
     @property
     def common(self) -> bool:

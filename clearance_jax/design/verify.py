@@ -1,5 +1,7 @@
 """Proof of a design by other means than those that found it."""
 
+from collections.abc import Callable
+
 import numpy as np
 import scipy.optimize
 
@@ -18,6 +20,8 @@ from clearance_jax.parameters import replace
 
 # A limit is active within this share of its bound.
 ACTIVE = 1e-4
+# Evaluations that the bisection for the scale takes, more or less: ten digits, superlinearly.
+BISECTION = 16
 OTHER = {"tsit5": "dopri8"}
 
 
@@ -32,21 +36,24 @@ def certify(
     samples: int = 1000,
     seed: int = 0,
     solver: str | None = None,
+    progress: Callable[[Evaluation], None] | None = None,
 ) -> Certificate:
     """Check the point that a method has found with another solver and a tenfold tighter tolerance.
 
     **Arguments:** `sweep`: scalings at which the limits are looked at between a tenth of the design and the bounds;
     `starts`: random starts of the same method; `reoptimise`: check the prices by solving again with changed bounds;
-    `samples`: fresh ones for a `Yield`; `solver`: which one (default: another than the design's).
+    `samples`: fresh ones for a `Yield`; `solver`: which one (default: another than the design's); `progress`: called
+    with each evaluation, of which there will be about `expected_evaluations`.
     """
     solver, rtol = solver or OTHER.get(specification.solver, "tsit5"), 0.1 * specification.rtol
-    fresh = formulate(specification, rtol, solver)
+    fresh = formulate(specification, rtol, solver, progress=progress)
     at = fresh.at(point.x, method.gradients)
     residual, multipliers = _optimality(fresh, at) if at.gradient is not None else (np.nan, np.zeros(len(at.limits)))
     prices: dict[str, float] = {}
     for k in np.flatnonzero(multipliers > 1e-6):
         prices[fresh.groups[k]] = prices.get(fresh.groups[k], 0.0) + float(multipliers[k])
-    checks = {n: (p, _price_check(specification, method, point, n)) for n, p in prices.items()} if reoptimise else {}
+    checked = prices if reoptimise else {}
+    checks = {n: (p, _price_check(specification, method, point, n, progress)) for n, p in checked.items()}
     sampled = isinstance(specification.manufacture, Yield)
     return Certificate(
         names=dict(zip(fresh.names, specification.units.values(), strict=False)),  # a common one has the first's
@@ -58,7 +65,7 @@ def certify(
         residual=residual,
         prices=prices,
         price_checks=checks,
-        starts=_others(specification, method, starts, seed),
+        starts=_others(specification, method, starts, seed, progress),
         objective=at.objective,
         goal="enlarges the clearance" if specification.common else "lowers the cost",
         yield_estimate=fresh_yield(specification, point.x, samples) if sampled else None,
@@ -78,7 +85,7 @@ def _static(specification: Specification, x: np.ndarray) -> dict[str, float]:
         for values in specification.conditions.values():
             moved = replace(designed, values)
             try:
-                weights = static_weights(moved, limit.metric.signal.point, specification.t1)
+                weights = static_weights(moved, limit.metric.signal.point, specification.t1, t0=specification.t0)
             except ClearanceError:
                 continue
             sizes = {j.name: j.clearance.radial_clearance for j in moved.clearance_joints() if j.clearance}
@@ -87,11 +94,16 @@ def _static(specification: Specification, x: np.ndarray) -> dict[str, float]:
     return found
 
 
-def _others(specification: Specification, method: Method, starts: int, seed: int) -> tuple[float, ...]:
+def expected_evaluations(searched: int, *, sweep: int = 40, starts: int = 0, reoptimise: bool = False, **_) -> int:
+    """About how many evaluations `certify` takes with these options, after a search that took `searched`."""
+    return 1 + BISECTION + sweep + searched * (starts + 2 * reoptimise)
+
+
+def _others(specification: Specification, method: Method, starts: int, seed: int, progress) -> tuple[float, ...]:
     """Objectives that random starts lead to."""
     objectives, rng = [], np.random.default_rng(seed)
     for _ in range(starts):
-        program = formulate(specification)
+        program = formulate(specification, progress=progress)
         _run(program, method, np.exp(rng.uniform(np.log(program.lower), np.log(program.upper))))
         objectives.append(program.best.objective if program.best else np.inf)
     return tuple(objectives)
@@ -159,9 +171,9 @@ def _optimality(program: Program, at: Evaluation) -> tuple[float, np.ndarray]:
     return float(left / max(np.linalg.norm(gradient), 1e-300)), multipliers
 
 
-def _price_check(specification: Specification, method: Method, point: Evaluation, name: str) -> float:
+def _price_check(specification: Specification, method: Method, point: Evaluation, name: str, progress) -> float:
     """Relative change of the best objective per relative change of one limit's bound, by solving twice more."""
-    program, best = formulate(specification), []
+    program, best = formulate(specification, progress=progress), []
     for change in (0.01, -0.01):
         moved = program.with_bound(name, 1 + change)
         _run(moved, method, point.x)

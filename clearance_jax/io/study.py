@@ -1,32 +1,39 @@
 """Study files: TOML with units to a tolerance problem, on top of a scene file. Keys are strict, as a scene's."""
 
 import dataclasses
-import tomllib
+import itertools
+import warnings
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from clearance_jax.analysis import metrics
 from clearance_jax.design.costs import AbstractCost, CostTable, Exponential, ExponentialReciprocal, Reciprocal
 from clearance_jax.design.manufacture import Band, Yield
-from clearance_jax.design.methods import METHOD_CHOICES
 from clearance_jax.design.problem import ToleranceProblem
 from clearance_jax.design.specification import Limit
-from clearance_jax.errors import ClearanceError
-from clearance_jax.io.scene import Table, load_scene, parse_setting
+from clearance_jax.errors import ClearanceError, quoted, suggest
+from clearance_jax.io.files import read_toml
+from clearance_jax.io.plausible import ImplausibleWarning, implausible
+from clearance_jax.io.scene import Scene, read_scene
+from clearance_jax.io.settings import values_by_name
+from clearance_jax.io.study_keys import (
+    COST_TABLES,
+    COUNTS,
+    LIMIT_TABLES,
+    MANUFACTURE_TABLES,
+    METRIC,
+    OF,
+    PARAMETER,
+    REDUCTIONS,
+    SIGNALS,
+    SOLVE,
+    STUDY,
+    VARIABLE,
+    VERIFY,
+)
+from clearance_jax.io.table import Chosen, Table, chosen, entries, naming
+from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import replace, units_of
-from clearance_jax.solve.simulate import SOLVERS
 from clearance_jax.units import to_si
-
-SIGNALS = {
-    "position-error": metrics.PositionError,
-    "path-deviation": metrics.PathDeviation,
-    "orientation-error": metrics.OrientationError,
-    "contact-force": metrics.ContactForce,
-    "acceleration": metrics.Acceleration,
-}
-REDUCTIONS = {"peak": metrics.Peak, "rms": metrics.Rms, "mean": metrics.Mean, "at": metrics.At}
-COUNTS = {"energy-lost": metrics.EnergyLost, "impacts": metrics.Impacts}
-COSTS = {"reciprocal", "exponential", "exponential-reciprocal", "table"}
 
 
 class Study(NamedTuple):
@@ -39,149 +46,167 @@ class Study(NamedTuple):
     text: str
 
 
+class Span(NamedTuple):
+    """From when to when the motion is looked at [s]."""
+
+    t0: float
+    t1: float
+
+
 def load_study(path: str | Path) -> Study:
     """Read a study file. **Raises:** `ClearanceError` naming the file, the key and the fix."""
     path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8")
-        top = Table(tomllib.loads(text), f"{path}:")
-    except OSError as error:
-        raise ClearanceError(f"Cannot read the study file `{path}`: {error.strerror}.") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ClearanceError(f"`{path}` is not valid TOML: {error}.") from None
-    try:
-        return _study(path, top, text)
-    except ClearanceError as error:
-        if str(path) in str(error):
-            raise
-        raise ClearanceError(f"{path}: {error}") from None
+    text, values = read_toml(path, "study file")
+    with naming(str(path)):
+        return _study(path, Table(values, f"{path}:", STUDY), text)
 
 
 def _study(path: Path, top: Table, text: str) -> Study:
-    scene = load_scene(path.parent / str(top.need("scene")))
-    mechanism = scene.mechanism
-    mechanism = replace(mechanism, _values(top.table("set"), mechanism))
-    variables, costs = {}, {}
-    for name, table in top.tables("variable"):
-        unit = _unit(table, name, mechanism)
-        variables[name] = tuple(to_si(table.need(end), unit, table.key(end)) for end in ("least", "greatest"))
-        if table.has("cost"):
-            costs[name] = _cost(table.table("cost"), unit)
-        table.finish(("cost",))
-    limits = [_limit(name, table) for name, table in top.tables("limit")]
-    conditions = {name: _values(table, mechanism) for name, table in top.tables("condition")}
-    if top.has("made"):
-        raise ClearanceError(f"{top.key('made')} is called `manufacture` now. Rename the table.")
-    manufacture = _manufacture(top.table("manufacture")) if top.has("manufacture") else None
-    t1 = top.number("t1", "s")
-    if t1 is None and "t1" not in scene.solve:
-        raise ClearanceError(f"{top.where} lacks the key `t1`, and so does the scene. Add it.")
-    solver = top.table("solve")
-    problem_options: dict[str, Any] = {
-        "rtol": solver.get("rtol", scene.solve.get("rtol", 1e-8)),
-        "solver": solver.word("solver", SOLVERS, scene.solve.get("solver", "tsit5")),
-    }
-    solve = {"method": solver.word("method", METHOD_CHOICES, "slsqp"), **_numbers(solver, starts=1, most=1)}
-    solver.finish()
-    verify = top.table("verify")
-    checks = _numbers(verify, sweep=2, starts=0, samples=1)
-    if verify.has("reoptimise"):
-        checks["reoptimise"] = bool(verify.get("reoptimise"))
-    verify.finish()
-    name = str(top.get("name", path.stem))
-    top.finish()
+    scene = read_scene(path.parent / top.get("scene"))
+    mechanism = replace(scene.mechanism, values_by_name(top.named("set"), scene.mechanism))
+    said = implausible(mechanism)
+    if said:
+        warnings.warn(f"{path}: {said}", ImplausibleWarning, stacklevel=3)
+    span = _span(top, scene)
+    variables, costs = _variables(top, mechanism)
+    solve = top.table("solve", SOLVE)
     problem = ToleranceProblem(
         mechanism,
-        scene.solve["t1"] if t1 is None else t1,
+        span.t1,
         variables,
-        limits,
+        _limits(top, mechanism, span),
         cost=costs or None,
-        conditions=conditions,
-        manufacture=manufacture,
-        **problem_options,
+        conditions=_conditions(top, mechanism),
+        manufacture=_manufacture(top.chosen("manufacture", MANUFACTURE_TABLES)) if top.has("manufacture") else None,
+        rtol=solve.get("rtol") or scene.solve.get("rtol", 1e-8),
+        solver=solve.get("solver") or scene.solve.get("solver", "tsit5"),
+        t0=span.t0,
     )
-    return Study(problem, solve, checks, name, text)
+    search = {"method": solve.get("method"), **solve.given("method", "rtol", "solver")}
+    return Study(problem, search, top.table("verify", VERIFY).given(), top.get("name") or path.stem, text)
 
 
-def _unit(table: Table, name: str, mechanism) -> str:
-    return units_of(mechanism, [name])[name]
+def _span(top: Table, scene: Scene) -> Span:
+    t0, t1 = scene.solve.get("t0", 0.0), top.get("t1") if top.has("t1") else scene.solve.get("t1")
+    if t1 is None:
+        raise ClearanceError(f"{top.where} lacks the key `t1`, and so does the scene. Add it.")
+    if t1 <= t0:
+        raise ClearanceError(f"{top.key('t1')} must be greater than the scene's t0 = {t0:g} s, but it is {t1:g} s.")
+    return Span(t0, t1)
 
 
-def _values(table: Table, mechanism) -> dict[str, float]:
-    """Parameters by name from quantities."""
-    return dict(parse_setting(f"{name}={table.get(name)}", mechanism) for name in table.values)
+def _conditions(top: Table, mechanism: Mechanism) -> dict[str, dict[str, float]]:
+    tables = top.named("condition")
+    return {name: values_by_name(entries(values, where), mechanism) for name, values, where in tables}
 
 
-def _numbers(table: Table, **least: int) -> dict[str, int]:
-    """Whole numbers that are there, each at least so large."""
+# Variables and what they cost ----------------------------------------------------------------------------------------
+
+
+def _variables(top: Table, mechanism: Mechanism) -> tuple[dict[str, tuple[float, float]], dict[str, AbstractCost]]:
+    """Bounds and costs by the variables' names."""
+    bounds, costs = {}, {}
+    for name, values, where in top.named("variable"):
+        with naming(where):
+            unit = units_of(mechanism, [name])[name]
+        table = Table(values, where, VARIABLE, {PARAMETER: unit})
+        bounds[name] = least, greatest = table.get("least"), table.get("greatest")
+        if not 0 < least < greatest:
+            raise ClearanceError(
+                f"{where}: its bounds contradict each other: 0 < least < greatest must hold, but they are "
+                f"{least:g} and {greatest:g} {unit}".rstrip()
+                + "."
+            )
+        if table.has("cost"):
+            costs[name] = _cost(table.chosen("cost", COST_TABLES), unit)
+    return bounds, costs
+
+
+def _cost(read: Chosen, unit: str) -> AbstractCost:
+    """Constants are in a currency times or over a power of the variable's unit: `factor = "20 um"`."""
+    law, table = read
+    if law == "table":
+        return _cost_table(table)
+    words = {f"1/{PARAMETER}": f"1/({unit})" if unit else ""}
+    fixed = table.get("fixed")
+    if law == "exponential":
+        return Exponential(table.get("factor"), table.get("rate", words), fixed)
+    power = table.get("power")
+    factor = table.get("factor", {f"{PARAMETER} to the power": f"({unit})**{power:g}" if unit else ""})
+    if law == "reciprocal":
+        return Reciprocal(factor, power, fixed)
+    return ExponentialReciprocal(factor, table.get("rate", words), power, fixed)
+
+
+def _cost_table(table: Table) -> CostTable:
+    clearances, costs = table.get("clearances"), table.get("costs")
+    if any(b > a for a, b in itertools.pairwise(costs)):
+        raise ClearanceError(f"{table.key('costs')} must fall as the clearance grows, but it is {quoted(costs)}.")
+    with naming(table.where):
+        return CostTable(clearances, costs)
+
+
+# Limits --------------------------------------------------------------------------------------------------------------
+
+
+def _limits(top: Table, mechanism: Mechanism, span: Span) -> list[Limit]:
+    tables = top.named("limit")
+    return [_limit(name, chosen(values, where, LIMIT_TABLES), mechanism, span) for name, values, where in tables]
+
+
+def _limit(name: str, read: Chosen, mechanism: Mechanism, span: Span) -> Limit:
+    """`metric` over a `signal` of a `point`, `body` or `joint` ("at" given `times`); or a count of a `joint`."""
+    kind, table = read
+    if kind in COUNTS:
+        metric = COUNTS[kind](**_of(COUNTS[kind], kind, table, mechanism))
+    else:
+        word = table.get("signal")
+        signal = SIGNALS[word](**_of(SIGNALS[word], word, table, mechanism))
+        metric = REDUCTIONS[kind](signal, *([_times(table, span)] if kind == "at" else []))
+    return Limit(metric, table.get("bound", {METRIC: metric.unit}), name)
+
+
+def _of(cls: type, word: str, table: Table, mechanism: Mechanism) -> dict[str, str]:
+    """What a signal or a count is of, by the names that its class has for it."""
+    names = {
+        "point": [point.name for point in mechanism.points],
+        "body": [body.name for body in mechanism.bodies],
+        "joint": [joint.name for joint in mechanism.clearance_joints()],
+    }
+    wanted = {field.name for field in dataclasses.fields(cls)}
+    for key in (key for key in OF if key in table.values and key not in wanted):
+        raise ClearanceError(f"{table.key(key)} has no effect: `{word}` is of a {' and a '.join(wanted)}. Remove it.")
     found = {}
-    for name, smallest in least.items():
-        if table.has(name):
-            value = table.get(name)
-            if isinstance(value, bool) or not isinstance(value, int) or value < smallest:
-                raise ClearanceError(
-                    f"{table.key(name)} must be a whole number of at least {smallest}, but it is {value!r}."
-                )
-            found[name] = value
+    for key in wanted:
+        table.need(key)
+        found[key] = table.get(key)
+        if found[key] not in names[key]:
+            kind = "joint with clearance" if key == "joint" else key
+            raise ClearanceError(
+                f"{table.key(key)}: the scene has no {kind} {quoted(found[key])}. " + suggest(found[key], names[key])
+            )
     return found
 
 
-def _limit(name: str, table: Table) -> Limit:
-    """`metric` over a `signal` of a `point`, `body` or `joint` ("at" given `times`); or a count of a `joint`."""
-    kind = table.word("metric", {*REDUCTIONS, *COUNTS})
-    if kind in REDUCTIONS:
-        signal = SIGNALS[table.word("signal", SIGNALS)]
-        times = ([to_si(v, "s", table.key("times")) for v in table.need("times")],) if kind == "at" else ()
-        metric = REDUCTIONS[kind](signal(**_names(signal, table)), *times)
-    else:
-        metric = COUNTS[kind](**_names(COUNTS[kind], table))
-    bound = table.need("bound")
-    limit = Limit(metric, to_si(bound, metric.unit, table.key("bound")), name)
-    table.finish()
-    return limit
+def _times(table: Table, span: Span) -> list[float]:
+    times = table.get("times")
+    increasing = all(a < b for a, b in itertools.pairwise(times))
+    if not (increasing and span.t0 <= times[0] and times[-1] <= span.t1):
+        raise ClearanceError(
+            f"{table.key('times')} must increase from t0 = {span.t0:g} s to t1 = {span.t1:g} s at most, but they are "
+            f"{quoted(times)} s."
+        )
+    return times
 
 
-def _names(cls, table: Table) -> dict[str, str]:
-    return {field.name: str(table.need(field.name)) for field in dataclasses.fields(cls)}
+# Manufacture ---------------------------------------------------------------------------------------------------------
 
 
-def _cost(table: Table, unit: str) -> AbstractCost:
-    """Constants are in a currency times or over a power of the variable's unit: `factor = "20 um"`."""
-    law = table.word("law", COSTS)
-    if law == "table":
-        sizes = [to_si(v, unit, table.key("clearances")) for v in table.need("clearances")]
-        cost: AbstractCost = CostTable(sizes, [to_si(v, "", table.key("costs")) for v in table.need("costs")])
-    else:
-        power, inverse = table.number("power", ""), f"1/({unit})" if unit else ""
-        fixed = table.number("fixed", "") or 0.0
-        table.need("factor")
-        if law == "exponential":
-            table.need("rate")
-            cost = Exponential(table.number("factor", ""), table.number("rate", inverse), fixed)
-        else:
-            power = 1.0 if power is None else power
-            factor = table.number("factor", f"({unit})**{power:g}" if unit else "")
-            if law == "reciprocal":
-                cost = Reciprocal(factor, power, fixed)
-            else:
-                table.need("rate")
-                cost = ExponentialReciprocal(factor, table.number("rate", inverse), power, fixed)
-    table.finish()
-    return cost
-
-
-def _manufacture(table: Table) -> Band | Yield:
+def _manufacture(read: Chosen) -> Band | Yield:
     """`least`, the share of a clearance that a band goes down to; or the scatter, and the share that must hold."""
-    kind = table.word("kind", {"band", "yield"})
+    kind, table = read
     if kind == "band":
-        table.need("least")
-        manufacture: Band | Yield = Band(table.number("least", ""), **_numbers(table, points=2, corners=0))
-    else:
-        inner = table.table("scatter")
-        # Percentages are read as such, which pint takes for a unit.
-        scatter = {name: to_si(inner.get(name), "percent", inner.key(name)) / 100 for name in inner.values}
-        target = table.number("target", "")
-        options = {} if target is None else {"target": target}
-        manufacture = Yield(scatter, **options, **_numbers(table, samples=1, seed=0))
-    table.finish()
-    return manufacture
+        return Band(**table.given("kind"))
+    # Percentages are read as such, which pint takes for a unit.
+    scatter = {name: to_si(value, "percent", where) / 100 for name, value, where in table.named("scatter")}
+    return Yield(scatter, **table.given("kind", "scatter"))

@@ -29,8 +29,10 @@ class RevoluteClearance(AbstractClearance):
     - `length` of the contact [m], `pin_material`, `sleeve_material`: for laws that ask for them.
     """
 
-    radial_clearance: Scalar = physical("m", above=0.0)
-    pin_radius: Scalar = physical("m", above=0.0)
+    radial_clearance: Scalar = physical(
+        "m", above=0.0, help="sleeve radius minus pin radius; its presence makes the play", example='"0.1 mm"'
+    )
+    pin_radius: Scalar = physical("m", above=0.0, help="radius of the pin", example='"10 mm"')
     normal: AbstractNormalLaw  # pyright: ignore[reportGeneralTypeIssues]
     friction: AbstractFrictionLaw | None = None
     element: AbstractElement | None = None

@@ -23,11 +23,22 @@ class InternalHertz(AbstractStiffness):
       contact becomes conformal) as c goes to 0.
     """
 
-    pin_modulus: Scalar = physical("Pa", above=0.0)
-    sleeve_modulus: Scalar = physical("Pa", above=0.0)
-    pin_poisson: Scalar = physical("", least=0.0, below=0.5, default=0.3)
-    sleeve_poisson: Scalar = physical("", least=0.0, below=0.5, default=0.3)
-    reference_clearance: Scalar | None = physical("m", above=0.0, default=None)
+    pin_modulus: Scalar = physical("Pa", above=0.0, help="Young's modulus of the pin", example='"207 GPa"')
+    sleeve_modulus: Scalar = physical("Pa", above=0.0, help="Young's modulus of the sleeve", example='"100 GPa"')
+    pin_poisson: Scalar = physical(
+        "", least=0.0, below=0.5, default=0.3, help="Poisson's ratio of the pin", example="0.29"
+    )
+    sleeve_poisson: Scalar = physical(
+        "", least=0.0, below=0.5, default=0.3, help="Poisson's ratio of the sleeve", example="0.34"
+    )
+    reference_clearance: Scalar | None = physical(
+        "m",
+        above=0.0,
+        default=None,
+        help="the clearance for which the stiffness is computed",
+        example='"0.1 mm"',
+        absent="the joint's own: the stiffness changes with it",
+    )
 
     def value(self, geometry: Geometry) -> Scalar:
         clearance = geometry.radial_clearance if self.reference_clearance is None else self.reference_clearance

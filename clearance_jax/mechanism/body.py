@@ -7,7 +7,7 @@ import jax.numpy as jnp
 
 from clearance_jax._types import Scalar
 from clearance_jax.mechanism.drives import AbstractMotionLaw, Values
-from clearance_jax.parameters import flattened, leading, physical
+from clearance_jax.parameters import described, flattened, leading, physical
 from clearance_jax.spatial import Term, Vector, times
 
 GROUND = "ground"
@@ -55,17 +55,28 @@ class Body(eqx.Module):
     """
 
     name: str = eqx.field(static=True)
-    mass: Scalar | None = physical("kg", above=0.0, default=None)
-    inertia: Scalar | None = physical("kg*m^2", above=0.0, default=None)
-    center_of_mass: Position = ORIGIN
+    mass: Scalar | None = physical(
+        "kg", above=0.0, default=None, help="mass", example='"0.14 kg"', absent="a massless link"
+    )
+    inertia: Scalar | None = physical(
+        "kg*m^2",
+        above=0.0,
+        default=None,
+        help="moment of inertia about the centre of mass",
+        example='"2.5e-4 kg*m^2"',
+        absent="a point mass",
+    )
+    center_of_mass: Position = described(
+        "centre of mass in the body's frame", '["60 mm", "0 mm"]', "the frame's origin", default=ORIGIN
+    )
 
 
 class Point(eqx.Module):
     """A named point of a body whose motion is reported."""
 
     name: str = eqx.field(static=True)
-    body: str = eqx.field(static=True)
-    at: Position = ORIGIN
+    body: str = described("the body that it is a point of", '"slider"', static=True)
+    at: Position = described("its place in the body's frame", '["80 mm", "0 mm"]', "the frame's origin", default=ORIGIN)
 
 
 class AbstractActuator(eqx.Module):
@@ -87,7 +98,7 @@ class AbstractActuator(eqx.Module):
 class ConstantEffort(AbstractActuator):
     """A constant torque [N m] (or force [N] on a sliding joint)."""
 
-    effort: Scalar = physical("effort")
+    effort: Scalar = physical("effort", help="torque (force on a sliding joint)", example='"-12 N*m"')
 
     def __call__(self, time, position, velocity):
         return self.effort + 0 * position
@@ -97,8 +108,12 @@ class Servo(AbstractActuator):
     """A linear position servo: k (target - q) + b (target' - q')."""
 
     target: AbstractMotionLaw
-    stiffness: Scalar = physical("effort/coordinate", least=0.0)
-    damping: Scalar = physical("effort*s/coordinate", least=0.0)
+    stiffness: Scalar = physical(
+        "effort/coordinate", least=0.0, help="gain k of the position error", example='"50 N*m/rad"'
+    )
+    damping: Scalar = physical(
+        "effort*s/coordinate", least=0.0, help="gain b of the speed error", example='"5 N*m*s/rad"'
+    )
 
     def __call__(self, time, position, velocity):
         goal, goal_rate, _ = self.target(time)
@@ -114,9 +129,13 @@ class Servo(AbstractActuator):
 class JointSpring(AbstractActuator):
     """A spring and damper in a joint: -k (q - q0) - b q'. Its energy is booked as actuator work."""
 
-    stiffness: Scalar = physical("effort/coordinate", least=0.0)
-    damping: Scalar = physical("effort*s/coordinate", least=0.0, default=0.0)
-    rest: Scalar = physical("coordinate", default=0.0)
+    stiffness: Scalar = physical("effort/coordinate", least=0.0, help="stiffness k", example='"50 N*m/rad"')
+    damping: Scalar = physical(
+        "effort*s/coordinate", least=0.0, default=0.0, help="damping b", example='"0.1 N*m*s/rad"'
+    )
+    rest: Scalar = physical(
+        "coordinate", default=0.0, help="coordinate q0 at which the spring is relaxed", example='"10 deg"'
+    )
 
     def __call__(self, time, position, velocity):
         return -self.stiffness * (position - self.rest) - self.damping * velocity
@@ -126,13 +145,15 @@ class Spring(eqx.Module):
     """A spring and damper between points of two bodies: tension k (l - l0) + b l'."""
 
     name: str = eqx.field(static=True)
-    body_a: str = eqx.field(static=True)
-    body_b: str = eqx.field(static=True)
-    stiffness: Scalar = physical("N/m", least=0.0)
-    damping: Scalar = physical("N*s/m", least=0.0, default=0.0)
-    free_length: Scalar = physical("m", least=0.0, default=0.0)
-    at_a: Position = ORIGIN
-    at_b: Position = ORIGIN
+    body_a: str = described("the body at its one end, or `ground`", '"ground"', static=True)
+    body_b: str = described("the body at its other end", '"slider"', static=True)
+    stiffness: Scalar = physical("N/m", least=0.0, help="stiffness k", example='"4530 N/m"')
+    damping: Scalar = physical("N*s/m", least=0.0, default=0.0, help="damping b", example='"2 N*s/m"')
+    free_length: Scalar = physical(
+        "m", least=0.0, default=0.0, help="length l0 at which it is relaxed", example='"77.85 mm"'
+    )
+    at_a: Position = described("its end in the frame of `body_a`", '["14 mm", "72 mm"]', "the origin", default=ORIGIN)
+    at_b: Position = described("its end in the frame of `body_b`", '["20 mm", "-18 mm"]', "the origin", default=ORIGIN)
 
 
 class Motion(eqx.Module):
@@ -146,8 +167,18 @@ class Motion(eqx.Module):
     """
 
     drive: AbstractMotionLaw | None = leading(default=None)
-    position: Scalar = physical("coordinate", default=0.0)
-    velocity: Scalar = physical("coordinate/s", default=0.0)
+    position: Scalar = physical(
+        "coordinate",
+        default=0.0,
+        help="initial value of a free coordinate (a first guess where a loop must close)",
+        example='"30 deg"',
+    )
+    velocity: Scalar = physical(
+        "coordinate/s",
+        default=0.0,
+        help="initial rate of a free coordinate (a first guess where a loop must close)",
+        example='"10 rad/s"',
+    )
     actuators: tuple[AbstractActuator, ...] = flattened(default=())
 
     @property

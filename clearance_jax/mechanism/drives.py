@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 from clearance_jax._numerics import sincos
 from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError
-from clearance_jax.parameters import physical
+from clearance_jax.parameters import described, physical
 from clearance_jax.spatial import Term, total
 
 Values = Float[Array, " n"]
@@ -46,8 +46,8 @@ class AbstractDrive(AbstractMotionLaw):
 class ConstantSpeed(AbstractDrive):
     """q = start + speed t."""
 
-    speed: Scalar = physical("coordinate/s")
-    start: Scalar = physical("coordinate", default=0.0)
+    speed: Scalar = physical("coordinate/s", help="rate of the coordinate", example='"5000 rpm"')
+    start: Scalar = physical("coordinate", default=0.0, help="value at t = 0", example='"90 deg"')
 
     def __call__(self, time):
         return self.start + self.speed * time, self.speed, 0.0
@@ -67,10 +67,10 @@ class StepSum(AbstractDrive):
     **Arguments:** `begin`, `end` [s] and `rise` of shape (n,), `offset`.
     """
 
-    begin: Values = physical("s")
-    end: Values = physical("s")
-    rise: Values = physical("coordinate")
-    offset: Scalar = physical("coordinate", default=0.0)
+    begin: Values = physical("s", help="when each step begins", example='["0 s", "0.5 s"]')
+    end: Values = physical("s", help="when each step ends", example='["0.5 s", "1 s"]')
+    rise: Values = physical("coordinate", help="by how much each step rises", example='["90 deg", "30 deg"]')
+    offset: Scalar = physical("coordinate", default=0.0, help="value before the steps", example='"10 deg"')
 
     def __check_init__(self):
         _check_steps(self)
@@ -91,10 +91,10 @@ class StepSum(AbstractDrive):
 class Step5Sum(AbstractDrive):
     """As `StepSum` with the quintic STEP5: q'' is continuous, q''' jumps."""
 
-    begin: Values = physical("s")
-    end: Values = physical("s")
-    rise: Values = physical("coordinate")
-    offset: Scalar = physical("coordinate", default=0.0)
+    begin: Values = physical("s", help="when each step begins", example='["0 s", "0.5 s"]')
+    end: Values = physical("s", help="when each step ends", example='["0.5 s", "1 s"]')
+    rise: Values = physical("coordinate", help="by how much each step rises", example='["90 deg", "30 deg"]')
+    offset: Scalar = physical("coordinate", default=0.0, help="value before the steps", example='"10 deg"')
 
     def __check_init__(self):
         _check_steps(self)
@@ -113,10 +113,10 @@ class Step5Sum(AbstractDrive):
 class Harmonic(AbstractDrive):
     """q = offset + amplitude sin(angular_frequency t + phase), angular_frequency in rad/s."""
 
-    amplitude: Scalar = physical("coordinate")
-    angular_frequency: Scalar = physical("rad/s")
-    phase: Scalar = physical("rad", default=0.0)
-    offset: Scalar = physical("coordinate", default=0.0)
+    amplitude: Scalar = physical("coordinate", help="amplitude", example='"20 deg"')
+    angular_frequency: Scalar = physical("rad/s", help="angular frequency", example='"10 rad/s"')
+    phase: Scalar = physical("rad", default=0.0, help="phase at t = 0", example='"90 deg"')
+    offset: Scalar = physical("coordinate", default=0.0, help="value about which it swings", example='"10 deg"')
 
     def __call__(self, time):
         w = self.angular_frequency
@@ -132,9 +132,18 @@ class Spline(AbstractDrive):
     (q'' = 0) or "clamped" (q' = 0).
     """
 
-    times: Values = physical("s")
-    values: Values = physical("coordinate")
-    ends: Literal["not-a-knot", "natural", "clamped"] = eqx.field(static=True, default="not-a-knot")
+    times: Values = physical(
+        "s", help="times of the table, increasing, at least 4", example='["0 s", "1 s", "2 s", "3 s"]'
+    )
+    values: Values = physical(
+        "coordinate", help="the coordinate at these times", example='["0 deg", "20 deg", "5 deg", "0 deg"]'
+    )
+    ends: Literal["not-a-knot", "natural", "clamped"] = described(
+        "what holds at both ends: `natural` (q'' = 0), `clamped` (q' = 0)",
+        '"clamped"',
+        static=True,
+        default="not-a-knot",
+    )
 
     def __check_init__(self):
         if self.times.shape[0] < 4 or self.times.shape != self.values.shape:

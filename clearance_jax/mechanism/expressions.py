@@ -123,8 +123,10 @@ class _Reader:
         token = self.peek()
         if token.kind != "number":
             raise self.error(token.at, "a number")
-        self.index += 1
         value = float(token.text)
+        if not math.isfinite(value):
+            raise self.error(token.at, "a number that is finite")
+        self.index += 1
         if self.peek().kind == "word" and self.peek().text.lower() == "d":
             self.index += 1
             value *= math.pi / 180

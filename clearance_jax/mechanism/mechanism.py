@@ -107,9 +107,11 @@ class Mechanism(eqx.Module):
         for loop in self.loops:
             self._known(loop.name, "parent", loop.parent, placed)
             self._known(loop.name, "child", loop.child, placed)
+            self._distinct(loop.name, "parent", "child", loop.parent, loop.child)
         for spring in self.springs:
             self._known(spring.name, "body_a", spring.body_a, placed)
             self._known(spring.name, "body_b", spring.body_b, placed)
+            self._distinct(spring.name, "body_a", "body_b", spring.body_a, spring.body_b)
         for point in self.points:
             self._known(point.name, "body", point.body, placed)
 
@@ -118,6 +120,13 @@ class Mechanism(eqx.Module):
         if word not in allowed:
             raise ClearanceError(
                 f"`{owner}.{key}` must name a body, but `{word}` is not one that fits. " + suggest(word, allowed)
+            )
+
+    @staticmethod
+    def _distinct(owner: str, one: str, other: str, first: str, second: str) -> None:
+        if first == second:
+            raise ClearanceError(
+                f"`{owner}.{one}` and `{owner}.{other}` must name two bodies, but both name `{first}`. Change one."
             )
 
     # Structure -----------------------------------------------------------------------------------------------------

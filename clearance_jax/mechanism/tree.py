@@ -15,7 +15,7 @@ from jaxtyping import Array
 from clearance_jax._types import Scalar
 from clearance_jax.joints import AbstractClearance, PlayCoordinate, PreparedClearance
 from clearance_jax.mechanism.body import ORIGIN, Motion, Position
-from clearance_jax.parameters import Parametrised, flattened, physical
+from clearance_jax.parameters import Parametrised, described, flattened, physical
 from clearance_jax.spatial import (
     IDENTITY,
     ZERO,
@@ -122,6 +122,19 @@ TURNING = {"coordinate": "rad", "effort": "N*m"}
 SLIDING = {"coordinate": "m", "effort": "N"}
 
 
+def _body(help: str, example: str):
+    return described(help, example, static=True)
+
+
+def _place(help: str):
+    return described(help, '["50 mm", "0 mm"]', "the frame's origin", default=ORIGIN)
+
+
+def _turn():
+    help = "angle of the joint's frame in the parent's: a sliding joint moves along its x axis"
+    return physical("rad", default=None, help=help, example='"90 deg"', absent="0 deg")
+
+
 class AbstractJoint(Parametrised):
     """A joint of the tree: places the child's frame on the parent's."""
 
@@ -150,14 +163,19 @@ class Revolute(AbstractJoint):
     """
 
     name: str = eqx.field(static=True)
-    parent: str = eqx.field(static=True)
-    child: str = eqx.field(static=True)
-    at_parent: Position = ORIGIN
-    at_child: Position = ORIGIN
-    angle: Scalar | None = physical("rad", default=None)
+    parent: str = _body("the body that the joint is on (its sleeve), or `ground`", '"ground"')
+    child: str = _body("the body that the joint carries (its pin)", '"crank"')
+    at_parent: Position = _place("place of the joint in the parent's frame")
+    at_child: Position = _place("place of the joint in the child's frame")
+    angle: Scalar | None = _turn()
     motion: Motion = flattened(default_factory=Motion)
     clearance: AbstractClearance | PreparedClearance | None = flattened(default=None)
-    eccentricity: Position = ORIGIN
+    eccentricity: Position = described(
+        "where the pin's centre starts in the sleeve, in the sleeve's axes; of a joint of the tree",
+        '["0 mm", "-0.1 mm"]',
+        "the sleeve's centre",
+        default=ORIGIN,
+    )
 
     def units(self):
         return TURNING
@@ -194,11 +212,11 @@ class Prismatic(AbstractJoint):
     """A sliding joint along the x axis of the joint frame (the parent's, turned by `angle`)."""
 
     name: str = eqx.field(static=True)
-    parent: str = eqx.field(static=True)
-    child: str = eqx.field(static=True)
-    at_parent: Position = ORIGIN
-    at_child: Position = ORIGIN
-    angle: Scalar | None = physical("rad", default=None)
+    parent: str = _body("the body that the joint is on (its sleeve), or `ground`", '"ground"')
+    child: str = _body("the body that the joint carries (its pin)", '"crank"')
+    at_parent: Position = _place("place of the joint in the parent's frame")
+    at_child: Position = _place("place of the joint in the child's frame")
+    angle: Scalar | None = _turn()
     motion: Motion = flattened(default_factory=Motion)
 
     def units(self):
@@ -215,11 +233,11 @@ class Fixed(AbstractJoint):
     """A rigid connection."""
 
     name: str = eqx.field(static=True)
-    parent: str = eqx.field(static=True)
-    child: str = eqx.field(static=True)
-    at_parent: Position = ORIGIN
-    at_child: Position = ORIGIN
-    angle: Scalar | None = physical("rad", default=None)
+    parent: str = _body("the body that the joint is on (its sleeve), or `ground`", '"ground"')
+    child: str = _body("the body that the joint carries (its pin)", '"crank"')
+    at_parent: Position = _place("place of the joint in the parent's frame")
+    at_child: Position = _place("place of the joint in the child's frame")
+    angle: Scalar | None = _turn()
 
     def coordinates(self):
         return ()

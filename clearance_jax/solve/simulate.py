@@ -1,5 +1,6 @@
 """`simulate`: a mechanism from t0 to t1, with error control that contact cannot fool, result code and energy books."""
 
+import warnings
 from typing import Any
 
 import diffrax
@@ -10,7 +11,7 @@ from jax.core import Tracer
 from jaxtyping import Array
 
 from clearance_jax.dynamics.energy import BOOKS
-from clearance_jax.errors import ClearanceError, require_float64, suggest
+from clearance_jax.errors import ClearanceError, quoted, require_float64, suggest
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.parameters import check_values
@@ -19,6 +20,10 @@ from clearance_jax.solve.flow import CLOSED, Inputs, Solution, closed_start, flo
 from clearance_jax.solve.tolerances import largest_length
 
 MAX_STEPS = 10_000_000
+# Output times at most: of each some hundred numbers are kept, together a gigabyte.
+MOST_SAMPLES = 1_000_000
+# An energy residual above this is a motion that nobody should build on; a good one is of the size of rtol.
+DOUBTFUL = 1e-3
 DERIVATIVES = ("controlled", "screening")
 OPTIONS = ("t0", "save_at", "rtol", "solver", "books", "y0", "derivatives")
 """What metrics pass on to a solve."""
@@ -59,11 +64,13 @@ def simulate(
     - `throw`: raise where the solve fails (never inside jit or vmap: there a failed lane is data).
 
     **Raises:** `ClearanceError` for float64 off, t1 <= t0, numbers that are not finite or out of bounds, and a loop
-    that cannot be closed; `RuntimeError` for a solve that fails on its way.
+    that cannot be closed; `RuntimeError` for a solve that fails on its way. **Warns** (`EnergyWarning`) where the
+    energy books do not close.
     """
     chosen = check_arguments(mechanism, t0, t1, rtol, solver)
     t0, t1 = jnp.asarray(t0, float), jnp.asarray(t1, float)
     if isinstance(save_at, int | np.integer):
+        check_samples(int(save_at))
         save_at = t0 + (t1 - t0) * jnp.asarray(np.linspace(0.0, 1.0, int(save_at)))
     elif save_at is not None:
         save_at = jnp.asarray(save_at, float)
@@ -71,7 +78,9 @@ def simulate(
         if known and not (np.all(np.diff(save_at) > 0) and save_at[0] >= t0 and save_at[-1] <= t1):
             raise ClearanceError("The times in `save_at` must increase and lie between `t0` and `t1`.")
     options = Options(chosen, watch, books, max_steps, derivatives)
-    return _run(mechanism, t0, t1, save_at, rtol, atol, y0, options, throw)
+    solution = _run(mechanism, t0, t1, save_at, rtol, atol, y0, options, throw)
+    warn_of_energy(solution)
+    return solution
 
 
 def run(
@@ -143,6 +152,36 @@ def check_assembled(mechanism: Mechanism, t0: Any, open_loops: Array) -> None:
         f"open by {float(gaps[worst]) * 1e3:.4g} mm. Change lengths, or the joints' `position`, to start nearer to a "
         "closed one."
     )
+
+
+def check_samples(samples: int) -> None:
+    """Raise for a number of samples that no memory holds, or that is none."""
+    if not 1 <= samples <= MOST_SAMPLES:
+        raise ClearanceError(
+            f"The number of samples must be between 1 and {MOST_SAMPLES}, but it is {quoted(samples)}."
+        )
+
+
+class EnergyWarning(UserWarning):
+    """The energy books of a solve do not close: its motion is not to be trusted."""
+
+
+def doubt(solution: Solution) -> str:
+    """Why a single solve is not to be trusted, in words; empty where its energy books close."""
+    residual = float(solution.energy_residual)
+    if not residual > DOUBTFUL:
+        return ""
+    return (
+        f"The energy books do not close: {residual:.1e} of the energy exchanged is missing (more than {DOUBTFUL:g}). "
+        "Do not trust this motion: lower `rtol`."
+    )
+
+
+def warn_of_energy(solution: Solution) -> None:
+    """Warn of a single solve that is not to be trusted (under a transformation there is nobody to be warned)."""
+    said = "" if isinstance(solution.energy_residual, Tracer) else doubt(solution)
+    if said:
+        warnings.warn(said, EnergyWarning, stacklevel=3)
 
 
 def check_arguments(mechanism: Mechanism, t0: Any, t1: Any, rtol: Any, solver: Any) -> Any:

@@ -21,7 +21,7 @@ from clearance_jax.solve.attempt import Carry, Options, attempt, dense, means_of
 from clearance_jax.solve.codes import Result, words
 from clearance_jax.solve.flow import Inputs, Solution, problem_of, projected_samples
 from clearance_jax.solve.problem import Problem
-from clearance_jax.solve.simulate import check_arguments, check_assembled
+from clearance_jax.solve.simulate import check_arguments, check_assembled, check_samples, warn_of_energy
 from clearance_jax.solve.step import Trial
 from clearance_jax.solve.tolerances import Tolerances
 
@@ -111,6 +111,7 @@ def trace(
     **Arguments** as `simulate`; `samples` equally spaced output times; `progress` is called with the fraction done.
     """
     chosen = check_arguments(mechanism, t0, t1, rtol, solver)
+    check_samples(samples)
     grid = np.linspace(t0, t1, samples)
     start, last, asked = (jnp.asarray(x, float) for x in (t0, t1, rtol))
     options = Options(chosen, watch, True, max_steps)
@@ -149,6 +150,7 @@ def trace(
         carry.rejected,
         _residual(problem.mechanism, (start, jnp.asarray(time[-1])), (first, jnp.asarray(y[-1]))),
     )
+    warn_of_energy(solution)
     return Trace(solution, time, y, words(code))
 
 

@@ -17,8 +17,10 @@ class CubicCoulomb(AbstractFrictionLaw):
     **Arguments:** `coefficient` mu, `transition_speed` v_c [m/s] (the paper does not give it).
     """
 
-    coefficient: Scalar = physical("", least=0.0)
-    transition_speed: Scalar = physical("m/s", above=0.0)
+    coefficient: Scalar = physical("", least=0.0, help="coefficient of friction mu", example="0.1")
+    transition_speed: Scalar = physical(
+        "m/s", above=0.0, help="slip at which the friction is all but complete", example='"10 mm/s"'
+    )
     smoothness: ClassVar[Smoothness] = "C1"
 
     def traction(self, constants, slip, normal_force, memory):
@@ -35,8 +37,10 @@ class CubicCoulomb(AbstractFrictionLaw):
 class TanhCoulomb(AbstractFrictionLaw):
     """T = -mu N tanh(v/v_t). **Arguments:** `coefficient` mu, `transition_speed` v_t [m/s]."""
 
-    coefficient: Scalar = physical("", least=0.0)
-    transition_speed: Scalar = physical("m/s", above=0.0)
+    coefficient: Scalar = physical("", least=0.0, help="coefficient of friction mu", example="0.1")
+    transition_speed: Scalar = physical(
+        "m/s", above=0.0, help="slip at which the friction is all but complete", example='"10 mm/s"'
+    )
     smoothness: ClassVar[Smoothness] = "C2"
 
     def traction(self, constants, slip, normal_force, memory):

@@ -20,12 +20,16 @@ class LuGre(AbstractFrictionLaw):
     `bristle_damping` s1 [s/m], `viscous` s2 [s/m].
     """
 
-    static_coefficient: Scalar = physical("", above=0.0)
-    kinetic_coefficient: Scalar = physical("", above=0.0)
-    stribeck_speed: Scalar = physical("m/s", above=0.0)
-    bristle_stiffness: Scalar = physical("1/m", above=0.0)
-    bristle_damping: Scalar = physical("s/m", least=0.0, default=0.0)
-    viscous: Scalar = physical("s/m", least=0.0, default=0.0)
+    static_coefficient: Scalar = physical("", above=0.0, help="coefficient mu_s at rest", example="0.2")
+    kinetic_coefficient: Scalar = physical("", above=0.0, help="coefficient mu_k at high slip", example="0.1")
+    stribeck_speed: Scalar = physical("m/s", above=0.0, help="slip v_s between the two", example='"1 mm/s"')
+    bristle_stiffness: Scalar = physical(
+        "1/m", above=0.0, help="stiffness s0 of the bristles over the normal force", example='"1e5 1/m"'
+    )
+    bristle_damping: Scalar = physical(
+        "s/m", least=0.0, default=0.0, help="damping s1 of the bristles", example='"10 s/m"'
+    )
+    viscous: Scalar = physical("s/m", least=0.0, default=0.0, help="viscous friction s2", example='"0.1 s/m"')
     smoothness: ClassVar[Smoothness] = "C0"
     bristles: ClassVar[tuple[str, ...]] = ("bristle",)
 

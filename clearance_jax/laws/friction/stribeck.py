@@ -16,9 +16,9 @@ class BrownMcPhee(AbstractFrictionLaw):
     **Arguments:** `static_coefficient` mu_s, `dynamic_coefficient` mu_d, `transition_speed` v_t [m/s].
     """
 
-    static_coefficient: Scalar = physical("", least=0.0)
-    dynamic_coefficient: Scalar = physical("", least=0.0)
-    transition_speed: Scalar = physical("m/s", above=0.0)
+    static_coefficient: Scalar = physical("", least=0.0, help="coefficient mu_s at the peak", example="0.2")
+    dynamic_coefficient: Scalar = physical("", least=0.0, help="coefficient mu_d at high slip", example="0.1")
+    transition_speed: Scalar = physical("m/s", above=0.0, help="slip v_t of the peak", example='"10 mm/s"')
     smoothness: ClassVar[Smoothness] = "C2"
 
     def traction(self, constants, slip, normal_force, memory):

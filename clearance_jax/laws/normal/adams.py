@@ -19,10 +19,14 @@ class AdamsImpact(AbstractPowerLaw):
     is complete, `exponent` n (`None`: 3/2).
     """
 
-    stiffness: Any = physical(STIFFNESS, above=0.0)
-    damping: Scalar = physical("N*s/m", least=0.0)
-    full_damping_depth: Scalar = physical("m", above=0.0)
-    exponent: Scalar | None = physical("", least=1.0, default=None)
+    stiffness: Any = physical(STIFFNESS, above=0.0, help="stiffness K", example='"2.487e6 N/mm^1.5"')
+    damping: Scalar = physical("N*s/m", least=0.0, help="damping c_max at full depth", example='"2000 N*s/m"')
+    full_damping_depth: Scalar = physical(
+        "m", above=0.0, help="penetration d_max from which on the damping is complete", example='"0.01 mm"'
+    )
+    exponent: Scalar | None = physical(
+        "", least=1.0, default=None, help="exponent n of the penetration", example="1.5", absent="1.5"
+    )
     smoothness: ClassVar[Smoothness] = "C0"
 
     def formula(self, constants, penetration, penetration_rate, memory):

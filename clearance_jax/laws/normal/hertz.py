@@ -11,8 +11,10 @@ from clearance_jax.parameters import physical
 class Hertz(AbstractPowerLaw):
     """F = K d^n, elastic. **Arguments:** `stiffness` K [N/m^n], `exponent` n >= 1 (`None`: 3/2)."""
 
-    stiffness: Any = physical(STIFFNESS, above=0.0)
-    exponent: Scalar | None = physical("", least=1.0, default=None)
+    stiffness: Any = physical(STIFFNESS, above=0.0, help="stiffness K", example='"2.487e6 N/mm^1.5"')
+    exponent: Scalar | None = physical(
+        "", least=1.0, default=None, help="exponent n of the penetration", example="1.5", absent="1.5"
+    )
     smoothness: ClassVar[Smoothness] = "C1"
 
     @property
@@ -30,9 +32,11 @@ class HuntCrossley(AbstractPowerLaw):
     **Arguments:** `stiffness` K [N/m^n], `damping_factor` lambda [s/m], `exponent` n (`None`: 3/2).
     """
 
-    stiffness: Any = physical(STIFFNESS, above=0.0)
-    damping_factor: Scalar = physical("s/m", least=0.0)
-    exponent: Scalar | None = physical("", least=1.0, default=None)
+    stiffness: Any = physical(STIFFNESS, above=0.0, help="stiffness K", example='"2.487e6 N/mm^1.5"')
+    damping_factor: Scalar = physical("s/m", least=0.0, help="damping factor lambda", example='"20 s/m"')
+    exponent: Scalar | None = physical(
+        "", least=1.0, default=None, help="exponent n of the penetration", example="1.5", absent="1.5"
+    )
     smoothness: ClassVar[Smoothness] = "C1"
 
     def formula(self, constants, penetration, penetration_rate, memory):

@@ -63,11 +63,15 @@ class RestitutionLaw(AbstractPowerLaw):
     3/2), `minimum_impact_speed` [m/s]: v0 is never below it, because a/v0 grows without bound for a pin that settles.
     """
 
-    stiffness: Any = physical(STIFFNESS, above=0.0)
-    restitution: Scalar = physical("", above=0.0, below=1.0)
+    stiffness: Any = physical(STIFFNESS, above=0.0, help="stiffness K", example='"2.487e6 N/mm^1.5"')
+    restitution: Scalar = physical("", above=0.0, below=1.0, help="coefficient of restitution e", example="0.7")
     ratio: Callable = eqx.field(static=True, default=exact_ratio)
-    exponent: Scalar | None = physical("", least=1.0, default=None)
-    minimum_impact_speed: Scalar = physical("m/s", above=0.0, default=1e-3)
+    exponent: Scalar | None = physical(
+        "", least=1.0, default=None, help="exponent n of the penetration", example="1.5", absent="1.5"
+    )
+    minimum_impact_speed: Scalar = physical(
+        "m/s", above=0.0, default=1e-3, help="the least impact speed that it reckons with", example='"1 mm/s"'
+    )
     smoothness: ClassVar[Smoothness] = "C1"
     remembers: ClassVar[tuple[str, ...]] = ("impact_speed",)
 

@@ -1,0 +1,37 @@
+"""Keys that follow from a class: its fields say name, unit, bounds, default and help (see `parameters.physical`)."""
+
+import dataclasses
+from typing import Any, Literal, get_args, get_origin
+
+from clearance_jax.io.kinds import Flag, Key, Pair, Quantities, Quantity, Text, Word
+from clearance_jax.mechanism.body import Position
+
+
+def keys_of(cls: type, *names: str) -> tuple[Key, ...]:
+    """The keys of a class's fields: of those named, or of all that have a help."""
+    fields = {field.name: field for field in dataclasses.fields(cls)}
+    chosen = names or tuple(name for name, field in fields.items() if field.metadata.get("help"))
+    return tuple(_key(fields[name]) for name in chosen)
+
+
+def _key(field: dataclasses.Field) -> Key:
+    about = field.metadata
+    required = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+    common: dict[str, Any] = {"absent": about["absent"], "required": required}
+    words = field.name, about["help"], about["example"]
+    if field.type is Position:
+        return Pair(*words, unit="m", **common)
+    if "unit" in about:
+        common |= {"unit": about["unit"], "default": None if required else field.default}
+        # A table of numbers has a dimension in its annotation, one number none.
+        many = bool(getattr(field.type, "dim_str", "").strip())
+        return Quantities(*words, **common) if many else Quantity(*words, bounds=about, **common)
+    common |= {"default": None if required else field.default}
+    if get_origin(field.type) is Literal:
+        return Word(*words, allowed=get_args(field.type), **common)
+    return (Flag if field.type is bool else Text)(*words, **common)
+
+
+def summary(part: Any) -> str:
+    """The first paragraph of what a class or a function says of itself."""
+    return " ".join((part.__doc__ or "").split("\n\n")[0].split()).split("**Arguments:**")[0].strip()

@@ -1,0 +1,183 @@
+"""What the value of a key of a scene or a study may be: each kind reads its values, and says in the reference what they
+are.
+"""
+
+import abc
+import dataclasses
+from collections.abc import Collection, Mapping
+from typing import Any, ClassVar
+
+from clearance_jax.errors import ClearanceError, quoted, suggest
+from clearance_jax.parameters import check_bounds, resolved_unit
+from clearance_jax.units import to_si
+
+# A longer text is no name, and no file has one either.
+LONGEST = 200
+Words = Mapping[str, str]
+"""Units by the words that a key's declaration has for them, where they depend on what else is given."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Key(abc.ABC):
+    """A key of a table, as it is declared once for the reader and for the reference.
+
+    - `help`: what it is; `example`: its value in TOML.
+    - `default`: its value where it is absent; `absent`: what its absence means, where no value says that.
+    - `required`: whether it must be there.
+    """
+
+    name: str
+    help: str
+    example: str
+    default: Any = dataclasses.field(default=None, kw_only=True)
+    absent: str = dataclasses.field(default="", kw_only=True)
+    required: bool = dataclasses.field(default=False, kw_only=True)
+    unit: str = dataclasses.field(default="", kw_only=True)
+
+    @property
+    @abc.abstractmethod
+    def kind(self) -> str:
+        """What its values are, in words."""
+
+    @abc.abstractmethod
+    def read(self, value: Any, where: str, words: Words) -> Any:
+        """The value checked, numbers in SI. **Raises** `ClearanceError` naming `where` it stands."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Quantity(Key):
+    """One number: with a unit a string, without a bare number. `bounds` as those of a number's field."""
+
+    bounds: Mapping[str, Any] = dataclasses.field(default_factory=dict, kw_only=True)
+
+    @property
+    def kind(self) -> str:
+        return "quantity" if self.unit else "number"
+
+    def read(self, value, where, words):
+        if isinstance(value, list):
+            raise ClearanceError(f"{where} must be one quantity, but it is the list {quoted(value)}.")
+        unit = resolved_unit(self.unit, words)
+        number = to_si(value, unit, where)
+        check_bounds(number, self.bounds, where, unit)
+        return number
+
+
+@dataclasses.dataclass(frozen=True)
+class Quantities(Key):
+    """A list of at least one number."""
+
+    @property
+    def kind(self) -> str:
+        return "list of quantities" if self.unit else "list of numbers"
+
+    def read(self, value, where, words):
+        if not isinstance(value, list) or not value:
+            raise ClearanceError(f"{where} must be a list such as {self.example}, but it is {quoted(value)}.")
+        unit = resolved_unit(self.unit, words)
+        return [to_si(v, unit, f"{where}[{i}]") for i, v in enumerate(value)]
+
+
+@dataclasses.dataclass(frozen=True)
+class Pair(Key):
+    """A plane vector. A component that is exactly zero is left out of the compiled program."""
+
+    default: tuple[float | None, float | None] = dataclasses.field(default=(None, None), kw_only=True)
+    kind: ClassVar[str] = "pair of quantities"
+
+    def read(self, value, where, words):
+        if not isinstance(value, list) or len(value) != 2:
+            raise ClearanceError(f"{where} must be a pair such as {self.example}, but it is {quoted(value)}.")
+        x, y = (to_si(v, self.unit, f"{where}[{i}]") for i, v in enumerate(value))
+        return x or None, y or None
+
+
+@dataclasses.dataclass(frozen=True)
+class Whole(Key):
+    """A whole number from `least` to `most`."""
+
+    least: int = dataclasses.field(default=0, kw_only=True)
+    most: int = dataclasses.field(default=10**9, kw_only=True)
+    kind: ClassVar[str] = "whole number"
+
+    def read(self, value, where, words):
+        if isinstance(value, bool) or not isinstance(value, int) or value < self.least:
+            raise ClearanceError(f"{where} must be a whole number of at least {self.least}, but it is {quoted(value)}.")
+        if value > self.most:
+            raise ClearanceError(f"{where} must be a whole number of at most {self.most}, but it is {quoted(value)}.")
+        return value
+
+
+@dataclasses.dataclass(frozen=True)
+class Flag(Key):
+    """True or false."""
+
+    kind: ClassVar[str] = "true or false"
+
+    def read(self, value, where, words):
+        if not isinstance(value, bool):
+            raise ClearanceError(f"{where} must be true or false, but it is {quoted(value)}.")
+        return value
+
+
+@dataclasses.dataclass(frozen=True)
+class Text(Key):
+    """A name, a title or a path."""
+
+    kind: ClassVar[str] = "text"
+
+    def read(self, value, where, words):
+        if not isinstance(value, str):
+            raise ClearanceError(f"{where} must be a text in quotes, but it is {quoted(value)}.")
+        return checked_text(value, where)
+
+
+@dataclasses.dataclass(frozen=True)
+class Word(Key):
+    """One of the `allowed` words."""
+
+    allowed: Collection[str] = dataclasses.field(default=(), kw_only=True)
+
+    @property
+    def kind(self) -> str:
+        return "one of " + ", ".join(f"`{word}`" for word in self.allowed)
+
+    def read(self, value, where, words):
+        if not isinstance(value, str) or value not in self.allowed:
+            raise ClearanceError(
+                f"{where} must be one of the allowed words, but it is {quoted(value)}. "
+                + suggest(value if isinstance(value, str) else "", self.allowed)
+            )
+        return value
+
+
+@dataclasses.dataclass(frozen=True)
+class Sub(Key):
+    """What a table of its own describes, or one of several tables; `form` says in words what may stand here."""
+
+    form: str = dataclasses.field(default="table", kw_only=True)
+
+    @property
+    def kind(self) -> str:
+        return self.form
+
+    def read(self, value, where, words):
+        return value
+
+
+def checked_text(value: str, where: str) -> str:
+    """A text of one line. **Raises** `ClearanceError` for an empty, an endless or an unprintable one."""
+    if not value.strip() or len(value) > LONGEST or not value.isprintable():
+        raise ClearanceError(
+            f"{where} must be a text of 1 to {LONGEST} printable characters, but it is {quoted(value)}."
+        )
+    return value
+
+
+def checked_name(value: str, where: str) -> str:
+    """A name of a part. **Raises** `ClearanceError` also for one that would read as a path of names."""
+    if "." in value or "=" in value:
+        raise ClearanceError(
+            f"{where} must be named without `.` and `=`, which separate names and values, but it is {quoted(value)}."
+        )
+    return checked_text(value, f"{where}, a name,")

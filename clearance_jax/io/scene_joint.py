@@ -1,0 +1,119 @@
+"""The joints of a scene: where they are, what drives or forces them, and which of them close a loop."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+from clearance_jax.errors import ClearanceError
+from clearance_jax.io.files import read_table
+from clearance_jax.io.scene_contact import clearance_of
+from clearance_jax.io.scene_keys import (
+    ACTUATOR_TABLES,
+    ACTUATORS,
+    DRIVE_TABLES,
+    DRIVES,
+    JOINT_TABLES,
+    SPLINE_FILE,
+)
+from clearance_jax.io.table import Chosen, Table, checked_table, chosen, naming
+from clearance_jax.mechanism.body import GROUND, AbstractActuator, Motion, Position, Servo
+from clearance_jax.mechanism.drives import AbstractDrive, Spline
+from clearance_jax.mechanism.expressions import read_expression
+from clearance_jax.mechanism.tree import SLIDING, TURNING, AbstractJoint, Fixed, Prismatic, Revolute
+from clearance_jax.units import to_si
+
+# What only a joint of the tree has.
+OF_THE_TREE = ("drive", "actuator", "position", "velocity", "eccentricity")
+
+
+class Joints(NamedTuple):
+    """The joints of the tree, and those that close a loop."""
+
+    tree: tuple[AbstractJoint, ...]
+    loops: tuple[Revolute, ...]
+
+
+def joints_of(top: Table, path: Path) -> Joints:
+    """The joints of a scene: one that places a body which no earlier joint has placed belongs to the tree."""
+    tree: list[AbstractJoint] = []
+    loops: list[Revolute] = []
+    placed = {GROUND}
+    for name, values, where in top.parts("joint"):
+        read = chosen(values, where, JOINT_TABLES)
+        joint = _joint(name, read, path)
+        if joint.child in placed:
+            loops.append(_closing(joint, read.table))
+        else:
+            tree.append(joint)
+            placed.add(joint.child)
+    return Joints(tuple(tree), tuple(loops))
+
+
+def _closing(joint: AbstractJoint, table: Table) -> Revolute:
+    if not isinstance(joint, Revolute):
+        raise ClearanceError(
+            f"{table.where} closes a loop (`{joint.child}` is placed already): only a revolute joint can."
+        )
+    for key in OF_THE_TREE:
+        if table.has(key):
+            raise ClearanceError(
+                f"{table.key(key)} has no effect: the joint closes a loop (`{joint.child}` is placed already). "
+                "Move it to a joint of the tree, or write this joint before the one that places the body."
+            )
+    return joint
+
+
+def _joint(name: str, read: Chosen, path: Path) -> AbstractJoint:
+    kind, table = read
+    common = dict(
+        name=name,
+        parent=table.get("parent"),
+        child=table.get("child"),
+        at_parent=Position(*table.get("at_parent")),
+        at_child=Position(*table.get("at_child")),
+        angle=table.get("angle"),
+    )
+    if kind == "fixed":
+        return Fixed(**common)
+    # What a coordinate and a force along it are measured in, the kind of joint decides.
+    table.words = TURNING if kind == "revolute" else SLIDING
+    motion = _motion(table, path)
+    if kind == "prismatic":
+        return Prismatic(**common, motion=motion)
+    eccentricity = Position(*table.get("eccentricity"))
+    return Revolute(**common, motion=motion, clearance=clearance_of(table), eccentricity=eccentricity)
+
+
+def _motion(table: Table, path: Path) -> Motion:
+    drive = _drive(table, "drive", path) if table.has("drive") else None
+    if drive is not None and any(table.has(key) for key in ("position", "velocity", "actuator")):
+        raise ClearanceError(f"{table.where} has a drive: it takes no initial position or velocity and no actuator.")
+    actuators = tuple(
+        _actuator(chosen(values, where, ACTUATOR_TABLES, table.words), path)
+        for _, values, where in table.parts("actuator")
+    )
+    return Motion(drive, table.get("position"), table.get("velocity"), actuators)
+
+
+def _drive(table: Table, name: str, path: Path) -> AbstractDrive:
+    where, given = table.key(name), table.get(name)
+    with naming(where):
+        if isinstance(given, str):
+            return read_expression(given)
+        if checked_table(given, where).get("type") == "spline" and "file" in given:
+            return _spline(Table(given, where, SPLINE_FILE, table.words), path)
+        kind, inner = chosen(given, where, DRIVE_TABLES, table.words)
+        return DRIVES[kind](**inner.given("type"))
+
+
+def _spline(table: Table, path: Path) -> Spline:
+    times, values = read_table(path.parent / table.get("file"), table.key("file"))
+    scale = to_si(f"1 {table.get('unit')}", table.words["coordinate"], table.key("unit"))
+    return Spline(times, values * scale, table.get("ends"))
+
+
+def _actuator(read: Chosen, path: Path) -> AbstractActuator:
+    cls, table = ACTUATORS[read.word], read.table
+    values = table.given("type")
+    if cls is Servo:
+        values["target"] = _drive(table, "target", path)
+    return cls(**values)

@@ -1,0 +1,222 @@
+"""Every key of a scene file. A new key is a line here (or a field with a help, where a class holds it), and its use."""
+
+import dataclasses
+import inspect
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from clearance_jax.io.fields import keys_of, summary
+from clearance_jax.io.kinds import Flag, Pair, Quantity, Sub, Text, Whole, Word
+from clearance_jax.io.table import Keys
+from clearance_jax.joints import RevoluteClearance
+from clearance_jax.laws import FRICTION_LAWS, NORMAL_LAWS, InternalHertz
+from clearance_jax.mechanism.body import Body, ConstantEffort, JointSpring, Motion, Point, Servo, Spring
+from clearance_jax.mechanism.drives import ConstantSpeed, Harmonic, Spline, Step5Sum, StepSum
+from clearance_jax.mechanism.tree import Fixed, Prismatic, Revolute
+from clearance_jax.solve.simulate import MOST_SAMPLES, SOLVERS
+
+DRIVES = {"constant-speed": ConstantSpeed, "step": StepSum, "step5": Step5Sum, "harmonic": Harmonic, "spline": Spline}
+ACTUATORS = {"constant": ConstantEffort, "servo": Servo, "spring": JointSpring}
+JOINTS = {"revolute": Revolute, "prismatic": Prismatic, "fixed": Fixed}
+
+SCENE = Keys(
+    "scene",
+    "Top of a scene",
+    "What stands in a scene file before its first table.",
+    (
+        Text("name", "name of the mechanism", '"slider-crank"', absent="the file's name"),
+        Pair("gravity", "acceleration of free fall", '["0 m/s^2", "-9.81 m/s^2"]', unit="m/s^2", absent="none"),
+        Flag(
+            "assemble",
+            "whether a solve starts by closing the loops; off: from exactly the given initial values",
+            "false",
+            default=True,
+        ),
+        Sub("solve", "how it wants to be solved", '{ t1 = "24 ms", rtol = 1e-8 }'),
+        Sub("body", "the bodies by name", '{ slider = { mass = "0.14 kg" } }', form="tables by name", required=True),
+        Sub(
+            "joint",
+            "the joints by name: one that places a body no earlier joint has placed belongs to the tree, another "
+            "closes a loop",
+            '{ guide = { type = "prismatic", parent = "ground", child = "slider" } }',
+            form="tables by name",
+            required=True,
+        ),
+        Sub(
+            "spring",
+            "springs between points of two bodies, by name",
+            '{ coil = { body_a = "ground", body_b = "slider", stiffness = "4530 N/m" } }',
+            form="tables by name",
+        ),
+        Sub(
+            "point",
+            "points whose motion is reported, by name",
+            '{ piston = { body = "slider" } }',
+            form="tables by name",
+        ),
+    ),
+)
+
+SOLVE = Keys(
+    "solve",
+    "How a scene is solved",
+    "Each may be overruled on the command line.",
+    (
+        Quantity("t0", "start of the motion", '"0 s"', unit="s", absent="0 s"),
+        Quantity("t1", "end of the motion", '"24 ms"', unit="s", absent="to be given on the command line"),
+        Quantity(
+            "rtol",
+            "accuracy: the relative tolerance of the solve",
+            "1e-8",
+            bounds={"above": 0.0, "below": 1.0},
+            absent="1e-8",
+        ),
+        Whole("samples", "number of output times", "2001", least=2, most=MOST_SAMPLES, absent="1001"),
+        Word("solver", "the solver: `dopri8` for rtol below 1e-8", '"dopri8"', allowed=tuple(SOLVERS), absent="tsit5"),
+    ),
+)
+
+BODY = Keys("body.NAME", "Bodies", summary(Body), keys_of(Body))
+POINT = Keys("point.NAME", "Points", summary(Point), keys_of(Point))
+SPRING = Keys("spring.NAME", "Springs", summary(Spring), keys_of(Spring))
+
+_TYPE = Word("type", "the kind of joint", '"revolute"', allowed=tuple(JOINTS), required=True)
+JOINT = Keys(
+    "joint.NAME",
+    "Joints",
+    "What every joint has: revolute (a pin), prismatic (a slide along the x axis of its frame) or fixed.",
+    (_TYPE, *keys_of(Fixed)),
+)
+MOTION = Keys(
+    "joint.NAME",
+    "Motion of a revolute or prismatic joint",
+    "Driven, or free under any number of actuators. A joint that closes a loop takes none of these.",
+    (
+        Sub(
+            "drive",
+            "prescribes the coordinate: a table of numbers, or an ADAMS expression of `step`, `step5`, `time`",
+            '"step(time, 0, 0, 0.5, 90 d)"',
+            form="table or expression",
+            absent="free",
+        ),
+        *keys_of(Motion),
+        Sub(
+            "actuator",
+            "forces along a free coordinate, by name",
+            '{ load = { type = "constant", effort = "-12 N*m" } }',
+            form="tables by name",
+        ),
+    ),
+    'type = "revolute" or "prismatic"',
+)
+CLEARANCE = Keys(
+    "joint.NAME",
+    "Clearance of a revolute joint",
+    "Two of radial (or diametral) clearance, pin radius and sleeve radius, and the laws of contact.",
+    (
+        *(dataclasses.replace(key, required=False) for key in keys_of(RevoluteClearance)),
+        Quantity("diametral_clearance", "twice the radial clearance, instead of it", '"0.2 mm"', unit="m"),
+        Quantity("sleeve_radius", "radius of the sleeve", '"10.1 mm"', unit="m", absent="pin radius plus clearance"),
+        Sub(
+            "normal",
+            "law of the normal force; where there is clearance it must be there",
+            '{ law = "hertz", stiffness = "2.487e6 N/mm^1.5" }',
+        ),
+        Sub(
+            "friction",
+            'law of the friction, or "none"',
+            '{ law = "tanh", coefficient = 0.1, transition_speed = "10 mm/s" }',
+            form='table or "none"',
+            absent="no friction",
+        ),
+        *keys_of(Revolute, "eccentricity"),
+    ),
+    'type = "revolute"',
+)
+JOINT_TABLES = {"revolute": JOINT + MOTION + CLEARANCE, "prismatic": JOINT + MOTION, "fixed": JOINT}
+
+
+def _kinds(
+    name: str, title: str, head: Word, members: Mapping[str, Any], class_of: Callable = lambda cls: cls
+) -> dict[str, Keys]:
+    """Of each member its table, which its word chooses by the key `head`."""
+    return {
+        word: Keys(
+            name,
+            f"{title} `{word}`",
+            summary(member),
+            (dataclasses.replace(head, example=f'"{word}"'), *keys_of(class_of(member))),
+            f'{head.name} = "{word}"',
+        )
+        for word, member in members.items()
+    }
+
+
+def law_class(law: Any) -> type:
+    """The class of a law: a member of a family is a function, whose numbers are those of the class it returns."""
+    return law if inspect.isclass(law) else inspect.signature(law, eval_str=True).return_annotation
+
+
+DRIVE_TABLES = _kinds(
+    "joint.NAME.drive",
+    "Drive",
+    Word("type", "the kind of drive", '"constant-speed"', allowed=tuple(DRIVES), required=True),
+    DRIVES,
+)
+SPLINE_FILE = Keys(
+    "joint.NAME.drive",
+    "Drive `spline` from a file",
+    "A cubic spline through a table in a file, instead of `times` and `values`.",
+    (
+        DRIVE_TABLES["spline"].keys[0],
+        Text("file", "CSV file of time [s] and value, beside the scene", '"motion.csv"', required=True),
+        Text("unit", "unit of the values", '"deg"', required=True),
+        *keys_of(Spline, "ends"),
+    ),
+    'type = "spline" with `file`',
+)
+ACTUATOR_TABLES = _kinds(
+    "joint.NAME.actuator.NAME",
+    "Actuator",
+    Word("type", "the kind of actuator", '"constant"', allowed=tuple(ACTUATORS), required=True),
+    ACTUATORS,
+)
+_TARGET = Sub("target", "where it steers to: as a drive", '"90 d * time"', form="table or expression", required=True)
+ACTUATOR_TABLES["servo"] += Keys("", "", "", (_TARGET,))
+NORMAL_TABLES = _kinds(
+    "joint.NAME.normal",
+    "Normal law",
+    Word("law", "the law of the normal force", '"adams-impact"', allowed=tuple(NORMAL_LAWS), required=True),
+    NORMAL_LAWS,
+    law_class,
+)
+FRICTION_TABLES = _kinds(
+    "joint.NAME.friction",
+    "Friction law",
+    Word("law", "the law of friction", '"tanh"', allowed=tuple(FRICTION_LAWS), required=True),
+    FRICTION_LAWS,
+)
+STIFFNESS = Keys(
+    "joint.NAME.normal.stiffness",
+    "Stiffness from geometry and materials",
+    summary(InternalHertz) + " Instead of a quantity.",
+    keys_of(InternalHertz),
+)
+
+SCENE_TABLES = (
+    SCENE,
+    SOLVE,
+    BODY,
+    JOINT,
+    MOTION,
+    CLEARANCE,
+    *DRIVE_TABLES.values(),
+    SPLINE_FILE,
+    *ACTUATOR_TABLES.values(),
+    *NORMAL_TABLES.values(),
+    STIFFNESS,
+    *FRICTION_TABLES.values(),
+    SPRING,
+    POINT,
+)
+"""Every table of a scene, in the order of the reference."""

@@ -1,0 +1,48 @@
+"""Parameters by name from quantities: `--set NAME=VALUE` of the command line, and the tables of a study."""
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from clearance_jax.errors import ClearanceError, quoted
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.parameters import Leaf, check_bounds, find, parameters
+from clearance_jax.units import to_si
+
+
+def parse_settings(texts: Iterable[str], mechanism: Mechanism) -> dict[str, float]:
+    """`NAME=VALUE` of the command line, in SI, checked against the parameters of a mechanism.
+
+    **Raises:** `ClearanceError` for an unknown name, one that is given twice, and a value without the right unit or out
+    of bounds.
+    """
+    known, given = parameters(mechanism), {}
+    for text in texts:
+        name, equals, value = (part.strip() for part in text.partition("="))
+        where = f"`--set {quoted(text)[1:-1]}`"
+        if not equals:
+            raise ClearanceError(f"{where} must read NAME=VALUE, for instance `joint5.radial_clearance=0.2mm`.")
+        if name in given:
+            raise ClearanceError(f"{where} gives `{name}` a second time. Give it once.")
+        given[name] = _setting(known, name, value, where)
+    return given
+
+
+def values_by_name(given: Iterable[tuple[str, Any, str]], mechanism: Mechanism) -> dict[str, float]:
+    """Entries of a study's table, in SI: dotted names of parameters, quantities, and where each stands."""
+    known = parameters(mechanism)
+    return {name: _setting(known, name, value, where) for name, value, where in given}
+
+
+def _setting(known: Mapping[str, Leaf], name: str, value: Any, where: str) -> float:
+    try:
+        leaf, _ = find(known, name)
+    except ClearanceError as error:
+        raise ClearanceError(f"{where}: {error}") from None
+    if leaf.unit == "" and isinstance(value, str):
+        try:
+            value = float(value)
+        except ValueError:
+            raise ClearanceError(f"{where}: `{name}` is a bare number, but {quoted(value)} is not.") from None
+    number = to_si(value, leaf.unit, where)
+    check_bounds(number, leaf.metadata, where, leaf.unit)
+    return number

@@ -1,0 +1,262 @@
+"""Every key of a study file. A new key is a line here, and its use."""
+
+import dataclasses
+
+from clearance_jax.analysis import metrics
+from clearance_jax.design.methods import METHOD_CHOICES
+from clearance_jax.io.fields import summary
+from clearance_jax.io.kinds import Flag, Quantities, Quantity, Sub, Text, Whole, Word
+from clearance_jax.io.table import Keys
+from clearance_jax.solve.simulate import MOST_SAMPLES, SOLVERS
+
+# Units that another key decides.
+PARAMETER, METRIC = "the parameter's", "the metric's"
+
+SIGNALS = {
+    "position-error": metrics.PositionError,
+    "path-deviation": metrics.PathDeviation,
+    "orientation-error": metrics.OrientationError,
+    "contact-force": metrics.ContactForce,
+    "acceleration": metrics.Acceleration,
+}
+REDUCTIONS = {"peak": metrics.Peak, "rms": metrics.Rms, "mean": metrics.Mean, "at": metrics.At}
+COUNTS = {"energy-lost": metrics.EnergyLost, "impacts": metrics.Impacts}
+
+STUDY = Keys(
+    "study",
+    "Top of a study",
+    "What stands in a study file before its first table.",
+    (
+        Text("name", "name of the study", '"Slider-crank under load"', absent="the file's name"),
+        Text("scene", "the scene file, from where the study is", '"slider_crank.toml"', required=True),
+        Quantity("t1", "end of the motion", '"105 ms"', unit="s", absent="the scene's"),
+        Sub("solve", "how the problem is solved", '{ method = "slsqp" }'),
+        Sub("verify", "how the answer is proved", "{ sweep = 40 }"),
+        Sub(
+            "set",
+            "parameters of the scene to change, by name",
+            '{ "drive.main.speed" = "3000 rpm" }',
+            form="values by name",
+        ),
+        Sub(
+            "variable",
+            "the clearances (or other numbers) that are looked for, by name",
+            '{ "wrist.radial_clearance" = { least = "10 um", greatest = "1 mm" } }',
+            form="tables by name",
+            required=True,
+        ),
+        Sub(
+            "limit",
+            "what must hold, by a name of yours",
+            '{ piston = { metric = "peak", signal = "position-error", point = "piston", bound = "0.2 mm" } }',
+            form="tables by name",
+            required=True,
+        ),
+        Sub(
+            "condition",
+            "in which every limit must hold: parameters by name, for each condition by a name of yours",
+            '{ slow = { "drive.main.speed" = "3000 rpm" } }',
+            form="tables of values by name",
+            absent="the scene as it is",
+        ),
+        Sub("manufacture", "how parts come out of manufacture", '{ kind = "band", least = 0.8 }', absent="as designed"),
+    ),
+    renamed={"made": "manufacture"},
+)
+
+SOLVE = Keys(
+    "solve",
+    "How a study is solved",
+    "The solves and the search.",
+    (
+        Quantity(
+            "rtol",
+            "accuracy: the relative tolerance of the solves",
+            "1e-8",
+            bounds={"above": 0.0, "below": 1.0},
+            absent="the scene's, or 1e-8",
+        ),
+        Word("solver", "the solver", '"dopri8"', allowed=tuple(SOLVERS), absent="the scene's, or tsit5"),
+        Word("method", "the method of the search", '"slsqp"', allowed=METHOD_CHOICES, default="slsqp"),
+        Whole(
+            "starts", "number of starts, the first in the middle of the bounds", "3", least=1, most=10_000, absent="1"
+        ),
+        Whole("most", "evaluations after which the search stops", "500", least=1, absent="1000000"),
+    ),
+)
+
+VERIFY = Keys(
+    "verify",
+    "How an answer is proved",
+    "By another solver, at a tenth of the tolerance.",
+    (
+        Whole(
+            "sweep",
+            "scalings of the design at which the limits are looked at",
+            "40",
+            least=2,
+            most=100_000,
+            absent="40",
+        ),
+        Whole("starts", "random starts of the same method", "3", most=10_000, absent="0"),
+        Whole(
+            "samples", "fresh samples, where manufacture is a yield", "1000", least=1, most=MOST_SAMPLES, absent="1000"
+        ),
+        Flag("reoptimise", "whether the prices of the limits are checked by solving again", "true", absent="false"),
+    ),
+)
+
+VARIABLE = Keys(
+    'variable."NAME"',
+    "Variables",
+    "A number that is looked for, by its dotted name; its unit is the parameter's.",
+    (
+        Quantity("least", "its lower bound, above zero", '"10 um"', unit=PARAMETER, required=True),
+        Quantity("greatest", "its upper bound", '"1 mm"', unit=PARAMETER, required=True),
+        Sub(
+            "cost",
+            "what it costs to make; for all variables or for none",
+            '{ law = "reciprocal", factor = "0.2 mm" }',
+            absent="the largest clearance is wanted",
+        ),
+    ),
+)
+
+_LAW = Word(
+    "law",
+    "the law of the cost",
+    '"reciprocal"',
+    allowed=("reciprocal", "exponential", "exponential-reciprocal", "table"),
+    required=True,
+)
+_POSITIVE = {"above": 0.0}
+_FIXED = Quantity("fixed", "cost that no clearance saves", "1.0", default=0.0)
+_POWER = Quantity("power", "power of the clearance", "2", default=1.0, bounds=_POSITIVE)
+_RATE = Quantity(
+    "rate", "rate at which the cost falls", '"1 / (10 um)"', unit=f"1/{PARAMETER}", bounds=_POSITIVE, required=True
+)
+_FACTOR = Quantity(
+    "factor",
+    "factor of the clearance-dependent part",
+    '"0.04 mm^2"',
+    unit=f"{PARAMETER} to the power",
+    bounds=_POSITIVE,
+    required=True,
+)
+
+
+def _choosing(word: Word, choice: str) -> Word:
+    return dataclasses.replace(word, example=f'"{choice}"')
+
+
+def _cost(law: str, help: str, *keys) -> Keys:
+    return Keys('variable."NAME".cost', f"Cost `{law}`", help, (_choosing(_LAW, law), *keys), f'law = "{law}"')
+
+
+COST_TABLES = {
+    "reciprocal": _cost("reciprocal", "fixed + factor / clearance^power.", _FACTOR, _POWER, _FIXED),
+    "exponential": _cost(
+        "exponential",
+        "fixed + factor exp(-rate clearance).",
+        dataclasses.replace(_FACTOR, unit="", example="3.0"),
+        _RATE,
+        _FIXED,
+    ),
+    "exponential-reciprocal": _cost(
+        "exponential-reciprocal",
+        "fixed + factor exp(-rate clearance) / clearance^power.",
+        _FACTOR,
+        _RATE,
+        _POWER,
+        _FIXED,
+    ),
+    "table": _cost(
+        "table",
+        "Costs quoted at some clearances, and in between a curve that does not overshoot.",
+        Quantities("clearances", "at least two, increasing", '["10 um", "40 um"]', unit=PARAMETER, required=True),
+        Quantities("costs", "a cost for each, falling", "[9, 4]", required=True),
+    ),
+}
+
+_METRIC = Word("metric", "what of the motion is bounded", '"peak"', allowed=(*REDUCTIONS, *COUNTS), required=True)
+_BOUND = Quantity("bound", "what it must not exceed", '"0.2 mm"', unit=METRIC, bounds=_POSITIVE, required=True)
+_SIGNAL = Word("signal", "the signal that it is of", '"position-error"', allowed=tuple(SIGNALS), required=True)
+_TIMES = Quantities("times", "the times, increasing, from t0 to t1", '["0.5 ms", "1 ms"]', unit="s", required=True)
+# What a signal or a count is of; which of them it wants, its class says.
+OF = {
+    "point": Text("point", "the point, of position-error, path-deviation and acceleration", '"piston"'),
+    "body": Text("body", "the body, of orientation-error", '"slider"'),
+    "joint": Text("joint", "the joint with clearance, of contact-force", '"wrist"'),
+}
+
+
+def _limit(metric: str, help: str, *keys, bound: str = _BOUND.example) -> Keys:
+    keys = _choosing(_METRIC, metric), *keys, dataclasses.replace(_BOUND, example=bound)
+    return Keys("limit.NAME", f"Limit on `{metric}`", help, keys, f'metric = "{metric}"')
+
+
+LIMIT_TABLES = {
+    **{
+        name: _limit(name, summary(reduction), _SIGNAL, *OF.values(), *([_TIMES] if name == "at" else []))
+        for name, reduction in REDUCTIONS.items()
+    },
+    "energy-lost": _limit("energy-lost", summary(metrics.EnergyLost), bound='"1 J"'),
+    "impacts": _limit(
+        "impacts",
+        summary(metrics.Impacts),
+        dataclasses.replace(OF["joint"], help="the joint", required=True),
+        bound="3",
+    ),
+}
+
+_KIND = Word("kind", "how parts come out of manufacture", '"band"', allowed=("band", "yield"), required=True)
+MANUFACTURE_TABLES = {
+    "band": Keys(
+        "manufacture",
+        "Manufacture `band`",
+        "Made clearances lie between `least` times the designed one and the designed one.",
+        (
+            _choosing(_KIND, "band"),
+            Quantity(
+                "least",
+                "the least share of the designed clearance",
+                "0.8",
+                bounds={"above": 0.0, "below": 1.0},
+                required=True,
+            ),
+            Whole("points", "values between, all joints alike", "3", least=2, most=1000, absent="3"),
+            Whole("corners", "joints up to whose number every corner is looked at", "3", most=12, absent="3"),
+        ),
+        'kind = "band"',
+    ),
+    "yield": Keys(
+        "manufacture",
+        "Manufacture `yield`",
+        "Numbers scatter; a share of what is made must hold every limit.",
+        (
+            _choosing(_KIND, "yield"),
+            Sub(
+                "scatter",
+                "relative standard deviations by the numbers' names, each below 20 percent",
+                '{ "slider.mass" = "2 percent" }',
+                form="values by name",
+                required=True,
+            ),
+            Quantity("target", "the share", "0.95", bounds={"above": 0.0, "below": 1.0}, absent="0.99"),
+            Whole("samples", "samples of a Sobol sequence", "256", least=1, most=1_000_000, absent="256"),
+            Whole("seed", "its seed", "1", absent="0"),
+        ),
+        'kind = "yield"',
+    ),
+}
+
+STUDY_TABLES = (
+    STUDY,
+    SOLVE,
+    VERIFY,
+    VARIABLE,
+    *COST_TABLES.values(),
+    *LIMIT_TABLES.values(),
+    *MANUFACTURE_TABLES.values(),
+)
+"""Every table of a study, in the order of the reference."""

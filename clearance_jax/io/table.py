@@ -1,0 +1,141 @@
+"""A table of a scene or study file, read by what is declared of its keys: it knows no key that is not."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+from clearance_jax.errors import ClearanceError, quoted, suggest
+from clearance_jax.io.kinds import Key, Word, Words, checked_name
+
+NO_WORDS: Words = {}
+
+
+class Keys(NamedTuple):
+    """What is declared of one kind of table: how the reference calls it (`name`, and the `choice` that selects it among
+    others of that name, as `law = "hertz"`), what it is, and its keys; `renamed`: what a key was called once.
+    """
+
+    name: str
+    title: str
+    help: str
+    keys: tuple[Key, ...]
+    choice: str = ""
+    renamed: Mapping[str, str] = MappingProxyType({})
+
+    def __add__(self, other: "Keys") -> "Keys":  # pyright: ignore[reportIncompatibleMethodOverride]
+        """The same table with the keys of another one."""
+        return self._replace(keys=(*self.keys, *other.keys))
+
+
+class Table:
+    """A TOML table, where it stands, and what is declared of it.
+
+    **Arguments:** `values` as read; `where` it stands, for messages; its `keys`; `words`: units that depend on what
+    else is given.
+
+    **Raises:** `ClearanceError` for what is no table, and for a key that is not declared.
+    """
+
+    def __init__(self, values: Any, where: str, keys: Keys, words: Words = NO_WORDS):
+        self.values, self.where, self.words = checked_table(values, where), where, words
+        self._keys = {key.name: key for key in keys.keys}
+        for name in self.values:
+            if name in keys.renamed:
+                raise ClearanceError(f"{self.key(name)} is called `{keys.renamed[name]}` now. Rename it.")
+            if name not in self._keys:
+                raise ClearanceError(f"{self.key(name)} is not a known key. " + suggest(name[:200], self._keys))
+
+    def key(self, name: str) -> str:
+        """How a message names a key of this table."""
+        return below(self.where, name)
+
+    def has(self, name: str) -> bool:
+        """Whether the key is there."""
+        return self._keys[name].name in self.values
+
+    def need(self, name: str) -> None:
+        """Raise where the key is absent."""
+        if not self.has(name):
+            raise ClearanceError(f"{self.where} lacks the key `{name}`. Add it.")
+
+    def get(self, name: str, words: Words = NO_WORDS) -> Any:
+        """The key's value, or its default; `words`: further units that depend on what else is given."""
+        key = self._keys[name]
+        if not self.has(name):
+            if key.required:
+                self.need(name)
+            return key.default
+        # What is said here comes first: its words may have those of the table in them.
+        return key.read(self.values[name], self.key(name), {**words, **self.words})
+
+    def given(self, *skip: str) -> dict[str, Any]:
+        """All keys that are there, or must be, but for those to `skip`."""
+        keys = (key for key in self._keys.values() if key.name not in skip)
+        return {key.name: self.get(key.name) for key in keys if key.required or self.has(key.name)}
+
+    def table(self, name: str, keys: Keys, words: Words = NO_WORDS) -> "Table":
+        """The key's sub-table (empty where absent)."""
+        return Table(self.values[name] if self.has(name) else {}, self.key(name), keys, {**self.words, **words})
+
+    def chosen(self, name: str, tables: Mapping[str, Keys], words: Words = NO_WORDS) -> "Chosen":
+        """The key's sub-table, one of several kinds."""
+        return chosen(self.values[name] if self.has(name) else {}, self.key(name), tables, {**self.words, **words})
+
+    def named(self, name: str) -> Iterator[tuple[str, Any, str]]:
+        """Of each entry of the key's table, whose names are the user's: its name, its value and where it stands."""
+        return entries(self.values[name] if self.has(name) else {}, self.key(name))
+
+    def parts(self, name: str) -> Iterator[tuple[str, Any, str]]:
+        """As `named`, of tables whose names become names of parts."""
+        for inner, values, where in self.named(name):
+            yield checked_name(inner, where), values, where
+
+
+class Chosen(NamedTuple):
+    """A table of one of several kinds, and the word that chose the kind."""
+
+    word: str
+    table: Table
+
+
+def chosen(values: Any, where: str, tables: Mapping[str, Keys], words: Words = NO_WORDS) -> Chosen:
+    """The table of the kind that its own first declared key chooses."""
+    head = next(iter(tables.values())).keys[0]
+    given = checked_table(values, where)
+    if head.name not in given:
+        raise ClearanceError(f"{where} lacks the key `{head.name}`. Add it. " + suggest("", tables))
+    word = Word(head.name, head.help, head.example, allowed=tuple(tables)).read(
+        given[head.name], below(where, head.name), words
+    )
+    return Chosen(word, Table(given, where, tables[word], words))
+
+
+def entries(values: Any, where: str) -> Iterator[tuple[str, Any, str]]:
+    """Of each entry of a table whose names are the user's: its name, its value and where it stands."""
+    for name, value in checked_table(values, where).items():
+        yield name, value, below(where, name)
+
+
+def checked_table(values: Any, where: str) -> dict[str, Any]:
+    """The values, which must be a table."""
+    if not isinstance(values, dict):
+        raise ClearanceError(f"{where} must be a table of keys, but it is {quoted(values)}.")
+    return values
+
+
+def below(where: str, name: str) -> str:
+    """How a message names a key of what stands at `where`."""
+    name = name if len(name) <= 60 and name.isprintable() else quoted(name)
+    return f"{where}.{name}" if not where.endswith(":") else f"{where} {name}"
+
+
+@contextmanager
+def naming(where: str) -> Iterator[None]:
+    """Errors of what is done inside name the place (a file, or a key of it)."""
+    try:
+        yield
+    except ClearanceError as error:
+        if where in str(error):
+            raise
+        raise ClearanceError(f"{where}: {error}") from None

@@ -1,0 +1,231 @@
+"""The reference of scene and study keys: complete, with examples that the readers take."""
+
+import ast
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import clearance_jax as cj
+from clearance_jax.errors import ClearanceError
+from clearance_jax.io import scene_keys, study_keys
+from clearance_jax.io.keys import example, reference
+from clearance_jax.io.scene import load_scene
+from clearance_jax.io.study import load_study
+from clearance_jax.io.table import Keys, Table
+
+ROOT = Path(__file__).parents[1]
+READERS = ("scene", "scene_joint", "scene_contact", "study")
+
+
+def lines(values: dict[str, str]) -> str:
+    return "".join(f"{name} = {value}\n" for name, value in values.items())
+
+
+def inline(values: dict[str, str]) -> str:
+    return "{ " + ", ".join(f"{name} = {value}" for name, value in values.items()) + " }"
+
+
+def tables_of(module) -> list[Keys]:
+    """Every declaration of a module, those in dictionaries too."""
+    found = []
+    for value in vars(module).values():
+        found += [value] if isinstance(value, Keys) else []
+        found += [v for v in value.values() if isinstance(v, Keys)] if isinstance(value, dict) else []
+    return found
+
+
+def test_every_declaration_is_in_the_reference():
+    listed = {(t.file, t.name, t.choice, key.name) for t in reference() for key in t.keys}
+    for file, module in (("scene", scene_keys), ("study", study_keys)):
+        for table in tables_of(module):
+            for key in table.keys:
+                # The union of a joint's tables has the keys of its parts.
+                assert any(e[0] == file and e[1] == table.name and e[3] == key.name for e in listed), (table, key)
+
+
+def test_readers_know_no_key_that_is_not_declared():
+    table = Table({"mass": "1 kg"}, "body.x", scene_keys.BODY)
+    assert table.get("mass") == 1.0
+    for ask in (table.get, table.has, table.need):
+        with pytest.raises(KeyError):
+            ask("colour")
+    with pytest.raises(ClearanceError, match=r"body.x.masss is not a known key. Did you mean `mass`"):
+        Table({"masss": "1 kg"}, "body.x", scene_keys.BODY)
+
+
+@pytest.mark.parametrize("module", READERS)
+def test_readers_read_through_declared_tables_only(module):
+    """No reader makes up a declaration of its own, and none reads a file's values past its table."""
+    tree = ast.parse((ROOT / "clearance_jax" / "io" / f"{module}.py").read_text())
+    made = [n.func.id for n in ast.walk(tree) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)]
+    assert not {"Keys", "Quantity", "Sub", "Text", "Word", "Whole", "Flag", "Pair"} & set(made)
+
+
+def test_the_reference_is_complete_and_plain():
+    for table in reference():
+        assert table.title
+        assert table.help
+        names = [key.name for key in table.keys]
+        assert len(names) == len(set(names))
+        for key in table.keys:
+            assert all(isinstance(part, str) for part in (key.name, key.unit, key.kind, key.default, key.example))
+            assert key.help, (table.name, key.name)
+            assert key.required == (key.default == "")
+            assert "\n" not in key.help
+            tomllib.loads(f"{key.name} = {key.example}")
+
+
+SCENE = """
+[body.crank]
+[body.slider]
+{body}
+[joint.main]
+type = "{kind}"
+parent = "ground"
+child = "crank"
+{main}
+[joint.pin]
+type = "revolute"
+parent = "crank"
+child = "slider"
+{pin}
+[point.piston]
+body = "slider"
+at = ["80 mm", "0 mm"]
+"""
+PIN = {"radial_clearance": '"0.1 mm"', "pin_radius": '"10 mm"'}
+HERTZ = inline(example(scene_keys.NORMAL_TABLES["hertz"]))
+
+
+def load(tmp_path, text) -> Any:
+    path = tmp_path / "s.toml"
+    path.write_text(text)
+    return load_scene(path)
+
+
+def scene(body="", kind="revolute", main="", pin=""):
+    return SCENE.format(body=body, kind=kind, main=main, pin=pin)
+
+
+def test_examples_of_the_top_a_body_a_spring_and_a_solve_are_read(tmp_path):
+    top = lines(example(scene_keys.SCENE, "solve", "body", "joint", "spring", "point"))
+    rest = "[spring.coil]\n" + lines(example(scene_keys.SPRING)) + "[solve]\n" + lines(example(scene_keys.SOLVE))
+    read = load(tmp_path, top + scene(lines(example(scene_keys.BODY))) + rest)
+    assert set(read.solve) == {key.name for key in scene_keys.SOLVE.keys}
+    assert read.mechanism.springs[0].free_length == pytest.approx(0.07785)
+    assert not read.mechanism.assemble
+
+
+@pytest.mark.parametrize("word", scene_keys.NORMAL_TABLES)
+@pytest.mark.parametrize("stiffness", ["given", "from materials"])
+def test_examples_of_normal_laws_are_read(word, stiffness, tmp_path):
+    values = example(scene_keys.NORMAL_TABLES[word])
+    if stiffness == "from materials":
+        values["stiffness"] = inline(example(scene_keys.STIFFNESS))
+    read = load(tmp_path, scene(pin=lines({**PIN, "normal": inline(values)})))
+    (joint,) = read.mechanism.clearance_joints()
+    assert {f"pin.normal.{name}" for name in values if name not in ("law", "clipped", "stiffness")} <= set(
+        cj.parameters(read.mechanism)
+    )
+    assert joint.clearance.friction is None
+
+
+@pytest.mark.parametrize("word", scene_keys.FRICTION_TABLES)
+def test_examples_of_friction_laws_are_read(word, tmp_path):
+    values = example(scene_keys.FRICTION_TABLES[word])
+    read = load(tmp_path, scene(pin=lines({**PIN, "normal": HERTZ, "friction": inline(values)})))
+    assert {f"pin.friction.{name}" for name in values if name != "law"} <= set(cj.parameters(read.mechanism))
+
+
+@pytest.mark.parametrize("word", scene_keys.DRIVE_TABLES)
+def test_examples_of_drives_are_read(word, tmp_path):
+    values = inline(example(scene_keys.DRIVE_TABLES[word]))
+    driven = load(tmp_path, scene(main=f"drive = {values}"))
+    servo = example(scene_keys.ACTUATOR_TABLES["servo"], "target")
+    steered = load(tmp_path, scene(main=f"actuator.s = {inline({**servo, 'target': values})}"))
+    assert type(driven.mechanism.joints[0].motion.drive) is type(steered.mechanism.joints[0].motion.actuators[0].target)
+
+
+@pytest.mark.parametrize("word", scene_keys.ACTUATOR_TABLES)
+def test_examples_of_actuators_and_motions_are_read(word, tmp_path):
+    values = example(scene_keys.ACTUATOR_TABLES[word])
+    main = example(scene_keys.MOTION, "drive", "actuator") | {"angle": '"90 deg"'}
+    read = load(tmp_path, scene(main=lines(main) + f"actuator.a = {inline(values)}"))
+    motion = read.mechanism.joints[0].motion
+    assert (float(motion.position), float(motion.velocity)) == (pytest.approx(0.5235988), 10.0)
+    assert len(motion.actuators) == 1
+
+
+def test_examples_of_a_spline_from_a_file_are_read(tmp_path):
+    (tmp_path / "motion.csv").write_text("time,angle\n0,0\n1,90\n2,0\n3,5\n")
+    read = load(tmp_path, scene(main=f"drive = {inline(example(scene_keys.SPLINE_FILE))}"))
+    assert float(read.mechanism.joints[0].motion.drive.values[1]) == pytest.approx(1.5707963)
+
+
+def test_examples_of_clearances_are_read(tmp_path):
+    values = example(scene_keys.CLEARANCE, "diametral_clearance")
+    assert float(load(tmp_path, scene(pin=lines(values))).mechanism.clearance_joints()[0].size) == pytest.approx(1e-4)
+    values = example(scene_keys.CLEARANCE, "radial_clearance", "pin_radius")
+    assert float(load(tmp_path, scene(pin=lines(values))).mechanism.clearance_joints()[0].size) == pytest.approx(1e-4)
+
+
+STUDY = """
+scene = "{scene}"
+t1 = "105 ms"
+[variable."wrist.radial_clearance"]
+least = "10 um"
+greatest = "1 mm"
+cost = {cost}
+[limit.piston]
+{limit}
+"""
+COST = inline(example(study_keys.COST_TABLES["reciprocal"]))
+PEAK = lines(example(study_keys.LIMIT_TABLES["peak"], "body", "joint"))
+
+
+def study(tmp_path, rest="", cost=COST, limit=PEAK) -> Any:
+    path = tmp_path / "study.toml"
+    crank = ROOT / "experiments" / "scenes" / "slider_crank.toml"
+    path.write_text(STUDY.format(scene=crank, cost=cost, limit=limit) + rest)
+    return load_study(path)
+
+
+@pytest.mark.parametrize("word", study_keys.COST_TABLES)
+def test_examples_of_costs_are_read(word, tmp_path):
+    values = example(study_keys.COST_TABLES[word])
+    (cost,) = study(tmp_path, cost=inline(values)).problem.specification.costs
+    assert float(cost(1e-4)) < float(cost(2e-5))
+
+
+@pytest.mark.parametrize("word", study_keys.LIMIT_TABLES)
+def test_examples_of_limits_are_read(word, tmp_path):
+    values = example(study_keys.LIMIT_TABLES[word], "body", "joint")
+    if word == "impacts":
+        values["joint"] = '"wrist"'
+    (limit,) = study(tmp_path, limit=lines(values)).problem.specification.limits
+    assert limit.title == "piston"
+
+
+@pytest.mark.parametrize("word", study_keys.SIGNALS)
+def test_a_signal_says_what_it_is_of(word, tmp_path):
+    of = {"orientation-error": "body", "contact-force": "joint"}.get(word, "point")
+    name = {"body": "slider", "joint": "wrist", "point": "piston"}[of]
+    bound = {"rad": '"1 deg"', "N": '"1 kN"', "m/s^2": '"5 m/s^2"'}.get(study_keys.SIGNALS[word].unit, '"1 mm"')
+    limit = f'metric = "peak"\nsignal = "{word}"\n{of} = "{name}"\nbound = {bound}\n'
+    assert getattr(study(tmp_path, limit=limit).problem.specification.limits[0].metric.signal, of) == name
+    other = "body" if of != "body" else "joint"
+    with pytest.raises(ClearanceError, match=f"limit.piston.{other} has no effect"):
+        study(tmp_path, limit=limit + f'{other} = "slider"\n')
+
+
+def test_examples_of_the_rest_of_a_study_are_read(tmp_path):
+    rest = "[solve]\n" + lines(example(study_keys.SOLVE)) + "[verify]\n" + lines(example(study_keys.VERIFY))
+    for word, values in study_keys.MANUFACTURE_TABLES.items():
+        read = study(tmp_path, rest + "[manufacture]\n" + lines(example(values)))
+        assert type(read.problem.specification.manufacture).__name__.lower() == word
+        assert set(read.solve) == {"method", "starts", "most"}
+        assert set(read.verify) == {key.name for key in study_keys.VERIFY.keys}
+    slow = study(tmp_path, '[condition.slow]\n"drive.main.speed" = "3000 rpm"\n[set]\n"slider.mass" = "0.2 kg"\n')
+    assert slow.problem.specification.conditions["slow"] == {"drive.main.speed": pytest.approx(314.159265)}

@@ -1,0 +1,325 @@
+"""What stopped people who tried it: careless input gets one sentence at once, no traceback, no hang, no silence."""
+
+import time
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import clearance_jax as cj
+from clearance_jax import design
+from clearance_jax.cli.common import check_writable
+from clearance_jax.cli.main import app
+from clearance_jax.cli.pace import Pace, shown_duration
+from clearance_jax.errors import LONGEST, ClearanceError, cut, quoted
+from clearance_jax.io.plausible import ImplausibleWarning
+from clearance_jax.io.scene import load_scene
+from clearance_jax.io.settings import parse_settings
+from clearance_jax.io.study import load_study
+from clearance_jax.results.dataset import to_dataset
+from clearance_jax.solve.simulate import DOUBTFUL, MOST_SAMPLES, EnergyWarning, doubt
+from clearance_jax.units import to_si
+
+ROOT = Path(__file__).parents[1]
+SCENE = ROOT / "experiments" / "scenes" / "slider_crank.toml"
+TEXT = SCENE.read_text()
+STUDY = f"""
+scene = "{SCENE}"
+t1 = "1 ms"
+[solve]
+rtol = 1e-7
+[variable."wrist.radial_clearance"]
+least = "20 um"
+greatest = "0.5 mm"
+cost = {{ law = "reciprocal", factor = "0.1 mm" }}
+[limit.piston]
+metric = "at"
+times = ["0.5 ms", "1 ms"]
+signal = "position-error"
+point = "piston"
+bound = "0.1 mm"
+"""
+
+
+def refused(load, path, text, words):
+    path.write_text(text)
+    begin = time.monotonic()
+    with pytest.raises(ClearanceError, match=words) as caught:
+        load(path)
+    assert path.name in str(caught.value)
+    assert len(str(caught.value)) <= LONGEST
+    assert time.monotonic() - begin < 5
+
+
+LOOP = '[joint.self]\ntype = "revolute"\nparent = "slider"\nchild = "slider"\n'
+SPRING = '[spring.s]\nbody_a = "slider"\nbody_b = "slider"\nstiffness = "1 N/m"\n'
+DEEP = "x = " + "[" * 3000 + "]" * 3000 + "\n"
+BAD_SCENES = {
+    "a loop of a body with itself": ("[point.piston]", LOOP + "[point.piston]", "must name two bodies"),
+    "a spring of a body with itself": ("[point.piston]", SPRING + "[point.piston]", "must name two bodies"),
+    "a list of speeds": ('speed = "5000 rpm"', 'speed = ["5000 rpm", "1 rpm"]', "must be one quantity"),
+    "more samples than memory": ("samples = 2001", "samples = 1000000000000", f"at most {MOST_SAMPLES}"),
+    "samples that are true": ("samples = 2001", "samples = true", "whole number"),
+    "nested 3000 deep": ('name = "slider-crank"', DEEP, "nested too deep"),
+    "a whole number of 5000 digits": ("rtol = 1e-8", "rtol = 0x" + "f" * 5000, "finite"),
+    "a word for a number": ("rtol = 1e-8", 'rtol = "abc"', "solve.rtol must be a bare number"),
+    "a list for a number": ("rtol = 1e-8", "rtol = [1]", "solve.rtol must be one quantity"),
+    "a sum that never ends": ('mass = "0.14 kg"', 'mass = "9**9**9 kg"', "must read NUMBER UNIT"),
+    "a long quantity": ('mass = "0.14 kg"', f'mass = "{"1" * 5000} kg"', "longer than 100"),
+    "no number": ('pin_radius = "10 mm"', 'pin_radius = "mm"', "it lacks a number"),
+    "two signs": ('pin_radius = "10 mm"', 'pin_radius = "--10 mm"', "must read NUMBER UNIT"),
+    "a call for a unit": ('pin_radius = "10 mm"', 'pin_radius = "10 __import__(1)"', "must read NUMBER UNIT"),
+    "a number as a name": ('name = "slider-crank"', "name = 5", "name must be a text"),
+    "no name": ('name = "slider-crank"', 'name = ""', "name must be a text of 1 to"),
+    "a name that reads as a path": ("[body.slider]", '[body."a.b"]', "without `.`"),
+    "a body's name that is a list": ('body = "slider"', 'body = ["slider"]', "must be a text"),
+    "a flag that is a text": (
+        'law = "adams-impact", damping = "2000 N*s/m", full_damping_depth = "0.01 mm"',
+        'law = "kelvin-voigt", damping = "2000 N*s/m", clipped = "no"',
+        "clipped must be true or false",
+    ),
+    "a table that is a number": ("[solve]", "body = 5\n[solve]", "not valid TOML|must be a table"),
+    "an endless step": ('{ type = "constant-speed", speed = "5000 rpm" }', '"1e999 * time"', "finite"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_SCENES)
+def test_bad_scenes(case, tmp_path):
+    old, new, words = BAD_SCENES[case]
+    assert old in TEXT
+    refused(load_scene, tmp_path / "bad.toml", TEXT.replace(old, new, 1), words)
+
+
+@pytest.mark.parametrize("kind", ["a folder", "a device", "no text", "too large", "no path"])
+def test_what_is_no_scene_file_is_not_read(kind, tmp_path):
+    path = {"a folder": tmp_path, "a device": Path("/dev/zero"), "no path": tmp_path / "a\0b"}.get(kind, tmp_path / "x")
+    if kind == "no text":
+        path.write_bytes(b"\xff\xfe\x00")
+    if kind == "too large":
+        path.write_text("#" * 3_000_000)
+    words = {
+        "a folder": "no file",
+        "a device": "no file",
+        "no text": "UTF-8",
+        "too large": "2 MB",
+        "no path": "no path",
+    }
+    with pytest.raises(ClearanceError, match=words[kind]):
+        load_scene(path)
+
+
+BOUNDS = 'least = "20 um"\ngreatest = "0.5 mm"'
+COST = 'law = "reciprocal", factor = "0.1 mm"'
+TIMES = 'times = ["0.5 ms", "1 ms"]'
+YIELD = '[manufacture]\nkind = "yield"\n{}\n[manufacture.scatter]\n"slider.mass" = "{}"\n[limit.piston]'
+BAD_STUDIES = {
+    "a word for rtol": ("rtol = 1e-7", 'rtol = "abc"', "solve.rtol must be a bare number"),
+    "a list for rtol": ("rtol = 1e-7", "rtol = [1]", "solve.rtol must be one quantity"),
+    "one time": (TIMES, "times = 5", "limit.piston.times must be a list"),
+    "no times": (TIMES, "times = []", "limit.piston.times must be a list"),
+    "times beyond the end": (TIMES, 'times = ["0.5 ms", "2 ms"]', "must increase from t0 = 0 s to t1 = 0.001 s"),
+    "times that fall": (TIMES, 'times = ["1 ms", "0.5 ms"]', "must increase"),
+    "one clearance": (COST, 'law = "table", clearances = 3, costs = [1]', "clearances must be a list"),
+    "one cost": (COST, 'law = "table", clearances = ["1 um", "2 um"], costs = 5', "costs must be a list"),
+    "costs that rise": (COST, 'law = "table", clearances = ["1 um", "2 um"], costs = [1, 2]', "must fall"),
+    "a cost too few": (COST, 'law = "table", clearances = ["1 um", "2 um"], costs = [1]', "a cost for each"),
+    "a negative factor": (COST, 'law = "reciprocal", factor = "-0.1 mm"', "factor must be greater than 0"),
+    "a negative power": (COST, 'law = "reciprocal", factor = "1 1/mm", power = -1', "power must be greater than 0"),
+    "a negative rate": (COST, 'law = "exponential", factor = 1, rate = "-1 / mm"', "rate must be greater than 0"),
+    "bounds upside down": (BOUNDS, 'least = "1 mm"\ngreatest = "20 um"', "contradict each other"),
+    "a lower bound of zero": (BOUNDS, 'least = "0 mm"\ngreatest = "20 um"', "contradict each other"),
+    "an unknown point": ('point = "piston"', 'point = "pistn"', "no point 'pistn'. Did you mean `piston`"),
+    "a negative bound": ('bound = "0.1 mm"', 'bound = "-1 mm"', "bound must be greater than 0"),
+    "a share above 1": ("[limit.piston]", YIELD.format("target = 1.2", "1 percent"), "target must be between 0 and 1"),
+    "a negative scatter": ("[limit.piston]", YIELD.format("", "-1 percent"), "The scatter of `slider.mass`"),
+    "a scatter above all": ("[limit.piston]", YIELD.format("", "120 percent"), "The scatter of `slider.mass`"),
+    "a scatter without unit": ("[limit.piston]", YIELD.format("", "x"), "it lacks a number"),
+    "a set that is a number": ("[limit.piston]", '[set]\n"slider.mass" = [1]\n[limit.piston]', "needs a unit"),
+    "nested 3000 deep": ("[solve]", DEEP + "[solve]", "nested too deep"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_STUDIES)
+def test_bad_studies(case, tmp_path):
+    old, new, words = BAD_STUDIES[case]
+    assert old in STUDY
+    refused(load_study, tmp_path / "bad.toml", STUDY.replace(old, new, 1), words)
+
+
+def test_a_study_honours_its_scenes_start(tmp_path):
+    (tmp_path / "s.toml").write_text(TEXT.replace("[solve]", '[solve]\nt0 = "0.2 ms"'))
+    path = tmp_path / "study.toml"
+    path.write_text(STUDY.replace(str(SCENE), "s.toml"))
+    asked = load_study(path).problem.specification
+    assert asked.t0 == pytest.approx(2e-4)
+    assert asked.solve == {"t0": asked.t0, "rtol": 1e-7, "solver": "tsit5"}
+    refused(load_study, path, STUDY.replace(str(SCENE), "s.toml").replace("0.5 ms", "0.1 ms"), "from t0 = 0.0002 s")
+    refused(
+        load_study,
+        path,
+        STUDY.replace(str(SCENE), "s.toml").replace('"1 ms"', '"0.1 ms"'),
+        "greater than the scene's t0",
+    )
+
+
+def test_sizes_that_nobody_meant_get_one_warning_with_the_numbers(tmp_path):
+    path = tmp_path / "s.toml"
+    path.write_text(TEXT.replace('"0.5 mm"\npin', '"50 mm"\npin').replace('"0.14 kg"', '"1e-320 kg"'))
+    with pytest.warns(ImplausibleWarning) as caught:
+        load_scene(path)
+    (warning,) = caught
+    text = str(warning.message)
+    assert "wrist.radial_clearance = 50 mm is above the pin's radius 10 mm" in text
+    assert "slider.mass = 9.99989e-321 kg" in text
+    output = CliRunner().invoke(app, ["info", str(SCENE), "--set", "wrist.radial_clearance=5cm"]).output
+    assert "warning: These sizes are hardly meant: wrist.radial_clearance = 50 mm" in output
+
+
+def test_settings_are_given_once_and_in_bounds():
+    mechanism = cj.load(SCENE)
+    assert parse_settings(["slider.mass=2kg"], mechanism) == {"slider.mass": 2.0}
+    for texts, words in [
+        (["slider.mass=2kg", "slider.mass = 3 kg"], "a second time"),
+        (["slider.mass"], "must read NAME=VALUE"),
+        (["slider.mass=-1kg"], "greater than 0"),
+        (["slider.mass=9**9**9 kg"], "NUMBER UNIT"),
+        (["wrist.friction.coefficient=nan"], "finite"),
+        (["wrist.friction.coefficient=x"], "bare number"),
+        (["slider.mass.²=1kg"], "no parameter"),
+        ([f"slider.mass.{'9' * 5000}=1kg"], "no parameter"),
+    ]:
+        with pytest.raises(ClearanceError, match=words):
+            parse_settings(texts, mechanism)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["simulate", "{scene}", "-o", "{scene}"], "are the same file"),
+        (["simulate", "{scene}", "--plot", "missing/a.png"], "its folder does not exist"),
+        (["simulate", "{scene}", "--plot", "a" * 300 + ".png"], "File name too long"),
+        (["simulate", "{scene}", "-o", "/dev/null"], "a folder or a device"),
+        (["simulate", "{scene}", "-o", "/proc/1/o.nc"], "Cannot write"),
+        (["simulate", "{scene}", "--samples", str(10**12)], f"between 1 and {MOST_SAMPLES}"),
+        (["simulate", "{scene}", "--set", "slider.mass=1kg", "--set", "slider.mass=2kg"], "a second time"),
+        (["simulate", "{scene}", "--t1", "mm"], "it lacks a number"),
+        (["optimize", "{study}", "--record", "{study}"], "are the same file"),
+        (["optimize", "{study}", "--report", "missing/a.html"], "its folder does not exist"),
+    ],
+)
+def test_bad_commands_are_refused_before_anything_is_solved(arguments, words, tmp_path, monkeypatch):
+    def solve(*_, **__):
+        raise AssertionError("a solve was begun")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("clearance_jax.solve.trace._begin", solve)
+    monkeypatch.setattr("clearance_jax.design.problem.search", solve)
+    (tmp_path / "s.toml").write_text(TEXT)
+    (tmp_path / "study.toml").write_text(STUDY)
+    given = [a.format(scene="s.toml", study="study.toml") for a in arguments]
+    result = CliRunner().invoke(app, given)
+    assert isinstance(result.exception, ClearanceError)
+    assert words in str(result.exception)
+    assert {path.name for path in tmp_path.iterdir()} == {"s.toml", "study.toml"}
+
+
+def test_outputs_are_tried_without_a_trace(tmp_path):
+    check_writable(tmp_path / "new.nc")
+    old = tmp_path / "old.nc"
+    old.write_text("kept")
+    check_writable(old)
+    assert [path.name for path in tmp_path.iterdir()] == ["old.nc"]
+    assert old.read_text() == "kept"
+
+
+def test_a_record_that_is_none_is_left_alone(tmp_path):
+    file = tmp_path / "notes.txt"
+    for text in ("my notes", "5\n", "[1]\n", '{"a": 1}\n', "\x00"):
+        file.write_text(text)
+        with pytest.raises(ClearanceError, match="no record of designs"):
+            design.Program(lambda x, gradient: None, ["a"], np.ones(1), 2 * np.ones(1), ["l"], record=file)  # type: ignore[arg-type]
+        assert file.read_text() == text
+
+
+def test_units_of_a_dataset_are_those_of_what_it_holds():
+    """No "rad or m": one kind of coordinate has one unit, of several each entry has its own."""
+    mechanism = cj.load(SCENE)
+    solution = cj.simulate(mechanism, 1e-4, rtol=1e-4, save_at=2, books=False)
+    dataset = to_dataset(mechanism, solution)
+    assert not any(" or " in str(variable.attrs.get("units")) for variable in dataset.variables.values())
+    kinds = dict(zip(dataset.coordinate.values, dataset.coordinate_unit.values, strict=True))
+    assert (kinds["main"], kinds["guide"]) == ("rad", "m")
+    assert dataset.drive_force.attrs["units"] == "N m"
+
+
+def test_a_motion_whose_energy_is_lost_is_doubted_aloud():
+    mechanism = cj.load(SCENE)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        good = cj.simulate(mechanism, 2e-3, rtol=1e-6)
+        bad = cj.simulate(mechanism, 2e-3, rtol=0.5, watch=False)
+    assert doubt(good) == ""
+    assert float(bad.energy_residual) > DOUBTFUL
+    assert [w.category for w in caught] == [EnergyWarning]
+    assert "energy books do not close" in str(caught[0].message)
+
+
+def test_messages_are_short():
+    assert cut("a" * 700, 600).startswith("a" * 300)
+    long = str(ClearanceError("begin " + "x" * 10_000 + " end"))
+    assert len(long) == LONGEST
+    assert long.startswith("begin ")
+    assert long.endswith(" end")
+    assert "digits" in quoted(16**9000)
+    deep: list = []
+    for _ in range(5000):
+        deep = [deep]
+    assert len(quoted(deep)) <= 120
+
+
+def test_a_pace_tells_how_long_more_of_the_same_takes(monkeypatch):
+    clock = iter([0.0, 10.0, 11.0, 12.0, 20.0])
+    monkeypatch.setattr("clearance_jax.cli.pace.time.monotonic", lambda: next(clock))
+    pace = Pace()
+    assert pace.expected(5) is None
+    for _ in range(4):
+        pace.tick()
+    assert pace.expected(5) == pytest.approx(15.0)  # compiled in 10 s, then usually 1 s each
+    assert [shown_duration(s) for s in (None, 0.1, 15.4, 600.0)] == [
+        "a time that is not known",
+        "about 1 s",
+        "about 15 s",
+        "about 10 min",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "value"),
+    [
+        ("2.487e6 N/mm^1.5", "N/m^1.5", 2.487e6 * 1000**1.5),
+        ("0.1 mm", "m", 1e-4),
+        ("90 deg", "rad", np.pi / 2),
+        ("5000 rpm", "rad/s", 500 * np.pi / 3),
+        ("20 um", "m", 2e-5),
+        ("1 / (10 um)", "1/(m)", 1e5),
+        ("0.2mm", "m", 2e-4),
+        ("2 percent", "percent", 2.0),
+        ("2 kg m²", "kg*m^2", 2.0),
+        ("2 m s⁻¹", "m/s", 2.0),
+        ("-.5 N·m", "N*m", -0.5),
+    ],
+)
+def test_quantities_as_people_write_them(text, unit, value):
+    assert to_si(text, unit, "x") == pytest.approx(value, rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    "text", ["1 " + "a  " * 32 + "!", "1" * 98 + "!", "1_" * 49 + "!", "1 km^999/km^998", "1 m^2^2"]
+)
+def test_no_text_keeps_the_reader_of_quantities_busy(text):
+    begin = time.monotonic()
+    with pytest.raises(ClearanceError, match="not a quantity"):
+        to_si(text, "m", "x")
+    assert time.monotonic() - begin < 1
