@@ -200,7 +200,7 @@ def bouncing(quick: bool) -> Row:
         total = 0.14 * (0.5 * y[:, 3] ** 2 + 9.81 * y[:, 1]) + 6.61e10 * d**2.5 / 2.5
         return np.abs(total - total[0]).max() / (0.14 * 9.81 * clearance)
 
-    loose, tight = (cj.trace(m, end, samples=101, **o) for o in ({"rtol": RTOL}, TIGHTER))
+    loose, tight = (cj.trace(m, end, save_at=101, **o) for o in ({"rtol": RTOL}, TIGHTER))
     count = cj.to_dataset(m, tight).sizes["episode"]
     remark = f"change of energy over m g c; {count} impacts counted"
     return row(f"undamped bouncing, {impacts} impacts", loose.solution, (drift(loose), drift(tight)), remark, 4)

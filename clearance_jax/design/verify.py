@@ -78,7 +78,7 @@ def _static(specification: Specification, x: np.ndarray) -> dict[str, float]:
         for values in specification.conditions.values():
             moved = replace(designed, values)
             try:
-                weights = static_weights(moved, limit.metric.signal.point, specification.t1)
+                weights = static_weights(moved, limit.metric.signal.point, specification.t1, t0=specification.t0)
             except ClearanceError:
                 continue
             sizes = {j.name: j.clearance.radial_clearance for j in moved.clearance_joints() if j.clearance}

@@ -14,7 +14,7 @@ from clearance_jax.design.specification import Limit
 from clearance_jax.errors import ClearanceError
 from clearance_jax.io.scene import Table, load_scene, parse_setting
 from clearance_jax.parameters import replace, units_of
-from clearance_jax.solve.simulate import SOLVERS
+from clearance_jax.solve.settings import SOLVERS
 from clearance_jax.units import to_si
 
 SIGNALS = {
@@ -78,6 +78,7 @@ def _study(path: Path, top: Table, text: str) -> Study:
         raise ClearanceError(f"{top.where} lacks the key `t1`, and so does the scene. Add it.")
     solver = top.table("solve")
     problem_options: dict[str, Any] = {
+        "t0": scene.solve.get("t0", 0.0),
         "rtol": solver.get("rtol", scene.solve.get("rtol", 1e-8)),
         "solver": solver.word("solver", SOLVERS, scene.solve.get("solver", "tsit5")),
     }
