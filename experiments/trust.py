@@ -126,7 +126,7 @@ def derivatives(mechanism, points, times):
     def at(c):
         changed = cj.replace(mechanism, {NAME: c})
         how = settings_of(changed, times[-1], {"save_at": times, "rtol": RTOL})
-        return run(changed, times[-1], how).state("play.play_x")
+        return run(changed, times[-1], how).state("guide")
 
     return jax.vmap(lambda c: jax.jvp(at, (c,), (jnp.ones_like(c),))[1])(points)
 
@@ -151,7 +151,8 @@ def horizon(name: str, numbers: Numbers, scatter: float) -> Horizon:
     mechanism, c = scene(numbers), numbers.clearance
     points = np.concatenate([[c], drawn(c, scatter, DRAWS, "report")])[:, None]
     end, sigma = jnp.asarray(END), jnp.asarray([scatter * c])
-    times, spread, touches = neighbours(mechanism, (NAME,), jnp.asarray(points), sigma, end, {"rtol": RTOL})
+    how = settings_of(mechanism, END, {"rtol": RTOL})
+    times, spread, touches = neighbours(mechanism, (NAME,), jnp.asarray(points), sigma, end, how)
     times, spread = np.asarray(times), np.asarray(spread)
     exponent, predicted = horizon_of(times, np.sqrt(np.mean(spread**2, axis=0)), limit)
     nominal = horizon_of(times, spread[0], limit)[1]
@@ -212,7 +213,7 @@ BATCH = 512
 
 def place(solution):
     """The pin's position at the end [m]."""
-    return solution.state("play.play_x")
+    return solution.state("guide")
 
 
 METRICS: dict[str, Any] = {"place": place, "peak force": metrics.Peak(metrics.ContactForce("play"))}

@@ -142,7 +142,7 @@ def arguments(function: Callable) -> int:
     return len(placed)
 
 
-def as_metric(given: AbstractMetric | Callable) -> AbstractMetric:
+def as_metric(given: Any) -> AbstractMetric:
     """A metric as it is; a function as a metric. **Raises** `ClearanceError` for anything else."""
     if isinstance(given, AbstractMetric):
         return given
@@ -170,16 +170,21 @@ def measure(
 
     **Returns:** the values by name. **Raises:** `ClearanceError` for what is no metric, and as `simulate`.
     """
-    if not isinstance(metrics, Mapping):
-        raise ClearanceError('`measure` wants metrics by name, such as `{"peak": Peak(PositionError("piston"))}`.')
     return measured(mechanism, metrics, t1, settings_of(mechanism, t1, options))
+
+
+def by_name(given: Any) -> dict[str, AbstractMetric]:
+    """Metrics by name, functions among them. **Raises** `ClearanceError` for anything else."""
+    if not isinstance(given, Mapping):
+        raise ClearanceError('`measure` wants metrics by name, such as `{"peak": Peak(PositionError("piston"))}`.')
+    return {name: as_metric(metric) for name, metric in given.items()}
 
 
 def measured(
     mechanism: Mechanism, metrics: Mapping[str, AbstractMetric | Callable], t1: Any, options: Settings
 ) -> dict[str, Array]:
     """As `measure`, by options that have been read."""
-    wanted = {name: as_metric(metric) for name, metric in metrics.items()}
+    wanted = by_name(metrics)
     requests = {name: metric.request(mechanism, t1, options) for name, metric in wanted.items()}
     order, together = _together([request.times for request in requests.values()])
     books = options.books or any(request.books for request in requests.values())
