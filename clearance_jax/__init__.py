@@ -1,42 +1,108 @@
-"""clearance_jax: mechanisms and robots with clearance joints in JAX."""
+"""clearance_jax: mechanisms and robots with clearance joints in JAX.
 
-from clearance_jax.analysis import metrics
-from clearance_jax.analysis.measure import measure
-from clearance_jax.analysis.periodic import PeriodicMotion, periodic_motion
-from clearance_jax.analysis.sensitivity import Sensitivities, hessian, sensitivities
-from clearance_jax.analysis.trust import GradientReport, gradient_report
-from clearance_jax.configure import configure
-from clearance_jax.io.scene import load
-from clearance_jax.joints import RevoluteClearance
-from clearance_jax.mechanism.body import (
-    Body,
-    ConstantEffort,
-    Gravity,
-    JointSpring,
-    Motion,
-    Point,
-    Position,
-    Servo,
-    Spring,
-)
-from clearance_jax.mechanism.drives import ConstantSpeed, Harmonic, Spline, Step5Sum, StepSum
-from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.mechanism.tree import Fixed, Prismatic, Revolute
-from clearance_jax.parameters import parameters, replace
-from clearance_jax.results.dataset import to_dataset
-from clearance_jax.results.store import load_dataset, save
-from clearance_jax.solve.flow import Solution
-from clearance_jax.solve.simulate import simulate
-from clearance_jax.solve.trace import Trace, trace
+Names are imported when they are first asked for: the command's help must not wait for JAX.
+"""
+
+import importlib
+import sys
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+from clearance_jax.errors import ClearanceError, suggest
+
+if TYPE_CHECKING:
+    from clearance_jax import design, joints, laws
+    from clearance_jax.analysis import metrics
+    from clearance_jax.analysis.cycle import PeriodicMotion
+    from clearance_jax.analysis.measure import AbstractMetric, Reply, Request, measure
+    from clearance_jax.analysis.periodic import periodic_motion
+    from clearance_jax.analysis.sensitivity import Hessian, Sensitivities, hessian, sensitivities
+    from clearance_jax.analysis.signals import AbstractSignal
+    from clearance_jax.analysis.trust import GradientReport, TrustThresholds, UntrustedGradient, gradient_report
+    from clearance_jax.configure import configure
+    from clearance_jax.io.scene import load
+    from clearance_jax.joints import AbstractClearance, AbstractElement, RevoluteClearance
+    from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, AbstractStiffness
+    from clearance_jax.mechanism.body import (
+        AbstractActuator,
+        Body,
+        ConstantEffort,
+        Gravity,
+        JointSpring,
+        Motion,
+        Point,
+        Position,
+        Servo,
+        Spring,
+    )
+    from clearance_jax.mechanism.drives import AbstractDrive, ConstantSpeed, Harmonic, Spline, Step5Sum, StepSum
+    from clearance_jax.mechanism.mechanism import Mechanism
+    from clearance_jax.mechanism.tree import Fixed, Prismatic, Revolute
+    from clearance_jax.parameters import parameters, physical, replace
+    from clearance_jax.results.dataset import to_dataset
+    from clearance_jax.results.store import load_dataset, save
+    from clearance_jax.solve.settings import SolveOptions
+    from clearance_jax.solve.simulate import simulate
+    from clearance_jax.solve.solution import Solution
+    from clearance_jax.solve.trace import Trace, trace
+
+# The same once more, for the interpreter (a test compares the two): modules as they are, and what is in which module.
+_MODULES = {"design": "design", "joints": "joints", "laws": "laws", "metrics": "analysis.metrics"}
+_NAMES = {
+    "analysis.measure": ("AbstractMetric", "Reply", "Request", "measure"),
+    "analysis.cycle": ("PeriodicMotion",),
+    "analysis.periodic": ("periodic_motion",),
+    "analysis.sensitivity": ("Hessian", "Sensitivities", "hessian", "sensitivities"),
+    "analysis.signals": ("AbstractSignal",),
+    "analysis.trust": ("GradientReport", "TrustThresholds", "UntrustedGradient", "gradient_report"),
+    "configure": ("configure",),
+    "io.scene": ("load",),
+    "joints": ("AbstractClearance", "AbstractElement", "RevoluteClearance"),
+    "laws": ("AbstractFrictionLaw", "AbstractNormalLaw", "AbstractStiffness"),
+    "mechanism.body": (
+        "AbstractActuator",
+        "Body",
+        "ConstantEffort",
+        "Gravity",
+        "JointSpring",
+        "Motion",
+        "Point",
+        "Position",
+        "Servo",
+        "Spring",
+    ),
+    "mechanism.drives": ("AbstractDrive", "ConstantSpeed", "Harmonic", "Spline", "Step5Sum", "StepSum"),
+    "mechanism.mechanism": ("Mechanism",),
+    "mechanism.tree": ("Fixed", "Prismatic", "Revolute"),
+    "parameters": ("parameters", "physical", "replace"),
+    "results.dataset": ("to_dataset",),
+    "results.store": ("load_dataset", "save"),
+    "solve.settings": ("SolveOptions",),
+    "solve.simulate": ("simulate",),
+    "solve.solution": ("Solution",),
+    "solve.trace": ("Trace", "trace"),
+}
+_HOME = {name: module for module, names in _NAMES.items() for name in names}
 
 __all__ = [
+    "AbstractActuator",
+    "AbstractClearance",
+    "AbstractDrive",
+    "AbstractElement",
+    "AbstractFrictionLaw",
+    "AbstractMetric",
+    "AbstractNormalLaw",
+    "AbstractSignal",
+    "AbstractStiffness",
     "Body",
+    "ClearanceError",
     "ConstantEffort",
     "ConstantSpeed",
     "Fixed",
     "GradientReport",
     "Gravity",
     "Harmonic",
+    "Hessian",
     "JointSpring",
     "Mechanism",
     "Motion",
@@ -44,25 +110,34 @@ __all__ = [
     "Point",
     "Position",
     "Prismatic",
+    "Reply",
+    "Request",
     "Revolute",
     "RevoluteClearance",
     "Sensitivities",
     "Servo",
     "Solution",
+    "SolveOptions",
     "Spline",
     "Spring",
     "Step5Sum",
     "StepSum",
     "Trace",
+    "TrustThresholds",
+    "UntrustedGradient",
     "configure",
+    "design",
     "gradient_report",
     "hessian",
+    "joints",
+    "laws",
     "load",
     "load_dataset",
     "measure",
     "metrics",
     "parameters",
     "periodic_motion",
+    "physical",
     "replace",
     "save",
     "sensitivities",
@@ -70,3 +145,30 @@ __all__ = [
     "to_dataset",
     "trace",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in __all__:
+        hint = "" if name.startswith("_") else " " + suggest(name, __all__)
+        raise AttributeError(f"clearance_jax has no `{name}`.{hint}", name=name)
+    module = importlib.import_module(f"{__name__}.{_MODULES.get(name) or _HOME[name]}")
+    found = module if name in _MODULES else getattr(module, name)
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
+
+class _Package(ModuleType):
+    """Two functions are called as the modules that they are in (`parameters`, `configure`). Python puts every module
+    that it imports into its package under its own name: these two would hide the functions.
+    """
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if not (isinstance(value, ModuleType) and name in _HOME):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package

@@ -24,6 +24,7 @@ from clearance_jax.analysis import metrics
 from clearance_jax.analysis.divergence import horizon_of, neighbours
 from clearance_jax.analysis.trust import THRESHOLDS
 from clearance_jax.errors import ClearanceError
+from clearance_jax.solve.settings import settings_of
 from clearance_jax.solve.simulate import run
 from experiments.common import output, table
 
@@ -123,7 +124,9 @@ def derivatives(mechanism, points, times):
     """Derivative of the pin's position by the clearance at the times, for every clearance in `points`."""
 
     def at(c):
-        return run(cj.replace(mechanism, {NAME: c}), times[-1], save_at=times, rtol=RTOL).y[:, 0]
+        changed = cj.replace(mechanism, {NAME: c})
+        how = settings_of(changed, times[-1], {"save_at": times, "rtol": RTOL})
+        return run(changed, times[-1], how).state("guide")
 
     return jax.vmap(lambda c: jax.jvp(at, (c,), (jnp.ones_like(c),))[1])(points)
 
@@ -148,7 +151,8 @@ def horizon(name: str, numbers: Numbers, scatter: float) -> Horizon:
     mechanism, c = scene(numbers), numbers.clearance
     points = np.concatenate([[c], drawn(c, scatter, DRAWS, "report")])[:, None]
     end, sigma = jnp.asarray(END), jnp.asarray([scatter * c])
-    times, spread, touches = neighbours(mechanism, (NAME,), jnp.asarray(points), sigma, end, {"rtol": RTOL})
+    how = settings_of(mechanism, END, {"rtol": RTOL})
+    times, spread, touches = neighbours(mechanism, (NAME,), jnp.asarray(points), sigma, end, how)
     times, spread = np.asarray(times), np.asarray(spread)
     exponent, predicted = horizon_of(times, np.sqrt(np.mean(spread**2, axis=0)), limit)
     nominal = horizon_of(times, spread[0], limit)[1]
@@ -207,9 +211,9 @@ WINDOW = 0.1
 BATCH = 512
 
 
-def place(mechanism, solution):
+def place(solution):
     """The pin's position at the end [m]."""
-    return solution.final[0]
+    return solution.state("guide")
 
 
 METRICS: dict[str, Any] = {"place": place, "peak force": metrics.Peak(metrics.ContactForce("play"))}
@@ -241,7 +245,7 @@ def _primal(kind: str):
         mechanism = scene(Numbers(*numbers))
         options = {"rtol": SWEEP_RTOL, "solver": "dopri8"}
         if kind == "place":
-            return place(mechanism, run(mechanism, end, **options))
+            return place(run(mechanism, end, settings_of(mechanism, end, options)))
         if kind == "peak force":
             return METRICS[kind](mechanism, end, **options)
         if kind == "peak time":

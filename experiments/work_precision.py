@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 import clearance_jax as cj
-from clearance_jax.solve.simulate import SOLVERS as SOLVER_CLASSES
+from clearance_jax.solve.settings import SOLVERS as SOLVER_CLASSES
 from experiments.common import as_reference, error, joint5, output, seconds, slider_crank, table
 from experiments.reference.baselines import run_compiled, run_odeint, run_solve_ivp
 from experiments.reference.make import load

@@ -97,11 +97,11 @@ def tried(case: Case, folder: Path) -> tuple[str, Any]:
 
 def laid_out(kind: str, path: Path) -> Any:
     """The scene or study that a file describes, with what is made of it before a solve."""
+    from clearance_jax.dynamics.quantities import labels
     from clearance_jax.io.scene import load_scene
     from clearance_jax.io.study import load_study
     from clearance_jax.mechanism.state import layout
     from clearance_jax.parameters import check_values
-    from clearance_jax.results.variables import labels
 
     if kind == "study":
         study = load_study(path)
@@ -168,7 +168,7 @@ def solved(scene: Any) -> str:
 
     t0 = scene.solve.get("t0", 0.0)
     try:
-        result = trace(scene.mechanism, t0 + 1e-5 * max(1.0, abs(t0)), t0=t0, rtol=1e-4, samples=3, max_steps=200)
+        result = trace(scene.mechanism, t0 + 1e-5 * max(1.0, abs(t0)), t0=t0, rtol=1e-4, save_at=3, max_steps=200)
     except ClearanceError:
         return "solve refused"
     return f"solve: {result.message or 'successful'}"

@@ -50,7 +50,7 @@ def test_diffrax_and_blocks_take_the_same_steps(case):
     mechanism, end = CASES[case]
     times = np.linspace(0, end, 11)
     alone = cj.simulate(mechanism, end, save_at=times, rtol=1e-7)
-    blocks = cj.trace(mechanism, end, samples=11, rtol=1e-7).solution
+    blocks = cj.trace(mechanism, end, save_at=11, rtol=1e-7).solution
     assert (int(alone.steps), int(alone.rejected)) == (int(blocks.steps), int(blocks.rejected))
     samples, expected = np.asarray(blocks.y), np.asarray(alone.y)
     scale = np.maximum(np.abs(expected).max(0), 1e-300)

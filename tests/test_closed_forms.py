@@ -55,7 +55,7 @@ def test_hertz_impact(n, stiffness):
     force, p = stiffness * depth**n, 1 / (n + 1)
     duration = depth / SPEED * 2 * np.sqrt(np.pi) * gamma(1 + p) / gamma(0.5 + p)
     m = thrown(laws.Hertz(stiffness, n))
-    trace = cj.trace(m, GAP / SPEED + 1.2 * duration, samples=101, rtol=RTOL, solver="dopri8")
+    trace = cj.trace(m, GAP / SPEED + 1.2 * duration, save_at=101, rtol=RTOL, solver="dopri8")
     table = cj.to_dataset(m, trace)
     assert table.sizes["episode"] == 1
     # Touch and separation are step ends just past them, by up to sqrt(rtol) = 1e-5 of a step of some 1e-6 s.
@@ -79,7 +79,7 @@ REBOUND = thrown(laws.exact_restitution(STIFFNESS, 0.5, exponent=1.5))
 def test_exact_restitution(e):
     """4.2."""
     m = cj.replace(REBOUND, {"j0.normal.restitution": e})
-    trace = cj.trace(m, 2e-4, samples=1001, rtol=0.1 * RTOL, solver="dopri8")
+    trace = cj.trace(m, 2e-4, save_at=1001, rtol=0.1 * RTOL, solver="dopri8")
     seen = cj.to_dataset(m, trace.solution).isel(joint=0)
     a = float(exact_ratio(jnp.asarray(e)))
     assert a * (1 + e) == pytest.approx(np.log((1 + a) / (1 - a * e)), rel=1e-13)
@@ -117,7 +117,7 @@ def test_bouncing_under_gravity():
         },
     )
     flight = 2 * np.sqrt(2 * height / GRAVITY)
-    trace = cj.trace(m, flight * (0.5 + e + e**2 + e**3 + e**4 / 2), samples=1001, rtol=RTOL, solver="dopri8")
+    trace = cj.trace(m, flight * (0.5 + e + e**2 + e**3 + e**4 / 2), save_at=1001, rtol=RTOL, solver="dopri8")
     table = cj.to_dataset(m, trace)
     v = table.impact_speed.values
     assert v.size == 4
@@ -356,7 +356,7 @@ def test_lugre_in_a_solve(spin, end):
         joints=(cj.Revolute("j", "ground", "pin", motion=drive, clearance=joint, eccentricity=start),),
         gravity=cj.Gravity(y=-GRAVITY),
     )
-    trace = cj.trace(m, end, samples=301, rtol=RTOL, solver="tsit5")
+    trace = cj.trace(m, end, save_at=301, rtol=RTOL, solver="tsit5")
     seen = cj.to_dataset(m, trace.solution).isel(joint=0)
     bent, limit = np.abs(trace.y[:, 4]).max(), 0.4 / 1e5
     assert bent <= limit

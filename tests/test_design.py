@@ -12,6 +12,7 @@ from clearance_jax.analysis import metrics
 from clearance_jax.analysis.measure import Request
 from clearance_jax.design import evaluate, manufacture, verify
 from clearance_jax.errors import ClearanceError
+from clearance_jax.solve.settings import Settings
 from experiments.trust import CHAOTIC, scene
 from experiments.trust import NAME as PLAY
 from optimize import (
@@ -399,7 +400,7 @@ def test_batches_do_not_mix_conditions(monkeypatch):
     monkeypatch.setattr(evaluate, "BATCH", 4)
     rows = [("a", 1.0), ("a", 2.0), ("b", 3.0), ("b", 4.0), ("a", 5.0), ("a", np.nan), ("a", 7.0)]
     scenarios = [evaluate.Scenario("", {name: jnp.asarray(v)}, np.ones(1)) for name, v in rows]
-    simulations = evaluate.Simulations(slider_crank(), [PEAK], [2.0], ["x"], 1.0, {"rtol": 1e-8})
+    simulations = evaluate.Simulations(slider_crank(), [PEAK], [2.0], ["x"], 1.0, Settings())
     found = simulations.worst(np.ones(1), scenarios)
     np.testing.assert_allclose(found, [-0.5, 0, 0.5, 1, 1.5, np.inf, 2.5])
     assert calls == [{"a"}, {"b"}, {"a"}]

@@ -257,4 +257,4 @@ def test_messages(mechanism):
     with pytest.raises(ClearanceError, match="does not know `y0`"):
         cj.sensitivities(mechanism, final, [CLEARANCE], T1, mode="reverse", y0=jnp.zeros(4))
     with pytest.raises(ClearanceError, match=r"no option `rtoll`.*Did you mean `rtol`"):
-        metrics.Rms(ERROR)(mechanism, T1, rtoll=1e-6)
+        metrics.Rms(ERROR)(mechanism, T1, **{"rtoll": 1e-6})  # pyright: ignore[reportCallIssue]

@@ -44,7 +44,7 @@ def test_blocks_are_the_whole_and_are_traced_once(count):
 @pytest.fixture(scope="module")
 def crank():
     mechanism = catalogue.slider_crank()
-    return mechanism, cj.trace(mechanism, 4e-3, samples=21)
+    return mechanism, cj.trace(mechanism, 4e-3, save_at=21)
 
 
 def test_a_dataset_of_any_length_runs_the_same_programs(crank):
@@ -290,7 +290,7 @@ def thrown(law) -> cj.Mechanism:
 def test_largest_force_of_a_hertz_impact(exponent, stiffness, solver):
     depth = ((exponent + 1) * MASS * SPEED**2 / (2 * stiffness)) ** (1 / (exponent + 1))
     mechanism = thrown(laws.Hertz(stiffness, exponent))
-    trace = cj.trace(mechanism, (GAP + 8 * depth) / SPEED, samples=2, rtol=1e-8, solver=solver)
+    trace = cj.trace(mechanism, (GAP + 8 * depth) / SPEED, save_at=2, rtol=1e-8, solver=solver)
     dataset = cj.to_dataset(mechanism, trace)
     assert dataset.sizes["episode"] == 1
     assert float(dataset.peak_force[0]) == pytest.approx(stiffness * depth**exponent, rel=3e-8)
@@ -312,12 +312,12 @@ def flores_on_a_drive() -> cj.Mechanism:
 @pytest.fixture(scope="module")
 def long_steps():
     mechanism = flores_on_a_drive()
-    return mechanism, cj.trace(mechanism, 0.04, samples=2, rtol=1e-9, solver="dopri8")
+    return mechanism, cj.trace(mechanism, 0.04, save_at=2, rtol=1e-9, solver="dopri8")
 
 
 def test_largest_forces_agree_between_short_and_long_steps(long_steps):
     mechanism, trace = long_steps
-    short = cj.to_dataset(mechanism, cj.trace(mechanism, 0.04, samples=2, rtol=1e-10, solver="tsit5"))
+    short = cj.to_dataset(mechanism, cj.trace(mechanism, 0.04, save_at=2, rtol=1e-10, solver="tsit5"))
     long = cj.to_dataset(mechanism, trace)
     assert short.sizes["episode"] == long.sizes["episode"] > 2
     np.testing.assert_allclose(long.peak_force, short.peak_force, rtol=1e-6)

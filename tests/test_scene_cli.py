@@ -94,7 +94,7 @@ def test_bad_expressions_are_refused(text):
 
 def test_dataset_roundtrip_and_figure(tmp_path):
     scene = load_scene(SCENES / "slider_crank.toml")
-    result = trace(scene.mechanism, 2e-3, rtol=1e-6, samples=201)
+    result = trace(scene.mechanism, 2e-3, rtol=1e-6, save_at=201)
     dataset = to_dataset(scene.mechanism, result, scene=scene.text)
     save(dataset, tmp_path / "a.nc")
     again = load_dataset(tmp_path / "a.nc")
@@ -103,7 +103,7 @@ def test_dataset_roundtrip_and_figure(tmp_path):
     assert set(np.unique(dataset["contact_state"])) >= {0, 2}
     # Peaks are found between the steps: the largest of 20 001 samples agrees, though the table has no samples. A force
     # is as accurate as 0.17 m * rtol * dF/dd makes it, 3000 rtol here.
-    fine = to_dataset(scene.mechanism, trace(scene.mechanism, 2e-3, rtol=1e-9, samples=20_001))
+    fine = to_dataset(scene.mechanism, trace(scene.mechanism, 2e-3, rtol=1e-9, save_at=20_001))
     assert float(fine["peak_force"].max()) == pytest.approx(float(fine["contact_force"].max()), rel=3e-6)
     # The ends of a touching bodies' reaction agree with the contact force.
     reaction = np.linalg.norm(dataset["joint_reaction"].sel(any_joint="wrist").values, axis=1)
@@ -115,7 +115,7 @@ def test_dataset_roundtrip_and_figure(tmp_path):
 
 def test_trace_agrees_with_simulate():
     scene = load_scene(SCENES / "slider_crank.toml")
-    result = trace(scene.mechanism, 2e-3, rtol=1e-8, samples=11)
+    result = trace(scene.mechanism, 2e-3, rtol=1e-8, save_at=11)
     direct = cj.simulate(scene.mechanism, 2e-3, rtol=1e-8, save_at=11)
     assert result.message == ""
     np.testing.assert_allclose(result.solution.y[:, :4], direct.y[:, :4], rtol=1e-9, atol=1e-9)

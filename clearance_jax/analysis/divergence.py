@@ -13,6 +13,7 @@ from clearance_jax.dynamics.observe import observe
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import replace
 from clearance_jax.solve.observers import TouchCounter, Touches
+from clearance_jax.solve.settings import Settings
 from clearance_jax.solve.simulate import run
 
 # Samples of the pins' spread over the motion.
@@ -21,7 +22,7 @@ SAMPLES = 400
 
 @eqx.filter_jit
 def neighbours(
-    mechanism: Mechanism, names: tuple[str, ...], points: Array, scatter: Array, t1: Any, options: dict
+    mechanism: Mechanism, names: tuple[str, ...], points: Array, scatter: Array, t1: Any, options: Settings
 ) -> tuple[Array, Array, tuple[Touches, ...]]:
     """How motions at points (lanes, parameters) part from their neighbours, and touch.
 
@@ -29,15 +30,14 @@ def neighbours(
     clearances, the largest joint's, in linear theory, for independent changes `scatter` of the parameters; and every
     joint's `Touches`, shape (lanes,).
     """
-    t0 = options.get("t0", 0.0)
-    times = t0 + (t1 - t0) * jnp.linspace(0.0, 1.0, SAMPLES)
+    times = options.t0 + (t1 - options.t0) * jnp.linspace(0.0, 1.0, SAMPLES)
     joints = mechanism.clearance_joints()
     observers = tuple(TouchCounter(i) for i in range(len(joints)))
 
     def at(point):
         def pins(point):
             changed = replace(mechanism, dict(zip(names, point, strict=True)))
-            solution = run(changed, t1, save_at=times, observers=observers, **options)
+            solution = run(changed, t1, options._replace(save_at=times, books=False), observers=observers)
             ready = changed.prepared()
             return jax.vmap(lambda t, y: observe(t, y, ready)["eccentricity"])(times, solution.y), solution.records
 
@@ -60,7 +60,7 @@ class Divergence(NamedTuple):
     nearest_miss: float = np.inf
 
 
-def divergence(plan: SamplingPlan, mechanism, draws: np.ndarray, t1, limit: float, options) -> Divergence:
+def divergence(plan: SamplingPlan, mechanism, draws: np.ndarray, t1, limit: float, options: Settings) -> Divergence:
     """Of the motion and those at `draws` (samples, parameters) of the scatter, in one program; parted at a spread of
     `limit`.
     """
@@ -69,7 +69,7 @@ def divergence(plan: SamplingPlan, mechanism, draws: np.ndarray, t1, limit: floa
     names, rtol = plan.names, plan.rtol
     points = jnp.asarray(plan.centre + np.concatenate([np.zeros((1, len(names))), draws]))
     scatter = jnp.asarray(plan.scatter * plan.unit)
-    times, apart, touches = neighbours(mechanism, names, points, scatter, t1, {**options, "rtol": rtol})
+    times, apart, touches = neighbours(mechanism, names, points, scatter, t1, options)
     times, spread = np.asarray(times), np.sqrt(np.mean(np.asarray(apart) ** 2, axis=0))
     exponent, horizon = horizon_of(times, spread, limit)
     precision = np.log(1 / rtol) / exponent if exponent * (times[-1] - times[0]) > 1 else np.inf

@@ -6,18 +6,21 @@ at once and hands each metric its own part (`Reply`).
 
 import abc
 import dataclasses
+import inspect
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Unpack
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.solve.flow import Solution
 from clearance_jax.solve.observers import AbstractObserver, Picked
 from clearance_jax.solve.problem import Problem, widths
+from clearance_jax.solve.settings import Settings, SolveOptions, settings_of
 from clearance_jax.solve.simulate import run
+from clearance_jax.solve.solution import Solution
 
 
 class Request(NamedTuple):
@@ -36,14 +39,14 @@ class Reply(NamedTuple):
 
     mechanism: Mechanism
     t1: Any
-    options: dict[str, Any]
+    options: Settings
     solution: Solution
     integrals: tuple[Array, ...]
 
     @property
     def t0(self) -> Any:
         """Where the motion starts [s]."""
-        return self.options.get("t0", 0.0)
+        return self.options.t0
 
     @property
     def picked(self) -> tuple[Picked | None, ...]:
@@ -65,61 +68,132 @@ class AbstractMetric(eqx.Module):
         return getattr(getattr(self, "signal", None), "unit", "")
 
     @abc.abstractmethod
-    def request(self, mechanism: Mechanism, t1: Any, options: dict[str, Any]) -> Request:
-        """What it needs of the solve of the motion from `t0` to `t1`."""
+    def request(self, mechanism: Mechanism, t1: Any, options: Settings) -> Request:
+        """What it needs of the solve of the motion from `options.t0` to `t1`."""
 
     @abc.abstractmethod
     def value(self, reply: Reply) -> Array:
         """The metric, from what it asked for."""
 
-    def __call__(self, mechanism: Mechanism, t1: Any, **options: Any) -> Array:
-        """The metric of the motion from `t0` to `t1`, by a solve of its own; `options` are `simulate`'s `t0`, `rtol`,
-        `solver`, `y0`.
-        """
+    def __call__(self, mechanism: Mechanism, t1: Any, **options: Unpack[SolveOptions]) -> Array:
+        """The metric of the motion from `t0` to `t1`, by a solve of its own; `options` as `simulate`'s."""
         return measure(mechanism, {"metric": self}, t1, **options)["metric"]
 
 
 class Function(AbstractMetric):
-    """Any function `(mechanism, solution) -> array`; `times`: where it wants samples [s] (`None`: at the end)."""
+    """Any function `f(solution)` or `f(mechanism, solution)` that returns a number or an array; `times`: where it wants
+    samples [s] (`None`: those that `save_at` says, or else the end alone).
+
+    **Raises:** `ClearanceError` for a function of other arguments.
+    """
 
     function: Callable
     times: Any = None
 
+    def __check_init__(self):
+        arguments(self.function)
+
     def request(self, mechanism, t1, options):
-        return Request(times=None if self.times is None else jnp.asarray(self.times, float))
+        times = options.save_at if self.times is None else self.times
+        return Request(times=None if times is None else jnp.asarray(times, float))
 
     def value(self, reply):
-        return jnp.asarray(self.function(reply.mechanism, reply.solution))
+        return self.of(reply.mechanism, reply.solution)
+
+    @property
+    def called(self) -> str:
+        """The function's name."""
+        return _called(self.function)
+
+    def of(self, mechanism: Mechanism, solution: Solution) -> Array:
+        """The function's value."""
+        given = (solution,) if arguments(self.function) == 1 else (mechanism, solution)
+        found = self.function(*given)
+        try:
+            return jnp.asarray(found)
+        except (TypeError, ValueError):
+            raise ClearanceError(
+                f"The metric `{self.called}` must return a number or an array, but it returned {type(found).__name__}."
+            ) from None
+
+
+def _called(function: Any) -> str:
+    return getattr(function, "__name__", type(function).__name__)
+
+
+def arguments(function: Callable) -> int:
+    """How many arguments a custom metric takes: 1, `f(solution)`, or 2, `f(mechanism, solution)`.
+
+    **Raises:** `ClearanceError` where it takes others.
+    """
+    try:
+        every = inspect.signature(function).parameters.values()
+    except (TypeError, ValueError):
+        every = []
+    placed = [p.name for p in every if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD) and p.default is p.empty]
+    demanded = [p.name for p in every if p.kind is p.KEYWORD_ONLY and p.default is p.empty]
+    swapped = placed[:1] == ["solution"] and len(placed) == 2
+    if len(placed) not in (1, 2) or demanded or swapped or isinstance(function, type):
+        found = f"`{_called(function)}({', '.join([*placed, *demanded])})`"
+        raise ClearanceError(
+            f"A metric is one of `clearance_jax.metrics`, or a function `f(solution)` or `f(mechanism, solution)`; "
+            f"{found} is neither."
+        )
+    return len(placed)
+
+
+def as_metric(given: Any) -> AbstractMetric:
+    """A metric as it is; a function as a metric. **Raises** `ClearanceError` for anything else."""
+    if isinstance(given, AbstractMetric):
+        return given
+    if not callable(given):
+        hint = f" Ask for its peak, `Peak({type(given).__name__}(...))`." if hasattr(given, "needs_ideal") else ""
+        raise ClearanceError(
+            "A metric is one of `clearance_jax.metrics`, or a function `f(solution)` or `f(mechanism, solution)`, but "
+            f"this is a {type(given).__name__}.{hint}"
+        )
+    return Function(given)
 
 
 def measure(
-    mechanism: Mechanism, metrics: Mapping[str, AbstractMetric | Callable], t1: Any, **options: Any
+    mechanism: Mechanism,
+    metrics: Mapping[str, AbstractMetric | Callable],
+    t1: Any,
+    **options: Unpack[SolveOptions],
 ) -> dict[str, Array]:
     """Several metrics of one motion, from one solve. Works under jit, vmap, jvp and grad.
 
     **Arguments:**
 
-    - `metrics`: name -> one of `clearance_jax.metrics`, or a function `(mechanism, solution) -> array`.
-    - `options`: `simulate`'s `t0`, `rtol`, `solver`, `y0`, `books`, and `save_at` for the samples that functions get.
+    - `metrics`: name -> one of `clearance_jax.metrics`, or a function `f(solution)` or `f(mechanism, solution)`.
+    - `options`: as `simulate`'s; `save_at` says where functions get samples.
 
-    **Returns:** the values by name.
+    **Returns:** the values by name. **Raises:** `ClearanceError` for what is no metric, and as `simulate`.
     """
-    times = options.pop("save_at", None)
-    wanted = {
-        name: metric if isinstance(metric, AbstractMetric) else Function(metric, times)
-        for name, metric in metrics.items()
-    }
+    return measured(mechanism, metrics, t1, settings_of(mechanism, t1, options))
+
+
+def by_name(given: Any) -> dict[str, AbstractMetric]:
+    """Metrics by name, functions among them. **Raises** `ClearanceError` for anything else."""
+    if not isinstance(given, Mapping):
+        raise ClearanceError('`measure` wants metrics by name, such as `{"peak": Peak(PositionError("piston"))}`.')
+    return {name: as_metric(metric) for name, metric in given.items()}
+
+
+def measured(
+    mechanism: Mechanism, metrics: Mapping[str, AbstractMetric | Callable], t1: Any, options: Settings
+) -> dict[str, Array]:
+    """As `measure`, by options that have been read."""
+    wanted = by_name(metrics)
     requests = {name: metric.request(mechanism, t1, options) for name, metric in wanted.items()}
     order, together = _together([request.times for request in requests.values()])
-    books = options.pop("books", False) or any(request.books for request in requests.values())
+    books = options.books or any(request.books for request in requests.values())
     solution = run(
         mechanism,
         t1,
-        save_at=together,
-        books=books,
+        options._replace(save_at=together, books=books),
         observers=tuple(o for request in requests.values() for o in request.observers),
         integrands=tuple(f for request in requests.values() for f in request.integrands),
-        **options,
     )
     out, seen, integrals, samples = {}, 0, _integrals(mechanism, requests, solution, books), 0
     for name, request in requests.items():
@@ -127,10 +201,12 @@ def measure(
         part = slice(seen, seen + count)
         own = dataclasses.replace(solution, records=solution.records[part], picked=solution.picked[part])
         seen += count
-        if request.times is not None:
+        if request.times is None:
+            own = dataclasses.replace(own, time=own.end_time[None], y=own.final[None], sampled=False)
+        else:
             size = request.times.shape[0]
             place = slice(samples, samples + size) if order is None else order[samples : samples + size]
-            own = dataclasses.replace(own, time=request.times, y=solution.y[place])
+            own = dataclasses.replace(own, time=request.times, y=solution.y[place], sampled=True)
             samples += size
         sums = tuple(next(integrals) for _ in request.integrands)
         out[name] = wanted[name].value(Reply(mechanism, t1, options, own, sums))

@@ -7,7 +7,7 @@ A metric is a reduction over time (`Peak`, `Rms`, `Mean`, `At`, `SoftPeak`, ...)
     jax.grad(lambda c: peak(cj.replace(mechanism, {"wrist.radial_clearance": c}), 0.012))(1e-4)
 """
 
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Unpack
 
 import equinox as eqx
 import jax
@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from clearance_jax._types import Scalar
-from clearance_jax.analysis.measure import AbstractMetric, Reply, Request
+from clearance_jax.analysis.measure import AbstractMetric, Function, Reply, Request
 from clearance_jax.analysis.signals import (
     AbstractSignal,
     Acceleration,
@@ -30,6 +30,7 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.solve.observers import PeakFinder, TouchCounter
+from clearance_jax.solve.settings import SolveOptions, settings_of
 from clearance_jax.solve.simulate import run
 
 
@@ -50,7 +51,7 @@ class Peak(AbstractMetric):
     def request(self, mechanism, t1, options):
         # Where the peaks are is looked for without derivatives.
         fixed, end, others = _fixed((mechanism, t1, options))
-        return Request((PeakFinder(self.signal.bound(fixed, end, **others), self.count, end - others.get("t0", 0.0)),))
+        return Request((PeakFinder(self.signal.bound(fixed, end, others), self.count, end - others.t0),))
 
     def value(self, reply):
         (picked,) = reply.picked
@@ -61,9 +62,10 @@ class Peak(AbstractMetric):
         found = found[jnp.argsort(order)]
         return found[0] if self.count == 1 else found
 
-    def times(self, mechanism: Mechanism, t1: Any, **options: Any) -> Float[Array, " count"]:
+    def times(self, mechanism: Mechanism, t1: Any, **options: Unpack[SolveOptions]) -> Float[Array, " count"]:
         """When the peaks are [s], the highest first."""
-        solution = run(mechanism, t1, observers=self.request(mechanism, t1, options).observers, **options)
+        settings = settings_of(mechanism, t1, options)
+        solution = run(mechanism, t1, settings, observers=self.request(mechanism, t1, settings).observers)
         (picked,) = solution.picked
         assert picked is not None
         return picked.time
@@ -76,7 +78,7 @@ def _fixed(tree):
 
 def signal_at(signal: AbstractSignal, reply: Reply, times: Array, y: Array) -> Array:
     """A signal of states at increasing times."""
-    return signal.of(reply.solution, times, y, reply.mechanism, reply.t1, **reply.options)
+    return signal.of(reply.solution, times, y, reply.mechanism, reply.t1, reply.options)
 
 
 class Rms(AbstractMetric):
@@ -133,13 +135,13 @@ class SoftPeak(AbstractMetric):
     samples: int = eqx.field(static=True, default=1001)
 
     def request(self, mechanism, t1, options):
-        return Request(times=evenly(options.get("t0", 0.0), t1, self.samples))
+        return Request(times=evenly(options.t0, t1, self.samples))
 
     def value(self, reply):
         values = signal_at(self.signal, reply, reply.solution.time, reply.solution.y)
         return jax.nn.logsumexp(self.rho * values) / self.rho
 
-    def bounds(self, mechanism: Mechanism, t1: Any, **options: Any) -> tuple[Array, Array]:
+    def bounds(self, mechanism: Mechanism, t1: Any, **options: Unpack[SolveOptions]) -> tuple[Array, Array]:
         """Between which the largest sample is: (KS - ln(N) / rho, KS)."""
         value = self(mechanism, t1, **options)
         return value - jnp.log(self.samples) / self.rho, value
@@ -160,7 +162,7 @@ class PNorm(AbstractMetric):
     samples: int = eqx.field(static=True, default=1001)
 
     def request(self, mechanism, t1, options):
-        return Request(times=evenly(options.get("t0", 0.0), t1, self.samples))
+        return Request(times=evenly(options.t0, t1, self.samples))
 
     def value(self, reply):
         values = jnp.abs(signal_at(self.signal, reply, reply.solution.time, reply.solution.y))
@@ -169,7 +171,7 @@ class PNorm(AbstractMetric):
         total = jnp.sum((values / top) ** self.p)
         return jnp.where(total == 0, 0.0, top * jnp.where(total == 0, 1.0, total) ** (1 / self.p))
 
-    def bounds(self, mechanism: Mechanism, t1: Any, **options: Any) -> tuple[Array, Array]:
+    def bounds(self, mechanism: Mechanism, t1: Any, **options: Unpack[SolveOptions]) -> tuple[Array, Array]:
         """Between which the largest sample is: (norm / N^(1/p), norm)."""
         value = self(mechanism, t1, **options)
         return value / self.samples ** (1 / self.p), value
@@ -230,6 +232,7 @@ __all__ = [
     "At",
     "ContactForce",
     "EnergyLost",
+    "Function",
     "Impacts",
     "Mean",
     "OrientationError",
@@ -237,6 +240,8 @@ __all__ = [
     "PathDeviation",
     "Peak",
     "PositionError",
+    "Reply",
+    "Request",
     "Rms",
     "SoftPeak",
 ]

@@ -6,7 +6,6 @@ Runge-Kutta steps, which JAX differentiates in reverse; steps are recomputed on 
 grows with the square root of their number. The error is not controlled for each parameter by itself.
 """
 
-from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -15,16 +14,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from clearance_jax._types import Scalar
+from clearance_jax.analysis.measure import Function
 from clearance_jax.mechanism.mechanism import Mechanism, drive_breaks
 from clearance_jax.mechanism.state import layout
 from clearance_jax.parameters import replace
 from clearance_jax.solve.attempt import Options
 from clearance_jax.solve.codes import Result, code_of
 from clearance_jax.solve.driver import integrate
-from clearance_jax.solve.flow import Inputs, Solution, initial, problem_of, refuse_jumps
+from clearance_jax.solve.flow import Inputs, initial, problem_of, refuse_jumps
 from clearance_jax.solve.problem import Problem, push
-from clearance_jax.solve.simulate import check_arguments
+from clearance_jax.solve.settings import Settings
+from clearance_jax.solve.solution import Solution
 from clearance_jax.solve.step import try_step
 
 SHORTEST, LONGEST = 2**10, 2**20
@@ -65,8 +65,12 @@ def _sweep(mechanism, values, function, begins, ends, inputs: Inputs, options: O
         final, _ = jax.lax.scan(stretch, start, (begins, ends))
         none = jnp.zeros((), int)
         reached = jnp.asarray(int(Result.REACHED_END))
-        solution = Solution(ends[-1, -1:], final[None], start, final, reached, none, none, jnp.asarray(jnp.nan))
-        return jnp.asarray(function(changed, solution))
+        end, unknown = ends[-1, -1], jnp.asarray(jnp.nan)
+        counts = reached, none, none
+        solution = Solution(
+            end[None], final[None], start, final, *counts, unknown, end, sampled=False, books=options.books
+        )
+        return function.of(changed, solution.of(changed))
 
     value, pull = jax.vjp(of, values)
     rows = jax.vmap(pull)(jnp.eye(value.size).reshape(value.size, *value.shape))[0]
@@ -74,27 +78,17 @@ def _sweep(mechanism, values, function, begins, ends, inputs: Inputs, options: O
 
 
 def reverse(
-    mechanism: Mechanism,
-    function: Callable[[Mechanism, Solution], Array],
-    values: dict[str, Array],
-    t1: Any,
-    *,
-    t0: Any = 0.0,
-    rtol: Scalar | float = 1e-8,
-    solver: str | Any = "tsit5",
-    books: bool = False,
+    mechanism: Mechanism, function: Function, values: dict[str, Array], t1: Any, settings: Settings
 ) -> tuple[Array, dict[str, Array]]:
-    """Value and Jacobian of `function(mechanism, solution)`, of the final state only, by the named values; no time at
-    which a drive switches may be among them.
+    """Value and Jacobian of a function of the final state only, by the named values; no time at which a drive switches
+    may be among them.
     """
-    chosen = check_arguments(mechanism, t0, t1, rtol, solver)
     refuse_jumps(mechanism)
-    t0, t1, rtol = (jnp.asarray(x, float) for x in (t0, t1, rtol))
-    inputs = Inputs(mechanism, t0, t1, None, rtol, None, None)
-    books = books or layout(mechanism).size == 0  # without states the books are what there is to integrate
+    inputs = Inputs(mechanism, settings.t0, jnp.asarray(t1, float), None, settings.rtol, None, None)
+    books = settings.books or layout(mechanism).size == 0  # without states the books are what there is to integrate
     size = SHORTEST
     while True:
-        options = Options(chosen, True, books, size)
+        options = settings._replace(watch=True, books=books, max_steps=size).compiled()
         times, code = _steps(mechanism, values, inputs, options)
         if int(code) != Result.MAX_STEPS or size >= LONGEST:
             break

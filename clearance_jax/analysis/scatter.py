@@ -11,6 +11,7 @@ from clearance_jax.analysis.metrics import Peak
 from clearance_jax.analysis.sensitivity import output
 from clearance_jax.errors import ClearanceError
 from clearance_jax.parameters import replace
+from clearance_jax.solve.settings import Settings
 
 
 class SamplingPlan(NamedTuple):
@@ -58,7 +59,7 @@ class Samples(NamedTuple):
     second: tuple[np.floating, np.ndarray] | None
 
 
-def sample(plan: SamplingPlan, mechanism, metric, t1, options) -> Samples:
+def sample(plan: SamplingPlan, mechanism, metric, t1, options: Settings) -> Samples:
     """All solves of the metric, in one program."""
     p, samples, rtol, moves = len(plan.names), plan.samples, plan.rtol, plan.moves()
     rtols = np.where(np.arange(len(moves)) == 1, rtol / 10, rtol)
@@ -86,7 +87,9 @@ def _lanes(metric, mechanism, points, rtols, names, t1, options):
 
     def at(point, rtol):
         def of(p):
-            value = output(metric, replace(mechanism, dict(zip(names, p, strict=True))), t1, rtol=rtol, **options)
+            value = output(
+                metric, replace(mechanism, dict(zip(names, p, strict=True))), t1, options._replace(rtol=rtol)
+            )
             return value, value
 
         slopes, value = jax.jacfwd(of, has_aux=True)(point)

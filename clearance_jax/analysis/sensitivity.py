@@ -1,7 +1,7 @@
 """`sensitivities`: value and Jacobian of what is asked of a motion, by parameter names; and second derivatives."""
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Unpack
 
 import equinox as eqx
 import jax
@@ -10,12 +10,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from clearance_jax.analysis.measure import AbstractMetric, measure
+from clearance_jax.analysis.measure import AbstractMetric, Function, as_metric, measured
 from clearance_jax.analysis.reverse import reverse
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism, drive_breaks
 from clearance_jax.parameters import check_values, replace, values_of
 from clearance_jax.solve.problem import depends
+from clearance_jax.solve.settings import Settings, SolveOptions, settings_of
 
 # Options that a reverse sweep knows.
 REVERSIBLE = ("t0", "rtol", "solver", "books")
@@ -38,15 +39,15 @@ class Sensitivities(eqx.Module):
         return jnp.concatenate([jnp.reshape(self.jacobian[k], (*np.shape(self.value), -1)) for k in self.names], n)
 
 
-def output(metric: AbstractMetric | Callable, mechanism: Mechanism, t1: Any, **options: Any) -> Array:
-    """A metric, or a function `(mechanism, solution) -> array`, of the motion."""
-    return measure(mechanism, {"metric": metric}, t1, **options)["metric"]
+def output(metric: AbstractMetric | Callable, mechanism: Mechanism, t1: Any, options: Settings) -> Array:
+    """A metric of the motion."""
+    return measured(mechanism, {"metric": metric}, t1, options)["metric"]
 
 
 @eqx.filter_jit
 def _value_and_jacobian(metric, mechanism, values, t1, options):
     def of(values):
-        return output(metric, replace(mechanism, values), t1, **options)
+        return output(metric, replace(mechanism, values), t1, options)
 
     flat, unravel = jax.flatten_util.ravel_pytree(values)
 
@@ -70,26 +71,27 @@ def sensitivities(
     t1: Any,
     *,
     mode: str = "auto",
-    **options: Any,
+    **options: Unpack[SolveOptions],
 ) -> Sensitivities:
     """Value and derivatives of a metric of the motion by named parameters, from one solve.
 
     **Arguments:**
 
-    - `metric`: one of `clearance_jax.metrics`, or a function `(mechanism, solution) -> array`; give `save_at` for
-      samples in `solution.y`.
+    - `metric`: one of `clearance_jax.metrics`, or a function `f(solution)` or `f(mechanism, solution)`; give `save_at`
+      where it wants samples.
     - `wrt`: dotted names, as in `cj.parameters(mechanism)`; `name.i` for one entry of an array.
     - `mode`: "forward": error-controlled tangents; "reverse": one probe solve sets the steps, then one reverse sweep
       over them (for a scalar metric that is a function of the final state, and many parameters); "auto": the second
       from 40 parameters on where it applies; "screening": the program differentiated as it stands, for a first look.
-    - `options`: `simulate`'s `t0`, `rtol`, `solver`, `save_at`, `y0`.
+    - `options`: as `simulate`'s.
 
-    **Raises:** `ClearanceError` for an unknown name or mode, a law of class C-1, a metric without derivative;
+    **Raises:** `ClearanceError` for an unknown name, mode or option, a law of class C-1, a metric without derivative;
     `RuntimeError` where the solve fails.
     """
     wrt = (wrt,) if isinstance(wrt, str) else tuple(wrt)
     if mode not in ("auto", "forward", "reverse", "screening"):
         raise ClearanceError(f"There is no mode {mode!r}. Allowed: auto, forward, reverse, screening.")
+    metric, settings = as_metric(metric), settings_of(mechanism, t1, options)
     values = values_of(mechanism, wrt)
     many = sum(number.size for number in values.values()) >= MANY
     wanted = mode == "reverse" or (mode == "auto" and many)
@@ -97,11 +99,12 @@ def sensitivities(
     if mode == "reverse" and obstacle:
         raise ClearanceError(f"Reverse mode is for functions of the final state: {obstacle}. Use mode='forward'.")
     if wanted and not obstacle:
-        value, jacobian = reverse(mechanism, metric, values, t1, **options)
+        assert isinstance(metric, Function)
+        value, jacobian = reverse(mechanism, metric, values, t1, settings)
         return Sensitivities(value, jacobian, wrt)
     if mode == "screening":
-        options = {**options, "derivatives": "screening"}
-    value, jacobian = _value_and_jacobian(metric, mechanism, values, jnp.asarray(t1, float), options)
+        settings = settings._replace(derivatives="screening")
+    value, jacobian = _value_and_jacobian(metric, mechanism, values, jnp.asarray(t1, float), settings)
     if not bool(jnp.all(jnp.isfinite(value))):
         raise RuntimeError("The solve stopped before t1, so there is no value to differentiate. Simulate to see why.")
     return Sensitivities(value, jacobian, wrt, False if mode == "screening" else None)
@@ -109,7 +112,7 @@ def sensitivities(
 
 def _not_in_reverse(mechanism, metric, values, options) -> str:
     """Why the reverse sweep cannot serve; empty where it can."""
-    if isinstance(metric, AbstractMetric):
+    if not isinstance(metric, Function) or metric.times is not None:
         return f"`{type(metric).__name__}` looks at the whole motion"
     others = sorted(set(options) - set(REVERSIBLE))
     if others:
@@ -133,7 +136,11 @@ HESSIAN_STEP = 1e-4
 
 
 def hessian(
-    mechanism: Mechanism, metric: AbstractMetric | Callable, wrt: Sequence[str], t1: Any, **options: Any
+    mechanism: Mechanism,
+    metric: AbstractMetric | Callable,
+    wrt: Sequence[str],
+    t1: Any,
+    **options: Unpack[SolveOptions],
 ) -> Hessian:
     """Second derivatives of a metric, as central differences of error-controlled gradients.
 

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
 from clearance_jax._numerics import safe_norm
 from clearance_jax._types import Scalar
@@ -20,9 +20,10 @@ from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.mechanism.tree import Frame
-from clearance_jax.solve.flow import Solution
 from clearance_jax.solve.interpolate import hermite
+from clearance_jax.solve.settings import Settings
 from clearance_jax.solve.simulate import run
+from clearance_jax.solve.solution import Solution
 from clearance_jax.solve.tolerances import largest_length
 from clearance_jax.spatial import add, as_array, minus
 
@@ -48,7 +49,7 @@ class AbstractSignal(eqx.Module):
         """
         return jnp.asarray(jnp.inf)
 
-    def of(self, solution: Solution, times: Array, y: Array, mechanism: Mechanism, t1: Any, **options: Any) -> Array:
+    def of(self, solution: Solution, times: Array, y: Array, mechanism: Mechanism, t1: Any, options: Settings) -> Array:
         """The signal of a solution's states at increasing times, shape (times,)."""
         # Signals forgive a NaN (a norm of NaN is 0): a failed lane is marked once more, on the signal itself.
         factor = jnp.where(solution.succeeded, 1.0, jnp.nan)
@@ -58,11 +59,11 @@ class AbstractSignal(eqx.Module):
             return factor * jax.vmap(lambda t, y, r: self.value(t, y, ready, r))(times, y, reference)
         return factor * jax.vmap(lambda t, y: self.value(t, y, ready, self._reference(t, y, ready)))(times, y)
 
-    def bound(self, mechanism: Mechanism, t1: Any, **options: Any) -> Callable:
+    def bound(self, mechanism: Mechanism, t1: Any, options: Settings) -> Callable:
         """The signal as a function of (time, state, mechanism) alone, for an observer."""
         if not self.needs_ideal or freedom(mechanism.ideal()) == 0:
             return Instant(self)
-        t0 = options.get("t0", 0.0)
+        t0 = options.t0
         times = t0 + (t1 - t0) * jnp.linspace(0.0, 1.0, TABLE)
         y = self._freely(mechanism, t1, times, options)
         ready = mechanism.ideal().prepared()
@@ -82,12 +83,12 @@ class AbstractSignal(eqx.Module):
 
     def _freely(self, mechanism, t1, times, options):
         """States of an ideal mechanism that moves freely; from its own initial state, for it has no other."""
-        if options.get("y0") is not None:
+        if options.y0 is not None:
             raise ClearanceError(
                 "An error against an ideal mechanism that moves freely cannot start from `y0`: where the ideal one "
                 "starts is not known. Set the initial values of the mechanism's coordinates instead."
             )
-        return run(mechanism.ideal(), t1, save_at=times, **options).y
+        return run(mechanism.ideal(), t1, options._replace(save_at=times, atol=None, books=False)).y
 
 
 class Instant(eqx.Module):
@@ -268,11 +269,3 @@ class Acceleration(AbstractSignal):
         at = frame.point(point.at.vector)
         a = as_array(list(add(frame.acceleration_at(at), Extra(now.acceleration).at(frame, at))))
         return safe_norm(a[0], a[1])
-
-
-def along(
-    signal: AbstractSignal, mechanism: Mechanism, t1: Any, times: Float[Array, " times"], **options: Any
-) -> Array:
-    """A signal at the given times [s], shape (times,), by a solve of its own."""
-    solution = run(mechanism, t1, save_at=times, **options)
-    return signal.of(solution, times, solution.y, mechanism, t1, **options)

@@ -9,7 +9,7 @@ programs, the metric's and the motion's, and again only for another structure: n
 
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, Literal
+from typing import Any, Literal, Unpack
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -17,12 +17,14 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from clearance_jax.analysis.divergence import divergence
+from clearance_jax.analysis.measure import as_metric
 from clearance_jax.analysis.metrics import AbstractMetric
 from clearance_jax.analysis.periodic import periodic_motion
 from clearance_jax.analysis.scatter import Samples, SamplingPlan, Statistics, sample, statistics
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import values_of
+from clearance_jax.solve.settings import ALL, SolveOptions, settings_of
 
 
 class TrustThresholds(eqx.Module):
@@ -48,6 +50,8 @@ class TrustThresholds(eqx.Module):
 
 
 THRESHOLDS = TrustThresholds()
+# Its derivatives are always the controlled ones.
+KNOWN = tuple(name for name in ALL if name != "derivatives")
 
 
 class UntrustedGradient(UserWarning):
@@ -177,12 +181,11 @@ def gradient_report(
     step: float = 0.02,
     scatter: float = 0.01,
     samples: int = 16,
-    rtol: float = 1e-8,
     period: Any = None,
     seed: int = 0,
     thresholds: TrustThresholds = THRESHOLDS,
     on_untrusted: Literal["ignore", "warn", "raise", "smooth"] = "warn",
-    **options: Any,
+    **options: Unpack[SolveOptions],
 ) -> GradientReport:
     """The gradient of a scalar metric by named scalars, and whether to believe it.
 
@@ -194,24 +197,26 @@ def gradient_report(
     - `period`: of a periodic drive [s]: adds the Floquet multipliers.
     - `on_untrusted`: "warn" (`UntrustedGradient`), "raise" (`ClearanceError`), "ignore", or "smooth": return the slope
       of the metric over the scatter instead, by least squares.
-    - `options`: `simulate`'s `t0`, `solver`.
+    - `options`: as `simulate`'s, but `derivatives`.
 
-    **Raises:** `ClearanceError` for unknown names, arrays, a metric of several numbers, too few samples, a law of
-    class C-1; `RuntimeError` where the motion itself, or too many of the scatter, cannot be solved to the end.
+    **Raises:** `ClearanceError` for unknown names or options, arrays, a metric of several numbers, too few samples, a
+    law of class C-1; `RuntimeError` where the motion itself, or too many of the scatter, cannot be solved to the end.
     """
     names, centre = _checked(mechanism, wrt, samples, on_untrusted)
-    plan = SamplingPlan(names, centre, step, scatter, samples, rtol, seed)
+    settings = settings_of(mechanism, t1, options, KNOWN)
+    plan = SamplingPlan(names, centre, step, scatter, samples, float(settings.rtol), seed)
     t1 = jnp.asarray(t1, float)
-    seen = sample(plan, mechanism, metric, t1, options)
+    seen = sample(plan, mechanism, as_metric(metric), t1, settings)
     found = statistics(plan, seen)
     reasons = _reasons(plan, thresholds, seen, found)
-    parting = divergence(plan, mechanism, seen.draws, t1, thresholds.spread, options)
+    parting = divergence(plan, mechanism, seen.draws, t1, thresholds.spread, settings)
     # An explanation, not a test: of a large spread that stays linear an optimiser feels nothing.
     if reasons and parting.horizon < t1:
         reasons.append(
             f"Neighbouring motions within the scatter have parted by t = {parting.horizon:.3g} s, before the end at "
             f"{float(t1):.3g} s: beyond, a derivative says nothing of them."
         )
+    own = {"t0": settings.t0, "solver": settings.solver}
     smoothed = bool(reasons) and on_untrusted == "smooth"
     report = GradientReport(
         value=jnp.asarray(seen.value),
@@ -229,7 +234,7 @@ def gradient_report(
         impacts=parting.impacts,
         slowest_impact=jnp.asarray(parting.slowest_impact),
         nearest_miss=jnp.asarray(parting.nearest_miss),
-        multipliers=None if period is None else periodic_motion(mechanism, period).multipliers,
+        multipliers=None if period is None else periodic_motion(mechanism, period, **own).multipliers,
         names=names,
         reasons=tuple(reasons),
         smoothed=smoothed,

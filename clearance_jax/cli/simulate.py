@@ -56,7 +56,8 @@ def simulate(
     with _bar() as bar, warnings.catch_warnings():
         warnings.simplefilter("ignore", EnergyWarning)  # said below, after the result
         task = bar.add_task("compiling and solving", total=1.0)
-        result = trace(mechanism, end, **options, progress=lambda f: bar.update(task, completed=f))
+        solve = {"save_at" if name == "samples" else name: value for name, value in options.items()}
+        result = trace(mechanism, end, **solve, progress=lambda f: bar.update(task, completed=f))
         bar.update(task, description="observing", completed=0.0)
         dataset = to_dataset(
             mechanism,
@@ -82,7 +83,7 @@ def simulate(
 
 def _options(scene_file: Path, scene: dict[str, Any], given: dict[str, Any]) -> dict[str, Any]:
     """How to solve: what is given on the command line, or else in the scene, or else usual."""
-    from clearance_jax.solve.simulate import SOLVERS
+    from clearance_jax.solve.settings import SOLVERS
     from clearance_jax.units import to_si
 
     solver = given.get("solver")

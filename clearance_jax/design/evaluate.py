@@ -1,20 +1,20 @@
 """Designs as simulations: what a design must stand, solved one by one with derivatives, or in batches without."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from clearance_jax.analysis.measure import AbstractMetric, measure
+from clearance_jax.analysis.measure import AbstractMetric, measured
 from clearance_jax.design.manufacture import Yield, YieldEstimate, estimate_yield
 from clearance_jax.design.scenarios import Scenario, scenarios_of
 from clearance_jax.design.specification import Specification
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import replace
+from clearance_jax.solve.settings import Settings
 
 # Scenarios solved at a time where no derivatives are asked for.
 BATCH = 250
@@ -25,7 +25,7 @@ FEW = 5
 class Simulations:
     """Metrics of a mechanism whose numbers `names` are a design's; limits are (value / bound - 1).
 
-    **Arguments:** `metrics` with their `bounds`; `t1` [s]; `solve`: options of the solves.
+    **Arguments:** `metrics` with their `bounds`; `t1` [s]; `solve`: how.
     """
 
     def __init__(
@@ -35,7 +35,7 @@ class Simulations:
         bounds: Sequence[float],
         names: Sequence[str],
         t1: float,
-        solve: dict[str, Any],
+        solve: Settings,
     ):
         self.metrics, self.bounds, self.names = tuple(metrics), tuple(bounds), tuple(names)
         self.mechanism, self.t1, self.solve = mechanism, t1, solve
@@ -44,7 +44,9 @@ class Simulations:
         """How many numbers each metric is."""
 
         def size(metric):
-            out = jax.eval_shape(lambda t1: metric(self.mechanism, t1, **self.solve), jnp.asarray(self.t1))
+            out = jax.eval_shape(
+                lambda t1: measured(self.mechanism, {"": metric}, t1, self.solve)[""], jnp.asarray(self.t1)
+            )
             return int(np.prod(out.shape))
 
         return [size(metric) for metric in self.metrics]
@@ -86,15 +88,13 @@ class Simulations:
         return np.concatenate(worst)
 
     def _asked(self, x, given) -> tuple:
-        # The tolerance as an array: another one is not another program.
-        solve = {**self.solve, "rtol": jnp.asarray(self.solve["rtol"])}
-        return self.mechanism, self.metrics, self.names, jnp.asarray(x), dict(given), jnp.asarray(self.t1), solve
+        return self.mechanism, self.metrics, self.names, jnp.asarray(x), dict(given), jnp.asarray(self.t1), self.solve
 
 
 def _measured(mechanism, metrics, names, x, given, t1, solve):
     moved = replace(mechanism, {**given, **dict(zip(names, x, strict=True))})
     # One solve for all of them.
-    return list(measure(moved, {str(i): metric for i, metric in enumerate(metrics)}, t1, **solve).values())
+    return list(measured(moved, {str(i): metric for i, metric in enumerate(metrics)}, t1, solve).values())
 
 
 @eqx.filter_jit
@@ -119,12 +119,16 @@ def _batch(mechanism, metrics, names, points, given, t1, solve):
 
 def simulations_of(specification: Specification, rtol: float | None = None, solver: str | None = None) -> Simulations:
     """What designs are simulated by, to the given accuracy."""
-    given = {"rtol": rtol, "solver": solver}
-    solve = specification.solve | {name: value for name, value in given.items() if value is not None}
+    changes = {name: given for name, given in (("rtol", rtol), ("solver", solver)) if given is not None}
     metrics = [limit.simulation_metric for limit in specification.limits]
     bounds = [limit.bound for limit in specification.limits]
     return Simulations(
-        specification.mechanism, metrics, bounds, tuple(specification.variables), specification.t1, solve
+        specification.mechanism,
+        metrics,
+        bounds,
+        tuple(specification.variables),
+        specification.t1,
+        specification.settings(**changes),
     )
 
 

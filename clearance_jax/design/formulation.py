@@ -66,12 +66,13 @@ def _identity(specification: Specification, simulations: Simulations) -> str:
     """A short text that another problem does not have."""
     numbers = (specification.mechanism, list(specification.costs), simulations.metrics)
     leaves, structure = jax.tree.flatten(eqx.filter(numbers, eqx.is_array_like))
+    solve = simulations.solve
     asked = (
         specification.t1,
         specification.variables,
         specification.conditions,
         specification.manufacture,
-        simulations.solve,
+        {"rtol": float(solve.rtol), "solver": solve.solver} | ({"t0": float(solve.t0)} if solve.t0 != 0 else {}),
         list(simulations.bounds),
     )
     text = repr(([np.asarray(leaf).tolist() for leaf in leaves], str(structure), asked))

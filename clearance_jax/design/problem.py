@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 from clearance_jax.design.answer import Design
 from clearance_jax.design.costs import AbstractCost
@@ -13,6 +13,7 @@ from clearance_jax.design.search import search
 from clearance_jax.design.specification import Limit, Specification
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.solve.settings import SolveOptions
 
 
 class ToleranceProblem:
@@ -28,11 +29,12 @@ class ToleranceProblem:
     - `conditions`: name of the condition -> values by parameter name (speeds, loads, friction, phases), or a sequence
       of such values; every limit must hold in each. None: the mechanism as it is.
     - `manufacture`: how parts come out of manufacture, a `Band` or a `Yield`; None: as designed.
-    - `rtol`, `solver`, `t0`: of the solves.
+    - `options`: `simulate`'s `t0`, `rtol`, `solver`, `max_steps`.
 
     All of it in one form is its `specification`.
 
-    **Raises:** `ClearanceError` for unknown names, limits of one title, numbers that are not finite or out of bounds.
+    **Raises:** `ClearanceError` for unknown names or options, limits of one title, numbers that are not finite or out
+    of bounds.
     """
 
     def __init__(
@@ -44,9 +46,7 @@ class ToleranceProblem:
         cost: AbstractCost | Mapping[str, AbstractCost] | None = None,
         conditions: Mapping[str, Mapping[str, Any]] | Sequence[Mapping[str, Any]] | None = None,
         manufacture: Band | Yield | None = None,
-        rtol: float = 1e-8,
-        solver: str = "tsit5",
-        t0: float = 0.0,
+        **options: Unpack[SolveOptions],
     ):
         self.specification = Specification(
             mechanism,
@@ -56,9 +56,7 @@ class ToleranceProblem:
             _costs(cost, tuple(variables)),
             _conditions(conditions),
             manufacture,
-            rtol,
-            solver,
-            float(t0),
+            options,
         )
 
     def solve(

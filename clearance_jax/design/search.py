@@ -64,7 +64,7 @@ def _check_derivatives(specification: Specification, x: np.ndarray) -> None:
 
         def of(c, metric=limit.simulation_metric):
             moved = replace(specification.mechanism, {name: c * v for name, v in values.items()})
-            return metric(moved, jnp.asarray(specification.t1), **specification.solve)
+            return metric(moved, jnp.asarray(specification.t1), **specification.options)
 
         try:
             jax.eval_shape(jax.jacfwd(of), jnp.ones(()))
@@ -84,10 +84,9 @@ def _distrust(specification: Specification, x: np.ndarray) -> str:
                     limit.metric,
                     names,
                     specification.t1,
-                    t0=specification.t0,
-                    rtol=specification.rtol,
                     samples=max(16, len(names) + 3),
                     on_untrusted="ignore",
+                    **specification.options,
                 )
             except (ClearanceError, RuntimeError) as error:
                 return f"There are no gradients to trust ({name}, {limit.title}): {error}"

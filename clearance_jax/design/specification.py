@@ -7,21 +7,26 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
+from clearance_jax.analysis.measure import Function, as_metric
 from clearance_jax.analysis.metrics import AbstractMetric, Peak
 from clearance_jax.design.manufacture import Band, Yield
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import check_values, parameters, replace, units_of, values_of
-from clearance_jax.solve.simulate import check_arguments
+from clearance_jax.solve.settings import Settings, SolveOptions, settings_of
 
 # Peaks that are limits each: where the highest changes place, the next one has been watched already.
 PEAKS = 3
+# What a designer may say of the solves.
+KNOWN = ("t0", "rtol", "solver", "max_steps")
 
 
 class Limit(eqx.Module):
-    """A metric that must not exceed a bound (> 0, in the metric's unit) in any condition."""
+    """A metric, or a function `f(solution)` or `f(mechanism, solution)`, that must not exceed a bound (> 0, in the
+    metric's unit) in any condition.
+    """
 
-    metric: AbstractMetric
+    metric: AbstractMetric = eqx.field(converter=as_metric)
     bound: float
     name: str = eqx.field(static=True, default="")
 
@@ -33,7 +38,8 @@ class Limit(eqx.Module):
     def title(self) -> str:
         """The given name, or the metric's."""
         signal = getattr(self.metric, "signal", None)
-        parts = [type(self.metric).__name__] + ([] if signal is None else [type(signal).__name__])
+        own = self.metric.called if isinstance(self.metric, Function) else type(self.metric).__name__
+        parts = [own] + ([] if signal is None else [type(signal).__name__])
         of = next((getattr(signal, n) for n in ("point", "joint", "body") if hasattr(signal, n)), None)
         return self.name or " ".join(parts) + ("" if of is None else f" of {of}")
 
@@ -47,7 +53,7 @@ class Limit(eqx.Module):
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Specification:
     """A `ToleranceProblem`'s arguments in one form: `costs` one by one in the order of `variables`, none where the
-    largest clearance is wanted; `conditions` by name, at least one.
+    largest clearance is wanted; `conditions` by name, at least one; `options`: of the solves.
 
     **Raises:** `ClearanceError` for unknown names, limits of one title, numbers that are not finite or out of bounds.
     """
@@ -59,12 +65,10 @@ class Specification:
     costs: tuple[Callable, ...]
     conditions: dict[str, dict[str, Any]]
     manufacture: Band | Yield | None
-    rtol: float
-    solver: str
-    t0: float = 0.0
+    options: SolveOptions
 
     def __post_init__(self):
-        check_arguments(self.mechanism, self.t0, self.t1, self.rtol, self.solver)
+        self.settings()
         if self.manufacture is not None:
             self.manufacture.check()
         if not self.variables or not self.limits:
@@ -92,10 +96,24 @@ class Specification:
             if variable in known and np.ndim(known[variable].value):
                 raise ClearanceError(f"`{variable}` is an array: name one of its entries, `{variable}.0`.")
 
+    def settings(self, **changes: Any) -> Settings:
+        """How to solve, with some options changed."""
+        return settings_of(self.mechanism, self.t1, {**self.options, **changes}, KNOWN)
+
     @property
-    def solve(self) -> dict[str, Any]:
-        """Options of its solves."""
-        return {"t0": self.t0, "rtol": self.rtol, "solver": self.solver}
+    def t0(self) -> float:
+        """Start of the motion [s]."""
+        return float(self.settings().t0)
+
+    @property
+    def rtol(self) -> float:
+        """Accuracy of the solves."""
+        return float(self.settings().rtol)
+
+    @property
+    def solver(self) -> Any:
+        """The solver of the solves."""
+        return self.settings().solver
 
     @property
     def common(self) -> bool:

@@ -13,6 +13,7 @@ from clearance_jax.dynamics.observe import observe
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.body import Position
 from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.solve.settings import settings_of
 from clearance_jax.solve.simulate import run
 
 
@@ -32,14 +33,16 @@ def static_weights(
     if point not in known:
         raise ClearanceError(f"There is no point `{point}`. Allowed: {', '.join(known)}.")
     names = tuple(joint.name for joint in mechanism.clearance_joints())
-    found = _weights(mechanism.ideal(), known.index(point), names, jnp.asarray([t0, t1], float), samples)
+    found = _weights(
+        mechanism.ideal(), known.index(point), names, jnp.asarray(t0, float), jnp.asarray(t1, float), samples
+    )
     return dict(zip(names, np.asarray(found).tolist(), strict=True))
 
 
 @eqx.filter_jit
-def _weights(ideal: Mechanism, index: int, names: tuple[str, ...], span, samples: int):
-    times = jnp.linspace(span[0], span[1], samples)
-    states = run(ideal, span[1], t0=span[0], save_at=times).y
+def _weights(ideal: Mechanism, index: int, names: tuple[str, ...], t0, t1, samples: int):
+    solution = run(ideal, t1, settings_of(ideal, t1, {"t0": t0, "save_at": samples}))
+    times, states = solution.time, solution.y
 
     def place(offsets, t, y):
         moved = ideal

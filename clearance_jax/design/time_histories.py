@@ -40,7 +40,7 @@ def time_histories(design: Design) -> tuple[TimeHistory, ...]:
             moved = replace(design.mechanism, given)
             try:
                 values[name if several else ""] = np.asarray(
-                    At(signal, times)(moved, specification.t1, **specification.solve)
+                    At(signal, times)(moved, specification.t1, **specification.options)
                 )
             except (ClearanceError, RuntimeError):
                 continue  # a design that could not be simulated is reported as such elsewhere

@@ -13,7 +13,7 @@ from clearance_jax.laws import FRICTION_LAWS, NORMAL_LAWS, InternalHertz
 from clearance_jax.mechanism.body import Body, ConstantEffort, JointSpring, Motion, Point, Servo, Spring
 from clearance_jax.mechanism.drives import ConstantSpeed, Harmonic, Spline, Step5Sum, StepSum
 from clearance_jax.mechanism.tree import Fixed, Prismatic, Revolute
-from clearance_jax.solve.simulate import MOST_SAMPLES, SOLVERS
+from clearance_jax.solve.settings import MOST_SAMPLES, SOLVERS
 
 DRIVES = {"constant-speed": ConstantSpeed, "step": StepSum, "step5": Step5Sum, "harmonic": Harmonic, "spline": Spline}
 ACTUATORS = {"constant": ConstantEffort, "servo": Servo, "spring": JointSpring}

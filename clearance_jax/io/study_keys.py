@@ -7,7 +7,7 @@ from clearance_jax.design.methods import METHOD_CHOICES
 from clearance_jax.io.fields import summary
 from clearance_jax.io.kinds import Flag, Quantities, Quantity, Sub, Text, Whole, Word
 from clearance_jax.io.table import Keys
-from clearance_jax.solve.simulate import MOST_SAMPLES, SOLVERS
+from clearance_jax.solve.settings import MOST_SAMPLES, SOLVERS
 
 # Units that another key decides.
 PARAMETER, METRIC = "the parameter's", "the metric's"

@@ -6,14 +6,15 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from clearance_jax.dynamics.quantities import Variable, labels
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import parameters
 from clearance_jax.results import blocks, episodes
 from clearance_jax.results.blocks import Progress, in_blocks
 from clearance_jax.results.peaks import Peaks, peaks
-from clearance_jax.results.variables import EPISODES, STEPS, VARIABLES, Variable, attributes, labels
-from clearance_jax.solve.flow import Solution
+from clearance_jax.results.variables import EPISODES, STEPS, VARIABLES, attributes
+from clearance_jax.solve.solution import Solution
 from clearance_jax.solve.trace import Trace
 
 # Part of the work done once every sample and step end has been looked at: what is left are the peaks inside steps.

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.closures import assembled, projected
@@ -22,53 +22,15 @@ from clearance_jax.mechanism.mechanism import Mechanism, drive_breaks
 from clearance_jax.mechanism.state import layout
 from clearance_jax.parameters import bounds_hold
 from clearance_jax.solve.attempt import Options
-from clearance_jax.solve.codes import Result, code_of, words
+from clearance_jax.solve.codes import code_of
 from clearance_jax.solve.driver import integrate
 from clearance_jax.solve.observers import Picked
 from clearance_jax.solve.problem import Problem, basis, field, lift, motion, moves, push, widths
+from clearance_jax.solve.solution import Solution
 from clearance_jax.solve.tolerances import Tolerances, floors, largest_length, tolerances
 
 # A loop open by more than this part of the largest length is not assembled.
 CLOSED = 1e-10
-
-
-class Solution(eqx.Module):
-    """A solved motion.
-
-    - `time`: sample times [s], shape (samples,); `y`: states `[q, v, memory, books]` there, shape (samples, n).
-    - `final`: the state at the end; `initial`: at the start.
-    - `code`: how it ended (`codes.Result`); `succeeded` where it reached t1, `message` in words; `steps`, `rejected`:
-      counts.
-    - `records`: what observers recorded, `picked`: the states that they picked, one entry an observer (metrics use
-      them).
-    - `energy_residual`: |energy gained - work of drives + losses| / energy exchanged, a measure of the solve's quality.
-    """
-
-    time: Float[Array, " samples"]
-    y: Float[Array, "samples *rows n"]
-    initial: Float[Array, "*rows n"]
-    final: Float[Array, "*rows n"]
-    code: Int[Array, ""]
-    steps: Int[Array, ""]
-    rejected: Int[Array, ""]
-    energy_residual: Float[Array, ""]
-    records: tuple = ()
-    picked: tuple[Picked | None, ...] = ()
-
-    @property
-    def succeeded(self) -> Array:
-        """Whether the solve reached t1."""
-        return self.code == int(Result.REACHED_END)
-
-    @property
-    def found(self) -> list[Picked]:
-        """The states that observers picked, of those that pick any."""
-        return [one for one in self.picked if one is not None]
-
-    @property
-    def message(self) -> str:
-        """Why a single solve stopped; empty where it reached t1."""
-        return words(self.code)
 
 
 class Inputs(NamedTuple):
@@ -131,10 +93,11 @@ def _flow_jvp(primals, tangents, *, options: Options):
     at = [None if rates.t1 is None else jnp.where(one.time == inputs.t1, rates.t1, 0.0) for one in value.found]
 
     def varied(s):
-        return [s.time, s.initial, s.final, s.y, *(s.picked[i].y for i in chosen), *(s.picked[i].time for i in chosen)]
+        picks = [s.picked[i] for i in chosen]
+        return [s.time, s.end_time, s.initial, s.final, s.y, *(p.y for p in picks), *(p.time for p in picks)]
 
     nothing = jax.tree.map(lambda _: None, value)
-    new = [time, start, final, y, *picks, *at]
+    new = [time, rates.t1, start, final, y, *picks, *at]
     return value, eqx.tree_at(varied, nothing, new, is_leaf=lambda x: x is None)
 
 
@@ -241,7 +204,21 @@ def solution_of(inputs: Inputs, options: Options, directions: Any = None) -> Sol
         )
     accepted, rejected = out.stats["num_accepted_steps"], out.stats["num_rejected_steps"]
     code = code_of(possible, out.result)
-    return Solution(time, y, start, final, code, accepted, rejected, residual, records, picked)
+    return Solution(
+        time,
+        y,
+        start,
+        final,
+        code,
+        accepted,
+        rejected,
+        residual,
+        out.ts[0][-1],
+        records,
+        picked,
+        sampled=save_at is not None,
+        books=options.books,
+    )
 
 
 def _record(out) -> tuple:

@@ -7,7 +7,7 @@ is remembered from one to the next goes from block to block too.
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple, Unpack
 
 import equinox as eqx
 import jax
@@ -19,9 +19,11 @@ from clearance_jax.dynamics.energy import energy_residual
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.solve.attempt import Carry, Options, attempt, dense, means_of, start_carry
 from clearance_jax.solve.codes import Result, words
-from clearance_jax.solve.flow import Inputs, Solution, problem_of, projected_samples
+from clearance_jax.solve.flow import Inputs, problem_of, projected_samples
 from clearance_jax.solve.problem import Problem
-from clearance_jax.solve.simulate import check_arguments, check_assembled, check_samples, warn_of_energy
+from clearance_jax.solve.settings import ALL, SolveOptions, settings_of
+from clearance_jax.solve.simulate import check_assembled, warn_of_energy
+from clearance_jax.solve.solution import Solution
 from clearance_jax.solve.step import Trial
 from clearance_jax.solve.tolerances import Tolerances
 
@@ -35,6 +37,13 @@ class Trace(eqx.Module):
     time: np.ndarray
     y: np.ndarray
     message: str = eqx.field(static=True)
+
+    def __getitem__(self, name: str) -> Array:
+        """A quantity by name at the samples, as `Solution` gives it."""
+        return self.solution[name]
+
+    def __repr__(self) -> str:
+        return f"{self.solution!r}\n  a trace of {self.time.size} step ends"
 
 
 class Steps(NamedTuple):
@@ -93,40 +102,39 @@ def _begin(inputs: Inputs, options: Options):
 _residual = eqx.filter_jit(energy_residual)
 
 
+# What a trace has no use for: it always has books, and no derivatives.
+KNOWN = tuple(name for name in ALL if name not in ("books", "derivatives"))
+
+
 def trace(
     mechanism: Mechanism,
     t1: float,
     *,
-    t0: float = 0.0,
-    samples: int = 1001,
-    rtol: float = 1e-8,
-    atol: Any = None,
-    solver: str | Any = "tsit5",
-    watch: bool = True,
-    max_steps: int = 10_000_000,
     progress: Callable[[float], None] | None = None,
+    **options: Unpack[SolveOptions],
 ) -> Trace:
     """Simulate as `simulate` does, but in blocks of steps, keeping every step end.
 
-    **Arguments** as `simulate`; `samples` equally spaced output times; `progress` is called with the fraction done.
+    **Arguments** as `simulate`'s, but `books` and `derivatives`; `save_at`: 1001 samples unless said otherwise;
+    `progress` is called with the fraction done.
     """
-    chosen = check_arguments(mechanism, t0, t1, rtol, solver)
-    check_samples(samples)
-    grid = np.linspace(t0, t1, samples)
-    start, last, asked = (jnp.asarray(x, float) for x in (t0, t1, rtol))
-    options = Options(chosen, watch, True, max_steps)
-    atol = None if atol is None else jnp.asarray(atol, float)
-    problem, allowed, carry, opened = _begin(Inputs(mechanism, start, last, None, asked, atol, None), options)
+    settings = settings_of(mechanism, t1, options, KNOWN, books=True, save_at=1001)
+    chosen, t0, t1 = settings.compiled(), float(settings.t0), float(t1)
+    start, last = settings.t0, jnp.asarray(t1)
+    grid = np.array([t1]) if settings.save_at is None else np.asarray(settings.save_at)
+    inputs = Inputs(mechanism, start, last, None, settings.rtol, settings.atol, settings.y0)
+    problem, allowed, carry, opened = _begin(inputs, chosen)
     first = carry.y
-    check_assembled(mechanism, t0, opened)
-    times, states = [np.array([float(t0)])], [np.asarray(first)[None]]
-    sampled = np.full((samples, first.size), np.nan)
-    sampled[0] = np.asarray(first)  # whatever happens, the start is known
+    if settings.y0 is None:
+        check_assembled(mechanism, t0, opened)
+    times, states = [np.array([t0])], [np.asarray(first)[None]]
+    sampled = np.full((grid.size, first.size), np.nan)
+    sampled[grid == t0] = np.asarray(first)  # whatever happens, the start is known
     code = Result.REACHED_END
     try:
         while float(carry.time) < t1 and code == Result.REACHED_END:
             # One donated carry would save nothing: a block lasts long.
-            carry, reached, y, count, some = _block(problem, allowed, carry, last, jnp.asarray(grid), options)
+            carry, reached, y, count, some = _block(problem, allowed, carry, last, jnp.asarray(grid), chosen)
             kept = int(count)
             times.append(np.asarray(reached)[:kept])
             states.append(np.asarray(y)[:kept])
@@ -135,10 +143,12 @@ def trace(
             sampled[new] = some[new]
             if progress is not None:
                 progress((float(carry.time) - t0) / (t1 - t0))
-            code = _code(carry, t1, max_steps)
+            code = _code(carry, t1, settings.max_steps)
     except KeyboardInterrupt:
         code = Result.INTERRUPTED
     time, y = np.concatenate(times), np.concatenate(states)
+    if settings.save_at is None:
+        grid, sampled = time[-1:], y[-1:]
     done = np.isfinite(sampled[:, 0])
     solution = Solution(
         jnp.asarray(grid[done]),
@@ -149,9 +159,11 @@ def trace(
         carry.accepted,
         carry.rejected,
         _residual(problem.mechanism, (start, jnp.asarray(time[-1])), (first, jnp.asarray(y[-1]))),
+        jnp.asarray(time[-1]),
+        sampled=settings.save_at is not None,
     )
     warn_of_energy(solution)
-    return Trace(solution, time, y, words(code))
+    return Trace(solution.of(mechanism), time, y, words(code))
 
 
 def _code(carry: Carry, t1: float, max_steps: int) -> Result:

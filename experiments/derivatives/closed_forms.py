@@ -14,7 +14,7 @@ from scipy.special import gamma
 
 import clearance_jax as cj
 from clearance_jax import laws
-from clearance_jax.solve.simulate import DERIVATIVES
+from clearance_jax.solve.settings import DERIVATIVES
 from experiments.common import output, table
 
 LOOSE, TIGHT = 1e-6, 1e-10

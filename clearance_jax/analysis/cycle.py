@@ -1,0 +1,312 @@
+"""The search for a limit cycle: Newton's method on the period map, multipliers, derivative.
+
+The motion is a fixed point y = P(y) of the period map P: the state [q, v, memory] at t0 to the one a period later. The
+error-controlled Jacobian of a solve makes Newton's method work on it, also for a cycle that is unstable or settles
+slowly; and the implicit function theorem gives the cycle's derivative from that of a single period,
+dy = (I - dP/dy)^-1 (dP/dp) dp, however long the transient was.
+"""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Complex, Float, Int
+
+from clearance_jax._types import Scalar
+from clearance_jax.dynamics.closures import projected
+from clearance_jax.errors import ClearanceError
+from clearance_jax.mechanism.body import ConstantEffort, Servo
+from clearance_jax.mechanism.drives import AbstractDrive
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.state import layout
+from clearance_jax.solve.attempt import Options
+from clearance_jax.solve.codes import Result, words
+from clearance_jax.solve.flow import Inputs, flow, initial_state
+from clearance_jax.solve.problem import Problem
+from clearance_jax.solve.tolerances import LOCAL, largest_length, tolerances
+
+TURN = 2 * np.pi
+# The residual is driven to rtol; where no step lowers it further it must be within this many rtol, the error that a
+# solve may have.
+CLOSED = 100.0
+# A step must lower the residual by this part of its own length. A rejected step is tried again at a quarter of it; one
+# below the shortest is given up, and the motion settles for longer.
+DECREASE, SHRINK, SHORTEST = 0.25, 0.25, 1 / 64
+# By how much (in radians, largest lengths, and those per radian of the period) a drive may miss its start.
+SEAM = 1e-6
+
+
+class PeriodicMotion(eqx.Module):
+    """A periodic motion. Only `y` has a derivative; the others are constants to differentiation.
+
+    - `y`: the state [q, v, memory] at t0 (SI), shape (n,); where not converged, the last one reached.
+    - `monodromy`: dP/dy there, shape (n, n), error controlled.
+    - `residual`: largest |P(y) - y| in the scene's own scales; the error of `y` is about `residual` / `margin`.
+    - `iterations`: Newton steps tried, and settlings.
+    - `turns`: whole turns a period of each free coordinate, shape (free,); 0 for a slide.
+    - `converged`; `code`: how the last solve ended (`codes.Result`).
+    """
+
+    y: Float[Array, " n"]
+    monodromy: Float[Array, "n n"]
+    residual: Scalar
+    iterations: Int[Array, ""]
+    turns: Float[Array, " free"]
+    converged: Bool[Array, ""]
+    code: Int[Array, ""]
+    held: Bool[Array, " n"]
+    """Memory that no touch rewrites in the period: its multiplier is +1 whatever the motion does, and its derivative 0.
+    (Its row of `monodromy` is a unit row; with a row of zeros the other multipliers are the same.)"""
+
+    @property
+    def multipliers(self) -> Complex[Array, "*batch n"]:
+        """Floquet multipliers (eigenvalues of `monodromy`), the largest first."""
+        return _eigenvalues(self.monodromy)
+
+    @property
+    def _moving(self) -> Complex[Array, "*batch n"]:
+        return _eigenvalues(jnp.where(self.held[..., None], 0.0, self.monodromy))
+
+    @property
+    def stable(self) -> Array:
+        """Whether a small disturbance dies out: all |multiplier| < 1, those of memory that is only held aside."""
+        return self.converged & jnp.all(jnp.abs(self._moving) < 1, axis=-1)
+
+    @property
+    def margin(self) -> Array:
+        """Smallest |1 - multiplier|: at 0 (a fold of the cycle) the derivative does not exist."""
+        return jnp.min(jnp.abs(1 - self._moving), axis=-1)
+
+    @property
+    def message(self) -> str:
+        """Why a single search did not converge, or that its cycle is unstable; empty for a stable cycle."""
+        count = f"{int(self.iterations)} iterations"
+        if bool(self.stable):
+            return ""
+        if bool(self.converged):
+            size = float(jnp.max(jnp.abs(self._moving)))
+            return f"The periodic motion is not stable: its largest |multiplier| is {size:.3g}."
+        if int(self.code) != Result.REACHED_END:
+            return f"No periodic motion was found: after {count} a solve stopped, {words(self.code)}."
+        return (
+            f"No periodic motion was found: after {count} the state still misses itself by {float(self.residual):.2g} "
+            "of the scene's scales. The motion may be chaotic, or repeat after several periods only (try 2 or 3 times "
+            "the period), or settle slowly (try a larger `settle`, or a `guess`)."
+        )
+
+
+def _eigenvalues(matrix: Array) -> Array:
+    values = jnp.linalg.eigvals(matrix)
+    return jnp.take_along_axis(values, jnp.argsort(-jnp.abs(values), axis=-1), axis=-1)
+
+
+class Search(NamedTuple):
+    """What a search depends on: numbers."""
+
+    mechanism: Mechanism
+    t0: Array
+    period: Array
+    rtol: Array
+    guess: Array | None
+    turns: Array | None
+
+
+class Effort(NamedTuple):
+    """What a search is compiled for."""
+
+    options: Options
+    settle: int
+    iterations: int
+
+
+def seams(mechanism: Mechanism, t0: Array, period: Array) -> dict[str, Array]:
+    """How far each drive and servo target is from its start after the period, whole turns of a rotation aside."""
+    length, out = largest_length(mechanism), {}
+    for coordinate in mechanism.coordinates():
+        servos = [actuator.target for actuator in coordinate.motion.actuators if isinstance(actuator, Servo)]
+        drive = coordinate.motion.drive
+        for one in servos if drive is None else [drive]:
+            (begin, end), rates = _ends(one, t0, period)
+            missed = end - begin
+            if coordinate.slides is None:
+                missed -= TURN * jnp.round(missed / TURN)
+            unit = 1.0 if coordinate.slides is None else length
+            gap = jnp.maximum(jnp.abs(missed), jnp.abs(rates[1] - rates[0]) * period / TURN) / unit
+            out[coordinate.name] = jnp.maximum(out.get(coordinate.name, 0.0), gap)
+    return out
+
+
+def _ends(drive: AbstractDrive, t0: Array, period: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """A drive's positions and its velocities at both ends of the period."""
+    (q0, v0, _), (q1, v1, _) = drive(t0), drive(t0 + period)
+    return (jnp.asarray(q0, float), jnp.asarray(q1, float)), (jnp.asarray(v0, float), jnp.asarray(v1, float))
+
+
+# The search ----------------------------------------------------------------------------------------------------------
+
+
+@eqx.filter_custom_jvp
+def cycle(search: Search, *, effort: Effort) -> PeriodicMotion:
+    """Search; `y` is differentiable by every number of the mechanism and the period."""
+    return search_cycle(search, effort)
+
+
+@cycle.def_jvp
+def _cycle_jvp(primals, tangents, *, effort: Effort):
+    (search,), (rates,) = primals, tangents
+    if rates.t0 is not None:
+        raise ClearanceError("A periodic motion cannot be differentiated by `t0`: shift the drives' times.")
+    motion = cycle(search, effort=effort)
+    tangent = jax.tree.map(lambda _: None, motion)
+    if jax.tree.leaves((rates.mechanism, rates.period)):
+
+        def end(mechanism, period):
+            return advanced(search._replace(mechanism=mechanism, period=period), motion.y, effort)[0]
+
+        at, along = (search.mechanism, search.period), (rates.mechanism, rates.period)
+        reached, moved = eqx.filter_jvp(end, at, along)
+        moved = _inverse(search, motion.y, motion.monodromy) @ moved
+        # A factor: a choice of NaN would become a choice of zero in a gradient.
+        moved = moved * jnp.where(motion.converged & jnp.all(jnp.isfinite(reached)), 1.0, jnp.nan)
+        tangent = eqx.tree_at(lambda m: m.y, tangent, moved, is_leaf=lambda x: x is None)
+    return motion, tangent
+
+
+# One compiled function, as for `simulate`: what a search is called with does not compile it again.
+find = eqx.filter_jit(lambda search, effort: cycle(search, effort=effort))
+
+
+class _State(NamedTuple):
+    """A search on its way: a start, where it comes to after a period (`turns` taken off), and dP/dy there."""
+
+    y: Array
+    end: Array
+    jacobian: Array
+    residual: Array
+    turns: Array
+    unit: Array
+    damping: Array
+    """Part of Newton's step to be tried next; 0: settle."""
+    stalled: Array
+    iterations: Array
+    code: Array
+
+
+def search_cycle(search: Search, effort: Effort) -> PeriodicMotion:
+    """Settle, then damped Newton steps with the error-controlled Jacobian; settle again where these get stuck."""
+    plan = layout(search.mechanism)
+    n, size = plan.free, plan.size
+    first = initial_state(search.mechanism.prepared(), search.t0) if search.guess is None else search.guess
+    free = free_turns(search)
+
+    def mapped(y):
+        end, code = advanced(search, y, effort)
+        return end, (end, code)
+
+    def counted(y, end):
+        """Whole turns made: free rotations as they did, the others as they must."""
+        return jnp.where(jnp.isnan(free), jnp.round((end - y)[:n] / TURN), free)
+
+    def settled(y):
+        def once(_, y):
+            end, _ = advanced(search, y, effort)
+            return end.at[:n].add(-TURN * counted(y, end))
+
+        return jax.lax.fori_loop(0, effort.settle, once, y)
+
+    def newton(s):
+        step = _inverse(search, s.y, s.jacobian, s.unit) @ (s.end - s.y)
+        return s.y + s.damping * step
+
+    def iterate(s: _State) -> _State:
+        settling = s.damping == 0
+        y = jax.lax.cond(settling, lambda: settled(s.y), lambda: newton(s))
+        jacobian, (end, code) = jax.jacfwd(mapped, has_aux=True)(y)
+        turns = jnp.where(settling, counted(y, end), s.turns)
+        end = end.at[:n].add(-TURN * turns)
+        unit = jnp.where(settling, scale(search, y), s.unit)
+        residual = jnp.max(jnp.abs(end - y) / unit)
+        better = residual <= (1 - DECREASE * s.damping) * s.residual
+        shorter = jnp.where(s.damping * SHRINK < SHORTEST, 0.0, s.damping * SHRINK)
+        damping = jnp.where(settling | better, 1.0, shorter)
+        # In reach of the solve's own error, where P is not smooth, a first failure says that nothing is left to gain.
+        stalled = ~settling & ~better & (s.residual <= CLOSED * search.rtol)
+        new = _State(y, end, jacobian, residual, turns, unit, damping, stalled, s.iterations + 1, code)
+        kept = s._replace(damping=damping, stalled=stalled, iterations=s.iterations + 1)
+        return jax.tree.map(lambda a, b: jnp.where(settling | better, a, b), new, kept)
+
+    def unfinished(s: _State):
+        going = (s.residual > search.rtol) & ~s.stalled & jnp.all(jnp.isfinite(s.y))
+        return going & (s.iterations < effort.iterations)
+
+    nothing = jnp.asarray(jnp.inf), jnp.zeros(n), jnp.ones(size), jnp.zeros(()), jnp.asarray(False)
+    start = _State(
+        first, first, jnp.zeros((size, size)), *nothing, jnp.asarray(0), jnp.asarray(int(Result.REACHED_END))
+    )
+    s = jax.lax.while_loop(unfinished, iterate, start)
+    gaps = [gap <= SEAM for gap in seams(search.mechanism, search.t0, search.period).values()]
+    converged = (s.residual <= CLOSED * search.rtol) & jnp.all(jnp.asarray(gaps))
+    held = held_memory(s.jacobian, n)
+    return PeriodicMotion(s.y, s.jacobian, s.residual, s.iterations, s.turns, converged, s.code, held)
+
+
+def held_memory(jacobian: Array, free: int) -> Array:
+    """Which components are memory that no touch rewrote in the period: their rows are unit rows, to the last digit."""
+    size = jacobian.shape[0]
+    return (jnp.arange(size) >= 2 * free) & jnp.all(jacobian == jnp.eye(size), axis=1)
+
+
+def advanced(search: Search, y: Array, effort: Effort) -> tuple[Array, Any]:
+    """The state a period later, NaN where the solve fails, and how the solve ended.
+
+    The start is projected on ideal closures: so a direction that opens a loop has multiplier 0, and I - dP/dy stays
+    regular.
+    """
+    t0, mechanism = search.t0, search.mechanism
+    if mechanism.closures():
+        y = projected(t0, y, mechanism.prepared(), 2)
+    solution = flow(Inputs(mechanism, t0, t0 + search.period, None, search.rtol, None, y), options=effort.options)
+    return jnp.where(solution.succeeded, solution.final, jnp.nan), solution.code
+
+
+def scale(search: Search, y: Array) -> Array:
+    """Magnitude of each component of the state, as error control sees it; 1 for memory that is only latched."""
+    problem = Problem(search.mechanism.prepared())
+    allowed = tolerances(problem, y, search.t0, search.t0 + search.period, search.rtol)
+    unit = allowed.unit + allowed.relative / (LOCAL * search.rtol) * jnp.abs(y)
+    return jnp.where(jnp.isfinite(unit), unit, 1.0)
+
+
+def free_turns(search: Search) -> Array:
+    """Whole turns a period of each free coordinate, NaN where only the motion can tell.
+
+    A slide makes none; nor does a rotation held by a spring, and one held by a servo follows its target. Only a
+    rotation that nothing of the kind holds is the same after a whole turn.
+    """
+    if search.turns is not None:
+        return search.turns
+    out = []
+    for coordinate in search.mechanism.free_coordinates():
+        holding = [a for a in coordinate.motion.actuators if not isinstance(a, ConstantEffort)]
+        targets = [a.target for a in holding if isinstance(a, Servo)]
+        if coordinate.slides is None and not holding:
+            out.append(jnp.asarray(jnp.nan))
+        elif coordinate.slides is None and len(targets) == len(holding):
+            (begin, end), _ = _ends(targets[0], search.t0, search.period)
+            out.append(jnp.round((end - begin) / TURN))
+        else:
+            out.append(jnp.zeros(()))
+    return jnp.stack(out)
+
+
+def _inverse(search: Search, y: Array, jacobian: Array, unit: Array | None = None) -> Array:
+    """(I - dP/dy)^-1 in the scene's scales; where it is singular to within the Jacobian's error, of least norm.
+
+    Memory that is held can have any value: it keeps its own.
+    """
+    unit = scale(search, y) if unit is None else unit
+    jacobian = jnp.where(held_memory(jacobian, layout(search.mechanism).free)[:, None], 0.0, jacobian)
+    matrix = jnp.eye(unit.size) - jacobian * unit[None, :] / unit[:, None]
+    return unit[:, None] * jnp.linalg.pinv(matrix, rtol=search.rtol) / unit[None, :]

@@ -1,0 +1,143 @@
+"""What can be asked of a motion by name: `POINT.position`, `JOINT.contact_force`, `COORDINATE.velocity`, an energy.
+
+One table of variables with dimensions, units and meanings serves names, datasets and plots.
+"""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from clearance_jax._types import Scalar
+from clearance_jax.dynamics.energy import energies
+from clearance_jax.dynamics.kinematics import frames
+from clearance_jax.dynamics.observe import coordinate_values, observe
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.state import layout
+from clearance_jax.spatial import as_array
+
+
+class Variable(NamedTuple):
+    """Dimensions after the leading one, SI unit, meaning.
+
+    A unit `see NAME` stands in the coordinate of that name, one for each entry of the variable's first dimension.
+    """
+
+    dims: tuple[str, ...]
+    unit: str
+    meaning: str
+
+
+OBSERVED = {
+    "q": Variable(("coordinate",), "see coordinate_unit", "joint coordinate"),
+    "v": Variable(("coordinate",), "see rate_unit", "rate of the joint coordinate"),
+    "position": Variable(("point", "axis"), "m", "position of a named point"),
+    "velocity": Variable(("point", "axis"), "m/s", "velocity of a named point"),
+    "acceleration": Variable(("point", "axis"), "m/s^2", "acceleration of a named point"),
+    "eccentricity": Variable(("joint", "axis"), "m", "pin centre from sleeve centre, in the sleeve's axes"),
+    "penetration": Variable(("joint",), "m", "overlap of pin and sleeve (negative: apart)"),
+    "penetration_rate": Variable(("joint",), "m/s", "rate of the penetration (positive: approach)"),
+    "contact_force": Variable(("joint",), "N", "normal contact force"),
+    "friction_force": Variable(("joint",), "N", "traction on the pin"),
+    "slip_velocity": Variable(("joint",), "m/s", "slip of the pin's surface on the sleeve's"),
+    "joint_reaction": Variable(("any_joint", "axis"), "N", "force on the child body, world axes"),
+    "drive_force": Variable(("drive",), "see drive_unit", "effort of a prescribed coordinate"),
+    "kinetic_energy": Variable((), "J", "kinetic energy"),
+    "potential_energy": Variable((), "J", "potential energy of weight"),
+    "elastic_energy": Variable((), "J", "elastic energy of contacts and springs"),
+    "drive_work": Variable((), "J", "work of drives and actuators since the start"),
+    "damping_loss": Variable((), "J", "energy lost in contact damping and dampers since the start"),
+    "friction_loss": Variable((), "J", "energy lost in friction since the start"),
+    "exchanged": Variable((), "J", "sum of absolute powers of drives and inertia since the start"),
+}
+"""What `observe` reports of a state."""
+BOOKED = ("drive_work", "damping_loss", "friction_loss", "exchanged")
+AXES = ("x", "y")
+# A coordinate's value and rate have the names that its initial values have among the parameters.
+OF_COORDINATES = {"q": "position", "v": "velocity"}
+
+
+def labels(mechanism: Mechanism) -> dict[str, tuple[str, list[str]]]:
+    """What labels the entries of every dimension: by name its dimension and its values."""
+    coordinates = list(mechanism.coordinates())
+    driven = [c for c in coordinates if not c.motion.is_free]
+    kinds = ["rad" if c.slides is None else "m" for c in coordinates]
+    return {
+        "axis": ("axis", list(AXES)),
+        "coordinate": ("coordinate", [c.name for c in coordinates]),
+        "coordinate_unit": ("coordinate", kinds),
+        "rate_unit": ("coordinate", [f"{kind}/s" for kind in kinds]),
+        "point": ("point", [p.name for p in mechanism.points]),
+        "joint": ("joint", [j.name for j in mechanism.clearance_joints()]),
+        "any_joint": ("any_joint", [j.name for j in mechanism.all_joints()]),
+        "drive": ("drive", [c.name for c in driven]),
+        "drive_unit": ("drive", ["N m" if c.slides is None else "N" for c in driven]),
+    }
+
+
+class Quantity(NamedTuple):
+    """A named quantity: a `variable` of `OBSERVED` and which entry of it, or a `place` in the state; its unit."""
+
+    variable: str
+    index: tuple[int, ...]
+    unit: str
+    place: int | None = None
+
+
+def quantities(mechanism: Mechanism, books: bool) -> dict[str, Quantity]:
+    """Every quantity that has a name; `books`: whether states have energy books."""
+    labelled, out = labels(mechanism), dict(_states(mechanism))
+    for variable, described in OBSERVED.items():
+        if not described.dims and (books or variable not in BOOKED):
+            out[variable] = Quantity(variable, (), described.unit)
+        for name, found in _entries(variable, described, labelled):
+            out.setdefault(name, found)  # of a coordinate that is a state the place in it is known already
+    return out
+
+
+def _entries(variable: str, described: Variable, labelled: dict) -> Iterator[tuple[str, Quantity]]:
+    """Of a variable with dimensions: each entry by its name, and the components of one that is a vector."""
+    if not described.dims:
+        return
+    first, *rest = described.dims
+    for i, label in enumerate(labelled[first][1]):
+        unit = described.unit
+        unit = labelled[unit.removeprefix("see ")][1][i] if unit.startswith("see ") else unit
+        name = f"{label}.{OF_COORDINATES.get(variable, variable)}"
+        yield name, Quantity(variable, (i,), unit)
+        if variable == "q":
+            yield label, Quantity(variable, (i,), unit)
+        for k, axis in enumerate(AXES if rest else ()):
+            yield f"{name}.{axis}", Quantity(variable, (i, k), unit)
+
+
+def _states(mechanism: Mechanism) -> Iterator[tuple[str, Quantity]]:
+    """What is read off a state as it is: free coordinates, their rates, and the laws' memory."""
+    plan = layout(mechanism)
+    slides = {c.name: c.slides is not None for c in mechanism.coordinates()}
+    for i, name in enumerate(plan.positions):
+        found = Quantity("state", (), "m" if slides[name] else "rad", i)
+        yield name, found
+        yield f"{name}.position", found
+    for i, name in enumerate(plan.velocities):
+        yield f"{name}.velocity", Quantity("state", (), "m/s" if slides[name] else "rad/s", plan.v.start + i)
+    for joint, names in plan.memories:
+        for name in names:
+            yield f"{joint}.{name}", Quantity("state", (), "", plan.index(joint, name))
+
+
+def evaluated(variable: str, time: Scalar, y: Array, mechanism: Mechanism) -> Array:
+    """One variable of `OBSERVED`, of one state of a prepared mechanism, at no more cost than it takes."""
+    if variable in ("position", "velocity"):
+        motion, out = frames(mechanism, time, layout(mechanism).split(y)), []
+        for point in mechanism.points:
+            frame = motion[point.body]
+            at = frame.point(point.at.vector)
+            out.append(as_array(list(at if variable == "position" else frame.velocity_at(at))))
+        return jnp.stack(out)
+    if variable in OF_COORDINATES:
+        return coordinate_values(mechanism, time, layout(mechanism).split(y))[variable]
+    if variable.removesuffix("_energy") in ("kinetic", "potential", "elastic"):
+        return jnp.asarray(getattr(energies(time, y, mechanism), variable.removesuffix("_energy")), float)
+    return observe(time, y, mechanism)[variable]

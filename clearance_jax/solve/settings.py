@@ -1,0 +1,165 @@
+"""How to solve: one set of keywords for all that solves, read and checked at one door.
+
+Whatever solves takes `**options`, the keywords in `SolveOptions`, and makes `Settings` of them at once: a word that is
+none of them, or a value that nothing can start from, is refused there and not somewhere inside.
+"""
+
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple, TypedDict
+
+import diffrax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array
+
+from clearance_jax.dynamics.energy import BOOKS
+from clearance_jax.errors import ClearanceError, quoted, require_float64, suggest
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.state import layout
+from clearance_jax.parameters import check_values
+from clearance_jax.solve.attempt import Options
+
+# Output times at most: of each some hundred numbers are kept, together a gigabyte.
+MOST_SAMPLES = 1_000_000
+DERIVATIVES = ("controlled", "screening")
+SOLVERS = {"tsit5": diffrax.Tsit5, "dopri8": diffrax.Dopri8}
+
+
+class SolveOptions(TypedDict, total=False):
+    """The keywords of `simulate`, and of all else that solves.
+
+    - `t0`: start [s] (0).
+    - `save_at`: number of equally spaced samples (both ends included), or an array of times [s]; `None`: only the end.
+    - `rtol`: the one accuracy knob (1e-8); absolute tolerances follow from it and the scene's own scales.
+    - `atol`: overrides them, one number per state component `[q, v, memory]`.
+    - `solver`: "tsit5", "dopri8" (for rtol below 1e-8) or an explicit diffrax Runge-Kutta solver.
+    - `y0`: start from this state, shape (n,), instead of the mechanism's initial one.
+    - `watch`: end steps at every switch of the contact laws. Off: the plain PID controller, whose error has a floor.
+    - `books`: integrate work and losses, for `energy_residual`.
+    - `derivatives`: "controlled": a differentiated solve carries the derivatives in its state and in its error control;
+      first derivatives only, forward or reverse. "screening": the program is differentiated as it stands (forward
+      only): cheaper, for a first look; wrong by 1e-3 and more at any tolerance where contacts begin and end.
+    - `max_steps`: steps after which a solve gives up.
+    """
+
+    t0: Any
+    save_at: Any
+    rtol: Any
+    atol: Any
+    solver: Any
+    y0: Any
+    watch: bool
+    books: bool
+    derivatives: str
+    max_steps: int
+
+
+class Settings(NamedTuple):
+    """`SolveOptions` as read: every one has a value, numbers are arrays (another tolerance is not another program)."""
+
+    t0: Any = 0.0
+    save_at: Array | None = None
+    rtol: Any = 1e-8
+    atol: Array | None = None
+    solver: Any = "tsit5"
+    y0: Array | None = None
+    watch: bool = True
+    books: bool = False
+    derivatives: str = "controlled"
+    max_steps: int = 10_000_000
+
+    def compiled(self, observers: tuple = ()) -> Options:
+        """What a solve is compiled for."""
+        solver = SOLVERS[self.solver]() if isinstance(self.solver, str) else self.solver
+        return Options(solver, self.watch, self.books, self.max_steps, self.derivatives, observers)
+
+
+ALL = Settings._fields
+
+
+def settings_of(
+    mechanism: Mechanism, t1: Any, given: Mapping[str, Any], known: Iterable[str] = ALL, **usual: Any
+) -> Settings:
+    """The options `given` of a solve to `t1`, checked; `usual` where they differ from the common defaults.
+
+    **Arguments:** `known`: the options that make sense here.
+
+    **Raises:** `ClearanceError` for an unknown option or word, float64 off, t1 <= t0, numbers of the mechanism that are
+    not finite or out of bounds, an array of the wrong shape.
+    """
+    check_names(given, known)
+    asked = Settings(**{**usual, **given})
+    check_arguments(mechanism, asked.t0, t1, asked.rtol, asked.solver)
+    if asked.derivatives not in DERIVATIVES:
+        raise ClearanceError(f"There are no derivatives {asked.derivatives!r}. Allowed: {', '.join(DERIVATIVES)}.")
+    t0, t1, rtol = (jnp.asarray(x, float) for x in (asked.t0, t1, asked.rtol))
+    atol = None if asked.atol is None else jnp.asarray(asked.atol, float)
+    return asked._replace(
+        t0=t0, rtol=rtol, atol=atol, y0=_start(mechanism, asked.y0), save_at=_times(asked.save_at, t0, t1)
+    )
+
+
+def check_names(given: Iterable[str], known: Iterable[str]) -> None:
+    """Raise for an option that is none of those known, with a suggestion."""
+    unknown = sorted(set(given) - set(known))
+    if unknown:
+        raise ClearanceError(f"There is no option `{unknown[0]}` here. " + suggest(unknown[0], known))
+
+
+def check_arguments(mechanism: Mechanism, t0: Any, t1: Any, rtol: Any, solver: Any) -> None:
+    """Raise for what a solve cannot start from (tracers pass: in a batch it is a result code)."""
+    require_float64()
+    check_values(mechanism)
+    t0, t1, rtol = (_number(name, x) for name, x in {"t0": t0, "t1": t1, "rtol": rtol}.items())
+    if not any(isinstance(t, Tracer) for t in (t0, t1)) and not -np.inf < float(t0) < float(t1) < np.inf:
+        raise ClearanceError(f"`t1` must be finite and greater than `t0`, but t0 = {float(t0)} and t1 = {float(t1)}.")
+    if not isinstance(rtol, Tracer) and not 0 < float(rtol) < 1:
+        raise ClearanceError(f"`rtol` must be between 0 and 1, for instance 1e-8, but it is {float(rtol)}.")
+    if isinstance(solver, str) and solver not in SOLVERS:
+        raise ClearanceError(f"There is no solver {solver!r}. " + suggest(solver, SOLVERS))
+    if not isinstance(solver, str | diffrax.AbstractERK):
+        raise ClearanceError(
+            f"`solver` must be {' or '.join(map(repr, SOLVERS))} or an explicit diffrax Runge-Kutta solver such as "
+            f"`diffrax.Dopri5()`, but it is {solver!r}."
+        )
+
+
+def _number(name: str, value: Any) -> Any:
+    """A tracer as it is, anything else as one number."""
+    if isinstance(value, Tracer):
+        return value
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        raise ClearanceError(f"`{name}` must be one number, but it is {quoted(value)}.") from None
+
+
+def _start(mechanism: Mechanism, y0: Any) -> Array | None:
+    """The given initial state, of which it is seen that it has the mechanism's shape; energy books may follow it."""
+    if y0 is None:
+        return None
+    y0, size = jnp.asarray(y0, float), layout(mechanism).size
+    if y0.shape not in ((size,), (size + len(BOOKS),)):
+        raise ClearanceError(f"`y0` must have shape ({size},), [q, v, memory], but it has {y0.shape}.")
+    return y0
+
+
+def _times(save_at: Any, t0: Array, t1: Array) -> Array | None:
+    """When to sample [s]."""
+    if save_at is None:
+        return None
+    if isinstance(save_at, int | np.integer) and not isinstance(save_at, bool):
+        if not 2 <= save_at <= MOST_SAMPLES:
+            raise ClearanceError(
+                f"`save_at` must be between 2 and {MOST_SAMPLES}, the number of samples, but it is {quoted(save_at)}."
+            )
+        part = np.linspace(0.0, 1.0, int(save_at))
+        return t0 * jnp.asarray(1 - part) + t1 * jnp.asarray(part)  # so both ends are exact
+    times = jnp.asarray(save_at, float)
+    if times.ndim != 1:
+        raise ClearanceError(f"`save_at` must be a whole number of samples, or a list of times, not {quoted(save_at)}.")
+    known = not any(isinstance(t, Tracer) for t in (t0, t1, times))
+    if known and times.size and not (np.all(np.diff(times) > 0) and times[0] >= t0 and times[-1] <= t1):
+        raise ClearanceError("The times in `save_at` must increase and lie between `t0` and `t1`.")
+    return times

@@ -1,0 +1,177 @@
+"""A solved motion: states, how the solve ended, and every quantity of the motion by its name."""
+
+import dataclasses
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Float, Int
+
+from clearance_jax.dynamics.quantities import Quantity, evaluated, quantities
+from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.state import layout
+from clearance_jax.solve.codes import Result, words
+from clearance_jax.solve.observers import Picked
+from clearance_jax.units import shown
+
+
+class Solution(eqx.Module):
+    """A solved motion. It prints itself, and gives quantities by name (SI):
+
+        solution["piston.position"]      # a point's: position, velocity, acceleration; also `piston.position.x`
+        solution["wrist.contact_force"]  # a clearance joint's: eccentricity, penetration, friction_force, ...
+        solution["crank.velocity"]       # a joint coordinate's: position, velocity; `play` has coordinates of its own
+        solution["friction_loss"]        # energies; of a driven joint `drive_force`; of any `joint_reaction`
+
+    `solution.names` lists them. Where samples were asked for (`save_at`) the first axis is time; otherwise it is the
+    value at the end. It works under jit, vmap (a batch's axes come first) and differentiation.
+
+    - `time`: sample times [s], shape (samples,); `y`: states `[q, v, memory, books]` there, shape (samples, n).
+    - `final`: the state at the end, reached at `end_time` [s]; `initial`: at the start.
+    - `code`: how it ended (`codes.Result`); `succeeded` where it reached t1, `message` in words; `steps`, `rejected`:
+      counts.
+    - `energy_residual`: |energy gained - work of drives + losses| / energy exchanged, a measure of the solve's quality.
+    - `records`: what observers recorded, `picked`: the states that they picked, one entry an observer (metrics use
+      them).
+    - `mechanism`: what was solved; its numbers go along as leaves, for where a point is depends on them.
+    """
+
+    time: Float[Array, " samples"]
+    y: Float[Array, "samples *rows n"]
+    initial: Float[Array, "*rows n"]
+    final: Float[Array, "*rows n"]
+    code: Int[Array, ""]
+    steps: Int[Array, ""]
+    rejected: Int[Array, ""]
+    energy_residual: Float[Array, ""]
+    end_time: Float[Array, ""]
+    records: tuple = ()
+    picked: tuple[Picked | None, ...] = ()
+    numbers: Any = None
+    structure: Any = eqx.field(static=True, default=None)
+    sampled: bool = eqx.field(static=True, default=True)
+    books: bool = eqx.field(static=True, default=True)
+
+    def of(self, mechanism: Mechanism) -> "Solution":
+        """The same, known to be this mechanism's."""
+        # What is not an array (a law's own function) cannot leave a compiled program as a leaf.
+        numbers, structure = eqx.partition(mechanism, eqx.is_array)
+        return dataclasses.replace(self, numbers=numbers, structure=structure)
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """What was solved."""
+        return eqx.combine(self.numbers, self.structure)
+
+    @property
+    def succeeded(self) -> Array:
+        """Whether the solve reached t1."""
+        return self.code == int(Result.REACHED_END)
+
+    @property
+    def found(self) -> list[Picked]:
+        """The states that observers picked, of those that pick any."""
+        return [one for one in self.picked if one is not None]
+
+    @property
+    def message(self) -> str:
+        """Why a single solve stopped; empty where it reached t1."""
+        return words(self.code)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Every quantity that it gives by name."""
+        return tuple(quantities(self.mechanism, self.books))
+
+    def __getitem__(self, name: str) -> Array:
+        """A quantity by name [SI], shape (samples, ...); without samples its value at the end."""
+        found = self._named(name, quantities(self.mechanism, self.books))
+        if found.place is not None:
+            return self._read(found)
+        values = _evaluated(self.numbers, self.structure, found.variable, self.time, self.y)
+        # The axes of `time` come before the entry that is meant.
+        return self._asked(values[(slice(None),) * self.time.ndim + found.index])
+
+    def state(self, name: str) -> Array:
+        """A state by name [SI]: a free coordinate (`wrist.play_x`), its rate (`wrist.play_x.velocity`), a law's memory
+        (`wrist.impact_speed`); as it is in `y`, nothing is computed.
+        """
+        every = quantities(self.mechanism, self.books)
+        if name in every and every[name].place is None:
+            raise ClearanceError(
+                f'`{name}` is no state: it is driven, or follows from states. Use `solution["{name}"]`.'
+            )
+        return self._read(self._named(name, {k: one for k, one in every.items() if one.place is not None}, "state"))
+
+    def _read(self, found: Quantity) -> Array:
+        return self._asked(self.y[..., found.place])
+
+    def _named(self, name: Any, known: dict[str, Quantity], kind: str = "quantity") -> Quantity:
+        if not isinstance(name, str):
+            raise ClearanceError(f'A solution is asked by name, `solution["piston.position"]`, not by {name!r}.')
+        if name not in known:
+            raise ClearanceError(f"`{self.mechanism.name}` has no {kind} `{name}`. " + suggest(name, known))
+        return known[name]
+
+    def _asked(self, values: Array) -> Array:
+        """Values over time; of a solve without samples, at its end."""
+        return values if self.sampled else values[(slice(None),) * (self.time.ndim - 1) + (0,)]
+
+    def __repr__(self) -> str:
+        if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(self)) or self.structure is None:
+            return eqx.tree_pformat(self)
+        return summary(self) if np.ndim(self.code) == 0 else summary_of_batch(self)
+
+
+@eqx.filter_jit
+def _evaluated(numbers: Any, structure: Any, variable: str, time: Array, y: Array) -> Array:
+    """A variable of every state, over the axes of `time`, of which all but the last are a batch's."""
+
+    def along(numbers, time, y):
+        ready = eqx.combine(numbers, structure).prepared()
+        return jax.vmap(lambda t, y: evaluated(variable, t, y, ready))(time, y)
+
+    for _ in range(time.ndim - 1):
+        along = jax.vmap(along)
+    return along(numbers, time, y)
+
+
+# In print ------------------------------------------------------------------------------------------------------------
+
+
+def summary(solution: Solution) -> str:
+    """A single solve in a few lines: how it ended, and its named states at the end."""
+    mechanism = solution.mechanism
+    known, plan = quantities(mechanism, solution.books), layout(mechanism)
+
+    def last(name: str) -> str:
+        return shown(float(solution.final[known[name].place]), known[name].unit, 5)
+
+    rows = [("at the end", "position", "velocity")] if plan.free else []
+    rows += [(name, last(name), last(f"{name}.velocity")) for name in plan.velocities]
+    rows += [(f"{joint}.{name}", last(f"{joint}.{name}"), "") for joint, names in plan.memories for name in names]
+    widths = [max((len(row[k]) for row in rows), default=0) for k in range(3)]
+    lines = ["  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in rows]
+    return "\n".join([_ending(solution), *(line.rstrip() for line in lines)])
+
+
+def _ending(solution: Solution) -> str:
+    ended = f"stopped ({solution.message})" if solution.message else "reached t1"
+    line = (
+        f"{solution.mechanism.name}: {ended} at t = {float(solution.end_time):.6g} s, {int(solution.steps)} steps "
+        f"({int(solution.rejected)} rejected)"
+    )
+    return line + (f", energy residual {float(solution.energy_residual):.1e}" if solution.books else "")
+
+
+def summary_of_batch(solution: Solution) -> str:
+    """How the solves of a batch ended."""
+    codes, counts = np.unique(np.asarray(solution.code), return_counts=True)
+    ended = [f"{count} {words(int(code)) or 'reached t1'}" for code, count in zip(codes, counts, strict=True)]
+    return (
+        f"{solution.mechanism.name}, a batch of {' x '.join(map(str, np.shape(solution.code)))} solves: "
+        f"{'; '.join(ended)}. One of them: jax.tree.map(lambda x: x[i], solution)"
+    )

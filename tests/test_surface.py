@@ -1,0 +1,289 @@
+"""What a newcomer finds: names at the root, one door for options, solutions that answer by name, own metrics."""
+
+import ast
+import functools
+import inspect
+import subprocess
+import sys
+from pathlib import Path
+from typing import get_type_hints
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from catalogue import slider_crank
+
+import clearance_jax as cj
+import clearance_jax.parameters  # puts the module beside the function of that name
+from clearance_jax.analysis.measure import arguments, as_metric, by_name
+from clearance_jax.solve.settings import Settings, SolveOptions, settings_of
+
+CRANK, T1, NAME = slider_crank(), 2e-3, "wrist.radial_clearance"
+SOLVED: SolveOptions = {"save_at": 5, "rtol": 1e-7, "books": True}
+PEAK = cj.metrics.Peak(cj.metrics.PositionError("piston"))
+
+
+# Names ---------------------------------------------------------------------------------------------------------------
+
+
+def test_names_are_those_that_type_checkers_see():
+    tree = ast.parse(Path(inspect.getfile(cj)).read_text(encoding="utf-8"))
+    (block,) = (node for node in tree.body if isinstance(node, ast.If))
+    seen = {a.name: str(n.module) for n in block.body if isinstance(n, ast.ImportFrom) for a in n.names}
+    modules = {name: f"{module}.{name}" for name, module in seen.items() if name in cj._MODULES}
+    assert modules == {name: f"clearance_jax.{path}" for name, path in cj._MODULES.items()}
+    names = {name: module for name, module in seen.items() if name not in modules}
+    assert names == {name: f"clearance_jax.{module}" for name, module in cj._HOME.items()}
+    assert set(seen) | {"ClearanceError"} == set(cj.__all__) == set(dir(cj))
+    assert all(getattr(cj, name) is not None for name in cj.__all__)
+
+
+def test_functions_are_not_hidden_by_modules_of_their_name():
+    assert callable(cj.parameters)
+    assert callable(cj.configure)
+    assert sys.modules["clearance_jax.parameters"].parameters is cj.parameters
+
+
+def test_a_misspelt_name_is_corrected():
+    with pytest.raises(AttributeError, match=r"no `simulat`\. Did you mean `simulate`"):
+        cj.simulat  # noqa: B018  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_the_help_does_not_wait_for_jax():
+    code = """
+import sys
+import clearance_jax
+from clearance_jax.cli.main import app
+from typer.testing import CliRunner
+assert "optimize" in CliRunner().invoke(app, ["--help"]).output
+print(sorted({"jax", "numpy", "equinox", "diffrax", "xarray"} & set(sys.modules)))
+clearance_jax.ClearanceError
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_what_to_extend_is_there():
+    bases = "NormalLaw", "FrictionLaw", "Clearance", "Element", "Drive", "Actuator", "Metric", "Signal"
+    for base in bases:
+        assert inspect.isabstract(getattr(cj, f"Abstract{base}"))
+    assert inspect.isabstract(cj.design.AbstractCost)
+
+
+# Options -------------------------------------------------------------------------------------------------------------
+
+
+def test_options_are_one_list():
+    assert tuple(get_type_hints(SolveOptions)) == Settings._fields
+
+
+LIMIT = cj.design.Limit(PEAK, 1e-4)
+DOORS = {
+    "simulate": lambda **o: cj.simulate(CRANK, T1, **o),
+    "trace": lambda **o: cj.trace(CRANK, T1, **o),
+    "measure": lambda **o: cj.measure(CRANK, {"peak": PEAK}, T1, **o),
+    "metric": lambda **o: PEAK(CRANK, T1, **o),
+    "times": lambda **o: PEAK.times(CRANK, T1, **o),
+    "sensitivities": lambda **o: cj.sensitivities(CRANK, PEAK, [NAME], T1, **o),
+    "hessian": lambda **o: cj.hessian(CRANK, PEAK, [NAME], T1, **o),
+    "gradient_report": lambda **o: cj.gradient_report(CRANK, PEAK, [NAME], T1, **o),
+    "periodic_motion": lambda **o: cj.periodic_motion(CRANK, 0.012, **o),
+    "design": lambda **o: cj.design.ToleranceProblem(CRANK, T1, {NAME: (1e-5, 1e-3)}, [LIMIT], **o),
+}
+
+
+@pytest.mark.parametrize("door", DOORS)
+def test_every_door_refuses_alike(door):
+    for options, words in (
+        ({"rtoll": 1e-8}, r"no option `rtoll` here\. Did you mean `rtol`"),
+        ({"rtol": 2.0}, "`rtol` must be between 0 and 1"),
+        ({"rtol": "abc"}, "`rtol` must be one number"),
+        ({"t0": 1.0}, "greater than `t0`"),
+        ({"solver": "tsit6"}, "no solver 'tsit6'. Did you mean `tsit5`"),
+        ({"solver": 5}, "explicit diffrax"),
+    ):
+        if door == "periodic_motion" and "t0" in options:
+            continue  # it ends a period after whatever t0
+        with pytest.raises(cj.ClearanceError, match=words):
+            DOORS[door](**options)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"save_at": [1.0, 0.5]}, "must increase"),
+        ({"save_at": 1}, "at least 2"),
+        ({"save_at": 2.5}, "whole number of samples, or a list"),
+        ({"y0": [1.0]}, r"shape \(4,\)"),
+        ({"derivatives": "exact"}, "no derivatives 'exact'"),
+    ],
+)
+def test_values_are_checked_at_the_door(options, words):
+    with pytest.raises(cj.ClearanceError, match=words):
+        settings_of(CRANK, T1, options)
+
+
+def test_samples_begin_and_end_exactly():
+    times = settings_of(CRANK, 0.7, {"t0": 0.1, "save_at": 12}).save_at
+    assert times is not None
+    assert (float(times[0]), float(times[-1])) == (0.1, 0.7)
+
+
+# Solutions -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def solution():
+    return cj.simulate(CRANK, T1, **SOLVED)
+
+
+def test_quantities_are_the_datasets(solution):
+    table = cj.to_dataset(CRANK, solution)
+    for name, expected in {
+        "piston.position": table["position"].sel(point="piston"),
+        "piston.velocity.x": table["velocity"].sel(point="piston", axis="x"),
+        "piston.acceleration": table["acceleration"].sel(point="piston"),
+        "main": table["q"].sel(coordinate="main"),
+        "main.velocity": table["v"].sel(coordinate="main"),
+        "guide": table["q"].sel(coordinate="guide"),
+        "crankpin.velocity": table["v"].sel(coordinate="crankpin"),
+        "wrist.contact_force": table["contact_force"].sel(joint="wrist"),
+        "main.drive_force": table["drive_force"].sel(drive="main"),
+        "elastic_energy": table["elastic_energy"],
+        "friction_loss": table["friction_loss"],
+    }.items():
+        np.testing.assert_allclose(solution[name], expected, rtol=1e-9, atol=1e-12, err_msg=name)
+    np.testing.assert_array_equal(solution.state("crankpin.velocity"), solution.y[:, 2])
+
+
+def test_every_quantity_has_a_name(solution):
+    """A mechanism with play in the tree, memory, servo, gravity: names and shapes, without a solve."""
+    play = cj.RevoluteClearance(1e-4, 0.01, cj.laws.flores(1e9, 0.6))
+    arm = cj.Mechanism(
+        bodies=(cj.Body("arm", 1.0, 0.01, cj.Position(0.1)),),
+        joints=(cj.Revolute("hip", "ground", "arm", motion=cj.Motion(cj.ConstantSpeed(20.0)), clearance=play),),
+    )
+    names = cj.simulate(arm, 1e-5, rtol=1e-4).names
+    assert {"hip.play_x", "hip.play_y.velocity", "hip.impact_speed", "hip", "hip.eccentricity.y"} <= set(names)
+    assert len(set(names)) == len(names)
+    assert {"wrist.eccentricity", "guide.position", "damping_loss"} <= set(solution.names)
+
+
+def test_in_a_batch_and_under_differentiation(solution):
+    def end(clearance):
+        return cj.simulate(cj.replace(CRANK, {NAME: clearance}), T1, rtol=1e-7)
+
+    clearances = jnp.array([5e-4, 2e-4, -1.0])
+    batch = jax.jit(jax.vmap(end))(clearances)
+    place = batch["piston.position"]
+    assert place.shape == (3, 2)
+    np.testing.assert_allclose(place[0], solution["piston.position"][-1], rtol=1e-6)
+    np.testing.assert_allclose(place[:, 0], batch.state("guide"))
+    assert "2 reached t1; 1 a number is out of its bounds" in repr(batch)
+    assert "at the end" in repr(jax.tree.map(lambda x: x[1], batch))
+    # The piston is where the guide is.
+    _, (place, guide) = jax.jvp(lambda c: (lambda s: (s["piston.position"], s["guide"]))(end(c)), (5e-4,), (1.0,))
+    assert place.shape == (2,)
+    np.testing.assert_allclose(place, [guide, 0.0], rtol=1e-12)
+    assert abs(guide) > 0
+
+
+def test_where_a_point_is_depends_on_the_mechanisms_numbers_too():
+    """A mass on a slide: the point is 0.3 m ahead of it, which the state does not know."""
+    mass = cj.Mechanism(
+        bodies=(cj.Body("mass", 1.0),),
+        joints=(cj.Prismatic("slide", "ground", "mass", motion=cj.Motion(velocity=2.0)),),
+        points=(cj.Point("nose", "mass", cj.Position(0.3)),),
+    )
+
+    def nose(ahead, t1):
+        return cj.simulate(cj.replace(mass, {"nose.at.x": ahead}), t1, t0=0.5, rtol=1e-6)["nose.position.x"]
+
+    value, slopes = jax.value_and_grad(nose, (0, 1))(0.3, 1.5)
+    np.testing.assert_allclose([value, *slopes], [2.3, 1.0, 2.0], rtol=1e-12)
+    end = jax.jvp(lambda t: cj.simulate(mass, t, save_at=3, rtol=1e-6).end_time, (1.5,), (1.0,))
+    np.testing.assert_allclose(end, (1.5, 1.0))
+
+
+def test_it_prints_itself(solution):
+    text = repr(solution)
+    assert "reached t1 at t = 0.002 s" in text
+    assert "energy residual" in text
+    assert f"{float(solution['guide'][-1]) * 1e3:.5g} mm" in text
+    assert len(text.splitlines()) == 4
+    stopped = cj.simulate(CRANK, T1, rtol=1e-7, max_steps=3, throw=False)
+    assert "stopped (the largest number of steps was reached)" in repr(stopped)
+    assert float(stopped.end_time) < T1
+    shown = []
+    jax.jit(lambda s: shown.append(repr(s)))(solution)
+    assert "Solution(" in shown[0]
+
+
+def test_wrong_names_are_corrected(solution):
+    for ask, words in (
+        (lambda: solution["pistn.position"], "no quantity `pistn.position`. Did you mean `piston.position`"),
+        (lambda: solution["piston"], "no quantity `piston`"),
+        (lambda: solution.state("crnkpin"), "no state `crnkpin`. Did you mean `crankpin`"),
+        (lambda: solution.state("main"), r"`main` is no state: .* Use `solution\[\"main\"\]`"),
+        (lambda: solution._named(0, {}), "asked by name"),  # what `solution[0]` comes to
+    ):
+        with pytest.raises(cj.ClearanceError, match=words):
+            ask()
+
+
+# Metrics as functions ------------------------------------------------------------------------------------------------
+
+
+def by_both(mechanism, solution, scale=2.0):
+    return scale * solution["guide"]
+
+
+def test_a_metric_is_a_function_of_one_or_two(solution):
+    own = {"one": lambda s: s["guide"], "two": by_both}
+    found = cj.measure(CRANK, {"two": by_both}, T1, **SOLVED)
+    np.testing.assert_allclose(found["two"], 2 * solution["guide"], rtol=1e-12)
+    # Samples that another metric asks for are none of theirs.
+    at = cj.metrics.At(cj.metrics.ContactForce("wrist"), solution.time)
+    ends = cj.measure(CRANK, own | {"force": at}, T1, rtol=1e-7, books=True)
+    np.testing.assert_allclose((ends["one"], ends["two"]), (found["two"][-1] / 2, found["two"][-1]), rtol=1e-12)
+    np.testing.assert_allclose(ends["force"], solution["wrist.contact_force"], rtol=1e-9)
+    assert cj.design.Limit(by_both, 1.0).title == "by_both"
+
+
+@pytest.mark.parametrize(
+    ("function", "count"),
+    [
+        (lambda s: s, 1),
+        (lambda m, s: s, 2),
+        (by_both, 2),
+        (functools.partial(by_both, CRANK), 1),
+        (lambda solution, scale=1.0: solution, 1),
+    ],
+)
+def test_arguments_are_counted(function, count):
+    assert arguments(function) == count
+
+
+@pytest.mark.parametrize(
+    "metric",
+    [
+        lambda: 1.0,
+        lambda a, b, c: 1.0,
+        lambda s, *, scale: s,
+        lambda solution, mechanism: solution,
+        cj.metrics.Peak,
+        cj.metrics.PositionError("piston"),
+        "peak",
+    ],
+)
+def test_anything_else_is_refused(metric):
+    with pytest.raises(cj.ClearanceError, match=r"`f\(solution\)` or `f\(mechanism, solution\)`"):
+        as_metric(metric)
+
+
+def test_what_a_metric_returns_must_be_a_number():
+    with pytest.raises(cj.ClearanceError, match="`<lambda>` must return a number or an array, but it returned dict"):
+        cj.measure(CRANK, {"it": lambda s: {}}, T1, **SOLVED)
+    with pytest.raises(cj.ClearanceError, match="metrics by name"):
+        by_name(PEAK)
