@@ -5,6 +5,9 @@ Whatever needs JAX is imported by the command that runs: the help must not wait 
 
 import os
 import tempfile
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -92,6 +95,16 @@ def warn(text: str) -> None:
     if text:
         errors.print("warning:", style="yellow", end=" ")
         errors.print(text, soft_wrap=True, highlight=False, markup=False)
+
+
+@contextmanager
+def aloud(category: type[Warning]) -> Iterator[None]:
+    """Warnings of that category become a line on the screen each."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", category)
+        yield
+    for warning in caught:
+        warn(str(warning.message))
 
 
 def say_written(what: str, path: Path) -> None:
