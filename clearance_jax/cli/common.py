@@ -75,6 +75,12 @@ def check_writable(path: Path | None, endings: tuple[str, ...] = ()) -> None:
         raise ClearanceError(f"Cannot write `{path}`: its name must end in {', '.join(endings)}.")
 
 
+def check_readable(path: Path) -> None:
+    """Raise for what is no file."""
+    if "\0" in str(path) or not path.is_file():
+        raise ClearanceError(f"Cannot read {quoted(str(path))} as a result file: there is no such file.")
+
+
 def check_distinct(**paths: Path | None) -> None:
     """Raise where two of the files that a command reads and writes are one; by the words that name them."""
     seen: dict[Path, str] = {}
