@@ -178,6 +178,19 @@ def test_sizes_that_nobody_meant_get_one_warning_with_the_numbers(tmp_path):
     assert "warning: These sizes are hardly meant: wrist.radial_clearance = 50 mm" in output
 
 
+def test_a_study_warns_of_its_sizes_aloud(tmp_path, monkeypatch):
+    path = tmp_path / "study.toml"
+    path.write_text(STUDY + '[set]\n"slider.mass" = "1e-20 kg"\n')
+
+    def search(*_):
+        raise ClearanceError("as far as the search")
+
+    monkeypatch.setattr("clearance_jax.design.problem.search", search)
+    result = CliRunner().invoke(app, ["optimize", str(path)])
+    assert "as far as the search" in str(result.exception)
+    assert "hardly meant: slider.mass = 1e-20 kg" in " ".join(result.output.split())
+
+
 def test_settings_are_given_once_and_in_bounds():
     mechanism = cj.load(SCENE)
     assert parse_settings(["slider.mass=2kg"], mechanism) == {"slider.mass": 2.0}
@@ -206,6 +219,7 @@ def test_settings_are_given_once_and_in_bounds():
         (["simulate", "{scene}", "--samples", str(10**12)], f"between 2 and {MOST_SAMPLES}"),
         (["simulate", "{scene}", "--set", "slider.mass=1kg", "--set", "slider.mass=2kg"], "a second time"),
         (["simulate", "{scene}", "--t1", "mm"], "it lacks a number"),
+        (["plot", "."], "there is no such file"),
         (["optimize", "{study}", "--record", "{study}"], "are the same file"),
         (["optimize", "{study}", "--report", "missing/a.html"], "its folder does not exist"),
     ],

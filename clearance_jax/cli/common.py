@@ -5,6 +5,9 @@ Whatever needs JAX is imported by the command that runs: the help must not wait 
 
 import os
 import tempfile
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -72,6 +75,12 @@ def check_writable(path: Path | None, endings: tuple[str, ...] = ()) -> None:
         raise ClearanceError(f"Cannot write `{path}`: its name must end in {', '.join(endings)}.")
 
 
+def check_readable(path: Path) -> None:
+    """Raise for what is no file."""
+    if "\0" in str(path) or not path.is_file():
+        raise ClearanceError(f"Cannot read {quoted(str(path))} as a result file: there is no such file.")
+
+
 def check_distinct(**paths: Path | None) -> None:
     """Raise where two of the files that a command reads and writes are one; by the words that name them."""
     seen: dict[Path, str] = {}
@@ -92,6 +101,16 @@ def warn(text: str) -> None:
     if text:
         errors.print("warning:", style="yellow", end=" ")
         errors.print(text, soft_wrap=True, highlight=False, markup=False)
+
+
+@contextmanager
+def aloud(category: type[Warning]) -> Iterator[None]:
+    """Warnings of that category become a line on the screen each."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", category)
+        yield
+    for warning in caught:
+        warn(str(warning.message))
 
 
 def say_written(what: str, path: Path) -> None:

@@ -7,7 +7,7 @@ import typer
 from rich.markup import escape
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-from clearance_jax.cli.common import check_distinct, check_writable, console, errors, say, say_written, set_up
+from clearance_jax.cli.common import aloud, check_distinct, check_writable, console, errors, say, say_written, set_up
 from clearance_jax.cli.pace import Pace, shown_duration
 from clearance_jax.errors import ClearanceError
 
@@ -30,13 +30,15 @@ def optimize(
     """
     set_up()
     from clearance_jax.design import time_histories
+    from clearance_jax.io.plausible import ImplausibleWarning
     from clearance_jax.io.study import load_study
     from clearance_jax.report.html import write_report
 
     check_writable(report, (".html", ".htm"))
     check_writable(record)
     check_distinct(study=study_file, report=report, record=record)
-    study = load_study(study_file)
+    with aloud(ImplausibleWarning):
+        study = load_study(study_file)
     given = {"method": _known(method), "starts": starts, "record": record}
     with Progress(SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), console=errors) as bar:
         pace = Pace()

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from clearance_jax.cli.common import FIGURES, check_distinct, check_writable, say_written
+from clearance_jax.cli.common import FIGURES, check_distinct, check_readable, check_writable, say_written
 
 
 def plot(
@@ -16,6 +16,7 @@ def plot(
     from clearance_jax.report.figures import overview, save_figure
     from clearance_jax.results.store import load_dataset
 
+    check_readable(result_file)
     output = result_file.with_suffix(".png") if output is None else output
     check_writable(output, FIGURES)
     check_distinct(result=result_file, figure=output)

@@ -11,8 +11,8 @@ from clearance_jax.errors import ClearanceError, quoted, suggest
 from clearance_jax.parameters import check_bounds, resolved_unit
 from clearance_jax.units import to_si
 
-# A longer text is no name, and no file has one either.
-LONGEST = 200
+# A longer text is no name; of a longer path no system knows.
+LONGEST, LONGEST_PATH = 200, 4096
 Words = Mapping[str, str]
 """Units by the words that a key's declaration has for them, where they depend on what else is given."""
 
@@ -124,12 +124,13 @@ class Flag(Key):
 class Text(Key):
     """A name, a title or a path."""
 
+    longest: int = dataclasses.field(default=LONGEST, kw_only=True)
     kind: ClassVar[str] = "text"
 
     def read(self, value, where, words):
         if not isinstance(value, str):
             raise ClearanceError(f"{where} must be a text in quotes, but it is {quoted(value)}.")
-        return checked_text(value, where)
+        return checked_text(value, where, self.longest)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -165,11 +166,11 @@ class Sub(Key):
         return value
 
 
-def checked_text(value: str, where: str) -> str:
+def checked_text(value: str, where: str, longest: int = LONGEST) -> str:
     """A text of one line. **Raises** `ClearanceError` for an empty, an endless or an unprintable one."""
-    if not value.strip() or len(value) > LONGEST or not value.isprintable():
+    if not value.strip() or len(value) > longest or not value.isprintable():
         raise ClearanceError(
-            f"{where} must be a text of 1 to {LONGEST} printable characters, but it is {quoted(value)}."
+            f"{where} must be a text of 1 to {longest} printable characters, but it is {quoted(value)}."
         )
     return value
 

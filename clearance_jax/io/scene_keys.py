@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from clearance_jax.io.fields import keys_of, summary
-from clearance_jax.io.kinds import Flag, Pair, Quantity, Sub, Text, Whole, Word
+from clearance_jax.io.kinds import LONGEST_PATH, Flag, Pair, Quantity, Sub, Text, Whole, Word
 from clearance_jax.io.table import Keys
 from clearance_jax.joints import RevoluteClearance
 from clearance_jax.laws import FRICTION_LAWS, NORMAL_LAWS, InternalHertz
@@ -169,7 +169,13 @@ SPLINE_FILE = Keys(
     "A cubic spline through a table in a file, instead of `times` and `values`.",
     (
         DRIVE_TABLES["spline"].keys[0],
-        Text("file", "CSV file of time [s] and value, beside the scene", '"motion.csv"', required=True),
+        Text(
+            "file",
+            "CSV file of time [s] and value, beside the scene",
+            '"motion.csv"',
+            required=True,
+            longest=LONGEST_PATH,
+        ),
         Text("unit", "unit of the values", '"deg"', required=True),
         *keys_of(Spline, "ends"),
     ),

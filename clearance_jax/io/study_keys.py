@@ -5,7 +5,7 @@ import dataclasses
 from clearance_jax.analysis import metrics
 from clearance_jax.design.methods import METHOD_CHOICES
 from clearance_jax.io.fields import summary
-from clearance_jax.io.kinds import Flag, Quantities, Quantity, Sub, Text, Whole, Word
+from clearance_jax.io.kinds import LONGEST_PATH, Flag, Quantities, Quantity, Sub, Text, Whole, Word
 from clearance_jax.io.table import Keys
 from clearance_jax.solve.settings import MOST_SAMPLES, SOLVERS
 
@@ -28,7 +28,13 @@ STUDY = Keys(
     "What stands in a study file before its first table.",
     (
         Text("name", "name of the study", '"Slider-crank under load"', absent="the file's name"),
-        Text("scene", "the scene file, from where the study is", '"slider_crank.toml"', required=True),
+        Text(
+            "scene",
+            "the scene file, from where the study is",
+            '"slider_crank.toml"',
+            required=True,
+            longest=LONGEST_PATH,
+        ),
         Quantity("t1", "end of the motion", '"105 ms"', unit="s", absent="the scene's"),
         Sub("solve", "how the problem is solved", '{ method = "slsqp" }'),
         Sub("verify", "how the answer is proved", "{ sweep = 40 }"),
