@@ -5,8 +5,9 @@ import functools
 import inspect
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import get_type_hints
+from typing import Any, ClassVar, get_type_hints
 
 import jax
 import jax.numpy as jnp
@@ -204,6 +205,29 @@ def test_where_a_point_is_depends_on_the_mechanisms_numbers_too():
     np.testing.assert_allclose([value, *slopes], [2.3, 1.0, 2.0], rtol=1e-12)
     end = jax.jvp(lambda t: cj.simulate(mass, t, save_at=3, rtol=1e-6).end_time, (1.5,), (1.0,))
     np.testing.assert_allclose(end, (1.5, 1.0))
+
+
+class Own(cj.AbstractNormalLaw):
+    """A law with a function of its own, which no compiled program can return."""
+
+    stiffness: jax.Array
+    curve: Callable = jnp.tanh
+    smoothness: ClassVar = "C0"
+
+    def formula(self, constants, penetration, penetration_rate, memory):
+        return self.stiffness * self.curve(penetration)
+
+    def energy(self, constants, penetration):
+        return 0.5 * self.stiffness * penetration**2
+
+
+def test_a_law_may_hold_what_is_no_number(solution):
+    law: Any = Own
+    bare = cj.RevoluteClearance(5e-4, 0.01, law(jnp.asarray(1e8)))
+    own = solution.of(CRANK.with_clearance("wrist", bare))
+    again = jax.jit(lambda s: s)(own)
+    np.testing.assert_array_equal(again["guide"], solution["guide"])
+    assert again.mechanism.joint("wrist").clearance.normal.curve is jnp.tanh
 
 
 def test_it_prints_itself(solution):

@@ -57,14 +57,16 @@ class Solution(eqx.Module):
 
     def of(self, mechanism: Mechanism) -> "Solution":
         """The same, known to be this mechanism's."""
-        # What is not an array (a law's own function) cannot leave a compiled program as a leaf.
-        numbers, structure = eqx.partition(mechanism, eqx.is_array)
+        numbers, structure = mechanism, None
+        # What is not a number (a law's own function) cannot leave a compiled program as a leaf.
+        if not all(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(mechanism)):
+            numbers, structure = eqx.partition(mechanism, eqx.is_array_like)
         return dataclasses.replace(self, numbers=numbers, structure=structure)
 
     @property
     def mechanism(self) -> Mechanism:
         """What was solved."""
-        return eqx.combine(self.numbers, self.structure)
+        return _whole(self.numbers, self.structure)
 
     @property
     def succeeded(self) -> Array:
@@ -121,9 +123,13 @@ class Solution(eqx.Module):
         return values if self.sampled else values[(slice(None),) * (self.time.ndim - 1) + (0,)]
 
     def __repr__(self) -> str:
-        if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(self)) or self.structure is None:
+        if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(self)) or self.numbers is None:
             return eqx.tree_pformat(self)
         return summary(self) if np.ndim(self.code) == 0 else summary_of_batch(self)
+
+
+def _whole(numbers: Any, structure: Any) -> Mechanism:
+    return numbers if structure is None else eqx.combine(numbers, structure)
 
 
 @eqx.filter_jit
@@ -131,7 +137,7 @@ def _evaluated(numbers: Any, structure: Any, variable: str, time: Array, y: Arra
     """A variable of every state, over the axes of `time`, of which all but the last are a batch's."""
 
     def along(numbers, time, y):
-        ready = eqx.combine(numbers, structure).prepared()
+        ready = _whole(numbers, structure).prepared()
         return jax.vmap(lambda t, y: evaluated(variable, t, y, ready))(time, y)
 
     for _ in range(time.ndim - 1):
