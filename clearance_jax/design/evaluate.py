@@ -119,7 +119,8 @@ def _batch(mechanism, metrics, names, points, given, t1, solve):
 
 def simulations_of(specification: Specification, rtol: float | None = None, solver: str | None = None) -> Simulations:
     """What designs are simulated by, to the given accuracy."""
-    solve = {"rtol": rtol or specification.rtol, "solver": solver or specification.solver}
+    given = {"rtol": rtol, "solver": solver}
+    solve = specification.solve | {name: value for name, value in given.items() if value is not None}
     metrics = [limit.simulation_metric for limit in specification.limits]
     bounds = [limit.bound for limit in specification.limits]
     return Simulations(

@@ -13,6 +13,7 @@ from clearance_jax.design.search import search
 from clearance_jax.design.specification import Limit, Specification
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.solve.attempt import CENTRE
 
 
 class ToleranceProblem:
@@ -28,7 +29,7 @@ class ToleranceProblem:
     - `conditions`: name of the condition -> values by parameter name (speeds, loads, friction, phases), or a sequence
       of such values; every limit must hold in each. None: the mechanism as it is.
     - `manufacture`: how parts come out of manufacture, a `Band` or a `Yield`; None: as designed.
-    - `rtol`, `solver`: of the solves.
+    - `rtol`, `solver`, `start`: of the solves, as `simulate` has them.
 
     All of it in one form is its `specification`.
 
@@ -46,6 +47,7 @@ class ToleranceProblem:
         manufacture: Band | Yield | None = None,
         rtol: float = 1e-8,
         solver: str = "tsit5",
+        start: str = CENTRE,
     ):
         self.specification = Specification(
             mechanism,
@@ -57,6 +59,7 @@ class ToleranceProblem:
             manufacture,
             rtol,
             solver,
+            start,
         )
 
     def solve(

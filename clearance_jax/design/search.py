@@ -64,7 +64,7 @@ def _check_derivatives(specification: Specification, x: np.ndarray) -> None:
 
         def of(c, metric=limit.simulation_metric):
             moved = replace(specification.mechanism, {name: c * v for name, v in values.items()})
-            return metric(moved, jnp.asarray(specification.t1), rtol=specification.rtol, solver=specification.solver)
+            return metric(moved, jnp.asarray(specification.t1), **specification.solve)
 
         try:
             jax.eval_shape(jax.jacfwd(of), jnp.ones(()))
@@ -85,6 +85,7 @@ def _distrust(specification: Specification, x: np.ndarray) -> str:
                     names,
                     specification.t1,
                     rtol=specification.rtol,
+                    start=specification.start,
                     samples=max(16, len(names) + 3),
                     on_untrusted="ignore",
                 )

@@ -12,7 +12,8 @@ from clearance_jax.design.manufacture import Band, Yield
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import check_values, parameters, replace, units_of, values_of
-from clearance_jax.solve.simulate import check_arguments
+from clearance_jax.solve.attempt import CENTRE
+from clearance_jax.solve.simulate import check_arguments, check_start
 
 # Peaks that are limits each: where the highest changes place, the next one has been watched already.
 PEAKS = 3
@@ -40,8 +41,9 @@ class Limit(eqx.Module):
     @property
     def simulation_metric(self) -> AbstractMetric:
         """The metric that is solved for: of a peak some more peaks too."""
-        single = isinstance(self.metric, Peak) and self.metric.count == 1
-        return Peak(self.metric.signal, PEAKS) if isinstance(self.metric, Peak) and single else self.metric
+        if isinstance(self.metric, Peak) and self.metric.count == 1:
+            return dataclasses.replace(self.metric, count=PEAKS)
+        return self.metric
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -61,9 +63,11 @@ class Specification:
     manufacture: Band | Yield | None
     rtol: float
     solver: str
+    start: str = CENTRE
 
     def __post_init__(self):
         check_arguments(self.mechanism, 0.0, self.t1, self.rtol, self.solver)
+        check_start(self.start)
         if not self.variables or not self.limits:
             raise ClearanceError("A design problem wants at least one variable and one limit.")
         called = [limit.title for limit in self.limits]
@@ -88,6 +92,11 @@ class Specification:
                 raise ClearanceError(f"`{variable}` is a variable, so `{name}` cannot set it.")
             if variable in known and np.ndim(known[variable].value):
                 raise ClearanceError(f"`{variable}` is an array: name one of its entries, `{variable}.0`.")
+
+    @property
+    def solve(self) -> dict[str, Any]:
+        """How motions are solved: options of `simulate`."""
+        return {"rtol": self.rtol, "solver": self.solver, "start": self.start}
 
     @property
     def common(self) -> bool:

@@ -30,7 +30,6 @@ def time_histories(design: Design) -> tuple[TimeHistory, ...]:
     specification = design.specification
     several = len(specification.conditions) > 1
     times = np.linspace(0, specification.t1, SAMPLES)
-    solve = {"rtol": specification.rtol, "solver": specification.solver}
     out = []
     for limit in specification.limits:
         signal = getattr(limit.metric, "signal", None)
@@ -40,7 +39,8 @@ def time_histories(design: Design) -> tuple[TimeHistory, ...]:
         for name, given in specification.conditions.items():
             moved = replace(design.mechanism, given)
             try:
-                values[name if several else ""] = np.asarray(At(signal, times)(moved, specification.t1, **solve))
+                found = At(signal, times)(moved, specification.t1, **specification.solve)
+                values[name if several else ""] = np.asarray(found)
             except (ClearanceError, RuntimeError):
                 continue  # a design that could not be simulated is reported as such elsewhere
         out.append(TimeHistory(limit.title, signal.unit, type(limit.metric).__name__, limit.bound, times, values))

@@ -32,6 +32,7 @@ from clearance_jax.mechanism.expressions import read_expression
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.tree import SLIDING, TURNING, AbstractJoint, Fixed, Prismatic, Revolute
 from clearance_jax.parameters import Parametrised, check_bounds, find, parameters, resolved_unit
+from clearance_jax.solve.attempt import STARTS
 from clearance_jax.units import to_si
 
 DRIVES = {"constant-speed": ConstantSpeed, "step": StepSum, "step5": Step5Sum, "harmonic": Harmonic, "spline": Spline}
@@ -191,6 +192,8 @@ def _solve(table: Table) -> dict[str, Any]:
         options["samples"] = samples
     if table.has("solver"):
         options["solver"] = table.word("solver", {"tsit5", "dopri8"})
+    if table.has("start"):
+        options["start"] = table.word("start", STARTS)
     table.finish()
     return options
 

@@ -14,6 +14,7 @@ from clearance_jax.design.specification import Limit
 from clearance_jax.errors import ClearanceError
 from clearance_jax.io.scene import Table, load_scene, parse_setting
 from clearance_jax.parameters import replace, units_of
+from clearance_jax.solve.attempt import CENTRE
 from clearance_jax.solve.simulate import SOLVERS
 from clearance_jax.units import to_si
 
@@ -80,6 +81,7 @@ def _study(path: Path, top: Table, text: str) -> Study:
     problem_options: dict[str, Any] = {
         "rtol": solver.get("rtol", scene.solve.get("rtol", 1e-8)),
         "solver": solver.word("solver", SOLVERS, scene.solve.get("solver", "tsit5")),
+        "start": scene.solve.get("start", CENTRE),
     }
     solve = {"method": solver.word("method", METHOD_CHOICES, "slsqp"), **_numbers(solver, starts=1, most=1)}
     solver.finish()

@@ -76,3 +76,6 @@ class RevoluteClearance(AbstractClearance):
             arm=scale(reach, normal),
         )
         return (point,)
+
+    def travel(self, along):
+        return self.radial_clearance

@@ -14,13 +14,13 @@ from clearance_jax.errors import ClearanceError, require_float64, suggest
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.parameters import check_values
-from clearance_jax.solve.attempt import Options
+from clearance_jax.solve.attempt import CENTRE, STARTS, Options
 from clearance_jax.solve.flow import CLOSED, Inputs, Solution, closed_start, flow, plain_flow, states_of, with_states
 from clearance_jax.solve.tolerances import largest_length
 
 MAX_STEPS = 10_000_000
 DERIVATIVES = ("controlled", "screening")
-OPTIONS = ("t0", "save_at", "rtol", "solver", "books", "y0", "derivatives")
+OPTIONS = ("t0", "save_at", "rtol", "solver", "books", "y0", "derivatives", "start")
 """What metrics pass on to a solve."""
 SOLVERS = {"tsit5": diffrax.Tsit5, "dopri8": diffrax.Dopri8}
 
@@ -39,6 +39,7 @@ def simulate(
     derivatives: str = "controlled",
     max_steps: int = MAX_STEPS,
     y0: Any = None,
+    start: str = CENTRE,
     throw: bool = True,
 ) -> Solution:
     """Simulate a mechanism from `t0` to `t1`. Works under jit, vmap, jvp and grad.
@@ -56,6 +57,9 @@ def simulate(
       first derivatives only, forward or reverse. "screening": the program is differentiated as it stands (forward
       only): cheaper, for a first look; wrong by 1e-3 and more at any tolerance where contacts begin and end.
     - `y0`: start from this state instead of the mechanism's initial one.
+    - `start`: "centre": every pin starts in the middle of its sleeve (or at its `eccentricity`) and falls; "settled":
+      pressed at the wall where the ideal joint's reaction puts it, and riding along with the motion. A pin that nothing
+      presses starts in the middle all the same. Without effect where `y0` is given.
     - `throw`: raise where the solve fails (never inside jit or vmap: there a failed lane is data).
 
     **Raises:** `ClearanceError` for float64 off, t1 <= t0, numbers that are not finite or out of bounds, and a loop
@@ -70,7 +74,7 @@ def simulate(
         known = not any(isinstance(t, Tracer) for t in (t0, t1, save_at))
         if known and not (np.all(np.diff(save_at) > 0) and save_at[0] >= t0 and save_at[-1] <= t1):
             raise ClearanceError("The times in `save_at` must increase and lie between `t0` and `t1`.")
-    options = Options(chosen, watch, books, max_steps, derivatives)
+    options = Options(chosen, watch, books, max_steps, derivatives, start=check_start(start))
     return _run(mechanism, t0, t1, save_at, rtol, atol, y0, options, throw)
 
 
@@ -85,6 +89,7 @@ def run(
     books: bool = False,
     y0: Any = None,
     derivatives: str = "controlled",
+    start: str = CENTRE,
     observers: tuple = (),
     integrands: tuple = (),
     **unknown: Any,
@@ -95,7 +100,7 @@ def run(
     chosen = check_arguments(mechanism, t0, t1, rtol, solver)
     if unknown:
         raise ClearanceError(f"There is no option `{min(unknown)}`. " + suggest(min(unknown), OPTIONS))
-    options = Options(chosen, True, books, MAX_STEPS, derivatives, observers)
+    options = Options(chosen, True, books, MAX_STEPS, derivatives, observers, check_start(start))
     out = _run(mechanism, t0, t1, save_at, rtol, None, y0, options, True, integrands)
     # A factor, not a selection: a selection's derivative in reverse would be a silent zero.
     factor = jnp.where(out.succeeded, 1.0, jnp.nan)
@@ -120,7 +125,7 @@ def _run(mechanism, t0, t1, save_at, rtol, atol, y0, options: Options, throw, in
     solution = flow(inputs, options=options) if options.derivatives == "controlled" else plain_flow(inputs, options)
     if throw and not isinstance(solution.final, Tracer) and not bool(solution.succeeded):
         if y0 is None:
-            check_assembled(mechanism, t0, _open_loops(mechanism, t0))
+            check_assembled(mechanism, t0, _open_loops(mechanism, t0, options.start))
         raise RuntimeError(
             f"The solve stopped before t1: {solution.message}. Pass `throw=False` to keep what was computed."
         )
@@ -128,8 +133,15 @@ def _run(mechanism, t0, t1, save_at, rtol, atol, y0, options: Options, throw, in
 
 
 @eqx.filter_jit
-def _open_loops(mechanism: Mechanism, t0: Array) -> Array:
-    return closed_start(mechanism.prepared(), t0)[1]
+def _open_loops(mechanism: Mechanism, t0: Array, start: str) -> Array:
+    return closed_start(mechanism.prepared(), t0, start)[1]
+
+
+def check_start(start: Any) -> str:
+    """Where pins are to start, if that is one of the words for it."""
+    if start not in STARTS:
+        raise ClearanceError(f"`start` must be {' or '.join(STARTS)}, but it is {start!r}.")
+    return start
 
 
 def check_assembled(mechanism: Mechanism, t0: Any, open_loops: Array) -> None:

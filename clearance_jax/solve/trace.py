@@ -17,11 +17,11 @@ from jaxtyping import Array
 
 from clearance_jax.dynamics.energy import energy_residual
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.solve.attempt import Carry, Options, attempt, dense, means_of, start_carry
+from clearance_jax.solve.attempt import CENTRE, Carry, Options, attempt, dense, means_of, start_carry
 from clearance_jax.solve.codes import Result, words
 from clearance_jax.solve.flow import Inputs, Solution, problem_of, projected_samples
 from clearance_jax.solve.problem import Problem
-from clearance_jax.solve.simulate import check_arguments, check_assembled
+from clearance_jax.solve.simulate import check_arguments, check_assembled, check_start
 from clearance_jax.solve.step import Trial
 from clearance_jax.solve.tolerances import Tolerances
 
@@ -104,6 +104,7 @@ def trace(
     solver: str | Any = "tsit5",
     watch: bool = True,
     max_steps: int = 10_000_000,
+    start: str = CENTRE,
     progress: Callable[[float], None] | None = None,
 ) -> Trace:
     """Simulate as `simulate` does, but in blocks of steps, keeping every step end.
@@ -112,10 +113,10 @@ def trace(
     """
     chosen = check_arguments(mechanism, t0, t1, rtol, solver)
     grid = np.linspace(t0, t1, samples)
-    start, last, asked = (jnp.asarray(x, float) for x in (t0, t1, rtol))
-    options = Options(chosen, watch, True, max_steps)
+    begin, last, asked = (jnp.asarray(x, float) for x in (t0, t1, rtol))
+    options = Options(chosen, watch, True, max_steps, start=check_start(start))
     atol = None if atol is None else jnp.asarray(atol, float)
-    problem, allowed, carry, opened = _begin(Inputs(mechanism, start, last, None, asked, atol, None), options)
+    problem, allowed, carry, opened = _begin(Inputs(mechanism, begin, last, None, asked, atol, None), options)
     first = carry.y
     check_assembled(mechanism, t0, opened)
     times, states = [np.array([float(t0)])], [np.asarray(first)[None]]
@@ -147,7 +148,7 @@ def trace(
         jnp.asarray(int(code)),
         carry.accepted,
         carry.rejected,
-        _residual(problem.mechanism, (start, jnp.asarray(time[-1])), (first, jnp.asarray(y[-1]))),
+        _residual(problem.mechanism, (begin, jnp.asarray(time[-1])), (first, jnp.asarray(y[-1]))),
     )
     return Trace(solution, time, y, words(code))
 
