@@ -7,6 +7,7 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
+from clearance_jax.analysis.measure import begin_of
 from clearance_jax.analysis.metrics import AbstractMetric, Peak
 from clearance_jax.design.manufacture import Band, Yield
 from clearance_jax.errors import ClearanceError
@@ -68,6 +69,8 @@ class Specification:
     def __post_init__(self):
         check_arguments(self.mechanism, 0.0, self.t1, self.rtol, self.solver)
         check_start(self.start)
+        for limit in self.limits:
+            begin_of(getattr(limit.metric, "since", None), self.t1, {})
         if not self.variables or not self.limits:
             raise ClearanceError("A design problem wants at least one variable and one limit.")
         called = [limit.title for limit in self.limits]

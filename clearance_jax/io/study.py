@@ -129,7 +129,9 @@ def _numbers(table: Table, **least: int) -> dict[str, int]:
 
 
 def _limit(name: str, table: Table) -> Limit:
-    """`metric` over a `signal` of a `point`, `body` or `joint` ("at" given `times`); or a count of a `joint`."""
+    """`metric` over a `signal` of a `point`, `body` or `joint` ("at" given `times`); or a count of a `joint`; all but
+    "at" of the times after `since`, where that is given.
+    """
     kind = table.word("metric", {*REDUCTIONS, *COUNTS})
     if kind in REDUCTIONS:
         signal = SIGNALS[table.word("signal", SIGNALS)]
@@ -137,6 +139,8 @@ def _limit(name: str, table: Table) -> Limit:
         metric = REDUCTIONS[kind](signal(**_names(signal, table)), *times)
     else:
         metric = COUNTS[kind](**_names(COUNTS[kind], table))
+    if table.has("since") and kind != "at":
+        metric = dataclasses.replace(metric, since=table.number("since", "s"))
     bound = table.need("bound")
     limit = Limit(metric, to_si(bound, metric.unit, table.key("bound")), name)
     table.finish()
@@ -144,7 +148,8 @@ def _limit(name: str, table: Table) -> Limit:
 
 
 def _names(cls, table: Table) -> dict[str, str]:
-    return {field.name: str(table.need(field.name)) for field in dataclasses.fields(cls)}
+    names = [field.name for field in dataclasses.fields(cls) if field.name != "since"]
+    return {name: str(table.need(name)) for name in names}
 
 
 def _cost(table: Table, unit: str) -> AbstractCost:
