@@ -260,7 +260,7 @@ def test_messages(mechanism):
         metrics.Rms(ERROR)(mechanism, T1, rtoll=1e-6)
 
 
-SINCE = 0.004
+SINCE = 6e-4
 
 
 class Countdown(metrics.AbstractSignal):

@@ -103,6 +103,8 @@ def _bar() -> Progress:
 def _report(mechanism, result, dataset) -> None:
     import numpy as np
 
+    from clearance_jax.results.first_fall import loads
+
     solution = result.solution
     console.print(
         f"[bold]{escape(mechanism.name)}[/bold]: {dataset.attrs['result']} at t = {result.time[-1]:.6g} s, "
@@ -110,9 +112,9 @@ def _report(mechanism, result, dataset) -> None:
         f"energy residual {float(solution.energy_residual):.1e}"
     )
     if "peak_force" in dataset:
-        count = dataset.sizes["episode"]
-        peak = float(dataset["peak_force"].max()) if count else 0.0
-        console.print(f"{count} contact episodes, largest force {peak:.6g} N")
+        found = loads(dataset)
+        said = "the surfaces never meet" if found is None else found
+        console.print(f"{dataset.sizes['episode']} contact episodes, {said}", soft_wrap=True)
     if "point" in dataset.coords:
         for point in dataset["point"].values:
             speed = np.hypot(*dataset["velocity"].sel(point=point).values.T).max()
