@@ -50,7 +50,7 @@ def _end(time: np.ndarray, states: np.ndarray) -> float:
     if states[0] > 0 or touches.size == 0:
         return -np.inf
     over = touches[0] + np.flatnonzero(states[touches[0] :] != 2)
-    return time[over[0]] if over.size else np.inf
+    return float(time[over[0]]) if over.size else np.inf
 
 
 def loads(dataset: xr.Dataset) -> Loads | None:
@@ -67,8 +67,8 @@ def loads(dataset: xr.Dataset) -> Loads | None:
 
 
 def _all(dataset: xr.Dataset) -> list[Load]:
-    """The peak of every episode, and of every joint what is largest at a step's end after its first fall (an episode
-    that goes on after the fall has its one peak in it).
+    """The peak of every episode, and of every joint the highest peak at a step's end after its first fall (an episode
+    that goes on after the fall has its largest force in it).
     """
     joints, time = dataset["joint"].values, dataset["step_time"].values
     out = [
@@ -78,13 +78,23 @@ def _all(dataset: xr.Dataset) -> list[Load]:
         )
     ]
     for joint, end, forces in zip(joints, first_fall_ends(dataset), dataset["step_force"].values.T, strict=True):
-        forces = np.where(time > end, forces, 0.0)
+        forces = np.where((time > end) & _peaks(forces), forces, 0.0)
         k = int(np.argmax(forces))
         if np.isfinite(end) and forces[k] > 0:
             out.append(Load(float(forces[k]), float(time[k]), str(joint)))
     return out
 
 
+def _peaks(forces: np.ndarray) -> np.ndarray:
+    """Where a force stops rising: what only dies away after an impact has its largest value in the impact."""
+    rises = np.diff(forces, prepend=forces[0]) > 0
+    return rises & (np.diff(forces, append=-np.inf) <= 0)
+
+
 def _words(load: Load) -> str:
-    at = f"{load.time * 1e3:.4g} ms" if load.time < 0.1 else f"{load.time:.4g} s"
-    return f"{load.force:.6g} N at {at}"
+    return f"{load.force:.6g} N at {seconds(load.time)}"
+
+
+def seconds(time: float) -> str:
+    """An instant in words, in ms where it is early."""
+    return f"{time * 1e3:.4g} ms" if time < 0.1 else f"{time:.4g} s"
