@@ -211,6 +211,9 @@ class Twin(AbstractClearance):
     def points(self, at):
         return self.single().points(at) * 2
 
+    def travel(self, along):
+        return self.radial_clearance
+
 
 def test_a_joint_kind_of_its_own_and_laws_mapped_over_its_points():
     """Two rims of half the stiffness are one rim; with memory at each point, in the tree and closing a loop."""

@@ -258,3 +258,62 @@ def test_messages(mechanism):
         cj.sensitivities(mechanism, final, [CLEARANCE], T1, mode="reverse", y0=jnp.zeros(4))
     with pytest.raises(ClearanceError, match=r"no option `rtoll`.*Did you mean `rtol`"):
         metrics.Rms(ERROR)(mechanism, T1, **{"rtoll": 1e-6})  # pyright: ignore[reportCallIssue]
+
+
+SINCE = 6e-4
+
+
+class Countdown(metrics.AbstractSignal):
+    """Falls all the time."""
+
+    def value(self, time, y, mechanism, reference):
+        return 1 - time
+
+
+def test_only_what_comes_after_since_counts(mechanism):
+    """One solve with metrics of the whole and of its later part, against dense samples and the trace."""
+    force, error = metrics.ContactForce("wrist"), ERROR
+    asked = {
+        "peak": metrics.Peak(error, since=SINCE),
+        "fall": metrics.Peak(Countdown(), since=SINCE),
+        "whole": metrics.Peak(force),
+        "later": metrics.Peak(force, since=SINCE),
+        "rms": metrics.Rms(error, since=SINCE),
+        "mean": metrics.Mean(error, since=SINCE),
+        "lost": metrics.EnergyLost(since=SINCE),
+        "all lost": metrics.EnergyLost(),
+        "impacts": metrics.Impacts("wrist", since=SINCE),
+        "dense": metrics.At(error, np.linspace(SINCE, T1, 3001)),
+    }
+
+    values = cj.measure(mechanism, asked, T1, rtol=1e-9)
+    dense = np.asarray(values["dense"])
+    h = (T1 - SINCE) / 3000
+    assert float(values["peak"]) == pytest.approx(dense.max(), rel=1e-5)
+    assert float(values["fall"]) == pytest.approx(1 - SINCE, rel=1e-14)  # what falls from there peaks there
+    assert float(values["mean"]) == pytest.approx(np.trapezoid(dense, dx=h) / (T1 - SINCE), rel=1e-5)
+    assert float(values["rms"]) == pytest.approx(np.sqrt(np.trapezoid(dense**2, dx=h) / (T1 - SINCE)), rel=1e-5)
+    table = cj.to_dataset(mechanism, cj.trace(mechanism, T1, rtol=1e-9))
+    later = table.peak_time > SINCE
+    assert float(values["whole"]) == pytest.approx(float(table.peak_force.max()), rel=1e-4)
+    assert float(values["later"]) == pytest.approx(float(table.peak_force[later].max()), rel=1e-4)
+    assert float(values["later"]) < 0.5 * float(values["whole"])
+    assert int(values["impacts"]) == int((table.episode_start > SINCE).sum())
+    lost = table.damping_loss + table.friction_loss
+    expected = float(lost[-1] - np.interp(SINCE, table.time, lost))
+    assert float(values["lost"]) == pytest.approx(expected, rel=1e-4)
+    assert float(values["lost"]) < float(values["all lost"])
+
+
+def test_averages_since_have_derivatives(mechanism):
+    metric = metrics.Rms(ERROR, since=SINCE)
+    slope = jax.grad(lambda c: at(metric, mechanism, c))(5e-4)
+    np.testing.assert_allclose(slope, difference(metric, mechanism), rtol=1e-4)
+
+
+def test_since_lies_before_the_end(mechanism):
+    with pytest.raises(ClearanceError, match="`since` must lie before the end"):
+        metrics.Peak(ERROR, since=T1)(mechanism, T1)
+    lanes = jax.vmap(lambda t1: metrics.Mean(ERROR, since=SINCE)(mechanism, t1, rtol=1e-6))(jnp.array([0.003, 0.005]))
+    assert np.isnan(lanes[0])
+    assert np.isfinite(lanes[1])

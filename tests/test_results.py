@@ -15,6 +15,7 @@ from clearance_jax.dynamics.observe import observe
 from clearance_jax.mechanism.state import layout
 from clearance_jax.results import blocks, episodes
 from clearance_jax.results.blocks import in_blocks
+from clearance_jax.results.first_fall import first_fall_ends, loads
 from clearance_jax.results.peaks import cubic_top, peaks
 
 MASS, SPEED, CLEARANCE, GAP = 0.14, 0.5, 1e-3, 1e-5
@@ -73,6 +74,31 @@ def test_a_dataset_is_what_is_observed(crank):
     seen = observe(jnp.asarray(trace.time[touch]), jnp.asarray(trace.y[touch]), ready)
     for name, other in (("step_eccentricity", "eccentricity"), ("step_force", "contact_force")):
         np.testing.assert_allclose(dataset[name].values[touch], seen[other], rtol=1e-10, atol=1e-12)
+
+
+def test_a_peak_of_the_first_fall_is_named_as_such(crank):
+    """A pin in the middle of its sleeve falls, strikes once, and leaves: that peak is not the machine's."""
+    dataset = cj.to_dataset(*crank)
+    found, first = loads(dataset), dataset.isel(episode=0)
+    assert found is not None
+    assert found.falling
+    assert found.centred
+    assert first_fall_ends(dataset) == pytest.approx(float(first.episode_end), abs=1e-12)
+    assert found.largest.force == pytest.approx(float(first.peak_force))
+    assert found.after is not None
+    assert found.after.force == pytest.approx(float(dataset.peak_force[1:].max()))
+    ms = float(first.peak_time) * 1e3
+    assert f"N at {ms:.4g} ms, the first fall from the sleeve's centre; after it" in str(found)
+
+
+def test_a_pin_that_starts_at_its_wall_does_not_fall(crank):
+    dataset = cj.to_dataset(*crank)
+    begun = dataset.isel(step=dataset.step_state.values[:, 0].argmax() + np.arange(20))
+    found = loads(begun.isel(episode=slice(0, 1)))
+    assert found is not None
+    assert not found.falling
+    assert "fall" not in str(found)
+    assert loads(dataset.isel(step=slice(0, 5), episode=slice(0, 0))) is None
 
 
 def test_progress_rises_to_one_and_may_interrupt(crank):

@@ -1,5 +1,6 @@
 """Scene files, their errors, the command line, and datasets."""
 
+import itertools
 import os
 import re
 import subprocess
@@ -109,7 +110,16 @@ def test_dataset_roundtrip_and_figure(tmp_path):
     reaction = np.linalg.norm(dataset["joint_reaction"].sel(any_joint="wrist").values, axis=1)
     contact = np.hypot(dataset["contact_force"].values, dataset["friction_force"].values)[:, 0]
     np.testing.assert_allclose(reaction, contact, atol=1e-6)
-    overview(dataset).savefig(tmp_path / "a.png")
+    figure = overview(dataset)
+    figure.savefig(tmp_path / "a.png")
+    clocks = [axis for axis in figure.axes if axis.get_xlabel().startswith("time")]
+    assert len(clocks) == 4
+    for axis in clocks:
+        assert axis.get_xlabel() == "time, ms"
+        boxes = [label.get_window_extent() for label in axis.get_xticklabels()]
+        shown = [box for box in boxes if 0 <= axis.transAxes.inverted().transform(box.get_points()).mean(0)[0] <= 1]
+        assert 2 <= len(shown) <= 6
+        assert all(a.x1 < b.x0 for a, b in itertools.pairwise(shown))
     assert (tmp_path / "a.png").stat().st_size > 10_000
 
 

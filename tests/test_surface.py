@@ -114,7 +114,7 @@ def test_every_door_refuses_alike(door):
     ("options", "words"),
     [
         ({"save_at": [1.0, 0.5]}, "must increase"),
-        ({"save_at": 1}, "at least 2"),
+        ({"save_at": 1}, "between 2 and"),
         ({"save_at": 2.5}, "whole number of samples, or a list"),
         ({"y0": [1.0]}, r"shape \(4,\)"),
         ({"derivatives": "exact"}, "no derivatives 'exact'"),

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple, Unpack
 
 import equinox as eqx
 import jax.numpy as jnp
+from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from clearance_jax.errors import ClearanceError
@@ -24,17 +25,19 @@ from clearance_jax.solve.solution import Solution
 
 
 class Request(NamedTuple):
-    """What a metric needs of a solve."""
+    """What a metric needs of a solve; `since`: from when on it counts [s] (`None`: from the start)."""
 
     observers: tuple[AbstractObserver, ...] = ()
     integrands: tuple[Any, ...] = ()
     times: Float[Array, " times"] | None = None
     books: bool = False
+    since: Any = None
 
 
 class Reply(NamedTuple):
     """What a metric gets of a solve: the motion asked for, and its own part of the solution, in the order of its
-    request: what its observers recorded and picked, its integrals, and its samples (`solution.time`, `solution.y`).
+    request: what its observers recorded and picked, its integrals, and its samples (`solution.time`, `solution.y`);
+    `begin` and `first`: the time from which on it counts, and the state then.
     """
 
     mechanism: Mechanism
@@ -42,6 +45,8 @@ class Reply(NamedTuple):
     options: Settings
     solution: Solution
     integrals: tuple[Array, ...]
+    begin: Any
+    first: Array
 
     @property
     def t0(self) -> Any:
@@ -55,8 +60,8 @@ class Reply(NamedTuple):
 
     @property
     def span(self) -> Any:
-        """How long the motion lasts [s]."""
-        return self.t1 - self.t0
+        """How long the motion counts [s]."""
+        return self.t1 - self.begin
 
 
 class AbstractMetric(eqx.Module):
@@ -186,7 +191,8 @@ def measured(
     """As `measure`, by options that have been read."""
     wanted = by_name(metrics)
     requests = {name: metric.request(mechanism, t1, options) for name, metric in wanted.items()}
-    order, together = _together([request.times for request in requests.values()])
+    begins = {name: begin_of(request.since, t1, options) for name, request in requests.items()}
+    order, together = _together([_times(request, begins[name]) for name, request in requests.items()])
     books = options.books or any(request.books for request in requests.values())
     solution = run(
         mechanism,
@@ -195,22 +201,48 @@ def measured(
         observers=tuple(o for request in requests.values() for o in request.observers),
         integrands=tuple(f for request in requests.values() for f in request.integrands),
     )
-    out, seen, integrals, samples = {}, 0, _integrals(mechanism, requests, solution, books), 0
+    sizes = _sizes(mechanism, requests, books)
+    out, seen, summed, samples = {}, 0, solution.final.shape[-1] - sum(map(sum, sizes.values())), 0
     for name, request in requests.items():
         count = len(request.observers)
         part = slice(seen, seen + count)
         own = dataclasses.replace(solution, records=solution.records[part], picked=solution.picked[part])
         seen += count
+        asked, first = _times(request, begins[name]), solution.initial
+        if asked is not None:
+            size = asked.shape[0]
+            place = slice(samples, samples + size) if order is None else order[samples : samples + size]
+            own = dataclasses.replace(own, time=asked, y=solution.y[place], sampled=True)
+            samples += size
+        if request.since is not None:
+            first = own.y[-1]
+            own = dataclasses.replace(own, time=own.time[:-1], y=own.y[:-1])
         if request.times is None:
             own = dataclasses.replace(own, time=own.end_time[None], y=own.final[None], sampled=False)
-        else:
-            size = request.times.shape[0]
-            place = slice(samples, samples + size) if order is None else order[samples : samples + size]
-            own = dataclasses.replace(own, time=request.times, y=solution.y[place], sampled=True)
-            samples += size
-        sums = tuple(next(integrals) for _ in request.integrands)
-        out[name] = wanted[name].value(Reply(mechanism, t1, options, own, sums))
+        sums = _integrals(solution.final - first, summed, sizes[name])
+        summed += sum(sizes[name])
+        value = wanted[name].value(Reply(mechanism, t1, options, own, sums, begins[name], first))
+        # A lane of a batch in which nothing is left to count has no value.
+        out[name] = value if request.since is None else value * jnp.where(begins[name] < t1, 1.0, jnp.nan)
     return out
+
+
+def begin_of(since: Any, t1: Any, options: Settings) -> Any:
+    """From when on a metric counts [s]. **Raises** `ClearanceError` where nothing would be left."""
+    if since is None:
+        return options.t0
+    if not any(isinstance(t, Tracer) for t in (since, t1)) and not float(since) < float(t1):
+        raise ClearanceError(
+            f"`since` must lie before the end of the motion, but since = {float(since):g} s and t1 = {float(t1):g} s."
+        )
+    return jnp.clip(since, options.t0, t1)
+
+
+def _times(request: Request, begin: Any) -> Array | None:
+    """Samples that a metric asks for, and the one at which it begins to count behind them."""
+    if request.since is None:
+        return request.times
+    return jnp.concatenate([jnp.zeros(0) if request.times is None else request.times, jnp.asarray(begin)[None]])
 
 
 def _together(times: list[Array | None]) -> tuple[Array | None, Array | None]:
@@ -227,12 +259,18 @@ def _together(times: list[Array | None]) -> tuple[Array | None, Array | None]:
     return jnp.argsort(order), whole[order]
 
 
-def _integrals(mechanism: Mechanism, requests: dict[str, Request], solution: Solution, books: bool):
-    """The integrals, one after the other, in the shapes of their integrands."""
-    functions = tuple(f for request in requests.values() for f in request.integrands)
-    sizes = widths(Problem(mechanism.prepared(), functions, None, books)) if functions else []
-    start = solution.final.shape[-1] - sum(sizes)
+def _sizes(mechanism: Mechanism, requests: dict[str, Request], books: bool) -> dict[str, list[int]]:
+    """How many numbers each integrand of each request is."""
+    if not any(request.integrands for request in requests.values()):
+        return {name: [] for name in requests}
+    ready = mechanism.prepared()
+    return {name: widths(Problem(ready, request.integrands, None, books)) for name, request in requests.items()}
+
+
+def _integrals(gained: Array, start: int, sizes: list[int]) -> tuple[Array, ...]:
+    """The integrals, one after the other from `start`, of what the quadratures have gained."""
+    out = []
     for size in sizes:
-        value = solution.final[start : start + size]
-        yield value[0] if size == 1 else value
+        out.append(gained[start] if size == 1 else gained[start : start + size])
         start += size
+    return tuple(out)

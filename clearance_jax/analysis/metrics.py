@@ -34,6 +34,11 @@ from clearance_jax.solve.settings import SolveOptions, settings_of
 from clearance_jax.solve.simulate import run
 
 
+def _since(**field):
+    """From when on a metric counts [s]."""
+    return eqx.field(converter=lambda t: None if t is None else jnp.asarray(t, float), default=None, **field)
+
+
 class Peak(AbstractMetric):
     """The largest value of a signal over time, or its `count` highest peaks (the same one again where there are fewer).
 
@@ -43,15 +48,19 @@ class Peak(AbstractMetric):
     fixed, and at the end it goes along with `t1`. Where the peak is a kink or a jump whose time moves with a parameter
     (an acceleration at a drive's break, by the break's time) that is not the whole derivative. Where two peaks tie the
     maximum has a kink: ask for both (`count=2`).
+
+    **Arguments:** `signal`, `count`; `since`: only times after it count [s] (`None`: all); it lies before the end.
     """
 
     signal: AbstractSignal
     count: int = eqx.field(static=True, default=1)
+    since: Scalar | None = _since()
 
     def request(self, mechanism, t1, options):
         # Where the peaks are is looked for without derivatives.
         fixed, end, others = _fixed((mechanism, t1, options))
-        return Request((PeakFinder(self.signal.bound(fixed, end, others), self.count, end - others.t0),))
+        signal, since = self.signal.bound(fixed, end, others), _fixed(self.since)
+        return Request((PeakFinder(signal, self.count, end - others.t0, since),), since=self.since)
 
     def value(self, reply):
         (picked,) = reply.picked
@@ -85,9 +94,10 @@ class Rms(AbstractMetric):
     """Root of the time average of a signal's square; integrated along with the motion, by the solver."""
 
     signal: AbstractSignal
+    since: Scalar | None = _since()
 
     def request(self, mechanism, t1, options):
-        return Request(integrands=(self.signal.integrand(mechanism, 2),))
+        return Request(integrands=(self.signal.integrand(mechanism, 2),), since=self.since)
 
     def value(self, reply):
         # Away from zero by nothing that counts: a signal that is zero throughout has no derivative to give.
@@ -100,9 +110,10 @@ class Mean(AbstractMetric):
     """Time average of a signal."""
 
     signal: AbstractSignal
+    since: Scalar | None = _since()
 
     def request(self, mechanism, t1, options):
-        return Request(integrands=(self.signal.integrand(mechanism, 1),))
+        return Request(integrands=(self.signal.integrand(mechanism, 1),), since=self.since)
 
     def value(self, reply):
         return reply.integrals[0] / reply.span
@@ -181,9 +192,10 @@ class EnergyLost(AbstractMetric):
     """Energy lost in damping and friction [J]."""
 
     unit: ClassVar[str] = "J"
+    since: Scalar | None = _since()
 
     def request(self, mechanism, t1, options):
-        return Request(books=True)
+        return Request(books=True, since=self.since)
 
     def value(self, reply):
         ready, size = reply.mechanism.prepared(), layout(reply.mechanism).size
@@ -194,7 +206,7 @@ class EnergyLost(AbstractMetric):
             return books["damping_loss"] + books["friction_loss"]
 
         # `y0` may come with books that are not empty.
-        return lost(reply.t1, reply.solution.final) - lost(reply.t0, reply.solution.initial)
+        return lost(reply.t1, reply.solution.final) - lost(reply.begin, reply.first)
 
 
 class Impacts(AbstractMetric):
@@ -203,9 +215,11 @@ class Impacts(AbstractMetric):
     """
 
     joint: str = eqx.field(static=True)
+    since: Scalar | None = _since()
 
     def request(self, mechanism, t1, options):
-        return Request((TouchCounter(clearance_index(mechanism, self.joint)),))
+        counter = TouchCounter(clearance_index(mechanism, self.joint), _fixed(self.since))
+        return Request((counter,), since=self.since)
 
     def value(self, reply):
         count = jnp.where(reply.solution.succeeded, reply.solution.records[0].count, jnp.nan)

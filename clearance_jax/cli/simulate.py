@@ -33,6 +33,7 @@ def simulate(
     rtol: Annotated[float | None, typer.Option(help="Accuracy, e.g. 1e-8 (default: the scene's).")] = None,
     samples: Annotated[int | None, typer.Option(help="Number of output times.", min=2)] = None,
     solver: Annotated[str | None, typer.Option(help="tsit5, or dopri8 for rtol below 1e-8.")] = None,
+    start: Annotated[str | None, typer.Option(help="Where pins start: centre, or settled at their walls.")] = None,
     ideal: Ideal = False,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Result file (NetCDF).")] = None,
     plot: Annotated[Path | None, typer.Option(help="Figure of the result (.png, .pdf).")] = None,
@@ -50,7 +51,7 @@ def simulate(
     check_writable(output)
     check_writable(plot, FIGURES)
     check_distinct(scene=scene_file, output=output, plot=plot)
-    given = {"t1": t1, "rtol": rtol, "samples": samples, "solver": solver}
+    given = {"t1": t1, "rtol": rtol, "samples": samples, "solver": solver, "start": start}
     options = _options(scene_file, scene.solve, {k: v for k, v in given.items() if v is not None})
     end = options.pop("t1")
     with _bar() as bar, warnings.catch_warnings():
@@ -83,12 +84,15 @@ def simulate(
 
 def _options(scene_file: Path, scene: dict[str, Any], given: dict[str, Any]) -> dict[str, Any]:
     """How to solve: what is given on the command line, or else in the scene, or else usual."""
+    from clearance_jax.solve.attempt import STARTS
     from clearance_jax.solve.settings import SOLVERS
     from clearance_jax.units import to_si
 
     solver = given.get("solver")
     if solver is not None and solver not in SOLVERS:
         raise ClearanceError(f"`--solver` must be {' or '.join(SOLVERS)}, but it is {solver!r}.")
+    if given.get("start") not in (None, *STARTS):
+        raise ClearanceError(f"`--start` must be {' or '.join(STARTS)}, but it is {given['start']!r}.")
     if "t1" in given:
         given = given | {"t1": to_si(given["t1"], "s", "`--t1`")}
     options = DEFAULTS | scene | given
@@ -105,6 +109,8 @@ def _bar() -> Progress:
 def _report(mechanism, result, dataset) -> None:
     import numpy as np
 
+    from clearance_jax.results.first_fall import loads
+
     solution = result.solution
     console.print(
         f"[bold]{escape(mechanism.name)}[/bold]: {dataset.attrs['result']} at t = {result.time[-1]:.6g} s, "
@@ -112,9 +118,9 @@ def _report(mechanism, result, dataset) -> None:
         f"energy residual {float(solution.energy_residual):.1e}"
     )
     if "peak_force" in dataset:
-        count = dataset.sizes["episode"]
-        peak = float(dataset["peak_force"].max()) if count else 0.0
-        console.print(f"{count} contact episodes, largest force {peak:.6g} N")
+        found = loads(dataset)
+        said = "the surfaces never meet" if found is None else found
+        console.print(f"{dataset.sizes['episode']} contact episodes, {said}", soft_wrap=True)
     if "point" in dataset.coords:
         for point in dataset["point"].values:
             speed = np.hypot(*dataset["velocity"].sel(point=point).values.T).max()

@@ -29,7 +29,7 @@ class ToleranceProblem:
     - `conditions`: name of the condition -> values by parameter name (speeds, loads, friction, phases), or a sequence
       of such values; every limit must hold in each. None: the mechanism as it is.
     - `manufacture`: how parts come out of manufacture, a `Band` or a `Yield`; None: as designed.
-    - `options`: `simulate`'s `t0`, `rtol`, `solver`, `max_steps`.
+    - `options`: `simulate`'s `t0`, `rtol`, `solver`, `start`, `max_steps`.
 
     All of it in one form is its `specification`.
 

@@ -7,7 +7,7 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
-from clearance_jax.analysis.measure import Function, as_metric
+from clearance_jax.analysis.measure import Function, as_metric, begin_of
 from clearance_jax.analysis.metrics import AbstractMetric, Peak
 from clearance_jax.design.manufacture import Band, Yield
 from clearance_jax.errors import ClearanceError
@@ -18,7 +18,7 @@ from clearance_jax.solve.settings import Settings, SolveOptions, settings_of
 # Peaks that are limits each: where the highest changes place, the next one has been watched already.
 PEAKS = 3
 # What a designer may say of the solves.
-KNOWN = ("t0", "rtol", "solver", "max_steps")
+KNOWN = ("t0", "rtol", "solver", "start", "max_steps")
 
 
 class Limit(eqx.Module):
@@ -46,8 +46,9 @@ class Limit(eqx.Module):
     @property
     def simulation_metric(self) -> AbstractMetric:
         """The metric that is solved for: of a peak some more peaks too."""
-        single = isinstance(self.metric, Peak) and self.metric.count == 1
-        return Peak(self.metric.signal, PEAKS) if isinstance(self.metric, Peak) and single else self.metric
+        if isinstance(self.metric, Peak) and self.metric.count == 1:
+            return dataclasses.replace(self.metric, count=PEAKS)
+        return self.metric
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -68,7 +69,9 @@ class Specification:
     options: SolveOptions
 
     def __post_init__(self):
-        self.settings()
+        settings = self.settings()
+        for limit in self.limits:
+            begin_of(getattr(limit.metric, "since", None), self.t1, settings)
         if self.manufacture is not None:
             self.manufacture.check()
         if not self.variables or not self.limits:

@@ -7,9 +7,10 @@ from clearance_jax._types import Scalar
 from clearance_jax.dynamics.energy import BOOKS, driving, energies, read_books
 from clearance_jax.dynamics.equations import Balance, balance
 from clearance_jax.dynamics.inertia import Extra
+from clearance_jax.dynamics.reactions import reactions
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import State, layout
-from clearance_jax.spatial import Term, Vector, add, as_array, scale, subtract
+from clearance_jax.spatial import Term, add, as_array
 
 
 def observe(time: Scalar, y: Array, mechanism: Mechanism) -> dict[str, Array]:
@@ -74,37 +75,3 @@ def coordinate_values(mechanism: Mechanism, time: Scalar, state: State) -> dict[
             q.append(now[0])
             v.append(now[1])
     return {"q": as_array(q), "v": as_array(v)}
-
-
-def reactions(mechanism: Mechanism, now: Balance) -> list[Vector]:
-    """World force on the child in every joint, tree then loops, by the momentum of what hangs on it."""
-    extra = Extra(now.acceleration)
-    by_name = dict(zip(now.actions, now.pairs, strict=False))
-    closing = dict(zip([j.name for j in mechanism.closures()], now.closing, strict=True))
-    out: list[Vector] = []
-    for joint in mechanism.joints:
-        if joint.name in now.actions:
-            out.append(by_name[joint.name].force)
-            continue
-        beyond = descendants(mechanism, joint.child)
-        force: Vector = (0.0, 0.0)
-        for body in mechanism.bodies:
-            if body.name in beyond and body.mass is not None:
-                frame = now.motion[body.name]
-                centre = frame.point(body.center_of_mass.vector)
-                acceleration = add(frame.acceleration_at(centre), extra.at(frame, centre))
-                force = add(force, scale(body.mass, subtract(acceleration, mechanism.gravity.vector)))
-        for pair in (*now.pairs, *now.closing):
-            inside = (pair.child in beyond) - (pair.parent in beyond)
-            force = subtract(force, scale(float(inside), pair.force))
-        out.append(force)
-    return out + [(by_name | closing)[loop.name].force for loop in mechanism.loops]
-
-
-def descendants(mechanism: Mechanism, body: str) -> set[str]:
-    """A body and every body that hangs on it."""
-    beyond = {body}
-    for joint in mechanism.joints:
-        if joint.parent in beyond:
-            beyond.add(joint.child)
-    return beyond

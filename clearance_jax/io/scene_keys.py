@@ -13,6 +13,7 @@ from clearance_jax.laws import FRICTION_LAWS, NORMAL_LAWS, InternalHertz
 from clearance_jax.mechanism.body import Body, ConstantEffort, JointSpring, Motion, Point, Servo, Spring
 from clearance_jax.mechanism.drives import ConstantSpeed, Harmonic, Spline, Step5Sum, StepSum
 from clearance_jax.mechanism.tree import Fixed, Prismatic, Revolute
+from clearance_jax.solve.attempt import STARTS
 from clearance_jax.solve.settings import MOST_SAMPLES, SOLVERS
 
 DRIVES = {"constant-speed": ConstantSpeed, "step": StepSum, "step5": Step5Sum, "harmonic": Harmonic, "spline": Spline}
@@ -73,6 +74,13 @@ SOLVE = Keys(
         ),
         Whole("samples", "number of output times", "2001", least=2, most=MOST_SAMPLES, absent="1001"),
         Word("solver", "the solver: `dopri8` for rtol below 1e-8", '"dopri8"', allowed=tuple(SOLVERS), absent="tsit5"),
+        Word(
+            "start",
+            "where pins start: in the middle of their sleeves, or at the walls where the joints' forces press them",
+            '"settled"',
+            allowed=STARTS,
+            absent="centre",
+        ),
     ),
 )
 

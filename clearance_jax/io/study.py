@@ -80,6 +80,7 @@ def _study(path: Path, top: Table, text: str) -> Study:
         manufacture=_manufacture(top.chosen("manufacture", MANUFACTURE_TABLES)) if top.has("manufacture") else None,
         rtol=solve.get("rtol") or scene.solve.get("rtol", 1e-8),
         solver=solve.get("solver") or scene.solve.get("solver", "tsit5"),
+        start=scene.solve.get("start", "centre"),
         t0=span.t0,
     )
     search = {"method": solve.get("method"), **solve.given("method", "rtol", "solver")}
@@ -163,6 +164,8 @@ def _limit(name: str, read: Chosen, mechanism: Mechanism, span: Span) -> Limit:
         word = table.get("signal")
         signal = SIGNALS[word](**_of(SIGNALS[word], word, table, mechanism))
         metric = REDUCTIONS[kind](signal, *([_times(table, span)] if kind == "at" else []))
+    if kind != "at" and table.has("since"):
+        metric = dataclasses.replace(metric, since=_since(table, span))
     return Limit(metric, table.get("bound", {METRIC: metric.unit}), name)
 
 
@@ -173,7 +176,7 @@ def _of(cls: type, word: str, table: Table, mechanism: Mechanism) -> dict[str, s
         "body": [body.name for body in mechanism.bodies],
         "joint": [joint.name for joint in mechanism.clearance_joints()],
     }
-    wanted = {field.name for field in dataclasses.fields(cls)}
+    wanted = {field.name for field in dataclasses.fields(cls)} & set(OF)
     for key in (key for key in OF if key in table.values and key not in wanted):
         raise ClearanceError(f"{table.key(key)} has no effect: `{word}` is of a {' and a '.join(wanted)}. Remove it.")
     found = {}
@@ -197,6 +200,15 @@ def _times(table: Table, span: Span) -> list[float]:
             f"{quoted(times)} s."
         )
     return times
+
+
+def _since(table: Table, span: Span) -> float:
+    since = table.get("since")
+    if not span.t0 <= since < span.t1:
+        raise ClearanceError(
+            f"{table.key('since')} must lie between t0 = {span.t0:g} s and t1 = {span.t1:g} s, but it is {since:g} s."
+        )
+    return since
 
 
 # Manufacture ---------------------------------------------------------------------------------------------------------

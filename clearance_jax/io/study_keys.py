@@ -188,6 +188,7 @@ _METRIC = Word("metric", "what of the motion is bounded", '"peak"', allowed=(*RE
 _BOUND = Quantity("bound", "what it must not exceed", '"0.2 mm"', unit=METRIC, bounds=_POSITIVE, required=True)
 _SIGNAL = Word("signal", "the signal that it is of", '"position-error"', allowed=tuple(SIGNALS), required=True)
 _TIMES = Quantities("times", "the times, increasing, from t0 to t1", '["0.5 ms", "1 ms"]', unit="s", required=True)
+_SINCE = Quantity("since", "only what comes later counts", '"4 ms"', unit="s", absent="the start")
 # What a signal or a count is of; which of them it wants, its class says.
 OF = {
     "point": Text("point", "the point, of position-error, path-deviation and acceleration", '"piston"'),
@@ -203,14 +204,15 @@ def _limit(metric: str, help: str, *keys, bound: str = _BOUND.example) -> Keys:
 
 LIMIT_TABLES = {
     **{
-        name: _limit(name, summary(reduction), _SIGNAL, *OF.values(), *([_TIMES] if name == "at" else []))
+        name: _limit(name, summary(reduction), _SIGNAL, *OF.values(), _TIMES if name == "at" else _SINCE)
         for name, reduction in REDUCTIONS.items()
     },
-    "energy-lost": _limit("energy-lost", summary(metrics.EnergyLost), bound='"1 J"'),
+    "energy-lost": _limit("energy-lost", summary(metrics.EnergyLost), _SINCE, bound='"1 J"'),
     "impacts": _limit(
         "impacts",
         summary(metrics.Impacts),
         dataclasses.replace(OF["joint"], help="the joint", required=True),
+        _SINCE,
         bound="3",
     ),
 }

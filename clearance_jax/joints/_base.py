@@ -17,7 +17,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from clearance_jax._types import Scalar
+from clearance_jax._numerics import safe_unit
+from clearance_jax._types import Flag, Scalar
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Touch
 from clearance_jax.laws._base import Memory, PreparedFriction, PreparedNormal, Slip
 from clearance_jax.laws.geometry import Local
@@ -120,6 +121,10 @@ class AbstractClearance(Parametrised):
     def points(self, at: Relative) -> tuple[ContactPoint, ...]:
         """Its contact points."""
 
+    @abc.abstractmethod
+    def travel(self, along: Vector) -> Scalar:
+        """How far the pin's centre may go from the sleeve's along a direction before it touches [m]."""
+
     def prepared(self) -> "PreparedClearance":
         """The joint with its laws' constants (once a solve)."""
         geometry = self.geometry()
@@ -150,6 +155,31 @@ def each(function: Callable, *sequences):
     ]
     out = jax.vmap(function)(*stacked)
     return tuple(jax.tree.map(lambda x, i=i: x[i], out) for i in range(len(sequences[0])))
+
+
+# A force that would press a pin less deep than this part of its play is round-off: it does not say where.
+TOUCHING = 1e-9
+# Newton iterations for a depth; the longest of them, in powers of e.
+SEARCH, STRIDE = 16, 5.0
+
+
+def depth_of(borne: Callable[[Scalar], Scalar], force: Scalar, start: Scalar) -> Scalar:
+    """The penetration at which a joint bears a force > 0, by Newton in logarithms, in which every power law is a
+    straight line.
+
+    Differentiable twice, though the slope is hidden from differentiation: at the solution each iteration makes the
+    derivatives of the next order right.
+    """
+
+    def newton(_, logarithm):
+        depth = jnp.exp(logarithm)
+        now, stiffness = borne(depth), jax.lax.stop_gradient(jax.grad(borne)(jax.lax.stop_gradient(depth)))
+        presses = (now > 0) & (stiffness > 0)
+        now, stiffness = jnp.where(presses, now, force), jnp.where(presses, stiffness, 1.0)
+        step = jnp.log(now / force) * jax.lax.stop_gradient(now / (stiffness * depth))
+        return logarithm - jnp.where(presses, jnp.clip(step, -STRIDE, STRIDE), -1.0)
+
+    return jnp.exp(jax.lax.fori_loop(0, SEARCH, newton, jnp.log(start)))
 
 
 class PreparedClearance(eqx.Module):
@@ -244,6 +274,24 @@ class PreparedClearance(eqx.Module):
         if self.friction is not None:
             rest = self.friction.latch(rest, touch)
         return (*own, *rest, jnp.where(touching, 1.0, 0.0))
+
+    def seat(self, force: Vector) -> tuple[Vector, Flag]:
+        """Where in its sleeve the pin is at rest under a force that the sleeve exerts on it [N], in the sleeve's axes:
+        pressed against the wall so deep that the joint, without friction, gives this force; and whether the force
+        presses it at all.
+        """
+        size, x, y = safe_unit(*(jnp.asarray(component, float) for component in force))
+        wall = -x, -y
+        free, still = self.joint.travel(wall), tuple(jnp.zeros(()) for _ in self.remembers)
+        smooth = PreparedClearance(self.joint, self.normal, None)
+
+        def borne(depth):
+            at = Relative(scale(free + depth, wall), 0.0, (0.0, 0.0), 0.0)
+            return -jnp.asarray(dot(smooth.act(at, still).force, wall), float)
+
+        loaded = size > 0
+        depth = depth_of(borne, jnp.where(loaded, size, 1.0), free)
+        return scale(free + depth, wall), loaded & (depth > TOUCHING * free)
 
     def depths(self, at: Relative) -> tuple[Array, Array]:
         """Penetration [m] and its rate [m/s] at every point, shape (points,) each."""

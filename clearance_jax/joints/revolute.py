@@ -78,3 +78,6 @@ class RevoluteClearance(AbstractClearance):
             arm=scale(reach, normal),
         )
         return (point,)
+
+    def travel(self, along):
+        return self.radial_clearance

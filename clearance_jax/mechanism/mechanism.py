@@ -1,6 +1,7 @@
 """The mechanism: bodies, the tree of joints, loops, springs, points, gravity."""
 
-from collections.abc import Iterator, Sequence
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -9,10 +10,10 @@ from jaxtyping import Array
 
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.joints import AbstractClearance, PreparedClearance
-from clearance_jax.mechanism.body import GROUND, Body, Gravity, Point, Spring
+from clearance_jax.mechanism.body import GROUND, Body, Gravity, Point, Position, Spring
 from clearance_jax.mechanism.tree import AbstractJoint, Coordinate, Revolute
 from clearance_jax.parameters import replace
-from clearance_jax.spatial import ZERO, Vector, add, scale
+from clearance_jax.spatial import IDENTITY, ZERO, Vector, add, is_zero, rotation_of, scale
 
 NO_GRAVITY = Gravity()
 
@@ -169,7 +170,13 @@ class Mechanism(eqx.Module):
 
     def ideal(self) -> "Mechanism":
         """The same mechanism with every clearance taken away."""
-        return self._with_joints(lambda joint: _without_clearance(joint))
+        return self.held({})
+
+    def held(self, places: Mapping[str, Vector]) -> "Mechanism":
+        """The ideal mechanism whose pins are held at the given places of their sleeves [m], in the sleeves' axes (one
+        that is not named: in the middle).
+        """
+        return self._with_joints(lambda joint: _without_clearance(joint, places.get(joint.name, ZERO)))
 
     def with_clearance(self, name: str, clearance: AbstractClearance | None = None, *, radial: Any = None):
         """The same mechanism with clearance in joint `name`.
@@ -209,10 +216,16 @@ class Mechanism(eqx.Module):
         return self._with_joints(lambda joint: joint.prepared())
 
 
-def _without_clearance(joint: AbstractJoint) -> AbstractJoint:
-    if isinstance(joint, Revolute) and joint.clearance is not None:
-        return eqx.tree_at(lambda j: j.clearance, joint, None)
-    return joint
+def _without_clearance(joint: AbstractJoint, place: Vector) -> AbstractJoint:
+    if not isinstance(joint, Revolute) or joint.clearance is None:
+        return joint
+    ideal = eqx.tree_at(lambda j: j.clearance, joint, None)
+    if is_zero(place[0]) and is_zero(place[1]):
+        return ideal
+    # The sleeve's axes are the parent's, turned by the joint's own angle.
+    turned = IDENTITY if joint.angle is None else rotation_of(joint.angle)
+    x, y = (jnp.asarray(term) for term in add(joint.at_parent.vector, turned.apply(place)))
+    return dataclasses.replace(ideal, at_parent=Position(x, y))
 
 
 def drive_breaks(mechanism: Mechanism) -> Array:

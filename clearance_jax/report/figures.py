@@ -7,9 +7,14 @@ import matplotlib as mpl
 import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from clearance_jax.errors import ClearanceError
+from clearance_jax.report.curves import envelope, flights
+from clearance_jax.results.first_fall import seconds
 
+# Ticks of a time axis at most; columns of a picture in which a curve is no longer told from its envelope.
+TICKS, COLUMNS = 6, 500
 STATES = (("free", "tab:blue"), ("contact", "tab:green"), ("impact", "tab:red"))
 
 
@@ -41,30 +46,50 @@ def overview(dataset: xr.Dataset) -> Figure:
     return figure
 
 
-def _seconds(dataset: xr.Dataset) -> tuple[np.ndarray, str]:
-    t = dataset["time"].values
-    return (t * 1e3, "time, ms") if t[-1] < 0.2 else (t, "time, s")
+def _clock(axis, dataset: xr.Dataset) -> float:
+    """A time axis in ms or s with few ticks; what seconds are to be multiplied by."""
+    brief = float(dataset["time"][-1]) < 0.2
+    axis.set_xlabel("time, ms" if brief else "time, s")
+    axis.xaxis.set_major_locator(MaxNLocator(TICKS - 1))
+    return 1e3 if brief else 1.0
+
+
+def _curve(axis, time: np.ndarray, values: np.ndarray, label: str) -> str:
+    """A curve, or where it has far more points than the picture has columns its envelope; its colour."""
+    if len(time) <= 2 * COLUMNS:
+        return axis.plot(time, values, lw=0.8, label=label)[0].get_color()
+    middles, least, greatest = envelope(time, values, COLUMNS)
+    colour = axis.plot(middles, greatest, lw=0.8, label=label)[0].get_color()
+    axis.plot(middles, least, lw=0.8, color=colour)
+    axis.fill_between(middles, least, greatest, color=colour, alpha=0.3, lw=0)
+    return colour
+
+
+def _of_joint(dataset: xr.Dataset, joint: str, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Times and values in a joint: at the step ends where these are known, which no oscillation escapes."""
+    step = f"step_{name.removeprefix('contact_')}"
+    time, known = ("step_time", step) if step in dataset else ("time", name)
+    return dataset[time].values, dataset[known].sel(joint=joint).values
 
 
 def _eccentricity(axis, dataset: xr.Dataset) -> None:
-    t, label = _seconds(dataset)
+    factor = _clock(axis, dataset)
     for joint in dataset["joint"].values:
-        e = np.hypot(*dataset["eccentricity"].sel(joint=joint).values.T) * 1e3
-        (line,) = axis.plot(t, e, lw=0.8, label=f"{joint}")
+        time, places = _of_joint(dataset, joint, "eccentricity")
+        colour = _curve(axis, factor * time, np.hypot(*places.T) * 1e3, str(joint))
         clearance = dataset.attrs.get(f"parameter.{joint}.radial_clearance")
         if clearance is not None:
-            axis.axhline(float(clearance) * 1e3, color=line.get_color(), ls="--", lw=0.8, alpha=0.7)
-    axis.set(xlabel=label, ylabel="eccentricity, mm", title="(a) pin from sleeve centre (dashed: clearance)")
+            axis.axhline(float(clearance) * 1e3, color=colour, ls="--", lw=0.8, alpha=0.7)
+    axis.set(ylabel="eccentricity, mm", title="(a) pin from sleeve centre (dashed: clearance)")
     if dataset.sizes["joint"] > 1:
         axis.legend()
 
 
 def _force(axis, dataset: xr.Dataset) -> None:
-    t, label = _seconds(dataset)
-    factor = 1e3 if t[-1] > dataset["time"].values[-1] * 10 else 1.0
+    factor = _clock(axis, dataset)
     for index, joint in enumerate(dataset["joint"].values):
-        force = dataset["contact_force"].sel(joint=joint).values
-        (line,) = axis.plot(t, force, lw=0.8, label=f"{joint}")
+        time, force = _of_joint(dataset, joint, "contact_force")
+        colour = _curve(axis, factor * time, force, str(joint))
         if "peak_force" in dataset:
             own = dataset["episode_joint"].values == index
             axis.plot(
@@ -72,11 +97,11 @@ def _force(axis, dataset: xr.Dataset) -> None:
                 dataset["peak_force"].values[own],
                 "v",
                 ms=4,
-                color=line.get_color(),
+                color=colour,
                 mfc="none",
                 label="refined peaks" if index == 0 else None,
             )
-    axis.set(xlabel=label, ylabel="normal force, N", title="(b) contact force", ylim=(0, None))
+    axis.set(ylabel="normal force, N", title="(b) contact force", ylim=(0, None))
     _fit_peaks(axis, dataset)
     axis.legend()
 
@@ -92,7 +117,7 @@ def _fit_peaks(axis, dataset: xr.Dataset) -> None:
         axis.text(
             0.5,
             0.97,
-            f"largest peak {peak:.4g} N at {float(dataset['peak_time'][largest]):.4g} s (above the axis)",
+            f"largest peak {peak:.4g} N at {seconds(float(dataset['peak_time'][largest]))} (above the axis)",
             transform=axis.transAxes,
             ha="center",
             va="top",
@@ -101,28 +126,30 @@ def _fit_peaks(axis, dataset: xr.Dataset) -> None:
 
 
 def _point(axis, dataset: xr.Dataset, name: str, ylabel: str) -> None:
-    t, label = _seconds(dataset)
-    point = ""
-    for point in dataset["point"].values:
-        axis.plot(t, np.hypot(*dataset[name].sel(point=point).values.T), lw=0.8, label=f"{point}")
-    axis.set(xlabel=label, ylabel=ylabel, title=f"{'(c)' if name == 'velocity' else '(d)'} {name} of {point}")
+    factor = _clock(axis, dataset)
+    points = [str(point) for point in dataset["point"].values]
+    for point in points:
+        size = np.hypot(*dataset[name].sel(point=point).values.T)
+        _curve(axis, factor * dataset["time"].values, size, point)
+    axis.set(ylabel=ylabel, title=f"{'(c)' if name == 'velocity' else '(d)'} {name} of {', '.join(points)}")
+    if len(points) > 1:
+        axis.legend()
 
 
 def pin_path(axis, dataset: xr.Dataset, joint: str) -> None:
     """The pin centre's path inside the clearance circle, coloured by contact state."""
     here = dataset.sel(joint=joint)
-    # Step ends show an impact that is shorter than the time between samples; the shares are those of time.
-    places, states = (
-        ("step_eccentricity", "step_state") if "step_state" in dataset else ("eccentricity", "contact_state")
-    )
-    x, y = here[places].values.T * 1e6
-    axis.plot(x, y, lw=0.4, color="0.75", zorder=1)
+    time, places, states = _path(here)
+    x, y = places.T * 1e6
     for code, (name, colour) in enumerate(STATES):
-        chosen = here[states].values == code
+        chosen = states == code
         if np.any(chosen):
             share = np.mean(here["contact_state"].values == code)
             label = f"{name} ({share:.0%})" if share >= 0.005 else f"{name} (< 1%)"
-            axis.plot(x[chosen], y[chosen], ".", ms=3, color=colour, label=label, zorder=2 + code)
+            if name == "free":
+                axis.plot(*flights(time, places, chosen).T * 1e6, lw=0.6, color=colour, label=label, zorder=1)
+            else:
+                axis.plot(x[chosen], y[chosen], ".", ms=3, color=colour, label=label, zorder=2 + code)
     clearance = dataset.attrs.get(f"parameter.{joint}.radial_clearance")
     if clearance is not None:
         angle = np.linspace(0, 2 * np.pi, 361)
@@ -131,6 +158,19 @@ def pin_path(axis, dataset: xr.Dataset, joint: str) -> None:
     axis.set_aspect("equal", adjustable="box")
     axis.set(xlabel="e_x, µm", ylabel="e_y, µm", title=f"pin centre in the sleeve of {joint}")
     axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncol=2, fontsize=8)
+
+
+def _path(here: xr.Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times, places and contact states of one joint: at the samples, and at the step ends where these are known (an
+    impact may be shorter than the time between samples, a flight's step longer).
+    """
+    names = [("time", "eccentricity", "contact_state")]
+    if "step_state" in here:
+        names.append(("step_time", "step_eccentricity", "step_state"))
+    columns = zip(*names, strict=True)
+    time, places, states = (np.concatenate([here[name].values for name in column]) for column in columns)
+    time, order = np.unique(time, return_index=True)
+    return time, places[order], states[order]
 
 
 def save_figure(figure: Figure, path) -> None:

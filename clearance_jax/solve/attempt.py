@@ -17,10 +17,13 @@ from clearance_jax.solve.problem import Problem
 from clearance_jax.solve.step import Trial, try_step
 from clearance_jax.solve.tableau import tableau_of
 
+# Where pins start: in the middle of their sleeves (at their `eccentricity`), or at the wall that they are pressed to.
+STARTS = CENTRE, SETTLED = "centre", "settled"
+
 
 class Options(NamedTuple):
     """What a solve is compiled for: `simulate`'s choices. `solver`: a diffrax Runge-Kutta solver; `observers`: see
-    every accepted step, see `observers.AbstractObserver`.
+    every accepted step, see `observers.AbstractObserver`; `start`: one of `STARTS`.
     """
 
     solver: Any
@@ -29,6 +32,7 @@ class Options(NamedTuple):
     max_steps: int
     derivatives: str = "controlled"
     observers: tuple = ()
+    start: str = CENTRE
 
 
 def means_of(options: Options, allowed) -> Means:

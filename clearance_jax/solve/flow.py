@@ -17,11 +17,12 @@ from jaxtyping import Array, Float
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.closures import assembled, projected
 from clearance_jax.dynamics.energy import energy_residual, opened_books
+from clearance_jax.dynamics.settled import settled_start
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism, drive_breaks
 from clearance_jax.mechanism.state import layout
 from clearance_jax.parameters import bounds_hold
-from clearance_jax.solve.attempt import Options
+from clearance_jax.solve.attempt import CENTRE, SETTLED, Options
 from clearance_jax.solve.codes import code_of
 from clearance_jax.solve.driver import integrate
 from clearance_jax.solve.observers import Picked
@@ -238,7 +239,7 @@ def problem_of(
     def begin(varied):
         mechanism, y0, integrands = varied
         problem = Problem(mechanism.prepared(), integrands, None, options.books)
-        start, opened = initial(problem, inputs.t0, y0)
+        start, opened = initial(problem, inputs.t0, y0, options.start)
         return problem.model, start, opened
 
     if directions is None:
@@ -263,30 +264,35 @@ def _numbers(varied: tuple) -> tuple[tuple, Any]:
     return (mechanism, integrands), y0
 
 
-def initial(problem: Problem, t0: Scalar, y0: Array | None) -> tuple[Array, Float[Array, " loops"]]:
+def initial(
+    problem: Problem, t0: Scalar, y0: Array | None, start: str = CENTRE
+) -> tuple[Array, Float[Array, " loops"]]:
     """The state at t0 with its quadratures, and how far each loop is open."""
     size, mechanism = problem.size, problem.mechanism
     opened = jnp.zeros(0)
     if y0 is None:
-        y0, opened = closed_start(mechanism, t0)
+        y0, opened = closed_start(mechanism, t0, start)
     books = []
     if problem.books:
         books = [y0[size:] if y0.shape[0] > size else opened_books(t0, y0, mechanism)]
     return jnp.concatenate([y0[:size], *books, jnp.zeros(sum(widths(problem)))]), opened
 
 
-def initial_state(mechanism: Mechanism, t0: Scalar) -> Array:
+def initial_state(mechanism: Mechanism, t0: Scalar, start: str = CENTRE) -> Array:
     """The state `[q, v, memory]` at t0 of a prepared mechanism, see `closed_start`."""
-    return closed_start(mechanism, t0)[0]
+    return closed_start(mechanism, t0, start)[0]
 
 
-def closed_start(mechanism: Mechanism, t0: Scalar) -> tuple[Array, Float[Array, " loops"]]:
+def closed_start(mechanism: Mechanism, t0: Scalar, start: str = CENTRE) -> tuple[Array, Float[Array, " loops"]]:
     """The state at t0: the given initial values, then the nearest ones at which every loop is assembled; and how far
     each loop is open [m] (of a mechanism that is not to be assembled, none).
 
     Every joint with clearance starts with its pin at `eccentricity` in the sleeve and at rest relative to it, that is,
-    with the positions and velocities of the ideal mechanism.
+    with the positions and velocities of the ideal mechanism; or, where the `start` is to be settled, pressed at the
+    wall (see `settled_start`).
     """
+    if start == SETTLED and mechanism.clearance_joints():
+        return settled_start(t0, mechanism)
     free = mechanism.free_coordinates()
     q = [jnp.asarray(c.motion.position, dtype=float) for c in free]
     v = [jnp.asarray(c.motion.velocity, dtype=float) for c in free]

@@ -100,6 +100,8 @@ class PeakFinder(AbstractObserver):
     count: int = eqx.field(static=True)
     span: Any = jnp.inf
     """Length of the motion [s]."""
+    since: Any = None
+    """From when on peaks count [s] (`None`: from the start)."""
 
     @property
     def longest(self):
@@ -116,24 +118,38 @@ class PeakFinder(AbstractObserver):
     def __call__(self, record, times, ends, problem):
         (t0, t1), h, plan = times, times[1] - times[0], layout(problem.mechanism)
         own = tuple(motion(problem, end) for end in ends)
+        skipped = 0.0 if self.since is None else jnp.clip((self.since - t0) / h, 0.0, 1.0)
+
+        def inside(s):
+            """Place in the step of a place in the part of it that counts."""
+            return s if self.since is None else skipped + (1 - skipped) * s
 
         def at(s):
             def along(s):
-                now = self.signal(t0 + s * h, between(own, h, s, plan), problem.mechanism)
+                x = inside(s)
+                now = self.signal(t0 + x * h, between(own, h, x, plan), problem.mechanism)
                 return jnp.asarray(now, float)
 
             return jax.jvp(along, (s,), (jnp.ones_like(s),))
 
         s = jnp.linspace(0.0, 1.0, PIECES + 1)
         value, slope = jax.vmap(at)(s)
+        if self.since is not None:
+            # As at the start of the motion: a signal that falls from here peaks here.
+            opens = (self.since >= t0) & (self.since < t1)
+            opened = t0 + skipped * h, value[0], jnp.asarray(jnp.inf), between(ends, h, skipped, plan)
+            now = jax.tree.map(lambda a, b: jnp.where(opens, a, b), opened, record[1:])
+            record = PeakRecord(record.peaks, *now)
         before, rising = record.value, record.slope > 0
         falls, jump = slope[0] <= 0, 1e-9 * (jnp.abs(before) + jnp.abs(value[0]))
         left = rising & (before >= value[0]) & (falls | (before - value[0] > jump))
         right = falls & (value[0] > before) & (rising | (value[0] - before > jump))  # the higher side of a jump
-        height = jnp.where(left | right, jnp.maximum(before, value[0]), -jnp.inf)
+        counts = True if self.since is None else t1 > self.since
+        height = jnp.where(counts & (left | right), jnp.maximum(before, value[0]), -jnp.inf)
         between_steps = jnp.where(right, t0, record.time), height, jnp.where(right, ends[0], record.y)
 
         place, height, bend = tops(value, slope / PIECES)
+        height = jnp.where(counts, height, -jnp.inf)
 
         def refined(k):
             # One Newton step on the signal's own slope; a jump (no bend) stays where it is.
@@ -142,7 +158,7 @@ class PeakFinder(AbstractObserver):
             moved = jnp.clip(place[k] + moved, 0.0, 1.0) - place[k]
             found = jnp.where(jnp.isfinite(height[k]), here + 0.5 * rate / PIECES * moved, -jnp.inf)
             # Where a peak is has no derivative here: the signal's at a fixed time is the peak's.
-            x = jax.lax.stop_gradient((k + place[k] + moved) / PIECES)
+            x = jax.lax.stop_gradient(inside((k + place[k] + moved) / PIECES))
             return t0 + x * h, found, between(ends, h, x, plan)
 
         best = jnp.argmax(height)[None] if self.count == 1 else jnp.arange(PIECES)
@@ -196,6 +212,8 @@ class TouchCounter(AbstractObserver):
     """Counts impacts of a joint (by its place among the clearance joints) and sees how near to grazing they come."""
 
     joint: int = eqx.field(static=True)
+    since: Any = None
+    """From when on they count [s] (`None`: from the start)."""
 
     def start(self, t0, y0, problem):
         return Touches(jnp.zeros((), int), jnp.asarray(jnp.inf), jnp.asarray(jnp.inf))
@@ -215,6 +233,8 @@ class TouchCounter(AbstractObserver):
         # The cubic through both ends of a step that stays apart has its top where the surfaces come nearest.
         _, height, _ = tops(value, (t1 - t0) * slope)
         missed = jnp.all(depth <= 0) & jnp.isfinite(height[0])
+        if self.since is not None:
+            met, missed = met & (t1 > self.since), missed & (t1 > self.since)
         return Touches(
             record.count + met,
             jnp.where(met, jnp.minimum(record.slowest, slope[1]), record.slowest),

@@ -131,15 +131,16 @@ def push(function, tree: Any, directions: Any) -> tuple[Any, Any]:
     def of(v):
         return function(eqx.combine(v, fixed))
 
-    value = of(varied)
-    shape = jax.tree.structure(eqx.filter(value, eqx.is_inexact_array))
+    numbers, rest = eqx.partition(of(varied), eqx.is_inexact_array)
+    shape = jax.tree.structure(numbers)
 
     def flat(v):
         return jax.tree.leaves(eqx.filter(of(v), eqx.is_inexact_array))
 
-    rates = jax.vmap(lambda d: jax.jvp(flat, (varied,), (d,))[1])(directions)
+    # The value that goes with the rates, not that of the call above: what is computed twice is compiled twice.
+    value, rates = jax.vmap(lambda d: jax.jvp(flat, (varied,), (d,)), out_axes=(None, 0))(directions)
     kept = [r if moved else None for r, moved in zip(rates, _dependent(flat, varied), strict=True)]
-    return value, jax.tree.unflatten(shape, kept)
+    return eqx.combine(jax.tree.unflatten(shape, value), rest), jax.tree.unflatten(shape, kept)
 
 
 def moves(function, problem: Problem) -> bool:

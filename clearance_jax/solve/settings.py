@@ -18,7 +18,7 @@ from clearance_jax.errors import ClearanceError, quoted, require_float64, sugges
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.parameters import check_values
-from clearance_jax.solve.attempt import Options
+from clearance_jax.solve.attempt import CENTRE, STARTS, Options
 
 # Output times at most: of each some hundred numbers are kept, together a gigabyte.
 MOST_SAMPLES = 1_000_000
@@ -35,6 +35,9 @@ class SolveOptions(TypedDict, total=False):
     - `atol`: overrides them, one number per state component `[q, v, memory]`.
     - `solver`: "tsit5", "dopri8" (for rtol below 1e-8) or an explicit diffrax Runge-Kutta solver.
     - `y0`: start from this state, shape (n,), instead of the mechanism's initial one.
+    - `start`: "centre": every pin starts in the middle of its sleeve (or at its `eccentricity`) and falls; "settled":
+      pressed at the wall where the ideal joint's reaction puts it, and riding along with the motion. A pin that nothing
+      presses starts in the middle all the same. Without effect where `y0` is given.
     - `watch`: end steps at every switch of the contact laws. Off: the plain PID controller, whose error has a floor.
     - `books`: integrate work and losses, for `energy_residual`.
     - `derivatives`: "controlled": a differentiated solve carries the derivatives in its state and in its error control;
@@ -49,6 +52,7 @@ class SolveOptions(TypedDict, total=False):
     atol: Any
     solver: Any
     y0: Any
+    start: str
     watch: bool
     books: bool
     derivatives: str
@@ -64,6 +68,7 @@ class Settings(NamedTuple):
     atol: Array | None = None
     solver: Any = "tsit5"
     y0: Array | None = None
+    start: str = CENTRE
     watch: bool = True
     books: bool = False
     derivatives: str = "controlled"
@@ -72,7 +77,7 @@ class Settings(NamedTuple):
     def compiled(self, observers: tuple = ()) -> Options:
         """What a solve is compiled for."""
         solver = SOLVERS[self.solver]() if isinstance(self.solver, str) else self.solver
-        return Options(solver, self.watch, self.books, self.max_steps, self.derivatives, observers)
+        return Options(solver, self.watch, self.books, self.max_steps, self.derivatives, observers, self.start)
 
 
 ALL = Settings._fields
@@ -93,10 +98,12 @@ def settings_of(
     check_arguments(mechanism, asked.t0, t1, asked.rtol, asked.solver)
     if asked.derivatives not in DERIVATIVES:
         raise ClearanceError(f"There are no derivatives {asked.derivatives!r}. Allowed: {', '.join(DERIVATIVES)}.")
+    if asked.start not in STARTS:
+        raise ClearanceError(f"`start` must be {' or '.join(STARTS)}, but it is {quoted(asked.start)}.")
     t0, t1, rtol = (jnp.asarray(x, float) for x in (asked.t0, t1, asked.rtol))
     atol = None if asked.atol is None else jnp.asarray(asked.atol, float)
     return asked._replace(
-        t0=t0, rtol=rtol, atol=atol, y0=_start(mechanism, asked.y0), save_at=_times(asked.save_at, t0, t1)
+        t0=t0, rtol=rtol, atol=atol, y0=_initial(mechanism, asked.y0), save_at=_times(asked.save_at, t0, t1)
     )
 
 
@@ -135,7 +142,7 @@ def _number(name: str, value: Any) -> Any:
         raise ClearanceError(f"`{name}` must be one number, but it is {quoted(value)}.") from None
 
 
-def _start(mechanism: Mechanism, y0: Any) -> Array | None:
+def _initial(mechanism: Mechanism, y0: Any) -> Array | None:
     """The given initial state, of which it is seen that it has the mechanism's shape; energy books may follow it."""
     if y0 is None:
         return None

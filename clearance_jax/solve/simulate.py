@@ -31,7 +31,7 @@ def simulate(mechanism: Mechanism, t1: Any, *, throw: bool = True, **options: Un
     - `rtol`: the one accuracy knob; absolute tolerances follow from it and the scene's own scales.
     - `solver`: "tsit5", "dopri8" (for rtol below 1e-8) or an explicit diffrax Runge-Kutta solver.
     - `throw`: raise where the solve fails (never inside jit or vmap: there a failed lane is data).
-    - `atol`, `y0`, `watch`, `books` (on here), `derivatives`, `max_steps`: see `SolveOptions`.
+    - `atol`, `y0`, `start`, `watch`, `books` (on here), `derivatives`, `max_steps`: see `SolveOptions`.
 
     **Raises:** `ClearanceError` for an unknown option, float64 off, t1 <= t0, numbers that are not finite or out of
     bounds, and a loop that cannot be closed; `RuntimeError` for a solve that fails on its way. **Warns**
@@ -63,7 +63,7 @@ def _run(mechanism, t1, settings: Settings, throw: bool, observers=(), integrand
     solution = flow(inputs, options=options) if options.derivatives == "controlled" else plain_flow(inputs, options)
     if throw and not isinstance(solution.final, Tracer) and not bool(solution.succeeded):
         if given.y0 is None:
-            check_assembled(mechanism, given.t0, _open_loops(mechanism, given.t0))
+            check_assembled(mechanism, given.t0, _open_loops(mechanism, given.t0, options.start))
         raise RuntimeError(
             f"The solve stopped before t1: {solution.message}. Pass `throw=False` to keep what was computed."
         )
@@ -71,8 +71,8 @@ def _run(mechanism, t1, settings: Settings, throw: bool, observers=(), integrand
 
 
 @eqx.filter_jit
-def _open_loops(mechanism: Mechanism, t0: Array) -> Array:
-    return closed_start(mechanism.prepared(), t0)[1]
+def _open_loops(mechanism: Mechanism, t0: Array, start: str) -> Array:
+    return closed_start(mechanism.prepared(), t0, start)[1]
 
 
 def check_assembled(mechanism: Mechanism, t0: Any, open_loops: Array) -> None:

@@ -1,0 +1,102 @@
+"""Forces in the joints: of a state, and of the ideal mechanism, whose joints tell where real pins are pressed."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from jaxtyping import Array
+
+from clearance_jax._types import Scalar
+from clearance_jax.dynamics.equations import Balance, balance
+from clearance_jax.dynamics.inertia import Extra
+from clearance_jax.dynamics.kinematics import sleeve_rotation
+from clearance_jax.errors import ClearanceError
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.state import layout
+from clearance_jax.spatial import Vector, add, scale, subtract
+
+
+class Reaction(NamedTuple):
+    """What a joint exerts on the pin (its child): `force` [N] in the world's axes, `on_pin` the same force in the
+    sleeve's axes, `at` the pin's centre in the world [m]. (About its own centre a pin in the plane is not turned:
+    the torque that turns it is its drive's or actuator's.)
+    """
+
+    force: Vector
+    on_pin: Vector
+    at: Vector
+
+
+def joint_reactions(
+    mechanism: Mechanism, time: Scalar, y: Array, places: Mapping[str, Vector] | None = None
+) -> dict[str, Reaction]:
+    """What each joint with clearance would exert if it were ideal, by name: by the accelerations that drives, weight,
+    springs and actuators give the ideal mechanism, without any contact law.
+
+    **Arguments:** `time` [s]; `y`: the ideal mechanism's state `[q, v]`, its loops closed; `places`: where the pins are
+    held in their sleeves [m], in the sleeves' axes (default: in the middle).
+
+    **Raises:** `ClearanceError` where the ideal joints hold each other (their reactions are not determined).
+    """
+    return held_reactions(mechanism, held_balance(mechanism, time, y, places or {}))
+
+
+def held_balance(mechanism: Mechanism, time: Scalar, y: Array, places: Mapping[str, Vector]) -> Balance:
+    """The equations of motion of the mechanism with its pins held, see `joint_reactions`."""
+    held = determined(mechanism.prepared().held(places))
+    return balance(held, time, layout(held).split(y))
+
+
+def held_reactions(mechanism: Mechanism, now: Balance) -> dict[str, Reaction]:
+    """The reactions in the joints with clearance, of a balance of the mechanism with its pins held."""
+    ideal = mechanism.ideal()
+    forces = dict(zip([joint.name for joint in ideal.all_joints()], reactions(ideal, now), strict=True))
+    out = {}
+    for joint in mechanism.clearance_joints():
+        force, pin = forces[joint.name], now.motion[joint.child]
+        turned = sleeve_rotation(joint.joint, now.motion)
+        out[joint.name] = Reaction(force, turned.undo(force), pin.point(joint.joint.at_child.vector))
+    return out
+
+
+def determined(ideal: Mechanism) -> Mechanism:
+    """The ideal mechanism, if its loops demand no more than its joints can give; else raises `ClearanceError`."""
+    if 2 * len(ideal.closures()) > layout(ideal).free:
+        raise ClearanceError(
+            "Without its clearances this mechanism is over-constrained: how its ideal joints share the load is not "
+            'determined. Free more coordinates, or start it by `start = "centre"`.'
+        )
+    return ideal
+
+
+def reactions(mechanism: Mechanism, now: Balance) -> list[Vector]:
+    """World force on the child in every joint, tree then loops, by the momentum of what hangs on it."""
+    extra = Extra(now.acceleration)
+    by_name = dict(zip(now.actions, now.pairs, strict=False))
+    closing = dict(zip([j.name for j in mechanism.closures()], now.closing, strict=True))
+    out: list[Vector] = []
+    for joint in mechanism.joints:
+        if joint.name in now.actions:
+            out.append(by_name[joint.name].force)
+            continue
+        beyond = descendants(mechanism, joint.child)
+        force: Vector = (0.0, 0.0)
+        for body in mechanism.bodies:
+            if body.name in beyond and body.mass is not None:
+                frame = now.motion[body.name]
+                centre = frame.point(body.center_of_mass.vector)
+                acceleration = add(frame.acceleration_at(centre), extra.at(frame, centre))
+                force = add(force, scale(body.mass, subtract(acceleration, mechanism.gravity.vector)))
+        for pair in (*now.pairs, *now.closing):
+            inside = (pair.child in beyond) - (pair.parent in beyond)
+            force = subtract(force, scale(float(inside), pair.force))
+        out.append(force)
+    return out + [(by_name | closing)[loop.name].force for loop in mechanism.loops]
+
+
+def descendants(mechanism: Mechanism, body: str) -> set[str]:
+    """A body and every body that hangs on it."""
+    beyond = {body}
+    for joint in mechanism.joints:
+        if joint.parent in beyond:
+            beyond.add(joint.child)
+    return beyond
