@@ -29,6 +29,7 @@ class ToleranceProblem:
       of such values; every limit must hold in each. None: the mechanism as it is.
     - `manufacture`: how parts come out of manufacture, a `Band` or a `Yield`; None: as designed.
     - `rtol`, `solver`: of the solves.
+    - `cost_unit`: what costs are counted in, such as "EUR".
 
     All of it in one form is its `specification`.
 
@@ -46,6 +47,7 @@ class ToleranceProblem:
         manufacture: Band | Yield | None = None,
         rtol: float = 1e-8,
         solver: str = "tsit5",
+        cost_unit: str = "cost units",
     ):
         self.specification = Specification(
             mechanism,
@@ -57,6 +59,7 @@ class ToleranceProblem:
             manufacture,
             rtol,
             solver,
+            cost_unit,
         )
 
     def solve(

@@ -1,13 +1,14 @@
 """What a designer asks, checked and in one form: what may vary, what must hold in which conditions, what it costs."""
 
 import dataclasses
+import re
 from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
 import numpy as np
 
-from clearance_jax.analysis.metrics import AbstractMetric, Peak
+from clearance_jax.analysis.metrics import AbstractMetric, At, Peak
 from clearance_jax.design.manufacture import Band, Yield
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -38,16 +39,52 @@ class Limit(eqx.Module):
         return self.name or " ".join(parts) + ("" if of is None else f" of {of}")
 
     @property
+    def label(self) -> str:
+        """What is bounded, in words: "piston: position error"; a name that says more than the part is kept beside it."""
+        what, part = _quantity(self.metric), _part(self.metric)
+        name = self.name or part
+        whole = what if part in ("", name) else f"{what} of {part}"
+        return f"{name}: {whole}" if name else whole
+
+    def labels(self, count: int) -> list[str]:
+        """What each of the `count` values of its simulated metric is: "piston: position error, peak 1"."""
+        if isinstance(self.metric, At):
+            return [f"{self.label}, at {1e3 * float(time):.6g} ms" for time in self.metric.times]
+        word = "peak" if isinstance(self.metric, Peak) else "value"
+        return [self.label] if count == 1 else [f"{self.label}, {word} {k + 1}" for k in range(count)]
+
+    @property
     def simulation_metric(self) -> AbstractMetric:
         """The metric that is solved for: of a peak some more peaks too."""
         single = isinstance(self.metric, Peak) and self.metric.count == 1
         return Peak(self.metric.signal, PEAKS) if isinstance(self.metric, Peak) and single else self.metric
 
 
+def _quantity(metric: AbstractMetric) -> str:
+    """A metric in words: "position error", "RMS contact force", "energy lost"."""
+    function = getattr(metric, "function", None)
+    own = _words(type(metric).__name__ if function is None else getattr(function, "__name__", "function"))
+    signal = getattr(metric, "signal", None)
+    if signal is None:
+        return own
+    reduced = "" if isinstance(metric, Peak | At) else own.replace("rms", "RMS") + " "
+    return reduced + _words(type(signal).__name__)
+
+
+def _words(name: str) -> str:
+    return re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).replace("_", " ").strip().lower()
+
+
+def _part(metric: AbstractMetric) -> str:
+    """The point, joint or body that a metric is about."""
+    holder = getattr(metric, "signal", metric)
+    return next((str(getattr(holder, n)) for n in ("point", "joint", "body") if hasattr(holder, n)), "")
+
+
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Specification:
     """A `ToleranceProblem`'s arguments in one form: `costs` one by one in the order of `variables`, none where the
-    largest clearance is wanted; `conditions` by name, at least one.
+    largest clearance is wanted; `conditions` by name, at least one; `cost_unit`: what costs are counted in.
 
     **Raises:** `ClearanceError` for unknown names, limits of one title, numbers that are not finite or out of bounds.
     """
@@ -61,6 +98,7 @@ class Specification:
     manufacture: Band | Yield | None
     rtol: float
     solver: str
+    cost_unit: str = "cost units"
 
     def __post_init__(self):
         check_arguments(self.mechanism, 0.0, self.t1, self.rtol, self.solver)

@@ -43,5 +43,5 @@ def time_histories(design: Design) -> tuple[TimeHistory, ...]:
                 values[name if several else ""] = np.asarray(At(signal, times)(moved, specification.t1, **solve))
             except (ClearanceError, RuntimeError):
                 continue  # a design that could not be simulated is reported as such elsewhere
-        out.append(TimeHistory(limit.title, signal.unit, type(limit.metric).__name__, limit.bound, times, values))
+        out.append(TimeHistory(limit.label, signal.unit, type(limit.metric).__name__, limit.bound, times, values))
     return tuple(out)

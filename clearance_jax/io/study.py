@@ -26,6 +26,7 @@ SIGNALS = {
 }
 REDUCTIONS = {"peak": metrics.Peak, "rms": metrics.Rms, "mean": metrics.Mean, "at": metrics.At}
 COUNTS = {"energy-lost": metrics.EnergyLost, "impacts": metrics.Impacts}
+LONGEST_UNIT = 20  # characters of `cost_unit`: it stands in the heads of tables
 COSTS = {"reciprocal", "exponential", "exponential-reciprocal", "table"}
 
 
@@ -89,6 +90,7 @@ def _study(path: Path, top: Table, text: str) -> Study:
         checks["reoptimise"] = bool(verify.get("reoptimise"))
     verify.finish()
     name = str(top.get("name", path.stem))
+    cost_unit = _cost_unit(top)
     top.finish()
     problem = ToleranceProblem(
         mechanism,
@@ -98,9 +100,20 @@ def _study(path: Path, top: Table, text: str) -> Study:
         cost=costs or None,
         conditions=conditions,
         manufacture=manufacture,
+        cost_unit=cost_unit,
         **problem_options,
     )
     return Study(problem, solve, checks, name, text)
+
+
+def _cost_unit(top: Table) -> str:
+    """What the costs' constants are counted in."""
+    unit = top.get("cost_unit", "cost units")
+    if not isinstance(unit, str) or not 0 < len(unit.strip()) <= LONGEST_UNIT:
+        raise ClearanceError(
+            f'{top.key("cost_unit")} must be a short word, but it is {unit!r:.60}. Write it as "EUR", or leave it out.'
+        )
+    return unit.strip()
 
 
 def _unit(table: Table, name: str, mechanism) -> str:
