@@ -16,7 +16,7 @@ class Instants(NamedTuple):
 
 
 class PeakInstants(AbstractMetric):
-    """A peak's values and when they are, from the one solve that the peak itself takes; the times have no derivative."""
+    """A peak's values and when they are, from the solve that the peak itself takes; times have no derivative."""
 
     peak: Peak
 

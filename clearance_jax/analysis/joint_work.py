@@ -1,4 +1,4 @@
-"""What a clearance joint bears on average and loses over a motion: numbers by which its wear and its heat are judged."""
+"""What a clearance joint bears on average and loses over a motion: by which its wear and its heat are judged."""
 
 from typing import NamedTuple
 

@@ -10,8 +10,6 @@ from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from clearance_jax.cli.common import check_writable, console, errors, say, say_written, set_up
 from clearance_jax.errors import ClearanceError
 
-CUT_SHORT = "Interrupted before every statement was made."
-
 
 def optimize(
     study_file: Annotated[Path, typer.Argument(metavar="STUDY", help="A study file (TOML with units).")],
@@ -28,7 +26,7 @@ def optimize(
     Ctrl-C stops the search and keeps the best design so far.
     """
     set_up()
-    from clearance_jax.design import time_histories
+    from clearance_jax.design.findings import CUT_SHORT
     from clearance_jax.io.study import load_study
     from clearance_jax.report.html import write_report
 
@@ -46,8 +44,6 @@ def optimize(
     if found.fits is not None:
         say(str(found.fits))
     if report is not None:
-        if not found.time_histories:
-            found = found._replace(time_histories=time_histories(design))
         write_report(found, report, study.name, study.text)
         say_written("report", report)
     refuted = found.certificate is not None and not found.certificate.holds
@@ -85,21 +81,24 @@ def _interrupted(design) -> bool:
 
 
 def _explain(study, design, verify: bool, report: bool, bar: Progress):
-    """What can be said of the design: its certificate, and for a report whatever else."""
-    from clearance_jax.design import Findings, findings
+    """What can be said of the design: its certificate, and for a report whatever else.
 
-    found = Findings(design)
+    An interruption keeps what is known by then.
+    """
+    from clearance_jax.design import findings, known
+    from clearance_jax.design.findings import CUT_SHORT
+
     if _interrupted(design):
-        return found
-    task = bar.task_ids[0]
+        return known(design)
+    task, certificate = bar.task_ids[0], None
     try:
         if design.feasible and verify:
             bar.update(task, description="verifying by another solver")
-            found = Findings(design, design.verify(**study.verify))
-            say(str(found.certificate))
-        if report:
-            bar.update(task, description="trade-off and standard fits")
-            found = findings(design, found.certificate)
+            certificate = design.verify(**study.verify)
+            say(str(certificate))
     except KeyboardInterrupt:
-        found = found._replace(notes=(*found.notes, CUT_SHORT))
-    return found
+        found = known(design)
+        return found._replace(notes=(*found.notes, CUT_SHORT))
+    if not report:
+        return known(design, certificate)
+    return findings(design, certificate, lambda name: bar.update(task, description=name))

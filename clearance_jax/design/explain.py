@@ -18,8 +18,8 @@ FACTORS = (0.6, 0.8, 0.9, 1.0, 1.1, 1.25, 1.5, 2.0)
 
 
 class Response(NamedTuple):
-    """A limit (its label) where it is nearest to its bound: `value` and `slopes` by variable, in the metric's `unit` (per the
-    variable's, `units`); `where`: in which condition.
+    """A limit (its label) where it is nearest to its bound: `value` and `slopes` by variable, in the metric's `unit`
+    (per the variable's, `units`); `where`: in which condition.
     """
 
     limit: str

@@ -11,7 +11,7 @@ from clearance_jax._types import Scalar
 from clearance_jax.analysis.measure import AbstractMetric, Request
 from clearance_jax.dynamics.kinematics import Frames, frames, play
 from clearance_jax.joints import Relative
-from clearance_jax.mechanism.body import GROUND, Body
+from clearance_jax.mechanism.body import GROUND, Body, Position, Spring
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.mechanism.tree import AbstractJoint, Prismatic
@@ -65,8 +65,8 @@ def places_at(time: Scalar, y: Array, mechanism: Mechanism) -> Places:
         {j.name: _axis(j, motion) for j in mechanism.joints if isinstance(j, Prismatic)},
         {p.name: _row(motion[p.body].point(p.at.vector)) for p in mechanism.points},
         {
-            s.name: jnp.stack([_row(motion[s.body_a].point(s.at_a.vector)), _row(motion[s.body_b].point(s.at_b.vector))])
-            for s in mechanism.springs
+            spring.name: jnp.stack([_row(motion[body].point(at.vector)) for body, at in _ends(spring)])
+            for spring in mechanism.springs
         },
         pins,
         forces,
@@ -89,6 +89,10 @@ def _carried(mechanism: Mechanism, body: Body, motion: Frames) -> Array:
     if len(found) == 1:
         found.append(body.center_of_mass.vector)
     return jnp.stack([_row(motion[body.name].point(at)) for at in found])
+
+
+def _ends(spring: Spring) -> tuple[tuple[str, Position], tuple[str, Position]]:
+    return (spring.body_a, spring.at_a), (spring.body_b, spring.at_b)
 
 
 def _axis(joint: AbstractJoint, motion: Frames) -> Array:

@@ -40,7 +40,7 @@ class Limit(eqx.Module):
 
     @property
     def label(self) -> str:
-        """What is bounded, in words: "piston: position error"; a name that says more than the part is kept beside it."""
+        """What is bounded, in words: "piston: position error"; a name other than the part's stands beside it."""
         what, part = _quantity(self.metric), _part(self.metric)
         name = self.name or part
         whole = what if part in ("", name) else f"{what} of {part}"
@@ -156,9 +156,13 @@ class Specification:
         """The variables by name at a solver's point."""
         return dict(zip(self.variables, self.values(x).tolist(), strict=True))
 
+    def shown(self, condition: str) -> str:
+        """A condition's name where there are several, else nothing."""
+        return condition if len(self.conditions) > 1 else ""
+
     def suffix(self, condition: str) -> str:
         """How a title names a condition: not at all where there is one only."""
-        return f" ({condition})" if len(self.conditions) > 1 else ""
+        return f" ({condition})" if self.shown(condition) else ""
 
     def as_designed(self) -> "Specification":
         """The same for parts that come out exactly as designed."""

@@ -6,11 +6,22 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from clearance_jax.errors import ClearanceError
 
+SHORT = 0.2  # a motion that is over by then is told in ms [s]
 STATES = (("free", "tab:blue"), ("contact", "tab:green"), ("impact", "tab:red"))
+
+
+def time_axis(ax: Axes, t: np.ndarray) -> np.ndarray:
+    """Label an axis over times [s], in ms or s, with at most six ticks; returns the times in that unit."""
+    factor, unit = (1e3, "ms") if t[-1] < SHORT else (1.0, "s")
+    ax.xaxis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 2, 2.5, 5, 10]))
+    ax.set_xlabel(f"time, {unit}")
+    return factor * np.asarray(t)
 
 
 def overview(dataset: xr.Dataset) -> Figure:
