@@ -17,16 +17,15 @@ from clearance_jax.report.figures import time_axis
 
 # As wide as a phone shows it: text of 9 points is then 12 pixels high, and of the same size in every figure.
 WIDTH, HEIGHT = 3.6, 2.6
-STYLE = {"axes.grid": True, "grid.alpha": 0.3, "font.size": 9, "legend.fontsize": 9}
+STYLED = mpl.rc_context({"axes.grid": True, "grid.alpha": 0.3, "font.size": 9, "legend.fontsize": 9})
 # Characters of a label that fit along the figure's height and width.
 UPRIGHT, LEVEL = 30, 44
 
 
 def drawn(height: float = HEIGHT) -> tuple[Figure, Axes]:
     """A figure of the report's width, with one pair of axes."""
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH, height), layout="constrained")
-        return figure, figure.subplots()
+    figure = Figure(figsize=(WIDTH, height), layout="constrained")
+    return figure, figure.subplots()
 
 
 def _objective(design: Design) -> tuple[float, str]:
@@ -45,6 +44,7 @@ def _label(text: str, unit: str, width: int) -> str:
     return textwrap.fill(text + (f", {unit}" if unit else ""), width)
 
 
+@STYLED
 def over_time(history: TimeHistory) -> Figure:
     """The signal of a limit over time in every condition, with its bound."""
     figure, axes = drawn()
@@ -59,6 +59,7 @@ def over_time(history: TimeHistory) -> Figure:
     return figure
 
 
+@STYLED
 def contributions(why: Sequence[Response]) -> Figure:
     """Which clearance has how much of each limit's value, to first order, and what is left."""
     names = [*why[0].contributions, "the rest"]
@@ -80,6 +81,7 @@ def contributions(why: Sequence[Response]) -> Figure:
     return figure
 
 
+@STYLED
 def trade(found: Tradeoff, design: Design) -> Figure:
     """What each bound costs, or how large a clearance it allows."""
     figure, axes = drawn()
@@ -92,6 +94,7 @@ def trade(found: Tradeoff, design: Design) -> Figure:
     return figure
 
 
+@STYLED
 def convergence(design: Design) -> Figure:
     """Cost (or clearance) of each evaluated design, those that hold all limits apart from the others."""
     figure, axes = drawn()
@@ -110,6 +113,7 @@ def convergence(design: Design) -> Figure:
     return figure
 
 
+@STYLED
 def pin_in_sleeve(path: PinPath) -> Figure:
     """The path of a pin's centre inside the clearance circle, and where the surfaces touch."""
     figure, axes = drawn(3.6)

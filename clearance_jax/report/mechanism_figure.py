@@ -1,5 +1,6 @@
 """The picture of a mechanism: its bodies, its joints by name, the paths of its named points."""
 
+import itertools
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -9,12 +10,14 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
 from clearance_jax.design.outline import Outline
-from clearance_jax.report.design_figures import WIDTH, drawn
+from clearance_jax.report.design_figures import STYLED, WIDTH, drawn
 
-# Heights of the picture, whatever the mechanism's shape [inch]; and what its margins take of each side.
-LOW, HIGH, MARGIN = 1.5, 4.2, 0.22
+# Heights of the picture, whatever the mechanism's shape [inch].
+LOW, HIGH = 1.5, 4.2
 # Of the size of the mechanism: how close places are one place, half a slider's length, half a guide's.
 SAME, SLIDER, GUIDE = 0.02, 0.045, 0.13
+# Of that size too: what is left for names all around.
+ROOM = 0.2
 # Of a label: the height of a line and the width of a character, and how far it stands off [point].
 LINE, CHARACTER, OFF = 11.0, 5.6, 9.0
 # Where a label may stand, the best place first.
@@ -36,17 +39,18 @@ class Box(NamedTuple):
         return max(across, 0.0) * max(up, 0.0)
 
 
+@STYLED
 def mechanism(found: Outline) -> Figure:
     """The mechanism at one instant."""
     places = np.concatenate([*found.bodies.values(), *(p[None] for p in found.joints.values()), *found.paths.values()])
     low, high = places.min(axis=0), places.max(axis=0)
     size = float(max(high - low))
-    shape = (high - low)[1] / max((high - low)[0], 1e-9 * size)
-    figure, axes = drawn(float(np.clip(WIDTH * shape, LOW, HIGH)) + 2 * MARGIN)
+    width, height = high - low + 2 * ROOM * size
+    figure, axes = drawn(float(np.clip(WIDTH * height / width, LOW, HIGH)))
     axes.set_axis_off()
     axes.set_aspect("equal")
-    room = 0.16 * size
-    axes.set(xlim=(low[0] - room, high[0] + room), ylim=(low[1] - room, high[1] + room))
+    axes.set(xlim=(low[0] - ROOM * size, low[0] - ROOM * size + width))
+    axes.set(ylim=(low[1] - ROOM * size, low[1] - ROOM * size + height))
     for path in found.paths.values():
         axes.plot(*path.T, color="0.75", lw=0.8, zorder=0)
     for i, places in enumerate(found.bodies.values()):
@@ -55,7 +59,7 @@ def mechanism(found: Outline) -> Figure:
         axes.plot([a[0], b[0]], [a[1], b[1]], color="0.3", lw=1.2, ls=(0, (1, 1)), zorder=1)
     for name, where in found.joints.items():
         _joint(axes, name, where, found, size)
-    _names(figure, axes, {**found.joints, **found.points}, SAME * size)
+    _names(figure, axes, found, SAME * size)
     _scale(axes, size)
     return figure
 
@@ -94,10 +98,10 @@ def _slider(axes: Axes, where: np.ndarray, along: np.ndarray, size: float) -> No
     axes.add_patch(Polygon(corners, closed=True, facecolor="0.9", edgecolor="0.4", zorder=0.8))
 
 
-def _names(figure: Figure, axes: Axes, places: dict[str, np.ndarray], same: float) -> None:
+def _names(figure: Figure, axes: Axes, found: Outline, same: float) -> None:
     """A name beside each place, those of one place together, where they hide least."""
     groups: list[tuple[np.ndarray, list[str]]] = []
-    for name, where in places.items():
+    for name, where in {**found.joints, **found.points}.items():
         near = next((names for at, names in groups if np.hypot(*(at - where)) < same), None)
         if near is None:
             groups.append((where, [name]))
@@ -106,7 +110,11 @@ def _names(figure: Figure, axes: Axes, places: dict[str, np.ndarray], same: floa
     figure.draw_without_rendering()  # from here on the axes know where they are
     scale = 72 / figure.dpi
     at = [scale * axes.transData.transform(where) for where, _ in groups]
-    taken = [Box(x, y, 6.0, 6.0) for x, y in at]
+    taken = [Box(x, y, 8.0, 8.0) for x, y in at]
+    for places in found.bodies.values():
+        along = np.linspace(0, 1, 25)[:, None]
+        for a, b in itertools.pairwise(scale * axes.transData.transform(places)):
+            taken += [Box(x, y, 2.0, 2.0) for x, y in a + along * (b - a)]
     page = Box(*(36 * figure.get_size_inches()), *(36 * figure.get_size_inches()))
     for (x, y), (where, names) in zip(at, groups, strict=True):
         text = "\n".join(names)

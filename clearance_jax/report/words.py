@@ -38,7 +38,7 @@ def span(ends: tuple[float, float]) -> str:
 def deviations(ends: tuple[float, float]) -> str:
     """Of a size, as on a drawing: the upper over the lower one [m], in µm."""
     upper, lower = (f"{1e6 * end:+g}" if end else "0" for end in ends[::-1])
-    return f"{upper} / {lower} µm"
+    return f"{upper} / {lower} µm".replace("-", "−")
 
 
 def settings(values: Mapping[str, Any]) -> str:
