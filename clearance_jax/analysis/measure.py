@@ -69,10 +69,10 @@ class AbstractMetric(eqx.Module):
         """What it needs of the solve of the motion from `t0` to `t1`."""
 
     @abc.abstractmethod
-    def value(self, reply: Reply) -> Array:
-        """The metric, from what it asked for."""
+    def value(self, reply: Reply) -> Any:
+        """The metric, from what it asked for: an array, or a record of arrays."""
 
-    def __call__(self, mechanism: Mechanism, t1: Any, **options: Any) -> Array:
+    def __call__(self, mechanism: Mechanism, t1: Any, **options: Any) -> Any:
         """The metric of the motion from `t0` to `t1`, by a solve of its own; `options` are `simulate`'s `t0`, `rtol`,
         `solver`, `y0`.
         """
@@ -94,7 +94,7 @@ class Function(AbstractMetric):
 
 def measure(
     mechanism: Mechanism, metrics: Mapping[str, AbstractMetric | Callable], t1: Any, **options: Any
-) -> dict[str, Array]:
+) -> dict[str, Any]:
     """Several metrics of one motion, from one solve. Works under jit, vmap, jvp and grad.
 
     **Arguments:**
@@ -102,7 +102,7 @@ def measure(
     - `metrics`: name -> one of `clearance_jax.metrics`, or a function `(mechanism, solution) -> array`.
     - `options`: `simulate`'s `t0`, `rtol`, `solver`, `y0`, `books`, and `save_at` for the samples that functions get.
 
-    **Returns:** the values by name.
+    **Returns:** the values by name: arrays, or the records of arrays that a metric makes.
     """
     times = options.pop("save_at", None)
     wanted = {

@@ -47,8 +47,11 @@ def mechanism(found: Outline) -> Figure:
     size = float(max(high - low))
     width, height = high - low + 2 * ROOM * size
     figure, axes = drawn(float(np.clip(WIDTH * height / width, LOW, HIGH)))
+    # The whole page is the axes': names are placed in points, which no layout may move afterwards.
+    figure.set_layout_engine("none")
+    axes.set_position((0.0, 0.0, 1.0, 1.0))
     axes.set_axis_off()
-    axes.set_aspect("equal")
+    axes.set_aspect("equal", adjustable="datalim")
     axes.set(xlim=(low[0] - ROOM * size, low[0] - ROOM * size + width))
     axes.set(ylim=(low[1] - ROOM * size, low[1] - ROOM * size + height))
     for path in found.paths.values():
@@ -118,7 +121,7 @@ def _names(figure: Figure, axes: Axes, found: Outline, same: float) -> None:
     page = Box(*(36 * figure.get_size_inches()), *(36 * figure.get_size_inches()))
     for (x, y), (where, names) in zip(at, groups, strict=True):
         text = "\n".join(names)
-        box = min(_boxes(x, y, names), key=lambda box: _hidden(box, taken, page))
+        box = min(_boxes(x, y, names, page), key=lambda box: sum(box.overlap(other) for other in taken))
         taken.append(box)
         axes.annotate(
             text, where, (box.x - x, box.y - y), textcoords="offset points", ha="center", va="center", zorder=5,
@@ -126,15 +129,22 @@ def _names(figure: Figure, axes: Axes, found: Outline, same: float) -> None:
         )  # fmt: skip
 
 
-def _boxes(x: float, y: float, names: Sequence[str]) -> list[Box]:
-    """Where the names of a place may stand."""
+def _boxes(x: float, y: float, names: Sequence[str], page: Box) -> list[Box]:
+    """Where on the page the names of a place may stand."""
     width, height = CHARACTER * max(map(len, names)) / 2, LINE * len(names) / 2
-    return [Box(x + a * (OFF + width), y + b * (OFF + height), width, height) for a, b in SIDES]
 
+    def inside(middle: float, half: float, whole: float) -> float:
+        return max(min(middle, 2 * whole - half), half)
 
-def _hidden(box: Box, taken: Sequence[Box], page: Box) -> float:
-    """What a label hides, or has cut off."""
-    return sum(box.overlap(other) for other in taken) + 10 * (4 * box.width * box.height - box.overlap(page))
+    return [
+        Box(
+            inside(x + a * (OFF + width), width, page.width),
+            inside(y + b * (OFF + height), height, page.height),
+            width,
+            height,
+        )
+        for a, b in SIDES
+    ]
 
 
 def _scale(axes: Axes, size: float) -> None:
@@ -142,6 +152,6 @@ def _scale(axes: Axes, size: float) -> None:
     power = 10.0 ** np.floor(np.log10(0.4 * size))
     length = power * max(k for k in (1, 2, 5) if k * power <= 0.4 * size)
     text = f"{1e3 * length:g} mm" if length < 1 else f"{length:g} m"
-    left, bottom = axes.get_xlim()[0], axes.get_ylim()[0]
-    axes.plot([left, left + length], [bottom, bottom], color="k", lw=2, solid_capstyle="butt", clip_on=False)
-    axes.annotate(text, (left + length, bottom), (5, 0), textcoords="offset points", va="center", annotation_clip=False)
+    left, bottom = axes.get_xlim()[0] + 0.03 * size, axes.get_ylim()[0] + 0.05 * size
+    axes.plot([left, left + length], [bottom, bottom], color="k", lw=2, solid_capstyle="butt")
+    axes.annotate(text, (left + length, bottom), (5, 0), textcoords="offset points", va="center")
