@@ -31,7 +31,7 @@ def drawn(height: float = HEIGHT) -> tuple[Figure, Axes]:
 def _objective(design: Design) -> tuple[float, str]:
     """Factor on the objective, and what it is called."""
     if not design.specification.common:
-        return 1.0, f"cost, {design.specification.cost_unit}"
+        return 1.0, f"cost ({design.specification.cost_unit})"
     factor, unit = _scaled(next(iter(design.units.values())))
     return -factor, f"clearance, {unit}" if unit == "µm" else f"largest value, {unit}"
 

@@ -42,7 +42,8 @@ class Box(NamedTuple):
 @STYLED
 def mechanism(found: Outline) -> Figure:
     """The mechanism at one instant."""
-    places = np.concatenate([*found.bodies.values(), *(p[None] for p in found.joints.values()), *found.paths.values()])
+    pins = [where[None] for where in found.joints.values()]
+    places = np.concatenate([*found.bodies.values(), *pins, *found.springs.values(), *found.paths.values()])
     low, high = places.min(axis=0), places.max(axis=0)
     size = float(max(high - low))
     width, height = high - low + 2 * ROOM * size
