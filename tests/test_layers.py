@@ -31,7 +31,7 @@ ORDER = (
 )
 LEAVES = {"_types", "_numerics", "errors", "configure", "units", "parameters"}
 # What runs on a device is `analysis` and all that it needs; `units` reads and writes for people.
-HOST_ONLY = {"xarray", "matplotlib", "pint", "scipy", "typer", "rich", "tomllib"}
+HOST_ONLY = {"xarray", "matplotlib", "pint", "scipy", "typer", "rich", "tomllib", "jinja2"}
 DEVICE_EXCEPT = {f"{PACKAGE}.units"}
 # A report is handed its findings and computes none.
 REPORT_KNOWS = {"leaves", "results", "design", "report"}

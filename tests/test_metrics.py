@@ -9,6 +9,8 @@ from catalogue import playful_servo
 
 import clearance_jax as cj
 from clearance_jax.analysis import metrics
+from clearance_jax.analysis.instants import PeakInstants
+from clearance_jax.analysis.joint_work import JointWork
 from clearance_jax.errors import ClearanceError
 from experiments.common import slider_crank
 from experiments.reference.make import load_variation
@@ -317,3 +319,25 @@ def test_since_lies_before_the_end(mechanism):
     lanes = jax.vmap(lambda t1: metrics.Mean(ERROR, since=SINCE)(mechanism, t1, rtol=1e-6))(jnp.array([0.003, 0.005]))
     assert np.isnan(lanes[0])
     assert np.isfinite(lanes[1])
+
+
+def test_what_a_joint_bears_and_loses_is_in_the_books_and_its_peak_has_an_instant(mechanism):
+    """The only joint that loses anything: its share is all of it, damping and friction apart."""
+    t1, force = 1.5e-3, metrics.ContactForce("wrist")
+    times = jnp.linspace(0.0, t1, 20_001)
+    asked = {
+        "work": JointWork("wrist"),
+        "lost": metrics.EnergyLost(),
+        "peak": PeakInstants(metrics.Peak(force)),
+        "force": metrics.At(force, times),
+    }
+    found = jax.jit(lambda m: cj.measure(m, asked, t1, rtol=1e-9))(mechanism)
+    work, peak, forces = found["work"], found["peak"], np.asarray(found["force"])
+    assert 0 < work.friction_loss < work.contact_loss
+    np.testing.assert_allclose(work.friction_loss + work.contact_loss, found["lost"], rtol=1e-8)
+    np.testing.assert_allclose(work.mean_force, np.trapezoid(forces, times) / t1, rtol=1e-3)
+    (time,), (value,) = peak.times, peak.values
+    highest = int(np.argmax(forces))
+    assert abs(time - times[highest]) <= times[1]
+    np.testing.assert_allclose(value, forces[highest], rtol=1e-3)
+    assert value >= forces[highest]

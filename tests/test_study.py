@@ -21,6 +21,7 @@ ROOT = Path(__file__).parents[1]
 SCENE = ROOT / "experiments" / "scenes" / "slider_crank.toml"
 STUDY = f"""
 name = "Wrist <pin>"
+cost_unit = "EUR"
 scene = "{SCENE}"
 t1 = "1 ms"
 
@@ -65,6 +66,7 @@ def test_a_study_is_the_problem_it_says(study):
     np.testing.assert_allclose(problem.conditions["slow"]["drive.main.speed"], 100 * np.pi)
     np.testing.assert_allclose(problem.costs[0](2e-5), 5.0)
     assert (problem.t1, problem.rtol, problem.solver) == (pytest.approx(1e-3), 1e-7, "tsit5")
+    assert problem.cost_unit == "EUR"
     assert loaded.solve == {"method": "slsqp"}
     assert loaded.verify == {"sweep": 3}
 
@@ -110,6 +112,7 @@ def test_costs_limits_and_manufacture_of_a_study(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
+        ('cost_unit = "EUR"', "cost_unit = 3", "cost_unit must be a short word"),
         ('bound = "0.1 mm"', 'bound = "0.1 kg"', "limit.piston.bound must be in m"),
         ('bound = "0.1 mm"', 'bound = "0.1 mm"\nbond = 1', "limit.piston.bond is not a known key"),
         ('metric = "peak"', 'metric = "peek"', "Did you mean `peak`"),
@@ -151,15 +154,18 @@ def test_optimize_command(study, tmp_path):
     arguments = ["optimize", str(study), "--report", str(report), "--record", str(record)]
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 0, result.output
-    assert "decided by: piston" in result.output
+    assert "decided by: piston: position error, peak" in result.output
+    assert " EUR" in result.output
     assert "The limits hold in a fresh simulation" in result.output
     assert re.search(r"Verifying by another solver: some 20 evaluations, about \d+ (s|min)", result.output)
     page = report.read_text()
     assert "Wrist &lt;pin&gt;" in page
-    assert page.count("<svg") >= 4
+    for words in ("For the drawing", "Ø 20 mm", "Loads of the joints", "Path of the pin", "EUR"):
+        assert words in page
+    assert page.count("<svg") == 6  # mechanism, path, history, contributions, trade-off, convergence
     assert not re.search(r'(src|href)="(?!#)', page)  # needs nothing else
     # The numbers are the solver's, here by a solve of its own.
-    (allowed,) = re.findall(r"<td>([0-9.]+) um</td><td>H", page)
+    (allowed,) = re.findall(r'"largest allowed"><span>([0-9.]+) µm<', page)
     mechanism = cj.replace(
         cj.load(SCENE), {"wrist.radial_clearance": 1e-6 * float(allowed), "drive.main.speed": 100 * np.pi}
     )

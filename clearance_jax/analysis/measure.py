@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, Unpack
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jax.core import Tracer
 from jaxtyping import Array, Float
@@ -77,10 +78,10 @@ class AbstractMetric(eqx.Module):
         """What it needs of the solve of the motion from `options.t0` to `t1`."""
 
     @abc.abstractmethod
-    def value(self, reply: Reply) -> Array:
-        """The metric, from what it asked for."""
+    def value(self, reply: Reply) -> Any:
+        """The metric, from what it asked for: an array, or a record of arrays."""
 
-    def __call__(self, mechanism: Mechanism, t1: Any, **options: Unpack[SolveOptions]) -> Array:
+    def __call__(self, mechanism: Mechanism, t1: Any, **options: Unpack[SolveOptions]) -> Any:
         """The metric of the motion from `t0` to `t1`, by a solve of its own; `options` as `simulate`'s."""
         return measure(mechanism, {"metric": self}, t1, **options)["metric"]
 
@@ -165,7 +166,7 @@ def measure(
     metrics: Mapping[str, AbstractMetric | Callable],
     t1: Any,
     **options: Unpack[SolveOptions],
-) -> dict[str, Array]:
+) -> dict[str, Any]:
     """Several metrics of one motion, from one solve. Works under jit, vmap, jvp and grad.
 
     **Arguments:**
@@ -173,7 +174,9 @@ def measure(
     - `metrics`: name -> one of `clearance_jax.metrics`, or a function `f(solution)` or `f(mechanism, solution)`.
     - `options`: as `simulate`'s; `save_at` says where functions get samples.
 
-    **Returns:** the values by name. **Raises:** `ClearanceError` for what is no metric, and as `simulate`.
+    **Returns:** the values by name: arrays, or the records of arrays that a metric makes.
+
+    **Raises:** `ClearanceError` for what is no metric, and as `simulate`.
     """
     return measured(mechanism, metrics, t1, settings_of(mechanism, t1, options))
 
@@ -187,7 +190,7 @@ def by_name(given: Any) -> dict[str, AbstractMetric]:
 
 def measured(
     mechanism: Mechanism, metrics: Mapping[str, AbstractMetric | Callable], t1: Any, options: Settings
-) -> dict[str, Array]:
+) -> dict[str, Any]:
     """As `measure`, by options that have been read."""
     wanted = by_name(metrics)
     requests = {name: metric.request(mechanism, t1, options) for name, metric in wanted.items()}
@@ -223,7 +226,10 @@ def measured(
         summed += sum(sizes[name])
         value = wanted[name].value(Reply(mechanism, t1, options, own, sums, begins[name], first))
         # A lane of a batch in which nothing is left to count has no value.
-        out[name] = value if request.since is None else value * jnp.where(begins[name] < t1, 1.0, jnp.nan)
+        if request.since is not None:
+            some = jnp.where(begins[name] < t1, 1.0, jnp.nan)
+            value = jax.tree.map(lambda v, some=some: some * v, value)
+        out[name] = value
     return out
 
 

@@ -11,8 +11,6 @@ from clearance_jax.cli.common import aloud, check_distinct, check_writable, cons
 from clearance_jax.cli.pace import Pace, shown_duration
 from clearance_jax.errors import ClearanceError
 
-CUT_SHORT = "Interrupted before every statement was made."
-
 
 def optimize(
     study_file: Annotated[Path, typer.Argument(metavar="STUDY", help="A study file (TOML with units).")],
@@ -29,7 +27,7 @@ def optimize(
     Ctrl-C stops the search and keeps the best design so far.
     """
     set_up()
-    from clearance_jax.design import time_histories
+    from clearance_jax.design.findings import CUT_SHORT
     from clearance_jax.io.plausible import ImplausibleWarning
     from clearance_jax.io.study import load_study
     from clearance_jax.report.html import write_report
@@ -51,8 +49,6 @@ def optimize(
     if found.fits is not None:
         say(str(found.fits))
     if report is not None:
-        if not found.time_histories:
-            found = found._replace(time_histories=time_histories(design))
         write_report(found, report, study.name, study.text)
         say_written("report", report)
     refuted = found.certificate is not None and not found.certificate.holds
@@ -107,20 +103,23 @@ def _verify(study, design, bar: Progress, pace: Pace):
 
 
 def _explain(study, design, verify: bool, report: bool, bar: Progress, pace: Pace):
-    """What can be said of the design: its certificate, and for a report whatever else."""
-    from clearance_jax.design import Findings, findings
+    """What can be said of the design: its certificate, and for a report whatever else.
 
-    found = Findings(design)
+    An interruption keeps what is known by then.
+    """
+    from clearance_jax.design import findings, known
+    from clearance_jax.design.findings import CUT_SHORT
+
     if _interrupted(design):
-        return found
-    task = bar.task_ids[0]
+        return known(design)
+    task, certificate = bar.task_ids[0], None
     try:
         if design.feasible and verify:
-            found = Findings(design, _verify(study, design, bar, pace))
-            say(str(found.certificate))
-        if report:
-            bar.update(task, description="trade-off and standard fits")
-            found = findings(design, found.certificate)
+            certificate = _verify(study, design, bar, pace)
+            say(str(certificate))
     except KeyboardInterrupt:
-        found = found._replace(notes=(*found.notes, CUT_SHORT))
-    return found
+        found = known(design)
+        return found._replace(notes=(*found.notes, CUT_SHORT))
+    if not report:
+        return known(design, certificate)
+    return findings(design, certificate, lambda name: bar.update(task, description=name))

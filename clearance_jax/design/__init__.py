@@ -3,17 +3,21 @@
 from clearance_jax.design.answer import Design
 from clearance_jax.design.certificate import Certificate
 from clearance_jax.design.costs import AbstractCost, CostTable, Exponential, ExponentialReciprocal, Reciprocal
+from clearance_jax.design.drawing import JointDrawing
 from clearance_jax.design.explain import Response, Tradeoff, responses, tradeoff
-from clearance_jax.design.findings import Findings, findings
+from clearance_jax.design.findings import Findings, findings, known
 from clearance_jax.design.formulation import formulate
+from clearance_jax.design.loads import JointLoad, PinPath
 from clearance_jax.design.manufacture import Band, Yield, YieldEstimate
 from clearance_jax.design.methods import METHOD_CHOICES, METHODS, Method
+from clearance_jax.design.outline import Outline
 from clearance_jax.design.problem import ToleranceProblem
 from clearance_jax.design.program import Evaluation, Program
 from clearance_jax.design.run import run
 from clearance_jax.design.scaling import ScaledProgram
 from clearance_jax.design.specification import Limit, Specification
 from clearance_jax.design.standard import StandardFits, nearest_fits
+from clearance_jax.design.standings import Standing
 from clearance_jax.design.static import static_weights
 from clearance_jax.design.time_histories import TimeHistory, time_histories
 from clearance_jax.design.verify import expected_evaluations
@@ -30,14 +34,19 @@ __all__ = [
     "Exponential",
     "ExponentialReciprocal",
     "Findings",
+    "JointDrawing",
+    "JointLoad",
     "Limit",
     "Method",
+    "Outline",
+    "PinPath",
     "Program",
     "Reciprocal",
     "Response",
     "ScaledProgram",
     "Specification",
     "StandardFits",
+    "Standing",
     "TimeHistory",
     "ToleranceProblem",
     "Tradeoff",
@@ -46,6 +55,7 @@ __all__ = [
     "expected_evaluations",
     "findings",
     "formulate",
+    "known",
     "nearest_fits",
     "responses",
     "run",

@@ -87,7 +87,7 @@ class Design:
             ),
         ]
         if not self.specification.common:
-            lines.append(f"  cost {self.objective:.6g}")
+            lines.append(f"  cost {self.objective:.6g} {self.specification.cost_unit}")
         lines += [f"  decided by: {name}" for name in self.active]
         if self.feasible and not self.active:
             at = np.isclose(self.evaluation.x, self.program.lower) | np.isclose(self.evaluation.x, self.program.upper)

@@ -18,8 +18,8 @@ FACTORS = (0.6, 0.8, 0.9, 1.0, 1.1, 1.25, 1.5, 2.0)
 
 
 class Response(NamedTuple):
-    """A limit where it is nearest to its bound: `value` and `slopes` by variable, in the metric's `unit` (per the
-    variable's, `units`); `where`: in which condition.
+    """A limit (its label) where it is nearest to its bound: `value` and `slopes` by variable, in the metric's `unit`
+    (per the variable's, `units`); `where`: in which condition.
     """
 
     limit: str
@@ -36,6 +36,10 @@ class Response(NamedTuple):
     def rest(self) -> float:
         """What no variable's contribution explains: deformation, inertia, play that is not a variable."""
         return self.value - sum(self.contributions.values())
+
+    def share(self, part: float) -> float:
+        """Of the bound."""
+        return part / self.bound
 
     def sensitivity(self, name: str) -> str:
         """The slope by a variable, with its unit."""
@@ -69,8 +73,8 @@ def responses(design: Design) -> tuple[Response, ...]:
         by_name = dict(zip(specification.variables, (slopes[k] * limit.bound).tolist(), strict=True))
         out.append(
             Response(
-                limit.title,
-                limit.title + title,
+                limit.label,
+                limit.label + title,
                 limit.metric.unit,
                 float((1 + limits[k]) * limit.bound),
                 limit.bound,
@@ -83,13 +87,17 @@ def responses(design: Design) -> tuple[Response, ...]:
 
 
 class Tradeoff(NamedTuple):
-    """The best objective that was found for each bound on one limit (NaN: no design holds it)."""
+    """The best objective that was found for each bound on one limit (NaN: no design holds it); `label` says what the
+    limit is, `asked` which bound the design holds.
+    """
 
     limit: str
     unit: str
     bounds: np.ndarray
     objectives: np.ndarray
     designs: tuple[dict[str, float] | None, ...]
+    label: str
+    asked: float
 
 
 def tradeoff(design: Design, limit: str = "", factors: Sequence[float] = FACTORS) -> Tradeoff:
@@ -115,7 +123,7 @@ def tradeoff(design: Design, limit: str = "", factors: Sequence[float] = FACTORS
         if run(program.with_bound(limit, factor), design.method, known.x) == INTERRUPTED:
             raise KeyboardInterrupt
     asked = {own.title: own for own in design.specification.limits}.get(limit)
-    bound, unit = (1.0, "") if asked is None else (asked.bound, asked.metric.unit)
+    bound, unit, label = (1.0, "", limit) if asked is None else (asked.bound, asked.metric.unit, asked.label)
     ends = [best(f) for f in factors]
     return Tradeoff(
         limit,
@@ -123,4 +131,6 @@ def tradeoff(design: Design, limit: str = "", factors: Sequence[float] = FACTORS
         bound * np.array(factors),
         np.array([np.nan if p is None else p.objective for p in ends]),
         tuple(None if p is None else design.specification.clearances(p.x) for p in ends),
+        label,
+        bound,
     )

@@ -1,17 +1,35 @@
 """All that can be said of a design, for a report."""
 
+import platform
+from collections.abc import Callable, Iterator
+from importlib.metadata import version
 from typing import NamedTuple
 
 from clearance_jax.design.answer import Design
 from clearance_jax.design.certificate import Certificate
+from clearance_jax.design.drawing import JointDrawing, joint_drawings
 from clearance_jax.design.explain import Response, Tradeoff, responses, tradeoff
+from clearance_jax.design.loads import JointLoad, PinPath, joint_loads, pin_paths
+from clearance_jax.design.observed import Observed, observed, sample_times
+from clearance_jax.design.outline import Outline, outline
+from clearance_jax.design.scenarios import Scenario, scenarios_of
 from clearance_jax.design.standard import StandardFits, nearest_fits
-from clearance_jax.design.time_histories import TimeHistory, time_histories
+from clearance_jax.design.standings import Standing, standings
+from clearance_jax.design.time_histories import TimeHistory, histories_of
 from clearance_jax.errors import ClearanceError
+from clearance_jax.parameters import replace
+
+CUT_SHORT = "Interrupted before every statement was made."
+INFEASIBLE = "No design holds every limit, so there is nothing to explain or to verify."
+NO_FITS = "No combination of common fits was found that holds the limits."
 
 
 class Findings(NamedTuple):
-    """What a report tells of a design; `None` where it was not asked for, or cannot be had."""
+    """What a report tells of a design; `None`, or nothing, where it was not asked for, or cannot be had.
+
+    `standings` are the limits', `drawings` what a drawing says of each clearance joint, `loads` one a joint and
+    condition, `paths` one a joint, in the condition of its largest force.
+    """
 
     design: Design
     certificate: Certificate | None = None
@@ -20,24 +38,122 @@ class Findings(NamedTuple):
     fits: StandardFits | None = None
     time_histories: tuple[TimeHistory, ...] = ()
     notes: tuple[str, ...] = ()
+    standings: tuple[Standing, ...] = ()
+    drawings: tuple[JointDrawing, ...] = ()
+    loads: tuple[JointLoad, ...] = ()
+    paths: tuple[PinPath, ...] = ()
+    outline: Outline | None = None
+    software: str = ""
+
+    @property
+    def good(self) -> bool:
+        """Whether the limits are held, for all that is known."""
+        return self.design.feasible and (self.certificate is None or self.certificate.holds)
+
+    @property
+    def verdict(self) -> str:
+        """Whether the limits are held, and who says so."""
+        design = self.design
+        if not design.feasible:
+            return f"No feasible design: {design.program.most_violated(design.evaluation)}."
+        if self.certificate is None:
+            return "Every limit is held. Not verified by another solver."
+        held = "are held" if self.certificate.holds else "are NOT held"
+        return f"The limits {held} in a fresh simulation by another solver ({self.certificate.solver})."
 
 
-def findings(design: Design, certificate: Certificate | None = None) -> Findings:
-    """Histories, contributions, trade-off and nearest fits of a design, as far as its problem has them."""
-    seen = time_histories(design)
-    if not design.feasible:
-        note = "No design holds every limit, so there is nothing to explain or to verify."
-        return Findings(design, time_histories=seen, notes=(note,))
-    notes: list[str] = []
-    why, fitted = (), None
+def known(design: Design, certificate: Certificate | None = None) -> Findings:
+    """What can be said without another solve."""
+    software = f"clearance_jax {version('clearance-jax')}, jax {version('jax')}, Python {platform.python_version()}"
+    return Findings(
+        design,
+        certificate,
+        notes=() if design.feasible else (INFEASIBLE,),
+        standings=standings(design),
+        drawings=joint_drawings(design, {}),
+        software=software,
+    )
+
+
+def findings(
+    design: Design, certificate: Certificate | None = None, progress: Callable[[str], None] | None = None
+) -> Findings:
+    """Limits, loads, pictures, contributions, nearest fits and trade-off of a design, as far as its problem has them.
+
+    An interruption keeps what has been found until then, with the note `CUT_SHORT`. `progress` is told what comes next.
+    """
+    found = known(design, certificate)
     try:
-        why = responses(design)
-    except ClearanceError as error:
-        notes.append(str(error))
+        for name, step in _steps(design):
+            if progress is not None:
+                progress(name)
+            found = step(found)
+    except KeyboardInterrupt:
+        found = _noted(found, CUT_SHORT)
+    return found
+
+
+def _steps(design: Design) -> Iterator[tuple[str, Callable[[Findings], Findings]]]:
+    yield "loads and pictures", _seen
+    if design.feasible:
+        yield "contributions", _explained
+        yield "standard fits", _fitted
+        yield "trade-off", lambda found: found._replace(tradeoff=tradeoff(found.design))
+
+
+def _noted(found: Findings, note: str) -> Findings:
+    return found._replace(notes=(*found.notes, note))
+
+
+def _seen(found: Findings) -> Findings:
+    """With what the mechanism does at the design."""
+    design = found.design
+    specification = design.specification
+    parts, times = specification.as_designed(), sample_times(specification)
+    seen: dict[str, Observed] = {}
+    loads: list[JointLoad] = []
+    paths: list[PinPath] = []
+    for name, scenario in zip(parts.conditions, scenarios_of(parts), strict=True):
+        now = observed(specification, design.evaluation.x, scenario)
+        if now is None:
+            continue  # a design that could not be simulated is reported as such elsewhere
+        mechanism = replace(design.mechanism, scenario.values)
+        condition = parts.shown(name)
+        seen[condition] = now
+        loads += joint_loads(mechanism, condition, now)
+        paths += pin_paths(mechanism, condition, now)
+
+    def look(scenario: Scenario) -> Observed | None:
+        return observed(specification, design.evaluation.x, scenario)
+
+    return found._replace(
+        standings=standings(design, look),
+        time_histories=histories_of(specification, times, {name: now.signals for name, now in seen.items()}),
+        loads=tuple(loads),
+        paths=tuple(_of_largest_force(paths, loads)),
+        outline=next((outline(design.mechanism, times, now.places) for now in seen.values()), None),
+    )
+
+
+def _of_largest_force(paths: list[PinPath], loads: list[JointLoad]) -> Iterator[PinPath]:
+    """Of each joint the path in the condition in which its force is largest."""
+    for joint in dict.fromkeys(load.joint for load in loads):
+        worst = max((load for load in loads if load.joint == joint), key=lambda load: load.largest)
+        yield next(path for path in paths if (path.joint, path.condition) == (joint, worst.condition))
+
+
+def _explained(found: Findings) -> Findings:
     try:
-        fitted = nearest_fits(design)
-        if fitted is None:
-            notes.append("No combination of common fits was found that holds the limits.")
+        return found._replace(responses=responses(found.design))
     except ClearanceError as error:
-        notes.append(str(error))
-    return Findings(design, certificate, why, tradeoff(design), fitted, seen, tuple(notes))
+        return _noted(found, str(error))
+
+
+def _fitted(found: Findings) -> Findings:
+    try:
+        fits = nearest_fits(found.design)
+    except ClearanceError as error:
+        return _noted(found, str(error))
+    if fits is None:
+        return _noted(found, NO_FITS)
+    return found._replace(fits=fits, drawings=joint_drawings(found.design, fits.fits))

@@ -53,12 +53,7 @@ def _titles(
         titles = [target + specification.suffix(condition) for condition in specification.conditions]
         return titles, titles
     pairs = list(zip(specification.limits, simulations.sizes(), strict=True))
-    titles = [
-        limit.title + (f", peak {k + 1}" if size > 1 else "") + scenario.title
-        for scenario in scenarios
-        for limit, size in pairs
-        for k in range(size)
-    ]
+    titles = [label + scenario.title for scenario in scenarios for limit, size in pairs for label in limit.labels(size)]
     return titles, [limit.title for _ in scenarios for limit, size in pairs for _ in range(size)]
 
 

@@ -30,6 +30,7 @@ class ToleranceProblem:
       of such values; every limit must hold in each. None: the mechanism as it is.
     - `manufacture`: how parts come out of manufacture, a `Band` or a `Yield`; None: as designed.
     - `options`: `simulate`'s `t0`, `rtol`, `solver`, `start`, `max_steps`.
+    - `cost_unit`: what costs are counted in, such as "EUR".
 
     All of it in one form is its `specification`.
 
@@ -46,6 +47,7 @@ class ToleranceProblem:
         cost: AbstractCost | Mapping[str, AbstractCost] | None = None,
         conditions: Mapping[str, Mapping[str, Any]] | Sequence[Mapping[str, Any]] | None = None,
         manufacture: Band | Yield | None = None,
+        cost_unit: str = "cost units",
         **options: Unpack[SolveOptions],
     ):
         self.specification = Specification(
@@ -57,6 +59,7 @@ class ToleranceProblem:
             _conditions(conditions),
             manufacture,
             options,
+            cost_unit,
         )
 
     def solve(

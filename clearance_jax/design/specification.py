@@ -1,6 +1,7 @@
 """What a designer asks, checked and in one form: what may vary, what must hold in which conditions, what it costs."""
 
 import dataclasses
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -8,7 +9,7 @@ import equinox as eqx
 import numpy as np
 
 from clearance_jax.analysis.measure import Function, as_metric, begin_of
-from clearance_jax.analysis.metrics import AbstractMetric, Peak
+from clearance_jax.analysis.metrics import AbstractMetric, At, Peak
 from clearance_jax.design.manufacture import Band, Yield
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -44,6 +45,21 @@ class Limit(eqx.Module):
         return self.name or " ".join(parts) + ("" if of is None else f" of {of}")
 
     @property
+    def label(self) -> str:
+        """What is bounded, in words: "piston: position error"; a name other than the part's stands beside it."""
+        what, part = _quantity(self.metric), _part(self.metric)
+        name = self.name or part
+        whole = what if part in ("", name) else f"{what} of {part}"
+        return f"{name}: {whole}" if name else whole
+
+    def labels(self, count: int) -> list[str]:
+        """What each of the `count` values of its simulated metric is: "piston: position error, peak 1"."""
+        if isinstance(self.metric, At):
+            return [f"{self.label}, at {1e3 * float(time):.6g} ms" for time in self.metric.times]
+        word = "peak" if isinstance(self.metric, Peak) else "value"
+        return [self.label] if count == 1 else [f"{self.label}, {word} {k + 1}" for k in range(count)]
+
+    @property
     def simulation_metric(self) -> AbstractMetric:
         """The metric that is solved for: of a peak some more peaks too."""
         if isinstance(self.metric, Peak) and self.metric.count == 1:
@@ -51,10 +67,32 @@ class Limit(eqx.Module):
         return self.metric
 
 
+def _quantity(metric: AbstractMetric) -> str:
+    """A metric in words: "position error", "RMS contact force", "energy lost"."""
+    function = getattr(metric, "function", None)
+    own = _words(type(metric).__name__ if function is None else getattr(function, "__name__", "function"))
+    signal = getattr(metric, "signal", None)
+    if signal is None:
+        return own
+    reduced = "" if isinstance(metric, Peak | At) else own.replace("rms", "RMS") + " "
+    return reduced + _words(type(signal).__name__)
+
+
+def _words(name: str) -> str:
+    return re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).replace("_", " ").strip().lower()
+
+
+def _part(metric: AbstractMetric) -> str:
+    """The point, joint or body that a metric is about."""
+    holder = getattr(metric, "signal", metric)
+    return next((str(getattr(holder, n)) for n in ("point", "joint", "body") if hasattr(holder, n)), "")
+
+
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Specification:
     """A `ToleranceProblem`'s arguments in one form: `costs` one by one in the order of `variables`, none where the
-    largest clearance is wanted; `conditions` by name, at least one; `options`: of the solves.
+    largest clearance is wanted; `conditions` by name, at least one; `options`: of the solves; `cost_unit`: what costs
+    are counted in.
 
     **Raises:** `ClearanceError` for unknown names, limits of one title, numbers that are not finite or out of bounds.
     """
@@ -67,6 +105,7 @@ class Specification:
     conditions: dict[str, dict[str, Any]]
     manufacture: Band | Yield | None
     options: SolveOptions
+    cost_unit: str = "cost units"
 
     def __post_init__(self):
         settings = self.settings()
@@ -147,9 +186,13 @@ class Specification:
         """The variables by name at a solver's point."""
         return dict(zip(self.variables, self.values(x).tolist(), strict=True))
 
+    def shown(self, condition: str) -> str:
+        """A condition's name where there are several, else nothing."""
+        return condition if len(self.conditions) > 1 else ""
+
     def suffix(self, condition: str) -> str:
         """How a title names a condition: not at all where there is one only."""
-        return f" ({condition})" if len(self.conditions) > 1 else ""
+        return f" ({condition})" if self.shown(condition) else ""
 
     def as_designed(self) -> "Specification":
         """The same for parts that come out exactly as designed."""

@@ -32,11 +32,17 @@ class StandardFits(NamedTuple):
     least: float
     yield_estimate: YieldEstimate
 
+    @property
+    def shares(self) -> tuple[float, float]:
+        """What the worst limit has of its bound with every clearance at its greatest, and at its least."""
+        return 1 + self.worst, 1 + self.least
+
     def __str__(self) -> str:
         lines = [f"{name}: {found}" for name, found in self.fits.items()]
+        greatest, least = self.shares
         lines.append(
-            f"Of its bound the worst limit has {1 + self.worst:.4f} with every clearance at its greatest, "
-            f"{1 + self.least:.4f} at its least."
+            f"Of its bound the worst limit has {greatest:.4f} with every clearance at its greatest, "
+            f"{least:.4f} at its least."
         )
         return "\n".join([*lines, str(self.yield_estimate)])
 

@@ -1,11 +1,13 @@
 """What happens over time at a design: every signal that a limit is about, in every condition."""
 
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from clearance_jax.analysis.metrics import At
 from clearance_jax.design.answer import Design
+from clearance_jax.design.specification import Specification
 from clearance_jax.errors import ClearanceError
 from clearance_jax.parameters import replace
 
@@ -28,21 +30,37 @@ class TimeHistory(NamedTuple):
 def time_histories(design: Design) -> tuple[TimeHistory, ...]:
     """One for each limit on a signal; without the conditions that cannot be simulated."""
     specification = design.specification
-    several = len(specification.conditions) > 1
     times = np.linspace(specification.t0, specification.t1, SAMPLES)
-    out = []
-    for limit in specification.limits:
-        signal = getattr(limit.metric, "signal", None)
-        if signal is None:
-            continue
-        values = {}
-        for name, given in specification.conditions.items():
-            moved = replace(design.mechanism, given)
-            try:
-                values[name if several else ""] = np.asarray(
-                    At(signal, times)(moved, specification.t1, **specification.options)
-                )
-            except (ClearanceError, RuntimeError):
-                continue  # a design that could not be simulated is reported as such elsewhere
-        out.append(TimeHistory(limit.title, signal.unit, type(limit.metric).__name__, limit.bound, times, values))
-    return tuple(out)
+    found = {}
+    for name, given in specification.conditions.items():
+        moved = replace(design.mechanism, given)
+        try:
+            found[specification.shown(name)] = [
+                None if signal is None else At(signal, times)(moved, specification.t1, **specification.options)
+                for signal in _signals(specification)
+            ]
+        except (ClearanceError, RuntimeError):
+            continue  # a design that could not be simulated is reported as such elsewhere
+    return histories_of(specification, times, found)
+
+
+def histories_of(
+    specification: Specification, times: np.ndarray, found: Mapping[str, Sequence[Any]]
+) -> tuple[TimeHistory, ...]:
+    """From signals found by condition, of every limit in its place."""
+    return tuple(
+        TimeHistory(
+            limit.label,
+            signal.unit,
+            type(limit.metric).__name__,
+            limit.bound,
+            times,
+            {name: np.asarray(signals[i]) for name, signals in found.items()},
+        )
+        for i, (limit, signal) in enumerate(zip(specification.limits, _signals(specification), strict=True))
+        if signal is not None
+    )
+
+
+def _signals(specification: Specification) -> list[Any]:
+    return [getattr(limit.metric, "signal", None) for limit in specification.limits]

@@ -78,6 +78,7 @@ def _study(path: Path, top: Table, text: str) -> Study:
         cost=costs or None,
         conditions=_conditions(top, mechanism),
         manufacture=_manufacture(top.chosen("manufacture", MANUFACTURE_TABLES)) if top.has("manufacture") else None,
+        cost_unit=top.get("cost_unit") or "cost units",
         rtol=solve.get("rtol") or scene.solve.get("rtol", 1e-8),
         solver=solve.get("solver") or scene.solve.get("solver", "tsit5"),
         start=scene.solve.get("start", "centre"),

@@ -36,6 +36,7 @@ STUDY = Keys(
             longest=LONGEST_PATH,
         ),
         Quantity("t1", "end of the motion", '"105 ms"', unit="s", absent="the scene's"),
+        Text("cost_unit", "what costs are counted in", '"EUR"', absent="cost units", longest=20),
         Sub("solve", "how the problem is solved", '{ method = "slsqp" }'),
         Sub("verify", "how the answer is proved", "{ sweep = 40 }"),
         Sub(

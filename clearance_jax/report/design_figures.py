@@ -1,5 +1,6 @@
-"""Figures of a design: errors over time, contributions, what a bound costs, how the solver came there."""
+"""Figures of a design: errors over time, contributions, what a bound costs, how the solver came there, pins' paths."""
 
+import textwrap
 from collections.abc import Sequence
 
 import matplotlib as mpl
@@ -10,23 +11,27 @@ from matplotlib.ticker import MaxNLocator
 
 from clearance_jax.design.answer import Design
 from clearance_jax.design.explain import Response, Tradeoff
+from clearance_jax.design.loads import PinPath
 from clearance_jax.design.time_histories import TimeHistory
+from clearance_jax.report.figures import time_axis
 
-STYLE = {"axes.grid": True, "grid.alpha": 0.3, "font.size": 10, "legend.fontsize": 9}
-# Small enough to be read on a phone.
-WIDTH, HEIGHT = 4.6, 3.0
+# As wide as a phone shows it: text of 9 points is then 12 pixels high, and of the same size in every figure.
+WIDTH, HEIGHT = 3.6, 2.6
+STYLED = mpl.rc_context({"axes.grid": True, "grid.alpha": 0.3, "font.size": 9, "legend.fontsize": 9})
+# Characters of a label that fit along the figure's height and width.
+UPRIGHT, LEVEL = 30, 44
 
 
-def _axes() -> tuple[Figure, Axes]:
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH, HEIGHT), layout="constrained")
-        return figure, figure.subplots()
+def drawn(height: float = HEIGHT) -> tuple[Figure, Axes]:
+    """A figure of the report's width, with one pair of axes."""
+    figure = Figure(figsize=(WIDTH, height), layout="constrained")
+    return figure, figure.subplots()
 
 
 def _objective(design: Design) -> tuple[float, str]:
     """Factor on the objective, and what it is called."""
     if not design.specification.common:
-        return 1.0, "cost"
+        return 1.0, f"cost ({design.specification.cost_unit})"
     factor, unit = _scaled(next(iter(design.units.values())))
     return -factor, f"clearance, {unit}" if unit == "µm" else f"largest value, {unit}"
 
@@ -35,60 +40,68 @@ def _scaled(unit: str) -> tuple[float, str]:
     return (1e6, "µm") if unit == "m" else (1.0, unit)
 
 
+def _label(text: str, unit: str, width: int) -> str:
+    return textwrap.fill(text + (f", {unit}" if unit else ""), width)
+
+
+@STYLED
 def over_time(history: TimeHistory) -> Figure:
     """The signal of a limit over time in every condition, with its bound."""
-    figure, axes = _axes()
+    figure, axes = drawn()
     factor, unit = _scaled(history.unit)
+    times = time_axis(axes, float(history.times[-1])) * history.times
     for name, values in history.values.items():
-        axes.plot(history.times, factor * values, lw=0.8, label=name or None)
+        axes.plot(times, factor * values, lw=0.8, label=name or None)
     bound = "bound" if history.metric == "Peak" else f"bound on its {history.metric}"
     axes.axhline(factor * history.bound, color="k", ls="--", lw=0.8, label=bound)
-    axes.set(xlabel="time, s", ylabel=f"{history.limit}, {unit}")
-    axes.legend()
-    return figure
-
-
-def contributions(why: Sequence[Response]) -> Figure:
-    """Which clearance has how much of each limit's value, to first order, and what is left."""
-    figure, axes = _axes()
-    figure.set_figheight(1.1 + 0.5 * len(why) + 0.12 * len(why[0].contributions))
-    names = [*why[0].contributions, "the rest"]
-    colours = [f"C{i}" for i in range(10)]
-    for row, response in enumerate(why):
-        ends = [0.0, 0.0]  # negative parts to the left, the others to the right
-        for i, part in enumerate([*response.contributions.values(), response.rest]):
-            share = 100 * part / response.bound
-            side = int(share >= 0)
-            colour = "0.75" if i == len(names) - 1 else colours[i % 10]
-            axes.barh(row, share, left=ends[side], color=colour, label=names[i] if row == 0 else None)
-            ends[side] += share
-    axes.axvline(100, color="k", ls="--", lw=0.8)
-    axes.set(yticks=range(len(why)), yticklabels=[r.limit for r in why], xlabel="share of the bound, %")
-    axes.invert_yaxis()
+    axes.set_ylabel(_label(history.limit, unit, UPRIGHT))
     figure.legend(loc="outside lower center", ncol=2)
     return figure
 
 
+@STYLED
+def contributions(why: Sequence[Response]) -> Figure:
+    """Which clearance has how much of each limit's value, to first order, and what is left."""
+    names = [*why[0].contributions, "the rest"]
+    figure, axes = drawn(0.8 + 0.55 * len(why) + 0.18 * len(names))
+    colours = [f"C{i}" for i in range(10)]
+    for row, response in enumerate(why):
+        ends = [0.0, 0.0]  # negative parts to the left, the others to the right
+        for i, part in enumerate([*response.contributions.values(), response.rest]):
+            share = 100 * response.share(part)
+            side = int(share >= 0)
+            colour = "0.75" if i == len(names) - 1 else colours[i % 10]
+            axes.barh(row, share, 0.5, left=ends[side], color=colour, label=names[i] if row == 0 else None)
+            ends[side] += share
+        axes.text(0, row - 0.3, response.limit, va="bottom")
+    axes.axvline(100, color="k", ls="--", lw=0.8)
+    # Names stand above the bars: beside them they would leave no room on a phone.
+    axes.set(yticks=[], xlabel="share of the bound, %", ylim=(len(why) - 0.6, -0.75))
+    figure.legend(loc="outside lower center")
+    return figure
+
+
+@STYLED
 def trade(found: Tradeoff, design: Design) -> Figure:
     """What each bound costs, or how large a clearance it allows."""
-    figure, axes = _axes()
+    figure, axes = drawn()
     factor, unit = _scaled(found.unit)
     times, label = _objective(design)
     axes.plot(factor * found.bounds, times * found.objectives, "o-", lw=1)
-    asked = {limit.title: limit.bound for limit in design.specification.limits}.get(found.limit, 1.0)
-    axes.plot([factor * asked], [times * design.objective], "k*", ms=12, label="the design")
-    axes.set(xlabel=f"bound on {found.limit}" + (f", {unit}" if unit else ""), ylabel=label)
+    axes.plot([factor * found.asked], [times * design.objective], "k*", ms=12, label="the design")
+    axes.set(xlabel=_label(f"bound on {found.label}", unit, LEVEL), ylabel=label)
     axes.legend()
     return figure
 
 
+@STYLED
 def convergence(design: Design) -> Figure:
     """Cost (or clearance) of each evaluated design, those that hold all limits apart from the others."""
-    figure, axes = _axes()
+    figure, axes = drawn()
     points, (times, label) = design.program.history, _objective(design)
     values = times * np.array([p.objective for p in points])
     held = np.array([p.feasible for p in points])
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.xaxis.set_major_locator(MaxNLocator(nbins=5, integer=True))
     number = np.arange(1, len(points) + 1)
     for chosen, style, what in ((held, "o", "holds all limits"), (~held, "x", "violates one")):
         if np.any(chosen):
@@ -96,5 +109,22 @@ def convergence(design: Design) -> Figure:
     axes.set(xlabel="evaluation", ylabel=label)
     if 0 < 10 * values.min() < values.max():
         axes.set_yscale("log")
-    axes.legend()
+    figure.legend(loc="outside lower center", ncol=2)
+    return figure
+
+
+@STYLED
+def pin_in_sleeve(path: PinPath) -> Figure:
+    """The path of a pin's centre inside the clearance circle, and where the surfaces touch."""
+    figure, axes = drawn(3.6)
+    x, y = 1e6 * path.places.T
+    axes.plot(x, y, lw=0.5, color="0.6", zorder=1, label="path")
+    axes.plot(x[path.touching], y[path.touching], ".", ms=3, color="tab:red", zorder=2, label="in contact")
+    angle, radius = np.linspace(0, 2 * np.pi, 361), 1e6 * path.clearance
+    axes.plot(radius * np.cos(angle), radius * np.sin(angle), "k--", lw=0.8, label="clearance")
+    axes.set_aspect("equal", adjustable="box")
+    axes.set(xlabel="along the sleeve's x, µm", ylabel="along its y, µm")
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(MaxNLocator(nbins=5))
+    figure.legend(loc="outside lower center", ncol=3, columnspacing=1, handlelength=1.2)
     return figure

@@ -6,6 +6,7 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
@@ -15,7 +16,17 @@ from clearance_jax.results.first_fall import seconds
 
 # Ticks of a time axis at most; columns of a picture in which a curve is no longer told from its envelope.
 TICKS, COLUMNS = 6, 500
+# A motion that is over by then is told in ms [s].
+SHORT = 0.2
 STATES = (("free", "tab:blue"), ("contact", "tab:green"), ("impact", "tab:red"))
+
+
+def time_axis(axis: Axes, last: float) -> float:
+    """A time axis to `last` [s], in ms or s, with few ticks; what seconds are to be multiplied by."""
+    factor, unit = (1e3, "ms") if last < SHORT else (1.0, "s")
+    axis.xaxis.set_major_locator(MaxNLocator(nbins=TICKS - 1, steps=[1, 2, 2.5, 5, 10]))
+    axis.set_xlabel(f"time, {unit}")
+    return factor
 
 
 def overview(dataset: xr.Dataset) -> Figure:
@@ -46,14 +57,6 @@ def overview(dataset: xr.Dataset) -> Figure:
     return figure
 
 
-def _clock(axis, dataset: xr.Dataset) -> float:
-    """A time axis in ms or s with few ticks; what seconds are to be multiplied by."""
-    brief = float(dataset["time"][-1]) < 0.2
-    axis.set_xlabel("time, ms" if brief else "time, s")
-    axis.xaxis.set_major_locator(MaxNLocator(TICKS - 1))
-    return 1e3 if brief else 1.0
-
-
 def _curve(axis, time: np.ndarray, values: np.ndarray, label: str) -> str:
     """A curve, or where it has far more points than the picture has columns its envelope; its colour."""
     if len(time) <= 2 * COLUMNS:
@@ -73,7 +76,7 @@ def _of_joint(dataset: xr.Dataset, joint: str, name: str) -> tuple[np.ndarray, n
 
 
 def _eccentricity(axis, dataset: xr.Dataset) -> None:
-    factor = _clock(axis, dataset)
+    factor = time_axis(axis, float(dataset["time"][-1]))
     for joint in dataset["joint"].values:
         time, places = _of_joint(dataset, joint, "eccentricity")
         colour = _curve(axis, factor * time, np.hypot(*places.T) * 1e3, str(joint))
@@ -86,7 +89,7 @@ def _eccentricity(axis, dataset: xr.Dataset) -> None:
 
 
 def _force(axis, dataset: xr.Dataset) -> None:
-    factor = _clock(axis, dataset)
+    factor = time_axis(axis, float(dataset["time"][-1]))
     for index, joint in enumerate(dataset["joint"].values):
         time, force = _of_joint(dataset, joint, "contact_force")
         colour = _curve(axis, factor * time, force, str(joint))
@@ -126,7 +129,7 @@ def _fit_peaks(axis, dataset: xr.Dataset) -> None:
 
 
 def _point(axis, dataset: xr.Dataset, name: str, ylabel: str) -> None:
-    factor = _clock(axis, dataset)
+    factor = time_axis(axis, float(dataset["time"][-1]))
     points = [str(point) for point in dataset["point"].values]
     for point in points:
         size = np.hypot(*dataset[name].sel(point=point).values.T)

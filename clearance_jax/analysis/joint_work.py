@@ -1,0 +1,70 @@
+"""What a clearance joint bears on average and loses over a motion: by which its wear and its heat are judged."""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from clearance_jax._types import Scalar
+from clearance_jax.analysis.measure import AbstractMetric, Request
+from clearance_jax.analysis.signals import clearance_index
+from clearance_jax.dynamics.kinematics import frames, play
+from clearance_jax.joints import Relative
+from clearance_jax.mechanism.mechanism import ClearanceJoint, Mechanism
+from clearance_jax.mechanism.state import State, layout
+
+
+class Work(NamedTuple):
+    """Of a joint: time average of its normal force [N], energy lost in its friction and in its contact damping [J]."""
+
+    mean_force: Scalar
+    friction_loss: Scalar
+    contact_loss: Scalar
+
+
+class JointWork(AbstractMetric):
+    """`Work` of a clearance joint, integrated along with the motion by the solver. The losses of all joints and dampers
+    add up to `EnergyLost`.
+    """
+
+    joint: str = eqx.field(static=True)
+
+    def request(self, mechanism, t1, options):
+        clearance_index(mechanism, self.joint)  # an unknown name raises here
+        return Request(integrands=(Powers(self.joint),))
+
+    def value(self, reply):
+        pressed, rubbed, absorbed = reply.integrals[0]
+        ready = reply.mechanism.prepared()
+        gained = _held(ready, self.joint, reply.t1, reply.solution.final)
+        gained -= _held(ready, self.joint, reply.t0, reply.solution.initial)
+        return Work(pressed / reply.span, rubbed, absorbed - gained)
+
+
+class Powers(eqx.Module):
+    """Normal force [N], power lost in friction and power absorbed beside it [W] of a joint, shape (3,)."""
+
+    joint: str = eqx.field(static=True)
+
+    def __call__(self, time, y, mechanism):
+        """The three at a state."""
+        joint, at, state = _play(mechanism, self.joint, time, y)
+        action = joint.clearance.act(at, state.memory[joint.name])
+        force = sum((point.normal_force for point in action.points), jnp.zeros(()))
+        return jnp.stack([force, action.friction_power, action.absorbed_power])
+
+    def scale(self, mechanism):
+        """Infinite: kinks are the laws' switches, at which steps end anyway."""
+        return jnp.asarray(jnp.inf)
+
+
+def _play(mechanism: Mechanism, name: str, time, y) -> tuple[ClearanceJoint, Relative, State]:
+    joint = mechanism.clearance_joints()[clearance_index(mechanism, name)]
+    state = layout(mechanism).split(y)
+    return joint, play(joint, frames(mechanism, time, state), state).relative, state
+
+
+def _held(mechanism: Mechanism, name: str, time, y) -> Scalar:
+    """What a joint's contact holds elastically [J]."""
+    joint, at, _ = _play(mechanism, name, jnp.asarray(time, float), y)
+    return joint.clearance.stored(at)

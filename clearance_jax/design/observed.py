@@ -1,0 +1,74 @@
+"""What a designed mechanism does in one scenario, seen in one solve: its limits and when they peak, its signals over
+time, what its joints bear and lose, and where everything is.
+"""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from clearance_jax.analysis.instants import PeakInstants
+from clearance_jax.analysis.joint_work import JointWork
+from clearance_jax.analysis.measure import AbstractMetric, measure
+from clearance_jax.analysis.metrics import At, ContactForce, Impacts, Peak
+from clearance_jax.design.places import PlacesOverTime
+from clearance_jax.design.scenarios import Scenario
+from clearance_jax.design.specification import Specification
+from clearance_jax.parameters import replace
+
+SAMPLES = 2001
+
+
+class Observed(NamedTuple):
+    """What was asked of a scenario, metric by metric, and then, in the same places, what was found:
+
+    - by limit, `limits` (`Instants` of a peak, else the values) and `signals` over time (`None`: it has none);
+    - by clearance joint, `forces` (`Instants` of the largest), `works` (`Work`) and `impacts`;
+    - `places` (`Places`) over time.
+    """
+
+    limits: tuple[Any, ...]
+    signals: tuple[Any, ...]
+    forces: tuple[Any, ...]
+    works: tuple[Any, ...]
+    impacts: tuple[Any, ...]
+    places: Any
+
+
+def sample_times(specification: Specification) -> np.ndarray:
+    """When signals and places are looked at [s]."""
+    return np.linspace(specification.t0, specification.t1, SAMPLES)
+
+
+def observed(specification: Specification, x: np.ndarray, scenario: Scenario) -> Observed | None:
+    """A design (its variables, shape (n,)) in a scenario; `None` where there is no motion to the end."""
+    x = specification.values(x) * scenario.factors
+    moved = replace(specification.mechanism, {**scenario.values, **dict(zip(specification.variables, x, strict=True))})
+    solve = {**specification.options, "rtol": jnp.asarray(specification.rtol)}
+    found = _measured(moved, _asked(specification), jnp.asarray(specification.t1), solve)
+    found = jax.tree.map(np.asarray, found)
+    return found if all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(found.places)) else None
+
+
+def _asked(specification: Specification) -> Observed:
+    joints = [joint.name for joint in specification.mechanism.clearance_joints()]
+    times = sample_times(specification)
+    metrics = [limit.simulation_metric for limit in specification.limits]
+    signals = [getattr(metric, "signal", None) for metric in metrics]
+    return Observed(
+        tuple(PeakInstants(metric) if isinstance(metric, Peak) else metric for metric in metrics),
+        tuple(None if signal is None else At(signal, times) for signal in signals),
+        tuple(PeakInstants(Peak(ContactForce(name))) for name in joints),
+        tuple(JointWork(name) for name in joints),
+        tuple(Impacts(name) for name in joints),
+        PlacesOverTime(times),
+    )
+
+
+@eqx.filter_jit
+def _measured(mechanism, asked: Observed, t1, solve: dict[str, Any]):
+    metrics, structure = jax.tree.flatten(asked, is_leaf=lambda m: isinstance(m, AbstractMetric))
+    named = {str(i): metric for i, metric in enumerate(metrics)}
+    return jax.tree.unflatten(structure, measure(mechanism, named, t1, **solve).values())

@@ -1,0 +1,64 @@
+"""How a design stands to its limits: what each comes to, of which bound, and when."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from clearance_jax.analysis.instants import Instants
+from clearance_jax.design.answer import Design
+from clearance_jax.design.manufacture import Yield
+from clearance_jax.design.observed import Observed
+from clearance_jax.design.scenarios import Scenario, scenarios_of
+
+# Of so many limits, the nearest to their bounds, a reader sees the pattern.
+SHOWN = 12
+
+
+class Standing(NamedTuple):
+    """A limit in one scenario: its `share` of the bound; `value` and `bound` in `unit` (no numbers: it is a risk, and
+    has none of its own); the `time` at which it is met [s], where it is a peak.
+    """
+
+    label: str
+    unit: str
+    value: float | None
+    bound: float | None
+    share: float
+    time: float | None
+
+
+def standings(design: Design, look: Callable[[Scenario], Observed | None] | None = None) -> tuple[Standing, ...]:
+    """Of the limits nearest to their bounds, at most `SHOWN`, the nearest first.
+
+    **Arguments:** `look`: observes a scenario, for when its peaks are (default: that is left open).
+    """
+    program, limits = design.program, design.evaluation.limits
+    order = np.argsort(-np.nan_to_num(limits, nan=np.inf))[:SHOWN]
+    if isinstance(design.specification.manufacture, Yield):
+        return tuple(Standing(program.limit_names[k], "", None, None, float(1 + limits[k]), None) for k in order)
+    scenarios = scenarios_of(design.specification)
+    rows = _rows(design, len(scenarios))
+    seen: dict[int, Observed | None] = {}
+    out = []
+    for k in order.tolist():
+        limit, place = rows[k % len(rows)]
+        number, asked = k // len(rows), design.specification.limits[limit]
+        if look is not None and number not in seen:
+            seen[number] = look(scenarios[number])
+        value, share = float((1 + limits[k]) * asked.bound), float(1 + limits[k])
+        time = _instant(seen.get(number), limit, place)
+        out.append(Standing(program.limit_names[k], asked.metric.unit, value, asked.bound, share, time))
+    return tuple(out)
+
+
+def _rows(design: Design, scenarios: int) -> list[tuple[int, int]]:
+    """Of every number that a scenario's limits are: which limit, and which of its values."""
+    titles = [limit.title for limit in design.specification.limits]
+    groups = design.program.groups[: len(design.program.groups) // scenarios]
+    return [(titles.index(title), groups[:k].count(title)) for k, title in enumerate(groups)]
+
+
+def _instant(seen: Observed | None, limit: int, place: int) -> float | None:
+    found = None if seen is None else seen.limits[limit]
+    return float(found.times[place]) if isinstance(found, Instants) else None

@@ -1,0 +1,298 @@
+"""The report of a design, from findings made by hand: what it says, in which words, and that names stay text."""
+
+import itertools
+import re
+import sys
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from catalogue import slider_crank
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+import clearance_jax as cj
+from clearance_jax import design
+from clearance_jax.analysis import metrics
+from clearance_jax.analysis.instants import Instants
+from clearance_jax.design import fits, places
+from clearance_jax.design.drawing import joint_drawings
+from clearance_jax.design.findings import CUT_SHORT
+from clearance_jax.design.loads import pin_size
+from clearance_jax.design.manufacture import YieldEstimate
+from clearance_jax.design.observed import Observed
+from clearance_jax.design.outline import outline
+from clearance_jax.design.standings import standings
+from clearance_jax.errors import ClearanceError
+from clearance_jax.report import mechanism_figure, words
+from clearance_jax.report.figures import time_axis
+from clearance_jax.report.html import render, write_report
+
+CLEARANCE = "wrist.radial_clearance"
+TIMES = np.linspace(0.0, 0.012, 50)
+# Below it a text is hard to read [px]; the width that a phone leaves a figure, of its 390 px [px].
+LEAST_TEXT, PHONE = 11.0, 340.0
+
+
+def answer(limits, cost_unit: str = "EUR", held: bool = True, **options) -> design.Design:
+    """A design of the slider-crank's wrist, without a solve."""
+    problem = design.ToleranceProblem(
+        slider_crank(),
+        0.012,
+        {CLEARANCE: (1e-5, 1e-3)},
+        limits,
+        design.Reciprocal(1e-4),
+        cost_unit=cost_unit,
+        **options,
+    )
+    asked = problem.specification
+    rows = [(limit.title, label) for limit in asked.limits for label in limit.labels(3)] * len(asked.conditions)
+    value = -1e-4 if held else 0.5
+
+    def evaluate(x, gradient):
+        return design.Evaluation(x, 1e-4 / x[0], np.full(len(rows), value), -1e-4 / x**2, np.ones((len(rows), 1)))
+
+    program = design.Program(evaluate, asked.names, *asked.bounds, [row[1] for row in rows], [row[0] for row in rows])
+    program.at(np.array([1e-4]), True)
+    return design.Design(asked, program, design.METHODS["slsqp"], program.at(np.array([8e-5]), True), "", "")
+
+
+def piston_limit(name: str = "piston") -> design.Limit:
+    return design.Limit(metrics.Peak(metrics.PositionError("piston")), 2e-4, name)
+
+
+def crank_places(count: int = 5) -> places.Places:
+    """Of a crank that turns from its dead centre, and of a pin half way out."""
+    angle = np.linspace(0.0, np.pi / 2, count)
+    pin = 0.05 * np.stack([np.cos(angle), np.sin(angle)], 1)
+    slider = np.stack([pin[:, 0] + np.sqrt(0.12**2 - pin[:, 1] ** 2), 0 * angle], 1)
+    origin, along = np.zeros((count, 2)), np.tile([1.0, 0.0], (count, 1))
+    return places.Places(
+        {
+            "crank": np.stack([origin, pin], 1),
+            "conrod": np.stack([pin, slider], 1),
+            "slider": np.stack([slider, slider], 1),
+        },
+        {"main": origin, "crankpin": pin, "guide": slider, "wrist": slider},
+        {"guide": along},
+        {"piston": slider},
+        {},
+        {"wrist": 4e-5 * along},
+        {"wrist": np.linspace(0.0, 5.0, count)},
+    )
+
+
+def made(found: design.Design, length: float | None = 0.02) -> design.Findings:
+    """Everything that can be found of a design, by hand."""
+    (limit,) = found.specification.limits
+    fit = fits.fit(0.02, "H8/f7")
+    standard = design.StandardFits({CLEARANCE: fit}, -0.02, -0.6, YieldEstimate(1.0, 0.985, 200))
+    drawn = joint_drawings(found, standard.fits)
+    values = {"": 1e-4 * np.abs(np.sin(600 * TIMES))}
+    path = design.PinPath("wrist", "", 8e-5, 8e-5 * np.stack([np.cos(TIMES), np.sin(TIMES)], 1), TIMES > 0.006)
+    return design.Findings(
+        found,
+        responses=(
+            design.Response(limit.label, limit.label, "m", 1.9e-4, 2e-4, {CLEARANCE: "m"}, {CLEARANCE: 1.5},
+                            {CLEARANCE: 1.2e-4}),
+        ),
+        tradeoff=design.Tradeoff(
+            limit.title, "m", np.array([1e-4, 2e-4]), np.array([np.nan, 1.25]), (None, {CLEARANCE: 8e-5}),
+            limit.label, 2e-4,
+        ),
+        fits=standard,
+        time_histories=(design.TimeHistory(limit.label, "m", "Peak", 2e-4, TIMES, values),),
+        notes=("A note.",),
+        standings=(design.Standing(limit.labels(3)[0], "m", 1.9998e-4, 2e-4, 0.9999, 0.0034),),
+        drawings=drawn,
+        loads=(design.JointLoad("wrist", "", 2449.0, 0.0004285, 156.2, 7, 0.26, 0.0104, 0.02, length),),
+        paths=(path,),
+        outline=outline(found.specification.mechanism, TIMES[:5], crank_places()),
+        software="clearance_jax 0.1.0",
+    )  # fmt: skip
+
+
+def text_of(page: str) -> str:
+    """What a reader reads: no figures, no markup, no line breaks."""
+    return " ".join(re.sub(r"<[^>]*>", "", re.sub(r"<(svg|style).*?</\1>", "", page, flags=re.S)).split())
+
+
+def rows_of(page: str, head: str) -> list[list[str]]:
+    """The rows of the table whose first head is so called, cell by cell."""
+    table = next(t for t in re.findall(r"<table>.*?</table>", page, re.S) if f"<th>{head}</th>" in t)
+    return [
+        [text_of(c) for c in re.findall(r"<td.*?</td>", row, re.S)]
+        for row in re.findall(r"<tr>.*?</tr>", table, re.S)[1:]
+    ]
+
+
+def test_a_page_says_what_a_drawing_needs():
+    page = render(made(answer([piston_limit()])), "Press")
+    (row,) = [row for row in rows_of(page, "joint") if "Ø" in row[1]]
+    # H8/f7 at 20 mm by ISO 286-1: hole +33/0, shaft -20/-41.
+    assert row == ["wrist", "Ø 20 mm", "H8 +33 / 0 µm", "f7 −20 / −41 µm", "10 to 37 µm", "80 µm"]
+    assert "Cost 1.25 EUR." in text_of(page)
+    assert "EUR" in page[page.index("What another bound") :]
+
+
+def test_limits_have_bound_share_and_instant():
+    (row,) = rows_of(render(made(answer([piston_limit()]))), "limit")
+    assert row == ["piston: position error, peak 1", "199.98 µm", "200 µm", "99.9900 %", "3.4 ms"]
+
+
+def test_loads_have_pressures_only_where_a_length_is_known():
+    found = made(answer([piston_limit()]))
+    (load,) = found.loads
+    assert load.largest_pressure == pytest.approx(2449.0 / (0.02 * 0.02))
+    page = render(found)
+    row = next(row for row in rows_of(page[page.index("Loads of the joints") :], "joint"))
+    assert row == ["wrist", "2449 N", "0.4285 ms", "156.2 N", "0.26 J", "0.0104 J", "7", "6.122 MPa", "0.3905 MPa"]
+    without = text_of(render(made(answer([piston_limit()]), length=None)))
+    assert "no joint says the length" in without
+    assert "MPa" not in without
+
+
+def test_names_are_text_and_the_page_needs_nothing_else():
+    name = '<script>alert("1")</script>'
+    found = made(answer([piston_limit(name)], cost_unit="<i>"))
+    page = render(found, title="A & <b>", study='name = "</pre><img src=x>"')
+    assert "<script" not in page
+    assert "<img" not in page
+    assert "<i>" not in page
+    assert "<h1>A &amp; &lt;b&gt;</h1>" in page
+    assert not re.search(r'(src|href)="(?!#)', page)
+    assert page.count("<svg") == 6  # mechanism, path, history, contributions, trade-off, convergence
+
+
+def test_figures_are_readable_on_a_phone():
+    page = render(made(answer([piston_limit()])))
+    figures = re.findall(r"<svg.*?</svg>", page, re.S)
+    for figure in figures:
+        (width,) = re.findall(r'viewBox="0 0 ([0-9.]+) ', figure)
+        sizes = [float(size) for size in re.findall(r"font-size: ([0-9.]+)px", figure)]
+        assert sizes
+        assert min(sizes) * PHONE / float(width) >= LEAST_TEXT
+    # And all else is sized in rem of 16 px.
+    assert min(float(size) for size in re.findall(r"font-size: ([0-9.]+)rem", page)) * 16 >= LEAST_TEXT
+
+
+def test_a_mechanism_is_drawn_where_its_joints_are_apart_and_says_their_names():
+    found = outline(slider_crank(), TIMES[:5], crank_places())
+    assert found.joints["crankpin"][1] > 0.04  # at the start all is in one line
+    assert found.loose == {"wrist"}
+    assert found.grounded == {"main", "guide"}
+    figure = mechanism_figure.mechanism(found)
+    FigureCanvasAgg(figure)
+    figure.draw_without_rendering()
+    names = [line for text in figure.axes[0].texts for line in text.get_text().splitlines()]
+    assert {"main", "crankpin", "wrist", "guide", "piston"} < set(names)
+    # Nothing is cut off, and no two names hide each other.
+    boxes = [text.get_window_extent() for text in figure.axes[0].texts]
+    assert all(figure.bbox.containsx(x) for box in boxes for x in (box.x0, box.x1))
+    assert all(figure.bbox.containsy(y) for box in boxes for y in (box.y0, box.y1))
+    assert not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
+
+
+@pytest.mark.parametrize(("last", "unit"), [(1e-4, "ms"), (0.105, "ms"), (0.3, "s"), (7.0, "s"), (1234.5, "s")])
+def test_a_time_axis_has_at_most_six_ticks_apart_from_each_other(last, unit):
+    figure = Figure(figsize=(3.6, 2.6), layout="constrained")
+    axis, t = figure.subplots(), np.linspace(0, last, 11)
+    shown = time_axis(axis, t)
+    axis.plot(shown, t)
+    figure.draw_without_rendering()
+    assert axis.get_xlabel() == f"time, {unit}"
+    np.testing.assert_allclose(shown, t * (1e3 if unit == "ms" else 1.0))
+    low, high = axis.get_xlim()
+    ticks = [tick.label1.get_window_extent() for tick in axis.xaxis.get_major_ticks() if low <= tick.get_loc() <= high]
+    assert 3 <= len(ticks) <= 6
+    assert all(a.x1 < b.x0 for a, b in itertools.pairwise(ticks))
+
+
+@pytest.mark.parametrize(
+    ("limit", "labels"),
+    [
+        (piston_limit(""), ["piston: position error, peak 1", "piston: position error, peak 2"]),
+        (piston_limit("first"), ["first: position error of piston, peak 1", "first: position error of piston, peak 2"]),
+        (design.Limit(metrics.Rms(metrics.ContactForce("wrist")), 1.0, "wrist"), ["wrist: RMS contact force"]),
+        (design.Limit(metrics.Impacts("wrist"), 1.0), ["wrist: impacts"]),
+        (design.Limit(metrics.EnergyLost(), 1.0, "heat"), ["heat: energy lost"]),
+        (
+            design.Limit(metrics.At(metrics.Acceleration("piston"), [1e-3, 2e-3]), 1.0),
+            ["piston: acceleration, at 1 ms", "piston: acceleration, at 2 ms"],
+        ),
+    ],
+)
+def test_limits_are_called_by_what_they_are(limit, labels):
+    assert limit.labels(len(labels)) == labels
+
+
+def test_standings_know_which_limit_and_condition_a_row_is_of():
+    conditions = {"slow": {"drive.main.speed": 50.0}, "fast": {"drive.main.speed": 500.0}}
+    found = answer([piston_limit()], conditions=conditions)
+    looked = []
+
+    def look(scenario):
+        looked.append(scenario.title)
+        times = Instants(np.ones(3), len(looked) + 0.1 * np.arange(3))
+        return Observed((times,), (None,), (), (), (), None)
+
+    rows = standings(found, look)
+    assert looked == [" (slow)", " (fast)"]
+    assert [row.time for row in rows] == [1.0, 1.1, 1.2, 2.0, 2.1, 2.2]
+    assert {row.bound for row in rows} == {2e-4}
+    assert [row.value for row in rows] == pytest.approx([2e-4 * (1 - 1e-4)] * 6)
+
+
+def test_without_a_solve_the_limits_and_the_drawing_are_known():
+    found = design.known(answer([piston_limit()], held=False))
+    assert not found.good
+    page = text_of(render(found))
+    assert "No feasible design: piston: position error, peak 1 is 1.5 times its bound." in page
+    assert "No design holds every limit" in page
+    assert "Ø 20 mm" in page
+
+
+def test_an_interrupted_explanation_keeps_what_it_has(monkeypatch, tmp_path):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    # The package exports a function of the module's own name.
+    monkeypatch.setattr(sys.modules["clearance_jax.design.findings"], "observed", interrupted)
+    said = []
+    found = design.findings(answer([piston_limit()]), progress=said.append)
+    assert said == ["loads and pictures"]
+    assert found.notes == (CUT_SHORT,)
+    assert found.standings
+    write_report(found, tmp_path / "r.html")
+    assert CUT_SHORT in (tmp_path / "r.html").read_text(encoding="utf-8")
+
+
+def test_numbers_are_written_as_in_a_workshop():
+    assert words.deviations((-41e-6, -20e-6)) == "−20 / −41 µm"
+    assert words.deviations((0.0, 33e-6)) == "+33 / 0 µm"
+    assert words.quantity(2e-5, "m") == "20 µm"
+    assert words.quantity(None, "m") == ""
+    assert words.pressure(6.1225e6) == "6.122 MPa"
+    assert str(words.breakable("<a>.b_c.d")) == "&lt;a&gt;.b_<wbr>c.<wbr>d"
+
+
+def test_the_places_of_a_state_are_those_of_its_mechanism():
+    mechanism = slider_crank().prepared()
+    (joint,) = slider_crank().clearance_joints()
+    assert pin_size(joint) == (0.02, None)
+    # The conrod turned by -90 degrees from a crank at 90: its end is below; the slider at x = 0.17.
+    y = jnp.array([-np.pi / 2, 0.17, 0.0, 0.0])
+    quarter = jnp.asarray(np.pi / 2 / (5000 * np.pi / 30))
+    at = jax.jit(lambda t, y: places.places_at(t, y, mechanism))(quarter, y)
+    np.testing.assert_allclose(at.joints["crankpin"], [0.0, 0.05], atol=1e-12)
+    np.testing.assert_allclose(at.bodies["conrod"], [[0.0, 0.05], [0.12, 0.05]], atol=1e-12)
+    np.testing.assert_allclose(at.points["piston"], [0.17, 0.0], atol=1e-12)
+    np.testing.assert_allclose(at.slides["guide"], [1.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(at.pins["wrist"], [0.05, -0.05], atol=1e-12)
+    assert cj.parameters(slider_crank())["wrist.pin_radius"].value == 0.01
+
+
+def test_a_path_that_cannot_be_written_is_one_sentence(tmp_path):
+    with pytest.raises(ClearanceError, match="Cannot write the report"):
+        write_report(design.known(answer([piston_limit()])), tmp_path / "missing" / "r.html")
