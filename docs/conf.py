@@ -9,7 +9,7 @@ from pathlib import Path
 HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE / "_ext"), str(HERE.parent)]
 
-# Notebooks are published where they can be run: a copy of each, with the outputs that it was saved with.
+# A copy of each notebook, with the outputs that it was saved with: a build runs none of them.
 NOTEBOOKS = HERE / "notebooks"
 NOTEBOOKS.mkdir(exist_ok=True)
 for notebook in (HERE.parent / "experiments" / "notebooks").glob("*.ipynb"):
@@ -31,4 +31,5 @@ html_title = "clearance_jax"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_copy_source = False
+html_show_copyright = False
 nitpicky = True

@@ -53,6 +53,11 @@ def code(text: str) -> str:
     return f"`{text}`" if text else ""
 
 
+def value(key) -> str:
+    """What a key's value is, and in which unit."""
+    return f"{key.kind}, {key.unit}" if key.unit else key.kind
+
+
 def keys_page(head: str, file: str) -> str:
     """Every table of scene or study files, each key a row."""
     from clearance_jax.io.keys import reference
@@ -61,13 +66,13 @@ def keys_page(head: str, file: str) -> str:
     for one in reference():
         if one.file != file:
             continue
-        where = "Before the first table." if one.name == file else f"Table `[{one.name}]`."
+        where = "" if one.name == file else f"Table `[{one.name}]`. "
         rows = [
-            (code(key.name), key.help, key.kind, key.unit, "**required**" if key.required else key.default, code(key.example))
+            (code(key.name), key.help, value(key), "**required**" if key.required else key.default, code(key.example))
             for key in one.keys
         ]
-        parts.append(f"## {one.title}\n\n{where} {one.help}\n")
-        parts.append(table(("key", "meaning", "value", "SI unit", "default", "example"), rows))
+        parts.append(f"## {one.title}\n\n{where}{one.help}\n")
+        parts.append(table(("key", "meaning", "value, SI unit", "default", "example"), rows))
     return "\n".join(parts)
 
 
@@ -89,7 +94,11 @@ def names_page() -> str:
             __import__(name)
         module = known.get(name, sys.modules.get(name))
         things = [(one, getattr(module, one)) for one in sorted(module.__all__, key=str.lower)]
-        rows = [(code(one), first_sentence(thing)) for one, thing in things if not inspect.ismodule(thing) and callable(thing)]
+        rows = [
+            (code(one), first_sentence(thing))
+            for one, thing in things
+            if not inspect.ismodule(thing) and callable(thing)
+        ]
         parts.append(f"## `{name}`\n")
         parts.append(table(("name", "what it is"), rows))
     return "\n".join(parts)

@@ -205,6 +205,7 @@ def front() -> None:
 
 
 def main() -> None:
+    """Draw every picture."""
     cj.configure(cache=True)
     with mpl.rc_context({"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}):
         for draw in (normal_laws, friction_laws, drives, sleeve, front):
