@@ -6,7 +6,7 @@ export JAX_COMPILATION_CACHE_DIR ?= $(CURDIR)/.jax_cache
 # Small arrays lose by threading inside one operation; the second core runs the second test process.
 export XLA_FLAGS ?= --xla_cpu_multi_thread_eigen=false
 
-.PHONY: demo test check docs reference pictures clean
+.PHONY: demo test check docs reference pictures notebooks clean
 
 .venv/installed: pyproject.toml
 	$(PYTHON) -m venv .venv
@@ -34,6 +34,9 @@ reference: .venv/installed
 
 pictures: .venv/installed
 	$(BIN)/python docs/pictures.py
+
+notebooks: .venv/installed
+	$(BIN)/python docs/execute.py
 
 clean:
 	rm -rf .venv out .jax_cache

@@ -87,6 +87,7 @@ def test_the_scene_of_the_readme_is_the_one_that_its_examples_load():
 # Commands and Python -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", having("sh"), ids=title)
 def test_commands_run(path, top):
     shown(path, top)
@@ -103,6 +104,7 @@ def test_commands_run(path, top):
             assert words[:1] in ([], ["pip"]), f"{line}: nothing checks this command"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", having("python"), ids=title)
 def test_python_runs(path, top, capsys):
     names: dict[str, object] = {"__name__": "example"}
@@ -119,7 +121,8 @@ def test_readme_fits_on_two_screens():
 
 def test_generated_pages_are_those_of_the_code():
     spec = importlib.util.spec_from_file_location("generate", DOCS / "generate.py")
-    assert spec and spec.loader
+    assert spec is not None
+    assert spec.loader is not None
     generate = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(generate)
     for name, text in generate.pages().items():
