@@ -23,6 +23,7 @@ import clearance_jax as cj
 from clearance_jax.dynamics.field import slope
 from clearance_jax.solve.flow import initial_state
 from experiments.common import CRANK_SPEED, output, seconds, slider_crank, table
+from experiments.publish import command, say
 
 RTOL = 1e-7
 END = 2 * np.pi / CRANK_SPEED
@@ -131,7 +132,7 @@ def main(quick: bool = False) -> float:
     )
     lanes = 4 if quick else 256
     apart = difference(lanes)
-    print(f"{lanes} clearances, batch against loop: largest difference {apart:.2g} rtol")
+    say(f"{lanes} clearances, batch against loop: largest difference {apart:.2g} rtol")
     return apart
 
 
@@ -139,5 +140,4 @@ if __name__ == "__main__":
     if "--measure" in sys.argv:
         print(json.dumps(measure(False)))
     else:
-        cj.configure(cache=True)
-        main()
+        command(main, __doc__)

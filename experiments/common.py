@@ -9,6 +9,7 @@ import jax
 import numpy as np
 
 import clearance_jax as cj
+from experiments.publish import found
 
 SCENES = Path(__file__).parent / "scenes"
 CRANK_SPEED = 5000 * 2 * np.pi / 60
@@ -63,4 +64,5 @@ def table(head: Sequence[str], rows: Sequence[Sequence[Any]], path: Path) -> str
     text = "\n".join(lines) + "\n"
     print(text, flush=True)
     path.write_text(text, encoding="utf-8")
+    found.append(text)
     return text

@@ -17,6 +17,7 @@ import numpy as np
 import clearance_jax as cj
 from clearance_jax import laws
 from experiments.common import SCENES, as_reference, error, joint5, output, slider_crank, table
+from experiments.publish import command
 from experiments.reference.located import dop853
 from experiments.reference.problems import (
     CLEARANCE,
@@ -279,5 +280,4 @@ def main(quick: bool = False, cases: Any = None) -> list[Row]:
 
 
 if __name__ == "__main__":
-    cj.configure(cache=True)
-    main()
+    command(main, __doc__)

@@ -27,6 +27,7 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.solve.settings import settings_of
 from clearance_jax.solve.simulate import run
 from experiments.common import output, table
+from experiments.publish import command, say
 
 NAME = "play.radial_clearance"
 PIN_MASS, PIN_RADIUS, STIFFNESS = 0.1, 0.01, 1e9
@@ -390,10 +391,9 @@ def main(quick: bool = False) -> tuple[list[Horizon], list[Verdict]]:
     found = verdicts(quick)
     tally(found, quick)
     count = 2 if quick else 6
-    print(f"Laws of class C-1: {refused(count)} of {count} refused.", flush=True)
+    say(f"Laws of class C-1: {refused(count)} of {count} refused.")
     return far, found
 
 
 if __name__ == "__main__":
-    cj.configure(cache=True)
-    main()
+    command(main, __doc__)

@@ -18,6 +18,7 @@ from matplotlib.ticker import NullFormatter
 import clearance_jax as cj
 from clearance_jax.solve.settings import SOLVERS as SOLVER_CLASSES
 from experiments.common import as_reference, error, joint5, output, seconds, slider_crank, table
+from experiments.publish import command, say
 from experiments.reference.baselines import run_compiled, run_odeint, run_solve_ivp
 from experiments.reference.make import load
 from experiments.reference.problems import PROBLEMS
@@ -163,7 +164,7 @@ def main(quick: bool = False) -> list[Point]:
         output(f"work_precision{suffix}.md"),
     )
     cases, tools = (list(dict.fromkeys(getattr(p, k) for p in points)) for k in ("case", "tool"))
-    print("Least time [ms] with the worst state below the error, at that and every tighter tolerance measured:")
+    say("Least time [ms] with the worst state below the error, at that and every tighter tolerance measured:")
     table(
         ("case", "tool", *(f"{bound:.0e}" for bound in ERRORS)),
         [
@@ -178,5 +179,4 @@ def main(quick: bool = False) -> list[Point]:
 
 
 if __name__ == "__main__":
-    cj.configure(cache=True)
-    main()
+    command(main, __doc__)

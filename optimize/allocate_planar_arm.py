@@ -9,7 +9,8 @@ import clearance_jax as cj
 from clearance_jax import laws
 from clearance_jax.design import ToleranceProblem
 from experiments.common import output, table
-from optimize.common import Allocation, allocate, cheapest, command
+from experiments.publish import command
+from optimize.common import Allocation, allocate, cheapest
 from optimize.optax_methods import AUGMENTED_LAGRANGIAN
 
 BOUND = 2e-4

@@ -7,7 +7,8 @@ import numpy as np
 import clearance_jax as cj
 from clearance_jax.design import ToleranceProblem
 from experiments.common import SCENES
-from optimize.common import Allocation, allocate, cheapest, command
+from experiments.publish import command
+from optimize.common import Allocation, allocate, cheapest
 from optimize.optax_methods import AUGMENTED_LAGRANGIAN
 
 COSTS = {"crankpin.radial_clearance": 2e-4, "wrist.radial_clearance": 1e-4}

@@ -1,8 +1,7 @@
 """What the studies share: the command line, and an allocation solved in several ways with its proof and its figures."""
 
-import argparse
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import clearance_jax as cj
@@ -21,15 +20,7 @@ from clearance_jax.design import (
 from clearance_jax.report.design_figures import contributions, trade
 from clearance_jax.report.figures import save_figure
 from experiments.common import output, table
-
-
-def command(main: Callable, doc: str | None, quick: str) -> None:
-    """Run a study from the command line; `quick` says what its quick mode leaves out."""
-    parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help=quick)
-    given = parser.parse_args()
-    cj.configure(cache=True)
-    main(given.quick)
+from experiments.publish import say
 
 
 def cheapest(
@@ -88,11 +79,11 @@ def allocate(name: str, problem: ToleranceProblem, methods: Sequence[str | Metho
     design = next(iter(designs.values()))
     # In quick mode by the same solver, which is compiled already.
     certificate = design.verify(sweep=4, solver=asked.solver) if quick else design.verify(reoptimise=True)
-    print(certificate)
+    say(certificate)
     why = responses(design)
-    print(*why, sep="\n")
+    say(*why)
     save_figure(contributions(why), output(f"{name}{'_quick' if quick else ''}_contributions.png"))
     if not quick:
-        print(nearest_fits(design) or "No combination of common fits holds the limits.")
+        say(nearest_fits(design) or "No combination of common fits holds the limits.")
         save_figure(trade(tradeoff(design), design), output(f"{name}_tradeoff.png"))
     return Allocation(designs, certificate, seconds)

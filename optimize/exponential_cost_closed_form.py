@@ -12,7 +12,7 @@ import numpy as np
 from clearance_jax.design import METHODS, Evaluation, Method, Program, run
 from clearance_jax.report.figures import save_figure
 from experiments.common import output, table
-from optimize.common import command
+from experiments.publish import command
 from optimize.optax_methods import AUGMENTED_LAGRANGIAN
 
 BOUND = 0.1

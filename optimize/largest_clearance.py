@@ -10,7 +10,7 @@ from clearance_jax.design import Design, Limit, ToleranceProblem, fits, time_his
 from clearance_jax.report.design_figures import over_time
 from clearance_jax.report.figures import save_figure
 from experiments.common import SCENES, output
-from optimize.common import command
+from experiments.publish import command, say
 
 NAME = "joint5.radial_clearance"
 BOUND = 2e-4
@@ -50,9 +50,9 @@ def standard_fit(design: Design) -> str:
 
 def main(quick: bool = False) -> Design:
     design = problem(quick).solve()
-    print(design)
-    print(standard_fit(design))
-    print(design.verify(sweep=8 if quick else 40))
+    say(design)
+    say(standard_fit(design))
+    say(design.verify(sweep=8 if quick else 40))
     save_figure(over_time(*time_histories(design)), output(f"largest_clearance{'_quick' if quick else ''}.png"))
     return design
 

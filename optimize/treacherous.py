@@ -10,7 +10,7 @@ import clearance_jax as cj
 from clearance_jax.analysis.metrics import At, Peak, PositionError
 from clearance_jax.design import Certificate, Design, Limit, ToleranceProblem
 from experiments.common import SCENES
-from optimize.common import command
+from experiments.publish import command, say
 
 INSTANT, BOUND = 2e-3, 1e-4
 SPEED, RATTLE, RATTLE_BOUND = 60.0, 0.05, 2e-4
@@ -48,15 +48,15 @@ class Found(NamedTuple):
 
 def main(quick: bool = False) -> Found:
     design = docking().solve(starts=1 if quick else STARTS)
-    print(design)
+    say(design)
     certificate = design.verify(sweep=24 if quick else 80)
-    print(certificate)
+    say(certificate)
     if quick:
         return Found(design, certificate, None)
     # What is found without gradients holds in its own simulation; another solver's motion parts from it all the same.
     chaotic = rattling().solve("auto")
-    print(chaotic)
-    print(chaotic.verify())
+    say(chaotic)
+    say(chaotic.verify())
     return Found(design, certificate, chaotic)
 
 

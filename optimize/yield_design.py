@@ -10,7 +10,7 @@ from clearance_jax.design import Design, Limit, ToleranceProblem, Yield, YieldEs
 from clearance_jax.report.design_figures import convergence
 from clearance_jax.report.figures import save_figure
 from experiments.common import SCENES, output
-from optimize.common import command
+from experiments.publish import command, say
 
 NAME = "joint5.radial_clearance"
 BOUND = 2e-4
@@ -35,15 +35,15 @@ def problem(quick: bool) -> ToleranceProblem:
 def main(quick: bool = False) -> tuple[Design, YieldEstimate]:
     clock = time.perf_counter()
     design = problem(quick).solve()
-    print(design)
-    print(f"{time.perf_counter() - clock:.0f} s", flush=True)
+    say(design)
+    say(f"{time.perf_counter() - clock:.0f} s")
     clock = time.perf_counter()
     found = design.yield_estimate(FRESH["quick" if quick else "whole"])
-    print(found)
-    print(f"{time.perf_counter() - clock:.0f} s", flush=True)
+    say(found)
+    say(f"{time.perf_counter() - clock:.0f} s")
     save_figure(convergence(design), output(f"yield_design{'_quick' if quick else ''}.png"))
     if not quick:
-        print(design.verify(sweep=8))
+        say(design.verify(sweep=8))
     return design, found
 
 

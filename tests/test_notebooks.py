@@ -1,4 +1,4 @@
-"""Every notebook runs from top to bottom; its own assertions are the test."""
+"""Every notebook runs from top to bottom, in its own folder and from the top; its own assertions are the test."""
 
 from pathlib import Path
 
@@ -10,11 +10,40 @@ ROOT = Path(__file__).parents[1]
 NOTEBOOKS = sorted((ROOT / "experiments" / "notebooks").glob("*.ipynb"))
 
 
+def execute(notebook, folder: Path) -> None:
+    NotebookClient(notebook, timeout=1200, resources={"metadata": {"path": str(folder)}}).execute()
+
+
+def pictures(notebook) -> list:
+    return [o for cell in notebook.cells for o in cell.get("outputs", []) if "image/png" in o.get("data", {})]
+
+
 @pytest.mark.slow
 @pytest.mark.filterwarnings("default")  # the kernel's own machinery warns; the cells run with warnings as they are
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_notebook_runs(path):
+def test_notebook_runs_in_its_own_folder(path):
     notebook = nbformat.read(path, as_version=4)
-    NotebookClient(notebook, timeout=1200, resources={"metadata": {"path": str(ROOT)}}).execute()
-    pictures = [o for cell in notebook.cells for o in cell.get("outputs", []) if "image/png" in o.get("data", {})]
-    assert pictures
+    for cell in notebook.cells:
+        cell.pop("outputs", None)
+    execute(notebook, path.parent)
+    assert pictures(notebook)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("default")
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_notebook_finds_its_scenes_from_the_top(path):
+    notebook = nbformat.read(path, as_version=4)
+    code = [cell for cell in notebook.cells if cell.cell_type == "code"]
+    assert "cj.load(" in code[0].source
+    notebook.cells = code[:1]
+    execute(notebook, ROOT)
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_notebook_is_published_with_its_outputs(path):
+    """`make notebooks` runs them and keeps what they show; small enough to live with the source."""
+    notebook = nbformat.read(path, as_version=4)
+    assert pictures(notebook)
+    assert all(cell.execution_count for cell in notebook.cells if cell.cell_type == "code")
+    assert path.stat().st_size < 400_000

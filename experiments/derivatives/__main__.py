@@ -2,12 +2,12 @@
 
 import sys
 
-import clearance_jax as cj
+from experiments import derivatives
 from experiments.derivatives import cost, main
+from experiments.publish import command
 
 if __name__ == "__main__":
     if "--measure" in sys.argv:
         print(cost.measured(sys.argv[-1]))
     else:
-        cj.configure(cache=True)
-        main()
+        command(main, derivatives.__doc__)

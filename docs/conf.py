@@ -1,0 +1,35 @@
+"""The site: `make docs` writes it to out/site. Sphinx, because it checks every link and reads notebooks as they are;
+nothing is loaded from a network when it is read.
+"""
+
+import shutil
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).parent
+sys.path[:0] = [str(HERE / "_ext"), str(HERE.parent)]
+
+# A copy of each notebook, with the outputs that it was saved with: a build runs none of them.
+NOTEBOOKS = HERE / "notebooks"
+NOTEBOOKS.mkdir(exist_ok=True)
+for notebook in (HERE.parent / "experiments" / "notebooks").glob("*.ipynb"):
+    shutil.copy(notebook, NOTEBOOKS)
+
+project = "clearance_jax"
+author = "the authors of clearance_jax"
+extensions = ["myst_nb", "mathml"]
+exclude_patterns = ["_build", "_ext"]
+
+myst_enable_extensions = ["dollarmath", "deflist", "colon_fence"]
+myst_heading_anchors = 3
+nb_execution_mode = "off"
+nb_ipywidgets_js = {}  # would name a server
+
+html_math_renderer = "mathml"
+html_theme = "furo"
+html_title = "clearance_jax"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_copy_source = False
+html_show_copyright = False
+nitpicky = True

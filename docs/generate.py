@@ -1,0 +1,126 @@
+"""The pages that are made from the code: every key of scene and study files, every public name.
+
+`python docs/generate.py` (`make reference`) writes them to docs/reference; a test compares them with the code.
+"""
+
+import inspect
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+
+HERE = Path(__file__).parent / "reference"
+
+SCENE_HEAD = """# Scene files: every key
+
+A scene is a TOML file: bodies, joints, points, and how to solve. Quantities carry their unit in a string
+(`"0.1 mm"`, `"5000 rpm"`, `"2.487e6 N/mm^1.5"`); any unit of the right dimension is accepted, the tables give the SI
+one. A number without dimension is bare. A key that is not here is refused, with the nearest one that is.
+[Getting started](../getting_started.md) builds a scene step by step; `experiments/scenes/` has more of them.
+
+*This page is generated from the reader's own declarations.*
+"""
+STUDY_HEAD = """# Study files: every key
+
+A study asks a question of a scene: which clearances, so that limits hold. `clearance optimize STUDY` answers it;
+[Tolerance design](../design.md) says what the words mean.
+
+*This page is generated from the reader's own declarations.*
+"""
+NAMES_HEAD = """# Public names
+
+Each name with the first sentence of its documentation; `help(name)` in Python shows all of it: arguments with units
+and shapes, what is raised, sources.
+
+*This page is generated from the code.*
+"""
+MODULES = ("clearance_jax", "clearance_jax.metrics", "clearance_jax.design", "clearance_jax.laws")
+
+
+def cell(text: str) -> str:
+    """Text as it may stand in a cell of a table."""
+    return " ".join(text.split()).replace("|", "\\|")
+
+
+def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    """A Markdown table."""
+    lines = [list(head), *([cell(c) for c in row] for row in rows)]
+    lines.insert(1, ["---"] * len(lines[0]))
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
+
+
+def code(text: str) -> str:
+    """Text as code, nothing where there is none."""
+    return f"`{text}`" if text else ""
+
+
+def value(key) -> str:
+    """What a key's value is, and in which unit."""
+    return f"{key.kind}, {key.unit}" if key.unit else key.kind
+
+
+def keys_page(head: str, file: str) -> str:
+    """Every table of scene or study files, each key a row."""
+    from clearance_jax.io.keys import reference
+
+    parts = [head]
+    for one in reference():
+        if one.file != file:
+            continue
+        where = "" if one.name == file else f"Table `[{one.name}]`. "
+        rows = [
+            (code(key.name), key.help, value(key), "**required**" if key.required else key.default, code(key.example))
+            for key in one.keys
+        ]
+        parts.append(f"## {one.title}\n\n{where}{one.help}\n")
+        parts.append(table(("key", "meaning", "value, SI unit", "default", "example"), rows))
+    return "\n".join(parts)
+
+
+def first_sentence(thing: object) -> str:
+    """Of its documentation, without what only a source file needs."""
+    text = " ".join((inspect.getdoc(thing) or "").split("\n\n")[0].split())
+    end = text.find(". ")
+    return text if end < 0 else text[: end + 1]
+
+
+def names_page() -> str:
+    """Every public name."""
+    import clearance_jax as cj
+
+    known = {"clearance_jax": cj, "clearance_jax.metrics": cj.metrics}
+    parts = [NAMES_HEAD]
+    for name in MODULES:
+        if name not in known:
+            __import__(name)
+        module = known.get(name, sys.modules.get(name))
+        things = [(one, getattr(module, one)) for one in sorted(module.__all__, key=str.lower)]
+        rows = [
+            (code(one), first_sentence(thing))
+            for one, thing in things
+            if not inspect.ismodule(thing) and callable(thing)
+        ]
+        parts.append(f"## `{name}`\n")
+        parts.append(table(("name", "what it is"), rows))
+    return "\n".join(parts)
+
+
+def pages() -> dict[str, str]:
+    """Every generated page by its file's name."""
+    return {
+        "scene.md": keys_page(SCENE_HEAD, "scene"),
+        "study.md": keys_page(STUDY_HEAD, "study"),
+        "python.md": names_page(),
+    }
+
+
+def write() -> None:
+    """Write every page that has changed."""
+    HERE.mkdir(exist_ok=True)
+    for name, text in pages().items():
+        path = HERE / name
+        if not path.exists() or path.read_text(encoding="utf-8") != text:
+            path.write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    write()

@@ -1,0 +1,61 @@
+"""The command line of experiments and studies, and the page that `--save` makes of what they found.
+
+Whatever is tabulated (`common.table`) or said (`say`) while one runs goes to the terminal at once and, with `--save`,
+to docs/benchmarks, with the commit it was measured at.
+"""
+
+import argparse
+import os
+import platform
+import re
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import clearance_jax as cj
+
+ROOT = Path(__file__).parents[1]
+PAGES = ROOT / "docs" / "benchmarks"
+found: list[str] = []
+"""What this process has found so far, in Markdown."""
+
+
+def say(*things: Any) -> None:
+    """Print, and keep for the page."""
+    text = "\n".join(str(thing) for thing in things)
+    print(text, flush=True)
+    found.append(f"```text\n{text}\n```\n")
+
+
+def commit() -> str:
+    """The commit that is measured; with a mark where the files differ from it."""
+    asked = ["git", "-C", str(ROOT), "describe", "--always", "--dirty", "--abbrev=7", "--exclude=*"]
+    return subprocess.run(asked, capture_output=True, text=True, check=True).stdout.strip()
+
+
+def page(name: str, doc: str, parts: list[str]) -> str:
+    """The page of an experiment, by its module's name and documentation."""
+    title = name.split(".")[-1].replace("_", " ").capitalize()
+    where = f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}"
+    stamp = f"*Written by `python -m {name} --save` at commit {commit()}; {where}.*"
+    return "\n".join([f"# {title}\n", doc.strip() + "\n", stamp + "\n", *parts])
+
+
+def command(main: Callable, doc: str | None, quick: str = "a tiny version of each") -> None:
+    """Run an experiment from the command line; `quick` says what its quick mode leaves out."""
+    doc = doc or ""
+    parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help=quick)
+    parser.add_argument("--save", action="store_true", help="write docs/benchmarks/NAME.md with what was found")
+    given = parser.parse_args()
+    if given.quick and given.save:
+        parser.error("what a quick run finds is not worth publishing: give `--save` alone")
+    cj.configure(cache=True)
+    main(given.quick)
+    if given.save:
+        named = re.search(r"python -m ([\w.]+)", doc)
+        assert named, "the documentation of an experiment names its command"
+        path = PAGES / f"{named[1].split('.')[-1]}.md"
+        path.write_text(page(named[1], doc, found), encoding="utf-8")
+        print(f"written {path}")

@@ -1,0 +1,185 @@
+"""What README and docs say is so: examples run, files load, links lead somewhere, every key and law has its place."""
+
+import importlib.util
+import re
+import shlex
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from clearance_jax.cli.main import app
+from clearance_jax.io.keys import reference
+from clearance_jax.io.scene import load_scene
+from clearance_jax.io.study import load_study
+from clearance_jax.laws import FRICTION_LAWS, NORMAL_LAWS
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+GENERATED = DOCS / "reference"
+PAGES = [ROOT / "README.md", *sorted(p for p in DOCS.rglob("*.md") if "notebooks" not in p.parts)]
+ARM = ROOT / "experiments" / "scenes" / "arm.toml"
+
+
+def blocks(path: Path, language: str) -> list[str]:
+    """The fenced blocks of a page in one language."""
+    return re.findall(rf"^```{language}\n(.*?)^```$", path.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+
+
+def title(path: Path) -> str:
+    return str(path.relative_to(ROOT))
+
+
+def having(*languages: str) -> list[Path]:
+    return [path for path in PAGES if any(blocks(path, language) for language in languages)]
+
+
+@pytest.fixture
+def top(tmp_path, monkeypatch):
+    """A folder that looks like the top of a clone, in which examples may write."""
+    for name in ("experiments", "optimize"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+# Files ---------------------------------------------------------------------------------------------------------------
+
+
+def named(text: str) -> str:
+    """The name of the file that a block shows, in its first line."""
+    found = re.match(r"# (\w+\.toml)\n", text)
+    return found[1] if found else "shown.toml"
+
+
+def completed(text: str) -> str:
+    """A fragment of a joint, or of a scene, put where it belongs: in the arm's."""
+    keys, host = tomllib.loads(text), ARM.read_text(encoding="utf-8")
+    for key in keys.keys() & {"normal", "friction", "drive"}:
+        host = re.sub(rf"(?m)^{key} = .*$\n", "", host)
+        text = "\n".join(line for line in text.splitlines())
+    inside = keys.keys() <= {"normal", "friction", "drive"}
+    return host.replace('child = "arm"\n', f'child = "arm"\n{text}\n') if inside else f"{host}\n{text}"
+
+
+def shown(path: Path, folder: Path) -> None:
+    """Write every file that a page shows, and read it."""
+    for text in blocks(path, "toml"):
+        keys = tomllib.loads(text)
+        file = folder / named(text)
+        file.write_text(text if keys.keys() & {"body", "scene"} else completed(text), encoding="utf-8")
+        load_study(file) if "scene" in keys else load_scene(file)
+
+
+@pytest.mark.parametrize("path", having("toml"), ids=title)
+def test_files_shown_are_read(path, top):
+    shown(path, top)
+
+
+def test_the_scene_of_the_readme_is_the_one_that_its_examples_load():
+    for path in (ROOT / "README.md", DOCS / "getting_started.md"):
+        assert ARM.read_text(encoding="utf-8") in blocks(path, "toml")
+
+
+# Commands and Python -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", having("sh"), ids=title)
+def test_commands_run(path, top):
+    shown(path, top)
+    for line in "".join(blocks(path, "sh")).splitlines():
+        words = shlex.split(line, comments=True)
+        if words[:1] == ["clearance"]:
+            result = CliRunner().invoke(app, words[1:])
+            assert result.exit_code == 0, f"{line}\n{result.output}\n{result.exception!r}"
+        elif words[:2] == ["python", "-m"]:
+            assert importlib.util.find_spec(words[2]), line
+        elif words[:1] == ["make"]:
+            assert f"\n{words[1]}:" in (ROOT / "Makefile").read_text(encoding="utf-8"), line
+        else:
+            assert words[:1] in ([], ["pip"]), f"{line}: nothing checks this command"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", having("python"), ids=title)
+def test_python_runs(path, top, capsys):
+    names: dict[str, object] = {"__name__": "example"}
+    for text in blocks(path, "python"):
+        exec(compile(text, title(path), "exec"), names)
+
+
+# Completeness --------------------------------------------------------------------------------------------------------
+
+
+def test_readme_fits_on_two_screens():
+    assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 120
+
+
+def test_generated_pages_are_those_of_the_code():
+    spec = importlib.util.spec_from_file_location("generate", DOCS / "generate.py")
+    assert spec is not None
+    assert spec.loader is not None
+    generate = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(generate)
+    for name, text in generate.pages().items():
+        assert (GENERATED / name).read_text(encoding="utf-8") == text, f"{name} is stale: run `make reference`"
+
+
+def test_every_key_stands_in_the_docs():
+    for table in reference():
+        page = (GENERATED / f"{table.file}.md").read_text(encoding="utf-8")
+        section = page.partition(f"## {table.title}\n")[2].partition("\n## ")[0]
+        for key in table.keys:
+            assert f"| `{key.name}` | {key.help[:20]}" in section, f"{table.title}: {key.name}"
+
+
+def test_every_law_has_a_paragraph_and_a_curve():
+    page, pictures = ((DOCS / name).read_text(encoding="utf-8") for name in ("laws.md", "pictures.py"))
+    for name in (*NORMAL_LAWS, *FRICTION_LAWS):
+        assert re.search(rf"^(`[\w-]+`, )*`{name}`", page, re.MULTILINE), name
+        assert f'"{name}": ' in pictures, name
+
+
+# Links ---------------------------------------------------------------------------------------------------------------
+
+
+def anchors(path: Path) -> set[str]:
+    heads = re.findall(r"^#+ (.*)$", path.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", head).strip().lower().replace(" ", "-") for head in heads}
+
+
+@pytest.mark.parametrize("path", [*PAGES, ROOT / "optimize" / "README.md"], ids=title)
+def test_links_lead_somewhere(path):
+    for target in re.findall(r"\]\(([^)\s]+)\)", path.read_text(encoding="utf-8")):
+        if target.startswith(("https://", "http://")):
+            continue
+        file, _, anchor = target.partition("#")
+        there = (path.parent / file).resolve() if file else path
+        # The site has copies of the notebooks, so that a page may link them where they are shown.
+        if there.parent == DOCS / "notebooks":
+            there = ROOT / "experiments" / "notebooks" / there.name
+        assert there.exists(), f"{title(path)}: {target}"
+        assert not anchor or anchor in anchors(there), f"{title(path)}: {target}"
+
+
+def test_pictures_are_small_and_all_used():
+    pages = "".join(path.read_text(encoding="utf-8") for path in PAGES)
+    for picture in (DOCS / "images").iterdir():
+        assert picture.stat().st_size < 150_000, picture.name
+        assert f"images/{picture.name})" in pages, picture.name
+
+
+def test_the_site_is_built_without_a_warning_and_loads_nothing(tmp_path):
+    command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", str(DOCS), str(tmp_path)]
+    built = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert built.returncode == 0, built.stderr[-2000:]
+    for page in tmp_path.rglob("*.html"):
+        text = page.read_text(encoding="utf-8")
+        loaded = re.findall(r"<(?:script|img|iframe)[^>]*src=\"(https?:[^\"]*)|<link[^>]*href=\"(https?:[^\"]*)", text)
+        assert not loaded, f"{page.name}: {loaded}"
+    for style in tmp_path.rglob("*.css"):
+        assert not re.search(r"(?:url\(|@import )[\"']?https?:", style.read_text(encoding="utf-8")), style.name
