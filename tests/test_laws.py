@@ -21,7 +21,8 @@ GRID = [x.ravel() for x in jnp.meshgrid(PENETRATIONS, RATES)]
 def concrete(cls):
     for sub in cls.__subclasses__():
         yield from concrete(sub)
-        if not sub.__abstractmethods__:
+        # The library's: tests and examples of the docs make laws too.
+        if not sub.__abstractmethods__ and sub.__module__.startswith("clearance_jax."):
             yield sub
 
 
@@ -29,9 +30,7 @@ def concrete(cls):
     ("base", "listed"), [(AbstractNormalLaw, catalogue.NORMAL), (AbstractFrictionLaw, catalogue.FRICTION)]
 )
 def test_every_law_is_in_the_catalogue(base, listed):
-    assert set(concrete(base)) == {type(law) for law in listed.values()} | (
-        {Ageing} if base is AbstractNormalLaw else set()
-    )
+    assert set(concrete(base)) == {type(law) for law in listed.values()}
 
 
 GEOMETRY = laws.Geometry(jnp.asarray(0.01), jnp.asarray(0.0105), jnp.asarray(5e-4))

@@ -198,7 +198,7 @@ def test_a_mechanism_is_drawn_where_its_joints_are_apart_and_says_their_names():
 def test_a_time_axis_has_at_most_six_ticks_apart_from_each_other(last, unit):
     figure = Figure(figsize=(3.6, 2.6), layout="constrained")
     axis, t = figure.subplots(), np.linspace(0, last, 11)
-    shown = time_axis(axis, t)
+    shown = time_axis(axis, last) * t
     axis.plot(shown, t)
     figure.draw_without_rendering()
     assert axis.get_xlabel() == f"time, {unit}"

@@ -112,7 +112,7 @@ def test_costs_limits_and_manufacture_of_a_study(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ('cost_unit = "EUR"', "cost_unit = 3", "cost_unit must be a short word"),
+        ('cost_unit = "EUR"', "cost_unit = 3", "cost_unit must be a text in quotes"),
         ('bound = "0.1 mm"', 'bound = "0.1 kg"', "limit.piston.bound must be in m"),
         ('bound = "0.1 mm"', 'bound = "0.1 mm"\nbond = 1', "limit.piston.bond is not a known key"),
         ('metric = "peak"', 'metric = "peek"', "Did you mean `peak`"),

@@ -57,7 +57,7 @@ def overview(dataset: xr.Dataset) -> Figure:
     return figure
 
 
-def _curve(axis, time: np.ndarray, values: np.ndarray, label: str) -> str:
+def _curve(axis, time: np.ndarray, values: np.ndarray, label: str) -> Any:
     """A curve, or where it has far more points than the picture has columns its envelope; its colour."""
     if len(time) <= 2 * COLUMNS:
         return axis.plot(time, values, lw=0.8, label=label)[0].get_color()
