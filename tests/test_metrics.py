@@ -195,7 +195,7 @@ def test_free_ideal_motion_is_solved_for():
     largest = np.max(np.hypot(*(tips[0] - tips[1]).T))
     np.testing.assert_allclose(value, largest, rtol=1e-4)
     with pytest.raises(ClearanceError, match="cannot start from `y0`"):
-        metric(mechanism, 0.2, y0=jnp.zeros(4))
+        metric(mechanism, 0.2, y0=jnp.zeros(6))
 
 
 # Sensitivities -------------------------------------------------------------------------------------------------------
