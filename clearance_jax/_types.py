@@ -8,5 +8,8 @@ Scalar: TypeAlias = Float[Array, ""]
 Number: TypeAlias = Float[Array, "..."] | float
 Flag: TypeAlias = Bool[Array, ""]
 Code: TypeAlias = Int[Array, ""]
+Each: TypeAlias = Float[Array, "*lanes"]
+"""One number, or one for every lane of a batch: lanes are the last axis of whatever they are of."""
+EachFlag: TypeAlias = Bool[Array, "*lanes"]
 Rows: TypeAlias = tuple[Float[Array, "..."], ...]
 """A state, or its rate, as one array a component: a scalar, or a stack of motion and derivatives."""

@@ -11,8 +11,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from clearance_jax._types import Flag, Scalar
+from clearance_jax._types import Each, EachFlag, Scalar
 from clearance_jax.solve.control import Control, Decision, Means, decided, first_end, judged
+from clearance_jax.solve.lane_axis import each_lane
 from clearance_jax.solve.problem import Problem
 from clearance_jax.solve.step import Trial, try_step
 from clearance_jax.solve.tableau import tableau_of
@@ -57,7 +58,11 @@ def decide(
     """
     decision = decided(problem, judged(problem, trial, times, means, control), times, means, control)
     ends = trial.start, trial.end, trial.slope0, trial.slope1
-    seen = tuple(observer(own, times, ends, problem) for observer, own in zip(observers, record, strict=True))
+
+    def see(record, times, ends, problem):
+        return tuple(observer(own, times, ends, problem) for observer, own in zip(observers, record, strict=True))
+
+    seen = each_lane(see, times[0])(record, times, ends, problem)
     return decision, jax.tree.map(lambda new, old: jnp.where(decision.keep, new, old), seen, record)
 
 
@@ -70,16 +75,18 @@ class Carry(NamedTuple):
     end: Array
     y: Array
     slope: Array
-    fresh: Flag
-    past_break: Flag
+    fresh: EachFlag
+    past_break: EachFlag
     control: Control
     record: tuple
     accepted: Array
     rejected: Array
-    collapsed: Flag
+    collapsed: EachFlag
 
 
-def attempt(carry: Carry, problem: Problem, options: Options, means: Means, last: Scalar) -> tuple[Carry, Trial, Flag]:
+def attempt(
+    carry: Carry, problem: Problem, options: Options, means: Means, last: Each
+) -> tuple[Carry, Trial, EachFlag]:
     """One attempt on the way to `last`; the try, and whether it was kept."""
     times = carry.time, carry.end
     trial = try_step(problem, options.solver, times, carry.y, carry.slope, carry.fresh)
@@ -110,7 +117,7 @@ def start_carry(problem: Problem, options: Options, means: Means, t0: Scalar, t1
     end = jnp.minimum(first_end(problem, t0, t1, y0, means), t1)
     yes, no, none = jnp.asarray(True), jnp.asarray(False), jnp.zeros((), int)
     record = started(options, t0, y0, problem)
-    return Carry(t0, end, y0, jnp.zeros_like(y0), yes, no, Control.begin(), record, none, none, no)
+    return Carry(t0, end, y0, jnp.zeros_like(y0), yes, no, Control.begin(t0), record, none, none, no)
 
 
 def dense_info(options: Options, trial: Trial, times: tuple) -> dict[str, Array]:

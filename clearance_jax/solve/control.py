@@ -12,8 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from clearance_jax._types import Flag, Scalar
+from clearance_jax._types import Each, EachFlag, Scalar
 from clearance_jax.mechanism.mechanism import drive_breaks
+from clearance_jax.solve.lane_axis import component_axis, each_lane
 from clearance_jax.solve.problem import Problem, motion
 from clearance_jax.solve.step import Trial
 from clearance_jax.solve.switches import curves, first_switch
@@ -37,9 +38,9 @@ class Control(NamedTuple):
     stalls: Array
 
     @staticmethod
-    def begin() -> "Control":
+    def begin(time: Each) -> "Control":
         """Before the first try."""
-        return Control(jnp.zeros(()), jnp.zeros((), int))
+        return Control(jnp.zeros(jnp.shape(time)), jnp.zeros(jnp.shape(time), int))
 
 
 class Verdict(NamedTuple):
@@ -47,10 +48,10 @@ class Verdict(NamedTuple):
     just past it, to which the next try goes; how far past a switch that is [s].
     """
 
-    error: Scalar
-    cut: Flag
-    at: Scalar
-    pad: Scalar
+    error: Each
+    cut: EachFlag
+    at: Each
+    pad: Each
 
 
 class Decision(NamedTuple):
@@ -58,12 +59,12 @@ class Decision(NamedTuple):
     whether the step size has collapsed.
     """
 
-    keep: Flag
-    start: Scalar
-    end: Scalar
-    past_break: Flag
+    keep: EachFlag
+    start: Each
+    end: Each
+    past_break: EachFlag
     control: Control
-    collapsed: Flag
+    collapsed: EachFlag
 
 
 class Means(NamedTuple):
@@ -80,9 +81,9 @@ class Means(NamedTuple):
 def judged(problem: Problem, trial: Trial, times: tuple, means: Means, control: Control) -> Verdict:
     """The verdict on a try."""
     t0, t1 = times
-    error, of_motion = scaled_error(problem, trial, means.allowed)
+    error, of_motion = scaled_error(problem, trial, means.allowed, t1)
     if not (means.watch and problem.mechanism.clearance_joints()):
-        return Verdict(error, jnp.asarray(False), t1, jnp.zeros_like(t1))
+        return Verdict(error, jnp.zeros(jnp.shape(t1), bool), t1, jnp.zeros_like(t1))
     ends = tuple(motion(problem, x) for x in (trial.start, trial.end, trial.slope0, trial.slope1))
     found, misfit = curves(times, ends, problem.mechanism)
     off = misfit / means.allowed.fit
@@ -100,20 +101,20 @@ def judged(problem: Problem, trial: Trial, times: tuple, means: Means, control: 
     return Verdict(error, crossed & (at < t1 - pad) & (of_motion <= 1), at, pad)
 
 
-def scaled_error(problem: Problem, trial: Trial, allowed: Tolerances) -> tuple[Scalar, Scalar]:
+def scaled_error(problem: Problem, trial: Trial, allowed: Tolerances, time: Each) -> tuple[Each, Each]:
     """The error of a step over what is allowed, of motion and derivatives, and of the motion alone.
 
     A derivative is an error once it is wrong by a fraction of itself (impacts make it grow by orders of magnitude), not
     of the motion; `floor` says from which size on.
     """
-    y0, y1, error = trial.start, trial.end, trial.error
+    y0, y1, error, axis = trial.start, trial.end, trial.error, component_axis(time)
     controlled = jnp.isfinite(allowed.absolute)
     scale = jnp.where(controlled, allowed.absolute, 1.0)
-    count = jnp.maximum(jnp.sum(controlled), 1)
+    count = jnp.maximum(jnp.sum(controlled, axis=axis), 1)
 
     def rms(x):
         wanted = jnp.where(jnp.broadcast_to(controlled, x.shape), x, 0.0)
-        return jnp.sqrt(jnp.sum(wanted * wanted, axis=-1) / count)
+        return jnp.sqrt(jnp.sum(wanted * wanted, axis=axis) / count)
 
     size = jnp.maximum(jnp.abs(motion(problem, y0)), jnp.abs(motion(problem, y1)))
     of_motion = scaled = rms(motion(problem, error) / (scale + allowed.relative * size))
@@ -123,7 +124,7 @@ def scaled_error(problem: Problem, trial: Trial, allowed: Tolerances) -> tuple[S
         columns = jnp.maximum(rms(y0[1:] / unit[None]), rms(y1[1:] / unit[None]))
         derivatives = rms(error[1:] / scale[None]) / (allowed.floor + columns)
         scaled = jnp.maximum(scaled, LENIENCE * jnp.max(derivatives))
-    fine = jnp.isfinite(scaled) & jnp.all(jnp.isfinite(y1))
+    fine = jnp.isfinite(scaled) & jnp.all(jnp.isfinite(y1), axis=tuple(range(y1.ndim - jnp.ndim(time))))
     return jnp.where(fine, scaled, jnp.inf), jnp.where(fine, of_motion, jnp.inf)
 
 
@@ -141,7 +142,7 @@ def decided(problem: Problem, verdict: Verdict, times: tuple, means: Means, cont
     free = keep & (control.natural == 0)
     stalls = jnp.where(stuck, control.stalls + 1, jnp.where(free, 0, control.stalls))
     natural = jnp.where(cut, jnp.maximum(control.natural, h), jnp.where(keep | ~accurate, 0.0, control.natural))
-    breaks = drive_breaks(problem.mechanism)
+    breaks = each_lane(drive_breaks, t0)(problem.mechanism)
     start, past = past_break(breaks, keep, start)
     end = jnp.maximum(end, start + 2 * _EPS * jnp.abs(start))
     clipped = before_break(breaks, start, end)
@@ -152,7 +153,7 @@ def decided(problem: Problem, verdict: Verdict, times: tuple, means: Means, cont
     return Decision(keep, start, clipped, past, Control(natural, stalls), collapsed)
 
 
-def factor(error: Scalar, accurate: Flag, order: float) -> Scalar:
+def factor(error: Each, accurate: EachFlag, order: float) -> Each:
     """By how much the step size changes after an error (an integrating controller)."""
     wanted = SAFETY * jnp.exp(-jnp.log(jnp.maximum(error, 1e-30)) / order)
     return jnp.clip(wanted, jnp.where(accurate, 1.0, SHRINK), GROW)
@@ -170,25 +171,26 @@ def first_end(problem: Problem, t0: Scalar, t1: Scalar, y0: Array, means: Means)
     return before_break(drive_breaks(problem.mechanism), t0, t0 + on_grid(step))
 
 
-def before_break(breaks: Array, t0: Scalar, t1: Scalar) -> Scalar:
+def before_break(breaks: Array, t0: Each, t1: Each) -> Each:
     """`t1`, or just before the next break where that comes first."""
     if breaks.shape[0] == 0:
         return t1
     margin = 4 * _EPS * jnp.abs(breaks)
     ahead = jnp.where(breaks - 2 * margin > t0, breaks - margin, jnp.inf)
-    return jnp.minimum(t1, jnp.min(ahead))
+    return jnp.minimum(t1, jnp.min(ahead, axis=0))
 
 
-def past_break(breaks: Array, keep: Flag, t0: Scalar) -> tuple[Scalar, Flag]:
+def past_break(breaks: Array, keep: EachFlag, t0: Each) -> tuple[Each, EachFlag]:
     """`t0`, or just past the break that it stands before, and whether it stood before one."""
     if breaks.shape[0] == 0:
-        return t0, jnp.asarray(False)
+        return t0, jnp.zeros(jnp.shape(t0), bool)
     margin = 4 * _EPS * jnp.abs(breaks)
     here = keep & (jnp.abs(breaks - t0) <= 2 * margin) & (breaks > t0)
-    return jnp.where(jnp.any(here), jnp.max(jnp.where(here, breaks + margin, -jnp.inf)), t0), jnp.any(here)
+    found = jnp.any(here, axis=0)
+    return jnp.where(found, jnp.max(jnp.where(here, breaks + margin, -jnp.inf), axis=0), t0), found
 
 
-def on_grid(step: Scalar) -> Scalar:
+def on_grid(step: Each) -> Each:
     """The step size rounded down to a power of 2^(1/8).
 
     A step size computed from an error estimate carries rounding errors magnified by 1/rtol, and choosing the next step

@@ -82,7 +82,7 @@ class Controller(diffrax.AbstractAdaptiveStepSizeController):
         return self
 
     def init(self, terms, t0, t1, y0, dt0, args, func, error_order):
-        return first_end(args, t0, t1, y0, self.means), Watched(Control.begin(), started(self.options, t0, y0, args))
+        return first_end(args, t0, t1, y0, self.means), Watched(Control.begin(t0), started(self.options, t0, y0, args))
 
     def adapt_step_size(self, t0, t1, y0, y1_candidate, args, y_error, error_order, controller_state):
         problem: Problem = args

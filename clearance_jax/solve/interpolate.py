@@ -3,7 +3,9 @@
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from clearance_jax._types import Each
 from clearance_jax.mechanism.state import Layout
+from clearance_jax.solve.lane_axis import component_axis, components
 
 
 def hermite(y0, s0, y1, s1, x):
@@ -30,15 +32,21 @@ def polynomial(coefficients, x):
     return value, slope
 
 
-def between(ends: tuple[Array, Array, Array, Array], h, x, plan: Layout) -> Array:
+def between(ends: tuple[Array, Array, Array, Array], h: Each, x, plan: Layout) -> Array:
     """The state at a fraction x of a step of size h; ends (y0, y1, slope0, slope1), states `[q, v, ...]` along the last
-    axis. Where positions and speeds correspond, by the quintic through the accelerations; the rest by the cubic.
+    axis but the lanes'.
+
+    Where positions and speeds correspond, by the quintic through the accelerations; the rest by the cubic.
     """
     y0, y1, slope0, slope1 = ends
     if plan.positions != plan.velocities:
         return hermite(y0, h * slope0, y1, h * slope1, x)
+
+    def of(y, part):
+        return components(y, part, h)
+
     q, v, rest = plan.q, plan.v, slice(plan.v.stop, None)
-    start, end = ((y[..., q], h * y[..., v], h * h * slope[..., v]) for y, slope in ((y0, slope0), (y1, slope1)))
+    start, end = ((of(y, q), h * of(y, v), h * h * of(slope, v)) for y, slope in ((y0, slope0), (y1, slope1)))
     place, speed = polynomial(quintic_coefficients(start, end), x)
-    others = hermite(y0[..., rest], h * slope0[..., rest], y1[..., rest], h * slope1[..., rest], x)
-    return jnp.concatenate([place, speed / h, others], axis=-1)
+    others = hermite(of(y0, rest), h * of(slope0, rest), of(y1, rest), h * of(slope1, rest), x)
+    return jnp.concatenate([place, speed / h, others], axis=component_axis(h))

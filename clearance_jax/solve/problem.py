@@ -16,11 +16,12 @@ import numpy as np
 from jax.extend.core import Literal
 from jaxtyping import Array
 
-from clearance_jax._types import Flag, Scalar
+from clearance_jax._types import Each, Flag
 from clearance_jax.dynamics.energy import BOOKS
 from clearance_jax.dynamics.field import rate, where_it_counts
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout, vector
+from clearance_jax.solve.lane_axis import each_lane
 
 
 class Problem(eqx.Module):
@@ -81,16 +82,27 @@ def widths(problem: Problem) -> list[int]:
 
 # Traced once and called wherever a rate is wanted; XLA inlines the calls.
 @jax.jit
-def field(time: Scalar, y: Array, problem: Problem, counts: Flag | None = None) -> Array:
-    """The rate of a state, or of a stack, (..., size), and of the quadratures behind it, (..., size + quadratures):
-    zeros for these where they do not count.
+def field(time: Each, y: Array, problem: Problem, counts: Flag | None = None) -> Array:
+    """The rate of a state, or of a stack, (..., size, *lanes), and of the quadratures behind it, (..., size +
+    quadratures, *lanes): zeros for these where they do not count.
     """
 
+    def rows(time, y, problem):
+        mechanism, integrands = problem.model
+        rates = rate(time, y, mechanism, problem.books, counts)
+
+        def added():
+            flat = [jnp.ravel(f(time, vector(y), mechanism)) for f in integrands]
+            return tuple(one[i] for one in flat for i in range(one.shape[0]))
+
+        return tuple(jnp.asarray(x, float) for x in (*rates, *where_it_counts(counts, added)))
+
+    if not problem.varies:
+        # Rows in, rows out: lanes stay the last axis, without a copy.
+        return vector(each_lane(rows, time)(time, tuple(y[i] for i in range(problem.size)), problem))
+
     def whole(model, y):
-        mechanism, integrands = model
-        rows = rate(time, tuple(y[i] for i in range(problem.size)), mechanism, problem.books, counts)
-        added = where_it_counts(counts, lambda: tuple(jnp.ravel(f(time, y, mechanism)) for f in integrands))
-        return jnp.concatenate([vector(rows), *added])
+        return vector(rows(time, tuple(y[i] for i in range(problem.size)), with_model(problem, model)))
 
     return lift(whole, problem, y)
 

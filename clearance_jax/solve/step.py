@@ -8,11 +8,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from clearance_jax._types import Flag, Scalar
+from clearance_jax._types import Each, EachFlag, Scalar
 from clearance_jax.dynamics.closures import projected
 from clearance_jax.dynamics.kinematics import relative_accelerations
 from clearance_jax.mechanism.mechanism import drive_breaks
 from clearance_jax.mechanism.state import layout
+from clearance_jax.solve.lane_axis import component_axis, components, each_lane
 from clearance_jax.solve.problem import Problem, field, lift, motion, split, with_model
 from clearance_jax.solve.tableau import tableau_of
 
@@ -21,7 +22,7 @@ _EPS = float(np.finfo(np.float64).eps)
 
 class Trial(NamedTuple):
     """One try of a step: the state from which it really started (laws latched), its end, the estimated error, the
-    slopes at both ends and at all stages (stages, ..., n).
+    slopes at both ends and at all stages (stages, ..., n, *lanes).
     """
 
     start: Array
@@ -36,13 +37,13 @@ class Trial(NamedTuple):
 def try_step(
     problem: Problem,
     solver: Any,
-    times: tuple[Scalar, Scalar],
+    times: tuple[Each, Each],
     y0: Array,
     slope: Array,
-    fresh: Flag | bool,
-    past_break: Flag | bool = False,
+    fresh: EachFlag | bool,
+    past_break: EachFlag | bool = False,
 ) -> Trial:
-    """One explicit Runge-Kutta step of a state, or of a stack, with its quadratures.
+    """One explicit Runge-Kutta step of a state, or of a stack, with its quadratures; or of as many as there are lanes.
 
     Around the step, laws with memory are latched at its start and ideal loops are projected at its end. Stages are a
     loop: the field stands once in the program. Quadratures have rates at the stages and no values there.
@@ -56,17 +57,18 @@ def try_step(
     lower, nodes = jnp.asarray(tableau.lower), jnp.asarray(tableau.nodes)
     if plan.remembered:
         slope = _known(problem, t0, y0, slope, fresh)
-        latched = _with_state(y0, lift(lambda m, y, f: latch(t0, y, f, m[0]), problem, y0, slope), plan.size)
-        fresh = jnp.any(motion(problem, latched) != motion(problem, y0))
+        now = each_lane(lambda t, y, f, p: lift(lambda m, y, f: latch(t, y, f, m[0]), p, y, f), t0)
+        latched = _with_state(y0, now(t0, y0, slope, problem), t0)
+        fresh = jnp.any(motion(problem, latched) != motion(problem, y0), axis=component_axis(t0))
         # The first row of `y0` decides: derivatives follow what the motion latches.
         y0 = latched
     if past_break is not False:
         moved = past_moving_break(t0, y0, problem)
         y0, fresh = jnp.where(past_break, moved, y0), fresh | past_break
 
-    def combined(weights, slopes, width):
-        rows = slopes[..., :width]
-        return y0[..., :width] + h * jnp.sum(weights.reshape(-1, *[1] * y0.ndim) * rows, axis=0)
+    def combined(weights, slopes, part=slice(None)):
+        rows = components(slopes, part, t0)
+        return components(y0, part, t0) + h * jnp.sum(weights.reshape(-1, *[1] * y0.ndim) * rows, axis=0)
 
     idle = (tableau.weights == 0) & (tableau.errors == 0)
     # The end is the next step's first stage.
@@ -77,34 +79,41 @@ def try_step(
 
     def stage(i, carry):
         slopes, _ = carry
-        y = combined(lower[i], slopes, plan.size)
+        y = combined(lower[i], slopes, slice(plan.size))
         now = jnp.where(nodes[i] == 1, t1, t0 + nodes[i] * h)
         if problem.mechanism.closures():
-            y = jax.lax.cond(i == last, lambda y: lift(lambda m, y: projected(t1, y, m[0]), problem, y), lambda y: y, y)
-        return slopes.at[i].set(field(now, y, problem, counts(i))), y
+            close = each_lane(lambda t, y, p: lift(lambda m, y: projected(t, y, m[0]), p, y), t0)
+            y = jax.lax.cond(i == last, lambda y: close(t1, y, problem), lambda y: y, y)
+        new = field(now, y, problem, counts(i))
+        if jnp.ndim(t0):
+            new = jnp.where(fresh | (i > 0), new, slopes[i])  # lanes that know their slope keep it
+        return slopes.at[i].set(new), y
 
     slopes = jnp.zeros((last + 1, *y0.shape)).at[0].set(slope)
-    first = 0 if fresh is True else 1 if fresh is False else jnp.where(fresh, 0, 1)
-    slopes, end = jax.lax.fori_loop(first, last + 1, stage, (slopes, y0[..., : plan.size]))
-    whole = combined(jnp.asarray(tableau.weights), slopes, y0.shape[-1])
+    first = 0 if fresh is True else 1 if fresh is False else jnp.where(jnp.any(fresh), 0, 1)
+    slopes, end = jax.lax.fori_loop(first, last + 1, stage, (slopes, components(y0, slice(plan.size), t0)))
+    whole = combined(jnp.asarray(tableau.weights), slopes)
     error = h * jnp.sum(jnp.asarray(tableau.errors).reshape(-1, *[1] * y0.ndim) * slopes, axis=0)
-    return Trial(y0, _with_state(whole, end, plan.size), error, slopes[0], slopes[-1], slopes)
+    return Trial(y0, _with_state(whole, end, t0), error, slopes[0], slopes[-1], slopes)
 
 
-def _with_state(y: Array, state: Array, size: int) -> Array:
-    """`y` with its first `size` components replaced."""
-    return jnp.concatenate([state[..., :size], y[..., size:]], axis=-1)
+def _with_state(y: Array, state: Array, time: Each) -> Array:
+    """`y` with its first components replaced."""
+    axis = component_axis(time)
+    return jnp.concatenate([state, components(y, slice(state.shape[axis], None), time)], axis=axis)
 
 
-def _known(problem: Problem, time: Scalar, y: Array, slope: Array, fresh: Flag | bool) -> Array:
+def _known(problem: Problem, time: Each, y: Array, slope: Array, fresh: EachFlag | bool) -> Array:
     """The slope at a step's start, computed where it is not known."""
     if fresh is False:
         return slope
 
     def now():
-        return field(time, y[..., : problem.size], problem)
+        return field(time, components(y, slice(problem.size), time), problem)
 
-    return now() if fresh is True else jax.lax.cond(fresh, now, lambda: slope)
+    if fresh is True:
+        return now()
+    return jax.lax.cond(jnp.any(fresh), lambda: jnp.where(fresh, now(), slope), lambda: slope)
 
 
 def latch(time: Scalar, y: Array, slope: Array, mechanism: Any) -> Array:

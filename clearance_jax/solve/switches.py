@@ -12,12 +12,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from clearance_jax._types import Flag, Rows, Scalar
+from clearance_jax._types import Each, EachFlag, Rows
 from clearance_jax.dynamics.kinematics import relative_accelerations, relative_motions
 from clearance_jax.joints import PreparedClearance, Relative
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.solve.interpolate import between, polynomial, quintic_coefficients
+from clearance_jax.solve.lane_axis import each_lane
 
 # Samples of a step, and secants to the extremum of a penetration.
 SAMPLES, EXTREMUM = 10, 3
@@ -26,23 +27,25 @@ CHECKED = (0.3, 0.6)
 
 
 class Curve(NamedTuple):
-    """The relative motion of one joint along a step of size `h`: coefficients (6, 3) of its pose over the fraction."""
+    """The relative motion of one joint along a step of size `h`: coefficients (6, 3, *lanes) of its pose over the
+    fraction.
+    """
 
-    coefficients: Float[Array, "6 3"]
-    h: Scalar
+    coefficients: Float[Array, "6 3 *lanes"]
+    h: Each
 
-    def at(self, s: Scalar) -> Relative:
+    def at(self, s: Each) -> Relative:
         """The relative motion at a fraction of the step."""
         pose, slope = polynomial(tuple(self.coefficients[k] for k in range(6)), s)
         return relative_of(pose, slope / self.h)
 
 
-def relative_of(pose: Float[Array, "3"], twist: Float[Array, "3"]) -> Relative:
+def relative_of(pose: Array, twist: Array) -> Relative:
     """A pose (place, angle) and twist as a relative motion."""
     return Relative((pose[0], pose[1]), pose[2], (twist[0], twist[1]), twist[2])
 
 
-def curves(times, ends, mechanism: Mechanism) -> tuple[list[Curve], Scalar]:
+def curves(times, ends, mechanism: Mechanism) -> tuple[list[Curve], Each]:
     """The relative motion of every clearance joint along a step, and how far it is inside the step from where the
     surfaces truly are, over the clearance: the largest. `ends` (y0, y1, slope0, slope1).
 
@@ -54,25 +57,27 @@ def curves(times, ends, mechanism: Mechanism) -> tuple[list[Curve], Scalar]:
     plan, joints = layout(mechanism), mechanism.clearance_joints()
     y0, y1, slope0, slope1 = (y[: plan.size] for y in ends)
 
-    begin = relative_accelerations(t0, y0, slope0, mechanism)
-    finish = relative_accelerations(t1, y1, slope1, mechanism)
+    accelerations = each_lane(relative_accelerations, h)
+    begin = accelerations(t0, y0, slope0, mechanism)
+    finish = accelerations(t1, y1, slope1, mechanism)
     found = [curve_between(a, b, h) for a, b in zip(begin, finish, strict=True)]
     loops = [i for i, joint in enumerate(joints) if joint.play is None]
     if not loops:
-        return found, jnp.zeros(())
+        return found, jnp.zeros_like(h)
 
     def check(k, worst):
         s = jnp.asarray(CHECKED)[k]
-        true = relative_motions(t0 + s * h, between((y0, y1, slope0, slope1), h, s, plan), mechanism)
+        inside = between((y0, y1, slope0, slope1), h, s, plan)
+        true = each_lane(relative_motions, h)(t0 + s * h, inside, mechanism)
         for i in loops:
             x, y = (a - b for a, b in zip(found[i].at(s).place, true[i].place, strict=True))
             worst = jnp.maximum(worst, (x * x + y * y) / joints[i].size ** 2)
         return worst
 
-    return found, jnp.sqrt(jax.lax.fori_loop(0, len(CHECKED), check, jnp.zeros(())))
+    return found, jnp.sqrt(jax.lax.fori_loop(0, len(CHECKED), check, jnp.zeros_like(h)))
 
 
-def curve_between(begin: tuple[Relative, Relative], end: tuple[Relative, Relative], h: Scalar) -> Curve:
+def curve_between(begin: tuple[Relative, Relative], end: tuple[Relative, Relative], h: Each) -> Curve:
     """The quintic through relative motions, each with its rate, at both ends of a step."""
     ends = [
         (
@@ -85,69 +90,79 @@ def curve_between(begin: tuple[Relative, Relative], end: tuple[Relative, Relativ
     return Curve(jnp.stack(quintic_coefficients(*ends)), h)
 
 
-def first_switch(curve_of: list[Curve], y: Array, mechanism: Mechanism, begin: Scalar) -> tuple[Flag, Scalar]:
+def first_switch(curve_of: list[Curve], y: Array, mechanism: Mechanism, begin: Each) -> tuple[EachFlag, Each]:
     """Whether any law changes regime inside a step, and the fraction of the step at which the first one just has.
 
     **Arguments:** `y`: the state that has the laws' memory; `begin`: the fraction just after the start, at which the
     regime is read that the step starts in (the start itself is the last switch), and to which a place is sought.
     """
     memory = layout(mechanism).split(y).memory
-    first = jnp.asarray(jnp.inf)
+    first = jnp.full_like(begin, jnp.inf)
     for joint, curve in zip(mechanism.clearance_joints(), curve_of, strict=True):
         first = jnp.minimum(first, first_of(joint.clearance, curve, memory[joint.name], begin))
     return first <= 1, jnp.where(first <= 1, first, 1.0)
 
 
-def first_of(clearance: PreparedClearance, curve: Curve, memory: Rows, begin: Scalar) -> Scalar:
+def first_of(clearance: PreparedClearance, curve: Curve, memory: Rows, begin: Each) -> Each:
     """The fraction at which one joint's first change of regime just has been; infinite where there is none."""
-    before = clearance.joint.points(curve.at(begin))
+    before = each_lane(lambda own, at: own.joint.points(at), begin)(clearance, curve.at(begin))
+    read = each_lane(PreparedClearance.switches, begin)
 
     def switches(s):
-        return clearance.switches(curve.at(s), memory, before)
+        return read(clearance, curve.at(s), memory, before)
 
-    samples = jnp.concatenate([begin[None], jnp.asarray(np.arange(1, SAMPLES + 1) / SAMPLES)])
+    places = np.arange(1, SAMPLES + 1).reshape(-1, *[1] * begin.ndim) / SAMPLES
+    samples = jnp.concatenate([begin[None], jnp.broadcast_to(places, (SAMPLES, *begin.shape))])
     # One array a function: so all samples are one kernel, and nothing of them is kept.
     values = jax.vmap(switches)(samples)
     started = tuple(value[0] > 0 for value in values)
     changed = jnp.zeros(samples.shape, bool)
     for value, start in zip(values, started, strict=True):
         changed |= (value > 0) != start
-    high = jnp.min(jnp.where(changed & (samples > begin), samples, jnp.inf))
+    high = jnp.min(jnp.where(changed & (samples > begin), samples, jnp.inf), axis=0)
 
     def beyond(s):
         now = switches(s)
-        return jnp.any(jnp.stack([(f > 0) != start for f, start in zip(now, started, strict=True)]))
+        return jnp.any(jnp.stack([(f > 0) != start for f, start in zip(now, started, strict=True)]), axis=0)
 
     high = jnp.minimum(high, extremum(clearance, curve, samples, beyond))
-    low = jnp.max(jnp.where(samples < high, samples, begin))
+    low = jnp.max(jnp.where(samples < high, samples, begin), axis=0)
     # Most steps cross nothing.
-    return jax.lax.cond(high <= 1, lambda: located(beyond, (low, high), begin), lambda: high)
+    return jax.lax.cond(jnp.any(high <= 1), lambda: located(beyond, (low, high), begin), lambda: high)
 
 
-def extremum(clearance: PreparedClearance, curve: Curve, samples: Array, beyond) -> Scalar:
+def extremum(clearance: PreparedClearance, curve: Curve, samples: Array, beyond) -> Each:
     """The fraction, between two samples, at which a penetration comes closest to a change of sign, if the regime has
     changed there (a graze begins and ends there); infinite otherwise.
     """
+    read = each_lane(PreparedClearance.depths, samples[0])
 
     def depths(s):
-        return clearance.depths(curve.at(s))
+        return read(clearance, curve.at(s))
 
     depth, rate = jax.vmap(depths)(samples)
     best = jnp.argmax(jnp.where(depth[:1] <= 0, depth, -depth), axis=0)
     before, after = jnp.maximum(best - 1, 0), jnp.minimum(best + 1, len(samples) - 1)
-    found = jnp.asarray(jnp.inf)
+    none = jnp.full_like(samples[0], jnp.inf)
+    found = none
     for k in range(depth.shape[1]):
-        ends = samples[before[k]], samples[after[k]], rate[before[k], k], rate[after[k], k]
+        ends = *(at(samples, i[k]) for i in (before, after)), *(at(rate[:, k], i[k]) for i in (before, after))
+        turns = ends[2] * ends[3] < 0
 
-        def turned(ends=ends, k=k):
+        def turned(ends=ends, turns=turns, k=k):
             s = root(lambda s: depths(s)[1][k], ends)
-            return jnp.where(beyond(s), s, jnp.inf)
+            return jnp.where(turns & beyond(s), s, jnp.inf)
 
-        found = jnp.minimum(found, jax.lax.cond(ends[2] * ends[3] < 0, turned, lambda: jnp.asarray(jnp.inf)))
+        found = jnp.minimum(found, jax.lax.cond(jnp.any(turns), turned, lambda: none))
     return found
 
 
-def root(function, ends: tuple) -> Scalar:
+def at(values: Array, place: Array) -> Each:
+    """The value, along the first axis, at a place of each lane's own."""
+    return jnp.take_along_axis(values, place[None], axis=0)[0]
+
+
+def root(function, ends: tuple) -> Each:
     """Where a function changes sign between two places (a, b, its values there), by secants that keep a bracket."""
 
     def secant(_, bracket):
@@ -163,7 +178,7 @@ def root(function, ends: tuple) -> Scalar:
     return jnp.where(jnp.abs(fa) < jnp.abs(fb), a, b)
 
 
-def located(beyond, bracket: tuple, precision: Scalar) -> Scalar:
+def located(beyond, bracket: tuple, precision: Each) -> Each:
     """The fraction just past the first change of regime in a bracket, by bisection.
 
     Not by secants on the functions that change: just before a pin leaves, a clipped force may act once more for a
@@ -172,15 +187,18 @@ def located(beyond, bracket: tuple, precision: Scalar) -> Scalar:
     low, high = bracket
 
     def wide(bracket):
-        return bracket[1] > 0.25 * precision
+        return jnp.any(bracket[1] > 0.25 * precision)
 
     def halve(bracket):
         # The width halves whatever is found, and one selection moves the bracket: a compiler may compute a comparison
         # twice, round the two otherwise, and so move neither of two ends that are chosen apart, for ever.
-        low, width = bracket[0], 0.5 * bracket[1]
-        return low + jnp.where(beyond(low + width), 0.0, width), width
+        low, width = bracket
+        # A lane is halved as often as alone, however long the others take.
+        going, half = width > 0.25 * precision, 0.5 * width
+        moved = low + jnp.where(going & ~beyond(low + half), half, 0.0)
+        return moved, jnp.where(going, half, width)
 
-    # In a batch a lane without a switch (an infinite end) comes along.
+    # A lane without a switch (an infinite end) comes along.
     width = jnp.where(high <= 1, high - low, 0.0)
     low, width = jax.lax.while_loop(wide, halve, (low, width))
     return jnp.where(high <= 1, low + width, high)

@@ -1,0 +1,42 @@
+"""Lanes: motions solved side by side, as the LAST axis of every array of a solve.
+
+So a number that is one for each lane meets an array of a state's components by numpy's own rule, a component of all
+lanes lies in one piece, and the code of an attempt is the same with lanes and without. What is written for one motion
+(the physics) is mapped over them.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from clearance_jax._types import Each
+
+LAST = eqx.if_array(-1)
+
+
+def each_lane(function: Callable, time: Each) -> Callable:
+    """`function` of one motion, of as many as the `time` has."""
+    return eqx.filter_vmap(function, in_axes=LAST, out_axes=LAST) if jnp.ndim(time) else function
+
+
+def components(y: Any, part: slice, time: Each) -> Any:
+    """Components of a state, or of a stack of states: their axis is the last but the lanes'."""
+    return y[..., part, :] if jnp.ndim(time) else y[..., part]
+
+
+def component_axis(time: Each) -> int:
+    """The axis of a state's components."""
+    return -1 - jnp.ndim(time)
+
+
+def to_lanes(tree: Any) -> Any:
+    """A batch, along the first axis of every array, as lanes."""
+    return jax.tree.map(lambda x: jnp.moveaxis(x, 0, -1) if eqx.is_array(x) else x, tree)
+
+
+def from_lanes(tree: Any) -> Any:
+    """Lanes as a batch along the first axis of every array."""
+    return jax.tree.map(lambda x: jnp.moveaxis(x, -1, 0) if eqx.is_array(x) else x, tree)
