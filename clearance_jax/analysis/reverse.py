@@ -19,9 +19,9 @@ from clearance_jax.mechanism.mechanism import Mechanism, drive_breaks
 from clearance_jax.mechanism.state import layout
 from clearance_jax.parameters import replace
 from clearance_jax.solve.attempt import Options
-from clearance_jax.solve.codes import Result, code_of
-from clearance_jax.solve.driver import integrate
-from clearance_jax.solve.flow import Inputs, initial, problem_of, refuse_jumps
+from clearance_jax.solve.codes import Result
+from clearance_jax.solve.driver import step_ends
+from clearance_jax.solve.flow import Inputs, initial, refuse_jumps, task_of
 from clearance_jax.solve.problem import Problem, push
 from clearance_jax.solve.settings import Settings
 from clearance_jax.solve.solution import Solution
@@ -40,9 +40,8 @@ def _steps(mechanism, values, inputs: Inputs, options: Options):
         for name, value in values.items()
     }
     changed, direction = push(lambda v: replace(mechanism, v), values, probe)
-    problem, start, allowed, _ = problem_of(inputs._replace(mechanism=changed), options, (direction, None, ()))
-    out = integrate(problem, inputs.t0, inputs.t1, start, None, allowed, options, steps=True)
-    return out.ts[1], code_of(jnp.asarray(True), out.result)
+    task = task_of(inputs._replace(mechanism=changed, save_at=None), options, (direction, None, ()))
+    return step_ends(task, options)
 
 
 @eqx.filter_jit

@@ -59,10 +59,10 @@ def decide(
     decision = decided(problem, judged(problem, trial, times, means, control), times, means, control)
     ends = trial.start, trial.end, trial.slope0, trial.slope1
 
-    def see(record, times, ends, problem):
+    def see(observers, record, times, ends, problem):
         return tuple(observer(own, times, ends, problem) for observer, own in zip(observers, record, strict=True))
 
-    seen = each_lane(see, times[0])(record, times, ends, problem)
+    seen = each_lane(see, times[0])(observers, record, times, ends, problem)
     return decision, jax.tree.map(lambda new, old: jnp.where(decision.keep, new, old), seen, record)
 
 
@@ -114,9 +114,9 @@ def attempt(
 
 def start_carry(problem: Problem, options: Options, means: Means, t0: Scalar, t1: Scalar, y0: Array) -> Carry:
     """Before the first attempt."""
-    end = jnp.minimum(first_end(problem, t0, t1, y0, means), t1)
-    yes, no, none = jnp.asarray(True), jnp.asarray(False), jnp.zeros((), int)
-    record = started(options, t0, y0, problem)
+    end = jnp.minimum(each_lane(first_end, t0)(problem, t0, t1, y0, means), t1)
+    yes, no, none = (jnp.full(jnp.shape(t0), value) for value in (True, False, 0))
+    record = each_lane(started, t0)(options, t0, y0, problem)
     return Carry(t0, end, y0, jnp.zeros_like(y0), yes, no, Control.begin(t0), record, none, none, no)
 
 

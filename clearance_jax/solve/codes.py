@@ -6,7 +6,7 @@ import diffrax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from clearance_jax._types import Code, Flag
+from clearance_jax._types import Code
 
 
 class Result(enum.IntEnum):
@@ -33,10 +33,10 @@ def words(code: int | Array) -> str:
     return WORDS[Result(int(code))]
 
 
-def code_of(possible: Flag, result: diffrax.RESULTS) -> Code:
-    """Diffrax's result, and whether there was anything to solve, as a code of ours."""
+def code_of(result: diffrax.RESULTS) -> Code:
+    """Diffrax's result as a code of ours."""
     known = ((diffrax.RESULTS.successful, Result.REACHED_END), (diffrax.RESULTS.max_steps_reached, Result.MAX_STEPS))
     code = jnp.asarray(int(Result.STEP_COLLAPSED))
     for theirs, ours in known:
         code = jnp.where(result == theirs, int(ours), code)
-    return jnp.where(possible, code, int(Result.IMPOSSIBLE))
+    return code

@@ -8,9 +8,12 @@ from typing import ClassVar, NamedTuple
 import diffrax
 import equinox as eqx
 import jax.numpy as jnp
+from jaxtyping import Array
 
 from clearance_jax.solve.attempt import Options, decide, dense_info, means_of, started
+from clearance_jax.solve.codes import code_of
 from clearance_jax.solve.control import Control, Means, first_end
+from clearance_jax.solve.outcome import Outcome, Task
 from clearance_jax.solve.problem import Problem
 from clearance_jax.solve.step import Trial, try_step
 
@@ -99,22 +102,38 @@ def _own_field(t, y, args):
     return y
 
 
-def integrate(problem: Problem, t0, t1, start, save_at, allowed, options: Options, moving_breaks=False, steps=False):
-    """Diffrax's solution: the end, then (if wanted) the samples, then (if wanted) every step end."""
-    subs = [diffrax.SubSaveAt(t1=True)]
-    subs += [] if save_at is None else [diffrax.SubSaveAt(ts=save_at)]
-    subs += [diffrax.SubSaveAt(t0=True, steps=True)] if steps else []
+def integrate(task: Task, options: Options, moving_breaks: bool = False) -> Outcome:
+    """One motion (or stack) to its end."""
+    samples = [] if task.save_at is None else [diffrax.SubSaveAt(ts=task.save_at)]
+    out = _by_diffrax(task, options, moving_breaks, samples)
+    assert out.ts is not None
+    assert out.ys is not None
+    record = out.controller_state.record if options.observers else ()  # pyright: ignore[reportOptionalMemberAccess]
+    counts = out.stats["num_accepted_steps"], out.stats["num_rejected_steps"]
+    sampled = (out.ts[1], out.ys[1]) if samples else None
+    return Outcome(out.ys[0][-1], out.ts[0][-1], sampled, record, code_of(out.result), *counts)
+
+
+def step_ends(task: Task, options: Options) -> tuple[Array, Array]:
+    """Every step's end, the start first, then infinite; and the code with which the solve ends."""
+    out = _by_diffrax(task, options, False, [diffrax.SubSaveAt(t0=True, steps=True)])
+    assert out.ts is not None
+    return out.ts[1], code_of(out.result)
+
+
+def _by_diffrax(task: Task, options: Options, moving_breaks: bool, subs: list) -> diffrax.Solution:
+    """Diffrax's solution: the end, and whatever else is to be saved."""
     # To pyright the abstract rtol, atol and norm are fields, not properties.
-    controller = Controller(options, means_of(options, allowed))  # pyright: ignore[reportCallIssue]
+    controller = Controller(options, means_of(options, task.allowed))  # pyright: ignore[reportCallIssue]
     return diffrax.diffeqsolve(
         diffrax.ODETerm(_own_field),
         Stepper(options, moving_breaks),
-        t0,
-        t1,
+        task.t0,
+        task.t1,
         None,
-        start,
-        args=problem,
-        saveat=diffrax.SaveAt(subs=subs, controller_state=bool(options.observers)),
+        task.start,
+        args=task.problem,
+        saveat=diffrax.SaveAt(subs=[diffrax.SubSaveAt(t1=True), *subs], controller_state=bool(options.observers)),
         stepsize_controller=controller,
         adjoint=diffrax.ForwardMode(),
         max_steps=options.max_steps,

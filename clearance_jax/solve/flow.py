@@ -22,10 +22,14 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism, drive_breaks
 from clearance_jax.mechanism.state import layout
 from clearance_jax.parameters import bounds_hold
+from clearance_jax.solve import lanes
 from clearance_jax.solve.attempt import CENTRE, SETTLED, Options
-from clearance_jax.solve.codes import code_of
+from clearance_jax.solve.codes import Result
 from clearance_jax.solve.driver import integrate
+from clearance_jax.solve.lane_axis import from_lanes, to_lanes
+from clearance_jax.solve.lanes import batched
 from clearance_jax.solve.observers import Picked
+from clearance_jax.solve.outcome import Outcome, Task
 from clearance_jax.solve.problem import Problem, basis, field, lift, motion, moves, push, widths
 from clearance_jax.solve.solution import Solution
 from clearance_jax.solve.tolerances import Tolerances, floors, largest_length, tolerances
@@ -66,7 +70,7 @@ def flow(inputs: Inputs, *, options: Options) -> Solution:
 def plain_flow(inputs: Inputs, options: Options) -> Solution:
     """As `flow`, differentiated as the program it is: cheaper, and of unknown accuracy."""
     refuse_jumps(inputs.mechanism)
-    return _compiled(inputs, options)
+    return _plain(inputs, options)
 
 
 @flow.def_jvp
@@ -171,14 +175,16 @@ def refuse_jumps(mechanism: Mechanism) -> None:
 # The solve -----------------------------------------------------------------------------------------------------------
 
 
-def solution_of(inputs: Inputs, options: Options, directions: Any = None) -> Solution:
-    """Solve motion and variations: with directions (a tree like `inputs.varied`), states are stacks."""
+def task_of(inputs: Inputs, options: Options, directions: Any = None) -> Task:
+    """What is to be solved: with directions (a tree like `inputs.varied`), states are stacks.
+
+    A lane of a batch with impossible numbers, or a mechanism that is not closed, ends where it begins, with a code of
+    its own.
+    """
     t0, t1, rtol, save_at = inputs.t0, inputs.t1, inputs.rtol, inputs.save_at
     problem, start, allowed, open_loops = problem_of(inputs, options, directions)
-    first = motion(problem, start)
-    # A lane of a batch with impossible numbers, or a mechanism that is not closed, ends at once with a code of its own.
     possible = (
-        jnp.all(jnp.isfinite(first))
+        jnp.all(jnp.isfinite(motion(problem, start)))
         & jnp.isfinite(t1)
         & (t1 > t0)
         & (rtol > 0)
@@ -186,49 +192,76 @@ def solution_of(inputs: Inputs, options: Options, directions: Any = None) -> Sol
         & bounds_hold(inputs.mechanism)
         & ~jnp.any(open_loops > CLOSED * largest_length(inputs.mechanism))
     )
-    end = jnp.where(possible, t1, t0)
     save_at = None if save_at is None else jnp.where(possible, save_at, t0)
-    moving = problem.varies and moves(drive_breaks, problem)
-    out = integrate(problem, t0, end, start, save_at, allowed, options, moving)
-    final = out.ys[0][-1]
-    time = out.ts[0] if save_at is None else out.ts[1]
-    y = out.ys[0] if save_at is None else projected_samples(problem, time, out.ys[1])
+    return Task(problem, t0, jnp.where(possible, t1, t0), start, save_at, allowed, possible)
+
+
+def solution_of(task: Task, out: Outcome, t1: Array, options: Options) -> Solution:
+    """What became of a task that was to end at `t1`."""
+    problem, start, final = task.problem, task.start, out.final
+    time, y = out.end_time[None], final[None]
+    if out.samples is not None:
+        time, y = out.samples
+        y = projected_samples(problem, time, y)
     residual = jnp.asarray(jnp.nan)
     if options.books:
-        residual = energy_residual(problem.mechanism, (t0, t1), (first, motion(problem, final)))
-    records, picked = (), ()
-    if options.observers:
-        seen = [observer.finished(record) for observer, record in zip(options.observers, _record(out), strict=True)]
-        records = tuple(record for record, _ in seen)
-        picked = tuple(
-            None if one is None else Picked(one.time, projected_samples(problem, one.time, one.y)) for _, one in seen
-        )
-    accepted, rejected = out.stats["num_accepted_steps"], out.stats["num_rejected_steps"]
-    code = code_of(possible, out.result)
+        residual = energy_residual(problem.mechanism, (task.t0, t1), (motion(problem, start), motion(problem, final)))
+    seen = [observer.finished(record) for observer, record in zip(options.observers, out.record, strict=True)]
+    records = tuple(record for record, _ in seen)
+    picked = tuple(
+        None if one is None else Picked(one.time, projected_samples(problem, one.time, one.y)) for _, one in seen
+    )
+    code = jnp.where(task.possible, out.code, int(Result.IMPOSSIBLE))
     return Solution(
         time,
         y,
         start,
         final,
         code,
-        accepted,
-        rejected,
+        out.accepted,
+        out.rejected,
         residual,
-        out.ts[0][-1],
+        out.end_time,
         records,
         picked,
-        sampled=save_at is not None,
+        sampled=out.samples is not None,
         books=options.books,
     )
 
 
-def _record(out) -> tuple:
-    """What the observers have recorded."""
-    return out.controller_state.record
+def solved(inputs: Inputs, options: Options, directions: Any = None) -> Solution:
+    """One motion (or stack), by diffrax."""
+    task = task_of(inputs, options, directions)
+    moving = task.problem.varies and moves(drive_breaks, task.problem)
+    return solution_of(task, integrate(task, options, moving), inputs.t1, options)
 
 
-# Below the rule of differentiation: around it, a derivative would trace the motion's own solve for nothing.
-_compiled = eqx.filter_jit(solution_of)
+def solved_lanes(inputs: Inputs, options: Options) -> Solution:
+    """A batch of motions, along the first axis of every array, as lanes."""
+    task = eqx.filter_vmap(task_of, out_axes=eqx.if_array(0))(inputs, options)
+    out = from_lanes(lanes.integrate(to_lanes(task), to_lanes(options)))
+    return eqx.filter_vmap(solution_of, out_axes=eqx.if_array(0))(task, out, inputs.t1, options)
+
+
+# Below the rule of differentiation: around it, a derivative would trace the motion's own solve for nothing, and a rule
+# of batching has no derivative in reverse.
+@eqx.filter_jit
+def _compiled(inputs: Inputs, options: Options, directions: Any = None) -> Solution:
+    numbers, rest = eqx.partition((inputs, options, directions), eqx.is_array)
+
+    def one(numbers):
+        return solved(*eqx.combine(numbers, rest))
+
+    def together(batch):
+        if directions is not None:
+            return jax.vmap(one)(batch)
+        return solved_lanes(*eqx.combine(batch, rest)[:2])
+
+    return batched(one, together)(numbers)
+
+
+# Differentiated as it stands, and so without a rule of batching.
+_plain = eqx.filter_jit(solved)
 
 
 def problem_of(

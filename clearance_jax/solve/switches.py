@@ -64,6 +64,7 @@ def curves(times, ends, mechanism: Mechanism) -> tuple[list[Curve], Each]:
     loops = [i for i, joint in enumerate(joints) if joint.play is None]
     if not loops:
         return found, jnp.zeros_like(h)
+    sizes = each_lane(lambda mechanism: [joint.size for joint in mechanism.clearance_joints()], h)(mechanism)
 
     def check(k, worst):
         s = jnp.asarray(CHECKED)[k]
@@ -71,7 +72,7 @@ def curves(times, ends, mechanism: Mechanism) -> tuple[list[Curve], Each]:
         true = each_lane(relative_motions, h)(t0 + s * h, inside, mechanism)
         for i in loops:
             x, y = (a - b for a, b in zip(found[i].at(s).place, true[i].place, strict=True))
-            worst = jnp.maximum(worst, (x * x + y * y) / joints[i].size ** 2)
+            worst = jnp.maximum(worst, (x * x + y * y) / sizes[i] ** 2)
         return worst
 
     return found, jnp.sqrt(jax.lax.fori_loop(0, len(CHECKED), check, jnp.zeros_like(h)))

@@ -1,0 +1,122 @@
+"""Drives lanes: many motions side by side, in chunks of which each goes on until its own slowest lane ends.
+
+A batch of a thousand lanes in one loop runs operation by operation through memory, and waits for its slowest lane. A
+chunk stays in the cache and compiles to one function; `over_chunks` is what `jax.vmap` of a solve becomes.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from clearance_jax._types import Each, EachFlag
+from clearance_jax.solve.attempt import Carry, Options, attempt, dense, means_of, start_carry
+from clearance_jax.solve.codes import Result
+from clearance_jax.solve.lane_axis import each_lane
+from clearance_jax.solve.outcome import Outcome, Task
+
+# Lanes of a chunk: the fastest of 8 to 256 on one core (`experiments/batches`).
+LANES = 32
+
+
+def integrate(task: Task, options: Options) -> Outcome:
+    """Every lane of a task to its end. States of samples that a lane does not reach are infinite."""
+    problem, start, last = task.problem, task.start, task.t1
+    means = means_of(options, task.allowed)
+    times = jnp.zeros((0, *jnp.shape(last))) if task.save_at is None else task.save_at
+    known = times <= task.t0
+    samples = jnp.where(known[:, None], start[None], jnp.inf)
+
+    def going(carry: Carry) -> EachFlag:
+        tries = carry.accepted + carry.rejected
+        return (carry.time < last) & ~carry.collapsed & (tries < options.max_steps)
+
+    def once(state):
+        carry, samples, place = state
+        now = going(carry)
+        moved, trial, keep = attempt(carry, problem, options, means, last)
+        if task.save_at is not None:
+            ends = carry.time, carry.end
+            samples, place = _sampled(samples, place, times, ends, now & keep, options, trial)
+        return jax.tree.map(lambda new, old: jnp.where(now, new, old), moved, carry), samples, place
+
+    carry = start_carry(problem, options, means, task.t0, last, start)
+    state = carry, samples, jnp.sum(known, axis=0)
+    carry, samples, _ = jax.lax.while_loop(lambda s: jnp.any(going(s[0])), once, state)
+    code = jnp.where(carry.collapsed, int(Result.STEP_COLLAPSED), int(Result.MAX_STEPS))
+    code = jnp.where((carry.time < last) | carry.collapsed, code, int(Result.REACHED_END))
+    sampled = None if task.save_at is None else (times, samples)
+    return Outcome(carry.y, carry.time, sampled, carry.record, code, carry.accepted, carry.rejected)
+
+
+def _sampled(samples: Array, place: Array, times: Array, ends: tuple[Each, Each], kept: EachFlag, options, trial):
+    """The samples that lie in the steps just kept, and the place of each lane's next one."""
+    inside = each_lane(lambda time, trial, ends: dense(options, trial, ends).evaluate(time), kept)
+    lane = jnp.arange(place.shape[0])
+
+    def due(place):
+        time = times[jnp.minimum(place, len(times) - 1), lane]
+        return kept & (place < len(times)) & (time <= ends[1]), time
+
+    def once(state):
+        samples, place = state
+        now, time = due(place)
+        here = jnp.where(now, place, len(times))  # beyond the end: dropped
+        return samples.at[here, :, lane].set(inside(time, trial, ends).T, mode="drop"), place + now
+
+    return jax.lax.while_loop(lambda s: jnp.any(due(s[1])[0]), once, (samples, place))
+
+
+def over_chunks(solve: Callable, batch: Any, count: int, lanes: int = LANES) -> Any:
+    """`solve` of a batch of `count` (the first axis of every array), chunk by chunk; the last chunk is filled with
+    copies of the last lane.
+    """
+    chunks = -(-count // lanes)
+    if chunks == 1:
+        return solve(batch)
+    width = -(-count // chunks)
+
+    def cut(x):
+        filled = jnp.concatenate([x, jnp.broadcast_to(x[-1:], (chunks * width - count, *x.shape[1:]))])
+        return filled.reshape(chunks, width, *x.shape[1:])
+
+    out = jax.lax.map(solve, jax.tree.map(cut, batch))
+    return jax.tree.map(lambda x: x.reshape(chunks * width, *x.shape[2:])[:count], out)
+
+
+def batched(one: Callable, together: Callable) -> Callable:
+    """`one` of a tree of arrays, which under `jax.vmap` becomes `together`, chunk by chunk (of a tree of arrays that
+    have the batch as their first axis); a batch of batches is one batch.
+    """
+
+    def rule(count, in_batched, numbers):
+        def spread(x, is_batched):
+            return x if is_batched else jnp.broadcast_to(x, (count, *jnp.shape(x)))
+
+        out = many(jax.tree.map(spread, numbers, in_batched[0]))
+        return out, jax.tree.map(lambda _: True, out)
+
+    @jax.custom_batching.custom_vmap
+    def many(batch):
+        return over_chunks(together, batch, jax.tree.leaves(batch)[0].shape[0])
+
+    @many.def_vmap
+    def _merged(outer, in_batched, batch):
+        inner = next(
+            x.shape[1] if is_batched else x.shape[0]
+            for x, is_batched in zip(jax.tree.leaves(batch), jax.tree.leaves(in_batched[0]), strict=True)
+        )
+
+        def merge(x, is_batched):
+            x = x if is_batched else jnp.broadcast_to(x, (outer, *x.shape))
+            return x.reshape(outer * inner, *x.shape[2:])
+
+        out = many(jax.tree.map(merge, batch, in_batched[0]))
+        out = jax.tree.map(lambda x: x.reshape(outer, inner, *x.shape[1:]), out)
+        return out, jax.tree.map(lambda _: True, out)
+
+    alone = jax.custom_batching.custom_vmap(one)
+    alone.def_vmap(rule)
+    return alone

@@ -1,0 +1,37 @@
+"""What a driver is given, and what it gives back: the same for diffrax's loop and for lanes."""
+
+from typing import Any, NamedTuple
+
+from jaxtyping import Array
+
+from clearance_jax._types import Each, EachFlag
+from clearance_jax.solve.problem import Problem
+from clearance_jax.solve.tolerances import Tolerances
+
+
+class Task(NamedTuple):
+    """A motion (or lanes of motions) to be integrated from `t0` to `t1`, from a state (or stack) `start`; `save_at`:
+    sample times. One that is not `possible` ends where it begins.
+    """
+
+    problem: Problem
+    t0: Each
+    t1: Each
+    start: Array
+    save_at: Array | None
+    allowed: Tolerances
+    possible: EachFlag
+
+
+class Outcome(NamedTuple):
+    """How it went: the last state and its time; sample times and states; the observers' records; a `codes.Result` as a
+    number; steps kept and rejected.
+    """
+
+    final: Array
+    end_time: Each
+    samples: tuple[Array, Array] | None
+    record: Any
+    code: Array
+    accepted: Array
+    rejected: Array
