@@ -275,6 +275,14 @@ def test_a_metric_is_a_function_of_one_or_two(solution):
     assert cj.design.Limit(by_both, 1.0).title == "by_both"
 
 
+def test_a_metric_of_ones_own_stands_beside_integrals(solution):
+    """Without books, whose place in the state the integral of another metric has."""
+    mean = cj.metrics.Mean(cj.metrics.ContactForce("wrist"))
+    found = cj.measure(CRANK, {"mean": mean, "own": lambda s: s["piston.acceleration.x"]}, T1, save_at=5, rtol=1e-7)
+    np.testing.assert_allclose(found["own"], solution["piston.acceleration.x"], rtol=1e-9)
+    assert float(found["mean"]) > 0
+
+
 @pytest.mark.parametrize(
     ("function", "count"),
     [
