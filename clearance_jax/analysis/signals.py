@@ -252,8 +252,7 @@ class ContactForce(AbstractSignal):
         joint = mechanism.clearance_joints()[clearance_index(mechanism, self.joint)]
         state = layout(mechanism).split(y)
         at = play(joint, frames(mechanism, time, state), state).relative
-        action = joint.clearance.act(at, state.memory[joint.name])
-        return sum((point.normal_force for point in action.points[1:]), action.points[0].normal_force)
+        return joint.clearance.act(at, state.memory[joint.name]).normal_force
 
 
 class Acceleration(AbstractSignal):
