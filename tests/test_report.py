@@ -150,6 +150,10 @@ def test_from_when_and_from_where_is_said():
     assert "over 10 ms; an impact" in later
 
 
+def test_instants_are_in_the_unit_of_the_time_axes():
+    assert [words.instant(t) for t in (None, 0.0, 0.0034, 3.25, 105.0)] == ["", "0 ms", "3.4 ms", "3.25 s", "105 s"]
+
+
 def test_loads_have_pressures_only_where_a_length_is_known():
     found = made(answer([piston_limit()]))
     (load,) = found.loads
