@@ -13,6 +13,8 @@ import pytest
 
 import clearance_jax as cj
 from clearance_jax import laws
+from clearance_jax.dynamics.kinematics import relative_motions
+from clearance_jax.dynamics.observe import observe
 from clearance_jax.joints import AbstractClearance, AbstractElement
 from clearance_jax.solve.codes import Result, code_of, words
 from clearance_jax.solve.control import factor, on_grid
@@ -230,3 +232,17 @@ def test_a_joint_kind_of_its_own_and_laws_mapped_over_its_points():
     m = catalogue.slider_crank()
     ends = [cj.simulate(m.with_clearance("wrist", c), 2e-3, rtol=1e-8).final[:4] for c in (one, two)]
     np.testing.assert_allclose(ends[1], ends[0], rtol=1e-6)
+
+
+def test_of_several_points_the_joints_force_and_the_deepest_are_reported():
+    law = laws.Hertz(1e9)
+    twin: Any = Twin
+    m = playful(law).with_clearance("hip", twin(jnp.asarray(1e-4), jnp.asarray(0.01), law)).prepared()
+    pressed = jnp.zeros(4).at[1].set(-1.01e-4)
+    seen = observe(jnp.zeros(()), pressed, m)
+    assert float(seen["contact_force"][0]) == pytest.approx(2 * 1e9 * 1e-6**1.5)
+    assert float(seen["penetration"][0]) == pytest.approx(1e-6)
+    (joint,) = m.clearance_joints()
+    action = joint.clearance.act(relative_motions(jnp.zeros(()), pressed, m)[0], ())
+    shallow = action.points[0]._replace(penetration=jnp.asarray(5e-7), slip=(jnp.asarray(7.0),))
+    assert float(action._replace(points=(shallow, action.points[1])).deepest.penetration) == pytest.approx(1e-6)

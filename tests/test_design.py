@@ -11,6 +11,8 @@ from clearance_jax import design
 from clearance_jax.analysis import metrics
 from clearance_jax.analysis.measure import Request
 from clearance_jax.design import evaluate, manufacture, verify
+from clearance_jax.design.evaluate import simulations_of
+from clearance_jax.design.formulation import _identity
 from clearance_jax.errors import ClearanceError
 from clearance_jax.solve.settings import Settings
 from experiments.trust import CHAOTIC, scene
@@ -149,6 +151,20 @@ def test_costs():
 def test_a_band_has_its_ends_and_corners():
     factors = design.Band(0.5).factors(2)
     assert {tuple(row) for row in factors} == {(0.5, 0.5), (0.75, 0.75), (1, 1), (0.5, 1), (1, 0.5)}
+
+
+def test_a_record_of_another_start_is_another_problems():
+    """Settled pins make other peaks than falling ones: their designs must not be mixed."""
+    limit = design.Limit(metrics.Peak(metrics.PositionError("piston")), 1e-3)
+
+    def identity(**options):
+        variables = {"wrist.radial_clearance": (1e-4, 1e-3)}
+        specification = design.ToleranceProblem(slider_crank(), 1e-3, variables, [limit], **options).specification
+        return _identity(specification, simulations_of(specification))
+
+    usual = identity()
+    assert identity(start="centre", t0=0.0) == usual
+    assert len({usual, identity(start="settled"), identity(t0=1e-4), identity(max_steps=100)}) == 4
 
 
 def test_what_was_evaluated_is_kept_and_resumed_from(tmp_path):

@@ -11,6 +11,7 @@ import clearance_jax as cj
 from clearance_jax.analysis import metrics
 from clearance_jax.analysis.instants import PeakInstants
 from clearance_jax.analysis.joint_work import JointWork
+from clearance_jax.analysis.measure import _together
 from clearance_jax.errors import ClearanceError
 from experiments.common import slider_crank
 from experiments.reference.make import load_variation
@@ -305,6 +306,12 @@ def test_only_what_comes_after_since_counts(mechanism):
     expected = float(lost[-1] - np.interp(SINCE, table.time, lost))
     assert float(values["lost"]) == pytest.approx(expected, rel=1e-4)
     assert float(values["lost"]) < float(values["all lost"])
+
+
+def test_samples_of_one_metric_and_where_it_begins_to_count_are_put_in_order():
+    order, together = _together([jnp.array([7e-4, 9e-4, SINCE])], mixed=True)
+    np.testing.assert_array_equal(together, [SINCE, 7e-4, 9e-4])
+    np.testing.assert_array_equal(together[order], [7e-4, 9e-4, SINCE])
 
 
 def test_averages_since_have_derivatives(mechanism):

@@ -141,6 +141,19 @@ def test_limits_have_bound_share_and_instant():
     assert row == ["piston: position error, peak 1", "199.98 µm", "200 µm", "99.9900 %", "3.4 ms"]
 
 
+def test_from_when_and_from_where_is_said():
+    """A motion that starts with a fall has another largest force than a machine's."""
+    page = text_of(render(made(answer([piston_limit()]))))
+    assert "from t = 0 ms to 12 ms; pins start in the middle of their sleeves, and fall" in page
+    later = text_of(render(made(answer([piston_limit()], t0=2e-3, start="settled"))))
+    assert "from t = 2 ms to 12 ms; pins start at the walls that they are pressed to" in later
+    assert "over 10 ms; an impact" in later
+
+
+def test_instants_are_in_the_unit_of_the_time_axes():
+    assert [words.instant(t) for t in (None, 0.0, 0.0034, 3.25, 105.0)] == ["", "0 ms", "3.4 ms", "3.25 s", "105 s"]
+
+
 def test_loads_have_pressures_only_where_a_length_is_known():
     found = made(answer([piston_limit()]))
     (load,) = found.loads

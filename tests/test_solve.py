@@ -12,6 +12,7 @@ import scipy.integrate
 
 import clearance_jax as cj
 from clearance_jax import laws
+from clearance_jax.dynamics.energy import energy_residual
 from clearance_jax.mechanism.body import AbstractActuator
 from clearance_jax.solve.trace import BLOCK
 
@@ -243,7 +244,8 @@ def test_a_trace_of_many_blocks_is_the_solve():
     traced = cj.trace(m, 3.0, rtol=1e-7)
     assert traced.time.size > 2 * BLOCK
     s = cj.simulate(m, 3.0, rtol=1e-7)
-    # Every block starts with a small step of its own: the same motion within the tolerance, not the same steps.
+    # What is remembered from step to step goes from block to block too.
+    assert (int(traced.solution.steps), int(traced.solution.rejected)) == (int(s.steps), int(s.rejected))
     np.testing.assert_allclose(traced.solution.final[:4], s.final[:4], rtol=10 * 1e-7)
 
 
@@ -281,6 +283,20 @@ def test_energy_books_with_gravity_springs_and_actuators():
     )
     s = cj.simulate(m, 2.0, rtol=1e-10)
     assert float(s.energy_residual) < 1e-9
+
+
+def test_a_preloaded_spring_hides_no_loss_and_round_off_at_rest_is_none():
+    """A spring of a kilojoule beside a motion of a joule that stops, and of which nothing is booked."""
+    m = cj.Mechanism(
+        bodies=(cj.Body("block", 2.0),),
+        joints=(cj.Prismatic("guide", "ground", "block"),),
+        springs=(cj.Spring("s", "ground", "block", 2e5, 0.0, 0.9, cj.Position(-1.0)),),
+    )
+    start, times = jnp.zeros(6).at[1].set(1.0), (jnp.zeros(()), jnp.ones(()))
+    residual = jax.jit(lambda end: energy_residual(m.prepared(), times, (start, end)))
+    assert float(residual(jnp.zeros(6).at[5].set(1.0))) == pytest.approx(1.0, rel=1e-6)
+    moved = start.at[:1].set(1e-16)  # and the energies by the round-off of a kilojoule
+    assert float(residual(moved)) < 1e-5
 
 
 @pytest.mark.parametrize(

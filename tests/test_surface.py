@@ -18,7 +18,7 @@ from catalogue import slider_crank
 import clearance_jax as cj
 import clearance_jax.parameters  # puts the module beside the function of that name
 from clearance_jax.analysis.measure import arguments, as_metric, by_name
-from clearance_jax.solve.settings import Settings, SolveOptions, settings_of
+from clearance_jax.solve.settings import Settings, SolveOptions, evenly, settings_of
 
 CRANK, T1, NAME = slider_crank(), 2e-3, "wrist.radial_clearance"
 SOLVED: SolveOptions = {"save_at": 5, "rtol": 1e-7, "books": True}
@@ -123,6 +123,13 @@ def test_every_door_refuses_alike(door):
 def test_values_are_checked_at_the_door(options, words):
     with pytest.raises(cj.ClearanceError, match=words):
         settings_of(CRANK, T1, options)
+
+
+def test_a_metrics_samples_end_at_the_end_too():
+    """By t0 + (t1 - t0) the last of them would lie a round-off beyond."""
+    assert -1.0 + (0.1 - -1.0) > 0.1
+    times = evenly(jnp.asarray(-1.0), jnp.asarray(0.1), 11)
+    assert (float(times[0]), float(times[-1])) == (-1.0, 0.1)
 
 
 def test_samples_begin_and_end_exactly():
@@ -273,6 +280,14 @@ def test_a_metric_is_a_function_of_one_or_two(solution):
     np.testing.assert_allclose((ends["one"], ends["two"]), (found["two"][-1] / 2, found["two"][-1]), rtol=1e-12)
     np.testing.assert_allclose(ends["force"], solution["wrist.contact_force"], rtol=1e-9)
     assert cj.design.Limit(by_both, 1.0).title == "by_both"
+
+
+def test_a_metric_of_ones_own_stands_beside_integrals(solution):
+    """Without books, whose place in the state the integral of another metric has."""
+    mean = cj.metrics.Mean(cj.metrics.ContactForce("wrist"))
+    found = cj.measure(CRANK, {"mean": mean, "own": lambda s: s["piston.acceleration.x"]}, T1, save_at=5, rtol=1e-7)
+    np.testing.assert_allclose(found["own"], solution["piston.acceleration.x"], rtol=1e-9)
+    assert float(found["mean"]) > 0
 
 
 @pytest.mark.parametrize(

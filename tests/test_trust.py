@@ -5,16 +5,31 @@ import pytest
 
 import clearance_jax as cj
 from clearance_jax import laws
+from clearance_jax.analysis import scatter
 from clearance_jax.analysis.divergence import horizon_of
 from clearance_jax.analysis.scatter import regression
 from clearance_jax.analysis.trust import UntrustedGradient
 from clearance_jax.errors import ClearanceError
+from clearance_jax.solve.settings import Settings
 from experiments import trust as experiment
 from experiments.trust import CHAOTIC, NAME, REGULAR, place, scene
 
 CALM, WILD = scene(REGULAR["R2, periodic"]), scene(CHAOTIC["A2"])
 # Past four impacts of the one, and past the horizon of the other.
 SHORT, LONG = 0.06, 0.2
+
+
+def test_of_a_peak_the_second_is_looked_at_in_the_same_part_of_the_motion(monkeypatch):
+    class Asked(Exception):
+        pass
+
+    def lanes(metric, *_):
+        raise Asked(metric.count, float(metric.since))
+
+    monkeypatch.setattr(scatter, "_lanes", lanes)
+    plan = scatter.SamplingPlan((NAME,), np.ones(1), 0.02, 0.01, 4, 1e-8, 0)
+    with pytest.raises(Asked, match=r"\(2, 0.125\)"):
+        scatter.sample(plan, CALM, cj.metrics.Peak(cj.metrics.Acceleration("pin"), since=0.125), SHORT, Settings())
 
 
 def test_a_regular_motion_is_trusted():

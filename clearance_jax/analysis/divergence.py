@@ -13,7 +13,7 @@ from clearance_jax.dynamics.observe import observe
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import replace
 from clearance_jax.solve.observers import TouchCounter, Touches
-from clearance_jax.solve.settings import Settings
+from clearance_jax.solve.settings import Settings, evenly
 from clearance_jax.solve.simulate import run
 
 # Samples of the pins' spread over the motion.
@@ -30,7 +30,7 @@ def neighbours(
     clearances, the largest joint's, in linear theory, for independent changes `scatter` of the parameters; and every
     joint's `Touches`, shape (lanes,).
     """
-    times = options.t0 + (t1 - options.t0) * jnp.linspace(0.0, 1.0, SAMPLES)
+    times = evenly(options.t0, t1, SAMPLES)
     joints = mechanism.clearance_joints()
     observers = tuple(TouchCounter(i) for i in range(len(joints)))
 

@@ -50,8 +50,7 @@ class Powers(eqx.Module):
         """The three at a state."""
         joint, at, state = _play(mechanism, self.joint, time, y)
         action = joint.clearance.act(at, state.memory[joint.name])
-        force = sum((point.normal_force for point in action.points), jnp.zeros(()))
-        return jnp.stack([force, action.friction_power, action.absorbed_power])
+        return jnp.stack([action.normal_force, action.friction_power, action.absorbed_power])
 
     def scale(self, mechanism):
         """Infinite: kinks are the laws' switches, at which steps end anyway."""

@@ -195,7 +195,8 @@ def measured(
     wanted = by_name(metrics)
     requests = {name: metric.request(mechanism, t1, options) for name, metric in wanted.items()}
     begins = {name: begin_of(request.since, t1, options) for name, request in requests.items()}
-    order, together = _together([_times(request, begins[name]) for name, request in requests.items()])
+    times = [_times(request, begins[name]) for name, request in requests.items()]
+    order, together = _together(times, mixed=any(request.since is not None for request in requests.values()))
     books = options.books or any(request.books for request in requests.values())
     solution = run(
         mechanism,
@@ -251,15 +252,15 @@ def _times(request: Request, begin: Any) -> Array | None:
     return jnp.concatenate([jnp.zeros(0) if request.times is None else request.times, jnp.asarray(begin)[None]])
 
 
-def _together(times: list[Array | None]) -> tuple[Array | None, Array | None]:
+def _together(times: list[Array | None], mixed: bool) -> tuple[Array | None, Array | None]:
     """All times in increasing order, and where each of them, one list after the other, is among these (`None`: as they
-    come).
+    come); `mixed`: whether a list may itself be out of order.
     """
     asked = [t for t in times if t is not None]
     if not asked:
         return None, None
     whole = jnp.concatenate(asked)
-    if len(asked) == 1:
+    if len(asked) == 1 and not mixed:
         return None, whole
     order = jnp.argsort(whole)
     return jnp.argsort(order), whole[order]

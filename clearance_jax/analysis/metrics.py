@@ -30,7 +30,7 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.solve.observers import PeakFinder, TouchCounter
-from clearance_jax.solve.settings import SolveOptions, settings_of
+from clearance_jax.solve.settings import SolveOptions, evenly, settings_of
 from clearance_jax.solve.simulate import run
 
 
@@ -156,11 +156,6 @@ class SoftPeak(AbstractMetric):
         """Between which the largest sample is: (KS - ln(N) / rho, KS)."""
         value = self(mechanism, t1, **options)
         return value - jnp.log(self.samples) / self.rho, value
-
-
-def evenly(t0: Any, t1: Any, count: int) -> Array:
-    """Times from t0 to t1, both included."""
-    return t0 + (t1 - t0) * jnp.linspace(0.0, 1.0, count)
 
 
 class PNorm(AbstractMetric):

@@ -1,5 +1,6 @@
 """A metric and its gradient over the scatter with which parts are made: the solves, and their statistics."""
 
+import dataclasses
 from typing import NamedTuple
 
 import equinox as eqx
@@ -65,7 +66,7 @@ def sample(plan: SamplingPlan, mechanism, metric, t1, options: Settings) -> Samp
     rtols = np.where(np.arange(len(moves)) == 1, rtol / 10, rtol)
     # Of a peak the second highest is looked at too: where they tie, the metric has a kink.
     peak = isinstance(metric, Peak) and metric.count == 1
-    asked = Peak(metric.signal, 2) if isinstance(metric, Peak) and peak else metric
+    asked = dataclasses.replace(metric, count=2) if peak else metric
     points = jnp.asarray(plan.centre + moves)
     lanes = _lanes(asked, mechanism, points, jnp.asarray(rtols), plan.names, t1, options)
     values, slopes = (np.asarray(x) for x in lanes)

@@ -21,7 +21,7 @@ from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.mechanism.tree import Frame
 from clearance_jax.solve.interpolate import hermite
-from clearance_jax.solve.settings import Settings
+from clearance_jax.solve.settings import Settings, evenly
 from clearance_jax.solve.simulate import run
 from clearance_jax.solve.solution import Solution
 from clearance_jax.solve.tolerances import largest_length
@@ -63,8 +63,7 @@ class AbstractSignal(eqx.Module):
         """The signal as a function of (time, state, mechanism) alone, for an observer."""
         if not self.needs_ideal or freedom(mechanism.ideal()) == 0:
             return Instant(self)
-        t0 = options.t0
-        times = t0 + (t1 - t0) * jnp.linspace(0.0, 1.0, TABLE)
+        times = evenly(options.t0, t1, TABLE)
         y = self._freely(mechanism, t1, times, options)
         ready = mechanism.ideal().prepared()
         return Tabulated(self, times, y, jax.vmap(lambda t, y: slope(t, y, ready))(times, y))
@@ -252,8 +251,7 @@ class ContactForce(AbstractSignal):
         joint = mechanism.clearance_joints()[clearance_index(mechanism, self.joint)]
         state = layout(mechanism).split(y)
         at = play(joint, frames(mechanism, time, state), state).relative
-        action = joint.clearance.act(at, state.memory[joint.name])
-        return sum((point.normal_force for point in action.points[1:]), action.points[0].normal_force)
+        return joint.clearance.act(at, state.memory[joint.name]).normal_force
 
 
 class Acceleration(AbstractSignal):

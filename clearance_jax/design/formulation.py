@@ -13,6 +13,7 @@ from clearance_jax.design.manufacture import Yield
 from clearance_jax.design.program import Evaluation, Program
 from clearance_jax.design.scenarios import Scenario, scenarios_of
 from clearance_jax.design.specification import Specification
+from clearance_jax.solve.settings import Settings
 
 
 def formulate(
@@ -61,13 +62,16 @@ def _identity(specification: Specification, simulations: Simulations) -> str:
     """A short text that another problem does not have."""
     numbers = (specification.mechanism, list(specification.costs), simulations.metrics)
     leaves, structure = jax.tree.flatten(eqx.filter(numbers, eqx.is_array_like))
-    solve = simulations.solve
+    solve, usual = simulations.solve, Settings()
+    # What is as usual is not named, so that records from before it could be chosen are still known.
+    chosen = {"t0": float(solve.t0), "start": solve.start, "max_steps": solve.max_steps}
+    unusual = {name: value for name, value in chosen.items() if value != getattr(usual, name)}
     asked = (
         specification.t1,
         specification.variables,
         specification.conditions,
         specification.manufacture,
-        {"rtol": float(solve.rtol), "solver": solve.solver} | ({"t0": float(solve.t0)} if solve.t0 != 0 else {}),
+        {"rtol": float(solve.rtol), "solver": solve.solver} | unusual,
         list(simulations.bounds),
     )
     text = repr(([np.asarray(leaf).tolist() for leaf in leaves], str(structure), asked))

@@ -10,7 +10,6 @@ from jaxtyping import Array, Float
 from clearance_jax._types import Scalar
 from clearance_jax.analysis.measure import AbstractMetric, Request
 from clearance_jax.dynamics.kinematics import Frames, frames, play
-from clearance_jax.joints import Relative
 from clearance_jax.mechanism.body import GROUND, Body, Position, Spring
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
@@ -58,7 +57,7 @@ def places_at(time: Scalar, y: Array, mechanism: Mechanism) -> Places:
     for joint in mechanism.clearance_joints():
         at = play(joint, motion, state).relative
         pins[joint.name] = _row(at.place)
-        forces[joint.name] = _pressed(joint.clearance, at, state.memory[joint.name])
+        forces[joint.name] = joint.clearance.act(at, state.memory[joint.name]).normal_force
     return Places(
         {body.name: _carried(mechanism, body, motion) for body in mechanism.bodies},
         {j.name: _row(motion[j.child].point(j.at_child.vector)) for j in mechanism.all_joints()},
@@ -99,10 +98,6 @@ def _axis(joint: AbstractJoint, motion: Frames) -> Array:
     frame = motion[joint.parent]
     turned = frame if joint.angle is None else frame.turned(joint.angle)
     return _row(turned.rotation.apply((1.0, 0.0)))
-
-
-def _pressed(clearance, at: Relative, memory) -> Array:
-    return sum((point.normal_force for point in clearance.act(at, memory).points), jnp.zeros(()))
 
 
 def _row(vector: Vector) -> Array:

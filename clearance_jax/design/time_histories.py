@@ -5,13 +5,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from clearance_jax.analysis.measure import measure
 from clearance_jax.analysis.metrics import At
 from clearance_jax.design.answer import Design
+from clearance_jax.design.observed import sample_times
 from clearance_jax.design.specification import Specification
 from clearance_jax.errors import ClearanceError
 from clearance_jax.parameters import replace
-
-SAMPLES = 1001
 
 
 class TimeHistory(NamedTuple):
@@ -30,17 +30,15 @@ class TimeHistory(NamedTuple):
 def time_histories(design: Design) -> tuple[TimeHistory, ...]:
     """One for each limit on a signal; without the conditions that cannot be simulated."""
     specification = design.specification
-    times = np.linspace(specification.t0, specification.t1, SAMPLES)
-    found = {}
+    times, signals, found = sample_times(specification), _signals(design.specification), {}
+    asked = {str(i): At(signal, times) for i, signal in enumerate(signals) if signal is not None}
     for name, given in specification.conditions.items():
         moved = replace(design.mechanism, given)
         try:
-            found[specification.shown(name)] = [
-                None if signal is None else At(signal, times)(moved, specification.t1, **specification.options)
-                for signal in _signals(specification)
-            ]
+            seen = measure(moved, asked, specification.t1, **specification.options)
         except (ClearanceError, RuntimeError):
             continue  # a design that could not be simulated is reported as such elsewhere
+        found[specification.shown(name)] = [seen.get(str(i)) for i in range(len(signals))]
     return histories_of(specification, times, found)
 
 

@@ -31,16 +31,18 @@ def observe(time: Scalar, y: Array, mechanism: Mechanism) -> dict[str, Array]:
 
 
 def contacts(mechanism: Mechanism, now: Balance) -> dict[str, Array]:
-    """What happens in every clearance joint: place of the pin, shape (joints, 2), and at the contact point."""
+    """What happens in every clearance joint: place of the pin, shape (joints, 2), its normal force, and what there is
+    at the contact point (of several the deepest).
+    """
     if not now.actions:
         return {}
     plays = [now.plays[joint.name].relative for joint in mechanism.clearance_joints()]
-    points = [action.points[0] for action in now.actions.values()]
+    points = [action.deepest for action in now.actions.values()]
     return {
         "eccentricity": jnp.stack([as_array(list(at.place)) for at in plays]),
         "penetration": jnp.stack([p.penetration for p in points]),
         "penetration_rate": jnp.stack([p.penetration_rate for p in points]),
-        "contact_force": jnp.stack([p.normal_force for p in points]),
+        "contact_force": jnp.stack([action.normal_force for action in now.actions.values()]),
         "friction_force": jnp.stack([p.traction[0] for p in points]),
         "slip_velocity": jnp.stack([p.slip[0] for p in points]),
     }

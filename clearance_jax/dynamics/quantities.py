@@ -38,7 +38,7 @@ OBSERVED = {
     "eccentricity": Variable(("joint", "axis"), "m", "pin centre from sleeve centre, in the sleeve's axes"),
     "penetration": Variable(("joint",), "m", "overlap of pin and sleeve (negative: apart)"),
     "penetration_rate": Variable(("joint",), "m/s", "rate of the penetration (positive: approach)"),
-    "contact_force": Variable(("joint",), "N", "normal contact force"),
+    "contact_force": Variable(("joint",), "N", "normal contact force, of all contact points together"),
     "friction_force": Variable(("joint",), "N", "traction on the pin"),
     "slip_velocity": Variable(("joint",), "m/s", "slip of the pin's surface on the sleeve's"),
     "joint_reaction": Variable(("any_joint", "axis"), "N", "force on the child body, world axes"),

@@ -5,7 +5,8 @@ moves the mechanism a little, which changes the reactions by the ratio of cleara
 "close the loops, ask for the reactions, seat the pins" find where all of it holds at once. No contact is simulated.
 
 As the motion goes on, the reactions turn and the pins ride along the walls. How fast, each round's own derivative along
-the motion tells: it goes along with the rounds, and ends as the derivative of what they end at.
+the motion tells: it goes along with the rounds, and ends as the derivative of what they end at. (But for what the ride
+itself changes in the reactions, which is the ratio of clearance to length of it.)
 """
 
 from typing import NamedTuple
@@ -46,7 +47,7 @@ def settled_start(time: Scalar, mechanism: Mechanism) -> tuple[Array, Float[Arra
             '`start = "settled"` puts every pin at its wall, but `assemble = false` asks for exactly the given initial '
             "values. Leave one of them out."
         )
-    joints, loops = mechanism.clearance_joints(), mechanism.loops
+    joints, loops, plan = mechanism.clearance_joints(), mechanism.loops, layout(mechanism.ideal())
     begin = jnp.stack([as_array(list(joint.joint.eccentricity.vector)) for joint in joints])
 
     def round_of(seated, settle, time, now: Seats):
@@ -64,8 +65,7 @@ def settled_start(time: Scalar, mechanism: Mechanism) -> tuple[Array, Float[Arra
         pressed = jnp.stack([presses for _, presses in seats])
         places = jnp.stack([as_array(list(place)) for place, _ in seats])
         places = jnp.where((pressed & seated)[:, None], places, begin)
-        speeds = now.y[y.shape[0] // 2 :]
-        slope = jnp.concatenate([speeds, as_array(motion.acceleration)])
+        slope = jnp.concatenate([now.y[plan.v], as_array(motion.acceleration)])
         return Seats(y, places), (slope, pressed, opened)
 
     def once(k, carry):

@@ -89,6 +89,19 @@ class Action(NamedTuple):
     absorbed_power: Scalar
     friction_power: Scalar
 
+    @property
+    def normal_force(self) -> Scalar:
+        """The sum of its points' normal forces [N]."""
+        return sum((point.normal_force for point in self.points[1:]), self.points[0].normal_force)
+
+    @property
+    def deepest(self) -> PointAction:
+        """What happens at the point of largest penetration."""
+        if len(self.points) == 1:
+            return self.points[0]
+        every = jax.tree.map(lambda *values: jnp.stack(values), *self.points)
+        return jax.tree.map(lambda values: values[jnp.argmax(every.penetration)], every)
+
 
 class AbstractElement(Parametrised):
     """What fills a joint's play and acts without touch: a film, a soft liner."""

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup, escape
 
+from clearance_jax.report.figures import SHORT
 from clearance_jax.units import shown
 
 
@@ -21,8 +22,10 @@ def percent(share: float, digits: int = 1) -> str:
 
 
 def instant(time: float | None) -> str:
-    """A time [s], in ms."""
-    return "" if time is None else f"{1e3 * time:.5g} ms"
+    """A time [s], in ms or s as the time axes have it."""
+    if time is None:
+        return ""
+    return f"{1e3 * time:.5g} ms" if abs(time) < SHORT else f"{time:.5g} s"
 
 
 def pressure(value: float | None) -> str:

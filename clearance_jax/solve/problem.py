@@ -17,7 +17,6 @@ from jax.extend.core import Literal
 from jaxtyping import Array
 
 from clearance_jax._types import Each, Flag
-from clearance_jax.dynamics.energy import BOOKS
 from clearance_jax.dynamics.field import rate, where_it_counts
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout, vector
@@ -124,11 +123,6 @@ def lift(function, problem: Problem, *stacks: Array) -> Array:
 def motion(problem: Problem, stack: Array) -> Array:
     """The state itself."""
     return stack[0] if problem.varies else stack
-
-
-def books_of(problem: Problem, y: Array) -> Array:
-    """The energy books behind a state (of the motion)."""
-    return y[problem.size : problem.size + len(BOOKS)]
 
 
 def split(tree, directions):

@@ -161,8 +161,7 @@ def _times(save_at: Any, t0: Array, t1: Array) -> Array | None:
             raise ClearanceError(
                 f"`save_at` must be between 2 and {MOST_SAMPLES}, the number of samples, but it is {quoted(save_at)}."
             )
-        part = np.linspace(0.0, 1.0, int(save_at))
-        return t0 * jnp.asarray(1 - part) + t1 * jnp.asarray(part)  # so both ends are exact
+        return evenly(t0, t1, int(save_at))
     times = jnp.asarray(save_at, float)
     if times.ndim != 1:
         raise ClearanceError(f"`save_at` must be a whole number of samples, or a list of times, not {quoted(save_at)}.")
@@ -170,3 +169,9 @@ def _times(save_at: Any, t0: Array, t1: Array) -> Array | None:
     if known and times.size and not (np.all(np.diff(times) > 0) and times[0] >= t0 and times[-1] <= t1):
         raise ClearanceError("The times in `save_at` must increase and lie between `t0` and `t1`.")
     return times
+
+
+def evenly(t0: Any, t1: Any, count: int) -> Array:
+    """Times from t0 to t1, both included and exact: one of a round-off beyond the end would be refused."""
+    part = np.linspace(0.0, 1.0, count)
+    return t0 * jnp.asarray(1 - part) + t1 * jnp.asarray(part)

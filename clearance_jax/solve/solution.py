@@ -9,6 +9,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
+from clearance_jax.dynamics.energy import BOOKS
 from clearance_jax.dynamics.quantities import Quantity, evaluated, quantities
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -93,7 +94,9 @@ class Solution(eqx.Module):
         found = self._named(name, quantities(self.mechanism, self.books))
         if found.place is not None:
             return self._read(found)
-        values = _evaluated(self.numbers, self.structure, found.variable, self.time, self.y)
+        # Integrals that a metric asks for may follow the books.
+        width = layout(self.mechanism).size + (len(BOOKS) if self.books else 0)
+        values = _evaluated(self.numbers, self.structure, found.variable, self.time, self.y[..., :width])
         # The axes of `time` come before the entry that is meant.
         return self._asked(values[(slice(None),) * self.time.ndim + found.index])
 
