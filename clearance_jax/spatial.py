@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from clearance_jax._numerics import sincos
+from clearance_jax._sharing import shared
 
 Term = Array | float
 Vector = tuple[Term, Term]
@@ -108,7 +109,7 @@ def rotation_of(angle: Term) -> Rotation:
     """The rotation by `angle` [rad]; an absent angle is the identity."""
     if is_zero(angle):
         return IDENTITY
-    sine, cosine = sincos(jnp.asarray(angle))
+    sine, cosine = shared(sincos(jnp.asarray(angle)))
     return Rotation(cosine, sine)
 
 

@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+from clearance_jax._sharing import shared
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.closures import closure, constraint
 from clearance_jax.dynamics.inertia import Pair, generalised_load, mass_matrix
@@ -31,12 +32,12 @@ def balance(mechanism: Mechanism, time: Scalar, state: State) -> Balance:
     motion = frames(mechanism, time, state)
     plays = {joint.name: play(joint, motion, state) for joint in mechanism.clearance_joints()}
     actions = {
-        joint.name: joint.clearance.act(plays[joint.name].relative, state.memory[joint.name])
+        joint.name: shared(joint.clearance.act(plays[joint.name].relative, state.memory[joint.name]))
         for joint in mechanism.clearance_joints()
     }
     pairs = wrench_pairs(mechanism, motion, plays, actions)
     acceleration, closing = accelerations(mechanism, time, state, motion, pairs)
-    return Balance(motion, plays, actions, pairs, acceleration, closing)
+    return Balance(motion, plays, actions, pairs, shared(acceleration), closing)
 
 
 def wrench_pairs(

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from clearance_jax._numerics import safe_unit
+from clearance_jax._sharing import shared
 from clearance_jax._types import Rows, Scalar
 from clearance_jax.joints import Relative
 from clearance_jax.mechanism.body import GROUND, Spring
@@ -58,10 +59,10 @@ def play(joint: ClearanceJoint, motion: Frames, state: State) -> Play:
     rotation = sleeve_rotation(joint.joint, motion)
     if joint.play is not None:
         at = Relative(joint.slid(state.q), angle, joint.slid(state.v), spin)
-        return Play(at, rotation, centre)
+        return Play(shared(at), rotation, centre)
     gap = subtract(centre, sleeve.point(joint.joint.at_parent.vector))
     rate = subtract(pin.velocity_at(centre), sleeve.velocity_at(centre))
-    return Play(Relative(rotation.undo(gap), angle, rotation.undo(rate), spin), rotation, centre)
+    return Play(shared(Relative(rotation.undo(gap), angle, rotation.undo(rate), spin)), rotation, centre)
 
 
 def sleeve_rotation(joint: Revolute, motion: Frames) -> Rotation:

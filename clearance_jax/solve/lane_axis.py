@@ -5,6 +5,7 @@ lanes lies in one piece, and the code of an attempt is the same with lanes and w
 (the physics) is mapped over them.
 """
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -12,6 +13,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from clearance_jax._sharing import sharing
 from clearance_jax._types import Each
 
 LAST = eqx.if_array(-1)
@@ -19,7 +21,15 @@ LAST = eqx.if_array(-1)
 
 def each_lane(function: Callable, time: Each) -> Callable:
     """`function` of one motion, of as many as the `time` has."""
-    return eqx.filter_vmap(function, in_axes=LAST, out_axes=LAST) if jnp.ndim(time) else function
+    if not jnp.ndim(time):
+        return function
+
+    def one_lane(one, *arguments):
+        with sharing(one):
+            return function(*arguments)
+
+    # A one that the compiler does not know to be one.
+    return functools.partial(eqx.filter_vmap(one_lane, in_axes=LAST, out_axes=LAST), jnp.where(time > jnp.inf, 2.0, 1.0))
 
 
 def components(y: Any, part: slice, time: Each) -> Any:
