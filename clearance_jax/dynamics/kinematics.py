@@ -125,8 +125,8 @@ def relative_accelerations(
                 add(sleeve.acceleration_at(at.pin), extra.at(sleeve, at.pin)),
             )
             turning = scale(2.0, spin_cross(sleeve.spin, now.velocity))
-            gain = subtract(at.rotation.undo(apart), turning)
-        out.append((_arrays(now), _arrays(Relative(now.velocity, now.spin, gain, spin_rate))))
+            gain = subtract(at.rotation.undo(shared(apart)), turning)
+        out.append((_arrays(now), shared(_arrays(Relative(now.velocity, now.spin, gain, spin_rate)))))
     return out
 
 

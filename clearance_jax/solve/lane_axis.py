@@ -29,7 +29,9 @@ def each_lane(function: Callable, time: Each) -> Callable:
             return function(*arguments)
 
     # A one that the compiler does not know to be one.
-    return functools.partial(eqx.filter_vmap(one_lane, in_axes=LAST, out_axes=LAST), jnp.where(time > jnp.inf, 2.0, 1.0))
+    return functools.partial(
+        eqx.filter_vmap(one_lane, in_axes=LAST, out_axes=LAST), jnp.where(time > jnp.inf, 2.0, 1.0)
+    )
 
 
 def components(y: Any, part: slice, time: Each) -> Any:

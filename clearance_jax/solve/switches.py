@@ -142,12 +142,13 @@ def extremum(clearance: PreparedClearance, curve: Curve, samples: Array, beyond)
         return read(clearance, curve.at(s))
 
     depth, rate = jax.vmap(depths)(samples)
-    best = jnp.argmax(jnp.where(depth[:1] <= 0, depth, -depth), axis=0)
-    before, after = jnp.maximum(best - 1, 0), jnp.minimum(best + 1, len(samples) - 1)
+    near, last = jnp.where(depth[:1] <= 0, depth, -depth), len(samples) - 1
     none = jnp.full_like(samples[0], jnp.inf)
     found = none
     for k in range(depth.shape[1]):
-        ends = *(at(samples, i[k]) for i in (before, after)), *(at(rate[:, k], i[k]) for i in (before, after))
+        best = first_highest(near[:, k])
+        before, after = jnp.maximum(best - 1, 0), jnp.minimum(best + 1, last)
+        ends = *(at(samples, i) for i in (before, after)), *(at(rate[:, k], i) for i in (before, after))
         turns = ends[2] * ends[3] < 0
 
         def turned(ends=ends, turns=turns, k=k):
@@ -158,9 +159,17 @@ def extremum(clearance: PreparedClearance, curve: Curve, samples: Array, beyond)
     return found
 
 
+# Both by comparing, which vectorises over lanes: an argmax and a gather are loops of their own.
+def first_highest(values: Array) -> Array:
+    """The first place, along the first axis, of each lane's largest value."""
+    places = jnp.arange(len(values)).reshape(-1, *[1] * (values.ndim - 1))
+    return jnp.min(jnp.where(values == jnp.max(values, axis=0), places, len(values) - 1), axis=0)
+
+
 def at(values: Array, place: Array) -> Each:
     """The value, along the first axis, at a place of each lane's own."""
-    return jnp.take_along_axis(values, place[None], axis=0)[0]
+    places = jnp.arange(len(values)).reshape(-1, *[1] * (values.ndim - 1))
+    return jnp.sum(jnp.where(places == place, values, 0.0), axis=0)
 
 
 def root(function, ends: tuple) -> Each:
