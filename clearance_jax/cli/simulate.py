@@ -21,6 +21,7 @@ from clearance_jax.cli.common import (
     say_written,
     warn,
 )
+from clearance_jax.cli.interruption import Interruption
 from clearance_jax.errors import ClearanceError
 
 DEFAULTS = {"rtol": 1e-8, "samples": 1001, "solver": "tsit5"}
@@ -58,7 +59,14 @@ def simulate(
         warnings.simplefilter("ignore", EnergyWarning)  # said below, after the result
         task = bar.add_task("compiling and solving", total=1.0)
         solve = {"save_at" if name == "samples" else name: value for name, value in options.items()}
-        result = trace(mechanism, end, **solve, progress=lambda f: bar.update(task, completed=f))
+
+        with Interruption() as asked:
+
+            def progress(done: float) -> None:
+                bar.update(task, completed=done)
+                asked.check()
+
+            result = trace(mechanism, end, **solve, progress=progress)
         bar.update(task, description="observing", completed=0.0)
         dataset = to_dataset(
             mechanism,
