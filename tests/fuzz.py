@@ -45,7 +45,8 @@ class Watch:
     def __init__(self, folder: Path):
         kept = (os.environ.get("JAX_COMPILATION_CACHE_DIR"), "/dev/null", str(folder))
         self.kept = tuple(os.path.realpath(path) for path in kept if path)
-        self.on, self.asked, self.seen = False, (), []
+        self.on, self.seen = False, []
+        self.asked: tuple[str, ...] = ()
         sys.addaudithook(self._hear)
 
     def _hear(self, event: str, given: tuple) -> None:

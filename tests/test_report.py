@@ -1,5 +1,6 @@
 """The report of a design, from findings made by hand: what it says, in which words, and that names stay text."""
 
+import dataclasses
 import itertools
 import re
 import sys
@@ -102,7 +103,7 @@ def made(found: design.Design, length: float | None = 0.02) -> design.Findings:
             limit.label, 2e-4,
         ),
         fits=standard,
-        time_histories=(design.TimeHistory(limit.label, "m", "Peak", 2e-4, TIMES, values),),
+        time_histories=(design.TimeHistory(limit.label, limit.signal_label, "m", "", 4e-3, 2e-4, TIMES, values),),
         notes=("A note.",),
         standings=(design.Standing(limit.labels(3)[0], "m", 1.9998e-4, 2e-4, 0.9999, 0.0034),),
         drawings=drawn,
@@ -139,6 +140,34 @@ def test_a_page_says_what_a_drawing_needs():
 def test_limits_have_bound_share_and_instant():
     (row,) = rows_of(render(made(answer([piston_limit()]))), "limit")
     assert row == ["piston: position error, peak 1", "199.98 µm", "200 µm", "99.9900 %", "3.4 ms"]
+
+
+def test_it_is_said_from_when_on_a_limit_counts_and_how_pins_start():
+    settled = piston_limit()
+    later = dataclasses.replace(settled, metric=dataclasses.replace(settled.metric, since=jnp.asarray(0.004)))
+    page = render(made(answer([later])))
+    assert [row[2] for row in rows_of(page[page.index("What was asked") :], "limit")] == ["4 ms"]
+    assert "does not count" in page
+    assert "may belong to that fall" in text_of(page)
+    page = render(made(answer([settled], start="settled")))
+    assert [row[2] for row in rows_of(page[page.index("What was asked") :], "limit")] == ["the start"]
+    assert "may belong to that fall" not in text_of(page)
+    assert "Pins start at the walls" in text_of(page)
+
+
+def test_the_curve_of_a_reduced_signal_is_called_by_the_signal():
+    limit = design.Limit(metrics.Rms(metrics.ContactForce("wrist")), 400.0, "load")
+    assert (limit.label, limit.signal_label, limit.reduction) == (
+        "load: RMS contact force of wrist",
+        "load: contact force of wrist",
+        "RMS",
+    )
+
+
+def test_slopes_by_a_clearance_are_per_micrometre():
+    units, slopes = {CLEARANCE: "m", "slider.mass": "kg"}, {CLEARANCE: 5e5, "slider.mass": 2.0}
+    force = design.Response("load", "load", "N", 1.0, 2.0, units, slopes, {})
+    assert [force.sensitivity(name) for name in units] == ["0.5 N per um", "2 N per kg"]
 
 
 def test_loads_have_pressures_only_where_a_length_is_known():

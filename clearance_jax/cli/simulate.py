@@ -115,9 +115,7 @@ def _bar() -> Progress:
 
 
 def _report(mechanism, result, dataset) -> None:
-    import numpy as np
-
-    from clearance_jax.results.first_fall import loads
+    from clearance_jax.results.first_fall import loads, peak_words
 
     solution = result.solution
     console.print(
@@ -131,6 +129,5 @@ def _report(mechanism, result, dataset) -> None:
         console.print(f"{dataset.sizes['episode']} contact episodes, {said}", soft_wrap=True)
     if "point" in dataset.coords:
         for point in dataset["point"].values:
-            speed = np.hypot(*dataset["velocity"].sel(point=point).values.T).max()
-            acceleration = np.hypot(*dataset["acceleration"].sel(point=point).values.T).max()
-            console.print(f"{point}: largest speed {speed:.6g} m/s, largest acceleration {acceleration:.6g} m/s^2")
+            for name, called in (("velocity", "speed"), ("acceleration", "acceleration")):
+                console.print(f"{point}: largest {called} {peak_words(dataset, name, point)}", soft_wrap=True)
