@@ -185,7 +185,7 @@ def front() -> None:
     mechanism = cj.load(SCENES / "slider_crank.toml")
     dataset, wanted = (
         # From the second revolution on: in the first the pin falls from the sleeve's centre.
-        cj.to_dataset(m, cj.trace(m, 3 * REVOLUTION, rtol=1e-8, samples=6001)).sel(time=slice(REVOLUTION, None))
+        cj.to_dataset(m, cj.trace(m, 3 * REVOLUTION, rtol=1e-8, save_at=6001)).sel(time=slice(REVOLUTION, None))
         for m in (mechanism, mechanism.ideal())
     )
     if "step_time" in dataset:

@@ -81,6 +81,17 @@ def test_the_fuzzer_sees_what_it_is_for(does, words, monkeypatch):
     assert words in report
 
 
+def test_what_the_command_line_asks_for_is_no_writing_elsewhere(tmp_path):
+    watch = fuzz.Watch(tmp_path / "inside")
+    watch.asked = ("simulate", "s.toml", "-o", str(tmp_path / "o.nc"))
+    watch.on = True
+    for name in ("o.nc", ".1.o.nc.partial", "p.nc"):
+        (tmp_path / name).open("w").close()
+    watch.on = False
+    assert len(watch.seen) == 1
+    assert "p.nc" in watch.seen[0]
+
+
 def test_a_command_that_ends_badly_is_seen(monkeypatch):
     def ends(*_):
         print("Traceback", file=fuzz.sys.stderr)

@@ -29,7 +29,7 @@ ORDER = (
     "report",
     "cli",
 )
-LEAVES = {"_types", "_numerics", "errors", "configure", "units", "parameters"}
+LEAVES = {"_types", "_numerics", "_sharing", "errors", "configure", "units", "parameters"}
 # What runs on a device is `analysis` and all that it needs; `units` reads and writes for people.
 HOST_ONLY = {"xarray", "matplotlib", "pint", "scipy", "typer", "rich", "tomllib", "jinja2"}
 DEVICE_EXCEPT = {f"{PACKAGE}.units"}

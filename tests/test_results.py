@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import xarray as xr
 
 import clearance_jax as cj
 from clearance_jax import laws
@@ -15,7 +16,7 @@ from clearance_jax.dynamics.observe import observe
 from clearance_jax.mechanism.state import layout
 from clearance_jax.results import blocks, episodes
 from clearance_jax.results.blocks import in_blocks
-from clearance_jax.results.first_fall import first_fall_ends, loads
+from clearance_jax.results.first_fall import first_fall_ends, loads, peak_words
 from clearance_jax.results.peaks import cubic_top, peaks
 
 MASS, SPEED, CLEARANCE, GAP = 0.14, 0.5, 1e-3, 1e-5
@@ -89,6 +90,28 @@ def test_a_peak_of_the_first_fall_is_named_as_such(crank):
     assert found.after.force == pytest.approx(float(dataset.peak_force[1:].max()))
     ms = float(first.peak_time) * 1e3
     assert f"N at {ms:.4g} ms, the first fall from the sleeve's centre; after it" in str(found)
+
+
+def test_an_acceleration_of_the_first_fall_is_named_as_such():
+    """The pin strikes at 2 ms and leaves at 3 ms; what shakes the machine at 5 ms is its own."""
+    time = np.linspace(0.0, 6e-3, 7)
+    size = np.array([0.0, 0.0, 9.0, 1.0, 1.0, 4.0, 1.0])
+    states = np.array([0, 0, 2, 0, 1, 1, 1])
+    dataset = xr.Dataset(
+        {
+            "acceleration": (("time", "point", "axis"), np.stack([size, 0 * size], 1)[:, None], {"units": "m/s^2"}),
+            "step_state": (("step", "joint"), states[:, None]),
+            "step_time": ("step", time),
+        },
+        {"time": time, "point": ["tip"]},
+    )
+    assert peak_words(dataset, "acceleration", "tip") == (
+        "9 m/s^2 at 2 ms, as pins first fall; after it 4 m/s^2 at 5 ms"
+    )
+    settled = dataset.assign(step_state=dataset.step_state.clip(min=1))
+    assert peak_words(settled, "acceleration", "tip") == "9 m/s^2 at 2 ms"
+    ideal = dataset.drop_vars(["step_state", "step_time"])
+    assert peak_words(ideal, "acceleration", "tip") == "9 m/s^2 at 2 ms"
 
 
 def test_a_pin_that_starts_at_its_wall_does_not_fall(crank):

@@ -1,6 +1,7 @@
 """Study files, the command `clearance optimize` and its report."""
 
 import re
+import signal
 import sys
 from pathlib import Path
 
@@ -189,6 +190,40 @@ def test_an_interrupted_search_keeps_its_best(study, monkeypatch):
     assert result.exit_code == 130
     assert "interrupted" in result.output
     assert "wrist.radial_clearance = " in result.output
+
+
+class Pressed:
+    """Ctrl-C where an exception is forgotten."""
+
+    def __del__(self):
+        signal.raise_signal(signal.SIGINT)
+
+
+def test_an_interruption_that_python_forgets_is_not_lost(study, monkeypatch):
+    def evaluated(specification, x, gradient, scenarios, simulations):
+        calls.append(x)
+        if len(calls) == 2:
+            Pressed()
+        return design.Evaluation(x, float(1 / x[0]), np.full(3, -0.5), -1 / x**2, np.zeros((3, 1)))
+
+    calls: list = []
+    monkeypatch.setattr(formulation, "_evaluate", evaluated)
+    before = signal.getsignal(signal.SIGINT), sys.unraisablehook
+    result = CliRunner().invoke(app, ["optimize", str(study)])
+    assert result.exit_code == 130
+    assert "interrupted" in result.output
+    assert len(calls) == 2
+    assert (signal.getsignal(signal.SIGINT), sys.unraisablehook) == before
+
+
+def test_an_interruption_before_the_first_design_is_said(study, monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(formulation, "_evaluate", interrupted)
+    result = CliRunner().invoke(app, ["optimize", str(study)])
+    assert result.exit_code == 130
+    assert "nothing to keep" in result.output
 
 
 def test_infeasible_designs_report_what_is_violated(study, tmp_path):

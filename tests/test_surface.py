@@ -251,6 +251,11 @@ def test_it_prints_itself(solution):
     assert "Solution(" in shown[0]
 
 
+def test_sensitivities_print_themselves():
+    found = cj.Sensitivities(jnp.asarray(2e-4), {NAME: jnp.asarray(1.25)}, (NAME,))
+    assert str(found).splitlines() == ["value 0.0002", f"  d/d {NAME} = 1.25"]
+
+
 def test_wrong_names_are_corrected(solution):
     for ask, words in (
         (lambda: solution["pistn.position"], "no quantity `pistn.position`. Did you mean `piston.position`"),

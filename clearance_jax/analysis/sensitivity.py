@@ -33,6 +33,13 @@ class Sensitivities(eqx.Module):
     trusted: bool | None = eqx.field(static=True, default=None)
     """Whether the error of the derivatives was controlled (`None`: see `gradient_report`); false for a screening."""
 
+    def __str__(self) -> str:
+        def shown(number: Array) -> str:
+            return np.array2string(np.asarray(number), precision=6, threshold=20)
+
+        lines = [f"  d/d {name} = {shown(self.jacobian[name])}" for name in self.names]
+        return "\n".join([f"value {shown(self.value)}", *lines])
+
     def matrix(self) -> Float[Array, "... parameters"]:
         """The Jacobian with the parameters' entries along the last axis, in the order of `names`."""
         n = np.ndim(self.value)

@@ -56,6 +56,7 @@ def _parameters(mechanism) -> Table:
 
     table = Table("parameter", "value", "unit")
     for name, leaf in parameters(mechanism).items():
-        value = np.array2string(np.asarray(leaf.value), precision=8)
-        table.add_row(name, escape(value), leaf.unit)
+        value = np.asarray(leaf.value)
+        shown = f"{value:.9g}" if value.ndim == 0 else f"[{', '.join(f'{x:.9g}' for x in value.ravel())}]"
+        table.add_row(name, escape(shown), leaf.unit)
     return table

@@ -8,6 +8,7 @@ from rich.markup import escape
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from clearance_jax.cli.common import aloud, check_distinct, check_writable, console, errors, say, say_written, set_up
+from clearance_jax.cli.interruption import Interruption
 from clearance_jax.cli.pace import Pace, shown_duration
 from clearance_jax.errors import ClearanceError
 
@@ -38,8 +39,8 @@ def optimize(
     with aloud(ImplausibleWarning):
         study = load_study(study_file)
     given = {"method": _known(method), "starts": starts, "record": record}
-    with Progress(SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), console=errors) as bar:
-        pace = Pace()
+    with _bar() as bar, Interruption() as asked:
+        pace = Pace(asked.check)
         design = _search(study, {k: v for k, v in given.items() if v is not None}, bar, pace)
         console.print(f"[bold]{escape(study.name)}[/bold]")
         say(str(design))
@@ -56,6 +57,10 @@ def optimize(
         raise typer.Exit(130)
     if refuted or not design.feasible:
         raise typer.Exit(1)
+
+
+def _bar() -> Progress:
+    return Progress(SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), console=errors)
 
 
 def _known(method: str | None) -> str | None:
@@ -77,7 +82,11 @@ def _search(study, given: dict[str, Any], bar: Progress, pace: Pace):
         best = "none holds every limit yet" if not held else f"best {-min(held) if common else min(held):.6g}"
         bar.update(task, description=f"{len(points)} designs, {best}")
 
-    return study.problem.solve(progress=progress, **{**study.solve, **given})
+    try:
+        return study.problem.solve(progress=progress, **{**study.solve, **given})
+    except KeyboardInterrupt:
+        say("Interrupted before the first design was evaluated: there is nothing to keep.")
+        raise typer.Exit(130) from None
 
 
 def _interrupted(design) -> bool:
@@ -91,7 +100,7 @@ def _verify(study, design, bar: Progress, pace: Pace):
     from clearance_jax.design import expected_evaluations
 
     count = expected_evaluations(pace.count, **study.verify)
-    seconds, done = pace.expected(count), Pace()
+    seconds, done = pace.expected(count), Pace(pace.check)
     say(f"Verifying by another solver: some {count} evaluations, {shown_duration(seconds)} (Ctrl-C ends it).")
 
     def progress(_point):
@@ -113,6 +122,11 @@ def _explain(study, design, verify: bool, report: bool, bar: Progress, pace: Pac
     if _interrupted(design):
         return known(design)
     task, certificate = bar.task_ids[0], None
+
+    def progress(name):
+        pace.check()
+        bar.update(task, description=name)
+
     try:
         if design.feasible and verify:
             certificate = _verify(study, design, bar, pace)
@@ -122,4 +136,4 @@ def _explain(study, design, verify: bool, report: bool, bar: Progress, pace: Pac
         return found._replace(notes=(*found.notes, CUT_SHORT))
     if not report:
         return known(design, certificate)
-    return findings(design, certificate, lambda name: bar.update(task, description=name))
+    return findings(design, certificate, progress)

@@ -1,17 +1,22 @@
 """How long things will take, from how long they have taken."""
 
 import time
+from collections.abc import Callable
 
 
 class Pace:
-    """The instants at which evaluations came in, from its making on: the first waits for the compiler."""
+    """The instants at which evaluations came in, from its making on: the first waits for the compiler.
 
-    def __init__(self):
-        self._times = [time.monotonic()]
+    **Arguments:** `check`: called with each, and may raise.
+    """
+
+    def __init__(self, check: Callable[[], None] = lambda: None):
+        self._times, self.check = [time.monotonic()], check
 
     def tick(self) -> None:
         """Another evaluation has come in."""
         self._times.append(time.monotonic())
+        self.check()
 
     @property
     def count(self) -> int:

@@ -21,6 +21,7 @@ from clearance_jax.cli.common import (
     say_written,
     warn,
 )
+from clearance_jax.cli.interruption import Interruption
 from clearance_jax.errors import ClearanceError
 
 DEFAULTS = {"rtol": 1e-8, "samples": 1001, "solver": "tsit5"}
@@ -58,7 +59,14 @@ def simulate(
         warnings.simplefilter("ignore", EnergyWarning)  # said below, after the result
         task = bar.add_task("compiling and solving", total=1.0)
         solve = {"save_at" if name == "samples" else name: value for name, value in options.items()}
-        result = trace(mechanism, end, **solve, progress=lambda f: bar.update(task, completed=f))
+
+        with Interruption() as asked:
+
+            def progress(done: float) -> None:
+                bar.update(task, completed=done)
+                asked.check()
+
+            result = trace(mechanism, end, **solve, progress=progress)
         bar.update(task, description="observing", completed=0.0)
         dataset = to_dataset(
             mechanism,
@@ -107,9 +115,7 @@ def _bar() -> Progress:
 
 
 def _report(mechanism, result, dataset) -> None:
-    import numpy as np
-
-    from clearance_jax.results.first_fall import loads
+    from clearance_jax.results.first_fall import loads, peak_words
 
     solution = result.solution
     console.print(
@@ -123,6 +129,5 @@ def _report(mechanism, result, dataset) -> None:
         console.print(f"{dataset.sizes['episode']} contact episodes, {said}", soft_wrap=True)
     if "point" in dataset.coords:
         for point in dataset["point"].values:
-            speed = np.hypot(*dataset["velocity"].sel(point=point).values.T).max()
-            acceleration = np.hypot(*dataset["acceleration"].sel(point=point).values.T).max()
-            console.print(f"{point}: largest speed {speed:.6g} m/s, largest acceleration {acceleration:.6g} m/s^2")
+            for name, called in (("velocity", "speed"), ("acceleration", "acceleration")):
+                console.print(f"{point}: largest {called} {peak_words(dataset, name, point)}", soft_wrap=True)

@@ -43,8 +43,10 @@ class Response(NamedTuple):
 
     def sensitivity(self, name: str) -> str:
         """The slope by a variable, with its unit."""
-        same = self.unit == self.units[name] == "m"
-        return f"{self.slopes[name]:.4g} {'um per um' if same else f'{self.unit or 1} per {self.units[name] or 1}'}"
+        of, by, slope = self.unit, self.units[name], self.slopes[name]
+        if by == "m":  # a clearance changes by micrometres
+            of, by, slope = ("um", "um", slope) if of == "m" else (of, "um", 1e-6 * slope)
+        return f"{slope:.4g} {of or 1} per {by or 1}"
 
     def __str__(self) -> str:
         lines = [f"{self.where}: {shown(self.value, self.unit, 5)} of {shown(self.bound, self.unit, 5)}"]

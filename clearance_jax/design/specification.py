@@ -47,7 +47,27 @@ class Limit(eqx.Module):
     @property
     def label(self) -> str:
         """What is bounded, in words: "piston: position error"; a name other than the part's stands beside it."""
-        what, part = _quantity(self.metric), _part(self.metric)
+        return self._labelled(_quantity(self.metric))
+
+    @property
+    def signal_label(self) -> str:
+        """The signal that it is about, in words; the label of a metric that has none."""
+        signal = getattr(self.metric, "signal", None)
+        return self.label if signal is None else self._labelled(_words(type(signal).__name__))
+
+    @property
+    def reduction(self) -> str:
+        """What of its signal is bounded, in words; nothing where that is every value."""
+        return _reduction(self.metric).strip()
+
+    @property
+    def since(self) -> float | None:
+        """From when on it counts [s]; `None`: from the start."""
+        since = getattr(self.metric, "since", None)
+        return None if since is None else float(since)
+
+    def _labelled(self, what: str) -> str:
+        part = _part(self.metric)
         name = self.name or part
         whole = what if part in ("", name) else f"{what} of {part}"
         return f"{name}: {whole}" if name else whole
@@ -69,13 +89,16 @@ class Limit(eqx.Module):
 
 def _quantity(metric: AbstractMetric) -> str:
     """A metric in words: "position error", "RMS contact force", "energy lost"."""
-    function = getattr(metric, "function", None)
-    own = _words(type(metric).__name__ if function is None else getattr(function, "__name__", "function"))
     signal = getattr(metric, "signal", None)
-    if signal is None:
-        return own
-    reduced = "" if isinstance(metric, Peak | At) else own.replace("rms", "RMS") + " "
-    return reduced + _words(type(signal).__name__)
+    if signal is not None:
+        return _reduction(metric) + _words(type(signal).__name__)
+    function = getattr(metric, "function", None)
+    return _words(type(metric).__name__ if function is None else getattr(function, "__name__", "function"))
+
+
+def _reduction(metric: AbstractMetric) -> str:
+    """What of a signal a metric is, to be put before it."""
+    return "" if isinstance(metric, Peak | At) else _words(type(metric).__name__).replace("rms", "RMS") + " "
 
 
 def _words(name: str) -> str:
@@ -146,6 +169,11 @@ class Specification:
     def t0(self) -> float:
         """Start of the motion [s]."""
         return float(self.settings().t0)
+
+    @property
+    def start(self) -> str:
+        """Where pins start."""
+        return self.settings().start
 
     @property
     def rtol(self) -> float:

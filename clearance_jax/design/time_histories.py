@@ -15,13 +15,15 @@ from clearance_jax.parameters import replace
 
 
 class TimeHistory(NamedTuple):
-    """The signal of a limit over `times` [s], in `unit`, by condition (without a name where there is one only);
-    `metric`: what of it the bound is on ("Peak").
+    """The `signal` of a limit over `times` [s], in `unit`, by condition (without a name where there is one only);
+    `reduction`: what of it the bound is on, in words (nothing: all of it), `since` when [s] (`None`: from the start).
     """
 
     limit: str
+    signal: str
     unit: str
-    metric: str
+    reduction: str
+    since: float | None
     bound: float
     times: np.ndarray
     values: dict[str, np.ndarray]
@@ -49,8 +51,10 @@ def histories_of(
     return tuple(
         TimeHistory(
             limit.label,
+            limit.signal_label,
             signal.unit,
-            type(limit.metric).__name__,
+            limit.reduction,
+            limit.since,
             limit.bound,
             times,
             {name: np.asarray(signals[i]) for name, signals in found.items()},

@@ -131,7 +131,7 @@ def _place(help: str):
 
 
 def _turn():
-    help = "angle of the joint's frame in the parent's: a sliding joint moves along its x axis"
+    help = "angle of the joint's frame in the parent's: a slide moves along its x axis; the child turns too"
     return physical("rad", default=None, help=help, example='"90 deg"', absent="0 deg")
 
 

@@ -46,15 +46,18 @@ def _label(text: str, unit: str, width: int) -> str:
 
 @STYLED
 def over_time(history: TimeHistory) -> Figure:
-    """The signal of a limit over time in every condition, with its bound."""
+    """The signal of a limit over time in every condition, with its bound and what of it does not count."""
     figure, axes = drawn()
     factor, unit = _scaled(history.unit)
-    times = time_axis(axes, float(history.times[-1])) * history.times
+    per_second = time_axis(axes, float(history.times[-1]))
+    times = per_second * history.times
     for name, values in history.values.items():
         axes.plot(times, factor * values, lw=0.8, label=name or None)
-    bound = "bound" if history.metric == "Peak" else f"bound on its {history.metric}"
+    bound = f"bound on its {history.reduction}" if history.reduction else "bound"
     axes.axhline(factor * history.bound, color="k", ls="--", lw=0.8, label=bound)
-    axes.set_ylabel(_label(history.limit, unit, UPRIGHT))
+    if history.since is not None:
+        axes.axvspan(times[0], per_second * history.since, color="0.9", lw=0, zorder=0, label="does not count")
+    axes.set_ylabel(_label(history.signal, unit, UPRIGHT))
     figure.legend(loc="outside lower center", ncol=2)
     return figure
 

@@ -16,6 +16,8 @@ from clearance_jax.results.first_fall import seconds
 
 # Ticks of a time axis at most; columns of a picture in which a curve is no longer told from its envelope.
 TICKS, COLUMNS = 6, 500
+# Of the height of a curve, with the room for a legend above it.
+LEGEND_ROOM = 1.15
 # A motion that is over by then is told in ms [s].
 SHORT = 0.2
 STATES = (("free", "tab:blue"), ("contact", "tab:green"), ("impact", "tab:red"))
@@ -106,7 +108,9 @@ def _force(axis, dataset: xr.Dataset) -> None:
             )
     axis.set(ylabel="normal force, N", title="(b) contact force", ylim=(0, None))
     _fit_peaks(axis, dataset)
-    axis.legend()
+    # Above all that is drawn: peaks stand wherever a legend might.
+    axis.set_ylim(0, LEGEND_ROOM * axis.get_ylim()[1])
+    axis.legend(loc="upper center", ncols=3)
 
 
 def _fit_peaks(axis, dataset: xr.Dataset) -> None:
@@ -119,7 +123,7 @@ def _fit_peaks(axis, dataset: xr.Dataset) -> None:
         axis.set_ylim(0, 1.6 * sampled)
         axis.text(
             0.5,
-            0.97,
+            0.85,
             f"largest peak {peak:.4g} N at {seconds(float(dataset['peak_time'][largest]))} (above the axis)",
             transform=axis.transAxes,
             ha="center",

@@ -52,9 +52,10 @@ def mechanism(found: Outline) -> Figure:
     figure.set_layout_engine("none")
     axes.set_position((0.0, 0.0, 1.0, 1.0))
     axes.set_axis_off()
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.set(xlim=(low[0] - ROOM * size, low[0] - ROOM * size + width))
-    axes.set(ylim=(low[1] - ROOM * size, low[1] - ROOM * size + height))
+    # One scale both ways: what is left of the page lies around the mechanism.
+    page = float(max(width / WIDTH, height / figure.get_figheight())) * figure.get_size_inches()
+    left, bottom = 0.5 * (low + high - page)
+    axes.set(xlim=(left, left + page[0]), ylim=(bottom, bottom + page[1]))
     for path in found.paths.values():
         axes.plot(*path.T, color="0.75", lw=0.8, zorder=0)
     for i, places in enumerate(found.bodies.values()):

@@ -66,6 +66,24 @@ def loads(dataset: xr.Dataset) -> Loads | None:
     return Loads(largest, largest.time <= ends[own], centred, max(later, default=None))
 
 
+def peak_words(dataset: xr.Dataset, name: str, point: str) -> str:
+    """The largest size of a point's velocity or acceleration in words: when, whether pins were still falling for the
+    first time, and the largest one after that.
+    """
+    time, unit = dataset["time"].values, dataset[name].attrs["units"]
+    size = np.hypot(*dataset[name].sel(point=point).values.T)
+
+    def said(k: int) -> str:
+        return f"{size[k]:.6g} {unit} at {seconds(float(time[k]))}"
+
+    largest = int(np.argmax(size))
+    falling = time <= max(first_fall_ends(dataset), default=-np.inf) if "step_state" in dataset else time < time[0]
+    if not falling[largest]:
+        return said(largest)
+    text = f"{said(largest)}, as pins first fall"
+    return text if np.all(falling) else f"{text}; after it {said(int(np.argmax(np.where(falling, 0.0, size))))}"
+
+
 def _all(dataset: xr.Dataset) -> list[Load]:
     """The peak of every episode, and of every joint the highest peak at a step's end after its first fall (an episode
     that goes on after the fall has its largest force in it).

@@ -1,0 +1,44 @@
+"""Ctrl-C that is not lost.
+
+Python raises an interruption wherever the program happens to be. When a long call of JAX comes back that is often a
+callback of the garbage collector, where an exception is printed and forgotten and the command goes on. So it is
+remembered too, and raised once more where the command next looks up.
+"""
+
+import signal
+import sys
+import threading
+from typing import Any
+
+
+class Interruption:
+    """Ctrl-C while it is on (`with Interruption() as asked`): raised at once, and by `check` where that was in vain."""
+
+    def __init__(self):
+        self._heard = False
+
+    def __enter__(self) -> "Interruption":
+        self._hook, self._usual = sys.unraisablehook, None
+        sys.unraisablehook = self._forgotten
+        if threading.current_thread() is threading.main_thread():  # no other may listen
+            self._usual = signal.signal(signal.SIGINT, self._hear)
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        sys.unraisablehook = self._hook
+        if self._usual is not None:
+            signal.signal(signal.SIGINT, self._usual)
+
+    def check(self) -> None:
+        """Raise `KeyboardInterrupt` where Ctrl-C was pressed and the command still goes on."""
+        if self._heard:
+            raise KeyboardInterrupt
+
+    def _hear(self, *_: Any) -> None:
+        self._heard = True
+        raise KeyboardInterrupt
+
+    def _forgotten(self, what: Any) -> None:
+        # An interruption is not lost, so there is nothing to tell.
+        if not issubclass(what.exc_type, KeyboardInterrupt):
+            self._hook(what)
