@@ -34,9 +34,14 @@ def commit() -> str:
     return subprocess.run(asked, capture_output=True, text=True, check=True).stdout.strip()
 
 
+def stem(name: str) -> str:
+    """The file of a command's page: its module, and the part of it where the command names one."""
+    return name.split(".")[-1].replace(" ", "_")
+
+
 def page(name: str, doc: str, parts: list[str]) -> str:
     """The page of an experiment, by its module's name and documentation."""
-    title = name.split(".")[-1].replace("_", " ").capitalize()
+    title = stem(name).replace("_", " ").capitalize()
     where = f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}"
     stamp = f"*Written by `python -m {name} --save` at commit {commit()}; {where}.*"
     return "\n".join([f"# {title}\n", doc.strip() + "\n", stamp + "\n", *parts])
@@ -54,8 +59,8 @@ def command(main: Callable, doc: str | None, quick: str = "a tiny version of eac
     cj.configure(cache=True)
     main(given.quick)
     if given.save:
-        named = re.search(r"python -m ([\w.]+)", doc)
+        named = re.search(r"python -m ([\w.]+(?: \w+)?)`", doc)
         assert named, "the documentation of an experiment names its command"
-        path = PAGES / f"{named[1].split('.')[-1]}.md"
+        path = PAGES / f"{stem(named[1])}.md"
         path.write_text(page(named[1], doc, found), encoding="utf-8")
         print(f"written {path}")

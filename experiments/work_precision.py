@@ -112,14 +112,21 @@ def measure(quick: bool) -> list[Point]:
 
 
 def cheapest(points: list[Point], case: str, tool: str, bound: float) -> float:
-    """Least time in which a tool has an error below `bound` at that and every tighter measured tolerance."""
+    """Least time in which a tool has an error below `bound` at that and every tighter measured tolerance (infinite: it
+    never has).
+    """
     mine = sorted((p for p in points if p.case == case and p.tool == tool), key=lambda p: p.rtol)
     good = []
     for point in mine:
         if point.error > bound:
             break
         good.append(point.seconds)
-    return min(good, default=np.nan)
+    return min(good, default=np.inf)
+
+
+def milliseconds(time: float) -> str:
+    """For a table: "none" where an error is not reached at all."""
+    return f"{time * 1e3:.2f}" if np.isfinite(time) else "none"
 
 
 def figure(points: list[Point]):
@@ -168,7 +175,7 @@ def main(quick: bool = False) -> list[Point]:
     table(
         ("case", "tool", *(f"{bound:.0e}" for bound in ERRORS)),
         [
-            (case, tool, *(f"{cheapest(points, case, tool, bound) * 1e3:.2f}" for bound in ERRORS))
+            (case, tool, *(milliseconds(cheapest(points, case, tool, bound)) for bound in ERRORS))
             for case in cases
             for tool in tools
         ],

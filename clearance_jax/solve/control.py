@@ -86,7 +86,8 @@ def judged(problem: Problem, trial: Trial, times: tuple, means: Means, control: 
         return Verdict(error, jnp.zeros(jnp.shape(t1), bool), t1, jnp.zeros_like(t1))
     ends = tuple(motion(problem, x) for x in (trial.start, trial.end, trial.slope0, trial.slope1))
     found, misfit = curves(times, ends, problem.mechanism)
-    off = misfit / means.allowed.fit
+    # Round-off is no misfit: in free flight, where it would be all the error there is, it would choose the next step.
+    off = jnp.maximum(misfit - means.allowed.noise, 0.0) / means.allowed.fit
     off = jnp.where(jnp.isfinite(off), off, jnp.inf)
     error, of_motion = jnp.maximum(error, off), jnp.maximum(of_motion, off)
     # Past a switch by enough for round-off not to hide it, by too little for the kink to matter; four times more
@@ -134,8 +135,8 @@ def decided(problem: Problem, verdict: Verdict, times: tuple, means: Means, cont
     h, cut, error = t1 - t0, verdict.cut, verdict.error
     accurate = error < 1
     keep = accurate & ~cut
-    # A cut step says nothing about the step size: go back to the one that was cut.
-    step = jnp.maximum(h * factor(error, accurate, means.order), jnp.where(keep, control.natural, 0.0))
+    # A cut step says nothing about the step size (its tiny error is round-off): go back to the one that was cut.
+    step = jnp.where(keep & (control.natural > 0), control.natural, h * factor(error, accurate, means.order))
     start = jnp.where(keep, t1, t0)
     end = jnp.where(cut, verdict.at, start + on_grid(step))
     stuck = cut & (verdict.at - t0 <= 8 * verdict.pad)

@@ -41,7 +41,8 @@ class Tolerances(NamedTuple):
     - `unit`: the components' magnitudes; `floor`: the size (in magnitudes) below which the derivative along a direction
       of variation is not resolved relatively.
     - `margin`: how far past a switch a cut step may end, as a fraction of the uncut step.
-    - `fit`: how far inside a step pins may be from the curves that stand for them, over the clearance.
+    - `fit`: how far inside a step pins may be from the curves that stand for them, over the clearance, and `noise`: how
+      far they are by round-off alone.
     - `rate`: how fast the scene moves [1/s].
     """
 
@@ -50,6 +51,7 @@ class Tolerances(NamedTuple):
     unit: Float[Array, " n"]
     margin: Scalar
     fit: Scalar
+    noise: Scalar
     rate: Scalar
     floor: Array | None = None
 
@@ -157,5 +159,6 @@ def tolerances(problem: Problem, y0: Array, t0: Scalar, t1: Scalar, rtol: Scalar
         unit=jnp.concatenate([unit, added]),
         margin=switch_margin(mechanism, rtol, problem.varies),
         fit=jnp.clip(FIT * rtol, noise, jnp.maximum(noise, 0.1)),
+        noise=noise,
         rate=size.spin,
     )

@@ -4,6 +4,9 @@ ladder         error against tolerance, on the slider-crank, beside what other w
 closed_forms   a trap for error control, two balls, times of switching
 cost           time of value and Jacobian over time of the value, and of compiling them
 finite         ten thousand random scenes and starts: no derivative that is not a finite number
+
+All but `cost`, whose tolerances are those of the ladder, run alone too, and have a page of their own then:
+`python -m experiments.derivatives ladder`.
 """
 
 from typing import NamedTuple

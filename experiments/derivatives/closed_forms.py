@@ -1,4 +1,5 @@
-"""Derivatives with a closed form, ours and the plain ones: a trap, two balls, times of switching.
+"""Derivatives with a closed form, ours and the plain ones, of a trap, two balls, and times of switching:
+`python -m experiments.derivatives closed_forms`.
 
 "Plain" is the derivative of the program: forward mode through the same solver, whose steps are chosen for the motion
 alone and whose times of switching know nothing of the parameters.
@@ -16,6 +17,7 @@ import clearance_jax as cj
 from clearance_jax import laws
 from clearance_jax.solve.settings import DERIVATIVES
 from experiments.common import output, table
+from experiments.publish import say
 
 LOOSE, TIGHT = 1e-6, 1e-10
 LIMIT = 1e-8
@@ -227,8 +229,8 @@ def main(quick: bool = False) -> list[Row]:
         case: max(r.error for r in found if r.case == case and r.rtol == TIGHT) for case in {r.case for r in found}
     }
     for case, error in sorted(worst.items()):
-        print(f"{case}: worst error {error:.1e}, required {LIMIT:.0e}: {'yes' if error <= LIMIT else 'NO'}")
+        say(f"{case}: worst error {error:.1e}, required {LIMIT:.0e}: {'yes' if error <= LIMIT else 'NO'}")
     apart = rigid_distance([r for r in found if r.case == "two balls"])
     verdict = "yes" if apart <= RIGID_LIMIT else "NO"
-    print(f"two balls against rigid ones: {apart:.1e}, required {RIGID_LIMIT:.0e}: {verdict}")
+    say(f"two balls against rigid ones: {apart:.1e}, required {RIGID_LIMIT:.0e}: {verdict}")
     return found

@@ -1,4 +1,5 @@
-"""Random scenes, parameters and starts: wherever a motion is found, its derivatives must be finite numbers.
+"""Random scenes, parameters and starts: wherever a motion is found, its derivatives must be finite numbers:
+`python -m experiments.derivatives finite`.
 
 Three quarters of the lanes start where a formula could divide by zero: with the pin at the exact centre of the sleeve,
 at exact first touch (|e| = c), or in contact without slip. Derivatives are by the numbers drawn and by the start.

@@ -1,4 +1,5 @@
-"""Derivatives of the slider-crank after one revolution, against the references: ours and what others give.
+"""Derivatives of the slider-crank after one revolution, against the references: ours and what others give:
+`python -m experiments.derivatives ladder`.
 
 The error of a column is that of its worst entry, over that entry's largest magnitude over time. The columns are
 clearance c, friction mu and stiffness K; K stays where it is when c changes.
