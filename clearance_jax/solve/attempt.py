@@ -112,7 +112,7 @@ def attempt(
     return moved, trial, keep
 
 
-def start_carry(problem: Problem, options: Options, means: Means, t0: Scalar, t1: Scalar, y0: Array) -> Carry:
+def start_carry(problem: Problem, options: Options, means: Means, t0: Each, t1: Each, y0: Array) -> Carry:
     """Before the first attempt."""
     end = jnp.minimum(each_lane(first_end, t0)(problem, t0, t1, y0, means), t1)
     yes, no, none = (jnp.full(jnp.shape(t0), value) for value in (True, False, 0))

@@ -23,6 +23,12 @@ LANES = 32
 
 def integrate(task: Task, options: Options) -> Outcome:
     """Every lane of a task to its end. States of samples that a lane does not reach are infinite."""
+    # That a number a lane meets an array of components by numpy's rule is what `lane_axis` is about.
+    with jax.numpy_rank_promotion("allow"):
+        return _integrate(task, options)
+
+
+def _integrate(task: Task, options: Options) -> Outcome:
     problem, start, last = task.problem, task.start, task.t1
     means = means_of(options, task.allowed)
     times = jnp.zeros((0, *jnp.shape(last))) if task.save_at is None else task.save_at
@@ -53,7 +59,7 @@ def integrate(task: Task, options: Options) -> Outcome:
 
 def _sampled(samples: Array, place: Array, times: Array, ends: tuple[Each, Each], kept: EachFlag, options, trial):
     """The samples that lie in the steps just kept, and the place of each lane's next one."""
-    inside = each_lane(lambda time, trial, ends: dense(options, trial, ends).evaluate(time), kept)
+    inside = each_lane(lambda time, trial, ends: dense(options, trial, ends).evaluate(time), ends[0])
     lane = jnp.arange(place.shape[0])
 
     def due(place):

@@ -1,0 +1,146 @@
+"""Lanes: a batch is each of its motions alone; in chunks, with all that a solve has."""
+
+import catalogue
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import clearance_jax as cj
+from clearance_jax._sharing import shared, sharing
+from clearance_jax.solve.codes import Result
+from clearance_jax.solve.lane_axis import each_lane
+from clearance_jax.solve.lanes import batched, over_chunks
+
+T1 = 3e-3
+CLEARANCES = jnp.linspace(5e-5, 5e-4, 5)
+
+
+def same_as_alone(lane, values, rtol, **tolerance):
+    """Every lane's tree of results is what it is alone, to 10 rtol of the largest."""
+    together = jax.jit(jax.vmap(lane))(values)
+    alone = jax.jit(lane)
+    for i, value in enumerate(values):
+        for batch, single in zip(jax.tree.leaves(together), jax.tree.leaves(alone(value)), strict=True):
+            scale = np.max(np.abs(np.where(np.isfinite(single), single, 0.0)), initial=1e-300)
+            np.testing.assert_allclose(batch[i] / scale, single / scale, rtol=0, atol=10 * rtol, **tolerance)
+
+
+def solve(mechanism, **options):
+    """What every lane is compared in: states, samples, how it ended, how well its books close."""
+    s = cj.simulate(mechanism, options.pop("t1", T1), throw=False, **options)
+    return s.final, s.y, s.code, s.steps, s.rejected, s.end_time
+
+
+def test_a_crank_with_samples_and_books():
+    def lane(c):
+        return solve(catalogue.slider_crank(c), rtol=1e-7, save_at=17)
+
+    same_as_alone(lane, CLEARANCES, 1e-7)
+
+
+def test_memory_closures_and_breaks_of_drives():
+    """A law that latches and a bristle; a loop without play; a drive that switches."""
+    sticky = catalogue.slider_crank().with_clearance(
+        "wrist",
+        cj.RevoluteClearance(5e-4, 0.01, catalogue.NORMAL["flores"], catalogue.FRICTION["lugre"]),
+    )
+    closed = cj.load("experiments/scenes/four_bar.toml")
+    arm = cj.load("experiments/scenes/joint5_velocity_1.toml")
+    for mechanism, name, values, t1 in (
+        (sticky, "wrist.radial_clearance", [4e-4, 5e-4], 1e-3),
+        (closed, closed.clearance_joints()[0].name + ".radial_clearance", [1e-4, 2e-4], 5e-3),
+        (arm, "joint5.radial_clearance", [1e-4, 5e-4], 0.6),
+    ):
+
+        def lane(c, mechanism=mechanism, name=name, t1=t1):
+            # A step more or less where the two programs' round-off differs is none of the contract.
+            final, _, code, _, _, end = solve(cj.replace(mechanism, {name: c}), rtol=1e-6, t1=t1, books=False)
+            return final, code, end
+
+        same_as_alone(lane, jnp.asarray(values), 1e-6)
+
+
+def test_observers_and_integrals():
+    metrics = {
+        "peak": cj.metrics.Peak(cj.metrics.PositionError("piston"), count=2),
+        "force": cj.metrics.Peak(cj.metrics.ContactForce("wrist"), since=5e-4),
+        "rms": cj.metrics.Rms(cj.metrics.PositionError("piston")),
+        "impacts": cj.metrics.Impacts("wrist"),
+    }
+
+    def lane(c):
+        return cj.measure(catalogue.slider_crank(c), metrics, T1, rtol=1e-7)
+
+    same_as_alone(lane, CLEARANCES, 1e-5)
+
+
+def test_a_lane_that_fails_harms_no_other():
+    """Impossible numbers, no time, too few steps: each a code of its own, beside lanes that end as they do alone."""
+    clearances = jnp.array([1e-4, jnp.nan, 3e-4, 1e-4, -1e-4])
+    ends = jnp.array([T1, T1, T1, jnp.nan, T1])
+
+    def lane(c, t1):
+        return solve(catalogue.slider_crank(c), rtol=1e-7, t1=t1, save_at=3, max_steps=100_000)
+
+    final, y, code, *_ = jax.jit(jax.vmap(lane))(clearances, ends)
+    ended, bad = int(Result.REACHED_END), int(Result.IMPOSSIBLE)
+    assert code.tolist() == [ended, bad, ended, bad, bad]
+    for i in (0, 2):
+        expected = lane(clearances[i], ends[i])
+        np.testing.assert_allclose(final[i], expected[0], rtol=1e-9)
+        np.testing.assert_allclose(y[i], expected[1], rtol=1e-9)
+    short = jax.jit(jax.vmap(lambda c: solve(catalogue.slider_crank(c), rtol=1e-7, max_steps=20)))(clearances[:1])
+    assert short[2].tolist() == [int(Result.MAX_STEPS)]
+
+
+def test_a_batch_of_batches_is_one_batch():
+    def lane(c, speed):
+        changed = cj.replace(catalogue.slider_crank(c), {"drive.main.speed": speed})
+        return cj.simulate(changed, 1e-3, rtol=1e-6, books=False).final
+
+    speeds = jnp.array([300.0, 500.0, 524.0])
+    grid = jax.jit(jax.vmap(jax.vmap(lane, (None, 0)), (0, None)))(CLEARANCES[:2], speeds)
+    assert grid.shape[:2] == (2, 3)
+    np.testing.assert_allclose(grid[1, 2], lane(CLEARANCES[1], speeds[2]), rtol=1e-9)
+
+
+def test_derivatives_of_a_batch_are_each_lanes():
+    def end(c):
+        return cj.simulate(catalogue.slider_crank(c), 1e-3, rtol=1e-7, books=False)["piston.position.x"]
+
+    together = jax.jit(jax.vmap(jax.grad(end)))(CLEARANCES[:2])
+    alone = jax.jit(jax.grad(end))
+    np.testing.assert_allclose(together, [alone(c) for c in CLEARANCES[:2]], rtol=1e-5)
+
+
+@pytest.mark.parametrize("count", [1, 4, 5, 13])
+def test_chunks_put_results_back_in_order(count):
+    seen = []
+
+    def solve(batch):
+        seen.append(batch["x"].shape[0])
+        return {"twice": 2 * batch["x"], "sum": batch["x"] + batch["y"][:, 0]}
+
+    x = jnp.arange(float(count))
+    out = over_chunks(solve, {"x": x, "y": x[:, None]}, count, lanes=4)
+    np.testing.assert_array_equal(out["twice"], 2 * x)
+    np.testing.assert_array_equal(out["sum"], 2 * x)
+    assert max(seen) <= 4
+
+
+def test_alone_is_alone_and_a_batch_is_together():
+    function = batched(lambda x: x + 1, lambda batch: batch + 10)
+    assert float(function(jnp.asarray(1.0))) == 2.0
+    np.testing.assert_array_equal(jax.vmap(function)(jnp.arange(3.0)), [10.0, 11.0, 12.0])
+    np.testing.assert_array_equal(jax.vmap(jax.vmap(function))(jnp.zeros((2, 3))), np.full((2, 3), 10.0))
+
+
+def test_shared_numbers_are_the_same_numbers():
+    assert shared((1.0, "name", jnp.asarray(3.0)))[:2] == (1.0, "name")
+    with sharing(jnp.ones(())):
+        program = jax.make_jaxpr(shared)(jnp.asarray(2.0)).jaxpr
+        assert program.eqns[-1].primitive.name == "div"
+        assert int(shared(jnp.asarray(3))) == 3
+    doubled = each_lane(lambda a, b: shared(a) * b, jnp.zeros(3))
+    np.testing.assert_array_equal(doubled(jnp.arange(3.0), jnp.full(3, 2.0)), [0.0, 2.0, 4.0])
