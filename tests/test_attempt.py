@@ -121,13 +121,9 @@ def test_any_explicit_solver_serves():
 
 def test_step_sizes():
     accurate, not_accurate = jnp.asarray(True), jnp.asarray(False)
-    noise = jnp.asarray(1e-4)
-    assert float(factor(jnp.asarray(0.9**5), accurate, 5.0, noise)) == pytest.approx(1.0)
-    assert float(factor(jnp.asarray(0.0), accurate, 3.0, noise)) == 10.0
-    assert float(factor(jnp.asarray(jnp.inf), not_accurate, 5.0, noise)) == pytest.approx(0.2)
-    # Of errors that are round-off it makes no difference which.
-    growth = [float(factor(jnp.asarray(error), accurate, 8.0, noise)) for error in (0.0, 1e-9, 0.9e-4)]
-    assert growth == [4.0] * 3
+    assert float(factor(jnp.asarray(0.9**5), accurate, 5.0)) == pytest.approx(1.0)
+    assert float(factor(jnp.asarray(0.0), accurate, 5.0)) == 10.0
+    assert float(factor(jnp.asarray(jnp.inf), not_accurate, 5.0)) == pytest.approx(0.2)
     step = on_grid(jnp.asarray(3e-5))
     assert 3e-5 / 2**0.125 <= float(step) <= 3e-5
     assert float(on_grid(step)) == float(step)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from experiments import batches, hard_cases, work_precision
+from experiments import batches, hard_cases, scalar, work_precision
 
 
 @pytest.fixture(autouse=True)
@@ -41,3 +41,7 @@ def test_hard_cases(group):
 
 def test_batches():
     assert batches.main(quick=True) <= 10
+
+
+def test_lanes_beside_scalar_c():
+    assert scalar.main(quick=True) <= 1e-4

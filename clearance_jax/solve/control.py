@@ -27,8 +27,6 @@ _EPS = float(np.finfo(np.float64).eps)
 LENIENCE = 0.02
 # The step size aimed at, over the one at which the error would be what is allowed; how much it may change at once.
 SAFETY, SHRINK, GROW = 0.9, 0.2, 10.0
-# What a step grows by at least where its error is round-off.
-BLIND = 4.0
 
 
 class Control(NamedTuple):
@@ -138,9 +136,7 @@ def decided(problem: Problem, verdict: Verdict, times: tuple, means: Means, cont
     accurate = error < 1
     keep = accurate & ~cut
     # A cut step says nothing about the step size (its tiny error is round-off): go back to the one that was cut.
-    step = jnp.where(
-        keep & (control.natural > 0), control.natural, h * factor(error, accurate, means.order, means.allowed.round_off)
-    )
+    step = jnp.where(keep & (control.natural > 0), control.natural, h * factor(error, accurate, means.order))
     start = jnp.where(keep, t1, t0)
     end = jnp.where(cut, verdict.at, start + on_grid(step))
     stuck = cut & (verdict.at - t0 <= 8 * verdict.pad)
@@ -158,14 +154,9 @@ def decided(problem: Problem, verdict: Verdict, times: tuple, means: Means, cont
     return Decision(keep, start, clipped, past, Control(natural, stalls), collapsed)
 
 
-def factor(error: Each, accurate: EachFlag, order: float, noise: Each) -> Each:
-    """By how much the step size changes after an error (an integrating controller).
-
-    An error that is round-off says nothing of how far the step may grow: two programs for the same solve would take
-    different steps. (So it is with a high order after a contact has made steps short.)
-    """
-    wanted = SAFETY * jnp.exp(-jnp.log(jnp.maximum(error, noise)) / order)
-    wanted = jnp.where(error < noise, jnp.maximum(wanted, BLIND), wanted)
+def factor(error: Each, accurate: EachFlag, order: float) -> Each:
+    """By how much the step size changes after an error (an integrating controller)."""
+    wanted = SAFETY * jnp.exp(-jnp.log(jnp.maximum(error, 1e-30)) / order)
     return jnp.clip(wanted, jnp.where(accurate, 1.0, SHRINK), GROW)
 
 

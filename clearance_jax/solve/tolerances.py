@@ -21,8 +21,6 @@ FLOOR = 1e-3
 # A contact less deep than this many rtol of the clearance may be passed by.
 FIT = 10.0
 _EPS = float(np.finfo(np.float64).eps)
-# Round-off of an error estimate over a state's magnitude: the weights of the eighth order are large.
-ROUND_OFF = 3000 * _EPS
 # The smallest part of a step that a switch is located to.
 SHORTEST = 1e-8
 
@@ -45,7 +43,6 @@ class Tolerances(NamedTuple):
     - `margin`: how far past a switch a cut step may end, as a fraction of the uncut step.
     - `fit`: how far inside a step pins may be from the curves that stand for them, over the clearance, and `noise`: how
       far they are by round-off alone.
-    - `round_off`: the part of what is allowed that an estimated error is by round-off alone.
     - `rate`: how fast the scene moves [1/s].
     """
 
@@ -55,7 +52,6 @@ class Tolerances(NamedTuple):
     margin: Each
     fit: Each
     noise: Each
-    round_off: Each
     rate: Each
     floor: Array | None = None
 
@@ -164,6 +160,5 @@ def tolerances(problem: Problem, y0: Array, t0: Scalar, t1: Scalar, rtol: Scalar
         margin=switch_margin(mechanism, rtol, problem.varies),
         fit=jnp.clip(FIT * rtol, noise, jnp.maximum(noise, 0.1)),
         noise=noise,
-        round_off=jnp.minimum(ROUND_OFF / rtol, 1.0),
         rate=size.spin,
     )
