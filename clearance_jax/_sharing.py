@@ -12,26 +12,28 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array
 
-_one: ContextVar[Array | None] = ContextVar("one", default=None)
+_sharing: ContextVar[bool] = ContextVar("sharing", default=False)
 
 
 @contextlib.contextmanager
-def sharing(one: Array) -> Iterator[None]:
-    """Within, `shared` divides by `one`."""
-    token = _one.set(one)
+def sharing() -> Iterator[None]:
+    """Within, `shared` keeps its promise."""
+    token = _sharing.set(True)
     try:
         yield
     finally:
-        _one.reset(token)
+        _sharing.reset(token)
 
 
 def shared(tree: Any) -> Any:
     """The same numbers, which a compiled program over lanes computes once."""
-    one = _one.get()
-    if one is None:
-        return tree
-    return jax.tree.map(
-        lambda x: x / one if isinstance(x, jax.Array) and jnp.issubdtype(x.dtype, jnp.inexact) else x, tree
-    )
+    return jax.tree.map(_divided, tree) if _sharing.get() else tree
+
+
+def _divided(x: Any) -> Any:
+    if not (isinstance(x, jax.Array) and jnp.issubdtype(x.dtype, jnp.inexact)):
+        return x
+    # Nothing is beyond infinity. The one is made of `x` itself: one for all its entries would be inverted first, and
+    # a product with the inverse is computed anew again.
+    return x / jnp.where(x > jnp.inf, 2.0, 1.0)

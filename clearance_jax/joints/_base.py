@@ -242,11 +242,13 @@ class PreparedClearance(eqx.Module):
         rates = (*rates, jnp.zeros_like(force)) if memory else ()
         return PointAction(depth, rate, slip, force, traction, rates, normal.energy(depth))
 
-    def switches(self, at: Relative, memory: Memory, before: tuple[ContactPoint, ...]) -> tuple[Scalar, ...]:
-        """Functions of the relative motion whose signs make the regime of every law. `before`: the points at the start
+    def switches(
+        self, now: tuple[ContactPoint, ...], memory: Memory, before: tuple[ContactPoint, ...]
+    ) -> tuple[Scalar, ...]:
+        """Functions of the contact points whose signs make the regime of every law. `before`: the points at the start
         of the step.
         """
-        every = each(self._switches_at, self.joint.points(at), self._by_point(memory), before)
+        every = each(self._switches_at, now, self._by_point(memory), before)
         return tuple(function for one in every for function in one)
 
     def _switches_at(self, point: ContactPoint, memory: Memory, before: ContactPoint) -> tuple[Scalar, ...]:

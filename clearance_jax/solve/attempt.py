@@ -13,7 +13,7 @@ from jaxtyping import Array
 
 from clearance_jax._types import Each, EachFlag, Scalar
 from clearance_jax.solve.control import Control, Decision, Means, decided, first_end, judged
-from clearance_jax.solve.lane_axis import each_lane
+from clearance_jax.solve.lane_axis import each_lane, sharing_lanes
 from clearance_jax.solve.problem import Problem
 from clearance_jax.solve.step import Trial, try_step
 from clearance_jax.solve.tableau import tableau_of
@@ -56,7 +56,8 @@ def decide(
     """The second half: what follows from a try, and what the observers have seen by then. (A function of its own to
     JAX: diffrax traces its loop three times.)
     """
-    decision = decided(problem, judged(problem, trial, times, means, control), times, means, control)
+    with sharing_lanes(times[0]):
+        decision = decided(problem, judged(problem, trial, times, means, control), times, means, control)
     ends = trial.start, trial.end, trial.slope0, trial.slope1
 
     def see(observers, record, times, ends, problem):

@@ -5,7 +5,7 @@ lanes lies in one piece, and the code of an attempt is the same with lanes and w
 (the physics) is mapped over them.
 """
 
-import functools
+import contextlib
 from collections.abc import Callable
 from typing import Any
 
@@ -24,14 +24,16 @@ def each_lane(function: Callable, time: Each) -> Callable:
     if not jnp.ndim(time):
         return function
 
-    def one_lane(one, *arguments):
-        with sharing(one):
+    def one_lane(*arguments):
+        with sharing():
             return function(*arguments)
 
-    # A one that the compiler does not know to be one.
-    return functools.partial(
-        eqx.filter_vmap(one_lane, in_axes=LAST, out_axes=LAST), jnp.where(time > jnp.inf, 2.0, 1.0)
-    )
+    return eqx.filter_vmap(one_lane, in_axes=LAST, out_axes=LAST)
+
+
+def sharing_lanes(time: Each) -> contextlib.AbstractContextManager:
+    """Within, `shared` is what it is within `each_lane`; for arrays of lanes."""
+    return sharing() if jnp.ndim(time) else contextlib.nullcontext()
 
 
 def components(y: Any, part: slice, time: Each) -> Any:

@@ -8,12 +8,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from clearance_jax._sharing import shared
 from clearance_jax._types import Each, EachFlag, Scalar
 from clearance_jax.dynamics.closures import projected
 from clearance_jax.dynamics.kinematics import relative_accelerations
 from clearance_jax.mechanism.mechanism import drive_breaks
 from clearance_jax.mechanism.state import layout
-from clearance_jax.solve.lane_axis import component_axis, components, each_lane
+from clearance_jax.solve.lane_axis import component_axis, components, each_lane, sharing_lanes
 from clearance_jax.solve.problem import Problem, field, lift, motion, split, with_model
 from clearance_jax.solve.tableau import tableau_of
 
@@ -78,23 +79,25 @@ def try_step(
         return ~jnp.asarray(idle)[i] if np.any(idle) else None
 
     def stage(i, carry):
-        slopes, _ = carry
+        slopes, _, _ = carry
         y = combined(lower[i], slopes, slice(plan.size))
         now = jnp.where(nodes[i] == 1, t1, t0 + nodes[i] * h)
         if problem.mechanism.closures():
             close = each_lane(lambda t, y, p: lift(lambda m, y: projected(t, y, m[0]), p, y), t0)
             y = jax.lax.cond(i == last, lambda y: close(t1, y, problem), lambda y: y, y)
-        new = field(now, y, problem, counts(i))
+        with sharing_lanes(t0):
+            new = shared(field(now, y, problem, counts(i)))
         if jnp.ndim(t0):
             new = jnp.where(fresh | (i > 0), new, slopes[i])  # lanes that know their slope keep it
-        return slopes.at[i].set(new), y
+        return slopes.at[i].set(new), y, new
 
     slopes = jnp.zeros((last + 1, *y0.shape)).at[0].set(slope)
     first = 0 if fresh is True else 1 if fresh is False else jnp.where(jnp.any(fresh), 0, 1)
-    slopes, end = jax.lax.fori_loop(first, last + 1, stage, (slopes, components(y0, slice(plan.size), t0)))
+    begin = slopes, components(y0, slice(plan.size), t0), slope
+    slopes, end, slope = jax.lax.fori_loop(first, last + 1, stage, begin)
     whole = combined(jnp.asarray(tableau.weights), slopes)
     error = h * jnp.sum(jnp.asarray(tableau.errors).reshape(-1, *[1] * y0.ndim) * slopes, axis=0)
-    return Trial(y0, _with_state(whole, end, t0), error, slopes[0], slopes[-1], slopes)
+    return Trial(y0, _with_state(whole, end, t0), error, slopes[0], slope, slopes)
 
 
 def _with_state(y: Array, state: Array, time: Each) -> Array:

@@ -5,6 +5,7 @@ The relative motion is interpolated, not the gap: so each joint's own geometry a
 curve. The place of a change is found by bisection.
 """
 
+import functools
 from typing import NamedTuple
 
 import jax
@@ -12,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from clearance_jax._sharing import shared
 from clearance_jax._types import Each, EachFlag, Rows
 from clearance_jax.dynamics.kinematics import relative_accelerations, relative_motions
 from clearance_jax.joints import PreparedClearance, Relative
@@ -36,7 +38,7 @@ class Curve(NamedTuple):
 
     def at(self, s: Each) -> Relative:
         """The relative motion at a fraction of the step."""
-        pose, slope = polynomial(tuple(self.coefficients[k] for k in range(6)), s)
+        pose, slope = shared(polynomial(tuple(self.coefficients[k] for k in range(6)), s))
         return relative_of(pose, slope / self.h)
 
 
@@ -88,7 +90,7 @@ def curve_between(begin: tuple[Relative, Relative], end: tuple[Relative, Relativ
         )
         for at, rate in (begin, end)
     ]
-    return Curve(jnp.stack(quintic_coefficients(*ends)), h)
+    return Curve(shared(jnp.stack(quintic_coefficients(*ends))), h)
 
 
 def first_switch(curve_of: list[Curve], y: Array, mechanism: Mechanism, begin: Each) -> tuple[EachFlag, Each]:
@@ -106,70 +108,89 @@ def first_switch(curve_of: list[Curve], y: Array, mechanism: Mechanism, begin: E
 
 def first_of(clearance: PreparedClearance, curve: Curve, memory: Rows, begin: Each) -> Each:
     """The fraction at which one joint's first change of regime just has been; infinite where there is none."""
-    before = each_lane(lambda own, at: own.joint.points(at), begin)(clearance, curve.at(begin))
-    read = each_lane(PreparedClearance.switches, begin)
+    points_at = each_lane(lambda own, at: own.joint.points(at), begin)
+    switches_at = each_lane(PreparedClearance.switches, begin)
 
-    def switches(s):
-        return read(clearance, curve.at(s), memory, before)
+    def points(s):
+        return shared(points_at(clearance, curve.at(s)))
 
-    places = np.arange(1, SAMPLES + 1).reshape(-1, *[1] * begin.ndim) / SAMPLES
-    samples = jnp.concatenate([begin[None], jnp.broadcast_to(places, (SAMPLES, *begin.shape))])
-    # One array a function: so all samples are one kernel, and nothing of them is kept.
-    values = jax.vmap(switches)(samples)
-    started = tuple(value[0] > 0 for value in values)
-    changed = jnp.zeros(samples.shape, bool)
-    for value, start in zip(values, started, strict=True):
-        changed |= (value > 0) != start
-    high = jnp.min(jnp.where(changed & (samples > begin), samples, jnp.inf), axis=0)
+    before = points(begin)
+    started = shared(tuple(_sign(f) for f in switches_at(clearance, before, memory, before)))
+
+    def changed(points):
+        now = switches_at(clearance, points, memory, before)
+        return jnp.any(jnp.stack([_sign(f) != start for f, start in zip(now, started, strict=True)]), axis=0)
 
     def beyond(s):
-        now = switches(s)
-        return jnp.any(jnp.stack([(f > 0) != start for f, start in zip(now, started, strict=True)]), axis=0)
+        return changed(points(s))
 
-    high = jnp.minimum(high, extremum(clearance, curve, samples, beyond))
-    low = jnp.max(jnp.where(samples < high, samples, begin), axis=0)
+    samples = np.arange(1, SAMPLES + 1).reshape(-1, *[1] * begin.ndim) / SAMPLES * jnp.ones_like(begin)
+    sampled = jax.vmap(points)(samples)
+    switched = jnp.where(jax.vmap(changed)(sampled) & (samples > begin), samples, jnp.inf)
+    high = functools.reduce(jnp.minimum, shared(switched))
+    depth, rate = (
+        jnp.concatenate([jnp.stack(first)[None], jnp.stack(others, axis=1)])
+        for first, others in (
+            ([p.penetration for p in before], [p.penetration for p in sampled]),
+            ([p.penetration_rate for p in before], [p.penetration_rate for p in sampled]),
+        )
+    )
+
+    def turning(s, k):
+        return points(s)[k].penetration_rate
+
+    places = jnp.concatenate([begin[None], samples])
+    high = shared(jnp.minimum(high, extremum(places, depth, rate, turning, beyond)))
+    low = shared(functools.reduce(jnp.maximum, jnp.where(samples < high, samples, begin)))
     # Most steps cross nothing.
     return jax.lax.cond(jnp.any(high <= 1), lambda: located(beyond, (low, high), begin), lambda: high)
 
 
-def extremum(clearance: PreparedClearance, curve: Curve, samples: Array, beyond) -> Each:
-    """The fraction, between two samples, at which a penetration comes closest to a change of sign, if the regime has
-    changed there (a graze begins and ends there); infinite otherwise.
+def _sign(value: Array) -> Array:
+    """1 where a function is positive, else 0."""
+    return jnp.where(value > 0, 1.0, 0.0)
+
+
+def extremum(places: Array, depth: Array, rate: Array, turning, beyond) -> Each:
+    """The fraction, between two places of a step, at which a penetration comes closest to a change of sign, if the
+    regime has changed there (a graze begins and ends there); infinite otherwise.
+
+    **Arguments:** `depth`, `rate`: at every place (first axis), of every point; `turning(s, k)`: the rate of point `k`;
+    `beyond(s)`: whether the regime is another there.
     """
-    read = each_lane(PreparedClearance.depths, samples[0])
-
-    def depths(s):
-        return read(clearance, curve.at(s))
-
-    depth, rate = jax.vmap(depths)(samples)
-    near, last = jnp.where(depth[:1] <= 0, depth, -depth), len(samples) - 1
-    none = jnp.full_like(samples[0], jnp.inf)
+    near, last = jnp.where(depth[:1] <= 0, depth, -depth), len(places) - 1
+    none = jnp.full_like(places[0], jnp.inf)
     found = none
     for k in range(depth.shape[1]):
         best = first_highest(near[:, k])
         before, after = jnp.maximum(best - 1, 0), jnp.minimum(best + 1, last)
-        ends = *(at(samples, i) for i in (before, after)), *(at(rate[:, k], i) for i in (before, after))
+        ends = shared((*(at(places, i) for i in (before, after)), *(at(rate[:, k], i) for i in (before, after))))
         turns = ends[2] * ends[3] < 0
 
         def turned(ends=ends, turns=turns, k=k):
-            s = root(lambda s: depths(s)[1][k], ends)
+            s = shared(root(lambda s: turning(s, k), ends))
             return jnp.where(turns & beyond(s), s, jnp.inf)
 
         found = jnp.minimum(found, jax.lax.cond(jnp.any(turns), turned, lambda: none))
     return found
 
 
-# Both by comparing, which vectorises over lanes: an argmax and a gather are loops of their own.
+# Both entry by entry: an argmax, a gather and a reduction over places are loops of their own for every lane.
 def first_highest(values: Array) -> Array:
     """The first place, along the first axis, of each lane's largest value."""
-    places = jnp.arange(len(values)).reshape(-1, *[1] * (values.ndim - 1))
-    return jnp.min(jnp.where(values == jnp.max(values, axis=0), places, len(values) - 1), axis=0)
+    best, place = values[0], jnp.zeros(values.shape[1:], int)
+    for i, value in enumerate(values[1:], 1):
+        higher = value > best
+        best, place = jnp.where(higher, value, best), jnp.where(higher, i, place)
+    return place
 
 
 def at(values: Array, place: Array) -> Each:
     """The value, along the first axis, at a place of each lane's own."""
-    places = jnp.arange(len(values)).reshape(-1, *[1] * (values.ndim - 1))
-    return jnp.sum(jnp.where(places == place, values, 0.0), axis=0)
+    out = values[0]
+    for i, value in enumerate(values[1:], 1):
+        out = jnp.where(place == i, value, out)
+    return out
 
 
 def root(function, ends: tuple) -> Each:
@@ -177,8 +198,8 @@ def root(function, ends: tuple) -> Each:
 
     def secant(_, bracket):
         a, b, fa, fb = bracket
-        s = a - fa * (b - a) / jnp.where(fb != fa, fb - fa, 1.0)
-        f = function(s)
+        s = shared(a - fa * (b - a) / jnp.where(fb != fa, fb - fa, 1.0))
+        f = shared(function(s))
         left = fa * f > 0
         # Illinois: the end that stays counts half, or it would stay for ever.
         new_a, new_b = jnp.where(left, s, a), jnp.where(left, b, s)
