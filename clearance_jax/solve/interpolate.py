@@ -1,5 +1,7 @@
 """A step in between its ends: Hermite polynomials, and the states of a motion by them."""
 
+from typing import Any
+
 import jax.numpy as jnp
 from jaxtyping import Array
 
@@ -50,3 +52,19 @@ def between(ends: tuple[Array, Array, Array, Array], h: Each, x, plan: Layout) -
     place, speed = polynomial(quintic_coefficients(start, end), x)
     others = hermite(of(y0, rest), h * of(slope0, rest), of(y1, rest), h * of(slope1, rest), x)
     return jnp.concatenate([place, speed / h, others], axis=component_axis(h))
+
+
+def tops(value: Array, slope: Array, width: Any = 1.0) -> tuple[Array, Array, Array]:
+    """Place in [0, 1], height (minus infinity: none) and second derivative of the top of the cubic on each part between
+    places (first axis), for values and slopes there; the parts' `width`.
+
+    A part that rises though its slopes at both ends fall holds a jump: its top is its end, without a second derivative.
+    """
+    a, b, rise = slope[:-1] * width, slope[1:] * width, value[1:] - value[:-1]
+    smooth = (a > 0) & (b <= 0)
+    cubic, square = a + b - 2 * rise, 3 * rise - 2 * a - b
+    root = jnp.sqrt(jnp.where(smooth, square * square - 3 * cubic * a, 1.0))
+    x = jnp.where(smooth, a / jnp.where(smooth, root - square, 1.0), 1.0)
+    jumps = (a <= 0) & (b <= 0) & (rise > 1e-9 * jnp.abs(value[1:]))
+    height = jnp.where(jumps, value[1:], value[:-1] + x * (a + x * (square + x * cubic)))
+    return x, jnp.where(smooth | jumps, height, -jnp.inf), jnp.where(smooth, -2 * root, 0.0)

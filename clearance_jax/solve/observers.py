@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from clearance_jax.dynamics.kinematics import relative_motions
 from clearance_jax.mechanism.state import layout
-from clearance_jax.solve.interpolate import between
+from clearance_jax.solve.interpolate import between, tops
 from clearance_jax.solve.problem import Problem, motion
 
 
@@ -181,21 +181,6 @@ class PeakFinder(AbstractObserver):
         time = jnp.where(found, time, time[0])
         y = jnp.where(found.reshape(-1, *[1] * (y.ndim - 1)), y, y[:1])
         return None, Picked(time, y)
-
-
-def tops(value, slope):
-    """Place in [0, 1], height (minus infinity: none) and second derivative of the top of the cubic on each part.
-
-    A part that rises though its slopes at both ends fall holds a jump: its top is its end, without a second derivative.
-    """
-    a, b, rise = slope[:-1], slope[1:], value[1:] - value[:-1]
-    smooth = (a > 0) & (b <= 0)
-    cubic, square = a + b - 2 * rise, 3 * rise - 2 * a - b
-    root = jnp.sqrt(jnp.where(smooth, square * square - 3 * cubic * a, 1.0))
-    x = jnp.where(smooth, a / jnp.where(smooth, root - square, 1.0), 1.0)
-    jumps = (a <= 0) & (b <= 0) & (rise > 1e-9 * jnp.abs(value[1:]))
-    height = jnp.where(jumps, value[1:], value[:-1] + x * (a + x * (square + x * cubic)))
-    return x, jnp.where(smooth | jumps, height, -jnp.inf), jnp.where(smooth, -2 * root, 0.0)
 
 
 class Touches(NamedTuple):

@@ -16,14 +16,14 @@ from jaxtyping import Array, Float
 from clearance_jax._sharing import shared
 from clearance_jax._types import Each, EachFlag, Rows
 from clearance_jax.dynamics.kinematics import relative_accelerations, relative_motions
-from clearance_jax.joints import PreparedClearance, Relative
+from clearance_jax.joints import ContactPoint, PreparedClearance, Relative
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
-from clearance_jax.solve.interpolate import between, polynomial, quintic_coefficients
+from clearance_jax.solve.interpolate import between, polynomial, quintic_coefficients, tops
 from clearance_jax.solve.lane_axis import each_lane
 
-# Samples of a step, and secants to the extremum of a penetration.
-SAMPLES, EXTREMUM = 10, 3
+# Samples of a step.
+SAMPLES = 6
 # Where along a step its curves are checked: not symmetric about the middle, where the error of an odd motion is zero.
 CHECKED = (0.3, 0.6)
 
@@ -124,23 +124,18 @@ def first_of(clearance: PreparedClearance, curve: Curve, memory: Rows, begin: Ea
     def beyond(s):
         return changed(points(s))
 
-    samples = np.arange(1, SAMPLES + 1).reshape(-1, *[1] * begin.ndim) / SAMPLES * jnp.ones_like(begin)
+    samples = jnp.maximum(np.arange(1, SAMPLES + 1).reshape(-1, *[1] * begin.ndim) / SAMPLES, begin[None])
     sampled = jax.vmap(points)(samples)
-    switched = jnp.where(jax.vmap(changed)(sampled) & (samples > begin), samples, jnp.inf)
-    high = functools.reduce(jnp.minimum, shared(switched))
-    depth, rate = (
-        jnp.concatenate([jnp.stack(first)[None], jnp.stack(others, axis=1)])
-        for first, others in (
-            ([p.penetration for p in before], [p.penetration for p in sampled]),
-            ([p.penetration_rate for p in before], [p.penetration_rate for p in sampled]),
-        )
-    )
-
-    def turning(s, k):
-        return points(s)[k].penetration_rate
-
+    high = earliest(jax.vmap(changed)(sampled) & (samples > begin), samples)
     places = jnp.concatenate([begin[None], samples])
-    high = shared(jnp.minimum(high, extremum(places, depth, rate, turning, beyond)))
+
+    found = jnp.stack([graze(places, one, then, curve.h) for one, then in zip(before, sampled, strict=True)])
+
+    def grazed():
+        turns = jnp.isfinite(found)
+        return earliest(jax.vmap(beyond)(jnp.where(turns, found, 1.0)) & turns, found)
+
+    high = jnp.minimum(high, jax.lax.cond(jnp.any(jnp.isfinite(found)), grazed, lambda: found[0]))
     low = shared(functools.reduce(jnp.maximum, jnp.where(samples < high, samples, begin)))
     # Most steps cross nothing.
     return jax.lax.cond(jnp.any(high <= 1), lambda: located(beyond, (low, high), begin), lambda: high)
@@ -151,28 +146,30 @@ def _sign(value: Array) -> Array:
     return jnp.where(value > 0, 1.0, 0.0)
 
 
-def extremum(places: Array, depth: Array, rate: Array, turning, beyond) -> Each:
-    """The fraction, between two places of a step, at which a penetration comes closest to a change of sign, if the
-    regime has changed there (a graze begins and ends there); infinite otherwise.
+def earliest(wanted: EachFlag, places: Array) -> Each:
+    """The smallest of the wanted places (along the first axis); infinite where there is none."""
+    return functools.reduce(jnp.minimum, shared(jnp.where(wanted, places, jnp.inf)))
 
-    **Arguments:** `depth`, `rate`: at every place (first axis), of every point; `turning(s, k)`: the rate of point `k`;
-    `beyond(s)`: whether the regime is another there.
+
+def graze(places: Array, before: ContactPoint, then: ContactPoint, h: Each) -> Each:
+    """The place between two samples at which a penetration comes closest to a change of sign (a graze would begin and
+    end there); infinite where it does not turn.
+
+    **Arguments:** one contact point at the first place, and at all the others (first axis).
     """
-    near, last = jnp.where(depth[:1] <= 0, depth, -depth), len(places) - 1
-    none = jnp.full_like(places[0], jnp.inf)
-    found = none
-    for k in range(depth.shape[1]):
-        best = first_highest(near[:, k])
-        before, after = jnp.maximum(best - 1, 0), jnp.minimum(best + 1, last)
-        ends = shared((*(at(places, i) for i in (before, after)), *(at(rate[:, k], i) for i in (before, after))))
-        turns = ends[2] * ends[3] < 0
-
-        def turned(ends=ends, turns=turns, k=k):
-            s = shared(root(lambda s: turning(s, k), ends))
-            return jnp.where(turns & beyond(s), s, jnp.inf)
-
-        found = jnp.minimum(found, jax.lax.cond(jnp.any(turns), turned, lambda: none))
-    return found
+    depth, rate = (
+        jnp.concatenate([one[None], others])
+        for one, others in (
+            (before.penetration, then.penetration),
+            (before.penetration_rate, then.penetration_rate),
+        )
+    )
+    towards = jnp.where(depth[:1] <= 0, 1.0, -1.0)
+    widths = jnp.diff(places, axis=0)
+    x, height, bend = shared(tops(towards * depth, towards * rate * h, widths))
+    height = jnp.where(bend < 0, height, -jnp.inf)
+    best = first_highest(height)
+    return jnp.where(at(height, best) > -jnp.inf, at(places, best) + at(x * widths, best), jnp.inf)
 
 
 # Both entry by entry: an argmax, a gather and a reduction over places are loops of their own for every lane.
@@ -191,22 +188,6 @@ def at(values: Array, place: Array) -> Each:
     for i, value in enumerate(values[1:], 1):
         out = jnp.where(place == i, value, out)
     return out
-
-
-def root(function, ends: tuple) -> Each:
-    """Where a function changes sign between two places (a, b, its values there), by secants that keep a bracket."""
-
-    def secant(_, bracket):
-        a, b, fa, fb = bracket
-        s = shared(a - fa * (b - a) / jnp.where(fb != fa, fb - fa, 1.0))
-        f = shared(function(s))
-        left = fa * f > 0
-        # Illinois: the end that stays counts half, or it would stay for ever.
-        new_a, new_b = jnp.where(left, s, a), jnp.where(left, b, s)
-        return new_a, new_b, jnp.where(left, f, 0.5 * fa), jnp.where(left, 0.5 * fb, f)
-
-    a, b, fa, fb = jax.lax.fori_loop(0, EXTREMUM, secant, ends)
-    return jnp.where(jnp.abs(fa) < jnp.abs(fb), a, b)
 
 
 def located(beyond, bracket: tuple, precision: Each) -> Each:
