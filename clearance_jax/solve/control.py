@@ -26,7 +26,7 @@ _EPS = float(np.finfo(np.float64).eps)
 # about as accurate as the states that they belong to (`experiments/derivatives`).
 LENIENCE = 0.02
 # The step size aimed at, over the one at which the error would be what is allowed; how much it may change at once.
-SAFETY, SHRINK, GROW = 0.9, 0.2, 10.0
+SAFETY, SHRINK, GROW = 0.85, 0.2, 2.0
 
 
 class Control(NamedTuple):
