@@ -136,7 +136,7 @@ def first_of(clearance: PreparedClearance, curve: Curve, memory: Rows, begin: Ea
         return earliest(jax.vmap(beyond)(jnp.where(turns, found, 1.0)) & turns, found)
 
     high = jnp.minimum(high, jax.lax.cond(jnp.any(jnp.isfinite(found)), grazed, lambda: found[0]))
-    low = shared(functools.reduce(jnp.maximum, jnp.where(samples < high, samples, begin)))
+    low = shared(-least(-jnp.where(samples < high, samples, begin[None])))
     # Most steps cross nothing.
     return jax.lax.cond(jnp.any(high <= 1), lambda: located(beyond, (low, high), begin), lambda: high)
 
@@ -146,9 +146,9 @@ def _sign(value: Array) -> Array:
     return jnp.where(value > 0, 1.0, 0.0)
 
 
-def earliest(wanted: EachFlag, places: Array) -> Each:
+def earliest(wanted: Array, places: Array) -> Each:
     """The smallest of the wanted places (along the first axis); infinite where there is none."""
-    return functools.reduce(jnp.minimum, shared(jnp.where(wanted, places, jnp.inf)))
+    return least(jnp.where(wanted, places, jnp.inf))
 
 
 def graze(places: Array, before: ContactPoint, then: ContactPoint, h: Each) -> Each:
@@ -172,9 +172,16 @@ def graze(places: Array, before: ContactPoint, then: ContactPoint, h: Each) -> E
     return jnp.where(at(height, best) > -jnp.inf, at(places, best) + at(x * widths, best), jnp.inf)
 
 
-# Both entry by entry: an argmax, a gather and a reduction over places are loops of their own for every lane.
+# Of lanes entry by entry: over the first axis a reduction, a gather or an argmax are loops of their own for every lane.
+def least(values: Array) -> Each:
+    """The smallest along the first axis."""
+    return jnp.min(values) if values.ndim == 1 else functools.reduce(jnp.minimum, shared(values))
+
+
 def first_highest(values: Array) -> Array:
     """The first place, along the first axis, of each lane's largest value."""
+    if values.ndim == 1:
+        return jnp.argmax(values)
     best, place = values[0], jnp.zeros(values.shape[1:], int)
     for i, value in enumerate(values[1:], 1):
         higher = value > best
@@ -184,6 +191,8 @@ def first_highest(values: Array) -> Array:
 
 def at(values: Array, place: Array) -> Each:
     """The value, along the first axis, at a place of each lane's own."""
+    if values.ndim == 1:
+        return values[place]
     out = values[0]
     for i, value in enumerate(values[1:], 1):
         out = jnp.where(place == i, value, out)
