@@ -124,7 +124,7 @@ def scaled_error(problem: Problem, trial: Trial, allowed: Tolerances, time: Each
         unit = jnp.where(controlled, allowed.unit, 1.0)
         columns = jnp.maximum(rms(y0[1:] / unit[None]), rms(y1[1:] / unit[None]))
         derivatives = rms(error[1:] / scale[None]) / (allowed.floor + columns)
-        scaled = jnp.maximum(scaled, LENIENCE * jnp.max(derivatives))
+        scaled = jnp.maximum(scaled, LENIENCE * jnp.max(derivatives, axis=0))
     fine = jnp.isfinite(scaled) & jnp.all(jnp.isfinite(y1), axis=tuple(range(y1.ndim - jnp.ndim(time))))
     return jnp.where(fine, scaled, jnp.inf), jnp.where(fine, of_motion, jnp.inf)
 

@@ -7,7 +7,7 @@ rule serves jvp, grad and jacobians.
 """
 
 import dataclasses
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import equinox as eqx
 import jax
@@ -30,7 +30,7 @@ from clearance_jax.solve.lane_axis import from_lanes, to_lanes
 from clearance_jax.solve.lanes import batched
 from clearance_jax.solve.observers import Picked
 from clearance_jax.solve.outcome import Outcome, Task
-from clearance_jax.solve.problem import Problem, basis, field, lift, motion, moves, push, widths
+from clearance_jax.solve.problem import Problem, basis, field, lift, motion, moves, push, reach_of, widths
 from clearance_jax.solve.solution import Solution
 from clearance_jax.solve.tolerances import Tolerances, floors, largest_length, tolerances
 
@@ -58,6 +58,9 @@ class Inputs(NamedTuple):
         return self.mechanism, self.y0, self.integrands
 
 
+Which: TypeAlias = tuple[bool, ...] | None
+"""Which numbers of `Inputs.varied`, as they lie in its tree, a solve is differentiated by."""
+
 # The rule of differentiation -----------------------------------------------------------------------------------------
 
 
@@ -83,7 +86,8 @@ def _flow_jvp(primals, tangents, *, options: Options):
     leaves = jax.tree.leaves(rates.varied)
     if leaves:
         amounts = jnp.concatenate([jnp.ravel(leaf) for leaf in leaves])
-        value, slopes = variations(inputs, basis(rates.varied), options)
+        which = tuple(rate is not None for rate in jax.tree.leaves(rates.varied, is_leaf=lambda x: x is None))
+        value, slopes = variations(inputs, which, options)
         moved = [jnp.tensordot(amounts, slope, 1) for slope in slopes]
     else:
         value = _stacked(inputs, None, options=options)
@@ -142,17 +146,17 @@ def _later(inputs: Inputs, rates: Inputs, value: Solution, moved: list[Array], o
     return [start, final, y, *picks]
 
 
-def variations(inputs: Inputs, directions: Any, options: Options) -> tuple[Solution, list[Array]]:
-    """The solution, and the derivatives of its states along each direction (leading axis)."""
-    stacked = _stacked(inputs, directions, options=options)
+def variations(inputs: Inputs, which: Which, options: Options) -> tuple[Solution, list[Array]]:
+    """The solution, and the derivatives of its states by each number that varies (leading axis)."""
+    stacked = _stacked(inputs, which, options=options)
     stacks = [jnp.moveaxis(stack, -2, 0) for stack in states_of(stacked)]
     value = with_states(stacked, [stack[0] for stack in stacks])
     return value, [stack[1:] for stack in stacks]
 
 
 @eqx.filter_custom_jvp
-def _stacked(inputs, directions, *, options):
-    return _compiled(inputs, options, directions)
+def _stacked(inputs, which, *, options):
+    return _compiled(inputs, options, which)
 
 
 @_stacked.def_jvp
@@ -175,14 +179,15 @@ def refuse_jumps(mechanism: Mechanism) -> None:
 # The solve -----------------------------------------------------------------------------------------------------------
 
 
-def task_of(inputs: Inputs, options: Options, directions: Any = None) -> Task:
-    """What is to be solved: with directions (a tree like `inputs.varied`), states are stacks.
+def task_of(inputs: Inputs, options: Options, directions: Any = None, each: bool = False) -> Task:
+    """What is to be solved: with directions (a tree like `inputs.varied`; `each`: one for each number that varies),
+    states are stacks.
 
     A lane of a batch with impossible numbers, or a mechanism that is not closed, ends where it begins, with a code of
     its own.
     """
     t0, t1, rtol, save_at = inputs.t0, inputs.t1, inputs.rtol, inputs.save_at
-    problem, start, allowed, open_loops = problem_of(inputs, options, directions)
+    problem, start, allowed, open_loops = problem_of(inputs, options, directions, each)
     possible = (
         jnp.all(jnp.isfinite(motion(problem, start)))
         & jnp.isfinite(t1)
@@ -229,16 +234,33 @@ def solution_of(task: Task, out: Outcome, t1: Array, options: Options) -> Soluti
     )
 
 
-def solved(inputs: Inputs, options: Options, directions: Any = None) -> Solution:
+def solved(inputs: Inputs, options: Options, which: Which = None) -> Solution:
     """One motion (or stack), by diffrax."""
-    task = task_of(inputs, options, directions)
-    moving = task.problem.varies and moves(drive_breaks, task.problem)
-    return solution_of(task, integrate(task, options, moving), inputs.t1, options)
+    task = task_of(inputs, options, *_directions(inputs, which))
+    return solution_of(task, integrate(task, options, _breaks_move(task)), inputs.t1, options)
 
 
-def solved_lanes(inputs: Inputs, options: Options) -> Solution:
-    """A batch of motions, along the first axis of every array, as lanes."""
-    task = eqx.filter_vmap(task_of, out_axes=eqx.if_array(0))(inputs, options)
+def _directions(inputs: Inputs, which: Which) -> tuple:
+    """A direction for each number that varies, and that they are that."""
+    if which is None:
+        return None, False
+    leaves, tree = jax.tree.flatten(inputs.varied, is_leaf=lambda x: x is None)
+    varied = [leaf if varies else None for leaf, varies in zip(leaves, which, strict=True)]
+    return basis(jax.tree.unflatten(tree, varied)), True
+
+
+def _breaks_move(task: Task) -> bool:
+    """Whether a direction moves a time at which a drive breaks."""
+    return task.problem.varies and moves(drive_breaks, task.problem)
+
+
+def solved_lanes(inputs: Inputs, options: Options, which: Which = None) -> Solution:
+    """A batch of motions (or stacks), along the first axis of every array, as lanes."""
+
+    def begin(inputs, options):
+        return task_of(inputs, options, *_directions(inputs, which))
+
+    task = eqx.filter_vmap(begin, out_axes=eqx.if_array(0))(inputs, options)
     out = from_lanes(lanes.integrate(to_lanes(task), to_lanes(options)))
     return eqx.filter_vmap(solution_of, out_axes=eqx.if_array(0))(task, out, inputs.t1, options)
 
@@ -246,16 +268,19 @@ def solved_lanes(inputs: Inputs, options: Options) -> Solution:
 # Below the rule of differentiation: around it, a derivative would trace the motion's own solve for nothing, and a rule
 # of batching has no derivative in reverse.
 @eqx.filter_jit
-def _compiled(inputs: Inputs, options: Options, directions: Any = None) -> Solution:
-    numbers, rest = eqx.partition((inputs, options, directions), eqx.is_array)
+def _compiled(inputs: Inputs, options: Options, which: Which = None) -> Solution:
+    numbers, rest = eqx.partition((inputs, options), eqx.is_array)
 
     def one(numbers):
-        return solved(*eqx.combine(numbers, rest))
+        inputs, options = eqx.combine(numbers, rest)
+        return solved(inputs, options, which)
 
     def together(batch):
-        if directions is not None:
+        inputs, options = eqx.combine(jax.tree.map(lambda x: x[0], batch), rest)
+        if which is not None and _breaks_move(task_of(inputs, options, *_directions(inputs, which))):
             return jax.vmap(one)(batch)
-        return solved_lanes(*eqx.combine(batch, rest)[:2])
+        inputs, options = eqx.combine(batch, rest)
+        return solved_lanes(inputs, options, which)
 
     return batched(one, together)(numbers)
 
@@ -265,7 +290,7 @@ _plain = eqx.filter_jit(solved)
 
 
 def problem_of(
-    inputs: Inputs, options: Options, directions: Any = None
+    inputs: Inputs, options: Options, directions: Any = None, each: bool = False
 ) -> tuple[Problem, Array, Tolerances, Float[Array, " loops"]]:
     """What to integrate, from which state (or stack), how accurately, and how far each loop is open at the start."""
 
@@ -281,7 +306,8 @@ def problem_of(
         start = first
     else:
         (model, first, opened), (slopes, moved, _) = push(begin, inputs.varied, directions)
-        problem = Problem(model[0], model[1], slopes, options.books)
+        reach = reach_of(lambda varied: (varied[0].prepared(), varied[2]), inputs.varied, directions) if each else None
+        problem = Problem(model[0], model[1], slopes, options.books, reach)
         count = jax.tree.leaves(directions)[0].shape[0]
         start = jnp.concatenate([first[None], jnp.zeros((count, *first.shape)) if moved is None else moved])
     allowed = tolerances(problem, first, inputs.t0, inputs.t1, inputs.rtol, inputs.atol)

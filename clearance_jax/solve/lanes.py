@@ -33,7 +33,7 @@ def _integrate(task: Task, options: Options) -> Outcome:
     means = means_of(options, task.allowed)
     times = jnp.zeros((0, *jnp.shape(last))) if task.save_at is None else task.save_at
     known = times <= task.t0
-    samples = jnp.where(known[:, None], start[None], jnp.inf)
+    samples = jnp.where(jnp.expand_dims(known, range(1, start.ndim)), start[None], jnp.inf)
 
     def going(carry: Carry) -> EachFlag:
         tries = carry.accepted + carry.rejected
@@ -70,7 +70,7 @@ def _sampled(samples: Array, place: Array, times: Array, ends: tuple[Each, Each]
         samples, place = state
         now, time = due(place)
         here = jnp.where(now, place, len(times))  # beyond the end: dropped
-        return samples.at[here, :, lane].set(inside(time, trial, ends).T, mode="drop"), place + now
+        return samples.at[here, ..., lane].set(jnp.moveaxis(inside(time, trial, ends), -1, 0), mode="drop"), place + now
 
     return jax.lax.while_loop(lambda s: jnp.any(due(s[1])[0]), once, (samples, place))
 

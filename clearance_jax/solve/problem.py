@@ -16,7 +16,7 @@ import numpy as np
 from jax.extend.core import Literal
 from jaxtyping import Array
 
-from clearance_jax._types import Each, Flag
+from clearance_jax._types import Each, Flag, Rows
 from clearance_jax.dynamics.field import rate, where_it_counts
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout, vector
@@ -29,13 +29,15 @@ class Problem(eqx.Module):
     `integrands` are functions of (time, state, mechanism), of any shape, whose integrals follow the state; `books`:
     whether the energy books do, before them. `directions` is a tree like `model`: with a leading axis (one entry a
     direction) for a number that is varied, `None` for one that is not; altogether `None` where nothing is
-    differentiated: then a state is a flat vector, not a stack.
+    differentiated: then a state is a flat vector, not a stack. `reach`: for every varied number of `model`, as they lie
+    in its tree, the directions along which it varies at all (`None`: not known).
     """
 
     mechanism: Mechanism
     integrands: tuple = ()
     directions: Any = None
     books: bool = eqx.field(static=True, default=False)
+    reach: tuple[tuple[int, ...], ...] | None = eqx.field(static=True, default=None)
 
     @property
     def varies(self) -> bool:
@@ -96,28 +98,72 @@ def field(time: Each, y: Array, problem: Problem, counts: Flag | None = None) ->
 
         return tuple(jnp.asarray(x, float) for x in (*rates, *where_it_counts(counts, added)))
 
-    if not problem.varies:
+    def rates(model, state):
         # Rows in, rows out: lanes stay the last axis, without a copy.
-        return vector(each_lane(rows, time)(time, tuple(y[i] for i in range(problem.size)), problem))
+        return each_lane(rows, time)(time, state, with_model(problem, model))
 
-    def whole(model, y):
-        return vector(rows(time, tuple(y[i] for i in range(problem.size)), with_model(problem, model)))
+    if not problem.varies:
+        return vector(rates(problem.model, tuple(y[i] for i in range(problem.size))))
+    stacks = tuple(y[:, i] for i in range(problem.size))
+    count = jax.tree.leaves(problem.directions)[0].shape[0]
+    outputs = jax.eval_shape(rates, problem.model, tuple(stack[0] for stack in stacks))
+    if len(outputs) - (layout(problem.mechanism).v.stop - layout(problem.mechanism).v.start) <= count:
+        return jnp.stack(pulled(rates, problem, stacks), axis=1)
+    return jnp.stack(lift(rates, problem, stacks), axis=1)
 
-    return lift(whole, problem, y)
+
+def pulled(function, problem: Problem, stacks: Rows) -> Rows:
+    """`function(model, rows)` of a motion and its derivatives, by reverse mode: each row of the answer is pulled back
+    once, and what comes of it is applied to all directions; cheaper than a push of each direction where these are more
+    than the rows.
+    """
+    varied, fixed = split(problem.model, problem.directions)
+    leaves, tree = jax.tree.flatten(varied)
+    directions = jax.tree.leaves(problem.directions)
+
+    def flat(*numbers):
+        model = eqx.combine(jax.tree.unflatten(tree, numbers[: len(leaves)]), fixed)
+        return function(model, numbers[len(leaves) :])
+
+    inputs = (*leaves, *(stack[0] for stack in stacks))
+    values, along = jax.linearize(flat, *inputs)
+    count = directions[0].shape[0]
+    every = tuple(range(count))
+    reach = problem.reach if problem.reach is not None else tuple(every for _ in leaves)
+    out = []
+    for i, (value, reached) in enumerate(zip(values, _reach(flat, *inputs), strict=True)):
+        pulls = jax.linear_transpose(lambda *rates, i=i: along(*rates)[i], *inputs)(jnp.ones_like(value))
+        rate = jnp.zeros((count, *value.shape))
+        for j, stack in enumerate(stacks, len(leaves)):
+            if j in reached:
+                rate = rate + pulls[j] * stack[1:]
+        terms: list[list[Array]] = [[] for _ in every]
+        for j in range(len(leaves)):
+            if j in reached:
+                for k in reach[j]:
+                    product = pulls[j] * directions[j][k]
+                    own = tuple(range(product.ndim - value.ndim))
+                    terms[k].append(jnp.sum(product, axis=own) if own else product)
+        if any(terms):
+            rate = rate + jnp.stack([sum(own[1:], own[0]) if own else jnp.zeros_like(value) for own in terms])
+        out.append(jnp.concatenate([value[None], rate]))
+    return tuple(out)
 
 
-def lift(function, problem: Problem, *stacks: Array) -> Array:
-    """`function(model, *arrays)` of the motion and, where the problem varies, its derivatives, as a stack."""
+def lift(function, problem: Problem, *stacks: Any) -> Any:
+    """`function(model, *trees)` of the motion and, where the problem varies, its derivatives, as stacks: by a push of
+    every direction.
+    """
     if not problem.varies:
         return function(problem.model, *stacks)
     varied, fixed = split(problem.model, problem.directions)
+    first, moving = (jax.tree.map(lambda stack, p=part: stack[p], stacks) for part in (0, slice(1, None)))
 
     def along(direction, *rates):
-        at = (varied, *(stack[0] for stack in stacks))
-        return jax.jvp(lambda v, *y: function(eqx.combine(v, fixed), *y), at, (direction, *rates))
+        return jax.jvp(lambda v, *y: function(eqx.combine(v, fixed), *y), (varied, *first), (direction, *rates))
 
-    value, rates = jax.vmap(along, out_axes=(None, 0))(problem.directions, *(stack[1:] for stack in stacks))
-    return jnp.concatenate([value[None], rates])
+    value, rates = jax.vmap(along, out_axes=(None, 0))(problem.directions, *moving)
+    return jax.tree.map(lambda value, rate: jnp.concatenate([value[None], rate]), value, rates)
 
 
 def motion(problem: Problem, stack: Array) -> Array:
@@ -173,11 +219,35 @@ def basis(varied: Any) -> Any:
     return jax.tree.unflatten(tree, blocks)
 
 
+def reach_of(function, tree: Any, directions: Any) -> tuple[tuple[int, ...], ...]:
+    """For every number of `push(function, tree, directions)` that varies: along which of the directions it may, where
+    these are a `basis`.
+    """
+    varied, fixed = split(tree, directions)
+
+    def flat(*numbers):
+        moved = jax.tree.unflatten(jax.tree.structure(varied), numbers)
+        return jax.tree.leaves(eqx.filter(function(eqx.combine(moved, fixed)), eqx.is_inexact_array))
+
+    leaves = jax.tree.leaves(varied)
+    ends = np.cumsum([leaf.size for leaf in leaves])
+    own = [tuple(range(end - leaf.size, end)) for end, leaf in zip(ends, leaves, strict=True)]
+    reached = _reach(flat, *leaves)
+    return tuple(tuple(k for i in sorted(one) for k in own[i]) for one in reached if one)
+
+
 def _dependent(function, argument) -> list[bool]:
     """Which outputs of a function depend on its argument at all, by its program."""
-    program = jax.make_jaxpr(function)(argument).jaxpr
-    reached = set(program.invars)
+    leaves, tree = jax.tree.flatten(argument)
+    return [bool(one) for one in _reach(lambda *x: function(jax.tree.unflatten(tree, x)), *leaves)]
+
+
+def _reach(function, *arguments) -> list[frozenset[int]]:
+    """For every output of a function, the arguments (arrays) that it depends on at all, by its program."""
+    program = jax.make_jaxpr(function)(*arguments).jaxpr
+    nothing: frozenset[int] = frozenset()
+    reached = {v: frozenset([i]) for i, v in enumerate(program.invars)}
     for equation in program.eqns:
-        if any(not isinstance(v, Literal) and v in reached for v in equation.invars):
-            reached.update(equation.outvars)
-    return [not isinstance(v, Literal) and v in reached for v in program.outvars]
+        own = nothing.union(*(reached.get(v, nothing) for v in equation.invars if not isinstance(v, Literal)))
+        reached.update(dict.fromkeys(equation.outvars, own))
+    return [nothing if isinstance(v, Literal) else reached.get(v, nothing) for v in program.outvars]

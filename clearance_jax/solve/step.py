@@ -1,5 +1,6 @@
 """One try of a step: what a step is, what happens at its two ends."""
 
+import functools
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -68,8 +69,7 @@ def try_step(
         y0, fresh = jnp.where(past_break, moved, y0), fresh | past_break
 
     def combined(weights, slopes, part=slice(None)):
-        rows = components(slopes, part, t0)
-        return components(y0, part, t0) + h * jnp.sum(weights.reshape(-1, *[1] * y0.ndim) * rows, axis=0)
+        return components(y0, part, t0) + h * _weighted(weights, components(slopes, part, t0), t0)
 
     idle = (tableau.weights == 0) & (tableau.errors == 0)
     # The end is the next step's first stage.
@@ -96,8 +96,16 @@ def try_step(
     begin = slopes, components(y0, slice(plan.size), t0), slope
     slopes, end, slope = jax.lax.fori_loop(first, last + 1, stage, begin)
     whole = combined(jnp.asarray(tableau.weights), slopes)
-    error = h * jnp.sum(jnp.asarray(tableau.errors).reshape(-1, *[1] * y0.ndim) * slopes, axis=0)
+    error = h * _weighted(jnp.asarray(tableau.errors), slopes, t0)
     return Trial(y0, _with_state(whole, end, t0), error, slopes[0], slope, slopes)
+
+
+def _weighted(weights: Array, slopes: Array, time: Each) -> Array:
+    """The sum of the stages' slopes (first axis) by weights."""
+    if not jnp.ndim(time):
+        return jnp.sum(weights.reshape(-1, *[1] * (slopes.ndim - 1)) * slopes, axis=0)
+    # Of lanes term by term: XLA hands a reduction over large arrays to a library, whose call ends a compiled loop.
+    return functools.reduce(jnp.add, [weight * slope for weight, slope in zip(weights, slopes, strict=True)])
 
 
 def _with_state(y: Array, state: Array, time: Each) -> Array:
