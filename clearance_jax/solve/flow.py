@@ -27,10 +27,10 @@ from clearance_jax.solve.attempt import CENTRE, SETTLED, Options
 from clearance_jax.solve.codes import Result
 from clearance_jax.solve.driver import integrate
 from clearance_jax.solve.lane_axis import from_lanes, to_lanes
-from clearance_jax.solve.lanes import batched
+from clearance_jax.solve.lanes import batched, chunk_of
 from clearance_jax.solve.observers import Picked
 from clearance_jax.solve.outcome import Outcome, Task
-from clearance_jax.solve.problem import Problem, basis, field, lift, motion, moves, push, reach_of, widths
+from clearance_jax.solve.problem import Problem, basis, field, lift, motion, moves, push, widths
 from clearance_jax.solve.solution import Solution
 from clearance_jax.solve.tolerances import Tolerances, floors, largest_length, tolerances
 
@@ -179,15 +179,14 @@ def refuse_jumps(mechanism: Mechanism) -> None:
 # The solve -----------------------------------------------------------------------------------------------------------
 
 
-def task_of(inputs: Inputs, options: Options, directions: Any = None, each: bool = False) -> Task:
-    """What is to be solved: with directions (a tree like `inputs.varied`; `each`: one for each number that varies),
-    states are stacks.
+def task_of(inputs: Inputs, options: Options, directions: Any = None) -> Task:
+    """What is to be solved: with directions (a tree like `inputs.varied`), states are stacks.
 
     A lane of a batch with impossible numbers, or a mechanism that is not closed, ends where it begins, with a code of
     its own.
     """
     t0, t1, rtol, save_at = inputs.t0, inputs.t1, inputs.rtol, inputs.save_at
-    problem, start, allowed, open_loops = problem_of(inputs, options, directions, each)
+    problem, start, allowed, open_loops = problem_of(inputs, options, directions)
     possible = (
         jnp.all(jnp.isfinite(motion(problem, start)))
         & jnp.isfinite(t1)
@@ -236,17 +235,19 @@ def solution_of(task: Task, out: Outcome, t1: Array, options: Options) -> Soluti
 
 def solved(inputs: Inputs, options: Options, which: Which = None) -> Solution:
     """One motion (or stack), by diffrax."""
-    task = task_of(inputs, options, *_directions(inputs, which))
+    task = task_of(inputs, options, _directions(inputs, which))
     return solution_of(task, integrate(task, options, _breaks_move(task)), inputs.t1, options)
 
 
-def _directions(inputs: Inputs, which: Which) -> tuple:
-    """A direction for each number that varies, and that they are that."""
-    if which is None:
-        return None, False
+def _directions(inputs: Inputs, which: Which) -> Any:
+    """A direction for each number that varies."""
+    return None if which is None else basis(_varied(inputs, which))
+
+
+def _varied(inputs: Inputs, which: tuple[bool, ...]) -> Any:
+    """The numbers that vary; `None` for the others."""
     leaves, tree = jax.tree.flatten(inputs.varied, is_leaf=lambda x: x is None)
-    varied = [leaf if varies else None for leaf, varies in zip(leaves, which, strict=True)]
-    return basis(jax.tree.unflatten(tree, varied)), True
+    return jax.tree.unflatten(tree, [leaf if varies else None for leaf, varies in zip(leaves, which, strict=True)])
 
 
 def _breaks_move(task: Task) -> bool:
@@ -258,7 +259,7 @@ def solved_lanes(inputs: Inputs, options: Options, which: Which = None) -> Solut
     """A batch of motions (or stacks), along the first axis of every array, as lanes."""
 
     def begin(inputs, options):
-        return task_of(inputs, options, *_directions(inputs, which))
+        return task_of(inputs, options, _directions(inputs, which))
 
     task = eqx.filter_vmap(begin, out_axes=eqx.if_array(0))(inputs, options)
     out = from_lanes(lanes.integrate(to_lanes(task), to_lanes(options)))
@@ -277,12 +278,13 @@ def _compiled(inputs: Inputs, options: Options, which: Which = None) -> Solution
 
     def together(batch):
         inputs, options = eqx.combine(jax.tree.map(lambda x: x[0], batch), rest)
-        if which is not None and _breaks_move(task_of(inputs, options, *_directions(inputs, which))):
+        if which is not None and _breaks_move(task_of(inputs, options, _directions(inputs, which))):
             return jax.vmap(one)(batch)
         inputs, options = eqx.combine(batch, rest)
         return solved_lanes(inputs, options, which)
 
-    return batched(one, together)(numbers)
+    rows = 1 if which is None else 1 + sum(leaf.size for leaf in jax.tree.leaves(_varied(inputs, which)))
+    return batched(one, together, chunk_of(rows))(numbers)
 
 
 # Differentiated as it stands, and so without a rule of batching.
@@ -290,7 +292,7 @@ _plain = eqx.filter_jit(solved)
 
 
 def problem_of(
-    inputs: Inputs, options: Options, directions: Any = None, each: bool = False
+    inputs: Inputs, options: Options, directions: Any = None
 ) -> tuple[Problem, Array, Tolerances, Float[Array, " loops"]]:
     """What to integrate, from which state (or stack), how accurately, and how far each loop is open at the start."""
 
@@ -306,8 +308,7 @@ def problem_of(
         start = first
     else:
         (model, first, opened), (slopes, moved, _) = push(begin, inputs.varied, directions)
-        reach = reach_of(lambda varied: (varied[0].prepared(), varied[2]), inputs.varied, directions) if each else None
-        problem = Problem(model[0], model[1], slopes, options.books, reach)
+        problem = Problem(model[0], model[1], slopes, options.books)
         count = jax.tree.leaves(directions)[0].shape[0]
         start = jnp.concatenate([first[None], jnp.zeros((count, *first.shape)) if moved is None else moved])
     allowed = tolerances(problem, first, inputs.t0, inputs.t1, inputs.rtol, inputs.atol)

@@ -12,9 +12,10 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array
 
-from clearance_jax._sharing import sharing
-from clearance_jax._types import Each
+from clearance_jax._sharing import shared, sharing
+from clearance_jax._types import Each, Rows
 
 LAST = eqx.if_array(-1)
 
@@ -39,6 +40,27 @@ def sharing_lanes(time: Each) -> contextlib.AbstractContextManager:
 def components(y: Any, part: slice, time: Each) -> Any:
     """Components of a state, or of a stack of states: their axis is the last but the lanes'."""
     return y[..., part, :] if jnp.ndim(time) else y[..., part]
+
+
+def by_component(rows: Rows, time: Each) -> Array:
+    """Stacks of one component each, as a stack of states."""
+    if not jnp.ndim(time):
+        return jnp.stack(rows, axis=1)
+    # Of lanes by selecting: a compiled concatenation asks at every number which of its parts this is.
+    place = jnp.arange(len(rows)).reshape(-1, *[1] * jnp.ndim(time))
+    out = jnp.broadcast_to(shared(rows[0])[:, None], (rows[0].shape[0], len(rows), *rows[0].shape[1:]))
+    for i, row in enumerate(rows[1:], 1):
+        out = jnp.where(place == i, shared(row)[:, None], out)
+    return out
+
+
+def with_first(value: Array, rates: Array) -> Array:
+    """A motion's number and its derivatives (first axis) as a stack."""
+    if not value.ndim:
+        return jnp.concatenate([value[None], rates])
+    rows = jnp.pad(shared(rates), [(1, 0), *[(0, 0)] * value.ndim])
+    first = jnp.arange(rows.shape[0]).reshape(-1, *[1] * value.ndim) == 0
+    return jnp.where(first, shared(value)[None], rows)
 
 
 def component_axis(time: Each) -> int:

@@ -92,9 +92,14 @@ def over_chunks(solve: Callable, batch: Any, count: int, lanes: int = LANES) -> 
     return jax.tree.map(lambda x: x.reshape(chunks * width, *x.shape[2:])[:count], out)
 
 
-def batched(one: Callable, together: Callable) -> Callable:
-    """`one` of a tree of arrays, which under `jax.vmap` becomes `together`, chunk by chunk (of a tree of arrays that
-    have the batch as their first axis); a batch of batches is one batch.
+def chunk_of(rows: int) -> int:
+    """Lanes of a chunk of stacks of so many rows: fewer where there are many, down to what one instruction holds."""
+    return max(8, min(LANES, 8 * (LANES // rows)))
+
+
+def batched(one: Callable, together: Callable, lanes: int = LANES) -> Callable:
+    """`one` of a tree of arrays, which under `jax.vmap` becomes `together`, in chunks of so many lanes (of a tree of
+    arrays that have the batch as their first axis); a batch of batches is one batch.
     """
 
     def rule(count, in_batched, numbers):
@@ -106,7 +111,7 @@ def batched(one: Callable, together: Callable) -> Callable:
 
     @jax.custom_batching.custom_vmap
     def many(batch):
-        return over_chunks(together, batch, jax.tree.leaves(batch)[0].shape[0])
+        return over_chunks(together, batch, jax.tree.leaves(batch)[0].shape[0], lanes)
 
     @many.def_vmap
     def _merged(outer, in_batched, batch):

@@ -16,11 +16,12 @@ import numpy as np
 from jax.extend.core import Literal
 from jaxtyping import Array
 
+from clearance_jax._sharing import shared
 from clearance_jax._types import Each, Flag, Rows
 from clearance_jax.dynamics.field import rate, where_it_counts
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout, vector
-from clearance_jax.solve.lane_axis import each_lane
+from clearance_jax.solve.lane_axis import by_component, each_lane, sharing_lanes, with_first
 
 
 class Problem(eqx.Module):
@@ -29,15 +30,13 @@ class Problem(eqx.Module):
     `integrands` are functions of (time, state, mechanism), of any shape, whose integrals follow the state; `books`:
     whether the energy books do, before them. `directions` is a tree like `model`: with a leading axis (one entry a
     direction) for a number that is varied, `None` for one that is not; altogether `None` where nothing is
-    differentiated: then a state is a flat vector, not a stack. `reach`: for every varied number of `model`, as they lie
-    in its tree, the directions along which it varies at all (`None`: not known).
+    differentiated: then a state is a flat vector, not a stack.
     """
 
     mechanism: Mechanism
     integrands: tuple = ()
     directions: Any = None
     books: bool = eqx.field(static=True, default=False)
-    reach: tuple[tuple[int, ...], ...] | None = eqx.field(static=True, default=None)
 
     @property
     def varies(self) -> bool:
@@ -107,9 +106,10 @@ def field(time: Each, y: Array, problem: Problem, counts: Flag | None = None) ->
     stacks = tuple(y[:, i] for i in range(problem.size))
     count = jax.tree.leaves(problem.directions)[0].shape[0]
     outputs = jax.eval_shape(rates, problem.model, tuple(stack[0] for stack in stacks))
-    if len(outputs) - (layout(problem.mechanism).v.stop - layout(problem.mechanism).v.start) <= count:
-        return jnp.stack(pulled(rates, problem, stacks), axis=1)
-    return jnp.stack(lift(rates, problem, stacks), axis=1)
+    speeds = problem.speeds.stop - problem.speeds.start
+    push = lift if len(outputs) - speeds > count else pulled
+    with sharing_lanes(time):
+        return by_component(push(rates, problem, stacks), time)
 
 
 def pulled(function, problem: Problem, stacks: Rows) -> Rows:
@@ -126,27 +126,18 @@ def pulled(function, problem: Problem, stacks: Rows) -> Rows:
         return function(model, numbers[len(leaves) :])
 
     inputs = (*leaves, *(stack[0] for stack in stacks))
+    moving = (*directions, *(stack[1:] for stack in stacks))
     values, along = jax.linearize(flat, *inputs)
     count = directions[0].shape[0]
-    every = tuple(range(count))
-    reach = problem.reach if problem.reach is not None else tuple(every for _ in leaves)
     out = []
     for i, (value, reached) in enumerate(zip(values, _reach(flat, *inputs), strict=True)):
         pulls = jax.linear_transpose(lambda *rates, i=i: along(*rates)[i], *inputs)(jnp.ones_like(value))
         rate = jnp.zeros((count, *value.shape))
-        for j, stack in enumerate(stacks, len(leaves)):
-            if j in reached:
-                rate = rate + pulls[j] * stack[1:]
-        terms: list[list[Array]] = [[] for _ in every]
-        for j in range(len(leaves)):
-            if j in reached:
-                for k in reach[j]:
-                    product = pulls[j] * directions[j][k]
-                    own = tuple(range(product.ndim - value.ndim))
-                    terms[k].append(jnp.sum(product, axis=own) if own else product)
-        if any(terms):
-            rate = rate + jnp.stack([sum(own[1:], own[0]) if own else jnp.zeros_like(value) for own in terms])
-        out.append(jnp.concatenate([value[None], rate]))
+        for j in sorted(reached):
+            product = shared(pulls[j])[None] * moving[j]
+            own = tuple(range(1, product.ndim - value.ndim))
+            rate = rate + (jnp.sum(product, axis=own) if own else product)
+        out.append(with_first(value, rate))
     return tuple(out)
 
 
@@ -217,23 +208,6 @@ def basis(varied: Any) -> Any:
         for start, leaf in zip(starts, leaves, strict=False)
     ]
     return jax.tree.unflatten(tree, blocks)
-
-
-def reach_of(function, tree: Any, directions: Any) -> tuple[tuple[int, ...], ...]:
-    """For every number of `push(function, tree, directions)` that varies: along which of the directions it may, where
-    these are a `basis`.
-    """
-    varied, fixed = split(tree, directions)
-
-    def flat(*numbers):
-        moved = jax.tree.unflatten(jax.tree.structure(varied), numbers)
-        return jax.tree.leaves(eqx.filter(function(eqx.combine(moved, fixed)), eqx.is_inexact_array))
-
-    leaves = jax.tree.leaves(varied)
-    ends = np.cumsum([leaf.size for leaf in leaves])
-    own = [tuple(range(end - leaf.size, end)) for end, leaf in zip(ends, leaves, strict=True)]
-    reached = _reach(flat, *leaves)
-    return tuple(tuple(k for i in sorted(one) for k in own[i]) for one in reached if one)
 
 
 def _dependent(function, argument) -> list[bool]:
