@@ -35,7 +35,8 @@ def test_equilibrium_trap():
     """Nothing moves, so nothing limits the steps but the derivatives' own error (arXiv:2406.09699)."""
     found = closed_forms.trap((1e-9,), plain=True)
     assert max(row.error for row in found) <= closed_forms.LIMIT
-    assert max(row.plain_error for row in found) > 1e-3
+    # What differentiating the program gives has no error that the tolerance knows of.
+    assert max(row.plain_error / row.rtol for row in found) > 1e4
 
 
 def test_two_balls():
