@@ -27,20 +27,22 @@ _EPS = float(np.finfo(np.float64).eps)
 LENIENCE = 0.02
 # The step size aimed at, over the one at which the error would be what is allowed; how much it may change at once.
 SAFETY, SHRINK, GROW = 0.85, 0.2, 2.0
+# Wherever a cut has not been enough to get clear of its switch, the next goes so many times further past it; at most.
+FURTHER, FURTHEST = 4.0, 4.0**24
 
 
 class Control(NamedTuple):
     """What is remembered from try to try: the step size that would have been taken had it not been cut (0: not cut),
-    and how often in a row a cut has failed to get clear of its switch.
+    and how much further than usual past a switch a cut step ends, because cuts have failed to get clear of it.
     """
 
     natural: Array
-    stalls: Array
+    reach: Array
 
     @staticmethod
     def begin(time: Each) -> "Control":
         """Before the first try."""
-        return Control(jnp.zeros(jnp.shape(time)), jnp.zeros(jnp.shape(time), int))
+        return Control(jnp.zeros(jnp.shape(time)), jnp.ones(jnp.shape(time)))
 
 
 class Verdict(NamedTuple):
@@ -90,11 +92,10 @@ def judged(problem: Problem, trial: Trial, times: tuple, means: Means, control: 
     off = jnp.maximum(misfit - means.allowed.noise, 0.0) / means.allowed.fit
     off = jnp.where(jnp.isfinite(off), off, jnp.inf)
     error, of_motion = jnp.maximum(error, off), jnp.maximum(of_motion, off)
-    # Past a switch by enough for round-off not to hide it, by too little for the kink to matter; four times more
-    # wherever that was not enough to get clear.
+    # Past a switch by enough for round-off not to hide it, by too little for the kink to matter.
     h = t1 - t0
     pad = jnp.maximum(4 * _EPS * jnp.abs(t1), means.allowed.margin * jnp.maximum(h, control.natural))
-    pad = pad * 4.0 ** jnp.minimum(control.stalls, 24)
+    pad = pad * control.reach
     crossed, s = first_switch(found, ends[1], problem.mechanism, jnp.minimum(pad / h, 0.5))
     at = t0 + s * h + pad
     # Where the motion is accurate the switch is located, also where the derivatives, whose slope jumps there, are not:
@@ -141,7 +142,8 @@ def decided(problem: Problem, verdict: Verdict, times: tuple, means: Means, cont
     end = jnp.where(cut, verdict.at, start + on_grid(step))
     stuck = cut & (verdict.at - t0 <= 8 * verdict.pad)
     free = keep & (control.natural == 0)
-    stalls = jnp.where(stuck, control.stalls + 1, jnp.where(free, 0, control.stalls))
+    further = jnp.minimum(FURTHER * control.reach, FURTHEST)
+    reach = jnp.where(stuck, further, jnp.where(free, 1.0, control.reach))
     natural = jnp.where(cut, jnp.maximum(control.natural, h), jnp.where(keep | ~accurate, 0.0, control.natural))
     breaks = each_lane(drive_breaks, t0)(problem.mechanism)
     start, past = past_break(breaks, keep, start)
@@ -151,7 +153,7 @@ def decided(problem: Problem, verdict: Verdict, times: tuple, means: Means, cont
         clipped = jnp.minimum(clipped, start + means.longest)
     natural = jnp.where(clipped < end, jnp.maximum(natural, end - start), natural)
     collapsed = (error > 1) & (h <= 8 * _EPS * jnp.abs(t1))
-    return Decision(keep, start, clipped, past, Control(natural, stalls), collapsed)
+    return Decision(keep, start, clipped, past, Control(natural, reach), collapsed)
 
 
 def factor(error: Each, accurate: EachFlag, order: float) -> Each:
