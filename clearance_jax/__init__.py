@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from clearance_jax.parameters import parameters, physical, replace
     from clearance_jax.results.dataset import to_dataset
     from clearance_jax.results.store import load_dataset, save
+    from clearance_jax.solve.batch import BatchReport, batch
     from clearance_jax.solve.settings import SolveOptions
     from clearance_jax.solve.simulate import simulate
     from clearance_jax.solve.solution import Solution
@@ -77,6 +78,7 @@ _NAMES = {
     "parameters": ("parameters", "physical", "replace"),
     "results.dataset": ("to_dataset",),
     "results.store": ("load_dataset", "save"),
+    "solve.batch": ("BatchReport", "batch"),
     "solve.settings": ("SolveOptions",),
     "solve.simulate": ("simulate",),
     "solve.solution": ("Solution",),
@@ -94,6 +96,7 @@ __all__ = [
     "AbstractNormalLaw",
     "AbstractSignal",
     "AbstractStiffness",
+    "BatchReport",
     "Body",
     "ClearanceError",
     "ConstantEffort",
@@ -125,6 +128,7 @@ __all__ = [
     "Trace",
     "TrustThresholds",
     "UntrustedGradient",
+    "batch",
     "configure",
     "design",
     "gradient_report",

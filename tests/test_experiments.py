@@ -2,7 +2,7 @@
 
 import pytest
 
-from experiments import batches, hard_cases, scalar, work_precision
+from experiments import batches, cores, hard_cases, scalar, work_precision
 
 
 @pytest.fixture(autouse=True)
@@ -45,3 +45,11 @@ def test_batches():
 
 def test_lanes_beside_scalar_c():
     assert scalar.main(quick=True) <= 1e-4
+
+
+def test_lanes_over_cores():
+    found = {(row.lanes, row.order): row.efficiency for row in cores.main(quick=True)}
+    for lanes in {lanes for lanes, _ in found}:
+        known = found[lanes, "by their true costs"]
+        assert all(found[lanes, order] <= known <= 1 for other, order in found if other == lanes)
+    assert found["the same, shuffled", "learned"] > found["the same, shuffled", "as they come"]

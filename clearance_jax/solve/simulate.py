@@ -12,6 +12,7 @@ from jaxtyping import Array
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
+from clearance_jax.solve import effort
 from clearance_jax.solve.flow import CLOSED, Inputs, closed_start, flow, plain_flow, states_of, with_states
 from clearance_jax.solve.settings import Settings, SolveOptions, settings_of
 from clearance_jax.solve.solution import Solution
@@ -61,6 +62,7 @@ def _run(mechanism, t1, settings: Settings, throw: bool, observers=(), integrand
     t1, given = jnp.asarray(t1, float), settings
     inputs = Inputs(mechanism, given.t0, t1, given.save_at, given.rtol, given.atol, given.y0, integrands)
     solution = flow(inputs, options=options) if options.derivatives == "controlled" else plain_flow(inputs, options)
+    effort.count(solution.steps, solution.rejected)
     if throw and not isinstance(solution.final, Tracer) and not bool(solution.succeeded):
         if given.y0 is None:
             check_assembled(mechanism, given.t0, _open_loops(mechanism, given.t0, options.start))

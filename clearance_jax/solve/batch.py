@@ -1,0 +1,252 @@
+"""`batch`: a function of one lane over any number of lanes, on every core, in bounded memory.
+
+The unit of work is a chunk of `LANES` lanes, one call of one compiled program: threads call it side by side (JAX lets
+go of Python while a program runs, and runs programs of different threads at once), so nothing is pickled, compiled
+twice, or configured before JAX starts, and a core that is done takes the next chunk. Larger calls are no faster, and
+would have to be filled up to their size or compiled anew for every number of lanes.
+"""
+
+import os
+import time
+from collections.abc import Callable
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from itertools import islice
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+
+from clearance_jax.errors import ClearanceError, quoted
+from clearance_jax.solve.effort import effort
+from clearance_jax.solve.expected import Lanes, as_numbers, cut, pilots, sorted_lanes
+from clearance_jax.solve.lanes import LANES
+
+
+class BatchReport(NamedTuple):
+    """How a batch went. It prints itself.
+
+    - `lanes`, `chunks`, `cores`: how many there were.
+    - `order`: in which lanes were run: "given", "learned", or by "cost".
+    - `efficiency`: attempts of the lanes over the attempts that their chunks ran, between 0 and 1: what is missing was
+      spent waiting for the longest lane of each chunk. `None` where the solves' attempts are not known.
+    - `compiling`, `running`: how long the two took [s].
+    """
+
+    lanes: int
+    chunks: int
+    cores: int
+    order: str
+    efficiency: float | None
+    compiling: float
+    running: float
+
+    def __str__(self) -> str:
+        known = "lane efficiency not known" if self.efficiency is None else f"lane efficiency {self.efficiency:.3f}"
+        return (
+            f"{self.lanes} lanes in {self.chunks} chunks on {self.cores} cores: {self.running:.3g} s after "
+            f"{self.compiling:.3g} s of compiling, {known} (order: {self.order})"
+        )
+
+
+def batch(
+    function: Any,
+    lanes: Any,
+    *,
+    cores: Any = None,
+    cost: Any = "learned",
+    progress: Callable[[float], Any] | None = None,
+    report: Callable[[BatchReport], Any] | None = None,
+) -> Any:
+    """`function` of every lane, as `jax.vmap(function)(lanes)` gives it; on every core, and in bounded memory.
+
+    A call from Python, not to be used inside jit, vmap or derivatives. Beside the results it keeps one chunk of 32
+    lanes for each core. The program is compiled at the first call with a function, for all numbers of lanes above 32;
+    numbers that a function holds as leaves of a tree (`jax.tree_util.Partial`, an `equinox.Module`) may change without
+    compiling again. A lane that fails has a result code and NaN, as under `jax.vmap`, and harms no other.
+
+    **Arguments:**
+
+    - `function`: of one lane, a tree of numbers, to a tree of arrays: of quantities, metrics, a whole `Solution`.
+    - `lanes`: a tree of arrays whose first axis are the lanes, shape (N, ...); units are the function's.
+    - `cores`: how many chunks run side by side; all that this process may use.
+    - `cost`: lanes that take equally many attempts fill a chunk best. "learned": the first chunks are run as they come,
+      and the others sorted by what those took, where that promises fuller chunks; no solve is spent on it. An array
+      (N,): sorted by these expected costs, in any unit. `None`: as they come.
+    - `progress`: called with the fraction done.
+    - `report`: called with the `BatchReport` at the end: `print` shows it, the `append` of a
+      list keeps it.
+
+    **Returns:** the function's tree, as NumPy arrays of shape (N, ...), in the order of `lanes`.
+
+    **Raises:** `ClearanceError` where there are no lanes, or leaves of `lanes` have different first axes; whatever the
+    function raises. Ctrl-C stops when the chunks that are running end.
+    """
+    leaves, count = _leaves(function, lanes)
+    cores, costs = _cores(cores), _costs(cost, count)
+    started = time.perf_counter()
+    work = _Work(function, leaves, jax.tree.structure(lanes), min(count, LANES))
+    compiled = time.perf_counter()
+    chunks, order = cut(np.arange(count), work.width), "given"
+    cores = min(cores, len(chunks))
+    if costs is not None:
+        chunks, order = cut(np.argsort(-costs, kind="stable"), work.width), "cost"
+    elif cost is not None:
+        first, chunks = pilots(chunks)
+        work.run(first, cores, progress)
+        longest_first = work.sorted(first, chunks)
+        if longest_first is not None:
+            chunks, order = cut(longest_first, work.width), "learned"
+    work.run(chunks, cores, progress)
+    if report is not None:
+        took = compiled - started, time.perf_counter() - compiled
+        report(BatchReport(count, -(-count // work.width), cores, order, work.efficiency, *took))
+    return work.values
+
+
+def _each(function: Callable, lanes: Any) -> Any:
+    """Of every lane its value, and the attempts of its solves (`None`: not known)."""
+
+    def one(lane):
+        with effort() as seen:
+            value = function(lane)
+        return value, seen.known
+
+    return jax.vmap(one)(lanes)
+
+
+_program: Any = eqx.filter_jit(_each)
+
+
+class _Work:
+    """The program of a batch, and what has become of its lanes so far."""
+
+    def __init__(self, function: Callable, leaves: list[np.ndarray], structure: Any, width: int):
+        self.function, self.leaves, self.structure, self.width = function, leaves, structure, width
+        self.count, self.done = len(leaves[0]), 0
+        self.values: Any = None
+        self.attempts = np.zeros(self.count)
+        self._own, self._ran = 0.0, 0.0
+        # Compiled here and not in a thread: whoever calls may have set JAX up for this thread alone. The second time
+        # that a function comes JAX still has its program.
+        self.program = _program.lower(function, self._inputs(np.arange(width))).compile()
+
+    def run(self, chunks: list[Lanes], cores: int, progress: Callable | None) -> None:
+        """These chunks, each on the next core that is free."""
+        waiting = iter(chunks)
+        with ThreadPoolExecutor(cores) as pool:
+
+            def begin(count: int) -> set[Future]:
+                return {pool.submit(self._call, chunk, self._inputs(chunk)) for chunk in islice(waiting, count)}
+
+            # Two a core: one runs, one is ready; all at once would be a second copy of the lanes.
+            running = begin(2 * cores)
+            try:
+                while running:
+                    ended, running = wait(running, return_when=FIRST_COMPLETED)
+                    running |= begin(len(ended))
+                    for call in ended:
+                        self._keep(*call.result())
+                    if progress is not None:
+                        progress(self.done / self.count)
+            except BaseException:  # an interruption too: what has not begun is not to begin
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
+
+    def sorted(self, tried: list[Lanes], others: list[Lanes]) -> Lanes | None:
+        """The other lanes by what was learned from those tried; `None`: as they are."""
+        if self.efficiency is None or not others:
+            return None
+        numbers = as_numbers(self.leaves, self.count)
+        lanes = np.concatenate(tried), np.concatenate(others)
+        return sorted_lanes(numbers, self.attempts, *lanes, self.efficiency, self.width)
+
+    @property
+    def efficiency(self) -> float | None:
+        """Attempts of the lanes so far over those that their chunks ran; `None` where they are not known."""
+        return self._own / self._ran if self._ran else None
+
+    def _inputs(self, chunk: Lanes) -> Any:
+        """The lanes of a chunk, filled up with its last one: another shape would be another program."""
+        full = np.pad(chunk, (0, self.width - len(chunk)), mode="edge")
+        return jax.tree.unflatten(self.structure, [jnp.asarray(leaf[full]) for leaf in self.leaves])
+
+    def _call(self, chunk: Lanes, inputs: Any) -> tuple[Lanes, Any, Any]:
+        return chunk, *jax.tree.map(np.asarray, self.program(self.function, inputs))
+
+    def _keep(self, chunk: Lanes, values: Any, attempts: list[np.ndarray] | None) -> None:
+        if self.values is None:
+            self.values = jax.tree.map(lambda x: np.empty((self.count, *x.shape[1:]), x.dtype), values)
+        jax.tree.map(lambda whole, x: _put(whole, chunk, x), self.values, values)
+        self.done += len(chunk)
+        for solve in attempts or []:
+            self.attempts[chunk] += solve[: len(chunk)]
+            self._own += solve[: len(chunk)].sum()
+            self._ran += solve.max() * self.width
+
+
+def _put(whole: np.ndarray, chunk: Lanes, values: np.ndarray) -> None:
+    whole[chunk] = values[: len(chunk)]
+
+
+# What is given -------------------------------------------------------------------------------------------------------
+
+
+def _leaves(function: Any, lanes: Any) -> tuple[list[np.ndarray], int]:
+    """The arrays of `lanes`, and how many lanes there are."""
+    if not callable(function):
+        raise ClearanceError(f"`function` must be a function of one lane, but it is {quoted(function)}.")
+    paths, _ = jax.tree_util.tree_flatten_with_path(lanes)
+    if not paths:
+        raise ClearanceError("`lanes` must be a tree of arrays whose first axis are the lanes, but it has no array.")
+    if any(isinstance(leaf, Tracer) for _, leaf in paths):
+        raise ClearanceError("`batch` is called from Python; inside jit, vmap or a derivative use `jax.vmap`.")
+    leaves = {f"lanes{jax.tree_util.keystr(path)}": _array(leaf) for path, leaf in paths}
+    for (name, leaf), (_, given) in zip(leaves.items(), paths, strict=True):
+        if leaf.ndim == 0 or leaf.dtype.kind not in "biufc":
+            raise ClearanceError(
+                f"Every leaf of `lanes` must be an array of numbers whose first axis are the lanes, but `{name}` is "
+                f"{quoted(given)}. (A list is a tree of its entries: make it an array.)"
+            )
+    sizes = {name: len(leaf) for name, leaf in leaves.items()}
+    count = min(sizes.values())
+    if count != max(sizes.values()):
+        few, many = min(sizes, key=sizes.__getitem__), max(sizes, key=sizes.__getitem__)
+        raise ClearanceError(
+            f"Every leaf of `lanes` must have as many lanes, but `{few}` has {sizes[few]} and `{many}` has "
+            f"{sizes[many]}."
+        )
+    if count == 0:
+        raise ClearanceError("There are no lanes: the first axis of `lanes` is empty.")
+    return list(leaves.values()), count
+
+
+def _array(leaf: Any) -> np.ndarray:
+    try:
+        return np.asarray(leaf)
+    except TypeError:  # random keys of JAX's own type
+        return np.asarray(None)
+
+
+def _cores(cores: Any) -> int:
+    """How many threads."""
+    if cores is None:
+        # What the process may use: of a machine that is shared often not all.
+        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if isinstance(cores, bool) or not isinstance(cores, int | np.integer) or cores < 1:
+        raise ClearanceError(f"`cores` must be a whole number, at least 1, but it is {quoted(cores)}.")
+    return int(cores)
+
+
+def _costs(cost: Any, count: int) -> np.ndarray | None:
+    """The expected cost of each lane, where it is given."""
+    if cost is None or (isinstance(cost, str) and cost == "learned"):
+        return None
+    costs = None if isinstance(cost, str) else np.asarray(cost)
+    if costs is None or costs.shape != (count,) or not np.issubdtype(costs.dtype, np.number):
+        raise ClearanceError(
+            f'`cost` must be "learned", an array of {count} numbers, one a lane, or `None`, but it is {quoted(cost)}.'
+        )
+    return costs.astype(float)

@@ -1,0 +1,58 @@
+"""How many attempts each solve of a function takes, for a caller who cannot see them in what the function returns.
+
+While a function is traced, its solves leave their counts in the list that is open. A count is good only where the list
+was opened: a number of an inner jit, vmap or derivative cannot leave it, so a function with solves in there has no
+known effort.
+"""
+
+import contextlib
+import dataclasses
+from collections.abc import Iterator
+from contextvars import ContextVar
+from typing import Any
+
+from jaxtyping import Array, Int
+
+try:
+    from jax.extend.core import get_opaque_trace_state
+except ImportError:  # where it was before JAX 0.8
+    from jax.core import get_opaque_trace_state  # pyright: ignore[reportAttributeAccessIssue]
+
+
+@dataclasses.dataclass
+class Effort:
+    """The attempts of the solves seen so far, and whether one could not be counted."""
+
+    place: Any
+    attempts: list[Int[Array, ""]]
+    hidden: bool = False
+
+    @property
+    def known(self) -> list[Int[Array, ""]] | None:
+        """The attempts of every solve; `None` where not all are known, or there was none."""
+        return None if self.hidden else self.attempts or None
+
+
+_open: ContextVar[Effort | None] = ContextVar("effort", default=None)
+
+
+@contextlib.contextmanager
+def effort() -> Iterator[Effort]:
+    """Within, every solve is counted."""
+    counts = Effort(get_opaque_trace_state(convention="clearance_jax"), [])
+    token = _open.set(counts)
+    try:
+        yield counts
+    finally:
+        _open.reset(token)
+
+
+def count(accepted: Int[Array, ""], rejected: Int[Array, ""]) -> None:
+    """A solve has taken so many steps, and rejected so many: told to whoever counts."""
+    counts = _open.get()
+    if counts is None:
+        return
+    if counts.place == get_opaque_trace_state(convention="clearance_jax"):
+        counts.attempts.append(accepted + rejected)
+    else:
+        counts.hidden = True

@@ -1,0 +1,177 @@
+"""Lanes over cores: `python -m experiments.cores` writes out/cores.md, out/cores_orders.md, out/cores_memory.md.
+
+`cj.batch` of slider-cranks, one revolution at 5000 rpm, rtol 1e-5, two numbers a lane; compiling excluded.
+
+- Cores: sweeps over the clearance (0.05 to 0.5 mm) of several sizes, the shortest times of several rounds in which one
+  core and all cores take turns. `over the largest`: CPU time per lane over that of the largest sweep. `over one core`:
+  the gain in wall time, which is less where the cores have other work too.
+- Orders: how full the chunks of 32 lanes are (attempts of the lanes over those that their chunks ran), with lanes as
+  they come, sorted by what the first chunks took, sorted by a probe, and sorted by their true costs. A probe is a solve
+  with a loose tolerance; its price is its attempts over those of the solve.
+- Memory: the peak of a process of its own, one stage after the other.
+"""
+
+import json
+import resource
+import subprocess
+import sys
+import time
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+import clearance_jax as cj
+from experiments.batches import END
+from experiments.common import output, slider_crank, table
+from experiments.publish import command, say
+
+RTOL, PROBE = 1e-5, 1e-4
+SWEEP = (5e-5, 5e-4)
+CLEARANCE = "wrist.radial_clearance"
+SCATTERED = (CLEARANCE, "slider.mass", "wrist.normal.stiffness.pin_modulus", "wrist.normal.damping")
+MOST = 65_536
+
+
+class Size(NamedTuple):
+    """A sweep: how full its chunks were, and the shortest wall and CPU times per lane [s]."""
+
+    lanes: int
+    cores: int
+    efficiency: float
+    wall: float
+    cpu: float
+
+
+class Order(NamedTuple):
+    """Lanes in an order: how full their chunks were, and the price of knowing it [attempts over those of the lanes]."""
+
+    lanes: str
+    order: str
+    efficiency: float
+    price: float
+
+
+def solved(lane: dict[str, Any]) -> tuple[jax.Array, jax.Array]:
+    """Where the slider ends [m], and how many attempts that took; the tolerance is a number of the lane."""
+    numbers = {name: value for name, value in lane.items() if name != "rtol"}
+    solution = cj.simulate(cj.replace(slider_crank(), numbers), END, rtol=lane["rtol"], books=False)
+    return solution["piston.position.x"], solution.steps + solution.rejected
+
+
+def at(rtol: float, lanes: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """These lanes, to be solved with this tolerance."""
+    return {**lanes, "rtol": np.full(len(lanes[CLEARANCE]), rtol)}
+
+
+def sweep(lanes: int) -> dict[str, np.ndarray]:
+    return at(RTOL, {CLEARANCE: np.linspace(*SWEEP, lanes)})
+
+
+def reported(lanes, **options) -> tuple[Any, cj.BatchReport]:
+    reports: list[cj.BatchReport] = []
+    return cj.batch(solved, lanes, report=reports.append, **options), reports[0]
+
+
+def over_cores(quick: bool) -> list[Size]:
+    """Sweeps of several sizes, on one core and on all."""
+    sizes = (64,) if quick else (64, 256, 1024, 4096, 16_384, MOST)
+    _, known = reported(sweep(64))
+    rows = []
+    for lanes in sizes:
+        best: dict[int, Size] = {}
+        # Much the same time goes to every size, but for the largest.
+        for _ in range(1 if quick else min(100, max(3, 100_000 // lanes))):
+            for cores in sorted({1, known.cores}):
+                clock = time.process_time()
+                _, report = reported(sweep(lanes), cores=cores)
+                took = report.running / lanes, (time.process_time() - clock) / lanes
+                least = best.get(cores, Size(lanes, cores, report.efficiency or np.nan, *took))
+                best[cores] = least._replace(wall=min(least.wall, took[0]), cpu=min(least.cpu, took[1]))
+        rows += best.values()
+    return rows
+
+
+def over_orders(quick: bool) -> list[Order]:
+    """Every order of every kind of lanes."""
+    lanes, rng = 128 if quick else 4096, np.random.default_rng(0)
+    usual = {name: float(cj.parameters(slider_crank())[name].value) for name in SCATTERED}
+    mixed = rng.permutation(lanes)
+    kinds = {
+        "sweep over the clearance": sweep(lanes),
+        "the same, shuffled": {name: values[mixed] for name, values in sweep(lanes).items()},
+        "four numbers, each up to 50 % off": {n: x * rng.uniform(0.5, 1.5, lanes) for n, x in usual.items()},
+        "four numbers, scatter 5 %": {n: x * np.exp(rng.normal(0, 0.05, lanes)) for n, x in usual.items()},
+    }
+    rows = []
+    for kind, given in kinds.items():
+        places, attempts = cj.batch(solved, at(RTOL, given), cost=None)
+        _, probe = cj.batch(solved, at(PROBE, given))
+        for order, cost, price in (
+            ("as they come", None, 0.0),
+            ("learned", "learned", 0.0),
+            (f"by a probe at rtol {PROBE:.0e}", probe, float(np.sum(probe) / np.sum(attempts))),
+            ("by their true costs", attempts, 1.0),
+        ):
+            (again, _), report = reported(at(RTOL, given), cost=cost)
+            assert np.array_equal(again, places), "the order changes a lane"
+            assert report.efficiency is not None
+            rows.append(Order(kind, order, report.efficiency, price))
+    return rows
+
+
+def memory() -> dict[str, float]:
+    """The peak of this process [MiB], after each stage."""
+
+    def peak() -> float:
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10)
+
+    stages = {"Python, JAX and this library imported": peak()}
+    cj.batch(solved, sweep(32))
+    stages["compiled, 32 lanes"] = peak()
+    cj.batch(solved, sweep(MOST))
+    stages[f"{MOST} lanes"] = peak()
+    return stages
+
+
+def main(quick: bool = False) -> list[Order]:
+    """Write the tables; returns the orders."""
+    end = "_quick" if quick else ""
+    sizes = over_cores(quick)
+    alone = {size.lanes: size.wall for size in sizes if size.cores == 1}
+    largest = {size.cores: size.cpu for size in sizes}
+    table(
+        ("lanes", "cores", "lane efficiency", "ms per lane", "CPU ms per lane", "over the largest", "over one core"),
+        [
+            (
+                *(size.lanes, size.cores, f"{size.efficiency:.3f}", f"{size.wall * 1e3:.3f}", f"{size.cpu * 1e3:.3f}"),
+                f"{size.cpu / largest[size.cores]:.2f}",
+                f"{alone[size.lanes] / size.wall:.2f}",
+            )
+            for size in sizes
+        ],
+        output(f"cores{end}.md"),
+    )
+    orders = over_orders(quick)
+    table(
+        ("lanes", "order", "lane efficiency", "price"),
+        [(*row[:2], f"{row.efficiency:.3f}", f"{row.price:.2f}") for row in orders],
+        output(f"cores_orders{end}.md"),
+    )
+    if not quick:
+        answer = subprocess.run(
+            [sys.executable, "-m", "experiments.cores", "--memory"], capture_output=True, text=True, check=True
+        )
+        stages = json.loads(answer.stdout.splitlines()[-1])
+        rows = [(stage, f"{size:.0f}") for stage, size in stages.items()]
+        table(("a process of its own", "peak memory, MiB"), rows, output("cores_memory.md"))
+    say("Every order gave every lane the same place, bit for bit.")
+    return orders
+
+
+if __name__ == "__main__":
+    if "--memory" in sys.argv:
+        cj.configure()
+        print(json.dumps(memory()))
+    else:
+        command(main, __doc__)
