@@ -2,7 +2,7 @@
 
 import pytest
 
-from experiments import batches, hard_cases, scalar, work_precision
+from experiments import batches, gpu, hard_cases, scalar, work_precision
 
 
 @pytest.fixture(autouse=True)
@@ -45,3 +45,18 @@ def test_batches():
 
 def test_lanes_beside_scalar_c():
     assert scalar.main(quick=True) <= 1e-4
+
+
+def test_gpu_with_the_cpu_in_its_place(tmp_path):
+    (row,) = gpu.main(quick=True)
+    *_, median, largest, slopes = row
+    assert float(median) <= float(largest) <= 1e-5
+    assert float(slopes) <= 1e-2
+    assert (tmp_path / "out" / "gpu_quick.md").exists()
+
+
+def test_without_a_gpu_nothing_is_written(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(gpu, "device_of", lambda quick: None)
+    assert gpu.main() == []
+    assert capsys.readouterr().out.count("\n") == 1
+    assert not list(tmp_path.iterdir())
