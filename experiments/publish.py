@@ -58,7 +58,7 @@ def command(main: Callable, doc: str | None, quick: str = "a tiny version of eac
         parser.error("what a quick run finds is not worth publishing: give `--save` alone")
     cj.configure(cache=True)
     main(given.quick)
-    if given.save:
+    if given.save and found:
         named = re.search(r"python -m ([\w.]+(?: \w+)?)`", doc)
         assert named, "the documentation of an experiment names its command"
         path = PAGES / f"{stem(named[1])}.md"

@@ -2,7 +2,7 @@
 
 import pytest
 
-from experiments import batches, cores, hard_cases, scalar, work_precision
+from experiments import batches, cores, gpu, hard_cases, scalar, work_precision
 
 
 @pytest.fixture(autouse=True)
@@ -53,3 +53,18 @@ def test_lanes_over_cores():
         known = found[lanes, "by their true costs"]
         assert all(found[lanes, order] <= known <= 1 for other, order in found if other == lanes)
     assert found["the same, shuffled", "learned"] > found["the same, shuffled", "as they come"]
+
+
+def test_gpu_with_the_cpu_in_its_place(tmp_path):
+    (row,) = gpu.main(quick=True)
+    *_, median, largest, slopes = row
+    assert float(median) <= float(largest) <= 1e-5
+    assert float(slopes) <= 1e-2
+    assert (tmp_path / "out" / "gpu_quick.md").exists()
+
+
+def test_without_a_gpu_nothing_is_written(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(gpu, "device_of", lambda quick: None)
+    assert gpu.main() == []
+    assert capsys.readouterr().out.count("\n") == 1
+    assert not list(tmp_path.iterdir())

@@ -1,7 +1,8 @@
 """Drives lanes: many motions side by side, in chunks of which each goes on until its own slowest lane ends.
 
 A batch of a thousand lanes in one loop runs operation by operation through memory, and waits for its slowest lane. A
-chunk stays in the cache and compiles to one function; `over_chunks` is what `jax.vmap` of a solve becomes.
+chunk stays in the cache and compiles to one function; `over_chunks` is what `jax.vmap` of a solve becomes. On a GPU an
+operation costs the same for one lane and for thousands, so a batch is one loop there (`LANES_ON_GPU`).
 """
 
 from collections.abc import Callable
@@ -16,9 +17,13 @@ from clearance_jax.solve.attempt import Carry, Options, attempt, dense, means_of
 from clearance_jax.solve.codes import Result
 from clearance_jax.solve.lane_axis import each_lane
 from clearance_jax.solve.outcome import Outcome, Task
+from clearance_jax.solve.platforms import by_platform
 
 # Lanes of a chunk: the fastest of 8 to 256 on one core (`experiments/batches`).
 LANES = 32
+# On a GPU a chunk only bounds the memory: compiled for one, a solve of a few coordinates keeps 1 to 3 kB a lane. (Not
+# chosen by a measurement: no GPU was at hand.)
+LANES_ON_GPU = 65536
 
 
 def integrate(task: Task, options: Options) -> Outcome:
@@ -75,7 +80,7 @@ def _sampled(samples: Array, place: Array, times: Array, ends: tuple[Each, Each]
     return jax.lax.while_loop(lambda s: jnp.any(due(s[1])[0]), once, (samples, place))
 
 
-def over_chunks(solve: Callable, batch: Any, count: int, lanes: int = LANES) -> Any:
+def over_chunks(solve: Callable, batch: Any, count: int, lanes: int) -> Any:
     """`solve` of a batch of `count` (the first axis of every array), chunk by chunk; the last chunk is filled with
     copies of the last lane.
     """
@@ -111,7 +116,14 @@ def batched(one: Callable, together: Callable, lanes: int = LANES) -> Callable:
 
     @jax.custom_batching.custom_vmap
     def many(batch):
-        return over_chunks(together, batch, jax.tree.leaves(batch)[0].shape[0], lanes)
+        count = jax.tree.leaves(batch)[0].shape[0]
+        if count <= lanes:
+            return together(batch)
+
+        def chunks(lanes):
+            return lambda batch: over_chunks(together, batch, count, lanes)
+
+        return by_platform(chunks(lanes), chunks(LANES_ON_GPU), batch)
 
     @many.def_vmap
     def _merged(outer, in_batched, batch):

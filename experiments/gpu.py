@@ -1,0 +1,199 @@
+"""Batches on a GPU beside two cores of its CPU, float64: `python -m experiments.gpu` writes out/gpu.md.
+
+Each batch is one loop on the GPU. Slider-cranks go through a revolution, joint 5 of a robot (with friction) through the
+first 0.6 s of its motion, for clearances from 0.05 to 0.5 mm at rtol 1e-5; the batch of derivatives is the
+slider-crank's, by clearance, friction and the conrod's mass. The CPU solves a share of the same lanes, half of them on
+each of two cores, one process each. `ratio` is the GPU's lanes a second over those of both cores. Errors are those of
+the final position, over the largest, and of the derivatives, each over its largest, against a reference on the CPU
+(Dopri8 at rtol 1e-10) for some of the lanes. What is compiled is traced and compiled anew, and run twice: the second
+run counts. Without a GPU there is nothing to measure, and nothing is written.
+"""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import clearance_jax as cj
+from experiments.batches import END
+from experiments.common import joint5, output, seconds, slider_crank, table
+from experiments.publish import command, say
+
+RTOL = 1e-5
+TRUTH: dict[str, Any] = {"rtol": 1e-10, "solver": "dopri8"}
+NAMES = ("wrist.radial_clearance", "wrist.friction.coefficient", "conrod.mass")
+# No program is begun later than this [s]: a GPU may be lent for ten minutes.
+LATEST = 480.0
+
+
+class Sizes(NamedTuple):
+    """Lanes of the batches on the GPU, of the share on two cores, of the reference; and the processes of the CPU."""
+
+    batches: tuple[int, ...] = (256, 1024, 4096, 16384, 65536)
+    share: int = 256
+    references: int = 64
+    processes: int = 2
+
+
+QUICK = Sizes((8,), 8, 4, 1)
+
+
+# What is solved: every program is a function of one lane's numbers, and gives a position and its derivatives ----------
+
+
+def crank(numbers, rtol=RTOL, **options):
+    mechanism = cj.replace(slider_crank(), dict(zip(NAMES, numbers, strict=True)))
+    return cj.simulate(mechanism, END, rtol=rtol, books=False, **options)["piston.position.x"]
+
+
+def crank_slopes(numbers, **options):
+    value, slopes = jax.value_and_grad(lambda numbers: crank(numbers, **options))(numbers)
+    return jnp.concatenate([value[None], slopes])
+
+
+def robot(numbers, rtol=RTOL, **options):
+    changes = {"joint5.radial_clearance": numbers[0], "joint5.friction.coefficient": numbers[1]}
+    return cj.simulate(cj.replace(joint5(), changes), 0.6, rtol=rtol, books=False, **options)["end.position.x"]
+
+
+PROGRAMS: dict[str, Callable] = {
+    "slider-crank": lambda numbers, **options: crank(numbers, **options)[None],
+    "joint 5, friction": lambda numbers, **options: robot(numbers, **options)[None],
+    "slider-crank, 3 derivatives": crank_slopes,
+}
+# The reference of the derivatives is that of their positions, too.
+REFERENCES = {"slider-crank": "slider-crank, 3 derivatives"}
+
+
+def lanes(program: str, count: int, references: int = 0):
+    """Numbers of the lanes: those of the reference, then as many as are left."""
+    clearances = np.concatenate([np.linspace(5e-5, 5e-4, n) for n in (references, count - references)])
+    others = [0.3] if program == "joint 5, friction" else [0.03, 0.21]
+    return jnp.stack([jnp.asarray(clearances), *(jnp.full(count, x) for x in others)], axis=1)
+
+
+# The CPU's part, in processes of its own ------------------------------------------------------------------------------
+
+
+def part_of_cpu(part: int, sizes: Sizes, programs: list[str]) -> dict:
+    """One core's part: of each program the lanes a second, and the reference."""
+    if hasattr(os, "sched_setaffinity"):
+        cores = sorted(os.sched_getaffinity(0))
+        # The first and the last: neighbours may be one core's two threads.
+        os.sched_setaffinity(0, {cores[0 if part == 0 else -1]})
+    found = {}
+    for name in programs:
+        share = jnp.array_split(lanes(name, sizes.share), sizes.processes)[part]
+        run = jax.jit(jax.vmap(PROGRAMS[name]))
+        took = seconds(lambda run=run, share=share: run(share), 1)
+        found[name] = {"rate": len(share) / took}
+        if name not in REFERENCES:
+            some = jnp.array_split(lanes(name, sizes.references), sizes.processes)[part]
+            exact = jax.jit(jax.vmap(lambda numbers, name=name: PROGRAMS[name](numbers, **TRUTH)))
+            found[name]["truth"] = np.asarray(exact(some)).tolist()
+    return found
+
+
+def by_cpu(quick: bool, sizes: Sizes, programs: list[str]) -> tuple[dict[str, float], dict[str, np.ndarray]]:
+    """Lanes a second of both cores, and the references."""
+    environment = os.environ | {"JAX_PLATFORMS": "cpu"}
+    running = [
+        subprocess.Popen(
+            [sys.executable, "-m", "experiments.gpu", "--part", str(part), json.dumps(quick), *programs],
+            env=environment,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        for part in range(sizes.processes)
+    ]
+    answers = [process.communicate()[0] for process in running]
+    for process in running:
+        if process.returncode:
+            raise RuntimeError("The CPU's part of the measurement failed; what it said is above.")
+    parts = [json.loads(answer.splitlines()[-1]) for answer in answers]
+    rates = {name: sum(part[name]["rate"] for part in parts) for name in programs}
+    truths = {
+        name: np.concatenate([part[name]["truth"] for part in parts]) for name in programs if name not in REFERENCES
+    }
+    return rates, truths
+
+
+# The GPU's ------------------------------------------------------------------------------------------------------------
+
+
+def by_device(device: Any, program: str, count: int, references: int) -> tuple[np.ndarray, float, float]:
+    """What the lanes of the reference gave, seconds to trace and compile, and to run."""
+    numbers = jax.device_put(lanes(program, count, references), device)
+    clock = time.perf_counter()
+    run = jax.jit(jax.vmap(PROGRAMS[program])).lower(numbers).compile()
+    compiled = time.perf_counter() - clock
+    values = np.asarray(run(numbers))
+    clock = time.perf_counter()
+    jax.block_until_ready(run(numbers))
+    return values[:references], compiled, time.perf_counter() - clock
+
+
+def errors(values: np.ndarray, truth: np.ndarray) -> tuple[str, str, str]:
+    """Median and largest error of the position, and the median of the derivatives'."""
+    truth = truth[:, : values.shape[1]]
+    relative = np.abs(values - truth) / np.abs(truth).max(0)
+    slopes = f"{np.median(relative[:, 1:]):.1e}" if values.shape[1] > 1 else ""
+    return f"{np.median(relative[:, 0]):.1e}", f"{relative[:, 0].max():.1e}", slopes
+
+
+def device_of(quick: bool) -> Any:
+    """The GPU; in quick mode the CPU stands in for it. `None` where there is none."""
+    try:
+        return jax.devices("cpu" if quick else "gpu")[0]
+    except RuntimeError:
+        return None
+
+
+def main(quick: bool = False) -> list[tuple]:
+    """Write the table; returns its rows."""
+    began = time.monotonic()
+    device = device_of(quick)
+    if device is None:
+        print("There is no GPU that JAX can use here (`pip install 'jax[cuda13]'` on a machine with one).")
+        return []
+    sizes = QUICK if quick else Sizes()
+    programs = ["slider-crank, 3 derivatives"] if quick else list(PROGRAMS)
+    rates, truths = by_cpu(quick, sizes, programs)
+    rows, left = [], []
+    # The largest first: should the time run out, small batches are missed least.
+    for count in sorted(sizes.batches, reverse=True):
+        for name in programs:
+            if time.monotonic() - began > LATEST:
+                left.append(f"{count} lanes of {name}")
+                continue
+            values, compiled, took = by_device(device, name, count, sizes.references)
+            apart = errors(values, truths[REFERENCES.get(name, name)])
+            rate, cpu = count / took, rates[name]
+            figures = f"{compiled:.1f}", f"{took:.2f}", f"{rate:.0f}", f"{cpu:.0f}", f"{rate / cpu:.1f}"
+            rows.append((name, count, *figures, *apart))
+            print(*rows[-1], flush=True)
+    rows.sort(key=lambda row: (programs.index(row[0]), row[1]))
+    say(f"On {device.device_kind}.")
+    head = "program", "lanes", "compile [s]", "run [s]", "lanes/s", "lanes/s, two cores", "ratio"
+    head += "error median", "error max", "derivatives' median"
+    table(head, rows, output(f"gpu{'_quick' if quick else ''}.md"))
+    if left:
+        say(f"Not measured, for want of time: {', '.join(left)}.")
+    return rows
+
+
+if __name__ == "__main__":
+    if "--part" in sys.argv:
+        part, small, *names = sys.argv[sys.argv.index("--part") + 1 :]
+        cj.configure(cache=True)
+        print(json.dumps(part_of_cpu(int(part), QUICK if json.loads(small) else Sizes(), names)))
+    else:
+        jax.config.update("jax_enable_compilation_cache", False)  # the table says how long compiling takes
+        command(main, __doc__)
