@@ -104,7 +104,7 @@ def field(time: Each, y: Array, problem: Problem, counts: Flag | None = None) ->
     if not problem.varies:
         return vector(rates(problem.model, tuple(y[i] for i in range(problem.size))))
     stacks = tuple(y[:, i] for i in range(problem.size))
-    count = jax.tree.leaves(problem.directions)[0].shape[0]
+    count = y.shape[0] - 1
     outputs = jax.eval_shape(rates, problem.model, tuple(stack[0] for stack in stacks))
     speeds = problem.speeds.stop - problem.speeds.start
     push = lift if len(outputs) - speeds > count else pulled
@@ -128,7 +128,7 @@ def pulled(function, problem: Problem, stacks: Rows) -> Rows:
     inputs = (*leaves, *(stack[0] for stack in stacks))
     moving = (*directions, *(stack[1:] for stack in stacks))
     values, along = jax.linearize(flat, *inputs)
-    count = directions[0].shape[0]
+    count = stacks[0].shape[0] - 1
     out = []
     for i, (value, reached) in enumerate(zip(values, _reach(flat, *inputs), strict=True)):
         pulls = jax.linear_transpose(lambda *rates, i=i: along(*rates)[i], *inputs)(jnp.ones_like(value))
