@@ -8,6 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from clearance_jax._sharing import shared
+
 Real = Float[Array, "..."]
 
 # pi/2 in two parts (Cody and Waite): the first has 33 significant bits, so that n * part is exact for |n| < 2**19.
@@ -40,11 +42,12 @@ def sincos(angle: Real) -> tuple[Real, Real]:
     The error is below 4e-16 for |angle| < 50 and grows as 1e-16 * |angle| beyond, which is what an angle of that size
     is worth in float64 anyway.
     """
-    quarter_turns = jnp.floor(angle * (2 / np.pi) + 0.5)
-    x = (angle - quarter_turns * _HALF_PI_HIGH) - quarter_turns * _HALF_PI_LOW
+    # Both results choose among both polynomials: what these are made of is shared.
+    quarter_turns = shared(jnp.floor(angle * (2 / np.pi) + 0.5))
+    x = shared((angle - quarter_turns * _HALF_PI_HIGH) - quarter_turns * _HALF_PI_LOW)
     xx = x * x
-    sine = x + x * xx * _horner(_SIN, xx)
-    cosine = 1 - 0.5 * xx + xx * xx * _horner(_COS, xx)
+    sine = shared(x + x * xx * _horner(_SIN, xx))
+    cosine = shared(1 - 0.5 * xx + xx * xx * _horner(_COS, xx))
     quadrant = quarter_turns - 4 * jnp.floor(quarter_turns * 0.25)
     swapped = (quadrant == 1) | (quadrant == 3)
     sine, cosine = jnp.where(swapped, cosine, sine), jnp.where(swapped, sine, cosine)
@@ -81,7 +84,7 @@ def safe_norm(x: Real, y: Real) -> Real:
 
 def safe_unit(x: Real, y: Real) -> tuple[Real, Real, Real]:
     """`(length, x/length, y/length)`; at the origin the direction is undefined and (0, 0) is returned."""
-    length = safe_norm(x, y)
+    length = shared(safe_norm(x, y))
     inverse = 1 / jnp.where(length > 0, length, 1.0)
     return length, x * inverse, y * inverse
 

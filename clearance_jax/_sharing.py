@@ -13,6 +13,9 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+# What a barrier's own operations are named in a compiled program (`experiments/operations` leaves them out).
+BARRIER = "shared"
+
 _sharing: ContextVar[bool] = ContextVar("sharing", default=False)
 
 
@@ -27,13 +30,20 @@ def sharing() -> Iterator[None]:
 
 
 def shared(tree: Any) -> Any:
-    """The same numbers, which a compiled program over lanes computes once."""
-    return jax.tree.map(_divided, tree) if _sharing.get() else tree
+    """The same numbers and flags, which a compiled program over lanes computes once."""
+    return jax.tree.map(_once, tree) if _sharing.get() else tree
 
 
-def _divided(x: Any) -> Any:
-    if not (isinstance(x, jax.Array) and jnp.issubdtype(x.dtype, jnp.inexact)):
+def _once(x: Any) -> Any:
+    if not isinstance(x, jax.Array):
         return x
+    if x.dtype == bool:
+        return _divided(jnp.where(x, 1.0, 0.0)) > 0
+    return _divided(x) if jnp.issubdtype(x.dtype, jnp.inexact) else x
+
+
+def _divided(x: jax.Array) -> jax.Array:
     # Nothing is beyond infinity. The one is made of `x` itself: one for all its entries would be inverted first, and
     # a product with the inverse is computed anew again.
-    return x / jnp.where(x > jnp.inf, 2.0, 1.0)
+    with jax.named_scope(BARRIER):
+        return x / jnp.where(x > jnp.inf, 2.0, 1.0)

@@ -5,6 +5,7 @@ from typing import Any
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from clearance_jax._sharing import shared
 from clearance_jax._types import Each
 from clearance_jax.mechanism.state import Layout
 from clearance_jax.solve.lane_axis import component_axis, components
@@ -21,17 +22,21 @@ def quintic_coefficients(start, end) -> tuple:
     both ends.
     """
     (p, v, c), (q, w, g) = start, end
-    d, e, f = q - p - v - 0.5 * c, w - v - c, g - c
+    d, e, f = shared((q - p - v - 0.5 * c, w - v - c, g - c))
     return p, v, 0.5 * c, 10 * d - 4 * e + 0.5 * f, -15 * d + 7 * e - f, 6 * d - 3 * e + 0.5 * f
 
 
+def rising(coefficients, width: Any = 1.0) -> list:
+    """Coefficients of a polynomial's slope, over the `width` of its unit of x."""
+    return [k * c / width for k, c in enumerate(coefficients[1:], 1)]
+
+
 def polynomial(coefficients, x):
-    """Value and slope of a polynomial at x."""
-    value, slope = coefficients[-1], 0.0
+    """The value of a polynomial at x, for its coefficients, the constant first."""
+    value = coefficients[-1]
     for c in coefficients[-2::-1]:
-        slope = slope * x + value
         value = value * x + c
-    return value, slope
+    return value
 
 
 def between(ends: tuple[Array, Array, Array, Array], h: Each, x, plan: Layout) -> Array:
@@ -49,9 +54,10 @@ def between(ends: tuple[Array, Array, Array, Array], h: Each, x, plan: Layout) -
 
     q, v, rest = plan.q, plan.v, slice(plan.v.stop, None)
     start, end = ((of(y, q), h * of(y, v), h * h * of(slope, v)) for y, slope in ((y0, slope0), (y1, slope1)))
-    place, speed = polynomial(quintic_coefficients(start, end), x)
+    coefficients = quintic_coefficients(start, end)
+    place, speed = polynomial(coefficients, x), polynomial(shared(rising(coefficients, h)), x)
     others = hermite(of(y0, rest), h * of(slope0, rest), of(y1, rest), h * of(slope1, rest), x)
-    return jnp.concatenate([place, speed / h, others], axis=component_axis(h))
+    return jnp.concatenate([place, speed, others], axis=component_axis(h))
 
 
 def tops(value: Array, slope: Array, width: Any = 1.0) -> tuple[Array, Array, Array]:

@@ -12,15 +12,18 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from clearance_jax._sharing import shared
 from clearance_jax._types import Each, EachFlag
 from clearance_jax.solve.attempt import Carry, Options, attempt, dense, means_of, start_carry
 from clearance_jax.solve.codes import Result
-from clearance_jax.solve.lane_axis import each_lane
+from clearance_jax.solve.lane_axis import each_lane, sharing_lanes
 from clearance_jax.solve.outcome import Outcome, Task
 from clearance_jax.solve.platforms import by_platform
 
+# Numbers that one instruction holds (512 bits): a chunk of whole vectors has no lanes left over to do one by one.
+VECTOR = 8
 # Lanes of a chunk: the fastest of 8 to 256 on one core (`experiments/batches`).
-LANES = 32
+LANES = 64
 # On a GPU a chunk only bounds the memory: compiled for one, a solve of a few coordinates keeps 1 to 3 kB a lane. (Not
 # chosen by a measurement: no GPU was at hand.)
 LANES_ON_GPU = 65536
@@ -46,7 +49,8 @@ def _integrate(task: Task, options: Options) -> Outcome:
 
     def once(state):
         carry, samples, place = state
-        now = going(carry)
+        with sharing_lanes(last):
+            now = shared(going(carry))
         moved, trial, keep = attempt(carry, problem, options, means, last)
         if task.save_at is not None:
             ends = carry.time, carry.end
@@ -85,21 +89,23 @@ def over_chunks(solve: Callable, batch: Any, count: int, lanes: int) -> Any:
     copies of the last lane.
     """
     chunks = -(-count // lanes)
-    if chunks == 1:
-        return solve(batch)
-    width = -(-count // chunks)
+    width = min(lanes, VECTOR * -(-count // (chunks * VECTOR)))
 
     def cut(x):
         filled = jnp.concatenate([x, jnp.broadcast_to(x[-1:], (chunks * width - count, *x.shape[1:]))])
         return filled.reshape(chunks, width, *x.shape[1:])
 
-    out = jax.lax.map(solve, jax.tree.map(cut, batch))
+    filled = jax.tree.map(cut, batch)
+    if chunks == 1:
+        out = jax.tree.map(lambda x: x[None], solve(jax.tree.map(lambda x: x[0], filled)))
+    else:
+        out = jax.lax.map(solve, filled)
     return jax.tree.map(lambda x: x.reshape(chunks * width, *x.shape[2:])[:count], out)
 
 
 def chunk_of(rows: int) -> int:
     """Lanes of a chunk of stacks of so many rows: fewer where there are many, down to what one instruction holds."""
-    return max(8, min(LANES, 8 * (LANES // rows)))
+    return max(VECTOR, min(LANES, VECTOR * (LANES // rows)))
 
 
 def batched(one: Callable, together: Callable, lanes: int = LANES) -> Callable:

@@ -19,7 +19,7 @@ from clearance_jax.dynamics.kinematics import relative_accelerations, relative_m
 from clearance_jax.joints import ContactPoint, PreparedClearance, Relative
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
-from clearance_jax.solve.interpolate import between, polynomial, quintic_coefficients, tops
+from clearance_jax.solve.interpolate import between, polynomial, quintic_coefficients, rising, tops
 from clearance_jax.solve.lane_axis import each_lane
 
 # Samples of a step.
@@ -29,17 +29,23 @@ CHECKED = (0.3, 0.6)
 
 
 class Curve(NamedTuple):
-    """The relative motion of one joint along a step of size `h`: coefficients (6, 3, *lanes) of its pose over the
+    """The relative motion of one joint along a step of size `h`: coefficients of its pose and of its twist over the
     fraction.
     """
 
-    coefficients: Float[Array, "6 3 *lanes"]
+    pose: Float[Array, "6 3 *lanes"]
+    twist: Float[Array, "5 3 *lanes"]
     h: Each
+
+    @staticmethod
+    def of(pose: Array, h: Each) -> "Curve":
+        """The curve by the coefficients of its pose."""
+        # The twist by coefficients of its own: by those of the pose a compiler would make them anew wherever it is.
+        return Curve(pose, shared(jnp.stack(rising(tuple(pose), h))), h)
 
     def at(self, s: Each) -> Relative:
         """The relative motion at a fraction of the step."""
-        pose, slope = shared(polynomial(tuple(self.coefficients[k] for k in range(6)), s))
-        return relative_of(pose, slope / self.h)
+        return relative_of(*shared((polynomial(tuple(self.pose), s), polynomial(tuple(self.twist), s))))
 
 
 def relative_of(pose: Array, twist: Array) -> Relative:
@@ -90,7 +96,7 @@ def curve_between(begin: tuple[Relative, Relative], end: tuple[Relative, Relativ
         )
         for at, rate in (begin, end)
     ]
-    return Curve(shared(jnp.stack(quintic_coefficients(*ends))), h)
+    return Curve.of(shared(jnp.stack(quintic_coefficients(*ends))), h)
 
 
 def first_switch(curve_of: list[Curve], y: Array, mechanism: Mechanism, begin: Each) -> tuple[EachFlag, Each]:
