@@ -91,7 +91,8 @@ def try_step(
             new = jnp.where(fresh | (i > 0), new, slopes[i])  # lanes that know their slope keep it
         return slopes.at[i].set(new), y, new
 
-    slopes = jnp.zeros((last + 1, *y0.shape)).at[0].set(slope)
+    # Slopes that are not known yet have no weight.
+    slopes = jnp.broadcast_to(slope, (last + 1, *y0.shape))
     first = 0 if fresh is True else 1 if fresh is False else jnp.where(jnp.any(fresh), 0, 1)
     begin = slopes, components(y0, slice(plan.size), t0), slope
     slopes, end, slope = jax.lax.fori_loop(first, last + 1, stage, begin)

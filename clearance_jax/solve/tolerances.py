@@ -21,8 +21,8 @@ FLOOR = 1e-3
 # A contact less deep than this many rtol of the clearance may be passed by.
 FIT = 10.0
 _EPS = float(np.finfo(np.float64).eps)
-# The smallest part of a step that a switch is located to.
-SHORTEST = 1e-8
+# The parts of a step, at least and at most, by which a cut step ends past its switch.
+SHORTEST, LONGEST = 1e-8, 1e-2
 
 
 class Scales(NamedTuple):
@@ -112,7 +112,7 @@ def switch_margin(mechanism: Mechanism, rtol: Scalar, varied: bool = False) -> S
     """
     laws = [law for joint in mechanism.clearance_joints() for law in joint.laws]
     jumps = any(law.smoothness == "C-1" for law in laws)
-    return jnp.clip(rtol if jumps or varied else jnp.sqrt(rtol), SHORTEST, 1e-3)
+    return jnp.clip(rtol if jumps or varied else jnp.sqrt(rtol), SHORTEST, LONGEST)
 
 
 def tolerances(problem: Problem, y0: Array, t0: Scalar, t1: Scalar, rtol: Scalar, atol: Any = None) -> Tolerances:
