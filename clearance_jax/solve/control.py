@@ -12,9 +12,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from clearance_jax._sharing import shared
 from clearance_jax._types import Each, EachFlag, Scalar
 from clearance_jax.mechanism.mechanism import drive_breaks
-from clearance_jax.solve.lane_axis import component_axis, each_lane
+from clearance_jax.solve.lane_axis import component_axis, each_lane, over_components
 from clearance_jax.solve.problem import Problem, motion
 from clearance_jax.solve.step import Trial
 from clearance_jax.solve.switches import curves, first_switch
@@ -116,7 +117,7 @@ def scaled_error(problem: Problem, trial: Trial, allowed: Tolerances, time: Each
 
     def rms(x):
         wanted = jnp.where(jnp.broadcast_to(controlled, x.shape), x, 0.0)
-        return jnp.sqrt(jnp.sum(wanted * wanted, axis=axis) / count)
+        return jnp.sqrt(over_components(jnp.add, wanted * wanted, time) / count)
 
     size = jnp.maximum(jnp.abs(motion(problem, y0)), jnp.abs(motion(problem, y1)))
     of_motion = scaled = rms(motion(problem, error) / (scale + allowed.relative * size))
@@ -124,7 +125,8 @@ def scaled_error(problem: Problem, trial: Trial, allowed: Tolerances, time: Each
         assert allowed.floor is not None
         unit = jnp.where(controlled, allowed.unit, 1.0)
         columns = jnp.maximum(rms(y0[1:] / unit[None]), rms(y1[1:] / unit[None]))
-        derivatives = rms(error[1:] / scale[None]) / (allowed.floor + columns)
+        # Shared: the reduction that follows goes through them lane by lane.
+        derivatives = shared(rms(error[1:] / scale[None]) / (allowed.floor + columns))
         scaled = jnp.maximum(scaled, LENIENCE * jnp.max(derivatives, axis=0))
     fine = jnp.isfinite(scaled) & jnp.all(jnp.isfinite(y1), axis=tuple(range(y1.ndim - jnp.ndim(time))))
     return jnp.where(fine, scaled, jnp.inf), jnp.where(fine, of_motion, jnp.inf)

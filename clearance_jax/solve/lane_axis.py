@@ -6,6 +6,7 @@ lanes lies in one piece, and the code of an attempt is the same with lanes and w
 """
 
 import contextlib
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -66,6 +67,13 @@ def with_first(value: Array, rates: Array) -> Array:
 def component_axis(time: Each) -> int:
     """The axis of a state's components."""
     return -1 - jnp.ndim(time)
+
+
+def over_components(combine: Callable[[Array, Array], Array], y: Array, time: Each) -> Array:
+    """A state's, or a stack's, components combined into one number."""
+    # Of lanes one by one: a compiled reduction over another axis than the last is done lane by lane.
+    axis = component_axis(time)
+    return functools.reduce(combine, [jnp.take(y, i, axis) for i in range(y.shape[axis])])
 
 
 def to_lanes(tree: Any) -> Any:

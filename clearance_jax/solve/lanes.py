@@ -24,6 +24,8 @@ from clearance_jax.solve.platforms import by_platform
 VECTOR = 8
 # Lanes of a chunk: the fastest of 8 to 256 on one core (`experiments/batches`).
 LANES = 64
+# Lanes times rows of the stack, where a batch is differentiated.
+CACHED = 576
 # On a GPU a chunk only bounds the memory: compiled for one, a solve of a few coordinates keeps 1 to 3 kB a lane. (Not
 # chosen by a measurement: no GPU was at hand.)
 LANES_ON_GPU = 65536
@@ -104,8 +106,8 @@ def over_chunks(solve: Callable, batch: Any, count: int, lanes: int) -> Any:
 
 
 def chunk_of(rows: int) -> int:
-    """Lanes of a chunk of stacks of so many rows: fewer where there are many, down to what one instruction holds."""
-    return max(VECTOR, min(LANES, VECTOR * (LANES // rows)))
+    """Lanes of a chunk of stacks of so many rows: fewer where there are many, for the cache's sake."""
+    return max(2 * VECTOR, min(LANES, VECTOR * (CACHED // (VECTOR * rows))))
 
 
 def batched(one: Callable, together: Callable, lanes: int = LANES) -> Callable:

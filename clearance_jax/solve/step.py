@@ -106,11 +106,8 @@ def _weighted(weights: Array, slopes: Array, time: Each) -> Array:
     if not jnp.ndim(time):
         return jnp.sum(weights.reshape(-1, *[1] * (slopes.ndim - 1)) * slopes, axis=0)
     # Of lanes term by term: XLA hands a reduction over large arrays to a library, whose call ends a compiled loop.
-    # And as one long row: over several short axes a compiler may choose the wrong one to vectorise.
-    flat = slopes.reshape(len(slopes), -1)
     with sharing_lanes(time):
-        total = shared(functools.reduce(jnp.add, [weight * slope for weight, slope in zip(weights, flat, strict=True)]))
-    return total.reshape(slopes.shape[1:])
+        return shared(functools.reduce(jnp.add, [w * slope for w, slope in zip(weights, slopes, strict=True)]))
 
 
 def _with_state(y: Array, state: Array, time: Each) -> Array:
