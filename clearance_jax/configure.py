@@ -16,7 +16,10 @@ _WHOLE_LOOPS = "xla_cpu_small_while_loop_byte_threshold"
 # Vectors as wide as the machine has them, where XLA would take half: lanes are long rows of the same arithmetic (1.4
 # times faster; single solves alike). A machine without them does not mind.
 _WIDE_VECTORS = "xla_cpu_prefer_vector_width"
-_FLAGS = {_WHOLE_LOOPS: f"--xla_backend_extra_options={_WHOLE_LOOPS}=100000000", _WIDE_VECTORS: f"--{_WIDE_VECTORS}=512"}
+_FLAGS = {
+    _WHOLE_LOOPS: f"--xla_backend_extra_options={_WHOLE_LOOPS}=100000000",
+    _WIDE_VECTORS: f"--{_WIDE_VECTORS}=512",
+}
 
 
 def configure(*, cache: bool | str | Path = False) -> None:

@@ -13,11 +13,11 @@ import jax
 import jax.numpy as jnp
 
 import clearance_jax as cj
+from clearance_jax.solve.lanes import LANES
 from experiments.common import SCENES, joint5, output, slider_crank, table
 from experiments.hlo import busiest_loop
 from experiments.publish import command
 
-LANES = 32
 # LLVM comes after XLA, and changes none of what is counted.
 _FUSED = {"xla_backend_optimization_level": 0}
 _SIMPLIFIED = _FUSED | {"xla_disable_hlo_passes": "fusion"}

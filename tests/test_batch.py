@@ -15,6 +15,7 @@ import clearance_jax as cj
 from clearance_jax.solve.codes import Result
 from clearance_jax.solve.effort import count, effort
 from clearance_jax.solve.expected import as_numbers, cut, largest_of, pilots, sorted_lanes
+from clearance_jax.solve.lanes import LANES as CHUNK
 
 NONE = jnp.zeros((), int)
 RNG = np.random.default_rng(5)
@@ -30,8 +31,9 @@ def reported(function, lanes, **options) -> tuple[Any, Any]:
 # Solves --------------------------------------------------------------------------------------------------------------
 
 # A chunk and a part of one; one lane with an impossible number, one that is much longer than its neighbours.
-LANES = {"clearance": np.linspace(5e-5, 5e-4, 40), "t1": np.full(40, 2e-4)}
-LANES["clearance"][7], LANES["t1"][35] = np.nan, 1e-3
+COUNT = CHUNK + 8
+LANES = {"clearance": np.linspace(5e-5, 5e-4, COUNT), "t1": np.full(COUNT, 2e-4)}
+LANES["clearance"][7], LANES["t1"][-5] = np.nan, 1e-3
 
 
 def lane(numbers):
@@ -51,17 +53,17 @@ def test_every_lane_is_what_vmap_makes_of_it(expected, cost, cores):
     for ours, theirs in zip(jax.tree.leaves(values), jax.tree.leaves(expected), strict=True):
         assert isinstance(ours, np.ndarray)
         np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-15)
-    assert (report.lanes, report.chunks, report.cores) == (40, 2, cores)
+    assert (report.lanes, report.chunks, report.cores) == (COUNT, 2, cores)
     # The lane that fails is data, and harms no other.
-    assert [int(code) for code in values.code] == [int(Result.IMPOSSIBLE if i == 7 else 0) for i in range(40)]
-    assert values["piston.position"].shape == (40, 2)
-    assert "39 reached t1; 1 a number" in repr(values)
+    assert [int(code) for code in values.code] == [int(Result.IMPOSSIBLE if i == 7 else 0) for i in range(COUNT)]
+    assert values["piston.position"].shape == (COUNT, 2)
+    assert f"{COUNT - 1} reached t1; 1 a number" in repr(values)
 
 
 def test_efficiency_is_that_of_the_attempts():
     values, report = reported(lane, LANES, cost=None)
     attempts = values.steps + values.rejected
-    ran = 32 * (attempts[:32].max() + attempts[32:].max())
+    ran = CHUNK * (attempts[:CHUNK].max() + attempts[CHUNK:].max())
     assert report.efficiency == pytest.approx(attempts.sum() / ran)
     assert f"lane efficiency {report.efficiency:.3f} (order: given)" in str(report)
 
@@ -88,7 +90,7 @@ def lanes_of(costs):
     return {"cost": costs, "other": RNG.uniform(size=len(costs))}
 
 
-@pytest.mark.parametrize("size", [1, 5, 32, 33, 64, 257])
+@pytest.mark.parametrize("size", [1, 5, CHUNK, CHUNK + 1, 2 * CHUNK, 257])
 @pytest.mark.parametrize("cost", ["learned", None])
 def test_results_are_in_the_order_of_the_lanes(size, cost):
     lanes = lanes_of(RNG.integers(100, 1000, size).astype(float))
@@ -98,7 +100,7 @@ def test_results_are_in_the_order_of_the_lanes(size, cost):
 
 
 def test_the_order_is_learned_where_that_fills_chunks():
-    lanes = lanes_of(RNG.integers(100, 1000, 1000).astype(float))
+    lanes = lanes_of(RNG.integers(100, 1000, 2000).astype(float))
     _, given = reported(costly, lanes, cost=None)
     _, learned = reported(costly, lanes)
     _, known = reported(costly, lanes, cost=lanes["cost"])
@@ -114,14 +116,14 @@ def test_lanes_that_come_in_order_are_left_so():
     def bent(x):
         return costly({"cost": 1000 - 800 * x**2, "other": x})["pair"]
 
-    _, report = reported(bent, np.linspace(-1, 1, 1000))
+    _, report = reported(bent, np.linspace(-1, 1, 2000))
     assert report.order == "given"
     assert report.efficiency > 0.95
 
 
 def test_lanes_that_end_at_once_are_learned_from_too():
     """Not a number: no cost is to be expected of it, and nothing to be learned."""
-    costs = RNG.integers(100, 1000, 1000).astype(float)
+    costs = RNG.integers(100, 1000, 2000).astype(float)
     lanes = lanes_of(costs)
     lanes["other"][::10] = np.nan
     values, report = reported(costly, lanes)
@@ -168,7 +170,7 @@ def test_numbers_of_a_function_are_no_part_of_the_program():
         return factor * x
 
     for factor in (2.0, 3.0):
-        for size in (40, 100):
+        for size in (CHUNK + 8, 2 * CHUNK):
             function = jax.tree_util.Partial(scaled, jnp.asarray(factor))
             np.testing.assert_array_equal(cj.batch(function, np.arange(size)), factor * np.arange(size))
     assert len(traced) == 1
@@ -198,13 +200,14 @@ def test_chunks_run_at_the_same_time():
         shape = jax.ShapeDtypeStruct((), x.dtype)
         return jax.pure_callback(meet, shape, x, vmap_method="expand_dims")
 
-    np.testing.assert_array_equal(cj.batch(function, np.arange(64.0), cores=2), np.arange(64.0))
+    lanes = np.arange(2.0 * CHUNK)
+    np.testing.assert_array_equal(cj.batch(function, lanes, cores=2), lanes)
     assert not together.broken
 
 
 def test_progress_ends_with_one():
     seen = []
-    cj.batch(costly, lanes_of(np.full(300, 10.0)), progress=seen.append)
+    cj.batch(costly, lanes_of(np.full(5 * CHUNK, 10.0)), progress=seen.append)
     assert seen == sorted(seen)
     assert (seen[-1], len(seen) <= 10) == (1.0, True)
 
@@ -223,7 +226,7 @@ def test_an_interruption_stops_within_a_chunk():
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        cj.batch(function, np.arange(3200.0), cores=2, progress=interrupt)
+        cj.batch(function, np.arange(100.0 * CHUNK), cores=2, progress=interrupt)
     assert len(ran) <= 8  # of a hundred
 
 

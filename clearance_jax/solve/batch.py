@@ -62,8 +62,8 @@ def batch(
 ) -> Any:
     """`function` of every lane, as `jax.vmap(function)(lanes)` gives it; on every core, and in bounded memory.
 
-    A call from Python, not to be used inside jit, vmap or derivatives. Beside the results it keeps one chunk of 32
-    lanes for each core. The program is compiled at the first call with a function, for all numbers of lanes above 32;
+    A call from Python, not to be used inside jit, vmap or derivatives. Beside the results it keeps one chunk of 64
+    lanes for each core. The program is compiled at the first call with a function, for all numbers of lanes above 64;
     numbers that a function holds as leaves of a tree (`jax.tree_util.Partial`, an `equinox.Module`) may change without
     compiling again. A lane that fails has a result code and NaN, as under `jax.vmap`, and harms no other.
 

@@ -7,7 +7,7 @@ curve. The place of a change is found by bisection.
 
 import functools
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -30,13 +30,15 @@ SAMPLES = 4
 CHECKED = 0.4
 
 
-class Curve(NamedTuple):
-    """The relative motion of one joint along a step of size `h`: coefficients of its pose and of its twist over the
-    fraction.
-    """
+# Of a polynomial over the fraction of a step: (place, angle) or their rates by power.
+Coefficients: TypeAlias = tuple[Float[Array, "3 *lanes"], ...]  # noqa: F821
 
-    pose: tuple[Float[Array, "3 *lanes"], ...]
-    twist: tuple[Float[Array, "3 *lanes"], ...]
+
+class Curve(NamedTuple):
+    """The relative motion of one joint along a step of size `h`: its pose and its twist."""
+
+    pose: Coefficients
+    twist: Coefficients
     h: Each
 
     @staticmethod
@@ -46,7 +48,7 @@ class Curve(NamedTuple):
         pose = shared(tuple(pose))
         return Curve(pose, shared(tuple(rising(pose, h))), h)
 
-    def at(self, s: Each) -> Relative:
+    def at(self, s: Each | float) -> Relative:
         """The relative motion at a fraction of the step."""
         return relative_of(*shared((polynomial(self.pose, s), polynomial(self.twist, s))))
 
