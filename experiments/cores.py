@@ -5,7 +5,7 @@
 - Cores: sweeps over the clearance (0.05 to 0.5 mm) of several sizes, the shortest times of several rounds in which one
   core and all cores take turns. `over the largest`: CPU time per lane over that of the largest sweep. `over one core`:
   the gain in wall time, which is less where the cores have other work too.
-- Orders: how full the chunks of 32 lanes are (attempts of the lanes over those that their chunks ran), with lanes as
+- Orders: how full the chunks are (attempts of the lanes over those that their chunks ran), with lanes as
   they come, sorted by what the first chunks took, sorted by a probe, and sorted by their true costs. A probe is a solve
   with a loose tolerance; its price is its attempts over those of the solve.
 - Memory: the peak of a process of its own, one stage after the other.

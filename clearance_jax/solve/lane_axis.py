@@ -7,7 +7,7 @@ lanes lies in one piece, and the code of an attempt is the same with lanes and w
 
 import contextlib
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -45,13 +45,20 @@ def components(y: Any, part: slice, time: Each) -> Any:
 
 def by_component(rows: Rows, time: Each) -> Array:
     """Stacks of one component each, as a stack of states."""
+    return together(rows, time, 1)
+
+
+def together(rows: Sequence[Array], time: Each, axis: int = 0) -> Array:
+    """Arrays along a new axis, before the lanes'."""
     if not jnp.ndim(time):
-        return jnp.stack(rows, axis=1)
-    # Of lanes by selecting: a compiled concatenation asks at every number which of its parts this is.
-    place = jnp.arange(len(rows)).reshape(-1, *[1] * jnp.ndim(time))
-    out = jnp.broadcast_to(shared(rows[0])[:, None], (rows[0].shape[0], len(rows), *rows[0].shape[1:]))
+        return jnp.stack(rows, axis)
+    # Of lanes by selecting: a compiled concatenation asks at every number which of its parts this is, or copies them
+    # number by number.
+    first = jnp.expand_dims(shared(rows[0]), axis)
+    place = jnp.arange(len(rows)).reshape(-1, *[1] * (first.ndim - axis - 1))
+    out = jnp.broadcast_to(first, (*first.shape[:axis], len(rows), *first.shape[axis + 1 :]))
     for i, row in enumerate(rows[1:], 1):
-        out = jnp.where(place == i, shared(row)[:, None], out)
+        out = jnp.where(place == i, jnp.expand_dims(shared(row), axis), out)
     return out
 
 

@@ -87,18 +87,20 @@ def try_step(
             y = jax.lax.cond(i == last, lambda y: close(t1, y, problem), lambda y: y, y)
         with sharing_lanes(t0):
             new = shared(field(now, y, problem, counts(i)))
-        if jnp.ndim(t0):
-            new = jnp.where(fresh | (i > 0), new, slopes[i])  # lanes that know their slope keep it
-        return slopes.at[i].set(new), y, new
+            if jnp.ndim(t0):
+                # Lanes that know their slope keep it. (Shared: by a condition that is one for all lanes a compiler
+                # would make two loops of this, and copy number by number in the one.)
+                new = jnp.where(shared(fresh | (i > 0)), new, slope)
+        return jax.lax.dynamic_update_index_in_dim(slopes, new, i, 0), y, new
 
-    # Slopes that are not known yet have no weight.
-    slopes = jnp.broadcast_to(slope, (last + 1, *y0.shape))
     first = 0 if fresh is True else 1 if fresh is False else jnp.where(jnp.any(fresh), 0, 1)
+    # At a place that a compiler does not know: it would write all rows anew, number by number.
+    slopes = jax.lax.dynamic_update_index_in_dim(jnp.zeros((last + 1, *y0.shape)), slope, jnp.minimum(first, 0), 0)
     begin = slopes, components(y0, slice(plan.size), t0), slope
-    slopes, end, slope = jax.lax.fori_loop(first, last + 1, stage, begin)
+    slopes, end, arriving = jax.lax.fori_loop(first, last + 1, stage, begin)
     whole = combined(jnp.asarray(tableau.weights), slopes)
     error = h * _weighted(jnp.asarray(tableau.errors), slopes, t0)
-    return Trial(y0, _with_state(whole, end, t0), error, slopes[0], slope, slopes)
+    return Trial(y0, _with_state(whole, end, t0), error, slopes[0], arriving, slopes)
 
 
 def _weighted(weights: Array, slopes: Array, time: Each) -> Array:

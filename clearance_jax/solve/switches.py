@@ -21,7 +21,7 @@ from clearance_jax.joints import ContactPoint, PreparedClearance, Relative
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.solve.interpolate import between, polynomial, quintic_coefficients, rising, tops
-from clearance_jax.solve.lane_axis import each_lane
+from clearance_jax.solve.lane_axis import each_lane, together
 
 # Samples of a step.
 SAMPLES = 4
@@ -92,9 +92,9 @@ def curve_between(begin: tuple[Relative, Relative], end: tuple[Relative, Relativ
     """The quintic through relative motions, each with its rate, at both ends of a step."""
     ends = [
         (
-            jnp.stack([*at.place, at.angle]),
-            h * jnp.stack([*at.velocity, at.spin]),
-            h * h * jnp.stack([*rate.velocity, rate.spin]),
+            together((*at.place, at.angle), h),
+            h * together((*at.velocity, at.spin), h),
+            h * h * together((*rate.velocity, rate.spin), h),
         )
         for at, rate in (begin, end)
     ]
