@@ -30,20 +30,26 @@ LENIENCE = 0.02
 SAFETY, SHRINK, GROW = 0.85, 0.2, 2.0
 # Wherever a cut has not been enough to get clear of its switch, the next goes so many times further past it; at most.
 FURTHER, FURTHEST = 4.0, 4.0**24
+# Cut within this part of a step from its start, right after a step that was cut, is not clear of that switch: the
+# round-off of a place may hide one for longer than that of the time.
+NEAR = 0.1
 
 
 class Control(NamedTuple):
     """What is remembered from try to try: the step size that would have been taken had it not been cut (0: not cut),
-    and how much further than usual past a switch a cut step ends, because cuts have failed to get clear of it.
+    how much further than usual past a switch a cut step ends, because cuts have failed to get clear of it, and whether
+    the last step that was kept had been cut.
     """
 
     natural: Array
     reach: Array
+    after_cut: EachFlag
 
     @staticmethod
     def begin(time: Each) -> "Control":
         """Before the first try."""
-        return Control(jnp.zeros(jnp.shape(time)), jnp.ones(jnp.shape(time)))
+        shape = jnp.shape(time)
+        return Control(jnp.zeros(shape), jnp.ones(shape), jnp.zeros(shape, bool))
 
 
 class Verdict(NamedTuple):
@@ -142,10 +148,11 @@ def decided(problem: Problem, verdict: Verdict, times: tuple, means: Means, cont
     step = jnp.where(keep & (control.natural > 0), control.natural, h * factor(error, accurate, means.order))
     start = jnp.where(keep, t1, t0)
     end = jnp.where(cut, verdict.at, start + on_grid(step))
-    stuck = cut & (verdict.at - t0 <= 8 * verdict.pad)
+    stuck = cut & (verdict.at - t0 <= jnp.maximum(8 * verdict.pad, jnp.where(control.after_cut, NEAR * h, 0.0)))
     free = keep & (control.natural == 0)
     further = jnp.minimum(FURTHER * control.reach, FURTHEST)
     reach = jnp.where(stuck, further, jnp.where(free, 1.0, control.reach))
+    after_cut = jnp.where(keep, control.natural > 0, control.after_cut)
     natural = jnp.where(cut, jnp.maximum(control.natural, h), jnp.where(keep | ~accurate, 0.0, control.natural))
     breaks = each_lane(drive_breaks, t0)(problem.mechanism)
     start, past = past_break(breaks, keep, start)
@@ -155,7 +162,7 @@ def decided(problem: Problem, verdict: Verdict, times: tuple, means: Means, cont
         clipped = jnp.minimum(clipped, start + means.longest)
     natural = jnp.where(clipped < end, jnp.maximum(natural, end - start), natural)
     collapsed = (error > 1) & (h <= 8 * _EPS * jnp.abs(t1))
-    return Decision(keep, start, clipped, past, Control(natural, reach), collapsed)
+    return Decision(keep, start, clipped, past, Control(natural, reach, after_cut), collapsed)
 
 
 def factor(error: Each, accurate: EachFlag, order: float) -> Each:
