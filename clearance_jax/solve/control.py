@@ -143,7 +143,7 @@ def decided(problem: Problem, verdict: Verdict, times: tuple, means: Means, cont
     t0, t1 = times
     h, cut, error = t1 - t0, verdict.cut, verdict.error
     accurate = error < 1
-    keep = accurate & ~cut
+    keep = shared(accurate & ~cut)
     # A cut step says nothing about the step size (its tiny error is round-off): go back to the one that was cut.
     step = jnp.where(keep & (control.natural > 0), control.natural, h * factor(error, accurate, means.order))
     start = jnp.where(keep, t1, t0)

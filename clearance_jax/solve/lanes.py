@@ -22,7 +22,7 @@ from clearance_jax.solve.platforms import by_platform
 
 # Numbers that one instruction holds (512 bits): a chunk of whole vectors has no lanes left over to do one by one.
 VECTOR = 8
-# Lanes of a chunk: the fastest of 8 to 256 on one core (`experiments/batches`).
+# Lanes of a chunk: the fastest of 16 to 128 on one core.
 LANES = 64
 # Lanes times rows of the stack, where a batch is differentiated.
 CACHED = 576
