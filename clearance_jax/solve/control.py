@@ -15,7 +15,7 @@ from jaxtyping import Array
 from clearance_jax._sharing import shared
 from clearance_jax._types import Each, EachFlag, Scalar
 from clearance_jax.mechanism.mechanism import drive_breaks
-from clearance_jax.solve.lane_axis import component_axis, each_lane, over_components
+from clearance_jax.solve.lane_axis import component_axis, each_lane, summed
 from clearance_jax.solve.problem import Problem, motion
 from clearance_jax.solve.step import Trial
 from clearance_jax.solve.switches import curves, first_switch
@@ -123,7 +123,7 @@ def scaled_error(problem: Problem, trial: Trial, allowed: Tolerances, time: Each
 
     def rms(x):
         wanted = jnp.where(jnp.broadcast_to(controlled, x.shape), x, 0.0)
-        return jnp.sqrt(over_components(jnp.add, wanted * wanted, time) / count)
+        return jnp.sqrt(summed(wanted * wanted, time) / count)
 
     size = jnp.maximum(jnp.abs(motion(problem, y0)), jnp.abs(motion(problem, y1)))
     of_motion = scaled = rms(motion(problem, error) / (scale + allowed.relative * size))

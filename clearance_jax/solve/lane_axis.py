@@ -76,11 +76,11 @@ def component_axis(time: Each) -> int:
     return -1 - jnp.ndim(time)
 
 
-def over_components(combine: Callable[[Array, Array], Array], y: Array, time: Each) -> Array:
-    """A state's, or a stack's, components combined into one number."""
+def summed(y: Array, time: Each) -> Array:
+    """The sum of a state's, or of each of a stack's, components."""
     # Of lanes one by one: a compiled reduction over another axis than the last is done lane by lane.
     axis = component_axis(time)
-    return functools.reduce(combine, [jnp.take(y, i, axis) for i in range(y.shape[axis])])
+    return functools.reduce(jnp.add, [jnp.take(y, i, axis) for i in range(y.shape[axis])])
 
 
 def to_lanes(tree: Any) -> Any:
