@@ -39,7 +39,7 @@ def _steps(mechanism, values, inputs: Inputs, options: Options):
         name: jnp.where(value == 0, 1.0, jnp.abs(value))[None] * rng.choice([-1.0, 1.0], value.shape)
         for name, value in values.items()
     }
-    changed, direction = push(lambda v: replace(mechanism, v), values, probe)
+    changed, direction, _ = push(lambda v: replace(mechanism, v), values, probe)
     task = task_of(inputs._replace(mechanism=changed, save_at=None), options, (direction, None, ()))
     return step_ends(task, options)
 

@@ -27,10 +27,10 @@ from clearance_jax.solve.attempt import CENTRE, SETTLED, Options
 from clearance_jax.solve.codes import Result
 from clearance_jax.solve.driver import integrate
 from clearance_jax.solve.lane_axis import from_lanes, to_lanes
-from clearance_jax.solve.lanes import batched, chunk_of
+from clearance_jax.solve.lanes import batched
 from clearance_jax.solve.observers import Picked
 from clearance_jax.solve.outcome import Outcome, Task
-from clearance_jax.solve.problem import Problem, basis, field, lift, motion, moves, push, widths
+from clearance_jax.solve.problem import Problem, basis, field, lift, motion, moved_by, moves, push, widths
 from clearance_jax.solve.solution import Solution
 from clearance_jax.solve.tolerances import Tolerances, floors, largest_length, tolerances
 
@@ -125,7 +125,7 @@ def with_states(solution: Solution, states: list[Array]) -> Solution:
 
 def _later(inputs: Inputs, rates: Inputs, value: Solution, moved: list[Array], options: Options) -> list[Array]:
     """The tangents with what moving the end or the sample times adds: the rate of the motion there."""
-    problem = Problem(inputs.mechanism.prepared(), inputs.integrands, None, options.books)
+    problem = Problem(inputs.mechanism.prepared(), inputs.integrands, books=options.books)
     start, final, y, *picks = moved
 
     def rate(time, y):
@@ -283,8 +283,7 @@ def _compiled(inputs: Inputs, options: Options, which: Which = None) -> Solution
         inputs, options = eqx.combine(batch, rest)
         return solved_lanes(inputs, options, which)
 
-    rows = 1 if which is None else 1 + sum(leaf.size for leaf in jax.tree.leaves(_varied(inputs, which)))
-    return batched(one, together, chunk_of(rows))(numbers)
+    return batched(one, together)(numbers)
 
 
 # Differentiated as it stands, and so without a rule of batching.
@@ -298,17 +297,17 @@ def problem_of(
 
     def begin(varied):
         mechanism, y0, integrands = varied
-        problem = Problem(mechanism.prepared(), integrands, None, options.books)
+        problem = Problem(mechanism.prepared(), integrands, books=options.books)
         start, opened = initial(problem, inputs.t0, y0, options.start)
         return problem.model, start, opened
 
     if directions is None:
         model, first, opened = begin(inputs.varied)
-        problem = Problem(model[0], model[1], None, options.books)
+        problem = Problem(model[0], model[1], books=options.books)
         start = first
     else:
-        (model, first, opened), (slopes, moved, _) = push(begin, inputs.varied, directions)
-        problem = Problem(model[0], model[1], slopes, options.books)
+        (model, first, opened), (slopes, moved, _), (movers, *_) = push(begin, inputs.varied, directions)
+        problem = Problem(model[0], model[1], slopes, options.books, moved_by(movers, directions))
         count = jax.tree.leaves(directions)[0].shape[0]
         start = jnp.concatenate([first[None], jnp.zeros((count, *first.shape)) if moved is None else moved])
     allowed = tolerances(problem, first, inputs.t0, inputs.t1, inputs.rtol, inputs.atol)

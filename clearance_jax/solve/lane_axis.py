@@ -62,15 +62,6 @@ def together(rows: Sequence[Array], time: Each, axis: int = 0) -> Array:
     return out
 
 
-def with_first(value: Array, rates: Array) -> Array:
-    """A motion's number and its derivatives (first axis) as a stack."""
-    if not value.ndim:
-        return jnp.concatenate([value[None], rates])
-    rows = jnp.pad(shared(rates), [(1, 0), *[(0, 0)] * value.ndim])
-    first = jnp.arange(rows.shape[0]).reshape(-1, *[1] * value.ndim) == 0
-    return jnp.where(first, shared(value)[None], rows)
-
-
 def component_axis(time: Each) -> int:
     """The axis of a state's components."""
     return -1 - jnp.ndim(time)

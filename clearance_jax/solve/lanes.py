@@ -22,10 +22,9 @@ from clearance_jax.solve.platforms import by_platform
 
 # Numbers that one instruction holds (512 bits): a chunk of whole vectors has no lanes left over to do one by one.
 VECTOR = 8
-# Lanes of a chunk: the fastest of 16 to 128 on one core.
+# Lanes of a chunk: the fastest of 16 to 128 on one core, and with up to 33 rows of a stack too. (Fewer would lie better
+# in the cache; but a compiler unrolls their short loops, in a multiple of the time, and leaves them scalar in part.)
 LANES = 64
-# Lanes times rows of the stack, where a batch is differentiated.
-CACHED = 576
 # On a GPU a chunk only bounds the memory: compiled for one, a solve of a few coordinates keeps 1 to 3 kB a lane. (Not
 # chosen by a measurement: no GPU was at hand.)
 LANES_ON_GPU = 65536
@@ -105,14 +104,9 @@ def over_chunks(solve: Callable, batch: Any, count: int, lanes: int) -> Any:
     return jax.tree.map(lambda x: x.reshape(chunks * width, *x.shape[2:])[:count], out)
 
 
-def chunk_of(rows: int) -> int:
-    """Lanes of a chunk of stacks of so many rows: fewer where there are many, for the cache's sake."""
-    return max(2 * VECTOR, min(LANES, VECTOR * (CACHED // (VECTOR * rows))))
-
-
-def batched(one: Callable, together: Callable, lanes: int = LANES) -> Callable:
-    """`one` of a tree of arrays, which under `jax.vmap` becomes `together`, in chunks of so many lanes (of a tree of
-    arrays that have the batch as their first axis); a batch of batches is one batch.
+def batched(one: Callable, together: Callable) -> Callable:
+    """`one` of a tree of arrays, which under `jax.vmap` becomes `together`, in chunks (of a tree of arrays that have
+    the batch as their first axis); a batch of batches is one batch.
     """
 
     def rule(count, in_batched, numbers):
@@ -125,13 +119,13 @@ def batched(one: Callable, together: Callable, lanes: int = LANES) -> Callable:
     @jax.custom_batching.custom_vmap
     def many(batch):
         count = jax.tree.leaves(batch)[0].shape[0]
-        if count <= lanes:
+        if count <= LANES:
             return together(batch)
 
         def chunks(lanes):
             return lambda batch: over_chunks(together, batch, count, lanes)
 
-        return by_platform(chunks(lanes), chunks(LANES_ON_GPU), batch)
+        return by_platform(chunks(LANES), chunks(LANES_ON_GPU), batch)
 
     @many.def_vmap
     def _merged(outer, in_batched, batch):

@@ -7,6 +7,7 @@ the rows alike; what differs is only how a function of the state is applied to a
 Beside the state stand quadratures: the energy books and whatever else is integrated along. Nothing depends on them.
 """
 
+import functools
 from typing import Any
 
 import equinox as eqx
@@ -21,7 +22,10 @@ from clearance_jax._types import Each, Flag, Rows
 from clearance_jax.dynamics.field import rate, where_it_counts
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout, vector
-from clearance_jax.solve.lane_axis import by_component, each_lane, sharing_lanes, with_first
+from clearance_jax.solve.lane_axis import by_component, each_lane, sharing_lanes
+
+# A number that more directions move than this is applied to all of them at once.
+THIN = 8
 
 
 class Problem(eqx.Module):
@@ -30,13 +34,15 @@ class Problem(eqx.Module):
     `integrands` are functions of (time, state, mechanism), of any shape, whose integrals follow the state; `books`:
     whether the energy books do, before them. `directions` is a tree like `model`: with a leading axis (one entry a
     direction) for a number that is varied, `None` for one that is not; altogether `None` where nothing is
-    differentiated: then a state is a flat vector, not a stack.
+    differentiated: then a state is a flat vector, not a stack. `moved_by`: for each of these numbers the directions
+    that move it at all, few of many as a rule.
     """
 
     mechanism: Mechanism
     integrands: tuple = ()
     directions: Any = None
     books: bool = eqx.field(static=True, default=False)
+    moved_by: tuple[tuple[int, ...], ...] = eqx.field(static=True, default=())
 
     @property
     def varies(self) -> bool:
@@ -66,12 +72,12 @@ class Problem(eqx.Module):
     @property
     def without_directions(self) -> "Problem":
         """The motion alone."""
-        return Problem(self.mechanism, self.integrands, None, self.books)
+        return Problem(self.mechanism, self.integrands, books=self.books)
 
 
 def with_model(problem: Problem, model: tuple) -> Problem:
     """The same problem of another mechanism, without directions."""
-    return Problem(model[0], model[1], None, problem.books)
+    return Problem(model[0], model[1], books=problem.books)
 
 
 def widths(problem: Problem) -> list[int]:
@@ -119,26 +125,52 @@ def pulled(function, problem: Problem, stacks: Rows) -> Rows:
     """
     varied, fixed = split(problem.model, problem.directions)
     leaves, tree = jax.tree.flatten(varied)
-    directions = jax.tree.leaves(problem.directions)
+    numbers = list(zip(jax.tree.leaves(problem.directions), problem.moved_by, strict=True))
 
-    def flat(*numbers):
-        model = eqx.combine(jax.tree.unflatten(tree, numbers[: len(leaves)]), fixed)
-        return function(model, numbers[len(leaves) :])
+    def flat(*inputs):
+        model = eqx.combine(jax.tree.unflatten(tree, inputs[: len(leaves)]), fixed)
+        return function(model, inputs[len(leaves) :])
 
     inputs = (*leaves, *(stack[0] for stack in stacks))
-    moving = (*directions, *(stack[1:] for stack in stacks))
     values, along = jax.linearize(flat, *inputs)
-    count = stacks[0].shape[0] - 1
     out = []
     for i, (value, reached) in enumerate(zip(values, _reach(flat, *inputs), strict=True)):
         pulls = jax.linear_transpose(lambda *rates, i=i: along(*rates)[i], *inputs)(jnp.ones_like(value))
-        rate = jnp.zeros((count, *value.shape))
-        for j in sorted(reached):
-            product = shared(pulls[j])[None] * moving[j]
-            own = tuple(range(1, product.ndim - value.ndim))
-            rate = rate + (jnp.sum(product, axis=own) if own else product)
-        out.append(with_first(value, rate))
+        pulls = {j: shared(pulls[j]) for j in sorted(reached)}
+        own = [(pull, *numbers[j]) for j, pull in pulls.items() if j < len(leaves)]
+        states = [(pull, stacks[j - len(leaves)]) for j, pull in pulls.items() if j >= len(leaves)]
+        out.append(_applied(shared(value), own, states, stacks[0].shape[0]))
     return tuple(out)
+
+
+def _applied(value: Array, own: list[tuple], states: list[tuple], rows: int) -> Array:
+    """A number and its derivatives, as a stack: from its derivatives by the mechanism's numbers (`own`: with these
+    numbers' directions, and the few directions that move each) and by the state (with the state's stacks).
+    """
+
+    def whole(product: Array, axis: int) -> Array:
+        return jnp.sum(product, axis=tuple(range(axis, product.ndim - value.ndim)))
+
+    def total(terms: list[Array], nothing: tuple[int, ...]) -> Array:
+        return functools.reduce(jnp.add, terms) if terms else jnp.zeros(nothing)
+
+    if not value.ndim:
+        # Of one motion everything by all directions: a row is one number, and dearer to place than to compute.
+        products = [pull[None] * along for pull, along, _ in own] + [pull[None] * stack[1:] for pull, stack in states]
+        return jnp.concatenate([value[None], total([whole(one, 1) for one in products], (rows - 1,))])
+    thin = [(pull, along, movers) for pull, along, movers in own if len(movers) <= THIN]
+    wide = [(pull, jnp.pad(along, [(1, 0)] + [(0, 0)] * pull.ndim)) for pull, along, by in own if len(by) > THIN]
+    everywhere = [*states, *wide]
+    out = total([whole(pull[None] * stack, 1) for pull, stack in everywhere], (rows, *value.shape))
+    first = jnp.arange(rows).reshape(-1, *[1] * value.ndim) == 0
+    out = shared(jnp.where(first, value, out))
+    for row in range(1, rows):
+        here = [whole(pull * along[row - 1], 0) for pull, along, movers in thin if row - 1 in movers]
+        if here:
+            # All of the row anew: to add to what stands there a compiler copies the whole stack.
+            here += [whole(pull * stack[row], 0) for pull, stack in everywhere]
+            out = jax.lax.dynamic_update_index_in_dim(out, total(here, ()), row, 0)
+    return out
 
 
 def lift(function, problem: Problem, *stacks: Any) -> Any:
@@ -167,8 +199,10 @@ def split(tree, directions):
     return eqx.partition(tree, jax.tree.map(lambda d: d is not None, directions, is_leaf=lambda d: d is None))
 
 
-def push(function, tree: Any, directions: Any) -> tuple[Any, Any]:
-    """`function(tree)` and its derivatives along the directions: `None` for leaves that do not depend on them."""
+def push(function, tree: Any, directions: Any) -> tuple[Any, Any, Any]:
+    """`function(tree)`, its derivatives along the directions, and which of the leaves that vary each follows from:
+    `None` for leaves that do not depend on them.
+    """
     varied, fixed = split(tree, directions)
 
     def of(v):
@@ -182,8 +216,27 @@ def push(function, tree: Any, directions: Any) -> tuple[Any, Any]:
 
     # The value that goes with the rates, not that of the call above: what is computed twice is compiled twice.
     value, rates = jax.vmap(lambda d: jax.jvp(flat, (varied,), (d,)), out_axes=(None, 0))(directions)
-    kept = [r if moved else None for r, moved in zip(rates, _dependent(flat, varied), strict=True)]
-    return eqx.combine(jax.tree.unflatten(shape, value), rest), jax.tree.unflatten(shape, kept)
+    reached = _reach(flat, varied)
+    kept = [r if by else None for r, by in zip(rates, reached, strict=True)]
+    movers = [by or None for by in reached]
+    return (
+        eqx.combine(jax.tree.unflatten(shape, value), rest),
+        jax.tree.unflatten(shape, kept),
+        jax.tree.unflatten(shape, movers),
+    )
+
+
+def moved_by(movers: Any, directions: Any) -> tuple[tuple[int, ...], ...]:
+    """For every number that moves, the directions that move it at all; `movers`: the leaves that each follows from."""
+
+    def of(direction) -> frozenset[int]:
+        # Constants, as those of a `basis`, are known; of others each may be anything.
+        count = direction.shape[0]
+        constant = isinstance(direction, np.ndarray)
+        return frozenset(np.flatnonzero(direction.reshape(count, -1).any(1)).tolist() if constant else range(count))
+
+    moving = [of(direction) for direction in jax.tree.leaves(directions)]
+    return tuple(tuple(sorted(frozenset().union(*(moving[i] for i in one)))) for one in jax.tree.leaves(movers))
 
 
 def moves(function, problem: Problem) -> bool:
@@ -194,7 +247,7 @@ def moves(function, problem: Problem) -> bool:
 
 def depends(function, argument) -> bool:
     """Whether any output of a function depends on its argument at all."""
-    return any(_dependent(function, argument))
+    return any(_reach(function, argument))
 
 
 def basis(varied: Any) -> Any:
@@ -204,20 +257,13 @@ def basis(varied: Any) -> Any:
     rows = np.eye(sum(sizes))
     starts = np.cumsum([0, *sizes])
     blocks = [
-        jnp.asarray(rows[:, start : start + leaf.size].reshape(-1, *leaf.shape))
-        for start, leaf in zip(starts, leaves, strict=False)
+        rows[:, start : start + leaf.size].reshape(-1, *leaf.shape) for start, leaf in zip(starts, leaves, strict=False)
     ]
     return jax.tree.unflatten(tree, blocks)
 
 
-def _dependent(function, argument) -> list[bool]:
-    """Which outputs of a function depend on its argument at all, by its program."""
-    leaves, tree = jax.tree.flatten(argument)
-    return [bool(one) for one in _reach(lambda *x: function(jax.tree.unflatten(tree, x)), *leaves)]
-
-
 def _reach(function, *arguments) -> list[frozenset[int]]:
-    """For every output of a function, the arguments (arrays) that it depends on at all, by its program."""
+    """For every output of a function, the leaves of its arguments that it depends on at all, by its program."""
     program = jax.make_jaxpr(function)(*arguments).jaxpr
     nothing: frozenset[int] = frozenset()
     reached = {v: frozenset([i]) for i, v in enumerate(program.invars)}

@@ -79,7 +79,7 @@ def try_step(
         return ~jnp.asarray(idle)[i] if np.any(idle) else None
 
     def stage(i, carry):
-        slopes, _, _ = carry
+        slopes, _ = carry
         y = combined(lower[i], slopes, slice(plan.size))
         now = jnp.where(nodes[i] == 1, t1, t0 + nodes[i] * h)
         if problem.mechanism.closures():
@@ -91,16 +91,16 @@ def try_step(
                 # Lanes that know their slope keep it. (Shared: by a condition that is one for all lanes a compiler
                 # would make two loops of this, and copy number by number in the one.)
                 new = jnp.where(shared(fresh | (i > 0)), new, slope)
-        return jax.lax.dynamic_update_index_in_dim(slopes, new, i, 0), y, new
+        return jax.lax.dynamic_update_index_in_dim(slopes, new, i, 0), y
 
     first = 0 if fresh is True else 1 if fresh is False else jnp.where(jnp.any(fresh), 0, 1)
     # At a place that a compiler does not know: it would write all rows anew, number by number.
     slopes = jax.lax.dynamic_update_index_in_dim(jnp.zeros((last + 1, *y0.shape)), slope, jnp.minimum(first, 0), 0)
-    begin = slopes, components(y0, slice(plan.size), t0), slope
-    slopes, end, arriving = jax.lax.fori_loop(first, last + 1, stage, begin)
+    begin = slopes, components(y0, slice(plan.size), t0)
+    slopes, end = jax.lax.fori_loop(first, last + 1, stage, begin)
     whole = combined(jnp.asarray(tableau.weights), slopes)
     error = h * _weighted(jnp.asarray(tableau.errors), slopes, t0)
-    return Trial(y0, _with_state(whole, end, t0), error, slopes[0], arriving, slopes)
+    return Trial(y0, _with_state(whole, end, t0), error, slopes[0], slopes[last], slopes)
 
 
 def _weighted(weights: Array, slopes: Array, time: Each) -> Array:
