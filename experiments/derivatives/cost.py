@@ -1,8 +1,9 @@
 """What a Jacobian costs: time of value and Jacobian over time of the value, single and in a batch of 256 lanes.
 
 The tolerance is the loosest at which, in the ladder, every column's error is below 1e-6. Each set-up is measured in a
-process of its own, as `clearance_jax.configure` sets JAX up. Programs are timed alternately, and the shortest of several runs counts, so that what else the machine
-does reaches both alike. Compiling is timed at the first call, with the cache of compiled programs off.
+process of its own, as `clearance_jax.configure` sets JAX up. Programs are timed alternately, and the shortest of
+several runs counts, so that what else the machine does reaches both alike. Compiling is timed at the first call, with
+the cache of compiled programs off.
 """
 
 import json
