@@ -77,7 +77,7 @@ def reported(lanes, **options) -> tuple[Any, cj.BatchReport]:
 def over_cores(quick: bool) -> list[Size]:
     """Sweeps of several sizes, on one core and on all."""
     sizes = (64,) if quick else (64, 256, 1024, 4096, 16_384, MOST)
-    _, known = reported(sweep(64))
+    _, known = reported(sweep(256))  # several chunks, so that every core has one
     rows = []
     for lanes in sizes:
         best: dict[int, Size] = {}
@@ -87,8 +87,8 @@ def over_cores(quick: bool) -> list[Size]:
                 clock = time.process_time()
                 _, report = reported(sweep(lanes), cores=cores)
                 took = report.running / lanes, (time.process_time() - clock) / lanes
-                least = best.get(cores, Size(lanes, cores, report.efficiency or np.nan, *took))
-                best[cores] = least._replace(wall=min(least.wall, took[0]), cpu=min(least.cpu, took[1]))
+                least = best.get(report.cores, Size(lanes, report.cores, report.efficiency or np.nan, *took))
+                best[report.cores] = least._replace(wall=min(least.wall, took[0]), cpu=min(least.cpu, took[1]))
         rows += best.values()
     return rows
 
