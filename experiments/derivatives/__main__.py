@@ -6,7 +6,7 @@ from experiments import derivatives
 from experiments.derivatives import closed_forms, cost, finite, ladder, main
 from experiments.publish import command
 
-ALONE = {"ladder": ladder, "closed_forms": closed_forms, "finite": finite}
+ALONE = {"ladder": ladder, "closed_forms": closed_forms, "cost": cost, "finite": finite}
 
 if __name__ == "__main__":
     part = ALONE.get(sys.argv[1]) if len(sys.argv) > 1 else None
