@@ -1,4 +1,5 @@
-"""What a Jacobian costs: time of value and Jacobian over time of the value, single and in a batch of 256 lanes.
+"""What a Jacobian costs: time of value and Jacobian over time of the value, single and in a batch of 256 lanes:
+`python -m experiments.derivatives cost` writes out/derivatives_cost.md.
 
 The tolerance is the loosest at which, in the ladder, every column's error is below 1e-6. Each set-up is measured in a
 process of its own, as `clearance_jax.configure` sets JAX up. Programs are timed alternately, and the shortest of
