@@ -404,16 +404,17 @@ def test_a_start_that_cannot_be_simulated_is_left():
     np.testing.assert_allclose(program.best.x, 0.3, rtol=1e-8)
 
 
-def test_batches_do_not_mix_conditions(monkeypatch):
-    """Conditions that set different names, more than a batch of them, and none of them a whole number of batches."""
+def test_lanes_do_not_mix_conditions(monkeypatch):
+    """Conditions that set different names, one of them twice and apart, more than are solved one by one."""
 
-    def batch(mechanism, metrics, names, points, given, t1, solve):
+    def batch(function, lanes):
+        _, given = lanes
         calls.append(set(given))
         return [next(iter(given.values()))]
 
     calls: list = []
-    monkeypatch.setattr(evaluate, "_batch", batch)
-    monkeypatch.setattr(evaluate, "BATCH", 4)
+    monkeypatch.setattr(evaluate, "batch", batch)
+    monkeypatch.setattr(evaluate, "FEW_SCENARIOS", 4)
     rows = [("a", 1.0), ("a", 2.0), ("b", 3.0), ("b", 4.0), ("a", 5.0), ("a", np.nan), ("a", 7.0)]
     scenarios = [evaluate.Scenario("", {name: jnp.asarray(v)}, np.ones(1)) for name, v in rows]
     simulations = evaluate.Simulations(slider_crank(), [PEAK], [2.0], ["x"], 1.0, Settings())

@@ -1,5 +1,6 @@
-"""Designs as simulations: what a design must stand, solved one by one with derivatives, or in batches without."""
+"""Designs as simulations: what a design must stand, solved one by one with derivatives, or as lanes without."""
 
+import itertools
 from collections.abc import Sequence
 
 import equinox as eqx
@@ -14,10 +15,11 @@ from clearance_jax.design.specification import Specification
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import replace
+from clearance_jax.solve.batch import batch
 from clearance_jax.solve.settings import Settings
 
-# Scenarios solved at a time where no derivatives are asked for.
-BATCH = 250
+# More scenarios than this are solved as lanes, without derivatives.
+FEW_SCENARIOS = 250
 # Variables up to which derivatives come along with every evaluation.
 FEW = 5
 
@@ -64,28 +66,25 @@ class Simulations:
 
     def worst(self, x: np.ndarray, scenarios: Sequence[Scenario], exact: bool = False) -> np.ndarray:
         """The most violated scaled limit of a design in each scenario, shape (scenarios,); infinite where there is no
-        motion to the end. Many are solved in batches, few one by one, with derivatives (`exact`) if that program is
-        compiled. Scenarios of one condition must follow each other.
+        motion to the end. Many are solved as lanes, on every core, few one by one, with derivatives (`exact`) if that
+        program is compiled. Scenarios of one condition must follow each other.
         """
-        if len(scenarios) <= BATCH:
+        if len(scenarios) <= FEW_SCENARIOS:
             found = np.array([self.limits(x, scenario, exact)[0].max() for scenario in scenarios])
             return np.where(np.isfinite(found), found, np.inf)
-        worst, start = [], 0
-        while start < len(scenarios):
-            # Not across conditions: they may set different names.
-            known = scenarios[start].values.keys()
-            window = scenarios[start : start + BATCH]
-            others = (i for i, scenario in enumerate(window) if scenario.values.keys() != known)
-            part = list(window[: next(others, BATCH)])
-            filled = part + part[-1:] * (BATCH - len(part))  # one batch size, so one program
-            points = x * np.stack([s.factors for s in filled])
-            given = {name: jnp.stack([s.values[name] for s in filled]) for name in known}
-            values = _batch(*self._asked(points, given))
-            scaled = [np.reshape(v, (BATCH, -1)) / bound - 1 for v, bound in zip(values, self.bounds, strict=True)]
-            found = np.concatenate(scaled, axis=1).max(axis=1)[: len(part)]
-            worst.append(np.where(np.isfinite(found), found, np.inf))
-            start += len(part)
-        return np.concatenate(worst)
+        # Conditions apart: they may set different names.
+        parts = [list(part) for _, part in itertools.groupby(scenarios, lambda one: one.values.keys())]
+        return np.concatenate([self._worst_of_lanes(x, part) for part in parts])
+
+    def _worst_of_lanes(self, x: np.ndarray, scenarios: list[Scenario]) -> np.ndarray:
+        """`worst` of scenarios that set the same names."""
+        points = x * np.stack([s.factors for s in scenarios])
+        given = {name: np.stack([s.values[name] for s in scenarios]) for name in scenarios[0].values}
+        lane = jax.tree_util.Partial(_lane, self.mechanism, self.metrics, self.names, jnp.asarray(self.t1), self.solve)
+        values = batch(lane, (points, given))
+        scaled = [v.reshape(len(scenarios), -1) / bound - 1 for v, bound in zip(values, self.bounds, strict=True)]
+        found = np.concatenate(scaled, axis=1).max(axis=1)
+        return np.where(np.isfinite(found), found, np.inf)
 
     def _asked(self, x, given) -> tuple:
         return self.mechanism, self.metrics, self.names, jnp.asarray(x), dict(given), jnp.asarray(self.t1), self.solve
@@ -112,9 +111,9 @@ def _slopes(mechanism, metrics, names, x, given, t1, solve):
     return out, slopes
 
 
-@eqx.filter_jit
-def _batch(mechanism, metrics, names, points, given, t1, solve):
-    return jax.vmap(lambda x, g: _measured(mechanism, metrics, names, x, g, t1, solve))(points, given)
+def _lane(mechanism, metrics, names, t1, solve, lane):
+    x, given = lane
+    return _measured(mechanism, metrics, names, x, given, t1, solve)
 
 
 def simulations_of(specification: Specification, rtol: float | None = None, solver: str | None = None) -> Simulations:
