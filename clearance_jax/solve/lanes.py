@@ -41,48 +41,71 @@ def _integrate(task: Task, options: Options) -> Outcome:
     problem, start, last = task.problem, task.start, task.t1
     means = means_of(options, task.allowed)
     times = jnp.zeros((0, *jnp.shape(last))) if task.save_at is None else task.save_at
+    # A last row beyond the end: a time that never comes, and room for what nobody asked for.
+    times = jnp.concatenate([times, jnp.full((1, *jnp.shape(last)), jnp.inf)])
     known = times <= task.t0
     samples = jnp.where(jnp.expand_dims(known, range(1, start.ndim)), start[None], jnp.inf)
+    place = jnp.sum(known, axis=0)
+    due = jnp.take_along_axis(times, place[None], 0)[0]
 
     def going(carry: Carry) -> EachFlag:
         tries = carry.accepted + carry.rejected
         return (carry.time < last) & ~carry.collapsed & (tries < options.max_steps)
 
     def once(state):
-        carry, samples, place = state
+        carry, saved = state
         with sharing_lanes(last):
             now = shared(going(carry))
         moved, trial, keep = attempt(carry, problem, options, means, last)
         if task.save_at is not None:
             ends = carry.time, carry.end
-            samples, place = _sampled(samples, place, times, ends, now & keep, options, trial)
-        return jax.tree.map(lambda new, old: jnp.where(now, new, old), moved, carry), samples, place
+            saved = _sampled(saved, times, ends, now & keep, options, trial)
+        return jax.tree.map(lambda new, old: jnp.where(now, new, old), moved, carry), saved
 
     carry = start_carry(problem, options, means, task.t0, last, start)
-    state = carry, samples, jnp.sum(known, axis=0)
-    carry, samples, _ = jax.lax.while_loop(lambda s: jnp.any(going(s[0])), once, state)
+    state = carry, (samples, place, due)
+    carry, (samples, *_) = jax.lax.while_loop(lambda s: jnp.any(going(s[0])), once, state)
     code = jnp.where(carry.collapsed, int(Result.STEP_COLLAPSED), int(Result.MAX_STEPS))
     code = jnp.where((carry.time < last) | carry.collapsed, code, int(Result.REACHED_END))
-    sampled = None if task.save_at is None else (times, samples)
+    sampled = None if task.save_at is None else (times[:-1], samples[:-1])
     return Outcome(carry.y, carry.time, sampled, carry.record, code, carry.accepted, carry.rejected)
 
 
-def _sampled(samples: Array, place: Array, times: Array, ends: tuple[Each, Each], kept: EachFlag, options, trial):
-    """The samples that lie in the steps just kept, and the place of each lane's next one."""
+def _sampled(saved: tuple[Array, Array, Array], times: Array, ends: tuple[Each, Each], kept: EachFlag, options, trial):
+    """The samples with those that lie in the steps just kept, and the place and the time of each lane's next one."""
     inside = each_lane(lambda time, trial, ends: dense(options, trial, ends).evaluate(time), ends[0])
-    lane = jnp.arange(place.shape[0])
 
-    def due(place):
-        time = times[jnp.minimum(place, len(times) - 1), lane]
-        return kept & (place < len(times)) & (time <= ends[1]), time
+    def now(due):
+        return kept & (due <= ends[1])
 
     def once(state):
-        samples, place = state
-        now, time = due(place)
-        here = jnp.where(now, place, len(times))  # beyond the end: dropped
-        return samples.at[here, ..., lane].set(jnp.moveaxis(inside(time, trial, ends), -1, 0), mode="drop"), place + now
+        samples, place, due = state
+        here = jnp.where(now(due), place, len(times) - 1)
+        return by_platform(_put_one_by_one, _put, samples, times, inside(due, trial, ends), here, place + now(due))
 
-    return jax.lax.while_loop(lambda s: jnp.any(due(s[1])[0]), once, (samples, place))
+    return jax.lax.while_loop(lambda state: jnp.any(now(state[2])), once, saved)
+
+
+def _put(samples: Array, times: Array, states: Array, here: Array, place: Array) -> tuple[Array, Array, Array]:
+    """The state of each lane at its place `here`, and the time at its next `place`."""
+    lane = jnp.arange(place.shape[0])
+    return samples.at[here, ..., lane].set(jnp.moveaxis(states, -1, 0)), place, times[place, lane]
+
+
+def _put_one_by_one(samples: Array, times: Array, states: Array, here: Array, place: Array):
+    """As `_put`, without scatter and gather, which a CPU's compiled loop cannot hold: it would come apart into kernels
+    that are called one by one.
+    """
+
+    def one(lane, state):
+        samples, due = state
+        new = jax.lax.dynamic_slice_in_dim(states, lane, 1, -1)[None]
+        samples = jax.lax.dynamic_update_slice(samples, new, (here[lane], *[0] * (states.ndim - 1), lane))
+        time = jax.lax.dynamic_slice(times, (place[lane], lane), (1, 1))[0]
+        return samples, jax.lax.dynamic_update_slice_in_dim(due, time, lane, 0)
+
+    samples, due = jax.lax.fori_loop(0, place.shape[0], one, (samples, jnp.zeros_like(times[0])))
+    return samples, place, due
 
 
 def over_chunks(solve: Callable, batch: Any, count: int, lanes: int) -> Any:
