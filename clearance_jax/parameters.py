@@ -64,7 +64,7 @@ def physical(
     """
     metadata = {"unit": unit, "above": above, "least": least, "below": below}
     metadata |= {"help": help, "example": example, "absent": absent}
-    return eqx.field(converter=as_leaf, metadata=metadata, **field)
+    return eqx.field(**({"converter": as_leaf, "metadata": metadata} | field))
 
 
 def described(help: str, example: str, absent: str = "", **field):

@@ -1,30 +1,43 @@
-"""A small vocabulary of scalars, plane vectors, rotations and symmetric systems that knows structural zeros and ones.
+"""A small vocabulary of scalars, vectors and rotations of space that knows structural zeros and ones.
 
 A Python float is a constant of the compiled program, an array is a number of the model. Products with the float 0.0
 and 1.0 vanish while the program is traced, so that an absent offset, an identity rotation or an uncoupled pair of
 coordinates costs nothing (matrix products would cost a library call each).
 
-Vectors are pairs `(x, y)`. The space version of the same vocabulary takes triples; the algorithms of
-`clearance_jax.mechanism` are written in these words only.
+Vectors are triples `(x, y, z)`. A plane mechanism is not a mode: its z components, and all turns but those about z, are
+structural zeros, and what is made of them is absent too. Where a plane is meant, pairs `(x, y)` go through the same
+words.
 """
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from clearance_jax._numerics import sincos
+from clearance_jax._numerics import safe_sqrt, sincos
 from clearance_jax._sharing import shared
 
 Term = Array | float
-Vector = tuple[Term, Term]
+Vector = tuple[Term, Term, Term]
+Pair = tuple[Term, Term]
+Matrix = tuple[Vector, Vector, Vector]
+Terms = TypeVar("Terms", bound=tuple[Term, ...])
 
-ZERO: Vector = (0.0, 0.0)
+ZERO: Vector = (0.0, 0.0, 0.0)
+X: Vector = (1.0, 0.0, 0.0)
+Y: Vector = (0.0, 1.0, 0.0)
+Z: Vector = (0.0, 0.0, 1.0)
+UNIT: Matrix = (X, Y, Z)
 
 
 def is_zero(a: Term) -> bool:
     """Whether `a` is absent from the program (the Python number 0), as opposed to an array that happens to be 0."""
     return isinstance(a, (int, float)) and a == 0
+
+
+def absent(a: tuple[Term, ...]) -> bool:
+    """Whether every component is absent."""
+    return all(is_zero(term) for term in a)
 
 
 def plus(a: Term, b: Term) -> Term:
@@ -41,10 +54,9 @@ def times(a: Term, b: Term) -> Term:
     """A * b."""
     if is_zero(a) or is_zero(b):
         return 0.0
-    if isinstance(a, float) and a == 1.0:
-        return b
-    if isinstance(b, float) and b == 1.0:
-        return a
+    for one, other in ((a, b), (b, a)):
+        if isinstance(one, float) and abs(one) == 1.0:
+            return other if one > 0 else -other
     return a * b
 
 
@@ -56,101 +68,174 @@ def total(terms) -> Term:
     return result
 
 
-def add(a: Vector, b: Vector) -> Vector:
+def add(a: Terms, b: Terms) -> Terms:
     """A + b."""
-    return plus(a[0], b[0]), plus(a[1], b[1])
+    return tuple(plus(p, q) for p, q in zip(a, b, strict=True))  # pyright: ignore[reportReturnType]
 
 
-def subtract(a: Vector, b: Vector) -> Vector:
+def subtract(a: Terms, b: Terms) -> Terms:
     """A - b."""
-    return minus(a[0], b[0]), minus(a[1], b[1])
+    return tuple(minus(p, q) for p, q in zip(a, b, strict=True))  # pyright: ignore[reportReturnType]
 
 
-def scale(k: Term, a: Vector) -> Vector:
+def scale(k: Term, a: Terms) -> Terms:
     """K a."""
-    return times(k, a[0]), times(k, a[1])
+    return tuple(times(k, p) for p in a)  # pyright: ignore[reportReturnType]
 
 
-def dot(a: Vector, b: Vector) -> Term:
+def dot(a, b) -> Term:
     """A . b."""
-    return plus(times(a[0], b[0]), times(a[1], b[1]))
+    return total(times(p, q) for p, q in zip(a, b, strict=True))
 
 
-def cross(a: Vector, b: Vector) -> Term:
-    """The out-of-plane component of a x b: the moment of a force b at the arm a."""
+def cross(a: Vector, b: Vector) -> Vector:
+    """A x b: the moment of a force b at the arm a, the velocity at the arm b of a spin a."""
+    return (
+        minus(times(a[1], b[2]), times(a[2], b[1])),
+        minus(times(a[2], b[0]), times(a[0], b[2])),
+        minus(times(a[0], b[1]), times(a[1], b[0])),
+    )
+
+
+def plane_cross(a: Pair, b: Pair) -> Term:
+    """The out-of-plane component of a x b for vectors of the plane."""
     return minus(times(a[0], b[1]), times(a[1], b[0]))
 
 
-def spin_cross(spin: Term, a: Vector) -> Vector:
-    """Spin x a for a spin about the plane's normal."""
-    return minus(0.0, times(spin, a[1])), times(spin, a[0])
+def centripetal(spin: Vector, arm: Vector) -> Vector:
+    """Spin x (spin x arm)."""
+    return add(scale(dot(spin, arm), spin), scale(minus(0.0, dot(spin, spin)), arm))
+
+
+def product(a: Matrix, b: Matrix) -> Matrix:
+    """A b."""
+    columns = transpose(b)
+    rows = tuple(tuple(dot(row, column) for column in columns) for row in a)
+    return rows[0], rows[1], rows[2]  # pyright: ignore[reportReturnType]
+
+
+def transpose(a: Matrix) -> Matrix:
+    """A^T."""
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = a
+    return (xx, yx, zx), (xy, yy, zy), (xz, yz, zz)
 
 
 class Rotation(NamedTuple):
-    """A plane rotation by its cosine and sine."""
+    """A rotation by its matrix, which takes the rotated frame's components to the outer ones. It remembers its last
+    turn (by `angle` about `axis`, after `before`): a further turn about the same axis adds angles, so that a chain in
+    a plane has one sine and cosine a body, of the sum.
+    """
 
-    cosine: Term
-    sine: Term
+    rows: Matrix = UNIT
+    before: Matrix = UNIT
+    axis: Vector = Z
+    angle: Term = 0.0
 
     def apply(self, a: Vector) -> Vector:
         """From the rotated frame's axes to the outer axes."""
-        c, s = self
-        return minus(times(c, a[0]), times(s, a[1])), plus(times(s, a[0]), times(c, a[1]))
+        x, y, z = (dot(row, a) for row in self.rows)
+        return x, y, z
 
     def undo(self, a: Vector) -> Vector:
         """From the outer axes to the rotated frame's axes."""
-        return Rotation(self.cosine, minus(0.0, self.sine)).apply(a)
+        x, y, z = (dot(row, a) for row in transpose(self.rows))
+        return x, y, z
+
+    @property
+    def is_plane(self) -> bool:
+        """Whether it is a turn about z by its structure."""
+        return self.before is UNIT and self.axis == Z
+
+    def turned(self, axis: Vector, angle: Term) -> "Rotation":
+        """The rotation followed by a turn about an axis (unit, in the rotated frame's axes)."""
+        if is_zero(angle):
+            return self
+        before, whole, sign = self.rows, angle, _same_line(axis, self.axis)
+        if sign:
+            axis, before, whole = self.axis, self.before, plus(self.angle, times(sign, angle))
+        return Rotation(product(before, about(axis, whole)), before, axis, whole)
+
+    def followed(self, rows: Matrix) -> "Rotation":
+        """The rotation followed by one that is given by its matrix."""
+        whole = product(self.rows, rows)
+        return Rotation(whole, whole)
 
 
-IDENTITY = Rotation(1.0, 0.0)
+IDENTITY = Rotation()
 
 
-def rotation_of(angle: Term) -> Rotation:
-    """The rotation by `angle` [rad]; an absent angle is the identity."""
-    if is_zero(angle):
-        return IDENTITY
+def _same_line(a: Vector, b: Vector) -> float:
+    """1 where two axes are the same by their structure, -1 where they are opposite, else 0."""
+    if a is b:
+        return 1.0
+    if not all(isinstance(term, float) for term in (*a, *b)):
+        return 0.0
+    return 1.0 if a == b else -1.0 if a == scale(-1.0, b) else 0.0
+
+
+def about(axis: Vector, angle: Term) -> Matrix:
+    """The matrix of a turn by `angle` [rad] about a unit vector (Rodrigues)."""
     sine, cosine = shared(sincos(jnp.asarray(angle)))
-    return Rotation(cosine, sine)
+    if axis in (X, Y, Z, scale(-1.0, X), scale(-1.0, Y), scale(-1.0, Z)):
+        k = next(i for i in range(3) if not is_zero(axis[i]))
+        s, rows = times(axis[k], sine), [[*row] for row in UNIT]
+        i, j = (k + 1) % 3, (k + 2) % 3
+        rows[i][i], rows[j][j], rows[i][j], rows[j][i] = cosine, cosine, minus(0.0, s), s
+    else:
+        outer = [[times(1 - cosine, times(p, q)) for q in axis] for p in axis]
+        x, y, z = (times(sine, p) for p in axis)
+        turning = ((0.0, minus(0.0, z), y), (z, 0.0, minus(0.0, x)), (minus(0.0, y), x, 0.0))
+        rows = [[plus(plus(outer[i][j], turning[i][j]), cosine if i == j else 0.0) for j in range(3)] for i in range(3)]
+    return tuple(tuple(row) for row in rows)  # pyright: ignore[reportReturnType]
 
 
-class Factored(NamedTuple):
-    """L D L^T of a symmetric positive matrix, `lower[i][j]` for j < i."""
-
-    lower: list[list[Term]]
-    inverse_diagonal: list[Term]
-
-    def solve(self, right: list[Term]) -> list[Term]:
-        """The solution for one right-hand side."""
-        lower, inverse = self
-        n = len(right)
-        x = list(right)
-        for i in range(n):
-            x[i] = minus(x[i], total(times(lower[i][j], x[j]) for j in range(i)))
-        x = [times(inverse[i], x[i]) for i in range(n)]
-        for i in reversed(range(n)):
-            x[i] = minus(x[i], total(times(lower[j][i], x[j]) for j in range(i + 1, n)))
-        return x
+def of_quaternion(w: Term, x: Term, y: Term, z: Term) -> Matrix:
+    """The matrix of a quaternion of any length (so that a field does not feel how far one is from unit)."""
+    size = total(times(p, p) for p in (w, x, y, z))
+    double = 2.0 / size
+    xx, yy, zz = (times(double, times(p, p)) for p in (x, y, z))
+    xy, xz, yz = (times(double, times(p, q)) for p, q in ((x, y), (x, z), (y, z)))
+    wx, wy, wz = (times(double, times(w, p)) for p in (x, y, z))
+    return (
+        (1.0 - plus(yy, zz), minus(xy, wz), plus(xz, wy)),
+        (plus(xy, wz), 1.0 - plus(xx, zz), minus(yz, wx)),
+        (minus(xz, wy), plus(yz, wx), 1.0 - plus(xx, yy)),
+    )
 
 
-def factor(matrix: list[list[Term]]) -> Factored:
-    """Factor a symmetric positive definite matrix given by its lower triangle (structural zeros stay absent).
-
-    n is the number of free coordinates (a handful), so the loops are unrolled into the program.
-    """
-    lower: list[list[Term]] = []
-    inverse: list[Term] = []
-    for i, entries in enumerate(matrix):
-        row: list[Term] = []
-        scaled: list[Term] = []
-        for j in range(i):
-            coupled = minus(entries[j], total(times(scaled[k], lower[j][k]) for k in range(j)))
-            scaled.append(coupled)
-            row.append(0.0 if is_zero(coupled) else times(coupled, inverse[j]))
-        lower.append(row)
-        inverse.append(1.0 / minus(entries[i], total(times(row[k], scaled[k]) for k in range(i))))
-    return Factored(lower, inverse)
+def quaternion_of(roll: Term, pitch: Term, yaw: Term) -> tuple[Term, ...]:
+    """The quaternion (w, x, y, z) of Rz(yaw) Ry(pitch) Rx(roll)."""
+    q: tuple[Term, ...] = (1.0, 0.0, 0.0, 0.0)
+    for axis, angle in ((Z, yaw), (Y, pitch), (X, roll)):
+        if not is_zero(angle):
+            sine, cosine = sincos(0.5 * jnp.asarray(angle))
+            q = hamilton(q, (cosine, *scale(sine, axis)))
+    return q
 
 
-def as_array(terms: list[Term]) -> Array:
+def hamilton(p: tuple[Term, ...], q: tuple[Term, ...]) -> tuple[Term, ...]:
+    """The product of two quaternions."""
+    (a, *u), (b, *v) = p, q
+    u, v = (u[0], u[1], u[2]), (v[0], v[1], v[2])
+    return minus(times(a, b), dot(u, v)), *add(add(scale(a, v), scale(b, u)), cross(u, v))
+
+
+def rotation_vector(q: tuple[Term, ...]) -> Vector:
+    """The rotation vector (axis times angle, at most half a turn) [rad] of a quaternion of any length."""
+    w, x, y, z = (jnp.asarray(term, float) for term in q)
+    sign = jnp.where(w < 0, -1.0, 1.0)
+    size, w = safe_sqrt(x * x + y * y + z * z), sign * w
+    small = size < 1e-8 * w
+    factor = jnp.where(small, 2 / jnp.where(small, w, 1.0), 2 * jnp.arctan2(size, w) / jnp.where(small, 1.0, size))
+    return scale(sign * factor, (x, y, z))
+
+
+def quaternion_rate(q: tuple[Term, ...], spin: Vector) -> tuple[Term, ...]:
+    """The rate of a quaternion (w, x, y, z) by the spin in the rotated frame's own axes: q' = q (0, spin) / 2."""
+    return scale(0.5, hamilton(q, (0.0, *spin)))
+
+
+def as_array(terms) -> Array:
     """Stack terms into one array, absent ones as zeros."""
+    terms = list(terms)
     return jnp.stack([jnp.asarray(term, dtype=float) for term in terms]) if terms else jnp.zeros(0)

@@ -137,7 +137,7 @@ def test_reactions_balance_every_body():
     def place(body, local):
         if body == "ground":
             return np.broadcast_to([local.x, local.y], (t.size, 2))
-        (x, y0), angle = placed[body]
+        (x, y0, _), angle = placed[body]
         c, s = np.cos(angle), np.sin(angle)
         return np.stack([x + c * local.x - s * local.y, y0 + s * local.x + c * local.y], 1)
 

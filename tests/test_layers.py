@@ -17,6 +17,7 @@ ROOT = Path(__file__).parents[1] / PACKAGE
 ORDER = (
     "leaves",
     "spatial",
+    "symmetric",
     "laws",
     "joints",
     "mechanism",

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from clearance_jax._numerics import safe_norm
+from clearance_jax._numerics import safe_norm, safe_sqrt
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.closures import projected
 from clearance_jax.dynamics.equations import balance
@@ -17,15 +17,28 @@ from clearance_jax.dynamics.field import slope
 from clearance_jax.dynamics.inertia import Extra
 from clearance_jax.dynamics.kinematics import frames, play
 from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.mechanism.frame import Frame
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
-from clearance_jax.mechanism.tree import Frame
 from clearance_jax.solve.interpolate import hermite
 from clearance_jax.solve.settings import Settings, evenly
 from clearance_jax.solve.simulate import run
 from clearance_jax.solve.solution import Solution
 from clearance_jax.solve.tolerances import largest_length
-from clearance_jax.spatial import add, as_array, minus
+from clearance_jax.spatial import (
+    Rotation,
+    Vector,
+    absent,
+    add,
+    cross,
+    dot,
+    is_zero,
+    minus,
+    scale,
+    subtract,
+    total,
+    transpose,
+)
 
 # Newton steps from a pin's place in its sleeve to the ideal mechanism: each squares the error, some 1e-3 at first.
 ASSEMBLE = 4
@@ -148,8 +161,9 @@ def ideal_state(time: Scalar, y: Array, mechanism: Mechanism) -> Array:
     if own.free == 0:
         return jnp.zeros(0)
     state = plan.split(y)
-    where = [plan.velocities.index(name) for name in own.velocities]
-    guess = jnp.stack([*(state.q[i] for i in where), *(state.v[i] for i in where)])
+    places = (state.q[plan.positions.index(name)] for name in own.positions)
+    rates = (state.v[plan.velocities.index(name)] for name in own.velocities)
+    guess = jnp.stack([*places, *rates])
     return projected(time, guess, ideal, ASSEMBLE)
 
 
@@ -187,7 +201,7 @@ def _deviation(signal, time, y, mechanism, reference):
     point = _named_point(mechanism, signal.point)
     here, ideal = _frames(mechanism, time, y)[point.body], _frames(mechanism.ideal(), time, reference)[point.body]
     actual, wanted = here.point(point.at.vector), ideal.point(point.at.vector)
-    return as_array(list(actual)) - as_array(list(wanted)), as_array(list(ideal.velocity_at(wanted)))
+    return subtract(actual, wanted), ideal.velocity_at(wanted)
 
 
 class PositionError(AbstractSignal):
@@ -202,7 +216,7 @@ class PositionError(AbstractSignal):
 
     def value(self, time, y, mechanism, reference):
         off, _ = _deviation(self, time, y, mechanism, reference)
-        return safe_norm(off[0], off[1])
+        return length_of(off)
 
 
 class PathDeviation(AbstractSignal):
@@ -219,16 +233,20 @@ class PathDeviation(AbstractSignal):
 
     def value(self, time, y, mechanism, reference):
         off, velocity = _deviation(self, time, y, mechanism, reference)
-        speed = safe_norm(velocity[0], velocity[1])
-        normal = (off[1] * velocity[0] - off[0] * velocity[1]) / jnp.where(speed > 0, speed, 1.0)
-        return jnp.where(speed > 0, jnp.abs(normal), safe_norm(off[0], off[1]))
+        speed = length_of(velocity)
+        across = cross(velocity, off)
+        normal = jnp.abs(jnp.asarray(across[2], float)) if absent(across[:2]) else length_of(across)
+        return jnp.where(speed > 0, normal / jnp.where(speed > 0, speed, 1.0), length_of(off))
 
 
 class OrientationError(AbstractSignal):
-    """Angle between a body and the ideal mechanism's [rad], not negative."""
+    """Angle between a body and the ideal mechanism's [rad], not negative. In space that of the rotation from the one to
+    the other (at most half a turn); along an `axis` of the world (x, y, z) that component of its rotation vector.
+    """
 
     unit: ClassVar[str] = "rad"
     body: str = eqx.field(static=True)
+    axis: str | None = eqx.field(static=True, default=None)
     needs_ideal: ClassVar[bool] = True
 
     def scale(self, mechanism):
@@ -236,9 +254,37 @@ class OrientationError(AbstractSignal):
 
     def value(self, time, y, mechanism, reference):
         known("body", self.body, [body.name for body in mechanism.bodies])
-        here = _frames(mechanism, time, y)[self.body].angle
-        ideal = _frames(mechanism.ideal(), time, reference)[self.body].angle
-        return jnp.abs(jnp.asarray(minus(here, ideal), float))
+        here = _frames(mechanism, time, y)[self.body].rotation
+        ideal = _frames(mechanism.ideal(), time, reference)[self.body].rotation
+        if here.is_plane and ideal.is_plane and self.axis is None:
+            return jnp.abs(jnp.asarray(minus(here.angle, ideal.angle), float))
+        off = rotation_between(ideal, here)
+        if self.axis is None:
+            return length_of(off)
+        return jnp.asarray(off[known("axis", self.axis, ["x", "y", "z"])], float)
+
+
+def rotation_between(a: Rotation, b: Rotation) -> Vector:
+    """The rotation vector [rad], in the outer axes, that takes `a` to `b`: exact to round-off for small ones too, at
+    most half a turn (where its direction is undefined).
+    """
+    if a.is_plane and b.is_plane:
+        return 0.0, 0.0, minus(b.angle, a.angle)
+    # Twice the sine of the angle along the axis: half the sum of a's axes x b's. And the trace gives the cosine.
+    axes = [cross(p, q) for p, q in zip(transpose(a.rows), transpose(b.rows), strict=True)]
+    sine = scale(0.5, add(add(axes[0], axes[1]), axes[2]))
+    cosine = (total(dot(p, q) for p, q in zip(a.rows, b.rows, strict=True)) - 1.0) / 2
+    size = length_of(sine)
+    small = size < 1e-12
+    angle = jnp.arctan2(size, jnp.asarray(cosine, float))
+    return scale(jnp.where(small, 1.0, angle / jnp.where(small, 1.0, size)), sine)
+
+
+def length_of(vector: Vector) -> Array:
+    """The length of a vector, with gradient 0 where it is zero."""
+    if is_zero(vector[2]):
+        return safe_norm(jnp.asarray(vector[0], float), jnp.asarray(vector[1], float))
+    return safe_sqrt(jnp.asarray(dot(vector, vector), float))
 
 
 class ContactForce(AbstractSignal):
@@ -265,5 +311,4 @@ class Acceleration(AbstractSignal):
         now = balance(mechanism, time, layout(mechanism).split(y))
         frame = now.motion[point.body]
         at = frame.point(point.at.vector)
-        a = as_array(list(add(frame.acceleration_at(at), Extra(now.acceleration).at(frame, at))))
-        return safe_norm(a[0], a[1])
+        return length_of(add(frame.acceleration_at(at), Extra(now.acceleration).at(frame, at)))

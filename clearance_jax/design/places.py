@@ -9,12 +9,13 @@ from jaxtyping import Array, Float
 
 from clearance_jax._types import Scalar
 from clearance_jax.analysis.measure import AbstractMetric, Request
-from clearance_jax.dynamics.kinematics import Frames, frames, play
-from clearance_jax.mechanism.body import GROUND, Body, Position, Spring
+from clearance_jax.dynamics.kinematics import Frames, frames, play, sleeve_rotation
+from clearance_jax.mechanism.body import GROUND, Body, Spring
 from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.placement import Position
 from clearance_jax.mechanism.state import layout
 from clearance_jax.mechanism.tree import AbstractJoint, Prismatic
-from clearance_jax.spatial import Vector, as_array
+from clearance_jax.spatial import Pair, Vector, as_array
 
 
 class Places(NamedTuple):
@@ -95,10 +96,9 @@ def _ends(spring: Spring) -> tuple[tuple[str, Position], tuple[str, Position]]:
 
 
 def _axis(joint: AbstractJoint, motion: Frames) -> Array:
-    frame = motion[joint.parent]
-    turned = frame if joint.angle is None else frame.turned(joint.angle)
-    return _row(turned.rotation.apply((1.0, 0.0)))
+    assert isinstance(joint, Prismatic)
+    return _row(sleeve_rotation(joint, motion).apply(joint.axis.vector))
 
 
-def _row(vector: Vector) -> Array:
-    return jnp.asarray(as_array(list(vector)), float)
+def _row(vector: Vector | Pair) -> Array:
+    return as_array(vector)

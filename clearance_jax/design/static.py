@@ -11,8 +11,8 @@ from clearance_jax.analysis.signals import ASSEMBLE, freedom
 from clearance_jax.dynamics.closures import projected
 from clearance_jax.dynamics.observe import observe
 from clearance_jax.errors import ClearanceError
-from clearance_jax.mechanism.body import Position
 from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.placement import Position
 from clearance_jax.solve.settings import settings_of
 from clearance_jax.solve.simulate import run
 
@@ -62,7 +62,7 @@ def _offset(mechanism: Mechanism, name: str, offset) -> Mechanism:
         for i, joint in enumerate(getattr(mechanism, group)):
             if joint.name == name:
                 at = joint.at_parent
-                moved = Position(at.vector[0] + offset[0], at.vector[1] + offset[1])
+                moved = Position(at.vector[0] + offset[0], at.vector[1] + offset[1], at.z)
                 moved_joint = dataclasses.replace(joint, at_parent=moved)
                 return eqx.tree_at(lambda m, g=group, i=i: getattr(m, g)[i], mechanism, moved_joint)
     raise ClearanceError(f"There is no joint `{name}`.")

@@ -7,94 +7,192 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from clearance_jax._types import Scalar
-from clearance_jax.dynamics.inertia import mass_matrix
+from clearance_jax._types import Rows, Scalar
+from clearance_jax.dynamics.inertia import Pair, mass_matrix
 from clearance_jax.dynamics.kinematics import Frames, frames, sleeve_rotation
+from clearance_jax.mechanism.frame import Frame
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.mechanism.state import layout
-from clearance_jax.mechanism.tree import Revolute
+from clearance_jax.mechanism.state import layout, moved, parts
+from clearance_jax.mechanism.tree import AbstractJoint, Revolute
 from clearance_jax.spatial import (
+    UNIT,
     ZERO,
-    Factored,
     Term,
     Vector,
+    absent,
+    add,
     as_array,
-    factor,
+    cross,
+    dot,
     minus,
     plus,
-    spin_cross,
+    scale,
     subtract,
     times,
     total,
 )
+from clearance_jax.symmetric import Factored, factor
 
 # Factor on the inertia of a coordinate that is to stay: it takes less than a nanometre of a closing loop's metre.
 FIRM = 1e9
 # Newton iterations of an assembly: so many with pins all but held in their sleeves, then so many with all free; the
 # last of all only measures.
 HELD, LOOSE = 8, 5
+# What a condition of a loop in space gives way, relative to its own compliance. Such loops are over-constrained as a
+# rule (a plane four-bar in space holds three conditions twice): then the conditions share the load as equal springs
+# would. One refinement leaves the square of this, times the conditions' own condition number, in the accelerations.
+GIVE = 1e-9
 
 
-class Gap(NamedTuple):
-    """A loop's constraint: the pin's centre from the sleeve's, its rate, its acceleration without the free
-    coordinates' accelerations, and its Jacobian by rows.
+class Condition(NamedTuple):
+    """One condition of a loop: how far it is violated [m or rad], the rate of that, its acceleration without the free
+    coordinates' accelerations, its Jacobian; and what a unit of its multiplier exerts on the child, at `at`.
     """
 
-    gap: Vector
-    rate: Vector
-    acceleration: Vector
-    rows: list[list[Term]]
+    gap: Term
+    rate: Term
+    acceleration: Term
+    row: list[Term]
+    force: Vector
+    torque: Vector
 
 
-def closure(loop: Revolute, motion: Frames) -> Gap:
-    """The constraint of an ideal revolute joint that closes a loop."""
-    sleeve, pin = motion[loop.parent], motion[loop.child]
-    a, b = sleeve.point(loop.at_parent.vector), pin.point(loop.at_child.vector)
-    n = 1 + max(c.index for frame in motion.values() for c in frame.free)
-    rows: list[list[Term]] = [[0.0] * n, [0.0] * n]
-    for frame, point, sign in ((pin, b, 1.0), (sleeve, a, -1.0)):
-        for column in frame.free:
-            velocity = column.velocity_at(point)
-            for k in (0, 1):
-                term = velocity[k] if sign > 0 else minus(0.0, velocity[k])
-                rows[k][column.index] = plus(rows[k][column.index], term)
-    return Gap(
-        subtract(b, a),
-        subtract(pin.velocity_at(b), sleeve.velocity_at(a)),
-        subtract(pin.acceleration_at(b), sleeve.acceleration_at(a)),
-        rows,
+def conditions(loop: AbstractJoint, motion: Frames, count: int) -> list[Condition]:
+    """The conditions of an ideal joint that closes a loop, of a mechanism with `count` free velocities. One that is
+    met by structure, as those out of its plane by a plane mechanism, is left out.
+    """
+    hold = loop.hold()
+    a, b = motion[loop.parent], motion[loop.child]
+    here, there = a.point(loop.at_parent.vector), b.point(loop.at_child.vector)
+    sleeve = sleeve_rotation(loop, motion)
+    if hold.along is None:
+        found = [_held(along, a, here, b, there, count) for along in UNIT]
+    else:
+        found = [_held_along(sleeve.apply(along), a, here, b, there, count) for along in hold.along]
+    if hold.square:
+        pin = loop.on_child(b)
+        found += [_square(sleeve.apply(e), a, pin.apply(f), b, count) for e, f in hold.square]
+    return [c for c in found if not absent((*c.row, c.gap, c.rate, c.acceleration))]
+
+
+def wrong_way(loop: AbstractJoint, motion: Frames) -> list[Term]:
+    """Of the axes that are to be one line: the cosine between them, 1 where they point the same way."""
+    sleeve, pin = sleeve_rotation(loop, motion), loop.on_child(motion[loop.child])
+    found = [dot(sleeve.apply(e), pin.apply(f)) for e, f in loop.hold().parallel]
+    return [cosine for cosine in found if not isinstance(cosine, float)]
+
+
+def _row(a: Frame, b: Frame, count: int, of_a, of_b) -> list[Term]:
+    """A row of the Jacobian, by what each column of the two bodies does."""
+    row: list[Term] = [0.0] * count
+    for column in b.free:
+        row[column.index] = of_b(column)
+    for column in a.free:
+        row[column.index] = minus(row[column.index], of_a(column))
+    return row
+
+
+def _held(along: Vector, a: Frame, here: Vector, b: Frame, there: Vector, count: int) -> Condition:
+    """A point of b stays at a point of a, along a direction of the world."""
+    k = UNIT.index(along)
+    return Condition(
+        minus(there[k], here[k]),
+        minus(b.velocity_at(there)[k], a.velocity_at(here)[k]),
+        minus(b.acceleration_at(there)[k], a.acceleration_at(here)[k]),
+        _row(a, b, count, lambda c: c.velocity_at(here)[k], lambda c: c.velocity_at(there)[k]),
+        along,
+        ZERO,
+    )
+
+
+def _held_along(along: Vector, a: Frame, here: Vector, b: Frame, there: Vector, count: int) -> Condition:
+    """A point of b stays in the plane through a point of a that is square to a direction of a. (Seen from a: what moves
+    is the point of b over the point of a that it is at.)
+    """
+    velocity = subtract(b.velocity_at(there), a.velocity_at(there))
+    coriolis = cross(scale(2.0, a.spin), velocity)
+    acceleration = subtract(subtract(b.acceleration_at(there), a.acceleration_at(there)), coriolis)
+    return Condition(
+        dot(along, subtract(there, here)),
+        dot(along, velocity),
+        dot(along, acceleration),
+        _row(a, b, count, lambda c: dot(along, c.velocity_at(there)), lambda c: dot(along, c.velocity_at(there))),
+        along,
+        ZERO,
+    )
+
+
+def _square(e: Vector, a: Frame, f: Vector, b: Frame, count: int) -> Condition:
+    """An axis of a and one of b stay perpendicular."""
+    normal = cross(f, e)
+    spin = subtract(b.spin, a.spin)
+    change = add(cross(cross(b.spin, f), e), cross(f, cross(a.spin, e)))
+    return Condition(
+        dot(e, f),
+        dot(spin, normal),
+        plus(dot(subtract(b.spin_rate, a.spin_rate), normal), dot(spin, change)),
+        _row(a, b, count, lambda c: dot(c.spin, normal), lambda c: dot(c.spin, normal)),
+        ZERO,
+        normal,
     )
 
 
 class Constraint(NamedTuple):
-    """Rows J, the changes M^-1 J^T that a unit multiplier makes, and the factored J M^-1 J^T."""
+    """Rows J, the changes M^-1 J^T that a unit multiplier makes, J M^-1 J^T by its lower triangle and factored; where
+    conditions may repeat each other (`loose`) factored with a little `GIVE`.
+    """
 
     spread: list[list[Term]]
-    compliance: Factored
+    compliance: list[list[Term]]
+    factored: Factored
+    loose: bool
 
     def closing(self, right: list[Term]) -> tuple[list[Term], list[Term]]:
         """The smallest change x (in the kinetic norm) with J x = right, and the multipliers that make it."""
-        multipliers = self.compliance.solve(right)
+        multipliers = self.factored.solve(right)
+        if self.loose:
+            left = [minus(r, s) for r, s in zip(right, self._reached(multipliers), strict=True)]
+            multipliers = [plus(m, more) for m, more in zip(multipliers, self.factored.solve(left), strict=True)]
         count = len(self.spread[0])
         change = [total(times(m, s[k]) for m, s in zip(multipliers, self.spread, strict=True)) for k in range(count)]
         return change, multipliers
 
+    def _reached(self, multipliers: list[Term]) -> list[Term]:
+        n, known = len(multipliers), self.compliance
+        return [total(times(known[max(i, j)][min(i, j)], multipliers[j]) for j in range(n)) for i in range(n)]
 
-def constraint(inertia: Factored, rows: list[list[Term]]) -> Constraint:
+
+def constraint(inertia: Factored, rows: list[list[Term]], loose: bool = False) -> Constraint:
     """What constraint rows J ask of the inertia."""
     spread = [inertia.solve(row) for row in rows]
     compliance = [
         [total(times(p, q) for p, q in zip(rows[i], spread[j], strict=True)) for j in range(i + 1)]
         for i in range(len(rows))
     ]
-    return Constraint(spread, factor(compliance))
+    given = compliance
+    if loose:
+        given = [[*row[:-1], times(1.0 + GIVE, row[-1])] for row in compliance]
+    return Constraint(spread, compliance, factor(given), loose)
+
+
+def closing_pairs(loops: Sequence[AbstractJoint], motion: Frames, held: list[list[Condition]], forces) -> list[Pair]:
+    """The wrench of every closure on its child, by the multipliers of its conditions."""
+    rest, out = iter(forces), []
+    for loop, own in zip(loops, held, strict=True):
+        force = torque = ZERO
+        for condition in own:
+            multiplier = next(rest)
+            force = add(force, scale(multiplier, condition.force))
+            torque = add(torque, scale(multiplier, condition.torque))
+        out.append(Pair(loop.parent, loop.child, force, torque, motion[loop.child].point(loop.at_child.vector)))
+    return out
 
 
 def corrected(
     time: Scalar,
     y: Array,
     mechanism: Mechanism,
-    loops: Sequence[Revolute],
+    loops: Sequence[AbstractJoint],
     firm: Mapping[int, Term] | None = None,
     settle: Term = 1.0,
 ) -> tuple[Array, Float[Array, " loops"]]:
@@ -108,18 +206,32 @@ def corrected(
     motion = frames(mechanism, time, state)
     rows, gaps, rates, opened = [], [], [], []
     for loop in loops:
-        gap, offset = closure(loop, motion), initial_offset(loop, motion)
-        turning = spin_cross(motion[loop.parent].spin, offset)
-        error, drift = subtract(gap.gap, offset), subtract(gap.rate, turning)
-        rows += gap.rows
-        gaps += [minus(0.0, error[0]), minus(0.0, error[1])]
-        rates += [minus(0.0, drift[0]), minus(0.0, drift[1])]
-        opened.append(jnp.hypot(jnp.asarray(error[0], float), jnp.asarray(error[1], float)))
-    asked = constraint(mass_matrix(mechanism, motion, firm), rows)
+        offset = initial_offset(loop, motion)
+        turning = cross(motion[loop.parent].spin, offset)
+        errors = []
+        for now in conditions(loop, motion, plan.free):
+            errors.append(minus(now.gap, dot(now.force, offset)))
+            gaps.append(minus(0.0, errors[-1]))
+            rates.append(minus(0.0, minus(now.rate, dot(now.force, turning))))
+            rows.append(now.row)
+        opened.append(_openness(errors, wrong_way(loop, motion)))
+    if not rows:
+        return y, jnp.stack(opened)
+    asked = constraint(mass_matrix(mechanism, motion, firm), rows, not mechanism.is_plane)
     place, speed = asked.closing(gaps)[0], asked.closing(rates)[0]
-    rest = jnp.zeros(y.shape[0] - plan.v.stop)
-    change = jnp.concatenate([as_array(place), as_array([times(settle, s) for s in speed]), rest])
-    return y + change, jnp.stack(opened)
+    q = moved(mechanism, state.q, tuple(place))
+    v = [plus(v, times(settle, s)) for v, s in zip(state.v, speed, strict=True)]
+    return jnp.concatenate([as_array(q), as_array(v), y[plan.v.stop :]]), jnp.stack(opened)
+
+
+def _openness(errors: list[Term], cosines: list[Term]) -> Array:
+    """How far a loop is open: its violated conditions, and one more where an axis points the wrong way."""
+    if len(errors) == 2 and not cosines:
+        return jnp.hypot(*(jnp.asarray(error, float) for error in errors))
+    size = jnp.sqrt(sum((jnp.asarray(error, float) ** 2 for error in errors), jnp.zeros(())))
+    for cosine in cosines:
+        size = size + jnp.where(jnp.asarray(cosine) < 0, 1.0, 0.0)
+    return size
 
 
 def projected(time: Scalar, y: Array, mechanism: Mechanism, iterations: int = 1) -> Array:
@@ -128,9 +240,18 @@ def projected(time: Scalar, y: Array, mechanism: Mechanism, iterations: int = 1)
     A step leaves a loop open by its own error, of which one iteration leaves the square; further from closed take more.
     """
     loops = mechanism.closures()
+    if not loops:
+        return of_unit_length(y, mechanism)
     if iterations == 1:
         return corrected(time, y, mechanism, loops)[0]
     return jax.lax.fori_loop(0, iterations, lambda _, y: corrected(time, y, mechanism, loops)[0], y)
+
+
+def of_unit_length(y: Array, mechanism: Mechanism) -> Array:
+    """The same state with its orientations of unit length."""
+    plan = layout(mechanism)
+    still: Rows = (0.0,) * plan.free  # pyright: ignore[reportAssignmentType]
+    return jnp.concatenate([as_array(moved(mechanism, plan.split(y).q, still)), y[plan.v.start :]])
 
 
 def assembled(time: Scalar, y: Array, mechanism: Mechanism) -> tuple[Array, Float[Array, " loops"]]:
@@ -140,7 +261,7 @@ def assembled(time: Scalar, y: Array, mechanism: Mechanism) -> tuple[Array, Floa
     Pins all but stay where they are in their sleeves; what is left then, where only play can close a loop that is a
     little too long, play takes.
     """
-    played = [i for i, c in enumerate(mechanism.free_coordinates()) if c.play is not None]
+    played = [part.v.start for part in parts(mechanism) if part.coordinate.play is not None]
 
     def once(k, carry):
         held = k < HELD
@@ -153,6 +274,8 @@ def assembled(time: Scalar, y: Array, mechanism: Mechanism) -> tuple[Array, Floa
     return jax.lax.fori_loop(0, HELD + LOOSE, once, (y, jnp.zeros(len(mechanism.loops))))
 
 
-def initial_offset(loop: Revolute, motion: Frames) -> Vector:
+def initial_offset(loop: AbstractJoint, motion: Frames) -> Vector:
     """Where in its sleeve the pin of a loop with clearance starts, at rest there, along the world's axes."""
-    return ZERO if loop.clearance is None else sleeve_rotation(loop, motion).apply(loop.eccentricity.vector)
+    if not isinstance(loop, Revolute) or loop.clearance is None:
+        return ZERO
+    return sleeve_rotation(loop, motion).apply(loop.eccentricity.vector)

@@ -9,11 +9,11 @@ from jaxtyping import Array, Float
 
 from clearance_jax._types import Rows, Scalar
 from clearance_jax.dynamics.equations import Balance
-from clearance_jax.dynamics.inertia import Extra, inertial_load
+from clearance_jax.dynamics.inertia import Extra, inertia_of, inertial_wrenches, pair_work
 from clearance_jax.dynamics.kinematics import Frames, frames, play, spring_state
 from clearance_jax.mechanism.body import GROUND
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.mechanism.state import State, layout
+from clearance_jax.mechanism.state import State, layout, parts
 from clearance_jax.spatial import Term, add, dot, minus, plus, times, total
 
 # Quadratures beside the state. What contacts and dampers absorb, minus what contacts hold elastically, is the damping
@@ -28,8 +28,10 @@ def powers(mechanism: Mechanism, time: Scalar, state: State, now: Balance) -> Ro
     and the sum of the absolute powers (the energy exchanged, against which a residual is judged).
     """
     drive = total(times(effort, speed) for effort, speed in driving(mechanism, now))
-    for i, coordinate in enumerate(mechanism.free_coordinates()):
-        drive = plus(drive, times(coordinate.motion.effort(time, state.q[i], state.v[i]), state.v[i]))
+    for coordinate, q, v in parts(mechanism):
+        if not coordinate.is_ball:
+            effort = coordinate.motion.effort(time, state.q[q.start], state.v[v.start])
+            drive = plus(drive, times(effort, state.v[v.start]))
     absorbed: Term = total(action.absorbed_power for action in now.actions.values())
     friction: Term = total(action.friction_power for action in now.actions.values())
     for spring in mechanism.springs:
@@ -41,15 +43,16 @@ def powers(mechanism: Mechanism, time: Scalar, state: State, now: Balance) -> Ro
 
 def driving(mechanism: Mechanism, now: Balance) -> list[tuple[Term, Term]]:
     """Driving force and speed of every prescribed coordinate, by d'Alembert on its own column."""
-    motion, extra = now.motion, Extra(now.acceleration)
+    motion, owners = now.motion, prescribed_owners(mechanism)
+    if not any(owners.values()):
+        return []
+    wrenches = inertial_wrenches(mechanism, motion, Extra(now.acceleration), every=True)
     efforts: dict[str, list[Term]] = {}
-    owners = prescribed_owners(mechanism)
-    for body in mechanism.bodies:
-        frame = motion[body.name]
-        for key, (column, speed) in zip(owners[body.name], frame.prescribed, strict=True):
-            load = inertial_load(mechanism, body, frame, column, extra)
-            entry = efforts.setdefault(key, [0.0, speed])
-            entry[0] = minus(entry[0], load)
+    for joint in mechanism.joints:
+        frame, known = motion[joint.child], len(owners[joint.parent])
+        own = zip(owners[joint.child][known:], frame.prescribed[known:], strict=True)
+        for key, (column, speed) in own:
+            efforts[key] = [minus(0.0, wrenches[joint.child].on(column, frame.pivot)), speed]
     for pair in (*now.pairs, *now.closing):
         for name, sign in ((pair.child, 1.0), (pair.parent, -1.0)):
             other = pair.parent if sign > 0 else pair.child
@@ -58,8 +61,7 @@ def driving(mechanism: Mechanism, now: Balance) -> list[tuple[Term, Term]]:
             for key, (column, _) in zip(owners[name], motion[name].prescribed, strict=True):
                 if key in owners.get(other, ()):
                     continue
-                work = plus(dot(column.velocity_at(pair.at), pair.force), times(column.spin, pair.torque))
-                efforts[key][0] = minus(efforts[key][0], times(sign, work))
+                efforts[key][0] = minus(efforts[key][0], times(sign, pair_work(pair, column)))
     # In the order of the coordinates, whatever the order of the bodies.
     return [(efforts[c.name][0], efforts[c.name][1]) for c in mechanism.coordinates() if c.name in efforts]
 
@@ -84,8 +86,8 @@ def kinetic_power(mechanism: Mechanism, now: Balance) -> Term:
             acceleration = add(frame.acceleration_at(centre), extra.at(frame, centre))
             power = plus(power, times(body.mass, dot(acceleration, frame.velocity_at(centre))))
         if body.inertia is not None:
-            spin_rate = plus(frame.spin_rate, extra.spin_rate(frame))
-            power = plus(power, times(body.inertia, times(spin_rate, frame.spin)))
+            spin_rate = add(frame.spin_rate, extra.spin_rate(frame))
+            power = plus(power, dot(inertia_of(body, frame).apply(spin_rate), frame.spin))
     return power
 
 
@@ -122,7 +124,7 @@ def energies(time: Scalar, y: Array, mechanism: Mechanism) -> Energies:
             kinetic = plus(kinetic, times(0.5 * body.mass, dot(velocity, velocity)))
             potential = minus(potential, times(body.mass, dot(mechanism.gravity.vector, centre)))
         if body.inertia is not None:
-            kinetic = plus(kinetic, times(0.5 * body.inertia, times(frame.spin, frame.spin)))
+            kinetic = plus(kinetic, times(0.5, dot(inertia_of(body, frame).apply(frame.spin), frame.spin)))
     springs: Term = 0.0
     for spring in mechanism.springs:
         springs = plus(springs, 0.5 * spring.stiffness * spring_state(spring, motion).elongation ** 2)

@@ -4,14 +4,14 @@ from typing import NamedTuple
 
 from clearance_jax._sharing import shared
 from clearance_jax._types import Scalar
-from clearance_jax.dynamics.closures import closure, constraint
+from clearance_jax.dynamics.closures import closing_pairs, conditions, constraint
 from clearance_jax.dynamics.inertia import Pair, generalised_load, mass_matrix
 from clearance_jax.dynamics.kinematics import Frames, Play, frames, play, spring_state
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import Action
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import State
-from clearance_jax.spatial import Term, minus, plus, scale, times, total
+from clearance_jax.spatial import ZERO, Term, minus, plus, scale, times, total
 
 
 class Balance(NamedTuple):
@@ -47,12 +47,14 @@ def wrench_pairs(
     pairs = []
     for joint in mechanism.clearance_joints():
         at, now = plays[joint.name], actions[joint.name]
-        pairs.append(Pair(joint.parent, joint.child, at.rotation.apply(now.force), now.torque, at.pin))
+        pairs.append(
+            Pair(joint.parent, joint.child, at.rotation.apply((*now.force, 0.0)), (0.0, 0.0, now.torque), at.pin)
+        )
     for spring in mechanism.springs:
         now = spring_state(spring, motion)
         # Along the line through both points the place of application does not matter: one point serves both bodies.
         end = motion[spring.body_b].point(spring.at_b.vector)
-        pairs.append(Pair(spring.body_a, spring.body_b, scale(-now.tension, now.along), 0.0, end))
+        pairs.append(Pair(spring.body_a, spring.body_b, scale(-now.tension, now.along), ZERO, end))
     return pairs
 
 
@@ -69,23 +71,13 @@ def accelerations(
         raise ClearanceError(
             f"The ideal loop `{loops[0].name}` joins bodies that are all prescribed: free one of them."
         )
-    rows, lag = [], []
-    for loop in loops:
-        gap = closure(loop, motion)
-        rows += gap.rows
-        lag += [
-            minus(minus(0.0, a), total(times(r, q) for r, q in zip(row, free, strict=True)))
-            for a, row in zip(gap.acceleration, gap.rows, strict=True)
-        ]
-    correction, forces = constraint(inertia, rows).closing(lag)
-    closing = [
-        Pair(
-            loop.parent,
-            loop.child,
-            (forces[2 * i], forces[2 * i + 1]),
-            0.0,
-            motion[loop.child].point(loop.at_child.vector),
-        )
-        for i, loop in enumerate(loops)
+    held = [conditions(loop, motion, len(free)) for loop in loops]
+    every = [condition for own in held for condition in own]
+    lag = [
+        minus(minus(0.0, now.acceleration), total(times(r, q) for r, q in zip(now.row, free, strict=True)))
+        for now in every
     ]
+    asked = constraint(inertia, [now.row for now in every], not mechanism.is_plane)
+    correction, forces = asked.closing(lag)
+    closing = closing_pairs(loops, motion, held, forces)
     return [plus(a, b) for a, b in zip(free, correction, strict=True)], closing

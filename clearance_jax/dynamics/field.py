@@ -14,7 +14,7 @@ from clearance_jax._types import Flag, Rows, Scalar
 from clearance_jax.dynamics.energy import powers
 from clearance_jax.dynamics.equations import balance
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.mechanism.state import layout, vector
+from clearance_jax.mechanism.state import layout, position_rates, vector
 
 
 def rate(time: Scalar, y: Rows, mechanism: Mechanism, books: bool = False, counts: Flag | None = None) -> Rows:
@@ -24,7 +24,7 @@ def rate(time: Scalar, y: Rows, mechanism: Mechanism, books: bool = False, count
     state = layout(mechanism).split(y)
     now = balance(mechanism, time, state)
     memory = [rate for action in now.actions.values() for rate in action.memory_rate]
-    own = (*state.v, *(jnp.asarray(a, float) for a in now.acceleration), *memory)
+    own = (*position_rates(mechanism, state.q, state.v), *(jnp.asarray(a, float) for a in now.acceleration), *memory)
     if not books:
         return own
     return *own, *where_it_counts(counts, lambda: powers(mechanism, time, state, now))

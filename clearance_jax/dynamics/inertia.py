@@ -1,8 +1,12 @@
 """Inertia and loads by free coordinate.
 
-Kane's equations: for every body and every free coordinate, the column that the coordinate moves the body along projects
-inertia and load. Only coordinates that are states have rows; a prescribed coordinate's driving force is found by
-projecting the same balance on its own column, where it is wanted (`energy.driving`).
+Kane's equations by composite bodies: what hangs on a joint moves as one body where only the joint's own coordinates
+move, so its mass, its centre and its inertia, summed from the leaves to the root, give a row of the mass matrix; and
+the sum of its weights and inertia forces, projected on the joint's columns, gives the load.
+
+Moments of what hangs on a joint are taken about the joint's own place, not about the world's origin: so nothing is lost
+on a mechanism that stands far from it. Only coordinates that are states have rows; a prescribed coordinate's driving
+force is found by projecting the same balance on its own column, where it is wanted (`energy.driving`).
 """
 
 from collections.abc import Mapping
@@ -11,23 +15,28 @@ from typing import NamedTuple
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.kinematics import Extra, Frames
 from clearance_jax.errors import ClearanceError
-from clearance_jax.mechanism.body import Body
+from clearance_jax.mechanism.body import GROUND, Body
+from clearance_jax.mechanism.frame import Column, Frame
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.mechanism.state import State, layout
-from clearance_jax.mechanism.tree import Column, Frame
+from clearance_jax.mechanism.placement import Inertia
+from clearance_jax.mechanism.state import State, layout, parts
 from clearance_jax.spatial import (
-    Factored,
+    ZERO,
     Term,
     Vector,
+    Z,
+    absent,
     add,
+    cross,
     dot,
-    factor,
     is_zero,
     minus,
     plus,
+    scale,
     subtract,
     times,
 )
+from clearance_jax.symmetric import NOTHING, Factored, Symmetric, factor, of_point, rotated, shifted
 
 
 class Pair(NamedTuple):
@@ -36,8 +45,93 @@ class Pair(NamedTuple):
     parent: str
     child: str
     force: Vector
-    torque: Term
+    torque: Vector
     at: Vector
+
+
+class Composite(NamedTuple):
+    """A body with all that hangs on it, as one: mass, mass times the arm of its centre, inertia, about its pivot."""
+
+    mass: Term
+    moment: Vector
+    inertia: Symmetric
+
+    def moved(self, by: Vector) -> "Composite":
+        """Seen from another pivot, from which `by` leads to its own."""
+        if absent(by):
+            return self
+        moment = add(self.moment, scale(self.mass, by))
+        return Composite(self.mass, moment, shifted(self.inertia, by, self.moment, moment))
+
+    def __add__(self, other) -> "Composite":
+        return Composite(plus(self.mass, other.mass), add(self.moment, other.moment), self.inertia + other.inertia)
+
+    def momentum(self, column: Column, pivot: Vector) -> "Wrench":
+        """Momentum and angular momentum (about its pivot) per unit rate of a column that moves all of it."""
+        velocity, spin = column.velocity_at(pivot), column.spin
+        return Wrench(
+            add(scale(self.mass, velocity), cross(spin, self.moment)),
+            add(self.inertia.apply(spin), cross(self.moment, velocity)),
+        )
+
+
+class Wrench(NamedTuple):
+    """A force and a moment about a pivot (or a momentum, and an angular momentum about it)."""
+
+    force: Vector = ZERO
+    moment: Vector = ZERO
+
+    def moved(self, by: Vector) -> "Wrench":
+        """The same about another pivot, from which `by` leads to its own."""
+        return Wrench(self.force, add(self.moment, cross(by, self.force)))
+
+    def on(self, column: Column, pivot: Vector) -> Term:
+        """Projected on a column."""
+        if column.pivot is None:
+            return dot(column.axis, self.force)
+        return dot(column.axis, self.moved(subtract(pivot, column.pivot)).moment)
+
+    def __add__(self, other) -> "Wrench":
+        return Wrench(add(self.force, other.force), add(self.moment, other.moment))
+
+
+def inertia_of(body: Body, frame: Frame) -> Symmetric:
+    """A body's inertia about its centre of mass, in the world's axes."""
+    if body.inertia is None:
+        return NOTHING
+    if isinstance(body.inertia, Inertia):
+        return rotated(body.inertia.symmetric, frame.rotation)
+    about_z = body.inertia
+    if frame.rotation.rows[2] != Z:
+        raise ClearanceError(
+            f"Body `{body.name}` turns out of the plane, but its inertia is one number (about z): give three or six, "
+            "`Inertia(xx, yy, zz, xy, xz, yz)`."
+        )
+    return Symmetric(lambda i, j: about_z if i == j == 2 else 0.0)
+
+
+def composites(mechanism: Mechanism, motion: Frames) -> dict[str, Composite]:
+    """Of every body that a free coordinate moves, with all that hangs on it."""
+    bodies, out = {body.name: body for body in mechanism.bodies}, {}
+    for joint in reversed(mechanism.joints):
+        frame = motion[joint.child]
+        if not frame.free:
+            continue
+        body = bodies[joint.child]
+        mass = 0.0 if body.mass is None else body.mass
+        arm = subtract(frame.point(body.center_of_mass.vector), frame.pivot)
+        moment = scale(mass, arm)
+        whole = Composite(mass, moment, inertia_of(body, frame) + of_point(mass, arm, moment))
+        for other in mechanism.joints:
+            if other.parent == joint.child:
+                whole += out[other.child].moved(subtract(motion[other.child].pivot, frame.pivot))
+        out[joint.child] = whole
+    return out
+
+
+def own_columns(mechanism: Mechanism, motion: Frames) -> dict[str, tuple[Column, ...]]:
+    """By each body the free columns of the joint that carries it."""
+    return {j.child: motion[j.child].free[len(motion[j.parent].free) :] for j in mechanism.joints}
 
 
 def mass_matrix(mechanism: Mechanism, motion: Frames, firm: Mapping[int, Term] | None = None) -> Factored:
@@ -46,13 +140,22 @@ def mass_matrix(mechanism: Mechanism, motion: Frames, firm: Mapping[int, Term] |
     """
     names = layout(mechanism).velocities
     matrix: list[list[Term]] = [[0.0] * (i + 1) for i in range(len(names))]
-    for body in mechanism.bodies:
-        frame = motion[body.name]
-        centre = frame.point(body.center_of_mass.vector)
-        for a in frame.free:
-            for b in frame.free:
-                if b.index <= a.index:
-                    matrix[a.index][b.index] = plus(matrix[a.index][b.index], coupling(body, a, b, centre))
+    whole, columns = composites(mechanism, motion), own_columns(mechanism, motion)
+    parents = {joint.child: joint.parent for joint in mechanism.joints}
+    for joint in mechanism.joints:
+        for column in columns[joint.child]:
+            at = joint.child
+            pivot = motion[at].pivot
+            momentum = whole[at].momentum(column, pivot)
+            while at != GROUND and motion[at].free:
+                for other in columns[at]:
+                    row, entry = max(column.index, other.index), min(column.index, other.index)
+                    if at != joint.child or other.index <= column.index:
+                        matrix[row][entry] = momentum.on(other, pivot)
+                at = parents[at]
+                if at != GROUND:
+                    momentum = momentum.moved(subtract(pivot, motion[at].pivot))
+                    pivot = motion[at].pivot
     for i, name in enumerate(names):
         if is_zero(matrix[i][i]):
             raise ClearanceError(
@@ -64,40 +167,57 @@ def mass_matrix(mechanism: Mechanism, motion: Frames, firm: Mapping[int, Term] |
     return factor(matrix)
 
 
-def coupling(body: Body, a: Column, b: Column, centre: Vector) -> Term:
-    """A body's contribution to the inertia between two coordinates that move it."""
-    sliding = 0.0 if body.mass is None else times(body.mass, dot(a.velocity_at(centre), b.velocity_at(centre)))
-    turning = 0.0 if body.inertia is None else times(body.inertia, times(a.spin, b.spin))
-    return plus(sliding, turning)
+def inertial_wrenches(
+    mechanism: Mechanism, motion: Frames, extra: Extra | None = None, every: bool = False
+) -> dict[str, Wrench]:
+    """By each body weight minus inertia forces of it and all that hangs on it, about its pivot; of bodies that a free
+    coordinate moves, or of `every` one. The accelerations are those of the frames and `extra`.
+    """
+    bodies, out = {body.name: body for body in mechanism.bodies}, {}
+    for joint in reversed(mechanism.joints):
+        frame = motion[joint.child]
+        if not (frame.free or every):
+            continue
+        whole = _deficit(mechanism, bodies[joint.child], frame, extra)
+        for other in mechanism.joints:
+            if other.parent == joint.child:
+                whole += out[other.child].moved(subtract(motion[other.child].pivot, frame.pivot))
+        out[joint.child] = whole
+    return out
+
+
+def _deficit(mechanism: Mechanism, body: Body, frame: Frame, extra: Extra | None) -> Wrench:
+    """A body's weight minus its inertia forces, about its pivot."""
+    centre = frame.point(body.center_of_mass.vector)
+    force = moment = ZERO
+    if body.mass is not None:
+        acceleration = frame.acceleration_at(centre)
+        if extra is not None:
+            acceleration = add(acceleration, extra.at(frame, centre))
+        force = scale(body.mass, subtract(mechanism.gravity.vector, acceleration))
+        moment = cross(subtract(centre, frame.pivot), force)
+    if body.inertia is not None:
+        inertia = inertia_of(body, frame)
+        spin_rate = frame.spin_rate if extra is None else add(frame.spin_rate, extra.spin_rate(frame))
+        gyroscopic = cross(frame.spin, inertia.apply(frame.spin))
+        moment = subtract(moment, add(inertia.apply(spin_rate), gyroscopic))
+    return Wrench(force, moment)
 
 
 def generalised_load(mechanism: Mechanism, time: Scalar, state: State, motion: Frames, pairs: list[Pair]) -> list[Term]:
     """Weight, inertia of the prescribed and centripetal motion, internal wrenches and actuators, by free coordinate."""
     load: list[Term] = [0.0] * layout(mechanism).free
-    for body in mechanism.bodies:
-        frame = motion[body.name]
-        for column in frame.free:
-            load[column.index] = plus(load[column.index], inertial_load(mechanism, body, frame, column))
+    wrenches = inertial_wrenches(mechanism, motion)
+    for name, columns in own_columns(mechanism, motion).items():
+        for column in columns:
+            load[column.index] = wrenches[name].on(column, motion[name].pivot)
     for pair in pairs:
         for index, term in pair_load(pair, motion).items():
             load[index] = plus(load[index], term)
-    for i, coordinate in enumerate(mechanism.free_coordinates()):
-        load[i] = plus(load[i], coordinate.motion.effort(time, state.q[i], state.v[i]))
-    return load
-
-
-def inertial_load(mechanism: Mechanism, body: Body, frame: Frame, column: Column, extra: Extra | None = None) -> Term:
-    """Projection of weight minus mass times acceleration of one body on a column."""
-    centre = frame.point(body.center_of_mass.vector)
-    acceleration, spin_rate = frame.acceleration_at(centre), frame.spin_rate
-    if extra is not None:
-        acceleration, spin_rate = add(acceleration, extra.at(frame, centre)), plus(spin_rate, extra.spin_rate(frame))
-    load: Term = 0.0
-    if body.mass is not None:
-        deficit = subtract(mechanism.gravity.vector, acceleration)
-        load = times(body.mass, dot(column.velocity_at(centre), deficit))
-    if body.inertia is not None:
-        load = minus(load, times(body.inertia, times(column.spin, spin_rate)))
+    for coordinate, q, v in parts(mechanism):
+        if not coordinate.is_ball:
+            effort = coordinate.motion.effort(time, state.q[q.start], state.v[v.start])
+            load[v.start] = plus(load[v.start], effort)
     return load
 
 
@@ -108,6 +228,11 @@ def pair_load(pair: Pair, motion: Frames) -> dict[int, Term]:
     out: dict[int, Term] = {}
     for index in sorted(child.keys() ^ parent.keys()):
         column = child[index] if index in child else parent[index]
-        work = plus(dot(column.velocity_at(pair.at), pair.force), times(column.spin, pair.torque))
+        work = pair_work(pair, column)
         out[index] = work if index in child else minus(0.0, work)
     return out
+
+
+def pair_work(pair: Pair, column: Column) -> Term:
+    """Work of a pair's wrench on its child per unit rate of a column that moves the child only."""
+    return plus(dot(column.velocity_at(pair.at), pair.force), dot(column.spin, pair.torque))

@@ -5,27 +5,28 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from clearance_jax._numerics import safe_unit
+from clearance_jax._numerics import safe_sqrt, safe_unit
 from clearance_jax._sharing import shared
 from clearance_jax._types import Rows, Scalar
 from clearance_jax.joints import Relative
 from clearance_jax.mechanism.body import GROUND, Spring
+from clearance_jax.mechanism.frame import Frame
 from clearance_jax.mechanism.mechanism import ClearanceJoint, Mechanism
-from clearance_jax.mechanism.state import State, layout
-from clearance_jax.mechanism.tree import Frame, Revolute, place
+from clearance_jax.mechanism.state import State, layout, parts
+from clearance_jax.mechanism.tree import AbstractJoint, place
 from clearance_jax.spatial import (
+    ZERO,
     Rotation,
     Term,
     Vector,
     add,
+    cross,
     dot,
+    is_zero,
     minus,
     plus,
     scale,
-    spin_cross,
     subtract,
-    times,
-    total,
 )
 
 Frames = dict[str, Frame]
@@ -33,8 +34,7 @@ Frames = dict[str, Frame]
 
 def frames(mechanism: Mechanism, time: Scalar, state: State) -> Frames:
     """Pose and motion of every body: one sweep from the ground."""
-    names = layout(mechanism).velocities
-    values = {name: (i, state.q[i], state.v[i]) for i, name in enumerate(names)}
+    values = {c.name: (v.start, state.q[q], state.v[v]) for c, q, v in parts(mechanism)}
     out = {GROUND: Frame()}
     for joint in mechanism.joints:
         out[joint.child] = place(joint, out[joint.parent], time, values)
@@ -55,20 +55,20 @@ def play(joint: ClearanceJoint, motion: Frames, state: State) -> Play:
     """Kinematics of a clearance joint: in the tree its coordinates, in a loop a difference of positions."""
     sleeve, pin = motion[joint.parent], motion[joint.child]
     centre = pin.point(joint.joint.at_child.vector)
-    angle, spin = minus(pin.angle, sleeve.angle), minus(pin.spin, sleeve.spin)
+    angle, spin = minus(pin.angle, sleeve.angle), minus(pin.spin[2], sleeve.spin[2])
     rotation = sleeve_rotation(joint.joint, motion)
     if joint.play is not None:
         at = Relative(joint.slid(state.q), angle, joint.slid(state.v), spin)
         return Play(shared(at), rotation, centre)
     gap = subtract(centre, sleeve.point(joint.joint.at_parent.vector))
     rate = subtract(pin.velocity_at(centre), sleeve.velocity_at(centre))
-    return Play(shared(Relative(rotation.undo(gap), angle, rotation.undo(rate), spin)), rotation, centre)
+    place, velocity = rotation.undo(gap)[:2], rotation.undo(rate)[:2]
+    return Play(shared(Relative(place, angle, velocity, spin)), rotation, centre)
 
 
-def sleeve_rotation(joint: Revolute, motion: Frames) -> Rotation:
-    """Orientation of the sleeve's axes: the parent's, turned by the joint's own angle."""
-    frame = motion[joint.parent]
-    return frame.rotation if joint.angle is None else frame.turned(joint.angle).rotation
+def sleeve_rotation(joint: AbstractJoint, motion: Frames) -> Rotation:
+    """Orientation of the joint's frame on its parent (of a sleeve's axes)."""
+    return motion[joint.parent].rotated(joint.turned).rotation
 
 
 def relative_motions(time: Scalar, y: Array | Rows, mechanism: Mechanism) -> list[Relative]:
@@ -91,14 +91,17 @@ class Extra(NamedTuple):
 
     def at(self, frame: Frame, point: Vector) -> Vector:
         """Extra acceleration of a body's point."""
-        out: Vector = (0.0, 0.0)
+        out = ZERO
         for column in frame.free:
             out = add(out, scale(self.acceleration[column.index], column.velocity_at(point)))
         return out
 
-    def spin_rate(self, frame: Frame) -> Term:
+    def spin_rate(self, frame: Frame) -> Vector:
         """Extra spin rate of a body."""
-        return total(times(column.spin, self.acceleration[column.index]) for column in frame.free)
+        out = ZERO
+        for column in frame.free:
+            out = add(out, scale(self.acceleration[column.index], column.spin))
+        return out
 
 
 def relative_accelerations(
@@ -116,7 +119,9 @@ def relative_accelerations(
     for joint in mechanism.clearance_joints():
         at = play(joint, motion, state)
         now, (sleeve, pin) = at.relative, (motion[joint.parent], motion[joint.child])
-        spin_rate = minus(plus(pin.spin_rate, extra.spin_rate(pin)), plus(sleeve.spin_rate, extra.spin_rate(sleeve)))
+        spin_rate = minus(
+            plus(pin.spin_rate[2], extra.spin_rate(pin)[2]), plus(sleeve.spin_rate[2], extra.spin_rate(sleeve)[2])
+        )
         if joint.play is not None:
             gain = joint.slid(speeds)
         else:
@@ -124,8 +129,8 @@ def relative_accelerations(
                 add(pin.acceleration_at(at.pin), extra.at(pin, at.pin)),
                 add(sleeve.acceleration_at(at.pin), extra.at(sleeve, at.pin)),
             )
-            turning = scale(2.0, spin_cross(sleeve.spin, now.velocity))
-            gain = subtract(at.rotation.undo(shared(apart)), turning)
+            turning = cross(scale(2.0, sleeve.spin), (*now.velocity, 0.0))
+            gain = subtract(at.rotation.undo(shared(apart)), turning)[:2]
         out.append((_arrays(now), shared(_arrays(Relative(now.velocity, now.spin, gain, spin_rate)))))
     return out
 
@@ -144,7 +149,16 @@ def spring_state(spring: Spring, motion: Frames) -> SpringState:
     frame_a, frame_b = motion[spring.body_a], motion[spring.body_b]
     a, b = frame_a.point(spring.at_a.vector), frame_b.point(spring.at_b.vector)
     span = subtract(b, a)
-    length, ux, uy = safe_unit(jnp.asarray(span[0], dtype=float), jnp.asarray(span[1], dtype=float))
-    rate = jnp.asarray(dot((ux, uy), subtract(frame_b.velocity_at(b), frame_a.velocity_at(a))))
+    length, along = _unit(span)
+    rate = jnp.asarray(dot(along, subtract(frame_b.velocity_at(b), frame_a.velocity_at(a))))
     elongation = length - spring.free_length
-    return SpringState(elongation, rate, spring.stiffness * elongation + spring.damping * rate, (ux, uy))
+    return SpringState(elongation, rate, spring.stiffness * elongation + spring.damping * rate, along)
+
+
+def _unit(span: Vector) -> tuple[Array, Vector]:
+    """Length and direction of a span; of none the direction is zero."""
+    if is_zero(span[2]):
+        length, x, y = safe_unit(jnp.asarray(span[0], dtype=float), jnp.asarray(span[1], dtype=float))
+        return length, (x, y, 0.0)
+    length = safe_sqrt(jnp.asarray(dot(span, span), float))
+    return length, scale(1.0 / jnp.where(length > 0, length, 1.0), span)

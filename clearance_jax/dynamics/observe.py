@@ -9,8 +9,8 @@ from clearance_jax.dynamics.equations import Balance, balance
 from clearance_jax.dynamics.inertia import Extra
 from clearance_jax.dynamics.reactions import reactions
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.mechanism.state import State, layout
-from clearance_jax.spatial import Term, add, as_array
+from clearance_jax.mechanism.state import State, layout, parts
+from clearance_jax.spatial import Term, add, as_array, rotation_vector
 
 
 def observe(time: Scalar, y: Array, mechanism: Mechanism) -> dict[str, Array]:
@@ -19,7 +19,11 @@ def observe(time: Scalar, y: Array, mechanism: Mechanism) -> dict[str, Array]:
     state = plan.split(y)
     now = balance(mechanism, time, state)
     out = coordinate_values(mechanism, time, state) | point_motions(mechanism, now) | contacts(mechanism, now)
-    out["joint_reaction"] = jnp.stack([as_array(list(f)) for f in reactions(mechanism, now)])
+    axes = len(axes_of(mechanism))
+    exerted = reactions(mechanism, now)
+    out["joint_reaction"] = jnp.stack([as_array(w.force[:axes]) for w in exerted])
+    if axes == 3:
+        out["joint_moment"] = jnp.stack([as_array(w.moment) for w in exerted])
     efforts = driving(mechanism, now)
     if efforts:
         out["drive_force"] = as_array([effort for effort, _ in efforts])
@@ -39,7 +43,7 @@ def contacts(mechanism: Mechanism, now: Balance) -> dict[str, Array]:
     plays = [now.plays[joint.name].relative for joint in mechanism.clearance_joints()]
     points = [action.deepest for action in now.actions.values()]
     return {
-        "eccentricity": jnp.stack([as_array(list(at.place)) for at in plays]),
+        "eccentricity": jnp.stack([as_array(at.place) for at in plays]),
         "penetration": jnp.stack([p.penetration for p in points]),
         "penetration_rate": jnp.stack([p.penetration_rate for p in points]),
         "contact_force": jnp.stack([action.normal_force for action in now.actions.values()]),
@@ -49,31 +53,38 @@ def contacts(mechanism: Mechanism, now: Balance) -> dict[str, Array]:
 
 
 def point_motions(mechanism: Mechanism, now: Balance) -> dict[str, Array]:
-    """Position, velocity and acceleration of every named point, shape (points, 2)."""
+    """Position, velocity and acceleration of every named point, shape (points, 2), in space (points, 3)."""
     if not mechanism.points:
         return {}
-    extra, places, speeds, rates = Extra(now.acceleration), [], [], []
+    extra, axes, places, speeds, rates = Extra(now.acceleration), len(axes_of(mechanism)), [], [], []
     for point in mechanism.points:
         frame = now.motion[point.body]
         at = frame.point(point.at.vector)
-        places.append(as_array(list(at)))
-        speeds.append(as_array(list(frame.velocity_at(at))))
-        rates.append(as_array(list(add(frame.acceleration_at(at), extra.at(frame, at)))))
+        places.append(as_array(at[:axes]))
+        speeds.append(as_array(frame.velocity_at(at)[:axes]))
+        rates.append(as_array(add(frame.acceleration_at(at), extra.at(frame, at))[:axes]))
     return {"position": jnp.stack(places), "velocity": jnp.stack(speeds), "acceleration": jnp.stack(rates)}
 
 
 def coordinate_values(mechanism: Mechanism, time: Scalar, state: State) -> dict[str, Array]:
-    """Position and velocity of every elementary coordinate, prescribed ones too."""
-    i = 0
+    """Position and velocity of every elementary coordinate, prescribed ones too; of an orientation its rotation vector
+    and its spin.
+    """
+    free = iter(parts(mechanism))
     q: list[Term] = []
     v: list[Term] = []
     for coordinate in mechanism.coordinates():
         if coordinate.motion.drive is None:
-            q.append(state.q[i])
-            v.append(state.v[i])
-            i += 1
+            part = next(free)
+            q += rotation_vector(state.q[part.q]) if coordinate.is_ball else state.q[part.q]
+            v += state.v[part.v]
         else:
             now = coordinate.motion.drive(time)
             q.append(now[0])
             v.append(now[1])
     return {"q": as_array(q), "v": as_array(v)}
+
+
+def axes_of(mechanism: Mechanism) -> tuple[str, ...]:
+    """The axes along which a mechanism's vectors are reported."""
+    return ("x", "y") if mechanism.is_plane else ("x", "y", "z")

@@ -12,9 +12,9 @@ from jaxtyping import Array
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.energy import energies
 from clearance_jax.dynamics.kinematics import frames
-from clearance_jax.dynamics.observe import coordinate_values, observe
+from clearance_jax.dynamics.observe import axes_of, coordinate_values, observe
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.mechanism.state import layout
+from clearance_jax.mechanism.state import layout, parts
 from clearance_jax.spatial import as_array
 
 
@@ -42,6 +42,9 @@ OBSERVED = {
     "friction_force": Variable(("joint",), "N", "traction on the pin"),
     "slip_velocity": Variable(("joint",), "m/s", "slip of the pin's surface on the sleeve's"),
     "joint_reaction": Variable(("any_joint", "axis"), "N", "force on the child body, world axes"),
+    "joint_moment": Variable(
+        ("any_joint", "axis"), "N m", "moment on the child body about the joint's place, world axes (in space)"
+    ),
     "drive_force": Variable(("drive",), "see drive_unit", "effort of a prescribed coordinate"),
     "kinetic_energy": Variable((), "J", "kinetic energy"),
     "potential_energy": Variable((), "J", "potential energy of weight"),
@@ -52,8 +55,9 @@ OBSERVED = {
     "exchanged": Variable((), "J", "sum of absolute powers of drives and inertia since the start"),
 }
 """What `observe` reports of a state."""
+IN_SPACE = ("joint_moment",)
+"""What is reported of mechanisms that leave the plane only."""
 BOOKED = ("drive_work", "damping_loss", "friction_loss", "exchanged")
-AXES = ("x", "y")
 # A coordinate's value and rate have the names that its initial values have among the parameters.
 OF_COORDINATES = {"q": "position", "v": "velocity"}
 
@@ -62,10 +66,10 @@ def labels(mechanism: Mechanism) -> dict[str, tuple[str, list[str]]]:
     """What labels the entries of every dimension: by name its dimension and its values."""
     coordinates = list(mechanism.coordinates())
     driven = [c for c in coordinates if not c.motion.is_free]
-    kinds = ["rad" if c.slides is None else "m" for c in coordinates]
+    kinds = ["rad" if c.slides is None else "m" for c in coordinates for _ in c.velocities]
     return {
-        "axis": ("axis", list(AXES)),
-        "coordinate": ("coordinate", [c.name for c in coordinates]),
+        "axis": ("axis", list(axes_of(mechanism))),
+        "coordinate": ("coordinate", [name for c in coordinates for name in c.velocities]),
         "coordinate_unit": ("coordinate", kinds),
         "rate_unit": ("coordinate", [f"{kind}/s" for kind in kinds]),
         "point": ("point", [p.name for p in mechanism.points]),
@@ -89,6 +93,8 @@ def quantities(mechanism: Mechanism, books: bool) -> dict[str, Quantity]:
     """Every quantity that has a name; `books`: whether states have energy books."""
     labelled, out = labels(mechanism), dict(_states(mechanism))
     for variable, described in OBSERVED.items():
+        if variable in IN_SPACE and mechanism.is_plane:
+            continue
         if not described.dims and (books or variable not in BOOKED):
             out[variable] = Quantity(variable, (), described.unit)
         for name, found in _entries(variable, described, labelled):
@@ -108,20 +114,20 @@ def _entries(variable: str, described: Variable, labelled: dict) -> Iterator[tup
         yield name, Quantity(variable, (i,), unit)
         if variable == "q":
             yield label, Quantity(variable, (i,), unit)
-        for k, axis in enumerate(AXES if rest else ()):
+        for k, axis in enumerate(labelled["axis"][1] if rest else ()):
             yield f"{name}.{axis}", Quantity(variable, (i, k), unit)
 
 
 def _states(mechanism: Mechanism) -> Iterator[tuple[str, Quantity]]:
     """What is read off a state as it is: free coordinates, their rates, and the laws' memory."""
     plan = layout(mechanism)
-    slides = {c.name: c.slides is not None for c in mechanism.coordinates()}
-    for i, name in enumerate(plan.positions):
-        found = Quantity("state", (), "m" if slides[name] else "rad", i)
-        yield name, found
-        yield f"{name}.position", found
-    for i, name in enumerate(plan.velocities):
-        yield f"{name}.velocity", Quantity("state", (), "m/s" if slides[name] else "rad/s", plan.v.start + i)
+    for c, q, v in parts(mechanism):
+        unit = "rad" if c.slides is None else "m"
+        if not c.is_ball:  # an orientation is reported by its rotation vector, which is not in the state
+            yield c.name, Quantity("state", (), unit, q.start)
+            yield f"{c.name}.position", Quantity("state", (), unit, q.start)
+        for i, name in enumerate(c.velocities):
+            yield f"{name}.velocity", Quantity("state", (), f"{unit}/s", plan.v.start + v.start + i)
     for joint, names in plan.memories:
         for name in names:
             yield f"{joint}.{name}", Quantity("state", (), "", plan.index(joint, name))
@@ -130,11 +136,11 @@ def _states(mechanism: Mechanism) -> Iterator[tuple[str, Quantity]]:
 def evaluated(variable: str, time: Scalar, y: Array, mechanism: Mechanism) -> Array:
     """One variable of `OBSERVED`, of one state of a prepared mechanism, at no more cost than it takes."""
     if variable in ("position", "velocity"):
-        motion, out = frames(mechanism, time, layout(mechanism).split(y)), []
+        motion, axes, out = frames(mechanism, time, layout(mechanism).split(y)), len(axes_of(mechanism)), []
         for point in mechanism.points:
             frame = motion[point.body]
             at = frame.point(point.at.vector)
-            out.append(as_array(list(at if variable == "position" else frame.velocity_at(at))))
+            out.append(as_array((at if variable == "position" else frame.velocity_at(at))[:axes]))
         return jnp.stack(out)
     if variable in OF_COORDINATES:
         return coordinate_values(mechanism, time, layout(mechanism).split(y))[variable]

@@ -7,12 +7,12 @@ from jaxtyping import Array
 
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.equations import Balance, balance
-from clearance_jax.dynamics.inertia import Extra
+from clearance_jax.dynamics.inertia import Extra, Wrench, inertial_wrenches
 from clearance_jax.dynamics.kinematics import sleeve_rotation
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
-from clearance_jax.spatial import Vector, add, scale, subtract
+from clearance_jax.spatial import Pair, Vector, add, cross, scale, subtract
 
 
 class Reaction(NamedTuple):
@@ -22,12 +22,12 @@ class Reaction(NamedTuple):
     """
 
     force: Vector
-    on_pin: Vector
+    on_pin: Pair
     at: Vector
 
 
 def joint_reactions(
-    mechanism: Mechanism, time: Scalar, y: Array, places: Mapping[str, Vector] | None = None
+    mechanism: Mechanism, time: Scalar, y: Array, places: Mapping[str, Pair] | None = None
 ) -> dict[str, Reaction]:
     """What each joint with clearance would exert if it were ideal, by name: by the accelerations that drives, weight,
     springs and actuators give the ideal mechanism, without any contact law.
@@ -40,7 +40,7 @@ def joint_reactions(
     return held_reactions(mechanism, held_balance(mechanism, time, y, places or {}))
 
 
-def held_balance(mechanism: Mechanism, time: Scalar, y: Array, places: Mapping[str, Vector]) -> Balance:
+def held_balance(mechanism: Mechanism, time: Scalar, y: Array, places: Mapping[str, Pair]) -> Balance:
     """The equations of motion of the mechanism with its pins held, see `joint_reactions`."""
     held = determined(mechanism.prepared().held(places))
     return balance(held, time, layout(held).split(y))
@@ -49,18 +49,18 @@ def held_balance(mechanism: Mechanism, time: Scalar, y: Array, places: Mapping[s
 def held_reactions(mechanism: Mechanism, now: Balance) -> dict[str, Reaction]:
     """The reactions in the joints with clearance, of a balance of the mechanism with its pins held."""
     ideal = mechanism.ideal()
-    forces = dict(zip([joint.name for joint in ideal.all_joints()], reactions(ideal, now), strict=True))
+    forces = dict(zip([j.name for j in ideal.all_joints()], (w.force for w in reactions(ideal, now)), strict=True))
     out = {}
     for joint in mechanism.clearance_joints():
         force, pin = forces[joint.name], now.motion[joint.child]
         turned = sleeve_rotation(joint.joint, now.motion)
-        out[joint.name] = Reaction(force, turned.undo(force), pin.point(joint.joint.at_child.vector))
+        out[joint.name] = Reaction(force, turned.undo(force)[:2], pin.point(joint.joint.at_child.vector))
     return out
 
 
 def determined(ideal: Mechanism) -> Mechanism:
     """The ideal mechanism, if its loops demand no more than its joints can give; else raises `ClearanceError`."""
-    if 2 * len(ideal.closures()) > layout(ideal).free:
+    if ideal.is_plane and 2 * len(ideal.closures()) > layout(ideal).free:
         raise ClearanceError(
             "Without its clearances this mechanism is over-constrained: how its ideal joints share the load is not "
             'determined. Free more coordinates, or start it by `start = "centre"`.'
@@ -68,29 +68,29 @@ def determined(ideal: Mechanism) -> Mechanism:
     return ideal
 
 
-def reactions(mechanism: Mechanism, now: Balance) -> list[Vector]:
-    """World force on the child in every joint, tree then loops, by the momentum of what hangs on it."""
-    extra = Extra(now.acceleration)
+def reactions(mechanism: Mechanism, now: Balance) -> list[Wrench]:
+    """Force and moment on the child in every joint, tree then loops, in the world's axes: by the momentum of what hangs
+    on it. The moment is that about the joint's place on the child; of a driven or actuated joint the effort is in it.
+    """
+    wrenches = inertial_wrenches(mechanism, now.motion, Extra(now.acceleration), every=True)
     by_name = dict(zip(now.actions, now.pairs, strict=False))
-    closing = dict(zip([j.name for j in mechanism.closures()], now.closing, strict=True))
-    out: list[Vector] = []
+    by_name |= dict(zip([j.name for j in mechanism.closures()], now.closing, strict=True))
+    out: list[Wrench] = []
     for joint in mechanism.joints:
         if joint.name in now.actions:
-            out.append(by_name[joint.name].force)
+            pair = by_name[joint.name]
+            out.append(Wrench(pair.force, pair.torque))
             continue
+        pivot, missing = now.motion[joint.child].pivot, wrenches[joint.child]
+        force, moment = scale(-1.0, missing.force), scale(-1.0, missing.moment)
         beyond = descendants(mechanism, joint.child)
-        force: Vector = (0.0, 0.0)
-        for body in mechanism.bodies:
-            if body.name in beyond and body.mass is not None:
-                frame = now.motion[body.name]
-                centre = frame.point(body.center_of_mass.vector)
-                acceleration = add(frame.acceleration_at(centre), extra.at(frame, centre))
-                force = add(force, scale(body.mass, subtract(acceleration, mechanism.gravity.vector)))
         for pair in (*now.pairs, *now.closing):
-            inside = (pair.child in beyond) - (pair.parent in beyond)
-            force = subtract(force, scale(float(inside), pair.force))
-        out.append(force)
-    return out + [(by_name | closing)[loop.name].force for loop in mechanism.loops]
+            inside = float((pair.child in beyond) - (pair.parent in beyond))
+            force = subtract(force, scale(inside, pair.force))
+            turning = add(cross(subtract(pair.at, pivot), pair.force), pair.torque)
+            moment = subtract(moment, scale(inside, turning))
+        out.append(Wrench(force, moment))
+    return out + [Wrench(by_name[loop.name].force, by_name[loop.name].torque) for loop in mechanism.loops]
 
 
 def descendants(mechanism: Mechanism, body: str) -> set[str]:

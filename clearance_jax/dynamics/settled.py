@@ -21,7 +21,7 @@ from clearance_jax.dynamics.reactions import held_balance, held_reactions
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import ClearanceJoint, Mechanism
 from clearance_jax.mechanism.state import layout
-from clearance_jax.spatial import ZERO, Vector, as_array, dot
+from clearance_jax.spatial import Pair, as_array, dot
 
 # Rounds with pins seated: each is nearer by the ratio of clearance to length.
 ROUNDS = 16
@@ -87,14 +87,14 @@ def settled_start(time: Scalar, mechanism: Mechanism) -> tuple[Array, Float[Arra
     return _whole(mechanism, now, rate, pressed), opened
 
 
-def _by_name(joints: tuple[ClearanceJoint, ...], places: Array) -> dict[str, Vector]:
+def _by_name(joints: tuple[ClearanceJoint, ...], places: Array) -> dict[str, Pair]:
     return {joint.name: (place[0], place[1]) for joint, place in zip(joints, places, strict=True)}
 
 
 def _ideal_values(mechanism: Mechanism) -> Array:
     """The given initial state of the ideal mechanism."""
-    free = mechanism.ideal().free_coordinates()
-    return as_array([c.motion.position for c in free] + [c.motion.velocity for c in free])
+    starts = [c.motion.initial() for c in mechanism.ideal().free_coordinates()]
+    return as_array([*(x for q, _ in starts for x in q), *(x for _, v in starts for x in v)])
 
 
 def _whole(mechanism: Mechanism, now: Seats, rate: Seats, pressed: Array) -> Array:
@@ -104,7 +104,7 @@ def _whole(mechanism: Mechanism, now: Seats, rate: Seats, pressed: Array) -> Arr
     for i, joint in enumerate(mechanism.clearance_joints()):
         place, speed = ((own[i, 0], own[i, 1]) for own in (now.places, rate.places))
         for play in joint.joint.play():
-            along = play.slides or ZERO
+            along = play.slides or (0.0, 0.0)
             found[joint.name + play.suffix] = dot(along, place), dot(along, speed)
         touching = jnp.where(pressed[i], 1.0, 0.0)
         memory += [touching if name.startswith("touching") else 0.0 for name in joint.clearance.remembers]

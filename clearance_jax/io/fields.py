@@ -4,7 +4,7 @@ import dataclasses
 from typing import Any, Literal, get_args, get_origin
 
 from clearance_jax.io.kinds import Flag, Key, Pair, Quantities, Quantity, Text, Word
-from clearance_jax.mechanism.body import Position
+from clearance_jax.mechanism.placement import Position
 
 
 def keys_of(cls: type, *names: str) -> tuple[Key, ...]:

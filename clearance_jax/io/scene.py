@@ -12,8 +12,9 @@ from clearance_jax.io.plausible import ImplausibleWarning, implausible
 from clearance_jax.io.scene_joint import joints_of
 from clearance_jax.io.scene_keys import BODY, POINT, SCENE, SOLVE, SPRING
 from clearance_jax.io.table import Table, naming
-from clearance_jax.mechanism.body import Body, Gravity, Point, Position, Spring
+from clearance_jax.mechanism.body import Body, Point, Spring
 from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.placement import Gravity, Position
 
 
 class Scene(NamedTuple):

@@ -15,9 +15,10 @@ from clearance_jax.io.scene_keys import (
     SPLINE_FILE,
 )
 from clearance_jax.io.table import Chosen, Table, checked_table, chosen, naming
-from clearance_jax.mechanism.body import GROUND, AbstractActuator, Motion, Position, Servo
+from clearance_jax.mechanism.body import GROUND, AbstractActuator, Motion, Servo
 from clearance_jax.mechanism.drives import AbstractDrive, Spline
 from clearance_jax.mechanism.expressions import read_expression
+from clearance_jax.mechanism.placement import Position
 from clearance_jax.mechanism.tree import SLIDING, TURNING, AbstractJoint, Fixed, Prismatic, Revolute
 from clearance_jax.units import to_si
 

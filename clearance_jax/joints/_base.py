@@ -23,7 +23,7 @@ from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry,
 from clearance_jax.laws._base import Memory, PreparedFriction, PreparedNormal, Slip
 from clearance_jax.laws.geometry import Local
 from clearance_jax.parameters import Parametrised
-from clearance_jax.spatial import Term, Vector, add, cross, dot, scale
+from clearance_jax.spatial import Pair, Term, add, dot, plane_cross, scale
 
 
 class Relative(NamedTuple):
@@ -31,9 +31,9 @@ class Relative(NamedTuple):
     sleeve's, angle between them, and their rates as an observer on the sleeve sees them.
     """
 
-    place: Vector
+    place: Pair
     angle: Term
-    velocity: Vector
+    velocity: Pair
     spin: Term
 
 
@@ -43,7 +43,7 @@ class PlayCoordinate(NamedTuple):
     """
 
     suffix: str
-    slides: Vector | None
+    slides: Pair | None
     scale: Scalar
 
 
@@ -58,9 +58,9 @@ class ContactPoint(NamedTuple):
     penetration: Scalar
     penetration_rate: Scalar
     slip: Slip
-    normal: Vector
-    tangents: tuple[Vector, ...]
-    arm: Vector
+    normal: Pair
+    tangents: tuple[Pair, ...]
+    arm: Pair
     local: Local = None
 
 
@@ -81,7 +81,7 @@ class Action(NamedTuple):
     [N m]; its points; the rate of its memory; elastic energy [J] and the power that it absorbs beside friction [W].
     """
 
-    force: Vector
+    force: Pair
     torque: Term
     points: tuple[PointAction, ...]
     memory_rate: Memory
@@ -107,7 +107,7 @@ class AbstractElement(Parametrised):
     """What fills a joint's play and acts without touch: a film, a soft liner."""
 
     @abc.abstractmethod
-    def wrench(self, at: Relative, geometry: Geometry) -> tuple[Vector, Term]:
+    def wrench(self, at: Relative, geometry: Geometry) -> tuple[Pair, Term]:
         """Force on the pin [N] and torque about its centre [N m], in the sleeve's axes. Its work counts as absorbed."""
 
 
@@ -135,7 +135,7 @@ class AbstractClearance(Parametrised):
         """Its contact points."""
 
     @abc.abstractmethod
-    def travel(self, along: Vector) -> Scalar:
+    def travel(self, along: Pair) -> Scalar:
         """How far the pin's centre may go from the sleeve's along a direction before it touches [m]."""
 
     def prepared(self) -> "PreparedClearance":
@@ -211,14 +211,14 @@ class PreparedClearance(eqx.Module):
         """Forces on the pin for a relative motion and the joint's memory."""
         points = self.joint.points(at)
         actions = each(self._act_at, points, self._by_point(memory))
-        force: Vector = (0.0, 0.0)
+        force: Pair = (0.0, 0.0)
         torque: Term = 0.0
         absorbed, rubbed, stored = jnp.zeros(()), jnp.zeros(()), jnp.zeros(())
         for point, action in zip(points, actions, strict=True):
             push = scale(-action.normal_force, point.normal)
             for traction, tangent in zip(action.traction, point.tangents, strict=True):
                 push = add(push, scale(traction, tangent))
-            force, torque = add(force, push), torque + cross(point.arm, push)
+            force, torque = add(force, push), torque + plane_cross(point.arm, push)
             absorbed += action.normal_force * action.penetration_rate
             rubbed -= sum(t * s for t, s in zip(action.traction, action.slip, strict=True))
             stored += action.elastic_energy
@@ -290,7 +290,7 @@ class PreparedClearance(eqx.Module):
             rest = self.friction.latch(rest, touch)
         return (*own, *rest, jnp.where(touching, 1.0, 0.0))
 
-    def seat(self, force: Vector) -> tuple[Vector, Flag]:
+    def seat(self, force: Pair) -> tuple[Pair, Flag]:
         """Where in its sleeve the pin is at rest under a force that the sleeve exerts on it [N], in the sleeve's axes:
         pressed against the wall so deep that the joint, without friction, gives this force; and whether the force
         presses it at all.

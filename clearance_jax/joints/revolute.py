@@ -13,7 +13,7 @@ from clearance_jax._types import Scalar
 from clearance_jax.joints._base import AbstractClearance, AbstractElement, ContactPoint, PlayCoordinate
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Material
 from clearance_jax.parameters import physical
-from clearance_jax.spatial import cross, dot, scale
+from clearance_jax.spatial import dot, plane_cross, scale
 
 
 class RevoluteClearance(AbstractClearance):
@@ -68,7 +68,7 @@ class RevoluteClearance(AbstractClearance):
         distance, nx, ny = safe_unit(jnp.asarray(at.place[0], float), jnp.asarray(at.place[1], float))
         normal, tangent = (nx, ny), (-ny, nx)
         reach = self.sleeve_radius - distance
-        slip = cross(normal, at.velocity) + at.spin * reach
+        slip = plane_cross(normal, at.velocity) + at.spin * reach
         point = ContactPoint(
             penetration=distance - self.radial_clearance,
             penetration_rate=jnp.asarray(dot(normal, at.velocity)),

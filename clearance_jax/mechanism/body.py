@@ -1,47 +1,19 @@
 """Rigid bodies, points on them, and the motion that a joint coordinate is given."""
 
 import abc
+import dataclasses
 
 import equinox as eqx
 import jax.numpy as jnp
 
-from clearance_jax._types import Scalar
+from clearance_jax._types import Rows, Scalar
 from clearance_jax.mechanism.drives import AbstractMotionLaw, Values
+from clearance_jax.mechanism.limits import Limits
+from clearance_jax.mechanism.placement import ORIGIN, Inertia, Orientation, Position, as_inertia
 from clearance_jax.parameters import described, flattened, leading, physical
-from clearance_jax.spatial import Term, Vector, times
+from clearance_jax.spatial import Term, times
 
 GROUND = "ground"
-
-
-class Position(eqx.Module):
-    """A plane vector of numbers; a component left out is absent from the compiled program."""
-
-    x: Scalar | None = physical("m", default=None)
-    y: Scalar | None = physical("m", default=None)
-
-    @property
-    def vector(self) -> Vector:
-        """The components, absent ones as the constant 0.0."""
-        return _present(self.x), _present(self.y)
-
-
-class Gravity(eqx.Module):
-    """Acceleration of free fall; a component left out is absent from the compiled program."""
-
-    x: Scalar | None = physical("m/s^2", default=None)
-    y: Scalar | None = physical("m/s^2", default=None)
-
-    @property
-    def vector(self) -> Vector:
-        """The components, absent ones as the constant 0.0."""
-        return _present(self.x), _present(self.y)
-
-
-def _present(value: Scalar | None) -> Term:
-    return 0.0 if value is None else value
-
-
-ORIGIN = Position()
 
 
 class Body(eqx.Module):
@@ -50,7 +22,9 @@ class Body(eqx.Module):
     **Arguments:**
 
     - `mass` [kg]: `None` for a massless link.
-    - `inertia` [kg m^2]: about the centre of mass; `None` for a point mass.
+    - `inertia` [kg m^2]: about the centre of mass: one number for a body that turns about z only, an `Inertia` (or
+      three or six numbers: xx, yy, zz, xy, xz, yz) in the body's axes for one that turns in space; `None` for a point
+      mass.
     - `center_of_mass` [m]: in the body's frame.
     """
 
@@ -58,13 +32,14 @@ class Body(eqx.Module):
     mass: Scalar | None = physical(
         "kg", above=0.0, default=None, help="mass", example='"0.14 kg"', absent="a massless link"
     )
-    inertia: Scalar | None = physical(
+    inertia: Scalar | Inertia | None = physical(
         "kg*m^2",
         above=0.0,
         default=None,
         help="moment of inertia about the centre of mass",
         example='"2.5e-4 kg*m^2"',
         absent="a point mass",
+        converter=as_inertia,
     )
     center_of_mass: Position = described(
         "centre of mass in the body's frame", '["60 mm", "0 mm"]', "the frame's origin", default=ORIGIN
@@ -72,11 +47,12 @@ class Body(eqx.Module):
 
 
 class Point(eqx.Module):
-    """A named point of a body whose motion is reported."""
+    """A named point of a body whose motion is reported; with an `orientation` (in the body's frame) it is a frame."""
 
     name: str = eqx.field(static=True)
     body: str = described("the body that it is a point of", '"slider"', static=True)
     at: Position = described("its place in the body's frame", '["80 mm", "0 mm"]', "the frame's origin", default=ORIGIN)
+    orientation: Orientation | None = None
 
 
 class AbstractActuator(eqx.Module):
@@ -164,6 +140,7 @@ class Motion(eqx.Module):
     - `drive`: prescribes the coordinate; it then costs no state.
     - `position`, `velocity`: initial values of a free coordinate (a first guess where a loop must be assembled).
     - `actuators`: generalised forces along a free coordinate.
+    - `limits`: what its drive can do, as a data sheet says; a motion is not held within them.
     """
 
     drive: AbstractMotionLaw | None = leading(default=None)
@@ -180,6 +157,7 @@ class Motion(eqx.Module):
         example='"10 rad/s"',
     )
     actuators: tuple[AbstractActuator, ...] = flattened(default=())
+    limits: Limits | None = eqx.field(static=True, default=None)
 
     @property
     def is_free(self) -> bool:
@@ -189,7 +167,11 @@ class Motion(eqx.Module):
     def prepared(self) -> "Motion":
         """The motion with what depends only on its numbers computed (once a solve)."""
         drive = None if self.drive is None else self.drive.prepared()
-        return Motion(drive, self.position, self.velocity, tuple(a.prepared() for a in self.actuators))
+        return dataclasses.replace(self, drive=drive, actuators=tuple(a.prepared() for a in self.actuators))
+
+    def initial(self) -> tuple[Rows, Rows]:
+        """Position and velocity at the start, of a free coordinate."""
+        return (self.position,), (self.velocity,)
 
     def effort(self, time: Scalar, position: Term, velocity: Term) -> Term:
         """The sum of the actuators' forces."""

@@ -10,10 +10,11 @@ from jaxtyping import Array
 
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.joints import AbstractClearance, PreparedClearance
-from clearance_jax.mechanism.body import GROUND, Body, Gravity, Point, Position, Spring
+from clearance_jax.mechanism.body import GROUND, Body, Point, Spring
+from clearance_jax.mechanism.placement import Gravity, Inertia, Position
 from clearance_jax.mechanism.tree import AbstractJoint, Coordinate, Revolute
 from clearance_jax.parameters import replace
-from clearance_jax.spatial import IDENTITY, ZERO, Vector, add, is_zero, rotation_of, scale
+from clearance_jax.spatial import Pair, absent, add, scale
 
 NO_GRAVITY = Gravity()
 
@@ -42,10 +43,10 @@ class ClearanceJoint(NamedTuple):
         """The body that the pin is on."""
         return self.joint.child
 
-    def slid(self, values: Sequence[Any]) -> Vector:
+    def slid(self, values: Sequence[Any]) -> Pair:
         """What the play coordinates that slide add up to, in the sleeve's axes, of one value a free coordinate."""
         assert self.play is not None
-        out: Vector = ZERO
+        out: Pair = (0.0, 0.0)
         for value, play in zip(values[self.play :], self.joint.play(), strict=False):
             if play.slides is not None:
                 out = add(out, scale(value, play.slides))
@@ -64,14 +65,14 @@ class ClearanceJoint(NamedTuple):
 
 
 class Mechanism(eqx.Module):
-    """A planar mechanism. Names, topology and law choices are static; every number is an array leaf.
+    """A mechanism, in the plane or in space. Names, topology and law choices are static; every number is an array leaf.
 
     **Arguments:**
 
     - `bodies`: every body but the ground.
     - `joints`: the tree: each joint places a body that no earlier joint has placed, parents first.
-    - `loops`: revolute joints between bodies that the tree has placed already; with clearance they are force elements,
-      without they are ideal constraints.
+    - `loops`: joints between bodies that the tree has placed already: ideal constraints; a revolute one with clearance
+      is a force element.
     - `springs`, `points`, `gravity`: as they say.
     - `assemble`: whether a solve starts by closing the loops (off: from exactly the given initial values).
 
@@ -80,7 +81,7 @@ class Mechanism(eqx.Module):
 
     bodies: tuple[Body, ...]
     joints: tuple[AbstractJoint, ...]
-    loops: tuple[Revolute, ...] = ()
+    loops: tuple[AbstractJoint, ...] = ()
     springs: tuple[Spring, ...] = ()
     points: tuple[Point, ...] = ()
     gravity: Gravity = NO_GRAVITY
@@ -115,6 +116,13 @@ class Mechanism(eqx.Module):
             self._distinct(spring.name, "body_a", "body_b", spring.body_a, spring.body_b)
         for point in self.points:
             self._known(point.name, "body", point.body, placed)
+        loose = self.clearance_joints()
+        if loose and not self.is_plane:
+            raise ClearanceError(
+                f"Joint `{loose[0].name}` has clearance in a mechanism that leaves the plane: play is for plane "
+                "mechanisms so far. Take the clearance away, or leave out what leaves the plane (z components, "
+                "orientations, axes other than z, inertias of three or six numbers)."
+            )
 
     @staticmethod
     def _known(owner: str, key: str, word: str, allowed: set[str]) -> None:
@@ -151,9 +159,27 @@ class Mechanism(eqx.Module):
                 out.append(ClearanceJoint(joint, joint.clearance, names.index(first) if first in names else None))
         return tuple(out)
 
-    def closures(self) -> tuple[Revolute, ...]:
+    def closures(self) -> tuple[AbstractJoint, ...]:
         """The loops without clearance: ideal constraints."""
-        return tuple(loop for loop in self.loops if loop.clearance is None)
+        return tuple(loop for loop in self.loops if getattr(loop, "clearance", None) is None)
+
+    @property
+    def is_plane(self) -> bool:
+        """Whether nothing in it leaves the plane z = 0, by its structure."""
+        places = [part.center_of_mass for part in self.bodies] + [point.at for point in self.points]
+        places += [at for joint in self.all_joints() for at in (joint.at_parent, joint.at_child)]
+        places += [at for spring in self.springs for at in (spring.at_a, spring.at_b)]
+        return (
+            all(place.z is None for place in (*places, self.gravity))
+            and all(point.orientation is None or point.orientation.is_plane for point in self.points)
+            and not any(isinstance(body.inertia, Inertia) for body in self.bodies)
+            and all(joint.is_plane for joint in self.all_joints())
+        )
+
+    @property
+    def has_manifold(self) -> bool:
+        """Whether states lie on a manifold that steps are projected to: loops closed, quaternions of unit length."""
+        return bool(self.closures()) or any(coordinate.is_ball for coordinate in self.free_coordinates())
 
     def joint(self, name: str) -> AbstractJoint:
         """The joint of that name. **Raises** `ClearanceError` for an unknown one."""
@@ -172,11 +198,11 @@ class Mechanism(eqx.Module):
         """The same mechanism with every clearance taken away."""
         return self.held({})
 
-    def held(self, places: Mapping[str, Vector]) -> "Mechanism":
+    def held(self, places: Mapping[str, Pair]) -> "Mechanism":
         """The ideal mechanism whose pins are held at the given places of their sleeves [m], in the sleeves' axes (one
         that is not named: in the middle).
         """
-        return self._with_joints(lambda joint: _without_clearance(joint, places.get(joint.name, ZERO)))
+        return self._with_joints(lambda joint: _without_clearance(joint, places.get(joint.name, (0.0, 0.0))))
 
     def with_clearance(self, name: str, clearance: AbstractClearance | None = None, *, radial: Any = None):
         """The same mechanism with clearance in joint `name`.
@@ -216,16 +242,16 @@ class Mechanism(eqx.Module):
         return self._with_joints(lambda joint: joint.prepared())
 
 
-def _without_clearance(joint: AbstractJoint, place: Vector) -> AbstractJoint:
+def _without_clearance(joint: AbstractJoint, place: Pair) -> AbstractJoint:
     if not isinstance(joint, Revolute) or joint.clearance is None:
         return joint
     ideal = eqx.tree_at(lambda j: j.clearance, joint, None)
-    if is_zero(place[0]) and is_zero(place[1]):
+    if absent(place):
         return ideal
     # The sleeve's axes are the parent's, turned by the joint's own angle.
-    turned = IDENTITY if joint.angle is None else rotation_of(joint.angle)
-    x, y = (jnp.asarray(term) for term in add(joint.at_parent.vector, turned.apply(place)))
-    return dataclasses.replace(ideal, at_parent=Position(x, y))
+    offset = joint.turned.apply((*place, 0.0))
+    x, y, _ = (jnp.asarray(term) for term in add(joint.at_parent.vector, offset))
+    return dataclasses.replace(ideal, at_parent=Position(x, y, joint.at_parent.z))
 
 
 def drive_breaks(mechanism: Mechanism) -> Array:

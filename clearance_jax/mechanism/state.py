@@ -10,6 +10,8 @@ from jaxtyping import Array
 
 from clearance_jax._types import Rows
 from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.tree import Coordinate
+from clearance_jax.spatial import add, dot, plus, quaternion_rate, scale
 
 
 class State(NamedTuple):
@@ -81,8 +83,50 @@ class Layout(NamedTuple):
 def layout(mechanism: Mechanism) -> Layout:
     """The state layout of a mechanism."""
     memories = tuple((j.name, j.clearance.remembers) for j in mechanism.clearance_joints())
-    names = tuple(c.name for c in mechanism.free_coordinates())
-    return Layout(names, names, memories)
+    free = mechanism.free_coordinates()
+    positions = tuple(name for c in free for name in c.positions)
+    return Layout(positions, tuple(name for c in free for name in c.velocities), memories)
+
+
+class Part(NamedTuple):
+    """Where a free coordinate is among the positions, and among the velocities, by their first and last index."""
+
+    coordinate: Coordinate
+    q: slice
+    v: slice
+
+
+def parts(mechanism: Mechanism) -> tuple[Part, ...]:
+    """Every free coordinate with its place in a state."""
+    out, q, v = [], 0, 0
+    for c in mechanism.free_coordinates():
+        out.append(Part(c, slice(q, q + len(c.positions)), slice(v, v + len(c.velocities))))
+        q, v = out[-1].q.stop, out[-1].v.stop
+    return tuple(out)
+
+
+def position_rates(mechanism: Mechanism, q: Rows, v: Rows) -> Rows:
+    """Rates of the positions: the velocities, but for an orientation."""
+    if len(q) == len(v):
+        return tuple(v)
+    rates = []
+    for part in parts(mechanism):
+        own = v[part.v]
+        rates += quaternion_rate(q[part.q], (own[0], own[1], own[2])) if part.coordinate.is_ball else own
+    return tuple(jnp.asarray(rate, float) for rate in rates)
+
+
+def moved(mechanism: Mechanism, q: Rows, change: Rows) -> Rows:
+    """Positions after a small change, given like velocities; orientations of unit length."""
+    out = []
+    for part in parts(mechanism):
+        at, by = q[part.q], change[part.v]
+        if not part.coordinate.is_ball:
+            out.append(plus(at[0], by[0]))
+            continue
+        turned = add(at, quaternion_rate(at, (by[0], by[1], by[2])))
+        out += scale(1.0 / jnp.sqrt(jnp.asarray(dot(turned, turned))), turned)
+    return tuple(out)
 
 
 def vector(state: Rows) -> Array:

@@ -1,8 +1,11 @@
 """Joints of the tree and its kinematics: one forward sweep from the ground gives every body's pose and motion.
 
-Each joint is a short list of elementary coordinates (slides along and turns about the axes of its frame). A prescribed
-coordinate contributes motion only; a free one also contributes a column, the velocity of the points beyond it per unit
-of its rate, from which mass matrix, forces and constraints are built.
+Each joint is a short list of elementary coordinates: slides along and turns about axes of its frame, and balls. A
+prescribed coordinate contributes motion only; a free one also contributes columns, the velocity of the points beyond it
+per unit of its rates, from which mass matrix, forces and constraints are built.
+
+Where a joint joins two bodies that are placed already it closes a loop: it has no coordinates then, and what it holds
+(`Hold`) is a constraint.
 """
 
 import abc
@@ -10,133 +13,112 @@ import dataclasses
 from typing import NamedTuple
 
 import equinox as eqx
-from jaxtyping import Array
 
-from clearance_jax._types import Scalar
+from clearance_jax._types import Rows, Scalar
+from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import AbstractClearance, PlayCoordinate, PreparedClearance
-from clearance_jax.mechanism.body import ORIGIN, Motion, Position
+from clearance_jax.mechanism.body import Motion
+from clearance_jax.mechanism.frame import Column, Frame
+from clearance_jax.mechanism.placement import ORIGIN, Axis, Orientation, Position, PreparedOrientation, as_axis
 from clearance_jax.parameters import Parametrised, described, flattened, physical
 from clearance_jax.spatial import (
     IDENTITY,
+    UNIT,
     ZERO,
     Rotation,
     Term,
     Vector,
-    add,
+    X,
+    Y,
+    Z,
+    absent,
     is_zero,
-    minus,
-    plus,
-    rotation_of,
-    scale,
-    spin_cross,
+    of_quaternion,
     subtract,
-    times,
+    transpose,
 )
 
 
-class Column(NamedTuple):
-    """What one coordinate moves: a unit slide along `axis`, or (`axis` is None) a unit spin about `pivot`."""
-
-    index: int
-    axis: Vector | None
-    pivot: Vector
-
-    def velocity_at(self, point: Vector) -> Vector:
-        """Velocity of the point of a moved body that is at `point`, per unit rate."""
-        return spin_cross(1.0, subtract(point, self.pivot)) if self.axis is None else self.axis
-
-    @property
-    def spin(self) -> float:
-        """Spin of a moved body per unit rate."""
-        return 1.0 if self.axis is None else 0.0
-
-
-class Frame(NamedTuple):
-    """Pose and motion of a body's frame; accelerations are those with every free coordinate's acceleration left out."""
-
-    angle: Term = 0.0
-    rotation: Rotation = IDENTITY
-    position: Vector = ZERO
-    spin: Term = 0.0
-    velocity: Vector = ZERO
-    spin_rate: Term = 0.0
-    acceleration: Vector = ZERO
-    free: tuple[Column, ...] = ()
-    prescribed: tuple[tuple[Column, Term], ...] = ()
-
-    def point(self, at: Vector) -> Vector:
-        """World position of the point that is at `at` in the body's frame."""
-        return add(self.position, self.rotation.apply(at))
-
-    def velocity_at(self, point: Vector) -> Vector:
-        """Velocity of the body's material point that is at `point`."""
-        return add(self.velocity, spin_cross(self.spin, subtract(point, self.position)))
-
-    def acceleration_at(self, point: Vector) -> Vector:
-        """Acceleration of the body's material point at `point` (without the free coordinates' accelerations)."""
-        arm = subtract(point, self.position)
-        centripetal = scale(minus(0.0, times(self.spin, self.spin)), arm)
-        return add(self.acceleration, add(spin_cross(self.spin_rate, arm), centripetal))
-
-    def moved_to(self, at: Vector) -> "Frame":
-        """The frame of the same body with its origin at `at`."""
-        if is_zero(at[0]) and is_zero(at[1]):
-            return self
-        point = self.point(at)
-        return self._replace(position=point, velocity=self.velocity_at(point), acceleration=self.acceleration_at(point))
-
-    def turned(self, angle: Term, spin: Term = 0.0, spin_rate: Term = 0.0) -> "Frame":
-        """The frame after a turn about its origin."""
-        turned = plus(self.angle, angle)
-        return self._replace(
-            angle=turned,
-            rotation=rotation_of(turned),
-            spin=plus(self.spin, spin),
-            spin_rate=plus(self.spin_rate, spin_rate),
-        )
-
-    def slid(self, by: Vector, rate: Vector, acceleration: Vector) -> "Frame":
-        """The frame after a slide along its own axes."""
-        step, rate = self.rotation.apply(by), self.rotation.apply(rate)
-        point = add(self.position, step)
-        coriolis = spin_cross(times(2.0, self.spin), rate)
-        return self._replace(
-            position=point,
-            velocity=add(self.velocity_at(point), rate),
-            acceleration=add(add(self.acceleration_at(point), coriolis), self.rotation.apply(acceleration)),
-        )
-
-
 class Coordinate(NamedTuple):
-    """One elementary coordinate of a joint: its name, how it moves, the axis it slides along (None: it turns), and of a
-    play coordinate its magnitude.
+    """One elementary coordinate of a joint: its name, how it moves, the axis it slides along or turns about (neither:
+    it is a ball, an orientation by a quaternion with three rates), and of a play coordinate its magnitude.
     """
 
     name: str
     motion: Motion
-    slides: Vector | None
+    slides: Vector | None = None
+    turns: Vector | None = None
     play: Scalar | None = None
+
+    @property
+    def is_ball(self) -> bool:
+        """Whether it is an orientation."""
+        return self.slides is None and self.turns is None
+
+    @property
+    def positions(self) -> tuple[str, ...]:
+        """Names of its positions."""
+        return tuple(f"{self.name}.{k}" for k in "wxyz") if self.is_ball else (self.name,)
+
+    @property
+    def velocities(self) -> tuple[str, ...]:
+        """Names of its velocities."""
+        return tuple(f"{self.name}.{k}" for k in "xyz") if self.is_ball else (self.name,)
+
+
+class Hold(NamedTuple):
+    """What an ideal joint forbids, between the joint's frame A on the parent and its frame B on the child.
+
+    - `along`: the directions in A along which B's origin may not leave A's; `None`: none at all.
+    - `square`: pairs of an axis of A and one of B that stay perpendicular.
+    - `parallel`: axes of A and of B that are one line, pointing the same way.
+    """
+
+    along: tuple[Vector, ...] | None
+    square: tuple[tuple[Vector, Vector], ...]
+    parallel: tuple[tuple[Vector, Vector], ...] = ()
 
 
 TURNING = {"coordinate": "rad", "effort": "N*m"}
 SLIDING = {"coordinate": "m", "effort": "N"}
 
 
-def _body(help: str, example: str):
+def body_key(help: str, example: str):
+    """A field that names a body."""
     return described(help, example, static=True)
 
 
-def _place(help: str):
+def place_key(help: str):
+    """A field that is a place on a body."""
     return described(help, '["50 mm", "0 mm"]', "the frame's origin", default=ORIGIN)
 
 
-def _turn():
-    help = "angle of the joint's frame in the parent's: a slide moves along its x axis; the child turns too"
+def angle_key():
+    """The field of the angle of a joint's frame."""
+    help = "angle of the joint's frame in the parent's, about z: a slide moves along its x axis; the child turns too"
     return physical("rad", default=None, help=help, example='"90 deg"', absent="0 deg")
 
 
+def orientation_key(help: str):
+    """A field that is an orientation."""
+    return described(help, '["90 deg", "0 deg", "0 deg"]', "not turned", default=None)
+
+
+def axis_key(help: str, default: str):
+    """A field that is an axis of the joint's frame."""
+    about = {"help": help, "example": '"z"', "absent": default}
+    return eqx.field(metadata=about, converter=as_axis, default=Axis(default))
+
+
+PARENT = "the body that the joint is on (its sleeve), or `ground`", '"ground"'
+CHILD = "the body that the joint carries (its pin)", '"crank"'
+AT_PARENT, AT_CHILD = "place of the joint in the parent's frame", "place of the joint in the child's frame"
+TURN_PARENT = "roll, pitch and yaw of the joint's frame in the parent's, instead of `angle`"
+TURN_CHILD = "roll, pitch and yaw of the joint's frame in the child's"
+
+
 class AbstractJoint(Parametrised):
-    """A joint of the tree: places the child's frame on the parent's."""
+    """A joint: places the child's frame on the parent's, or holds two bodies that are placed."""
 
     name: eqx.AbstractVar[str]
     parent: eqx.AbstractVar[str]
@@ -144,14 +126,71 @@ class AbstractJoint(Parametrised):
     at_parent: eqx.AbstractVar[Position]
     at_child: eqx.AbstractVar[Position]
     angle: eqx.AbstractVar[Scalar | None]
+    orientation: eqx.AbstractVar[Orientation | PreparedOrientation | None]
+    child_orientation: eqx.AbstractVar[Orientation | PreparedOrientation | None]
+
+    def __check_init__(self):
+        if self.angle is not None and self.orientation is not None:
+            raise ClearanceError(f"Joint `{self.name}` has an `angle` and an `orientation`: give one of them.")
 
     @abc.abstractmethod
     def coordinates(self) -> tuple[Coordinate, ...]:
         """The joint's elementary coordinates, in the order in which they act."""
 
+    @abc.abstractmethod
+    def hold(self) -> Hold:
+        """What it forbids where it closes a loop."""
+
     def prepared(self) -> "AbstractJoint":
         """The joint with what depends only on its numbers computed (once a solve)."""
-        return self
+        changed = {}
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, (Motion, AbstractClearance)) or (
+                isinstance(value, Orientation) and not value.is_plane
+            ):
+                changed[field.name] = value.prepared()
+        return dataclasses.replace(self, **changed) if changed else self
+
+    @property
+    def is_plane(self) -> bool:
+        """Whether it keeps what it carries in the plane z = 0, by its structure."""
+        turned = (self.orientation, self.child_orientation)
+        slides = [c.slides for c in self.coordinates() if c.slides is not None]
+        return (
+            all(orientation is None or orientation.is_plane for orientation in turned)
+            and all(is_zero(along[2]) for along in slides)
+            and all(c.turns is not None and absent(c.turns[:2]) for c in self.coordinates() if c.slides is None)
+        )
+
+    def on_parent(self, frame: Frame) -> Frame:
+        """The joint's frame on the parent, of the parent's frame."""
+        frame = frame.moved_to(self.at_parent.vector)
+        return frame.rotated(self.turned)
+
+    def on_child(self, frame: Frame) -> Rotation:
+        """The axes of the joint's frame on the child, of the child's frame."""
+        return frame.rotated(_turn(self.child_orientation)).rotation
+
+    @property
+    def turned(self) -> Rotation:
+        """How the joint's frame is turned in the parent's."""
+        return _turn(self.orientation) if self.angle is None else IDENTITY.turned(Z, self.angle)
+
+
+def _turn(orientation: Orientation | PreparedOrientation | None) -> Rotation:
+    return IDENTITY if orientation is None else orientation.rotation
+
+
+def rigid(axis: Axis) -> tuple[tuple[Vector, Vector], ...]:
+    """What keeps two frames from turning at all."""
+    p, q = axis.across
+    return (axis.vector, p), (axis.vector, q), (p, q)
+
+
+def aligned(axis: Axis) -> tuple[tuple[Vector, Vector], ...]:
+    """What keeps an axis of two frames parallel."""
+    return tuple((axis.vector, across) for across in axis.across)
 
 
 class Revolute(AbstractJoint):
@@ -163,11 +202,11 @@ class Revolute(AbstractJoint):
     """
 
     name: str = eqx.field(static=True)
-    parent: str = _body("the body that the joint is on (its sleeve), or `ground`", '"ground"')
-    child: str = _body("the body that the joint carries (its pin)", '"crank"')
-    at_parent: Position = _place("place of the joint in the parent's frame")
-    at_child: Position = _place("place of the joint in the child's frame")
-    angle: Scalar | None = _turn()
+    parent: str = body_key(*PARENT)
+    child: str = body_key(*CHILD)
+    at_parent: Position = place_key(AT_PARENT)
+    at_child: Position = place_key(AT_CHILD)
+    angle: Scalar | None = angle_key()
     motion: Motion = flattened(default_factory=Motion)
     clearance: AbstractClearance | PreparedClearance | None = flattened(default=None)
     eccentricity: Position = described(
@@ -176,12 +215,15 @@ class Revolute(AbstractJoint):
         "the sleeve's centre",
         default=ORIGIN,
     )
+    orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_PARENT)
+    child_orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_CHILD)
+    axis: Axis = axis_key("what it turns about, an axis of its frame", "z")
 
     def units(self):
         return TURNING
 
     def coordinates(self):
-        turn = Coordinate(self.name, self.motion, None)
+        turn = Coordinate(self.name, self.motion, turns=self.axis.vector)
         if self.clearance is None:
             return (turn,)
         # Play starts where `eccentricity` says; further coordinates (a tilt) start at zero.
@@ -191,78 +233,107 @@ class Revolute(AbstractJoint):
         return (
             *(
                 Coordinate(
-                    self.name + play.suffix, Motion(position=places.get(play.suffix, 0.0)), play.slides, play.scale
+                    self.name + play.suffix,
+                    Motion(position=places.get(play.suffix, 0.0)),
+                    slides=None if play.slides is None else (*play.slides, 0.0),
+                    turns=Z if play.slides is None else None,
+                    play=play.scale,
                 )
                 for play in self.play()
             ),
             turn,
         )
 
+    def hold(self):
+        line = self.axis.vector
+        return Hold(None, aligned(self.axis), ((line, line),))
+
     def play(self) -> tuple[PlayCoordinate, ...]:
         """What its clearance adds to the tree."""
         clearance = self.clearance.joint if isinstance(self.clearance, PreparedClearance) else self.clearance
         return () if clearance is None else clearance.play()
 
-    def prepared(self):
-        clearance = self.clearance.prepared() if isinstance(self.clearance, AbstractClearance) else self.clearance
-        return dataclasses.replace(self, motion=self.motion.prepared(), clearance=clearance)
-
 
 class Prismatic(AbstractJoint):
-    """A sliding joint along the x axis of the joint frame (the parent's, turned by `angle`)."""
+    """A sliding joint along an axis of the joint's frame, by default x."""
 
     name: str = eqx.field(static=True)
-    parent: str = _body("the body that the joint is on (its sleeve), or `ground`", '"ground"')
-    child: str = _body("the body that the joint carries (its pin)", '"crank"')
-    at_parent: Position = _place("place of the joint in the parent's frame")
-    at_child: Position = _place("place of the joint in the child's frame")
-    angle: Scalar | None = _turn()
+    parent: str = body_key(*PARENT)
+    child: str = body_key(*CHILD)
+    at_parent: Position = place_key(AT_PARENT)
+    at_child: Position = place_key(AT_CHILD)
+    angle: Scalar | None = angle_key()
     motion: Motion = flattened(default_factory=Motion)
+    orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_PARENT)
+    child_orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_CHILD)
+    axis: Axis = axis_key("what it slides along, an axis of its frame", "x")
 
     def units(self):
         return SLIDING
 
     def coordinates(self):
-        return (Coordinate(self.name, self.motion, (1.0, 0.0)),)
+        return (Coordinate(self.name, self.motion, slides=self.axis.vector),)
 
-    def prepared(self):
-        return dataclasses.replace(self, motion=self.motion.prepared())
+    def hold(self):
+        line, (across, _) = self.axis.vector, self.axis.across
+        return Hold(self.axis.across, rigid(self.axis), ((line, line), (across, across)))
 
 
 class Fixed(AbstractJoint):
     """A rigid connection."""
 
     name: str = eqx.field(static=True)
-    parent: str = _body("the body that the joint is on (its sleeve), or `ground`", '"ground"')
-    child: str = _body("the body that the joint carries (its pin)", '"crank"')
-    at_parent: Position = _place("place of the joint in the parent's frame")
-    at_child: Position = _place("place of the joint in the child's frame")
-    angle: Scalar | None = _turn()
+    parent: str = body_key(*PARENT)
+    child: str = body_key(*CHILD)
+    at_parent: Position = place_key(AT_PARENT)
+    at_child: Position = place_key(AT_CHILD)
+    angle: Scalar | None = angle_key()
+    orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_PARENT)
+    child_orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_CHILD)
 
     def coordinates(self):
         return ()
 
+    def hold(self):
+        return Hold(None, ((X, Y), (Y, Z), (Z, X)), ((X, X), (Y, Y), (Z, Z)))
 
-def place(joint: AbstractJoint, parent: Frame, time: Scalar, values: dict[str, tuple[int, Array, Array]]) -> Frame:
-    """The child's frame. `values[name]` is the (index, position, velocity) of each free coordinate."""
-    frame = parent.moved_to(joint.at_parent.vector)
-    if joint.angle is not None:
-        frame = frame.turned(joint.angle)
-    for name, motion, slides, _ in joint.coordinates():
-        if motion.drive is None:
-            index, q, v = values[name]
-            a: Term = 0.0
-        else:
-            index = -1
-            q, v, a = motion.drive(time)  # a tuple, any of which may be the constant 0.0
-        if slides is None:
-            column = Column(index, None, frame.position)
-            frame = frame.turned(q, v, a)
-        else:
-            column = Column(index, frame.rotation.apply(slides), ZERO)
-            frame = frame.slid(scale(q, slides), scale(v, slides), scale(a, slides))
-        if motion.drive is None:
-            frame = frame._replace(free=(*frame.free, column))
-        else:
-            frame = frame._replace(prescribed=(*frame.prescribed, (column, v)))
+
+Values = dict[str, tuple[int, Rows, Rows]]
+"""Of every free coordinate by its name: where its velocities begin, its positions, its velocities."""
+
+
+def place(joint: AbstractJoint, parent: Frame, time: Scalar, values: Values) -> Frame:
+    """The child's frame."""
+    frame = joint.on_parent(parent)
+    for coordinate in joint.coordinates():
+        frame = _beyond(coordinate, frame, time, values)
+    frame = frame._replace(pivot=frame.position)
+    if joint.child_orientation is not None:
+        rows = joint.child_orientation.rotation.rows
+        frame = frame._replace(rotation=frame.rotation.followed(transpose(rows)))
     return frame.moved_to(subtract(ZERO, joint.at_child.vector))
+
+
+def _beyond(coordinate: Coordinate, frame: Frame, time: Scalar, values: Values) -> Frame:
+    """The frame after an elementary coordinate of a joint."""
+    motion = coordinate.motion
+    if coordinate.is_ball:
+        index, (w, x, y, z), (p, q, r) = values[coordinate.name]
+        frame = frame.swivelled(of_quaternion(w, x, y, z), (p, q, r))
+        for k, axis in enumerate(UNIT):
+            frame = frame.moved_by(Column(index + k, frame.rotation.apply(axis), frame.position), 0.0)
+        return frame
+    if motion.drive is None:
+        index, (q,), (v,) = values[coordinate.name]
+        a: Term = 0.0
+    else:
+        index = -1
+        q, v, a = motion.drive(time)  # a tuple, any of which may be the constant 0.0
+    if coordinate.turns is not None:
+        column = Column(index, frame.rotation.apply(coordinate.turns), frame.position)
+        frame = frame.turned(coordinate.turns, q, v, a)
+    else:
+        assert coordinate.slides is not None
+        column = Column(index, frame.rotation.apply(coordinate.slides), None)
+        frame = frame.slid(coordinate.slides, q, v, a)
+    return frame.moved_by(column, v)

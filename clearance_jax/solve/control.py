@@ -176,8 +176,9 @@ def first_end(problem: Problem, t0: Scalar, t1: Scalar, y0: Array, means: Means)
     control grows it tenfold a step, so a small start costs little and an impact just after t0 is not jumped over.
     """
     first, unit = motion(problem, y0), means.allowed.unit
-    speeds, places = first[problem.speeds], first[problem.places]
-    pace = jnp.max(jnp.abs(speeds) / (unit[problem.places] + jnp.abs(places)), initial=0.0)
+    places = first[problem.places]
+    moved = problem.place_rates(first)
+    pace = jnp.max(jnp.abs(moved) / (unit[problem.places] + jnp.abs(places)), initial=0.0)
     rate = jnp.maximum(pace, means.allowed.rate)
     step = jnp.minimum(1e-4 / jnp.maximum(rate, 1e-300), 1e-3 * (t1 - t0))
     return before_break(drive_breaks(problem.mechanism), t0, t0 + on_grid(step))

@@ -33,6 +33,7 @@ from clearance_jax.solve.outcome import Outcome, Task
 from clearance_jax.solve.problem import Problem, basis, field, lift, motion, moved_by, moves, push, widths
 from clearance_jax.solve.solution import Solution
 from clearance_jax.solve.tolerances import Tolerances, floors, largest_length, tolerances
+from clearance_jax.spatial import as_array
 
 # A loop open by more than this part of the largest length is not assembled.
 CLOSED = 1e-10
@@ -352,10 +353,9 @@ def closed_start(mechanism: Mechanism, t0: Scalar, start: str = CENTRE) -> tuple
     """
     if start == SETTLED and mechanism.clearance_joints():
         return settled_start(t0, mechanism)
-    free = mechanism.free_coordinates()
-    q = [jnp.asarray(c.motion.position, dtype=float) for c in free]
-    v = [jnp.asarray(c.motion.velocity, dtype=float) for c in free]
-    y = jnp.concatenate([jnp.stack([*q, *v]) if free else jnp.zeros(0), jnp.zeros(layout(mechanism).remembered)])
+    starts = [c.motion.initial() for c in mechanism.free_coordinates()]
+    begin = as_array([*(x for q, _ in starts for x in q), *(x for _, v in starts for x in v)])
+    y = jnp.concatenate([begin, jnp.zeros(layout(mechanism).remembered)])
     if not mechanism.loops or not mechanism.assemble:
         return y, jnp.zeros(0)
     return assembled(t0, y, mechanism)
@@ -363,7 +363,7 @@ def closed_start(mechanism: Mechanism, t0: Scalar, start: str = CENTRE) -> tuple
 
 def projected_samples(problem: Problem, time: Array, y: Array) -> Array:
     """Dense output interpolates between projected states: project the samples of a mechanism with closures too."""
-    if not problem.mechanism.closures():
+    if not problem.mechanism.has_manifold:
         return y
     # A sample is further from closed than a step end: its velocity wants the Jacobian of the place that it comes to.
     return jax.vmap(lambda t, y: lift(lambda m, y: projected(t, y, m[0], 2), problem, y))(time, y)

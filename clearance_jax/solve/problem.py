@@ -21,7 +21,7 @@ from clearance_jax._sharing import shared
 from clearance_jax._types import Each, Flag, Rows
 from clearance_jax.dynamics.field import rate, where_it_counts
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.mechanism.state import layout, vector
+from clearance_jax.mechanism.state import layout, position_rates, vector
 from clearance_jax.solve.lane_axis import by_component, each_lane, sharing_lanes
 
 # A number that more directions move than this is applied to all of them at once.
@@ -61,8 +61,16 @@ class Problem(eqx.Module):
 
     @property
     def places(self) -> slice:
-        """The positions that have a speed of their own."""
+        """The positions."""
         return layout(self.mechanism).q
+
+    def place_rates(self, y: Array) -> Array:
+        """The rates of the positions of a state of the motion."""
+        plan = layout(self.mechanism)
+        if len(plan.positions) == len(plan.velocities):
+            return y[plan.v]
+        state = plan.split(y)
+        return vector(position_rates(self.mechanism, state.q, state.v))
 
     @property
     def speeds(self) -> slice:

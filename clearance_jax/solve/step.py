@@ -82,7 +82,7 @@ def try_step(
         slopes, _ = carry
         y = combined(lower[i], slopes, slice(plan.size))
         now = jnp.where(nodes[i] == 1, t1, t0 + nodes[i] * h)
-        if problem.mechanism.closures():
+        if problem.mechanism.has_manifold:
             close = each_lane(lambda t, y, p: lift(lambda m, y: projected(t, y, m[0]), p, y), t0)
             y = jax.lax.cond(i == last, lambda y: close(t1, y, problem), lambda y: y, y)
         with sharing_lanes(t0):

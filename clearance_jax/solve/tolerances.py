@@ -11,9 +11,11 @@ from jaxtyping import Array, Float
 from clearance_jax._types import Each, Scalar
 from clearance_jax.dynamics.energy import BOOKS
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.mechanism.state import layout
+from clearance_jax.mechanism.placement import Inertia
+from clearance_jax.mechanism.state import layout, parts
 from clearance_jax.parameters import parameters
 from clearance_jax.solve.problem import Problem, widths
+from clearance_jax.spatial import Vector, is_zero
 
 # Impacts amplify a local error: a tenth of the tolerance in each step keeps every position within 100 rtol.
 LOCAL = 0.1
@@ -70,7 +72,7 @@ def largest_length(mechanism: Mechanism) -> Array:
 def scales(mechanism: Mechanism, y0: Array, t0: Scalar, t1: Scalar) -> Scales:
     """Largest length of the bodies, fastest spin of drives, start and pendulum, and what follows from them."""
     length = largest_length(mechanism)
-    gravity = jnp.hypot(*(jnp.asarray(g, float) for g in mechanism.gravity.vector))
+    gravity = _size(mechanism.gravity.vector)
     speeds = [(jnp.sqrt(gravity / length), None)]
     for coordinate in mechanism.coordinates():
         drive = coordinate.motion.drive
@@ -79,13 +81,27 @@ def scales(mechanism: Mechanism, y0: Array, t0: Scalar, t1: Scalar) -> Scales:
             rates = jax.vmap(lambda t, d=drive: jnp.asarray(d(t)[1], float))(times)
             speeds.append((jnp.max(jnp.abs(rates)), coordinate.slides))
     moving = layout(mechanism).split(y0).v
-    speeds += [(jnp.abs(v), c.slides) for v, c in zip(moving, mechanism.free_coordinates(), strict=True)]
+    speeds += [(jnp.abs(v), c.slides) for c, _, own in parts(mechanism) for v in moving[own]]
     spin = jnp.max(jnp.stack([speed if slides is None else speed / length for speed, slides in speeds]))
     spin = jnp.where(spin > 0, spin, 1 / (t1 - t0))
     mass = sum((jnp.asarray(b.mass) for b in mechanism.bodies if b.mass is not None), jnp.zeros(()))
-    inertia = sum((jnp.asarray(b.inertia) for b in mechanism.bodies if b.inertia is not None), jnp.zeros(()))
+    inertia = sum((_largest(b.inertia) for b in mechanism.bodies if b.inertia is not None), jnp.zeros(()))
     energy = mass * (spin * length) ** 2 + inertia * spin**2
     return Scales(length, spin, jnp.maximum(gravity, spin * spin * length), energy)
+
+
+def _size(vector: Vector) -> Array:
+    """The length of a vector."""
+    x, y, z = vector
+    plane = jnp.hypot(jnp.asarray(x, float), jnp.asarray(y, float))
+    return plane if is_zero(z) else jnp.hypot(plane, jnp.asarray(z, float))
+
+
+def _largest(inertia: Array | Inertia) -> Array:
+    """The largest moment of inertia."""
+    if isinstance(inertia, Inertia):
+        return jnp.maximum(jnp.maximum(inertia.xx, inertia.yy), inertia.zz)
+    return jnp.asarray(inertia)
 
 
 def floors(varied: Any, directions: Any, unit: Array) -> Float[Array, " directions"]:
@@ -133,14 +149,14 @@ def tolerances(problem: Problem, y0: Array, t0: Scalar, t1: Scalar, rtol: Scalar
             position.append(c)
             velocity.append(slow if turns else jnp.maximum(slow, jnp.sqrt(2 * size.acceleration * c)))
         else:
-            position.append(jnp.asarray(1.0) if turns else size.length)
-            velocity.append(size.spin if turns else size.spin * size.length)
-        adapt.append(0.0 if c is None else 1.0)
+            position += [jnp.asarray(1.0) if turns else size.length] * len(coordinate.positions)
+            velocity += [size.spin if turns else size.spin * size.length] * len(coordinate.velocities)
+        adapt += [0.0 if c is None else 1.0] * len(coordinate.positions)
     memory = [scale for joint in joints for scale in joint.clearance.memory_scale()]
     unit = jnp.stack([*position, *velocity, *memory]) if position or memory else jnp.zeros(0)
     local = LOCAL * rtol
     absolute = local * unit if atol is None else jnp.broadcast_to(jnp.asarray(atol, float), unit.shape)
-    relative = local * jnp.asarray([*adapt, *[1.0] * len(adapt), *[0.0] * len(memory)])
+    relative = local * jnp.asarray([*adapt, *[1.0] * len(velocity), *[0.0] * len(memory)])
     books = len(BOOKS) if problem.books else 0
     judged = jnp.where((not adapt) & (size.energy > 0), size.energy, jnp.inf)
     signals = [

@@ -1,0 +1,230 @@
+"""Joints of several coordinates: a ball, and compositions of slides, turns and balls."""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from clearance_jax._types import Rows, Scalar
+from clearance_jax.errors import ClearanceError
+from clearance_jax.mechanism.body import Motion
+from clearance_jax.mechanism.placement import Axis, Orientation, Position, PreparedOrientation, present
+from clearance_jax.mechanism.tree import (
+    AT_CHILD,
+    AT_PARENT,
+    CHILD,
+    PARENT,
+    SLIDING,
+    TURN_CHILD,
+    TURN_PARENT,
+    TURNING,
+    AbstractJoint,
+    Coordinate,
+    Hold,
+    aligned,
+    angle_key,
+    axis_key,
+    body_key,
+    orientation_key,
+    place_key,
+)
+from clearance_jax.parameters import Parametrised, described, flattened, physical
+from clearance_jax.spatial import UNIT, X, Y, quaternion_of
+
+
+class Slide(Motion, Parametrised):
+    """The motion of a sliding coordinate of a joint that has several."""
+
+    def units(self):
+        return SLIDING
+
+
+class Turn(Motion, Parametrised):
+    """The motion of a turning coordinate of a joint that has several."""
+
+    def units(self):
+        return TURNING
+
+
+def _as(cls: type):
+    def convert(motion):
+        if isinstance(motion, cls) or not isinstance(motion, Motion):
+            return motion
+        return cls(motion.drive, motion.position, motion.velocity, motion.actuators, motion.limits)
+
+    return convert
+
+
+def slide_key():
+    """A field that is the motion of a slide."""
+    return eqx.field(converter=_as(Slide), default_factory=Slide)
+
+
+def turn_key():
+    """A field that is the motion of a turn."""
+    return eqx.field(converter=_as(Turn), default_factory=Turn)
+
+
+class Spin(eqx.Module):
+    """Rates of turning about the child's axes."""
+
+    x: Scalar = physical("rad/s", default=0.0)
+    y: Scalar = physical("rad/s", default=0.0)
+    z: Scalar = physical("rad/s", default=0.0)
+
+
+class Ball(eqx.Module):
+    """The motion of a ball: always free. Its positions are a quaternion (w, x, y, z), its velocities the spin in the
+    child's axes.
+
+    **Arguments:** `start`: initial orientation of the child's joint frame in the parent's; `spin`: initial spin.
+    """
+
+    start: Orientation = described(
+        "initial roll, pitch and yaw of the child in the joint's frame",
+        '["0 deg", "10 deg", "0 deg"]',
+        "not turned",
+        default=Orientation(),
+    )
+    spin: Spin = described(
+        "initial spin in the child's axes",
+        '["0 rad/s", "0 rad/s", "100 rad/s"]',
+        "at rest",
+        default_factory=Spin,
+    )
+    drive: ClassVar[None] = None
+    actuators: ClassVar[tuple] = ()
+    limits: ClassVar[None] = None
+    is_free: ClassVar[bool] = True
+
+    def initial(self) -> tuple[Rows, Rows]:
+        """Quaternion and spin at the start."""
+        start = self.start
+        quaternion = quaternion_of(present(start.roll), present(start.pitch), present(start.yaw))
+        return tuple(jnp.asarray(term, float) for term in quaternion), (self.spin.x, self.spin.y, self.spin.z)
+
+
+class Spherical(AbstractJoint):
+    """A ball in its socket: an orientation."""
+
+    name: str = eqx.field(static=True)
+    parent: str = body_key(*PARENT)
+    child: str = body_key(*CHILD)
+    at_parent: Position = place_key(AT_PARENT)
+    at_child: Position = place_key(AT_CHILD)
+    angle: Scalar | None = angle_key()
+    motion: Ball = flattened(default_factory=Ball)
+    orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_PARENT)
+    child_orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_CHILD)
+
+    def coordinates(self):
+        return (Coordinate(self.name, self.motion),)
+
+    def hold(self):
+        return Hold(None, ())
+
+
+class Universal(AbstractJoint):
+    """A cardan joint: a turn about an axis of the parent's, then one about an axis of the child's, square to it."""
+
+    name: str = eqx.field(static=True)
+    parent: str = body_key(*PARENT)
+    child: str = body_key(*CHILD)
+    at_parent: Position = place_key(AT_PARENT)
+    at_child: Position = place_key(AT_CHILD)
+    angle: Scalar | None = angle_key()
+    turn_1: Turn = turn_key()
+    turn_2: Turn = turn_key()
+    orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_PARENT)
+    child_orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_CHILD)
+
+    def coordinates(self):
+        return (
+            Coordinate(f"{self.name}.turn_1", self.turn_1, turns=X),
+            Coordinate(f"{self.name}.turn_2", self.turn_2, turns=Y),
+        )
+
+    def hold(self):
+        return Hold(None, ((X, Y),))
+
+
+class Cylindrical(AbstractJoint):
+    """A pin that slides in its sleeve: a slide along and a turn about one axis, by default z."""
+
+    name: str = eqx.field(static=True)
+    parent: str = body_key(*PARENT)
+    child: str = body_key(*CHILD)
+    at_parent: Position = place_key(AT_PARENT)
+    at_child: Position = place_key(AT_CHILD)
+    angle: Scalar | None = angle_key()
+    slide: Slide = slide_key()
+    turn: Turn = turn_key()
+    orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_PARENT)
+    child_orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_CHILD)
+    axis: Axis = axis_key("what it slides along and turns about, an axis of its frame", "z")
+
+    def coordinates(self):
+        return (
+            Coordinate(f"{self.name}.slide", self.slide, slides=self.axis.vector),
+            Coordinate(f"{self.name}.turn", self.turn, turns=self.axis.vector),
+        )
+
+    def hold(self):
+        line = self.axis.vector
+        return Hold(self.axis.across, aligned(self.axis), ((line, line),))
+
+
+class Planar(AbstractJoint):
+    """A foot on a floor: two slides in a plane, and a turn about its normal, by default z."""
+
+    name: str = eqx.field(static=True)
+    parent: str = body_key(*PARENT)
+    child: str = body_key(*CHILD)
+    at_parent: Position = place_key(AT_PARENT)
+    at_child: Position = place_key(AT_CHILD)
+    angle: Scalar | None = angle_key()
+    slide_x: Slide = slide_key()
+    slide_y: Slide = slide_key()
+    turn: Turn = turn_key()
+    orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_PARENT)
+    child_orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_CHILD)
+    axis: Axis = axis_key("normal of the plane, an axis of its frame", "z")
+
+    def coordinates(self):
+        first, second = self.axis.across
+        return (
+            Coordinate(f"{self.name}.slide_x", self.slide_x, slides=first),
+            Coordinate(f"{self.name}.slide_y", self.slide_y, slides=second),
+            Coordinate(f"{self.name}.turn", self.turn, turns=self.axis.vector),
+        )
+
+    def hold(self):
+        line = self.axis.vector
+        return Hold((line,), aligned(self.axis), ((line, line),))
+
+
+class Free(AbstractJoint):
+    """No connection: three slides along the axes of the joint's frame on the parent, and a ball."""
+
+    name: str = eqx.field(static=True)
+    parent: str = body_key(*PARENT)
+    child: str = body_key(*CHILD)
+    at_parent: Position = place_key(AT_PARENT)
+    at_child: Position = place_key(AT_CHILD)
+    angle: Scalar | None = angle_key()
+    slide_x: Slide = slide_key()
+    slide_y: Slide = slide_key()
+    slide_z: Slide = slide_key()
+    motion: Ball = flattened(default_factory=Ball)
+    orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_PARENT)
+    child_orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_CHILD)
+
+    def coordinates(self):
+        slides = zip("xyz", (self.slide_x, self.slide_y, self.slide_z), UNIT, strict=True)
+        return (
+            *(Coordinate(f"{self.name}.slide_{k}", motion, slides=axis) for k, motion, axis in slides),
+            Coordinate(self.name, self.motion),
+        )
+
+    def hold(self):
+        raise ClearanceError(f"Joint `{self.name}` closes a loop and holds nothing: leave it out.")

@@ -1,0 +1,137 @@
+"""Frames that move: pose, spin, acceleration, and the columns that say which coordinates move them."""
+
+from typing import NamedTuple
+
+from clearance_jax.spatial import (
+    IDENTITY,
+    UNIT,
+    ZERO,
+    Matrix,
+    Rotation,
+    Term,
+    Vector,
+    Z,
+    absent,
+    add,
+    centripetal,
+    cross,
+    plus,
+    scale,
+    subtract,
+)
+
+
+class Column(NamedTuple):
+    """What one coordinate moves: a unit slide along `axis`, or, where there is a `pivot`, a unit spin about `axis`
+    through it; `index`: of its velocity among the free ones (-1: it is prescribed).
+    """
+
+    index: int
+    axis: Vector
+    pivot: Vector | None
+
+    def velocity_at(self, point: Vector) -> Vector:
+        """Velocity of the point of a moved body that is at `point`, per unit rate."""
+        return self.axis if self.pivot is None else cross(self.axis, subtract(point, self.pivot))
+
+    @property
+    def spin(self) -> Vector:
+        """Spin of a moved body per unit rate."""
+        return ZERO if self.pivot is None else self.axis
+
+
+class Frame(NamedTuple):
+    """Pose and motion of a body's frame; accelerations are those with every free coordinate's acceleration left out.
+
+    `pivot`: the place of the joint that carries the body, from which moments of what hangs on it are taken; `free` and
+    `prescribed`: the columns of the coordinates that move it, from the ground on (of the prescribed ones with their
+    rates), of which its own joint's are the last `own`.
+    """
+
+    rotation: Rotation = IDENTITY
+    position: Vector = ZERO
+    spin: Vector = ZERO
+    velocity: Vector = ZERO
+    spin_rate: Vector = ZERO
+    acceleration: Vector = ZERO
+    pivot: Vector = ZERO
+    free: tuple[Column, ...] = ()
+    prescribed: tuple[tuple[Column, Term], ...] = ()
+
+    @property
+    def angle(self) -> Term:
+        """By how much it is turned about z, of a frame that turns about z only."""
+        return self.rotation.angle
+
+    def point(self, at: Vector) -> Vector:
+        """World position of the point that is at `at` in the body's frame."""
+        return add(self.position, self.rotation.apply(at))
+
+    def velocity_at(self, point: Vector) -> Vector:
+        """Velocity of the body's material point that is at `point`."""
+        return add(self.velocity, cross(self.spin, subtract(point, self.position)))
+
+    def acceleration_at(self, point: Vector) -> Vector:
+        """Acceleration of the body's material point at `point` (without the free coordinates' accelerations)."""
+        arm = subtract(point, self.position)
+        return add(self.acceleration, add(cross(self.spin_rate, arm), centripetal(self.spin, arm)))
+
+    def moved_to(self, at: Vector) -> "Frame":
+        """The frame of the same body with its origin at `at`."""
+        if absent(at):
+            return self
+        point = self.point(at)
+        return self._replace(position=point, velocity=self.velocity_at(point), acceleration=self.acceleration_at(point))
+
+    def rotated(self, rotation: Rotation) -> "Frame":
+        """The frame of the same body with other axes."""
+        if rotation.rows is UNIT:
+            return self
+        if rotation.is_plane:
+            return self._replace(rotation=self.rotation.turned(Z, rotation.angle))
+        return self._replace(rotation=self.rotation.followed(rotation.rows))
+
+    def turned(self, axis: Vector, angle: Term, rate: Term, acceleration: Term) -> "Frame":
+        """The frame after a turn about its origin and an axis of its own."""
+        spin = scale(rate, self.rotation.apply(axis))
+        return self._replace(
+            rotation=self.rotation.turned(axis, angle),
+            spin=add(self.spin, spin),
+            spin_rate=add(add(self.spin_rate, cross(self.spin, spin)), scale(acceleration, self.rotation.apply(axis))),
+        )
+
+    def swivelled(self, rows: Matrix, spin: Vector) -> "Frame":
+        """The frame after a rotation about its origin, with a spin in the rotated axes."""
+        rotation = self.rotation.followed(rows)
+        spin = rotation.apply(spin)
+        return self._replace(
+            rotation=rotation, spin=add(self.spin, spin), spin_rate=add(self.spin_rate, cross(self.spin, spin))
+        )
+
+    def slid(self, axis: Vector, by: Term, rate: Term, acceleration: Term) -> "Frame":
+        """The frame after a slide along an axis of its own."""
+        along = self.rotation.apply(axis)
+        point, moved = add(self.position, scale(by, along)), scale(rate, along)
+        coriolis = cross(scale(2.0, self.spin), moved)
+        return self._replace(
+            position=point,
+            velocity=add(self.velocity_at(point), moved),
+            acceleration=add(add(self.acceleration_at(point), coriolis), scale(acceleration, along)),
+        )
+
+    def moved_by(self, column: Column, rate: Term) -> "Frame":
+        """The frame with one more coordinate that moves it."""
+        if column.index < 0:
+            return self._replace(prescribed=(*self.prescribed, (column, rate)))
+        return self._replace(free=(*self.free, column))
+
+
+def plane(vector: Vector) -> tuple[Term, Term]:
+    """Of a vector that lies in the plane by its structure."""
+    assert absent(vector[2:])
+    return vector[0], vector[1]
+
+
+def angle_between(a: Frame, b: Frame) -> Term:
+    """By how much `b` is turned from `a` about z, of frames that turn about z only."""
+    return plus(b.angle, scale(-1.0, (a.angle,))[0])

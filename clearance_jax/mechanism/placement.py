@@ -1,0 +1,222 @@
+"""Where things are on a body: places, axes, orientations, and how mass is spread. What is left out is absent from the
+compiled program, so that a plane mechanism is one whose z components nobody gave.
+"""
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+
+from clearance_jax._types import Scalar
+from clearance_jax.errors import ClearanceError, quoted
+from clearance_jax.parameters import as_leaf, physical
+from clearance_jax.spatial import IDENTITY, UNIT, Matrix, Rotation, Term, Vector, X, Y, Z, cross, scale
+from clearance_jax.symmetric import Symmetric
+
+
+def present(value: Any) -> Term:
+    """A number as it is, an absent one as the constant 0.0."""
+    return 0.0 if value is None else value
+
+
+class Position(eqx.Module):
+    """A vector of lengths; a component left out is absent from the compiled program."""
+
+    x: Scalar | None = physical("m", default=None)
+    y: Scalar | None = physical("m", default=None)
+    z: Scalar | None = physical("m", default=None)
+
+    @property
+    def vector(self) -> Vector:
+        """The components, absent ones as the constant 0.0."""
+        return present(self.x), present(self.y), present(self.z)
+
+
+ORIGIN = Position()
+
+
+class Gravity(eqx.Module):
+    """Acceleration of free fall; a component left out is absent from the compiled program."""
+
+    x: Scalar | None = physical("m/s^2", default=None)
+    y: Scalar | None = physical("m/s^2", default=None)
+    z: Scalar | None = physical("m/s^2", default=None)
+
+    @property
+    def vector(self) -> Vector:
+        """The components, absent ones as the constant 0.0."""
+        return present(self.x), present(self.y), present(self.z)
+
+
+class Orientation(eqx.Module):
+    """How a frame is turned: by `roll` about x, then `pitch` about y, then `yaw` about z, all of them axes of the outer
+    frame (R = Rz Ry Rx, as in URDF) [rad]. An angle left out is absent from the compiled program.
+    """
+
+    roll: Scalar | None = physical("rad", default=None)
+    pitch: Scalar | None = physical("rad", default=None)
+    yaw: Scalar | None = physical("rad", default=None)
+
+    @property
+    def rotation(self) -> Rotation:
+        """The rotation to the outer frame's axes."""
+        turned = IDENTITY.turned(Z, present(self.yaw)).turned(Y, present(self.pitch))
+        return turned.turned(X, present(self.roll))
+
+    @property
+    def is_plane(self) -> bool:
+        """Whether it is a turn about z by its structure."""
+        return self.roll is None and self.pitch is None
+
+    def prepared(self) -> "PreparedOrientation":
+        """The same with its matrix computed (once a solve)."""
+        entries = [term for row in self.rotation.rows for term in row]
+        constants = tuple(term if isinstance(term, float) else None for term in entries)
+        return PreparedOrientation(tuple(t for t in entries if not isinstance(t, float)), constants)
+
+
+class PreparedOrientation(eqx.Module):
+    """An orientation by its matrix, of which the entries that are constants of the program stay so."""
+
+    numbers: tuple[Scalar, ...]
+    constants: tuple[float | None, ...] = eqx.field(static=True)
+
+    @property
+    def rotation(self) -> Rotation:
+        """The rotation to the outer frame's axes."""
+        rest = iter(self.numbers)
+        entries = [next(rest) if constant is None else constant for constant in self.constants]
+        return IDENTITY.followed(_matrix(entries))
+
+    @property
+    def is_plane(self) -> bool:
+        """Whether it keeps the z axis by its structure."""
+        return self.constants[2] == self.constants[5] == 0.0 and self.constants[8] == 1.0
+
+
+def _matrix(entries: list[Term]) -> Matrix:
+    rows = [(entries[i], entries[i + 1], entries[i + 2]) for i in (0, 3, 6)]
+    return rows[0], rows[1], rows[2]
+
+
+LETTERS: dict[str, Vector] = {"x": X, "y": Y, "z": Z} | {
+    f"-{k}": scale(-1.0, a) for k, a in zip("xyz", UNIT, strict=True)
+}
+
+
+class Axis(eqx.Module):
+    """A direction: an axis of the frame by its `letter` ("x", "-z"), a constant of the program; or any other, by
+    numbers of whatever length but zero.
+    """
+
+    letter: str | None = eqx.field(static=True, default=None)
+    x: Scalar | None = physical("", default=None)
+    y: Scalar | None = physical("", default=None)
+    z: Scalar | None = physical("", default=None)
+
+    @property
+    def vector(self) -> Vector:
+        """The unit vector."""
+        if self.letter is not None:
+            return LETTERS[self.letter]
+        terms = present(self.x), present(self.y), present(self.z)
+        length = jnp.sqrt(sum((jnp.asarray(t) ** 2 for t in terms), jnp.zeros(())))
+        return scale(1.0 / length, terms)
+
+    @property
+    def across(self) -> tuple[Vector, Vector]:
+        """Two unit vectors that make a right-handed frame with it: (first, second, axis)."""
+        if self.letter is not None:
+            k = "xyz".index(self.letter[-1])
+            first, second = UNIT[(k + 1) % 3], UNIT[(k + 2) % 3]
+            return (first, second) if len(self.letter) == 1 else (second, first)
+        # Without a decision that a small change of the axis would turn round (Duff et al. 2017).
+        x, y, z = (jnp.asarray(term, float) for term in self.vector)
+        sign = jnp.where(z < 0, -1.0, 1.0)
+        a = -1.0 / (sign + z)
+        first = (1.0 + sign * x * x * a, sign * x * y * a, -sign * x)
+        return first, cross((x, y, z), first)
+
+
+def as_axis(value: Any) -> Any:
+    """An `Axis` from a letter, three numbers, or an axis. **Raises** `ClearanceError` for what is none."""
+    if isinstance(value, Axis) or not isinstance(value, (str, tuple, list, np.ndarray, Position)):
+        return value
+    if isinstance(value, str):
+        if value.removeprefix("+") not in LETTERS:
+            raise ClearanceError(f"An axis must be x, y, z, -x, -y, -z or three numbers, but it is {quoted(value)}.")
+        return Axis(value.removeprefix("+"))
+    numbers = list(value.vector if isinstance(value, Position) else value)
+    if len(numbers) != 3:
+        raise ClearanceError(f"An axis must have three numbers, but it has {len(numbers)}.")
+    if not any(isinstance(n, Tracer) for n in numbers):
+        plain = np.asarray([float(n) for n in numbers])
+        if not np.all(np.isfinite(plain)) or not np.any(plain):
+            raise ClearanceError(f"An axis must be finite and not zero, but it is {plain.tolist()}.")
+        if np.count_nonzero(plain) == 1:
+            k = int(np.flatnonzero(plain)[0])
+            return Axis(("-" if plain[k] < 0 else "") + "xyz"[k])
+        numbers = [None if n == 0 else n for n in plain.tolist()]
+    return Axis(None, *numbers)
+
+
+class Inertia(eqx.Module):
+    """Moments and products of inertia about the centre of mass, in the body's axes [kg m^2]: the entries of the tensor
+    (its product `xy` is minus the integral of x y dm). An entry left out is absent from the compiled program.
+    """
+
+    xx: Scalar = physical("kg*m^2")
+    yy: Scalar = physical("kg*m^2")
+    zz: Scalar = physical("kg*m^2")
+    xy: Scalar | None = physical("kg*m^2", default=None)
+    xz: Scalar | None = physical("kg*m^2", default=None)
+    yz: Scalar | None = physical("kg*m^2", default=None)
+
+    def __check_init__(self):
+        six = [self.xx, self.yy, self.zz, self.xy, self.xz, self.yz]
+        if any(isinstance(n, (Tracer, type(None))) or np.ndim(n) or not hasattr(n, "dtype") for n in six[:3]):
+            return
+        if any(isinstance(n, Tracer) or (n is not None and np.ndim(n)) for n in six):
+            return
+        xx, yy, zz, xy, xz, yz = (0.0 if n is None else float(n) for n in six)
+        check_inertia(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]), "An inertia")
+
+    @property
+    def symmetric(self) -> Symmetric:
+        """The tensor."""
+        entries = {
+            (0, 0): self.xx, (1, 1): self.yy, (2, 2): self.zz, (0, 1): self.xy, (0, 2): self.xz, (1, 2): self.yz,
+        }  # fmt: skip
+        return Symmetric(lambda i, j: present(entries[i, j]))
+
+
+def check_inertia(tensor: np.ndarray, what: str) -> None:
+    """Raise `ClearanceError` for a tensor (3, 3) that no body has: principal moments that are negative, or of which one
+    is larger than the other two together (by more than the sixth digit, which a file may have rounded).
+    """
+    if not np.all(np.isfinite(tensor)):
+        raise ClearanceError(f"{what} must be finite.")
+    least, middle, most = np.linalg.eigvalsh(tensor)
+    size = max(abs(most), abs(least))
+    found = f"its principal moments are {least:g}, {middle:g}, {most:g} kg m^2"
+    if least < -1e-6 * size or most <= 0:
+        raise ClearanceError(f"{what} must be positive, but {found}.")
+    if least + middle < most * (1 - 1e-6):
+        raise ClearanceError(
+            f"{what} belongs to no body: {found}, of which the largest is more than the other two together. Give it "
+            "about the centre of mass, in the body's axes."
+        )
+
+
+def as_inertia(value: Any) -> Any:
+    """A body's inertia: one number (about z), an `Inertia`, or a list of its three or six numbers (xx, yy, zz, xy, xz,
+    yz).
+    """
+    if isinstance(value, (list, tuple)):
+        if len(value) not in (3, 6):
+            raise ClearanceError(f"An inertia must be one number, three or six, but it has {len(value)}.")
+        rest = [None if isinstance(n, (int, float)) and n == 0 else n for n in value[3:]]
+        return Inertia(*value[:3], *rest)
+    return as_leaf(value)
