@@ -144,13 +144,13 @@ class Rotation(NamedTuple):
     @property
     def is_plane(self) -> bool:
         """Whether it is a turn about z by its structure."""
-        return self.before is UNIT and self.axis == Z
+        return self.before is UNIT and same_line(self.axis, Z) > 0
 
     def turned(self, axis: Vector, angle: Term) -> "Rotation":
         """The rotation followed by a turn about an axis (unit, in the rotated frame's axes)."""
         if is_zero(angle):
             return self
-        before, whole, sign = self.rows, angle, _same_line(axis, self.axis)
+        before, whole, sign = self.rows, angle, same_line(axis, self.axis)
         if sign:
             axis, before, whole = self.axis, self.before, plus(self.angle, times(sign, angle))
         return Rotation(product(before, about(axis, whole)), before, axis, whole)
@@ -164,7 +164,7 @@ class Rotation(NamedTuple):
 IDENTITY = Rotation()
 
 
-def _same_line(a: Vector, b: Vector) -> float:
+def same_line(a: Vector, b: Vector) -> float:
     """1 where two axes are the same by their structure, -1 where they are opposite, else 0."""
     if a is b:
         return 1.0
@@ -176,7 +176,7 @@ def _same_line(a: Vector, b: Vector) -> float:
 def about(axis: Vector, angle: Term) -> Matrix:
     """The matrix of a turn by `angle` [rad] about a unit vector (Rodrigues)."""
     sine, cosine = shared(sincos(jnp.asarray(angle)))
-    if axis in (X, Y, Z, scale(-1.0, X), scale(-1.0, Y), scale(-1.0, Z)):
+    if all(isinstance(term, float) for term in axis) and sum(map(is_zero, axis)) == 2:
         k = next(i for i in range(3) if not is_zero(axis[i]))
         s, rows = times(axis[k], sine), [[*row] for row in UNIT]
         i, j = (k + 1) % 3, (k + 2) % 3

@@ -4,12 +4,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from lagrangian import accelerations, random_state
 
 import clearance_jax as cj
 from clearance_jax.dynamics.field import slope
 from clearance_jax.mechanism.state import layout
-
-from .lagrangian import accelerations, random_state
 
 
 def body(name, rng, mass=1.0):

@@ -32,6 +32,7 @@ from clearance_jax.spatial import (
     is_zero,
     minus,
     plus,
+    same_line,
     scale,
     subtract,
     times,
@@ -102,7 +103,7 @@ def inertia_of(body: Body, frame: Frame) -> Symmetric:
     if isinstance(body.inertia, Inertia):
         return rotated(body.inertia.symmetric, frame.rotation)
     about_z = body.inertia
-    if frame.rotation.rows[2] != Z:
+    if same_line(frame.rotation.rows[2], Z) <= 0:
         raise ClearanceError(
             f"Body `{body.name}` turns out of the plane, but its inertia is one number (about z): give three or six, "
             "`Inertia(xx, yy, zz, xy, xz, yz)`."
