@@ -38,10 +38,9 @@ FIRM = 1e9
 # Newton iterations of an assembly: so many with pins all but held in their sleeves, then so many with all free; the
 # last of all only measures.
 HELD, LOOSE = 8, 5
-# What a condition of a loop in space gives way, relative to its own compliance. Such loops are over-constrained as a
-# rule (a plane four-bar in space holds three conditions twice): then the conditions share the load as equal springs
-# would. One refinement leaves the square of this, times the conditions' own condition number, in the accelerations.
-GIVE = 1e-9
+# A condition of which less than this is its own, in the square of a sine, repeats others: such is the square of how
+# far from closed the stages of a step may be.
+REPEATED = 1e-6
 
 
 class Condition(NamedTuple):
@@ -138,41 +137,81 @@ def _square(e: Vector, a: Frame, f: Vector, b: Frame, count: int) -> Condition:
 
 
 class Constraint(NamedTuple):
-    """Rows J, the changes M^-1 J^T that a unit multiplier makes, J M^-1 J^T by its lower triangle and factored; where
-    conditions may repeat each other (`loose`) factored with a little `GIVE`.
+    """Rows J, the changes M^-1 J^T that a unit multiplier makes, and J M^-1 J^T factored; `kept`: which conditions are
+    asked for (1) and which repeat others (0), `None` where all are.
     """
 
     spread: list[list[Term]]
-    compliance: list[list[Term]]
     factored: Factored
-    loose: bool
+    kept: list[Term] | None
 
     def closing(self, right: list[Term]) -> tuple[list[Term], list[Term]]:
         """The smallest change x (in the kinetic norm) with J x = right, and the multipliers that make it."""
+        if self.kept is not None:
+            right = [times(k, r) for k, r in zip(self.kept, right, strict=True)]
         multipliers = self.factored.solve(right)
-        if self.loose:
-            left = [minus(r, s) for r, s in zip(right, self._reached(multipliers), strict=True)]
-            multipliers = [plus(m, more) for m, more in zip(multipliers, self.factored.solve(left), strict=True)]
         count = len(self.spread[0])
         change = [total(times(m, s[k]) for m, s in zip(multipliers, self.spread, strict=True)) for k in range(count)]
         return change, multipliers
 
-    def _reached(self, multipliers: list[Term]) -> list[Term]:
-        n, known = len(multipliers), self.compliance
-        return [total(times(known[max(i, j)][min(i, j)], multipliers[j]) for j in range(n)) for i in range(n)]
 
-
-def constraint(inertia: Factored, rows: list[list[Term]], loose: bool = False) -> Constraint:
-    """What constraint rows J ask of the inertia."""
-    spread = [inertia.solve(row) for row in rows]
+def constraint(inertia: Factored, held: Sequence[Condition], mechanism: Mechanism) -> Constraint:
+    """What conditions ask of the inertia."""
+    spread = [inertia.solve(now.row) for now in held]
     compliance = [
-        [total(times(p, q) for p, q in zip(rows[i], spread[j], strict=True)) for j in range(i + 1)]
-        for i in range(len(rows))
+        [total(times(p, q) for p, q in zip(held[i].row, spread[j], strict=True)) for j in range(i + 1)]
+        for i in range(len(held))
     ]
-    given = compliance
-    if loose:
-        given = [[*row[:-1], times(1.0 + GIVE, row[-1])] for row in compliance]
-    return Constraint(spread, compliance, factor(given), loose)
+    if not mechanism.may_repeat:
+        return Constraint(spread, factor(compliance), None)
+    chosen = independent(compliance, held) if mechanism.chosen is None else mechanism.chosen
+    kept: list[Term] = [chosen[i] for i in range(len(held))]
+    masked = [
+        [
+            times(times(kept[i], kept[j]), term) if i != j else jnp.where(kept[i] > 0, term, 1.0)
+            for j, term in enumerate(row)
+        ]
+        for i, row in enumerate(compliance)
+    ]
+    return Constraint(spread, factor(masked), kept)
+
+
+def independent(compliance: list[list[Term]], held: Sequence[Condition]) -> Float[Array, " conditions"]:
+    """Which conditions to ask for (1), where others follow from them (0): a loop in space repeats itself as a rule (a
+    four-bar linkage of parallel pins holds its plane three times). One after the other the one that most of is left of,
+    without what those before it hold already.
+
+    Forces and moments are measured each by their largest: neither by itself says how large the other is.
+    """
+    count = len(held)
+    matrix = jnp.stack([as_array(compliance[max(i, j)][min(i, j)] for j in range(count)) for i in range(count)])
+    matrix = jax.lax.stop_gradient(matrix)
+    kinds = jnp.asarray([absent(now.torque) for now in held])
+    sizes = jnp.diagonal(matrix)
+    largest = jnp.where(kinds, jnp.max(jnp.where(kinds, sizes, 0.0)), jnp.max(jnp.where(kinds, 0.0, sizes)))
+    unit = jnp.sqrt(jnp.where(largest > 0, largest, 1.0))
+
+    def once(_, carry):
+        left, kept = carry
+        own = jnp.where(kept > 0, 0.0, jnp.diagonal(left))
+        best = jnp.argmax(own)
+        good = own[best] > REPEATED
+        column = left[best] / jnp.sqrt(jnp.where(good, own[best], 1.0))
+        left = jnp.where(good, left - column[:, None] * column[None, :], left)
+        return left, kept.at[best].set(jnp.where(good, 1.0, kept[best]))
+
+    begin = matrix / (unit[:, None] * unit[None, :]), jnp.zeros(count)
+    return jax.lax.fori_loop(0, min(count, len(held[0].row)), once, begin)[1]
+
+
+def choice(time: Scalar, y: Array, mechanism: Mechanism) -> Float[Array, " conditions"]:
+    """Which conditions of the closures to ask for at a state, see `independent`."""
+    plan = layout(mechanism)
+    motion = frames(mechanism, time, plan.split(y))
+    held = [now for loop in mechanism.closures() for now in conditions(loop, motion, plan.free)]
+    spread = [mass_matrix(mechanism, motion).solve(now.row) for now in held]
+    compliance = [[dot(tuple(held[i].row), tuple(s)) for s in spread[: i + 1]] for i in range(len(held))]
+    return independent(compliance, held)
 
 
 def closing_pairs(loops: Sequence[AbstractJoint], motion: Frames, held: list[list[Condition]], forces) -> list[Pair]:
@@ -204,7 +243,7 @@ def corrected(
     plan = layout(mechanism)
     state = plan.split(y)
     motion = frames(mechanism, time, state)
-    rows, gaps, rates, opened = [], [], [], []
+    held, gaps, rates, opened = [], [], [], []
     for loop in loops:
         offset = initial_offset(loop, motion)
         turning = cross(motion[loop.parent].spin, offset)
@@ -213,11 +252,11 @@ def corrected(
             errors.append(minus(now.gap, dot(now.force, offset)))
             gaps.append(minus(0.0, errors[-1]))
             rates.append(minus(0.0, minus(now.rate, dot(now.force, turning))))
-            rows.append(now.row)
+            held.append(now)
         opened.append(_openness(errors, wrong_way(loop, motion)))
-    if not rows:
+    if not held:
         return y, jnp.stack(opened)
-    asked = constraint(mass_matrix(mechanism, motion, firm), rows, not mechanism.is_plane)
+    asked = constraint(mass_matrix(mechanism, motion, firm), held, mechanism)
     place, speed = asked.closing(gaps)[0], asked.closing(rates)[0]
     q = moved(mechanism, state.q, tuple(place))
     v = [plus(v, times(settle, s)) for v, s in zip(state.v, speed, strict=True)]

@@ -77,7 +77,7 @@ def accelerations(
         minus(minus(0.0, now.acceleration), total(times(r, q) for r, q in zip(now.row, free, strict=True)))
         for now in every
     ]
-    asked = constraint(inertia, [now.row for now in every], not mechanism.is_plane)
+    asked = constraint(inertia, every, mechanism)
     correction, forces = asked.closing(lag)
     closing = closing_pairs(loops, motion, held, forces)
     return [plus(a, b) for a, b in zip(free, correction, strict=True)], closing

@@ -87,6 +87,8 @@ class Mechanism(eqx.Module):
     gravity: Gravity = NO_GRAVITY
     name: str = eqx.field(static=True, default="mechanism")
     assemble: bool = eqx.field(static=True, default=True)
+    chosen: Array | None = None
+    """Of a mechanism that is being solved, which conditions of its closures a step asks for (see `closures.choice`)."""
 
     def __check_init__(self):
         parts = (*self.bodies, *self.joints, *self.loops, *self.springs, *self.points)
@@ -175,6 +177,11 @@ class Mechanism(eqx.Module):
             and not any(isinstance(body.inertia, Inertia) for body in self.bodies)
             and all(joint.is_plane for joint in self.all_joints())
         )
+
+    @property
+    def may_repeat(self) -> bool:
+        """Whether conditions of its closures may follow from others, as those of loops in space do."""
+        return bool(self.closures()) and not self.is_plane
 
     @property
     def has_manifold(self) -> bool:

@@ -11,7 +11,7 @@ from jaxtyping import Array
 
 from clearance_jax._sharing import shared
 from clearance_jax._types import Each, EachFlag, Scalar
-from clearance_jax.dynamics.closures import projected
+from clearance_jax.dynamics.closures import choice, projected
 from clearance_jax.dynamics.kinematics import relative_accelerations
 from clearance_jax.mechanism.mechanism import drive_breaks
 from clearance_jax.mechanism.state import layout
@@ -67,6 +67,11 @@ def try_step(
     if past_break is not False:
         moved = past_moving_break(t0, y0, problem)
         y0, fresh = jnp.where(past_break, moved, y0), fresh | past_break
+
+    if problem.mechanism.may_repeat:
+        # Once a step, at its start, where loops are closed and what repeats itself is seen.
+        chosen = each_lane(lambda t, y, p: choice(t, motion(p, y), p.mechanism), t0)(t0, y0, problem)
+        problem = eqx.tree_at(lambda p: p.mechanism.chosen, problem, chosen, is_leaf=lambda x: x is None)
 
     def combined(weights, slopes, part=slice(None)):
         return components(y0, part, t0) + h * _weighted(weights, components(slopes, part, t0), t0)
