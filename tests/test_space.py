@@ -5,9 +5,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from lagrangian import accelerations, random_state
+from scipy.special import ellipj, ellipk
 
 import clearance_jax as cj
+from clearance_jax.dynamics.closures import conditions
 from clearance_jax.dynamics.field import slope
+from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.mechanism.state import layout
 
 
@@ -73,3 +76,199 @@ def test_field_agrees_with_lagrange(make):
     theirs = jax.jit(jax.vmap(lambda y: accelerations(mechanism, 0.3, y)))(states)
     size = np.max(np.abs(theirs), axis=1, keepdims=True)
     assert np.max(np.abs(ours[:, plan.v] - theirs) / size) < 1e-10
+
+
+# Closed forms ---------------------------------------------------------------------------------------------------------
+
+
+def axes_of(y, plan):
+    """The rotation matrices (n, 3, 3) of a state's only quaternion."""
+    w, x, y_, z = np.asarray(y)[
+        :, [plan.positions.index(n) for n in plan.positions if n[-2:] in (".w", ".x", ".y", ".z")]
+    ].T
+    return np.moveaxis(
+        np.array(
+            [
+                [1 - 2 * (y_**2 + z**2), 2 * (x * y_ - w * z), 2 * (x * z + w * y_)],
+                [2 * (x * y_ + w * z), 1 - 2 * (x**2 + z**2), 2 * (y_ * z - w * x)],
+                [2 * (x * z - w * y_), 2 * (y_ * z + w * x), 1 - 2 * (x**2 + y_**2)],
+            ]
+        ),
+        -1,
+        0,
+    )
+
+
+def test_free_body_turns_as_euler_says():
+    """Spin by Jacobi's elliptic functions (Landau and Lifshitz, Mechanics, section 37); momenta, energy and the
+    quaternion's length kept.
+    """
+    i1, i2, i3 = 1.0, 2.0, 3.0
+    start = np.array([1.1, 0.0, 0.9])
+    box = cj.Body("box", 2.0, (i1, i2, i3))
+    spin = cj.Spin(*start)
+    fly = cj.Free(
+        "fly", "ground", "box", slide_x=cj.Motion(velocity=0.3), motion=cj.Ball(cj.Orientation(0.1, 0.2, 0.3), spin)
+    )
+    mechanism = cj.Mechanism((box,), (fly,))
+    plan, times = layout(mechanism), np.linspace(0, 40, 201)
+    solution = cj.simulate(mechanism, 40.0, save_at=times, rtol=1e-12, solver="dopri8")
+    energy = (start**2 @ [i1, i2, i3]) / 2
+    momentum2 = start**2 @ [i1**2, i2**2, i3**2]
+    assert momentum2 > 2 * energy * i2  # it turns about the axis of its largest moment
+    low, high = 2 * energy * i3 - momentum2, momentum2 - 2 * energy * i1
+    rate, m = np.sqrt((i3 - i2) * high / (i1 * i2 * i3)), (i2 - i1) * low / ((i3 - i2) * high)
+    sn, cn, dn, _ = ellipj(rate * times, m)
+    sizes = np.sqrt([low / (i1 * (i3 - i1)), low / (i2 * (i3 - i2)), high / (i3 * (i3 - i1))])
+    closed = sizes * np.stack([cn, sn, dn], 1)
+    found = np.asarray(solution.y)[:, plan.v][:, 3:]
+    np.testing.assert_allclose(found, closed, atol=1e-10)
+    turned = axes_of(solution.y, plan)
+    whole = np.einsum("nij,nj->ni", turned, found * [i1, i2, i3])
+    np.testing.assert_allclose(whole, np.broadcast_to(whole[0], whole.shape), atol=1e-10)
+    quaternion = np.asarray(solution.y)[:, 3:7]
+    np.testing.assert_allclose(np.sum(quaternion**2, 1), 1.0, atol=1e-15)
+    np.testing.assert_allclose(np.asarray(solution.y)[:, 0], 0.3 * times, atol=1e-12)
+
+
+def cubic_motion(roots, rate, times):
+    """U(t) from the middle root of u'^2 = rate (u - u1)(u - u2)(u - u3), where it starts at rest."""
+    u1, u2, u3 = np.sort(roots.real)
+    m, w = (u2 - u1) / (u3 - u1), np.sqrt(rate * (u3 - u1)) / 2
+    return u1 + (u2 - u1) * ellipj(ellipk(m) + w * times, m)[0] ** 2
+
+
+def test_heavy_top_nods_as_lagrange_says():
+    """The cosine of the tilt by an elliptic function (Goldstein, Classical Mechanics, section 5.7)."""
+    mass, arm_, i1, i3, tilt, spin, g = 1.5, 0.2, 0.08, 0.02, 0.5, 60.0, 9.81
+    centre = i1 - mass * arm_**2  # about the centre of mass; i1 is about the tip
+    top = cj.Body("top", mass, (centre, centre, i3), cj.Position(z=arm_))
+    ball = cj.Spherical("tip", "ground", "top", motion=cj.Ball(cj.Orientation(roll=tilt), cj.Spin(z=spin)))
+    mechanism = cj.Mechanism((top,), (ball,), gravity=cj.Gravity(z=-g))
+    times = np.linspace(0, 2, 101)
+    solution = cj.simulate(mechanism, 2.0, save_at=times, rtol=1e-12, solver="dopri8")
+    a = i3 * spin / i1
+    b, beta = a * np.cos(tilt), 2 * mass * g * arm_ / i1
+    alpha = beta * np.cos(tilt)
+    # (alpha - beta u)(1 - u^2) - (b - a u)^2
+    roots = np.roots([beta, -alpha - a * a, -beta + 2 * a * b, alpha - b * b])
+    u = axes_of(solution.y, layout(mechanism))[:, 2, 2]
+    np.testing.assert_allclose(u, cubic_motion(roots, beta, times), atol=1e-10)
+
+
+def test_spherical_pendulum_swings_as_its_cubic_says():
+    """The height by an elliptic function (Landau and Lifshitz, Mechanics, section 14, problem 1)."""
+    length, g, tilt, speed = 0.7, 9.81, 0.9, 2.0
+    bob = cj.Body("bob", 0.3, center_of_mass=cj.Position(z=-length))
+    # Starts level: at an end of its heights, with all its speed along the horizontal x axis of the second turn.
+    cardan = cj.Universal(
+        "pivot", "ground", "bob", turn_1=cj.Motion(position=tilt), turn_2=cj.Motion(velocity=-speed / length)
+    )
+    point = cj.Point("bob_centre", "bob", cj.Position(z=-length))
+    mechanism = cj.Mechanism((bob,), (cardan,), points=(point,), gravity=cj.Gravity(z=-g))
+    times = np.linspace(0, 5, 101)
+    solution = cj.simulate(mechanism, 5.0, save_at=times, rtol=1e-12, solver="dopri8")
+    height = cj.to_dataset(mechanism, solution).position.sel(point="bob_centre", axis="z").values
+    start = -length * np.cos(tilt)
+    energy, turning = speed**2 / 2 + g * start, (speed * length * np.sin(tilt)) ** 2
+    roots = np.roots([2 * g, -2 * energy, -2 * g * length**2, 2 * energy * length**2 - turning])
+    u1, u2, u3 = np.sort(roots.real)
+    m, w = (u2 - u1) / (u3 - u1), np.sqrt(2 * g / length**2 * (u3 - u1)) / 2
+    begin = ellipk(m) if abs(u2 - start) < abs(u1 - start) else 0.0
+    closed = u1 + (u2 - u1) * ellipj(begin + w * times, m)[0] ** 2
+    np.testing.assert_allclose(height, closed, atol=1e-10)
+    assert float(solution.energy_residual) < 1e-11
+
+
+# Loops ----------------------------------------------------------------------------------------------------------------
+
+
+def gaps(mechanism, solution):
+    """The conditions of every closure at every sample."""
+    ready, plan = mechanism.prepared(), layout(mechanism)
+
+    def at(t, y):
+        motion = frames(ready, t, plan.split(y))
+        held = [c for loop in ready.closures() for c in conditions(loop, motion, plan.free)]
+        return jnp.stack([jnp.asarray(c.gap, float) for c in held])
+
+    return np.abs(jax.vmap(at)(solution.time, solution.y))
+
+
+def bennett():
+    """Bennett's linkage: four bars, opposite ones alike, a / sin(alpha) = b / sin(beta). It moves, though Gruebler's
+    count leaves it minus two freedoms.
+    """
+    a, b, alpha = 0.5, 0.3, np.deg2rad(60.0)
+    beta, first = np.arcsin(0.6 * np.sin(alpha)), 0.7
+    second = 2 * np.arctan(np.sin((beta + alpha) / 2) / np.sin((beta - alpha) / 2) / np.tan(first / 2))
+
+    def bar(name, length):
+        return cj.Body(name, 1.0, (1e-3, length**2 / 12, length**2 / 12), cj.Position(length / 2))
+
+    joints = (
+        cj.Revolute("j1", "ground", "l1", motion=cj.Motion(position=first, velocity=2.0)),
+        cj.Revolute(
+            "j2", "l1", "l2", cj.Position(a), orientation=cj.Orientation(alpha), motion=cj.Motion(position=second)
+        ),
+        cj.Revolute(
+            "j3", "l2", "l3", cj.Position(b), orientation=cj.Orientation(beta), motion=cj.Motion(position=-first)
+        ),
+    )
+    closing = cj.Revolute(
+        "j4",
+        "l3",
+        "ground",
+        cj.Position(a),
+        cj.Position(-b),
+        orientation=cj.Orientation(alpha),
+        child_orientation=cj.Orientation(-beta),
+    )
+    bodies = bar("l1", a), bar("l2", b), bar("l3", a)
+    return cj.Mechanism(bodies, joints, (closing,), gravity=cj.Gravity(z=-9.81)), (alpha, beta)
+
+
+def test_bennett_linkage_moves():
+    """Over-constrained, through its fold, where its bars lie in a plane: by Bennett's relation between its angles."""
+    mechanism, (alpha, beta) = bennett()
+    solution = cj.simulate(mechanism, 2.0, save_at=101, rtol=1e-9)
+    assert np.max(gaps(mechanism, solution)) < 1e-12
+    assert float(solution.energy_residual) < 1e-8
+    first, second = np.asarray(solution.y)[:, :2].T
+    # tan(first / 2) tan(second / 2) is constant.
+    left = np.sin(first / 2) * np.sin(second / 2) * np.sin((beta - alpha) / 2)
+    right = np.cos(first / 2) * np.cos(second / 2) * np.sin((beta + alpha) / 2)
+    np.testing.assert_allclose(left, right, atol=1e-10)
+    assert np.ptp(first) > 2.0
+
+
+def four_bar(joint, out_of_plane, start=((1.0, 3.0), (-0.9, 0.0), (1.5, 0.0))):
+    """A four-bar linkage closed by a joint of a kind, in the plane x y; or turned by -90 degrees about x, its pins
+    along y and its y axis along -z.
+    """
+    turned = cj.Orientation(roll=-np.pi / 2) if out_of_plane else None
+
+    def bar(name, length):
+        i = length**2 / 12
+        return cj.Body(name, 1.0, (1e-3, i, i) if out_of_plane else i, cj.Position(length / 2))
+
+    crank, knee, rocker = (cj.Motion(position=q, velocity=v) for q, v in start)
+    joints = (
+        cj.Revolute("crank", "ground", "l1", orientation=turned, motion=crank),
+        cj.Revolute("knee", "l1", "l2", cj.Position(0.2), motion=knee),
+        cj.Revolute("rocker", "ground", "l3", cj.Position(0.5), orientation=turned, motion=rocker),
+    )
+    closing = joint("close", "l2", "l3", cj.Position(0.5), cj.Position(0.3))
+    gravity = cj.Gravity(z=-9.81) if out_of_plane else cj.Gravity(y=9.81)
+    return cj.Mechanism((bar("l1", 0.2), bar("l2", 0.5), bar("l3", 0.3)), joints, (closing,), gravity=gravity)
+
+
+def test_a_plane_linkage_in_space_moves_as_in_the_plane():
+    """Whatever closes it: a revolute holds its plane three times over, a spherical joint once."""
+    wanted = cj.simulate(four_bar(cj.Revolute, False), 1.0, save_at=21, rtol=1e-10)
+    start = np.asarray(wanted.y)[0].reshape(2, 3).T
+    for joint in (cj.Revolute, cj.Spherical, cj.Cylindrical):
+        mechanism = four_bar(joint, True, start)
+        found = cj.simulate(mechanism, 1.0, save_at=21, rtol=1e-10)
+        np.testing.assert_allclose(np.asarray(found.y)[:, :3], np.asarray(wanted.y)[:, :3], atol=1e-8)
+        assert np.max(gaps(mechanism, found)) < 1e-12

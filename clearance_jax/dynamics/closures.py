@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from clearance_jax._types import Rows, Scalar
+from clearance_jax._types import Scalar
 from clearance_jax.dynamics.inertia import Pair, mass_matrix
 from clearance_jax.dynamics.kinematics import Frames, frames, sleeve_rotation
 from clearance_jax.mechanism.frame import Frame
@@ -45,7 +45,8 @@ REPEATED = 1e-6
 
 class Condition(NamedTuple):
     """One condition of a loop: how far it is violated [m or rad], the rate of that, its acceleration without the free
-    coordinates' accelerations, its Jacobian; and what a unit of its multiplier exerts on the child, at `at`.
+    coordinates' accelerations, its Jacobian; what a unit of its multiplier exerts on the child; and the whole relative
+    velocity (or spin) that each free coordinate makes, of which the row is a component.
     """
 
     gap: Term
@@ -54,6 +55,7 @@ class Condition(NamedTuple):
     row: list[Term]
     force: Vector
     torque: Vector
+    moves: list[Vector]
 
 
 def conditions(loop: AbstractJoint, motion: Frames, count: int) -> list[Condition]:
@@ -65,13 +67,72 @@ def conditions(loop: AbstractJoint, motion: Frames, count: int) -> list[Conditio
     here, there = a.point(loop.at_parent.vector), b.point(loop.at_child.vector)
     sleeve = sleeve_rotation(loop, motion)
     if hold.along is None:
-        found = [_held(along, a, here, b, there, count) for along in UNIT]
+        found = _held(a, here, b, there, count)
     else:
-        found = [_held_along(sleeve.apply(along), a, here, b, there, count) for along in hold.along]
+        found = _held_along([sleeve.apply(along) for along in hold.along], a, here, b, there, count)
     if hold.square:
         pin = loop.on_child(b)
-        found += [_square(sleeve.apply(e), a, pin.apply(f), b, count) for e, f in hold.square]
+        found += _square([(sleeve.apply(e), pin.apply(f)) for e, f in hold.square], a, b, count)
     return [c for c in found if not absent((*c.row, c.gap, c.rate, c.acceleration))]
+
+
+def _moves(a: Frame, b: Frame, count: int, of_a, of_b) -> list[Vector]:
+    """Of every free coordinate what it does to b, seen from a; by what each column of the two bodies does."""
+    moves = [ZERO] * count
+    for column in b.free:
+        moves[column.index] = of_b(column)
+    for column in a.free:
+        moves[column.index] = subtract(moves[column.index], of_a(column))
+    return moves
+
+
+def _held(a: Frame, here: Vector, b: Frame, there: Vector, count: int) -> list[Condition]:
+    """A point of b stays at a point of a."""
+    gap = subtract(there, here)
+    rate = subtract(b.velocity_at(there), a.velocity_at(here))
+    acceleration = subtract(b.acceleration_at(there), a.acceleration_at(here))
+    moves = _moves(a, b, count, lambda c: c.velocity_at(here), lambda c: c.velocity_at(there))
+    return [
+        Condition(gap[k], rate[k], acceleration[k], [move[k] for move in moves], along, ZERO, moves)
+        for k, along in enumerate(UNIT)
+    ]
+
+
+def _held_along(
+    directions: list[Vector], a: Frame, here: Vector, b: Frame, there: Vector, count: int
+) -> list[Condition]:
+    """A point of b stays in planes through a point of a that are square to directions of a. (Seen from a: what moves is
+    the point of b over the point of a that it is at.)
+    """
+    velocity = subtract(b.velocity_at(there), a.velocity_at(there))
+    coriolis = cross(scale(2.0, a.spin), velocity)
+    acceleration = subtract(subtract(b.acceleration_at(there), a.acceleration_at(there)), coriolis)
+    moves = _moves(a, b, count, lambda c: c.velocity_at(there), lambda c: c.velocity_at(there))
+    return [
+        Condition(
+            dot(along, subtract(there, here)),
+            dot(along, velocity),
+            dot(along, acceleration),
+            [dot(along, move) for move in moves],
+            along,
+            ZERO,
+            moves,
+        )
+        for along in directions
+    ]
+
+
+def _square(pairs: list[tuple[Vector, Vector]], a: Frame, b: Frame, count: int) -> list[Condition]:
+    """Axes of a and of b stay perpendicular."""
+    spin, spin_rate = subtract(b.spin, a.spin), subtract(b.spin_rate, a.spin_rate)
+    moves, found = _moves(a, b, count, lambda c: c.spin, lambda c: c.spin), []
+    for e, f in pairs:
+        normal = cross(f, e)
+        change = add(cross(cross(b.spin, f), e), cross(f, cross(a.spin, e)))
+        acceleration = plus(dot(spin_rate, normal), dot(spin, change))
+        row = [dot(normal, move) for move in moves]
+        found.append(Condition(dot(e, f), dot(spin, normal), acceleration, row, ZERO, normal, moves))
+    return found
 
 
 def wrong_way(loop: AbstractJoint, motion: Frames) -> list[Term]:
@@ -79,61 +140,6 @@ def wrong_way(loop: AbstractJoint, motion: Frames) -> list[Term]:
     sleeve, pin = sleeve_rotation(loop, motion), loop.on_child(motion[loop.child])
     found = [dot(sleeve.apply(e), pin.apply(f)) for e, f in loop.hold().parallel]
     return [cosine for cosine in found if not isinstance(cosine, float)]
-
-
-def _row(a: Frame, b: Frame, count: int, of_a, of_b) -> list[Term]:
-    """A row of the Jacobian, by what each column of the two bodies does."""
-    row: list[Term] = [0.0] * count
-    for column in b.free:
-        row[column.index] = of_b(column)
-    for column in a.free:
-        row[column.index] = minus(row[column.index], of_a(column))
-    return row
-
-
-def _held(along: Vector, a: Frame, here: Vector, b: Frame, there: Vector, count: int) -> Condition:
-    """A point of b stays at a point of a, along a direction of the world."""
-    k = UNIT.index(along)
-    return Condition(
-        minus(there[k], here[k]),
-        minus(b.velocity_at(there)[k], a.velocity_at(here)[k]),
-        minus(b.acceleration_at(there)[k], a.acceleration_at(here)[k]),
-        _row(a, b, count, lambda c: c.velocity_at(here)[k], lambda c: c.velocity_at(there)[k]),
-        along,
-        ZERO,
-    )
-
-
-def _held_along(along: Vector, a: Frame, here: Vector, b: Frame, there: Vector, count: int) -> Condition:
-    """A point of b stays in the plane through a point of a that is square to a direction of a. (Seen from a: what moves
-    is the point of b over the point of a that it is at.)
-    """
-    velocity = subtract(b.velocity_at(there), a.velocity_at(there))
-    coriolis = cross(scale(2.0, a.spin), velocity)
-    acceleration = subtract(subtract(b.acceleration_at(there), a.acceleration_at(there)), coriolis)
-    return Condition(
-        dot(along, subtract(there, here)),
-        dot(along, velocity),
-        dot(along, acceleration),
-        _row(a, b, count, lambda c: dot(along, c.velocity_at(there)), lambda c: dot(along, c.velocity_at(there))),
-        along,
-        ZERO,
-    )
-
-
-def _square(e: Vector, a: Frame, f: Vector, b: Frame, count: int) -> Condition:
-    """An axis of a and one of b stay perpendicular."""
-    normal = cross(f, e)
-    spin = subtract(b.spin, a.spin)
-    change = add(cross(cross(b.spin, f), e), cross(f, cross(a.spin, e)))
-    return Condition(
-        dot(e, f),
-        dot(spin, normal),
-        plus(dot(subtract(b.spin_rate, a.spin_rate), normal), dot(spin, change)),
-        _row(a, b, count, lambda c: dot(c.spin, normal), lambda c: dot(c.spin, normal)),
-        ZERO,
-        normal,
-    )
 
 
 class Constraint(NamedTuple):
@@ -158,13 +164,10 @@ class Constraint(NamedTuple):
 def constraint(inertia: Factored, held: Sequence[Condition], mechanism: Mechanism) -> Constraint:
     """What conditions ask of the inertia."""
     spread = [inertia.solve(now.row) for now in held]
-    compliance = [
-        [total(times(p, q) for p, q in zip(held[i].row, spread[j], strict=True)) for j in range(i + 1)]
-        for i in range(len(held))
-    ]
+    compliance = compliance_of(held, spread)
     if not mechanism.may_repeat:
         return Constraint(spread, factor(compliance), None)
-    chosen = independent(compliance, held) if mechanism.chosen is None else mechanism.chosen
+    chosen = independent(compliance, held, inertia) if mechanism.chosen is None else mechanism.chosen
     kept: list[Term] = [chosen[i] for i in range(len(held))]
     masked = [
         [
@@ -176,19 +179,26 @@ def constraint(inertia: Factored, held: Sequence[Condition], mechanism: Mechanis
     return Constraint(spread, factor(masked), kept)
 
 
-def independent(compliance: list[list[Term]], held: Sequence[Condition]) -> Float[Array, " conditions"]:
+def independent(
+    compliance: list[list[Term]], held: Sequence[Condition], inertia: Factored
+) -> Float[Array, " conditions"]:
     """Which conditions to ask for (1), where others follow from them (0): a loop in space repeats itself as a rule (a
     four-bar linkage of parallel pins holds its plane three times). One after the other the one that most of is left of,
     without what those before it hold already.
 
-    Forces and moments are measured each by their largest: neither by itself says how large the other is.
+    Each is measured by the whole motion that it is a component of (not by its own: of one that is met always that is
+    round-off); forces and moments apart, for neither says how large the other is.
     """
     count = len(held)
     matrix = jnp.stack([as_array(compliance[max(i, j)][min(i, j)] for j in range(count)) for i in range(count)])
-    matrix = jax.lax.stop_gradient(matrix)
-    kinds = jnp.asarray([absent(now.torque) for now in held])
-    sizes = jnp.diagonal(matrix)
-    largest = jnp.where(kinds, jnp.max(jnp.where(kinds, sizes, 0.0)), jnp.max(jnp.where(kinds, 0.0, sizes)))
+    whole = as_array(
+        total(
+            times(inverse, dot(move, move)) for inverse, move in zip(inertia.inverse_diagonal, now.moves, strict=True)
+        )
+        for now in held
+    )
+    forces = jnp.asarray([absent(now.torque) for now in held])
+    largest = jnp.where(forces, jnp.max(jnp.where(forces, whole, 0.0)), jnp.max(jnp.where(forces, 0.0, whole)))
     unit = jnp.sqrt(jnp.where(largest > 0, largest, 1.0))
 
     def once(_, carry):
@@ -200,7 +210,7 @@ def independent(compliance: list[list[Term]], held: Sequence[Condition]) -> Floa
         left = jnp.where(good, left - column[:, None] * column[None, :], left)
         return left, kept.at[best].set(jnp.where(good, 1.0, kept[best]))
 
-    begin = matrix / (unit[:, None] * unit[None, :]), jnp.zeros(count)
+    begin = jax.lax.stop_gradient(matrix / (unit[:, None] * unit[None, :])), jnp.zeros(count)
     return jax.lax.fori_loop(0, min(count, len(held[0].row)), once, begin)[1]
 
 
@@ -209,9 +219,16 @@ def choice(time: Scalar, y: Array, mechanism: Mechanism) -> Float[Array, " condi
     plan = layout(mechanism)
     motion = frames(mechanism, time, plan.split(y))
     held = [now for loop in mechanism.closures() for now in conditions(loop, motion, plan.free)]
-    spread = [mass_matrix(mechanism, motion).solve(now.row) for now in held]
-    compliance = [[dot(tuple(held[i].row), tuple(s)) for s in spread[: i + 1]] for i in range(len(held))]
-    return independent(compliance, held)
+    inertia = mass_matrix(mechanism, motion)
+    return independent(compliance_of(held, [inertia.solve(now.row) for now in held]), held, inertia)
+
+
+def compliance_of(held: Sequence[Condition], spread: list[list[Term]]) -> list[list[Term]]:
+    """J M^-1 J^T by its lower triangle."""
+    return [
+        [total(times(p, q) for p, q in zip(now.row, spread[j], strict=True)) for j in range(i + 1)]
+        for i, now in enumerate(held)
+    ]
 
 
 def closing_pairs(loops: Sequence[AbstractJoint], motion: Frames, held: list[list[Condition]], forces) -> list[Pair]:
@@ -258,7 +275,7 @@ def corrected(
         return y, jnp.stack(opened)
     asked = constraint(mass_matrix(mechanism, motion, firm), held, mechanism)
     place, speed = asked.closing(gaps)[0], asked.closing(rates)[0]
-    q = moved(mechanism, state.q, tuple(place))
+    q = moved(mechanism, state.q, place)
     v = [plus(v, times(settle, s)) for v, s in zip(state.v, speed, strict=True)]
     return jnp.concatenate([as_array(q), as_array(v), y[plan.v.stop :]]), jnp.stack(opened)
 
@@ -289,7 +306,7 @@ def projected(time: Scalar, y: Array, mechanism: Mechanism, iterations: int = 1)
 def of_unit_length(y: Array, mechanism: Mechanism) -> Array:
     """The same state with its orientations of unit length."""
     plan = layout(mechanism)
-    still: Rows = (0.0,) * plan.free  # pyright: ignore[reportAssignmentType]
+    still = (0.0,) * plan.free
     return jnp.concatenate([as_array(moved(mechanism, plan.split(y).q, still)), y[plan.v.start :]])
 
 

@@ -3,6 +3,7 @@
 Positions and velocities are counted apart: an orientation in space has four numbers and three rates.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -11,7 +12,7 @@ from jaxtyping import Array
 from clearance_jax._types import Rows
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.tree import Coordinate
-from clearance_jax.spatial import add, dot, plus, quaternion_rate, scale
+from clearance_jax.spatial import Term, add, dot, plus, quaternion_rate, scale
 
 
 class State(NamedTuple):
@@ -116,7 +117,7 @@ def position_rates(mechanism: Mechanism, q: Rows, v: Rows) -> Rows:
     return tuple(jnp.asarray(rate, float) for rate in rates)
 
 
-def moved(mechanism: Mechanism, q: Rows, change: Rows) -> Rows:
+def moved(mechanism: Mechanism, q: Rows, change: Sequence[Term]) -> tuple[Term, ...]:
     """Positions after a small change, given like velocities; orientations of unit length."""
     out = []
     for part in parts(mechanism):
