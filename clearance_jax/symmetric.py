@@ -3,7 +3,11 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
-from clearance_jax.spatial import Rotation, Term, Vector, dot, is_zero, minus, plus, times, total
+import jax.numpy as jnp
+from jax.scipy.linalg import cho_solve
+from jaxtyping import Array
+
+from clearance_jax.spatial import Rotation, Term, Vector, as_array, dot, is_zero, minus, plus, times, total
 
 
 class Symmetric:
@@ -91,11 +95,41 @@ class Factored(NamedTuple):
         return x
 
 
-def factor(matrix: list[list[Term]]) -> Factored:
+class Dense(NamedTuple):
+    """The same of many rows as one array, by a library (lower Cholesky factor): a call costs some microseconds, but the
+    program stays small, where one of single numbers takes minutes to compile.
+    """
+
+    lower: Array
+
+    @property
+    def inverse_diagonal(self) -> Array:
+        """One over the pivots."""
+        return 1.0 / jnp.diagonal(self.lower) ** 2
+
+    def solve(self, right: list[Term]) -> list[Term]:
+        """The solution for one right-hand side."""
+        found = cho_solve((self.lower, True), as_array(right))
+        return [found[i] for i in range(len(right))]
+
+
+# From so many rows on a symmetric system is an array.
+MANY = 9
+
+
+def dense(matrix: list[list[Term]]) -> Array:
+    """A symmetric matrix given by its lower triangle, as an array."""
+    n = len(matrix)
+    return jnp.stack([as_array(matrix[max(i, j)][min(i, j)] for j in range(n)) for i in range(n)])
+
+
+def factor(matrix: list[list[Term]]) -> Factored | Dense:
     """Factor a symmetric positive definite matrix given by its lower triangle (structural zeros stay absent).
 
-    n is the number of free coordinates (a handful), so the loops are unrolled into the program.
+    Of a handful of rows the loops are unrolled into the program.
     """
+    if len(matrix) >= MANY:
+        return Dense(jnp.linalg.cholesky(dense(matrix)))
     lower: list[list[Term]] = []
     inverse: list[Term] = []
     for i, entries in enumerate(matrix):

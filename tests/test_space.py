@@ -266,9 +266,71 @@ def four_bar(joint, out_of_plane, start=((1.0, 3.0), (-0.9, 0.0), (1.5, 0.0))):
 def test_a_plane_linkage_in_space_moves_as_in_the_plane():
     """Whatever closes it: a revolute holds its plane three times over, a spherical joint once."""
     wanted = cj.simulate(four_bar(cj.Revolute, False), 1.0, save_at=21, rtol=1e-10)
-    start = np.asarray(wanted.y)[0].reshape(2, 3).T
+    start = np.asarray(wanted.y)[0, :6].reshape(2, 3).T
     for joint in (cj.Revolute, cj.Spherical, cj.Cylindrical):
         mechanism = four_bar(joint, True, start)
         found = cj.simulate(mechanism, 1.0, save_at=21, rtol=1e-10)
         np.testing.assert_allclose(np.asarray(found.y)[:, :3], np.asarray(wanted.y)[:, :3], atol=1e-8)
         assert np.max(gaps(mechanism, found)) < 1e-12
+
+
+BASE, ARM, ROD, FOOT, HALF = 0.2, 0.3, 0.6, 0.05, 0.06
+
+
+def delta(drives):
+    """A Delta robot: three driven arms, six rods between balls (on the arms: universal joints, so that no rod turns
+    about itself), a platform. Five of its rods close loops.
+    """
+    tilt, bodies, joints, loops = np.deg2rad(20.0), [cj.Body("platform", 0.5, (1e-3, 1e-3, 2e-3))], [], []
+    for i, drive in enumerate(drives):
+        yaw = 2 * np.pi * i / 3
+        outward = np.array([np.cos(yaw), np.sin(yaw), 0.0])
+        sideways = np.array([-np.sin(yaw), np.cos(yaw), 0.0])
+        bodies.append(cj.Body(f"arm{i}", 1.0, (1e-3, 8e-3, 8e-3), cj.Position(ARM / 2)))
+        turned = cj.Orientation(yaw=yaw)
+        at = cj.Position(*(BASE * outward))
+        # Its child's axes are those of the joint's frame: x outward, y along the motor's axis.
+        joints.append(
+            cj.Revolute(f"motor{i}", "ground", f"arm{i}", at, orientation=turned, axis="y", motion=cj.Motion(drive))
+        )
+        for k, side in enumerate((HALF, -HALF)):
+            rod = f"rod{i}{k}"
+            bodies.append(cj.Body(rod, 0.1, (3e-3, 3e-3, 1e-5), cj.Position(z=-ROD / 2)))
+            elbow = cj.Universal(
+                f"elbow{i}{k}", f"arm{i}", rod, cj.Position(ARM, side), turn_2=cj.Motion(position=tilt)
+            )
+            joints.append(elbow)
+            foot = cj.Position(*(FOOT * outward + side * sideways))
+            end = cj.Position(z=-ROD)
+            if (i, k) == (0, 0):
+                level = cj.Orientation(pitch=-tilt)
+                ball = cj.Spherical("wrist", rod, "platform", end, foot, motion=cj.Ball(level))
+            else:
+                loops.append(cj.Spherical(f"ball{i}{k}", rod, "platform", end, foot))
+    joints.append(ball)
+    point = cj.Point("centre", "platform")
+    return cj.Mechanism(tuple(bodies), tuple(joints), tuple(loops), points=(point,), gravity=cj.Gravity(z=-9.81))
+
+
+def platform(angles):
+    """The platform's place by the intersection of three spheres about the elbows, moved in by the platform's radius."""
+    yaw = 2 * np.pi * np.arange(3) / 3
+    radius = BASE - FOOT + ARM * np.cos(angles)
+    centres = np.stack([radius * np.cos(yaw), radius * np.sin(yaw), -ARM * np.sin(angles)], 1)
+    a, b = 2 * (centres[1:] - centres[0]), np.sum(centres[1:] ** 2, 1) - np.sum(centres[0] ** 2)
+    x, y = np.linalg.inv(a[:, :2]) @ b, -np.linalg.inv(a[:, :2]) @ a[:, 2]
+    off = np.array([x[0], x[1], 0.0]) - centres[0]
+    slope = np.array([y[0], y[1], 1.0])
+    roots = np.roots([slope @ slope, 2 * slope @ off, off @ off - ROD**2])
+    z = roots.real.min()
+    return np.array([*(x + y * z), z])
+
+
+def test_delta_robot_is_where_its_spheres_meet():
+    drives = [cj.Harmonic(0.3, 4.0, phase=phase, offset=0.1) for phase in (0.0, 1.0, 2.5)]
+    mechanism = delta(drives)
+    solution = cj.simulate(mechanism, 1.0, save_at=11, rtol=1e-9)
+    assert np.max(gaps(mechanism, solution)) < 1e-12
+    place = cj.to_dataset(mechanism, solution).position.sel(point="centre").values
+    angles = 0.1 + 0.3 * np.sin(4.0 * np.asarray(solution.time)[:, None] + np.array([0.0, 1.0, 2.5]))
+    np.testing.assert_allclose(place, [platform(a) for a in angles], atol=1e-12)

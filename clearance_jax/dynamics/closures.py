@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax.scipy.linalg import cho_solve
 from jaxtyping import Array, Float
 
 from clearance_jax._types import Scalar
@@ -24,6 +25,7 @@ from clearance_jax.spatial import (
     as_array,
     cross,
     dot,
+    is_zero,
     minus,
     plus,
     scale,
@@ -31,7 +33,7 @@ from clearance_jax.spatial import (
     times,
     total,
 )
-from clearance_jax.symmetric import Factored, factor
+from clearance_jax.symmetric import Dense, Factored, dense, factor
 
 # Factor on the inertia of a coordinate that is to stay: it takes less than a nanometre of a closing loop's metre.
 FIRM = 1e9
@@ -143,12 +145,12 @@ def wrong_way(loop: AbstractJoint, motion: Frames) -> list[Term]:
 
 
 class Constraint(NamedTuple):
-    """Rows J, the changes M^-1 J^T that a unit multiplier makes, and J M^-1 J^T factored; `kept`: which conditions are
-    asked for (1) and which repeat others (0), `None` where all are.
+    """The changes M^-1 J^T that a unit multiplier makes, and J M^-1 J^T factored; `kept`: which conditions are asked
+    for (1) and which repeat others (0), `None` where all are.
     """
 
     spread: list[list[Term]]
-    factored: Factored
+    factored: Factored | Dense
     kept: list[Term] | None
 
     def closing(self, right: list[Term]) -> tuple[list[Term], list[Term]]:
@@ -161,27 +163,59 @@ class Constraint(NamedTuple):
         return change, multipliers
 
 
-def constraint(inertia: Factored, held: Sequence[Condition], mechanism: Mechanism) -> Constraint:
+class DenseConstraint(NamedTuple):
+    """The same of many conditions or coordinates, as arrays (see `Dense`)."""
+
+    spread: Array
+    lower: Array
+    kept: Array | None
+
+    def closing(self, right: list[Term]) -> tuple[list[Term], list[Term]]:
+        """As that of `Constraint`."""
+        asked = as_array(right) if self.kept is None else self.kept * as_array(right)
+        multipliers = cho_solve((self.lower, True), asked)
+        change = self.spread @ multipliers
+        return [change[i] for i in range(change.shape[0])], [multipliers[i] for i in range(multipliers.shape[0])]
+
+
+def constraint(
+    inertia: Factored | Dense, held: Sequence[Condition], mechanism: Mechanism
+) -> Constraint | DenseConstraint:
     """What conditions ask of the inertia."""
+    if isinstance(inertia, Dense):
+        rows = jnp.stack([as_array(now.row) for now in held])
+        spread = cho_solve((inertia.lower, True), rows.T)
+        compliance = rows @ spread
+        asked = _kept(mechanism, compliance, held, inertia)
+        if asked is not None:
+            compliance = compliance * asked[:, None] * asked[None, :] + jnp.diag(1 - asked)
+        return DenseConstraint(spread, jnp.linalg.cholesky(compliance), asked)
     spread = [inertia.solve(now.row) for now in held]
-    compliance = compliance_of(held, spread)
-    if not mechanism.may_repeat:
-        return Constraint(spread, factor(compliance), None)
-    chosen = independent(compliance, held, inertia) if mechanism.chosen is None else mechanism.chosen
-    kept: list[Term] = [chosen[i] for i in range(len(held))]
-    masked = [
-        [
-            times(times(kept[i], kept[j]), term) if i != j else jnp.where(kept[i] > 0, term, 1.0)
-            for j, term in enumerate(row)
-        ]
-        for i, row in enumerate(compliance)
+    compliance = [
+        [total(times(p, q) for p, q in zip(now.row, spread[j], strict=True)) for j in range(i + 1)]
+        for i, now in enumerate(held)
     ]
-    return Constraint(spread, factor(masked), kept)
+    chosen = _kept(mechanism, compliance, held, inertia)
+    if chosen is None:
+        return Constraint(spread, factor(compliance), None)
+    kept: list[Term] = [chosen[i] for i in range(len(held))]
+    for i, row in enumerate(compliance):
+        row[:i] = [times(times(kept[i], kept[j]), row[j]) for j in range(i)]
+        row[i] = jnp.where(kept[i] > 0, row[i], 1.0)
+    return Constraint(spread, factor(compliance), kept)
 
 
-def independent(
-    compliance: list[list[Term]], held: Sequence[Condition], inertia: Factored
-) -> Float[Array, " conditions"]:
+def _kept(mechanism: Mechanism, compliance, held, inertia) -> Array | None:
+    """Which conditions are asked for, of a mechanism whose conditions may repeat each other."""
+    if not mechanism.may_repeat:
+        return None
+    if mechanism.chosen is not None:
+        return mechanism.chosen
+    matrix = compliance if isinstance(compliance, jax.Array) else dense(compliance)
+    return independent(matrix, held, inertia)
+
+
+def independent(matrix: Array, held: Sequence[Condition], inertia: Factored | Dense) -> Float[Array, " conditions"]:
     """Which conditions to ask for (1), where others follow from them (0): a loop in space repeats itself as a rule (a
     four-bar linkage of parallel pins holds its plane three times). One after the other the one that most of is left of,
     without what those before it hold already.
@@ -189,14 +223,11 @@ def independent(
     Each is measured by the whole motion that it is a component of (not by its own: of one that is met always that is
     round-off); forces and moments apart, for neither says how large the other is.
     """
-    count = len(held)
-    matrix = jnp.stack([as_array(compliance[max(i, j)][min(i, j)] for j in range(count)) for i in range(count)])
-    whole = as_array(
-        total(
-            times(inverse, dot(move, move)) for inverse, move in zip(inertia.inverse_diagonal, now.moves, strict=True)
-        )
-        for now in held
-    )
+    count, sizes = len(held), []
+    for now in held:
+        moves = [dot(move, move) for move in now.moves]
+        sizes.append(total(times(inertia.inverse_diagonal[i], m) for i, m in enumerate(moves) if not is_zero(m)))
+    whole = as_array(sizes)
     forces = jnp.asarray([absent(now.torque) for now in held])
     largest = jnp.where(forces, jnp.max(jnp.where(forces, whole, 0.0)), jnp.max(jnp.where(forces, 0.0, whole)))
     unit = jnp.sqrt(jnp.where(largest > 0, largest, 1.0))
@@ -219,16 +250,9 @@ def choice(time: Scalar, y: Array, mechanism: Mechanism) -> Float[Array, " condi
     plan = layout(mechanism)
     motion = frames(mechanism, time, plan.split(y))
     held = [now for loop in mechanism.closures() for now in conditions(loop, motion, plan.free)]
-    inertia = mass_matrix(mechanism, motion)
-    return independent(compliance_of(held, [inertia.solve(now.row) for now in held]), held, inertia)
-
-
-def compliance_of(held: Sequence[Condition], spread: list[list[Term]]) -> list[list[Term]]:
-    """J M^-1 J^T by its lower triangle."""
-    return [
-        [total(times(p, q) for p, q in zip(now.row, spread[j], strict=True)) for j in range(i + 1)]
-        for i, now in enumerate(held)
-    ]
+    asked = constraint(mass_matrix(mechanism, motion), held, mechanism)
+    assert asked.kept is not None  # conditions that cannot repeat are not chosen from
+    return as_array(asked.kept) if isinstance(asked, Constraint) else asked.kept
 
 
 def closing_pairs(loops: Sequence[AbstractJoint], motion: Frames, held: list[list[Condition]], forces) -> list[Pair]:

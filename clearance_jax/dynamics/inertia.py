@@ -37,7 +37,7 @@ from clearance_jax.spatial import (
     subtract,
     times,
 )
-from clearance_jax.symmetric import NOTHING, Factored, Symmetric, factor, of_point, rotated, shifted
+from clearance_jax.symmetric import NOTHING, Dense, Factored, Symmetric, factor, of_point, rotated, shifted
 
 
 class Pair(NamedTuple):
@@ -135,7 +135,7 @@ def own_columns(mechanism: Mechanism, motion: Frames) -> dict[str, tuple[Column,
     return {j.child: motion[j.child].free[len(motion[j.parent].free) :] for j in mechanism.joints}
 
 
-def mass_matrix(mechanism: Mechanism, motion: Frames, firm: Mapping[int, Term] | None = None) -> Factored:
+def mass_matrix(mechanism: Mechanism, motion: Frames, firm: Mapping[int, Term] | None = None) -> Factored | Dense:
     """The factored mass matrix of the free coordinates (lower triangle, structural zeros absent), with factors on the
     inertia of those that are to stay.
     """
