@@ -11,6 +11,7 @@ words.
 
 from typing import NamedTuple, TypeVar
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
@@ -236,6 +237,8 @@ def quaternion_rate(q: tuple[Term, ...], spin: Vector) -> tuple[Term, ...]:
 
 
 def as_array(terms) -> Array:
-    """Stack terms into one array, absent ones as zeros."""
+    """Stack terms into one array, absent ones as zeros; an array is one already."""
+    if isinstance(terms, jax.Array):
+        return terms
     terms = list(terms)
     return jnp.stack([jnp.asarray(term, dtype=float) for term in terms]) if terms else jnp.zeros(0)

@@ -15,9 +15,8 @@ from clearance_jax.dynamics.closures import projected
 from clearance_jax.dynamics.equations import balance
 from clearance_jax.dynamics.field import slope
 from clearance_jax.dynamics.inertia import Extra
-from clearance_jax.dynamics.kinematics import frames, play
+from clearance_jax.dynamics.kinematics import Frames, frames, play
 from clearance_jax.errors import ClearanceError, suggest
-from clearance_jax.mechanism.frame import Frame
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.solve.interpolate import hermite
@@ -192,7 +191,7 @@ def _named_point(mechanism: Mechanism, name: str):
     return mechanism.points[known("point", name, [point.name for point in mechanism.points])]
 
 
-def _frames(mechanism: Mechanism, time, y) -> dict[str, Frame]:
+def _frames(mechanism: Mechanism, time, y) -> Frames:
     return frames(mechanism, time, layout(mechanism).split(y))
 
 

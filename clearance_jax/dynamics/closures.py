@@ -1,7 +1,7 @@
 """Ideal loops: their constraints, the forces that keep them closed, projection on them, assembly."""
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.inertia import Pair, mass_matrix
 from clearance_jax.dynamics.kinematics import Frames, frames, sleeve_rotation
+from clearance_jax.dynamics.table import Columns
 from clearance_jax.mechanism.frame import Frame
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout, moved, parts
@@ -54,10 +55,22 @@ class Condition(NamedTuple):
     gap: Term
     rate: Term
     acceleration: Term
-    row: list[Term]
+    row: Any
     force: Vector
     torque: Vector
-    moves: list[Vector]
+    moves: Any
+
+    @property
+    def is_met(self) -> bool:
+        """Whether it is met by structure."""
+        row = (1.0,) if isinstance(self.row, jax.Array) else self.row
+        return absent((*row, self.gap, self.rate, self.acceleration))
+
+    def reached(self, values: list[Term]) -> Term:
+        """Its row times values of the free velocities."""
+        if isinstance(self.row, jax.Array):
+            return self.row @ as_array(values)
+        return total(times(r, value) for r, value in zip(self.row, values, strict=True))
 
 
 def conditions(loop: AbstractJoint, motion: Frames, count: int) -> list[Condition]:
@@ -75,17 +88,26 @@ def conditions(loop: AbstractJoint, motion: Frames, count: int) -> list[Conditio
     if hold.square:
         pin = loop.on_child(b)
         found += _square([(sleeve.apply(e), pin.apply(f)) for e, f in hold.square], a, b, count)
-    return [c for c in found if not absent((*c.row, c.gap, c.rate, c.acceleration))]
+    return [c for c in found if not c.is_met]
 
 
-def _moves(a: Frame, b: Frame, count: int, of_a, of_b) -> list[Vector]:
+def _moves(a: Frame, b: Frame, count: int, of_a, of_b) -> Any:
     """Of every free coordinate what it does to b, seen from a; by what each column of the two bodies does."""
+    if isinstance(b.free, Columns):
+        return of_b(b.free) - of_a(a.free)
     moves = [ZERO] * count
     for column in b.free:
         moves[column.index] = of_b(column)
     for column in a.free:
         moves[column.index] = subtract(moves[column.index], of_a(column))
     return moves
+
+
+def _along(direction: Vector, moves: Any) -> Any:
+    """A component of what the free coordinates do."""
+    if isinstance(moves, jax.Array):
+        return moves @ as_array(direction)
+    return [dot(direction, move) for move in moves]
 
 
 def _held(a: Frame, here: Vector, b: Frame, there: Vector, count: int) -> list[Condition]:
@@ -95,7 +117,7 @@ def _held(a: Frame, here: Vector, b: Frame, there: Vector, count: int) -> list[C
     acceleration = subtract(b.acceleration_at(there), a.acceleration_at(here))
     moves = _moves(a, b, count, lambda c: c.velocity_at(here), lambda c: c.velocity_at(there))
     return [
-        Condition(gap[k], rate[k], acceleration[k], [move[k] for move in moves], along, ZERO, moves)
+        Condition(gap[k], rate[k], acceleration[k], _along(along, moves), along, ZERO, moves)
         for k, along in enumerate(UNIT)
     ]
 
@@ -115,7 +137,7 @@ def _held_along(
             dot(along, subtract(there, here)),
             dot(along, velocity),
             dot(along, acceleration),
-            [dot(along, move) for move in moves],
+            _along(along, moves),
             along,
             ZERO,
             moves,
@@ -132,7 +154,7 @@ def _square(pairs: list[tuple[Vector, Vector]], a: Frame, b: Frame, count: int) 
         normal = cross(f, e)
         change = add(cross(cross(b.spin, f), e), cross(f, cross(a.spin, e)))
         acceleration = plus(dot(spin_rate, normal), dot(spin, change))
-        row = [dot(normal, move) for move in moves]
+        row = _along(normal, moves)
         found.append(Condition(dot(e, f), dot(spin, normal), acceleration, row, ZERO, normal, moves))
     return found
 
@@ -183,7 +205,7 @@ def constraint(
 ) -> Constraint | DenseConstraint:
     """What conditions ask of the inertia."""
     if isinstance(inertia, Dense):
-        rows = jnp.stack([as_array(now.row) for now in held])
+        rows = jnp.stack([now.row if isinstance(now.row, jax.Array) else as_array(now.row) for now in held])
         spread = cho_solve((inertia.lower, True), rows.T)
         compliance = rows @ spread
         asked = _kept(mechanism, compliance, held, inertia)
@@ -225,7 +247,10 @@ def independent(matrix: Array, held: Sequence[Condition], inertia: Factored | De
     """
     count, sizes = len(held), []
     for now in held:
-        moves = [dot(move, move) for move in now.moves]
+        if isinstance(now.moves, jax.Array):
+            sizes.append(jnp.sum(now.moves**2, axis=1) @ as_array(inertia.inverse_diagonal))
+            continue
+        moves = [dot(m, m) for m in now.moves]
         sizes.append(total(times(inertia.inverse_diagonal[i], m) for i, m in enumerate(moves) if not is_zero(m)))
     whole = as_array(sizes)
     forces = jnp.asarray([absent(now.torque) for now in held])
@@ -242,7 +267,7 @@ def independent(matrix: Array, held: Sequence[Condition], inertia: Factored | De
         return left, kept.at[best].set(jnp.where(good, 1.0, kept[best]))
 
     begin = jax.lax.stop_gradient(matrix / (unit[:, None] * unit[None, :])), jnp.zeros(count)
-    return jax.lax.fori_loop(0, min(count, len(held[0].row)), once, begin)[1]
+    return jax.lax.fori_loop(0, min(count, len(held[0].moves)), once, begin)[1]
 
 
 def choice(time: Scalar, y: Array, mechanism: Mechanism) -> Float[Array, " conditions"]:

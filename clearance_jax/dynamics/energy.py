@@ -9,12 +9,13 @@ from jaxtyping import Array, Float
 
 from clearance_jax._types import Rows, Scalar
 from clearance_jax.dynamics.equations import Balance
-from clearance_jax.dynamics.inertia import Extra, inertia_of, inertial_wrenches, pair_work
+from clearance_jax.dynamics.inertia import Extra, efforts, inertia_of, inertial_wrenches, pair_work
 from clearance_jax.dynamics.kinematics import Frames, frames, play, spring_state
+from clearance_jax.dynamics.table import Table
 from clearance_jax.mechanism.body import GROUND
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.mechanism.state import State, layout, parts
-from clearance_jax.spatial import Term, add, dot, minus, plus, times, total
+from clearance_jax.mechanism.state import State, layout
+from clearance_jax.spatial import Term, add, as_array, dot, minus, plus, times, total
 
 # Quadratures beside the state. What contacts and dampers absorb, minus what contacts hold elastically, is the damping
 # loss: a book of the loss itself would have to follow an elastic energy that a clipped force no longer feels.
@@ -28,10 +29,8 @@ def powers(mechanism: Mechanism, time: Scalar, state: State, now: Balance) -> Ro
     and the sum of the absolute powers (the energy exchanged, against which a residual is judged).
     """
     drive = total(times(effort, speed) for effort, speed in driving(mechanism, now))
-    for coordinate, q, v in parts(mechanism):
-        if not coordinate.is_ball:
-            effort = coordinate.motion.effort(time, state.q[q.start], state.v[v.start])
-            drive = plus(drive, times(effort, state.v[v.start]))
+    for effort, speed in zip(efforts(mechanism, time, state), state.v, strict=True):
+        drive = plus(drive, times(effort, speed))
     absorbed: Term = total(action.absorbed_power for action in now.actions.values())
     friction: Term = total(action.friction_power for action in now.actions.values())
     for spring in mechanism.springs:
@@ -46,13 +45,15 @@ def driving(mechanism: Mechanism, now: Balance) -> list[tuple[Term, Term]]:
     motion, owners = now.motion, prescribed_owners(mechanism)
     if not any(owners.values()):
         return []
+    if isinstance(motion, Table):
+        return _tabled_driving(mechanism, motion, now)
     wrenches = inertial_wrenches(mechanism, motion, Extra(now.acceleration), every=True)
-    efforts: dict[str, list[Term]] = {}
+    found: dict[str, list[Term]] = {}
     for joint in mechanism.joints:
         frame, known = motion[joint.child], len(owners[joint.parent])
         own = zip(owners[joint.child][known:], frame.prescribed[known:], strict=True)
         for key, (column, speed) in own:
-            efforts[key] = [minus(0.0, wrenches[joint.child].on(column, frame.pivot)), speed]
+            found[key] = [minus(0.0, wrenches[joint.child].on(column, frame.pivot)), speed]
     for pair in (*now.pairs, *now.closing):
         for name, sign in ((pair.child, 1.0), (pair.parent, -1.0)):
             other = pair.parent if sign > 0 else pair.child
@@ -61,9 +62,17 @@ def driving(mechanism: Mechanism, now: Balance) -> list[tuple[Term, Term]]:
             for key, (column, _) in zip(owners[name], motion[name].prescribed, strict=True):
                 if key in owners.get(other, ()):
                     continue
-                efforts[key][0] = minus(efforts[key][0], times(sign, pair_work(pair, column)))
+                found[key][0] = minus(found[key][0], times(sign, pair_work(pair, column)))
     # In the order of the coordinates, whatever the order of the bodies.
-    return [(efforts[c.name][0], efforts[c.name][1]) for c in mechanism.coordinates() if c.name in efforts]
+    return [(found[c.name][0], found[c.name][1]) for c in mechanism.coordinates() if c.name in found]
+
+
+def _tabled_driving(mechanism: Mechanism, motion: Table, now: Balance) -> list[tuple[Term, Term]]:
+    exerted = -motion.projected(*motion.wrenches(as_array(now.acceleration)))
+    for pair in (*now.pairs, *now.closing):
+        exerted = exerted - motion.pair(*pair)
+    links = motion.masks.links
+    return [(exerted[i], motion.rates[links[i]]) for i in range(motion.count, len(links))]
 
 
 def prescribed_owners(mechanism: Mechanism) -> dict[str, tuple[str, ...]]:
@@ -77,6 +86,8 @@ def prescribed_owners(mechanism: Mechanism) -> dict[str, tuple[str, ...]]:
 
 def kinetic_power(mechanism: Mechanism, now: Balance) -> Term:
     """Rate of the kinetic energy."""
+    if isinstance(now.motion, Table):
+        return now.motion.kinetic_power(as_array(now.acceleration))
     extra = Extra(now.acceleration)
     power: Term = 0.0
     for body in mechanism.bodies:
@@ -114,9 +125,9 @@ def energies(time: Scalar, y: Array, mechanism: Mechanism) -> Energies:
     """The energies of a state."""
     state = layout(mechanism).split(y)
     motion = frames(mechanism, time, state)
-    kinetic: Term = 0.0
-    potential: Term = 0.0
-    for body in mechanism.bodies:
+    kinetic: Term = motion.kinetic() if isinstance(motion, Table) else 0.0
+    potential: Term = motion.potential() if isinstance(motion, Table) else 0.0
+    for body in () if isinstance(motion, Table) else mechanism.bodies:
         frame = motion[body.name]
         centre = frame.point(body.center_of_mass.vector)
         if body.mass is not None:

@@ -11,7 +11,7 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import Action
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import State
-from clearance_jax.spatial import ZERO, Term, minus, plus, scale, times, total
+from clearance_jax.spatial import ZERO, Term, minus, plus, scale
 
 
 class Balance(NamedTuple):
@@ -73,10 +73,7 @@ def accelerations(
         )
     held = [conditions(loop, motion, len(free)) for loop in loops]
     every = [condition for own in held for condition in own]
-    lag = [
-        minus(minus(0.0, now.acceleration), total(times(r, q) for r, q in zip(now.row, free, strict=True)))
-        for now in every
-    ]
+    lag = [minus(minus(0.0, now.acceleration), now.reached(free)) for now in every]
     asked = constraint(inertia, every, mechanism)
     correction, forces = asked.closing(lag)
     closing = closing_pairs(loops, motion, held, forces)

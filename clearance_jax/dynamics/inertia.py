@@ -12,10 +12,13 @@ force is found by projecting the same balance on its own column, where it is wan
 from collections.abc import Mapping
 from typing import NamedTuple
 
+import jax.numpy as jnp
+
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.kinematics import Extra, Frames
+from clearance_jax.dynamics.table import Table, three
 from clearance_jax.errors import ClearanceError
-from clearance_jax.mechanism.body import GROUND, Body
+from clearance_jax.mechanism.body import GROUND, Body, needs_six
 from clearance_jax.mechanism.frame import Column, Frame
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.placement import Inertia
@@ -27,6 +30,7 @@ from clearance_jax.spatial import (
     Z,
     absent,
     add,
+    as_array,
     cross,
     dot,
     is_zero,
@@ -104,10 +108,7 @@ def inertia_of(body: Body, frame: Frame) -> Symmetric:
         return rotated(body.inertia.symmetric, frame.rotation)
     about_z = body.inertia
     if same_line(frame.rotation.rows[2], Z) <= 0:
-        raise ClearanceError(
-            f"Body `{body.name}` turns out of the plane, but its inertia is one number (about z): give three or six, "
-            "`Inertia(xx, yy, zz, xy, xz, yz)`."
-        )
+        raise needs_six(body)
     return Symmetric(lambda i, j: about_z if i == j == 2 else 0.0)
 
 
@@ -139,6 +140,11 @@ def mass_matrix(mechanism: Mechanism, motion: Frames, firm: Mapping[int, Term] |
     """The factored mass matrix of the free coordinates (lower triangle, structural zeros absent), with factors on the
     inertia of those that are to stay.
     """
+    if isinstance(motion, Table):
+        whole = motion.mass_matrix()
+        for i, times_as_much in (firm or {}).items():
+            whole = whole.at[i, i].multiply(times_as_much)
+        return Dense(jnp.linalg.cholesky(whole))
     names = layout(mechanism).velocities
     matrix: list[list[Term]] = [[0.0] * (i + 1) for i in range(len(names))]
     whole, columns = composites(mechanism, motion), own_columns(mechanism, motion)
@@ -174,6 +180,8 @@ def inertial_wrenches(
     """By each body weight minus inertia forces of it and all that hangs on it, about its pivot; of bodies that a free
     coordinate moves, or of `every` one. The accelerations are those of the frames and `extra`.
     """
+    if isinstance(motion, Table):
+        return _tabled_wrenches(mechanism, motion, extra)
     bodies, out = {body.name: body for body in mechanism.bodies}, {}
     for joint in reversed(mechanism.joints):
         frame = motion[joint.child]
@@ -184,6 +192,16 @@ def inertial_wrenches(
             if other.parent == joint.child:
                 whole += out[other.child].moved(subtract(motion[other.child].pivot, frame.pivot))
         out[joint.child] = whole
+    return out
+
+
+def _tabled_wrenches(mechanism: Mechanism, motion: Table, extra: Extra | None) -> dict[str, Wrench]:
+    force, moment = motion.wrenches(None if extra is None else as_array(extra.acceleration))
+    out = {}
+    for joint in mechanism.joints:
+        hanging = motion.of_joint(joint.name)
+        whole = Wrench(three(hanging @ force), three(hanging @ moment))
+        out[joint.child] = whole.moved(subtract(three(motion.origin), motion[joint.child].pivot))
     return out
 
 
@@ -207,6 +225,8 @@ def _deficit(mechanism: Mechanism, body: Body, frame: Frame, extra: Extra | None
 
 def generalised_load(mechanism: Mechanism, time: Scalar, state: State, motion: Frames, pairs: list[Pair]) -> list[Term]:
     """Weight, inertia of the prescribed and centripetal motion, internal wrenches and actuators, by free coordinate."""
+    if isinstance(motion, Table):
+        return _tabled_load(mechanism, time, state, motion, pairs)
     load: list[Term] = [0.0] * layout(mechanism).free
     wrenches = inertial_wrenches(mechanism, motion)
     for name, columns in own_columns(mechanism, motion).items():
@@ -215,11 +235,23 @@ def generalised_load(mechanism: Mechanism, time: Scalar, state: State, motion: F
     for pair in pairs:
         for index, term in pair_load(pair, motion).items():
             load[index] = plus(load[index], term)
+    return [plus(own, effort) for own, effort in zip(load, efforts(mechanism, time, state), strict=True)]
+
+
+def efforts(mechanism: Mechanism, time: Scalar, state: State) -> list[Term]:
+    """What the actuators exert, by free velocity."""
+    out: list[Term] = [0.0] * layout(mechanism).free
     for coordinate, q, v in parts(mechanism):
         if not coordinate.is_ball:
-            effort = coordinate.motion.effort(time, state.q[q.start], state.v[v.start])
-            load[v.start] = plus(load[v.start], effort)
-    return load
+            out[v.start] = coordinate.motion.effort(time, state.q[q.start], state.v[v.start])
+    return out
+
+
+def _tabled_load(mechanism: Mechanism, time: Scalar, state: State, motion: Table, pairs: list[Pair]) -> list[Term]:
+    load = motion.load() + as_array(efforts(mechanism, time, state))
+    for pair in pairs:
+        load = load + motion.pair(*pair)[: motion.count]
+    return [load[i] for i in range(motion.count)]
 
 
 def pair_load(pair: Pair, motion: Frames) -> dict[int, Term]:

@@ -1,5 +1,6 @@
 """Where everything is and how it moves: poses of the bodies, relative motion in the joints, springs."""
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -8,6 +9,7 @@ from jaxtyping import Array
 from clearance_jax._numerics import safe_sqrt, safe_unit
 from clearance_jax._sharing import shared
 from clearance_jax._types import Rows, Scalar
+from clearance_jax.dynamics.table import Columns, Table, three
 from clearance_jax.joints import Relative
 from clearance_jax.mechanism.body import GROUND, Spring
 from clearance_jax.mechanism.frame import Frame
@@ -20,6 +22,7 @@ from clearance_jax.spatial import (
     Term,
     Vector,
     add,
+    as_array,
     cross,
     dot,
     is_zero,
@@ -29,11 +32,14 @@ from clearance_jax.spatial import (
     subtract,
 )
 
-Frames = dict[str, Frame]
+Frames = Mapping[str, Frame]
+"""The frames of all bodies by name: a dictionary, or of a large mechanism a `Table`."""
 
 
 def frames(mechanism: Mechanism, time: Scalar, state: State) -> Frames:
     """Pose and motion of every body: one sweep from the ground."""
+    if mechanism.is_tabled:
+        return Table(mechanism, time, state)
     values = {c.name: (v.start, state.q[q], state.v[v]) for c, q, v in parts(mechanism)}
     out = {GROUND: Frame()}
     for joint in mechanism.joints:
@@ -91,6 +97,8 @@ class Extra(NamedTuple):
 
     def at(self, frame: Frame, point: Vector) -> Vector:
         """Extra acceleration of a body's point."""
+        if isinstance(frame.free, Columns):
+            return three(as_array(self.acceleration) @ frame.free.velocity_at(point))
         out = ZERO
         for column in frame.free:
             out = add(out, scale(self.acceleration[column.index], column.velocity_at(point)))
@@ -98,6 +106,8 @@ class Extra(NamedTuple):
 
     def spin_rate(self, frame: Frame) -> Vector:
         """Extra spin rate of a body."""
+        if isinstance(frame.free, Columns):
+            return three(as_array(self.acceleration) @ frame.free.spin)
         out = ZERO
         for column in frame.free:
             out = add(out, scale(self.acceleration[column.index], column.spin))

@@ -7,6 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from clearance_jax._types import Rows, Scalar
+from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.drives import AbstractMotionLaw, Values
 from clearance_jax.mechanism.limits import Limits
 from clearance_jax.mechanism.placement import ORIGIN, Inertia, Orientation, Position, as_inertia
@@ -43,6 +44,14 @@ class Body(eqx.Module):
     )
     center_of_mass: Position = described(
         "centre of mass in the body's frame", '["60 mm", "0 mm"]', "the frame's origin", default=ORIGIN
+    )
+
+
+def needs_six(body: Body) -> ClearanceError:
+    """Of a body that turns out of the plane and has one moment of inertia."""
+    return ClearanceError(
+        f"Body `{body.name}` may turn out of the plane, but its inertia is one number (about z): give three or six, "
+        "`Inertia(xx, yy, zz, xy, xz, yz)`."
     )
 
 

@@ -1,6 +1,6 @@
 """Frames that move: pose, spin, acceleration, and the columns that say which coordinates move them."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from clearance_jax.spatial import (
     IDENTITY,
@@ -45,7 +45,7 @@ class Frame(NamedTuple):
 
     `pivot`: the place of the joint that carries the body, from which moments of what hangs on it are taken; `free` and
     `prescribed`: the columns of the coordinates that move it, from the ground on (of the prescribed ones with their
-    rates), of which its own joint's are the last `own`.
+    rates); of a large mechanism the free ones as one array (`table.Columns`).
     """
 
     rotation: Rotation = IDENTITY
@@ -55,7 +55,7 @@ class Frame(NamedTuple):
     spin_rate: Vector = ZERO
     acceleration: Vector = ZERO
     pivot: Vector = ZERO
-    free: tuple[Column, ...] = ()
+    free: Any = ()
     prescribed: tuple[tuple[Column, Term], ...] = ()
 
     @property

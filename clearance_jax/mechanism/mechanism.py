@@ -11,6 +11,7 @@ from jaxtyping import Array
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.joints import AbstractClearance, PreparedClearance
 from clearance_jax.mechanism.body import GROUND, Body, Point, Spring
+from clearance_jax.mechanism.links import UNROLLED, Links, links_of
 from clearance_jax.mechanism.placement import Gravity, Inertia, Position
 from clearance_jax.mechanism.tree import AbstractJoint, Coordinate, Revolute
 from clearance_jax.parameters import replace
@@ -89,6 +90,8 @@ class Mechanism(eqx.Module):
     assemble: bool = eqx.field(static=True, default=True)
     chosen: Array | None = None
     """Of a mechanism that is being solved, which conditions of its closures a step asks for (see `closures.choice`)."""
+    links: Links | None = None
+    """Of a prepared mechanism that is large, its table."""
 
     def __check_init__(self):
         parts = (*self.bodies, *self.joints, *self.loops, *self.springs, *self.points)
@@ -246,7 +249,15 @@ class Mechanism(eqx.Module):
         """The mechanism with everything that depends only on its numbers computed (once a solve, not once a step): its
         drives, actuators and clearances are then of the types that a step evaluates.
         """
-        return self._with_joints(lambda joint: joint.prepared())
+        ready = self._with_joints(lambda joint: joint.prepared())
+        if not ready.is_tabled:
+            return ready
+        return dataclasses.replace(ready, links=links_of(ready.bodies, ready.joints))
+
+    @property
+    def is_tabled(self) -> bool:
+        """Whether it is so large that its dynamics is a loop over a table of its links."""
+        return len(list(self.coordinates())) > UNROLLED and not self.is_plane
 
 
 def _without_clearance(joint: AbstractJoint, place: Pair) -> AbstractJoint:
