@@ -36,7 +36,7 @@ class Columns(NamedTuple):
     def velocity_at(self, point: Vector) -> Float[Array, "columns 3"]:
         """Velocity of a body's point by each of them."""
         arm = as_array(point) - self.origin
-        return jnp.asarray(self.moves)[:, None] * (self.slides + jnp.cross(self.spins, arm))
+        return jnp.asarray(self.moves)[:, None] * (self.slides + jnp.cross(self.spins, arm[None]))
 
     @property
     def spin(self) -> Float[Array, "columns 3"]:
@@ -86,7 +86,7 @@ class Table(Mapping):
         axes = jnp.einsum("cij,cj->ci", m.rotation[where], local)
         turns = self.masks.turns[:, None]
         self.spins = turns * axes
-        self.slides = turns * jnp.cross(axes, self.origin - m.place[where]) + (1 - turns) * axes
+        self.slides = turns * jnp.cross(axes, self.origin[None] - m.place[where]) + (1 - turns) * axes
         self.count = len(where) - sum(not c.motion.is_free for c in self.plan.coordinates)
 
     # As a mapping ---------------------------------------------------------------------------------------------------
@@ -142,10 +142,10 @@ class Table(Mapping):
         """Of the free velocities, whole."""
         n, carried = self.count, jnp.asarray(self.masks.bodies[: self.count])
         spins, slides = self.spins[:n], self.slides[:n]
-        mass, arms = self.links.mass, self.centres - self.origin
+        mass, arms = self.links.mass, self.centres - self.origin[None]
         moments = mass[:, None] * arms
         square = jnp.einsum("bi,bi->b", moments, arms)
-        inertia = self.inertias + square[:, None, None] * jnp.eye(3) - moments[:, :, None] * arms[:, None, :]
+        inertia = self.inertias + square[:, None, None] * jnp.eye(3)[None] - moments[:, :, None] * arms[:, None, :]
         masses = carried @ mass
         first = carried @ moments
         second = jnp.einsum("cb,bij->cij", carried, inertia)
@@ -163,17 +163,17 @@ class Table(Mapping):
         at, spin_rate = self.accelerations, self.spin_rate
         if acceleration is not None:
             at, spin_rate = at + self.extra(acceleration)[0], spin_rate + self.extra(acceleration)[1]
-        force = self.links.mass[:, None] * (as_array(self.mechanism.gravity.vector) - at)
+        force = self.links.mass[:, None] * (as_array(self.mechanism.gravity.vector)[None] - at)
         momentum = jnp.einsum("bij,bj->bi", self.inertias, self.spin)
         turning = jnp.einsum("bij,bj->bi", self.inertias, spin_rate) + jnp.cross(self.spin, momentum)
-        return force, jnp.cross(self.centres - self.origin, force) - turning
+        return force, jnp.cross(self.centres - self.origin[None], force) - turning
 
     def extra(self, acceleration: Array) -> tuple[Array, Array]:
         """What free accelerations add to the accelerations of the centres of mass, and to the spin rates, of bodies."""
         n, carried = self.count, jnp.asarray(self.masks.bodies[: self.count])
         spin = jnp.einsum("cb,ci->bi", carried * acceleration[:, None], self.spins[:n])
         slide = jnp.einsum("cb,ci->bi", carried * acceleration[:, None], self.slides[:n])
-        return slide + jnp.cross(spin, self.centres - self.origin), spin
+        return slide + jnp.cross(spin, self.centres - self.origin[None]), spin
 
     def load(self) -> Array:
         """Weight and inertia forces by free velocity."""

@@ -154,7 +154,7 @@ def masks(plan: Order, bodies: tuple[Body, ...]) -> Masks:
 def rodrigues(axis: Float[Array, "links 3"], sine: Float[Array, " links"], cosine: Float[Array, " links"]) -> Array:
     """The matrices of turns about unit axes, (links, 3, 3)."""
     k = _hats(axis)
-    return jnp.eye(3) + sine[:, None, None] * k + (1 - cosine)[:, None, None] * (k @ k)
+    return jnp.eye(3)[None] + sine[:, None, None] * k + (1 - cosine)[:, None, None] * (k @ k)
 
 
 def _hats(a: Float[Array, "n 3"]) -> Array:
