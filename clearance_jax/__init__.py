@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from clearance_jax.mechanism.limits import Limits
     from clearance_jax.mechanism.mechanism import Mechanism
     from clearance_jax.mechanism.placement import Axis, Gravity, Inertia, Orientation, Position
+    from clearance_jax.mechanism.profiles import Constant, Quintic, Trapezoid
     from clearance_jax.mechanism.tree import Fixed, Prismatic, Revolute
     from clearance_jax.parameters import parameters, physical, replace
     from clearance_jax.results.dataset import to_dataset
@@ -76,6 +77,7 @@ _NAMES = {
     "mechanism.limits": ("Limits",),
     "mechanism.mechanism": ("Mechanism",),
     "mechanism.placement": ("Axis", "Gravity", "Inertia", "Orientation", "Position"),
+    "mechanism.profiles": ("Constant", "Quintic", "Trapezoid"),
     "mechanism.tree": ("Fixed", "Prismatic", "Revolute"),
     "parameters": ("parameters", "physical", "replace"),
     "results.dataset": ("to_dataset",),
@@ -103,6 +105,7 @@ __all__ = [
     "BatchReport",
     "Body",
     "ClearanceError",
+    "Constant",
     "ConstantEffort",
     "ConstantSpeed",
     "Cylindrical",
@@ -123,6 +126,7 @@ __all__ = [
     "Point",
     "Position",
     "Prismatic",
+    "Quintic",
     "Reply",
     "Request",
     "Revolute",
@@ -138,6 +142,7 @@ __all__ = [
     "Step5Sum",
     "StepSum",
     "Trace",
+    "Trapezoid",
     "TrustThresholds",
     "Universal",
     "UntrustedGradient",
