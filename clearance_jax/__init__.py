@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from clearance_jax.analysis.trust import GradientReport, TrustThresholds, UntrustedGradient, gradient_report
     from clearance_jax.configure import configure
     from clearance_jax.io.scene import load
+    from clearance_jax.io.trajectory import read_trajectory
     from clearance_jax.joints import AbstractClearance, AbstractElement, RevoluteClearance
     from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, AbstractStiffness
     from clearance_jax.mechanism.body import (
@@ -60,6 +61,7 @@ _NAMES = {
     "analysis.trust": ("GradientReport", "TrustThresholds", "UntrustedGradient", "gradient_report"),
     "configure": ("configure",),
     "io.scene": ("load",),
+    "io.trajectory": ("read_trajectory",),
     "joints": ("AbstractClearance", "AbstractElement", "RevoluteClearance"),
     "laws": ("AbstractFrictionLaw", "AbstractNormalLaw", "AbstractStiffness"),
     "mechanism.body": (
@@ -160,6 +162,7 @@ __all__ = [
     "parameters",
     "periodic_motion",
     "physical",
+    "read_trajectory",
     "replace",
     "save",
     "sensitivities",

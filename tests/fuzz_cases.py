@@ -1,4 +1,4 @@
-"""What the fuzzer tries: shipped scenes and studies with a few things changed, and command lines on them."""
+"""What the fuzzer tries: shipped scenes and studies with a few things changed, trajectories, command lines on them."""
 
 import collections
 import random
@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from clearance_jax.io.keys import reference
+from tests.fuzz_trajectories import trajectory
 
 ROOT = Path(__file__).resolve().parents[1]
 SCENES = sorted((ROOT / "experiments" / "scenes").glob("*.toml"))
@@ -205,6 +206,10 @@ def study_case(rng: random.Random) -> Case:
     return Case("study", _spoiled(rng.choice(STUDIES), rng))
 
 
+def trajectory_case(rng: random.Random) -> Case:
+    return Case("trajectory", trajectory(rng))
+
+
 def _spoiled(path: Path, rng: random.Random) -> bytes:
     text = path.read_text()
     if rng.random() < 0.15:
@@ -270,7 +275,14 @@ def odd_path(rng: random.Random) -> str:
     return path
 
 
-KINDS: tuple[Callable[[random.Random], Case], ...] = (scene_case, scene_case, scene_case, study_case, command_case)
+KINDS: tuple[Callable[[random.Random], Case], ...] = (
+    scene_case,
+    scene_case,
+    scene_case,
+    study_case,
+    command_case,
+    trajectory_case,
+)
 
 
 def cases(count: int, seed: int) -> Iterator[Case]:

@@ -1,6 +1,8 @@
 """Motions of a joint: from point to point, through via points; the drives of a mechanism, replaced by name."""
 
+import collections
 import dataclasses
+import random
 import re
 from pathlib import Path
 from typing import Any
@@ -13,6 +15,8 @@ from catalogue import playful_servo, slider_crank
 from scipy.interpolate import make_interp_spline
 
 import clearance_jax as cj
+from tests import fuzz
+from tests.fuzz_trajectories import trajectory
 
 SCENES = Path(__file__).parents[1] / "experiments" / "scenes"
 RNG = np.random.default_rng(0)
@@ -344,6 +348,120 @@ def test_what_cannot_be_driven_is_refused(drives, words):
 def test_a_joint_that_closes_a_loop_is_not_driven():
     with pytest.raises(cj.ClearanceError, match="no coordinate `wrist` to drive"):
         slider_crank().driven({"wrist": cj.Constant(0.0)})
+
+
+# Files ---------------------------------------------------------------------------------------------------------------
+
+GOOD = """# logged by the controller
+time [ms], slide [mm], hinge [deg]
+0, 0, 10
+100, 20, 20
+
+200, 15, 5
+400, -5, 0
+"""
+
+
+def written(tmp_path, text):
+    path = tmp_path / "moves.csv"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return path
+
+
+def carriage() -> cj.Mechanism:
+    """A pendulum on a carriage."""
+    joints = (cj.Prismatic("slide", "ground", "carriage"), cj.Revolute("hinge", "carriage", "bob"))
+    return cj.Mechanism((cj.Body("carriage", 1.0), cj.Body("bob", 1.0, 0.1)), joints)
+
+
+SPOKEN = {
+    "as it is": GOOD,
+    "byte order mark": b"\xef\xbb\xbf" + GOOD.encode(),
+    "lines of Windows": GOOD.replace("\n", "\r\n"),
+    "quoted": GOOD.replace("slide [mm]", '"slide [mm]"').replace(", 5\n", ', "5"\n'),
+    "Time": GOOD.replace("time", " TIME"),
+    "SI": "hinge,slide,time\n" + "\n".join(f"{h * np.pi / 180},{s / 1000},{t}" for t, s, h in
+        [(0.0, 0, 10), (0.1, 20, 20), (0.2, 15, 5), (0.4, -5, 0)]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SPOKEN)
+def test_a_trajectory_is_read(name, tmp_path):
+    path = written(tmp_path, SPOKEN[name])
+    for mechanism in (carriage(), None):
+        drives = cj.read_trajectory(path, mechanism, "natural")
+        assert set(drives) == {"slide", "hinge"}
+        assert all(drive.ends == "natural" for drive in drives.values())
+        for drive in drives.values():
+            np.testing.assert_allclose(drive.times, [0.0, 0.1, 0.2, 0.4], rtol=1e-15)
+        np.testing.assert_allclose(drives["slide"].values, [0.0, 0.02, 0.015, -0.005], rtol=1e-15)
+        np.testing.assert_allclose(drives["hinge"].values, np.deg2rad([10, 20, 5, 0]), rtol=1e-15)
+
+
+def test_what_is_read_drives(tmp_path):
+    driven = carriage().driven(cj.read_trajectory(written(tmp_path, GOOD), carriage()))
+    solution = cj.simulate(driven, 0.4, save_at=jnp.array([0.0, 0.1, 0.2, 0.4]))
+    np.testing.assert_allclose(solution["slide"], [0.0, 0.02, 0.015, -0.005], rtol=0, atol=1e-15)
+    np.testing.assert_allclose(solution["hinge"], np.deg2rad([10, 20, 5, 0]), rtol=0, atol=1e-15)
+
+
+LINE = GOOD.splitlines()
+REFUSED = {
+    "empty": ("", "moves.csv` is empty"),
+    "comments only": ("# nothing\n\n", "moves.csv` is empty"),
+    "binary": (b"time,slide\0\1\2\n", "binary data"),
+    "UTF-16": (GOOD.encode("utf-16"), "not a text in UTF-8"),
+    "no header": ("0,1\n1,2\n", "line 1 must be a header"),
+    "no time": (GOOD.replace("time [ms]", "t"), "line 2: no column is called `time`"),
+    "no joint": ("time\n0\n1\n2\n3\n", "line 1: the header has no joint beside `time`"),
+    "semicolons": (GOOD.replace(",", ";"), "line 2: columns are separated by ';'"),
+    "tabs": (GOOD.replace(",", "\t"), "line 2: columns are separated by"),
+    "decimal commas": (GOOD.replace("20, 20", "20,5, 20,5"), "line 4 has 5 cells, .* 3 columns. Are there decimal"),
+    "ragged": (GOOD.replace("15, 5", "15"), "line 6 has 2 cells, but the header has 3 columns"),
+    "twice": (GOOD.replace("slide [mm]", "hinge"), "line 2, column 3: `hinge` has a column already"),
+    "nameless": (GOOD.replace("hinge [deg]", "").replace("slide", "hinge"), "line 2, column 3 has no name"),
+    "unknown": (GOOD.replace("hinge", "hnge"), "no coordinate `hnge` to drive. Did you mean `hinge`"),
+    "wrong unit": (GOOD.replace("[deg]", "[mm]"), "column 3: `hinge` must be in a unit of angle, not in 'mm'"),
+    "unit of time": (GOOD.replace("[ms]", "[mm]"), "column 1: `time` must be in a unit of time, not in 'mm'"),
+    "no such unit": (GOOD.replace("[mm]", "[foo]"), "column 2: `slide` must be in a unit of length, not in 'foo'"),
+    "brackets": (GOOD.replace("[mm]", "[mm"), "column 2 must be a name with a unit in brackets"),
+    "not a number": (GOOD.replace("15", "abc"), "line 6, column `slide` must be a number, but it is 'abc'"),
+    "nothing": (GOOD.replace("15", ""), "line 6, column `slide` must be a number, but nothing is there"),
+    "underscore": (GOOD.replace("15", "1_5"), "line 6, column `slide` must be a number"),
+    "nan": (GOOD.replace("15", "nan"), "line 6, column `slide` must be finite, but it is 'nan'"),
+    "infinite": (GOOD.replace("200", "1e999"), "line 6, column `time` must be finite"),
+    "stays": (GOOD.replace("200", "100"), "line 6, column `time`: times must increase, but 0.1 s follows 0.1 s"),
+    "few": ("\n".join(LINE[:6]), "moves.csv` has 3 rows of numbers, but a spline needs 4"),
+    "huge numbers": (GOOD.replace("15", "1e308"), "column `slide`: its numbers are too large"),
+    "open quote": (GOOD.replace("15", '"15'), "line 6: its cells cannot be told apart"),
+    "endless line": ("time," + "x" * 200_000, "line 1 is longer than 100000 characters"),
+    "many rows": ("time,slide\n" + "0,0\n" * 100_001, "has 100001 rows, but at most 100000 are read"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_a_wrong_file_is_refused(name, tmp_path):
+    text, words = REFUSED[name]
+    with pytest.raises(cj.ClearanceError, match=words) as refused:
+        cj.read_trajectory(written(tmp_path, text), carriage())
+    assert "moves.csv" in str(refused.value)
+
+
+def test_what_is_no_file_is_refused(tmp_path, monkeypatch):
+    for path in (tmp_path, tmp_path / "missing.csv", "/dev/zero", "a\0b"):
+        with pytest.raises(cj.ClearanceError, match="Cannot read the trajectory"):
+            cj.read_trajectory(path)
+    monkeypatch.setattr("clearance_jax.io.trajectory.LARGEST_TABLE", 20)
+    with pytest.raises(cj.ClearanceError, match="larger than"):
+        cj.read_trajectory(written(tmp_path, GOOD))
+
+
+def test_spoiled_files_load_or_are_refused_by_a_sentence(tmp_path):
+    ends = collections.Counter()
+    for seed in range(200):
+        end, _ = fuzz.tried(fuzz.Case("trajectory", trajectory(random.Random(seed))), tmp_path)
+        ends[end] += 1
+    assert min(ends["loaded"], ends["refused"]) > 20
 
 
 # Scenes --------------------------------------------------------------------------------------------------------------
