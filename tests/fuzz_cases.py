@@ -13,6 +13,7 @@ from tests.fuzz_trajectories import trajectory
 ROOT = Path(__file__).resolve().parents[1]
 SCENES = sorted((ROOT / "experiments" / "scenes").glob("*.toml"))
 STUDIES = sorted((ROOT / "optimize" / "studies").glob("*.toml"))
+LIFT = str(ROOT / "experiments" / "scenes" / "arm_lift.csv")
 # A word that is in every text that would do harm if it were run.
 CANARY = "canary"
 
@@ -260,6 +261,7 @@ OPTIONS: tuple[Callable[[random.Random], list[str]], ...] = (
     lambda rng: ["--samples", str(rng.choice((2, 11, 10**12, 10**30, value(rng))))],
     lambda rng: ["--solver", str(rng.choice(("tsit5", "dopri8", value(rng))))],
     lambda rng: [rng.choice(("-o", "--plot", "--report", "--record")), odd_path(rng)],
+    lambda rng: ["--trajectory", rng.choice((LIFT, LIFT, odd_path(rng)))],
     lambda rng: ["--method", str(rng.choice(("slsqp", "cobyqa", value(rng))))],
     lambda rng: ["--starts", str(rng.choice((1, value(rng))))],
     lambda rng: [rng.choice(("--ideal", "--no-verify", "--help", "--nope", "-", "--", str(value(rng))))],

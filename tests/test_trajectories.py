@@ -15,7 +15,9 @@ from catalogue import playful_servo, slider_crank
 from scipy.interpolate import make_interp_spline
 
 import clearance_jax as cj
+from clearance_jax.cli import main
 from tests import fuzz
+from tests.fuzz_cases import LIFT
 from tests.fuzz_trajectories import trajectory
 
 SCENES = Path(__file__).parents[1] / "experiments" / "scenes"
@@ -473,6 +475,61 @@ def arm(tmp_path, drive):
     path = tmp_path / "arm.toml"
     path.write_text(re.sub(r"(?m)^drive = .*$", f"drive = {drive}", text), encoding="utf-8")
     return path
+
+
+@pytest.fixture
+def command(monkeypatch, capsys):
+    """What `clearance` ends with, and says, called with words."""
+
+    def run(*words):
+        monkeypatch.setattr("sys.argv", ["clearance", *map(str, words)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        said = capsys.readouterr()
+        return ended.value.code or 0, " ".join((said.out + said.err).split())
+
+    return run
+
+
+ARM = SCENES / "arm.toml"
+
+
+def test_the_command_follows_a_trajectory(command, tmp_path):
+    """To the end of the scene, or where it has none to that of the trajectory."""
+    path, scene = tmp_path / "lift.csv", tmp_path / "endless.toml"
+    path.write_text("time [ms], hip [deg]\n0, 0\n2, 1\n4, 4\n6, 9\n")
+    scene.write_text(re.sub(r"(?m)^solve.t1.*$", "", ARM.read_text()))
+    out = tmp_path / "o.nc"
+    short = "--ideal", "--samples", 7, "--rtol", "1e-6"
+    code, said = command("simulate", scene, "--trajectory", path, "-o", out, *short)
+    assert code == 0, said
+    dataset = cj.load_dataset(out)
+    np.testing.assert_allclose(dataset["time"], np.arange(7) * 1e-3, rtol=1e-12, atol=1e-18)
+    # These are squares, which a cubic spline is through exactly.
+    np.testing.assert_allclose(dataset["q"].sel(coordinate="hip"), np.deg2rad(np.arange(7) ** 2 / 4), rtol=1e-9)
+    assert dataset.attrs["trajectory"] == str(path)
+    assert "at t = 0.003 s" in command("simulate", scene, "--trajectory", path, "--t1", "3ms", *short)[1]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--trajectory", LIFT, "--t1", "0.2s"], "t1 is 0.2 s, but the trajectory `.*arm_lift.csv` ends at 0.1 s"),
+        (["--trajectory", "late.csv"], "t0 is 0 s, but the trajectory `late.csv` begins at 0.01 s"),
+        (["--trajectory", "short.csv"], "t1 is 0.1 s, but the trajectory `short.csv` ends at 0.04 s"),
+        (["--trajectory", "other.csv"], "column 2: there is no coordinate `knee` to drive"),
+        (["--trajectory", LIFT, "--set", "drive.hip.amplitude=1deg"], "no parameter `drive.hip.amplitude`"),
+        (["--trajectory", "o.nc", "-o", "o.nc"], "The trajectory and the output are the same file `o.nc`"),
+    ],
+)
+def test_what_a_trajectory_does_not_cover_is_refused(words, said, command, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name, joint, first in (("late", "hip", 10), ("short", "hip", 0), ("other", "knee", 0), ("o", "hip", 0)):
+        rows = "".join(f"{first + 10 * i}, {i}\n" for i in range(20 if name == "late" else 5))
+        Path("o.nc" if name == "o" else f"{name}.csv").write_text(f"time [ms], {joint} [deg]\n{rows}")
+    code, found = command("simulate", ARM, *words)
+    assert code == 2
+    assert re.search(said, found), found
 
 
 def test_a_scene_is_driven_from_point_to_point(tmp_path):
