@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from clearance_jax.analysis.trust import GradientReport, TrustThresholds, UntrustedGradient, gradient_report
     from clearance_jax.configure import configure
     from clearance_jax.io.scene import load
+    from clearance_jax.io.trajectory import read_trajectory
     from clearance_jax.joints import AbstractClearance, AbstractElement, RevoluteClearance
     from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, AbstractStiffness
     from clearance_jax.mechanism.body import (
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     from clearance_jax.mechanism.limits import Limits
     from clearance_jax.mechanism.mechanism import Mechanism
     from clearance_jax.mechanism.placement import Axis, Gravity, Inertia, Orientation, Position
+    from clearance_jax.mechanism.profiles import Constant, Quintic, Trapezoid
     from clearance_jax.mechanism.tree import Fixed, Prismatic, Revolute
     from clearance_jax.parameters import parameters, physical, replace
     from clearance_jax.results.dataset import to_dataset
@@ -59,6 +61,7 @@ _NAMES = {
     "analysis.trust": ("GradientReport", "TrustThresholds", "UntrustedGradient", "gradient_report"),
     "configure": ("configure",),
     "io.scene": ("load",),
+    "io.trajectory": ("read_trajectory",),
     "joints": ("AbstractClearance", "AbstractElement", "RevoluteClearance"),
     "laws": ("AbstractFrictionLaw", "AbstractNormalLaw", "AbstractStiffness"),
     "mechanism.body": (
@@ -76,6 +79,7 @@ _NAMES = {
     "mechanism.limits": ("Limits",),
     "mechanism.mechanism": ("Mechanism",),
     "mechanism.placement": ("Axis", "Gravity", "Inertia", "Orientation", "Position"),
+    "mechanism.profiles": ("Constant", "Quintic", "Trapezoid"),
     "mechanism.tree": ("Fixed", "Prismatic", "Revolute"),
     "parameters": ("parameters", "physical", "replace"),
     "results.dataset": ("to_dataset",),
@@ -103,6 +107,7 @@ __all__ = [
     "BatchReport",
     "Body",
     "ClearanceError",
+    "Constant",
     "ConstantEffort",
     "ConstantSpeed",
     "Cylindrical",
@@ -123,6 +128,7 @@ __all__ = [
     "Point",
     "Position",
     "Prismatic",
+    "Quintic",
     "Reply",
     "Request",
     "Revolute",
@@ -138,6 +144,7 @@ __all__ = [
     "Step5Sum",
     "StepSum",
     "Trace",
+    "Trapezoid",
     "TrustThresholds",
     "Universal",
     "UntrustedGradient",
@@ -155,6 +162,7 @@ __all__ = [
     "parameters",
     "periodic_motion",
     "physical",
+    "read_trajectory",
     "replace",
     "save",
     "sensitivities",

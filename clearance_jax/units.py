@@ -55,8 +55,8 @@ def to_si(value: Any, unit: str, where: str) -> float:
         ) from None
     except Exception as error:  # pint's parser raises errors of many kinds
         raise ClearanceError(_unread(value, unit, where, quoted(str(error)))) from None
-    # To pint an angle is a bare number: "30" would pass for radians, and hertz for rad/s.
-    if unit in ("rad", "rad/s") and not any(word in str(quantity.units) for word in ANGLES):
+    # To pint an angle is a bare number: "30" would pass for radians, hertz for rad/s.
+    if unit in ("rad", "rad/s", "rad/s^2") and not any(word in str(quantity.units) for word in ANGLES):
         raise ClearanceError(f'{where} needs a unit of angle (deg, rad, rpm ...): write it as "1.5 {unit}".')
     return _finite(magnitude, where)
 

@@ -127,7 +127,7 @@ def _oscillation(ready) -> tuple[np.ndarray, np.ndarray]:
 
 
 def drives() -> None:
-    """Position, velocity and acceleration of every kind of drive."""
+    """Position, velocity and acceleration of every kind of drive that moves."""
     step = ([0.1], [0.5], [1.0])
     knots = np.linspace(0, 0.6, 7)
     kinds = {
@@ -135,10 +135,12 @@ def drives() -> None:
         "step": StepSum(*step),
         "step5": Step5Sum(*step),
         "harmonic": Harmonic(0.5, 12.0),
+        "trapezoid": cj.Trapezoid([0.1], [1.0], 4.0, 40.0),
+        "quintic": cj.Quintic([0.05, 0.3, 0.55], [0.0, 0.8, 1.0]),
         "spline": Spline(knots, [0.0, 0.1, 0.5, 0.9, 0.8, 0.85, 1.0]),
     }
     times = np.linspace(0, 0.6, 601)
-    figure = Figure(figsize=(9, 4.2), layout="constrained")
+    figure = Figure(figsize=(11, 4.2), layout="constrained")
     axes = figure.subplots(3, len(kinds), sharex=True)
     for column, (name, drive) in zip(axes.T, kinds.items(), strict=True):
         motion = np.array([[float(x) for x in drive(t)] for t in times])

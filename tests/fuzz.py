@@ -1,4 +1,4 @@
-"""A seeded fuzzer of scenes, studies and command lines: `python -m tests.fuzz --count 10000 --solve 200`.
+"""A seeded fuzzer of scenes, studies, trajectories and command lines: `python -m tests.fuzz --count 10000 --solve 200`.
 
 Every case is a shipped scene or study, or a command line on one, with a few things changed that people or machines get
 wrong. It must load (and is laid out, and by some solved), or be refused by one sentence: no traceback, no hang, nothing
@@ -9,6 +9,7 @@ import argparse
 import collections
 import contextlib
 import faulthandler
+import functools
 import io
 import os
 import platform
@@ -88,9 +89,8 @@ def tried(case: Case, folder: Path) -> tuple[str, Any]:
     """How a case ended ("loaded", "refused"), and what it loaded. **Raises** whatever it must not."""
     from clearance_jax.errors import LONGEST, ClearanceError
 
-    path = (
-        folder / f"{'study' if 'optimize' in case.arguments else case.kind if case.kind == 'study' else 'scene'}.toml"
-    )
+    names = {"study": "study.toml", "trajectory": "trajectory.csv"}
+    path = folder / names.get("study" if "optimize" in case.arguments else case.kind, "scene.toml")
     path.write_bytes(case.text)
     if case.kind == "command":
         return commanded(case), None
@@ -103,13 +103,15 @@ def tried(case: Case, folder: Path) -> tuple[str, Any]:
 
 
 def laid_out(kind: str, path: Path) -> Any:
-    """The scene or study that a file describes, with what is made of it before a solve."""
+    """What a file describes, with what is made of it before a solve."""
     from clearance_jax.dynamics.quantities import labels
     from clearance_jax.io.scene import load_scene
     from clearance_jax.io.study import load_study
     from clearance_jax.mechanism.state import layout
     from clearance_jax.parameters import check_values
 
+    if kind == "trajectory":
+        return driven(path)
     if kind == "study":
         study = load_study(path)
         specification = study.problem.specification
@@ -121,6 +123,29 @@ def laid_out(kind: str, path: Path) -> Any:
     assert plan.size >= 2 * plan.free
     assert labels(scene.mechanism)
     return scene
+
+
+def driven(path: Path) -> Any:
+    """A mechanism that a trajectory drives, whose splines are finite inside and at both ends."""
+    import numpy as np
+
+    from clearance_jax.io.trajectory import read_trajectory
+
+    drives = read_trajectory(path, moved())
+    assert drives
+    for drive in drives.values():
+        assert np.all(np.isfinite(drive.prepared().curvature))
+        assert np.all(np.diff(drive.times) > 0)
+    return moved().driven(drives)
+
+
+@functools.cache
+def moved() -> Any:
+    """What the trajectories are of: a pendulum on a carriage."""
+    import clearance_jax as cj
+
+    joints = (cj.Prismatic("slide", "ground", "carriage"), cj.Revolute("hinge", "carriage", "bob"))
+    return cj.Mechanism((cj.Body("carriage", 1.0), cj.Body("bob", 1.0, 1.0)), joints)
 
 
 class Reached(Exception):

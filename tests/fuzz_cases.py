@@ -1,4 +1,4 @@
-"""What the fuzzer tries: shipped scenes and studies with a few things changed, and command lines on them."""
+"""What the fuzzer tries: shipped scenes and studies with a few things changed, trajectories, command lines on them."""
 
 import collections
 import random
@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from clearance_jax.io.keys import reference
+from tests.fuzz_trajectories import trajectory
 
 ROOT = Path(__file__).resolve().parents[1]
 SCENES = sorted((ROOT / "experiments" / "scenes").glob("*.toml"))
 STUDIES = sorted((ROOT / "optimize" / "studies").glob("*.toml"))
+LIFT = str(ROOT / "experiments" / "scenes" / "arm_lift.csv")
 # A word that is in every text that would do harm if it were run.
 CANARY = "canary"
 
@@ -205,6 +207,10 @@ def study_case(rng: random.Random) -> Case:
     return Case("study", _spoiled(rng.choice(STUDIES), rng))
 
 
+def trajectory_case(rng: random.Random) -> Case:
+    return Case("trajectory", trajectory(rng))
+
+
 def _spoiled(path: Path, rng: random.Random) -> bytes:
     text = path.read_text()
     if rng.random() < 0.15:
@@ -255,6 +261,7 @@ OPTIONS: tuple[Callable[[random.Random], list[str]], ...] = (
     lambda rng: ["--samples", str(rng.choice((2, 11, 10**12, 10**30, value(rng))))],
     lambda rng: ["--solver", str(rng.choice(("tsit5", "dopri8", value(rng))))],
     lambda rng: [rng.choice(("-o", "--plot", "--report", "--record")), odd_path(rng)],
+    lambda rng: ["--trajectory", rng.choice((LIFT, LIFT, odd_path(rng)))],
     lambda rng: ["--method", str(rng.choice(("slsqp", "cobyqa", value(rng))))],
     lambda rng: ["--starts", str(rng.choice((1, value(rng))))],
     lambda rng: [rng.choice(("--ideal", "--no-verify", "--help", "--nope", "-", "--", str(value(rng))))],
@@ -270,7 +277,14 @@ def odd_path(rng: random.Random) -> str:
     return path
 
 
-KINDS: tuple[Callable[[random.Random], Case], ...] = (scene_case, scene_case, scene_case, study_case, command_case)
+KINDS: tuple[Callable[[random.Random], Case], ...] = (
+    scene_case,
+    scene_case,
+    scene_case,
+    study_case,
+    command_case,
+    trajectory_case,
+)
 
 
 def cases(count: int, seed: int) -> Iterator[Case]:

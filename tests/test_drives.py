@@ -21,12 +21,21 @@ KNOTS = np.array([0.1, 0.35, 0.5, 0.9, 1.0, 1.45, 1.7])
 TABLE = np.array([0.2, -0.4, 0.1, 0.9, 0.3, -1.1, 0.4])
 STEPS = ([0.2, 0.7, 1.1], [0.7, 1.3, 1.5], [1.5, -0.4, 0.3])
 STEP_TIMES = [0.2, 0.7, 1.1, 1.3, 1.5]
+# A move that keeps its speed for a while and one that reaches half of it; two moves without a stop between.
+MOVE_TIMES = [0.125, 0.375, 0.625, 0.875, 1.0, 1.125, 1.25]
+TIMED_TIMES = [0.125, 0.5, 0.875, 1.125, 1.375]
 # One example of every concrete drive, and the times at which its q'' or q''' jumps.
 DRIVES: dict[str, tuple[AbstractDrive, list[float]]] = {
     "constant-speed": (cj.ConstantSpeed(-2.0, 0.3), []),
     "step": (cj.StepSum(*STEPS, 0.1), STEP_TIMES),
     "step5": (cj.Step5Sum(*STEPS, 0.1), STEP_TIMES),
     "harmonic": (cj.Harmonic(0.4, 7.0, 0.3, -0.2), []),
+    "constant": (cj.Constant(0.7), []),
+    "trapezoid": (cj.Trapezoid([0.125, 1.0], [1.0, -0.125], 2.0, 8.0, offset=0.1), MOVE_TIMES),
+    "trapezoid-timed": (cj.Trapezoid([0.125, 0.875], [1.0, -0.5], duration=[0.75, 0.5], cruise=0.0), TIMED_TIMES),
+    "quintic": (cj.Quintic(KNOTS, TABLE), [KNOTS[0], KNOTS[-1]]),
+    "quintic-speeds": (cj.Quintic(KNOTS, TABLE, -TABLE), [KNOTS[0], KNOTS[-1]]),
+    "quintic-all": (cj.Quintic(KNOTS, 0 * TABLE, 0 * TABLE, 1.0 + TABLE), KNOTS.tolist()),
     "spline-not-a-knot": (cj.Spline(KNOTS, TABLE), KNOTS[2:-2].tolist()),
     "spline-natural": (cj.Spline(KNOTS, TABLE, "natural"), KNOTS[1:-1].tolist()),
     "spline-clamped": (cj.Spline(KNOTS, TABLE, "clamped"), KNOTS[1:-1].tolist()),
@@ -89,8 +98,9 @@ class TestContract:
 
     def test_breaks_are_the_jumps(self, name):
         drive, jumps = DRIVES[name]
-        # A spline's tables are its breaks; its end pieces (and with not-a-knot the next) go on without a jump.
-        expected = KNOTS.tolist() if isinstance(drive, cj.Spline) else jumps
+        # A table's times are its breaks: a spline's end pieces (and with not-a-knot the next) go on without a jump, and
+        # a curve of least jerk jumps at its ends only.
+        expected = KNOTS.tolist() if isinstance(drive, cj.Spline | cj.Quintic) else jumps
         assert set(np.asarray(drive.breaks()).tolist()) == set(expected)
         assert set(jumps) <= set(expected)
 

@@ -12,7 +12,9 @@ from tests.fuzz_cases import Case
 def test_a_share_of_the_cases():
     found = fuzz.fuzz(150, seed=0)
     assert found.wrong == []
-    assert {"scene loaded", "scene refused", "study refused", "command refused"} <= set(found.ends)
+    assert {"scene loaded", "scene refused", "study refused", "command refused", "trajectory refused"} <= set(
+        found.ends
+    )
 
 
 def test_every_case_can_be_made_again():

@@ -36,20 +36,24 @@ def set_up() -> None:
     configure(cache=True)
 
 
-def read_mechanism(scene_file: Path, settings: list[str] | None, ideal: bool) -> tuple[Any, Any]:
-    """The mechanism that the command's options make of a scene, and the scene."""
+def read_scene(scene_file: Path) -> Any:
+    """A scene, before any option of the command changes it."""
     set_up()
-    from clearance_jax.io.plausible import implausible
     from clearance_jax.io.scene import read_scene
+
+    return read_scene(scene_file)
+
+
+def changed(mechanism: Any, settings: list[str] | None, ideal: bool) -> Any:
+    """What the command's options make of a mechanism."""
+    from clearance_jax.io.plausible import implausible
     from clearance_jax.io.settings import parse_settings
     from clearance_jax.parameters import check_values, replace
 
-    scene = read_scene(scene_file)
-    mechanism = scene.mechanism
     mechanism = replace(mechanism, parse_settings(settings or [], mechanism))
     check_values(mechanism)
     warn(implausible(mechanism))
-    return (mechanism.ideal() if ideal else mechanism), scene
+    return mechanism.ideal() if ideal else mechanism
 
 
 def check_writable(path: Path | None, endings: tuple[str, ...] = ()) -> None:

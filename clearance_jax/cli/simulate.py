@@ -13,11 +13,12 @@ from clearance_jax.cli.common import (
     Ideal,
     SceneFile,
     Settings,
+    changed,
     check_distinct,
     check_writable,
     console,
     errors,
-    read_mechanism,
+    read_scene,
     say_written,
     warn,
 )
@@ -30,11 +31,16 @@ DEFAULTS = {"rtol": 1e-8, "samples": 1001, "solver": "tsit5"}
 def simulate(
     scene_file: SceneFile,
     settings: Settings = None,
-    t1: Annotated[str | None, typer.Option(help="End time with a unit, e.g. 0.5s (default: the scene's).")] = None,
+    t1: Annotated[
+        str | None, typer.Option(help="End time with a unit, e.g. 0.5s (default: the scene's, or the trajectory's).")
+    ] = None,
     rtol: Annotated[float | None, typer.Option(help="Accuracy, e.g. 1e-8 (default: the scene's).")] = None,
     samples: Annotated[int | None, typer.Option(help="Number of output times.", min=2)] = None,
     solver: Annotated[str | None, typer.Option(help="tsit5, or dopri8 for rtol below 1e-8.")] = None,
     start: Annotated[str | None, typer.Option(help="Where pins start: centre, or settled at their walls.")] = None,
+    trajectory: Annotated[
+        Path | None, typer.Option(help="Drives the joints that a CSV file of times and values names.")
+    ] = None,
     ideal: Ideal = False,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Result file (NetCDF).")] = None,
     plot: Annotated[Path | None, typer.Option(help="Figure of the result (.png, .pdf).")] = None,
@@ -43,7 +49,9 @@ def simulate(
 
     Ctrl-C stops the solve and keeps what was computed.
     """
-    mechanism, scene = read_mechanism(scene_file, settings, ideal)
+    scene = read_scene(scene_file)
+    drives = {} if trajectory is None else _drives(trajectory, scene.mechanism)
+    mechanism = changed(scene.mechanism.driven(drives), settings, ideal)
     from clearance_jax.results.dataset import to_dataset
     from clearance_jax.results.store import save
     from clearance_jax.solve.simulate import EnergyWarning, doubt
@@ -51,9 +59,11 @@ def simulate(
 
     check_writable(output)
     check_writable(plot, FIGURES)
-    check_distinct(scene=scene_file, output=output, plot=plot)
+    check_distinct(scene=scene_file, trajectory=trajectory, output=output, plot=plot)
     given = {"t1": t1, "rtol": rtol, "samples": samples, "solver": solver, "start": start}
-    options = _options(scene_file, scene.solve, {k: v for k, v in given.items() if v is not None})
+    usual = {} if not drives else {"t1": _span(drives)[1]}
+    options = _options(scene_file, usual | scene.solve | {k: v for k, v in given.items() if v is not None})
+    _check_covered(trajectory, drives, options)
     end = options.pop("t1")
     with _bar() as bar, warnings.catch_warnings():
         warnings.simplefilter("ignore", EnergyWarning)  # said below, after the result
@@ -74,6 +84,7 @@ def simulate(
             progress=lambda f: bar.update(task, completed=f),
             scene=scene.text,
             settings=" ".join(settings or []),
+            trajectory=str(trajectory or ""),
             solve=repr({"t1": end, **options}),
         )
     _report(mechanism, result, dataset)
@@ -90,8 +101,14 @@ def simulate(
         raise typer.Exit(130 if result.message == "interrupted" else 1)
 
 
-def _options(scene_file: Path, scene: dict[str, Any], given: dict[str, Any]) -> dict[str, Any]:
-    """How to solve: what is given on the command line, or else in the scene, or else usual."""
+def _drives(trajectory: Path, mechanism: Any) -> dict[str, Any]:
+    from clearance_jax.io.trajectory import read_trajectory
+
+    return read_trajectory(trajectory, mechanism)
+
+
+def _options(scene_file: Path, given: dict[str, Any]) -> dict[str, Any]:
+    """How to solve: what is given on the command line, in the scene or by a trajectory, or else usual."""
     from clearance_jax.solve.attempt import STARTS
     from clearance_jax.solve.settings import SOLVERS
     from clearance_jax.units import to_si
@@ -101,12 +118,32 @@ def _options(scene_file: Path, scene: dict[str, Any], given: dict[str, Any]) -> 
         raise ClearanceError(f"`--solver` must be {' or '.join(SOLVERS)}, but it is {solver!r}.")
     if given.get("start") not in (None, *STARTS):
         raise ClearanceError(f"`--start` must be {' or '.join(STARTS)}, but it is {given['start']!r}.")
-    if "t1" in given:
-        given = given | {"t1": to_si(given["t1"], "s", "`--t1`")}
-    options = DEFAULTS | scene | given
+    options = DEFAULTS | given
     if "t1" not in options:
         raise ClearanceError(f"{scene_file}: the table `solve` has no `t1`. Add one, or give `--t1 1s`.")
+    if isinstance(options["t1"], str):
+        options["t1"] = to_si(options["t1"], "s", "`--t1`")
     return options
+
+
+def _span(drives: dict[str, Any]) -> tuple[float, float]:
+    """First and last time of a trajectory, which all of its drives have in common [s]."""
+    times = next(iter(drives.values())).times
+    return float(times[0]), float(times[-1])
+
+
+def _check_covered(trajectory: Path | None, drives: dict[str, Any], options: dict[str, Any]) -> None:
+    """Raise where the motion begins before the trajectory does, or ends after it (by more than round-off)."""
+    if not drives:
+        return
+    (first, last), t0, t1 = _span(drives), options.get("t0", 0.0), options["t1"]
+    hair, outside = 1e-9 * (last - first), ""
+    if t0 < first - hair:
+        outside = f"t0 is {t0:.9g} s, but the trajectory `{trajectory}` begins at {first:.9g} s"
+    elif t1 > last + hair:
+        outside = f"t1 is {t1:.9g} s, but the trajectory `{trajectory}` ends at {last:.9g} s"
+    if outside:
+        raise ClearanceError(f"{outside}. Change the one or the other.")
 
 
 def _bar() -> Progress:

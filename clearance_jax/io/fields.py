@@ -23,8 +23,8 @@ def _key(field: dataclasses.Field) -> Key:
         return Pair(*words, unit="m", **common)
     if "unit" in about:
         common |= {"unit": about["unit"], "default": None if required else field.default}
-        # A table of numbers has a dimension in its annotation, one number none.
-        many = bool(getattr(field.type, "dim_str", "").strip())
+        # A table of numbers has a dimension in its annotation, one number none; either may be optional.
+        many = any(getattr(kind, "dim_str", "").strip() for kind in (field.type, *get_args(field.type)))
         return Quantities(*words, **common) if many else Quantity(*words, bounds=about, **common)
     common |= {"default": None if required else field.default}
     if get_origin(field.type) is Literal:

@@ -12,11 +12,21 @@ from clearance_jax.joints import RevoluteClearance
 from clearance_jax.laws import FRICTION_LAWS, NORMAL_LAWS, InternalHertz
 from clearance_jax.mechanism.body import Body, ConstantEffort, JointSpring, Motion, Point, Servo, Spring
 from clearance_jax.mechanism.drives import ConstantSpeed, Harmonic, Spline, Step5Sum, StepSum
+from clearance_jax.mechanism.profiles import Constant, Quintic, Trapezoid
 from clearance_jax.mechanism.tree import Fixed, Prismatic, Revolute
 from clearance_jax.solve.attempt import STARTS
 from clearance_jax.solve.settings import MOST_SAMPLES, SOLVERS
 
-DRIVES = {"constant-speed": ConstantSpeed, "step": StepSum, "step5": Step5Sum, "harmonic": Harmonic, "spline": Spline}
+DRIVES = {
+    "constant": Constant,
+    "constant-speed": ConstantSpeed,
+    "step": StepSum,
+    "step5": Step5Sum,
+    "harmonic": Harmonic,
+    "trapezoid": Trapezoid,
+    "quintic": Quintic,
+    "spline": Spline,
+}
 ACTUATORS = {"constant": ConstantEffort, "servo": Servo, "spring": JointSpring}
 JOINTS = {"revolute": Revolute, "prismatic": Prismatic, "fixed": Fixed}
 

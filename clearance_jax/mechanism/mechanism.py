@@ -11,6 +11,7 @@ from jaxtyping import Array
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.joints import AbstractClearance, PreparedClearance
 from clearance_jax.mechanism.body import GROUND, Body, Point, Spring
+from clearance_jax.mechanism.driving import check_drives, with_drives
 from clearance_jax.mechanism.links import UNROLLED, Links, links_of
 from clearance_jax.mechanism.placement import Gravity, Inertia, Position
 from clearance_jax.mechanism.tree import AbstractJoint, Coordinate, Revolute
@@ -232,6 +233,18 @@ class Mechanism(eqx.Module):
             new = eqx.tree_at(lambda j: j.clearance, joint, clearance, is_leaf=lambda x: x is None)
         changed = self._with_joints(lambda j: new if j.name == name else j)
         return changed if radial is None else replace(changed, {f"{name}.radial_clearance": radial})
+
+    def driven(self, drives: Mapping[str, Any]) -> "Mechanism":
+        """The same mechanism with other drives (`cj.Trapezoid`, `cj.read_trajectory`, ...) of the named coordinates.
+
+        A coordinate that was free is no state any more, and loses its actuators; limits are kept.
+
+        **Arguments:** `drives`: motion laws by the name of a coordinate of the tree (its joint's, if it has but one).
+
+        **Raises:** `ClearanceError` for an unknown coordinate, for play, and for a joint that closes a loop.
+        """
+        check_drives(self.joints, drives)
+        return self._with_joints(lambda joint: with_drives(joint, drives))
 
     def _with_joints(self, change) -> "Mechanism":
         return Mechanism(

@@ -1,0 +1,48 @@
+"""Coordinates of joints by their names, to be given other drives."""
+
+import dataclasses
+from collections.abc import Iterable, Mapping
+
+from clearance_jax.errors import ClearanceError, quoted, suggest
+from clearance_jax.mechanism.body import Motion
+from clearance_jax.mechanism.drives import AbstractMotionLaw
+from clearance_jax.mechanism.tree import AbstractJoint, Coordinate
+
+
+def drivable(joints: Iterable[AbstractJoint]) -> dict[str, Coordinate]:
+    """The coordinates of joints of the tree that a drive may prescribe, by name: all but play, and what turns freely in
+    space.
+    """
+    return {c.name: c for joint in joints for c in joint.coordinates() if _field(joint, c) is not None}
+
+
+def with_drives(joint: AbstractJoint, drives: Mapping[str, AbstractMotionLaw]) -> AbstractJoint:
+    """The joint with the drives of those of its coordinates that are named."""
+    changed = {}
+    for coordinate in joint.coordinates():
+        field = _field(joint, coordinate)
+        if field is not None and coordinate.name in drives:
+            # Whatever else a motion has (what its motor can do) stays; actuators would act on nothing.
+            changed[field] = dataclasses.replace(coordinate.motion, drive=drives[coordinate.name], actuators=())
+    return dataclasses.replace(joint, **changed) if changed else joint
+
+
+def check_drives(joints: Iterable[AbstractJoint], drives: Mapping[str, object]) -> None:
+    """Raise for a coordinate that cannot be driven, and for what is no drive."""
+    known = drivable(joints)
+    for name, drive in drives.items():
+        if name not in known:
+            raise ClearanceError(f"There is no coordinate `{name}` to drive. " + suggest(str(name), known))
+        if not isinstance(drive, AbstractMotionLaw):
+            raise ClearanceError(
+                f"`{name}` must be driven by a drive, for instance `Constant(0.5)`, but it was given {quoted(drive)}."
+            )
+
+
+def _field(joint: AbstractJoint, coordinate: Coordinate) -> str | None:
+    """The joint's field that holds the motion of its coordinate."""
+    for field in dataclasses.fields(joint):
+        value = getattr(joint, field.name)
+        if isinstance(value, Motion) and value is coordinate.motion:
+            return field.name
+    return None

@@ -1,0 +1,232 @@
+"""Drives that a robot's controller knows: held, moved from point to point, led through via points.
+
+All but the first are polynomials one after another, and are prepared to those.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+
+from clearance_jax._types import Scalar
+from clearance_jax.errors import ClearanceError
+from clearance_jax.mechanism.drives import AbstractDrive, Values
+from clearance_jax.mechanism.minimum_jerk import HERMITE, least_jerk
+from clearance_jax.mechanism.pieces import Pieces
+from clearance_jax.parameters import physical
+
+# The part of a move's duration at constant speed where none is given: of all trapezoids the one that needs the least
+# of the integral of q''^2.
+THIRD = 1 / 3
+
+
+class Constant(AbstractDrive):
+    """q = value: the coordinate is held."""
+
+    value: Scalar = physical("coordinate", help="value at which the coordinate is held", example='"30 deg"')
+
+    def __call__(self, time):
+        return self.value, 0.0, 0.0
+
+
+class Ramps(NamedTuple):
+    """Of each move of a `Trapezoid`: how long it speeds up, and slows down (`ramp`), how long it keeps its `speed`."""
+
+    ramp: Values
+    cruise: Values
+    speed: Values
+
+
+class Trapezoid(AbstractDrive):
+    """Moves from point to point, each with a speed that grows evenly, is kept, and falls evenly to zero; q'' jumps.
+
+    Each is as fast as the limits `speed` and `acceleration` allow (a short one never reaches the speed), or takes its
+    `duration`. A move waits until the one before it has ended.
+
+    **Arguments:**
+
+    - `begin` [s] and `rise`, of shape (n,): when each move begins, and by how much it moves.
+    - `speed`, `acceleration`: limits, greater than zero; or instead of them
+    - `duration` [s], of shape (n,): of each move, and `cruise`: the part of it at constant speed, a third by default.
+      Moves of several coordinates with equal durations are synchronous from begin to end.
+    - `offset`: the value before the moves.
+
+    Where a move begins just as the one before it ends, and where one only just reaches its speed, derivatives by its
+    numbers are those of one side. A move with a rise of zero takes no time under limits.
+
+    **Raises:** `ClearanceError` for lists of different lengths, for neither or both of limits and durations, and for
+    limits and durations that are not greater than zero.
+    """
+
+    begin: Values = physical("s", help="when each move begins, at the earliest", example='["0 s", "1 s"]')
+    rise: Values = physical("coordinate", help="by how much each moves", example='["90 deg", "-30 deg"]')
+    speed: Scalar | None = physical(
+        "coordinate/s",
+        above=0.0,
+        default=None,
+        help="limit of the speed",
+        example='"180 deg/s"',
+        absent="moves by `duration`",
+    )
+    acceleration: Scalar | None = physical(
+        "coordinate/s^2",
+        above=0.0,
+        default=None,
+        help="limit of the acceleration",
+        example='"720 deg/s^2"',
+        absent="moves by `duration`",
+    )
+    duration: Values | None = physical(
+        "s",
+        above=0.0,
+        default=None,
+        help="how long each takes, instead of `speed` and `acceleration`",
+        example='["0.5 s", "0.25 s"]',
+        absent="as fast as `speed` and `acceleration` allow",
+    )
+    cruise: Scalar | None = physical(
+        "",
+        least=0.0,
+        below=1.0,
+        default=None,
+        help="part of the duration at constant speed",
+        example="0.5",
+        absent="a third",
+    )
+    offset: Scalar = physical("coordinate", default=0.0, help="value before the moves", example='"10 deg"')
+
+    def __check_init__(self):
+        lists = [x for x in (self.begin, self.rise, self.duration) if x is not None]
+        if any(x.ndim != 1 or x.shape != self.begin.shape for x in lists) or self.begin.size == 0:
+            raise ClearanceError("A trapezoid drive needs `begin`, `rise` and any `duration` as lists of one length.")
+        limits = [self.speed, self.acceleration]
+        given = sum(x is not None for x in limits)
+        if given == 1 or (given == 2) == (self.duration is not None):
+            raise ClearanceError("A trapezoid drive needs `speed` and `acceleration`, or `duration` instead of both.")
+        if self.cruise is not None and self.duration is None:
+            raise ClearanceError("`cruise` is a part of a `duration`: a trapezoid drive with limits takes none.")
+        for name in ("speed", "acceleration", "duration"):
+            value = getattr(self, name)
+            if value is not None and not isinstance(value, Tracer) and not np.all(value > 0):
+                raise ClearanceError(f"`{name}` of a trapezoid drive must be greater than zero.")
+
+    def ramps(self) -> Ramps:
+        """How each move goes."""
+        if self.duration is not None:
+            return _timed(self.rise, self.duration, THIRD if self.cruise is None else self.cruise)
+        assert self.speed is not None
+        assert self.acceleration is not None
+        return _limited(self.rise, self.speed, self.acceleration)
+
+    def begins(self, ramps: Ramps) -> Values:
+        """When each move begins [s], having waited for those before it."""
+        span = 2 * ramps.ramp + ramps.cruise
+        past = jnp.cumsum(span) - span
+        # Without the time that the moves before take, all that is left of waiting is: none begins before another.
+        latest = jax.lax.cummax(self.begin - past)
+        return jnp.where(self.begin - past >= latest, self.begin, past + latest)
+
+    def prepared(self):
+        ramps = self.ramps()
+        ramp, cruise, speed = ramps
+        begin, after = self.begins(ramps), self.offset + jnp.cumsum(self.rise)
+        times = begin[:, None] + jnp.cumsum(jnp.stack([0 * ramp, ramp, cruise, ramp], axis=-1), axis=-1)
+        turned = speed * ramp / 2  # by how much it moves while its speed changes
+        none, bend = jnp.zeros_like(ramp), speed / jnp.where(ramp > 0, ramp, 1.0) / 2
+        pieces = [
+            (after - self.rise, none, bend),
+            (after - self.rise + turned, speed, none),
+            (after - turned, speed, -bend),
+            (after, none, none),
+        ]
+        moves = jnp.stack([jnp.stack(piece, axis=-1) for piece in pieces], axis=1).reshape(-1, 3)
+        before = jnp.zeros((1, 3)).at[0, 0].set(self.offset)
+        return Pieces(jnp.concatenate([before, moves]), times.ravel())
+
+    def __call__(self, time):
+        return self.prepared()(time)
+
+    def breaks(self):
+        return self.prepared().times
+
+
+def _timed(rise: Values, duration: Values, part: Scalar | float) -> Ramps:
+    cruise = duration * part
+    ramp = (duration - cruise) / 2
+    return Ramps(ramp, cruise, rise / (ramp + cruise))
+
+
+def _limited(rise: Values, speed: Scalar, acceleration: Scalar) -> Ramps:
+    # A move by nothing would be 0 / 0: it is computed as one by one, and counts for nothing.
+    still = rise == 0
+    size = jnp.where(still, 1.0, jnp.abs(rise))
+    reached = size * acceleration > speed**2
+    peak = jnp.where(reached, speed, jnp.sqrt(jnp.where(reached, 1.0, size * acceleration)))
+    ramp = peak / acceleration
+    cruise = jnp.where(reached & ~still, size / peak - ramp, 0.0)
+    return Ramps(jnp.where(still, 0.0, ramp), cruise, jnp.sign(rise) * peak)
+
+
+class Quintic(AbstractDrive):
+    """Through via points by a quintic between each two of them: q'' is continuous, q''' may jump at the points.
+
+    Without speeds and accelerations it is the smoothest curve through the points, the one with the least integral of
+    q'''^2, which begins and ends at rest; with speeds only the accelerations are chosen so. Before and after the points
+    it goes on with the speed that it has at the first and the last: at rest it stays there.
+
+    **Arguments:** `times` [s] (increasing), `values`, and if they are to be prescribed `speeds`, and with them
+    `accelerations`, all of shape (n,) with n >= 2.
+    """
+
+    times: Values = physical("s", help="times of the via points, increasing", example='["0 s", "1 s", "2 s"]')
+    values: Values = physical(
+        "coordinate", help="the coordinate at these times", example='["0 deg", "90 deg", "45 deg"]'
+    )
+    speeds: Values | None = physical(
+        "coordinate/s",
+        default=None,
+        help="its rates at these times",
+        example='["0 deg/s", "20 deg/s", "0 deg/s"]',
+        absent="those of least jerk, at rest at both ends",
+    )
+    accelerations: Values | None = physical(
+        "coordinate/s^2",
+        default=None,
+        help="its second rates at these times, only with `speeds`",
+        example='["0 deg/s^2", "-30 deg/s^2", "0 deg/s^2"]',
+        absent="those of least jerk, zero at both ends",
+    )
+
+    def __check_init__(self):
+        lists = [x for x in (self.times, self.values, self.speeds, self.accelerations) if x is not None]
+        if self.times.ndim != 1 or self.times.size < 2 or any(x.shape != self.times.shape for x in lists):
+            raise ClearanceError(
+                "A quintic drive needs `times`, `values` and any `speeds` and `accelerations` of one length of at "
+                "least 2."
+            )
+        if self.accelerations is not None and self.speeds is None:
+            raise ClearanceError("A quintic drive with `accelerations` needs `speeds` too.")
+        if not isinstance(self.times, Tracer) and not np.all(np.diff(self.times) > 0):
+            raise ClearanceError("The `times` of a quintic drive must increase.")
+
+    def prepared(self):
+        if self.speeds is None or self.accelerations is None:
+            speeds, accelerations = least_jerk(self.times, self.values, self.speeds)
+        else:
+            speeds, accelerations = self.speeds, self.accelerations
+        h, rise = jnp.diff(self.times), jnp.diff(self.values)
+        left = [h * speeds[:-1], h**2 * accelerations[:-1]]
+        right = [h * speeds[1:], h**2 * accelerations[1:]]
+        higher = jnp.stack([*left, *right, rise], axis=-1) @ HERMITE.T
+        powers = jnp.stack([self.values[:-1], left[0], left[1] / 2, *higher.T], axis=-1)
+        inner = powers / h[:, None] ** jnp.arange(6)[None]
+        first, last = (jnp.zeros(6).at[0].set(self.values[k]).at[1].set(speeds[k])[None] for k in (0, -1))
+        return Pieces(jnp.concatenate([first, inner, last]), self.times)
+
+    def __call__(self, time):
+        return self.prepared()(time)
+
+    def breaks(self):
+        return self.times
