@@ -1,0 +1,385 @@
+"""URDF files: what is refused and how, what a stranger's XML cannot do, and links merged against direct sums."""
+
+import numpy as np
+import pytest
+
+from clearance_jax.errors import LONGEST, ClearanceError
+from clearance_jax.io.poses import rotation_of, rpy_of
+from clearance_jax.io.table import naming
+from clearance_jax.io.urdf_bodies import doubts
+from clearance_jax.io.urdf_file import read_urdf
+from clearance_jax.io.urdf_merge import merged
+from clearance_jax.io.urdf_moved import mass_matrix
+from clearance_jax.io.xml_file import read_xml
+from clearance_jax.mechanism.limits import Limits
+from tests.urdf_cases import ARM, AXIS, BAD, INERTIA, MASS
+
+
+@pytest.fixture
+def written(tmp_path):
+    def write(text):
+        path = tmp_path / "robot.urdf"
+        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+        return path
+
+    return write
+
+
+def all_of(path):
+    """What is done before a mechanism is made."""
+    robot = merged(read_urdf(path)[1])
+    bodies = {joint.child: robot.bodies[joint.child] for joint in robot.joints}
+    with naming(str(path)):
+        return robot, doubts(robot.joints, bodies)
+
+
+def refused(path, words):
+    with pytest.raises(ClearanceError) as caught:
+        all_of(path)
+    said = str(caught.value)
+    assert words in said
+    assert path.name in said
+    assert len(said) <= LONGEST
+    assert said.endswith((".", "`."))
+    return said
+
+
+def test_what_a_file_says(written):
+    text, robot = read_urdf(written(ARM))
+    assert text == ARM
+    assert (robot.name, robot.root) == ("arm", "base")
+    shoulder, elbow, flange = robot.joints
+    assert (shoulder.xyz, shoulder.rpy, shoulder.axis) == ((0, 0, 0.3), (0, 0, 0.5), (0, 0, 1))
+    assert shoulder.limits == Limits(-2, 2.5, 3, 40)
+    assert (shoulder.damping, shoulder.friction) == (0.5, 0.1)
+    assert (elbow.axis, elbow.limits) == ((0, 1, 0), Limits(None, None, 4, None))
+    assert (flange.kind, flange.limits, flange.mimic) == ("fixed", None, None)
+    base, upper, fore, _ = robot.links
+    assert (base.mass, upper.mass, fore.line) == (0, 2.5, 13)
+    assert upper.center.tolist() == [0.1, 0.02, -0.03]
+    given = np.array([[0.02, 0.001, -0.002], [0.001, 0.03, 0.003], [-0.002, 0.003, 0.04]])
+    turn = rotation_of((0.1, -0.2, 0.3))
+    np.testing.assert_allclose(upper.inertia, turn @ given @ turn.T, atol=1e-17)
+    np.testing.assert_array_equal(fore.inertia, given)
+
+
+def test_defaults_of_the_format(written):
+    text = ARM.replace('<axis xyz="0 0 1"/>', "").replace('lower="-2" upper="2.5"', 'upper="2.5"')
+    text = text.replace('ixy="0.001" ixz="-0.002" iyz="0.003"', "")
+    (shoulder, elbow, _), links = read_urdf(written(text))[1].joints, read_urdf(written(text))[1].links
+    assert shoulder.axis == (1, 0, 0)
+    assert shoulder.limits == Limits(0, 2.5, 3, 40)
+    assert (elbow.rpy, elbow.damping) == ((0, 0, 0), 0)
+    np.testing.assert_array_equal(links[2].inertia, np.diag([0.02, 0.03, 0.04]))
+    nothing_said = ARM.replace('lower="-2" upper="2.5" ', "")
+    assert read_urdf(written(nothing_said))[1].joints[0].limits == Limits(None, None, 3, 40)
+
+
+@pytest.mark.parametrize(
+    ("limits", "start"),
+    [
+        (Limits(), 0),
+        (Limits(-1, 2), 0),
+        (Limits(1, 2), 1.5),
+        (Limits(-3, -1), -2),
+        (Limits(lower=0.5), 0.5),
+        (Limits(upper=-0.5), -0.5),
+        (Limits(lower=-0.5), 0),
+    ],
+)
+def test_where_a_motion_may_start(limits, start):
+    assert limits.middle() == start
+
+
+def test_joints_come_parents_first_and_limb_by_limb(written):
+    links = "".join(f'<link name="{name}"/>' for name in "fedcba")
+
+    def joint(parent, child):
+        return f'<joint name="{parent}{child}" type="fixed"><parent link="{parent}"/><child link="{child}"/></joint>'
+
+    pairs = ("cd", "ab", "bc", "ae", "ef")
+    text = f"<robot name='r'>{links}{''.join(joint(*pair) for pair in pairs)}</robot>"
+    _, robot = read_urdf(written(text))
+    assert [j.name for j in robot.joints] == ["ab", "bc", "cd", "ae", "ef"]
+    assert robot.root == "a"
+
+
+# What is refused ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_files_are_refused_by_name(case, written):
+    old, new, words = BAD[case]
+    assert ARM.count(old) >= 1
+    said = refused(written(ARM.replace(old, new, 1)), words)
+    assert "line" in said or "robot" in said
+
+
+def test_joints_that_mimic_in_a_circle(written):
+    text = ARM.replace(AXIS, AXIS + '<mimic joint="shoulder"/>')
+    text = text.replace('<axis xyz="0 0 1"/>', '<axis xyz="0 0 1"/><mimic joint="elbow" multiplier="-2"/>')
+    refused(written(text), "`shoulder`, `elbow` mimic one another")
+
+
+def test_a_chain_of_thousands_is_judged_at_once(written):
+    links = "".join(f'<link name="l{i}"/>' for i in range(1999))
+    joints = "".join(
+        f'<joint name="j{i}" type="fixed"><parent link="l{i}"/><child link="l{i + 1}"/></joint>' for i in range(1998)
+    )
+    _, robot = read_urdf(written(f"<robot name='r'>{links}{joints}</robot>"))
+    assert len(robot.joints) == 1998
+    more = links + "".join(f'<link name="m{i}"/>' for i in range(2))
+    refused(written(f"<robot name='r'>{more}{joints}</robot>"), "has 2001 links, but 2000 are the most")
+
+
+# XML ------------------------------------------------------------------------------------------------------------------
+
+LAUGHS = "".join(f'<!ENTITY l{i + 1} "{f"&l{i};" * 10}">' for i in range(9))
+TRICKS = {
+    "billion laughs": f'<!DOCTYPE r [<!ENTITY l0 "lol">{LAUGHS}]><robot name="&l9;"/>',
+    "one entity": '<!DOCTYPE r [<!ENTITY a "b">]><robot name="&a;"/>',
+    "a file": '<!DOCTYPE r [<!ENTITY a SYSTEM "file:///etc/passwd">]><robot name="&a;"/>',
+    "an address": '<!DOCTYPE r SYSTEM "http://localhost:9/evil.dtd"><robot name="r"/>',
+    "a parameter entity": '<!DOCTYPE r [<!ENTITY % a SYSTEM "http://localhost:9/x"> %a;]><robot name="r"/>',
+}
+
+
+@pytest.mark.parametrize("trick", TRICKS)
+def test_document_types_are_refused(trick, written, monkeypatch):
+    monkeypatch.setattr("socket.socket", None)
+    said = refused(written(TRICKS[trick]), "declares a document type")
+    assert "passwd" not in said
+
+
+NOT_XML = {
+    "nothing": (b"", "not valid XML"),
+    "no element": (b"<?xml version='1.0'?>", "not valid XML: no element found"),
+    "half a file": (ARM[:900].encode(), "not valid XML"),
+    "an unknown entity": (b'<robot name="&what;"/>', "not valid XML: undefined entity"),
+    "two elements": (b"<robot/><robot/>", "not valid XML: junk after document element"),
+    "an attribute twice": (b'<robot name="a" name="b"/>', "not valid XML: duplicate attribute"),
+    "an unbound prefix": (b"<robot><sensor:camera/></robot>", "not valid XML: unbound prefix"),
+    "a zero byte": (b'<robot name="a\0"/>', "not valid XML"),
+    "latin letters": ('<robot name="é"/>'.encode("latin-1"), "it is not a text in UTF-8"),
+    "two bytes a letter": (ARM.encode("utf-16"), "it is not a text in UTF-8"),
+    "nested without end": (b"<a>" * 200_000, "nested deeper than 100"),
+    "a scene": (b'name = "slider-crank"', "not valid XML"),
+}
+
+
+@pytest.mark.parametrize("case", NOT_XML)
+def test_what_is_no_xml_is_refused(case, written):
+    data, words = NOT_XML[case]
+    refused(written(data), words)
+
+
+def test_a_file_too_large_is_not_read(written, monkeypatch):
+    monkeypatch.setattr("clearance_jax.io.xml_file.LARGEST_XML", 1_000_000)
+    refused(written(ARM + " " * 1_000_000), "larger than 1 MB")
+
+
+def test_what_is_no_file_is_refused(tmp_path):
+    for path in (tmp_path, tmp_path / "none.urdf"):
+        with pytest.raises(ClearanceError, match="URDF file"):
+            read_urdf(path)
+
+
+def test_declared_encodings_and_marks_do_not_matter(written):
+    for start in (b"\xef\xbb\xbf", b""):
+        text = start + ARM.replace('version="1.0"?', 'version="1.0" encoding="utf-8"?').encode()
+        assert read_urdf(written(text))[1].name == "arm"
+
+
+def test_elements_know_their_lines(written):
+    _, top = read_xml(written("<a>\n<b/>\n\n<c\n x='1'><d/></c></a>"), "file")
+    b, c = top.children
+    assert (top.line, b.line, c.line, c.children[0].line) == (1, 2, 4, 5)
+    assert c.attributes == {"x": "1"}
+
+
+# Merging --------------------------------------------------------------------------------------------------------------
+
+
+def origin(rng):
+    def three(scale):
+        return " ".join(repr(float(v)) for v in rng.uniform(-scale, scale, 3))
+
+    return f'<origin xyz="{three(1)}" rpy="{three(3)}"/>'
+
+
+def random_link(name, rng):
+    half = rng.normal(size=(3, 5))
+    spread = half @ half.T
+    inertia = np.trace(spread) * np.eye(3) - spread  # of masses in space, so that there is such a body
+    keys = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
+    words = " ".join(f'{key}="{float(inertia[at])!r}"' for key, at in keys.items())
+    mass = f'<mass value="{float(rng.uniform(0.1, 3))!r}"/>'
+    return f'<link name="{name}"><inertial>{origin(rng)}{mass}<inertia {words}/></inertial></link>'
+
+
+def tree(seed, count=12):
+    """A random tree: half of its joints are fixed, a third of its links weigh nothing."""
+    rng = np.random.default_rng(seed)
+    links, joints = [], []
+    for i in range(count):
+        links.append(random_link(f"l{i}", rng) if rng.random() < 0.7 or i == 0 else f'<link name="l{i}"/>')
+    for i in range(1, count):
+        kind = rng.choice(["fixed", "revolute", "prismatic"], p=[0.5, 0.3, 0.2])
+        joints.append(
+            f'<joint name="j{i}" type="{kind}">{origin(rng)}<parent link="l{rng.integers(i)}"/><child link="l{i}"/>'
+            f'<axis xyz="{rng.normal():.3f} 1 {rng.normal():.3f}"/></joint>'
+        )
+    rng.shuffle(links)
+    return f"<robot name='r'>{''.join(links)}{''.join(joints)}</robot>"
+
+
+def homogeneous(xyz, rpy):
+    out = np.eye(4)
+    roll, pitch, yaw = rpy
+    for angle, i, j in ((yaw, 0, 1), (pitch, 2, 0), (roll, 1, 2)):
+        turn = np.eye(4)
+        turn[i, i] = turn[j, j] = np.cos(angle)
+        turn[j, i], turn[i, j] = np.sin(angle), -np.sin(angle)
+        out = out @ turn
+    out[:3, 3] = xyz
+    return out
+
+
+def moved(joint, q):
+    """The pose of a joint's child in its parent."""
+    out = homogeneous(joint.xyz, joint.rpy)
+    axis = np.array(joint.axis)
+    x, y, z = axis
+    if joint.kind == "prismatic":
+        return out @ homogeneous(q * axis, (0, 0, 0))
+    if joint.kind == "fixed":
+        return out
+    skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    turn = np.eye(4)
+    turn[:3, :3] = np.cos(q) * np.eye(3) + np.sin(q) * skew + (1 - np.cos(q)) * np.outer(axis, axis)
+    return out @ turn
+
+
+def poses(root, joints, q):
+    found = {root: np.eye(4)}
+    for joint in joints:
+        found[joint.child] = found[joint.parent] @ moved(joint, q.get(joint.name, 0.0))
+    return found
+
+
+def pseudo_inertia(mass, center, inertia):
+    """Mass, first and second moments of a body in its frame, 4 by 4: linear in what it is made of."""
+    second = np.trace(inertia) / 2 * np.eye(3) - inertia + mass * np.outer(center, center)
+    return np.block([[second, mass * center[:, None]], [mass * center[None, :], np.array([[mass]])]])
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_merging_against_direct_sums(seed, written):
+    _, robot = read_urdf(written(tree(seed)))
+    whole = merged(robot)
+    q = {joint.name: 0.1 * i - 0.5 for i, joint in enumerate(robot.joints)}
+    links, bodies = poses(robot.root, robot.joints, q), poses(robot.root, whole.joints, q)
+    assert set(bodies) == set(whole.bodies)
+    for name, (body, pose) in whole.frames.items():
+        here = np.eye(4)
+        here[:3, :3], here[:3, 3] = pose.rotation, pose.position
+        np.testing.assert_allclose(bodies[body] @ here, links[name], atol=1e-14)
+    for name, body in whole.bodies.items():
+        parts = [link for link in robot.links if whole.frames[link.name].body == name]
+        assert sorted(body.links) == sorted(link.name for link in parts)
+        assert body.links[0] == name
+        expected = np.zeros((4, 4))
+        for link in parts:
+            expected += links[link.name] @ pseudo_inertia(link.mass, link.center, link.inertia) @ links[link.name].T
+        found = bodies[name] @ pseudo_inertia(body.mass, body.center, body.inertia) @ bodies[name].T
+        np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+def test_what_is_not_merged_stays_as_written(written):
+    whole = merged(read_urdf(written(ARM))[1])
+    assert [joint.name for joint in whole.joints] == ["shoulder", "elbow"]
+    assert whole.joints == read_urdf(written(ARM))[1].joints[:2]
+    fore = whole.bodies["fore"]
+    assert (fore.mass, fore.links) == (1.5, ("fore", "tool"))
+    assert fore.inertia[0, 1] == 0.001
+    body, pose = whole.frames["tool"]
+    assert body == "fore"
+    assert pose.position.tolist() == [0.3, 0, 0.01]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_turns_are_found_again(seed):
+    rng = np.random.default_rng(seed)
+    for pitch in (rng.uniform(-1.5, 1.5), np.pi / 2, -np.pi / 2, np.pi / 2 - 1e-7, np.pi / 2 + 1e-12):
+        rpy = np.array([rng.uniform(-3, 3), pitch, rng.uniform(-3, 3)])
+        turn = homogeneous((0, 0, 0), rpy)[:3, :3]
+        np.testing.assert_allclose(rotation_of(rpy), turn, atol=1e-15)
+        np.testing.assert_allclose(rotation_of(rpy_of(turn)), turn, atol=4e-15)
+    assert rpy_of(rotation_of((0, 0, 0.7))).tolist()[:2] == [0, 0]
+    assert rpy_of(np.eye(3)).tolist() == [0, 0, 0]
+
+
+# Bodies that cannot be moved, or cannot be ----------------------------------------------------------------------------
+
+
+def link(name, inertial=f"<inertial>{MASS}{INERTIA}</inertial>"):
+    return f'<link name="{name}">{inertial}</link>'
+
+
+def hinge(name, parent, child, axis, xyz="0 0 0", kind="continuous"):
+    return (
+        f'<joint name="{name}" type="{kind}"><origin xyz="{xyz}"/><parent link="{parent}"/><child link="{child}"/>'
+        f'<axis xyz="{axis}"/></joint>'
+    )
+
+
+def robot(*parts):
+    return f"<robot name='r'>{''.join(parts)}</robot>"
+
+
+def test_links_without_mass_between_joints(written):
+    between = link("base"), link("cross", ""), link("arm")
+    _, said = all_of(
+        written(robot(*between, hinge("a", "base", "cross", "1 0 0"), hinge("b", "cross", "arm", "0 1 0")))
+    )
+    assert said == []
+    in_line = hinge("a", "base", "cross", "0 0 1"), hinge("b", "cross", "arm", "0 0 1", "0 0 0.5")
+    refused(written(robot(*between, *in_line)), "can move without moving any mass")
+    beside = hinge("a", "base", "cross", "0 0 1"), hinge("b", "cross", "arm", "0 0 1", "0.5 0 0")
+    assert all_of(written(robot(*between, *beside)))[1] == []
+    sliding = hinge("a", "base", "cross", "0 0 1", kind="prismatic"), hinge("b", "cross", "arm", "0 0 1", "0.5 0 0")
+    assert all_of(written(robot(*between, *sliding)))[1] == []
+    free = hinge("a", "base", "cross", "0 0 1"), hinge("b", "cross", "arm", "0 0 1", kind="floating")
+    refused(written(robot(*between, *free)), "can move without moving any mass")
+    plane = hinge("a", "base", "cross", "1 0 0"), hinge("b", "cross", "arm", "0 0 1", kind="planar")
+    assert all_of(written(robot(*between, *plane)))[1] == []
+    in_plane = hinge("a", "base", "cross", "1 0 0"), hinge("b", "cross", "arm", "1 0 0", kind="planar")
+    refused(written(robot(*between, *in_plane)), "can move without moving any mass")
+
+
+def test_the_mass_matrix_of_two_links(written):
+    """Against the double pendulum of the textbooks, at the angle that the function chose."""
+    text = robot(
+        link("base"), link("a"), link("b"), hinge("one", "base", "a", "0 0 1"), hinge("two", "a", "b", "0 0 1", "2 0 0")
+    ).replace("<mass", '<origin xyz="1 0 0"/><mass')
+    whole = merged(read_urdf(written(text))[1])
+    matrix, owners = mass_matrix(whole.joints, {name: whole.bodies[name] for name in "ab"}, 3)
+    assert [joint.name for joint in owners] == ["one", "two"]
+    turn, m = 0.04 + 1.5, 1.5
+    np.testing.assert_allclose(matrix[1, 1], turn, rtol=1e-14)
+    cosine = (matrix[0, 1] - turn) / (m * 2)
+    assert -1 < cosine < 1
+    np.testing.assert_allclose(matrix[0, 0], 2 * turn + m * 4 + 2 * m * 2 * cosine, rtol=1e-14)
+
+
+def test_what_no_body_has_is_said(written):
+    impossible = INERTIA.replace('izz="0.04"', 'izz="0.4"')
+    _, said = all_of(written(ARM.replace(f"{MASS}{INERTIA}", MASS + impossible)))
+    assert len(said) == 1
+    assert "link `fore` has the principal moments" in said[0]
+    # Printed with three digits, the moments of a plate need not add up.
+    plate = '<inertia ixx="0.0111" iyy="0.0222" izz="0.03331" ixy="0" ixz="0" iyz="0"/>'
+    assert all_of(written(ARM.replace(f"{MASS}{INERTIA}", MASS + plate)))[1] == []
+    # What the ground holds is not asked.
+    base = link("base", f"<inertial>{MASS}{impossible}</inertial>")
+    assert all_of(written(ARM.replace('<link name="base"/>', base)))[1] == []
