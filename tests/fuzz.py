@@ -88,9 +88,7 @@ def tried(case: Case, folder: Path) -> tuple[str, Any]:
     """How a case ended ("loaded", "refused"), and what it loaded. **Raises** whatever it must not."""
     from clearance_jax.errors import LONGEST, ClearanceError
 
-    path = (
-        folder / f"{'study' if 'optimize' in case.arguments else case.kind if case.kind == 'study' else 'scene'}.toml"
-    )
+    path = folder / _file_name(case)
     path.write_bytes(case.text)
     if case.kind == "command":
         return commanded(case), None
@@ -100,6 +98,12 @@ def tried(case: Case, folder: Path) -> tuple[str, Any]:
         if not 0 < len(str(error)) <= LONGEST:
             raise Violation(f"a message of {len(str(error))} characters") from error
         return "refused", None
+
+
+def _file_name(case: Case) -> str:
+    if case.kind == "urdf":
+        return "robot.urdf"
+    return "study.toml" if case.kind == "study" or "optimize" in case.arguments else "scene.toml"
 
 
 def laid_out(kind: str, path: Path) -> Any:
@@ -115,6 +119,13 @@ def laid_out(kind: str, path: Path) -> Any:
         specification = study.problem.specification
         assert len(specification.bounds[0]) == len(specification.names)
         return study
+    if kind == "urdf":
+        from clearance_jax.io.urdf_bodies import doubts
+        from clearance_jax.io.urdf_file import read_urdf
+        from clearance_jax.io.urdf_merge import merged
+
+        robot = merged(read_urdf(path)[1])
+        return doubts(robot.joints, {joint.child: robot.bodies[joint.child] for joint in robot.joints})
     scene = load_scene(path)
     check_values(scene.mechanism)
     plan = layout(scene.mechanism)

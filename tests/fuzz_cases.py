@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from clearance_jax.io.keys import reference
+from tests.fuzz_urdf import urdf
 
 ROOT = Path(__file__).resolve().parents[1]
 SCENES = sorted((ROOT / "experiments" / "scenes").glob("*.toml"))
@@ -270,7 +271,18 @@ def odd_path(rng: random.Random) -> str:
     return path
 
 
-KINDS: tuple[Callable[[random.Random], Case], ...] = (scene_case, scene_case, scene_case, study_case, command_case)
+def urdf_case(rng: random.Random) -> Case:
+    return Case("urdf", urdf(rng))
+
+
+KINDS: tuple[Callable[[random.Random], Case], ...] = (
+    scene_case,
+    scene_case,
+    scene_case,
+    study_case,
+    command_case,
+    urdf_case,
+)
 
 
 def cases(count: int, seed: int) -> Iterator[Case]:

@@ -41,6 +41,42 @@ ARM = f"""<?xml version="1.0"?>
   <gazebo reference="upper"><kp>1</kp></gazebo>
 </robot>
 """
+# Every kind of joint, a coordinate that follows another's, axes and turns that are along nothing, names with dots.
+RIG = f"""<?xml version="1.0" encoding="utf-8"?>
+<robot name="rig" xmlns:xacro="http://www.ros.org/wiki/xacro">
+  <link name="world"/>
+  <link name="cart"><inertial><origin xyz="0 0 0.1"/><mass value="3"/>{INERTIA}</inertial></link>
+  <link name="bracket"><inertial><origin rpy="0.3 0 0"/><mass value="0.2"/>{INERTIA}</inertial></link>
+  <link name="slide.1"><inertial><mass value="0.8"/>{INERTIA}</inertial></link>
+  <link name="jaw.left"><inertial><mass value="0.1"/>{INERTIA}</inertial></link>
+  <link name="jaw.right"><inertial><mass value="0.1"/>{INERTIA}</inertial></link>
+  <link name="plate"><inertial><mass value="1"/>{INERTIA}</inertial></link>
+  <link name="drone"><inertial><mass value="0.5"/>{INERTIA}</inertial></link>
+  <joint name="cart" type="prismatic">
+    <origin xyz="0 0.2 0" rpy="0 0 0.4"/><parent link="world"/><child link="cart"/><axis xyz="-1 0 0"/>
+    <limit lower="0.1" upper="0.5" velocity="1" effort="1e3"/>
+  </joint>
+  <joint name="bolted" type="fixed">
+    <origin xyz="0.1 0.2 0.3" rpy="0.4 -0.5 0.6"/><parent link="cart"/><child link="bracket"/>
+  </joint>
+  <joint name="lift" type="prismatic">
+    <origin xyz="0 0 0.2" rpy="0.1 0.2 0.3"/><parent link="bracket"/><child link="slide.1"/><axis xyz="1 2 3"/>
+    <limit lower="-1" upper="1" velocity="1" effort="1000"/><dynamics damping="2"/>
+  </joint>
+  <joint name="grip" type="revolute">
+    <origin xyz="0.05 0 0"/><parent link="slide.1"/><child link="jaw.left"/><axis xyz="0 1 0"/>
+    <limit lower="0" upper="0.8" velocity="1" effort="5"/>
+  </joint>
+  <joint name="follow" type="revolute">
+    <origin xyz="-0.05 0 0"/><parent link="slide.1"/><child link="jaw.right"/><axis xyz="0 -1 0"/>
+    <limit lower="0" upper="0.8" velocity="1" effort="5"/><mimic joint="grip" multiplier="1" offset="0"/>
+  </joint>
+  <joint name="table" type="planar">
+    <origin xyz="1 0 0"/><parent link="world"/><child link="plate"/><axis xyz="0 1 1"/>
+  </joint>
+  <joint name="flight" type="floating"><parent link="world"/><child link="drone"/></joint>
+</robot>
+"""
 
 
 MASSLESS = '<link name="hand"/><joint name="wrist" type="revolute"><parent link="fore"/><child link="hand"/></joint>'
@@ -110,13 +146,13 @@ BAD = {
     "inertia without mass": (
         MASS,
         '<mass value="0"/>',
-        "link `fore` (with 1 links fixed to it) has inertia without mass",
+        "link `fore` (with 1 link fixed to it) has inertia without mass",
     ),
     "no inertia": (f"{MASS}{INERTIA}", MASS, "link `fore` lacks <inertia>. Add one"),
     "a zero inertia": (
         f"{MASS}{INERTIA}",
         MASS + ZERO,
-        "link `fore` (with 1 links fixed to it) must have inertia about every axis",
+        "link `fore` (with 1 link fixed to it) must have inertia about every axis",
     ),
     "a rod": (
         f"{MASS}{INERTIA}",

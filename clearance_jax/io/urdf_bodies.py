@@ -33,7 +33,8 @@ def doubts(joints: Sequence[Joint], bodies: Mapping[str, Rigid]) -> list[str]:
 
 
 def _said(body: Rigid) -> str:
-    others = f" (with {len(body.links) - 1} links fixed to it)" if len(body.links) > 1 else ""
+    fixed = len(body.links) - 1
+    others = f" (with {fixed} link{'s' if fixed > 1 else ''} fixed to it)" if fixed else ""
     return f"line {body.line}: link `{body.name}`{others}"
 
 
