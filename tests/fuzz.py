@@ -206,7 +206,9 @@ def fuzz(count: int, seed: int = 0, solves: int = 0, say: Callable[[str], None] 
     home, argv = Path.cwd(), sys.argv
     outside = Path(tempfile.mkdtemp(prefix="fuzz-"))
     watch = Watch(outside)
-    laid_out("scene", SCENES[0])  # what is made once for all
+    # What is made once for all: programs, and compiled files of modules that are imported for the first time.
+    laid_out("scene", SCENES[0])
+    tried(Case("urdf", b"<robot/>"), outside)
     platform.processor()  # asks a program, once
     try:
         for i, case in enumerate(cases(count, seed)):

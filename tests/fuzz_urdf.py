@@ -10,7 +10,7 @@ from tests.urdf_cases import ARM, BAD, RIG
 SOURCES = (ARM, ARM, RIG)
 WORDS = (
     "0", "1", "-1", "1e-300", "1e308", "1e999", "-0.0", "nan", "inf", "-inf", "0x10", "1_0", "1,5", "1.2.3", "--1",
-    "1e", "0 0 0", "0 0 1", "1e-200 0 0", "0 0", "0 0 0 0", "1e90 1e90 1e90", "3.14159 0 0", "1.5707963267948966 0 0", "",
+    "1e", "0 0 0", "0 0 1", "1e-200 0 0", "0 0", "0 0 0 0", "1e90 1e90 1e90", "1.570796326794897 0 0", "",
     " ", "base", "upper", "fore", "tool", "shoulder", "elbow", "grip", "cart", "slide.1", "ground", "gravity", "drive",
     "fixed", "floating", "planar", "revolute", "continuous", "prismatic", "a.b", "a=b", "é" * 300, "x" * 5000,
     "\u202e\U0001f529", "${x}", "$(find pkg)", "__import__('os').system('touch canary')", "../../etc/passwd",
