@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from clearance_jax.analysis.trust import GradientReport, TrustThresholds, UntrustedGradient, gradient_report
     from clearance_jax.configure import configure
     from clearance_jax.io.scene import load
+    from clearance_jax.io.urdf import load_urdf
     from clearance_jax.joints import AbstractClearance, AbstractElement, RevoluteClearance
     from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, AbstractStiffness
     from clearance_jax.mechanism.body import (
@@ -59,6 +60,7 @@ _NAMES = {
     "analysis.trust": ("GradientReport", "TrustThresholds", "UntrustedGradient", "gradient_report"),
     "configure": ("configure",),
     "io.scene": ("load",),
+    "io.urdf": ("load_urdf",),
     "joints": ("AbstractClearance", "AbstractElement", "RevoluteClearance"),
     "laws": ("AbstractFrictionLaw", "AbstractNormalLaw", "AbstractStiffness"),
     "mechanism.body": (
@@ -150,6 +152,7 @@ __all__ = [
     "laws",
     "load",
     "load_dataset",
+    "load_urdf",
     "measure",
     "metrics",
     "parameters",

@@ -120,18 +120,28 @@ def laid_out(kind: str, path: Path) -> Any:
         assert len(specification.bounds[0]) == len(specification.names)
         return study
     if kind == "urdf":
-        from clearance_jax.io.urdf_bodies import doubts
-        from clearance_jax.io.urdf_file import read_urdf
-        from clearance_jax.io.urdf_merge import merged
-
-        robot = merged(read_urdf(path)[1])
-        return doubts(robot.joints, {joint.child: robot.bodies[joint.child] for joint in robot.joints})
+        return _robot(path)
     scene = load_scene(path)
     check_values(scene.mechanism)
     plan = layout(scene.mechanism)
     assert plan.size >= 2 * plan.free
     assert labels(scene.mechanism)
     return scene
+
+
+def _robot(path: Path) -> Any:
+    """The robot of a file on its base, and where it can be moved by itself, off it."""
+    from clearance_jax.dynamics.quantities import labels
+    from clearance_jax.io.urdf import load_urdf
+    from clearance_jax.mechanism.state import layout
+    from clearance_jax.parameters import check_values
+
+    robot = load_urdf(path, mimic="independent")
+    check_values(robot)
+    assert layout(robot).free >= len(robot.bodies)
+    assert labels(robot)
+    load_urdf(path, mimic="independent", base="free", gravity=(0, 0, 0))
+    return robot
 
 
 class Reached(Exception):

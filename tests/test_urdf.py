@@ -3,16 +3,15 @@
 import numpy as np
 import pytest
 
+import clearance_jax as cj
 from clearance_jax.errors import LONGEST, ClearanceError
 from clearance_jax.io.poses import rotation_of, rpy_of
-from clearance_jax.io.table import naming
-from clearance_jax.io.urdf_bodies import doubts
 from clearance_jax.io.urdf_file import read_urdf
 from clearance_jax.io.urdf_merge import merged
 from clearance_jax.io.urdf_moved import mass_matrix
 from clearance_jax.io.xml_file import read_xml
 from clearance_jax.mechanism.limits import Limits
-from tests.urdf_cases import ARM, AXIS, BAD, INERTIA, MASS
+from tests.urdf_cases import ARM, AXIS, BAD, INERTIA, MASS, ZERO
 
 
 @pytest.fixture
@@ -25,17 +24,9 @@ def written(tmp_path):
     return write
 
 
-def all_of(path):
-    """What is done before a mechanism is made."""
-    robot = merged(read_urdf(path)[1])
-    bodies = {joint.child: robot.bodies[joint.child] for joint in robot.joints}
-    with naming(str(path)):
-        return robot, doubts(robot.joints, bodies)
-
-
 def refused(path, words):
     with pytest.raises(ClearanceError) as caught:
-        all_of(path)
+        cj.load_urdf(path)
     said = str(caught.value)
     assert words in said
     assert path.name in said
@@ -73,22 +64,6 @@ def test_defaults_of_the_format(written):
     np.testing.assert_array_equal(links[2].inertia, np.diag([0.02, 0.03, 0.04]))
     nothing_said = ARM.replace('lower="-2" upper="2.5" ', "")
     assert read_urdf(written(nothing_said))[1].joints[0].limits == Limits(None, None, 3, 40)
-
-
-@pytest.mark.parametrize(
-    ("limits", "start"),
-    [
-        (Limits(), 0),
-        (Limits(-1, 2), 0),
-        (Limits(1, 2), 1.5),
-        (Limits(-3, -1), -2),
-        (Limits(lower=0.5), 0.5),
-        (Limits(upper=-0.5), -0.5),
-        (Limits(lower=-0.5), 0),
-    ],
-)
-def test_where_a_motion_may_start(limits, start):
-    assert limits.middle() == start
 
 
 def test_joints_come_parents_first_and_limb_by_limb(written):
@@ -337,24 +312,33 @@ def robot(*parts):
     return f"<robot name='r'>{''.join(parts)}</robot>"
 
 
-def test_links_without_mass_between_joints(written):
-    between = link("base"), link("cross", ""), link("arm")
-    _, said = all_of(
-        written(robot(*between, hinge("a", "base", "cross", "1 0 0"), hinge("b", "cross", "arm", "0 1 0")))
-    )
-    assert said == []
-    in_line = hinge("a", "base", "cross", "0 0 1"), hinge("b", "cross", "arm", "0 0 1", "0 0 0.5")
-    refused(written(robot(*between, *in_line)), "can move without moving any mass")
-    beside = hinge("a", "base", "cross", "0 0 1"), hinge("b", "cross", "arm", "0 0 1", "0.5 0 0")
-    assert all_of(written(robot(*between, *beside)))[1] == []
-    sliding = hinge("a", "base", "cross", "0 0 1", kind="prismatic"), hinge("b", "cross", "arm", "0 0 1", "0.5 0 0")
-    assert all_of(written(robot(*between, *sliding)))[1] == []
-    free = hinge("a", "base", "cross", "0 0 1"), hinge("b", "cross", "arm", "0 0 1", kind="floating")
-    refused(written(robot(*between, *free)), "can move without moving any mass")
-    plane = hinge("a", "base", "cross", "1 0 0"), hinge("b", "cross", "arm", "0 0 1", kind="planar")
-    assert all_of(written(robot(*between, *plane)))[1] == []
-    in_plane = hinge("a", "base", "cross", "1 0 0"), hinge("b", "cross", "arm", "1 0 0", kind="planar")
-    refused(written(robot(*between, *in_plane)), "can move without moving any mass")
+PARTS = link("base"), link("cross", ""), link("arm")
+BETWEEN = {
+    "a cardan": (hinge("a", "base", "cross", "1 0 0"), hinge("b", "cross", "arm", "0 1 0"), True),
+    "in line": (hinge("a", "base", "cross", "0 0 1"), hinge("b", "cross", "arm", "0 0 1", "0 0 0.5"), False),
+    "parallel": (hinge("a", "base", "cross", "0 0 1"), hinge("b", "cross", "arm", "0 0 1", "0.5 0 0"), True),
+    "a slide": (
+        hinge("a", "base", "cross", "0 0 1", kind="prismatic"),
+        hinge("b", "cross", "arm", "0 0 1", "0.5 0 0"),
+        True,
+    ),
+    "before six": (hinge("a", "base", "cross", "0 0 1"), hinge("b", "cross", "arm", "", kind="floating"), False),
+    "across a plane": (hinge("a", "base", "cross", "1 0 0"), hinge("b", "cross", "arm", "0 0 1", kind="planar"), True),
+    "in a plane": (hinge("a", "base", "cross", "1 0 0"), hinge("b", "cross", "arm", "1 0 0", kind="planar"), False),
+}
+
+
+@pytest.mark.parametrize("case", BETWEEN)
+def test_links_without_mass_between_joints(case, written):
+    *joints, moves = BETWEEN[case]
+    path = written(robot(*PARTS, *joints))
+    if moves:
+        assert [(body.name, body.mass is None) for body in cj.load_urdf(path).bodies] == [
+            ("cross", True),
+            ("arm", False),
+        ]
+    else:
+        refused(path, "can move without moving any mass")
 
 
 def test_the_mass_matrix_of_two_links(written):
@@ -372,14 +356,15 @@ def test_the_mass_matrix_of_two_links(written):
     np.testing.assert_allclose(matrix[0, 0], 2 * turn + m * 4 + 2 * m * 2 * cosine, rtol=1e-14)
 
 
-def test_what_no_body_has_is_said(written):
+def test_what_no_body_has_is_refused(written):
     impossible = INERTIA.replace('izz="0.04"', 'izz="0.4"')
-    _, said = all_of(written(ARM.replace(f"{MASS}{INERTIA}", MASS + impossible)))
-    assert len(said) == 1
-    assert "link `fore` has the principal moments" in said[0]
+    whole = f"{MASS}{INERTIA}"
+    refused(written(ARM.replace(whole, MASS + impossible)), "link `fore` (with 1 link fixed to it): no body has its")
     # Printed with three digits, the moments of a plate need not add up.
     plate = '<inertia ixx="0.0111" iyy="0.0222" izz="0.03331" ixy="0" ixz="0" iyz="0"/>'
-    assert all_of(written(ARM.replace(f"{MASS}{INERTIA}", MASS + plate)))[1] == []
-    # What the ground holds is not asked.
-    base = link("base", f"<inertial>{MASS}{impossible}</inertial>")
-    assert all_of(written(ARM.replace('<link name="base"/>', base)))[1] == []
+    assert cj.load_urdf(written(ARM.replace(whole, MASS + plate))).bodies[1].mass == 1.5
+    # What the ground holds is not asked, nor a sensor fixed to what has mass.
+    base = ARM.replace('<link name="base"/>', link("base", f"<inertial>{MASS}{impossible}</inertial>"))
+    assert len(cj.load_urdf(written(base)).bodies) == 2
+    sensor = ARM.replace('<link name="tool"/>', link("tool", f'<inertial><mass value="1e-3"/>{ZERO}</inertial>'))
+    assert float(cj.load_urdf(written(sensor)).bodies[1].mass) == pytest.approx(1.501, rel=1e-15)

@@ -105,13 +105,13 @@ def _joint(element: Element) -> Joint:
     child = text(needed(element, "child", where, '<child link="arm"/>'), "link", where)
     xyz, rpy = pose(element, where)
     axis = direction(element, where) if kind in WITH_AXIS else (0.0, 0.0, 1.0)
-    damping, friction = _losses(element, where)
+    damping, friction = _losses(element, kind, where)
     mimic = _mimic(element, kind, where)
     limits = _limits(element, kind, where)
     return Joint(name, kind, parent, child, xyz, rpy, axis, limits, mimic, damping, friction, element.line)
 
 
-def _losses(element: Element, where: str) -> tuple[float, float]:
+def _losses(element: Element, kind: str, where: str) -> tuple[float, float]:
     dynamics = only(element, "dynamics", where)
     if dynamics is None:
         return 0.0, 0.0
@@ -119,6 +119,8 @@ def _losses(element: Element, where: str) -> tuple[float, float]:
     for key, value in zip(("damping", "friction"), found, strict=True):
         if value < 0:
             raise ClearanceError(f"{where}: its {key} must be at least 0, but it is {value:g}. Correct <dynamics>.")
+    if found[0] > 0 and KINDS[kind] > 1:
+        raise ClearanceError(f"{where} is {kind}: which of its motions has the damping {found[0]:g}? Remove it.")
     return found
 
 
