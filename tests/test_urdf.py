@@ -12,6 +12,7 @@ from clearance_jax.io.urdf_moved import mass_matrix
 from clearance_jax.io.xml_file import read_xml
 from clearance_jax.mechanism.limits import Limits
 from tests.urdf_cases import ARM, AXIS, BAD, INERTIA, MASS, ZERO
+from tests.urdf_reference import homogeneous, poses, pseudo_inertia, tree
 
 
 @pytest.fixture
@@ -173,79 +174,6 @@ def test_elements_know_their_lines(written):
 
 
 # Merging --------------------------------------------------------------------------------------------------------------
-
-
-def origin(rng):
-    def three(scale):
-        return " ".join(repr(float(v)) for v in rng.uniform(-scale, scale, 3))
-
-    return f'<origin xyz="{three(1)}" rpy="{three(3)}"/>'
-
-
-def random_link(name, rng):
-    half = rng.normal(size=(3, 5))
-    spread = half @ half.T
-    inertia = np.trace(spread) * np.eye(3) - spread  # of masses in space, so that there is such a body
-    keys = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
-    words = " ".join(f'{key}="{float(inertia[at])!r}"' for key, at in keys.items())
-    mass = f'<mass value="{float(rng.uniform(0.1, 3))!r}"/>'
-    return f'<link name="{name}"><inertial>{origin(rng)}{mass}<inertia {words}/></inertial></link>'
-
-
-def tree(seed, count=12):
-    """A random tree: half of its joints are fixed, a third of its links weigh nothing."""
-    rng = np.random.default_rng(seed)
-    links, joints = [], []
-    for i in range(count):
-        links.append(random_link(f"l{i}", rng) if rng.random() < 0.7 or i == 0 else f'<link name="l{i}"/>')
-    for i in range(1, count):
-        kind = rng.choice(["fixed", "revolute", "prismatic"], p=[0.5, 0.3, 0.2])
-        joints.append(
-            f'<joint name="j{i}" type="{kind}">{origin(rng)}<parent link="l{rng.integers(i)}"/><child link="l{i}"/>'
-            f'<axis xyz="{rng.normal():.3f} 1 {rng.normal():.3f}"/></joint>'
-        )
-    rng.shuffle(links)
-    return f"<robot name='r'>{''.join(links)}{''.join(joints)}</robot>"
-
-
-def homogeneous(xyz, rpy):
-    out = np.eye(4)
-    roll, pitch, yaw = rpy
-    for angle, i, j in ((yaw, 0, 1), (pitch, 2, 0), (roll, 1, 2)):
-        turn = np.eye(4)
-        turn[i, i] = turn[j, j] = np.cos(angle)
-        turn[j, i], turn[i, j] = np.sin(angle), -np.sin(angle)
-        out = out @ turn
-    out[:3, 3] = xyz
-    return out
-
-
-def moved(joint, q):
-    """The pose of a joint's child in its parent."""
-    out = homogeneous(joint.xyz, joint.rpy)
-    axis = np.array(joint.axis)
-    x, y, z = axis
-    if joint.kind == "prismatic":
-        return out @ homogeneous(q * axis, (0, 0, 0))
-    if joint.kind == "fixed":
-        return out
-    skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    turn = np.eye(4)
-    turn[:3, :3] = np.cos(q) * np.eye(3) + np.sin(q) * skew + (1 - np.cos(q)) * np.outer(axis, axis)
-    return out @ turn
-
-
-def poses(root, joints, q):
-    found = {root: np.eye(4)}
-    for joint in joints:
-        found[joint.child] = found[joint.parent] @ moved(joint, q.get(joint.name, 0.0))
-    return found
-
-
-def pseudo_inertia(mass, center, inertia):
-    """Mass, first and second moments of a body in its frame, 4 by 4: linear in what it is made of."""
-    second = np.trace(inertia) / 2 * np.eye(3) - inertia + mass * np.outer(center, center)
-    return np.block([[second, mass * center[:, None]], [mass * center[None, :], np.array([[mass]])]])
 
 
 @pytest.mark.parametrize("seed", range(8))

@@ -29,7 +29,7 @@ def load_urdf(
     path: str | Path,
     *,
     base: str = "fixed",
-    gravity: Sequence[float] = EARTH,
+    gravity: Any = EARTH,
     end_effector: str | Sequence[str] | None = None,
     mimic: str = "refuse",
 ) -> Mechanism:
@@ -57,7 +57,7 @@ def read_robot(
     path: str | Path,
     *,
     base: str = "fixed",
-    gravity: Sequence[float] = EARTH,
+    gravity: Any = EARTH,
     end_effector: str | Sequence[str] | None = None,
     mimic: str = "refuse",
 ) -> tuple[str, Mechanism]:
