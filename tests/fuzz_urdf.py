@@ -5,9 +5,10 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from xml.sax.saxutils import escape, quoteattr
 
-from tests.urdf_cases import ARM, BAD, RIG
+from tests.urdf_cases import ARM, BAD, INERTIA, MASS, RIG
 
-SOURCES = (ARM, ARM, RIG)
+FLYING = ARM.replace('<link name="base"/>', f'<link name="base"><inertial>{MASS}{INERTIA}</inertial></link>')
+SOURCES = (ARM, FLYING, RIG)
 WORDS = (
     "0", "1", "-1", "1e-300", "1e308", "1e999", "-0.0", "nan", "inf", "-inf", "0x10", "1_0", "1,5", "1.2.3", "--1",
     "1e", "0 0 0", "0 0 1", "1e-200 0 0", "0 0", "0 0 0 0", "1e90 1e90 1e90", "1.570796326794897 0 0", "",
