@@ -83,13 +83,12 @@ def _check_word(name: str, value: Any, allowed: Sequence[str]) -> None:
 
 def _gravity(value: Any) -> Gravity:
     try:
-        x, y, z = (float(component) for component in value)
-        finite = bool(np.all(np.isfinite([x, y, z])))
+        numbers = [float(component) for component in value]
     except (TypeError, ValueError):
-        finite = False
-    if not finite:
+        numbers = []
+    if len(numbers) != 3 or not np.all(np.isfinite(numbers)):
         raise ClearanceError(f"`gravity` must be three finite numbers in m/s^2, but it is {quoted(value)}.")
-    return Gravity(*(None if component == 0 else component for component in (x, y, z)))
+    return Gravity(*(None if component == 0 else component for component in numbers))
 
 
 def _check_no_mimic(robot: Robot) -> None:
