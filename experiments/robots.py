@@ -28,6 +28,7 @@ from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.io.urdf_file import read_urdf
 from clearance_jax.io.urdf_merge import merged
 from clearance_jax.mechanism.state import State
+from clearance_jax.symmetric import Dense
 from experiments.common import SCENES, output, table
 from experiments.publish import command, say
 from experiments.reference import rigid_robots
@@ -43,8 +44,8 @@ ROBOTS = (
     ("g1_description/urdf/g1_29dof_rev_1_0.urdf", "free"),
     ("talos_data/robots/talos_reduced.urdf", "free"),
 )
-# Numbers are what is asked here, not speed: fused, a program of thousands of scalars repeats most of its terms, and of a
-# robot with many coordinates that takes the compiler minutes.
+# Numbers are what is asked here, not speed: fused, a program of thousands of scalars repeats most of its terms, and of
+# a robot with many coordinates that takes the compiler minutes.
 UNFUSED = {"xla_disable_hlo_passes": "fusion,cpu-instruction-fusion"}
 COMPARED = ("acceleration", "mass", "gravity", "coriolis", "poses", "jacobians")
 
@@ -124,7 +125,9 @@ def efforts(coordinate: Any, rate: float) -> Any:
 
 
 def whole(factored: Any) -> Any:
-    """A matrix from its factors L D L^T."""
+    """A matrix from its factors, L D L^T or L L^T."""
+    if isinstance(factored, Dense):
+        return factored.lower @ factored.lower.T
     n = len(factored.inverse_diagonal)
     lower = jnp.stack([numbers([*factored.lower[i], 1.0, *[0.0] * (n - 1 - i)]) for i in range(n)])
     return (lower / numbers(factored.inverse_diagonal)) @ lower.T
