@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from clearance_jax.configure import configure
     from clearance_jax.io.scene import load
     from clearance_jax.io.trajectory import read_trajectory
+    from clearance_jax.io.urdf import load_urdf
     from clearance_jax.joints import AbstractClearance, AbstractElement, RevoluteClearance
     from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, AbstractStiffness
     from clearance_jax.mechanism.body import (
@@ -62,6 +63,7 @@ _NAMES = {
     "configure": ("configure",),
     "io.scene": ("load",),
     "io.trajectory": ("read_trajectory",),
+    "io.urdf": ("load_urdf",),
     "joints": ("AbstractClearance", "AbstractElement", "RevoluteClearance"),
     "laws": ("AbstractFrictionLaw", "AbstractNormalLaw", "AbstractStiffness"),
     "mechanism.body": (
@@ -157,6 +159,7 @@ __all__ = [
     "laws",
     "load",
     "load_dataset",
+    "load_urdf",
     "measure",
     "metrics",
     "parameters",

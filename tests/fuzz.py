@@ -89,8 +89,7 @@ def tried(case: Case, folder: Path) -> tuple[str, Any]:
     """How a case ended ("loaded", "refused"), and what it loaded. **Raises** whatever it must not."""
     from clearance_jax.errors import LONGEST, ClearanceError
 
-    names = {"study": "study.toml", "trajectory": "trajectory.csv"}
-    path = folder / names.get("study" if "optimize" in case.arguments else case.kind, "scene.toml")
+    path = folder / _file_name(case)
     path.write_bytes(case.text)
     if case.kind == "command":
         return commanded(case), None
@@ -100,6 +99,12 @@ def tried(case: Case, folder: Path) -> tuple[str, Any]:
         if not 0 < len(str(error)) <= LONGEST:
             raise Violation(f"a message of {len(str(error))} characters") from error
         return "refused", None
+
+
+def _file_name(case: Case) -> str:
+    if case.kind in ("urdf", "trajectory"):
+        return {"urdf": "robot.urdf", "trajectory": "trajectory.csv"}[case.kind]
+    return "study.toml" if case.kind == "study" or "optimize" in case.arguments else "scene.toml"
 
 
 def laid_out(kind: str, path: Path) -> Any:
@@ -117,6 +122,8 @@ def laid_out(kind: str, path: Path) -> Any:
         specification = study.problem.specification
         assert len(specification.bounds[0]) == len(specification.names)
         return study
+    if kind == "urdf":
+        return _robot(path)
     scene = load_scene(path)
     check_values(scene.mechanism)
     plan = layout(scene.mechanism)
@@ -146,6 +153,21 @@ def moved() -> Any:
 
     joints = (cj.Prismatic("slide", "ground", "carriage"), cj.Revolute("hinge", "carriage", "bob"))
     return cj.Mechanism((cj.Body("carriage", 1.0), cj.Body("bob", 1.0, 1.0)), joints)
+def _robot(path: Path) -> Any:
+    """The robot of a file on its base, and where it can be moved by itself, off it."""
+    from clearance_jax.dynamics.quantities import labels
+    from clearance_jax.errors import ClearanceError
+    from clearance_jax.io.urdf import load_urdf
+    from clearance_jax.mechanism.state import layout
+    from clearance_jax.parameters import check_values
+
+    with contextlib.suppress(ClearanceError):  # not every root can fly
+        load_urdf(path, mimic="independent", base="free", gravity=(0, 0, 0))
+    robot = load_urdf(path, mimic="independent")
+    check_values(robot)
+    assert layout(robot).free >= len(robot.bodies)
+    assert labels(robot)
+    return robot
 
 
 class Reached(Exception):
@@ -220,7 +242,9 @@ def fuzz(count: int, seed: int = 0, solves: int = 0, say: Callable[[str], None] 
     home, argv = Path.cwd(), sys.argv
     outside = Path(tempfile.mkdtemp(prefix="fuzz-"))
     watch = Watch(outside)
-    laid_out("scene", SCENES[0])  # what is made once for all
+    # What is made once for all: programs, and compiled files of modules that are imported for the first time.
+    laid_out("scene", SCENES[0])
+    tried(Case("urdf", b"<robot/>"), outside)
     platform.processor()  # asks a program, once
     try:
         for i, case in enumerate(cases(count, seed)):

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 from clearance_jax.io.keys import reference
 from tests.fuzz_trajectories import trajectory
+from tests.fuzz_urdf import urdf
 
 ROOT = Path(__file__).resolve().parents[1]
 SCENES = sorted((ROOT / "experiments" / "scenes").glob("*.toml"))
@@ -277,6 +278,10 @@ def odd_path(rng: random.Random) -> str:
     return path
 
 
+def urdf_case(rng: random.Random) -> Case:
+    return Case("urdf", urdf(rng))
+
+
 KINDS: tuple[Callable[[random.Random], Case], ...] = (
     scene_case,
     scene_case,
@@ -284,6 +289,7 @@ KINDS: tuple[Callable[[random.Random], Case], ...] = (
     study_case,
     command_case,
     trajectory_case,
+    urdf_case,
 )
 
 

@@ -12,6 +12,7 @@ from clearance_jax.io.plausible import ImplausibleWarning, implausible
 from clearance_jax.io.scene_joint import joints_of
 from clearance_jax.io.scene_keys import BODY, POINT, SCENE, SOLVE, SPRING
 from clearance_jax.io.table import Table, naming
+from clearance_jax.io.urdf import read_robot
 from clearance_jax.mechanism.body import Body, Point, Spring
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.placement import Gravity, Position
@@ -40,6 +41,9 @@ def load_scene(path: str | Path) -> Scene:
 def read_scene(path: str | Path) -> Scene:
     """As `load_scene`, without a warning: for who changes numbers before the mechanism is used."""
     path = Path(path)
+    if path.suffix.lower() == ".urdf":  # a robot says nothing of how it wants to be solved
+        text, mechanism = read_robot(path)
+        return Scene(mechanism, {}, text)
     text, values = read_toml(path, "scene file")
     with naming(str(path)), jax.ensure_compile_time_eval():
         # Numbers stay numbers where a scene is loaded inside a jitted function.
@@ -48,7 +52,7 @@ def read_scene(path: str | Path) -> Scene:
 
 
 def load(path: str | Path) -> Mechanism:
-    """The mechanism of a scene file."""
+    """The mechanism of a scene file, or of a robot's URDF file (`load_urdf` takes options for it)."""
     return load_scene(path).mechanism
 
 

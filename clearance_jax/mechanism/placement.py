@@ -192,9 +192,13 @@ class Inertia(eqx.Module):
         return Symmetric(lambda i, j: present(entries[i, j]))
 
 
+# Files print inertias with three digits or more: by so much the moments of a flat body may not add up.
+PRINTED = 1e-3
+
+
 def check_inertia(tensor: np.ndarray, what: str) -> None:
     """Raise `ClearanceError` for a tensor (3, 3) that no body has: principal moments that are negative, or of which one
-    is larger than the other two together (by more than the sixth digit, which a file may have rounded).
+    is larger than the other two together (by more than what a file may have rounded).
     """
     if not np.all(np.isfinite(tensor)):
         raise ClearanceError(f"{what} must be finite.")
@@ -203,7 +207,7 @@ def check_inertia(tensor: np.ndarray, what: str) -> None:
     found = f"its principal moments are {least:g}, {middle:g}, {most:g} kg m^2"
     if least < -1e-6 * size or most <= 0:
         raise ClearanceError(f"{what} must be positive, but {found}.")
-    if least + middle < most * (1 - 1e-6):
+    if least + middle < most * (1 - PRINTED):
         raise ClearanceError(
             f"{what} belongs to no body: {found}, of which the largest is more than the other two together. Give it "
             "about the centre of mass, in the body's axes."

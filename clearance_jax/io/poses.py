@@ -1,0 +1,62 @@
+"""Poses of frames as numpy arrays: R = Rz(yaw) Ry(pitch) Rx(roll), zeros and identities exact."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+Vector3 = Float[np.ndarray, "3"]
+Matrix3 = Float[np.ndarray, "3 3"]
+
+# What products of a few rotations leave of a zero, in units of their largest entries.
+ROUNDING = 8 * np.finfo(float).eps
+
+
+class Pose(NamedTuple):
+    """A frame in another one: its origin there [m], and the rotation from its axes to the other's."""
+
+    position: Vector3
+    rotation: Matrix3
+
+    def of(self, position: Vector3, rotation: Matrix3) -> "Pose":
+        """In the outer frame, what has this pose in the frame."""
+        moved = self.rotation @ position
+        scale = max(np.abs(self.position).max(), np.abs(position).max())
+        return Pose(cleaned(self.position + moved, scale), cleaned(self.rotation @ rotation))
+
+
+HERE = Pose(np.zeros(3), np.eye(3))
+
+
+def cleaned(values: np.ndarray, scale: float = 1.0) -> np.ndarray:
+    """The values with those that are rounding only replaced by zero: what is exactly zero costs nothing later."""
+    return np.where(np.abs(values) <= ROUNDING * scale, 0.0, values)
+
+
+def rotation_of(rpy) -> Matrix3:
+    """The rotation by roll, pitch and yaw [rad]; a zero among them leaves exact zeros and ones."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
+    x = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
+    y = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
+    z = np.array([[cy, -sy, 0.0], [sy, cy, 0.0], [0.0, 0.0, 1.0]])
+    return z @ y @ x
+
+
+def rpy_of(rotation: Matrix3) -> Vector3:
+    """Roll, pitch and yaw [rad] of a rotation, of which `rotation_of` makes it again to the last digits.
+
+    Where the pitch is nearly a right angle roll and yaw are each hardly known, but their sum or difference is: so the
+    yaw is undone before the roll is read off.
+    """
+    yaw = np.arctan2(rotation[1, 0], rotation[0, 0])
+    if np.hypot(rotation[1, 0], rotation[0, 0]) <= ROUNDING:
+        yaw = 0.0  # any will do
+    rest = rotation_of((0.0, 0.0, -yaw)) @ rotation
+    pitch = np.arctan2(-rest[2, 0], rest[0, 0])
+    roll = np.arctan2(-rest[1, 2], rest[1, 1])
+    return cleaned(np.array([roll, pitch, yaw]))
+
+
+def is_identity(rotation: Matrix3) -> bool:
+    """Whether the rotation is exactly none."""
+    return bool(np.array_equal(rotation, np.eye(3)))

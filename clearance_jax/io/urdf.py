@@ -1,0 +1,181 @@
+"""Robots from URDF files."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from clearance_jax.errors import ClearanceError, quoted, suggest
+from clearance_jax.io.poses import is_identity, rpy_of
+from clearance_jax.io.table import naming
+from clearance_jax.io.urdf_bodies import check_bodies
+from clearance_jax.io.urdf_file import read_urdf
+from clearance_jax.io.urdf_joints import joint_of, orientation_of, position_of
+from clearance_jax.io.urdf_merge import Assembly, Rigid, merged, triple
+from clearance_jax.io.urdf_names import Names
+from clearance_jax.io.urdf_parts import NOWHERE, Joint, Robot
+from clearance_jax.mechanism.body import GROUND, Body, Point
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.placement import Gravity, Inertia
+
+BASES = ("fixed", "free")
+MIMICS = ("refuse", "independent")
+EARTH = (0.0, 0.0, -9.81)
+
+
+def load_urdf(
+    path: str | Path,
+    *,
+    base: str = "fixed",
+    gravity: Any = EARTH,
+    end_effector: str | Sequence[str] | None = None,
+    mimic: str = "refuse",
+) -> Mechanism:
+    """The mechanism of a robot's URDF file.
+
+    Links that are fixed to one another are one body, with the name of the first of them. Joints keep their names and
+    limits (`Motion.limits`: nothing holds a motion within them), and their damping as an actuator. A coordinate starts
+    at zero, or in the middle of its limits where zero lies outside. Friction of <dynamics> is left out: give a joint's
+    motion an actuator of yours.
+
+    **Arguments:**
+
+    - `base`: "fixed": the root link is the ground. "free": it moves freely, by a joint `floating_base`.
+    - `gravity` [m/s^2]: along the axes of the root link as it is at the start.
+    - `end_effector`: a link, or several, whose frames are points of the mechanism, under the link's name (where a body
+      has that name, `NAME_frame`). By default every link at the end of a limb.
+    - `mimic`: "refuse": joints that follow another one are not made. "independent": each moves by itself.
+
+    **Raises:** `ClearanceError` naming the file, the line, the element and the fix, for whatever is not whole.
+    """
+    return read_robot(path, base=base, gravity=gravity, end_effector=end_effector, mimic=mimic)[1]
+
+
+def read_robot(
+    path: str | Path,
+    *,
+    base: str = "fixed",
+    gravity: Any = EARTH,
+    end_effector: str | Sequence[str] | None = None,
+    mimic: str = "refuse",
+) -> tuple[str, Mechanism]:
+    """As `load_urdf`, with the file's text."""
+    _check_word("base", base, BASES)
+    _check_word("mimic", mimic, MIMICS)
+    field = _gravity(gravity)
+    text, robot = read_urdf(path)
+    with naming(f"`{path}`"), jax.ensure_compile_time_eval():
+        # Numbers stay numbers where a robot is loaded inside a jitted function.
+        if mimic == "refuse":
+            _check_no_mimic(robot)
+        return text, _mechanism(robot, base == "free", field, _frames_asked(robot, end_effector))
+
+
+def _check_word(name: str, value: Any, allowed: Sequence[str]) -> None:
+    if not isinstance(value, str) or value not in allowed:
+        word = value if isinstance(value, str) else ""
+        raise ClearanceError(
+            f"`{name}` must be one of the allowed words, but it is {quoted(value)}. {suggest(word, allowed)}"
+        )
+
+
+def _gravity(value: Any) -> Gravity:
+    try:
+        numbers = [float(component) for component in value]
+    except (TypeError, ValueError):
+        numbers = []
+    if len(numbers) != 3 or not np.all(np.isfinite(numbers)):
+        raise ClearanceError(f"`gravity` must be three finite numbers in m/s^2, but it is {quoted(value)}.")
+    return Gravity(*(None if component == 0 else component for component in numbers))
+
+
+def _check_no_mimic(robot: Robot) -> None:
+    for joint in robot.joints:
+        if joint.mimic is not None:
+            raise ClearanceError(
+                f"line {joint.line}: joint `{joint.name}` follows `{joint.mimic.joint}` (<mimic>), and such joints are "
+                "not made yet. Load the robot with `mimic='independent'`, so that each moves by itself, or fix the "
+                "joint."
+            )
+
+
+def _frames_asked(robot: Robot, end_effector: Any) -> list[str] | None:
+    """The links whose frames are asked for by name; `None`: nobody says."""
+    if end_effector is None:
+        return None
+    asked = [end_effector] if isinstance(end_effector, str) else end_effector
+    known = {link.name for link in robot.links}
+    for name in asked:
+        if not isinstance(name, str) or name not in known:
+            word = name if isinstance(name, str) else ""
+            raise ClearanceError(
+                f"`end_effector` must name links, but there is no link {quoted(name)}. {suggest(word, known)}"
+            )
+    return list(dict.fromkeys(asked))
+
+
+def _mechanism(robot: Robot, free: bool, gravity: Gravity, asked: list[str] | None) -> Mechanism:
+    whole = merged(robot)
+    joints = (_floating(whole), *whole.joints) if free else whole.joints
+    _check_base(whole, free)
+    moving = {joint.child: whole.bodies[joint.child] for joint in joints}
+    check_bodies(joints, moving)
+    names = Names()
+    bodies = {GROUND: GROUND, **names.of(moving, "link")}
+    if not free:
+        bodies[whole.root] = GROUND
+    named = names.of((joint.name for joint in joints), "joint")
+    links = _ends(robot, whole, free) if asked is None else asked
+    points = names.of(links, "frame")
+    return Mechanism(
+        tuple(_body(body, bodies[name]) for name, body in moving.items()),
+        tuple(joint_of(joint, named[joint.name], bodies[joint.parent], bodies[joint.child]) for joint in joints),
+        points=tuple(_point(whole, link, points[link], bodies) for link in links),
+        gravity=gravity,
+        name=robot.name,
+    )
+
+
+def _check_base(whole: Assembly, free: bool) -> None:
+    root = whole.bodies[whole.root]
+    if not (free or whole.joints):
+        raise ClearanceError("nothing of the robot moves: every joint is fixed. Load it with `base='free'`.")
+    if free and not root.mass > 0:
+        raise ClearanceError(
+            f"line {root.line}: the root link `{root.name}` has no mass, so it cannot be a free base. Give it an "
+            "<inertial>, or load the robot with `base='fixed'` (a link of it may hang on a floating joint)."
+        )
+
+
+def _floating(whole: Assembly) -> Joint:
+    """The joint of a free base."""
+    line = whole.bodies[whole.root].line
+    name = "floating_base"
+    while any(joint.name == name for joint in whole.joints):
+        name += "_"
+    return Joint(name, "floating", GROUND, whole.root, NOWHERE, NOWHERE, (0.0, 0.0, 1.0), None, None, 0.0, 0.0, line)
+
+
+def _body(body: Rigid, name: str) -> Body:
+    if body.mass == 0:
+        return Body(name)
+    (xx, xy, xz), (_, yy, yz), (*_, zz) = body.inertia.tolist()
+    products = (None if product == 0 else product for product in (xy, xz, yz))
+    return Body(name, body.mass, Inertia(xx, yy, zz, *products), position_of(triple(body.center)))
+
+
+def _ends(robot: Robot, whole: Assembly, free: bool) -> list[str]:
+    """The links that carry none, on bodies that move and carry none."""
+    carrying = {joint.parent for joint in robot.joints}
+    inner = {joint.parent for joint in whole.joints} | (set() if free else {whole.root})
+    return [
+        link.name for link in robot.links if link.name not in carrying and whole.frames[link.name].body not in inner
+    ]
+
+
+def _point(whole: Assembly, link: str, name: str, bodies: dict[str, str]) -> Point:
+    body, pose = whole.frames[link]
+    rpy = NOWHERE if is_identity(pose.rotation) else triple(rpy_of(pose.rotation))
+    return Point(name, bodies[body], position_of(triple(pose.position)), orientation_of(rpy))

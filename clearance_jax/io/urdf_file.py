@@ -1,0 +1,155 @@
+"""URDF files to links and joints, each checked by itself and then together: nothing is loaded by halves.
+
+What does not move a robot is passed over: pictures, collision shapes, materials, transmissions, plugins of simulators.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from clearance_jax.errors import ClearanceError, quoted, suggest
+from clearance_jax.io.poses import rotation_of
+from clearance_jax.io.table import naming
+from clearance_jax.io.urdf_elements import (
+    EXPAND,
+    bound,
+    check_spelling,
+    direction,
+    needed,
+    number,
+    only,
+    place,
+    pose,
+    text,
+)
+from clearance_jax.io.urdf_parts import KINDS, MAY_MIMIC, WITH_AXIS, Joint, Link, Matrix3, Mimic, Robot
+from clearance_jax.io.urdf_tree import robot_of
+from clearance_jax.io.xml_file import Element, read_xml
+from clearance_jax.mechanism.limits import Limits
+
+
+def read_urdf(path: str | Path) -> tuple[str, Robot]:
+    """Text of a URDF file, and the robot that it describes.
+
+    **Raises:** `ClearanceError` naming the file, the line, the element and the fix: for what is no URDF, unknown kinds
+    of joints and names of links, links that hang on two joints or on none, garbled numbers, negative masses. (Whether
+    what moves has mass and inertia is seen when links are merged, `urdf_bodies`.)
+    """
+    path = Path(path)
+    written, top = read_xml(path, "URDF file")
+    with naming(f"`{path}`"):
+        return written, described(top)
+
+
+def described(top: Element) -> Robot:
+    """The robot that the outermost element of a URDF describes."""
+    if top.tag != "robot":
+        raise ClearanceError(f"a URDF file must hold a <robot>, but it holds a <{top.tag[:60]}>. Give another file.")
+    _check_expanded(top)
+    check_spelling(top, "the robot")
+    links = tuple(_link(element) for element in top.children if element.tag == "link")
+    joints = tuple(_joint(element) for element in top.children if element.tag == "joint")
+    name = text(top, "name", "the robot") if top.attributes.get("name", "").strip() else "robot"
+    return robot_of(name, links, joints)
+
+
+def _check_expanded(top: Element) -> None:
+    """Raise for macros. (A file that xacro has expanded may still declare their namespace.)"""
+    waiting = [top]
+    while waiting:
+        element = waiting.pop()
+        if "xacro}" in element.tag:
+            tag = element.tag.rpartition("}")[2][:60]
+            raise ClearanceError(f"line {element.line}: <xacro:{tag}> is a macro, not yet a robot. {EXPAND}")
+        waiting += element.children
+
+
+# Links ----------------------------------------------------------------------------------------------------------------
+
+
+def _link(element: Element) -> Link:
+    where = place(element)
+    name = text(element, "name", where)
+    check_spelling(element, where)
+    inertial = only(element, "inertial", where)
+    if inertial is None:
+        return Link(name, 0.0, np.zeros(3), np.zeros((3, 3)), element.line)
+    mass = number(needed(inertial, "mass", where, '<mass value="1.2"/>'), "value", where)
+    if mass < 0:
+        raise ClearanceError(f"{where}: its mass must not be negative, but it is {mass:g} kg. Correct <mass>.")
+    center, rpy = pose(inertial, where)
+    turn = rotation_of(rpy)
+    inertia = turn @ _inertia(inertial, where) @ turn.T
+    return Link(name, mass, np.array(center), (inertia + inertia.T) / 2, element.line)
+
+
+def _inertia(inertial: Element, where: str) -> Matrix3:
+    """The inertia in the axes that it is given in."""
+    example = '<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/>'
+    element = needed(inertial, "inertia", where, example)
+    xx, yy, zz = (number(element, key, where) for key in ("ixx", "iyy", "izz"))
+    xy, xz, yz = (number(element, key, where, 0.0) for key in ("ixy", "ixz", "iyz"))
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+# Joints ---------------------------------------------------------------------------------------------------------------
+
+
+def _joint(element: Element) -> Joint:
+    where = place(element)
+    name, kind = text(element, "name", where), text(element, "type", where)
+    check_spelling(element, where)
+    if kind not in KINDS:
+        raise ClearanceError(f"{where} has the type {quoted(kind)}, which is no known one. " + suggest(kind, KINDS))
+    parent = text(needed(element, "parent", where, '<parent link="base"/>'), "link", where)
+    child = text(needed(element, "child", where, '<child link="arm"/>'), "link", where)
+    xyz, rpy = pose(element, where)
+    axis = direction(element, where) if kind in WITH_AXIS else (0.0, 0.0, 1.0)
+    damping, friction = _losses(element, kind, where)
+    mimic = _mimic(element, kind, where)
+    limits = _limits(element, kind, where)
+    return Joint(name, kind, parent, child, xyz, rpy, axis, limits, mimic, damping, friction, element.line)
+
+
+def _losses(element: Element, kind: str, where: str) -> tuple[float, float]:
+    dynamics = only(element, "dynamics", where)
+    if dynamics is None:
+        return 0.0, 0.0
+    found = number(dynamics, "damping", where, 0.0), number(dynamics, "friction", where, 0.0)
+    for key, value in zip(("damping", "friction"), found, strict=True):
+        if value < 0:
+            raise ClearanceError(f"{where}: its {key} must be at least 0, but it is {value:g}. Correct <dynamics>.")
+    if found[0] > 0 and KINDS[kind] > 1:
+        raise ClearanceError(f"{where} is {kind}: which of its motions has the damping {found[0]:g}? Remove it.")
+    return found
+
+
+def _limits(element: Element, kind: str, where: str) -> Limits | None:
+    """Where one end is given, the other is URDF's default, 0; a joint that turns on and on has none."""
+    limit = only(element, "limit", where)
+    if limit is None:
+        return None
+    lower, upper = bound(limit, "lower", where), bound(limit, "upper", where)
+    if kind not in ("revolute", "prismatic"):
+        lower = upper = None
+    elif {"lower", "upper"} & set(limit.attributes):
+        lower = 0.0 if "lower" not in limit.attributes else lower
+        upper = 0.0 if "upper" not in limit.attributes else upper
+    if lower is not None and upper is not None and lower > upper:
+        raise ClearanceError(f"{where}: its lower limit {lower:g} is above the upper {upper:g}. Correct <limit>.")
+    most = [bound(limit, key, where) for key in ("velocity", "effort")]
+    for key, value in zip(("velocity", "effort"), most, strict=True):
+        if value is not None and value < 0:
+            raise ClearanceError(f"{where}: its limit of {key} must be at least 0, but it is {value:g}. Correct it.")
+    return Limits(lower, upper, *most)
+
+
+def _mimic(element: Element, kind: str, where: str) -> Mimic | None:
+    mimic = only(element, "mimic", where)
+    if mimic is None or kind == "fixed":  # who fixes a joint of a gripper often leaves its <mimic> there
+        return None
+    if kind not in MAY_MIMIC:
+        raise ClearanceError(f"{where} is {kind}: it has no single coordinate to follow another's. Remove <mimic>.")
+    followed = text(mimic, "joint", where)
+    multiplier = number(mimic, "multiplier", where, 1.0)
+    return Mimic(followed, multiplier, number(mimic, "offset", where, 0.0))

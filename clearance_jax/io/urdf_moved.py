@@ -1,0 +1,108 @@
+"""Whether every motion of a robot's joints moves mass: where one does not, no force tells its acceleration."""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from clearance_jax.errors import ClearanceError
+from clearance_jax.io.poses import HERE, Matrix3, Pose, Vector3, rotation_of
+from clearance_jax.io.urdf_merge import Rigid
+from clearance_jax.io.urdf_parts import Joint
+
+# A motion that meets this share of the inertia that its coordinates meet one by one moves nothing but rounding.
+NOTHING = 1e-12
+X, Y, Z = np.eye(3)
+
+
+class Column(NamedTuple):
+    """What a unit rate of one coordinate does: slide along an axis, or turn about the axis through a pivot."""
+
+    slides: bool
+    axis: Vector3
+    pivot: Vector3
+
+    def rates(self, point: Vector3) -> Float[np.ndarray, "6"]:
+        """Velocity of the moved body's point, and spin."""
+        if self.slides:
+            return np.concatenate([self.axis, np.zeros(3)])
+        return np.concatenate([np.cross(self.axis, point - self.pivot), self.axis])
+
+
+def check_moved(joints: Sequence[Joint], bodies: Mapping[str, Rigid]) -> None:
+    """Raise where the joints (parents first) can move without moving any mass.
+
+    The mass matrix tells, at a pose where no two axes are in line by chance.
+    """
+    matrix, owners = mass_matrix(joints, bodies, 0)
+    met = np.diag(matrix)
+    size = 1 / np.sqrt(np.where(met > 0, met, 1.0))  # so that metres and radians compare
+    values, vectors = np.linalg.eigh(matrix * np.outer(size, size))
+    if values[0] > NOTHING:
+        return
+    joint = owners[int(np.argmax(np.abs(vectors[:, 0])))]
+    raise ClearanceError(
+        f"line {joint.line}: joint `{joint.name}` can move without moving any mass. Give the link `{joint.child}`, or "
+        "what it carries, an <inertial>, or make the joint fixed."
+    )
+
+
+def mass_matrix(
+    joints: Sequence[Joint], bodies: Mapping[str, Rigid], seed: int
+) -> tuple[Float[np.ndarray, "n n"], list[Joint]]:
+    """The mass matrix at a random pose, and the joint of each coordinate."""
+    columns, moving, poses = _kinematics(joints, seed)
+    matrix = np.zeros((len(columns), len(columns)))
+    for name, body in bodies.items():
+        pose = poses[name]
+        center = pose.position + pose.rotation @ body.center
+        which = moving[name]
+        rates = np.array([columns[i].rates(center) for i in which])
+        inertia = np.zeros((6, 6))
+        inertia[:3, :3], inertia[3:, 3:] = body.mass * np.eye(3), pose.rotation @ body.inertia @ pose.rotation.T
+        matrix[np.ix_(which, which)] += rates @ inertia @ rates.T
+    return matrix, [joint for joint in joints for _ in _own(joint, HERE)]
+
+
+def _kinematics(joints: Sequence[Joint], seed: int) -> tuple[list[Column], dict[str, list[int]], dict[str, Pose]]:
+    """Every coordinate's column; of each body which of them move it, and its pose."""
+    rng = np.random.default_rng(seed)
+    columns: list[Column] = []
+    moving: dict[str, list[int]] = {}
+    poses: dict[str, Pose] = {}
+    for joint in joints:
+        frame = poses.get(joint.parent, HERE).of(np.array(joint.xyz), rotation_of(joint.rpy))
+        own = _own(joint, frame)
+        moving[joint.child] = [*moving.get(joint.parent, []), *range(len(columns), len(columns) + len(own))]
+        columns += own
+        poses[joint.child] = frame.of(*_moved(joint, rng))
+    return columns, moving, poses
+
+
+def _own(joint: Joint, frame: Pose) -> list[Column]:
+    """The columns of a joint's coordinates, as if it were at zero: of several they span the same motions anywhere."""
+    axis = np.array(joint.axis)
+    across = np.cross(axis, X if abs(axis[0]) < 0.9 else Y)
+    slides = {"prismatic": [axis], "planar": [across, np.cross(axis, across)], "floating": [X, Y, Z]}
+    turns = {"revolute": [axis], "continuous": [axis], "planar": [axis], "floating": [X, Y, Z]}
+    found = [Column(True, frame.rotation @ axis, frame.position) for axis in slides.get(joint.kind, [])]
+    return found + [Column(False, frame.rotation @ axis, frame.position) for axis in turns.get(joint.kind, [])]
+
+
+def _moved(joint: Joint, rng: np.random.Generator) -> tuple[Vector3, Matrix3]:
+    """A place and a turn of the child in the joint's frame that the joint allows."""
+    by, turn = np.zeros(3), np.eye(3)
+    for slides, axis, _ in _own(joint, HERE):
+        if slides:
+            by = by + rng.uniform(0.1, 1.0) * axis
+        else:
+            turn = turn @ turned(axis, rng.uniform(0.3, 1.2))
+    return by, turn
+
+
+def turned(axis: Vector3, angle: float) -> Matrix3:
+    """The rotation about a unit vector by an angle [rad] (Rodrigues)."""
+    x, y, z = axis
+    across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + np.sin(angle) * across + (1 - np.cos(angle)) * across @ across

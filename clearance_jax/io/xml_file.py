@@ -1,0 +1,96 @@
+"""XML files as trees of elements that know their lines; what an XML text can do beyond that is refused.
+
+A robot's file often comes from a stranger. A document type may define entities that grow without end, or name other
+files and addresses to read. No robot needs one: it is refused as a whole. So is a text too large or nested too deep.
+"""
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+from xml.etree.ElementTree import ParseError
+
+from defusedxml import DefusedXmlException
+from defusedxml.ElementTree import DefusedXMLParser
+
+from clearance_jax.errors import ClearanceError, quoted
+from clearance_jax.io.files import read_text
+
+LARGEST_XML = 20_000_000
+# Robots need six levels, plugins of simulators inside them a few more.
+DEEPEST = 100
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Element:
+    """An element: its tag (`{namespace}name` where it has a namespace), attributes, children, and the line that it
+    begins at. Texts between elements are left out.
+    """
+
+    tag: str
+    attributes: dict[str, str]
+    line: int
+    children: list["Element"] = dataclasses.field(default_factory=list)
+
+
+class _Builder:
+    """What the parser calls. It asks the parser for the line of each element that begins."""
+
+    def __init__(self):
+        self.top: Element | None = None
+        self.open: list[Element] = []
+        self.line: Callable[[], int] = lambda: 0
+
+    def start(self, tag: str, attributes: dict[str, str]) -> None:
+        element = Element(tag, dict(attributes), self.line())
+        if len(self.open) >= DEEPEST:
+            raise ClearanceError(f"line {element.line}: nested deeper than {DEEPEST} elements. Nest a few levels only.")
+        if self.open:
+            self.open[-1].children.append(element)
+        else:
+            self.top = element
+        self.open.append(element)
+
+    def end(self, tag: str) -> None:
+        self.open.pop()
+
+    def data(self, text: str) -> None:
+        """Texts are left out."""
+
+    def close(self) -> None:
+        """The tree is at the top."""
+
+
+def read_xml(path: Path, what: str) -> tuple[str, Element]:
+    """Text and outermost element of an XML file.
+
+    **Arguments:** `what` the file is, for messages.
+
+    **Raises:** `ClearanceError` naming the file: for what is no file, no text in UTF-8, too large or nested too deep,
+    no valid XML (with line and column), and for a document type, with the entities that it may define.
+    """
+    text = read_text(path, what, LARGEST_XML)
+    try:
+        return text, parsed(text)
+    except ClearanceError as error:
+        raise ClearanceError(f"`{path}`: {error}") from None
+
+
+def parsed(text: str) -> Element:
+    """The outermost element of an XML text; messages name the line only."""
+    builder = _Builder()
+    parser = DefusedXMLParser(target=builder, forbid_dtd=True)
+    builder.line = lambda: parser.parser.CurrentLineNumber
+    try:
+        parser.feed(text)
+        parser.close()
+    except DefusedXmlException:
+        raise ClearanceError(
+            f"line {builder.line()}: declares a document type (<!DOCTYPE ...>), which could define endless entities or "
+            "read other files. Remove the declaration, and write its entities out."
+        ) from None
+    except ClearanceError:
+        raise
+    except (ParseError, ValueError) as error:
+        raise ClearanceError(f"is not valid XML: {quoted(str(error))[1:-1]}. Mend it there.") from None
+    assert builder.top is not None  # a text without an element is no valid XML
+    return builder.top

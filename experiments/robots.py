@@ -1,0 +1,205 @@
+"""Robots from URDF files against pinocchio: `python -m experiments.robots` writes out/robots.md.
+
+Of a thousand random states of each robot: accelerations of free motion under gravity and the joints' damping, the mass
+matrix, the terms of gravity and of the velocities (Coriolis), the pose of every link's frame and its geometric
+Jacobian. An error is the largest of a state's numbers' over the largest of these numbers; the
+largest of all states stands in the table.
+
+`PINOCCHIO_PYTHON` names the interpreter of an environment with the packages `pin` and `example-robot-data`, which are
+no dependencies of this project (`python -m venv there; there/bin/pip install pin example-robot-data`). Without it, and
+in quick mode, the arm of `experiments/scenes` is compared with plain Newton-Euler equations in numpy.
+"""
+
+import os
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import clearance_jax as cj
+from clearance_jax.dynamics.equations import accelerations
+from clearance_jax.dynamics.inertia import generalised_load, mass_matrix
+from clearance_jax.dynamics.kinematics import frames
+from clearance_jax.io.urdf_file import read_urdf
+from clearance_jax.io.urdf_merge import merged
+from clearance_jax.mechanism.state import State
+from clearance_jax.symmetric import Dense
+from experiments.common import SCENES, output, table
+from experiments.publish import command, say
+from experiments.reference import rigid_robots
+
+ARM = SCENES / "six_axes.urdf"
+WORKER = Path(__file__).parent / "reference" / "pinocchio_robots.py"
+ROBOTS = (
+    ("panda_description/urdf/panda.urdf", "fixed"),
+    ("xarm_description/urdf/xarm7.urdf", "fixed"),
+    ("allegro_hand_description/urdf/allegro_right_hand.urdf", "fixed"),
+    ("anymal_b_simple_description/robots/anymal.urdf", "free"),
+    ("solo_description/robots/solo12.urdf", "free"),
+    ("g1_description/urdf/g1_29dof_rev_1_0.urdf", "free"),
+    ("talos_data/robots/talos_reduced.urdf", "free"),
+)
+# Numbers are what is asked here, not speed: fused, a program of thousands of scalars repeats most of its terms, and of
+# a robot with many coordinates that takes the compiler minutes.
+UNFUSED = {"xla_disable_hlo_passes": "fusion,cpu-instruction-fusion"}
+COMPARED = ("acceleration", "mass", "gravity", "coriolis", "poses", "jacobians")
+
+
+class Known(NamedTuple):
+    """What a reference says of a robot: its file, names of joints and links in the reference's order, and of random
+    states every quantity that is compared.
+    """
+
+    path: Path
+    names: list[str]
+    links: list[str]
+    values: dict[str, np.ndarray]
+
+
+class Row(NamedTuple):
+    """A robot, and the largest error of each quantity."""
+
+    robot: str
+    base: str
+    coordinates: int
+    compiled: float
+    errors: dict[str, float]
+
+
+def by_pinocchio(interpreter: str, robot: str, base: str, states: int) -> Known:
+    """The reference of a process of another interpreter."""
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "known.npz"
+        words = [interpreter, str(WORKER), robot, base, str(states), "0", str(out)]
+        ended = subprocess.run(words, capture_output=True, text=True, check=False)
+        if ended.returncode:
+            raise RuntimeError(f"pinocchio could not say anything of {robot}: {ended.stderr[-2000:]}")
+        with np.load(out) as found:
+            values = {key: found[key] for key in found.files}
+    return Known(Path(str(values["path"])), list(values["names"]), list(values["frames"]), values)
+
+
+def by_newton_euler(path: Path, base: str, states: int) -> Known:
+    """The reference in numpy."""
+    _, robot = read_urdf(path)
+    links = [link.name for link in robot.links]
+    q, rate = rigid_robots.random_states(robot, base == "free", states, seed=0)
+    found = [rigid_robots.of_state(robot, *at, base == "free", links) for at in zip(q, rate, strict=True)]
+    values = {key: np.array([one[key] for one in found]) for key in found[0]}
+    return Known(path, [joint.name for joint in robot.joints if joint.moves], links, {"q": q, "rate": rate} | values)
+
+
+def dynamics(mechanism: cj.Mechanism, q: Any, v: Any) -> dict[str, Any]:
+    """Everything that is compared, of one state."""
+    time = jnp.zeros(())
+    state, still = State(tuple(q), tuple(v), {}), State(tuple(q), tuple(jnp.zeros_like(v)), {})
+    motion = frames(mechanism, time, state)
+    weight = numbers(generalised_load(mechanism, time, still, frames(mechanism, time, still), []))
+    load = numbers(generalised_load(mechanism, time, state, motion, []))
+    damping = numbers([-efforts(c, 1.0) for c in mechanism.free_coordinates() for _ in c.velocities])
+    return {
+        "acceleration": numbers(accelerations(mechanism, time, state, motion, [])[0]),
+        "mass": whole(mass_matrix(mechanism, motion)),
+        # A load is what stands on the other side of the equations, the joints' damping with it.
+        "gravity": -weight,
+        "coriolis": weight - load - damping * v,
+        "poses": jnp.stack([pose(point, motion[point.body]) for point in mechanism.points]),
+        "jacobians": jnp.stack([jacobian(point, motion[point.body], len(v)) for point in mechanism.points]),
+    }
+
+
+def numbers(terms) -> Any:
+    return jnp.stack([jnp.asarray(term, float) for term in terms])
+
+
+def efforts(coordinate: Any, rate: float) -> Any:
+    """What a coordinate's actuators do at a rate."""
+    if coordinate.is_ball:
+        return 0.0
+    return coordinate.motion.effort(jnp.zeros(()), jnp.zeros(()), jnp.asarray(rate))
+
+
+def whole(factored: Any) -> Any:
+    """A matrix from its factors, L D L^T or L L^T."""
+    if isinstance(factored, Dense):
+        return factored.lower @ factored.lower.T
+    n = len(factored.inverse_diagonal)
+    lower = jnp.stack([numbers([*factored.lower[i], 1.0, *[0.0] * (n - 1 - i)]) for i in range(n)])
+    return (lower / numbers(factored.inverse_diagonal)) @ lower.T
+
+
+def pose(point: cj.Point, frame: Any) -> Any:
+    """Rotation and place of a named frame, shape (3, 4)."""
+    at = frame.moved_to(point.at.vector)
+    rotation = at.rotation if point.orientation is None else at.rotated(point.orientation.rotation).rotation
+    return jnp.stack([numbers([*row, x]) for row, x in zip(rotation.rows, at.position, strict=True)])
+
+
+def jacobian(point: cj.Point, frame: Any, n: int) -> Any:
+    """Velocity of a named frame's origin, and its spin, by the rates of the free coordinates, shape (6, n)."""
+    out = [jnp.zeros(6)] * n
+    for column in frame.free:
+        out[column.index] = numbers([*column.velocity_at(frame.point(point.at.vector)), *column.spin])
+    return jnp.stack(out, axis=1)
+
+
+def in_our_order(known: Known, base: str) -> tuple[np.ndarray, np.ndarray]:
+    """Of each of our positions, and of each of our rates, its place in the reference."""
+    own = [known.names.index(joint.name) for joint in merged(read_urdf(known.path)[1]).joints]
+    q, v = (7, 6) if base == "free" else (0, 0)
+    return np.array([*range(q), *(q + i for i in own)]), np.array([*range(v), *(v + i for i in own)])
+
+
+def compared(known: Known, base: str) -> Row:
+    """Our errors on a robot."""
+    mechanism = cj.load_urdf(known.path, base=base, mimic="independent", end_effector=known.links)
+    places, rates = in_our_order(known, base)
+    values = dict(known.values)
+    for key, axes in {"rate": 1, "acceleration": 1, "gravity": 1, "coriolis": 1, "mass": 2, "jacobians": 1}.items():
+        for axis in range(axes):
+            values[key] = np.take(values[key], rates, axis=-1 - axis)
+    run = jax.jit(jax.vmap(dynamics, in_axes=(None, 0, 0)))
+    arguments = mechanism, jnp.asarray(values["q"][:, places]), jnp.asarray(values["rate"])
+    clock = time.perf_counter()
+    compiled = run.lower(*arguments).compile(compiler_options=UNFUSED)
+    clock = time.perf_counter() - clock
+    found = compiled(*arguments)
+    errors = {key: worst(np.asarray(found[key]), values[key]) for key in COMPARED}
+    return Row(known.path.stem, base, len(rates), clock, errors)
+
+
+def worst(found: np.ndarray, known: np.ndarray) -> float:
+    """The largest error of any state, relative to the largest of its numbers."""
+    axes = tuple(range(1, known.ndim))
+    return float((np.abs(found - known).max(axes) / np.abs(known).max(axes)).max())
+
+
+def main(quick: bool = False) -> list[Row]:
+    """Write the table."""
+    interpreter = os.environ.get("PINOCCHIO_PYTHON")
+    if quick or not interpreter:
+        say("Against plain Newton-Euler equations; name an interpreter by PINOCCHIO_PYTHON for robots by pinocchio.")
+        known = [(by_newton_euler(ARM, base, 20 if quick else 200), base) for base in ("fixed", "free")]
+    else:
+        known = [(by_pinocchio(interpreter, robot, base, 1000), base) for robot, base in ((str(ARM), "fixed"), *ROBOTS)]
+        say(f"pinocchio {known[0][0].values['version']}, 1000 states of each robot")
+    found = []
+    for one in known:
+        found.append(compared(*one))
+        print(found[-1], flush=True)
+    cells = [
+        (row.robot, row.base, row.coordinates, f"{row.compiled:.1f}", *(f"{row.errors[key]:.1e}" for key in COMPARED))
+        for row in found
+    ]
+    head = ("robot", "base", "coordinates", "compile [s]", *COMPARED)
+    table(head, cells, output(f"robots{'_quick' if quick else ''}.md"))
+    return found
+
+
+if __name__ == "__main__":
+    command(main, __doc__)
