@@ -153,6 +153,8 @@ def moved() -> Any:
 
     joints = (cj.Prismatic("slide", "ground", "carriage"), cj.Revolute("hinge", "carriage", "bob"))
     return cj.Mechanism((cj.Body("carriage", 1.0), cj.Body("bob", 1.0, 1.0)), joints)
+
+
 def _robot(path: Path) -> Any:
     """The robot of a file on its base, and where it can be moved by itself, off it."""
     from clearance_jax.dynamics.quantities import labels

@@ -60,7 +60,7 @@ def test_readers_read_through_declared_tables_only(module):
     """No reader makes up a declaration of its own, and none reads a file's values past its table."""
     tree = ast.parse((ROOT / "clearance_jax" / "io" / f"{module}.py").read_text())
     made = [n.func.id for n in ast.walk(tree) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)]
-    assert not {"Keys", "Quantity", "Sub", "Text", "Word", "Whole", "Flag", "Pair"} & set(made)
+    assert not {"Keys", "Quantity", "Sub", "Text", "Word", "Whole", "Flag", "Place", "Triple"} & set(made)
 
 
 def test_the_reference_is_complete_and_plain():

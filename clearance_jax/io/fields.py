@@ -3,8 +3,9 @@
 import dataclasses
 from typing import Any, Literal, get_args, get_origin
 
-from clearance_jax.io.kinds import Flag, Key, Pair, Quantities, Quantity, Text, Word
-from clearance_jax.mechanism.placement import Position
+from clearance_jax.io.kinds import Direction, Flag, Key, Moments, Place, Quantities, Quantity, Sub, Text, Triple, Word
+from clearance_jax.mechanism.compounds import Slide, Spin, Turn
+from clearance_jax.mechanism.placement import Axis, Inertia, Orientation, Position
 
 
 def keys_of(cls: type, *names: str) -> tuple[Key, ...]:
@@ -19,8 +20,19 @@ def _key(field: dataclasses.Field) -> Key:
     required = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
     common: dict[str, Any] = {"absent": about["absent"], "required": required}
     words = field.name, about["help"], about["example"]
-    if field.type is Position:
-        return Pair(*words, unit="m", **common)
+    kinds = set(get_args(field.type)) | {field.type}
+    if Position in kinds:
+        return Place(*words, unit="m", **common)
+    if Axis in kinds:
+        return Direction(*words, default=field.default, **common)
+    if Orientation in kinds:
+        return Triple(*words, unit="rad", **common)
+    if Spin in kinds:
+        return Triple(*words, unit="rad/s", **common)
+    if Inertia in kinds:
+        return Moments(*words, unit=about["unit"], bounds=about, **common)
+    if kinds & {Slide, Turn}:
+        return Sub(*words, **common)
     if "unit" in about:
         common |= {"unit": about["unit"], "default": None if required else field.default}
         # A table of numbers has a dimension in its annotation, one number none; either may be optional.

@@ -8,6 +8,7 @@ from collections.abc import Collection, Mapping
 from typing import Any, ClassVar
 
 from clearance_jax.errors import ClearanceError, quoted, suggest
+from clearance_jax.mechanism.placement import as_axis, as_inertia
 from clearance_jax.parameters import check_bounds, resolved_unit
 from clearance_jax.units import to_si
 
@@ -79,17 +80,70 @@ class Quantities(Key):
 
 
 @dataclasses.dataclass(frozen=True)
-class Pair(Key):
-    """A plane vector. A component that is exactly zero is left out of the compiled program."""
+class Place(Key):
+    """A vector: a pair in the plane, a triple in space. A component that is exactly zero is left out of the compiled
+    program.
+    """
 
-    default: tuple[float | None, float | None] = dataclasses.field(default=(None, None), kw_only=True)
-    kind: ClassVar[str] = "pair of quantities"
+    default: tuple[float | None, ...] = dataclasses.field(default=(None, None), kw_only=True)
+    kind: ClassVar[str] = "pair or triple of quantities"
 
     def read(self, value, where, words):
-        if not isinstance(value, list) or len(value) != 2:
-            raise ClearanceError(f"{where} must be a pair such as {self.example}, but it is {quoted(value)}.")
-        x, y = (to_si(v, self.unit, f"{where}[{i}]") for i, v in enumerate(value))
-        return x or None, y or None
+        if not isinstance(value, list) or len(value) not in (2, 3):
+            raise ClearanceError(
+                f"{where} must be a pair (or in space a triple) such as {self.example}, but it is {quoted(value)}."
+            )
+        return tuple(to_si(v, self.unit, f"{where}[{i}]") or None for i, v in enumerate(value))
+
+
+@dataclasses.dataclass(frozen=True)
+class Triple(Key):
+    """Three quantities: angles, or rates. One that is exactly zero is left out of the compiled program."""
+
+    kind: ClassVar[str] = "triple of quantities"
+
+    def read(self, value, where, words):
+        if not isinstance(value, list) or len(value) != 3:
+            raise ClearanceError(f"{where} must be a triple such as {self.example}, but it is {quoted(value)}.")
+        return tuple(to_si(v, self.unit, f"{where}[{i}]") or None for i, v in enumerate(value))
+
+
+@dataclasses.dataclass(frozen=True)
+class Direction(Key):
+    """An axis of a frame: a letter, or three numbers of any length."""
+
+    kind: ClassVar[str] = "axis"
+
+    def read(self, value, where, words):
+        if not isinstance(value, (str, list)):
+            raise ClearanceError(f"{where} must be an axis such as {self.example}, but it is {quoted(value)}.")
+        numbers = [to_si(v, "", f"{where}[{i}]") for i, v in enumerate(value)] if isinstance(value, list) else value
+        try:
+            return as_axis(numbers)
+        except ClearanceError as error:
+            raise ClearanceError(f"{where}: {error}") from None
+
+
+@dataclasses.dataclass(frozen=True)
+class Moments(Key):
+    """A moment of inertia (about z), or three or six of them."""
+
+    bounds: Mapping[str, Any] = dataclasses.field(default_factory=dict, kw_only=True)
+    kind: ClassVar[str] = "quantity, or list of three or six"
+
+    def read(self, value, where, words):
+        if not isinstance(value, list):
+            number = to_si(value, self.unit, where)
+            check_bounds(number, self.bounds, where, self.unit)
+            return number
+        if len(value) not in (3, 6):
+            raise ClearanceError(
+                f"{where} must be one quantity, three (xx, yy, zz) or six (and xy, xz, yz), but it is {quoted(value)}."
+            )
+        try:
+            return as_inertia([to_si(v, self.unit, f"{where}[{i}]") for i, v in enumerate(value)])
+        except ClearanceError as error:
+            raise ClearanceError(f"{where}: {error}") from None
 
 
 @dataclasses.dataclass(frozen=True)

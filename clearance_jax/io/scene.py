@@ -15,7 +15,7 @@ from clearance_jax.io.table import Table, naming
 from clearance_jax.io.urdf import read_robot
 from clearance_jax.mechanism.body import Body, Point, Spring
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.mechanism.placement import Gravity, Position
+from clearance_jax.mechanism.placement import Gravity, Orientation, Position
 
 
 class Scene(NamedTuple):
@@ -79,7 +79,8 @@ def _body(name: str, values: Any, where: str) -> Body:
 
 def _point(name: str, values: Any, where: str) -> Point:
     table = Table(values, where, POINT)
-    return Point(name, table.get("body"), Position(*table.get("at")))
+    orientation = Orientation(*table.get("orientation")) if table.has("orientation") else None
+    return Point(name, table.get("body"), Position(*table.get("at")), orientation)
 
 
 def _spring(name: str, values: Any, where: str) -> Spring:

@@ -1,7 +1,8 @@
 """The joints of a scene: where they are, what drives or forces them, and which of them close a loop."""
 
+import dataclasses
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from clearance_jax.errors import ClearanceError
 from clearance_jax.io.files import read_table
@@ -9,34 +10,38 @@ from clearance_jax.io.scene_contact import clearance_of
 from clearance_jax.io.scene_keys import (
     ACTUATOR_TABLES,
     ACTUATORS,
+    COMPOUNDS,
     DRIVE_TABLES,
     DRIVES,
     JOINT_TABLES,
+    OF_ONE,
     SPLINE_FILE,
 )
 from clearance_jax.io.table import Chosen, Table, checked_table, chosen, naming
 from clearance_jax.mechanism.body import GROUND, AbstractActuator, Motion, Servo
+from clearance_jax.mechanism.compounds import Ball, Free, Slide, Spin, Turn
 from clearance_jax.mechanism.drives import AbstractDrive, Spline
 from clearance_jax.mechanism.expressions import read_expression
-from clearance_jax.mechanism.placement import Position
+from clearance_jax.mechanism.placement import Axis, Orientation, Position
 from clearance_jax.mechanism.tree import SLIDING, TURNING, AbstractJoint, Fixed, Prismatic, Revolute
 from clearance_jax.units import to_si
 
 # What only a joint of the tree has.
-OF_THE_TREE = ("drive", "actuator", "position", "velocity", "eccentricity")
+OF_THE_TREE = ("drive", "actuator", "position", "velocity", "eccentricity", "start", "spin", "slide", "turn")
+OF_THE_TREE += ("slide_x", "slide_y", "slide_z", "turn_1", "turn_2")
 
 
 class Joints(NamedTuple):
     """The joints of the tree, and those that close a loop."""
 
     tree: tuple[AbstractJoint, ...]
-    loops: tuple[Revolute, ...]
+    loops: tuple[AbstractJoint, ...]
 
 
 def joints_of(top: Table, path: Path) -> Joints:
     """The joints of a scene: one that places a body which no earlier joint has placed belongs to the tree."""
     tree: list[AbstractJoint] = []
-    loops: list[Revolute] = []
+    loops: list[AbstractJoint] = []
     placed = {GROUND}
     for name, values, where in top.parts("joint"):
         read = chosen(values, where, JOINT_TABLES)
@@ -49,13 +54,11 @@ def joints_of(top: Table, path: Path) -> Joints:
     return Joints(tuple(tree), tuple(loops))
 
 
-def _closing(joint: AbstractJoint, table: Table) -> Revolute:
-    if not isinstance(joint, Revolute):
-        raise ClearanceError(
-            f"{table.where} closes a loop (`{joint.child}` is placed already): only a revolute joint can."
-        )
+def _closing(joint: AbstractJoint, table: Table) -> AbstractJoint:
+    if isinstance(joint, Free):
+        raise ClearanceError(f"{table.where} closes a loop (`{joint.child}` is placed already) and holds nothing.")
     for key in OF_THE_TREE:
-        if table.has(key):
+        if key in table.values:
             raise ClearanceError(
                 f"{table.key(key)} has no effect: the joint closes a loop (`{joint.child}` is placed already). "
                 "Move it to a joint of the tree, or write this joint before the one that places the body."
@@ -72,16 +75,44 @@ def _joint(name: str, read: Chosen, path: Path) -> AbstractJoint:
         at_parent=Position(*table.get("at_parent")),
         at_child=Position(*table.get("at_child")),
         angle=table.get("angle"),
+        orientation=_orientation(table, "orientation"),
+        child_orientation=_orientation(table, "child_orientation"),
     )
     if kind == "fixed":
         return Fixed(**common)
+    if kind in COMPOUNDS:
+        return COMPOUNDS[kind](**common, **_several(COMPOUNDS[kind], table, path))
     # What a coordinate and a force along it are measured in, the kind of joint decides.
     table.words = TURNING if kind == "revolute" else SLIDING
     motion = _motion(table, path)
     if kind == "prismatic":
-        return Prismatic(**common, motion=motion)
+        return Prismatic(**common, motion=motion, **_axis(table))
     eccentricity = Position(*table.get("eccentricity"))
-    return Revolute(**common, motion=motion, clearance=clearance_of(table), eccentricity=eccentricity)
+    return Revolute(**common, motion=motion, clearance=clearance_of(table), eccentricity=eccentricity, **_axis(table))
+
+
+def _orientation(table: Table, key: str) -> Orientation | None:
+    return Orientation(*table.get(key)) if table.has(key) else None
+
+
+def _axis(table: Table) -> dict[str, Axis]:
+    return {"axis": table.get("axis")} if table.has("axis") else {}
+
+
+def _several(cls: type, table: Table, path: Path) -> dict[str, Any]:
+    """What a joint of several coordinates has beside what every joint has."""
+    out: dict[str, Any] = {}
+    for field in dataclasses.fields(cls):
+        if field.type is Axis:
+            out |= _axis(table)
+        if field.type is Ball:
+            spin = table.get("spin") if table.has("spin") else ()
+            start = _orientation(table, "start") or Orientation()
+            out["motion"] = Ball(start, Spin(*(rate or 0.0 for rate in spin)))
+        if field.type in (Slide, Turn) and table.has(field.name):
+            words = SLIDING if field.type is Slide else TURNING
+            out[field.name] = _motion(Table(table.get(field.name), table.key(field.name), OF_ONE, words), path)
+    return out
 
 
 def _motion(table: Table, path: Path) -> Motion:

@@ -6,11 +6,12 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from clearance_jax.io.fields import keys_of, summary
-from clearance_jax.io.kinds import LONGEST_PATH, Flag, Pair, Quantity, Sub, Text, Whole, Word
+from clearance_jax.io.kinds import LONGEST_PATH, Direction, Flag, Place, Quantity, Sub, Text, Whole, Word
 from clearance_jax.io.table import Keys
 from clearance_jax.joints import RevoluteClearance
 from clearance_jax.laws import FRICTION_LAWS, NORMAL_LAWS, InternalHertz
 from clearance_jax.mechanism.body import Body, ConstantEffort, JointSpring, Motion, Point, Servo, Spring
+from clearance_jax.mechanism.compounds import Ball, Cylindrical, Free, Planar, Spherical, Universal
 from clearance_jax.mechanism.drives import ConstantSpeed, Harmonic, Spline, Step5Sum, StepSum
 from clearance_jax.mechanism.profiles import Constant, Quintic, Trapezoid
 from clearance_jax.mechanism.tree import Fixed, Prismatic, Revolute
@@ -29,6 +30,14 @@ DRIVES = {
 }
 ACTUATORS = {"constant": ConstantEffort, "servo": Servo, "spring": JointSpring}
 JOINTS = {"revolute": Revolute, "prismatic": Prismatic, "fixed": Fixed}
+JOINTS |= {
+    "spherical": Spherical,
+    "universal": Universal,
+    "cylindrical": Cylindrical,
+    "planar": Planar,
+    "free": Free,
+}
+COMPOUNDS = {word: cls for word, cls in JOINTS.items() if word not in ("revolute", "prismatic", "fixed")}
 
 SCENE = Keys(
     "scene",
@@ -36,7 +45,7 @@ SCENE = Keys(
     "What stands in a scene file before its first table.",
     (
         Text("name", "name of the mechanism", '"slider-crank"', absent="the file's name"),
-        Pair("gravity", "acceleration of free fall", '["0 m/s^2", "-9.81 m/s^2"]', unit="m/s^2", absent="none"),
+        Place("gravity", "acceleration of free fall", '["0 m/s^2", "-9.81 m/s^2"]', unit="m/s^2", absent="none"),
         Flag(
             "assemble",
             "whether a solve starts by closing the loops; off: from exactly the given initial values",
@@ -102,7 +111,8 @@ _TYPE = Word("type", "the kind of joint", '"revolute"', allowed=tuple(JOINTS), r
 JOINT = Keys(
     "joint.NAME",
     "Joints",
-    "What every joint has: revolute (a pin), prismatic (a slide along the x axis of its frame) or fixed.",
+    "What every joint has: revolute (a pin), prismatic (a slide along the x axis of its frame) or fixed; in space also "
+    "spherical (a ball), universal (a cardan), cylindrical, planar or free.",
     (_TYPE, *keys_of(Fixed)),
 )
 MOTION = Keys(
@@ -118,6 +128,12 @@ MOTION = Keys(
             absent="free",
         ),
         *keys_of(Motion),
+        Direction(
+            "axis",
+            "what it turns about or slides along, an axis of its frame: a letter, or three numbers",
+            '"z"',
+            absent="z of a revolute joint, x of a prismatic one",
+        ),
         Sub(
             "actuator",
             "forces along a free coordinate, by name",
@@ -151,7 +167,28 @@ CLEARANCE = Keys(
     ),
     'type = "revolute"',
 )
+OF_ONE = Keys(
+    "joint.NAME.slide, .turn, ...",
+    "Motion of one coordinate of a joint that has several",
+    "As that of a revolute or prismatic joint.",
+    tuple(key for key in MOTION.keys if key.name != "axis"),
+)
+# What each joint of several coordinates has beside what every joint has.
+COMPOUND_TABLES = {
+    word: Keys(
+        "joint.NAME",
+        f"Joint `{word}`",
+        summary(cls),
+        (
+            *(key for key in keys_of(cls) if key.name not in {k.name for k in JOINT.keys}),
+            *(keys_of(Ball) if cls in (Spherical, Free) else ()),
+        ),
+        f'type = "{word}"',
+    )
+    for word, cls in COMPOUNDS.items()
+}
 JOINT_TABLES = {"revolute": JOINT + MOTION + CLEARANCE, "prismatic": JOINT + MOTION, "fixed": JOINT}
+JOINT_TABLES |= {word: JOINT + table for word, table in COMPOUND_TABLES.items()}
 
 
 def _kinds(
@@ -234,6 +271,8 @@ SCENE_TABLES = (
     JOINT,
     MOTION,
     CLEARANCE,
+    *COMPOUND_TABLES.values(),
+    OF_ONE,
     *DRIVE_TABLES.values(),
     SPLINE_FILE,
     *ACTUATOR_TABLES.values(),

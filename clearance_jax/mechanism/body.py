@@ -61,7 +61,9 @@ class Point(eqx.Module):
     name: str = eqx.field(static=True)
     body: str = described("the body that it is a point of", '"slider"', static=True)
     at: Position = described("its place in the body's frame", '["80 mm", "0 mm"]', "the frame's origin", default=ORIGIN)
-    orientation: Orientation | None = None
+    orientation: Orientation | None = described(
+        "roll, pitch and yaw of its frame in the body's", '["90 deg", "0 deg", "0 deg"]', "not turned", default=None
+    )
 
 
 class AbstractActuator(eqx.Module):

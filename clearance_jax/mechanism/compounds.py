@@ -55,14 +55,16 @@ def _as(cls: type):
     return convert
 
 
-def slide_key():
+def slide_key(help: str):
     """A field that is the motion of a slide."""
-    return eqx.field(converter=_as(Slide), default_factory=Slide)
+    about = {"help": help, "example": '{ position = "10 mm" }', "absent": "free, from zero"}
+    return eqx.field(metadata=about, converter=_as(Slide), default_factory=Slide)
 
 
-def turn_key():
+def turn_key(help: str):
     """A field that is the motion of a turn."""
-    return eqx.field(converter=_as(Turn), default_factory=Turn)
+    about = {"help": help, "example": '{ velocity = "10 rad/s" }', "absent": "free, from zero"}
+    return eqx.field(metadata=about, converter=_as(Turn), default_factory=Turn)
 
 
 class Spin(eqx.Module):
@@ -133,8 +135,8 @@ class Universal(AbstractJoint):
     at_parent: Position = place_key(AT_PARENT)
     at_child: Position = place_key(AT_CHILD)
     angle: Scalar | None = angle_key()
-    turn_1: Turn = turn_key()
-    turn_2: Turn = turn_key()
+    turn_1: Turn = turn_key("motion of the turn about x of the joint's frame")
+    turn_2: Turn = turn_key("motion of the turn about y, after that")
     orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_PARENT)
     child_orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_CHILD)
 
@@ -157,8 +159,8 @@ class Cylindrical(AbstractJoint):
     at_parent: Position = place_key(AT_PARENT)
     at_child: Position = place_key(AT_CHILD)
     angle: Scalar | None = angle_key()
-    slide: Slide = slide_key()
-    turn: Turn = turn_key()
+    slide: Slide = slide_key("motion along the axis")
+    turn: Turn = turn_key("motion about the axis")
     orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_PARENT)
     child_orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_CHILD)
     axis: Axis = axis_key("what it slides along and turns about, an axis of its frame", "z")
@@ -183,9 +185,9 @@ class Planar(AbstractJoint):
     at_parent: Position = place_key(AT_PARENT)
     at_child: Position = place_key(AT_CHILD)
     angle: Scalar | None = angle_key()
-    slide_x: Slide = slide_key()
-    slide_y: Slide = slide_key()
-    turn: Turn = turn_key()
+    slide_x: Slide = slide_key("motion along the first axis")
+    slide_y: Slide = slide_key("motion along the second axis")
+    turn: Turn = turn_key("motion about the axis")
     orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_PARENT)
     child_orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_CHILD)
     axis: Axis = axis_key("normal of the plane, an axis of its frame", "z")
@@ -212,9 +214,9 @@ class Free(AbstractJoint):
     at_parent: Position = place_key(AT_PARENT)
     at_child: Position = place_key(AT_CHILD)
     angle: Scalar | None = angle_key()
-    slide_x: Slide = slide_key()
-    slide_y: Slide = slide_key()
-    slide_z: Slide = slide_key()
+    slide_x: Slide = slide_key("motion along the first axis")
+    slide_y: Slide = slide_key("motion along the second axis")
+    slide_z: Slide = slide_key("motion along the third axis")
     motion: Ball = flattened(default_factory=Ball)
     orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_PARENT)
     child_orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_CHILD)
