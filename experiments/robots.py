@@ -22,9 +22,10 @@ import jax.numpy as jnp
 import numpy as np
 
 import clearance_jax as cj
-from clearance_jax.dynamics.equations import accelerations
+from clearance_jax.dynamics.field import slope
 from clearance_jax.dynamics.inertia import generalised_load, mass_matrix
 from clearance_jax.dynamics.kinematics import frames
+from clearance_jax.dynamics.table import Columns
 from clearance_jax.io.urdf_file import read_urdf
 from clearance_jax.io.urdf_merge import merged
 from clearance_jax.mechanism.state import State
@@ -44,8 +45,8 @@ ROBOTS = (
     ("g1_description/urdf/g1_29dof_rev_1_0.urdf", "free"),
     ("talos_data/robots/talos_reduced.urdf", "free"),
 )
-# Numbers are what is asked here, not speed: fused, a program of thousands of scalars repeats most of its terms, and of
-# a robot with many coordinates that takes the compiler minutes.
+# Numbers are what is asked here, not speed: fused, a program of thousands of scalars repeats most of its terms, which
+# takes the compiler minutes.
 UNFUSED = {"xla_disable_hlo_passes": "fusion,cpu-instruction-fusion"}
 COMPARED = ("acceleration", "mass", "gravity", "coriolis", "poses", "jacobians")
 
@@ -94,20 +95,19 @@ def by_newton_euler(path: Path, base: str, states: int) -> Known:
     return Known(path, [joint.name for joint in robot.joints if joint.moves], links, {"q": q, "rate": rate} | values)
 
 
-def dynamics(mechanism: cj.Mechanism, q: Any, v: Any) -> dict[str, Any]:
+def dynamics(mechanism: cj.Mechanism, undamped: cj.Mechanism, q: Any, v: Any) -> dict[str, Any]:
     """Everything that is compared, of one state."""
-    time = jnp.zeros(())
+    time, y = jnp.zeros(()), jnp.concatenate([q, v])
     state, still = State(tuple(q), tuple(v), {}), State(tuple(q), tuple(jnp.zeros_like(v)), {})
     motion = frames(mechanism, time, state)
-    weight = numbers(generalised_load(mechanism, time, still, frames(mechanism, time, still), []))
-    load = numbers(generalised_load(mechanism, time, state, motion, []))
-    damping = numbers([-efforts(c, 1.0) for c in mechanism.free_coordinates() for _ in c.velocities])
+    # A load is what stands on the other side of the equations.
+    load = numbers(generalised_load(undamped, time, state, motion, []))
+    weight = numbers(generalised_load(undamped, time, still, frames(undamped, time, still), []))
     return {
-        "acceleration": numbers(accelerations(mechanism, time, state, motion, [])[0]),
+        "acceleration": slope(time, y, mechanism)[len(q) :],
         "mass": whole(mass_matrix(mechanism, motion)),
-        # A load is what stands on the other side of the equations, the joints' damping with it.
         "gravity": -weight,
-        "coriolis": weight - load - damping * v,
+        "coriolis": weight - load,
         "poses": jnp.stack([pose(point, motion[point.body]) for point in mechanism.points]),
         "jacobians": jnp.stack([jacobian(point, motion[point.body], len(v)) for point in mechanism.points]),
     }
@@ -115,13 +115,6 @@ def dynamics(mechanism: cj.Mechanism, q: Any, v: Any) -> dict[str, Any]:
 
 def numbers(terms) -> Any:
     return jnp.stack([jnp.asarray(term, float) for term in terms])
-
-
-def efforts(coordinate: Any, rate: float) -> Any:
-    """What a coordinate's actuators do at a rate."""
-    if coordinate.is_ball:
-        return 0.0
-    return coordinate.motion.effort(jnp.zeros(()), jnp.zeros(()), jnp.asarray(rate))
 
 
 def whole(factored: Any) -> Any:
@@ -142,9 +135,12 @@ def pose(point: cj.Point, frame: Any) -> Any:
 
 def jacobian(point: cj.Point, frame: Any, n: int) -> Any:
     """Velocity of a named frame's origin, and its spin, by the rates of the free coordinates, shape (6, n)."""
+    at = frame.point(point.at.vector)
+    if isinstance(frame.free, Columns):
+        return jnp.concatenate([frame.free.velocity_at(at), frame.free.spin], axis=1).T
     out = [jnp.zeros(6)] * n
     for column in frame.free:
-        out[column.index] = numbers([*column.velocity_at(frame.point(point.at.vector)), *column.spin])
+        out[column.index] = numbers([*column.velocity_at(at), *column.spin])
     return jnp.stack(out, axis=1)
 
 
@@ -163,8 +159,14 @@ def compared(known: Known, base: str) -> Row:
     for key, axes in {"rate": 1, "acceleration": 1, "gravity": 1, "coriolis": 1, "mass": 2, "jacobians": 1}.items():
         for axis in range(axes):
             values[key] = np.take(values[key], rates, axis=-1 - axis)
-    run = jax.jit(jax.vmap(dynamics, in_axes=(None, 0, 0)))
-    arguments = mechanism, jnp.asarray(values["q"][:, places]), jnp.asarray(values["rate"])
+    dampers = {name: 0.0 for name in cj.parameters(mechanism) if name.endswith("damping")}
+    run = jax.jit(jax.vmap(dynamics, in_axes=(None, None, 0, 0)))
+    arguments = (
+        mechanism,
+        cj.replace(mechanism, dampers),
+        jnp.asarray(values["q"][:, places]),
+        jnp.asarray(values["rate"]),
+    )
     clock = time.perf_counter()
     compiled = run.lower(*arguments).compile(compiler_options=UNFUSED)
     clock = time.perf_counter() - clock
