@@ -409,7 +409,7 @@ def test_slider_follows_the_play():
     psi, theta = rng.uniform(-np.pi, np.pi, (2, 200))
     c = rng.uniform(0, 2e-3, 200) + h * np.array([[-2], [-1], [0], [1], [2]])
     beta = np.arcsin((crank * np.sin(theta) + c * np.sin(psi)) / rod)
-    play = catalogue.slider_crank().loops[0].clearance
+    play = next(joint.clearance for joint in catalogue.slider_crank().clearance_joints())
     start = cj.Position(0.0, 0.0)
     loop = cj.Revolute("wrist", "conrod", "slider", cj.Position(rod), clearance=play, eccentricity=start)
     m = cj.Mechanism(catalogue.slider_crank().bodies, catalogue.slider_crank().joints, (loop,))

@@ -244,7 +244,12 @@ def test_ideal_forgets_where_the_pin_started():
     m = slider_crank()
     wrist = m.loops[0]
     off = cj.Revolute(
-        "wrist", "conrod", "slider", wrist.at_parent, clearance=wrist.clearance, eccentricity=at(3e-4, 2e-4)
+        "wrist",
+        "conrod",
+        "slider",
+        wrist.at_parent,
+        clearance=m.clearance_joints()[0].clearance,
+        eccentricity=at(3e-4, 2e-4),
     )
     m = cj.Mechanism(m.bodies, m.joints, (off,))
     y = np.asarray(cj.simulate(m, 1e-5, save_at=2, rtol=1e-6).y)[0]

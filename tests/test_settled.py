@@ -142,7 +142,8 @@ def test_a_vanishing_clearance_starts_as_the_ideal_mechanism():
 def test_what_cannot_start_settled_is_refused():
     mechanism = slider_crank()
     loose = cj.Mechanism(mechanism.bodies, mechanism.joints, mechanism.loops, assemble=False)
-    twice = cj.Revolute("twin", "conrod", "slider", cj.Position(0.12), clearance=mechanism.loops[0].clearance)
+    play = mechanism.clearance_joints()[0].clearance
+    twice = cj.Revolute("twin", "conrod", "slider", cj.Position(0.12), clearance=play)
     tight = cj.Mechanism(mechanism.bodies, mechanism.joints, (*mechanism.loops, twice))
     with pytest.raises(ClearanceError, match="assemble"):
         cj.simulate(loose, 1e-3, start="settled")

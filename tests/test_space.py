@@ -18,7 +18,7 @@ def body(name, rng, mass=1.0):
     """A body with a random inertia of a real one: of points."""
     points = 0.1 * rng.normal(size=(6, 3))
     points -= points.mean(0)
-    tensor = mass / 6 * sum(p @ p * np.eye(3) - np.outer(p, p) for p in points)
+    tensor = mass / 6 * (np.sum(points**2) * np.eye(3) - points.T @ points)
     six = [tensor[0, 0], tensor[1, 1], tensor[2, 2], tensor[0, 1], tensor[0, 2], tensor[1, 2]]
     return cj.Body(name, mass, six, cj.Position(*(0.1 * rng.normal(size=3))))
 
@@ -281,7 +281,7 @@ def delta(drives):
     """A Delta robot: three driven arms, six rods between balls (on the arms: universal joints, so that no rod turns
     about itself), a platform. Five of its rods close loops.
     """
-    tilt, bodies, joints, loops = np.deg2rad(20.0), [cj.Body("platform", 0.5, (1e-3, 1e-3, 2e-3))], [], []
+    tilt, bodies, joints, wrist, loops = np.deg2rad(20.0), [cj.Body("platform", 0.5, (1e-3, 1e-3, 2e-3))], [], [], []
     for i, drive in enumerate(drives):
         yaw = 2 * np.pi * i / 3
         outward = np.array([np.cos(yaw), np.sin(yaw), 0.0])
@@ -304,12 +304,11 @@ def delta(drives):
             end = cj.Position(z=-ROD)
             if (i, k) == (0, 0):
                 level = cj.Orientation(pitch=-tilt)
-                ball = cj.Spherical("wrist", rod, "platform", end, foot, motion=cj.Ball(level))
+                wrist.append(cj.Spherical("wrist", rod, "platform", end, foot, motion=cj.Ball(level)))
             else:
                 loops.append(cj.Spherical(f"ball{i}{k}", rod, "platform", end, foot))
-    joints.append(ball)
     point = cj.Point("centre", "platform")
-    return cj.Mechanism(tuple(bodies), tuple(joints), tuple(loops), points=(point,), gravity=cj.Gravity(z=-9.81))
+    return cj.Mechanism(tuple(bodies), (*joints, *wrist), tuple(loops), points=(point,), gravity=cj.Gravity(z=-9.81))
 
 
 def platform(angles):
