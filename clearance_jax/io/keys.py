@@ -16,8 +16,8 @@ from clearance_jax.parameters import BOUNDS, resolved_unit
 
 class KeyReference(NamedTuple):
     """A key: its `name`; the SI `unit` of its dimension, empty for what has none ("rad or m" where the kind of joint
-    decides); what its value is (`kind`: "quantity", "axis", "one of ..."); `default` in words or in TOML, empty where it
-    is `required`; an `example` value in TOML; one line of `help`, with the bounds of its values.
+    decides); what its value is (`kind`: "quantity", "axis", "one of ..."); `default` in words or in TOML, empty where
+    it is `required`; an `example` value in TOML; one line of `help`, with the bounds of its values.
     """
 
     name: str
