@@ -73,8 +73,8 @@ def test_the_moving_reaction_of_the_slider_crank():
     y = jnp.asarray([0.0, 0.17, -SPEED * (1 + 0.05 / 0.12), 0.0])
     reaction = joint_reactions(mechanism, jnp.zeros(()), y)["wrist"]
     braking = 0.05 * SPEED**2 * (1 + 0.05 / 0.12)
-    np.testing.assert_allclose(np.asarray(reaction.force), [-0.14 * braking, 0.0], rtol=1e-12, atol=1e-9)
-    np.testing.assert_allclose(np.asarray(reaction.at), [0.17, 0.0], rtol=1e-14, atol=1e-14)
+    np.testing.assert_allclose(np.asarray(reaction.force), [-0.14 * braking, 0.0, 0.0], rtol=1e-12, atol=1e-9)
+    np.testing.assert_allclose(np.asarray(reaction.at), [0.17, 0.0, 0.0], rtol=1e-14, atol=1e-14)
     # Held off the middle, the pin is where it is held, in the axes of the conrod.
     held = joint_reactions(mechanism, jnp.zeros(()), y, {"wrist": (jnp.asarray(5e-4), jnp.asarray(0.0))})
     np.testing.assert_allclose(np.asarray(held["wrist"].on_pin), [-0.14 * braking, 0.0], rtol=1e-2, atol=1e-9)

@@ -1,10 +1,11 @@
 """Mechanisms in space: against an independent Lagrangian, closed forms, and linkages that close in space."""
 
+import catalogue
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from lagrangian import accelerations, random_state
+from lagrangian import accelerations, inertia_tensor, random_state
 from scipy.special import ellipj, ellipk
 
 import clearance_jax as cj
@@ -12,6 +13,7 @@ from clearance_jax.dynamics.closures import conditions
 from clearance_jax.dynamics.field import slope
 from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.mechanism.state import layout
+from clearance_jax.spatial import as_array
 
 
 def body(name, rng, mass=1.0):
@@ -333,3 +335,101 @@ def test_delta_robot_is_where_its_spheres_meet():
     place = cj.to_dataset(mechanism, solution).position.sel(point="centre").values
     angles = 0.1 + 0.3 * np.sin(4.0 * np.asarray(solution.time)[:, None] + np.array([0.0, 1.0, 2.5]))
     np.testing.assert_allclose(place, [platform(a) for a in angles], atol=1e-12)
+
+
+# Accuracy -------------------------------------------------------------------------------------------------------------
+
+
+def test_error_of_an_arm_follows_the_tolerance():
+    """A free arm of three: from 1e-5 to 1e-11 the error falls as the tolerance does, and the books close."""
+    mechanism = arm(3, seed=3)
+    fine = cj.simulate(mechanism, 0.2, rtol=1e-13, solver="dopri8")
+    for rtol in (1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11):
+        coarse = cj.simulate(mechanism, 0.2, rtol=rtol)
+        assert np.max(np.abs(coarse.y - fine.y)) < 30 * rtol
+        assert float(coarse.energy_residual) < 10 * rtol
+
+
+def test_derivatives_of_an_arms_end():
+    """By a length, a mass and an inertia: against differences of the sixth order."""
+    mechanism = arm(3, seed=3)
+    names = ["joint2.at_parent.x", "link1.mass", "link2.inertia.xx"]
+    begin = np.array([float(cj.parameters(mechanism)[name].value) for name in names])
+
+    @jax.jit
+    def end(values):
+        moved = cj.replace(mechanism, dict(zip(names, values, strict=True)))
+        return cj.simulate(moved, 0.5, rtol=1e-12, solver="dopri8")["tip.position"]
+
+    found = jax.jacfwd(end)(jnp.asarray(begin))
+    for i, (value, width) in enumerate(zip(begin, (1e-3, 1e-2, 3e-5), strict=True)):
+        places = [end(jnp.asarray(begin).at[i].set(value + k * width)) for k in (-3, -2, -1, 1, 2, 3)]
+        weights = np.array([-1, 9, -45, 45, -9, 1]) / (60 * width)
+        wanted = sum(w * p for w, p in zip(weights, places, strict=True))
+        np.testing.assert_allclose(found[:, i], wanted, atol=1e-8 * np.max(np.abs(wanted)))
+
+
+def test_momentum_of_what_flies_is_kept():
+    """Two bodies joined by a ball, free, without weight: momentum, angular momentum and energy stay."""
+    rng = np.random.default_rng(5)
+    first, second = body("first", rng, 1.0), body("second", rng, 0.4)
+    fly = cj.Free(
+        "fly", "ground", "first", slide_y=cj.Motion(velocity=0.5), motion=cj.Ball(spin=cj.Spin(1.0, -2.0, 0.5))
+    )
+    joint = cj.Spherical("joint", "first", "second", cj.Position(0.3), motion=cj.Ball(spin=cj.Spin(3.0, 1.0, -1.0)))
+    mechanism = cj.Mechanism((first, second), (fly, joint))
+    solution = cj.simulate(mechanism, 5.0, save_at=21, rtol=1e-11)
+    ready, plan = mechanism.prepared(), layout(mechanism)
+
+    def momenta(t, y):
+        motion, whole, turning = frames(ready, t, plan.split(y)), jnp.zeros(3), jnp.zeros(3)
+        for part in ready.bodies:
+            frame = motion[part.name]
+            centre = frame.point(part.center_of_mass.vector)
+            rows = jnp.asarray([as_array(row) for row in frame.rotation.rows])
+            momentum = part.mass * as_array(frame.velocity_at(centre))
+            spin = rows @ inertia_tensor(part) @ rows.T @ as_array(frame.spin)
+            whole, turning = whole + momentum, turning + spin + jnp.cross(as_array(centre), momentum)
+        return jnp.concatenate([whole, turning])
+
+    seen = jax.vmap(momenta)(solution.time, solution.y)
+    np.testing.assert_allclose(seen, np.broadcast_to(seen[0], seen.shape), atol=1e-10)
+    energy = solution["kinetic_energy"]
+    np.testing.assert_allclose(energy, np.broadcast_to(energy[0], energy.shape), rtol=1e-10)
+
+
+def test_a_quaternion_stays_unit_for_a_day():
+    """A spinning body over 1e5 s at a loose tolerance."""
+    box = cj.Body("box", 2.0, (1.0, 2.0, 3.0))
+    mechanism = cj.Mechanism(
+        (box,), (cj.Spherical("spin", "ground", "box", motion=cj.Ball(spin=cj.Spin(0.01, 0.002, 0.0))),)
+    )
+    solution = cj.simulate(mechanism, 1e5, rtol=1e-6, books=False)
+    assert abs(float(jnp.sum(solution.y[-1, :4] ** 2)) - 1) < 1e-14
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: cj.Body("b", 1.0, (1.0, 1.0, 3.0)), "more than the other two"),
+        (lambda: cj.Body("b", 1.0, (1.0, -1.0, 1.0)), "positive"),
+        (lambda: cj.Revolute("j", "ground", "b", axis="w"), "axis"),
+        (lambda: cj.Revolute("j", "ground", "b", axis=(0.0, 0.0, 0.0)), "not zero"),
+        (lambda: cj.Revolute("j", "ground", "b", angle=1.0, orientation=cj.Orientation(1.0)), "one of them"),
+    ],
+)
+def test_what_is_no_part_of_a_mechanism_is_refused(make, words):
+    with pytest.raises(cj.ClearanceError, match=words):
+        make()
+
+
+def test_bodies_that_turn_in_space_need_their_inertia():
+    one = cj.Mechanism((cj.Body("b", 1.0, 1.0),), (cj.Revolute("j", "ground", "b", axis="x"),))
+    with pytest.raises(cj.ClearanceError, match=r"`b`.*three or six"):
+        cj.simulate(one, 0.1)
+
+
+def test_play_out_of_the_plane_is_refused():
+    plane = catalogue.slider_crank()
+    with pytest.raises(cj.ClearanceError, match="leaves the plane"):
+        cj.Mechanism(plane.bodies, plane.joints, plane.loops, gravity=cj.Gravity(z=-9.81))

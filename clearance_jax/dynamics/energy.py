@@ -1,5 +1,6 @@
 """Driving forces, the energies, and the books of work and losses that are integrated along with the motion."""
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import jax
@@ -12,7 +13,7 @@ from clearance_jax.dynamics.equations import Balance
 from clearance_jax.dynamics.inertia import Extra, efforts, inertia_of, inertial_wrenches, pair_work
 from clearance_jax.dynamics.kinematics import Frames, frames, play, spring_state
 from clearance_jax.dynamics.table import Table
-from clearance_jax.mechanism.body import GROUND
+from clearance_jax.mechanism.body import GROUND, Body
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import State, layout
 from clearance_jax.spatial import Term, add, as_array, dot, minus, plus, times, total
@@ -35,8 +36,7 @@ def powers(mechanism: Mechanism, time: Scalar, state: State, now: Balance) -> Ro
     friction: Term = total(action.friction_power for action in now.actions.values())
     for spring in mechanism.springs:
         absorbed = plus(absorbed, spring.damping * spring_state(spring, now.motion).rate ** 2)
-    kinetic = kinetic_power(mechanism, now)
-    exchanged = jnp.abs(jnp.asarray(drive)) + jnp.abs(jnp.asarray(kinetic))
+    exchanged = jnp.abs(jnp.asarray(drive)) + kinetic_exchange(mechanism, now)
     return tuple(jnp.asarray(power, float) for power in (drive, absorbed, friction, exchanged))
 
 
@@ -84,22 +84,30 @@ def prescribed_owners(mechanism: Mechanism) -> dict[str, tuple[str, ...]]:
     return owners
 
 
-def kinetic_power(mechanism: Mechanism, now: Balance) -> Term:
-    """Rate of the kinetic energy."""
+def kinetic_exchange(mechanism: Mechanism, now: Balance) -> Array:
+    """Rate at which kinetic energy is exchanged [W]: of a plane mechanism the rate of the whole. What flies in space
+    without weight keeps the whole, and exchanges it between its bodies and axes: there each of these counts.
+    """
     if isinstance(now.motion, Table):
-        return now.motion.kinetic_power(as_array(now.acceleration))
-    extra = Extra(now.acceleration)
-    power: Term = 0.0
-    for body in mechanism.bodies:
-        frame = now.motion[body.name]
-        centre = frame.point(body.center_of_mass.vector)
-        if body.mass is not None:
-            acceleration = add(frame.acceleration_at(centre), extra.at(frame, centre))
-            power = plus(power, times(body.mass, dot(acceleration, frame.velocity_at(centre))))
-        if body.inertia is not None:
-            spin_rate = add(frame.spin_rate, extra.spin_rate(frame))
-            power = plus(power, dot(inertia_of(body, frame).apply(spin_rate), frame.spin))
-    return power
+        return now.motion.kinetic_exchange(as_array(now.acceleration))
+    powers = [power for body in mechanism.bodies for power in _inertial_powers(body, now)]
+    if mechanism.is_plane:
+        return jnp.abs(jnp.asarray(total(total(by_axis) for by_axis in powers)))
+    every = [jnp.abs(jnp.asarray(power)) for by_axis in powers for power in by_axis]
+    return sum(every, jnp.zeros(()))
+
+
+def _inertial_powers(body: Body, now: Balance) -> Iterator[tuple[Term, ...]]:
+    """Rates of a body's kinetic energy along and about each axis of the world."""
+    extra, frame = Extra(now.acceleration), now.motion[body.name]
+    centre = frame.point(body.center_of_mass.vector)
+    if body.mass is not None:
+        acceleration = add(frame.acceleration_at(centre), extra.at(frame, centre))
+        velocity = frame.velocity_at(centre)
+        yield tuple(times(body.mass, times(a, v)) for a, v in zip(acceleration, velocity, strict=True))
+    if body.inertia is not None:
+        turning = inertia_of(body, frame).apply(add(frame.spin_rate, extra.spin_rate(frame)))
+        yield tuple(times(t, w) for t, w in zip(turning, frame.spin, strict=True))
 
 
 class Energies(NamedTuple):

@@ -48,7 +48,7 @@ def settled_start(time: Scalar, mechanism: Mechanism) -> tuple[Array, Float[Arra
             "values. Leave one of them out."
         )
     joints, loops, plan = mechanism.clearance_joints(), mechanism.loops, layout(mechanism.ideal())
-    begin = jnp.stack([as_array(list(joint.joint.eccentricity.vector)) for joint in joints])
+    begin = jnp.stack([as_array(joint.joint.eccentricity.vector[:2]) for joint in joints])
 
     def round_of(seated, settle, time, now: Seats):
         at, y = _by_name(joints, now.places), now.y

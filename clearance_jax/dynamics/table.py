@@ -203,12 +203,13 @@ class Table(Mapping):
         """Potential energy of weight [J]."""
         return -self.links.mass @ (self.centres @ as_array(self.mechanism.gravity.vector))
 
-    def kinetic_power(self, acceleration: Array) -> Array:
-        """Rate of the kinetic energy [W]."""
+    def kinetic_exchange(self, acceleration: Array) -> Array:
+        """Rate at which kinetic energy is exchanged between bodies and axes [W]."""
         at, spin_rate = self.extra(acceleration)
         at, spin_rate = self.accelerations + at, self.spin_rate + spin_rate
-        sliding = self.links.mass @ jnp.sum(self.velocities * at, axis=1)
-        return sliding + jnp.einsum("bi,bij,bj->", self.spin, self.inertias, spin_rate)
+        turning = jnp.einsum("bij,bj->bi", self.inertias, spin_rate)
+        sliding = self.links.mass @ jnp.sum(jnp.abs(self.velocities * at), axis=1)
+        return sliding + jnp.sum(jnp.abs(self.spin * turning))
 
     def of_joint(self, joint: str) -> np.ndarray:
         """Which bodies hang on a joint, as zeros and ones."""

@@ -86,7 +86,8 @@ def try_step(
     def stage(i, carry):
         slopes, _ = carry
         y = combined(lower[i], slopes, slice(plan.size))
-        now = jnp.where(nodes[i] == 1, t1, t0 + nodes[i] * h)
+        # At t1 itself a drive may have jumped already: as every other step, the last one ends before the break.
+        now = jnp.where(nodes[i] == 1, t1 - 4 * _EPS * jnp.abs(t1), t0 + nodes[i] * h)
         if problem.mechanism.has_manifold:
             close = each_lane(lambda t, y, p: lift(lambda m, y: projected(t, y, m[0]), p, y), t0)
             y = jax.lax.cond(i == last, lambda y: close(t1, y, problem), lambda y: y, y)
