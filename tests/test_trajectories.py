@@ -352,6 +352,44 @@ def test_a_joint_that_closes_a_loop_is_not_driven():
         slider_crank().driven({"wrist": cj.Constant(0.0)})
 
 
+def drill() -> cj.Mechanism:
+    """A drill on a ball: a slide and a turn about one axis, in space."""
+    drilling = cj.Cylindrical(
+        "drill",
+        "head",
+        "bit",
+        slide=cj.Motion(actuators=(cj.ConstantEffort(-3.0),), limits=cj.Limits(0.0, 0.2)),
+        orientation=cj.Orientation(0.3, -0.2, 0.1),
+    )
+    bodies = cj.Body("head", 2.0, (0.02, 0.03, 0.04)), cj.Body("bit", 0.5, (2e-3, 2e-3, 1e-3))
+    return cj.Mechanism(bodies, (cj.Spherical("ball", "ground", "head"), drilling), gravity=cj.Gravity(z=-9.81))
+
+
+def test_each_coordinate_of_a_joint_is_driven_by_its_own_name():
+    feed, turn = cj.Trapezoid([0.0], [0.1], 1.0, 10.0), cj.ConstantSpeed(100.0)
+    driven = drill().driven({"drill.slide": feed, "drill.turn": turn})
+    joint: Any = driven.joint("drill")
+    assert joint.slide.limits == cj.Limits(0.0, 0.2)
+    assert joint.slide.actuators == ()
+    assert [c.name for c in driven.free_coordinates()] == ["ball"]
+    solution = cj.simulate(driven, 0.15, rtol=1e-9)
+    assert float(solution.energy_residual) < 1e-8
+    np.testing.assert_allclose([solution["drill.slide"], solution["drill.turn"]], [0.0875, 15.0], rtol=1e-13)
+
+
+def test_an_orientation_in_space_is_not_driven():
+    with pytest.raises(cj.ClearanceError, match=r"no coordinate `ball` to drive. .*Allowed: drill.slide, drill.turn"):
+        drill().driven({"ball": cj.Constant(0.0)})
+
+
+def test_columns_are_coordinates(tmp_path):
+    text = GOOD.replace("slide", "drill.slide").replace("hinge", "drill.turn")
+    drives = cj.read_trajectory(written(tmp_path, text), drill())
+    assert {c.name for c in drill().driven(drives).coordinates() if not c.motion.is_free} == set(drives)
+    with pytest.raises(cj.ClearanceError, match=r"`drill\.slide` must be in a unit of length"):
+        cj.read_trajectory(written(tmp_path, text.replace("[mm]", "[deg]")), drill())
+
+
 # Files ---------------------------------------------------------------------------------------------------------------
 
 GOOD = """# logged by the controller
