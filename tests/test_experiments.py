@@ -2,7 +2,7 @@
 
 import pytest
 
-from experiments import batches, cores, gpu, hard_cases, scalar, work_precision
+from experiments import batches, cores, gpu, hard_cases, robots, scalar, work_precision
 
 
 @pytest.fixture(autouse=True)
@@ -45,6 +45,14 @@ def test_batches():
 
 def test_lanes_beside_scalar_c():
     assert scalar.main(quick=True) <= 1e-4
+
+
+def test_robots_against_newton_and_euler():
+    fixed, free = robots.main(quick=True)
+    assert (fixed.coordinates, free.coordinates) == (8, 14)
+    for row in (fixed, free):
+        assert set(row.errors) == set(robots.COMPARED)
+        assert max(row.errors.values()) <= 1e-12
 
 
 def test_lanes_over_cores():
