@@ -123,7 +123,7 @@ def whole(factored: Any) -> Any:
         return factored.lower @ factored.lower.T
     n = len(factored.inverse_diagonal)
     lower = jnp.stack([numbers([*factored.lower[i], 1.0, *[0.0] * (n - 1 - i)]) for i in range(n)])
-    return (lower / numbers(factored.inverse_diagonal)) @ lower.T
+    return lower @ jnp.diag(1.0 / numbers(factored.inverse_diagonal)) @ lower.T
 
 
 def pose(point: cj.Point, frame: Any) -> Any:
