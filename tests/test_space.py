@@ -343,10 +343,10 @@ def test_delta_robot_is_where_its_spheres_meet():
 def test_error_of_an_arm_follows_the_tolerance():
     """A free arm of three: from 1e-5 to 1e-11 the error falls as the tolerance does, and the books close."""
     mechanism = arm(3, seed=3)
-    fine = cj.simulate(mechanism, 0.2, rtol=1e-13, solver="dopri8")
+    fine = cj.simulate(mechanism, 0.5, rtol=1e-13, solver="dopri8").y[:, :6]
     for rtol in (1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11):
-        coarse = cj.simulate(mechanism, 0.2, rtol=rtol)
-        assert np.max(np.abs(coarse.y - fine.y)) < 30 * rtol
+        coarse = cj.simulate(mechanism, 0.5, rtol=rtol)
+        assert np.max(np.abs(coarse.y[:, :6] - fine)) < 100 * rtol
         assert float(coarse.energy_residual) < 10 * rtol
 
 
