@@ -34,6 +34,20 @@ def shared(tree: Any) -> Any:
     return jax.tree.map(_once, tree) if _sharing.get() else tree
 
 
+def kept(tree: Any) -> Any:
+    """As `shared`, in any program: of values that a chain of others is made of, each of the one before it, where the
+    work done anew would double with every link. What stands in several places stays one value.
+    """
+    known: dict[int, Any] = {}
+
+    def once(x):
+        if id(x) not in known:
+            known[id(x)] = _once(x)
+        return known[id(x)]
+
+    return jax.tree.map(once, tree)
+
+
 def _once(x: Any) -> Any:
     if not isinstance(x, jax.Array):
         return x

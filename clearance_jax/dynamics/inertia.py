@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 
+from clearance_jax._sharing import kept
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.kinematics import Extra, Frames
 from clearance_jax.dynamics.table import Table, three
@@ -71,6 +72,11 @@ class Composite(NamedTuple):
     def __add__(self, other) -> "Composite":
         return Composite(plus(self.mass, other.mass), add(self.moment, other.moment), self.inertia + other.inertia)
 
+    def kept(self) -> "Composite":
+        """With every number computed once."""
+        mass, moment = kept((self.mass, self.moment))
+        return Composite(mass, moment, Symmetric(lambda i, j: kept(self.inertia.entry(i, j))))
+
     def momentum(self, column: Column, pivot: Vector) -> "Wrench":
         """Momentum and angular momentum (about its pivot) per unit rate of a column that moves all of it."""
         velocity, spin = column.velocity_at(pivot), column.spin
@@ -127,7 +133,7 @@ def composites(mechanism: Mechanism, motion: Frames) -> dict[str, Composite]:
         for other in mechanism.joints:
             if other.parent == joint.child:
                 whole += out[other.child].moved(subtract(motion[other.child].pivot, frame.pivot))
-        out[joint.child] = whole
+        out[joint.child] = whole if mechanism.is_plane else whole.kept()
     return out
 
 
@@ -149,11 +155,13 @@ def mass_matrix(mechanism: Mechanism, motion: Frames, firm: Mapping[int, Term] |
     matrix: list[list[Term]] = [[0.0] * (i + 1) for i in range(len(names))]
     whole, columns = composites(mechanism, motion), own_columns(mechanism, motion)
     parents = {joint.child: joint.parent for joint in mechanism.joints}
+    # A chain in space is deep: what one link does is made of what the others do.
+    once = (lambda momentum: momentum) if mechanism.is_plane else kept
     for joint in mechanism.joints:
         for column in columns[joint.child]:
             at = joint.child
             pivot = motion[at].pivot
-            momentum = whole[at].momentum(column, pivot)
+            momentum = once(whole[at].momentum(column, pivot))
             while at != GROUND and motion[at].free:
                 for other in columns[at]:
                     row, entry = max(column.index, other.index), min(column.index, other.index)
@@ -161,7 +169,7 @@ def mass_matrix(mechanism: Mechanism, motion: Frames, firm: Mapping[int, Term] |
                         matrix[row][entry] = momentum.on(other, pivot)
                 at = parents[at]
                 if at != GROUND:
-                    momentum = momentum.moved(subtract(pivot, motion[at].pivot))
+                    momentum = once(momentum.moved(subtract(pivot, motion[at].pivot)))
                     pivot = motion[at].pivot
     for i, name in enumerate(names):
         if is_zero(matrix[i][i]):
@@ -191,7 +199,7 @@ def inertial_wrenches(
         for other in mechanism.joints:
             if other.parent == joint.child:
                 whole += out[other.child].moved(subtract(motion[other.child].pivot, frame.pivot))
-        out[joint.child] = whole
+        out[joint.child] = whole if mechanism.is_plane else kept(whole)
     return out
 
 

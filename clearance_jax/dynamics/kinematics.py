@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from clearance_jax._numerics import safe_sqrt, safe_unit
-from clearance_jax._sharing import shared
+from clearance_jax._sharing import kept, shared
 from clearance_jax._types import Rows, Scalar
 from clearance_jax.dynamics.table import Columns, Table, three
 from clearance_jax.joints import Relative
@@ -43,7 +43,8 @@ def frames(mechanism: Mechanism, time: Scalar, state: State) -> Frames:
     values = {c.name: (v.start, state.q[q], state.v[v]) for c, q, v in parts(mechanism)}
     out = {GROUND: Frame()}
     for joint in mechanism.joints:
-        out[joint.child] = place(joint, out[joint.parent], time, values)
+        frame = place(joint, out[joint.parent], time, values)
+        out[joint.child] = frame if mechanism.is_plane else kept(frame)
     return out
 
 
