@@ -19,7 +19,8 @@ from clearance_jax.spatial import Pair, Vector, as_array
 
 
 class Places(NamedTuple):
-    """World places [m], each array with a leading axis of times where many states are looked at.
+    """World places [m], each array with a leading axis of times where many states are looked at; of a mechanism in
+    space seen along z.
 
     - `bodies`: of each body, by name, what it carries: joints, named points, ends of springs, shape (k, 2).
     - `joints`: by name, (2,), `slides`: by name of a sliding joint, the direction that it slides along, (2,).
@@ -101,4 +102,4 @@ def _axis(joint: AbstractJoint, motion: Frames) -> Array:
 
 
 def _row(vector: Vector | Pair) -> Array:
-    return as_array(vector)
+    return as_array(vector[:2])

@@ -123,7 +123,7 @@ class Table(Mapping):
             acceleration=three(m.acceleration[link] + jnp.cross(spin_rate, arm) + jnp.cross(spin, swing)),
             pivot=three(m.place[link]),
             free=free,
-            prescribed=tuple(self._prescribed(k) for k in np.flatnonzero(moves[self.count :]) + self.count),
+            prescribed=tuple(self._prescribed(int(k)) for k in np.flatnonzero(moves[self.count :]) + self.count),
         )
 
     def _moved_by(self, link: int) -> np.ndarray:
