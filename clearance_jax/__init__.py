@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from clearance_jax.analysis.signals import AbstractSignal
     from clearance_jax.analysis.trust import GradientReport, TrustThresholds, UntrustedGradient, gradient_report
     from clearance_jax.configure import configure
+    from clearance_jax.dynamics.mobility import Mobility, mobility
     from clearance_jax.io.scene import load
     from clearance_jax.io.trajectory import read_trajectory
     from clearance_jax.io.urdf import load_urdf
@@ -61,6 +62,7 @@ _NAMES = {
     "analysis.signals": ("AbstractSignal",),
     "analysis.trust": ("GradientReport", "TrustThresholds", "UntrustedGradient", "gradient_report"),
     "configure": ("configure",),
+    "dynamics.mobility": ("Mobility", "mobility"),
     "io.scene": ("load",),
     "io.trajectory": ("read_trajectory",),
     "io.urdf": ("load_urdf",),
@@ -123,6 +125,7 @@ __all__ = [
     "JointSpring",
     "Limits",
     "Mechanism",
+    "Mobility",
     "Motion",
     "Orientation",
     "PeriodicMotion",
@@ -162,6 +165,7 @@ __all__ = [
     "load_urdf",
     "measure",
     "metrics",
+    "mobility",
     "parameters",
     "periodic_motion",
     "physical",

@@ -387,6 +387,7 @@ def test_momentum_of_what_flies_is_kept():
             frame = motion[part.name]
             centre = frame.point(part.center_of_mass.vector)
             rows = jnp.asarray([as_array(row) for row in frame.rotation.rows])
+            assert part.mass is not None
             momentum = part.mass * as_array(frame.velocity_at(centre))
             spin = rows @ inertia_tensor(part) @ rows.T @ as_array(frame.spin)
             whole, turning = whole + momentum, turning + spin + jnp.cross(as_array(centre), momentum)
@@ -433,3 +434,27 @@ def test_play_out_of_the_plane_is_refused():
     plane = catalogue.slider_crank()
     with pytest.raises(cj.ClearanceError, match="leaves the plane"):
         cj.Mechanism(plane.bodies, plane.joints, plane.loops, gravity=cj.Gravity(z=-9.81))
+
+
+def test_mobility_is_counted():
+    """Bennett's linkage moves under five conditions; a plane four-bar in space holds its plane three times."""
+    assert cj.mobility(bennett()[0]) == (3, 5, 2)
+    assert cj.mobility(bennett()[0]).repeated == 3
+    assert "over-constrained" in str(cj.mobility(bennett()[0]))
+    assert cj.mobility(four_bar(cj.Revolute, False)) == (3, 2, 2)
+    assert cj.mobility(four_bar(cj.Revolute, True)).freedom == 1
+    assert cj.mobility(arm(3)) == (3, 0, 0)
+
+
+def test_books_close_where_a_drive_breaks_at_the_end():
+    """Its acceleration jumps at t1: what the last step sees is what was before."""
+    drive = cj.Trapezoid([0.0], [1.0], speed=4.0, acceleration=20.0)
+    end = float(np.max(np.asarray(drive.breaks())))
+    body_ = cj.Body("bob", 1.0, (0.1, 0.1, 0.1), cj.Position(0.3))
+    cart = cj.Body("cart", 1.0, (0.1, 0.1, 0.1))
+    joints = (
+        cj.Prismatic("slide", "ground", "cart", motion=cj.Motion(drive)),
+        cj.Spherical("ball", "cart", "bob"),
+    )
+    mechanism = cj.Mechanism((cart, body_), joints, gravity=cj.Gravity(z=-9.81))
+    assert float(cj.simulate(mechanism, end, rtol=1e-9).energy_residual) < 1e-8

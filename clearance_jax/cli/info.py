@@ -34,6 +34,10 @@ def _print_terms(mechanism) -> None:
             f"(class {clearance.normal.smoothness}), {friction}"
         )
     console.print(f"ideal loop closures: {', '.join(j.name for j in mechanism.closures()) or 'none'}")
+    if mechanism.closures():
+        from clearance_jax.dynamics.mobility import mobility
+
+        console.print(f"free to move: {mobility(mechanism)}")
 
 
 def _operations(mechanism) -> int:
