@@ -447,14 +447,12 @@ def test_mobility_is_counted():
 
 
 def test_books_close_where_a_drive_breaks_at_the_end():
-    """Its acceleration jumps at t1: what the last step sees is what was before."""
-    drive = cj.Trapezoid([0.0], [1.0], speed=4.0, acceleration=20.0)
-    end = float(np.max(np.asarray(drive.breaks())))
-    body_ = cj.Body("bob", 1.0, (0.1, 0.1, 0.1), cj.Position(0.3))
-    cart = cj.Body("cart", 1.0, (0.1, 0.1, 0.1))
-    joints = (
-        cj.Prismatic("slide", "ground", "cart", motion=cj.Motion(drive)),
-        cj.Spherical("ball", "cart", "bob"),
-    )
-    mechanism = cj.Mechanism((cart, body_), joints, gravity=cj.Gravity(z=-9.81))
-    assert float(cj.simulate(mechanism, end, rtol=1e-9).energy_residual) < 1e-8
+    """Its acceleration jumps at t1: what the last step sees is what was before (read past the jump the books miss 1e-9
+    of the energy here, at this tolerance else 5e-11).
+    """
+    bob, cart = cj.Body("bob", 1.0, (0.1, 0.1, 0.1), cj.Position(0.3)), cj.Body("cart", 1.0, (0.1, 0.1, 0.1))
+    ball = cj.Spherical("ball", "cart", "bob")
+    for end in (0.3, 0.45):
+        slide = cj.Prismatic("slide", "ground", "cart", motion=cj.Motion(cj.StepSum([0.0], [end], [0.2])))
+        mechanism = cj.Mechanism((cart, bob), (slide, ball), gravity=cj.Gravity(z=-9.81))
+        assert float(cj.simulate(mechanism, end, rtol=1e-9).energy_residual) < 3e-10
