@@ -9,7 +9,7 @@ from lagrangian import accelerations, inertia_tensor, random_state
 from scipy.special import ellipj, ellipk
 
 import clearance_jax as cj
-from clearance_jax.dynamics.closures import conditions
+from clearance_jax.dynamics.conditions import conditions
 from clearance_jax.dynamics.field import slope
 from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.mechanism.state import layout

@@ -4,7 +4,8 @@ from typing import NamedTuple
 
 from clearance_jax._sharing import shared
 from clearance_jax._types import Scalar
-from clearance_jax.dynamics.closures import closing_pairs, conditions, constraint
+from clearance_jax.dynamics.conditions import conditions
+from clearance_jax.dynamics.constraint import closing_pairs, constraint
 from clearance_jax.dynamics.inertia import Pair, generalised_load, mass_matrix
 from clearance_jax.dynamics.kinematics import Frames, Play, frames, play, spring_state
 from clearance_jax.errors import ClearanceError

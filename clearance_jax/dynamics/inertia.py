@@ -207,7 +207,7 @@ def _tabled_wrenches(mechanism: Mechanism, motion: Table, extra: Extra | None) -
     force, moment = motion.wrenches(None if extra is None else as_array(extra.acceleration))
     out = {}
     for joint in mechanism.joints:
-        hanging = motion.of_joint(joint.name)
+        hanging = motion.hanging_on(joint.child)
         whole = Wrench(three(hanging @ force), three(hanging @ moment))
         out[joint.child] = whole.moved(subtract(three(motion.origin), motion[joint.child].pivot))
     return out

@@ -6,10 +6,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from clearance_jax.dynamics.closures import assembled, conditions
+from clearance_jax.dynamics.closures import assembled
+from clearance_jax.dynamics.conditions import conditions
 from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.mechanism.state import layout
+from clearance_jax.mechanism.state import initial_values, layout
 from clearance_jax.spatial import as_array
 
 # Singular values of the closures' Jacobian that are less than this part of the largest are zeros.
@@ -51,8 +52,7 @@ def mobility(mechanism: Mechanism, time: float = 0.0) -> Mobility:
 
     @jax.jit
     def jacobian(ready: Any):
-        starts = [c.motion.initial() for c in ready.free_coordinates()]
-        begin = as_array([*(x for q, _ in starts for x in q), *(x for _, v in starts for x in v)])
+        begin = initial_values(ready)
         at = jnp.asarray(time, float)
         y = assembled(at, jnp.concatenate([begin, jnp.zeros(plan.remembered)]), ready)[0]
         motion = frames(ready, at, plan.split(y))

@@ -83,7 +83,7 @@ def reactions(mechanism: Mechanism, now: Balance) -> list[Wrench]:
             continue
         pivot, missing = now.motion[joint.child].pivot, wrenches[joint.child]
         force, moment = scale(-1.0, missing.force), scale(-1.0, missing.moment)
-        beyond = descendants(mechanism, joint.child)
+        beyond = mechanism.beyond(joint.child)
         for pair in (*now.pairs, *now.closing):
             inside = float((pair.child in beyond) - (pair.parent in beyond))
             force = subtract(force, scale(inside, pair.force))
@@ -91,12 +91,3 @@ def reactions(mechanism: Mechanism, now: Balance) -> list[Wrench]:
             moment = subtract(moment, scale(inside, turning))
         out.append(Wrench(force, moment))
     return out + [Wrench(by_name[loop.name].force, by_name[loop.name].torque) for loop in mechanism.loops]
-
-
-def descendants(mechanism: Mechanism, body: str) -> set[str]:
-    """A body and every body that hangs on it."""
-    beyond = {body}
-    for joint in mechanism.joints:
-        if joint.parent in beyond:
-            beyond.add(joint.child)
-    return beyond

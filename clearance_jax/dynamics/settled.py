@@ -20,7 +20,7 @@ from clearance_jax.dynamics.closures import HELD, corrected
 from clearance_jax.dynamics.reactions import held_balance, held_reactions
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import ClearanceJoint, Mechanism
-from clearance_jax.mechanism.state import layout
+from clearance_jax.mechanism.state import initial_values, layout
 from clearance_jax.spatial import Pair, as_array, dot
 
 # Rounds with pins seated: each is nearer by the ratio of clearance to length.
@@ -80,7 +80,7 @@ def settled_start(time: Scalar, mechanism: Mechanism) -> tuple[Array, Float[Arra
         )
         return moved, Seats(slope, change.places), (change, pressed), opened
 
-    first = Seats(_ideal_values(mechanism), begin)
+    first = Seats(initial_values(mechanism.ideal()), begin)
     still = jax.tree.map(jnp.zeros_like, first)
     carry = first, still, (still, jnp.zeros(len(joints), bool)), jnp.zeros(len(loops))
     now, _, (rate, pressed), opened = jax.lax.fori_loop(0 if loops else HELD, HELD + ROUNDS, once, carry)
@@ -89,12 +89,6 @@ def settled_start(time: Scalar, mechanism: Mechanism) -> tuple[Array, Float[Arra
 
 def _by_name(joints: tuple[ClearanceJoint, ...], places: Array) -> dict[str, Pair]:
     return {joint.name: (place[0], place[1]) for joint, place in zip(joints, places, strict=True)}
-
-
-def _ideal_values(mechanism: Mechanism) -> Array:
-    """The given initial state of the ideal mechanism."""
-    starts = [c.motion.initial() for c in mechanism.ideal().free_coordinates()]
-    return as_array([*(x for q, _ in starts for x in q), *(x for _, v in starts for x in v)])
 
 
 def _whole(mechanism: Mechanism, now: Seats, rate: Seats, pressed: Array) -> Array:

@@ -17,7 +17,7 @@ from clearance_jax._numerics import sincos
 from clearance_jax._types import Scalar
 from clearance_jax.mechanism.body import GROUND
 from clearance_jax.mechanism.frame import Column, Frame
-from clearance_jax.mechanism.links import Masks, Order, links_of, masks, order, rodrigues
+from clearance_jax.mechanism.links import Links, Masks, Order, links_of, masks, order, rodrigues
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import State, parts
 from clearance_jax.spatial import IDENTITY, Term, Vector, as_array, of_quaternion
@@ -162,7 +162,8 @@ class Table(Mapping):
         """
         at, spin_rate = self.accelerations, self.spin_rate
         if acceleration is not None:
-            at, spin_rate = at + self.extra(acceleration)[0], spin_rate + self.extra(acceleration)[1]
+            more, more_spin = self.extra(acceleration)
+            at, spin_rate = at + more, spin_rate + more_spin
         force = self.links.mass[:, None] * (as_array(self.mechanism.gravity.vector)[None] - at)
         momentum = jnp.einsum("bij,bj->bi", self.inertias, self.spin)
         turning = jnp.einsum("bij,bj->bi", self.inertias, spin_rate) + jnp.cross(self.spin, momentum)
@@ -211,13 +212,10 @@ class Table(Mapping):
         sliding = self.links.mass @ jnp.sum(jnp.abs(self.velocities * at), axis=1)
         return sliding + jnp.sum(jnp.abs(self.spin * turning))
 
-    def of_joint(self, joint: str) -> np.ndarray:
-        """Which bodies hang on a joint, as zeros and ones."""
-        beyond = {next(j.child for j in self.mechanism.joints if j.name == joint)}
-        for other in self.mechanism.joints:
-            if other.parent in beyond:
-                beyond.add(other.child)
-        return np.array([float(body.name in beyond) for body in self.mechanism.bodies])
+    def hanging_on(self, body: str) -> np.ndarray:
+        """Which bodies hang on a body, itself among them, as zeros and ones."""
+        beyond = self.mechanism.beyond(body)
+        return np.array([float(other.name in beyond) for other in self.mechanism.bodies])
 
 
 def three(a: Array) -> Vector:
@@ -225,37 +223,50 @@ def three(a: Array) -> Vector:
     return a[0], a[1], a[2]
 
 
-def sweep(mechanism: Mechanism, plan: Order, links, time: Scalar, state: State) -> tuple[list[Term], Motions]:
-    """Rates of the links' coordinates (of a ball zero), and the motion of every link and, behind them, of the
-    ground.
+class Given(NamedTuple):
+    """Of every link's coordinate its value, rate and prescribed acceleration; of balls instead (zeros there) the matrix
+    by its link, and of every link the spin of a ball in its own axes.
     """
+
+    values: list[Term]
+    rates: list[Term]
+    accelerations: list[Term]
+    turned: dict[int, Array]
+    spins: list[Array]
+
+
+def given_motion(mechanism: Mechanism, plan: Order, time: Scalar, state: State) -> Given:
+    """What drives and the state say of the links' coordinates."""
     own = {part.coordinate.name: part for part in parts(mechanism)}
-    count = len(plan.coordinates)
-    values, rates, accelerations = [], [], []
-    spins: list[Array] = []
-    turned: dict[int, Array] = {}
+    out = Given([], [], [], {}, [])
     for i, c in enumerate(plan.coordinates):
-        part = own.get(c.name)
-        spins.append(jnp.zeros(3))
+        part, spin = own.get(c.name), jnp.zeros(3)
         if part is None:
             assert c.motion.drive is not None
             q, v, a = c.motion.drive(time)
         elif c.is_ball:
             w, x, y, z = state.q[part.q]
-            turned[i] = jnp.stack([as_array(row) for row in of_quaternion(w, x, y, z)])
-            spins[i] = as_array(state.v[part.v])
+            out.turned[i] = jnp.stack([as_array(row) for row in of_quaternion(w, x, y, z)])
+            spin = as_array(state.v[part.v])
             q = v = a = 0.0
         else:
             q, v, a = state.q[part.q.start], state.v[part.v.start], 0.0
-        values.append(q)
-        rates.append(v)
-        accelerations.append(a)
+        for values, value in zip((out.values, out.rates, out.accelerations, out.spins), (q, v, a, spin), strict=True):
+            values.append(value)
+    return out
+
+
+def sweep(mechanism: Mechanism, plan: Order, links: Links, time: Scalar, state: State) -> tuple[list[Term], Motions]:
+    """Rates of the links' coordinates (of a ball zero), and the motion of every link and, behind them, of the
+    ground.
+    """
+    count, now = len(plan.coordinates), given_motion(mechanism, plan, time, state)
     turning = np.array([float(c.turns is not None) for c in plan.coordinates])
     sliding = np.array([float(c.slides is not None) for c in plan.coordinates])
-    q, v, a = as_array(values), as_array(rates), as_array(accelerations)
+    q, v, a = as_array(now.values), as_array(now.rates), as_array(now.accelerations)
     sine, cosine = sincos(turning * q)
     inner = rodrigues(links.axis, sine, cosine)
-    for i, rows in turned.items():
+    for i, rows in now.turned.items():
         inner = inner.at[i].set(rows)
     given = (
         np.array([parent if parent >= 0 else count for parent in plan.parents]),
@@ -265,7 +276,7 @@ def sweep(mechanism: Mechanism, plan: Order, links, time: Scalar, state: State) 
         (sliding * q)[:, None] * links.axis,
         (sliding * v)[:, None] * links.axis,
         (sliding * a)[:, None] * links.axis,
-        (turning * v)[:, None] * links.axis + jnp.stack(spins),
+        (turning * v)[:, None] * links.axis + jnp.stack(now.spins),
         (turning * a)[:, None] * links.axis,
     )
     still = jnp.zeros((count + 1, 3))
@@ -291,4 +302,4 @@ def sweep(mechanism: Mechanism, plan: Order, links, time: Scalar, state: State) 
         )
         return jax.tree.map(lambda x, y: jax.lax.dynamic_update_index_in_dim(x, y, i, 0), motions, new), None
 
-    return rates, jax.lax.scan(once, begin, given)[0]
+    return now.rates, jax.lax.scan(once, begin, given)[0]

@@ -15,7 +15,6 @@ from clearance_jax.spatial import (
     add,
     centripetal,
     cross,
-    plus,
     scale,
     subtract,
 )
@@ -124,14 +123,3 @@ class Frame(NamedTuple):
         if column.index < 0:
             return self._replace(prescribed=(*self.prescribed, (column, rate)))
         return self._replace(free=(*self.free, column))
-
-
-def plane(vector: Vector) -> tuple[Term, Term]:
-    """Of a vector that lies in the plane by its structure."""
-    assert absent(vector[2:])
-    return vector[0], vector[1]
-
-
-def angle_between(a: Frame, b: Frame) -> Term:
-    """By how much `b` is turned from `a` about z, of frames that turn about z only."""
-    return plus(b.angle, scale(-1.0, (a.angle,))[0])

@@ -90,7 +90,7 @@ class Mechanism(eqx.Module):
     name: str = eqx.field(static=True, default="mechanism")
     assemble: bool = eqx.field(static=True, default=True)
     chosen: Array | None = None
-    """Of a mechanism that is being solved, which conditions of its closures a step asks for (see `closures.choice`)."""
+    """Of a mechanism that is being solved, which conditions of its closures a step asks for (`constraint.choice`)."""
     links: Links | None = None
     """Of a prepared mechanism that is large, its table."""
 
@@ -191,6 +191,14 @@ class Mechanism(eqx.Module):
     def has_manifold(self) -> bool:
         """Whether states lie on a manifold that steps are projected to: loops closed, quaternions of unit length."""
         return bool(self.closures()) or any(coordinate.is_ball for coordinate in self.free_coordinates())
+
+    def beyond(self, body: str) -> set[str]:
+        """A body and every body that hangs on it."""
+        found = {body}
+        for joint in self.joints:
+            if joint.parent in found:
+                found.add(joint.child)
+        return found
 
     def joint(self, name: str) -> AbstractJoint:
         """The joint of that name. **Raises** `ClearanceError` for an unknown one."""

@@ -89,6 +89,13 @@ def layout(mechanism: Mechanism) -> Layout:
     return Layout(positions, tuple(name for c in free for name in c.velocities), memories)
 
 
+def initial_values(mechanism: Mechanism) -> Array:
+    """The given initial positions and velocities of the free coordinates."""
+    starts = [c.motion.initial() for c in mechanism.free_coordinates()]
+    places = [jnp.asarray(x, float) for q, _ in starts for x in q]
+    return vector((*places, *(jnp.asarray(x, float) for _, v in starts for x in v)))
+
+
 class Part(NamedTuple):
     """Where a free coordinate is among the positions, and among the velocities, by their first and last index."""
 

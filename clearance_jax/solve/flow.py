@@ -20,7 +20,7 @@ from clearance_jax.dynamics.energy import energy_residual, opened_books
 from clearance_jax.dynamics.settled import settled_start
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism, drive_breaks
-from clearance_jax.mechanism.state import layout
+from clearance_jax.mechanism.state import initial_values, layout
 from clearance_jax.parameters import bounds_hold
 from clearance_jax.solve import lanes
 from clearance_jax.solve.attempt import CENTRE, SETTLED, Options
@@ -33,7 +33,6 @@ from clearance_jax.solve.outcome import Outcome, Task
 from clearance_jax.solve.problem import Problem, basis, field, lift, motion, moved_by, moves, push, widths
 from clearance_jax.solve.solution import Solution
 from clearance_jax.solve.tolerances import Tolerances, floors, largest_length, tolerances
-from clearance_jax.spatial import as_array
 
 # A loop open by more than this part of the largest length is not assembled.
 CLOSED = 1e-10
@@ -353,9 +352,7 @@ def closed_start(mechanism: Mechanism, t0: Scalar, start: str = CENTRE) -> tuple
     """
     if start == SETTLED and mechanism.clearance_joints():
         return settled_start(t0, mechanism)
-    starts = [c.motion.initial() for c in mechanism.free_coordinates()]
-    begin = as_array([*(x for q, _ in starts for x in q), *(x for _, v in starts for x in v)])
-    y = jnp.concatenate([begin, jnp.zeros(layout(mechanism).remembered)])
+    y = jnp.concatenate([initial_values(mechanism), jnp.zeros(layout(mechanism).remembered)])
     if not mechanism.loops or not mechanism.assemble:
         return y, jnp.zeros(0)
     return assembled(t0, y, mechanism)

@@ -11,7 +11,8 @@ from jaxtyping import Array
 
 from clearance_jax._sharing import shared
 from clearance_jax._types import Each, EachFlag, Scalar
-from clearance_jax.dynamics.closures import choice, projected
+from clearance_jax.dynamics.closures import projected
+from clearance_jax.dynamics.constraint import choice
 from clearance_jax.dynamics.kinematics import relative_accelerations
 from clearance_jax.mechanism.mechanism import drive_breaks
 from clearance_jax.mechanism.state import layout
