@@ -26,19 +26,13 @@ if TYPE_CHECKING:
     from clearance_jax.io.urdf import load_urdf
     from clearance_jax.joints import AbstractClearance, AbstractElement, RevoluteClearance
     from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, AbstractStiffness
-    from clearance_jax.mechanism.body import (
-        AbstractActuator,
-        Body,
-        ConstantEffort,
-        JointSpring,
-        Motion,
-        Point,
-        Servo,
-        Spring,
-    )
+    from clearance_jax.mechanism.actuators import AbstractActuator, ConstantEffort, JointSpring, Servo
+    from clearance_jax.mechanism.body import Body, Motion, Point, Spring
     from clearance_jax.mechanism.compounds import Ball, Cylindrical, Free, Planar, Spherical, Spin, Universal
+    from clearance_jax.mechanism.controllers import AbstractController, ComputedTorque, Reference
     from clearance_jax.mechanism.drives import AbstractDrive, ConstantSpeed, Harmonic, Spline, Step5Sum, StepSum
     from clearance_jax.mechanism.limits import Limits
+    from clearance_jax.mechanism.loads import Force, Torque, Wrench
     from clearance_jax.mechanism.mechanism import Mechanism
     from clearance_jax.mechanism.placement import Axis, Gravity, Inertia, Orientation, Position
     from clearance_jax.mechanism.profiles import Constant, Quintic, Trapezoid
@@ -68,19 +62,13 @@ _NAMES = {
     "io.urdf": ("load_urdf",),
     "joints": ("AbstractClearance", "AbstractElement", "RevoluteClearance"),
     "laws": ("AbstractFrictionLaw", "AbstractNormalLaw", "AbstractStiffness"),
-    "mechanism.body": (
-        "AbstractActuator",
-        "Body",
-        "ConstantEffort",
-        "JointSpring",
-        "Motion",
-        "Point",
-        "Servo",
-        "Spring",
-    ),
+    "mechanism.actuators": ("AbstractActuator", "ConstantEffort", "JointSpring", "Servo"),
+    "mechanism.body": ("Body", "Motion", "Point", "Spring"),
     "mechanism.compounds": ("Ball", "Cylindrical", "Free", "Planar", "Spherical", "Spin", "Universal"),
+    "mechanism.controllers": ("AbstractController", "ComputedTorque", "Reference"),
     "mechanism.drives": ("AbstractDrive", "ConstantSpeed", "Harmonic", "Spline", "Step5Sum", "StepSum"),
     "mechanism.limits": ("Limits",),
+    "mechanism.loads": ("Force", "Torque", "Wrench"),
     "mechanism.mechanism": ("Mechanism",),
     "mechanism.placement": ("Axis", "Gravity", "Inertia", "Orientation", "Position"),
     "mechanism.profiles": ("Constant", "Quintic", "Trapezoid"),
@@ -99,6 +87,7 @@ _HOME = {name: module for module, names in _NAMES.items() for name in names}
 __all__ = [
     "AbstractActuator",
     "AbstractClearance",
+    "AbstractController",
     "AbstractDrive",
     "AbstractElement",
     "AbstractFrictionLaw",
@@ -111,11 +100,13 @@ __all__ = [
     "BatchReport",
     "Body",
     "ClearanceError",
+    "ComputedTorque",
     "Constant",
     "ConstantEffort",
     "ConstantSpeed",
     "Cylindrical",
     "Fixed",
+    "Force",
     "Free",
     "GradientReport",
     "Gravity",
@@ -134,6 +125,7 @@ __all__ = [
     "Position",
     "Prismatic",
     "Quintic",
+    "Reference",
     "Reply",
     "Request",
     "Revolute",
@@ -148,11 +140,13 @@ __all__ = [
     "Spring",
     "Step5Sum",
     "StepSum",
+    "Torque",
     "Trace",
     "Trapezoid",
     "TrustThresholds",
     "Universal",
     "UntrustedGradient",
+    "Wrench",
     "batch",
     "configure",
     "design",

@@ -82,6 +82,11 @@ def leading(**field):
     return eqx.field(metadata={"leading": True}, **field)
 
 
+def apart(**field):
+    """A field that holds a model of its own: its name stands before all of its members' dotted names."""
+    return eqx.field(metadata={"apart": True}, **field)
+
+
 class Parametrised(eqx.Module):
     """A part of a model whose numbers have units that depend on what else it is made of."""
 
@@ -130,6 +135,9 @@ def leaves(module: eqx.Module, path: tuple[str, ...] = (), prefix: str = "", own
         if "unit" in field.metadata and not isinstance(value, eqx.Module):
             if value is not None:
                 yield Leaf(name[:-1], here, value, field.metadata, owners)
+        elif isinstance(value, eqx.Module) and field.metadata.get("apart"):
+            for leaf in leaves(value, here):
+                yield dataclasses.replace(leaf, name=name + leaf.name)
         elif isinstance(value, eqx.Module):
             yield from leaves(value, here, name, owners)
         elif isinstance(value, tuple):

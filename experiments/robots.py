@@ -101,8 +101,8 @@ def dynamics(mechanism: cj.Mechanism, undamped: cj.Mechanism, q: Any, v: Any) ->
     state, still = State(tuple(q), tuple(v), {}), State(tuple(q), tuple(jnp.zeros_like(v)), {})
     motion = frames(mechanism, time, state)
     # A load is what stands on the other side of the equations.
-    load = numbers(generalised_load(undamped, time, state, motion, []))
-    weight = numbers(generalised_load(undamped, time, still, frames(undamped, time, still), []))
+    load = numbers(generalised_load(undamped, motion, []))
+    weight = numbers(generalised_load(undamped, frames(undamped, time, still), []))
     return {
         "acceleration": slope(time, y, mechanism)[len(q) :],
         "mass": whole(mass_matrix(mechanism, motion)),

@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 
 import clearance_jax as cj
 from clearance_jax._types import Scalar
-from clearance_jax.mechanism.body import AbstractActuator
+from clearance_jax.mechanism.actuators import AbstractActuator
 from clearance_jax.mechanism.drives import AbstractDrive, DriveSum, PreparedSpline, spline_curvature
 from clearance_jax.mechanism.expressions import read_expression
 from clearance_jax.mechanism.mechanism import drive_breaks

@@ -13,7 +13,7 @@ import scipy.integrate
 import clearance_jax as cj
 from clearance_jax import laws
 from clearance_jax.dynamics.energy import energy_residual
-from clearance_jax.mechanism.body import AbstractActuator
+from clearance_jax.mechanism.actuators import AbstractActuator
 from clearance_jax.solve.trace import BLOCK
 
 DATA = Path(__file__).parents[1] / "experiments" / "reference" / "data"

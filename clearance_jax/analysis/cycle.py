@@ -17,7 +17,7 @@ from jaxtyping import Array, Bool, Complex, Float, Int
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.closures import projected
 from clearance_jax.errors import ClearanceError
-from clearance_jax.mechanism.body import ConstantEffort, Servo
+from clearance_jax.mechanism.actuators import ConstantEffort, Servo
 from clearance_jax.mechanism.drives import AbstractDrive
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout

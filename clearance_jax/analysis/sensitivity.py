@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 from clearance_jax.analysis.measure import AbstractMetric, Function, as_metric, measured
 from clearance_jax.analysis.reverse import reverse
 from clearance_jax.errors import ClearanceError
-from clearance_jax.mechanism.mechanism import Mechanism, drive_breaks
+from clearance_jax.mechanism.mechanism import Mechanism, drive_breaks, sampling_periods
 from clearance_jax.parameters import check_values, replace, values_of
 from clearance_jax.solve.problem import depends
 from clearance_jax.solve.settings import Settings, SolveOptions, settings_of
@@ -124,6 +124,8 @@ def _not_in_reverse(mechanism, metric, values, options) -> str:
     others = sorted(set(options) - set(REVERSIBLE))
     if others:
         return f"it does not know `{others[0]}`"
+    if sampling_periods(mechanism):
+        return "something is sampled"
     varied, fixed = eqx.partition(values, eqx.is_inexact_array)
     if depends(lambda v: drive_breaks(replace(mechanism, eqx.combine(v, fixed))), varied):
         return "a time at which a drive switches varies"

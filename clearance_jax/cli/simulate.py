@@ -50,8 +50,9 @@ def simulate(
     Ctrl-C stops the solve and keeps what was computed.
     """
     scene = read_scene(scene_file)
-    drives = {} if trajectory is None else _drives(trajectory, scene.mechanism)
-    mechanism = changed(scene.mechanism.driven(drives), settings, ideal)
+    lead = scene.trajectory if trajectory is None else _read_trajectory(trajectory, scene.mechanism)
+    driven = scene.mechanism if lead is None else scene.mechanism.driven(lead.drives)
+    mechanism = changed(driven, settings, ideal)
     from clearance_jax.results.dataset import to_dataset
     from clearance_jax.results.store import save
     from clearance_jax.solve.simulate import EnergyWarning, doubt
@@ -61,9 +62,9 @@ def simulate(
     check_writable(plot, FIGURES)
     check_distinct(scene=scene_file, trajectory=trajectory, output=output, plot=plot)
     given = {"t1": t1, "rtol": rtol, "samples": samples, "solver": solver, "start": start}
-    usual = {} if not drives else {"t1": _span(drives)[1]}
+    usual = {} if lead is None else {"t1": lead.span[1]}
     options = _options(scene_file, usual | scene.solve | {k: v for k, v in given.items() if v is not None})
-    _check_covered(trajectory, drives, options)
+    _check_covered(lead, options)
     end = options.pop("t1")
     with _bar() as bar, warnings.catch_warnings():
         warnings.simplefilter("ignore", EnergyWarning)  # said below, after the result
@@ -84,7 +85,7 @@ def simulate(
             progress=lambda f: bar.update(task, completed=f),
             scene=scene.text,
             settings=" ".join(settings or []),
-            trajectory=str(trajectory or ""),
+            trajectory="" if lead is None else str(lead.path),
             solve=repr({"t1": end, **options}),
         )
     _report(mechanism, result, dataset)
@@ -101,10 +102,10 @@ def simulate(
         raise typer.Exit(130 if result.message == "interrupted" else 1)
 
 
-def _drives(trajectory: Path, mechanism: Any) -> dict[str, Any]:
-    from clearance_jax.io.trajectory import read_trajectory
+def _read_trajectory(path: Path, mechanism: Any) -> Any:
+    from clearance_jax.io.trajectory import Trajectory, read_trajectory
 
-    return read_trajectory(trajectory, mechanism)
+    return Trajectory(path, read_trajectory(path, mechanism))
 
 
 def _options(scene_file: Path, given: dict[str, Any]) -> dict[str, Any]:
@@ -126,22 +127,16 @@ def _options(scene_file: Path, given: dict[str, Any]) -> dict[str, Any]:
     return options
 
 
-def _span(drives: dict[str, Any]) -> tuple[float, float]:
-    """First and last time of a trajectory, which all of its drives have in common [s]."""
-    times = next(iter(drives.values())).times
-    return float(times[0]), float(times[-1])
-
-
-def _check_covered(trajectory: Path | None, drives: dict[str, Any], options: dict[str, Any]) -> None:
+def _check_covered(lead: Any, options: dict[str, Any]) -> None:
     """Raise where the motion begins before the trajectory does, or ends after it (by more than round-off)."""
-    if not drives:
+    if lead is None:
         return
-    (first, last), t0, t1 = _span(drives), options.get("t0", 0.0), options["t1"]
+    (first, last), t0, t1 = lead.span, options.get("t0", 0.0), options["t1"]
     hair, outside = 1e-9 * (last - first), ""
     if t0 < first - hair:
-        outside = f"t0 is {t0:.9g} s, but the trajectory `{trajectory}` begins at {first:.9g} s"
+        outside = f"t0 is {t0:.9g} s, but the trajectory `{lead.path}` begins at {first:.9g} s"
     elif t1 > last + hair:
-        outside = f"t1 is {t1:.9g} s, but the trajectory `{trajectory}` ends at {last:.9g} s"
+        outside = f"t1 is {t1:.9g} s, but the trajectory `{lead.path}` ends at {last:.9g} s"
     if outside:
         raise ClearanceError(f"{outside}. Change the one or the other.")
 

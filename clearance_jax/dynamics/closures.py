@@ -36,7 +36,7 @@ def corrected(
     **Arguments:** `firm`: factors on the inertia of coordinates that are to stay; `settle`: factor on the velocities'
     change (0: only the positions).
     """
-    plan = layout(mechanism)
+    mechanism, plan = mechanism.at(time), layout(mechanism)
     state = plan.split(y)
     motion = frames(mechanism, time, state)
     held, gaps, rates, opened = [], [], [], []

@@ -129,7 +129,7 @@ def independent(matrix: Array, held: Sequence[Condition], inertia: Factored | De
 
 def choice(time: Scalar, y: Array, mechanism: Mechanism) -> Float[Array, " conditions"]:
     """Which conditions of the closures to ask for at a state, see `independent`."""
-    plan = layout(mechanism)
+    mechanism, plan = mechanism.at(time), layout(mechanism)
     motion = frames(mechanism, time, plan.split(y))
     held = [now for loop in mechanism.closures() for now in conditions(loop, motion, plan.free)]
     asked = constraint(mass_matrix(mechanism, motion), held, mechanism)

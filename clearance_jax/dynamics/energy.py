@@ -9,8 +9,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from clearance_jax._types import Rows, Scalar
+from clearance_jax.dynamics.applied import load_power
 from clearance_jax.dynamics.equations import Balance
-from clearance_jax.dynamics.inertia import Extra, efforts, inertia_of, inertial_wrenches, pair_work
+from clearance_jax.dynamics.inertia import Extra, inertia_of, inertial_wrenches, pair_work
 from clearance_jax.dynamics.kinematics import Frames, frames, play, spring_state
 from clearance_jax.dynamics.table import Table
 from clearance_jax.mechanism.body import GROUND, Body
@@ -23,15 +24,18 @@ from clearance_jax.spatial import Term, add, as_array, dot, minus, plus, times, 
 BOOKS = ("drive_work", "absorbed_work", "friction_loss", "exchanged")
 # Part of all energies that counts as exchanged: a million round-offs, so that one of them is a residual of a millionth.
 RESTING = 1e6 * float(np.finfo(np.float64).eps)
+# A step starts four round-offs past a break; the one before it ended as many before.
+HAIR = 16 * float(np.finfo(np.float64).eps)
 
 
 def powers(mechanism: Mechanism, time: Scalar, state: State, now: Balance) -> Rows:
-    """Rates of the books: work of drives and actuators, work absorbed by normal forces and dampers, loss in friction,
-    and the sum of the absolute powers (the energy exchanged, against which a residual is judged).
+    """Rates of the books: work of drives, actuators and loads, work absorbed by normal forces and dampers, loss in
+    friction, and the sum of the absolute powers (the energy exchanged, against which a residual is judged).
     """
     drive = total(times(effort, speed) for effort, speed in driving(mechanism, now))
-    for effort, speed in zip(efforts(mechanism, time, state), state.v, strict=True):
+    for effort, speed in zip(now.efforts, state.v, strict=True):
         drive = plus(drive, times(effort, speed))
+    drive = plus(drive, load_power(mechanism, time, now.motion))
     absorbed: Term = total(action.absorbed_power for action in now.actions.values())
     friction: Term = total(action.friction_power for action in now.actions.values())
     for spring in mechanism.springs:
@@ -131,6 +135,7 @@ class Energies(NamedTuple):
 
 def energies(time: Scalar, y: Array, mechanism: Mechanism) -> Energies:
     """The energies of a state."""
+    mechanism = mechanism.at(time)
     state = layout(mechanism).split(y)
     motion = frames(mechanism, time, state)
     kinetic: Term = motion.kinetic() if isinstance(motion, Table) else 0.0
@@ -161,6 +166,16 @@ def opened_books(time: Scalar, y: Array, mechanism: Mechanism) -> Float[Array, "
     state = layout(mechanism).split(y)
     held = jnp.asarray(contact_energy(mechanism, frames(mechanism, time, state), state), float)
     return jnp.stack([held if name == "absorbed_work" else jnp.zeros(()) for name in BOOKS])
+
+
+def handed_over(time: Scalar, y: Array, mechanism: Mechanism) -> Array:
+    """A state with books, in which the energy of payloads that came or went just before `time` is booked as work."""
+    before = mechanism.at(time - HAIR * jnp.abs(time))
+    brought = energies(time, y, mechanism).total - energies(time, y, before).total
+    first = layout(mechanism).size
+    return (
+        y.at[first + BOOKS.index("drive_work")].add(brought).at[first + BOOKS.index("exchanged")].add(jnp.abs(brought))
+    )
 
 
 def read_books(books: Float[Array, " books"], contact: Scalar) -> dict[str, Array]:

@@ -21,9 +21,11 @@ def rate(time: Scalar, y: Rows, mechanism: Mechanism, books: bool = False, count
     """Time derivative of the state `[q, v, memory]`, and of the books if they are kept (zeros where a flag says that
     they do not count).
     """
+    mechanism = mechanism.at(time)
     state = layout(mechanism).split(y)
     now = balance(mechanism, time, state)
     memory = [rate for action in now.actions.values() for rate in action.memory_rate]
+    memory += [jnp.zeros(())] * layout(mechanism).held
     own = (*position_rates(mechanism, state.q, state.v), *(jnp.asarray(a, float) for a in now.acceleration), *memory)
     if not books:
         return own

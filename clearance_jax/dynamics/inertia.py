@@ -15,7 +15,6 @@ from typing import NamedTuple
 import jax.numpy as jnp
 
 from clearance_jax._sharing import kept
-from clearance_jax._types import Scalar
 from clearance_jax.dynamics.kinematics import Extra, Frames
 from clearance_jax.dynamics.table import Table, three
 from clearance_jax.errors import ClearanceError
@@ -23,7 +22,7 @@ from clearance_jax.mechanism.body import GROUND, Body, needs_six
 from clearance_jax.mechanism.frame import Column, Frame
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.placement import Inertia
-from clearance_jax.mechanism.state import State, layout, parts
+from clearance_jax.mechanism.state import layout
 from clearance_jax.spatial import (
     ZERO,
     Term,
@@ -231,32 +230,25 @@ def _deficit(mechanism: Mechanism, body: Body, frame: Frame, extra: Extra | None
     return Wrench(force, moment)
 
 
-def generalised_load(mechanism: Mechanism, time: Scalar, state: State, motion: Frames, pairs: list[Pair]) -> list[Term]:
-    """Weight, inertia of the prescribed and centripetal motion, internal wrenches and actuators, by free coordinate."""
+def generalised_load(mechanism: Mechanism, motion: Frames, pairs: list[Pair], extra: Extra | None = None) -> list[Term]:
+    """Weight, inertia of the prescribed and centripetal motion, and wrenches between bodies, by free coordinate; with
+    `extra` also the inertia of free accelerations.
+    """
     if isinstance(motion, Table):
-        return _tabled_load(mechanism, time, state, motion, pairs)
+        return _tabled_load(motion, pairs, extra)
     load: list[Term] = [0.0] * layout(mechanism).free
-    wrenches = inertial_wrenches(mechanism, motion)
+    wrenches = inertial_wrenches(mechanism, motion, extra)
     for name, columns in own_columns(mechanism, motion).items():
         for column in columns:
             load[column.index] = wrenches[name].on(column, motion[name].pivot)
     for pair in pairs:
         for index, term in pair_load(pair, motion).items():
             load[index] = plus(load[index], term)
-    return [plus(own, effort) for own, effort in zip(load, efforts(mechanism, time, state), strict=True)]
+    return load
 
 
-def efforts(mechanism: Mechanism, time: Scalar, state: State) -> list[Term]:
-    """What the actuators exert, by free velocity."""
-    out: list[Term] = [0.0] * layout(mechanism).free
-    for coordinate, q, v in parts(mechanism):
-        if not coordinate.is_ball:
-            out[v.start] = coordinate.motion.effort(time, state.q[q.start], state.v[v.start])
-    return out
-
-
-def _tabled_load(mechanism: Mechanism, time: Scalar, state: State, motion: Table, pairs: list[Pair]) -> list[Term]:
-    load = motion.load() + as_array(efforts(mechanism, time, state))
+def _tabled_load(motion: Table, pairs: list[Pair], extra: Extra | None) -> list[Term]:
+    load = motion.load(None if extra is None else as_array(extra.acceleration))
     for pair in pairs:
         load = load + motion.pair(*pair)[: motion.count]
     return [load[i] for i in range(motion.count)]

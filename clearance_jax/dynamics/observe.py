@@ -15,7 +15,7 @@ from clearance_jax.spatial import Term, add, as_array, rotation_vector
 
 def observe(time: Scalar, y: Array, mechanism: Mechanism) -> dict[str, Array]:
     """Everything reported of one state. Rows follow the mechanism's own order of coordinates, joints and points."""
-    plan = layout(mechanism)
+    mechanism, plan = mechanism.at(time), layout(mechanism)
     state = plan.split(y)
     now = balance(mechanism, time, state)
     out = coordinate_values(mechanism, time, state) | point_motions(mechanism, now) | contacts(mechanism, now)

@@ -131,6 +131,10 @@ def _states(mechanism: Mechanism) -> Iterator[tuple[str, Quantity]]:
     for joint, names in plan.memories:
         for name in names:
             yield f"{joint}.{name}", Quantity("state", (), "", plan.index(joint, name))
+    kinds = {c.name: "N m" if c.slides is None else "N" for c, *_ in parts(mechanism)}
+    for holder, names in plan.efforts:
+        for name in names:
+            yield f"{holder}.{name}", Quantity("state", (), kinds[name], plan.index(holder, name))
 
 
 def evaluated(variable: str, time: Scalar, y: Array, mechanism: Mechanism) -> Array:

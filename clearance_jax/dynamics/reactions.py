@@ -42,7 +42,7 @@ def joint_reactions(
 
 def held_balance(mechanism: Mechanism, time: Scalar, y: Array, places: Mapping[str, Pair]) -> Balance:
     """The equations of motion of the mechanism with its pins held, see `joint_reactions`."""
-    held = determined(mechanism.prepared().held(places))
+    held = determined(mechanism.prepared().held(places).unsampled()).at(time)
     return balance(held, time, layout(held).split(y))
 
 

@@ -176,9 +176,9 @@ class Table(Mapping):
         slide = jnp.einsum("cb,ci->bi", carried * acceleration[:, None], self.slides[:n])
         return slide + jnp.cross(spin, self.centres - self.origin[None]), spin
 
-    def load(self) -> Array:
-        """Weight and inertia forces by free velocity."""
-        return self.projected(*self.wrenches())[: self.count]
+    def load(self, acceleration: Array | None = None) -> Array:
+        """Weight and inertia forces by free velocity; with the free accelerations where they are given."""
+        return self.projected(*self.wrenches(acceleration))[: self.count]
 
     def projected(self, force: Array, moment: Array) -> Array:
         """The bodies' wrenches by column, free ones first."""

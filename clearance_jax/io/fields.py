@@ -3,8 +3,22 @@
 import dataclasses
 from typing import Any, Literal, get_args, get_origin
 
-from clearance_jax.io.kinds import Direction, Flag, Key, Moments, Place, Quantities, Quantity, Sub, Text, Triple, Word
+from clearance_jax.io.kinds import (
+    Direction,
+    Flag,
+    Key,
+    Moments,
+    Names,
+    Place,
+    Quantities,
+    Quantity,
+    Sub,
+    Text,
+    Triple,
+    Word,
+)
 from clearance_jax.mechanism.compounds import Slide, Spin, Turn
+from clearance_jax.mechanism.loads import Force, Torque
 from clearance_jax.mechanism.placement import Axis, Inertia, Orientation, Position
 
 
@@ -27,6 +41,10 @@ def _key(field: dataclasses.Field) -> Key:
         return Direction(*words, default=field.default, **common)
     if Orientation in kinds:
         return Triple(*words, unit="rad", **common)
+    if Force in kinds:
+        return Place(*words, unit="N", **common)
+    if Torque in kinds:
+        return Triple(*words, unit="N*m", **common)
     if Spin in kinds:
         return Triple(*words, unit="rad/s", **common)
     if Inertia in kinds:
@@ -39,6 +57,8 @@ def _key(field: dataclasses.Field) -> Key:
         many = any(getattr(kind, "dim_str", "").strip() for kind in (field.type, *get_args(field.type)))
         return Quantities(*words, **common) if many else Quantity(*words, bounds=about, **common)
     common |= {"default": None if required else field.default}
+    if field.type == tuple[str, ...]:
+        return Names(*words, **common)
     if get_origin(field.type) is Literal:
         return Word(*words, allowed=get_args(field.type), **common)
     return (Flag if field.type is bool else Text)(*words, **common)

@@ -188,6 +188,21 @@ class Text(Key):
 
 
 @dataclasses.dataclass(frozen=True)
+class Names(Key):
+    """A list of names."""
+
+    kind: ClassVar[str] = "list of names"
+
+    def read(self, value, where, words):
+        if not isinstance(value, list) or not value:
+            raise ClearanceError(f"{where} must be a list such as {self.example}, but it is {quoted(value)}.")
+        for i, name in enumerate(value):
+            if not isinstance(name, str):
+                raise ClearanceError(f"{where}[{i}] must be a name in quotes, but it is {quoted(name)}.")
+        return tuple(checked_text(name, f"{where}[{i}]") for i, name in enumerate(value))
+
+
+@dataclasses.dataclass(frozen=True)
 class Word(Key):
     """One of the `allowed` words."""
 

@@ -1,29 +1,39 @@
 """Scene files: TOML with units to a mechanism. Keys are strict: every message names the file, the key and the fix."""
 
+import dataclasses
 import warnings
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 
-from clearance_jax.errors import ClearanceError
+from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.io.files import read_toml
 from clearance_jax.io.plausible import ImplausibleWarning, implausible
-from clearance_jax.io.scene_joint import joints_of
-from clearance_jax.io.scene_keys import BODY, POINT, SCENE, SOLVE, SPRING
+from clearance_jax.io.scene_joint import drive_of, joints_of, read_drive
+from clearance_jax.io.scene_keys import BODY, CONTROLLER, POINT, SCENE, SOLVE, SPRING, WRENCH
+from clearance_jax.io.scene_robot import NO_ROBOT, body_of, robot_of
 from clearance_jax.io.table import Table, naming
+from clearance_jax.io.trajectory import Trajectory, read_trajectory
 from clearance_jax.io.urdf import read_robot
 from clearance_jax.mechanism.body import Body, Point, Spring
+from clearance_jax.mechanism.controllers import ComputedTorque, Reference
+from clearance_jax.mechanism.loads import Force, Torque, Wrench
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.placement import Gravity, Orientation, Position
+from clearance_jax.mechanism.structure import check_model
+from clearance_jax.mechanism.tree import SLIDING, TURNING
 
 
 class Scene(NamedTuple):
-    """What a scene file says: the mechanism, and how it wants to be solved (keyword arguments of `simulate`)."""
+    """What a scene file says: the mechanism, how it wants to be solved (keyword arguments of `simulate`), and the
+    trajectory that drives its robot.
+    """
 
     mechanism: Mechanism
     solve: dict[str, Any]
     text: str
+    trajectory: Trajectory | None = None
 
 
 def load_scene(path: str | Path) -> Scene:
@@ -48,7 +58,8 @@ def read_scene(path: str | Path) -> Scene:
     with naming(str(path)), jax.ensure_compile_time_eval():
         # Numbers stay numbers where a scene is loaded inside a jitted function.
         top = Table(values, f"{path}:", SCENE)
-        return Scene(_mechanism(top, path), _solve(top.table("solve", SOLVE)), text)
+        mechanism, trajectory = _whole(top, path)
+        return Scene(mechanism, _solve(top.table("solve", SOLVE)), text, trajectory)
 
 
 def load(path: str | Path) -> Mechanism:
@@ -56,13 +67,29 @@ def load(path: str | Path) -> Mechanism:
     return load_scene(path).mechanism
 
 
-def _mechanism(top: Table, path: Path) -> Mechanism:
-    bodies = tuple(_body(*part) for part in top.parts("body"))
-    joints, loops = joints_of(top, path)
-    springs = tuple(_spring(*part) for part in top.parts("spring"))
-    points = tuple(_point(*part) for part in top.parts("point"))
-    title = top.get("name") or path.stem
-    return Mechanism(bodies, joints, loops, springs, points, Gravity(*top.get("gravity")), title, top.get("assemble"))
+def _whole(top: Table, path: Path) -> tuple[Mechanism, Trajectory | None]:
+    """The mechanism, and what drives its robot."""
+    robot = robot_of(top, path) if top.has("robot") else NO_ROBOT
+    placed = {joint.child for joint in robot.joints}
+    joints, loops = joints_of(top, path, placed)
+    gravity = robot.gravity if robot.gravity is not None and not top.has("gravity") else Gravity(*top.get("gravity"))
+    mechanism = Mechanism(
+        (*robot.bodies, *(_body(*part) for part in top.parts("body"))),
+        (*robot.joints, *joints),
+        loops,
+        tuple(_spring(*part) for part in top.parts("spring")),
+        (*robot.points, *(_point(*part) for part in top.parts("point"))),
+        gravity,
+        top.get("name") or path.stem,
+        top.get("assemble"),
+        tuple(_wrench(*part, path) for part in top.parts("wrench")),
+    )
+    controllers = [_controller(*part, path, mechanism) for part in top.parts("controller")]
+    mechanism = dataclasses.replace(mechanism, controllers=tuple(controllers))
+    if robot.trajectory is None:
+        return mechanism, None
+    trajectory = Trajectory(robot.trajectory, read_trajectory(robot.trajectory, mechanism))
+    return mechanism.driven(trajectory.drives), trajectory
 
 
 def _solve(table: Table) -> dict[str, Any]:
@@ -74,13 +101,36 @@ def _solve(table: Table) -> dict[str, Any]:
 
 def _body(name: str, values: Any, where: str) -> Body:
     table = Table(values, where, BODY)
-    return Body(name, table.get("mass"), table.get("inertia"), Position(*table.get("center_of_mass")))
+    return body_of(name, table)
 
 
 def _point(name: str, values: Any, where: str) -> Point:
     table = Table(values, where, POINT)
     orientation = Orientation(*table.get("orientation")) if table.has("orientation") else None
     return Point(name, table.get("body"), Position(*table.get("at")), orientation)
+
+
+def _wrench(name: str, values: Any, where: str, path: Path) -> Wrench:
+    table = Table(values, where, WRENCH, {"coordinate": ""})
+    force = Force(*table.get("force")) if table.has("force") else Force()
+    torque = Torque(*table.get("torque")) if table.has("torque") else Torque()
+    course = drive_of(table, "course", path) if table.has("course") else None
+    return Wrench(name, table.get("body"), Position(*table.get("at")), force, torque, course, table.get("axes"))
+
+
+def _controller(name: str, values: Any, where: str, path: Path, mechanism: Mechanism) -> ComputedTorque:
+    table, references = Table(values, where, CONTROLLER), []
+    free = {c.name: c for c in mechanism.free_coordinates() if not c.is_ball}
+    table.need("target")
+    for coordinate, given, there in table.named("target"):
+        if coordinate not in free:
+            raise ClearanceError(f"{there}: there is no free coordinate of this name. " + suggest(coordinate, free))
+        words = TURNING if free[coordinate].slides is None else SLIDING
+        references.append(Reference(coordinate, read_drive(given, there, words, path)))
+    with naming(where):
+        made = ComputedTorque(name, tuple(references), **table.given("target"))
+        check_model(made, mechanism.ideal())
+        return made
 
 
 def _spring(name: str, values: Any, where: str) -> Spring:

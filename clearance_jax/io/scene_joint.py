@@ -1,11 +1,13 @@
 """The joints of a scene: where they are, what drives or forces them, and which of them close a loop."""
 
 import dataclasses
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from clearance_jax.errors import ClearanceError
 from clearance_jax.io.files import read_table
+from clearance_jax.io.kinds import Words
 from clearance_jax.io.scene_contact import clearance_of
 from clearance_jax.io.scene_keys import (
     ACTUATOR_TABLES,
@@ -18,7 +20,8 @@ from clearance_jax.io.scene_keys import (
     SPLINE_FILE,
 )
 from clearance_jax.io.table import Chosen, Table, checked_table, chosen, naming
-from clearance_jax.mechanism.body import GROUND, AbstractActuator, Motion, Servo
+from clearance_jax.mechanism.actuators import AbstractActuator, Servo
+from clearance_jax.mechanism.body import GROUND, Motion
 from clearance_jax.mechanism.compounds import Ball, Free, Slide, Spin, Turn
 from clearance_jax.mechanism.drives import AbstractDrive, Spline
 from clearance_jax.mechanism.expressions import read_expression
@@ -38,11 +41,13 @@ class Joints(NamedTuple):
     loops: tuple[AbstractJoint, ...]
 
 
-def joints_of(top: Table, path: Path) -> Joints:
-    """The joints of a scene: one that places a body which no earlier joint has placed belongs to the tree."""
+def joints_of(top: Table, path: Path, known: Collection[str] = ()) -> Joints:
+    """The joints of a scene: one that places a body which no earlier joint has placed (and which is not `known` to be
+    placed) belongs to the tree.
+    """
     tree: list[AbstractJoint] = []
     loops: list[AbstractJoint] = []
-    placed = {GROUND}
+    placed = {GROUND, *known}
     for name, values, where in top.parts("joint"):
         read = chosen(values, where, JOINT_TABLES)
         joint = _joint(name, read, path)
@@ -84,7 +89,7 @@ def _joint(name: str, read: Chosen, path: Path) -> AbstractJoint:
         return COMPOUNDS[kind](**common, **_several(COMPOUNDS[kind], table, path))
     # What a coordinate and a force along it are measured in, the kind of joint decides.
     table.words = TURNING if kind == "revolute" else SLIDING
-    motion = _motion(table, path)
+    motion = motion_of(table, path)
     if kind == "prismatic":
         return Prismatic(**common, motion=motion, **_axis(table))
     eccentricity = Position(*table.get("eccentricity"))
@@ -111,12 +116,13 @@ def _several(cls: type, table: Table, path: Path) -> dict[str, Any]:
             out["motion"] = Ball(start, Spin(*(rate or 0.0 for rate in spin)))
         if field.type in (Slide, Turn) and table.has(field.name):
             words = SLIDING if field.type is Slide else TURNING
-            out[field.name] = _motion(Table(table.get(field.name), table.key(field.name), OF_ONE, words), path)
+            out[field.name] = motion_of(Table(table.get(field.name), table.key(field.name), OF_ONE, words), path)
     return out
 
 
-def _motion(table: Table, path: Path) -> Motion:
-    drive = _drive(table, "drive", path) if table.has("drive") else None
+def motion_of(table: Table, path: Path) -> Motion:
+    """How a coordinate moves."""
+    drive = drive_of(table, "drive", path) if table.has("drive") else None
     if drive is not None and any(table.has(key) for key in ("position", "velocity", "actuator")):
         raise ClearanceError(f"{table.where} has a drive: it takes no initial position or velocity and no actuator.")
     actuators = tuple(
@@ -126,14 +132,19 @@ def _motion(table: Table, path: Path) -> Motion:
     return Motion(drive, table.get("position"), table.get("velocity"), actuators)
 
 
-def _drive(table: Table, name: str, path: Path) -> AbstractDrive:
-    where, given = table.key(name), table.get(name)
+def drive_of(table: Table, name: str, path: Path) -> AbstractDrive:
+    """The drive that a key of a table gives."""
+    return read_drive(table.get(name), table.key(name), table.words, path)
+
+
+def read_drive(given: Any, where: str, words: Words, path: Path) -> AbstractDrive:
+    """A drive: an expression, or a table; `words`: what it is measured in."""
     with naming(where):
         if isinstance(given, str):
             return read_expression(given)
         if checked_table(given, where).get("type") == "spline" and "file" in given:
-            return _spline(Table(given, where, SPLINE_FILE, table.words), path)
-        kind, inner = chosen(given, where, DRIVE_TABLES, table.words)
+            return _spline(Table(given, where, SPLINE_FILE, words), path)
+        kind, inner = chosen(given, where, DRIVE_TABLES, words)
         return DRIVES[kind](**inner.given("type"))
 
 
@@ -147,5 +158,5 @@ def _actuator(read: Chosen, path: Path) -> AbstractActuator:
     cls, table = ACTUATORS[read.word], read.table
     values = table.given("type")
     if cls is Servo:
-        values["target"] = _drive(table, "target", path)
+        values["target"] = drive_of(table, "target", path)
     return cls(**values)

@@ -6,13 +6,17 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from clearance_jax.io.fields import keys_of, summary
-from clearance_jax.io.kinds import LONGEST_PATH, Direction, Flag, Place, Quantity, Sub, Text, Whole, Word
+from clearance_jax.io.kinds import LONGEST_PATH, Direction, Flag, Names, Place, Quantity, Sub, Text, Triple, Whole, Word
 from clearance_jax.io.table import Keys
+from clearance_jax.io.urdf import BASES, MIMICS
 from clearance_jax.joints import RevoluteClearance
 from clearance_jax.laws import FRICTION_LAWS, NORMAL_LAWS, InternalHertz
-from clearance_jax.mechanism.body import Body, ConstantEffort, JointSpring, Motion, Point, Servo, Spring
+from clearance_jax.mechanism.actuators import ConstantEffort, JointSpring, Servo
+from clearance_jax.mechanism.body import Body, Motion, Point, Spring
 from clearance_jax.mechanism.compounds import Ball, Cylindrical, Free, Planar, Spherical, Universal
+from clearance_jax.mechanism.controllers import ComputedTorque
 from clearance_jax.mechanism.drives import ConstantSpeed, Harmonic, Spline, Step5Sum, StepSum
+from clearance_jax.mechanism.loads import Wrench
 from clearance_jax.mechanism.profiles import Constant, Quintic, Trapezoid
 from clearance_jax.mechanism.tree import Fixed, Prismatic, Revolute
 from clearance_jax.solve.attempt import STARTS
@@ -53,14 +57,21 @@ SCENE = Keys(
             default=True,
         ),
         Sub("solve", "how it wants to be solved", '{ t1 = "24 ms", rtol = 1e-8 }'),
-        Sub("body", "the bodies by name", '{ slider = { mass = "0.14 kg" } }', form="tables by name", required=True),
+        Sub("robot", "a robot's file, to which the scene adds", '{ file = "arm.urdf" }', absent="none"),
+        Sub(
+            "body",
+            "the bodies by name",
+            '{ slider = { mass = "0.14 kg" } }',
+            form="tables by name",
+            absent="those of the robot",
+        ),
         Sub(
             "joint",
             "the joints by name: one that places a body no earlier joint has placed belongs to the tree, another "
             "closes a loop",
             '{ guide = { type = "prismatic", parent = "ground", child = "slider" } }',
             form="tables by name",
-            required=True,
+            absent="those of the robot",
         ),
         Sub(
             "spring",
@@ -72,6 +83,18 @@ SCENE = Keys(
             "point",
             "points whose motion is reported, by name",
             '{ piston = { body = "slider" } }',
+            form="tables by name",
+        ),
+        Sub(
+            "wrench",
+            "loads from outside, by name",
+            '{ cut = { body = "slider", force = ["-100 N", "0 N"] } }',
+            form="tables by name",
+        ),
+        Sub(
+            "controller",
+            "controllers of several joints, by name",
+            '{ control = { frequency = "50 rad/s", target = { hip = "0.2 * time" } } }',
             form="tables by name",
         ),
     ),
@@ -103,6 +126,78 @@ SOLVE = Keys(
     ),
 )
 
+_LINK = Text("on", "the robot's body, or its point, that carries it", '"tcp"', required=True)
+PAYLOAD = Keys(
+    "robot.payload.NAME",
+    "Payloads of a robot",
+    "A body on a fixed joint `NAME_grip`.",
+    (
+        _LINK,
+        *keys_of(Body),
+        Place("at", "where its frame is in that of what carries it", '["0 mm", "0 mm", "80 mm"]', unit="m"),
+        Triple("orientation", "its roll, pitch and yaw there", '["0 deg", "90 deg", "0 deg"]', unit="rad"),
+    ),
+)
+ROBOT = Keys(
+    "robot",
+    "Robot",
+    "A robot's URDF file. What else the scene has (bodies, joints, springs, points, ...) may name the robot's parts.",
+    (
+        Text("file", "the URDF file, beside the scene", '"arm.urdf"', required=True, longest=LONGEST_PATH),
+        Word("base", "whether its base is the ground, or moves freely", '"free"', allowed=BASES, default="fixed"),
+        Word(
+            "mimic",
+            "whether joints that follow others are refused, or move by themselves",
+            '"independent"',
+            allowed=MIMICS,
+            default="refuse",
+        ),
+        Names("end_effector", "links whose frames are points", '["tcp"]', absent="every link at the end of a limb"),
+        Text(
+            "trajectory",
+            "a CSV file of times and values, beside the scene, that drives the joints that it names",
+            '"lift.csv"',
+            longest=LONGEST_PATH,
+        ),
+        Sub("payload", "what it carries, by name", '{ cutter = { on = "tcp", mass = "3 kg" } }', form="tables by name"),
+        Sub(
+            "joint",
+            "how its joints start, are driven or forced, by their names: as a revolute or prismatic joint",
+            '{ axis_2 = { position = "30 deg" } }',
+            form="tables by name",
+        ),
+    ),
+)
+WRENCH = Keys(
+    "wrench.NAME",
+    "Loads",
+    summary(Wrench),
+    (
+        *keys_of(Wrench),
+        Sub(
+            "course",
+            "a factor on both as a function of time: as a drive, without unit",
+            '"step(time, 0.1, 0, 0.2, 1)"',
+            form="table or expression",
+            absent="they are constant",
+        ),
+    ),
+)
+CONTROLLER = Keys(
+    "controller.NAME",
+    "Controllers",
+    summary(ComputedTorque),
+    (
+        *keys_of(ComputedTorque),
+        Sub(
+            "target",
+            "where it steers each free coordinate, by their names: as a drive",
+            '{ hip = "0.2 * time" }',
+            form="tables by name",
+            required=True,
+        ),
+    ),
+)
 BODY = Keys("body.NAME", "Bodies", summary(Body), keys_of(Body))
 POINT = Keys("point.NAME", "Points", summary(Point), keys_of(Point))
 SPRING = Keys("spring.NAME", "Springs", summary(Spring), keys_of(Spring))
@@ -281,5 +376,9 @@ SCENE_TABLES = (
     *FRICTION_TABLES.values(),
     SPRING,
     POINT,
+    WRENCH,
+    CONTROLLER,
+    ROBOT,
+    PAYLOAD,
 )
 """Every table of a scene, in the order of the reference."""

@@ -27,6 +27,19 @@ _HEAD = re.compile(r"([^\[\]]*)(?:\[([^\[\]]*)\])?")
 _EXAMPLE = "`time [s], hip [deg], knee [deg]`"
 
 
+class Trajectory(NamedTuple):
+    """A trajectory file, and the drives that it gives, by the coordinates that they are of."""
+
+    path: Path
+    drives: dict[str, Spline]
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """First and last time, which all of its drives have in common [s]."""
+        times = next(iter(self.drives.values())).times
+        return float(times[0]), float(times[-1])
+
+
 class Line(NamedTuple):
     """A line that says something: its text, and how messages name it."""
 

@@ -1,7 +1,8 @@
 """Joints of a URDF as joints of a mechanism. What is exactly zero there, or along a coordinate axis, stays absent."""
 
 from clearance_jax.io.urdf_parts import NOWHERE, Joint, Triple
-from clearance_jax.mechanism.body import JointSpring, Motion
+from clearance_jax.mechanism.actuators import JointSpring
+from clearance_jax.mechanism.body import Motion
 from clearance_jax.mechanism.compounds import Free, Planar
 from clearance_jax.mechanism.limits import Limits
 from clearance_jax.mechanism.placement import ORIGIN, Axis, Orientation, Position, as_axis

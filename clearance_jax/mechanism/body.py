@@ -1,18 +1,19 @@
-"""Rigid bodies, points on them, and the motion that a joint coordinate is given."""
+"""Rigid bodies, points on them, springs between them, and the motion that a joint coordinate is given."""
 
-import abc
 import dataclasses
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
+from jaxtyping import Array
 
 from clearance_jax._types import Rows, Scalar
 from clearance_jax.errors import ClearanceError
-from clearance_jax.mechanism.drives import AbstractMotionLaw, Values
+from clearance_jax.mechanism.actuators import AbstractActuator
+from clearance_jax.mechanism.drives import AbstractMotionLaw
 from clearance_jax.mechanism.limits import Limits
 from clearance_jax.mechanism.placement import ORIGIN, Inertia, Orientation, Position, as_inertia
 from clearance_jax.parameters import described, flattened, leading, physical
-from clearance_jax.spatial import Term, times
 
 GROUND = "ground"
 
@@ -27,6 +28,8 @@ class Body(eqx.Module):
       three or six numbers: xx, yy, zz, xy, xz, yz) in the body's axes for one that turns in space; `None` for a point
       mass.
     - `center_of_mass` [m]: in the body's frame.
+    - `picked_up`, `put_down` [s]: of a payload, on a fixed joint: it has mass from the one time to the other. It has
+      then the velocity of what carries it: nothing jolts; where it had another one, its carrier should stand still.
     """
 
     name: str = eqx.field(static=True)
@@ -45,6 +48,38 @@ class Body(eqx.Module):
     center_of_mass: Position = described(
         "centre of mass in the body's frame", '["60 mm", "0 mm"]', "the frame's origin", default=ORIGIN
     )
+    picked_up: Scalar | None = physical(
+        "s",
+        default=None,
+        help="when a payload, on a fixed joint, is picked up",
+        example='"0.5 s"',
+        absent="it is there from the start",
+    )
+    put_down: Scalar | None = physical(
+        "s", default=None, help="when it is put down", example='"1.5 s"', absent="it stays"
+    )
+
+    @property
+    def is_always_there(self) -> bool:
+        """Whether it has its mass all the time."""
+        return self.picked_up is None and self.put_down is None
+
+    def presence(self, time: Scalar) -> Array:
+        """1 while it has its mass, 0 before it is picked up and after it is put down."""
+        there = jnp.asarray(True)
+        if self.picked_up is not None:
+            there &= time >= self.picked_up
+        if self.put_down is not None:
+            there &= time < self.put_down
+        return jnp.where(there, 1.0, 0.0)
+
+    def at(self, time: Scalar) -> "Body":
+        """The body with the mass that it has at a time."""
+        if self.is_always_there:
+            return self
+        there = self.presence(time)
+        mass, inertia = jax.tree.map(lambda number: there * number, (self.mass, self.inertia))
+        return Body(self.name, mass, inertia, self.center_of_mass)
 
 
 def needs_six(body: Body) -> ClearanceError:
@@ -64,68 +99,6 @@ class Point(eqx.Module):
     orientation: Orientation | None = described(
         "roll, pitch and yaw of its frame in the body's", '["90 deg", "0 deg", "0 deg"]', "not turned", default=None
     )
-
-
-class AbstractActuator(eqx.Module):
-    """A generalised force along one free coordinate."""
-
-    @abc.abstractmethod
-    def __call__(self, time: Scalar, position: Scalar, velocity: Scalar) -> Scalar:
-        """The force [N] or torque [N m]."""
-
-    def prepared(self) -> "AbstractActuator":
-        """The actuator with what depends only on its numbers computed (once a solve)."""
-        return self
-
-    def breaks(self) -> Values:
-        """Times at which the force or a derivative of it jumps: integration steps end there. None by default."""
-        return jnp.zeros(0)
-
-
-class ConstantEffort(AbstractActuator):
-    """A constant torque [N m] (or force [N] on a sliding joint)."""
-
-    effort: Scalar = physical("effort", help="torque (force on a sliding joint)", example='"-12 N*m"')
-
-    def __call__(self, time, position, velocity):
-        return self.effort + 0 * position
-
-
-class Servo(AbstractActuator):
-    """A linear position servo: k (target - q) + b (target' - q')."""
-
-    target: AbstractMotionLaw
-    stiffness: Scalar = physical(
-        "effort/coordinate", least=0.0, help="gain k of the position error", example='"50 N*m/rad"'
-    )
-    damping: Scalar = physical(
-        "effort*s/coordinate", least=0.0, help="gain b of the speed error", example='"5 N*m*s/rad"'
-    )
-
-    def __call__(self, time, position, velocity):
-        goal, goal_rate, _ = self.target(time)
-        return self.stiffness * (goal - position) + self.damping * (goal_rate - velocity)
-
-    def prepared(self):
-        return Servo(self.target.prepared(), self.stiffness, self.damping)
-
-    def breaks(self):
-        return self.target.breaks()
-
-
-class JointSpring(AbstractActuator):
-    """A spring and damper in a joint: -k (q - q0) - b q'. Its energy is booked as actuator work."""
-
-    stiffness: Scalar = physical("effort/coordinate", least=0.0, help="stiffness k", example='"50 N*m/rad"')
-    damping: Scalar = physical(
-        "effort*s/coordinate", least=0.0, default=0.0, help="damping b", example='"0.1 N*m*s/rad"'
-    )
-    rest: Scalar = physical(
-        "coordinate", default=0.0, help="coordinate q0 at which the spring is relaxed", example='"10 deg"'
-    )
-
-    def __call__(self, time, position, velocity):
-        return -self.stiffness * (position - self.rest) - self.damping * velocity
 
 
 class Spring(eqx.Module):
@@ -183,8 +156,3 @@ class Motion(eqx.Module):
     def initial(self) -> tuple[Rows, Rows]:
         """Position and velocity at the start, of a free coordinate."""
         return (self.position,), (self.velocity,)
-
-    def effort(self, time: Scalar, position: Term, velocity: Term) -> Term:
-        """The sum of the actuators' forces."""
-        efforts = [a(time, jnp.asarray(position), jnp.asarray(velocity)) for a in self.actuators]
-        return sum(efforts[1:], efforts[0]) if efforts else times(0.0, position)

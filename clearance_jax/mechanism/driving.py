@@ -1,7 +1,7 @@
 """Coordinates of joints by their names, to be given other drives."""
 
 import dataclasses
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 
 from clearance_jax.errors import ClearanceError, quoted, suggest
 from clearance_jax.mechanism.body import Motion
@@ -16,15 +16,42 @@ def drivable(joints: Iterable[AbstractJoint]) -> dict[str, Coordinate]:
     return {c.name: c for joint in joints for c in joint.coordinates() if _field(joint, c) is not None}
 
 
+def with_motions(joint: AbstractJoint, change: Callable[[Coordinate], Motion]) -> AbstractJoint:
+    """The joint with other motions of its coordinates (but of play, and of what turns freely in space)."""
+    fields = ((_field(joint, coordinate), coordinate) for coordinate in joint.coordinates())
+    changed = {field: change(coordinate) for field, coordinate in fields if field is not None}
+    return dataclasses.replace(joint, **changed) if changed else joint
+
+
 def with_drives(joint: AbstractJoint, drives: Mapping[str, AbstractMotionLaw]) -> AbstractJoint:
     """The joint with the drives of those of its coordinates that are named."""
-    changed = {}
-    for coordinate in joint.coordinates():
-        field = _field(joint, coordinate)
-        if field is not None and coordinate.name in drives:
-            # Whatever else a motion has (what its motor can do) stays; actuators would act on nothing.
-            changed[field] = dataclasses.replace(coordinate.motion, drive=drives[coordinate.name], actuators=())
-    return dataclasses.replace(joint, **changed) if changed else joint
+
+    def change(coordinate: Coordinate) -> Motion:
+        if coordinate.name not in drives:
+            return coordinate.motion
+        # Whatever else a motion has (what its motor can do) stays; actuators would act on nothing.
+        return dataclasses.replace(coordinate.motion, drive=drives[coordinate.name], actuators=())
+
+    return with_motions(joint, change)
+
+
+def without_actuators(joint: AbstractJoint, names: Collection[str]) -> AbstractJoint:
+    """The joint without the actuators of those of its coordinates that are named."""
+
+    def change(coordinate: Coordinate) -> Motion:
+        return dataclasses.replace(coordinate.motion, actuators=()) if coordinate.name in names else coordinate.motion
+
+    return with_motions(joint, change)
+
+
+def acting_always(joint: AbstractJoint) -> AbstractJoint:
+    """The joint with its sampled actuators acting all the time."""
+
+    def change(coordinate: Coordinate) -> Motion:
+        actuators = tuple(actuator.acting_always() for actuator in coordinate.motion.actuators)
+        return dataclasses.replace(coordinate.motion, actuators=actuators)
+
+    return with_motions(joint, change)
 
 
 def check_drives(joints: Iterable[AbstractJoint], drives: Mapping[str, object]) -> None:

@@ -8,12 +8,24 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.joints import AbstractClearance, PreparedClearance
-from clearance_jax.mechanism.body import GROUND, Body, Point, Spring
-from clearance_jax.mechanism.driving import check_drives, with_drives
+from clearance_jax.mechanism.body import Body, Point, Spring
+from clearance_jax.mechanism.controllers import AbstractController
+from clearance_jax.mechanism.driving import acting_always, check_drives, with_drives, without_actuators
 from clearance_jax.mechanism.links import UNROLLED, Links, links_of
+from clearance_jax.mechanism.loads import Wrench
 from clearance_jax.mechanism.placement import Gravity, Inertia, Position
+from clearance_jax.mechanism.sampling import instants
+from clearance_jax.mechanism.structure import (
+    check_attached,
+    check_control,
+    check_model,
+    check_names,
+    check_payloads,
+    check_tree,
+)
 from clearance_jax.mechanism.tree import AbstractJoint, Coordinate, Revolute
 from clearance_jax.parameters import replace
 from clearance_jax.spatial import Pair, absent, add, scale
@@ -75,7 +87,7 @@ class Mechanism(eqx.Module):
     - `joints`: the tree: each joint places a body that no earlier joint has placed, parents first.
     - `loops`: joints between bodies that the tree has placed already: ideal constraints; a revolute one with clearance
       is a force element.
-    - `springs`, `points`, `gravity`: as they say.
+    - `springs`, `points`, `gravity`, `wrenches` (loads from outside), `controllers`: as they say.
     - `assemble`: whether a solve starts by closing the loops (off: from exactly the given initial values).
 
     **Raises:** `ClearanceError` where names clash or dangle.
@@ -89,59 +101,26 @@ class Mechanism(eqx.Module):
     gravity: Gravity = NO_GRAVITY
     name: str = eqx.field(static=True, default="mechanism")
     assemble: bool = eqx.field(static=True, default=True)
+    wrenches: tuple[Wrench, ...] = ()
+    controllers: tuple[AbstractController, ...] = ()
     chosen: Array | None = None
     """Of a mechanism that is being solved, which conditions of its closures a step asks for (`constraint.choice`)."""
     links: Links | None = None
     """Of a prepared mechanism that is large, its table."""
 
     def __check_init__(self):
-        parts = (*self.bodies, *self.joints, *self.loops, *self.springs, *self.points)
-        if not self.bodies:
-            raise ClearanceError("A mechanism needs at least one body (in a scene file a table `[body.NAME]`).")
-        seen: set[str] = set()
-        for part in parts:
-            if part.name in seen or part.name in (GROUND, "gravity", "drive"):
-                raise ClearanceError(f"The name `{part.name}` is used twice or reserved. Rename one of the parts.")
-            seen.add(part.name)
-        bodies = {body.name for body in self.bodies}
-        placed = {GROUND}
-        for joint in self.joints:
-            self._known(joint.name, "parent", joint.parent, placed)
-            self._known(joint.name, "child", joint.child, bodies - placed)
-            placed.add(joint.child)
-        loose = bodies - placed
-        if loose:
-            raise ClearanceError(f"No joint connects body `{min(loose)}` to the ground. Add a joint with it as child.")
-        for loop in self.loops:
-            self._known(loop.name, "parent", loop.parent, placed)
-            self._known(loop.name, "child", loop.child, placed)
-            self._distinct(loop.name, "parent", "child", loop.parent, loop.child)
-        for spring in self.springs:
-            self._known(spring.name, "body_a", spring.body_a, placed)
-            self._known(spring.name, "body_b", spring.body_b, placed)
-            self._distinct(spring.name, "body_a", "body_b", spring.body_a, spring.body_b)
-        for point in self.points:
-            self._known(point.name, "body", point.body, placed)
+        parts = (*self.bodies, *self.joints, *self.loops, *self.springs, *self.points, *self.wrenches)
+        check_names((*parts, *self.controllers))
+        check_tree(self.bodies, self.joints, self.loops)
+        check_attached(self.bodies, self.springs, (*self.points, *self.wrenches))
+        check_payloads(self.bodies, self.joints)
+        check_control(self.controllers, tuple(self.coordinates()))
         loose = self.clearance_joints()
         if loose and not self.is_plane:
             raise ClearanceError(
                 f"Joint `{loose[0].name}` has clearance in a mechanism that leaves the plane: play is for plane "
                 "mechanisms so far. Take the clearance away, or leave out what leaves the plane (z components, "
                 "orientations, axes other than z, inertias of three or six numbers)."
-            )
-
-    @staticmethod
-    def _known(owner: str, key: str, word: str, allowed: set[str]) -> None:
-        if word not in allowed:
-            raise ClearanceError(
-                f"`{owner}.{key}` must name a body, but `{word}` is not one that fits. " + suggest(word, allowed)
-            )
-
-    @staticmethod
-    def _distinct(owner: str, one: str, other: str, first: str, second: str) -> None:
-        if first == second:
-            raise ClearanceError(
-                f"`{owner}.{one}` and `{owner}.{other}` must name two bodies, but both name `{first}`. Change one."
             )
 
     # Structure -----------------------------------------------------------------------------------------------------
@@ -179,6 +158,7 @@ class Mechanism(eqx.Module):
             all(place.z is None for place in (*places, self.gravity))
             and all(point.orientation is None or point.orientation.is_plane for point in self.points)
             and not any(isinstance(body.inertia, Inertia) for body in self.bodies)
+            and all(wrench.is_plane for wrench in self.wrenches)
             and all(joint.is_plane for joint in self.all_joints())
         )
 
@@ -186,6 +166,11 @@ class Mechanism(eqx.Module):
     def may_repeat(self) -> bool:
         """Whether conditions of its closures may follow from others, as those of loops in space do."""
         return bool(self.closures()) and not self.is_plane
+
+    @property
+    def has_payloads(self) -> bool:
+        """Whether a body comes or goes."""
+        return not all(body.is_always_there for body in self.bodies)
 
     @property
     def has_manifold(self) -> bool:
@@ -254,26 +239,52 @@ class Mechanism(eqx.Module):
         check_drives(self.joints, drives)
         return self._with_joints(lambda joint: with_drives(joint, drives))
 
+    def with_controllers(self, *controllers: AbstractController) -> "Mechanism":
+        """The same mechanism under other controllers, and no actuator on what these command.
+
+        **Raises:** `ClearanceError` for a coordinate that there is not, or that a drive prescribes.
+        """
+        commanded = {reference.name for controller in controllers for reference in controller.references}
+        changed = self._with_joints(lambda joint: without_actuators(joint, commanded))
+        return dataclasses.replace(changed, controllers=controllers)
+
     def _with_joints(self, change) -> "Mechanism":
-        return Mechanism(
-            self.bodies,
-            tuple(change(j) for j in self.joints),
-            tuple(change(j) for j in self.loops),
-            self.springs,
-            self.points,
-            self.gravity,
-            self.name,
-            self.assemble,
-        )
+        joints, loops = (tuple(change(joint) for joint in group) for group in (self.joints, self.loops))
+        return dataclasses.replace(self, joints=joints, loops=loops, chosen=None, links=None)
+
+    def unsampled(self) -> "Mechanism":
+        """The same mechanism with everything digital acting all the time."""
+        if not sampling_periods(self):
+            return self
+        controllers = tuple(dataclasses.replace(controller, period=None) for controller in self.controllers)
+        return dataclasses.replace(self._with_joints(acting_always), controllers=controllers)
+
+    def at(self, time: Scalar) -> "Mechanism":
+        """The mechanism with the payloads that it has at a time."""
+        if not self.has_payloads:
+            return self
+        links = self.links
+        if links is not None:
+            there = jnp.stack([body.presence(time) for body in self.bodies])
+            links = dataclasses.replace(links, mass=there * links.mass, inertia=there[:, None, None] * links.inertia)
+        return dataclasses.replace(self, bodies=tuple(body.at(time) for body in self.bodies), links=links)
 
     def prepared(self) -> "Mechanism":
         """The mechanism with everything that depends only on its numbers computed (once a solve, not once a step): its
-        drives, actuators and clearances are then of the types that a step evaluates.
+        drives, actuators, controllers and clearances are then of the types that a step evaluates.
         """
         ready = self._with_joints(lambda joint: joint.prepared())
+        wrenches = tuple(wrench.prepared() for wrench in self.wrenches)
+        controllers = tuple(c.prepared(self._believed(c).prepared()) for c in self.controllers)
+        ready = dataclasses.replace(ready, wrenches=wrenches, controllers=controllers)
         if not ready.is_tabled:
             return ready
         return dataclasses.replace(ready, links=links_of(ready.bodies, ready.joints))
+
+    def _believed(self, controller: AbstractController) -> "Mechanism":
+        """What a controller goes by, which is itself controlled by nobody."""
+        model = self.ideal() if controller.model is None else controller.model.ideal()
+        return dataclasses.replace(check_model(controller, model), controllers=())
 
     @property
     def is_tabled(self) -> bool:
@@ -294,8 +305,24 @@ def _without_clearance(joint: AbstractJoint, place: Pair) -> AbstractJoint:
 
 
 def drive_breaks(mechanism: Mechanism) -> Array:
-    """Break times of every drive and actuator."""
+    """Times at which a drive, an actuator, a controller's reference or a load breaks, or a payload comes or goes."""
     motions = [coordinate.motion for coordinate in mechanism.coordinates()]
-    drives = [motion.drive.breaks() for motion in motions if motion.drive is not None]
-    actuators = [actuator.breaks() for motion in motions for actuator in motion.actuators]
-    return jnp.concatenate([jnp.zeros(0), *drives, *actuators])
+    laws: list[Any] = [motion.drive for motion in motions if motion.drive is not None]
+    laws += [actuator for motion in motions for actuator in motion.actuators]
+    laws += [reference.target for controller in mechanism.controllers for reference in controller.references]
+    handed = [time for body in mechanism.bodies for time in (body.picked_up, body.put_down) if time is not None]
+    handed = [jnp.asarray(time, float)[None] for time in handed]
+    return jnp.concatenate([jnp.zeros(0), *(law.breaks() for law in (*laws, *mechanism.wrenches)), *handed])
+
+
+def sampling_periods(mechanism: Mechanism) -> tuple[float, ...]:
+    """The periods at which something is sampled [s]."""
+    periods = [actuator.sampled_every() for c in mechanism.coordinates() for actuator in c.motion.actuators]
+    periods += [controller.period for controller in mechanism.controllers]
+    return tuple(sorted({period for period in periods if period is not None}))
+
+
+def breaks_near(mechanism: Mechanism, time: Scalar) -> Array:
+    """`drive_breaks`, and what comes periodically as far as it lies about a time."""
+    sampled = [instants(period, time) for period in sampling_periods(mechanism)]
+    return jnp.concatenate([drive_breaks(mechanism), *sampled])

@@ -10,27 +10,56 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from clearance_jax._types import Rows
+from clearance_jax.mechanism.actuators import AbstractActuator
+from clearance_jax.mechanism.controllers import AbstractController
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.tree import Coordinate
 from clearance_jax.spatial import Term, add, dot, plus, quaternion_rate, scale
 
 
 class State(NamedTuple):
-    """One state by its parts: positions, velocities, and the memory of each clearance joint by its name."""
+    """One state by its parts: positions, velocities, and by their names the memory of each clearance joint and
+    the efforts that each sampled actuator or controller holds.
+    """
 
     q: Rows
     v: Rows
     memory: dict[str, Rows]
 
 
+class Acting(NamedTuple):
+    """An actuator or a controller: its name, the free coordinates that it acts on, and its sampling period."""
+
+    name: str
+    coordinates: tuple[str, ...]
+    part: AbstractActuator | AbstractController
+
+    @property
+    def period(self) -> float | None:
+        """The period at which it is sampled [s]; `None`: it acts all the time."""
+        return self.part.sampled_every() if isinstance(self.part, AbstractActuator) else self.part.period
+
+
+def acting(mechanism: Mechanism) -> tuple[Acting, ...]:
+    """Everything that exerts efforts."""
+    out = [
+        Acting(f"{c.name}.actuator{i}", (c.name,), actuator)
+        for c in mechanism.free_coordinates()
+        for i, actuator in enumerate(c.motion.actuators)
+    ]
+    controlled = [Acting(c.name, tuple(r.name for r in c.references), c) for c in mechanism.controllers]
+    return (*out, *controlled)
+
+
 class Layout(NamedTuple):
-    """Where each quantity lives in a state (static): names of the positions, of the velocities, and of the memory of
-    each clearance joint.
+    """Where each quantity lives in a state (static): names of the positions, of the velocities, of the memory of each
+    clearance joint, and of the efforts that each sampled actuator or controller holds.
     """
 
     positions: tuple[str, ...]
     velocities: tuple[str, ...]
     memories: tuple[tuple[str, tuple[str, ...]], ...]
+    efforts: tuple[tuple[str, tuple[str, ...]], ...] = ()
 
     @property
     def free(self) -> int:
@@ -49,13 +78,18 @@ class Layout(NamedTuple):
 
     @property
     def memory(self) -> slice:
-        """The laws' memory."""
+        """The laws' memory, and efforts that are held."""
         return slice(self.v.stop, self.size)
 
     @property
     def remembered(self) -> int:
-        """Number of memory variables."""
-        return sum(len(names) for _, names in self.memories)
+        """Number of memory variables, efforts that are held among them."""
+        return sum(len(names) for _, names in (*self.memories, *self.efforts))
+
+    @property
+    def held(self) -> int:
+        """Number of efforts that are held."""
+        return sum(len(names) for _, names in self.efforts)
 
     @property
     def size(self) -> int:
@@ -66,7 +100,7 @@ class Layout(NamedTuple):
         """A state, as a vector or as rows, by its parts."""
         rows = tuple(y[i] for i in range(self.size))
         memory, start = {}, self.v.stop
-        for name, names in self.memories:
+        for name, names in (*self.memories, *self.efforts):
             memory[name] = rows[start : start + len(names)]
             start += len(names)
         return State(rows[self.q], rows[self.v], memory)
@@ -74,7 +108,7 @@ class Layout(NamedTuple):
     def index(self, joint: str, memory: str) -> int:
         """The place of a named memory variable of a joint."""
         start = self.v.stop
-        for name, names in self.memories:
+        for name, names in (*self.memories, *self.efforts):
             if name == joint:
                 return start + names.index(memory)
             start += len(names)
@@ -86,7 +120,8 @@ def layout(mechanism: Mechanism) -> Layout:
     memories = tuple((j.name, j.clearance.remembers) for j in mechanism.clearance_joints())
     free = mechanism.free_coordinates()
     positions = tuple(name for c in free for name in c.positions)
-    return Layout(positions, tuple(name for c in free for name in c.velocities), memories)
+    efforts = tuple((one.name, one.coordinates) for one in acting(mechanism) if one.period is not None)
+    return Layout(positions, tuple(name for c in free for name in c.velocities), memories, efforts)
 
 
 def initial_values(mechanism: Mechanism) -> Array:

@@ -14,7 +14,7 @@ from jaxtyping import Array
 
 from clearance_jax._sharing import shared
 from clearance_jax._types import Each, EachFlag, Scalar
-from clearance_jax.mechanism.mechanism import drive_breaks
+from clearance_jax.mechanism.mechanism import breaks_near
 from clearance_jax.solve.lane_axis import component_axis, each_lane, summed
 from clearance_jax.solve.problem import Problem, motion
 from clearance_jax.solve.step import Trial
@@ -154,7 +154,7 @@ def decided(problem: Problem, verdict: Verdict, times: tuple, means: Means, cont
     reach = jnp.where(stuck, further, jnp.where(free, 1.0, control.reach))
     after_cut = jnp.where(keep, control.natural > 0, control.after_cut)
     natural = jnp.where(cut, jnp.maximum(control.natural, h), jnp.where(keep | ~accurate, 0.0, control.natural))
-    breaks = each_lane(drive_breaks, t0)(problem.mechanism)
+    breaks = each_lane(breaks_near, t0)(problem.mechanism, start)
     start, past = past_break(breaks, keep, start)
     end = jnp.maximum(end, start + 2 * _EPS * jnp.abs(start))
     clipped = before_break(breaks, start, end)
@@ -181,7 +181,7 @@ def first_end(problem: Problem, t0: Scalar, t1: Scalar, y0: Array, means: Means)
     pace = jnp.max(jnp.abs(moved) / (unit[problem.places] + jnp.abs(places)), initial=0.0)
     rate = jnp.maximum(pace, means.allowed.rate)
     step = jnp.minimum(1e-4 / jnp.maximum(rate, 1e-300), 1e-3 * (t1 - t0))
-    return before_break(drive_breaks(problem.mechanism), t0, t0 + on_grid(step))
+    return before_break(breaks_near(problem.mechanism, t0), t0, t0 + on_grid(step))
 
 
 def before_break(breaks: Array, t0: Each, t1: Each) -> Each:

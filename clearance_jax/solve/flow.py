@@ -16,6 +16,7 @@ from jaxtyping import Array, Float
 
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.closures import assembled, projected
+from clearance_jax.dynamics.control import renewed
 from clearance_jax.dynamics.energy import energy_residual, opened_books
 from clearance_jax.dynamics.settled import settled_start
 from clearance_jax.errors import ClearanceError
@@ -351,11 +352,20 @@ def closed_start(mechanism: Mechanism, t0: Scalar, start: str = CENTRE) -> tuple
     wall (see `settled_start`).
     """
     if start == SETTLED and mechanism.clearance_joints():
-        return settled_start(t0, mechanism)
-    y = jnp.concatenate([initial_values(mechanism), jnp.zeros(layout(mechanism).remembered)])
-    if not mechanism.loops or not mechanism.assemble:
-        return y, jnp.zeros(0)
-    return assembled(t0, y, mechanism)
+        y, opened = settled_start(t0, mechanism)
+        return measured_first(t0, jnp.concatenate([y, jnp.zeros(layout(mechanism).held)]), mechanism), opened
+    y, opened = jnp.concatenate([initial_values(mechanism), jnp.zeros(layout(mechanism).remembered)]), jnp.zeros(0)
+    if mechanism.loops and mechanism.assemble:
+        y, opened = assembled(t0, y, mechanism)
+    return measured_first(t0, y, mechanism), opened
+
+
+def measured_first(t0: Scalar, y: Array, mechanism: Mechanism) -> Array:
+    """The state with what everything that is sampled commands at the start."""
+    plan = layout(mechanism)
+    if not plan.held:
+        return y
+    return y.at[plan.size - plan.held : plan.size].set(jnp.stack(renewed(mechanism, t0, plan.split(y), starts=True)))
 
 
 def projected_samples(problem: Problem, time: Array, y: Array) -> Array:

@@ -13,6 +13,8 @@ from clearance_jax._sharing import shared
 from clearance_jax._types import Each, EachFlag, Scalar
 from clearance_jax.dynamics.closures import projected
 from clearance_jax.dynamics.constraint import choice
+from clearance_jax.dynamics.control import renewed
+from clearance_jax.dynamics.energy import handed_over
 from clearance_jax.dynamics.kinematics import relative_accelerations
 from clearance_jax.mechanism.mechanism import drive_breaks
 from clearance_jax.mechanism.state import layout
@@ -69,6 +71,9 @@ def try_step(
         moved = past_moving_break(t0, y0, problem)
         y0, fresh = jnp.where(past_break, moved, y0), fresh | past_break
 
+    if problem.books and problem.mechanism.has_payloads:
+        now = each_lane(lambda t, y, p: lift(lambda m, y: handed_over(t, y, m[0]), p, y), t0)
+        y0 = now(t0, y0, problem)
     if problem.mechanism.may_repeat:
         # Once a step, at its start, where loops are closed and what repeats itself is seen.
         chosen = each_lane(lambda t, y, p: choice(t, motion(p, y), p.mechanism), t0)(t0, y0, problem)
@@ -139,7 +144,7 @@ def _known(problem: Problem, time: Each, y: Array, slope: Array, fresh: EachFlag
 
 
 def latch(time: Scalar, y: Array, slope: Array, mechanism: Any) -> Array:
-    """The state with every law's memory brought up to date, shape (size,).
+    """The state with every law's memory, and every effort that is held, brought up to date, shape (size,).
 
     A touch or a separation lies a little before `time`. The joints are told how long ago, as a function of the state:
     so what they latch is what held AT the touch, and its derivative knows that a parameter moves the touch.
@@ -150,6 +155,8 @@ def latch(time: Scalar, y: Array, slope: Array, mechanism: Any) -> Array:
     for joint, (at, rate) in zip(mechanism.clearance_joints(), seen, strict=True):
         if joint.clearance.remembers:
             parts += joint.clearance.latch(memory[joint.name], at, rate)
+    if plan.held:
+        parts += renewed(mechanism, time, plan.split(y))
     return jnp.concatenate([y[: plan.v.stop], jnp.stack(parts)])
 
 

@@ -1,0 +1,97 @@
+"""The robot of a scene: a URDF file, how its joints move, what it carries."""
+
+import dataclasses
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.io.poses import Pose, is_identity, rotation_of, rpy_of
+from clearance_jax.io.scene_joint import motion_of
+from clearance_jax.io.scene_keys import OF_ONE, PAYLOAD, ROBOT
+from clearance_jax.io.table import Table
+from clearance_jax.io.urdf import read_robot
+from clearance_jax.io.urdf_joints import orientation_of, position_of
+from clearance_jax.io.urdf_merge import triple
+from clearance_jax.io.urdf_parts import NOWHERE
+from clearance_jax.mechanism.body import GROUND, Body, Motion, Point
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.placement import Gravity, Orientation, Position
+from clearance_jax.mechanism.tree import SLIDING, TURNING, AbstractJoint, Fixed, Prismatic, Revolute
+
+
+class Robot(NamedTuple):
+    """What a robot brings into a scene; `trajectory`: the file that drives it."""
+
+    bodies: tuple[Body, ...] = ()
+    joints: tuple[AbstractJoint, ...] = ()
+    points: tuple[Point, ...] = ()
+    gravity: Gravity | None = None
+    trajectory: Path | None = None
+
+
+NO_ROBOT = Robot()
+
+
+def robot_of(top: Table, path: Path) -> Robot:
+    """The robot of a scene that has one."""
+    table = top.table("robot", ROBOT)
+    found = read_robot(path.parent / table.get("file"), **table.given("file", "trajectory", "payload", "joint"))[1]
+    joints = {joint.name: joint for joint in found.joints}
+    for name, values, where in table.named("joint"):
+        if name not in joints:
+            raise ClearanceError(f"{where}: the robot has no joint of this name. " + suggest(name, joints))
+        joints[name] = _moved(joints[name], values, where, path)
+    carried = [_payload(found, *part) for part in table.parts("payload")]
+    return Robot(
+        (*found.bodies, *(body for body, _ in carried)),
+        (*joints.values(), *(grip for _, grip in carried)),
+        found.points,
+        found.gravity,
+        path.parent / table.get("trajectory") if table.has("trajectory") else None,
+    )
+
+
+def _moved(joint: AbstractJoint, values: Any, where: str, path: Path) -> AbstractJoint:
+    """A joint of the robot as the scene moves it."""
+    if not isinstance(joint, (Revolute, Prismatic)):
+        raise ClearanceError(f"{where} must be a revolute or prismatic joint of the robot, but it is another one.")
+    table = Table(values, where, OF_ONE, TURNING if isinstance(joint, Revolute) else SLIDING)
+    given, own = motion_of(table, path), joint.motion
+    if given.drive is not None:
+        return dataclasses.replace(joint, motion=Motion(given.drive, limits=own.limits))
+    position = given.position if table.has("position") else own.position
+    actuators = (*own.actuators, *given.actuators)
+    return dataclasses.replace(joint, motion=Motion(None, position, given.velocity, actuators, own.limits))
+
+
+def _payload(robot: Mechanism, name: str, values: Any, where: str) -> tuple[Body, Fixed]:
+    """A payload, and the fixed joint that carries it."""
+    table = Table(values, where, PAYLOAD)
+    on, points = table.get("on"), {point.name: point for point in robot.points}
+    bodies = {GROUND, *(body.name for body in robot.bodies)}
+    if on not in points and on not in bodies:
+        raise ClearanceError(
+            f"{table.key('on')} must name a body or a point of the robot, but it is `{on}`. "
+            + suggest(on, bodies | set(points))
+        )
+    point = points.get(on) or Point(on, on)
+    held = _pose(point.at, point.orientation)
+    orientation = Orientation(*table.get("orientation")) if table.has("orientation") else None
+    pose = held.of(*_pose(Position(*table.get("at")), orientation))
+    turned = orientation_of(NOWHERE if is_identity(pose.rotation) else triple(rpy_of(pose.rotation)))
+    grip = Fixed(f"{name}_grip", point.body, name, position_of(triple(pose.position)), orientation=turned)
+    return body_of(name, table), grip
+
+
+def _pose(at: Position, orientation: Orientation | None) -> Pose:
+    angles = (None,) * 3 if orientation is None else (orientation.roll, orientation.pitch, orientation.yaw)
+    rpy = [0.0 if angle is None else float(angle) for angle in angles]
+    return Pose(np.array([float(x) for x in at.vector]), rotation_of(rpy))
+
+
+def body_of(name: str, table: Table) -> Body:
+    """A body, by the table that describes it."""
+    numbers = {key: table.get(key) for key in ("mass", "inertia", "picked_up", "put_down")}
+    return Body(name, center_of_mass=Position(*table.get("center_of_mass")), **numbers)

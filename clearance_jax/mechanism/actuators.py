@@ -1,0 +1,109 @@
+"""Actuators: forces along free coordinates."""
+
+import abc
+import dataclasses
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from clearance_jax._types import Scalar
+from clearance_jax.mechanism.drives import AbstractMotionLaw, Values
+from clearance_jax.mechanism.sampling import check_period, names_key, period_key
+from clearance_jax.parameters import physical
+
+
+class AbstractActuator(eqx.Module):
+    """A generalised force along one free coordinate."""
+
+    @abc.abstractmethod
+    def __call__(self, time: Scalar, position: Scalar, velocity: Scalar) -> Scalar:
+        """The force [N] or torque [N m], by the position and velocity that it measures."""
+
+    def prepared(self) -> "AbstractActuator":
+        """The actuator with what depends only on its numbers computed (once a solve)."""
+        return self
+
+    def breaks(self) -> Values:
+        """Times at which the force or a derivative of it jumps: integration steps end there. None by default."""
+        return jnp.zeros(0)
+
+    def measures(self) -> tuple[str, ...]:
+        """The coordinates whose sum it measures; none: the one that it acts on."""
+        return ()
+
+    def sampled_every(self) -> float | None:
+        """The period [s] at whose multiples it measures, holding its force in between; `None`: it acts all the time."""
+        return None
+
+    def acting_always(self) -> "AbstractActuator":
+        """The same without sampling."""
+        return self
+
+
+class ConstantEffort(AbstractActuator):
+    """A constant torque [N m] (or force [N] on a sliding joint)."""
+
+    effort: Scalar = physical("effort", help="torque (force on a sliding joint)", example='"-12 N*m"')
+
+    def __call__(self, time, position, velocity):
+        return self.effort + 0 * position
+
+
+class Servo(AbstractActuator):
+    """A linear position servo (PD control): k (target - q) + b (target' - q').
+
+    **Arguments:**
+
+    - `target`: a drive; `stiffness` k and `damping` b, not negative.
+    - `encoder`: names of the coordinates whose sum is q: of a motor that turns its link through a gear with play or a
+      spring the encoder may be on the motor's side, `()`, or on the link's, `("motor", "link")`.
+    - `period` [s]: of a digital servo: it measures at whole multiples of the period, and holds its force between them
+      (zero-order hold). A number of the program: nothing is differentiated by it.
+    """
+
+    target: AbstractMotionLaw
+    stiffness: Scalar = physical(
+        "effort/coordinate", least=0.0, help="gain k of the position error", example='"50 N*m/rad"'
+    )
+    damping: Scalar = physical(
+        "effort*s/coordinate", least=0.0, help="gain b of the speed error", example='"5 N*m*s/rad"'
+    )
+    encoder: tuple[str, ...] = names_key("coordinates whose sum it measures", "its own")
+    period: float | None = period_key()
+
+    def __check_init__(self):
+        check_period(self.period, "A servo")
+
+    def __call__(self, time, position, velocity):
+        goal, goal_rate, _ = self.target(time)
+        return self.stiffness * (goal - position) + self.damping * (goal_rate - velocity)
+
+    def prepared(self):
+        return dataclasses.replace(self, target=self.target.prepared())
+
+    def breaks(self):
+        return self.target.breaks()
+
+    def measures(self):
+        return self.encoder
+
+    def sampled_every(self):
+        return self.period
+
+    def acting_always(self):
+        return dataclasses.replace(self, period=None)
+
+
+class JointSpring(AbstractActuator):
+    """A spring and damper in a joint: -k (q - q0) - b q'. Its energy is booked as actuator work."""
+
+    stiffness: Scalar = physical("effort/coordinate", least=0.0, help="stiffness k", example='"50 N*m/rad"')
+    damping: Scalar = physical(
+        "effort*s/coordinate", least=0.0, default=0.0, help="damping b", example='"0.1 N*m*s/rad"'
+    )
+    rest: Scalar = physical(
+        "coordinate", default=0.0, help="coordinate q0 at which the spring is relaxed", example='"10 deg"'
+    )
+
+    def __call__(self, time, position, velocity):
+        return -self.stiffness * (position - self.rest) - self.damping * velocity

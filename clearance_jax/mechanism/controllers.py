@@ -1,0 +1,94 @@
+"""Controllers: what commands several free coordinates at once, because it knows a model of the mechanism."""
+
+import abc
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import equinox as eqx
+
+from clearance_jax._types import Scalar
+from clearance_jax.errors import ClearanceError, quoted
+from clearance_jax.mechanism.drives import AbstractMotionLaw
+from clearance_jax.mechanism.sampling import check_period, names_key, period_key
+from clearance_jax.parameters import apart, leading, physical
+from clearance_jax.spatial import Term
+
+
+class Reference(eqx.Module):
+    """Where a controller steers a free coordinate.
+
+    **Arguments:** `name`: of the coordinate; `target`: a drive; `encoder`: names of the coordinates whose sum is
+    measured, by default its own (see `Servo`).
+    """
+
+    name: str = eqx.field(static=True)
+    target: AbstractMotionLaw = leading()
+    encoder: tuple[str, ...] = names_key("coordinates whose sum is measured", "its own")
+
+
+class AbstractController(eqx.Module):
+    """A law of accelerations, which the inverse dynamics of a model turns into efforts.
+
+    - `references`: the coordinates that it commands, all that its model leaves free.
+    - `model`: the mechanism that it believes in; `None`: the mechanism itself, without play.
+    - `period` [s]: it measures and commands at whole multiples of it; `None`: all the time.
+    """
+
+    name: eqx.AbstractVar[str]
+    references: eqx.AbstractVar[tuple[Reference, ...]]
+    model: eqx.AbstractVar[Any]
+    period: eqx.AbstractVar[float | None]
+
+    @abc.abstractmethod
+    def wanted(self, time: Scalar, positions: Sequence[Term], velocities: Sequence[Term]) -> list[Term]:
+        """The accelerations to be had, of what is measured, in the order of the references."""
+
+    def prepared(self, model: Any) -> "AbstractController":
+        """The controller with what depends only on its numbers computed (once a solve); `model`: the one that it goes
+        by, prepared.
+        """
+        references = tuple(dataclasses.replace(r, target=r.target.prepared()) for r in self.references)
+        return dataclasses.replace(self, references=references, model=model)
+
+
+class ComputedTorque(AbstractController):
+    """Computed torque (inverse dynamics control): the efforts with which the model, where it is measured to be, would
+    accelerate by target'' + 2 d w (target' - q') + w^2 (target - q).
+
+    So every coordinate's error decays like an oscillator of its own, as far as the model is true (Siciliano et al.,
+    Robotics, 2009, section 8.5.2).
+
+    **Arguments:**
+
+    - `references`: targets of all coordinates that the model leaves free.
+    - `frequency` w [rad/s] and `damping` ratio d, of the errors' decay.
+    - `model`: a mechanism without loops and play whose coordinates have the same names; by default the mechanism
+      itself, without its play: a perfect model.
+    - `period` [s]: it measures at whole multiples of it, and holds its efforts in between.
+    """
+
+    name: str = eqx.field(static=True)
+    references: tuple[Reference, ...] = eqx.field(converter=tuple)
+    frequency: Scalar = physical(
+        "rad/s", above=0.0, help="natural frequency w of the errors' decay", example='"50 rad/s"'
+    )
+    damping: Scalar = physical("", least=0.0, default=1.0, help="damping ratio d of the errors' decay", example="0.7")
+    model: Any = apart(default=None)
+    period: float | None = period_key()
+
+    def __check_init__(self):
+        check_period(self.period, f"Controller `{self.name}`")
+        if not self.references or not all(isinstance(reference, Reference) for reference in self.references):
+            raise ClearanceError(
+                f"Controller `{self.name}` needs a list of `Reference(coordinate, drive)`, but it was given "
+                f"{quoted(list(self.references))}."
+            )
+
+    def wanted(self, time, positions, velocities):
+        out = []
+        for reference, q, v in zip(self.references, positions, velocities, strict=True):
+            goal, rate, acceleration = reference.target(time)
+            pull = self.frequency**2 * (goal - q) + 2 * self.damping * self.frequency * (rate - v)
+            out.append(acceleration + pull)
+        return out

@@ -1,0 +1,84 @@
+"""Loads from outside: a force and a torque on a body, as a function of time."""
+
+from typing import Literal
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from clearance_jax._types import Scalar
+from clearance_jax.mechanism.drives import AbstractMotionLaw, Values
+from clearance_jax.mechanism.placement import ORIGIN, Position, present
+from clearance_jax.parameters import Parametrised, described, physical
+from clearance_jax.spatial import Term, Vector, scale
+
+
+class Force(eqx.Module):
+    """A force by its components; one left out is absent from the compiled program."""
+
+    x: Scalar | None = physical("N", default=None)
+    y: Scalar | None = physical("N", default=None)
+    z: Scalar | None = physical("N", default=None)
+
+    @property
+    def vector(self) -> Vector:
+        """The components, absent ones as the constant 0.0."""
+        return present(self.x), present(self.y), present(self.z)
+
+
+class Torque(eqx.Module):
+    """A torque by its components; one left out is absent from the compiled program."""
+
+    x: Scalar | None = physical("N*m", default=None)
+    y: Scalar | None = physical("N*m", default=None)
+    z: Scalar | None = physical("N*m", default=None)
+
+    @property
+    def vector(self) -> Vector:
+        """The components, absent ones as the constant 0.0."""
+        return present(self.x), present(self.y), present(self.z)
+
+
+class Wrench(Parametrised):
+    """A force on a point of a body and a torque on the body, from outside the mechanism. Its work counts as that of the
+    drives.
+
+    **Arguments:** `body`; `at`: the point, in the body's frame; `force` [N], `torque` [N m]; `course`: a factor on both
+    as a function of time, given as a drive without unit (`cj.StepSum([0.1], [0.2], [1.0])`: nothing, then all of it);
+    `axes`: whose axes force and torque are in: the world's, or the body's (a thrust, which turns with it).
+    """
+
+    name: str = eqx.field(static=True)
+    body: str = described("the body that it acts on", '"slider"', static=True)
+    at: Position = described(
+        "the point that it acts on, in the body's frame", '["80 mm", "0 mm"]', "the origin", default=ORIGIN
+    )
+    force: Force = described("the force", '["-100 N", "0 N"]', "none", default=Force())
+    torque: Torque = described("the torque", '["0 N*m", "0 N*m", "2 N*m"]', "none", default=Torque())
+    course: AbstractMotionLaw | None = None
+    axes: Literal["world", "body"] = described(
+        "whose axes force and torque are in", '"body"', static=True, default="world"
+    )
+
+    def units(self):
+        return {"coordinate": ""}
+
+    @property
+    def is_plane(self) -> bool:
+        """Whether it keeps its body in the plane z = 0, by its structure."""
+        return self.at.z is None and self.force.z is None and self.torque.x is None and self.torque.y is None
+
+    def prepared(self) -> "Wrench":
+        """The wrench with what depends only on its numbers computed (once a solve)."""
+        course = None if self.course is None else self.course.prepared()
+        return Wrench(self.name, self.body, self.at, self.force, self.torque, course, self.axes)
+
+    def now(self, time: Scalar) -> tuple[Vector, Vector]:
+        """Force and torque at a time, in its own axes."""
+        if self.course is None:
+            return self.force.vector, self.torque.vector
+        factor: Term = self.course(time)[0]
+        return scale(factor, self.force.vector), scale(factor, self.torque.vector)
+
+    def breaks(self) -> Values:
+        """Times at which its course breaks."""
+        return jnp.zeros(0) if self.course is None else self.course.breaks()

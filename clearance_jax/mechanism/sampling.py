@@ -1,0 +1,47 @@
+"""Digital control: what measures at whole multiples of a period and holds what it commands in between."""
+
+import math
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from clearance_jax._types import Flag, Scalar
+from clearance_jax.errors import ClearanceError, quoted
+from clearance_jax.parameters import described
+
+# A step starts four round-offs past an instant, see `control.past_break`.
+_HAIR = 16 * float(np.finfo(np.float64).eps)
+
+
+def period_key():
+    """The field of a sampling period [s]."""
+    about = {"help": "period at which it measures anew; it holds its force in between", "example": '"1 ms"'}
+    about |= {"absent": "it acts all the time", "unit": "s", "above": 0.0}
+    return eqx.field(static=True, default=None, metadata=about)
+
+
+def names_key(help: str, absent: str):
+    """A field that names coordinates."""
+    return described(help, '["motor", "link"]', absent, static=True, default=(), converter=tuple)
+
+
+def check_period(period: Any, what: str) -> None:
+    """Raise for what is no period: a number [s] that is known while a program is traced, greater than zero."""
+    if period is not None and not (isinstance(period, (int, float)) and 0 < period < math.inf):
+        raise ClearanceError(
+            f"{what} must have a `period` greater than zero, a number in s that nothing is differentiated by, but it "
+            f"is {quoted(period)}."
+        )
+
+
+def instants(period: float, time: Scalar) -> Array:
+    """The times of measuring about a time: the last one, and the next two (of which it may be at the first)."""
+    return (jnp.floor(time / period) + np.arange(3.0)) * period
+
+
+def is_instant(period: float, time: Scalar) -> Flag:
+    """Whether a step that starts at a time starts where it is measured."""
+    return jnp.abs(time - period * jnp.round(time / period)) <= _HAIR * jnp.abs(time)

@@ -1,0 +1,130 @@
+"""Whether the parts of a mechanism fit together: names, the tree, what hangs on it, what controls it."""
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from jax.core import Tracer
+
+from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.mechanism.body import GROUND, Body, Spring
+from clearance_jax.mechanism.controllers import AbstractController
+from clearance_jax.mechanism.tree import AbstractJoint, Coordinate, Fixed
+
+RESERVED = (GROUND, "gravity", "drive")
+
+
+def check_names(parts: Iterable[Any]) -> None:
+    """Raise where two parts have one name."""
+    seen: set[str] = set()
+    for part in parts:
+        if part.name in seen or part.name in RESERVED:
+            raise ClearanceError(f"The name `{part.name}` is used twice or reserved. Rename one of the parts.")
+        seen.add(part.name)
+
+
+def check_tree(bodies: Sequence[Body], joints: Sequence[AbstractJoint], loops: Sequence[AbstractJoint]) -> None:
+    """Raise unless the joints place every body once, parents first, and loops join two that are placed."""
+    if not bodies:
+        raise ClearanceError("A mechanism needs at least one body (in a scene file a table `[body.NAME]`).")
+    names, placed = {body.name for body in bodies}, {GROUND}
+    for joint in joints:
+        _known(joint.name, "parent", joint.parent, placed)
+        _known(joint.name, "child", joint.child, names - placed)
+        placed.add(joint.child)
+    loose = names - placed
+    if loose:
+        raise ClearanceError(f"No joint connects body `{min(loose)}` to the ground. Add a joint with it as child.")
+    for loop in loops:
+        _known(loop.name, "parent", loop.parent, placed)
+        _known(loop.name, "child", loop.child, placed)
+        _distinct(loop.name, "parent", "child", loop.parent, loop.child)
+
+
+def check_attached(bodies: Sequence[Body], springs: Sequence[Spring], points: Iterable[Any]) -> None:
+    """Raise where a spring, a point or a load is on a body that there is not."""
+    placed = {GROUND, *(body.name for body in bodies)}
+    for spring in springs:
+        _known(spring.name, "body_a", spring.body_a, placed)
+        _known(spring.name, "body_b", spring.body_b, placed)
+        _distinct(spring.name, "body_a", "body_b", spring.body_a, spring.body_b)
+    for point in points:
+        _known(point.name, "body", point.body, placed)
+
+
+def check_payloads(bodies: Sequence[Body], joints: Sequence[AbstractJoint]) -> None:
+    """Raise for a payload that moves on what carries it, or carries something itself, or is gone before it comes."""
+    for body in bodies:
+        if body.is_always_there:
+            continue
+        carrying = next(joint for joint in joints if joint.child == body.name)
+        if not isinstance(carrying, Fixed):
+            raise ClearanceError(
+                f"`{body.name}` is a payload that comes or goes (`picked_up`, `put_down`), so joint `{carrying.name}`, "
+                "which carries it, must be fixed."
+            )
+        hanging = [joint.name for joint in joints if joint.parent == body.name and joint.coordinates()]
+        if hanging:
+            raise ClearanceError(
+                f"`{body.name}` is a payload that comes or goes: joint `{hanging[0]}` may not move on it."
+            )
+        begin, end = body.picked_up, body.put_down
+        if begin is None or end is None or isinstance(begin, Tracer) or isinstance(end, Tracer):
+            continue
+        if not np.all(end > begin):
+            raise ClearanceError(f"`{body.name}.put_down` must be later than `{body.name}.picked_up`.")
+
+
+def check_control(controllers: Sequence[AbstractController], coordinates: Sequence[Coordinate]) -> None:
+    """Raise where an actuator measures, or a controller commands, a coordinate that it cannot."""
+    every = {c.name: c for c in coordinates if not c.is_ball}
+    free = {name for name, c in every.items() if c.motion.is_free and c.play is None}
+    for c in every.values():
+        for actuator in c.motion.actuators:
+            _check_encoder(f"An actuator of `{c.name}`", actuator.measures(), c, every)
+    owner: dict[str, str] = {}
+    for controller in controllers:
+        for reference in controller.references:
+            name, what = reference.name, f"Controller `{controller.name}`"
+            if name not in free:
+                raise ClearanceError(f"{what} commands `{name}`, which is no free coordinate. " + suggest(name, free))
+            if owner.setdefault(name, controller.name) != controller.name or every[name].motion.actuators:
+                raise ClearanceError(f"{what} commands `{name}`, which another controller or actuator moves already.")
+            _check_encoder(what, reference.encoder, every[name], every)
+
+
+def _check_encoder(what: str, encoder: Sequence[str], own: Coordinate, every: dict[str, Coordinate]) -> None:
+    for name in encoder:
+        if name not in every:
+            raise ClearanceError(f"{what} measures `{name}`, but there is no such coordinate. " + suggest(name, every))
+        if (every[name].slides is None) != (own.slides is None):
+            raise ClearanceError(f"{what} measures `{name}`: an angle and a length cannot stand for each other.")
+
+
+def check_model(controller: AbstractController, model: Any) -> Any:
+    """The model of a controller. **Raises** `ClearanceError` where it is not commanded as a whole."""
+    what = f"The model of controller `{controller.name}`"
+    if model.loops:
+        raise ClearanceError(
+            f"{what} has the loop `{model.loops[0].name}`, but inverse dynamics is of trees only. Give it a `model` "
+            "without loops."
+        )
+    free, own = {c.name for c in model.free_coordinates()}, {reference.name for reference in controller.references}
+    for name in sorted(free ^ own):
+        said = "and its references do not name it" if name in free else "but its references name it"
+        raise ClearanceError(f"{what} has {'the' if name in free else 'no'} free coordinate `{name}`, {said}.")
+    return model
+
+
+def _known(owner: str, key: str, word: str, allowed: set[str]) -> None:
+    if word not in allowed:
+        raise ClearanceError(
+            f"`{owner}.{key}` must name a body, but `{word}` is not one that fits. " + suggest(word, allowed)
+        )
+
+
+def _distinct(owner: str, one: str, other: str, first: str, second: str) -> None:
+    if first == second:
+        raise ClearanceError(
+            f"`{owner}.{one}` and `{owner}.{other}` must name two bodies, but both name `{first}`. Change one."
+        )
