@@ -5,6 +5,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import clearance_jax as cj
@@ -16,7 +17,7 @@ from clearance_jax.io.study import load_study
 from clearance_jax.io.table import Keys, Table
 
 ROOT = Path(__file__).parents[1]
-READERS = ("scene", "scene_joint", "scene_contact", "study")
+READERS = ("scene", "scene_joint", "scene_robot", "scene_contact", "study")
 
 
 def lines(values: dict[str, str]) -> str:
@@ -60,7 +61,7 @@ def test_readers_read_through_declared_tables_only(module):
     """No reader makes up a declaration of its own, and none reads a file's values past its table."""
     tree = ast.parse((ROOT / "clearance_jax" / "io" / f"{module}.py").read_text())
     made = [n.func.id for n in ast.walk(tree) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)]
-    assert not {"Keys", "Quantity", "Sub", "Text", "Word", "Whole", "Flag", "Place", "Triple"} & set(made)
+    assert not {"Keys", "Quantity", "Sub", "Text", "Word", "Whole", "Flag", "Place", "Triple", "Names"} & set(made)
 
 
 def test_the_reference_is_complete_and_plain():
@@ -110,12 +111,39 @@ def scene(body="", kind="revolute", main="", pin=""):
 
 
 def test_examples_of_the_top_a_body_a_spring_and_a_solve_are_read(tmp_path):
-    top = lines(example(scene_keys.SCENE, "solve", "body", "joint", "spring", "point"))
+    parts = ("solve", "body", "joint", "spring", "point", "wrench", "controller", "robot")
+    top = lines(example(scene_keys.SCENE, *parts))
     rest = "[spring.coil]\n" + lines(example(scene_keys.SPRING)) + "[solve]\n" + lines(example(scene_keys.SOLVE))
-    read = load(tmp_path, top + scene(lines(example(scene_keys.BODY))) + rest)
+    rest += "[wrench.cut]\n" + lines(example(scene_keys.WRENCH))
+    read = load(tmp_path, top + scene(lines(example(scene_keys.BODY, "picked_up", "put_down"))) + rest)
     assert set(read.solve) == {key.name for key in scene_keys.SOLVE.keys}
     assert read.mechanism.springs[0].free_length == pytest.approx(0.07785)
     assert not read.mechanism.assemble
+    assert float(read.mechanism.wrenches[0].force.x) == -100
+    assert np.asarray(read.mechanism.wrenches[0].course(0.2)[0]) == 1
+
+
+def test_examples_of_a_robot_and_of_a_controller_are_read(tmp_path):
+    urdf = ROOT / "experiments" / "scenes" / "six_axes.urdf"
+    (tmp_path / "arm.urdf").write_bytes(urdf.read_bytes())
+    (tmp_path / "lift.csv").write_text("time, axis_1 [deg]\n0, 0\n1, 1\n2, 0\n3, 5\n")
+    robot = "[robot]\n" + lines(example(scene_keys.ROBOT, "payload", "base"))
+    payload = "[robot.payload.cutter]\n" + lines(example(scene_keys.PAYLOAD))
+    free = [f"axis_{i}" for i in range(2, 7)] + ["finger_left", "finger_right"]
+    targets = "[controller.control.target]\n" + lines(dict.fromkeys(free, '"0.2 * time"'))
+    control = "[controller.control]\n" + lines(example(scene_keys.CONTROLLER, "target")) + targets
+    read = load(tmp_path, robot + payload + control)
+    mechanism = read.mechanism
+    assert read.trajectory.span == (0.0, 3.0)
+    assert float(mechanism.joints[1].motion.position) == pytest.approx(np.pi / 6)
+    assert [reference.name for reference in mechanism.controllers[0].references] == free
+    assert mechanism.bodies[-1].name == "cutter"
+    with pytest.raises(cj.ClearanceError, match="has the free coordinate `axis_2`"):
+        load(tmp_path, robot + payload + control.replace('axis_2 = "0.2 * time"\n', ""))
+    with pytest.raises(cj.ClearanceError, match=r"robot.payload.cutter.on must name a body or a point .* `tpc`"):
+        load(tmp_path, robot + payload.replace('"tcp"', '"tpc"'))
+    with pytest.raises(cj.ClearanceError, match=r"robot.joint.axis_9: the robot has no joint of this name"):
+        load(tmp_path, robot.replace("axis_2 =", "axis_9 ="))
 
 
 @pytest.mark.parametrize("word", scene_keys.NORMAL_TABLES)
@@ -147,7 +175,7 @@ OTHERS = {"trapezoid": (("speed", "acceleration"), ("duration", "cruise"))}
 def test_examples_of_drives_are_read(word, skip, tmp_path):
     values = inline(example(scene_keys.DRIVE_TABLES[word], *skip))
     driven = load(tmp_path, scene(main=f"drive = {values}"))
-    servo = example(scene_keys.ACTUATOR_TABLES["servo"], "target")
+    servo = example(scene_keys.ACTUATOR_TABLES["servo"], "target", "encoder")
     steered = load(tmp_path, scene(main=f"actuator.s = {inline({**servo, 'target': values})}"))
     assert type(driven.mechanism.joints[0].motion.drive) is type(steered.mechanism.joints[0].motion.actuators[0].target)
 
@@ -155,6 +183,7 @@ def test_examples_of_drives_are_read(word, skip, tmp_path):
 @pytest.mark.parametrize("word", scene_keys.ACTUATOR_TABLES)
 def test_examples_of_actuators_and_motions_are_read(word, tmp_path):
     values = example(scene_keys.ACTUATOR_TABLES[word])
+    values |= {"encoder": '["main", "pin"]'} if word == "servo" else {}
     main = example(scene_keys.MOTION, "drive", "actuator") | {"angle": '"90 deg"'}
     read = load(tmp_path, scene(main=lines(main) + f"actuator.a = {inline(values)}"))
     motion = read.mechanism.joints[0].motion

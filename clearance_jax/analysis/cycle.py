@@ -122,8 +122,14 @@ class Effort(NamedTuple):
 
 
 def seams(mechanism: Mechanism, t0: Array, period: Array) -> dict[str, Array]:
-    """How far each drive and servo target is from its start after the period, whole turns of a rotation aside."""
+    """How far each drive, servo target and course of a load is from its start after the period, whole turns of a
+    rotation aside.
+    """
     length, out = largest_length(mechanism), {}
+    for wrench in mechanism.wrenches:
+        if wrench.course is not None:
+            (begin, end), _ = _ends(wrench.course, t0, period)
+            out[wrench.name] = jnp.abs(end - begin)
     for coordinate in mechanism.coordinates():
         servos = [actuator.target for actuator in coordinate.motion.actuators if isinstance(actuator, Servo)]
         drive = coordinate.motion.drive

@@ -7,7 +7,7 @@ from jax.core import Tracer
 
 from clearance_jax.analysis.cycle import SEAM, Effort, PeriodicMotion, Search, find, seams
 from clearance_jax.errors import ClearanceError
-from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.mechanism import Mechanism, sampling_periods
 from clearance_jax.mechanism.state import layout
 from clearance_jax.solve.settings import SolveOptions, settings_of
 
@@ -48,6 +48,11 @@ def periodic_motion(
     plan = layout(mechanism)
     if not plan.free:
         raise ClearanceError("A periodic motion needs a free coordinate, but every joint of this mechanism is driven.")
+    if mechanism.controllers or mechanism.has_payloads or sampling_periods(mechanism):
+        raise ClearanceError(
+            "A periodic motion is not looked for with controllers, digital servos or payloads that come and go. Take "
+            "them away, or simulate for long."
+        )
     guess, turns = (None if x is None else jnp.asarray(x, float) for x in (guess, turns))
     for name, given, size in (("guess", guess, plan.size), ("turns", turns, plan.free)):
         if given is not None and given.shape != (size,):

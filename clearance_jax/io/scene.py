@@ -84,12 +84,12 @@ def _whole(top: Table, path: Path) -> tuple[Mechanism, Trajectory | None]:
         top.get("assemble"),
         tuple(_wrench(*part, path) for part in top.parts("wrench")),
     )
+    trajectory = None
+    if robot.trajectory is not None:
+        trajectory = Trajectory(robot.trajectory, read_trajectory(robot.trajectory, mechanism))
+        mechanism = mechanism.driven(trajectory.drives)
     controllers = [_controller(*part, path, mechanism) for part in top.parts("controller")]
-    mechanism = dataclasses.replace(mechanism, controllers=tuple(controllers))
-    if robot.trajectory is None:
-        return mechanism, None
-    trajectory = Trajectory(robot.trajectory, read_trajectory(robot.trajectory, mechanism))
-    return mechanism.driven(trajectory.drives), trajectory
+    return dataclasses.replace(mechanism, controllers=tuple(controllers)), trajectory
 
 
 def _solve(table: Table) -> dict[str, Any]:

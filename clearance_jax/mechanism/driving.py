@@ -1,7 +1,7 @@
 """Coordinates of joints by their names, to be given other drives."""
 
 import dataclasses
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 from clearance_jax.errors import ClearanceError, quoted, suggest
 from clearance_jax.mechanism.body import Motion
@@ -19,7 +19,8 @@ def drivable(joints: Iterable[AbstractJoint]) -> dict[str, Coordinate]:
 def with_motions(joint: AbstractJoint, change: Callable[[Coordinate], Motion]) -> AbstractJoint:
     """The joint with other motions of its coordinates (but of play, and of what turns freely in space)."""
     fields = ((_field(joint, coordinate), coordinate) for coordinate in joint.coordinates())
-    changed = {field: change(coordinate) for field, coordinate in fields if field is not None}
+    changed = {field: change(c) for field, c in fields if field is not None}
+    changed = {field: motion for field, motion in changed.items() if motion is not getattr(joint, field)}
     return dataclasses.replace(joint, **changed) if changed else joint
 
 
@@ -31,15 +32,6 @@ def with_drives(joint: AbstractJoint, drives: Mapping[str, AbstractMotionLaw]) -
             return coordinate.motion
         # Whatever else a motion has (what its motor can do) stays; actuators would act on nothing.
         return dataclasses.replace(coordinate.motion, drive=drives[coordinate.name], actuators=())
-
-    return with_motions(joint, change)
-
-
-def without_actuators(joint: AbstractJoint, names: Collection[str]) -> AbstractJoint:
-    """The joint without the actuators of those of its coordinates that are named."""
-
-    def change(coordinate: Coordinate) -> Motion:
-        return dataclasses.replace(coordinate.motion, actuators=()) if coordinate.name in names else coordinate.motion
 
     return with_motions(joint, change)
 

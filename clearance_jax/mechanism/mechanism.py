@@ -13,7 +13,7 @@ from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.joints import AbstractClearance, PreparedClearance
 from clearance_jax.mechanism.body import Body, Point, Spring
 from clearance_jax.mechanism.controllers import AbstractController
-from clearance_jax.mechanism.driving import acting_always, check_drives, with_drives, without_actuators
+from clearance_jax.mechanism.driving import acting_always, check_drives, with_drives
 from clearance_jax.mechanism.links import UNROLLED, Links, links_of
 from clearance_jax.mechanism.loads import Wrench
 from clearance_jax.mechanism.placement import Gravity, Inertia, Position
@@ -240,13 +240,11 @@ class Mechanism(eqx.Module):
         return self._with_joints(lambda joint: with_drives(joint, drives))
 
     def with_controllers(self, *controllers: AbstractController) -> "Mechanism":
-        """The same mechanism under other controllers, and no actuator on what these command.
+        """The same mechanism under other controllers. (Its actuators stay, and act beside them.)
 
         **Raises:** `ClearanceError` for a coordinate that there is not, or that a drive prescribes.
         """
-        commanded = {reference.name for controller in controllers for reference in controller.references}
-        changed = self._with_joints(lambda joint: without_actuators(joint, commanded))
-        return dataclasses.replace(changed, controllers=controllers)
+        return dataclasses.replace(self, controllers=controllers)
 
     def _with_joints(self, change) -> "Mechanism":
         joints, loops = (tuple(change(joint) for joint in group) for group in (self.joints, self.loops))
@@ -284,7 +282,7 @@ class Mechanism(eqx.Module):
     def _believed(self, controller: AbstractController) -> "Mechanism":
         """What a controller goes by, which is itself controlled by nobody."""
         model = self.ideal() if controller.model is None else controller.model.ideal()
-        return dataclasses.replace(check_model(controller, model), controllers=())
+        return dataclasses.replace(check_model(controller, model), controllers=()).unsampled()
 
     @property
     def is_tabled(self) -> bool:

@@ -88,8 +88,8 @@ def check_control(controllers: Sequence[AbstractController], coordinates: Sequen
             name, what = reference.name, f"Controller `{controller.name}`"
             if name not in free:
                 raise ClearanceError(f"{what} commands `{name}`, which is no free coordinate. " + suggest(name, free))
-            if owner.setdefault(name, controller.name) != controller.name or every[name].motion.actuators:
-                raise ClearanceError(f"{what} commands `{name}`, which another controller or actuator moves already.")
+            if owner.setdefault(name, controller.name) != controller.name:
+                raise ClearanceError(f"{what} commands `{name}`, which controller `{owner[name]}` commands already.")
             _check_encoder(what, reference.encoder, every[name], every)
 
 
