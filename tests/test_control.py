@@ -1,6 +1,7 @@
 """What acts from outside and what commands: loads, payloads that come and go, servos, controllers, digital ones."""
 
 import dataclasses
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -25,7 +26,7 @@ def carts(encoder=(), period=None, stiffness=GAIN):
     return cj.Mechanism((cj.Body("rotor", MOTOR), cj.Body("arm", LINK)), (motor, link))
 
 
-def linear(stiffness, encoder, period):
+def linear(stiffness, encoder, period) -> Any:
     """The carts as x' = A x + B u with u = K (goal - C x), solved exactly; x = (motor, link, their rates)."""
     # M (a_motor, a_link) = (u, -k link - b link'), of the mass matrix of relative coordinates.
     inverse = np.linalg.inv(np.array([[MOTOR + LINK, LINK], [LINK, LINK]]))

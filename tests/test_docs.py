@@ -70,7 +70,7 @@ def shown(path: Path, folder: Path) -> None:
     for text in blocks(path, "toml"):
         keys = tomllib.loads(text)
         file = folder / named(text)
-        file.write_text(text if keys.keys() & {"body", "scene"} else completed(text), encoding="utf-8")
+        file.write_text(text if keys.keys() & {"body", "robot", "scene"} else completed(text), encoding="utf-8")
         load_study(file) if "scene" in keys else load_scene(file)
 
 
