@@ -153,7 +153,7 @@ def tolerances(problem: Problem, y0: Array, t0: Scalar, t1: Scalar, rtol: Scalar
             velocity += [size.spin if turns else size.spin * size.length] * len(coordinate.velocities)
         adapt += [0.0 if c is None else 1.0] * len(coordinate.positions)
     memory = [scale for joint in joints for scale in joint.clearance.memory_scale()]
-    memory += [jnp.ones(())] * layout(mechanism).held  # which a step does not change
+    memory += [jnp.asarray(jnp.inf)] * layout(mechanism).held  # which a step does not change
     unit = jnp.stack([*position, *velocity, *memory]) if position or memory else jnp.zeros(0)
     local = LOCAL * rtol
     absolute = local * unit if atol is None else jnp.broadcast_to(jnp.asarray(atol, float), unit.shape)
