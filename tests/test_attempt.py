@@ -20,6 +20,7 @@ from clearance_jax.solve.codes import Result, code_of, words
 from clearance_jax.solve.control import factor, on_grid
 from clearance_jax.solve.switches import Curve, first_of
 from clearance_jax.solve.tableau import tableau_of
+from clearance_jax.spatial import ZERO, scale
 
 SCENES = Path(__file__).parents[1] / "experiments" / "scenes"
 
@@ -171,7 +172,7 @@ class Film(AbstractElement):
     damping: jnp.ndarray
 
     def wrench(self, at, geometry):
-        return (-self.damping * at.velocity[0], -self.damping * at.velocity[1]), 0.0
+        return scale(-self.damping, at.velocity), ZERO
 
 
 def test_an_element_acts_without_touch():
@@ -209,7 +210,7 @@ class Twin(AbstractClearance):
         return self.single().geometry()
 
     def points(self, at):
-        return self.single().points(at) * 2
+        return jax.tree.map(lambda x: jnp.stack([jnp.asarray(x, float)] * 2), self.single().points(at))
 
     def travel(self, along):
         return self.radial_clearance
@@ -242,5 +243,8 @@ def test_of_several_points_the_joints_force_and_the_deepest_are_reported():
     assert float(seen["penetration"][0]) == pytest.approx(1e-6)
     (joint,) = m.clearance_joints()
     action = joint.clearance.act(relative_motions(jnp.zeros(()), pressed, m)[0], ())
-    shallow = action.points[0]._replace(penetration=jnp.asarray(5e-7), slip=(jnp.asarray(7.0),))
-    assert float(action._replace(points=(shallow, action.points[1])).deepest.penetration) == pytest.approx(1e-6)
+    first = action.points._replace(
+        penetration=action.points.penetration.at[0].set(5e-7), slip=(action.points.slip[0].at[0].set(7.0),)
+    )
+    deepest = action._replace(points=first).deepest
+    assert (float(deepest.penetration), float(deepest.slip[0])) == (pytest.approx(1e-6), 0.0)

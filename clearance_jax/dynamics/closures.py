@@ -10,7 +10,7 @@ from clearance_jax._types import Scalar
 from clearance_jax.dynamics.conditions import conditions, wrong_way
 from clearance_jax.dynamics.constraint import constraint
 from clearance_jax.dynamics.inertia import mass_matrix
-from clearance_jax.dynamics.kinematics import Frames, frames, sleeve_rotation
+from clearance_jax.dynamics.kinematics import Frames, frames, sleeve_axes
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout, moved, parts
 from clearance_jax.mechanism.tree import AbstractJoint, Revolute
@@ -113,4 +113,4 @@ def initial_offset(loop: AbstractJoint, motion: Frames) -> Vector:
     """Where in its sleeve the pin of a loop with clearance starts, at rest there, along the world's axes."""
     if not isinstance(loop, Revolute) or loop.clearance is None:
         return ZERO
-    return sleeve_rotation(loop, motion).apply(loop.eccentricity.vector)
+    return sleeve_axes(loop, motion).apply(loop.eccentricity.vector)

@@ -53,7 +53,7 @@ def contact_pairs(mechanism: Mechanism, plays: dict[str, Play], actions: dict[st
     for joint in mechanism.clearance_joints():
         at, now = plays[joint.name], actions[joint.name]
         pairs.append(
-            Pair(joint.parent, joint.child, at.rotation.apply((*now.force, 0.0)), (0.0, 0.0, now.torque), at.pin)
+            Pair(joint.parent, joint.child, at.rotation.apply(now.force), at.rotation.apply(now.torque), at.pin)
         )
     return pairs
 

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
@@ -15,9 +16,10 @@ from clearance_jax.mechanism.body import GROUND, Spring
 from clearance_jax.mechanism.frame import Frame
 from clearance_jax.mechanism.mechanism import ClearanceJoint, Mechanism
 from clearance_jax.mechanism.state import State, layout, parts
-from clearance_jax.mechanism.tree import AbstractJoint, place
+from clearance_jax.mechanism.tree import AbstractJoint, Revolute, place
 from clearance_jax.spatial import (
     ZERO,
+    Matrix,
     Rotation,
     Term,
     Vector,
@@ -27,9 +29,10 @@ from clearance_jax.spatial import (
     dot,
     is_zero,
     minus,
-    plus,
+    product,
     scale,
     subtract,
+    transpose,
 )
 
 Frames = Mapping[str, Frame]
@@ -62,19 +65,39 @@ def play(joint: ClearanceJoint, motion: Frames, state: State) -> Play:
     """Kinematics of a clearance joint: in the tree its coordinates, in a loop a difference of positions."""
     sleeve, pin = motion[joint.parent], motion[joint.child]
     centre = pin.point(joint.joint.at_child.vector)
-    angle, spin = minus(pin.angle, sleeve.angle), minus(pin.spin[2], sleeve.spin[2])
-    rotation = sleeve_rotation(joint.joint, motion)
+    rotation = sleeve_axes(joint.joint, motion)
     if joint.play is not None:
-        at = Relative(joint.slid(state.q), angle, joint.slid(state.v), spin)
-        return Play(shared(at), rotation, centre)
-    gap = subtract(centre, sleeve.point(joint.joint.at_parent.vector))
-    rate = subtract(pin.velocity_at(centre), sleeve.velocity_at(centre))
-    place, velocity = rotation.undo(gap)[:2], rotation.undo(rate)[:2]
-    return Play(shared(Relative(place, angle, velocity, spin)), rotation, centre)
+        place, velocity = joint.slid(state.q), joint.slid(state.v)
+    else:
+        gap = subtract(centre, sleeve.point(joint.joint.at_parent.vector))
+        # As the sleeve sees it: against its own point that the pin's centre is at.
+        rate = subtract(pin.velocity_at(centre), sleeve.velocity_at(centre))
+        place, velocity = rotation.undo(gap), rotation.undo(rate)
+    if rotation.is_plane and pin.rotation.is_plane:
+        angle, spin = minus(pin.angle, sleeve.angle), (0.0, 0.0, minus(pin.spin[2], sleeve.spin[2]))
+        return Play(shared(Relative(place, angle, velocity, spin)), rotation, centre)
+    turned = pin_axes(joint.joint, motion)
+    rows = product(transpose(rotation.rows), turned.rows)
+    spin = rotation.undo(subtract(pin.spin, sleeve.spin))
+    return Play(kept(Relative(place, 0.0, velocity, spin, rows)), rotation, centre)
+
+
+def sleeve_axes(joint: Revolute, motion: Frames) -> Rotation:
+    """The sleeve's axes, of which z is the joint's own."""
+    return _along(joint, sleeve_rotation(joint, motion))
+
+
+def pin_axes(joint: Revolute, motion: Frames) -> Rotation:
+    """The pin's axes, of which z is its own."""
+    return _along(joint, joint.on_child(motion[joint.child]))
+
+
+def _along(joint: Revolute, rotation: Rotation) -> Rotation:
+    return rotation if joint.axis.letter == "z" else rotation.followed(joint.across)
 
 
 def sleeve_rotation(joint: AbstractJoint, motion: Frames) -> Rotation:
-    """Orientation of the joint's frame on its parent (of a sleeve's axes)."""
+    """Orientation of the joint's frame on its parent."""
     return motion[joint.parent].rotated(joint.turned).rotation
 
 
@@ -86,9 +109,12 @@ def relative_motions(time: Scalar, y: Array | Rows, mechanism: Mechanism) -> lis
 
 
 def _arrays(at: Relative) -> Relative:
-    x, y = (jnp.asarray(p, float) for p in at.place)
-    vx, vy = (jnp.asarray(v, float) for v in at.velocity)
-    return Relative((x, y), jnp.asarray(at.angle, float), (vx, vy), jnp.asarray(at.spin, float))
+    """With numbers for constants, but for what a mechanism in the plane has not."""
+    if at.rows is not None:
+        return jax.tree.map(lambda x: jnp.asarray(x, float), at)
+    x, y, w = (jnp.asarray(term, float) for term in (*at.place[:2], at.spin[2]))
+    velocity = jnp.asarray(at.velocity[0], float), jnp.asarray(at.velocity[1], float), 0.0
+    return Relative((x, y, 0.0), jnp.asarray(at.angle, float), velocity, (0.0, 0.0, w))
 
 
 class Extra(NamedTuple):
@@ -130,9 +156,10 @@ def relative_accelerations(
     for joint in mechanism.clearance_joints():
         at = play(joint, motion, state)
         now, (sleeve, pin) = at.relative, (motion[joint.parent], motion[joint.child])
-        spin_rate = minus(
-            plus(pin.spin_rate[2], extra.spin_rate(pin)[2]), plus(sleeve.spin_rate[2], extra.spin_rate(sleeve)[2])
-        )
+        spin_rate = subtract(add(pin.spin_rate, extra.spin_rate(pin)), add(sleeve.spin_rate, extra.spin_rate(sleeve)))
+        if now.rows is not None:
+            spin_rate = subtract(spin_rate, cross(sleeve.spin, subtract(pin.spin, sleeve.spin)))
+            spin_rate = at.rotation.undo(spin_rate)
         if joint.play is not None:
             gain = joint.slid(speeds)
         else:
@@ -140,10 +167,19 @@ def relative_accelerations(
                 add(pin.acceleration_at(at.pin), extra.at(pin, at.pin)),
                 add(sleeve.acceleration_at(at.pin), extra.at(sleeve, at.pin)),
             )
-            turning = cross(scale(2.0, sleeve.spin), (*now.velocity, 0.0))
-            gain = subtract(at.rotation.undo(shared(apart)), turning)[:2]
-        out.append((_arrays(now), shared(_arrays(Relative(now.velocity, now.spin, gain, spin_rate)))))
+            turning = cross(scale(2.0, at.rotation.undo(sleeve.spin)), now.velocity)
+            gain = subtract(at.rotation.undo(shared(apart)), turning)
+        rows = None if now.rows is None else turning_rows(now.spin, now.rows)
+        rate = Relative(now.velocity, now.spin[2] if rows is None else 0.0, gain, spin_rate, rows)
+        out.append((_arrays(now), shared(_arrays(rate))))
     return out
+
+
+def turning_rows(spin: Vector, rows: Matrix) -> Matrix:
+    """The rate of a rotation's rows by its spin in the outer axes."""
+    x, y, z = spin
+    hat = (0.0, minus(0.0, z), y), (z, 0.0, minus(0.0, x)), (minus(0.0, y), x, 0.0)
+    return product(hat, rows)
 
 
 class SpringState(NamedTuple):

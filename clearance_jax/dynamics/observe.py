@@ -43,7 +43,7 @@ def contacts(mechanism: Mechanism, now: Balance) -> dict[str, Array]:
     plays = [now.plays[joint.name].relative for joint in mechanism.clearance_joints()]
     points = [action.deepest for action in now.actions.values()]
     return {
-        "eccentricity": jnp.stack([as_array(at.place) for at in plays]),
+        "eccentricity": jnp.stack([as_array(at.place[: len(axes_of(mechanism))]) for at in plays]),
         "penetration": jnp.stack([p.penetration for p in points]),
         "penetration_rate": jnp.stack([p.penetration_rate for p in points]),
         "contact_force": jnp.stack([action.normal_force for action in now.actions.values()]),

@@ -8,7 +8,7 @@ from jaxtyping import Array
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.equations import Balance, balance
 from clearance_jax.dynamics.inertia import Extra, Wrench, inertial_wrenches
-from clearance_jax.dynamics.kinematics import sleeve_rotation
+from clearance_jax.dynamics.kinematics import sleeve_axes
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
@@ -53,7 +53,7 @@ def held_reactions(mechanism: Mechanism, now: Balance) -> dict[str, Reaction]:
     out = {}
     for joint in mechanism.clearance_joints():
         force, pin = forces[joint.name], now.motion[joint.child]
-        turned = sleeve_rotation(joint.joint, now.motion)
+        turned = sleeve_axes(joint.joint, now.motion)
         out[joint.name] = Reaction(force, turned.undo(force)[:2], pin.point(joint.joint.at_child.vector))
     return out
 

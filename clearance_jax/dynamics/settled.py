@@ -21,7 +21,7 @@ from clearance_jax.dynamics.reactions import held_balance, held_reactions
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import ClearanceJoint, Mechanism
 from clearance_jax.mechanism.state import initial_values, layout
-from clearance_jax.spatial import Pair, as_array, dot
+from clearance_jax.spatial import ZERO, Pair, as_array, dot
 
 # Rounds with pins seated: each is nearer by the ratio of clearance to length.
 ROUNDS = 16
@@ -99,7 +99,7 @@ def _whole(mechanism: Mechanism, now: Seats, rate: Seats, pressed: Array) -> Arr
     for i, joint in enumerate(mechanism.clearance_joints()):
         place, speed = ((own[i, 0], own[i, 1]) for own in (now.places, rate.places))
         for play in joint.joint.play():
-            along = play.slides or (0.0, 0.0)
+            along = (play.slides or ZERO)[:2]
             found[joint.name + play.suffix] = dot(along, place), dot(along, speed)
         touching = jnp.where(pressed[i], 1.0, 0.0)
         memory += [touching if name.startswith("touching") else 0.0 for name in joint.clearance.remembers]

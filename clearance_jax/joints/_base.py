@@ -10,7 +10,7 @@ done here, by the joint with its laws' constants: `PreparedClearance`.
 
 import abc
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -23,49 +23,69 @@ from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry,
 from clearance_jax.laws._base import Memory, PreparedFriction, PreparedNormal, Slip
 from clearance_jax.laws.geometry import Local
 from clearance_jax.parameters import Parametrised
-from clearance_jax.spatial import Pair, Term, add, dot, plane_cross, scale
+from clearance_jax.spatial import ZERO, Matrix, Pair, Term, Vector, Z, add, cross, dot, plus, scale, times
 
 
 class Relative(NamedTuple):
-    """Pose and twist of the pin relative to the sleeve, in the sleeve's axes: place of the pin's centre from the
-    sleeve's, angle between them, and their rates as an observer on the sleeve sees them.
+    """Pose and twist of the pin relative to the sleeve, in the sleeve's axes, of which z is the joint's own: place of
+    the pin's centre from the sleeve's, how the pin's axes are turned, and the rates of both as an observer on the
+    sleeve sees them. A turn is in the plane an `angle` about z, in space the rows of a matrix (`None`: in the plane).
     """
 
-    place: Pair
+    place: Vector
     angle: Term
-    velocity: Pair
-    spin: Term
+    velocity: Vector
+    spin: Vector
+    rows: Matrix | None = None
+
+    @property
+    def axis(self) -> Vector:
+        """The pin's own axis."""
+        return Z if self.rows is None else (self.rows[0][2], self.rows[1][2], self.rows[2][2])
+
+    def velocity_at(self, arm: Vector) -> Vector:
+        """Velocity of the pin's point at an arm from its centre."""
+        return add(self.velocity, cross(self.spin, arm))
 
 
 class PlayCoordinate(NamedTuple):
-    """One coordinate that play adds to a joint of the tree: what its name ends in, the axis it slides along (`None`: it
-    turns), and its magnitude (a clearance [m], or an angle [rad]) for error control.
+    """One coordinate that play adds to a joint of the tree: what its name ends in, its magnitude (a clearance [m], or
+    an angle [rad]) for error control, and the axis of the sleeve that it slides along or turns about.
     """
 
     suffix: str
-    slides: Pair | None
     scale: Scalar
+    slides: Vector | None = None
+    turns: Vector | None = None
 
 
 class ContactPoint(NamedTuple):
-    """Where two surfaces meet, or are nearest, in the sleeve's axes.
+    """Where two surfaces meet, or are nearest, in the sleeve's axes; of a joint with several points each number is an
+    array of them.
 
     `penetration` [m] (negative: apart) and its rate, `slip` of the pin's surface on the sleeve's [m/s] along
-    `tangents`, `normal` from the pin's surface into the sleeve's, `arm` from the pin's centre to the point [m];
-    `local`: what distinguishes this point for the laws.
+    `tangents`, `normal` from the pin's surface into the sleeve's (the gradient of the penetration by the pin's place),
+    `arm` from the pin's centre to the point [m]; `local`: what distinguishes this point for the laws; `share`: the part
+    of the joint's normal force that is this point's, where there are several.
     """
 
     penetration: Scalar
     penetration_rate: Scalar
     slip: Slip
-    normal: Pair
-    tangents: tuple[Pair, ...]
-    arm: Pair
+    normal: Vector
+    tangents: tuple[Vector, ...]
+    arm: Vector
     local: Local = None
+    share: Scalar | None = None
+
+    @property
+    def watched(self) -> "ContactPoint":
+        """What laws know of it."""
+        return self._replace(normal=(), tangents=(), arm=())
 
 
 class PointAction(NamedTuple):
-    """What one contact point does: forces on the pin [N], rate of its memory, elastic energy [J]."""
+    """What one contact point does, or each of several: forces on the pin [N], memory's rate, elastic energy [J]."""
 
     penetration: Scalar
     penetration_rate: Scalar
@@ -81,9 +101,9 @@ class Action(NamedTuple):
     [N m]; its points; the rate of its memory; elastic energy [J] and the power that it absorbs beside friction [W].
     """
 
-    force: Pair
-    torque: Term
-    points: tuple[PointAction, ...]
+    force: Vector
+    torque: Vector
+    points: PointAction
     memory_rate: Memory
     elastic_energy: Scalar
     absorbed_power: Scalar
@@ -92,22 +112,21 @@ class Action(NamedTuple):
     @property
     def normal_force(self) -> Scalar:
         """The sum of its points' normal forces [N]."""
-        return sum((point.normal_force for point in self.points[1:]), self.points[0].normal_force)
+        return jnp.sum(self.points.normal_force)
 
     @property
     def deepest(self) -> PointAction:
         """What happens at the point of largest penetration."""
-        if len(self.points) == 1:
-            return self.points[0]
-        every = jax.tree.map(lambda *values: jnp.stack(values), *self.points)
-        return jax.tree.map(lambda values: values[jnp.argmax(every.penetration)], every)
+        if not jnp.ndim(self.points.penetration):
+            return self.points
+        return jax.tree.map(lambda values: values[jnp.argmax(self.points.penetration)], self.points)
 
 
 class AbstractElement(Parametrised):
     """What fills a joint's play and acts without touch: a film, a soft liner."""
 
     @abc.abstractmethod
-    def wrench(self, at: Relative, geometry: Geometry) -> tuple[Pair, Term]:
+    def wrench(self, at: Relative, geometry: Geometry) -> tuple[Vector, Vector]:
         """Force on the pin [N] and torque about its centre [N m], in the sleeve's axes. Its work counts as absorbed."""
 
 
@@ -117,10 +136,13 @@ class AbstractClearance(Parametrised):
     normal: eqx.AbstractVar[AbstractNormalLaw]
     friction: eqx.AbstractVar[AbstractFrictionLaw | None]
     element: eqx.AbstractVar[AbstractElement | None]
-    count: eqx.AbstractClassVar[int]
-    """Number of contact points."""
     tangents: eqx.AbstractClassVar[int]
     """Number of components of the slip."""
+
+    @property
+    def count(self) -> int:
+        """Number of contact points."""
+        return 1
 
     @abc.abstractmethod
     def play(self) -> tuple[PlayCoordinate, ...]:
@@ -131,12 +153,14 @@ class AbstractClearance(Parametrised):
         """What its laws may know of it."""
 
     @abc.abstractmethod
-    def points(self, at: Relative) -> tuple[ContactPoint, ...]:
-        """Its contact points."""
+    def points(self, at: Relative) -> ContactPoint:
+        """Its contact point; of several each number is an array of them."""
 
     @abc.abstractmethod
-    def travel(self, along: Pair) -> Scalar:
-        """How far the pin's centre may go from the sleeve's along a direction before it touches [m]."""
+    def travel(self, along: Vector) -> Scalar:
+        """How far the pin's centre may go from the sleeve's along a direction (square to the axis) before it touches
+        [m].
+        """
 
     def prepared(self) -> "PreparedClearance":
         """The joint with its laws' constants (once a solve)."""
@@ -155,19 +179,6 @@ class AbstractClearance(Parametrised):
             own += tuple(name + end for name in self.friction.bristles for end in ends)
         own = (*own, "touching") if own else ()
         return own if self.count == 1 else tuple(f"{name}_{i + 1}" for i in range(self.count) for name in own)
-
-
-def each(function: Callable, *sequences):
-    """`function` of the first members, of the second ones, ...: called where there is one, mapped where there are more,
-    so that the laws stand once in the program.
-    """
-    if len(sequences[0]) == 1:
-        return (function(*(members[0] for members in sequences)),)
-    stacked = [
-        jax.tree.map(lambda *x: jnp.stack([jnp.asarray(v, float) for v in x]), *members) for members in sequences
-    ]
-    out = jax.vmap(function)(*stacked)
-    return tuple(jax.tree.map(lambda x, i=i: x[i], out) for i in range(len(sequences[0])))
 
 
 # A force that would press a pin less deep than this part of its play is round-off: it does not say where.
@@ -210,29 +221,26 @@ class PreparedClearance(eqx.Module):
     def act(self, at: Relative, memory: Memory) -> Action:
         """Forces on the pin for a relative motion and the joint's memory."""
         points = self.joint.points(at)
-        actions = each(self._act_at, points, self._by_point(memory))
-        force: Pair = (0.0, 0.0)
-        torque: Term = 0.0
-        absorbed, rubbed, stored = jnp.zeros(()), jnp.zeros(()), jnp.zeros(())
-        for point, action in zip(points, actions, strict=True):
-            push = scale(-action.normal_force, point.normal)
-            for traction, tangent in zip(action.traction, point.tangents, strict=True):
-                push = add(push, scale(traction, tangent))
-            force, torque = add(force, push), torque + plane_cross(point.arm, push)
-            absorbed += action.normal_force * action.penetration_rate
-            rubbed -= sum(t * s for t, s in zip(action.traction, action.slip, strict=True))
-            stored += action.elastic_energy
+        action = self._mapped(self._act_at)(points, self._by_point(memory))
+        push = scale(-action.normal_force, points.normal)
+        for traction, tangent in zip(action.traction, points.tangents, strict=True):
+            push = add(push, scale(traction, tangent))
+        force, torque = self._summed(push), self._summed(cross(points.arm, push))
+        rubbed = -sum(t * s for t, s in zip(action.traction, action.slip, strict=True))
+        absorbed, rubbed, stored = self._summed(
+            (action.normal_force * action.penetration_rate, rubbed, action.elastic_energy)
+        )
         if self.joint.element is not None:
             push, twist = self.joint.element.wrench(at, self.joint.geometry())
-            force, torque = add(force, push), torque + twist
-            absorbed -= dot(push, at.velocity) + twist * at.spin
-        rates = tuple(rate for action in actions for rate in action.memory_rate)
-        return Action(force, torque, actions, rates, stored, absorbed, rubbed)
+            force, torque = add(force, push), add(torque, twist)
+            absorbed -= plus(dot(push, at.velocity), dot(twist, at.spin))
+        return Action(force, torque, action, self._by_variable(action.memory_rate), stored, absorbed, rubbed)
 
     def _act_at(self, point: ContactPoint, memory: Memory) -> PointAction:
         normal, (own, rest, _) = self.normal.at(point.local), self._parts(memory)
         depth, rate, slip = point.penetration, point.penetration_rate, point.slip
-        force = normal.force(depth, rate, own)
+        share = 1.0 if point.share is None else point.share
+        force = times(share, normal.force(depth, rate, own))
         rates = normal.memory_rate(depth, rate, own)
         traction: Slip = tuple(jnp.zeros_like(s) for s in slip)
         if self.friction is not None:
@@ -240,23 +248,21 @@ class PreparedClearance(eqx.Module):
             traction = friction.traction(slip, force, rest)
             rates = (*rates, *friction.memory_rate(depth, slip, force, rest))
         rates = (*rates, jnp.zeros_like(force)) if memory else ()
-        return PointAction(depth, rate, slip, force, traction, rates, normal.energy(depth))
+        return PointAction(depth, rate, slip, force, traction, rates, times(share, normal.energy(depth)))
 
-    def switches(
-        self, now: tuple[ContactPoint, ...], memory: Memory, before: tuple[ContactPoint, ...]
-    ) -> tuple[Scalar, ...]:
-        """Functions of the contact points whose signs make the regime of every law. `before`: the points at the start
-        of the step.
+    def switches(self, now: ContactPoint, memory: Memory, before: ContactPoint) -> tuple[Array, ...]:
+        """Functions of the contact points whose signs make the regime of every law, each an array where there are
+        several. `before`: the points at the start of the step.
         """
-        every = each(self._switches_at, now, self._by_point(memory), before)
-        return tuple(function for one in every for function in one)
+        return self._mapped(self._switches_at)(now, self._by_point(memory), before)
 
     def _switches_at(self, point: ContactPoint, memory: Memory, before: ContactPoint) -> tuple[Scalar, ...]:
         normal, (own, rest, _) = self.normal.at(point.local), self._parts(memory)
         depth, rate = point.penetration, point.penetration_rate
         out, presses = normal.switches(depth, rate, own)
         if self.friction is not None:
-            friction, force = self.friction.at(point.local), normal.force(depth, rate, own)
+            share = 1.0 if point.share is None else point.share
+            friction, force = self.friction.at(point.local), times(share, normal.force(depth, rate, own))
             out = (*out, *friction.switches(point.slip, force, rest, presses, before.slip))
         return out
 
@@ -265,16 +271,15 @@ class PreparedClearance(eqx.Module):
 
         **Arguments:** the relative motion `now`, and its time derivative (`rate`).
         """
+        # What is absent from the place stays absent.
+        numbers, constants = eqx.partition(now, eqx.is_array)
 
-        def moving(at: Relative):
-            return tuple((p.penetration, p.penetration_rate, p.slip) for p in self.joint.points(at))
+        def moving(numbers):
+            p = self.joint.points(eqx.combine(numbers, constants))
+            return p.penetration, p.penetration_rate, p.slip
 
-        here, rates = jax.jvp(moving, (now,), (rate,))
-        return tuple(
-            m
-            for point, r, own in zip(here, rates, self._by_point(memory), strict=True)
-            for m in self._latch_at(point, r, own)
-        )
+        here, rates = jax.jvp(moving, (numbers,), (eqx.filter(rate, jax.tree.map(eqx.is_array, now)),))
+        return self._by_variable(self._mapped(self._latch_at)(here, rates, self._by_point(memory)))
 
     def _latch_at(self, point, rates, memory: Memory) -> Memory:
         (depth, speed, slip), (_, change, _) = point, rates
@@ -293,30 +298,34 @@ class PreparedClearance(eqx.Module):
     def seat(self, force: Pair) -> tuple[Pair, Flag]:
         """Where in its sleeve the pin is at rest under a force that the sleeve exerts on it [N], in the sleeve's axes:
         pressed against the wall so deep that the joint, without friction, gives this force; and whether the force
-        presses it at all.
+        presses it at all. (Of a force square to the axis.)
         """
         size, x, y = safe_unit(*(jnp.asarray(component, float) for component in force))
-        wall = -x, -y
+        wall: Vector = (-x, -y, 0.0)
         free, still = self.joint.travel(wall), tuple(jnp.zeros(()) for _ in self.remembers)
         smooth = PreparedClearance(self.joint, self.normal, None)
 
         def borne(depth):
-            at = Relative(scale(free + depth, wall), 0.0, (0.0, 0.0), 0.0)
+            at = Relative(scale(free + depth, wall), 0.0, ZERO, ZERO)
             return -jnp.asarray(dot(smooth.act(at, still).force, wall), float)
 
         loaded = size > 0
         depth = depth_of(borne, jnp.where(loaded, size, 1.0), free)
-        return scale(free + depth, wall), loaded & (depth > TOUCHING * free)
+        return scale(free + depth, wall[:2]), loaded & (depth > TOUCHING * free)
 
     def depths(self, at: Relative) -> tuple[Array, Array]:
         """Penetration [m] and its rate [m/s] at every point, shape (points,) each."""
         points = self.joint.points(at)
-        return jnp.stack([p.penetration for p in points]), jnp.stack([p.penetration_rate for p in points])
+        return jnp.atleast_1d(points.penetration), jnp.atleast_1d(points.penetration_rate)
 
     def stored(self, at: Relative) -> Scalar:
         """Elastic energy [J]."""
-        points = self.joint.points(at)
-        return sum(each(lambda p: self.normal.at(p.local).energy(p.penetration), points), jnp.zeros(()))
+
+        def energy(point: ContactPoint):
+            share = 1.0 if point.share is None else point.share
+            return times(share, self.normal.at(point.local).energy(point.penetration))
+
+        return jnp.sum(self._mapped(energy)(self.joint.points(at)))
 
     def memory_scale(self) -> Memory:
         """Magnitude of each memory variable for error control; infinite for one that only changes by latching."""
@@ -325,11 +334,37 @@ class PreparedClearance(eqx.Module):
         friction = () if self.friction is None else self.friction.memory_scale(self.joint.tangents)
         return (*self.normal.memory_scale(), *friction, jnp.asarray(jnp.inf)) * self.joint.count
 
-    def _by_point(self, memory: Memory) -> tuple[Memory, ...]:
-        width = len(memory) // self.joint.count
-        return tuple(tuple(memory[i * width : (i + 1) * width]) for i in range(self.joint.count))
+    # Laws are written for one point: mapped over several they stand once in the program.
+    def _mapped(self, function: Callable) -> Callable:
+        if self.joint.count == 1:
+            return function
+        return lambda points, *rest: jax.vmap(function)(_bare(points), *rest)
+
+    def _summed(self, terms: Any) -> Any:
+        """Of each term the sum over the points; absent ones stay absent."""
+        if self.joint.count == 1:
+            return terms
+        return tuple(jnp.sum(term) if eqx.is_array(term) else term for term in terms)
+
+    def _by_point(self, memory: Memory) -> tuple[Array, ...]:
+        """The memory by variable, of several points as arrays."""
+        count, width = self.joint.count, len(memory) // self.joint.count
+        if count == 1:
+            return tuple(memory)
+        return tuple(jnp.stack(memory[i::width]) for i in range(width))
+
+    def _by_variable(self, memory: tuple[Array, ...]) -> Memory:
+        """The memory as it is in a state: point by point."""
+        if self.joint.count == 1:
+            return tuple(memory)
+        return tuple(variable[i] for i in range(self.joint.count) for variable in memory)
 
     def _parts(self, memory: Memory) -> tuple[Memory, Memory, Memory]:
         """Of the normal law, of the friction law, and whether the point touched."""
         n = len(self.normal.law.remembers)
         return memory[:n], memory[n:-1], memory[-1:]
+
+
+def _bare(points: Any) -> Any:
+    """What laws know of contact points."""
+    return points.watched if isinstance(points, ContactPoint) else points

@@ -13,7 +13,7 @@ from clearance_jax._types import Scalar
 from clearance_jax.joints._base import AbstractClearance, AbstractElement, ContactPoint, PlayCoordinate
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Material
 from clearance_jax.parameters import physical
-from clearance_jax.spatial import dot, plane_cross, scale
+from clearance_jax.spatial import Vector, X, Y, dot, plus, scale, times
 
 
 class RevoluteClearance(AbstractClearance):
@@ -39,7 +39,6 @@ class RevoluteClearance(AbstractClearance):
     length: Scalar | None = physical("m", above=0.0, default=None)
     pin_material: Material | None = None
     sleeve_material: Material | None = None
-    count: ClassVar[int] = 1
     tangents: ClassVar[int] = 1
 
     @property
@@ -50,8 +49,8 @@ class RevoluteClearance(AbstractClearance):
     def play(self):
         """The eccentricity: two slides along the sleeve's axes."""
         return (
-            PlayCoordinate(".play_x", (1.0, 0.0), self.radial_clearance),
-            PlayCoordinate(".play_y", (0.0, 1.0), self.radial_clearance),
+            PlayCoordinate(".play_x", self.radial_clearance, slides=X),
+            PlayCoordinate(".play_y", self.radial_clearance, slides=Y),
         )
 
     def geometry(self):
@@ -66,18 +65,17 @@ class RevoluteClearance(AbstractClearance):
 
     def points(self, at):
         distance, nx, ny = safe_unit(jnp.asarray(at.place[0], float), jnp.asarray(at.place[1], float))
-        normal, tangent = (nx, ny), (-ny, nx)
+        normal: Vector = (nx, ny, 0.0)
+        tangent: Vector = (-ny, nx, 0.0)
         reach = self.sleeve_radius - distance
-        slip = plane_cross(normal, at.velocity) + at.spin * reach
-        point = ContactPoint(
+        return ContactPoint(
             penetration=distance - self.radial_clearance,
             penetration_rate=jnp.asarray(dot(normal, at.velocity)),
-            slip=(jnp.asarray(slip),),
+            slip=(jnp.asarray(plus(dot(tangent, at.velocity), times(reach, at.spin[2]))),),
             normal=normal,
             tangents=(tangent,),
             arm=scale(reach, normal),
         )
-        return (point,)
 
     def travel(self, along):
         return self.radial_clearance

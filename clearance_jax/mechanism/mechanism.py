@@ -28,7 +28,7 @@ from clearance_jax.mechanism.structure import (
 )
 from clearance_jax.mechanism.tree import AbstractJoint, Coordinate, Revolute
 from clearance_jax.parameters import replace
-from clearance_jax.spatial import Pair, absent, add, scale
+from clearance_jax.spatial import ZERO, Pair, Vector, absent, add, is_zero, scale
 
 NO_GRAVITY = Gravity()
 
@@ -57,10 +57,10 @@ class ClearanceJoint(NamedTuple):
         """The body that the pin is on."""
         return self.joint.child
 
-    def slid(self, values: Sequence[Any]) -> Pair:
+    def slid(self, values: Sequence[Any]) -> Vector:
         """What the play coordinates that slide add up to, in the sleeve's axes, of one value a free coordinate."""
         assert self.play is not None
-        out: Pair = (0.0, 0.0)
+        out = ZERO
         for value, play in zip(values[self.play :], self.joint.play(), strict=False):
             if play.slides is not None:
                 out = add(out, scale(value, play.slides))
@@ -297,9 +297,9 @@ def _without_clearance(joint: AbstractJoint, place: Pair) -> AbstractJoint:
     if absent(place):
         return ideal
     # The sleeve's axes are the parent's, turned by the joint's own angle.
-    offset = joint.turned.apply((*place, 0.0))
-    x, y, _ = (jnp.asarray(term) for term in add(joint.at_parent.vector, offset))
-    return dataclasses.replace(ideal, at_parent=Position(x, y, joint.at_parent.z))
+    turned = joint.turned if joint.axis.letter == "z" else joint.turned.followed(joint.across)
+    x, y, z = add(joint.at_parent.vector, turned.apply((*place, 0.0)))
+    return dataclasses.replace(ideal, at_parent=Position(x, y, joint.at_parent.z if is_zero(z) else z))
 
 
 def drive_breaks(mechanism: Mechanism) -> Array:

@@ -25,6 +25,7 @@ from clearance_jax.spatial import (
     IDENTITY,
     UNIT,
     ZERO,
+    Matrix,
     Rotation,
     Term,
     Vector,
@@ -32,8 +33,11 @@ from clearance_jax.spatial import (
     Y,
     Z,
     absent,
+    add,
+    dot,
     is_zero,
     of_quaternion,
+    scale,
     subtract,
     transpose,
 )
@@ -227,22 +231,25 @@ class Revolute(AbstractJoint):
         if self.clearance is None:
             return (turn,)
         # Play starts where `eccentricity` says; further coordinates (a tilt) start at zero.
-        start = [*self.eccentricity.vector]
-        slides = [play for play in self.play() if play.slides is not None]
-        places = dict(zip((play.suffix for play in slides), start, strict=False))
+        start, rows = self.eccentricity.vector, transpose(self.across)
         return (
             *(
                 Coordinate(
                     self.name + play.suffix,
-                    Motion(position=places.get(play.suffix, 0.0)),
-                    slides=None if play.slides is None else (*play.slides, 0.0),
-                    turns=Z if play.slides is None else None,
-                    play=play.scale,
+                    Motion(position=0.0 if play.slides is None else dot(start, play.slides)),
+                    None if play.slides is None else _combined(play.slides, rows),
+                    None if play.turns is None else _combined(play.turns, rows),
+                    play.scale,
                 )
                 for play in self.play()
             ),
             turn,
         )
+
+    @property
+    def across(self) -> Matrix:
+        """The rotation from the sleeve's axes, of which z is the joint's own, to those of the joint's frame."""
+        return transpose((*self.axis.across, self.axis.vector))
 
     def hold(self):
         line = self.axis.vector
@@ -252,6 +259,12 @@ class Revolute(AbstractJoint):
         """What its clearance adds to the tree."""
         clearance = self.clearance.joint if isinstance(self.clearance, PreparedClearance) else self.clearance
         return () if clearance is None else clearance.play()
+
+
+def _combined(factors: Vector, vectors: Matrix) -> Vector:
+    """The sum of three vectors by factors."""
+    first, second, third = (scale(factor, vector) for factor, vector in zip(factors, vectors, strict=True))
+    return add(add(first, second), third)
 
 
 class Prismatic(AbstractJoint):

@@ -6,8 +6,9 @@ curve. The place of a change is found by bisection.
 """
 
 import functools
+import itertools
 from collections.abc import Sequence
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -16,12 +17,14 @@ from jaxtyping import Array, Float
 
 from clearance_jax._sharing import shared
 from clearance_jax._types import Each, EachFlag, Rows
-from clearance_jax.dynamics.kinematics import relative_accelerations, relative_motions
+from clearance_jax.dynamics.kinematics import relative_accelerations, relative_motions, turning_rows
+from clearance_jax.dynamics.table import three
 from clearance_jax.joints import ContactPoint, PreparedClearance, Relative
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.solve.interpolate import between, polynomial, quintic_coefficients, rising, tops
 from clearance_jax.solve.lane_axis import each_lane, together
+from clearance_jax.spatial import add, dot, subtract
 
 # Samples of a step.
 SAMPLES = 4
@@ -30,8 +33,10 @@ SAMPLES = 4
 CHECKED = 0.4
 
 
-# Of a polynomial over the fraction of a step: (place, angle) or their rates by power.
-Coefficients: TypeAlias = tuple[Float[Array, "3 *lanes"], ...]  # noqa: F821
+# Of a polynomial over the fraction of a step, by power: (place, angle) or their rates; in space (place, rows of the
+# pin's rotation).
+Coefficients: TypeAlias = tuple[Float[Array, "numbers *lanes"], ...]  # noqa: F821
+PLANE = 3
 
 
 class Curve(NamedTuple):
@@ -54,8 +59,28 @@ class Curve(NamedTuple):
 
 
 def relative_of(pose: Array, twist: Array) -> Relative:
-    """A pose (place, angle) and twist as a relative motion."""
-    return Relative((pose[0], pose[1]), pose[2], (twist[0], twist[1]), twist[2])
+    """A pose and its rate as a relative motion."""
+    if pose.shape[0] == PLANE:
+        return Relative((pose[0], pose[1], 0.0), pose[2], (twist[0], twist[1], 0.0), (0.0, 0.0, twist[2]))
+    rows, rates = (tuple(three(x[k : k + 3]) for k in (3, 6, 9)) for x in (pose, twist))
+    spin = dot(rates[2], rows[1]), dot(rates[0], rows[2]), dot(rates[1], rows[0])
+    return Relative(three(pose), 0.0, three(twist), spin, rows)
+
+
+def pose_of(at: Relative) -> tuple[Any, ...]:
+    """What a curve goes through."""
+    return (*at.place[:2], at.angle) if at.rows is None else (*at.place, *itertools.chain(*at.rows))
+
+
+def pose_rates(at: Relative, rate: Relative) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+    """First and second rate of that."""
+    if at.rows is None or rate.rows is None:
+        return (*at.velocity[:2], at.spin[2]), (*rate.velocity[:2], rate.spin[2])
+    bend = zip(turning_rows(rate.spin, at.rows), turning_rows(at.spin, rate.rows), strict=True)
+    return (*at.velocity, *itertools.chain(*rate.rows)), (
+        *rate.velocity,
+        *itertools.chain(*(add(a, b) for a, b in bend)),
+    )
 
 
 def curves(times, ends, mechanism: Mechanism) -> tuple[list[Curve], Each]:
@@ -83,21 +108,17 @@ def curves(times, ends, mechanism: Mechanism) -> tuple[list[Curve], Each]:
     true = each_lane(relative_motions, h)(t0 + CHECKED * h, inside, mechanism)
     worst = jnp.zeros_like(h)
     for i in loops:
-        x, y = (a - b for a, b in zip(found[i].at(CHECKED).place, true[i].place, strict=True))
-        worst = jnp.maximum(worst, (x * x + y * y) / sizes[i] ** 2)
+        off = subtract(found[i].at(CHECKED).place, true[i].place)
+        worst = jnp.maximum(worst, jnp.asarray(dot(off, off)) / sizes[i] ** 2)
     return found, jnp.sqrt(worst)
 
 
 def curve_between(begin: tuple[Relative, Relative], end: tuple[Relative, Relative], h: Each) -> Curve:
     """The quintic through relative motions, each with its rate, at both ends of a step."""
-    ends = [
-        (
-            together((*at.place, at.angle), h),
-            h * together((*at.velocity, at.spin), h),
-            h * h * together((*rate.velocity, rate.spin), h),
-        )
-        for at, rate in (begin, end)
-    ]
+    ends = []
+    for at, rate in (begin, end):
+        first, second = pose_rates(at, rate)
+        ends.append((together(pose_of(at), h), h * together(first, h), h * h * together(second, h)))
     return Curve.of(quintic_coefficients(*ends), h)
 
 
@@ -116,12 +137,13 @@ def first_switch(curve_of: list[Curve], y: Array, mechanism: Mechanism, begin: E
 
 def first_of(clearance: PreparedClearance, curve: Curve, memory: Rows, begin: Each) -> Each:
     """The fraction at which one joint's first change of regime just has been; infinite where there is none."""
-    points_at = each_lane(lambda own, at: own.joint.points(at), begin)
+    points_at = each_lane(lambda own, at: own.joint.points(at).watched, begin)
     switches_at = each_lane(PreparedClearance.switches, begin)
 
     def points(s):
         return shared(points_at(clearance, curve.at(s)))
 
+    several = clearance.joint.count > 1
     # The first place is where the regime is read that the step starts in.
     places = jnp.maximum(np.arange(SAMPLES + 1).reshape(-1, *[1] * begin.ndim) / SAMPLES, begin[None])
     sampled = jax.vmap(points)(places)
@@ -130,13 +152,17 @@ def first_of(clearance: PreparedClearance, curve: Curve, memory: Rows, begin: Ea
 
     def changed(points):
         now = switches_at(clearance, points, memory, before)
-        return jnp.any(jnp.stack([_sign(f) != start for f, start in zip(now, started, strict=True)]), axis=0)
+        crossed = jnp.stack([_sign(f) != start for f, start in zip(now, started, strict=True)])
+        return jnp.any(crossed, axis=(0, 1) if several else 0)
 
     def beyond(s):
         return changed(points(s))
 
     high = earliest(jax.vmap(changed)(sampled) & (places > begin), places)
-    found = jnp.stack([graze(places, point, curve.h) for point in sampled])
+    if several:
+        found = jax.vmap(graze, (None, 1, None))(places, sampled, curve.h)
+    else:
+        found = graze(places, sampled, curve.h)[None]
 
     def grazed():
         turns = jnp.isfinite(found)
