@@ -247,4 +247,5 @@ def test_of_several_points_the_joints_force_and_the_deepest_are_reported():
         penetration=action.points.penetration.at[0].set(5e-7), slip=(action.points.slip[0].at[0].set(7.0),)
     )
     deepest = action._replace(points=first).deepest
-    assert (float(deepest.penetration), float(deepest.slip[0])) == (pytest.approx(1e-6), 0.0)
+    assert float(deepest.penetration) == pytest.approx(1e-6)
+    assert float(deepest.slip[0]) == float(action.points.slip[0][1]) < 1.0
