@@ -239,7 +239,7 @@ class Mechanism(eqx.Module):
         new = joint
         if clearance is not None:
             new = eqx.tree_at(lambda j: j.clearance, joint, clearance, is_leaf=lambda x: x is None)
-        changed = self._with_joints(lambda j: new if j.name == name else j)
+        changed = self.with_joint(new)
         return changed if radial is None else replace(changed, {f"{name}.radial_clearance": radial})
 
     def driven(self, drives: Mapping[str, Any]) -> "Mechanism":
@@ -253,6 +253,10 @@ class Mechanism(eqx.Module):
         """
         check_drives(self.joints, drives)
         return self._with_joints(lambda joint: with_drives(joint, drives))
+
+    def with_joint(self, joint: AbstractJoint) -> "Mechanism":
+        """The same mechanism with another joint in the place of the one of that name."""
+        return self._with_joints(lambda own: joint if own.name == joint.name else own)
 
     def _with_joints(self, change) -> "Mechanism":
         return Mechanism(
