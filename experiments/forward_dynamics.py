@@ -299,7 +299,7 @@ def random_states(n: int, count: int) -> tuple[Any, Any]:
     return jnp.asarray(rng.uniform(-3.0, 3.0, (n, count))), jnp.asarray(rng.normal(size=(n, count)))
 
 
-def over_lanes(accelerations: Callable) -> Callable:
+def over_lanes(accelerations: Callable) -> Any:
     """As a solve of a batch maps it: rows in, rows out, what is shared is computed once."""
 
     def rows(numbers, q, v):
@@ -327,13 +327,14 @@ def measured(program: str, accelerations: Callable, numbers: Any, n: int, batche
 
 def compiled_anew(lowered) -> tuple[Any, float]:
     """A compiled program, and how long that takes [s] where no cache knows it."""
-    cached = jax.config.jax_enable_compilation_cache
-    jax.config.update("jax_enable_compilation_cache", False)
+    settings: Any = jax.config
+    cached = settings.jax_enable_compilation_cache
+    settings.update("jax_enable_compilation_cache", False)
     compilation_cache.reset_cache()
     clock = time.perf_counter()
     ready = lowered.compile()
     clock = time.perf_counter() - clock
-    jax.config.update("jax_enable_compilation_cache", cached)
+    settings.update("jax_enable_compilation_cache", cached)
     compilation_cache.reset_cache()
     return ready, clock
 
