@@ -355,4 +355,4 @@ def test_a_robots_figure_shows_coordinates_points_and_drives():
     assert titles == [f"({letter}) {title}" for letter, title in zip("abcdef", wanted, strict=True)]
     (speed,) = figure.axes[2].lines
     expected = np.hypot(0.3 * 2.0, 0.1 * 3.0 * np.cos(3.0 * dataset["time"].values))
-    np.testing.assert_allclose(speed.get_ydata(), expected, rtol=1e-6)
+    np.testing.assert_allclose(np.asarray(speed.get_ydata()), expected, rtol=1e-6)
