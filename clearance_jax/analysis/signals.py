@@ -11,11 +11,12 @@ from jaxtyping import Array
 
 from clearance_jax._numerics import safe_norm, safe_sqrt
 from clearance_jax._types import Scalar
-from clearance_jax.dynamics.closures import projected
+from clearance_jax.analysis.ideal import freedom, ideal_state
 from clearance_jax.dynamics.equations import balance
 from clearance_jax.dynamics.field import slope
 from clearance_jax.dynamics.inertia import Extra
 from clearance_jax.dynamics.kinematics import Frames, frames, play
+from clearance_jax.dynamics.reactions import reactions
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
@@ -39,8 +40,6 @@ from clearance_jax.spatial import (
     transpose,
 )
 
-# Newton steps from a pin's place in its sleeve to the ideal mechanism: each squares the error, some 1e-3 at first.
-ASSEMBLE = 4
 # Samples of an ideal mechanism's free motion, to find peaks of an error with; their values are solved for exactly.
 TABLE = 1001
 
@@ -140,30 +139,6 @@ class Integrand(eqx.Module):
     def scale(self, mechanism):
         """Magnitude of the integrand."""
         return self.signal.scale(mechanism) ** self.power
-
-
-def freedom(mechanism: Mechanism) -> int:
-    """How many coordinates drives and closures leave free."""
-    left = layout(mechanism).free - 2 * len(mechanism.closures())
-    if left < 0:
-        raise ClearanceError(
-            "Without its clearances this mechanism is over-constrained: its loops demand more than its joints can "
-            "give. For an error against the ideal mechanism free more coordinates."
-        )
-    return left
-
-
-def ideal_state(time: Scalar, y: Array, mechanism: Mechanism) -> Array:
-    """The state of the ideal mechanism, where drives and closures determine it: the actual one's, loops closed."""
-    ideal = mechanism.ideal()
-    plan, own = layout(mechanism), layout(ideal)
-    if own.free == 0:
-        return jnp.zeros(0)
-    state = plan.split(y)
-    places = (state.q[plan.positions.index(name)] for name in own.positions)
-    rates = (state.v[plan.velocities.index(name)] for name in own.velocities)
-    guess = jnp.stack([*places, *rates])
-    return projected(time, guess, ideal, ASSEMBLE)
 
 
 # Signals -------------------------------------------------------------------------------------------------------------
@@ -311,3 +286,35 @@ class Acceleration(AbstractSignal):
         frame = now.motion[point.body]
         at = frame.point(point.at.vector)
         return length_of(add(frame.acceleration_at(at), Extra(now.acceleration).at(frame, at)))
+
+
+def _reaction(mechanism: Mechanism, name: str, time, y):
+    """Force and moment on the child in a joint of any kind."""
+    index = known("joint", name, [joint.name for joint in mechanism.all_joints()])
+    return reactions(mechanism, balance(mechanism, time, layout(mechanism).split(y)))[index]
+
+
+class JointReaction(AbstractSignal):
+    """Magnitude of the force that a joint of any kind exerts on its child [N]; along a slide that is driven or actuated
+    the effort is in it. Of joints that an over-constrained loop holds it is not determined: what repeats others bears
+    nothing here.
+    """
+
+    unit: ClassVar[str] = "N"
+    joint: str = eqx.field(static=True)
+
+    def value(self, time, y, mechanism, reference):
+        return length_of(_reaction(mechanism, self.joint, time, y).force)
+
+
+class JointMoment(AbstractSignal):
+    """Magnitude of the moment that a joint of any kind exerts on its child about its place there [N m]; of a turn that
+    is driven or actuated the effort is in it (in the plane there is nothing else). Of over-constrained loops see
+    `JointReaction`.
+    """
+
+    unit: ClassVar[str] = "N m"
+    joint: str = eqx.field(static=True)
+
+    def value(self, time, y, mechanism, reference):
+        return length_of(_reaction(mechanism, self.joint, time, y).moment)

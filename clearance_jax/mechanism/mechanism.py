@@ -224,7 +224,7 @@ class Mechanism(eqx.Module):
         new = joint
         if clearance is not None:
             new = eqx.tree_at(lambda j: j.clearance, joint, clearance, is_leaf=lambda x: x is None)
-        changed = self._with_joints(lambda j: new if j.name == name else j)
+        changed = self.with_joint(new)
         return changed if radial is None else replace(changed, {f"{name}.radial_clearance": radial})
 
     def driven(self, drives: Mapping[str, Any]) -> "Mechanism":
@@ -245,6 +245,10 @@ class Mechanism(eqx.Module):
         **Raises:** `ClearanceError` for a coordinate that there is not, or that a drive prescribes.
         """
         return dataclasses.replace(self, controllers=controllers)
+
+    def with_joint(self, joint: AbstractJoint) -> "Mechanism":
+        """The same mechanism with another joint in the place of the one of that name."""
+        return self._with_joints(lambda own: joint if own.name == joint.name else own)
 
     def _with_joints(self, change) -> "Mechanism":
         joints, loops = (tuple(change(joint) for joint in group) for group in (self.joints, self.loops))
