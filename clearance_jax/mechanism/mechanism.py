@@ -1,7 +1,7 @@
 """The mechanism: bodies, the tree of joints, loops, springs, points, gravity."""
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -11,7 +11,7 @@ from jaxtyping import Array
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.joints import AbstractClearance, PreparedClearance
 from clearance_jax.mechanism.body import GROUND, Body, Point, Spring
-from clearance_jax.mechanism.driving import check_drives, with_drives
+from clearance_jax.mechanism.driving import check_drives, released, with_drives
 from clearance_jax.mechanism.links import UNROLLED, Links, links_of
 from clearance_jax.mechanism.placement import Gravity, Inertia, Position
 from clearance_jax.mechanism.tree import AbstractJoint, Coordinate, Revolute
@@ -253,6 +253,10 @@ class Mechanism(eqx.Module):
         """
         check_drives(self.joints, drives)
         return self._with_joints(lambda joint: with_drives(joint, drives))
+
+    def released(self, names: Iterable[str]) -> "Mechanism":
+        """The same mechanism with the named coordinates free: without their drives and actuators."""
+        return self._with_joints(lambda joint: released(joint, names))
 
     def _with_joints(self, change) -> "Mechanism":
         return Mechanism(
