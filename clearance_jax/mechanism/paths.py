@@ -77,7 +77,7 @@ class Stretch(eqx.Module):
 
     def at(self, s: Scalar) -> tuple[Triple, Quadruple]:
         """Place and orientation (a quaternion of any length)."""
-        powers = s ** jnp.arange(4)
+        powers = jnp.stack([jnp.ones_like(s), s, s * s, s * s * s])
         angle = safe_sqrt(jnp.sum(self.turn**2))
         sine, cosine = sincos(angle * s / 2)
         part = jnp.where(angle > 0, sine / jnp.where(angle > 0, angle, 1.0), s / 2)
