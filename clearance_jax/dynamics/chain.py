@@ -5,6 +5,7 @@ their conditions as further rows, so that a parallel robot is a chain like any o
 sought too.
 """
 
+import dataclasses
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -17,12 +18,13 @@ from jaxtyping import Array, Float
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.conditions import conditions, wrong_way
 from clearance_jax.dynamics.kinematics import frames
-from clearance_jax.dynamics.table import Columns
+from clearance_jax.dynamics.table import Columns, Table
 from clearance_jax.errors import ClearanceError, suggest
-from clearance_jax.mechanism.body import GROUND, Point
+from clearance_jax.mechanism.body import GROUND, Body, Point
 from clearance_jax.mechanism.driving import drivable
 from clearance_jax.mechanism.limits import Limits
-from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.links import links_of
+from clearance_jax.mechanism.mechanism import NO_GRAVITY, Mechanism
 from clearance_jax.mechanism.state import State, initial_values, layout, parts
 from clearance_jax.mechanism.tree import AbstractJoint, Coordinate
 from clearance_jax.spatial import IDENTITY, Term, absent, as_array, length_of, rotation_between
@@ -51,7 +53,7 @@ class Look(NamedTuple):
 
 class Chain(eqx.Module):
     """An ideal mechanism whose `joints` (coordinates, by name) are free, a point of it, and `sought`: which of its free
-    velocities move it, those of passive coordinates among them.
+    velocities move it, those of passive coordinates among them. Its bodies weigh nothing: masses do not matter here.
     """
 
     mechanism: Mechanism
@@ -89,6 +91,14 @@ class Chain(eqx.Module):
         every, size = self.coordinates, self.size
         return jnp.stack([jnp.ones(()) if every[i].slides is None else size for i in self.sought])
 
+    def prepared(self) -> "Chain":
+        """The same with what depends only on its numbers computed. In space it is a table, however short it is: its
+        program is small, and compiles in seconds.
+        """
+        ready = self.mechanism.prepared()
+        links = None if ready.is_plane else links_of(ready.bodies, ready.joints)
+        return dataclasses.replace(self, mechanism=dataclasses.replace(ready, links=links))
+
     def places(self, names: Sequence[str]) -> np.ndarray:
         """Where named coordinates are among the positions."""
         return np.array([layout(self.mechanism).positions.index(name) for name in names], int)
@@ -115,7 +125,8 @@ def chain_of(mechanism: Mechanism, point: str, joints: Sequence[str] | None) -> 
         resting = [joint for joint in own if any(c.is_ball for c in joint.coordinates())]
         found = drivable([joint for joint in own if joint not in resting])
         joints = [name for name, c in found.items() if not ideal.closures() or not c.motion.is_free]
-    free = ideal.released(joints)
+    bodies = tuple(Body(one.name) for one in ideal.bodies)
+    free = dataclasses.replace(ideal.released(joints), bodies=bodies, springs=(), gravity=NO_GRAVITY)
     passive = {c.name for joint in free.joints if joint.name in looped for c in joint.coordinates()}
     sought = [i for p in parts(free) if p.coordinate.name in {*joints, *passive} for i in range(p.v.start, p.v.stop)]
     if not joints:
@@ -154,11 +165,12 @@ def start_of(mechanism: Mechanism, chain: Chain, time: Scalar) -> Float[Array, "
 def looked(chain: Chain, aim: Aim | None, time: Scalar, q: Float[Array, " positions"]) -> Look:
     """A chain at positions, with nothing moving but what is driven; without an `aim` only closures count.
 
-    `chain.mechanism` is prepared.
+    `chain` is prepared.
     """
     mechanism, size = chain.mechanism, chain.size
     plan = layout(mechanism)
-    motion = frames(mechanism, time, State(tuple(q), (0.0,) * plan.free, {}))
+    state = State(tuple(q), (0.0,) * plan.free, {})
+    motion = frames(mechanism, time, state) if mechanism.links is None else Table(mechanism, time, state)
     gaps: list[Term] = []
     rows: list[Array] = []
     drifts: list[Term] = []

@@ -1,8 +1,8 @@
 """Drives that lead a point of the ideal mechanism along a path.
 
 At knots the joints' values and their first two rates are those of the path; between them go quintics, whose error
-falls with the sixth power of the distance of the knots. Where the point leaves the path by more than is asked, knots are
-added. One program follows a fixed number of intervals, whatever the path, and is called block by block.
+falls with the sixth power of the distance of the knots. Where the point leaves the path by more than is asked, knots
+are added. One program follows a fixed number of intervals, whatever the path, and is called block by block.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.chain import Aim, Chain, chain_of, looked
-from clearance_jax.dynamics.inverse import Posture, begin_of, best, met, off, prepared, shown_length, unreached
+from clearance_jax.dynamics.inverse import Posture, begin_of, best, met, off, shown_length, unreached
 from clearance_jax.dynamics.posture import Found, aim_at, changed, find, rates, sought_values
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -28,7 +28,8 @@ from clearance_jax.mechanism.profiles import Quintic
 BLOCK, FIRST = 32, 4
 # Where between two knots the point is compared with the path: the error of a quintic is largest in the middle.
 INSIDE = np.array([0.15, 0.35, 0.5, 0.65, 0.85])
-# Knots are corrected so many times along motions that the path leaves free: each squares in two powers of their distance.
+# How often a knot is corrected along what the path leaves free: the first guess errs by the third power of the
+# distance of the knots, the last by the fifth.
 CORRECTIONS = 3
 # An interval of less than this part of the path is a place where no posture follows; knots at most, and passes.
 SHORTEST, MOST_KNOTS, PASSES = 1e-6, 20_000, 30
@@ -65,7 +66,7 @@ class Block(NamedTuple):
 @eqx.filter_jit
 def followed(chain: Chain, path: PreparedPath, edges: Float[Array, " edges"], start: Array) -> Block:
     """Follow a path from edge to edge, from the posture at the first."""
-    chain = prepared(chain)
+    chain = chain.prepared()
 
     def interval(q, ends):
         begin, end = ends
@@ -105,9 +106,10 @@ def followed(chain: Chain, path: PreparedPath, edges: Float[Array, " edges"], st
             q = find(_passive(chain), None, time, q).q
         return off(chain, aim, looked(chain, aim, time, q).gap)
 
-    each = jax.vmap(inside, (None,) * 6 + (0,))
-    args = edges[:-1], edges[1:], before, values, speeds, accelerations
-    apart = jax.lax.map(lambda one: each(*one, jnp.asarray(INSIDE)), args)
+    def compared(interval):
+        return jax.vmap(lambda part: inside(*interval, part))(jnp.asarray(INSIDE))
+
+    apart = jax.lax.map(compared, (edges[:-1], edges[1:], before, values, speeds, accelerations))
     return Block(found, values, speeds, accelerations, *apart)
 
 
@@ -152,11 +154,11 @@ def follow(
     - `tolerance` [m]: how far the point may be from the path between knots; in angles this part of the chain's size.
     - `start`: values of coordinates, by name, or a posture, near which the path begins.
 
-    **Raises:** `ClearanceError` where the path begins out of reach or leaves it, where a limit of a coordinate (value or
-    rate, `cj.Limits`) is in the way, and where it passes a singular posture: which, when, and how far off.
+    **Raises:** `ClearanceError` where the path begins out of reach or leaves it, where a limit of a coordinate (value
+    or rate, `cj.Limits`) is in the way, and where it passes a singular posture: which, when, and how far off.
     """
     chain, ready = chain_of(mechanism, point, joints), path.prepared()
-    if mechanism.is_plane and not _is_plane(ready):
+    if chain.mechanism.is_plane and not _is_plane(ready):
         raise ClearanceError("The mechanism is in the plane: a path of it must have no z, and turns about z only.")
     if not tolerance > 0:
         raise ClearanceError(f"`tolerance` must be a length greater than zero, but it is {tolerance!r}.")
@@ -208,7 +210,9 @@ def _refined(chain: Chain, path: PreparedPath, edges: np.ndarray, q: Array, tole
         if np.any(np.diff(edges)[bad] < SHORTEST * span) or parts.sum() > MOST_KNOTS:
             raise ClearanceError(_stopped(chain, path, edges, blocks, np.flatnonzero(bad)[0], lost))
         edges = np.append(
-            np.concatenate([np.linspace(a, b, n, endpoint=False) for a, b, n in zip(edges, edges[1:], parts, strict=False)]),
+            np.concatenate(
+                [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(edges, edges[1:], parts, strict=False)]
+            ),
             edges[-1],
         )
     raise ClearanceError(f"The path cannot be followed within {shown_length(tolerance)}: ask for less.")
@@ -290,7 +294,7 @@ def _check_speeds(chain: Chain, knots: np.ndarray, blocks: Block) -> None:
         coordinate = chain.coordinates[chain.sought[k]]
         unit = "rad/s" if coordinate.slides is None else "m/s"
         raise ClearanceError(
-            f"`{coordinate.name}` would have to move at {speeds[most]:.4g} {unit}{_when(knots, float(knots[most]))}, but "
-            f"its limit is {limits.velocity:.4g} {unit}, which it passes at {knots[first]:.6g} s. Give the path more "
+            f"`{coordinate.name}` would have to move at {speeds[most]:.4g} {unit}{_when(knots, float(knots[most]))}, "
+            f"but its limit is {limits.velocity:.4g} {unit}, which it passes at {knots[first]:.6g} s. Give the path more "
             "time, or lead it further from singular postures."
         )

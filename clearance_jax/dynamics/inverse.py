@@ -1,6 +1,5 @@
-"""Inverse kinematics: the posture of the ideal mechanism with a point of it in a pose, or in words why there is none."""
+"""Inverse kinematics: the posture of the ideal mechanism with a point of it in a pose; where there is none, why."""
 
-import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -73,7 +72,7 @@ def inverse_kinematics(
     **Raises:** `ClearanceError` for a pose that is not reached, with what is in the way, and for unknown names.
     """
     chain = chain_of(mechanism, point, joints)
-    _check_plane(mechanism, pose)
+    _check_plane(chain, pose)
     begin = begin_of(mechanism, chain, start)
     aim = Aim(pose.place, None if pose.orientation is None else rows_of(pose))
     if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((chain, aim, begin))):
@@ -108,7 +107,7 @@ def begin_of(mechanism: Mechanism, chain: Chain, start: Mapping[str, Any] | Post
 @eqx.filter_jit
 def search(chain: Chain, aim: Aim, time: Scalar, start: Array) -> Found:
     """`solve` of a chain as it is given, with turns that no limit bounds no more than half a turn from the start."""
-    found = solve(prepared(chain), aim, time, start)
+    found = solve(chain.prepared(), aim, time, start)
     lower, upper = bounds(chain)
     q = found.q
     for k, i in enumerate(chain.sought):
@@ -117,11 +116,6 @@ def search(chain: Chain, aim: Aim, time: Scalar, start: Array) -> Found:
             place = chain.places([coordinate.name])[0]
             q = q.at[place].add(-2 * jnp.pi * jnp.round((q[place] - start[place]) / (2 * jnp.pi)))
     return found._replace(q=q)
-
-
-def prepared(chain: Chain) -> Chain:
-    """The chain of the prepared mechanism."""
-    return dataclasses.replace(chain, mechanism=chain.mechanism.prepared())
 
 
 _searches = eqx.filter_jit(lambda chain, aim, time, starts: jax.vmap(lambda q: search(chain, aim, time, q))(starts))
@@ -177,12 +171,12 @@ def _posture(chain: Chain, aim: Aim, found: Found) -> Posture:
     return Posture(coordinates, *off(chain, aim, found.gap), found.iterations, found.q)
 
 
-def _check_plane(mechanism: Mechanism, pose: Pose) -> None:
-    if not mechanism.is_plane:
+def _check_plane(chain: Chain, pose: Pose) -> None:
+    """Raise for a pose out of the plane, of what moves in the plane."""
+    if not chain.mechanism.is_plane or any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(pose)):
         return
-    z = pose.at.z
-    turned = pose.orientation is not None and not pose.orientation.is_plane
-    if turned or (z is not None and not isinstance(z, Tracer) and float(z) != 0):
+    tilted = pose.orientation is not None and float(rows_of(pose)[2, 2]) < 1 - 1e-12
+    if tilted or float(pose.place[2]) != 0:
         raise ClearanceError("The mechanism is in the plane: a pose of it must have no z, and no roll and pitch.")
 
 

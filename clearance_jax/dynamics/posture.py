@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from clearance_jax._types import Scalar
-from clearance_jax.dynamics.chain import Aim, Chain, Look, looked
+from clearance_jax.dynamics.chain import Aim, Chain, looked
 from clearance_jax.mechanism.paths import PreparedPath, matrix_of
 from clearance_jax.mechanism.state import layout, moved, parts, position_rates
 from clearance_jax.spatial import as_array

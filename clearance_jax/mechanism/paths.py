@@ -171,14 +171,16 @@ class Arc(AbstractSegment):
         begin, end = (np.asarray(corner.place) for corner in corners)
         p, q = np.asarray(as_array(self.via.vector)) - begin, end - begin
         if np.linalg.norm(np.cross(p, q)) <= SAME * max(p @ p, q @ q):
-            return "its begin, `via` and end lie on a line, or two of them at one place, through which there is no circle"
+            return (
+                "its begin, `via` and end lie on a line, or two of them at one place, through which there is no circle"
+            )
         return ""
 
 
 class Curve(AbstractSegment):
-    """A smooth curve through two poses or more: a cubic spline of place and quaternion, by the length of the chords, so
-    that speed and spin have no jump at the poses. (Its speed differs from that of the profile by as much as arcs do from
-    chords.)
+    """A smooth curve through two poses or more: a cubic spline of place and quaternion, by the length of the chords:
+    velocity and acceleration, of turning too, have no jump at the poses. (Its speed differs from that of the profile by
+    as much as its arcs do from their chords.)
     """
 
     through: tuple[Pose, ...] = eqx.field(converter=tuple)
@@ -352,9 +354,7 @@ class PreparedPath(eqx.Module):
 
     def moving(self, time: Scalar, beside: Scalar) -> tuple[Triple, Quadruple, Triple, Triple]:
         """The same, and velocity and spin."""
-        (place, q), (velocity, change) = jax.jvp(
-            lambda t: self.pose(t, beside), (time,), (jnp.ones_like(time),)
-        )
+        (place, q), (velocity, change) = jax.jvp(lambda t: self.pose(t, beside), (time,), (jnp.ones_like(time),))
         _, x, y, z = hamilton(tuple(change), (q[0], -q[1], -q[2], -q[3]))
         return place, q, velocity, 2 * as_array((x, y, z)) / jnp.sum(q**2)
 

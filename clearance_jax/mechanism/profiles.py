@@ -212,8 +212,8 @@ class Quintic(AbstractDrive):
         lists = [x for x in lists if x is not None]
         if self.times.ndim != 1 or self.times.size < 2 or any(x.shape != self.times.shape for x in lists):
             raise ClearanceError(
-                "A quintic drive needs `times`, `values` and any `speeds`, `accelerations` and `jumps` of one length of "
-                "at least 2."
+                "A quintic drive needs `times`, `values` and any `speeds`, `accelerations` and `jumps` of one length "
+                "of at least 2."
             )
         if self.accelerations is not None and self.speeds is None:
             raise ClearanceError("A quintic drive with `accelerations` needs `speeds` too.")
