@@ -111,7 +111,7 @@ def test_derivatives_are_those_of_the_closed_form():
 
 @pytest.mark.parametrize("n", [6, 9])
 def test_frames_of_arms_are_brought_to_random_poses(n):
-    """A pose that some posture has is found from another one nearby, to round-off; with more joints than it takes too."""
+    """A pose that some posture has is found from another one nearby, to round-off; with joints to spare too."""
     mechanism, rng = framed(n), np.random.default_rng(0)
     home = rng.normal(size=n)
     for _ in range(5):
@@ -288,7 +288,7 @@ def test_the_error_falls_with_the_sixth_power():
     home = 0.3 * (-1.0) ** np.arange(7)
     place, matrix = forward(mechanism, home)
     start = pose_of(place, matrix)
-    end = cj.Pose(np.asarray(place) + [0.15, 0.12, 0.07], cj.Orientation(0.3, 0.3, -0.4))
+    end = cj.Pose(np.add(place, [0.15, 0.12, 0.07]), cj.Orientation(0.3, 0.3, -0.4))
     path = cj.CartesianPath(start, [cj.Line(end)], durations=[1.0]).prepared()
     chain = chain_of(mechanism, "tip", None)
     errors = [np.max(_run(chain, path, np.linspace(0, 1, n + 1), jnp.asarray(home)).deviation) for n in (8, 16, 32)]
@@ -321,7 +321,7 @@ def test_a_robot_moves_as_its_path_says(tmp_path):
 def test_a_delta_follows_a_path():
     mechanism = delta([cj.Constant(value) for value in (0.1, 0.2, 0.3)])
     begin = platform(np.array([0.35, 0.15, 0.25]))
-    path = cj.CartesianPath(cj.Pose(begin), [cj.Line(cj.Pose(begin + [0.05, 0.0, -0.05]))], durations=[0.3])
+    path = cj.CartesianPath(cj.Pose(begin), [cj.Line(cj.Pose(np.add(begin, [0.05, 0.0, -0.05])))], durations=[0.3])
     drives = cj.follow(mechanism, "centre", path)
     times = np.linspace(0, 0.3, 41)
     angles = np.stack([along(drives[f"motor{i}"], times) for i in range(3)], 1)

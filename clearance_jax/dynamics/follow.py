@@ -295,6 +295,6 @@ def _check_speeds(chain: Chain, knots: np.ndarray, blocks: Block) -> None:
         unit = "rad/s" if coordinate.slides is None else "m/s"
         raise ClearanceError(
             f"`{coordinate.name}` would have to move at {speeds[most]:.4g} {unit}{_when(knots, float(knots[most]))}, "
-            f"but its limit is {limits.velocity:.4g} {unit}, which it passes at {knots[first]:.6g} s. Give the path more "
-            "time, or lead it further from singular postures."
+            f"but its limit is {limits.velocity:.4g} {unit}, which it passes at {knots[first]:.6g} s. Give the path "
+            "more time, or lead it further from singular postures."
         )
