@@ -52,7 +52,7 @@ def forward(mechanism, q):
     """Place and matrix of the frame at the end of an arm, by the kinematics of its free coordinates."""
     free = chain_of(mechanism, "tip", None).mechanism
     point = mechanism.points[0]
-    at = frames(free, jnp.zeros(()), State(tuple(q), (0.0,) * len(q), {}))[point.body]
+    at = frames(free, jnp.zeros(()), State(tuple(jnp.asarray(q)), (0.0,) * len(q), {}))[point.body]
     turned = at.rotated(point.orientation.rotation).rotation
     return jnp.stack(at.point(point.at.vector)), jnp.stack([jnp.stack(row) for row in turned.rows])
 
@@ -286,14 +286,13 @@ def test_the_error_falls_with_the_sixth_power():
     """Of an arm with a joint to spare too, whose joints the path does not determine."""
     mechanism = framed(7)
     home = 0.3 * (-1.0) ** np.arange(7)
-    place, matrix = forward(mechanism, home)
-    start = pose_of(place, matrix)
-    end = cj.Pose(np.add(place, [0.15, 0.12, 0.07]), cj.Orientation(0.3, 0.3, -0.4))
+    start, end = (pose_of(*forward(mechanism, q)) for q in (home, home + 0.3 * np.cos(np.arange(7))))
     path = cj.CartesianPath(start, [cj.Line(end)], durations=[1.0]).prepared()
     chain = chain_of(mechanism, "tip", None)
-    errors = [np.max(_run(chain, path, np.linspace(0, 1, n + 1), jnp.asarray(home)).deviation) for n in (8, 16, 32)]
-    orders = -np.diff(np.log2(errors))
-    np.testing.assert_allclose(orders[-1], 6.0, atol=0.5)
+    # In the middle of the path: where it begins and ends, and the path's own derivatives change most, later.
+    runs = [_run(chain, path, np.linspace(0, 1, n + 1), jnp.asarray(home)) for n in (8, 16, 32)]
+    errors = [np.max(run.deviation[len(run.deviation) // 2]) for run in runs]
+    np.testing.assert_allclose(-np.diff(np.log2(errors)), 6.0, atol=0.15)
 
 
 def test_a_robot_moves_as_its_path_says(tmp_path):

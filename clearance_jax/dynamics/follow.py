@@ -208,7 +208,7 @@ def _refined(chain: Chain, path: PreparedPath, edges: np.ndarray, q: Array, tole
         halvings[smooth] = np.clip(np.ceil(np.log2(error[smooth] / tolerance) / 6), 1, 4)
         parts = np.where(bad, 2**halvings, 1)
         if np.any(np.diff(edges)[bad] < SHORTEST * span) or parts.sum() > MOST_KNOTS:
-            raise ClearanceError(_stopped(chain, path, edges, blocks, np.flatnonzero(bad)[0], lost))
+            raise ClearanceError(_stopped(chain, path, edges, blocks, int(np.argmax(bad)), lost))
         edges = np.append(
             np.concatenate(
                 [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(edges, edges[1:], parts, strict=False)]
@@ -260,7 +260,7 @@ def _when(edges: np.ndarray, time: float) -> str:
 def _stopped(chain: Chain, path: PreparedPath, edges, blocks: Block, bad: int, lost: int) -> str:
     """Why a path cannot be followed beyond an interval."""
     if bad == lost:
-        found = jax.tree.map(lambda leaf: leaf[bad], blocks.found)
+        found = jax.tree.map(lambda leaf: jnp.asarray(leaf[bad]), blocks.found)
         time = float(edges[bad + 1])
         aim = aim_at(path, jnp.asarray(time), jnp.asarray(edges[bad : bad + 2].mean()))
         said = unreached(chain, aim, found, _when(edges, time))

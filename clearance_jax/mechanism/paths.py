@@ -158,7 +158,7 @@ class Arc(AbstractSegment):
         p, q = as_array(self.via.vector) - begin.place, end.place - begin.place
         normal = jnp.cross(p, q)
         square = jnp.sum(normal**2)
-        centre = jnp.cross((p @ p) * q - (q @ q) * p, normal) / (-2 * square)
+        centre = jnp.cross((p @ p) * q - (q @ q) * p, normal) / (2 * square)
         axis, arm = normal / jnp.sqrt(square), -centre
         x, y = arm / jnp.linalg.norm(arm), jnp.cross(axis, arm) / jnp.linalg.norm(arm)
         # Seen along the axis of p x q the via point comes before the end, on the way round in the positive sense.
