@@ -330,6 +330,34 @@ def test_a_delta_follows_a_path():
     assert drives.deviation == pytest.approx(off, rel=0.2)
 
 
+def test_what_is_driven_otherwise_is_reckoned_with():
+    """A cart that carries the arm away: the arm makes up for it, and its masses do not matter."""
+    plain, speed = two_links(), 0.1
+    cart = cj.Prismatic("rail", "ground", "cart", motion=cj.Motion(cj.ConstantSpeed(speed)))
+    shoulder = cj.Revolute("shoulder", "cart", "upper")
+    mechanism = cj.Mechanism((cj.Body("cart"), *plain.bodies), (cart, shoulder, plain.joints[1]), points=plain.points)
+    path = corner(durations=[1.0, 1.0])
+    drives = cj.follow(mechanism, "tip", path, joints=["shoulder", "elbow"])
+    times = np.linspace(0, 2, 501)
+    wanted = np.asarray(jax.vmap(path.prepared())(jnp.asarray(times)).position)[:, :2]
+    found = two_tip(along(drives["shoulder"], times), along(drives["elbow"], times))
+    found[:, 0] += speed * times
+    assert np.max(np.linalg.norm(found - wanted, axis=1)) < 1e-6
+
+
+def test_jumps_of_a_quintic_are_where_it_says():
+    times, jumps = np.array([0.0, 1.0, 2.5]), np.array([0.5, -2.0, 1.5])
+    drive = cj.Quintic(times, [0.0, 1.0, 0.5], [0.0, 0.3, 0.0], [0.5, 0.7, 0.0], jumps).prepared()
+    after, before = (
+        [[float(x) for x in drive.within(jnp.asarray(t), jnp.asarray(t + beside))] for t in times]
+        for beside in (1e-3, -1e-3)
+    )
+    np.testing.assert_allclose(np.subtract(after, before)[:, :2], 0, atol=1e-13)
+    np.testing.assert_allclose(np.subtract(after, before)[1, 2], jumps[1], atol=1e-12)
+    with pytest.raises(cj.ClearanceError, match="needs `accelerations`"):
+        cj.Quintic(times, times, times, jumps=jumps)
+
+
 def straight(begin, end, duration=1.0):
     return cj.CartesianPath(cj.Pose(begin), [cj.Line(cj.Pose(end))], durations=[duration])
 
@@ -352,3 +380,10 @@ def test_paths_that_no_posture_follows_are_refused(case):
     elbow, path, words = ASTRAY[case]
     with pytest.raises(cj.ClearanceError, match=words):
         cj.follow(two_links(elbow), "tip", path)
+
+
+def test_paths_past_a_singular_posture_are_refused():
+    """So near past the shoulder of an arm that can fold that the shoulder would turn half round at once."""
+    equal = cj.replace(two_links(), {"tip.at.x": UPPER})
+    with pytest.raises(cj.ClearanceError, match=r"singular posture at 0\.5\d* s .* `shoulder` would have to move at"):
+        cj.follow(equal, "tip", straight((0.5, 1e-8), (-0.5, 1e-8)), tolerance=1e-9)

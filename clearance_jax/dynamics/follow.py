@@ -6,6 +6,7 @@ are added. One program follows a fixed number of intervals, whatever the path, a
 """
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -106,10 +107,8 @@ def followed(chain: Chain, path: PreparedPath, edges: Float[Array, " edges"], st
             q = find(_passive(chain), None, time, q).q
         return off(chain, aim, looked(chain, aim, time, q).gap)
 
-    def compared(interval):
-        return jax.vmap(lambda part: inside(*interval, part))(jnp.asarray(INSIDE))
-
-    apart = jax.lax.map(compared, (edges[:-1], edges[1:], before, values, speeds, accelerations))
+    args = edges[:-1], edges[1:], before, values, speeds, accelerations
+    apart = jax.lax.map(lambda one: jax.vmap(partial(inside, *one))(jnp.asarray(INSIDE)), args)
     return Block(found, values, speeds, accelerations, *apart)
 
 

@@ -17,7 +17,7 @@ from clearance_jax.dynamics.posture import Found, bounds, solve, sought_values
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.paths import Pose
-from clearance_jax.mechanism.state import layout
+from clearance_jax.mechanism.state import parts
 from clearance_jax.spatial import as_array
 
 # Starts that are tried where the given one leads nowhere and the user named none.
@@ -96,7 +96,7 @@ def begin_of(mechanism: Mechanism, chain: Chain, start: Mapping[str, Any] | Post
         if start.positions.shape == begin.shape:
             return start.positions
         start = start.coordinates
-    known = [part for part in layout(chain.mechanism).positions if "." not in part or part[-2:] not in (".w",)]
+    known = [part.coordinate.name for part in parts(chain.mechanism) if not part.coordinate.is_ball]
     for name, value in (start or {}).items():
         if name not in known:
             raise ClearanceError(f"There is no coordinate `{name}` to start from. " + suggest(name, known))
@@ -213,19 +213,19 @@ def in_the_way(chain: Chain, aim: Aim, found: Found) -> str:
             held.append(f"`{chain.coordinates[i].name}` is at its {at} limit, {limit[at]:.6g} {unit}")
     if held:
         return f"There {', '.join(held[:4])}{' and others' if len(held) > 4 else ''}."
-    rows = np.asarray(found.jacobian)[: found.gap.shape[0]]
-    asked, count = rows.shape
-    left, sizes, _ = np.linalg.svd(rows)
+    asked, count = found.jacobian.shape
     if count < asked and not chain.mechanism.closures():
         return (
             f"A chain of {count} coordinates is asked for {asked} numbers of a pose: ask for the place only (a pose "
             "without orientation), or give it more joints."
         )
-    weakest = int(np.argmin(sizes))
-    if sizes[weakest] > SINGULAR:
+    left, sizes, _ = np.linalg.svd(np.asarray(found.jacobian))
+    # What is left to go, as far as no joint goes there.
+    beyond = left[:, np.append(sizes, np.zeros(asked - len(sizes))) < SINGULAR]
+    direction = beyond @ (beyond.T @ np.asarray(found.gap))
+    if np.linalg.norm(direction) < SINGULAR * float(found.left):
         return "Give another `start`."
-    direction = left[:, weakest]
-    return "The posture is singular, stretched or folded: " + _without_reach(chain, aim, direction)
+    return "The posture is singular, stretched or folded: " + _without_reach(chain, aim, -direction)
 
 
 def _without_reach(chain: Chain, aim: Aim, direction: np.ndarray) -> str:

@@ -34,7 +34,7 @@ HOLDS = 3
 
 
 class Found(NamedTuple):
-    """Where the search ended: positions, what is left (norm), the Jacobian there without what is `held` at a limit, and
+    """Where the search ended: positions, how far from what is asked, the Jacobian there, what is `held` at a limit, and
     how many iterations it took. `closed` as in `Look`.
     """
 
