@@ -14,6 +14,7 @@ from clearance_jax.dynamics.chain import chain_of
 from clearance_jax.dynamics.follow import _run
 from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.mechanism.state import State
+from clearance_jax.spatial import IDENTITY, rotation_between
 
 UPPER, FORE = 0.4, 0.3
 
@@ -66,6 +67,30 @@ def along(drive, times):
     """A drive's values, by its own evaluation."""
     ready = drive.prepared()
     return np.asarray(jax.vmap(lambda t: jnp.asarray(ready(t)[0]))(jnp.asarray(times)))
+
+
+@pytest.mark.parametrize("angle", [1e-9, 0.3, 2.9, np.pi - 1e-9, np.pi])
+def test_rotation_vectors_are_exact(angle):
+    """From one orientation to another, by tiny turns and by half turns; and differentiable where there is none."""
+    first, axis = Rotation.from_euler("xyz", [0.3, -0.8, 2.0]), np.array([2.0, -1.0, 2.0]) / 3
+
+    def rotation(turn):
+        rows = turn.as_matrix() if isinstance(turn, Rotation) else turn
+        return IDENTITY.followed(tuple(tuple(jnp.asarray(term) for term in row) for row in rows))
+
+    second = Rotation.from_rotvec(angle * axis) * first
+    found = np.array(rotation_between(rotation(first), rotation(second)))
+    found = found * np.sign(found @ axis)  # of half a turn either sign is right
+    np.testing.assert_allclose(found, angle * axis, rtol=0, atol=4e-15)
+    still = first.as_matrix()
+    slope = jax.jacfwd(lambda rows: jnp.stack(rotation_between(rotation(first), rotation(rows))))(jnp.asarray(still))
+    rate = np.einsum("ijk,jk->i", slope, _hat([0.1, 0.2, 0.3]) @ still)
+    np.testing.assert_allclose(rate, [0.1, 0.2, 0.3], atol=1e-14)
+
+
+def _hat(spin):
+    x, y, z = spin
+    return np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
 
 
 # Postures -------------------------------------------------------------------------------------------------------------
@@ -282,6 +307,7 @@ def test_a_tip_stays_as_near_to_its_path_as_asked(profile):
         np.testing.assert_allclose(angles, two_angles(*wanted.T), atol=20 * tolerance)
 
 
+@pytest.mark.slow
 def test_the_error_falls_with_the_sixth_power():
     """Of an arm with a joint to spare too, whose joints the path does not determine."""
     mechanism = framed(7)
@@ -295,6 +321,7 @@ def test_the_error_falls_with_the_sixth_power():
     np.testing.assert_allclose(-np.diff(np.log2(errors)), 6.0, atol=0.15)
 
 
+@pytest.mark.slow
 def test_a_robot_moves_as_its_path_says(tmp_path):
     """Simulated under its drives: places and orientations; and its drives by way of a file."""
     robot = cj.load_urdf("experiments/scenes/six_axes.urdf", end_effector="tcp")
@@ -317,6 +344,7 @@ def test_a_robot_moves_as_its_path_says(tmp_path):
         np.testing.assert_allclose(along(drive, solution.time), along(drives[name], solution.time), atol=1e-8)
 
 
+@pytest.mark.slow
 def test_a_delta_follows_a_path():
     mechanism = delta([cj.Constant(value) for value in (0.1, 0.2, 0.3)])
     begin = platform(np.array([0.35, 0.15, 0.25]))
