@@ -9,7 +9,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from clearance_jax._numerics import safe_norm, safe_sqrt
 from clearance_jax._types import Scalar
 from clearance_jax.analysis.ideal import freedom, ideal_state
 from clearance_jax.dynamics.equations import balance
@@ -25,20 +24,7 @@ from clearance_jax.solve.settings import Settings, evenly
 from clearance_jax.solve.simulate import run
 from clearance_jax.solve.solution import Solution
 from clearance_jax.solve.tolerances import largest_length
-from clearance_jax.spatial import (
-    Rotation,
-    Vector,
-    absent,
-    add,
-    cross,
-    dot,
-    is_zero,
-    minus,
-    scale,
-    subtract,
-    total,
-    transpose,
-)
+from clearance_jax.spatial import absent, add, cross, length_of, minus, rotation_between, subtract
 
 # Samples of an ideal mechanism's free motion, to find peaks of an error with; their values are solved for exactly.
 TABLE = 1001
@@ -236,29 +222,6 @@ class OrientationError(AbstractSignal):
         if self.axis is None:
             return length_of(off)
         return jnp.asarray(off[known("axis", self.axis, ["x", "y", "z"])], float)
-
-
-def rotation_between(a: Rotation, b: Rotation) -> Vector:
-    """The rotation vector [rad], in the outer axes, that takes `a` to `b`: exact to round-off for small ones too, at
-    most half a turn (where its direction is undefined).
-    """
-    if a.is_plane and b.is_plane:
-        return 0.0, 0.0, minus(b.angle, a.angle)
-    # Twice the sine of the angle along the axis: half the sum of a's axes x b's. And the trace gives the cosine.
-    axes = [cross(p, q) for p, q in zip(transpose(a.rows), transpose(b.rows), strict=True)]
-    sine = scale(0.5, add(add(axes[0], axes[1]), axes[2]))
-    cosine = (total(dot(p, q) for p, q in zip(a.rows, b.rows, strict=True)) - 1.0) / 2
-    size = length_of(sine)
-    small = size < 1e-12
-    angle = jnp.arctan2(size, jnp.asarray(cosine, float))
-    return scale(jnp.where(small, 1.0, angle / jnp.where(small, 1.0, size)), sine)
-
-
-def length_of(vector: Vector) -> Array:
-    """The length of a vector, with gradient 0 where it is zero."""
-    if is_zero(vector[2]):
-        return safe_norm(jnp.asarray(vector[0], float), jnp.asarray(vector[1], float))
-    return safe_sqrt(jnp.asarray(dot(vector, vector), float))
 
 
 class ContactForce(AbstractSignal):

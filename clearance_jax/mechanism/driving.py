@@ -46,6 +46,16 @@ def acting_always(joint: AbstractJoint) -> AbstractJoint:
     return with_motions(joint, change)
 
 
+def released(joint: AbstractJoint, names: Iterable[str]) -> AbstractJoint:
+    """The joint with those of its coordinates that are named free, without drives and actuators."""
+    changed = {}
+    for coordinate in joint.coordinates():
+        field = _field(joint, coordinate)
+        if field is not None and coordinate.name in names:
+            changed[field] = dataclasses.replace(coordinate.motion, drive=None, actuators=())
+    return dataclasses.replace(joint, **changed) if changed else joint
+
+
 def check_drives(joints: Iterable[AbstractJoint], drives: Mapping[str, object]) -> None:
     """Raise for a coordinate that cannot be driven, and for what is no drive."""
     known = drivable(joints)

@@ -1,7 +1,7 @@
 """The mechanism: bodies, the tree of joints, loops, springs, points, gravity."""
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -13,7 +13,7 @@ from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.joints import AbstractClearance, PreparedClearance
 from clearance_jax.mechanism.body import Body, Point, Spring
 from clearance_jax.mechanism.controllers import AbstractController
-from clearance_jax.mechanism.driving import acting_always, check_drives, with_drives
+from clearance_jax.mechanism.driving import acting_always, check_drives, released, with_drives
 from clearance_jax.mechanism.links import UNROLLED, Links, links_of
 from clearance_jax.mechanism.loads import Wrench
 from clearance_jax.mechanism.placement import Gravity, Inertia, Position
@@ -249,6 +249,10 @@ class Mechanism(eqx.Module):
     def with_joint(self, joint: AbstractJoint) -> "Mechanism":
         """The same mechanism with another joint in the place of the one of that name."""
         return self._with_joints(lambda own: joint if own.name == joint.name else own)
+
+    def released(self, names: Iterable[str]) -> "Mechanism":
+        """The same mechanism with the named coordinates free: without their drives and actuators."""
+        return self._with_joints(lambda joint: released(joint, names))
 
     def _with_joints(self, change) -> "Mechanism":
         joints, loops = (tuple(change(joint) for joint in group) for group in (self.joints, self.loops))
