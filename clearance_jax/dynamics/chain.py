@@ -127,6 +127,7 @@ def chain_of(mechanism: Mechanism, point: str, joints: Sequence[str] | None) -> 
         joints = [name for name, c in found.items() if not ideal.closures() or not c.motion.is_free]
     bodies = tuple(Body(one.name) for one in ideal.bodies)
     free = dataclasses.replace(ideal.released(joints), bodies=bodies, springs=(), gravity=NO_GRAVITY)
+    free = dataclasses.replace(free, wrenches=(), controllers=())
     passive = {c.name for joint in free.joints if joint.name in looped for c in joint.coordinates()}
     sought = [i for p in parts(free) if p.coordinate.name in {*joints, *passive} for i in range(p.v.start, p.v.stop)]
     if not joints:

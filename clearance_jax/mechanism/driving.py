@@ -1,7 +1,7 @@
 """Coordinates of joints by their names, to be given other drives."""
 
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 
 from clearance_jax.errors import ClearanceError, quoted, suggest
 from clearance_jax.mechanism.body import Motion
@@ -46,14 +46,15 @@ def acting_always(joint: AbstractJoint) -> AbstractJoint:
     return with_motions(joint, change)
 
 
-def released(joint: AbstractJoint, names: Iterable[str]) -> AbstractJoint:
+def released(joint: AbstractJoint, names: Collection[str]) -> AbstractJoint:
     """The joint with those of its coordinates that are named free, without drives and actuators."""
-    changed = {}
-    for coordinate in joint.coordinates():
-        field = _field(joint, coordinate)
-        if field is not None and coordinate.name in names:
-            changed[field] = dataclasses.replace(coordinate.motion, drive=None, actuators=())
-    return dataclasses.replace(joint, **changed) if changed else joint
+
+    def change(coordinate: Coordinate) -> Motion:
+        if coordinate.name not in names:
+            return coordinate.motion
+        return dataclasses.replace(coordinate.motion, drive=None, actuators=())
+
+    return with_motions(joint, change)
 
 
 def check_drives(joints: Iterable[AbstractJoint], drives: Mapping[str, object]) -> None:

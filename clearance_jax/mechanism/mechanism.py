@@ -1,7 +1,7 @@
 """The mechanism: bodies, the tree of joints, loops, springs, points, gravity."""
 
 import dataclasses
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -250,7 +250,7 @@ class Mechanism(eqx.Module):
         """The same mechanism with another joint in the place of the one of that name."""
         return self._with_joints(lambda own: joint if own.name == joint.name else own)
 
-    def released(self, names: Iterable[str]) -> "Mechanism":
+    def released(self, names: Collection[str]) -> "Mechanism":
         """The same mechanism with the named coordinates free: without their drives and actuators."""
         return self._with_joints(lambda joint: released(joint, names))
 
