@@ -20,9 +20,12 @@ if TYPE_CHECKING:
     from clearance_jax.analysis.signals import AbstractSignal
     from clearance_jax.analysis.trust import GradientReport, TrustThresholds, UntrustedGradient, gradient_report
     from clearance_jax.configure import configure
+    from clearance_jax.dynamics.follow import Drives, follow
+    from clearance_jax.dynamics.inverse import Posture, inverse_kinematics
     from clearance_jax.dynamics.mobility import Mobility, mobility
     from clearance_jax.io.scene import load
     from clearance_jax.io.trajectory import read_trajectory
+    from clearance_jax.io.trajectory_writer import write_trajectory
     from clearance_jax.io.urdf import load_urdf
     from clearance_jax.joints import AbstractClearance, AbstractElement, RevoluteClearance
     from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, AbstractStiffness
@@ -34,6 +37,7 @@ if TYPE_CHECKING:
     from clearance_jax.mechanism.limits import Limits
     from clearance_jax.mechanism.loads import Force, Torque, Wrench
     from clearance_jax.mechanism.mechanism import Mechanism
+    from clearance_jax.mechanism.paths import Arc, CartesianPath, Curve, Line, Pose, Waypoint
     from clearance_jax.mechanism.placement import Axis, Gravity, Inertia, Orientation, Position
     from clearance_jax.mechanism.profiles import Constant, Quintic, Trapezoid
     from clearance_jax.mechanism.tree import Fixed, Prismatic, Revolute
@@ -56,9 +60,12 @@ _NAMES = {
     "analysis.signals": ("AbstractSignal",),
     "analysis.trust": ("GradientReport", "TrustThresholds", "UntrustedGradient", "gradient_report"),
     "configure": ("configure",),
+    "dynamics.follow": ("Drives", "follow"),
+    "dynamics.inverse": ("Posture", "inverse_kinematics"),
     "dynamics.mobility": ("Mobility", "mobility"),
     "io.scene": ("load",),
     "io.trajectory": ("read_trajectory",),
+    "io.trajectory_writer": ("write_trajectory",),
     "io.urdf": ("load_urdf",),
     "joints": ("AbstractClearance", "AbstractElement", "RevoluteClearance"),
     "laws": ("AbstractFrictionLaw", "AbstractNormalLaw", "AbstractStiffness"),
@@ -70,6 +77,7 @@ _NAMES = {
     "mechanism.limits": ("Limits",),
     "mechanism.loads": ("Force", "Torque", "Wrench"),
     "mechanism.mechanism": ("Mechanism",),
+    "mechanism.paths": ("Arc", "CartesianPath", "Curve", "Line", "Pose", "Waypoint"),
     "mechanism.placement": ("Axis", "Gravity", "Inertia", "Orientation", "Position"),
     "mechanism.profiles": ("Constant", "Quintic", "Trapezoid"),
     "mechanism.tree": ("Fixed", "Prismatic", "Revolute"),
@@ -95,16 +103,20 @@ __all__ = [
     "AbstractNormalLaw",
     "AbstractSignal",
     "AbstractStiffness",
+    "Arc",
     "Axis",
     "Ball",
     "BatchReport",
     "Body",
+    "CartesianPath",
     "ClearanceError",
     "ComputedTorque",
     "Constant",
     "ConstantEffort",
     "ConstantSpeed",
+    "Curve",
     "Cylindrical",
+    "Drives",
     "Fixed",
     "Force",
     "Free",
@@ -115,6 +127,7 @@ __all__ = [
     "Inertia",
     "JointSpring",
     "Limits",
+    "Line",
     "Mechanism",
     "Mobility",
     "Motion",
@@ -122,7 +135,9 @@ __all__ = [
     "PeriodicMotion",
     "Planar",
     "Point",
+    "Pose",
     "Position",
+    "Posture",
     "Prismatic",
     "Quintic",
     "Reference",
@@ -146,12 +161,15 @@ __all__ = [
     "TrustThresholds",
     "Universal",
     "UntrustedGradient",
+    "Waypoint",
     "Wrench",
     "batch",
     "configure",
     "design",
+    "follow",
     "gradient_report",
     "hessian",
+    "inverse_kinematics",
     "joints",
     "laws",
     "load",
@@ -170,6 +188,7 @@ __all__ = [
     "simulate",
     "to_dataset",
     "trace",
+    "write_trajectory",
 ]
 
 

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from clearance_jax._numerics import safe_sqrt, sincos
+from clearance_jax._numerics import safe_norm, safe_sqrt, sincos
 from clearance_jax._sharing import shared
 
 Term = Array | float
@@ -229,6 +229,38 @@ def rotation_vector(q: tuple[Term, ...]) -> Vector:
     small = size < 1e-8 * w
     factor = jnp.where(small, 2 / jnp.where(small, w, 1.0), 2 * jnp.arctan2(size, w) / jnp.where(small, 1.0, size))
     return scale(sign * factor, (x, y, z))
+
+
+def quaternion_of_matrix(a: Matrix) -> tuple[Term, ...]:
+    """A quaternion (w, x, y, z), of any length, of a rotation's matrix: whichever turn it is, from the largest of its
+    four numbers (all rows of q q^T are multiples of q).
+    """
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = ((jnp.asarray(term, float) for term in row) for row in a)
+    rows = (
+        (1 + xx + yy + zz, zy - yz, xz - zx, yx - xy),
+        (zy - yz, 1 + xx - yy - zz, xy + yx, xz + zx),
+        (xz - zx, xy + yx, 1 - xx + yy - zz, yz + zy),
+        (yx - xy, xz + zx, yz + zy, 1 - xx - yy + zz),
+    )
+    square = jnp.stack([jnp.stack(row) for row in rows])
+    q = square[jnp.argmax(jnp.diagonal(square))]
+    return q[0], q[1], q[2], q[3]
+
+
+def rotation_between(a: Rotation, b: Rotation) -> Vector:
+    """The rotation vector [rad], in the outer axes, that takes `a` to `b`: exact to round-off for small ones too, at
+    most half a turn (where its sign is undefined).
+    """
+    if a.is_plane and b.is_plane:
+        return 0.0, 0.0, minus(b.angle, a.angle)
+    return rotation_vector(quaternion_of_matrix(product(b.rows, transpose(a.rows))))
+
+
+def length_of(vector: Vector) -> Array:
+    """The length of a vector, with gradient 0 where it is zero."""
+    if is_zero(vector[2]):
+        return safe_norm(jnp.asarray(vector[0], float), jnp.asarray(vector[1], float))
+    return safe_sqrt(jnp.asarray(dot(vector, vector), float))
 
 
 def quaternion_rate(q: tuple[Term, ...], spin: Vector) -> tuple[Term, ...]:

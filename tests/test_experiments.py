@@ -2,7 +2,7 @@
 
 import pytest
 
-from experiments import batches, cores, gpu, hard_cases, robots, scalar, work_precision
+from experiments import batches, cores, forward_dynamics, gpu, hard_cases, robots, scalar, work_precision
 
 
 @pytest.fixture(autouse=True)
@@ -53,6 +53,12 @@ def test_robots_against_newton_and_euler():
     for row in (fixed, free):
         assert set(row.errors) == set(robots.COMPARED)
         assert max(row.errors.values()) <= 1e-12
+
+
+def test_articulated_bodies_agree_with_composite_ones():
+    rows = forward_dynamics.main(quick=True)
+    assert [row.program.split()[0] for row in rows] == ["composite", "articulated", "articulated"]
+    assert max(row.error for row in rows) <= 1e-10
 
 
 def test_lanes_over_cores():

@@ -243,9 +243,10 @@ def test_examples_of_limits_are_read(word, tmp_path):
 
 @pytest.mark.parametrize("word", study_keys.SIGNALS)
 def test_a_signal_says_what_it_is_of(word, tmp_path):
-    of = {"orientation-error": "body", "contact-force": "joint"}.get(word, "point")
+    of = {"orientation-error": "body", "contact-force": "joint"}.get(word, "joint" if "joint" in word else "point")
     name = {"body": "slider", "joint": "wrist", "point": "piston"}[of]
-    bound = {"rad": '"1 deg"', "N": '"1 kN"', "m/s^2": '"5 m/s^2"'}.get(study_keys.SIGNALS[word].unit, '"1 mm"')
+    bounds = {"rad": '"1 deg"', "N": '"1 kN"', "N m": '"1 N*m"', "m/s^2": '"5 m/s^2"'}
+    bound = bounds.get(study_keys.SIGNALS[word].unit, '"1 mm"')
     limit = f'metric = "peak"\nsignal = "{word}"\n{of} = "{name}"\nbound = {bound}\n'
     assert getattr(study(tmp_path, limit=limit).problem.specification.limits[0].metric.signal, of) == name
     other = "body" if of != "body" else "joint"

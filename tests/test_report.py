@@ -27,8 +27,9 @@ from clearance_jax.design.outline import outline
 from clearance_jax.design.standings import standings
 from clearance_jax.errors import ClearanceError
 from clearance_jax.report import mechanism_figure, words
-from clearance_jax.report.figures import time_axis
+from clearance_jax.report.figures import overview
 from clearance_jax.report.html import render, write_report
+from clearance_jax.report.panels import time_axis
 
 CLEARANCE = "wrist.radial_clearance"
 TIMES = np.linspace(0.0, 0.012, 50)
@@ -338,3 +339,20 @@ def test_the_places_of_a_state_are_those_of_its_mechanism():
 def test_a_path_that_cannot_be_written_is_one_sentence(tmp_path):
     with pytest.raises(ClearanceError, match="Cannot write the report"):
         write_report(design.known(answer([piston_limit()])), tmp_path / "missing" / "r.html")
+
+
+def test_a_robots_figure_shows_coordinates_points_and_drives():
+    """Panels are lettered from (a); speeds count all three axes."""
+    body = cj.Body("link", 1.0, (0.1, 0.1, 0.1), cj.Position(0.2))
+    lift = cj.Prismatic("lift", "ground", "column", axis="z", motion=cj.Motion(cj.Harmonic(0.1, 3.0)))
+    turn = cj.Revolute("turn", "column", "link", motion=cj.Motion(velocity=2.0))
+    column, tip = cj.Body("column", 1.0, (0.1, 0.1, 0.1)), cj.Point("tip", "link", cj.Position(0.3))
+    robot = cj.Mechanism((column, body), (lift, turn), points=(tip,), gravity=cj.Gravity(z=-9.81))
+    dataset = cj.to_dataset(robot, cj.simulate(robot, 1.0, save_at=51))
+    figure = overview(dataset)
+    titles = [axis.get_title() for axis in figure.axes]
+    wanted = "turns", "slides", "velocity of tip", "acceleration of tip", "forces of drives", "path of tip"
+    assert titles == [f"({letter}) {title}" for letter, title in zip("abcdef", wanted, strict=True)]
+    (speed,) = figure.axes[2].lines
+    expected = np.hypot(0.3 * 2.0, 0.1 * 3.0 * np.cos(3.0 * dataset["time"].values))
+    np.testing.assert_allclose(np.asarray(speed.get_ydata()), expected, rtol=1e-6)

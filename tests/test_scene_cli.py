@@ -152,6 +152,11 @@ def test_command_line(tmp_path):
     assert not (tmp_path / "o.nc.partial").exists()
 
 
+def test_info_says_how_freely_a_linkage_moves():
+    shown = CliRunner().invoke(app, ["info", str(SCENES / "bennett.toml")]).output
+    assert "free to move: 1 of 3 free velocities, under 5 conditions, of which 3 only" in " ".join(shown.split())
+
+
 def operations(output):
     return int(re.findall(r"vector field: (\d+) operations", output)[0])
 

@@ -446,6 +446,29 @@ def test_mobility_is_counted():
     assert cj.mobility(arm(3)) == (3, 0, 0)
 
 
+@pytest.mark.parametrize("digits", [8, 4])
+def test_a_rounded_linkage_is_said_to_be_over_constrained(digits):
+    """Its angles are irrational: rounded, it does not close, though it still counts as one that moves."""
+    exact = bennett()[0]
+    angles = {name: leaf.value for name, leaf in cj.parameters(exact).items() if "roll" in name}
+    rounded = cj.replace(exact, {name: np.round(np.asarray(angle), digits) for name, angle in angles.items()})
+    assert cj.mobility(rounded) == (3, 5, 2)
+    with pytest.raises(
+        cj.ClearanceError, match=r"`j4` stays open by .* mm\. It is over-constrained: 3 of the"
+    ) as raised:
+        cj.simulate(rounded, 0.1)
+    assert "all digits" in str(raised.value)
+    assert "a `Spherical` instead" in str(raised.value)
+
+
+def test_a_loop_that_repeats_nothing_is_not_said_to():
+    """Crank, rod and rocker, 1 m together, cannot span 2 m."""
+    far = cj.replace(four_bar(cj.Revolute, False), {"rocker.at_parent.x": 2.0})
+    with pytest.raises(cj.ClearanceError, match="cannot be assembled") as raised:
+        cj.simulate(far, 0.1)
+    assert "over-constrained" not in str(raised.value)
+
+
 def test_books_close_where_a_drive_breaks_at_the_end():
     """Its acceleration jumps at t1: what the last step sees is what was before (read past the jump the books miss 1e-9
     of the energy here, at this tolerance else 5e-11).

@@ -93,6 +93,12 @@ def test_costs_limits_and_manufacture_of_a_study(tmp_path):
     )
     assert isinstance(force.limits[0].metric, metrics.Rms)
     assert force.limits[0].bound == 1000
+    reaction = loaded(
+        'metric = "peak"\nsignal = "position-error"\npoint = "piston"\nbound = "0.1 mm"',
+        'metric = "peak"\nsignal = "joint-reaction"\njoint = "main"\nbound = "1 kN"',
+    )
+    assert isinstance(reaction.limits[0].metric, metrics.Peak)
+    assert reaction.limits[0].metric.signal == metrics.JointReaction("main")
     instant = loaded('metric = "peak"', 'metric = "at"\ntimes = ["0.5 ms", "1 ms"]')
     assert isinstance(instant.limits[0].metric, metrics.At)
     np.testing.assert_allclose(instant.limits[0].metric.times, [5e-4, 1e-3])

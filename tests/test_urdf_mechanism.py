@@ -211,6 +211,13 @@ def test_the_command_reads_robots(written):
     assert ran.exit_code == 0
     assert "states: 4 (positions and speeds of shoulder, elbow)" in ran.output
     assert "upper.inertia.xx" in ran.output
+    shown = {row.split("│")[1].strip(): [cell.strip() for cell in row.split("│")[2:-1]] for row in _rows(ran.output)}
+    assert shown["shoulder"] == ["-2 rad", "2.5 rad", "3 rad/s", "40 N m"]
+
+
+def _rows(output):
+    """The lines of the tables that were printed."""
+    return [line for line in output.splitlines() if line.count("│") > 2]
 
 
 def test_end_effectors_are_chosen_by_name(written):

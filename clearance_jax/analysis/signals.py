@@ -9,13 +9,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from clearance_jax._numerics import safe_norm, safe_sqrt
 from clearance_jax._types import Scalar
-from clearance_jax.dynamics.closures import projected
+from clearance_jax.analysis.ideal import freedom, ideal_state
 from clearance_jax.dynamics.equations import balance
 from clearance_jax.dynamics.field import slope
 from clearance_jax.dynamics.inertia import Extra
 from clearance_jax.dynamics.kinematics import Frames, frames, play
+from clearance_jax.dynamics.reactions import reactions
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
@@ -24,23 +24,8 @@ from clearance_jax.solve.settings import Settings, evenly
 from clearance_jax.solve.simulate import run
 from clearance_jax.solve.solution import Solution
 from clearance_jax.solve.tolerances import largest_length
-from clearance_jax.spatial import (
-    Rotation,
-    Vector,
-    absent,
-    add,
-    cross,
-    dot,
-    is_zero,
-    minus,
-    scale,
-    subtract,
-    total,
-    transpose,
-)
+from clearance_jax.spatial import absent, add, cross, length_of, minus, rotation_between, subtract
 
-# Newton steps from a pin's place in its sleeve to the ideal mechanism: each squares the error, some 1e-3 at first.
-ASSEMBLE = 4
 # Samples of an ideal mechanism's free motion, to find peaks of an error with; their values are solved for exactly.
 TABLE = 1001
 
@@ -142,30 +127,6 @@ class Integrand(eqx.Module):
         return self.signal.scale(mechanism) ** self.power
 
 
-def freedom(mechanism: Mechanism) -> int:
-    """How many coordinates drives and closures leave free."""
-    left = layout(mechanism).free - 2 * len(mechanism.closures())
-    if left < 0:
-        raise ClearanceError(
-            "Without its clearances this mechanism is over-constrained: its loops demand more than its joints can "
-            "give. For an error against the ideal mechanism free more coordinates."
-        )
-    return left
-
-
-def ideal_state(time: Scalar, y: Array, mechanism: Mechanism) -> Array:
-    """The state of the ideal mechanism, where drives and closures determine it: the actual one's, loops closed."""
-    ideal = mechanism.ideal()
-    plan, own = layout(mechanism), layout(ideal)
-    if own.free == 0:
-        return jnp.zeros(0)
-    state = plan.split(y)
-    places = (state.q[plan.positions.index(name)] for name in own.positions)
-    rates = (state.v[plan.velocities.index(name)] for name in own.velocities)
-    guess = jnp.stack([*places, *rates])
-    return projected(time, guess, ideal, ASSEMBLE)
-
-
 # Signals -------------------------------------------------------------------------------------------------------------
 
 
@@ -263,29 +224,6 @@ class OrientationError(AbstractSignal):
         return jnp.asarray(off[known("axis", self.axis, ["x", "y", "z"])], float)
 
 
-def rotation_between(a: Rotation, b: Rotation) -> Vector:
-    """The rotation vector [rad], in the outer axes, that takes `a` to `b`: exact to round-off for small ones too, at
-    most half a turn (where its direction is undefined).
-    """
-    if a.is_plane and b.is_plane:
-        return 0.0, 0.0, minus(b.angle, a.angle)
-    # Twice the sine of the angle along the axis: half the sum of a's axes x b's. And the trace gives the cosine.
-    axes = [cross(p, q) for p, q in zip(transpose(a.rows), transpose(b.rows), strict=True)]
-    sine = scale(0.5, add(add(axes[0], axes[1]), axes[2]))
-    cosine = (total(dot(p, q) for p, q in zip(a.rows, b.rows, strict=True)) - 1.0) / 2
-    size = length_of(sine)
-    small = size < 1e-12
-    angle = jnp.arctan2(size, jnp.asarray(cosine, float))
-    return scale(jnp.where(small, 1.0, angle / jnp.where(small, 1.0, size)), sine)
-
-
-def length_of(vector: Vector) -> Array:
-    """The length of a vector, with gradient 0 where it is zero."""
-    if is_zero(vector[2]):
-        return safe_norm(jnp.asarray(vector[0], float), jnp.asarray(vector[1], float))
-    return safe_sqrt(jnp.asarray(dot(vector, vector), float))
-
-
 class ContactForce(AbstractSignal):
     """Normal contact force in a clearance joint [N]: of all its points together."""
 
@@ -311,3 +249,35 @@ class Acceleration(AbstractSignal):
         frame = now.motion[point.body]
         at = frame.point(point.at.vector)
         return length_of(add(frame.acceleration_at(at), Extra(now.acceleration).at(frame, at)))
+
+
+def _reaction(mechanism: Mechanism, name: str, time, y):
+    """Force and moment on the child in a joint of any kind."""
+    index = known("joint", name, [joint.name for joint in mechanism.all_joints()])
+    return reactions(mechanism, balance(mechanism, time, layout(mechanism).split(y)))[index]
+
+
+class JointReaction(AbstractSignal):
+    """Magnitude of the force that a joint of any kind exerts on its child [N]; along a slide that is driven or actuated
+    the effort is in it. Of joints that an over-constrained loop holds it is not determined: what repeats others bears
+    nothing here.
+    """
+
+    unit: ClassVar[str] = "N"
+    joint: str = eqx.field(static=True)
+
+    def value(self, time, y, mechanism, reference):
+        return length_of(_reaction(mechanism, self.joint, time, y).force)
+
+
+class JointMoment(AbstractSignal):
+    """Magnitude of the moment that a joint of any kind exerts on its child about its place there [N m]; of a turn that
+    is driven or actuated the effort is in it (in the plane there is nothing else). Of over-constrained loops see
+    `JointReaction`.
+    """
+
+    unit: ClassVar[str] = "N m"
+    joint: str = eqx.field(static=True)
+
+    def value(self, time, y, mechanism, reference):
+        return length_of(_reaction(mechanism, self.joint, time, y).moment)

@@ -13,6 +13,9 @@ def info(scene_file: SceneFile, settings: Settings = None, ideal: Ideal = False)
     mechanism = changed(read_scene(scene_file).mechanism, settings, ideal)
     _print_terms(mechanism)
     console.print(f"one evaluation of the vector field: {_operations(mechanism)} operations (compiler's count)")
+    limits = _limits(mechanism)
+    if limits.row_count:
+        console.print(limits)
     console.print(_parameters(mechanism))
 
 
@@ -38,6 +41,20 @@ def _print_terms(mechanism) -> None:
         from clearance_jax.dynamics.mobility import mobility
 
         console.print(f"free to move: {mobility(mechanism)}")
+
+
+def _limits(mechanism) -> Table:
+    """What the drives can do, of the coordinates that say so."""
+    table = Table("coordinate", "least", "greatest", "fastest", "strongest")
+    for coordinate in mechanism.coordinates():
+        limits = coordinate.motion.limits
+        if limits is None:
+            continue
+        unit, effort = ("rad", "N m") if coordinate.slides is None else ("m", "N")
+        units = (unit, unit, f"{unit}/s", effort)
+        shown = ["" if value is None else f"{value:.6g} {u}" for value, u in zip(limits, units, strict=True)]
+        table.add_row(escape(coordinate.name), *shown)
+    return table
 
 
 def _operations(mechanism) -> int:

@@ -1,20 +1,21 @@
 """How freely a mechanism moves: its free velocities, and what its ideal closures leave of them."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
+from clearance_jax._types import Scalar
 from clearance_jax.dynamics.closures import assembled
 from clearance_jax.dynamics.conditions import conditions
+from clearance_jax.dynamics.constraint import independent
+from clearance_jax.dynamics.inertia import mass_matrix
 from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import initial_values, layout
 from clearance_jax.spatial import as_array
-
-# Singular values of the closures' Jacobian that are less than this part of the largest are zeros.
-ZERO = 1e-7
 
 
 class Mobility(NamedTuple):
@@ -45,21 +46,28 @@ class Mobility(NamedTuple):
 
 
 def mobility(mechanism: Mechanism, time: float = 0.0) -> Mobility:
-    """Of a mechanism as it is assembled at a time [s]: at a singular position, a dead centre say, it may say less."""
+    """Of a mechanism as it is assembled at a time [s]: at a singular position, a dead centre say, it may say less.
+
+    What counts as repeated is what a solve leaves out (`constraint.independent`), so that lengths that are rounded do
+    not make a moving linkage a rigid one. Numbers must be known: not for a mechanism under jit, vmap or derivatives.
+    """
     ready, plan = mechanism.prepared(), layout(mechanism)
     if not ready.closures():
         return Mobility(plan.free, 0, 0)
+    kept = np.asarray(_kept(ready, jnp.asarray(time, float)))
+    return Mobility(plan.free, kept.size, int(np.sum(kept > 0)))
 
-    @jax.jit
-    def jacobian(ready: Any):
-        begin = initial_values(ready)
-        at = jnp.asarray(time, float)
-        y = assembled(at, jnp.concatenate([begin, jnp.zeros(plan.remembered)]), ready)[0]
-        motion = frames(ready, at, plan.split(y))
-        held = [now for loop in ready.closures() for now in conditions(loop, motion, plan.free)]
-        return jnp.stack([as_array(now.row) for now in held])
 
-    rows = np.asarray(jacobian(ready))
-    sizes = np.linalg.svd(rows, compute_uv=False)
-    independent = int(np.sum(sizes > ZERO * sizes[0])) if sizes.size else 0
-    return Mobility(plan.free, rows.shape[0], independent)
+@jax.jit
+def _kept(ready: Mechanism, time: Scalar) -> Array:
+    """Of each condition of the closures whether it says something of its own (1) or not (0)."""
+    plan = layout(ready)
+    y = assembled(time, jnp.concatenate([initial_values(ready), jnp.zeros(plan.remembered)]), ready)[0]
+    motion = frames(ready, time, plan.split(y))
+    held = [now for loop in ready.closures() for now in conditions(loop, motion, plan.free)]
+    if not held or plan.free == 0:
+        return jnp.zeros(len(held))
+    inertia = mass_matrix(ready, motion)
+    rows = jnp.stack([as_array(now.row) for now in held])
+    spread = jnp.stack([as_array(inertia.solve(list(row))) for row in rows])
+    return independent(rows @ spread.T, held, inertia)

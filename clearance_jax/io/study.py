@@ -22,6 +22,7 @@ from clearance_jax.io.study_keys import (
     MANUFACTURE_TABLES,
     METRIC,
     OF,
+    OF_ANY_JOINT,
     PARAMETER,
     REDUCTIONS,
     SIGNALS,
@@ -172,10 +173,11 @@ def _limit(name: str, read: Chosen, mechanism: Mechanism, span: Span) -> Limit:
 
 def _of(cls: type, word: str, table: Table, mechanism: Mechanism) -> dict[str, str]:
     """What a signal or a count is of, by the names that its class has for it."""
+    joints = mechanism.all_joints() if cls in OF_ANY_JOINT else mechanism.clearance_joints()
     names = {
         "point": [point.name for point in mechanism.points],
         "body": [body.name for body in mechanism.bodies],
-        "joint": [joint.name for joint in mechanism.clearance_joints()],
+        "joint": [joint.name for joint in joints],
     }
     wanted = {field.name for field in dataclasses.fields(cls)} & set(OF)
     for key in (key for key in OF if key in table.values and key not in wanted):
@@ -185,7 +187,7 @@ def _of(cls: type, word: str, table: Table, mechanism: Mechanism) -> dict[str, s
         table.need(key)
         found[key] = table.get(key)
         if found[key] not in names[key]:
-            kind = "joint with clearance" if key == "joint" else key
+            kind = "joint with clearance" if key == "joint" and cls not in OF_ANY_JOINT else key
             raise ClearanceError(
                 f"{table.key(key)}: the scene has no {kind} {quoted(found[key])}. " + suggest(found[key], names[key])
             )

@@ -18,7 +18,11 @@ SIGNALS = {
     "orientation-error": metrics.OrientationError,
     "contact-force": metrics.ContactForce,
     "acceleration": metrics.Acceleration,
+    "joint-reaction": metrics.JointReaction,
+    "joint-moment": metrics.JointMoment,
 }
+OF_ANY_JOINT = metrics.JointReaction, metrics.JointMoment
+"""Signals whose joint may be one without clearance."""
 REDUCTIONS = {"peak": metrics.Peak, "rms": metrics.Rms, "mean": metrics.Mean, "at": metrics.At}
 COUNTS = {"energy-lost": metrics.EnergyLost, "impacts": metrics.Impacts}
 
@@ -194,7 +198,9 @@ _SINCE = Quantity("since", "only what comes later counts", '"4 ms"', unit="s", a
 OF = {
     "point": Text("point", "the point, of position-error, path-deviation and acceleration", '"piston"'),
     "body": Text("body", "the body, of orientation-error", '"slider"'),
-    "joint": Text("joint", "the joint with clearance, of contact-force", '"wrist"'),
+    "joint": Text(
+        "joint", "the joint: with clearance, of contact-force; any, of joint-reaction and joint-moment", '"wrist"'
+    ),
 }
 
 
@@ -212,7 +218,7 @@ LIMIT_TABLES = {
     "impacts": _limit(
         "impacts",
         summary(metrics.Impacts),
-        dataclasses.replace(OF["joint"], help="the joint", required=True),
+        dataclasses.replace(OF["joint"], help="the joint with clearance", required=True),
         _SINCE,
         bound="3",
     ),

@@ -1,7 +1,7 @@
 """Coordinates of joints by their names, to be given other drives."""
 
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 
 from clearance_jax.errors import ClearanceError, quoted, suggest
 from clearance_jax.mechanism.body import Motion
@@ -42,6 +42,17 @@ def acting_always(joint: AbstractJoint) -> AbstractJoint:
     def change(coordinate: Coordinate) -> Motion:
         actuators = tuple(actuator.acting_always() for actuator in coordinate.motion.actuators)
         return dataclasses.replace(coordinate.motion, actuators=actuators)
+
+    return with_motions(joint, change)
+
+
+def released(joint: AbstractJoint, names: Collection[str]) -> AbstractJoint:
+    """The joint with those of its coordinates that are named free, without drives and actuators."""
+
+    def change(coordinate: Coordinate) -> Motion:
+        if coordinate.name not in names:
+            return coordinate.motion
+        return dataclasses.replace(coordinate.motion, drive=None, actuators=())
 
     return with_motions(joint, change)
 

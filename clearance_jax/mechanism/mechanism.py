@@ -1,7 +1,7 @@
 """The mechanism: bodies, the tree of joints, loops, springs, points, gravity."""
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -13,7 +13,7 @@ from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.joints import AbstractClearance, PreparedClearance
 from clearance_jax.mechanism.body import Body, Point, Spring
 from clearance_jax.mechanism.controllers import AbstractController
-from clearance_jax.mechanism.driving import acting_always, check_drives, with_drives
+from clearance_jax.mechanism.driving import acting_always, check_drives, released, with_drives
 from clearance_jax.mechanism.links import UNROLLED, Links, links_of
 from clearance_jax.mechanism.loads import Wrench
 from clearance_jax.mechanism.placement import Gravity, Inertia, Position
@@ -224,7 +224,7 @@ class Mechanism(eqx.Module):
         new = joint
         if clearance is not None:
             new = eqx.tree_at(lambda j: j.clearance, joint, clearance, is_leaf=lambda x: x is None)
-        changed = self._with_joints(lambda j: new if j.name == name else j)
+        changed = self.with_joint(new)
         return changed if radial is None else replace(changed, {f"{name}.radial_clearance": radial})
 
     def driven(self, drives: Mapping[str, Any]) -> "Mechanism":
@@ -245,6 +245,14 @@ class Mechanism(eqx.Module):
         **Raises:** `ClearanceError` for a coordinate that there is not, or that a drive prescribes.
         """
         return dataclasses.replace(self, controllers=controllers)
+
+    def with_joint(self, joint: AbstractJoint) -> "Mechanism":
+        """The same mechanism with another joint in the place of the one of that name."""
+        return self._with_joints(lambda own: joint if own.name == joint.name else own)
+
+    def released(self, names: Collection[str]) -> "Mechanism":
+        """The same mechanism with the named coordinates free: without their drives and actuators."""
+        return self._with_joints(lambda joint: released(joint, names))
 
     def _with_joints(self, change) -> "Mechanism":
         joints, loops = (tuple(change(joint) for joint in group) for group in (self.joints, self.loops))

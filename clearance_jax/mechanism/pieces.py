@@ -3,7 +3,8 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from clearance_jax.mechanism.drives import AbstractMotionLaw, Values
+from clearance_jax._types import Scalar
+from clearance_jax.mechanism.drives import AbstractMotionLaw, Motion3, Values
 from clearance_jax.parameters import physical
 
 
@@ -18,8 +19,12 @@ class Pieces(AbstractMotionLaw):
     times: Values = physical("s")
 
     def __call__(self, time):
+        return self.within(time, time)
+
+    def within(self, time: Scalar, beside: Scalar) -> Motion3:
+        """As the piece at the time `beside` has it: at a time that two pieces share, what either says."""
         # Two of these times may be one (a move that never reaches its speed): the last piece that begins there counts.
-        index = jnp.sum(time >= self.times)
+        index = jnp.sum(beside >= self.times)
         u = time - self.times[jnp.maximum(index - 1, 0)]
         powers = self.coefficients[index]
         q = v = a = jnp.zeros(())

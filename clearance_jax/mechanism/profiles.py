@@ -177,7 +177,8 @@ class Quintic(AbstractDrive):
     it goes on with the speed that it has at the first and the last: at rest it stays there.
 
     **Arguments:** `times` [s] (increasing), `values`, and if they are to be prescribed `speeds`, and with them
-    `accelerations`, all of shape (n,) with n >= 2.
+    `accelerations`, all of shape (n,) with n >= 2; `jumps`: by how much q'' jumps at each point, if it does
+    (`accelerations` are those just after it).
     """
 
     times: Values = physical("s", help="times of the via points, increasing", example='["0 s", "1 s", "2 s"]')
@@ -198,16 +199,26 @@ class Quintic(AbstractDrive):
         example='["0 deg/s^2", "-30 deg/s^2", "0 deg/s^2"]',
         absent="those of least jerk, zero at both ends",
     )
+    jumps: Values | None = physical(
+        "coordinate/s^2",
+        default=None,
+        help="by how much its second rate jumps at these times (`accelerations` are those just after)",
+        example='["0 deg/s^2", "50 deg/s^2", "0 deg/s^2"]',
+        absent="it does not jump",
+    )
 
     def __check_init__(self):
-        lists = [x for x in (self.times, self.values, self.speeds, self.accelerations) if x is not None]
+        lists = [self.times, self.values, self.speeds, self.accelerations, self.jumps]
+        lists = [x for x in lists if x is not None]
         if self.times.ndim != 1 or self.times.size < 2 or any(x.shape != self.times.shape for x in lists):
             raise ClearanceError(
-                "A quintic drive needs `times`, `values` and any `speeds` and `accelerations` of one length of at "
-                "least 2."
+                "A quintic drive needs `times`, `values` and any `speeds`, `accelerations` and `jumps` of one length "
+                "of at least 2."
             )
         if self.accelerations is not None and self.speeds is None:
             raise ClearanceError("A quintic drive with `accelerations` needs `speeds` too.")
+        if self.jumps is not None and self.accelerations is None:
+            raise ClearanceError("A quintic drive with `jumps` needs `accelerations` too.")
         if not isinstance(self.times, Tracer) and not np.all(np.diff(self.times) > 0):
             raise ClearanceError("The `times` of a quintic drive must increase.")
 
@@ -218,7 +229,8 @@ class Quintic(AbstractDrive):
             speeds, accelerations = self.speeds, self.accelerations
         h, rise = jnp.diff(self.times), jnp.diff(self.values)
         left = [h * speeds[:-1], h**2 * accelerations[:-1]]
-        right = [h * speeds[1:], h**2 * accelerations[1:]]
+        before = accelerations if self.jumps is None else accelerations - self.jumps
+        right = [h * speeds[1:], h**2 * before[1:]]
         higher = jnp.stack([*left, *right, rise], axis=-1) @ HERMITE.T
         powers = jnp.stack([self.values[:-1], left[0], left[1] / 2, *higher.T], axis=-1)
         inner = powers / h[:, None] ** jnp.arange(6)[None]

@@ -311,8 +311,9 @@ class Fixed(AbstractJoint):
         return Hold(None, ((X, Y), (Y, Z), (Z, X)), ((X, X), (Y, Y), (Z, Z)))
 
 
-Values = dict[str, tuple[int, Rows, Rows]]
-"""Of every free coordinate by its name: where its velocities begin, its positions, its velocities."""
+Values = dict[str, tuple[int, Rows, tuple[Term, ...]]]
+"""Of every free coordinate by its name: where its velocities begin, its positions, its velocities (0.0 where nothing
+moves)."""
 
 
 def place(joint: AbstractJoint, parent: Frame, time: Scalar, values: Values) -> Frame:

@@ -13,7 +13,7 @@ from clearance_jax.design.answer import Design
 from clearance_jax.design.explain import Response, Tradeoff
 from clearance_jax.design.loads import PinPath
 from clearance_jax.design.time_histories import TimeHistory
-from clearance_jax.report.figures import time_axis
+from clearance_jax.report.panels import time_axis
 
 # As wide as a phone shows it: text of 9 points is then 12 pixels high, and of the same size in every figure.
 WIDTH, HEIGHT = 3.6, 2.6

@@ -1,73 +1,56 @@
-"""Figures from a dataset: the four panels of the motion, and the pin's path in the sleeve. Dataset in, Figure out."""
+"""Figures from a dataset: panels of the motion, and pins' paths in their sleeves. Dataset in, Figure out."""
 
 from pathlib import Path
+from string import ascii_lowercase
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 import xarray as xr
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from clearance_jax.errors import ClearanceError
-from clearance_jax.report.curves import envelope, flights
+from clearance_jax.report.curves import flights
+from clearance_jax.report.panels import Panel, curve, of_points, panels, time_axis
 from clearance_jax.results.first_fall import seconds
 
-# Ticks of a time axis at most; columns of a picture in which a curve is no longer told from its envelope.
-TICKS, COLUMNS = 6, 500
 # Of the height of a curve, with the room for a legend above it.
 LEGEND_ROOM = 1.15
-# A motion that is over by then is told in ms [s].
-SHORT = 0.2
+ECCENTRICITY = "pin from sleeve centre (dashed: clearance)"
 STATES = (("free", "tab:blue"), ("contact", "tab:green"), ("impact", "tab:red"))
 
 
-def time_axis(axis: Axes, last: float) -> float:
-    """A time axis to `last` [s], in ms or s, with few ticks; what seconds are to be multiplied by."""
-    factor, unit = (1e3, "ms") if last < SHORT else (1.0, "s")
-    axis.xaxis.set_major_locator(MaxNLocator(nbins=TICKS - 1, steps=[1, 2, 2.5, 5, 10]))
-    axis.set_xlabel(f"time, {unit}")
-    return factor
-
-
 def overview(dataset: xr.Dataset) -> Figure:
-    """Eccentricity, contact force, speed and acceleration of the first named point, and the pin's path."""
+    """Of a mechanism with clearances eccentricity, contact force, speed and acceleration of the named points, and the
+    pins' paths; of another one its coordinates, points, drives or reactions.
+
+    **Raises:** `ClearanceError` for a dataset that is no motion, or shows nothing.
+    """
     joints = list(dataset["joint"].values) if "joint" in dataset.coords else []
-    if "time" not in dataset.coords or not (joints or "point" in dataset.coords):
+    shown = (
+        [Panel(ECCENTRICITY, _eccentricity), Panel("contact force", _force), *of_points(dataset)]
+        if joints
+        else panels(dataset)
+    )
+    if "time" not in dataset.coords or not shown:
         raise ClearanceError(
-            "There is nothing to draw: this is no result of `clearance simulate`, or it names no point."
+            "There is nothing to draw: this is no result of `clearance simulate`, or nothing in it moves."
         )
+    columns = 2 if len(shown) <= 4 else 3 if len(shown) <= 6 else 4
+    rows = -(-len(shown) // columns)
     with mpl.rc_context({"axes.grid": True, "grid.alpha": 0.3, "font.size": 9}):
-        figure = Figure(figsize=(13, 7.5) if joints else (9, 7), layout="constrained")
+        figure = Figure(figsize=(13, 7.5) if joints else (4.5 * columns, 3.5 * rows), layout="constrained")
         parts: Any = figure.subfigures(1, 2, width_ratios=(2, 1)) if joints else (figure, None)
         left, right = parts
-        axes = left.subplots(2, 2) if joints else left.subplots(2, 1)[:, None]
+        for i, (panel, letter) in enumerate(zip(shown, ascii_lowercase, strict=False)):
+            axis = left.add_subplot(rows, columns, i + 1, projection=panel.projection)
+            panel.draw(axis, dataset)
+            axis.set_title(f"({letter}) {panel.title}")
         if joints:
-            _eccentricity(axes[0, 0], dataset)
-            _force(axes[0, 1], dataset)
-            rows: Any = axes[1]
-            assert right is not None
             for axis, joint in zip(np.atleast_1d(right.subplots(len(joints), 1)), joints, strict=True):
                 pin_path(axis, dataset, joint)
-        else:
-            rows = axes[:, 0]
-        if "point" in dataset.coords:
-            _point(rows[0], dataset, "velocity", "speed, m/s")
-            _point(rows[1], dataset, "acceleration", "acceleration, m/s²")
         figure.suptitle(f"{dataset.attrs.get('mechanism', '')}   ({dataset.attrs.get('result', '')})")
     return figure
-
-
-def _curve(axis, time: np.ndarray, values: np.ndarray, label: str) -> Any:
-    """A curve, or where it has far more points than the picture has columns its envelope; its colour."""
-    if len(time) <= 2 * COLUMNS:
-        return axis.plot(time, values, lw=0.8, label=label)[0].get_color()
-    middles, least, greatest = envelope(time, values, COLUMNS)
-    colour = axis.plot(middles, greatest, lw=0.8, label=label)[0].get_color()
-    axis.plot(middles, least, lw=0.8, color=colour)
-    axis.fill_between(middles, least, greatest, color=colour, alpha=0.3, lw=0)
-    return colour
 
 
 def _of_joint(dataset: xr.Dataset, joint: str, name: str) -> tuple[np.ndarray, np.ndarray]:
@@ -81,11 +64,11 @@ def _eccentricity(axis, dataset: xr.Dataset) -> None:
     factor = time_axis(axis, float(dataset["time"][-1]))
     for joint in dataset["joint"].values:
         time, places = _of_joint(dataset, joint, "eccentricity")
-        colour = _curve(axis, factor * time, np.hypot(*places.T) * 1e3, str(joint))
+        colour = curve(axis, factor * time, np.hypot(*places.T) * 1e3, str(joint))
         clearance = dataset.attrs.get(f"parameter.{joint}.radial_clearance")
         if clearance is not None:
             axis.axhline(float(clearance) * 1e3, color=colour, ls="--", lw=0.8, alpha=0.7)
-    axis.set(ylabel="eccentricity, mm", title="(a) pin from sleeve centre (dashed: clearance)")
+    axis.set(ylabel="eccentricity, mm")
     if dataset.sizes["joint"] > 1:
         axis.legend()
 
@@ -94,7 +77,7 @@ def _force(axis, dataset: xr.Dataset) -> None:
     factor = time_axis(axis, float(dataset["time"][-1]))
     for index, joint in enumerate(dataset["joint"].values):
         time, force = _of_joint(dataset, joint, "contact_force")
-        colour = _curve(axis, factor * time, force, str(joint))
+        colour = curve(axis, factor * time, force, str(joint))
         if "peak_force" in dataset:
             own = dataset["episode_joint"].values == index
             axis.plot(
@@ -106,7 +89,7 @@ def _force(axis, dataset: xr.Dataset) -> None:
                 mfc="none",
                 label="refined peaks" if index == 0 else None,
             )
-    axis.set(ylabel="normal force, N", title="(b) contact force", ylim=(0, None))
+    axis.set(ylabel="normal force, N", ylim=(0, None))
     _fit_peaks(axis, dataset)
     # Above all that is drawn: peaks stand wherever a legend might.
     axis.set_ylim(0, LEGEND_ROOM * axis.get_ylim()[1])
@@ -130,17 +113,6 @@ def _fit_peaks(axis, dataset: xr.Dataset) -> None:
             va="top",
             fontsize=8,
         )
-
-
-def _point(axis, dataset: xr.Dataset, name: str, ylabel: str) -> None:
-    factor = time_axis(axis, float(dataset["time"][-1]))
-    points = [str(point) for point in dataset["point"].values]
-    for point in points:
-        size = np.hypot(*dataset[name].sel(point=point).values.T)
-        _curve(axis, factor * dataset["time"].values, size, point)
-    axis.set(ylabel=ylabel, title=f"{'(c)' if name == 'velocity' else '(d)'} {name} of {', '.join(points)}")
-    if len(points) > 1:
-        axis.legend()
 
 
 def pin_path(axis, dataset: xr.Dataset, joint: str) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup, escape
 
-from clearance_jax.report.figures import SHORT
+from clearance_jax.report.panels import SHORT
 from clearance_jax.units import shown
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array
 
+from clearance_jax.dynamics.mobility import mobility
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
@@ -83,11 +84,21 @@ def check_assembled(mechanism: Mechanism, t0: Any, open_loops: Array) -> None:
     if np.all(gaps <= CLOSED * float(largest_length(mechanism))):
         return
     worst = int(np.argmax(gaps))
-    raise ClearanceError(
+    said = (
         f"The mechanism cannot be assembled: at t = {float(t0):g} s its loop `{mechanism.loops[worst].name}` stays "
-        f"open by {float(gaps[worst]) * 1e3:.4g} mm. Change lengths, or the joints' `position`, to start nearer to a "
-        "closed one."
+        f"open by {float(gaps[worst]) * 1e3:.4g} mm. "
     )
+    repeated = mobility(mechanism, float(t0)).repeated if np.all(np.isfinite(gaps)) else 0
+    if repeated:
+        said += (
+            f"It is over-constrained: {repeated} of the conditions of its loops only repeat others, so that it closes "
+            "only where its lengths and angles fit each other. Give them with all digits, or by the exact relation "
+            "between them, or close the loop by a joint of more freedom (a `Spherical` instead of a `Revolute`, say). "
+            "Where it is open by far, change"
+        )
+    else:
+        said += "Change"
+    raise ClearanceError(f"{said} lengths, or the joints' `position`, to start nearer to a closed one.")
 
 
 class EnergyWarning(UserWarning):

@@ -1,0 +1,299 @@
+"""Drives that lead a point of the ideal mechanism along a path.
+
+At knots the joints' values and their first two rates are those of the path; between them go quintics, whose error
+falls with the sixth power of the distance of the knots. Where the point leaves the path by more than is asked, knots
+are added. One program follows a fixed number of intervals, whatever the path, and is called block by block.
+"""
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from clearance_jax._types import Scalar
+from clearance_jax.dynamics.chain import Aim, Chain, chain_of, looked
+from clearance_jax.dynamics.inverse import Posture, begin_of, best, met, off, shown_length, unreached
+from clearance_jax.dynamics.posture import Found, aim_at, changed, find, rates, sought_values
+from clearance_jax.errors import ClearanceError
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.minimum_jerk import HERMITE
+from clearance_jax.mechanism.paths import CartesianPath, PreparedPath
+from clearance_jax.mechanism.profiles import Quintic
+
+# Intervals that one call of the program follows; intervals of every smooth part of a path at first.
+BLOCK, FIRST = 32, 4
+# Where between two knots the point is compared with the path: the error of a quintic is largest in the middle.
+INSIDE = np.array([0.15, 0.35, 0.5, 0.65, 0.85])
+# How often a knot is corrected along what the path leaves free: the first guess errs by the third power of the
+# distance of the knots, the last by the fifth.
+CORRECTIONS = 3
+# An interval of less than this part of the path is a place where no posture follows; knots at most, and passes.
+SHORTEST, MOST_KNOTS, PASSES = 1e-6, 20_000, 30
+# Two second rates are one if they differ by less than this part of the largest.
+JUMP = 1e-9
+
+
+class Drives(dict[str, Quintic]):
+    """Drives by the names of their coordinates, as `mechanism.driven` takes them.
+
+    - `deviation` [m], `angle` [rad]: by how much the point leaves the path, and its orientation that of the path, at
+      most, as measured between the knots.
+    - `start`: the posture at the path's begin.
+    """
+
+    def __init__(self, drives: Mapping[str, Quintic], deviation: float, angle: float, start: Posture):
+        super().__init__(drives)
+        self.deviation, self.angle, self.start = deviation, angle, start
+
+
+class Block(NamedTuple):
+    """Of every interval: what is found at its end, the values of what is sought at both ends with their rates there,
+    as they are inside it; and of the places inside, how far the point is from the path [m], and by what angle [rad].
+    """
+
+    found: Found
+    values: Float[Array, "intervals 2 sought"]
+    speeds: Float[Array, "intervals 2 sought"]
+    accelerations: Float[Array, "intervals 2 sought"]
+    deviation: Float[Array, "intervals inside"]
+    angle: Float[Array, "intervals inside"]
+
+
+@eqx.filter_jit
+def followed(chain: Chain, path: PreparedPath, edges: Float[Array, " edges"], start: Array) -> Block:
+    """Follow a path from edge to edge, from the posture at the first."""
+    chain = chain.prepared()
+
+    def interval(q, ends):
+        begin, end = ends
+        beside, h = (begin + end) / 2, end - begin
+        none = jnp.zeros(len(chain.sought))
+
+        def once(k, carry):
+            # First the rates where the interval begins, then at its end, from a guess that its rates make better.
+            found, left, right = carry
+            first = k == 0
+            time = jnp.where(first, begin, end)
+            trapezoid = h / 2 * (left[0] + right[0]) + h**2 / 12 * (left[1] - right[1])
+            taylor = h * left[0] + h**2 / 2 * left[1]
+            step = jnp.clip(jnp.where(k == 1, taylor, trapezoid), -chain.units, chain.units)
+            guess = changed(chain, q, jnp.where(first, 0.0, step))
+            found = find(chain, aim_at(path, time, beside), time, guess)
+            now = rates(chain, path, time, beside, found.q)
+            left = jax.tree.map(lambda a, b: jnp.where(first, a, b), now, left)
+            return found, left, now
+
+        rows = jax.eval_shape(lambda q: find(chain, aim_at(path, begin, beside), begin, q), q)
+        empty = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), rows)
+        found, left, right = jax.lax.fori_loop(0, 1 + CORRECTIONS, once, (empty, (none, none), (none, none)))
+        pairs = [jnp.stack([a, b]) for a, b in zip(left, right, strict=True)]
+        values = jnp.stack([sought_values(chain, q), sought_values(chain, found.q)])
+        return found.q, (found, values, *pairs, q)
+
+    _, (found, values, speeds, accelerations, before) = jax.lax.scan(interval, start, (edges[:-1], edges[1:]))
+
+    def inside(begin, end, q, values, speeds, accelerations, part):
+        time, h = begin + part * (end - begin), end - begin
+        at = _hermite(h, values, speeds, accelerations, part)
+        # What the joints do is known; passive coordinates of loops follow.
+        q = changed(chain, q, jnp.where(_driven(chain), at - values[0], 0.0))
+        aim = aim_at(path, time, time)
+        if chain.mechanism.closures():
+            q = find(_passive(chain), None, time, q).q
+        return off(chain, aim, looked(chain, aim, time, q).gap)
+
+    args = edges[:-1], edges[1:], before, values, speeds, accelerations
+    apart = jax.lax.map(lambda one: jax.vmap(partial(inside, *one))(jnp.asarray(INSIDE)), args)
+    return Block(found, values, speeds, accelerations, *apart)
+
+
+def _hermite(h: Scalar, values: Array, speeds: Array, accelerations: Array, part: Scalar) -> Array:
+    """The quintic between two knots."""
+    v, a = h * speeds, h**2 * accelerations
+    rise = values[1] - values[0]
+    higher = jnp.stack([v[0], a[0], v[1], a[1], rise], axis=-1) @ HERMITE.T
+    powers = jnp.concatenate([jnp.stack([values[0], v[0], a[0] / 2], axis=-1), higher], axis=-1)
+    return powers @ part ** jnp.arange(6)
+
+
+def _driven(chain: Chain) -> np.ndarray:
+    """Which of what is sought are joints."""
+    return np.array([chain.coordinates[i].name in chain.joints for i in chain.sought])
+
+
+def _passive(chain: Chain) -> Chain:
+    """The chain whose joints stay."""
+    sought = tuple(i for i, driven in zip(chain.sought, _driven(chain), strict=True) if not driven)
+    return Chain(chain.mechanism, chain.point, chain.joints, sought)
+
+
+def follow(
+    mechanism: Mechanism,
+    point: str,
+    path: CartesianPath,
+    *,
+    joints: Sequence[str] | None = None,
+    tolerance: float = 1e-6,
+    start: Mapping[str, Any] | Posture | None = None,
+) -> Drives:
+    """Drives of the joints that lead a point of the ideal mechanism along a path; give them to `mechanism.driven`.
+
+    Where joints are more than enough, their rates are the least ones (of slides measured by the size of the chain).
+    The numbers of the drives are numbers of the mechanism, but no derivative goes through them to the path.
+
+    **Arguments:**
+
+    - `point`: the name of a `cj.Point`; where the path has orientations its frame is led.
+    - `joints`: as for `inverse_kinematics`; other coordinates move as their drives say, or stay where they are.
+    - `tolerance` [m]: how far the point may be from the path between knots; in angles this part of the chain's size.
+    - `start`: values of coordinates, by name, or a posture, near which the path begins.
+
+    **Raises:** `ClearanceError` where the path begins out of reach or leaves it, where a limit of a coordinate (value
+    or rate, `cj.Limits`) is in the way, and where it passes a singular posture: which, when, and how far off.
+    """
+    chain, ready = chain_of(mechanism, point, joints), path.prepared()
+    if chain.mechanism.is_plane and not _is_plane(ready):
+        raise ClearanceError("The mechanism is in the plane: a path of it must have no z, and turns about z only.")
+    if not tolerance > 0:
+        raise ClearanceError(f"`tolerance` must be a length greater than zero, but it is {tolerance!r}.")
+    edges = _edges(np.asarray(ready.breaks()))
+    first = jnp.asarray(edges[0])
+    aim = aim_at(ready, first, jnp.asarray(edges[:2].mean()))
+    begin = begin_of(mechanism, chain, start)
+    found = best(chain, aim, first, begin, start is None, tolerance / 10)
+    if not met(chain, aim, found, tolerance / 10):
+        raise ClearanceError(unreached(chain, aim, found, ", where the path begins"))
+    knots, blocks = _refined(chain, ready, edges, found.q, tolerance)
+    _check_speeds(chain, knots, blocks)
+    places = dict(zip(chain.joints, chain.places(chain.joints), strict=True))
+    posture = Posture(
+        {name: found.q[place] for name, place in places.items()}, *off(chain, aim, found.gap), found.iterations, found.q
+    )
+    own = [(k, chain.coordinates[i].name) for k, i in enumerate(chain.sought)]
+    drives = {name: _drive(knots, blocks, k) for k, name in own if name in chain.joints}
+    return Drives(drives, float(np.max(blocks.deviation)), float(np.max(blocks.angle)), posture)
+
+
+def _edges(breaks: np.ndarray) -> np.ndarray:
+    """The first knots."""
+    span = breaks[-1] - breaks[0]
+    distinct = breaks[np.concatenate([[True], np.diff(breaks) > SHORTEST * span])]
+    distinct[-1] = breaks[-1]
+    parts = np.linspace(0, 1, FIRST, endpoint=False)
+    return np.append((distinct[:-1, None] + np.diff(distinct)[:, None] * parts).ravel(), distinct[-1])
+
+
+def _refined(chain: Chain, path: PreparedPath, edges: np.ndarray, q: Array, tolerance: float):
+    """Knots that are dense enough, and what there is between them."""
+    span, size = edges[-1] - edges[0], float(chain.size)
+    for _ in range(PASSES):
+        blocks = _run(chain, path, edges, q)
+        reached = np.asarray(blocks.found.closed) & (size * np.linalg.norm(blocks.found.gap, axis=1) < tolerance / 10)
+        error = np.max(np.maximum(blocks.deviation, size * blocks.angle), axis=1)
+        error = np.where(np.isfinite(error), error, np.inf)
+        bad = ~(error < tolerance) | ~reached
+        if not bad.any():
+            return edges, blocks
+        # Behind a place that is not reached nothing counts: first it must be known whether it is out of reach.
+        lost = int(np.argmin(reached)) if not reached.all() else len(reached)
+        bad[lost + 1 :] = False
+        halvings = np.ones(len(bad), int)
+        smooth = np.isfinite(error) & (error > 0) & reached
+        halvings[smooth] = np.clip(np.ceil(np.log2(error[smooth] / tolerance) / 6), 1, 4)
+        parts = np.where(bad, 2**halvings, 1)
+        if np.any(np.diff(edges)[bad] < SHORTEST * span) or parts.sum() > MOST_KNOTS:
+            raise ClearanceError(_stopped(chain, path, edges, blocks, int(np.argmax(bad)), lost))
+        edges = np.append(
+            np.concatenate(
+                [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(edges, edges[1:], parts, strict=False)]
+            ),
+            edges[-1],
+        )
+    raise ClearanceError(f"The path cannot be followed within {shown_length(tolerance)}: ask for less.")
+
+
+def _run(chain: Chain, path: PreparedPath, edges: np.ndarray, q: Array) -> Block:
+    """The whole path, block by block; the last block is filled with intervals of no length."""
+    count, out = len(edges) - 1, []
+    padded = np.append(edges, np.full(-count % BLOCK, edges[-1]))
+    for k in range(0, len(padded) - 1, BLOCK):
+        block = followed(chain, path, jnp.asarray(padded[k : k + BLOCK + 1]), q)
+        q = block.found.q[-1]
+        out.append(jax.tree.map(np.asarray, block))
+    return jax.tree.map(lambda *leaves: np.concatenate(leaves)[:count], *out)
+
+
+def _drive(knots: np.ndarray, blocks: Block, k: int) -> Quintic:
+    """The drive of one coordinate."""
+    values = np.append(blocks.values[:, 0, k], blocks.values[-1, 1, k])
+    speeds = np.append(blocks.speeds[:, 0, k], blocks.speeds[-1, 1, k])
+    after = np.append(blocks.accelerations[:, 0, k], 0.0)
+    before = np.insert(blocks.accelerations[:, 1, k], 0, 0.0)
+    # Outside it goes on with its speed.
+    jumps = after - before
+    some = np.max(np.abs(jumps)) > JUMP * max(np.max(np.abs(after)), np.max(np.abs(before)), 1e-300)
+    return Quintic(knots, values, speeds, after, jumps) if some else Quintic(knots, values, speeds, after)
+
+
+def _is_plane(path: PreparedPath) -> bool:
+    """Whether a path stays in the plane z = 0."""
+    s = path.stretches
+    flat = np.concatenate([np.ravel(x) for x in (s.place[..., 2], s.arm[..., 2], s.turn[..., :2])])
+    swung = np.where(np.any(np.asarray(s.arm) != 0, axis=1)[:, None], np.asarray(s.axis)[:, :2], 0.0)
+    return bool(np.all(flat == 0) and np.all(swung == 0) and np.all(np.asarray(s.quaternion)[..., 1:3] == 0))
+
+
+# In words -------------------------------------------------------------------------------------------------------------
+
+
+def _when(edges: np.ndarray, time: float) -> str:
+    part = (time - edges[0]) / (edges[-1] - edges[0])
+    return f" at {time:.6g} s ({100 * part:.1f} % of the path's time)"
+
+
+def _stopped(chain: Chain, path: PreparedPath, edges, blocks: Block, bad: int, lost: int) -> str:
+    """Why a path cannot be followed beyond an interval."""
+    if bad == lost:
+        found = jax.tree.map(lambda leaf: jnp.asarray(leaf[bad]), blocks.found)
+        time = float(edges[bad + 1])
+        aim = aim_at(path, jnp.asarray(time), jnp.asarray(edges[bad : bad + 2].mean()))
+        said = unreached(chain, aim, found, _when(edges, time))
+        # Knots behind are as near as the chain comes.
+        gaps = [off(chain, Aim(aim.place, aim.rotation), jnp.asarray(gap)) for gap in blocks.found.gap]
+        most = max(float(distance) for distance, _ in gaps)
+        return f"The path leaves the reach. {said} Further on it is up to {shown_length(most)} off."
+    name, speed, unit = _fastest(chain, blocks, slice(bad, bad + 1))
+    return (
+        f"The path passes a singular posture{_when(edges, float(edges[bad]))}: there `{name}` would have to move at "
+        f"{speed:.3g} {unit} and more. Lead the path around it, or begin from another `start`."
+    )
+
+
+def _fastest(chain: Chain, blocks: Block, where: slice) -> tuple[str, float, str]:
+    """The coordinate that is fastest in some intervals, its speed and unit."""
+    speeds = np.max(np.abs(np.nan_to_num(blocks.speeds[where])), axis=(0, 1)) / np.asarray(chain.units)
+    k = int(np.argmax(speeds))
+    coordinate = chain.coordinates[chain.sought[k]]
+    unit = "rad/s" if coordinate.slides is None else "m/s"
+    return coordinate.name, float(speeds[k] * np.asarray(chain.units)[k]), unit
+
+
+def _check_speeds(chain: Chain, knots: np.ndarray, blocks: Block) -> None:
+    """Raise for a joint that must be faster than its limit."""
+    for k, limits in enumerate(chain.limits):
+        speeds = np.max(np.abs(blocks.speeds[:, :, k]), axis=1)
+        if limits.velocity is None or np.max(speeds) <= limits.velocity * (1 + 1e-9):
+            continue
+        first, most = int(np.argmax(speeds > limits.velocity)), int(np.argmax(speeds))
+        coordinate = chain.coordinates[chain.sought[k]]
+        unit = "rad/s" if coordinate.slides is None else "m/s"
+        raise ClearanceError(
+            f"`{coordinate.name}` would have to move at {speeds[most]:.4g} {unit}{_when(knots, float(knots[most]))}, "
+            f"but its limit is {limits.velocity:.4g} {unit}, which it passes at {knots[first]:.6g} s. Give the path "
+            "more time, or lead it further from singular postures."
+        )

@@ -1,0 +1,239 @@
+"""Inverse kinematics: the posture of the ideal mechanism with a point of it in a pose; where there is none, why."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Float
+
+from clearance_jax._types import Scalar
+from clearance_jax.dynamics.chain import Aim, Chain, chain_of, start_of
+from clearance_jax.dynamics.posture import Found, bounds, solve, sought_values
+from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.paths import Pose
+from clearance_jax.mechanism.state import parts
+from clearance_jax.spatial import as_array
+
+# Starts that are tried where the given one leads nowhere and the user named none.
+STARTS = 32
+# A singular value of less than this: a posture with no reach in some direction, as far as words are concerned.
+SINGULAR = 1e-3
+
+
+class Posture(eqx.Module):
+    """A posture with a point where it should be.
+
+    - `coordinates`: values [rad or m] of the coordinates that were sought, by name; give them to `mechanism.driven` as
+      `cj.Constant`, or as the `start` of another search.
+    - `distance` [m], `angle` [rad]: how far the point's place and orientation are from the pose: round-off.
+    - `iterations`: of Newton's method.
+    - `positions`: all positions of the mechanism with these coordinates free, those of balls among them.
+    """
+
+    coordinates: dict[str, Scalar]
+    distance: Scalar
+    angle: Scalar
+    iterations: Array
+    positions: Float[Array, " positions"]
+
+
+def inverse_kinematics(
+    mechanism: Mechanism,
+    point: str,
+    pose: Pose,
+    *,
+    start: Mapping[str, Any] | Posture | None = None,
+    joints: Sequence[str] | None = None,
+    tolerance: float = 1e-9,
+) -> Posture:
+    """The posture of the ideal mechanism in which a point, with its `orientation` a frame, is in a pose.
+
+    Of all postures near the start it is the one to which Newton's method comes by steps of least change (of slides
+    measured by the size of the chain); limits of the coordinates (`cj.Limits`) are kept. It works under jit and vmap,
+    where nothing is raised, and derivatives by numbers of the mechanism and of the pose are those of the implicit
+    function.
+
+    **Arguments:**
+
+    - `point`: the name of a `cj.Point`; `pose`: where it should be, in the ground's axes.
+    - `start`: values of coordinates, by name, or another posture, from which to search; by default the mechanism's
+      start, and where that leads nowhere other ones.
+    - `joints`: the coordinates that may move; by default all between the ground and the point that a drive may
+      prescribe, of a mechanism with closed loops those that have a drive. Passive coordinates of loops follow. Others
+      stay at their start.
+    - `tolerance` [m]: how far the point may be from the pose at most, and in angles this part of the chain's size.
+
+    **Raises:** `ClearanceError` for a pose that is not reached, with what is in the way, and for unknown names.
+    """
+    chain = chain_of(mechanism, point, joints)
+    _check_plane(chain, pose)
+    begin = begin_of(mechanism, chain, start)
+    aim = Aim(pose.place, None if pose.orientation is None else rows_of(pose))
+    if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((chain, aim, begin))):
+        return _posture(chain, aim, search(chain, aim, jnp.zeros(()), begin))
+    found = best(chain, aim, jnp.zeros(()), begin, start is None, tolerance)
+    if not met(chain, aim, found, tolerance):
+        raise ClearanceError(unreached(chain, aim, found))
+    return _posture(chain, aim, found)
+
+
+def rows_of(pose: Pose) -> Float[Array, "3 3"]:
+    """The rotation matrix of a pose with an orientation."""
+    assert pose.orientation is not None
+    return jnp.stack([as_array(row) for row in pose.orientation.rotation.rows])
+
+
+def begin_of(mechanism: Mechanism, chain: Chain, start: Mapping[str, Any] | Posture | None) -> Array:
+    """The positions from which to search."""
+    begin = start_of(mechanism, chain, jnp.zeros(()))
+    if isinstance(start, Posture):
+        if start.positions.shape == begin.shape:
+            return start.positions
+        start = start.coordinates
+    known = [part.coordinate.name for part in parts(chain.mechanism) if not part.coordinate.is_ball]
+    for name, value in (start or {}).items():
+        if name not in known:
+            raise ClearanceError(f"There is no coordinate `{name}` to start from. " + suggest(name, known))
+        begin = begin.at[chain.places([name])[0]].set(value)
+    return begin
+
+
+@eqx.filter_jit
+def search(chain: Chain, aim: Aim, time: Scalar, start: Array) -> Found:
+    """`solve` of a chain as it is given, with turns that no limit bounds no more than half a turn from the start."""
+    found = solve(chain.prepared(), aim, time, start)
+    lower, upper = bounds(chain)
+    q = found.q
+    for k, i in enumerate(chain.sought):
+        coordinate = chain.coordinates[i]
+        if coordinate.turns is not None and math.isinf(lower[k]) and math.isinf(upper[k]):
+            place = chain.places([coordinate.name])[0]
+            q = q.at[place].add(-2 * jnp.pi * jnp.round((q[place] - start[place]) / (2 * jnp.pi)))
+    return found._replace(q=q)
+
+
+_searches = eqx.filter_jit(lambda chain, aim, time, starts: jax.vmap(lambda q: search(chain, aim, time, q))(starts))
+
+
+def best(chain: Chain, aim: Aim, time: Scalar, begin: Array, anywhere: bool, tolerance: float) -> Found:
+    """What a search finds from a start, or, where it may begin `anywhere`, what the best of many finds."""
+    found = search(chain, aim, time, begin)
+    if met(chain, aim, found, tolerance) or not anywhere:
+        return found
+    every = _searches(chain, aim, time, other_starts(chain, begin))
+    each = [jax.tree.map(lambda leaf, k=k: leaf[k], every) for k in range(STARTS)]
+    good = [one for one in each if met(chain, aim, one, tolerance)]
+    if not good:
+        return min([found, *each], key=lambda one: float(one.left))
+    units = np.asarray(chain.units)
+    home = np.asarray(sought_values(chain, begin))
+    return min(good, key=lambda one: np.linalg.norm((np.asarray(sought_values(chain, one.q)) - home) / units))
+
+
+def other_starts(chain: Chain, begin: Array) -> Array:
+    """Starts all over the limits of the joints, (starts, positions): always the same ones."""
+    rng, starts = np.random.default_rng(0), np.tile(np.asarray(begin), (STARTS, 1))
+    lower, upper = bounds(chain)
+    for k, i in enumerate(chain.sought):
+        coordinate = chain.coordinates[i]
+        if coordinate.name not in chain.joints:
+            continue
+        place = chain.places([coordinate.name])[0]
+        reach = np.pi if coordinate.slides is None else float(chain.size)
+        low = lower[k] if np.isfinite(lower[k]) else (min(starts[0, place], upper[k]) - reach)
+        high = upper[k] if np.isfinite(upper[k]) else (max(starts[0, place], lower[k]) + reach)
+        starts[:, place] = rng.uniform(low, high, STARTS)
+    return jnp.asarray(starts)
+
+
+def off(chain: Chain, aim: Aim, gap: Array) -> tuple[Array, Array]:
+    """How far the frame is from its aim [m], and by what angle [rad]."""
+    flat = chain.mechanism.is_plane
+    places, turns = (2, 1) if flat else (3, 3)
+    angle = gap[places : places + turns] if aim.rotation is not None else jnp.zeros(1)
+    return jnp.linalg.norm(gap[:places]) * chain.size, jnp.linalg.norm(angle)
+
+
+def met(chain: Chain, aim: Aim, found: Found, tolerance: float) -> bool:
+    """Whether a posture is one as asked for."""
+    size = float(chain.size)
+    return bool(found.closed) and float(jnp.linalg.norm(found.gap)) * size <= tolerance
+
+
+def _posture(chain: Chain, aim: Aim, found: Found) -> Posture:
+    coordinates = {name: found.q[place] for name, place in zip(chain.joints, chain.places(chain.joints), strict=True)}
+    return Posture(coordinates, *off(chain, aim, found.gap), found.iterations, found.q)
+
+
+def _check_plane(chain: Chain, pose: Pose) -> None:
+    """Raise for a pose out of the plane, of what moves in the plane."""
+    if not chain.mechanism.is_plane or any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(pose)):
+        return
+    tilted = pose.orientation is not None and float(rows_of(pose)[2, 2]) < 1 - 1e-12
+    if tilted or float(pose.place[2]) != 0:
+        raise ClearanceError("The mechanism is in the plane: a pose of it must have no z, and no roll and pitch.")
+
+
+# In words -------------------------------------------------------------------------------------------------------------
+
+
+def unreached(chain: Chain, aim: Aim, found: Found, when: str = "") -> str:
+    """Why a point is not where it should be."""
+    distance, angle = (float(x) for x in off(chain, aim, found.gap))
+    place = np.asarray(aim.place)[: 2 if chain.mechanism.is_plane else 3]
+    said = f"Point `{chain.point}` cannot be brought to ({', '.join(f'{x:.6g}' for x in place)}) m{when}: "
+    said += f"the closest posture found is {shown_length(distance)} off"
+    said += f" and turned by {np.degrees(angle):.3g} deg. " if aim.rotation is not None else ". "
+    rest = float(jnp.linalg.norm(found.gap)) ** 2 - (distance / float(chain.size)) ** 2 - angle**2
+    if chain.mechanism.closures() and (rest > 1e-12 or not bool(found.closed)):
+        said += "Its loops do not close there. "
+    return said + in_the_way(chain, aim, found)
+
+
+def shown_length(length: float) -> str:
+    """A length as a message shows it."""
+    return f"{1e3 * length:.4g} mm"
+
+
+def in_the_way(chain: Chain, aim: Aim, found: Found) -> str:
+    """What keeps a posture from coming closer."""
+    lower, upper = bounds(chain)
+    values, held = np.asarray(sought_values(chain, found.q)), []
+    for k, i in enumerate(chain.sought):
+        limit = {"lower": lower[k], "upper": upper[k]}
+        at = next((side for side, bound in limit.items() if abs(values[k] - bound) < 1e-9), None)
+        if at and np.asarray(found.held)[k]:
+            unit = "rad" if chain.coordinates[i].slides is None else "m"
+            held.append(f"`{chain.coordinates[i].name}` is at its {at} limit, {limit[at]:.6g} {unit}")
+    if held:
+        return f"There {', '.join(held[:4])}{' and others' if len(held) > 4 else ''}."
+    asked, count = found.jacobian.shape
+    if count < asked and not chain.mechanism.closures():
+        return (
+            f"A chain of {count} coordinates is asked for {asked} numbers of a pose: ask for the place only (a pose "
+            "without orientation), or give it more joints."
+        )
+    left, sizes, _ = np.linalg.svd(np.asarray(found.jacobian))
+    # What is left to go, as far as no joint goes there.
+    beyond = left[:, np.append(sizes, np.zeros(asked - len(sizes))) < SINGULAR]
+    direction = beyond @ (beyond.T @ np.asarray(found.gap))
+    if np.linalg.norm(direction) < SINGULAR * float(found.left):
+        return "Give another `start`."
+    return "The posture is singular, stretched or folded: " + _without_reach(chain, aim, -direction)
+
+
+def _without_reach(chain: Chain, aim: Aim, direction: np.ndarray) -> str:
+    places = 2 if chain.mechanism.is_plane else 3
+    along, turning = direction[:places], direction[places:]
+    if np.linalg.norm(along) >= np.linalg.norm(turning) or aim.rotation is None:
+        unit, what = along / np.linalg.norm(along), "moves it along"
+    else:
+        unit = turning[:3] / max(np.linalg.norm(turning[:3]), 1e-300)
+        what = "turns it about"
+    return f"no joint {what} ({', '.join(f'{x + 0.0:.3f}' for x in unit)})."

@@ -1,0 +1,181 @@
+"""The posture of a chain whose frame is where it is aimed at: a damped Newton method, and how the posture moves.
+
+Levenberg (1944) and Marquardt (1963) with a damping that vanishes with the square of what is left, which keeps the
+convergence quadratic also where conditions repeat each other or joints are more than enough (Fan and Yuan 2005,
+doi:10.1007/s00607-004-0083-1). Each step is the smallest one of its kind. A coordinate at a limit that its step leads
+out of stays there.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from clearance_jax._types import Scalar
+from clearance_jax.dynamics.chain import Aim, Chain, looked
+from clearance_jax.mechanism.paths import PreparedPath, matrix_of
+from clearance_jax.mechanism.state import layout, moved, parts, position_rates
+from clearance_jax.spatial import as_array
+
+Positions = Float[Array, " positions"]
+Sought = Float[Array, " sought"]
+# Iterations at most; some ten are usual, more where the aim is out of reach.
+MOST = 100
+# The damping's factor at first; by how much it grows where a step makes things worse, and falls where it helps.
+DAMPING, WORSE, BETTER = 1.0, 4.0, 0.125
+# Singular values of less than this part of the largest are noise: no step is taken along what has so little reach.
+NOISE = 1e-9
+# What is left (of the size of a chain, in radians) is round-off; such as it may be where limits or closures interfere.
+ROUND_OFF, SOLVED = 1e-14, 1e-10
+# How often what is held at its limits is thought over in a step.
+HOLDS = 3
+
+
+class Found(NamedTuple):
+    """Where the search ended: positions, how far from what is asked, the Jacobian there, what is `held` at a limit, and
+    how many iterations it took. `closed` as in `Look`.
+    """
+
+    q: Positions
+    gap: Float[Array, " rows"]
+    jacobian: Float[Array, "rows sought"]
+    held: Bool[Array, " sought"]
+    iterations: Array
+    closed: Array
+
+    @property
+    def left(self) -> Array:
+        """The norm of what is left."""
+        return jnp.linalg.norm(self.gap)
+
+    @property
+    def solved(self) -> Array:
+        """Whether it is where it was aimed at."""
+        return (self.left < SOLVED) & self.closed
+
+
+def sought_values(chain: Chain, q: Positions) -> Sought:
+    """The values of what is sought; of a ball, which has no limits, zeros."""
+    values = []
+    for part in parts(chain.mechanism):
+        values += [jnp.zeros(())] * 3 if part.coordinate.is_ball else [q[part.q.start]]
+    return jnp.stack(values)[np.array(chain.sought)]
+
+
+def bounds(chain: Chain) -> tuple[np.ndarray, np.ndarray]:
+    """Least and largest values of what is sought."""
+    limits = chain.limits
+    lower = [-np.inf if one.lower is None else one.lower for one in limits]
+    return np.array(lower), np.array([np.inf if one.upper is None else one.upper for one in limits])
+
+
+def changed(chain: Chain, q: Positions, change: Sought) -> Positions:
+    """Positions after a change of what is sought."""
+    whole = jnp.zeros(layout(chain.mechanism).free).at[np.array(chain.sought)].set(change)
+    return as_array(moved(chain.mechanism, tuple(q), tuple(whole)))
+
+
+def _damped(jacobian: Array, gap: Array, damping: Array) -> Sought:
+    """The step d that makes (J d + gap)^2 + damping d^2 the least."""
+    u, s, v = jnp.linalg.svd(jacobian, full_matrices=False)
+    factor = s / jnp.maximum(s**2 + damping + (NOISE * s[0]) ** 2, jnp.finfo(s.dtype).tiny)
+    return -((factor * (u.T @ gap)) @ v)
+
+
+def find(chain: Chain, aim: Aim | None, time: Scalar, start: Positions) -> Found:
+    """Search from a start, from which a coordinate outside its limits is brought to them first."""
+    lower, upper = bounds(chain)
+    limited = bool(np.any(np.isfinite(lower)) or np.any(np.isfinite(upper)))
+    units = chain.units
+
+    def held_of(values, step):
+        return ((values <= lower) & (step < 0)) | ((values >= upper) & (step > 0))
+
+    def step_of(now: Found, damping):
+        values = sought_values(chain, now.q)
+        weight = damping * jnp.sum(now.gap**2)
+        held = held_of(values, -(now.gap @ now.jacobian))
+        if limited:
+
+            def once(_, held):
+                return held | held_of(values, _damped(jnp.where(held[None], 0.0, now.jacobian), now.gap, weight))
+
+            held = jax.lax.fori_loop(0, HOLDS, once, held)
+        step = _damped(jnp.where(held[None], 0.0, now.jacobian), now.gap, weight) * units
+        return jnp.clip(values + step, lower, upper) - values, held
+
+    def once(carry):
+        now, damping, _ = carry
+        step, held = step_of(now, damping)
+        q = changed(chain, now.q, step)
+        look = looked(chain, aim, time, q)
+        before, after = now.left, jnp.linalg.norm(look.gap)
+        better = after < before
+        new = Found(q, look.gap, look.jacobian, held, now.iterations, look.closed)
+        # At the first turn only the start is looked at: nothing is known before.
+        first = now.iterations == 0
+        new = jax.tree.map(lambda a, b: jnp.where(better | first, a, b), new, now)._replace(held=held)
+        damping = jnp.where(first, damping, damping * jnp.where(better, BETTER, WORSE))
+        stuck = (damping > 1e12) | ((after > 0.5 * before) & (before < SOLVED))
+        done = (new.left < ROUND_OFF) | (~first & stuck)
+        return new._replace(iterations=now.iterations + 1), damping, done
+
+    rows = jax.eval_shape(lambda q: looked(chain, aim, time, q).gap, start).shape[0]
+    nothing = jnp.zeros((rows, len(chain.sought)))
+    none = jnp.zeros(len(chain.sought), bool)
+    # Nothing is left of nothing: the first step is none.
+    begin = Found(start, jnp.zeros(rows), nothing, none, jnp.asarray(0), jnp.asarray(True))
+    carry = begin, jnp.asarray(DAMPING), jnp.asarray(False)
+    found, _, _ = jax.lax.while_loop(lambda carry: ~carry[2] & (carry[0].iterations < MOST), once, carry)
+    return found
+
+
+def pulled(chain: Chain, aim: Aim | None, time: Scalar, found: Found) -> Positions:
+    """The positions found, with the derivatives of the function that the conditions define: those of one more Newton
+    step.
+    """
+    still = jax.lax.stop_gradient(found)
+    jacobian = jnp.where(still.held[None], 0.0, still.jacobian)
+    gap = looked(chain, aim, time, still.q).gap
+    return changed(chain, still.q, _damped(jacobian, gap - still.gap, jnp.zeros(())) * chain.units)
+
+
+def solve(chain: Chain, aim: Aim | None, time: Scalar, start: Positions) -> Found:
+    """`find` with derivatives by the mechanism's numbers, the aim and the time (not by the start)."""
+    still = jax.lax.stop_gradient((chain, aim, time, start))
+    found = find(*still)
+    return jax.lax.stop_gradient(found)._replace(q=pulled(chain, aim, time, found))
+
+
+# Along a path ---------------------------------------------------------------------------------------------------------
+
+
+def aim_at(path: PreparedPath, time: Scalar, beside: Scalar) -> Aim:
+    """Where a path is."""
+    place, quaternion = path.pose(time, beside)
+    return Aim(place, matrix_of(quaternion) if path.oriented else None)
+
+
+def rates(chain: Chain, path: PreparedPath, time: Scalar, beside: Scalar, q: Positions) -> tuple[Sought, Sought]:
+    """First and second rates of what is sought, on the path at a time: the least rates of all that follow it.
+
+    The second ones are the exact derivative of the first along the motion.
+    """
+    plan = layout(chain.mechanism)
+
+    def first(time, q):
+        place, quaternion, velocity, spin = path.moving(time, beside)
+        aim = Aim(place, matrix_of(quaternion) if path.oriented else None)
+        look = looked(chain, aim, time, q)
+        flat = chain.mechanism.is_plane
+        wanted = [velocity[: 2 if flat else 3] / chain.size]
+        wanted += [spin[2 if flat else 0 :]] if path.oriented else []
+        asked = jnp.concatenate([*wanted, jnp.zeros(look.drift.shape[0] - sum(w.shape[0] for w in wanted))])
+        return (jnp.linalg.pinv(look.jacobian, rtol=NOISE) @ (asked - look.drift)) * chain.units
+
+    speeds = first(time, q)
+    whole = jnp.zeros(plan.free).at[np.array(chain.sought)].set(speeds)
+    along = as_array(position_rates(chain.mechanism, tuple(q), tuple(whole)))
+    return jax.jvp(first, (time, q), (jnp.ones_like(time), along))

@@ -1,0 +1,41 @@
+"""Drives to a trajectory file, as `read_trajectory` and `clearance simulate --trajectory` take it."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from clearance_jax.errors import ClearanceError
+from clearance_jax.io.trajectory import LEAST_ROWS, MOST_ROWS, TIME
+from clearance_jax.mechanism.drives import AbstractMotionLaw
+
+
+def write_trajectory(
+    path: str | Path, drives: Mapping[str, AbstractMotionLaw], t1: Any, *, t0: Any = 0.0, samples: int = 201
+) -> None:
+    """Write samples of drives [s, and rad or m] as a CSV file with a column for each.
+
+    Who reads the file again makes cubic splines of it: their error falls with the fourth power of the number of
+    samples.
+
+    **Arguments:** `drives`: by the names of their coordinates, as those of `cj.follow`; `t0`, `t1`: the first and the
+    last time [s].
+
+    **Raises:** `ClearanceError` for no drives, times that do not increase, and too few or too many samples.
+    """
+    if not drives:
+        raise ClearanceError("There are no drives to write.")
+    if not float(t1) > float(t0):
+        raise ClearanceError(f"`t1` must be later than `t0`, but they are {t1!r} and {t0!r}.")
+    if not LEAST_ROWS <= samples <= MOST_ROWS:
+        raise ClearanceError(f"`samples` must be between {LEAST_ROWS} and {MOST_ROWS}, but it is {samples}.")
+    times = jnp.linspace(float(t0), float(t1), samples)
+    columns = [times]
+    for drive in drives.values():
+        ready = drive.prepared()
+        columns.append(jax.vmap(lambda time, ready=ready: jnp.asarray(ready(time)[0], float))(times))
+    lines = [",".join((TIME, *drives)), *(",".join(map(repr, row)) for row in np.stack(columns, 1).tolist())]
+    Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")

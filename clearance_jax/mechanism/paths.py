@@ -1,0 +1,388 @@
+"""Paths of a frame in space: lines, arcs and curves through poses, and how fast they are run through.
+
+Every segment is made of stretches of one form, so that a path of any number of segments is one small program: of the
+stretch's parameter 0 <= s <= 1 the place is a cubic and a turn of an arm about an axis, the orientation a turn that
+grows evenly after a cubic of quaternions.
+"""
+
+import abc
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Float
+
+from clearance_jax._numerics import safe_sqrt, sincos
+from clearance_jax._types import Scalar
+from clearance_jax.errors import ClearanceError
+from clearance_jax.mechanism.drives import Values, spline_curvature
+from clearance_jax.mechanism.pieces import Pieces
+from clearance_jax.mechanism.placement import Orientation, Position, PreparedOrientation
+from clearance_jax.mechanism.profiles import Quintic, Trapezoid
+from clearance_jax.parameters import physical
+from clearance_jax.spatial import about, as_array, hamilton, of_quaternion, quaternion_of_matrix, rotation_vector
+
+Triple = Float[Array, "3"]
+Quadruple = Float[Array, "4"]
+# Halvings of a path's duration by which the instants of its via points are found: to the last digit.
+HALVINGS = 60
+# Places whose distance is less than this part of the path's size are one place.
+SAME = 1e-9
+
+
+def as_place(value: Any) -> Any:
+    """A `Position` from two or three lengths [m]."""
+    return Position(*value) if isinstance(value, (tuple, list, np.ndarray, jax.Array)) else value
+
+
+class Pose(eqx.Module):
+    """Where a frame is, and how it is turned, in the ground's axes.
+
+    **Arguments:** `at`: its place [m], a `Position` or its numbers; `orientation`: `None` where any will do.
+    """
+
+    at: Position = eqx.field(converter=as_place)
+    orientation: Orientation | PreparedOrientation | None = None
+
+    @property
+    def place(self) -> Triple:
+        """The place as an array."""
+        return as_array(self.at.vector)
+
+    @property
+    def quaternion(self) -> Quadruple:
+        """The orientation, where there is none that of the ground."""
+        if self.orientation is None:
+            return jnp.asarray([1.0, 0.0, 0.0, 0.0])
+        q = as_array(quaternion_of_matrix(self.orientation.rotation.rows))
+        return q / jnp.linalg.norm(q)
+
+
+class Stretch(eqx.Module):
+    """Numbers of a stretch (see the module), by the first axis of many: `length`, by which the path's parameter grows
+    along it; powers of `place` and `quaternion`, lowest first; the turn of `arm` about `axis` by `sweep`; the rotation
+    vector `turn`.
+    """
+
+    length: Float[Array, "*n"]
+    place: Float[Array, "*n 4 3"]
+    quaternion: Float[Array, "*n 4 4"]
+    turn: Float[Array, "*n 3"]
+    arm: Float[Array, "*n 3"]
+    axis: Float[Array, "*n 3"]
+    sweep: Float[Array, "*n"]
+
+    def at(self, s: Scalar) -> tuple[Triple, Quadruple]:
+        """Place and orientation (a quaternion of any length)."""
+        powers = jnp.stack([jnp.ones_like(s), s, s * s, s * s * s])
+        angle = safe_sqrt(jnp.sum(self.turn**2))
+        sine, cosine = sincos(angle * s / 2)
+        part = jnp.where(angle > 0, sine / jnp.where(angle > 0, angle, 1.0), s / 2)
+        turned = hamilton((cosine, *(part * self.turn)), tuple(powers @ self.quaternion))
+        rows = about((self.axis[0], self.axis[1], self.axis[2]), self.sweep * s)
+        swung = jnp.stack([as_array(row) for row in rows]) @ self.arm
+        return powers @ self.place + swung, as_array(turned)
+
+
+class Corner(NamedTuple):
+    """Where a segment begins or ends."""
+
+    place: Triple
+    quaternion: Quadruple
+
+
+def _turning(a: Quadruple, b: Quadruple) -> Triple:
+    """The rotation vector from one orientation to another, the shorter way."""
+    w, x, y, z = hamilton(tuple(b), (a[0], -a[1], -a[2], -a[3]))
+    return as_array(rotation_vector((w, x, y, z)))
+
+
+def _even(begin: Corner, end: Corner, length: Scalar) -> Stretch:
+    """Straight on, with a turn that grows evenly; whatever has no length (a turn on the spot) has that of its angle."""
+    turn = _turning(begin.quaternion, end.quaternion)
+    angle, none = safe_sqrt(jnp.sum(turn**2)), jnp.zeros(3)
+    length = jnp.where(length > 0, length, jnp.where(angle > 0, angle, 1.0))
+    place = jnp.stack([begin.place, end.place - begin.place, none, none])
+    quaternion = jnp.zeros((4, 4)).at[0].set(begin.quaternion)
+    return Stretch(length, place, quaternion, turn, none, jnp.asarray([0.0, 0.0, 1.0]), jnp.zeros(()))
+
+
+class AbstractSegment(eqx.Module):
+    """A part of a path, from where the one before it ends."""
+
+    @property
+    @abc.abstractmethod
+    def poses(self) -> tuple[Pose, ...]:
+        """The poses that it leads to, in their order."""
+
+    @abc.abstractmethod
+    def stretches(self, corners: list[Corner]) -> list[Stretch]:
+        """What it is made of, of the corner where it begins and those of its poses."""
+
+    def refused(self, corners: list[Corner]) -> str:
+        """Why there is no such segment, in words; empty where there is."""
+        del corners
+        return ""
+
+
+class Line(AbstractSegment):
+    """Straight to a pose, with a turn about one axis, the shorter way."""
+
+    to: Pose
+
+    @property
+    def poses(self):
+        return (self.to,)
+
+    def stretches(self, corners):
+        begin, end = corners
+        return [_even(begin, end, safe_sqrt(jnp.sum((end.place - begin.place) ** 2)))]
+
+
+class Arc(AbstractSegment):
+    """Along a circle through a place to a pose, with a turn about one axis, the shorter way."""
+
+    via: Position = eqx.field(converter=as_place)
+    to: Pose
+
+    @property
+    def poses(self):
+        return (self.to,)
+
+    def stretches(self, corners):
+        begin, end = corners
+        # The centre of the circle through three points, by two sides of their triangle.
+        p, q = as_array(self.via.vector) - begin.place, end.place - begin.place
+        normal = jnp.cross(p, q)
+        square = jnp.sum(normal**2)
+        centre = jnp.cross((p @ p) * q - (q @ q) * p, normal) / (2 * square)
+        axis, arm = normal / jnp.sqrt(square), -centre
+        x, y = arm / jnp.linalg.norm(arm), jnp.cross(axis, arm) / jnp.linalg.norm(arm)
+        # Seen along the axis of p x q the via point comes before the end, on the way round in the positive sense.
+        sweep = jnp.arctan2((q - centre) @ y, (q - centre) @ x) % (2 * jnp.pi)
+        even = _even(begin, end, sweep * jnp.linalg.norm(arm))
+        place = jnp.zeros((4, 3)).at[0].set(begin.place + centre)
+        return [Stretch(even.length, place, even.quaternion, even.turn, arm, axis, sweep)]
+
+    def refused(self, corners):
+        begin, end = (np.asarray(corner.place) for corner in corners)
+        p, q = np.asarray(as_array(self.via.vector)) - begin, end - begin
+        if np.linalg.norm(np.cross(p, q)) <= SAME * max(p @ p, q @ q):
+            return (
+                "its begin, `via` and end lie on a line, or two of them at one place, through which there is no circle"
+            )
+        return ""
+
+
+class Curve(AbstractSegment):
+    """A smooth curve through two poses or more: a cubic spline of place and quaternion, by the length of the chords:
+    velocity and acceleration, of turning too, have no jump at the poses. (Its speed differs from that of the profile by
+    as much as its arcs do from their chords.)
+    """
+
+    through: tuple[Pose, ...] = eqx.field(converter=tuple)
+
+    @property
+    def poses(self):
+        return self.through
+
+    def stretches(self, corners):
+        places, turned = jnp.stack([c.place for c in corners]), [corners[0].quaternion]
+        for corner in corners[1:]:
+            # Of the two quaternions of an orientation the nearer one.
+            turned.append(jnp.where(turned[-1] @ corner.quaternion < 0, -1.0, 1.0) * corner.quaternion)
+        values = jnp.concatenate([places, jnp.stack(turned)], axis=1)
+        chords = jnp.linalg.norm(jnp.diff(places, axis=0), axis=1)
+        knots = jnp.concatenate([jnp.zeros(1), jnp.cumsum(chords)])
+        bend = jax.vmap(lambda column: spline_curvature(knots, column, "natural"), 1, 1)(values)
+        h = chords[:, None]
+        first = jnp.diff(values, axis=0) - h**2 * (2 * bend[:-1] + bend[1:]) / 6
+        powers = jnp.stack([values[:-1], first, h**2 * bend[:-1] / 2, h**2 * jnp.diff(bend, axis=0) / 6], axis=1)
+        none, axis = jnp.zeros(3), jnp.asarray([0.0, 0.0, 1.0])
+        return [
+            Stretch(chord, power[:, :3], power[:, 3:], none, none, axis, jnp.zeros(()))
+            for chord, power in zip(chords, powers, strict=True)
+        ]
+
+    def refused(self, corners):
+        if len(corners) < 3:
+            return "it needs two poses or more to go through; for one take a `Line`"
+        places = np.stack([np.asarray(c.place) for c in corners])
+        if np.min(np.linalg.norm(np.diff(places, axis=0), axis=1)) <= SAME * np.max(np.ptp(places, axis=0)):
+            return "two poses that follow each other are at one place"
+        return ""
+
+
+class Waypoint(NamedTuple):
+    """Where a path is at a time, and how it moves: place [m], its first and second rate; the rotation matrix, spin
+    [rad/s] and its rate, in the ground's axes.
+    """
+
+    position: Triple
+    velocity: Triple
+    acceleration: Triple
+    rotation: Float[Array, "3 3"]
+    spin: Triple
+    spin_rate: Triple
+
+
+class CartesianPath(eqx.Module):
+    """A path of a frame, segment after segment, each from rest to rest. Before it begins it is at its start, after it
+    ends at its end.
+
+    **Arguments:**
+
+    - `start`: the pose at which it begins. Without an orientation only places are meant; with one, a pose on the way
+      that has none keeps that of the pose before.
+    - `segments`: any of `Line`, `Arc`, `Curve`.
+    - `durations` [s], of shape (segments,): how long each takes, by a quintic (the acceleration has no jump); or
+      instead of them
+    - `speed` [m/s], `acceleration` [m/s^2]: limits, for a trapezoid of the speed (the acceleration jumps).
+    - `begin` [s]: when it begins.
+
+    **Raises:** `ClearanceError` for a segment that there is none of, for orientations that come from nowhere, and for
+    neither or both of durations and limits.
+    """
+
+    start: Pose
+    segments: tuple[AbstractSegment, ...] = eqx.field(converter=tuple)
+    durations: Values | None = physical("s", above=0.0, default=None)
+    speed: Scalar | None = physical("m/s", above=0.0, default=None)
+    acceleration: Scalar | None = physical("m/s^2", above=0.0, default=None)
+    begin: Scalar = physical("s", default=0.0)
+
+    def __check_init__(self):
+        if not self.segments or not all(isinstance(one, AbstractSegment) for one in self.segments):
+            raise ClearanceError("`segments` of a path must be one or more of `Line`, `Arc` and `Curve`.")
+        given = [x is not None for x in (self.speed, self.acceleration)]
+        if any(given) != all(given) or all(given) == (self.durations is not None):
+            raise ClearanceError("A path needs `durations`, or `speed` and `acceleration` instead of them.")
+        if self.durations is not None and self.durations.shape != (len(self.segments),):
+            raise ClearanceError(
+                f"`durations` of a path must have one number for each of its {len(self.segments)} segments, but their "
+                f"shape is {self.durations.shape}."
+            )
+        if not self.oriented and any(pose.orientation is not None for one in self.segments for pose in one.poses):
+            raise ClearanceError("A pose of the path has an orientation, but its `start` has none: give it one too.")
+        if not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(self)):
+            self._check_numbers()
+
+    def _check_numbers(self):
+        for name in ("durations", "speed", "acceleration"):
+            value = getattr(self, name)
+            if value is not None and not np.all(np.asarray(value) > 0):
+                raise ClearanceError(f"`{name}` of a path must be greater than zero.")
+        for i, (segment, corners) in enumerate(zip(self.segments, self.corners(), strict=True), start=1):
+            kind = f"Segment {i} of the path, {type(segment).__name__}"
+            if not all(np.all(np.isfinite(np.asarray(corner.place))) for corner in corners):
+                raise ClearanceError(f"{kind}: its places must be finite.")
+            why = segment.refused(corners)
+            if why:
+                raise ClearanceError(f"{kind}: {why}.")
+            on_spot = np.ptp([np.asarray(corner.place) for corner in corners], axis=0).max() == 0
+            if self.durations is None and on_spot:
+                raise ClearanceError(f"{kind}, stays at its place: a speed says nothing of it. Give `durations`.")
+
+    @property
+    def oriented(self) -> bool:
+        """Whether it says how the frame is turned."""
+        return self.start.orientation is not None
+
+    def corners(self) -> list[list[Corner]]:
+        """Of each segment where it begins and the poses that it leads to."""
+        at, out = Corner(self.start.place, self.start.quaternion), []
+        for segment in self.segments:
+            own = [at]
+            for pose in segment.poses:
+                turned = own[-1].quaternion if pose.orientation is None else pose.quaternion
+                own.append(Corner(pose.place, turned))
+            out.append(own)
+            at = own[-1]
+        return out
+
+    def prepared(self) -> "PreparedPath":
+        """The path with what depends only on its numbers computed."""
+        made = [one.stretches(own) for one, own in zip(self.segments, self.corners(), strict=True)]
+        lengths = jnp.stack([jnp.sum(jnp.stack([stretch.length for stretch in own])) for own in made])
+        if self.durations is not None:
+            times = self.begin + jnp.concatenate([jnp.zeros(1), jnp.cumsum(self.durations)])
+            still = jnp.zeros_like(times)
+            law = Quintic(times, jnp.concatenate([jnp.zeros(1), jnp.cumsum(lengths)]), still, still).prepared()
+        else:
+            begin = jnp.broadcast_to(self.begin, lengths.shape)
+            law = Trapezoid(begin, lengths, self.speed, self.acceleration).prepared()
+        every = [stretch for own in made for stretch in own]
+        stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *every)
+        lasts = np.cumsum([len(own) for own in made]) - 1
+        inner = tuple(i for i in range(len(every)) if i not in lasts)
+        return PreparedPath(stacked, jnp.cumsum(stacked.length), law, self.oriented, inner)
+
+    def __call__(self, time: Scalar | float) -> Waypoint:
+        """Where it is at a time [s], and how it moves."""
+        return self.prepared()(time)
+
+    def breaks(self) -> Values:
+        """Times at which a derivative jumps [s], increasing: ends of segments, ramps, poses of curves."""
+        return self.prepared().breaks()
+
+    @property
+    def end(self) -> Scalar:
+        """When it ends [s]."""
+        return self.prepared().law.times[-1]
+
+
+class PreparedPath(eqx.Module):
+    """A path as a program evaluates it: its stretches, the parameter at the `ends` of these, and its law of time;
+    `inner`: which of the ends are inside segments.
+    """
+
+    stretches: Stretch
+    ends: Values
+    law: Pieces
+    oriented: bool = eqx.field(static=True)
+    inner: tuple[int, ...] = eqx.field(static=True)
+
+    def pose(self, time: Scalar, beside: Scalar) -> tuple[Triple, Quadruple]:
+        """Place and quaternion at a time, by what the path is like at the time `beside`."""
+        here, _, _ = self.law.within(time, beside)
+        index = jnp.sum(self.law.within(beside, beside)[0] >= self.ends[:-1])
+        own = jax.tree.map(lambda leaf: leaf[index], self.stretches)
+        return own.at((here - self.ends[index] + own.length) / own.length)
+
+    def moving(self, time: Scalar, beside: Scalar) -> tuple[Triple, Quadruple, Triple, Triple]:
+        """The same, and velocity and spin."""
+        (place, q), (velocity, change) = jax.jvp(lambda t: self.pose(t, beside), (time,), (jnp.ones_like(time),))
+        _, x, y, z = hamilton(tuple(change), (q[0], -q[1], -q[2], -q[3]))
+        return place, q, velocity, 2 * as_array((x, y, z)) / jnp.sum(q**2)
+
+    def __call__(self, time: Scalar | float) -> Waypoint:
+        """Where it is at a time [s], and how it moves."""
+        at = jnp.asarray(time, float)
+        (place, q, velocity, spin), (_, _, acceleration, spin_rate) = jax.jvp(
+            lambda t: self.moving(t, at), (at,), (jnp.ones_like(at),)
+        )
+        return Waypoint(place, velocity, acceleration, matrix_of(q), spin, spin_rate)
+
+    def breaks(self) -> Values:
+        """Times at which a derivative jumps [s], increasing."""
+        if not self.inner:
+            return self.law.times
+        ends = self.ends[np.array(self.inner)]
+
+        def halve(_, between):
+            low, high = between
+            middle = (low + high) / 2
+            past = jax.vmap(lambda t: self.law(t)[0])(middle) >= ends
+            return jnp.where(past, low, middle), jnp.where(past, middle, high)
+
+        # Where the parameter passes them: it grows all the time.
+        whole = jnp.full_like(ends, self.law.times[0]), jnp.full_like(ends, self.law.times[-1])
+        return jnp.sort(jnp.concatenate([self.law.times, jax.lax.fori_loop(0, HALVINGS, halve, whole)[1]]))
+
+
+def matrix_of(quaternion: Quadruple) -> Float[Array, "3 3"]:
+    """The rotation matrix of a quaternion of any length."""
+    return jnp.stack([as_array(row) for row in of_quaternion(*quaternion)])

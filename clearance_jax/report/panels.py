@@ -1,0 +1,138 @@
+"""Panels of a motion: coordinates, points, what drives and joints bear. Dataset in, drawn axes out."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
+
+from clearance_jax.report.curves import envelope
+
+# Ticks of a time axis at most; columns of a picture in which a curve is no longer told from its envelope.
+TICKS, COLUMNS = 6, 500
+# A motion that is over by then is told in ms [s].
+SHORT = 0.2
+# More curves than this are not told apart by a legend.
+MOST_NAMED = 10
+
+
+class Panel(NamedTuple):
+    """A title, what draws it on axes of a dataset's, and the axes' projection."""
+
+    title: str
+    draw: Callable[[Any, xr.Dataset], None]
+    projection: str | None = None
+
+
+def time_axis(axis: Axes, last: float) -> float:
+    """A time axis to `last` [s], in ms or s, with few ticks; what seconds are to be multiplied by."""
+    factor, unit = (1e3, "ms") if last < SHORT else (1.0, "s")
+    axis.xaxis.set_major_locator(MaxNLocator(nbins=TICKS - 1, steps=[1, 2, 2.5, 5, 10]))
+    axis.set_xlabel(f"time, {unit}")
+    return factor
+
+
+def curve(axis, time: np.ndarray, values: np.ndarray, label: str) -> Any:
+    """A curve, or where it has far more points than the picture has columns its envelope; its colour."""
+    if len(time) <= 2 * COLUMNS:
+        return axis.plot(time, values, lw=0.8, label=label)[0].get_color()
+    middles, least, greatest = envelope(time, values, COLUMNS)
+    colour = axis.plot(middles, greatest, lw=0.8, label=label)[0].get_color()
+    axis.plot(middles, least, lw=0.8, color=colour)
+    axis.fill_between(middles, least, greatest, color=colour, alpha=0.3, lw=0)
+    return colour
+
+
+def panels(dataset: xr.Dataset) -> list[Panel]:
+    """Of a motion: its coordinates, each kind for itself; speed and acceleration of the named points; efforts of the
+    drives, or where there are none reactions in the joints; the points' paths.
+    """
+    found = _of_each_unit(dataset, "q", "coordinate", {"rad": "turns", "m": "slides"})
+    found += of_points(dataset)
+    efforts = _of_each_unit(dataset, "drive_force", "drive", {"N m": "torques of drives", "N": "forces of drives"})
+    if not efforts and "joint_reaction" in dataset:
+        names = [str(name) for name in dataset["any_joint"].values]
+        efforts = [Panel("reactions in joints", partial(_sizes, "joint_reaction", "any_joint", names, "force, N"))]
+    paths = [Panel(f"path of {_listed(dataset)}", _path, _projection(dataset))] if "position" in dataset else []
+    return found + efforts + paths
+
+
+def of_points(dataset: xr.Dataset) -> list[Panel]:
+    """Speed and acceleration of the named points."""
+    if "velocity" not in dataset:
+        return []
+    names, listed = [str(name) for name in dataset["point"].values], _listed(dataset)
+    return [
+        Panel(f"{name} of {listed}", partial(_sizes, name, "point", names, label))
+        for name, label in (("velocity", "speed, m/s"), ("acceleration", "acceleration, m/s²"))
+    ]
+
+
+def _listed(dataset: xr.Dataset) -> str:
+    names = [str(name) for name in dataset["point"].values]
+    return ", ".join(names) if len(names) <= 3 else f"{len(names)} points"
+
+
+def _of_each_unit(dataset: xr.Dataset, variable: str, dim: str, titles: dict[str, str]) -> list[Panel]:
+    """A panel for the entries of each unit."""
+    if variable not in dataset:
+        return []
+    units, names, found = dataset[f"{dim}_unit"].values, dataset[dim].values, []
+    for unit, title in titles.items():
+        own = [str(name) for name in names[units == unit]]
+        if own:
+            found.append(Panel(title, partial(_values, variable, dim, own, unit)))
+    return found
+
+
+def _values(variable: str, dim: str, names: list[str], unit: str, axis: Any, dataset: xr.Dataset) -> None:
+    _curves(axis, dataset, names, lambda name: dataset[variable].sel({dim: name}).values)
+    axis.set_ylabel(unit)
+
+
+def _sizes(variable: str, dim: str, names: list[str], label: str, axis: Any, dataset: xr.Dataset) -> None:
+    _curves(axis, dataset, names, lambda name: np.linalg.norm(dataset[variable].sel({dim: name}).values, axis=-1))
+    axis.set_ylabel(label)
+
+
+def _curves(axis: Any, dataset: xr.Dataset, names: list[str], values: Callable[[str], np.ndarray]) -> None:
+    """Over time, with a legend where it tells several apart."""
+    factor = time_axis(axis, float(dataset["time"][-1]))
+    for name in names:
+        curve(axis, factor * dataset["time"].values, values(name), name)
+    if 1 < len(names) <= MOST_NAMED:
+        axis.legend(fontsize=7, ncols=2)
+
+
+def _projection(dataset: xr.Dataset) -> str | None:
+    return "3d" if dataset.sizes["axis"] == 3 else None
+
+
+def _path(axis: Any, dataset: xr.Dataset) -> None:
+    """From where a dot is."""
+    for name in dataset["point"].values:
+        places = dataset["position"].sel(point=name).values.T
+        colour = axis.plot(*places, lw=0.8, label=str(name))[0].get_color()
+        axis.plot(*places[:, :1], "o", ms=3, color=colour)
+    axis.set(xlabel="x, m", ylabel="y, m")
+    if _projection(dataset) is None:
+        axis.set_aspect("equal", adjustable="datalim")
+    else:
+        axis.set_zlabel("z, m")
+        _cube(axis, dataset["position"].values.reshape(-1, 3))
+    if 1 < dataset.sizes["point"] <= MOST_NAMED:
+        axis.legend(fontsize=7)
+
+
+def _cube(axis: Any, places: np.ndarray) -> None:
+    """The same scale along all three axes, about what is shown."""
+    least, greatest = np.nanmin(places, 0), np.nanmax(places, 0)
+    half = 0.55 * max(float(np.max(greatest - least)), 1e-9)
+    for k, name in enumerate("xyz"):
+        middle = float(least[k] + greatest[k]) / 2
+        getattr(axis, f"set_{name}lim")(middle - half, middle + half)
+        getattr(axis, f"{name}axis").set_major_locator(MaxNLocator(nbins=4))
+    axis.set_box_aspect((1, 1, 1))
