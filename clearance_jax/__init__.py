@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from clearance_jax.io.trajectory import read_trajectory
     from clearance_jax.io.trajectory_writer import write_trajectory
     from clearance_jax.io.urdf import load_urdf
-    from clearance_jax.joints import AbstractClearance, AbstractElement, RevoluteClearance
+    from clearance_jax.joints import AbstractClearance, AbstractElement, RevoluteClearance, SleeveClearance
     from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, AbstractStiffness
     from clearance_jax.mechanism.actuators import AbstractActuator, ConstantEffort, JointSpring, Servo
     from clearance_jax.mechanism.body import Body, Motion, Point, Spring
@@ -67,7 +67,7 @@ _NAMES = {
     "io.trajectory": ("read_trajectory",),
     "io.trajectory_writer": ("write_trajectory",),
     "io.urdf": ("load_urdf",),
-    "joints": ("AbstractClearance", "AbstractElement", "RevoluteClearance"),
+    "joints": ("AbstractClearance", "AbstractElement", "RevoluteClearance", "SleeveClearance"),
     "laws": ("AbstractFrictionLaw", "AbstractNormalLaw", "AbstractStiffness"),
     "mechanism.actuators": ("AbstractActuator", "ConstantEffort", "JointSpring", "Servo"),
     "mechanism.body": ("Body", "Motion", "Point", "Spring"),
@@ -147,6 +147,7 @@ __all__ = [
     "RevoluteClearance",
     "Sensitivities",
     "Servo",
+    "SleeveClearance",
     "Solution",
     "SolveOptions",
     "Spherical",

@@ -47,6 +47,10 @@ def settled_start(time: Scalar, mechanism: Mechanism) -> tuple[Array, Float[Arra
             '`start = "settled"` puts every pin at its wall, but `assemble = false` asks for exactly the given initial '
             "values. Leave one of them out."
         )
+    if not mechanism.is_plane:
+        raise ClearanceError(
+            '`start = "settled"` is for plane mechanisms so far. Start a mechanism in space by `start = "centre"`.'
+        )
     mechanism = mechanism.unsampled()  # which acts at the start as it would if it were not
     joints, loops, plan = mechanism.clearance_joints(), mechanism.loops, layout(mechanism.ideal())
     begin = jnp.stack([as_array(joint.joint.eccentricity.vector[:2]) for joint in joints])

@@ -10,6 +10,7 @@ from clearance_jax.joints._base import (
     Relative,
 )
 from clearance_jax.joints.revolute import RevoluteClearance
+from clearance_jax.joints.sleeve import SleeveClearance
 
 __all__ = [
     "AbstractClearance",
@@ -20,4 +21,5 @@ __all__ = [
     "PreparedClearance",
     "Relative",
     "RevoluteClearance",
+    "SleeveClearance",
 ]

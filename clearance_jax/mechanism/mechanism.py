@@ -115,13 +115,6 @@ class Mechanism(eqx.Module):
         check_attached(self.bodies, self.springs, (*self.points, *self.wrenches))
         check_payloads(self.bodies, self.joints)
         check_control(self.controllers, tuple(self.coordinates()))
-        loose = self.clearance_joints()
-        if loose and not self.is_plane:
-            raise ClearanceError(
-                f"Joint `{loose[0].name}` has clearance in a mechanism that leaves the plane: play is for plane "
-                "mechanisms so far. Take the clearance away, or leave out what leaves the plane (z components, "
-                "orientations, axes other than z, inertias of three or six numbers)."
-            )
 
     # Structure -----------------------------------------------------------------------------------------------------
 
