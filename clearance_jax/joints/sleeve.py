@@ -8,7 +8,7 @@ A force is along the gradient of its penetration, and acts where that gradient's
 exactly, tilted too. What is left out is of second order in the tilt: a tilted pin's section is not quite round.
 """
 
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -16,7 +16,7 @@ import numpy as np
 
 from clearance_jax._numerics import safe_unit
 from clearance_jax._types import Scalar
-from clearance_jax.errors import ClearanceError
+from clearance_jax.errors import ClearanceError, quoted
 from clearance_jax.joints._base import AbstractClearance, AbstractElement, ContactPoint, PlayCoordinate, Relative
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Material
 from clearance_jax.parameters import described, physical
@@ -24,6 +24,7 @@ from clearance_jax.spatial import Vector, X, Y, Z, add, dot, minus, plus, scale,
 
 # Beyond so many stations the quadrature of a contact that begins somewhere between two of them gains little.
 MOST = 64
+PINS = ("through", "inside")
 
 
 class SleeveClearance(AbstractClearance):
@@ -53,8 +54,11 @@ class SleeveClearance(AbstractClearance):
     )
     element: AbstractElement | None = None
     stations: int = described("points along the sleeve, both edges among them", "8", static=True, default=8)
-    pin: Literal["through", "inside"] = described(
-        "whether it is longer than the sleeve, or shorter", '"inside"', static=True, default="through"
+    pin: str = described(
+        "whether it is longer than the sleeve (`through`) or shorter (`inside`)",
+        '"inside"',
+        static=True,
+        default="through",
     )
     collar_radius: Scalar | None = physical(
         "m",
@@ -74,8 +78,8 @@ class SleeveClearance(AbstractClearance):
             raise ClearanceError(f"`stations` must be from 2 to {MOST}, but it is {self.stations}.")
         if not 3 <= self.ring <= MOST:
             raise ClearanceError(f"`ring` must be from 3 to {MOST}, but it is {self.ring}.")
-        if self.pin not in ("through", "inside"):
-            raise ClearanceError(f"`pin` must be through or inside, but it is {self.pin!r}.")
+        if self.pin not in PINS:
+            raise ClearanceError(f"`pin` must be {' or '.join(PINS)}, but it is {quoted(self.pin)}.")
 
     @property
     def count(self) -> int:

@@ -1,0 +1,225 @@
+"""Play in space: a pin of some length in a sleeve, against closed forms, the plane joint, and itself."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import clearance_jax as cj
+from clearance_jax import laws
+from clearance_jax.dynamics.field import slope
+from clearance_jax.joints import Relative
+from clearance_jax.joints.sleeve import lobatto
+
+RADIAL, AXIAL, RADIUS, LENGTH = 1e-4, 5e-5, 0.01, 0.04
+HERTZ, FRICTION = laws.HuntCrossley(1e9, 0.5), laws.TanhCoulomb(0.1, 0.01)
+
+
+def sleeve(pin="through", stations=8, axial: Any = AXIAL, friction: Any = FRICTION, normal: Any = HERTZ):
+    return cj.SleeveClearance(
+        RADIAL, RADIUS, LENGTH, normal, friction, axial_clearance=axial, pin=pin, stations=stations
+    )
+
+
+def relative(place, tilt=(0.0, 0.0, 0.0), velocity=(0.0, 0.0, 0.0), spin=(0.0, 0.0, 0.0)) -> Relative:
+    def triple(vector):
+        return tuple(jnp.asarray(x, float) for x in vector)
+
+    rows = tuple(triple(row) for row in Rotation.from_rotvec(tilt).as_matrix())
+    return Relative(triple(place), 0.0, triple(velocity), triple(spin), rows)
+
+
+def random_states(count):
+    rng = np.random.default_rng(1)
+    for _ in range(count):
+        sizes = (rng.normal(size=3) * size for size in (1e-4, 5e-3, 0.2, 5.0))
+        yield relative(*sizes)
+
+
+@pytest.mark.parametrize("pin", ["through", "inside"])
+def test_without_tilt_it_is_the_plane_joint(pin):
+    plane = cj.RevoluteClearance(RADIAL, RADIUS, HERTZ, FRICTION).prepared()
+    at = relative((0.9e-4, 0.8e-4, 0.0), velocity=(0.02, -0.01, 0.0), spin=(0.0, 0.0, 3.0))
+    ours, theirs = sleeve(pin).prepared().act(at, ()), plane.act(at, ())
+    assert float(theirs.normal_force) > 50
+    np.testing.assert_allclose(ours.force, theirs.force, rtol=1e-12)
+    np.testing.assert_allclose(ours.torque, theirs.torque, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(ours.elastic_energy, theirs.elastic_energy, rtol=1e-12)
+
+
+@pytest.mark.parametrize("pin", ["through", "inside"])
+def test_rates_are_those_of_the_penetrations_and_power_is_that_of_the_wrench(pin):
+    """Of any pose and twist: so the books close, tilted too."""
+    joint = sleeve(pin)
+    for at in random_states(20):
+        rows = np.array(at.rows, float)
+        spun = np.cross(np.array(at.spin, float)[None], rows.T).T
+
+        def moved(t, at=at, rows=rows, spun=spun):
+            place = tuple(p + t * v for p, v in zip(at.place, at.velocity, strict=True))
+            now = tuple(tuple(row) for row in jnp.asarray(rows) + t * jnp.asarray(spun))
+            return joint.points(at._replace(place=place, rows=now)).penetration
+
+        _, rate = jax.jvp(moved, (0.0,), (1.0,))
+        np.testing.assert_allclose(joint.points(at).penetration_rate, rate, rtol=1e-12, atol=1e-14)
+        action = joint.prepared().act(at, ())
+        given = np.dot(action.force, at.velocity) + np.dot(action.torque, at.spin)
+        np.testing.assert_allclose(given, -action.absorbed_power - action.friction_power, rtol=1e-11, atol=1e-12)
+        assert float(action.friction_power) >= 0
+
+
+def test_edges_and_faces_touch_where_geometry_says():
+    stiff, limit = laws.Hertz(1e9), 2 * RADIAL / LENGTH
+    for pin in ("through", "inside"):
+        joint = sleeve(pin, axial=None, friction=None, normal=stiff)
+        for factor, touches in ((0.999, False), (1.001, True)):
+            points = joint.points(relative((0.0, 0.0, 0.0), (0.0, factor * limit, 0.0)))
+            # Tilted about y the pin meets both edges of the sleeve, on opposite sides: none of the stations between.
+            assert list(np.flatnonzero(points.penetration > 0)) == ([0, 7] if touches else [])
+        pressed = joint.prepared().act(relative((0.0, 0.0, 0.0), (0.0, 1.05 * limit, 0.0)), ())
+        np.testing.assert_allclose(pressed.force, 0.0, atol=1e-9 * abs(float(pressed.torque[1])))
+        assert float(pressed.torque[1]) < 0
+        # The depth at each edge is five hundredths of the play; its share of the law acts at an arm of half a sleeve.
+        share = lobatto(8)[1][0]
+        edge = share * 1e9 * (0.05 * RADIAL) ** 1.5
+        assert float(pressed.torque[1]) == pytest.approx(-2 * edge * LENGTH / 2, rel=3e-3)
+        joint = sleeve(pin, friction=None, normal=stiff)
+        aside = joint.prepared().act(relative((0.0, 0.0, 1.2 * AXIAL)), ())
+        np.testing.assert_allclose(aside.force, [0, 0, -1e9 * (0.2 * AXIAL) ** 1.5], rtol=1e-9, atol=1e-12)
+        tilted = joint.prepared().act(relative((0.0, 0.0, 0.99 * AXIAL), (1e-3, 0.0, 0.0)), ())
+        assert float(tilted.torque[0]) * 1e-3 < 0  # one side of the collar bears and turns it back
+
+
+def test_what_all_stations_bear_converges_with_their_number():
+    """A pin that lies askew bears over part of the sleeve: more stations, the same force."""
+    at = relative((1.02e-4, 0.0, 0.0), (0.0, 4e-4, 0.0))
+    exact = float(sleeve(stations=64, axial=None).prepared().act(at, ()).force[0])
+    errors = [
+        abs(float(sleeve(stations=n, axial=None).prepared().act(at, ()).force[0]) / exact - 1) for n in (4, 8, 16, 32)
+    ]
+    assert errors[0] > errors[1] > errors[2] > errors[3]
+    assert errors[1] < 0.1
+    assert errors[3] < 5e-3
+    places, weights = lobatto(6)
+    for power in range(0, 9, 2):
+        assert weights @ places**power == pytest.approx(1 / (power + 1), rel=1e-13)
+
+
+def arm(clearance, axis="z", gravity=(0.0, -3.0, -9.81), off=0.02):
+    """An arm that swings on its pin, its centre of mass out of the middle."""
+    body = cj.Body("arm", 2.0, cj.Inertia(2e-3, 0.03, 0.03), cj.Position(0.2, None, off or None))
+    motion = cj.Motion(cj.Harmonic(0.35, 30.0))
+    hip = cj.Revolute("hip", "ground", "arm", motion=motion, clearance=clearance, axis=axis)
+    x, y, z = gravity
+    return cj.Mechanism(
+        (body,), (hip,), points=(cj.Point("tip", "arm", cj.Position(0.4)),), gravity=cj.Gravity(x, y, z)
+    )
+
+
+def solved(mechanism, rtol, **names):
+    return cj.simulate(cj.replace(mechanism, names), 0.02, rtol=rtol)
+
+
+def test_the_error_of_an_arm_on_a_sleeve_follows_rtol_and_its_books_close():
+    m = arm(sleeve())
+    best = solved(m, 1e-12).final[:10]
+    scale = np.array([RADIAL, RADIAL, AXIAL, 2 * RADIAL / LENGTH, 2 * RADIAL / LENGTH])
+    for rtol in (1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10):
+        s = solved(m, rtol)
+        error = np.abs(s.final[:5] - best[:5]) / scale
+        assert error.max() < 1e3 * rtol, rtol
+        assert float(s.energy_residual) < 10 * rtol
+
+
+@pytest.mark.slow
+def test_derivatives_of_an_arm_on_a_sleeve():
+    m = arm(sleeve())
+    names = {
+        "hip.radial_clearance": RADIAL,
+        "hip.axial_clearance": AXIAL,
+        "hip.friction.coefficient": 0.1,
+        "arm.mass": 2.0,
+        "arm.center_of_mass.z": 0.02,
+    }
+    found = jax.jacfwd(lambda values: solved(m, 1e-9, **values).final[:5])(names)
+    for name, value in names.items():
+
+        def end(x, name=name):
+            return solved(m, 1e-12, **{name: x}).final[:5]
+
+        step = 1e-4 * value
+        far, near = ((end(value + h) - end(value - h)) / (2 * h) for h in (step, step / 2))
+        exact = (4 * near - far) / 3
+        size = np.abs(exact).max()
+        np.testing.assert_allclose(found[name], exact, rtol=1e-6, atol=1e-6 * size, err_msg=name)
+
+
+def test_radial_play_only_in_space_is_the_plane_scene():
+    """The same arm as a plane mechanism, and in space about another axis, under its own names."""
+    play = cj.RevoluteClearance(RADIAL, RADIUS, HERTZ, FRICTION)
+    flat = cj.Mechanism(
+        (cj.Body("arm", 2.0, 0.03, cj.Position(0.2)),),
+        (cj.Revolute("hip", "ground", "arm", motion=cj.Motion(cj.Harmonic(0.35, 30.0)), clearance=play),),
+        gravity=cj.Gravity(y=-3.0),
+    )
+    space = arm(play, gravity=(None, -3.0, None), off=0.0)
+    assert flat.is_plane
+    assert not space.is_plane
+    best = cj.simulate(flat, 0.05, rtol=1e-11).final
+    np.testing.assert_allclose(cj.simulate(space, 0.05, rtol=1e-11).final[:4], best[:4], rtol=0, atol=1e-9 * RADIAL)
+    # About x: what was x is y, what was y is z. The sleeve's own axes say it all.
+    body = cj.Body("arm", 2.0, cj.Inertia(0.03, 0.03, 2e-3), cj.Position(None, 0.2))
+    hip = cj.Revolute("hip", "ground", "arm", motion=cj.Motion(cj.Harmonic(0.35, 30.0)), clearance=play, axis="x")
+    turned = cj.Mechanism((body,), (hip,), gravity=cj.Gravity(z=-3.0))
+    np.testing.assert_allclose(cj.simulate(turned, 0.05, rtol=1e-11).final[:4], best[:4], rtol=0, atol=1e-9 * RADIAL)
+
+
+def test_a_sleeve_closes_a_loop_as_it_does_in_a_tree():
+    """A pin that is free in space on the one hand, on the joint's own play coordinates on the other: one field."""
+    clearance = sleeve()
+    tree = arm(clearance)
+    driven = cj.Revolute("motor", "ground", "sleeve", motion=cj.Motion(cj.Harmonic(0.35, 30.0)))
+    loop = cj.Mechanism(
+        (cj.Body("sleeve"), *tree.bodies),
+        (driven, cj.Free("float", "ground", "arm")),
+        (cj.Revolute("hip", "sleeve", "arm", clearance=clearance),),
+        gravity=tree.gravity,
+    )
+    now, place, tilt = 0.1, np.array([1.05e-4, 2e-5, -1e-5]), np.array([1e-3, -2e-3])
+    turned = 0.35 * np.sin(3.0)
+    sleeve_axes = Rotation.from_rotvec([0, 0, turned])
+    pin = sleeve_axes * Rotation.from_rotvec([tilt[0], 0, 0]) * Rotation.from_rotvec([0, tilt[1], 0])
+    x, y, z, real = pin.as_quat()
+    spin = pin.inv().apply([0, 0, 0.35 * 30 * np.cos(3.0)])
+    origin = sleeve_axes.apply(place)
+    velocity = np.cross([0, 0, 0.35 * 30 * np.cos(3.0)], origin)
+    state = jnp.array([*origin, real, x, y, z, *velocity, *spin])
+    hip = cj.Revolute("hip", "sleeve", "arm", clearance=clearance)
+    fixed = cj.Mechanism((cj.Body("sleeve"), *tree.bodies), (driven, hip), gravity=tree.gravity)
+    rate = slope(jnp.asarray(now), state, loop.prepared())[7:]
+    own = jnp.array([*place, *tilt, *np.zeros(7)])
+    expected = slope(jnp.asarray(now), own, fixed.prepared())[6:]
+    # The pin's acceleration over the sleeve's own point there, in the sleeve's axes.
+    w0, a0 = np.array([0, 0, 0.35 * 30 * np.cos(3.0)]), np.array([0, 0, -0.35 * 900 * np.sin(3.0)])
+    there = np.cross(a0, origin) + np.cross(w0, np.cross(w0, origin))
+    np.testing.assert_allclose(
+        sleeve_axes.inv().apply(np.asarray(rate[:3]) - there), expected[:3], rtol=1e-9, atol=1e-7
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"stations": 1}, "`stations` must be from 2"),
+        ({"ring": 2}, "`ring` must be from 3"),
+        ({"pin": "besides"}, "`pin` must be through or inside"),
+    ],
+)
+def test_what_is_no_sleeve_is_refused(change, said):
+    with pytest.raises(cj.ClearanceError, match=said):
+        cj.SleeveClearance(RADIAL, RADIUS, LENGTH, HERTZ, **change)
+    with pytest.raises(cj.ClearanceError, match=r"`hip.axial_clearance` must be greater than 0"):
+        cj.simulate(arm(sleeve(axial=-1e-5)), 0.01)
