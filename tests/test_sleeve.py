@@ -215,7 +215,6 @@ def test_a_sleeve_closes_a_loop_as_it_does_in_a_tree():
     [
         ({"stations": 1}, "`stations` must be from 2"),
         ({"ring": 2}, "`ring` must be from 3"),
-        ({"pin": "besides"}, "`pin` must be through or inside"),
     ],
 )
 def test_what_is_no_sleeve_is_refused(change, said):

@@ -15,6 +15,7 @@ from clearance_jax.io.kinds import (
     Sub,
     Text,
     Triple,
+    Whole,
     Word,
 )
 from clearance_jax.mechanism.compounds import Slide, Spin, Turn
@@ -59,6 +60,8 @@ def _key(field: dataclasses.Field) -> Key:
     common |= {"default": None if required else field.default}
     if field.type == tuple[str, ...]:
         return Names(*words, **common)
+    if field.type is int:
+        return Whole(*words, **common)
     if get_origin(field.type) is Literal:
         return Word(*words, allowed=get_args(field.type), **common)
     return (Flag if field.type is bool else Text)(*words, **common)

@@ -6,22 +6,31 @@ import numpy as np
 
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.io.scene_keys import FRICTION_TABLES, NORMAL_TABLES, STIFFNESS
-from clearance_jax.io.table import Table
-from clearance_jax.joints import RevoluteClearance
+from clearance_jax.io.table import Table, naming
+from clearance_jax.joints import RevoluteClearance, SleeveClearance
 from clearance_jax.laws import FRICTION_LAWS, NORMAL_LAWS, AbstractFrictionLaw, AbstractNormalLaw, InternalHertz
 
+OF_A_SLEEVE = ("axial_clearance", "stations", "pin", "collar_radius", "ring")
 RADIAL, DIAMETRAL, PIN, SLEEVE = "radial_clearance", "diametral_clearance", "pin_radius", "sleeve_radius"
 
 
-def clearance_of(table: Table) -> RevoluteClearance | None:
+def clearance_of(table: Table) -> RevoluteClearance | SleeveClearance | None:
     """The clearance of a revolute joint; `None` where the joint is ideal."""
     if not (table.has(RADIAL) or table.has(DIAMETRAL) or (table.has(PIN) and table.has(SLEEVE))):
-        for key in ("normal", "friction", PIN, SLEEVE):
+        for key in ("normal", "friction", PIN, SLEEVE, "length", *OF_A_SLEEVE):
             if table.has(key):
                 raise ClearanceError(f"{table.key(key)} belongs to a joint with clearance: add `{RADIAL}` too.")
         return None
     clearance, pin = _radii(table)
-    return RevoluteClearance(clearance, pin, _normal(table), _friction(table))
+    laws = _normal(table), _friction(table)
+    if not table.has("length"):
+        for key in OF_A_SLEEVE:
+            if table.has(key):
+                raise ClearanceError(f"{table.key(key)} belongs to a sleeve of some length: add `length` too.")
+        return RevoluteClearance(clearance, pin, *laws)
+    numbers = {key: table.get(key) for key in OF_A_SLEEVE if table.has(key)}
+    with naming(table.where):
+        return SleeveClearance(clearance, pin, table.get("length"), *laws, **numbers)
 
 
 def _radii(table: Table) -> tuple[float, float]:

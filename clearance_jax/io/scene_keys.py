@@ -9,7 +9,7 @@ from clearance_jax.io.fields import keys_of, summary
 from clearance_jax.io.kinds import LONGEST_PATH, Direction, Flag, Names, Place, Quantity, Sub, Text, Triple, Whole, Word
 from clearance_jax.io.table import Keys
 from clearance_jax.io.urdf import BASES, MIMICS
-from clearance_jax.joints import RevoluteClearance
+from clearance_jax.joints import RevoluteClearance, SleeveClearance
 from clearance_jax.laws import FRICTION_LAWS, NORMAL_LAWS, InternalHertz
 from clearance_jax.mechanism.actuators import ConstantEffort, JointSpring, Servo
 from clearance_jax.mechanism.body import Body, Motion, Point, Spring
@@ -241,7 +241,8 @@ MOTION = Keys(
 CLEARANCE = Keys(
     "joint.NAME",
     "Clearance of a revolute joint",
-    "Two of radial (or diametral) clearance, pin radius and sleeve radius, and the laws of contact.",
+    "Two of radial (or diametral) clearance, pin radius and sleeve radius, and the laws of contact. With a `length` "
+    "the pin may tilt, in space, and slide along its axis where it has axial play too.",
     (
         *(dataclasses.replace(key, required=False) for key in keys_of(RevoluteClearance)),
         Quantity("diametral_clearance", "twice the radial clearance, instead of it", '"0.2 mm"', unit="m"),
@@ -259,6 +260,11 @@ CLEARANCE = Keys(
             absent="no friction",
         ),
         *keys_of(Revolute, "eccentricity"),
+        *(
+            dataclasses.replace(key, required=False, absent="no tilt" if key.name == "length" else key.absent)
+            for key in keys_of(SleeveClearance)
+            if key.name not in ("radial_clearance", "pin_radius")
+        ),
     ),
     'type = "revolute"',
 )

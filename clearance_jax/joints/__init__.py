@@ -9,6 +9,7 @@ from clearance_jax.joints._base import (
     PreparedClearance,
     Relative,
 )
+from clearance_jax.joints.presets import fitted
 from clearance_jax.joints.revolute import RevoluteClearance
 from clearance_jax.joints.sleeve import SleeveClearance
 
@@ -22,4 +23,5 @@ __all__ = [
     "Relative",
     "RevoluteClearance",
     "SleeveClearance",
+    "fitted",
 ]

@@ -8,7 +8,7 @@ A force is along the gradient of its penetration, and acts where that gradient's
 exactly, tilted too. What is left out is of second order in the tilt: a tilted pin's section is not quite round.
 """
 
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import jax
 import jax.numpy as jnp
@@ -54,7 +54,7 @@ class SleeveClearance(AbstractClearance):
     )
     element: AbstractElement | None = None
     stations: int = described("points along the sleeve, both edges among them", "8", static=True, default=8)
-    pin: str = described(
+    pin: Literal["through", "inside"] = described(
         "whether it is longer than the sleeve (`through`) or shorter (`inside`)",
         '"inside"',
         static=True,

@@ -10,7 +10,7 @@ from jaxtyping import Array
 
 from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError, suggest
-from clearance_jax.joints import AbstractClearance, PreparedClearance
+from clearance_jax.joints import AbstractClearance, PreparedClearance, fitted
 from clearance_jax.mechanism.body import Body, Point, Spring
 from clearance_jax.mechanism.controllers import AbstractController
 from clearance_jax.mechanism.driving import acting_always, check_drives, released, with_drives
@@ -201,24 +201,37 @@ class Mechanism(eqx.Module):
         """
         return self._with_joints(lambda joint: _without_clearance(joint, places.get(joint.name, (0.0, 0.0))))
 
-    def with_clearance(self, name: str, clearance: AbstractClearance | None = None, *, radial: Any = None):
-        """The same mechanism with clearance in joint `name`.
+    def with_clearance(
+        self,
+        name: str,
+        clearance: AbstractClearance | None = None,
+        *,
+        radial: Any = None,
+        axial: Any = None,
+        length: Any = None,
+        diameter: Any = None,
+    ) -> "Mechanism":
+        """The same mechanism with play in the revolute joint `name`.
 
-        Give the whole `clearance`, or only `radial` [m] for a joint that has clearance already.
+        **Arguments:** the whole `clearance`; or `radial`, `axial`, `length` and `diameter` [m] of an ideal joint, whose
+        laws are then as usual (see `joints.fitted`); or, of a joint that has clearance, those of its numbers that are
+        to be others.
+
+        **Raises:** `ClearanceError` for a joint that is not revolute, and for what is missing.
         """
         joint = self.joint(name)
         if not isinstance(joint, Revolute):
             raise ClearanceError(f"Joint `{name}` must be revolute to have a radial clearance, but it is not.")
+        numbers = {"radial_clearance": radial, "axial_clearance": axial, "length": length}
+        numbers |= {"pin_radius": None if diameter is None else diameter / 2}
+        numbers = {f"{name}.{key}": value for key, value in numbers.items() if value is not None}
         if clearance is None and joint.clearance is None:
-            raise ClearanceError(
-                f"Joint `{name}` is ideal: give its pin radius and laws, "
-                "`with_clearance(name, RevoluteClearance(...))`."
-            )
-        new = joint
+            if radial is None:
+                raise ClearanceError(f"Joint `{name}` is ideal: give `radial`, or its whole clearance.")
+            clearance, numbers = fitted(radial, axial=axial, length=length, diameter=diameter), {}
         if clearance is not None:
-            new = eqx.tree_at(lambda j: j.clearance, joint, clearance, is_leaf=lambda x: x is None)
-        changed = self.with_joint(new)
-        return changed if radial is None else replace(changed, {f"{name}.radial_clearance": radial})
+            joint = eqx.tree_at(lambda j: j.clearance, joint, clearance, is_leaf=lambda x: x is None)
+        return replace(self.with_joint(joint), numbers)
 
     def driven(self, drives: Mapping[str, Any]) -> "Mechanism":
         """The same mechanism with other drives (`cj.Trapezoid`, `cj.read_trajectory`, ...) of the named coordinates.
