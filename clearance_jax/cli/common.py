@@ -24,6 +24,14 @@ Settings = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="NAME=VALUE", help="Replace one parameter, e.g. joint5.radial_clearance=0.2mm."),
 ]
+Clearances = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--clearance",
+        metavar="JOINT:NUMBERS",
+        help="Give a revolute joint play, e.g. axis_5:radial=0.05mm,axial=0.1mm,length=40mm,diameter=20mm.",
+    ),
+]
 Ideal = Annotated[bool, typer.Option("--ideal", help="Take every clearance away.")]
 
 FIGURES = (".png", ".pdf", ".svg")
@@ -44,12 +52,14 @@ def read_scene(scene_file: Path) -> Any:
     return read_scene(scene_file)
 
 
-def changed(mechanism: Any, settings: list[str] | None, ideal: bool) -> Any:
+def changed(mechanism: Any, settings: list[str] | None, ideal: bool, clearances: list[str] | None = None) -> Any:
     """What the command's options make of a mechanism."""
+    from clearance_jax.io.given_play import with_play
     from clearance_jax.io.plausible import implausible
     from clearance_jax.io.settings import parse_settings
     from clearance_jax.parameters import check_values, replace
 
+    mechanism = with_play(mechanism, clearances or [])
     mechanism = replace(mechanism, parse_settings(settings or [], mechanism))
     check_values(mechanism)
     warn(implausible(mechanism))

@@ -5,12 +5,12 @@ from typing import Any
 from rich.markup import escape
 from rich.table import Table
 
-from clearance_jax.cli.common import Ideal, SceneFile, Settings, changed, console, read_scene
+from clearance_jax.cli.common import Clearances, Ideal, SceneFile, Settings, changed, console, read_scene
 
 
-def info(scene_file: SceneFile, settings: Settings = None, ideal: Ideal = False) -> None:
+def info(scene_file: SceneFile, settings: Settings = None, clearance: Clearances = None, ideal: Ideal = False) -> None:
     """What a scene contains: states, terms, cost of one vector-field evaluation, every parameter by its name."""
-    mechanism = changed(read_scene(scene_file).mechanism, settings, ideal)
+    mechanism = changed(read_scene(scene_file).mechanism, settings, ideal, clearance)
     _print_terms(mechanism)
     console.print(f"one evaluation of the vector field: {_operations(mechanism)} operations (compiler's count)")
     limits = _limits(mechanism)

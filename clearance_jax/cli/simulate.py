@@ -10,6 +10,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from clearance_jax.cli.common import (
     FIGURES,
+    Clearances,
     Ideal,
     SceneFile,
     Settings,
@@ -41,6 +42,7 @@ def simulate(
     trajectory: Annotated[
         Path | None, typer.Option(help="Drives the joints that a CSV file of times and values names.")
     ] = None,
+    clearance: Clearances = None,
     ideal: Ideal = False,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Result file (NetCDF).")] = None,
     plot: Annotated[Path | None, typer.Option(help="Figure of the result (.png, .pdf).")] = None,
@@ -52,7 +54,7 @@ def simulate(
     scene = read_scene(scene_file)
     lead = scene.trajectory if trajectory is None else _read_trajectory(trajectory, scene.mechanism)
     driven = scene.mechanism if lead is None else scene.mechanism.driven(lead.drives)
-    mechanism = changed(driven, settings, ideal)
+    mechanism = changed(driven, settings, ideal, clearance)
     from clearance_jax.results.dataset import to_dataset
     from clearance_jax.results.store import save
     from clearance_jax.solve.simulate import EnergyWarning, doubt
@@ -84,7 +86,7 @@ def simulate(
             result,
             progress=lambda f: bar.update(task, completed=f),
             scene=scene.text,
-            settings=" ".join(settings or []),
+            settings=" ".join([*(settings or []), *(clearance or [])]),
             trajectory="" if lead is None else str(lead.path),
             solve=repr({"t1": end, **options}),
         )

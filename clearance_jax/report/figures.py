@@ -64,6 +64,7 @@ def _eccentricity(axis, dataset: xr.Dataset) -> None:
     factor = time_axis(axis, float(dataset["time"][-1]))
     for joint in dataset["joint"].values:
         time, places = _of_joint(dataset, joint, "eccentricity")
+        places = places[:, :2]  # across the sleeve
         colour = curve(axis, factor * time, np.hypot(*places.T) * 1e3, str(joint))
         clearance = dataset.attrs.get(f"parameter.{joint}.radial_clearance")
         if clearance is not None:
@@ -148,6 +149,7 @@ def _path(here: xr.Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         names.append(("step_time", "step_eccentricity", "step_state"))
     columns = zip(*names, strict=True)
     time, places, states = (np.concatenate([here[name].values for name in column]) for column in columns)
+    places = places[:, :2]  # across the sleeve
     time, order = np.unique(time, return_index=True)
     return time, places[order], states[order]
 
