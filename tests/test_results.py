@@ -114,6 +114,14 @@ def test_an_acceleration_of_the_first_fall_is_named_as_such():
     assert peak_words(ideal, "acceleration", "tip") == "9 m/s^2 at 2 ms"
 
 
+def test_a_peak_in_space_counts_every_axis():
+    values = np.zeros((3, 1, 3))
+    values[1, 0] = 3.0, 4.0, 12.0
+    velocity = xr.DataArray(values, dims=("time", "point", "axis"), attrs={"units": "m/s"})
+    dataset = xr.Dataset({"velocity": velocity}, {"time": [0.0, 1e-3, 2e-3], "point": ["tip"]})
+    assert peak_words(dataset, "velocity", "tip") == "13 m/s at 1 ms"
+
+
 def test_a_pin_that_starts_at_its_wall_does_not_fall(crank):
     dataset = cj.to_dataset(*crank)
     begun = dataset.isel(step=dataset.step_state.values[:, 0].argmax() + np.arange(20))

@@ -71,7 +71,7 @@ def peak_words(dataset: xr.Dataset, name: str, point: str) -> str:
     first time, and the largest one after that.
     """
     time, unit = dataset["time"].values, dataset[name].attrs["units"]
-    size = np.hypot(*dataset[name].sel(point=point).values.T)
+    size = np.linalg.norm(dataset[name].sel(point=point).values, axis=-1)
 
     def said(k: int) -> str:
         return f"{size[k]:.6g} {unit} at {seconds(float(time[k]))}"
