@@ -60,7 +60,7 @@ class Powers(eqx.Module):
 def _play(mechanism: Mechanism, name: str, time, y) -> tuple[ClearanceJoint, Relative, State]:
     joint = mechanism.clearance_joints()[clearance_index(mechanism, name)]
     state = layout(mechanism).split(y)
-    return joint, play(joint, frames(mechanism, time, state), state).relative, state
+    return joint, play(mechanism, joint, time, state, frames(mechanism, time, state)).relative, state
 
 
 def _held(mechanism: Mechanism, name: str, time, y) -> Scalar:

@@ -233,7 +233,7 @@ class ContactForce(AbstractSignal):
     def value(self, time, y, mechanism, reference):
         joint = mechanism.clearance_joints()[clearance_index(mechanism, self.joint)]
         state = layout(mechanism).split(y)
-        at = play(joint, frames(mechanism, time, state), state).relative
+        at = play(mechanism, joint, time, state, frames(mechanism, time, state)).relative
         return joint.clearance.act(at, state.memory[joint.name]).normal_force
 
 

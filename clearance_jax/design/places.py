@@ -57,7 +57,7 @@ def places_at(time: Scalar, y: Array, mechanism: Mechanism) -> Places:
     motion = frames(mechanism, time, state)
     pins, forces = {}, {}
     for joint in mechanism.clearance_joints():
-        at = play(joint, motion, state).relative
+        at = play(mechanism, joint, time, state, motion).relative
         pins[joint.name] = _row(at.place)
         forces[joint.name] = joint.clearance.act(at, state.memory[joint.name]).normal_force
     return Places(

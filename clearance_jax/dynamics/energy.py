@@ -152,19 +152,20 @@ def energies(time: Scalar, y: Array, mechanism: Mechanism) -> Energies:
     springs: Term = 0.0
     for spring in mechanism.springs:
         springs = plus(springs, 0.5 * spring.stiffness * spring_state(spring, motion).elongation ** 2)
-    held = contact_energy(mechanism, motion, state)
+    held = contact_energy(mechanism, time, motion, state)
     return Energies(*(jnp.asarray(energy, float) for energy in (kinetic, potential, springs, held)))
 
 
-def contact_energy(mechanism: Mechanism, motion: Frames, state: State) -> Term:
+def contact_energy(mechanism: Mechanism, time: Scalar, motion: Frames, state: State) -> Term:
     """Elastic energy of the contacts [J]."""
-    return total(joint.clearance.stored(play(joint, motion, state).relative) for joint in mechanism.clearance_joints())
+    plays = [(joint, play(mechanism, joint, time, state, motion)) for joint in mechanism.clearance_joints()]
+    return total(joint.clearance.stored(at.relative) for joint, at in plays)
 
 
 def opened_books(time: Scalar, y: Array, mechanism: Mechanism) -> Float[Array, " books"]:
     """Books as at the start of a solve from a state."""
     state = layout(mechanism).split(y)
-    held = jnp.asarray(contact_energy(mechanism, frames(mechanism, time, state), state), float)
+    held = jnp.asarray(contact_energy(mechanism, time, frames(mechanism, time, state), state), float)
     return jnp.stack([held if name == "absorbed_work" else jnp.zeros(()) for name in BOOKS])
 
 

@@ -36,7 +36,7 @@ def balance(mechanism: Mechanism, time: Scalar, state: State) -> Balance:
     """Where everything is, what the joints exert, the equations of motion."""
     mechanism = mechanism.at(time)
     motion = frames(mechanism, time, state)
-    plays = {joint.name: play(joint, motion, state) for joint in mechanism.clearance_joints()}
+    plays = {joint.name: play(mechanism, joint, time, state, motion) for joint in mechanism.clearance_joints()}
     actions = {
         joint.name: shared(joint.clearance.act(plays[joint.name].relative, state.memory[joint.name]))
         for joint in mechanism.clearance_joints()

@@ -16,8 +16,9 @@ from clearance_jax.mechanism.body import GROUND, Spring
 from clearance_jax.mechanism.frame import Frame
 from clearance_jax.mechanism.mechanism import ClearanceJoint, Mechanism
 from clearance_jax.mechanism.state import State, layout, parts
-from clearance_jax.mechanism.tree import AbstractJoint, Revolute, place
+from clearance_jax.mechanism.tree import AbstractJoint, Revolute, Values, place, within
 from clearance_jax.spatial import (
+    IDENTITY,
     ZERO,
     Matrix,
     Rotation,
@@ -43,12 +44,17 @@ def frames(mechanism: Mechanism, time: Scalar, state: State) -> Frames:
     """Pose and motion of every body: one sweep from the ground."""
     if mechanism.is_tabled:
         return Table(mechanism, time, state)
-    values = {c.name: (v.start, state.q[q], state.v[v]) for c, q, v in parts(mechanism)}
+    values = coordinate_rows(mechanism, state)
     out = {GROUND: Frame()}
     for joint in mechanism.joints:
         frame = place(joint, out[joint.parent], time, values)
         out[joint.child] = frame if mechanism.is_plane else kept(frame)
     return out
+
+
+def coordinate_rows(mechanism: Mechanism, state: State) -> Values:
+    """Of every free coordinate by its name: where its velocities begin, its positions, its velocities."""
+    return {c.name: (v.start, state.q[q], state.v[v]) for c, q, v in parts(mechanism)}
 
 
 class Play(NamedTuple):
@@ -61,25 +67,35 @@ class Play(NamedTuple):
     pin: Vector
 
 
-def play(joint: ClearanceJoint, motion: Frames, state: State) -> Play:
-    """Kinematics of a clearance joint: in the tree its coordinates, in a loop a difference of positions."""
+def play(mechanism: Mechanism, joint: ClearanceJoint, time: Scalar, state: State, motion: Frames) -> Play:
+    """Kinematics of a clearance joint: in the tree by its coordinates, which keep the digits of a small play on a large
+    machine; in a loop a difference of positions.
+    """
     sleeve, pin = motion[joint.parent], motion[joint.child]
-    centre = pin.point(joint.joint.at_child.vector)
-    rotation = sleeve_axes(joint.joint, motion)
-    if joint.play is not None:
-        place, velocity = joint.slid(state.q), joint.slid(state.v)
-    else:
-        gap = subtract(centre, sleeve.point(joint.joint.at_parent.vector))
-        # As the sleeve sees it: against its own point that the pin's centre is at.
-        rate = subtract(pin.velocity_at(centre), sleeve.velocity_at(centre))
-        place, velocity = rotation.undo(gap), rotation.undo(rate)
+    rotation, centre = sleeve_axes(joint.joint, motion), pin.point(joint.joint.at_child.vector)
+    if joint.in_tree:
+        relative = _of_frame(joint.joint, within(joint.joint, time, coordinate_rows(mechanism, state)))
+        return Play(shared(relative), rotation, centre)
+    gap = subtract(centre, sleeve.point(joint.joint.at_parent.vector))
+    # As the sleeve sees it: against its own point that the pin's centre is at.
+    rate = subtract(pin.velocity_at(centre), sleeve.velocity_at(centre))
+    place, velocity = rotation.undo(gap), rotation.undo(rate)
     if rotation.is_plane and pin.rotation.is_plane:
         angle, spin = minus(pin.angle, sleeve.angle), (0.0, 0.0, minus(pin.spin[2], sleeve.spin[2]))
         return Play(shared(Relative(place, angle, velocity, spin)), rotation, centre)
-    turned = pin_axes(joint.joint, motion)
-    rows = product(transpose(rotation.rows), turned.rows)
+    rows = product(transpose(rotation.rows), pin_axes(joint.joint, motion).rows)
     spin = rotation.undo(subtract(pin.spin, sleeve.spin))
     return Play(kept(Relative(place, 0.0, velocity, spin, rows)), rotation, centre)
+
+
+def _of_frame(joint: Revolute, local: Frame) -> Relative:
+    """The relative motion of a joint of the tree, by the frame that its coordinates make in the joint's own."""
+    inner = _along(joint, IDENTITY)
+    place, velocity, spin = (inner.undo(v) for v in (local.position, local.velocity, local.spin))
+    if inner is IDENTITY and local.rotation.is_plane:
+        return Relative(place, local.rotation.angle, velocity, spin)
+    rows = product(transpose(inner.rows), product(local.rotation.rows, inner.rows))
+    return kept(Relative(place, 0.0, velocity, spin, rows))
 
 
 def sleeve_axes(joint: Revolute, motion: Frames) -> Rotation:
@@ -105,7 +121,7 @@ def relative_motions(time: Scalar, y: Array | Rows, mechanism: Mechanism) -> lis
     """The relative motion in every clearance joint."""
     state = layout(mechanism).split(y)
     motion = frames(mechanism, time, state)
-    return [_arrays(play(joint, motion, state).relative) for joint in mechanism.clearance_joints()]
+    return [_arrays(play(mechanism, joint, time, state, motion).relative) for joint in mechanism.clearance_joints()]
 
 
 def _arrays(at: Relative) -> Relative:
@@ -154,14 +170,12 @@ def relative_accelerations(
     speeds = [slope[i] for i in range(plan.v.start, plan.v.stop)]
     extra, out = Extra(speeds), []
     for joint in mechanism.clearance_joints():
-        at = play(joint, motion, state)
+        at = play(mechanism, joint, time, state, motion)
         now, (sleeve, pin) = at.relative, (motion[joint.parent], motion[joint.child])
-        spin_rate = subtract(add(pin.spin_rate, extra.spin_rate(pin)), add(sleeve.spin_rate, extra.spin_rate(sleeve)))
-        if now.rows is not None:
-            spin_rate = subtract(spin_rate, cross(sleeve.spin, subtract(pin.spin, sleeve.spin)))
-            spin_rate = at.rotation.undo(spin_rate)
-        if joint.play is not None:
-            gain = joint.slid(speeds)
+        if joint.in_tree:
+            local, inner = within(joint.joint, time, coordinate_rows(mechanism, state)), _along(joint.joint, IDENTITY)
+            gain = inner.undo(add(local.acceleration, extra.at(local, local.position)))
+            spin_rate = inner.undo(add(local.spin_rate, extra.spin_rate(local)))
         else:
             apart = subtract(
                 add(pin.acceleration_at(at.pin), extra.at(pin, at.pin)),
@@ -169,6 +183,12 @@ def relative_accelerations(
             )
             turning = cross(scale(2.0, at.rotation.undo(sleeve.spin)), now.velocity)
             gain = subtract(at.rotation.undo(shared(apart)), turning)
+            spin_rate = subtract(
+                add(pin.spin_rate, extra.spin_rate(pin)), add(sleeve.spin_rate, extra.spin_rate(sleeve))
+            )
+            if now.rows is not None:
+                spin_rate = subtract(spin_rate, cross(sleeve.spin, subtract(pin.spin, sleeve.spin)))
+                spin_rate = at.rotation.undo(spin_rate)
         rows = None if now.rows is None else turning_rows(now.spin, now.rows)
         rate = Relative(now.velocity, now.spin[2] if rows is None else 0.0, gain, spin_rate, rows)
         out.append((_arrays(now), shared(_arrays(rate))))

@@ -1,7 +1,7 @@
 """The mechanism: bodies, the tree of joints, loops, springs, points, gravity."""
 
 import dataclasses
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -28,19 +28,17 @@ from clearance_jax.mechanism.structure import (
 )
 from clearance_jax.mechanism.tree import AbstractJoint, Coordinate, Revolute
 from clearance_jax.parameters import replace
-from clearance_jax.spatial import ZERO, Pair, Vector, absent, add, is_zero, scale
+from clearance_jax.spatial import Pair, absent, add, is_zero
 
 NO_GRAVITY = Gravity()
 
 
 class ClearanceJoint(NamedTuple):
-    """A joint whose clearance is there; `play`: where its play coordinates begin among the free ones (`None`: it closes
-    a loop and has none).
-    """
+    """A joint whose clearance is there; `in_tree`: whether play is coordinates of it (else it closes a loop)."""
 
     joint: Revolute
     clearance: Any
-    play: int | None
+    in_tree: bool
 
     @property
     def name(self) -> str:
@@ -56,15 +54,6 @@ class ClearanceJoint(NamedTuple):
     def child(self) -> str:
         """The body that the pin is on."""
         return self.joint.child
-
-    def slid(self, values: Sequence[Any]) -> Vector:
-        """What the play coordinates that slide add up to, in the sleeve's axes, of one value a free coordinate."""
-        assert self.play is not None
-        out = ZERO
-        for value, play in zip(values[self.play :], self.joint.play(), strict=False):
-            if play.slides is not None:
-                out = add(out, scale(value, play.slides))
-        return out
 
     @property
     def laws(self) -> tuple[Any, ...]:
@@ -129,13 +118,12 @@ class Mechanism(eqx.Module):
 
     def clearance_joints(self) -> tuple[ClearanceJoint, ...]:
         """Every joint with clearance, those of the tree first."""
-        names = [c.name for c in self.free_coordinates()]
-        out = []
-        for joint in (*self.joints, *self.loops):
-            if isinstance(joint, Revolute) and joint.clearance is not None:
-                first = joint.name + joint.play()[0].suffix
-                out.append(ClearanceJoint(joint, joint.clearance, names.index(first) if first in names else None))
-        return tuple(out)
+        return tuple(
+            ClearanceJoint(joint, joint.clearance, group is self.joints)
+            for group in (self.joints, self.loops)
+            for joint in group
+            if isinstance(joint, Revolute) and joint.clearance is not None
+        )
 
     def closures(self) -> tuple[AbstractJoint, ...]:
         """The loops without clearance: ideal constraints."""

@@ -316,11 +316,17 @@ Values = dict[str, tuple[int, Rows, tuple[Term, ...]]]
 moves)."""
 
 
-def place(joint: AbstractJoint, parent: Frame, time: Scalar, values: Values) -> Frame:
-    """The child's frame."""
-    frame = joint.on_parent(parent)
+def within(joint: AbstractJoint, time: Scalar, values: Values, frame: Frame | None = None) -> Frame:
+    """The joint's frame on the child, by the one on the parent; by default as seen from there."""
+    frame = Frame() if frame is None else frame
     for coordinate in joint.coordinates():
         frame = _beyond(coordinate, frame, time, values)
+    return frame
+
+
+def place(joint: AbstractJoint, parent: Frame, time: Scalar, values: Values) -> Frame:
+    """The child's frame."""
+    frame = within(joint, time, values, joint.on_parent(parent))
     frame = frame._replace(pivot=frame.position)
     if joint.child_orientation is not None:
         rows = joint.child_orientation.rotation.rows

@@ -99,7 +99,7 @@ def curves(times, ends, mechanism: Mechanism) -> tuple[list[Curve], Each]:
     begin = accelerations(t0, y0, slope0, mechanism)
     finish = accelerations(t1, y1, slope1, mechanism)
     found = [curve_between(a, b, h) for a, b in zip(begin, finish, strict=True)]
-    loops = [i for i, joint in enumerate(joints) if joint.play is None]
+    loops = [i for i, joint in enumerate(joints) if not joint.in_tree]
     if not loops:
         return found, jnp.zeros_like(h)
     sizes = each_lane(lambda mechanism: [joint.size for joint in mechanism.clearance_joints()], h)(mechanism)
