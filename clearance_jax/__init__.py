@@ -27,7 +27,14 @@ if TYPE_CHECKING:
     from clearance_jax.io.trajectory import read_trajectory
     from clearance_jax.io.trajectory_writer import write_trajectory
     from clearance_jax.io.urdf import load_urdf
-    from clearance_jax.joints import AbstractClearance, AbstractElement, RevoluteClearance, SleeveClearance
+    from clearance_jax.joints import (
+        AbstractClearance,
+        AbstractElement,
+        GuideClearance,
+        RevoluteClearance,
+        SleeveClearance,
+        SphericalClearance,
+    )
     from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, AbstractStiffness
     from clearance_jax.mechanism.actuators import AbstractActuator, ConstantEffort, JointSpring, Servo
     from clearance_jax.mechanism.body import Body, Motion, Point, Spring
@@ -67,7 +74,14 @@ _NAMES = {
     "io.trajectory": ("read_trajectory",),
     "io.trajectory_writer": ("write_trajectory",),
     "io.urdf": ("load_urdf",),
-    "joints": ("AbstractClearance", "AbstractElement", "RevoluteClearance", "SleeveClearance"),
+    "joints": (
+        "AbstractClearance",
+        "AbstractElement",
+        "GuideClearance",
+        "RevoluteClearance",
+        "SleeveClearance",
+        "SphericalClearance",
+    ),
     "laws": ("AbstractFrictionLaw", "AbstractNormalLaw", "AbstractStiffness"),
     "mechanism.actuators": ("AbstractActuator", "ConstantEffort", "JointSpring", "Servo"),
     "mechanism.body": ("Body", "Motion", "Point", "Spring"),
@@ -122,6 +136,7 @@ __all__ = [
     "Free",
     "GradientReport",
     "Gravity",
+    "GuideClearance",
     "Harmonic",
     "Hessian",
     "Inertia",
@@ -151,6 +166,7 @@ __all__ = [
     "Solution",
     "SolveOptions",
     "Spherical",
+    "SphericalClearance",
     "Spin",
     "Spline",
     "Spring",

@@ -190,6 +190,16 @@ def about(axis: Vector, angle: Term) -> Matrix:
     return tuple(tuple(row) for row in rows)  # pyright: ignore[reportReturnType]
 
 
+def across(axis: Vector) -> tuple[Vector, Vector]:
+    """Two unit vectors that make a right-handed frame with a third: (first, second, axis)."""
+    # Without a decision that a small change of the axis would turn round (Duff et al. 2017).
+    x, y, z = (jnp.asarray(term, float) for term in axis)
+    sign = jnp.where(z < 0, -1.0, 1.0)
+    a = -1.0 / (sign + z)
+    first = (1.0 + sign * x * x * a, sign * x * y * a, -sign * x)
+    return first, cross((x, y, z), first)
+
+
 def of_quaternion(w: Term, x: Term, y: Term, z: Term) -> Matrix:
     """The matrix of a quaternion of any length (so that a field does not feel how far one is from unit)."""
     size = total(times(p, p) for p in (w, x, y, z))

@@ -13,7 +13,7 @@ from clearance_jax.dynamics.inertia import mass_matrix
 from clearance_jax.dynamics.kinematics import Frames, frames, sleeve_axes
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout, moved, parts
-from clearance_jax.mechanism.tree import AbstractJoint, Revolute
+from clearance_jax.mechanism.tree import AbstractJoint, AbstractPlayed
 from clearance_jax.spatial import ZERO, Term, Vector, as_array, cross, dot, minus, plus, times
 
 # Factor on the inertia of a coordinate that is to stay: it takes less than a nanometre of a closing loop's metre.
@@ -111,6 +111,6 @@ def assembled(time: Scalar, y: Array, mechanism: Mechanism) -> tuple[Array, Floa
 
 def initial_offset(loop: AbstractJoint, motion: Frames) -> Vector:
     """Where in its sleeve the pin of a loop with clearance starts, at rest there, along the world's axes."""
-    if not isinstance(loop, Revolute) or loop.clearance is None:
+    if not isinstance(loop, AbstractPlayed) or loop.clearance is None:
         return ZERO
     return sleeve_axes(loop, motion).apply(loop.eccentricity.vector)

@@ -16,9 +16,10 @@ from clearance_jax.mechanism.body import GROUND, Spring
 from clearance_jax.mechanism.frame import Frame
 from clearance_jax.mechanism.mechanism import ClearanceJoint, Mechanism
 from clearance_jax.mechanism.state import State, layout, parts
-from clearance_jax.mechanism.tree import AbstractJoint, Revolute, Values, place, within
+from clearance_jax.mechanism.tree import AbstractJoint, AbstractPlayed, Values, place, within
 from clearance_jax.spatial import (
     IDENTITY,
+    UNIT,
     ZERO,
     Matrix,
     Rotation,
@@ -88,7 +89,7 @@ def play(mechanism: Mechanism, joint: ClearanceJoint, time: Scalar, state: State
     return Play(kept(Relative(place, 0.0, velocity, spin, rows)), rotation, centre)
 
 
-def _of_frame(joint: Revolute, local: Frame) -> Relative:
+def _of_frame(joint: AbstractPlayed, local: Frame) -> Relative:
     """The relative motion of a joint of the tree, by the frame that its coordinates make in the joint's own."""
     inner = _along(joint, IDENTITY)
     place, velocity, spin = (inner.undo(v) for v in (local.position, local.velocity, local.spin))
@@ -98,18 +99,18 @@ def _of_frame(joint: Revolute, local: Frame) -> Relative:
     return kept(Relative(place, 0.0, velocity, spin, rows))
 
 
-def sleeve_axes(joint: Revolute, motion: Frames) -> Rotation:
+def sleeve_axes(joint: AbstractPlayed, motion: Frames) -> Rotation:
     """The sleeve's axes, of which z is the joint's own."""
     return _along(joint, sleeve_rotation(joint, motion))
 
 
-def pin_axes(joint: Revolute, motion: Frames) -> Rotation:
+def pin_axes(joint: AbstractPlayed, motion: Frames) -> Rotation:
     """The pin's axes, of which z is its own."""
     return _along(joint, joint.on_child(motion[joint.child]))
 
 
-def _along(joint: Revolute, rotation: Rotation) -> Rotation:
-    return rotation if joint.axis.letter == "z" else rotation.followed(joint.across)
+def _along(joint: AbstractPlayed, rotation: Rotation) -> Rotation:
+    return rotation if joint.sleeve is UNIT else rotation.followed(joint.sleeve)
 
 
 def sleeve_rotation(joint: AbstractJoint, motion: Frames) -> Rotation:

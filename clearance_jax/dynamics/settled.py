@@ -47,9 +47,11 @@ def settled_start(time: Scalar, mechanism: Mechanism) -> tuple[Array, Float[Arra
             '`start = "settled"` puts every pin at its wall, but `assemble = false` asks for exactly the given initial '
             "values. Leave one of them out."
         )
-    if not mechanism.is_plane:
+    turning = [j.name for j in mechanism.clearance_joints() if any(play.turns is not None for play in j.joint.play())]
+    if not mechanism.is_plane or turning:
         raise ClearanceError(
-            '`start = "settled"` is for plane mechanisms so far. Start a mechanism in space by `start = "centre"`.'
+            '`start = "settled"` is for pins in a plane mechanism: not for blocks in guides, and not in space. Start '
+            'by `start = "centre"`.'
         )
     mechanism = mechanism.unsampled()  # which acts at the start as it would if it were not
     joints, loops, plan = mechanism.clearance_joints(), mechanism.loops, layout(mechanism.ideal())

@@ -9,6 +9,8 @@ from clearance_jax.joints._base import (
     PreparedClearance,
     Relative,
 )
+from clearance_jax.joints.ball import SphericalClearance
+from clearance_jax.joints.guide import GuideClearance
 from clearance_jax.joints.presets import fitted
 from clearance_jax.joints.revolute import RevoluteClearance
 from clearance_jax.joints.sleeve import SleeveClearance
@@ -18,10 +20,12 @@ __all__ = [
     "AbstractElement",
     "Action",
     "ContactPoint",
+    "GuideClearance",
     "PlayCoordinate",
     "PreparedClearance",
     "Relative",
     "RevoluteClearance",
     "SleeveClearance",
+    "SphericalClearance",
     "fitted",
 ]

@@ -7,8 +7,9 @@ import jax.numpy as jnp
 
 from clearance_jax._types import Rows, Scalar
 from clearance_jax.errors import ClearanceError
+from clearance_jax.joints import AbstractClearance, PreparedClearance
 from clearance_jax.mechanism.body import Motion
-from clearance_jax.mechanism.placement import Axis, Orientation, Position, PreparedOrientation, present
+from clearance_jax.mechanism.placement import ORIGIN, Axis, Orientation, Position, PreparedOrientation, present
 from clearance_jax.mechanism.tree import (
     AT_CHILD,
     AT_PARENT,
@@ -19,9 +20,11 @@ from clearance_jax.mechanism.tree import (
     TURN_PARENT,
     TURNING,
     AbstractJoint,
+    AbstractPlayed,
     Coordinate,
     Hold,
     aligned,
+    along,
     angle_key,
     axis_key,
     body_key,
@@ -106,8 +109,8 @@ class Ball(eqx.Module):
         return tuple(jnp.asarray(term, float) for term in quaternion), (self.spin.x, self.spin.y, self.spin.z)
 
 
-class Spherical(AbstractJoint):
-    """A ball in its socket: an orientation."""
+class Spherical(AbstractPlayed):
+    """A ball in its socket, ideal or with clearance: an orientation."""
 
     name: str = eqx.field(static=True)
     parent: str = body_key(*PARENT)
@@ -118,9 +121,11 @@ class Spherical(AbstractJoint):
     motion: Ball = flattened(default_factory=Ball)
     orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_PARENT)
     child_orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_CHILD)
+    clearance: AbstractClearance | PreparedClearance | None = flattened(default=None)
+    eccentricity: Position = ORIGIN
 
     def coordinates(self):
-        return (Coordinate(self.name, self.motion),)
+        return (*self.play_coordinates(), Coordinate(self.name, self.motion))
 
     def hold(self):
         return Hold(None, ())
@@ -150,8 +155,10 @@ class Universal(AbstractJoint):
         return Hold(None, ((X, Y),))
 
 
-class Cylindrical(AbstractJoint):
-    """A pin that slides in its sleeve: a slide along and a turn about one axis, by default z."""
+class Cylindrical(AbstractPlayed):
+    """A pin that slides in its sleeve, ideal or with clearance (of a sleeve without axial play): a slide along and a
+    turn about one axis, by default z.
+    """
 
     name: str = eqx.field(static=True)
     parent: str = body_key(*PARENT)
@@ -164,9 +171,16 @@ class Cylindrical(AbstractJoint):
     orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_PARENT)
     child_orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_CHILD)
     axis: Axis = axis_key("what it slides along and turns about, an axis of its frame", "z")
+    clearance: AbstractClearance | PreparedClearance | None = flattened(default=None)
+    eccentricity: Position = ORIGIN
+
+    @property
+    def sleeve(self):
+        return along(self.axis)
 
     def coordinates(self):
         return (
+            *self.play_coordinates(),
             Coordinate(f"{self.name}.slide", self.slide, slides=self.axis.vector),
             Coordinate(f"{self.name}.turn", self.turn, turns=self.axis.vector),
         )

@@ -26,9 +26,9 @@ from clearance_jax.mechanism.structure import (
     check_payloads,
     check_tree,
 )
-from clearance_jax.mechanism.tree import AbstractJoint, Coordinate, Revolute
+from clearance_jax.mechanism.tree import AbstractJoint, AbstractPlayed, Coordinate, Revolute
 from clearance_jax.parameters import replace
-from clearance_jax.spatial import Pair, absent, add, is_zero
+from clearance_jax.spatial import UNIT, Pair, absent, add, is_zero
 
 NO_GRAVITY = Gravity()
 
@@ -36,7 +36,7 @@ NO_GRAVITY = Gravity()
 class ClearanceJoint(NamedTuple):
     """A joint whose clearance is there; `in_tree`: whether play is coordinates of it (else it closes a loop)."""
 
-    joint: Revolute
+    joint: AbstractPlayed
     clearance: Any
     in_tree: bool
 
@@ -122,7 +122,7 @@ class Mechanism(eqx.Module):
             ClearanceJoint(joint, joint.clearance, group is self.joints)
             for group in (self.joints, self.loops)
             for joint in group
-            if isinstance(joint, Revolute) and joint.clearance is not None
+            if isinstance(joint, AbstractPlayed) and joint.clearance is not None
         )
 
     def closures(self) -> tuple[AbstractJoint, ...]:
@@ -208,14 +208,16 @@ class Mechanism(eqx.Module):
         **Raises:** `ClearanceError` for a joint that is not revolute, and for what is missing.
         """
         joint = self.joint(name)
-        if not isinstance(joint, Revolute):
-            raise ClearanceError(f"Joint `{name}` must be revolute to have a radial clearance, but it is not.")
+        if not isinstance(joint, AbstractPlayed):
+            raise ClearanceError(f"Joint `{name}` is of a kind that has no play.")
         numbers = {"radial_clearance": radial, "axial_clearance": axial, "length": length}
         numbers |= {"pin_radius": None if diameter is None else diameter / 2}
         numbers = {f"{name}.{key}": value for key, value in numbers.items() if value is not None}
         if clearance is None and joint.clearance is None:
-            if radial is None:
-                raise ClearanceError(f"Joint `{name}` is ideal: give `radial`, or its whole clearance.")
+            if not isinstance(joint, Revolute) or radial is None:
+                raise ClearanceError(
+                    f"Joint `{name}` is ideal: give its whole clearance, or of a revolute joint `radial`."
+                )
             clearance, numbers = fitted(radial, axial=axial, length=length, diameter=diameter), {}
         if clearance is not None:
             joint = eqx.tree_at(lambda j: j.clearance, joint, clearance, is_leaf=lambda x: x is None)
@@ -293,13 +295,13 @@ class Mechanism(eqx.Module):
 
 
 def _without_clearance(joint: AbstractJoint, place: Pair) -> AbstractJoint:
-    if not isinstance(joint, Revolute) or joint.clearance is None:
+    if not isinstance(joint, AbstractPlayed) or joint.clearance is None:
         return joint
     ideal = eqx.tree_at(lambda j: j.clearance, joint, None)
     if absent(place):
         return ideal
     # The sleeve's axes are the parent's, turned by the joint's own angle.
-    turned = joint.turned if joint.axis.letter == "z" else joint.turned.followed(joint.across)
+    turned = joint.turned if joint.sleeve is UNIT else joint.turned.followed(joint.sleeve)
     x, y, z = add(joint.at_parent.vector, turned.apply((*place, 0.0)))
     return dataclasses.replace(ideal, at_parent=Position(x, y, joint.at_parent.z if is_zero(z) else z))
 

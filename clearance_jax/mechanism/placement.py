@@ -12,7 +12,7 @@ from jax.core import Tracer
 from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError, quoted
 from clearance_jax.parameters import as_leaf, physical
-from clearance_jax.spatial import IDENTITY, UNIT, Matrix, Rotation, Term, Vector, X, Y, Z, cross, scale
+from clearance_jax.spatial import IDENTITY, UNIT, Matrix, Rotation, Term, Vector, X, Y, Z, across, scale
 from clearance_jax.symmetric import Symmetric
 
 
@@ -132,12 +132,7 @@ class Axis(eqx.Module):
             k = "xyz".index(self.letter[-1])
             first, second = UNIT[(k + 1) % 3], UNIT[(k + 2) % 3]
             return (first, second) if len(self.letter) == 1 else (second, first)
-        # Without a decision that a small change of the axis would turn round (Duff et al. 2017).
-        x, y, z = (jnp.asarray(term, float) for term in self.vector)
-        sign = jnp.where(z < 0, -1.0, 1.0)
-        a = -1.0 / (sign + z)
-        first = (1.0 + sign * x * x * a, sign * x * y * a, -sign * x)
-        return first, cross((x, y, z), first)
+        return across(self.vector)
 
 
 def as_axis(value: Any) -> Any:

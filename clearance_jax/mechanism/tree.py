@@ -197,13 +197,44 @@ def aligned(axis: Axis) -> tuple[tuple[Vector, Vector], ...]:
     return tuple((axis.vector, across) for across in axis.across)
 
 
-class Revolute(AbstractJoint):
-    """A pin joint, ideal or with clearance.
+class AbstractPlayed(AbstractJoint):
+    """A joint that may have play: ideal, or with clearance. The sleeve (socket, guide) is on the parent, the pin (ball,
+    block) on the child.
 
-    With clearance in the tree its play coordinates (the eccentricity in the sleeve's frame) come before its rotation.
-    Where it closes a loop it has no coordinates: it is a force element (with clearance) or a constraint (ideal). The
-    sleeve is on the parent, the pin on the child.
+    With clearance in the tree it has play coordinates. Where it closes a loop it has no coordinates: it is a force
+    element (with clearance) or a constraint (ideal).
     """
+
+    clearance: eqx.AbstractVar[AbstractClearance | PreparedClearance | None]
+    eccentricity: eqx.AbstractVar[Position]
+
+    @property
+    def sleeve(self) -> Matrix:
+        """The rotation from the sleeve's axes, of which z is the joint's own, to those of the joint's frame."""
+        return UNIT
+
+    def play(self) -> tuple[PlayCoordinate, ...]:
+        """What its clearance adds to the tree."""
+        clearance = self.clearance.joint if isinstance(self.clearance, PreparedClearance) else self.clearance
+        return () if clearance is None else clearance.play()
+
+    def play_coordinates(self) -> tuple[Coordinate, ...]:
+        """The same as coordinates. Play starts where `eccentricity` says, tilts at zero."""
+        start, rows = self.eccentricity.vector, transpose(self.sleeve)
+        return tuple(
+            Coordinate(
+                self.name + play.suffix,
+                Motion(position=0.0 if play.slides is None else dot(start, play.slides)),
+                None if play.slides is None else _combined(play.slides, rows),
+                None if play.turns is None else _combined(play.turns, rows),
+                play.scale,
+            )
+            for play in self.play()
+        )
+
+
+class Revolute(AbstractPlayed):
+    """A pin joint, ideal or with clearance: in the plane, or of a sleeve in space."""
 
     name: str = eqx.field(static=True)
     parent: str = body_key(*PARENT)
@@ -227,38 +258,20 @@ class Revolute(AbstractJoint):
         return TURNING
 
     def coordinates(self):
-        turn = Coordinate(self.name, self.motion, turns=self.axis.vector)
-        if self.clearance is None:
-            return (turn,)
-        # Play starts where `eccentricity` says; further coordinates (a tilt) start at zero.
-        start, rows = self.eccentricity.vector, transpose(self.across)
-        return (
-            *(
-                Coordinate(
-                    self.name + play.suffix,
-                    Motion(position=0.0 if play.slides is None else dot(start, play.slides)),
-                    None if play.slides is None else _combined(play.slides, rows),
-                    None if play.turns is None else _combined(play.turns, rows),
-                    play.scale,
-                )
-                for play in self.play()
-            ),
-            turn,
-        )
+        return (*self.play_coordinates(), Coordinate(self.name, self.motion, turns=self.axis.vector))
 
     @property
-    def across(self) -> Matrix:
-        """The rotation from the sleeve's axes, of which z is the joint's own, to those of the joint's frame."""
-        return transpose((*self.axis.across, self.axis.vector))
+    def sleeve(self):
+        return along(self.axis)
 
     def hold(self):
         line = self.axis.vector
         return Hold(None, aligned(self.axis), ((line, line),))
 
-    def play(self) -> tuple[PlayCoordinate, ...]:
-        """What its clearance adds to the tree."""
-        clearance = self.clearance.joint if isinstance(self.clearance, PreparedClearance) else self.clearance
-        return () if clearance is None else clearance.play()
+
+def along(axis: Axis) -> Matrix:
+    """The rotation from axes of which z is the given axis."""
+    return UNIT if axis.letter == "z" else transpose((*axis.across, axis.vector))
 
 
 def _combined(factors: Vector, vectors: Matrix) -> Vector:
@@ -267,8 +280,8 @@ def _combined(factors: Vector, vectors: Matrix) -> Vector:
     return add(add(first, second), third)
 
 
-class Prismatic(AbstractJoint):
-    """A sliding joint along an axis of the joint's frame, by default x."""
+class Prismatic(AbstractPlayed):
+    """A slide along an axis of the joint's frame, by default x; ideal, or with clearance (a block in a guide)."""
 
     name: str = eqx.field(static=True)
     parent: str = body_key(*PARENT)
@@ -280,12 +293,19 @@ class Prismatic(AbstractJoint):
     orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_PARENT)
     child_orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_CHILD)
     axis: Axis = axis_key("what it slides along, an axis of its frame", "x")
+    clearance: AbstractClearance | PreparedClearance | None = flattened(default=None)
+    eccentricity: Position = ORIGIN
 
     def units(self):
         return SLIDING
 
     def coordinates(self):
-        return (Coordinate(self.name, self.motion, slides=self.axis.vector),)
+        # The block's play is where the block is: it slides first.
+        return (Coordinate(self.name, self.motion, slides=self.axis.vector), *self.play_coordinates())
+
+    @property
+    def sleeve(self):
+        return along(self.axis)
 
     def hold(self):
         line, (across, _) = self.axis.vector, self.axis.across

@@ -1,0 +1,60 @@
+"""The spherical clearance joint: a ball in a socket that is a little larger."""
+
+from typing import ClassVar
+
+import jax.numpy as jnp
+
+from clearance_jax._numerics import safe_sqrt
+from clearance_jax._types import Scalar
+from clearance_jax.joints._base import AbstractClearance, AbstractElement, ContactPoint, PlayCoordinate
+from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Material
+from clearance_jax.parameters import physical
+from clearance_jax.spatial import Vector, X, Y, Z, across, dot, scale
+
+
+class SphericalClearance(AbstractClearance):
+    """Play of a ball in its socket.
+
+    As of a pin in a sleeve (see `revolute`), the contact point lies on the socket's surface. (Flores et al. 2006.)
+
+    **Arguments:** `radial_clearance`: socket radius minus ball radius [m], > 0; `ball_radius` [m], > 0; `normal` and
+    `friction` laws; `element`: what acts without touch; `ball_material`, `socket_material`: for laws that ask.
+    """
+
+    radial_clearance: Scalar = physical("m", above=0.0, help="socket radius minus ball radius", example='"0.1 mm"')
+    ball_radius: Scalar = physical("m", above=0.0, help="radius of the ball", example='"10 mm"')
+    normal: AbstractNormalLaw  # pyright: ignore[reportGeneralTypeIssues]
+    friction: AbstractFrictionLaw | None = None
+    element: AbstractElement | None = None
+    ball_material: Material | None = None
+    socket_material: Material | None = None
+    tangents: ClassVar[int] = 2
+
+    def play(self):
+        """Where the ball's centre is: three slides."""
+        names = zip((".play_x", ".play_y", ".play_z"), (X, Y, Z), strict=True)
+        return tuple(PlayCoordinate(name, self.radial_clearance, slides=axis) for name, axis in names)
+
+    def geometry(self):
+        socket = self.ball_radius + self.radial_clearance
+        materials = self.ball_material, self.socket_material
+        return Geometry(self.ball_radius, socket, self.radial_clearance, None, *materials)
+
+    def points(self, at):
+        x, y, z = (jnp.asarray(term, float) for term in at.place)
+        distance = safe_sqrt(x * x + y * y + z * z)
+        normal: Vector = scale(1.0 / jnp.where(distance > 0, distance, 1.0), (x, y, z))
+        tangents = across(normal)
+        arm = scale(self.ball_radius + self.radial_clearance - distance, normal)
+        velocity = at.velocity_at(arm)
+        return ContactPoint(
+            penetration=distance - self.radial_clearance,
+            penetration_rate=jnp.asarray(dot(normal, at.velocity), float),
+            slip=tuple(jnp.asarray(dot(tangent, velocity), float) for tangent in tangents),
+            normal=normal,
+            tangents=tangents,
+            arm=arm,
+        )
+
+    def travel(self, along):
+        return self.radial_clearance

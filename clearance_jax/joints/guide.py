@@ -1,0 +1,104 @@
+"""The translational clearance joint: a block in a guide, whose corners touch the guide's walls.
+
+The block's own straight sides touch a wall at both of its corners; so corners say it all (Flores et al. 2008).
+"""
+
+import itertools
+from typing import ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+
+from clearance_jax._types import Scalar
+from clearance_jax.joints._base import AbstractClearance, AbstractElement, ContactPoint, PlayCoordinate, Relative
+from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Material
+from clearance_jax.parameters import physical
+from clearance_jax.spatial import Vector, X, Y, Z, dot
+
+
+class GuideClearance(AbstractClearance):
+    """Play of a block in its guide.
+
+    Axis z is along the guide; of a joint that slides along x of a plane mechanism x is across, in the plane.
+
+    **Arguments:**
+
+    - `side_clearance`: how far the block may move to either side [m], > 0.
+    - `length` of the block along the guide, and `height` across it, along x [m], > 0.
+    - `width` [m]: across it along y; `None`: the guide holds the block there, as in the plane.
+    - `normal`: the normal law of one corner; `friction`; `element`: what acts without touch.
+    - `block_material`, `guide_material`: for laws that ask for them.
+    """
+
+    side_clearance: Scalar = physical("m", above=0.0, help="play of the block to either side", example='"0.1 mm"')
+    length: Scalar = physical("m", above=0.0, help="length of the block", example='"60 mm"')
+    height: Scalar = physical("m", above=0.0, help="height of the block", example='"30 mm"')
+    normal: AbstractNormalLaw  # pyright: ignore[reportGeneralTypeIssues]
+    friction: AbstractFrictionLaw | None = None
+    width: Scalar | None = physical(
+        "m", above=0.0, default=None, help="width of the block", example='"30 mm"', absent="held, as in the plane"
+    )
+    element: AbstractElement | None = None
+    block_material: Material | None = None
+    guide_material: Material | None = None
+    tangents: ClassVar[int] = 2
+
+    @property
+    def count(self) -> int:
+        return 4 if self.width is None else 16
+
+    def play(self):
+        """Slides across the guide, and the turns that they leave."""
+        tilt = 2 * self.side_clearance / self.length
+        if self.width is None:
+            slide = PlayCoordinate(".play_x", self.side_clearance, slides=X)
+            return slide, PlayCoordinate(".tilt_y", tilt, turns=Y)
+        roll = 2 * self.side_clearance / jnp.maximum(self.width, self.height)
+        return (
+            PlayCoordinate(".play_x", self.side_clearance, slides=X),
+            PlayCoordinate(".play_y", self.side_clearance, slides=Y),
+            PlayCoordinate(".tilt_x", tilt, turns=X),
+            PlayCoordinate(".tilt_y", tilt, turns=Y),
+            PlayCoordinate(".tilt_z", roll, turns=Z),
+        )
+
+    def geometry(self):
+        # Of flat walls there are no radii; a law that computes its stiffness from them has no meaning here.
+        size = self.height / 2
+        materials = self.block_material, self.guide_material
+        return Geometry(size, size + self.side_clearance, self.side_clearance, self.length, *materials)
+
+    def points(self, at):
+        half = [jnp.asarray(size, float) / 2 for size in (self.height, self.width or 0.0, self.length)]
+        # Of every corner the sides that it is on, and the wall that it may touch: across x, or across y.
+        sides = np.array([(*corner, 1, 0) for corner in itertools.product((1, -1), (0,), (1, -1))], float)
+        if self.width is not None:
+            corners = list(itertools.product((1, -1), repeat=3))
+            sides = np.array([(*corner, *wall) for wall in ((1, 0), (0, 1)) for corner in corners], float)
+        x, y, z, first, second = (jnp.asarray(column) for column in sides.T)
+        corner: Vector = (x * half[0], y * half[1], z * half[2])
+        arm = turned(at, corner)
+        normal: Vector = (first * x, second * y, jnp.zeros_like(x))
+        other: Vector = (-second * y, first * x, jnp.zeros_like(x))
+        along: Vector = (jnp.zeros_like(x), jnp.zeros_like(x), jnp.ones_like(x))
+        velocity = at.velocity_at(arm)
+        place = [jnp.asarray(term, float) + a for term, a in zip(at.place, arm, strict=True)]
+        reach = first * half[0] + second * half[1] + self.side_clearance
+        return ContactPoint(
+            penetration=normal[0] * place[0] + normal[1] * place[1] - reach,
+            penetration_rate=jnp.asarray(dot(normal, velocity)),
+            slip=(jnp.asarray(dot(along, velocity)), jnp.asarray(dot(other, velocity))),
+            normal=normal,
+            tangents=(along, other),
+            arm=arm,
+        )
+
+    def travel(self, along):
+        return self.side_clearance
+
+
+def turned(at: Relative, vector: Vector) -> Vector:
+    """A vector of the pin's axes in the sleeve's."""
+    rows = (X, Y, Z) if at.rows is None else at.rows
+    x, y, z = (jnp.broadcast_to(jnp.asarray(dot(row, vector), float), jnp.shape(vector[0])) for row in rows)
+    return x, y, z
