@@ -7,9 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
 
 import clearance_jax as cj
 from clearance_jax import laws
+from clearance_jax.cli.main import app
 from clearance_jax.dynamics.field import slope
 from clearance_jax.joints import Relative
 from clearance_jax.joints.sleeve import lobatto
@@ -91,6 +93,29 @@ def test_edges_and_faces_touch_where_geometry_says():
         np.testing.assert_allclose(aside.force, [0, 0, -1e9 * (0.2 * AXIAL) ** 1.5], rtol=1e-9, atol=1e-12)
         tilted = joint.prepared().act(relative((0.0, 0.0, 0.99 * AXIAL), (1e-3, 0.0, 0.0)), ())
         assert float(tilted.torque[0]) * 1e-3 < 0  # one side of the collar bears and turns it back
+
+
+def test_how_far_the_end_of_an_arm_may_go():
+    """Of all poses in which nothing touches: c within half the sleeve's length, 2 c l / L beyond."""
+    joint, rng = sleeve("inside", axial=None, friction=None), np.random.default_rng(3)
+    places, tilts = rng.uniform(-1, 1, 4000) * RADIAL, rng.uniform(-1, 1, 4000) * 2 * RADIAL / LENGTH
+    corners = [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)]
+    places = np.append(places, [0.9999 * RADIAL * a for a, _ in corners])
+    tilts = np.append(tilts, [0.9999 * 2 * RADIAL / LENGTH * b for _, b in corners])
+
+    @jax.vmap
+    def deepest(place, tilt):
+        s, c = jnp.sin(tilt), jnp.cos(tilt)
+        rows = ((c, 0.0, s), (0.0, 1.0, 0.0), (-s, 0.0, c))
+        at = Relative((place, 0.0, 0.0), 0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), rows)
+        return jnp.max(joint.points(at).penetration)
+
+    free = np.asarray(deepest(jnp.asarray(places), jnp.asarray(tilts))) <= 0
+    assert 500 < free.sum() < 4000
+    for arm_length, bound in ((0.3 * LENGTH, RADIAL), (LENGTH / 2, RADIAL), (5 * LENGTH, 10 * RADIAL)):
+        reached = np.abs(places + arm_length * np.sin(tilts))[free].max()
+        assert reached == pytest.approx(bound, rel=2e-4)
+        assert reached <= bound
 
 
 def test_what_all_stations_bear_converges_with_their_number():
@@ -208,6 +233,30 @@ def test_a_sleeve_closes_a_loop_as_it_does_in_a_tree():
     np.testing.assert_allclose(
         sleeve_axes.inv().apply(np.asarray(rate[:3]) - there), expected[:3], rtol=1e-9, atol=1e-7
     )
+
+
+def test_the_command_line_gives_a_robots_joint_play():
+    robot = "experiments/scenes/six_axes.urdf"
+    given = "axis_5:radial=0.05mm,axial=0.1mm,length=40mm"
+    said = CliRunner().invoke(app, ["info", robot, "--clearance", given])
+    assert said.exit_code == 0
+    for name, value in (("axis_5.radial_clearance", "5e-05"), ("axis_5.length", "0.04"), ("axis_5.pin_radius", "0.02")):
+        assert name in said.output
+        assert value in said.output
+    for wrong, words in {
+        "axis_9:radial=0.1mm,length=40mm": "there is no revolute joint `axis_9`",
+        "axis_5:radial=0.1mm": "needs the `diameter` of its pin, or the `length`",
+        "axis_5:radial=0.1,length=40mm": "must be in m or a unit of that dimension",
+        "axis_5:axial=-0.1mm,radial=0.1mm,length=1cm": "`axial` must be greater than 0",
+        "axis_5:play=0.1mm": "is no NUMBER=VALUE",
+        "axis_5": "must read JOINT:radial=0.1mm",
+    }.items():
+        failed = CliRunner().invoke(app, ["info", robot, "--clearance", wrong])
+        assert failed.exit_code != 0
+        assert words in str(failed.exception) + failed.output, wrong
+    fixed = cj.Mechanism((cj.Body("b", 1.0, 0.1),), (cj.Fixed("weld", "ground", "b"),))
+    with pytest.raises(cj.ClearanceError, match="`weld` is of a kind that has no play"):
+        fixed.with_clearance("weld", radial=1e-4)
 
 
 @pytest.mark.parametrize(
