@@ -311,14 +311,18 @@ def _without_clearance(joint: AbstractJoint, place: Pair) -> AbstractJoint:
 
 
 def drive_breaks(mechanism: Mechanism) -> Array:
-    """Times at which a drive, an actuator, a controller's reference or a load breaks, or a payload comes or goes."""
+    """Times at which a drive, an actuator, a controller's reference or a load breaks, or a payload comes or goes; in
+    what a controller believes too.
+    """
     motions = [coordinate.motion for coordinate in mechanism.coordinates()]
     laws: list[Any] = [motion.drive for motion in motions if motion.drive is not None]
     laws += [actuator for motion in motions for actuator in motion.actuators]
     laws += [reference.target for controller in mechanism.controllers for reference in controller.references]
     handed = [time for body in mechanism.bodies for time in (body.picked_up, body.put_down) if time is not None]
     handed = [jnp.asarray(time, float)[None] for time in handed]
-    return jnp.concatenate([jnp.zeros(0), *(law.breaks() for law in (*laws, *mechanism.wrenches)), *handed])
+    believed = [drive_breaks(c.model) for c in mechanism.controllers if c.model is not None]
+    breaks = [law.breaks() for law in (*laws, *mechanism.wrenches)]
+    return jnp.concatenate([jnp.zeros(0), *breaks, *handed, *believed])
 
 
 def sampling_periods(mechanism: Mechanism) -> tuple[float, ...]:
