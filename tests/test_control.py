@@ -278,6 +278,17 @@ def swinging_load():
     return arm(bodies=(load,), joints=(cj.Spherical("grip", "lower", "load"),))
 
 
+def test_the_targets_of_a_controller_have_the_units_of_what_they_steer():
+    slid = dataclasses.replace(steered(carts(), "motor", "link"), name="slides")
+    turned = arm().with_controllers(cj.ComputedTorque("control", TARGETS, frequency=9.0, model=arm()))
+    assert cj.parameters(slid)["target.motor.value"].unit == "m"
+    assert cj.parameters(turned)["target.elbow.amplitude"].unit == "rad"
+    inside = arm().with_controllers(cj.ComputedTorque("control", TARGETS, frequency=9.0, model=turned))
+    assert cj.parameters(inside)["control.model.target.elbow.amplitude"].unit == "rad"
+    known = (*cj.parameters(slid).values(), *cj.parameters(inside).values())
+    assert not any("coordinate" in leaf.unit or "effort" in leaf.unit for leaf in known)
+
+
 WRONG = {
     "Load `push` acts on the ground, which nothing moves": lambda: cj.Wrench("push", "ground"),
     "measures `lnk`, but there is no such coordinate": lambda: carts("lnk"),
