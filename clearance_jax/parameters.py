@@ -34,7 +34,8 @@ def as_leaf(value: Any) -> Any:
     """`value` as a float64 array leaf; `None` (the quantity is absent from the model) stays `None`."""
     if value is None or isinstance(value, eqx.Module):
         return value
-    if isinstance(value, (int, float, np.ndarray, np.generic, list, tuple)):
+    # A number that is differentiated or mapped may still be a Python float inside its tracer.
+    if isinstance(value, (int, float, np.ndarray, np.generic, list, tuple, Tracer)):
         require_float64()
         return jnp.asarray(value, dtype=float)
     return value
