@@ -12,7 +12,7 @@ from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.joints import AbstractClearance, PreparedClearance
 from clearance_jax.mechanism.body import Body, Point, Spring
-from clearance_jax.mechanism.controllers import AbstractController
+from clearance_jax.mechanism.controllers import AbstractController, Reference
 from clearance_jax.mechanism.driving import acting_always, check_drives, released, with_drives
 from clearance_jax.mechanism.links import UNROLLED, Links, links_of
 from clearance_jax.mechanism.loads import Wrench
@@ -26,8 +26,8 @@ from clearance_jax.mechanism.structure import (
     check_payloads,
     check_tree,
 )
-from clearance_jax.mechanism.tree import AbstractJoint, Coordinate, Revolute
-from clearance_jax.parameters import replace
+from clearance_jax.mechanism.tree import SLIDING, TURNING, AbstractJoint, Coordinate, Revolute
+from clearance_jax.parameters import Parametrised, replace
 from clearance_jax.spatial import Pair, absent, add, scale
 
 NO_GRAVITY = Gravity()
@@ -78,7 +78,7 @@ class ClearanceJoint(NamedTuple):
         return jnp.max(jnp.stack([play.scale for play in self.joint.play() if play.slides is not None]))
 
 
-class Mechanism(eqx.Module):
+class Mechanism(Parametrised):
     """A mechanism, in the plane or in space. Names, topology and law choices are static; every number is an array leaf.
 
     **Arguments:**
@@ -122,6 +122,11 @@ class Mechanism(eqx.Module):
                 "mechanisms so far. Take the clearance away, or leave out what leaves the plane (z components, "
                 "orientations, axes other than z, inertias of three or six numbers)."
             )
+
+    def units_within(self, member):
+        if not isinstance(member, Reference):
+            return {}
+        return next(TURNING if c.slides is None else SLIDING for c in self.coordinates() if c.name == member.name)
 
     # Structure -----------------------------------------------------------------------------------------------------
 
@@ -311,14 +316,18 @@ def _without_clearance(joint: AbstractJoint, place: Pair) -> AbstractJoint:
 
 
 def drive_breaks(mechanism: Mechanism) -> Array:
-    """Times at which a drive, an actuator, a controller's reference or a load breaks, or a payload comes or goes."""
+    """Times at which a drive, an actuator, a controller's reference or a load breaks, or a payload comes or goes; in
+    what a controller believes too.
+    """
     motions = [coordinate.motion for coordinate in mechanism.coordinates()]
     laws: list[Any] = [motion.drive for motion in motions if motion.drive is not None]
     laws += [actuator for motion in motions for actuator in motion.actuators]
     laws += [reference.target for controller in mechanism.controllers for reference in controller.references]
     handed = [time for body in mechanism.bodies for time in (body.picked_up, body.put_down) if time is not None]
     handed = [jnp.asarray(time, float)[None] for time in handed]
-    return jnp.concatenate([jnp.zeros(0), *(law.breaks() for law in (*laws, *mechanism.wrenches)), *handed])
+    believed = [drive_breaks(c.model) for c in mechanism.controllers if c.model is not None]
+    breaks = [law.breaks() for law in (*laws, *mechanism.wrenches)]
+    return jnp.concatenate([jnp.zeros(0), *breaks, *handed, *believed])
 
 
 def sampling_periods(mechanism: Mechanism) -> tuple[float, ...]:
