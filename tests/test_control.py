@@ -8,9 +8,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.linalg import expm
+from typer.testing import CliRunner
 
 import clearance_jax as cj
 from clearance_jax import metrics
+from clearance_jax.cli.main import app
+from clearance_jax.dynamics.observe import observe
 from clearance_jax.mechanism.mechanism import breaks_near, sampling_periods
 
 # Two carts on a line: a motor, and a link on it behind a spring.
@@ -84,6 +87,8 @@ def test_a_digital_servo_ends_steps_where_it_measures_and_lanes_do_as_single_sol
         for time in np.nextafter(k * PERIOD, [0, k * PERIOD, 1e9]):
             near = np.asarray(breaks_near(m, jnp.asarray(time)))
             assert np.any((near > time) & (near <= (k + 1) * PERIOD))
+    efforts = observe(jnp.zeros(()), cj.simulate(m, 1e-9, rtol=1e-6).final, m.prepared())
+    np.testing.assert_allclose(efforts["actuator_effort"], [GAIN * GOAL, -DAMPING * 0.2], rtol=1e-6)
     held = cj.trace(m, 3 * PERIOD, save_at=7, rtol=1e-6).solution["motor.actuator0.motor"]
     # What is held changes at instants and nowhere else.
     np.testing.assert_array_equal(held[1::2], held[:6:2])
@@ -322,3 +327,6 @@ def test_a_scene_gives_a_robot_what_it_carries_and_what_pushes_it():
     assert float(m.gravity.z) == -9.81
     assert [c.name for c in m.free_coordinates()] == ["axis_5"]
     assert m.wrenches[0].body == "load"
+    said = CliRunner().invoke(app, ["info", "experiments/scenes/pick_up.toml"]).output
+    for words in ("Servo on axis_5, sampled every 0.001 s", "load push on load", "payload load, picked up at 0.1 s"):
+        assert words in said

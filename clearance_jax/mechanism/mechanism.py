@@ -332,7 +332,7 @@ def drive_breaks(mechanism: Mechanism) -> Array:
 
 def sampling_periods(mechanism: Mechanism) -> tuple[float, ...]:
     """The periods at which something is sampled [s]."""
-    periods = [actuator.sampled_every() for c in mechanism.coordinates() for actuator in c.motion.actuators]
+    periods = [actuator.sampled_every() for c in mechanism.free_coordinates() for actuator in c.motion.actuators]
     periods += [controller.period for controller in mechanism.controllers]
     return tuple(sorted({period for period in periods if period is not None}))
 

@@ -11,7 +11,7 @@ from clearance_jax.mechanism.body import GROUND, Body, Spring
 from clearance_jax.mechanism.controllers import AbstractController
 from clearance_jax.mechanism.tree import AbstractJoint, Coordinate, Fixed
 
-RESERVED = (GROUND, "gravity", "drive")
+RESERVED = (GROUND, "gravity", "drive", "target")
 
 
 def check_names(parts: Iterable[Any]) -> None:
