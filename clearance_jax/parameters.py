@@ -34,7 +34,8 @@ def as_leaf(value: Any) -> Any:
     """`value` as a float64 array leaf; `None` (the quantity is absent from the model) stays `None`."""
     if value is None or isinstance(value, eqx.Module):
         return value
-    if isinstance(value, (int, float, np.ndarray, np.generic, list, tuple)):
+    # A number that is differentiated or mapped may still be a Python float inside its tracer.
+    if isinstance(value, (int, float, np.ndarray, np.generic, list, tuple, Tracer)):
         require_float64()
         return jnp.asarray(value, dtype=float)
     return value
@@ -94,6 +95,11 @@ class Parametrised(eqx.Module):
         """SI units by the words that its own and its members' fields have for them. None by default."""
         return {}
 
+    def units_within(self, member: Any) -> dict[str, str]:
+        """The same of a member, however deep, that cannot tell by itself. None by default."""
+        del member
+        return {}
+
 
 @dataclasses.dataclass(frozen=True)
 class Leaf:
@@ -111,8 +117,12 @@ class Leaf:
     def unit(self) -> str:
         """The SI unit, with what its owners know of it put in."""
         words: dict[str, str] = {}
-        for owner in self.owners:
-            words |= owner.units() if isinstance(owner, Parametrised) else {}
+        for i, owner in enumerate(self.owners):
+            if not isinstance(owner, Parametrised):
+                continue
+            words |= owner.units()
+            for member in self.owners[i + 1 :]:
+                words |= owner.units_within(member)
         return resolved_unit(self.metadata["unit"], words)
 
 

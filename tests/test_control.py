@@ -8,8 +8,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.linalg import expm
+from typer.testing import CliRunner
 
 import clearance_jax as cj
+from clearance_jax import metrics
+from clearance_jax.cli.main import app
+from clearance_jax.dynamics.observe import observe
 from clearance_jax.mechanism.mechanism import breaks_near, sampling_periods
 
 # Two carts on a line: a motor, and a link on it behind a spring.
@@ -83,6 +87,8 @@ def test_a_digital_servo_ends_steps_where_it_measures_and_lanes_do_as_single_sol
         for time in np.nextafter(k * PERIOD, [0, k * PERIOD, 1e9]):
             near = np.asarray(breaks_near(m, jnp.asarray(time)))
             assert np.any((near > time) & (near <= (k + 1) * PERIOD))
+    efforts = observe(jnp.zeros(()), cj.simulate(m, 1e-9, rtol=1e-6).final, m.prepared())
+    np.testing.assert_allclose(efforts["actuator_effort"], [GAIN * GOAL, -DAMPING * 0.2], rtol=1e-6)
     held = cj.trace(m, 3 * PERIOD, save_at=7, rtol=1e-6).solution["motor.actuator0.motor"]
     # What is held changes at instants and nowhere else.
     np.testing.assert_array_equal(held[1::2], held[:6:2])
@@ -175,6 +181,72 @@ def test_a_payload_comes_and_goes_as_if_the_solve_were_cut_there():
     np.testing.assert_allclose(jax.jacfwd(end)(0.3), (4 * finer - differences) / 3, rtol=1e-6, atol=1e-6)
 
 
+def test_a_servo_that_rests_at_its_target_has_the_derivatives_of_one_that_moves():
+    """What is linear has one derivative everywhere, also where the motion, and what is held, stay what they are."""
+    m = cj.replace(carts((), PERIOD), {"link.velocity": 0.0})
+
+    def end(goal):
+        return cj.simulate(cj.replace(m, {"motor.0.target.value": goal}), 0.1, rtol=1e-4).final[:2]
+
+    resting, moving = (jax.jacfwd(end)(goal) for goal in (0.0, 1.0))
+    np.testing.assert_allclose(resting, moving, rtol=1e-4)
+    assert float(moving[0]) > 0.1
+
+
+def lifting(picked_up=None, put_down=None):
+    """A link that swings freely in the plane, with a load at its end for a while."""
+    load = cj.Body("load", 1.0, 1e-3, picked_up=picked_up, put_down=put_down)
+    hip = cj.Revolute("hip", "ground", "arm", motion=cj.Motion(position=0.3, velocity=1.0))
+    joints = (hip, cj.Fixed("grip", "arm", "load", cj.Position(0.4)))
+    return cj.Mechanism((cj.Body("arm", 2.0, 0.03, cj.Position(0.2)), load), joints, gravity=cj.Gravity(0.0, -9.81))
+
+
+@pytest.mark.parametrize(("load", "t0"), [((0.2, None), 0.0), ((None, 0.2), 0.0), ((0.1, None), 0.1)])
+def test_the_books_close_where_a_solve_begins_or_ends_as_a_payload_is_handed_over(load, t0):
+    assert float(cj.simulate(lifting(*load), 0.2, t0=t0).energy_residual) < 1e-6
+
+
+def test_the_work_of_a_payload_has_derivatives_by_when_it_is_handed_over():
+    def work(times):
+        changed = cj.replace(lifting(0.1, 0.15), {"load.picked_up": times[0], "load.put_down": times[1]})
+        return cj.simulate(changed, 0.2, rtol=1e-11)["drive_work"]
+
+    times, off = np.array([0.1, 0.15]), 1e-4 * np.eye(2)
+    differences = [(work(times + h) - work(times - h)) / 2e-4 for h in off]
+    np.testing.assert_allclose(jax.jacfwd(work)(times), differences, rtol=1e-6)
+
+
+def test_a_controller_knows_when_a_payload_comes_and_what_it_believes_of_that_has_derivatives():
+    target = cj.Reference("hip", cj.Harmonic(0.3, 5.0))
+    start = {"hip.position": 0.0, "hip.velocity": 1.5}
+
+    def controlled(model):
+        control = cj.ComputedTorque("control", (target,), frequency=40.0, model=model)
+        return cj.replace(lifting(0.1, 0.16), start).with_controllers(control)
+
+    s = cj.simulate(controlled(None), 0.2, rtol=1e-9, save_at=9)
+    np.testing.assert_allclose(s["hip"], 0.3 * np.sin(5 * s.time), rtol=0, atol=1e-9)
+    late = controlled(lifting(0.13))
+
+    def end(time):
+        return cj.simulate(cj.replace(late, {"control.model.load.picked_up": time}), 0.2, rtol=1e-10).final[0]
+
+    np.testing.assert_allclose(jax.jacfwd(end)(0.13), (end(0.13 + 1e-4) - end(0.13 - 1e-4)) / 2e-4, rtol=1e-5)
+
+
+def test_a_load_that_has_not_come_weighs_on_no_joint():
+    """On a link that is held level the joint bears the weight of what is there."""
+    load = cj.Body("load", 1.0, picked_up=0.1)
+    joints = (
+        cj.Revolute("hip", "ground", "arm", motion=cj.Motion(drive=cj.Constant(0.0))),
+        cj.Fixed("grip", "arm", "load", cj.Position(0.4)),
+    )
+    m = cj.Mechanism((cj.Body("arm", 2.0, 0.03), load), joints, gravity=cj.Gravity(0.0, -10.0))
+    for end, weight in ((0.08, 20.0), (0.2, 30.0)):
+        peak = metrics.Peak(metrics.JointReaction("hip"))(m, end)
+        np.testing.assert_allclose(peak, weight, rtol=1e-12)
+
+
 def test_a_load_from_outside_pushes_in_the_world_or_with_its_body():
     """A disc that spins evenly, under a thrust that turns with it; a brick under a force that is switched on."""
     thrust = cj.Wrench("thrust", "disc", force=cj.Force(x=2.0), axes="body")
@@ -211,7 +283,21 @@ def swinging_load():
     return arm(bodies=(load,), joints=(cj.Spherical("grip", "lower", "load"),))
 
 
+def test_the_targets_of_a_controller_have_the_units_of_what_they_steer():
+    slid = dataclasses.replace(steered(carts(), "motor", "link"), name="slides")
+    turned = arm().with_controllers(cj.ComputedTorque("control", TARGETS, frequency=9.0, model=arm()))
+    assert cj.parameters(slid)["target.motor.value"].unit == "m"
+    assert cj.parameters(turned)["target.elbow.amplitude"].unit == "rad"
+    inside = arm().with_controllers(cj.ComputedTorque("control", TARGETS, frequency=9.0, model=turned))
+    assert cj.parameters(inside)["control.model.target.elbow.amplitude"].unit == "rad"
+    known = (*cj.parameters(slid).values(), *cj.parameters(inside).values())
+    assert not any("coordinate" in leaf.unit or "effort" in leaf.unit for leaf in known)
+
+
 WRONG = {
+    "Load `push` acts on the ground, which nothing moves": lambda: cj.Wrench("push", "ground"),
+    "measures `lnk`, but there is no such coordinate": lambda: carts("lnk"),
+    "commands `motor`, which controller `c` commands already": lambda: steered(carts(), "motor", "motor"),
     "A servo must have a `period` greater than zero": lambda: cj.Servo(cj.Constant(0.0), 1.0, 1.0, period=0.0),
     "measures `lnk`, but there is no such coordinate. Did you mean `link`": lambda: carts(("motor", "lnk")),
     "commands `moto`, which is no free coordinate. Did you mean `motor`": lambda: steered(carts(), "moto"),
@@ -241,3 +327,6 @@ def test_a_scene_gives_a_robot_what_it_carries_and_what_pushes_it():
     assert float(m.gravity.z) == -9.81
     assert [c.name for c in m.free_coordinates()] == ["axis_5"]
     assert m.wrenches[0].body == "load"
+    said = CliRunner().invoke(app, ["info", "experiments/scenes/pick_up.toml"]).output
+    for words in ("Servo on axis_5, sampled every 0.001 s", "load push on load", "payload load, picked up at 0.1 s"):
+        assert words in said

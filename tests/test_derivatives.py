@@ -120,6 +120,17 @@ def test_batch_is_loop():
     assert np.max(np.abs(batch - loop) / largest) <= 1e-7
 
 
+def test_a_mechanism_may_be_made_of_the_number_that_is_differentiated():
+    """A Python float too, whose tracer has no shape of its own; coasting, the place is speed times time."""
+
+    def end(speed):
+        hip = cj.Revolute("hip", "ground", "arm", motion=cj.Motion(velocity=speed))
+        return cj.simulate(cj.Mechanism((cj.Body("arm", 2.0, 0.03),), (hip,)), 0.1, books=False)["hip"]
+
+    for derivative in (jax.grad, jax.jacfwd):
+        np.testing.assert_allclose(derivative(end)(1.0), 0.1, rtol=1e-12)
+
+
 def test_derivative_by_time_is_the_rate():
     """By the end, and by every sample time: the rate of the motion there, and only there."""
     times = jnp.array([0.004, 0.017, 0.02, 0.029])

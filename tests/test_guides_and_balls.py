@@ -9,7 +9,7 @@ import pytest
 
 import clearance_jax as cj
 from clearance_jax import laws
-from tests.test_sleeve import random_states, relative
+from tests.test_sleeve import act, random_states, relative
 
 SIDE, LENGTH, HEIGHT = 1e-3, 0.1, 0.1
 LAW: Any = laws.HuntCrossley(1e9, 0.5)
@@ -34,7 +34,7 @@ def test_rates_are_those_of_the_penetrations_and_power_is_that_of_the_wrench(joi
 
         _, rate = jax.jvp(moved, (0.0,), (1.0,))
         np.testing.assert_allclose(joint.points(at).penetration_rate, rate, rtol=1e-12, atol=1e-14)
-        action = joint.prepared().act(at, ())
+        action = act(joint, at)
         given = np.dot(action.force, at.velocity) + np.dot(action.torque, at.spin)
         np.testing.assert_allclose(given, -action.absorbed_power - action.friction_power, rtol=1e-11, atol=1e-12)
         touched += float(action.normal_force) > 0
@@ -51,10 +51,10 @@ def test_corners_touch_where_a_straight_and_a_tilted_block_have_them():
         across = shift + side * h * np.cos(theta) + end * half * np.sin(theta)
         assert float(tilted.penetration[i]) == pytest.approx(side * across - h - SIDE, rel=1e-12)
     # Both corners of a side that lies flat bear alike, and a block in the middle of its guide bears nothing.
-    flat = FLAT.prepared().act(relative((1.1 * SIDE, 0.0, -0.2)), ())
+    flat = act(FLAT, relative((1.1 * SIDE, 0.0, -0.2)))
     np.testing.assert_allclose(flat.force, [-2e9 * (0.1 * SIDE) ** 1.5, 0, 0], rtol=1e-11, atol=1e-9)
     np.testing.assert_allclose(flat.torque, 0.0, atol=1e-9)
-    assert float(FLAT.prepared().act(relative((0.0, 0.0, 5.0)), ()).normal_force) == 0.0
+    assert float(act(FLAT, relative((0.0, 0.0, 5.0))).normal_force) == 0.0
 
 
 def slider(joints=(), loops=(), **body):

@@ -67,6 +67,15 @@ def test_a_pin_that_nothing_presses_starts_in_the_middle():
     np.testing.assert_array_equal(initial_state(mechanism.prepared(), jnp.zeros(()), "settled")[:2], 0.0)
 
 
+def test_a_payload_that_has_not_come_presses_no_pin():
+    bare = hanging(laws.Hertz(STIFFNESS), y=-GRAVITY)
+    load, grip = cj.Body("load", 1.0, picked_up=0.5), cj.Fixed("grip", "bob", "load")
+    mechanism = cj.Mechanism((*bare.bodies, load), (*bare.joints, grip), gravity=bare.gravity)
+    for time, mass in ((0.0, MASS), (1.0, MASS + 1.0)):
+        force = joint_reactions(mechanism, jnp.asarray(time), jnp.asarray([-np.pi / 2, 0.0]))["hip"].force
+        np.testing.assert_allclose(np.asarray(force[:2], float), [0.0, mass * GRAVITY], atol=1e-12)
+
+
 def test_the_moving_reaction_of_the_slider_crank():
     """At the dead centre the slider is braked with r w^2 (1 + r/l), by the wrist alone."""
     mechanism = slider_crank()

@@ -34,6 +34,11 @@ def relative(place, tilt=(0.0, 0.0, 0.0), velocity=(0.0, 0.0, 0.0), spin=(0.0, 0
     return Relative(triple(place), 0.0, triple(velocity), triple(spin), rows)
 
 
+def act(joint, at) -> Any:
+    """What a joint does at a relative motion, without memory."""
+    return joint.prepared().act(at, ())
+
+
 def random_states(count):
     rng = np.random.default_rng(1)
     for _ in range(count):
@@ -43,9 +48,9 @@ def random_states(count):
 
 @pytest.mark.parametrize("pin", ["through", "inside"])
 def test_without_tilt_it_is_the_plane_joint(pin):
-    plane = cj.RevoluteClearance(RADIAL, RADIUS, HERTZ, FRICTION).prepared()
+    plane = cj.RevoluteClearance(RADIAL, RADIUS, HERTZ, FRICTION)
     at = relative((0.9e-4, 0.8e-4, 0.0), velocity=(0.02, -0.01, 0.0), spin=(0.0, 0.0, 3.0))
-    ours, theirs = sleeve(pin).prepared().act(at, ()), plane.act(at, ())
+    ours, theirs = act(sleeve(pin), at), act(plane, at)
     assert float(theirs.normal_force) > 50
     np.testing.assert_allclose(ours.force, theirs.force, rtol=1e-12)
     np.testing.assert_allclose(ours.torque, theirs.torque, rtol=0, atol=1e-14)
@@ -67,7 +72,7 @@ def test_rates_are_those_of_the_penetrations_and_power_is_that_of_the_wrench(pin
 
         _, rate = jax.jvp(moved, (0.0,), (1.0,))
         np.testing.assert_allclose(joint.points(at).penetration_rate, rate, rtol=1e-12, atol=1e-14)
-        action = joint.prepared().act(at, ())
+        action = act(joint, at)
         given = np.dot(action.force, at.velocity) + np.dot(action.torque, at.spin)
         np.testing.assert_allclose(given, -action.absorbed_power - action.friction_power, rtol=1e-11, atol=1e-12)
         assert float(action.friction_power) >= 0
@@ -81,7 +86,7 @@ def test_edges_and_faces_touch_where_geometry_says():
             points = joint.points(relative((0.0, 0.0, 0.0), (0.0, factor * limit, 0.0)))
             # Tilted about y the pin meets both edges of the sleeve, on opposite sides: none of the stations between.
             assert list(np.flatnonzero(points.penetration > 0)) == ([0, 7] if touches else [])
-        pressed = joint.prepared().act(relative((0.0, 0.0, 0.0), (0.0, 1.05 * limit, 0.0)), ())
+        pressed = act(joint, relative((0.0, 0.0, 0.0), (0.0, 1.05 * limit, 0.0)))
         np.testing.assert_allclose(pressed.force, 0.0, atol=1e-9 * abs(float(pressed.torque[1])))
         assert float(pressed.torque[1]) < 0
         # The depth at each edge is five hundredths of the play; its share of the law acts at an arm of half a sleeve.
@@ -89,9 +94,9 @@ def test_edges_and_faces_touch_where_geometry_says():
         edge = share * 1e9 * (0.05 * RADIAL) ** 1.5
         assert float(pressed.torque[1]) == pytest.approx(-2 * edge * LENGTH / 2, rel=3e-3)
         joint = sleeve(pin, friction=None, normal=stiff)
-        aside = joint.prepared().act(relative((0.0, 0.0, 1.2 * AXIAL)), ())
+        aside = act(joint, relative((0.0, 0.0, 1.2 * AXIAL)))
         np.testing.assert_allclose(aside.force, [0, 0, -1e9 * (0.2 * AXIAL) ** 1.5], rtol=1e-9, atol=1e-12)
-        tilted = joint.prepared().act(relative((0.0, 0.0, 0.99 * AXIAL), (1e-3, 0.0, 0.0)), ())
+        tilted = act(joint, relative((0.0, 0.0, 0.99 * AXIAL), (1e-3, 0.0, 0.0)))
         assert float(tilted.torque[0]) * 1e-3 < 0  # one side of the collar bears and turns it back
 
 
@@ -121,10 +126,8 @@ def test_how_far_the_end_of_an_arm_may_go():
 def test_what_all_stations_bear_converges_with_their_number():
     """A pin that lies askew bears over part of the sleeve: more stations, the same force."""
     at = relative((1.02e-4, 0.0, 0.0), (0.0, 4e-4, 0.0))
-    exact = float(sleeve(stations=64, axial=None).prepared().act(at, ()).force[0])
-    errors = [
-        abs(float(sleeve(stations=n, axial=None).prepared().act(at, ()).force[0]) / exact - 1) for n in (4, 8, 16, 32)
-    ]
+    exact = float(act(sleeve(stations=64, axial=None), at).force[0])
+    errors = [abs(float(act(sleeve(stations=n, axial=None), at).force[0]) / exact - 1) for n in (4, 8, 16, 32)]
     assert errors[0] > errors[1] > errors[2] > errors[3]
     assert errors[1] < 0.1
     assert errors[3] < 5e-3

@@ -254,6 +254,7 @@ class Acceleration(AbstractSignal):
 def _reaction(mechanism: Mechanism, name: str, time, y):
     """Force and moment on the child in a joint of any kind."""
     index = known("joint", name, [joint.name for joint in mechanism.all_joints()])
+    mechanism = mechanism.at(time)
     return reactions(mechanism, balance(mechanism, time, layout(mechanism).split(y)))[index]
 
 

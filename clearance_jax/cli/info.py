@@ -1,5 +1,6 @@
 """`clearance info`: what a scene contains, and what one evaluation of its vector field costs."""
 
+from collections.abc import Iterator
 from typing import Any
 
 from rich.markup import escape
@@ -36,11 +37,32 @@ def _print_terms(mechanism) -> None:
             f"clearance joint {joint.name}: {type(clearance.normal).__name__} "
             f"(class {clearance.normal.smoothness}), {friction}"
         )
+    for line in _acting_words(mechanism):
+        console.print(line, highlight=False)
     console.print(f"ideal loop closures: {', '.join(j.name for j in mechanism.closures()) or 'none'}")
     if mechanism.closures():
         from clearance_jax.dynamics.mobility import mobility
 
         console.print(f"free to move: {mobility(mechanism)}")
+
+
+def _acting_words(mechanism) -> Iterator[str]:
+    """What commands it, what pushes it, what it picks up."""
+    from clearance_jax.mechanism.state import acting
+
+    for one in acting(mechanism):
+        sampled = "" if one.period is None else f", sampled every {one.period:g} s"
+        yield f"{type(one.part).__name__} on {', '.join(one.coordinates)}{sampled}"
+    for wrench in mechanism.wrenches:
+        yield f"load {wrench.name} on {wrench.body}"
+    for body in mechanism.bodies:
+        if not body.is_always_there:
+            times = [
+                f"{word} at {float(time):g} s"
+                for word, time in (("picked up", body.picked_up), ("put down", body.put_down))
+                if time is not None
+            ]
+            yield f"payload {body.name}, {', '.join(times)}"
 
 
 def _limits(mechanism) -> Table:

@@ -93,6 +93,7 @@ def _encoder(reference: Reference) -> tuple[str, ...]:
 
 def inverse_dynamics(mechanism: Mechanism, time: Scalar, state: State, acceleration: list[Term]) -> list[Term]:
     """The efforts that give a tree's free velocities these rates, beside what its own actuators exert."""
+    mechanism = mechanism.at(time)
     motion = frames(mechanism, time, state)
     missing = generalised_load(mechanism, motion, applied_pairs(mechanism, time, motion), Extra(acceleration))
     own = exerted(mechanism, time, state)

@@ -171,12 +171,16 @@ def opened_books(time: Scalar, y: Array, mechanism: Mechanism) -> Float[Array, "
 
 def handed_over(time: Scalar, y: Array, mechanism: Mechanism) -> Array:
     """A state with books, in which the energy of payloads that came or went just before `time` is booked as work."""
-    before = mechanism.at(time - HAIR * jnp.abs(time))
-    brought = energies(time, y, mechanism).total - energies(time, y, before).total
+    brought = energies(time, y, mechanism).total - energies(time, y, just_before(mechanism, time)).total
     first = layout(mechanism).size
     return (
         y.at[first + BOOKS.index("drive_work")].add(brought).at[first + BOOKS.index("exchanged")].add(jnp.abs(brought))
     )
+
+
+def just_before(mechanism: Mechanism, time: Scalar) -> Mechanism:
+    """The mechanism with the payloads that it has just before a time."""
+    return mechanism.at(time - HAIR * jnp.abs(time))
 
 
 def read_books(books: Float[Array, " books"], contact: Scalar) -> dict[str, Array]:
@@ -196,7 +200,8 @@ def energy_residual(mechanism: Mechanism, times: tuple, states: tuple) -> Scalar
     y = jnp.stack(states)
 
     def at(time, y):
-        now = energies(time, y, mechanism)
+        # A payload that comes or goes just then is handed over by the step that begins there, not by one that ends.
+        now = energies(time, y, just_before(mechanism, time))
         return now.total, now.contacts, sum(jnp.abs(part) for part in now)
 
     whole, contacts, present = jax.vmap(at)(jnp.stack(times), y)

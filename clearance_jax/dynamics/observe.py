@@ -9,7 +9,7 @@ from clearance_jax.dynamics.equations import Balance, balance
 from clearance_jax.dynamics.inertia import Extra
 from clearance_jax.dynamics.reactions import reactions
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.mechanism.state import State, layout, parts
+from clearance_jax.mechanism.state import State, actuated, layout, parts
 from clearance_jax.spatial import Term, add, as_array, rotation_vector
 
 
@@ -27,6 +27,9 @@ def observe(time: Scalar, y: Array, mechanism: Mechanism) -> dict[str, Array]:
     efforts = driving(mechanism, now)
     if efforts:
         out["drive_force"] = as_array([effort for effort, _ in efforts])
+    moved = actuated(mechanism)
+    if moved:
+        out["actuator_effort"] = as_array([now.efforts[part.v.start] for part in moved])
     held = energies(time, y, mechanism)
     out |= {"kinetic_energy": held.kinetic, "potential_energy": held.potential, "elastic_energy": held.elastic}
     if y.shape[0] > plan.size:

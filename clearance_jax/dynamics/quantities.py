@@ -14,7 +14,7 @@ from clearance_jax.dynamics.energy import energies
 from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.dynamics.observe import axes_of, coordinate_values, observe
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.mechanism.state import layout, parts
+from clearance_jax.mechanism.state import actuated, layout, parts
 from clearance_jax.spatial import as_array
 
 
@@ -46,6 +46,7 @@ OBSERVED = {
         ("any_joint", "axis"), "N m", "moment on the child body about the joint's place, world axes (in space)"
     ),
     "drive_force": Variable(("drive",), "see drive_unit", "effort of a prescribed coordinate"),
+    "actuator_effort": Variable(("actuated",), "see actuated_unit", "effort of actuators and controllers"),
     "kinetic_energy": Variable((), "J", "kinetic energy"),
     "potential_energy": Variable((), "J", "potential energy of weight"),
     "elastic_energy": Variable((), "J", "elastic energy of contacts and springs"),
@@ -66,6 +67,7 @@ def labels(mechanism: Mechanism) -> dict[str, tuple[str, list[str]]]:
     """What labels the entries of every dimension: by name its dimension and its values."""
     coordinates = list(mechanism.coordinates())
     driven = [c for c in coordinates if not c.motion.is_free]
+    moved = actuated(mechanism)
     kinds = ["rad" if c.slides is None else "m" for c in coordinates for _ in c.velocities]
     return {
         "axis": ("axis", list(axes_of(mechanism))),
@@ -77,6 +79,8 @@ def labels(mechanism: Mechanism) -> dict[str, tuple[str, list[str]]]:
         "any_joint": ("any_joint", [j.name for j in mechanism.all_joints()]),
         "drive": ("drive", [c.name for c in driven]),
         "drive_unit": ("drive", ["N m" if c.slides is None else "N" for c in driven]),
+        "actuated": ("actuated", [part.coordinate.name for part in moved]),
+        "actuated_unit": ("actuated", ["N m" if part.coordinate.slides is None else "N" for part in moved]),
     }
 
 

@@ -37,7 +37,7 @@ def joint_reactions(
 
     **Raises:** `ClearanceError` where the ideal joints hold each other (their reactions are not determined).
     """
-    return held_reactions(mechanism, held_balance(mechanism, time, y, places or {}))
+    return held_reactions(mechanism, time, held_balance(mechanism, time, y, places or {}))
 
 
 def held_balance(mechanism: Mechanism, time: Scalar, y: Array, places: Mapping[str, Pair]) -> Balance:
@@ -46,9 +46,9 @@ def held_balance(mechanism: Mechanism, time: Scalar, y: Array, places: Mapping[s
     return balance(held, time, layout(held).split(y))
 
 
-def held_reactions(mechanism: Mechanism, now: Balance) -> dict[str, Reaction]:
+def held_reactions(mechanism: Mechanism, time: Scalar, now: Balance) -> dict[str, Reaction]:
     """The reactions in the joints with clearance, of a balance of the mechanism with its pins held."""
-    ideal = mechanism.ideal()
+    ideal = mechanism.ideal().at(time)
     forces = dict(zip([j.name for j in ideal.all_joints()], (w.force for w in reactions(ideal, now)), strict=True))
     out = {}
     for joint in mechanism.clearance_joints():

@@ -65,7 +65,7 @@ def settled_start(time: Scalar, mechanism: Mechanism) -> tuple[Array, Float[Arra
             y, opened = corrected(time, y, held, held.loops, settle=settle)
         # Of the state as it was before: so the kinematics stands once in the program, and is one round behind.
         motion = held_balance(mechanism, time, now.y, at)
-        reactions = held_reactions(mechanism, motion)
+        reactions = held_reactions(mechanism, time, motion)
         # Or else the compiler works the reactions out anew wherever a seat needs them.
         forces = jax.lax.optimization_barrier(jnp.stack([as_array(list(r.on_pin)) for r in reactions.values()]))
         seats = [joint.clearance.seat((f[0], f[1])) for joint, f in zip(joints, forces, strict=True)]

@@ -87,6 +87,12 @@ def _whole(top: Table, path: Path) -> tuple[Mechanism, Trajectory | None]:
     trajectory = None
     if robot.trajectory is not None:
         trajectory = Trajectory(robot.trajectory, read_trajectory(robot.trajectory, mechanism))
+        twice = {c.name for c in mechanism.coordinates() if not c.motion.is_free} & set(trajectory.drives)
+        if twice:
+            raise ClearanceError(
+                f"`{min(twice)}` has a drive, and a column of the trajectory `{robot.trajectory}`. Take one of the two "
+                "away."
+            )
         mechanism = mechanism.driven(trajectory.drives)
     controllers = [_controller(*part, path, mechanism) for part in top.parts("controller")]
     return dataclasses.replace(mechanism, controllers=tuple(controllers)), trajectory

@@ -13,7 +13,7 @@ class Names:
     """
 
     def __init__(self):
-        self.taken = {GROUND, "gravity", "drive"}
+        self.taken = {GROUND, "gravity", "drive", "target"}
 
     def of(self, given: Iterable[str], what: str) -> dict[str, str]:
         """The names of parts of one sort, by those in the file; `what` they are, in a word."""

@@ -1,15 +1,19 @@
 """Loads from outside: a force and a torque on a body, as a function of time."""
 
-from typing import Literal
+from typing import Literal, get_args
 
 import equinox as eqx
 import jax.numpy as jnp
 
 from clearance_jax._types import Scalar
+from clearance_jax.errors import ClearanceError, quoted
+from clearance_jax.mechanism.body import GROUND
 from clearance_jax.mechanism.drives import AbstractMotionLaw, Values
 from clearance_jax.mechanism.placement import ORIGIN, Position, present
 from clearance_jax.parameters import Parametrised, described, physical
 from clearance_jax.spatial import Term, Vector, scale
+
+Axes = Literal["world", "body"]
 
 
 class Force(eqx.Module):
@@ -55,9 +59,15 @@ class Wrench(Parametrised):
     force: Force = described("the force", '["-100 N", "0 N"]', "none", default=Force())
     torque: Torque = described("the torque", '["0 N*m", "0 N*m", "2 N*m"]', "none", default=Torque())
     course: AbstractMotionLaw | None = None
-    axes: Literal["world", "body"] = described(
-        "whose axes force and torque are in", '"body"', static=True, default="world"
-    )
+    axes: Axes = described("whose axes force and torque are in", '"body"', static=True, default="world")
+
+    def __check_init__(self):
+        if self.axes not in get_args(Axes):
+            raise ClearanceError(
+                f"The axes of load `{self.name}` must be `world` or `body`, but they are {quoted(self.axes)}."
+            )
+        if self.body == GROUND:
+            raise ClearanceError(f"Load `{self.name}` acts on the ground, which nothing moves: name another body.")
 
     def units(self):
         return {"coordinate": ""}

@@ -12,7 +12,7 @@ from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.joints import AbstractClearance, PreparedClearance, fitted
 from clearance_jax.mechanism.body import Body, Point, Spring
-from clearance_jax.mechanism.controllers import AbstractController
+from clearance_jax.mechanism.controllers import AbstractController, Reference
 from clearance_jax.mechanism.driving import acting_always, check_drives, released, with_drives
 from clearance_jax.mechanism.links import UNROLLED, Links, links_of
 from clearance_jax.mechanism.loads import Wrench
@@ -26,8 +26,8 @@ from clearance_jax.mechanism.structure import (
     check_payloads,
     check_tree,
 )
-from clearance_jax.mechanism.tree import AbstractJoint, AbstractPlayed, Coordinate, Revolute
-from clearance_jax.parameters import replace
+from clearance_jax.mechanism.tree import SLIDING, TURNING, AbstractJoint, AbstractPlayed, Coordinate, Revolute
+from clearance_jax.parameters import Parametrised, replace
 from clearance_jax.spatial import UNIT, Pair, absent, add, is_zero
 
 NO_GRAVITY = Gravity()
@@ -67,7 +67,7 @@ class ClearanceJoint(NamedTuple):
         return jnp.max(jnp.stack([play.scale for play in self.joint.play() if play.slides is not None]))
 
 
-class Mechanism(eqx.Module):
+class Mechanism(Parametrised):
     """A mechanism, in the plane or in space. Names, topology and law choices are static; every number is an array leaf.
 
     **Arguments:**
@@ -104,6 +104,11 @@ class Mechanism(eqx.Module):
         check_attached(self.bodies, self.springs, (*self.points, *self.wrenches))
         check_payloads(self.bodies, self.joints)
         check_control(self.controllers, tuple(self.coordinates()))
+
+    def units_within(self, member):
+        if not isinstance(member, Reference):
+            return {}
+        return next(TURNING if c.slides is None else SLIDING for c in self.coordinates() if c.name == member.name)
 
     # Structure -----------------------------------------------------------------------------------------------------
 
@@ -307,19 +312,23 @@ def _without_clearance(joint: AbstractJoint, place: Pair) -> AbstractJoint:
 
 
 def drive_breaks(mechanism: Mechanism) -> Array:
-    """Times at which a drive, an actuator, a controller's reference or a load breaks, or a payload comes or goes."""
+    """Times at which a drive, an actuator, a controller's reference or a load breaks, or a payload comes or goes; in
+    what a controller believes too.
+    """
     motions = [coordinate.motion for coordinate in mechanism.coordinates()]
     laws: list[Any] = [motion.drive for motion in motions if motion.drive is not None]
     laws += [actuator for motion in motions for actuator in motion.actuators]
     laws += [reference.target for controller in mechanism.controllers for reference in controller.references]
     handed = [time for body in mechanism.bodies for time in (body.picked_up, body.put_down) if time is not None]
     handed = [jnp.asarray(time, float)[None] for time in handed]
-    return jnp.concatenate([jnp.zeros(0), *(law.breaks() for law in (*laws, *mechanism.wrenches)), *handed])
+    believed = [drive_breaks(c.model) for c in mechanism.controllers if c.model is not None]
+    breaks = [law.breaks() for law in (*laws, *mechanism.wrenches)]
+    return jnp.concatenate([jnp.zeros(0), *breaks, *handed, *believed])
 
 
 def sampling_periods(mechanism: Mechanism) -> tuple[float, ...]:
     """The periods at which something is sampled [s]."""
-    periods = [actuator.sampled_every() for c in mechanism.coordinates() for actuator in c.motion.actuators]
+    periods = [actuator.sampled_every() for c in mechanism.free_coordinates() for actuator in c.motion.actuators]
     periods += [controller.period for controller in mechanism.controllers]
     return tuple(sorted({period for period in periods if period is not None}))
 

@@ -24,8 +24,12 @@ def period_key():
 
 
 def names_key(help: str, absent: str):
-    """A field that names coordinates."""
-    return described(help, '["motor", "link"]', absent, static=True, default=(), converter=tuple)
+    """A field that names coordinates; one name stands for a tuple of one."""
+
+    def names(given: Any) -> tuple[str, ...]:
+        return (given,) if isinstance(given, str) else tuple(given)
+
+    return described(help, '["motor", "link"]', absent, static=True, default=(), converter=names)
 
 
 def check_period(period: Any, what: str) -> None:

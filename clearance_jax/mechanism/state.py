@@ -51,6 +51,12 @@ def acting(mechanism: Mechanism) -> tuple[Acting, ...]:
     return (*out, *controlled)
 
 
+def actuated(mechanism: Mechanism) -> "tuple[Part, ...]":
+    """The free coordinates on which something exerts efforts."""
+    names = {name for one in acting(mechanism) for name in one.coordinates}
+    return tuple(part for part in parts(mechanism) if part.coordinate.name in names)
+
+
 class Layout(NamedTuple):
     """Where each quantity lives in a state (static): names of the positions, of the velocities, of the memory of each
     clearance joint, and of the efforts that each sampled actuator or controller holds.

@@ -11,7 +11,7 @@ from clearance_jax.mechanism.body import GROUND, Body, Spring
 from clearance_jax.mechanism.controllers import AbstractController
 from clearance_jax.mechanism.tree import AbstractJoint, Coordinate, Fixed
 
-RESERVED = (GROUND, "gravity", "drive")
+RESERVED = (GROUND, "gravity", "drive", "target")
 
 
 def check_names(parts: Iterable[Any]) -> None:
@@ -88,8 +88,9 @@ def check_control(controllers: Sequence[AbstractController], coordinates: Sequen
             name, what = reference.name, f"Controller `{controller.name}`"
             if name not in free:
                 raise ClearanceError(f"{what} commands `{name}`, which is no free coordinate. " + suggest(name, free))
-            if owner.setdefault(name, controller.name) != controller.name:
+            if name in owner:
                 raise ClearanceError(f"{what} commands `{name}`, which controller `{owner[name]}` commands already.")
+            owner[name] = controller.name
             _check_encoder(what, reference.encoder, every[name], every)
 
 

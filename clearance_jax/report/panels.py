@@ -47,12 +47,14 @@ def curve(axis, time: np.ndarray, values: np.ndarray, label: str) -> Any:
 
 
 def panels(dataset: xr.Dataset) -> list[Panel]:
-    """Of a motion: its coordinates, each kind for itself; speed and acceleration of the named points; efforts of the
-    drives, or where there are none reactions in the joints; the points' paths.
+    """Of a motion: its coordinates, each kind for itself; speed and acceleration of the named points; efforts of
+    drives and actuators, or where there are none reactions in the joints; the points' paths.
     """
     found = _of_each_unit(dataset, "q", "coordinate", {"rad": "turns", "m": "slides"})
     found += of_points(dataset)
     efforts = _of_each_unit(dataset, "drive_force", "drive", {"N m": "torques of drives", "N": "forces of drives"})
+    titles = {"N m": "torques of actuators", "N": "forces of actuators"}
+    efforts += _of_each_unit(dataset, "actuator_effort", "actuated", titles)
     if not efforts and "joint_reaction" in dataset:
         names = [str(name) for name in dataset["any_joint"].values]
         efforts = [Panel("reactions in joints", partial(_sizes, "joint_reaction", "any_joint", names, "force, N"))]

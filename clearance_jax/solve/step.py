@@ -64,16 +64,18 @@ def try_step(
         slope = _known(problem, t0, y0, slope, fresh)
         now = each_lane(lambda t, y, f, p: lift(lambda m, y, f: latch(t, y, f, m[0]), p, y, f), t0)
         latched = _with_state(y0, now(t0, y0, slope, problem), t0)
-        fresh = jnp.any(motion(problem, latched) != motion(problem, y0), axis=component_axis(t0))
-        # The first row of `y0` decides: derivatives follow what the motion latches.
+        # The motion decides: derivatives follow what it latches. But an effort that is commanded anew may have another
+        # derivative and the same value, as of a servo that rests at its target.
+        before, after = (y if plan.held else motion(problem, y) for y in (y0, latched))
+        fresh = jnp.any(after != before, axis=tuple(range(after.ndim - jnp.ndim(t0))))
         y0 = latched
+    if problem.books and problem.mechanism.has_payloads:
+        now = each_lane(lambda t, y, p: lift(lambda m, y: handed_over(t, y, m[0]), p, y), t0)
+        y0 = now(t0, y0, problem)
     if past_break is not False:
         moved = past_moving_break(t0, y0, problem)
         y0, fresh = jnp.where(past_break, moved, y0), fresh | past_break
 
-    if problem.books and problem.mechanism.has_payloads:
-        now = each_lane(lambda t, y, p: lift(lambda m, y: handed_over(t, y, m[0]), p, y), t0)
-        y0 = now(t0, y0, problem)
     if problem.mechanism.may_repeat:
         # Once a step, at its start, where loops are closed and what repeats itself is seen.
         chosen = each_lane(lambda t, y, p: choice(t, motion(p, y), p.mechanism), t0)(t0, y0, problem)
@@ -167,7 +169,8 @@ def past_moving_break(time: Scalar, stack: Array, problem: Problem) -> Array:
     longer, so its derivative jumps by (f- - f+) dt_b. (Each smooth piece of a drive does not know of it: a parameter
     that acts only through a time of switching would have derivative zero.) Several breaks may lie at this one time, and
     a direction moves one of them: so f- is the slope of the mechanism moved along the direction until that one break,
-    and no other, lies just ahead.
+    and no other, lies just ahead. Where a payload is handed over there, the energy that is booked is that of the moment
+    to which the direction moves it: it goes on changing along f- until then.
     """
     times = lift(lambda model: drive_breaks(model[0]), problem)
     ahead = 32 * _EPS * jnp.abs(time)  # a step starts 4 eps past a break, see `control.past_break`
@@ -177,10 +180,18 @@ def past_moving_break(time: Scalar, stack: Array, problem: Problem) -> Array:
     varied, fixed = split(problem.model, problem.directions)
     state = stack[0, : problem.size]
 
+    def booked(slope, mechanism):
+        along = jnp.ones_like(time), slope
+        return jax.jvp(lambda time, y: handed_over(time, y, mechanism), (time, stack[0]), along)[1]
+
     def before(direction, delay):
         by = jnp.where(delay == 0, 0.0, ahead / jnp.where(delay == 0, 1.0, delay))
-        moved = jax.tree.map(lambda x, d: x + by * d, varied, direction)
-        return field(time, state, with_model(problem, eqx.combine(moved, fixed)))
+        moved = with_model(problem, eqx.combine(jax.tree.map(lambda x, d: x + by * d, varied, direction), fixed))
+        slope = field(time, state, moved)
+        if not (problem.books and problem.mechanism.has_payloads):
+            return slope
+        # What is moved is handed over by the one and, as yet, not by the other.
+        return slope + booked(slope, problem.mechanism) - booked(slope, moved.mechanism)
 
     after = field(time, state, problem.without_directions)
     jumps = jax.vmap(before)(problem.directions, delay) - after[None]
