@@ -1,6 +1,5 @@
 """Mechanisms in space: against an independent Lagrangian, closed forms, and linkages that close in space."""
 
-import catalogue
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -428,12 +427,6 @@ def test_bodies_that_turn_in_space_need_their_inertia():
     one = cj.Mechanism((cj.Body("b", 1.0, 1.0),), (cj.Revolute("j", "ground", "b", axis="x"),))
     with pytest.raises(cj.ClearanceError, match=r"`b`.*three or six"):
         cj.simulate(one, 0.1)
-
-
-def test_play_out_of_the_plane_is_refused():
-    plane = catalogue.slider_crank()
-    with pytest.raises(cj.ClearanceError, match="leaves the plane"):
-        cj.Mechanism(plane.bodies, plane.joints, plane.loops, gravity=cj.Gravity(z=-9.81))
 
 
 def test_mobility_is_counted():
