@@ -94,6 +94,18 @@ def test_edges_and_faces_touch_where_geometry_says():
         edge = share * 1e9 * (0.05 * RADIAL) ** 1.5
         assert float(pressed.torque[1]) == pytest.approx(-2 * edge * LENGTH / 2, rel=3e-3)
         joint = sleeve(pin, friction=None, normal=stiff)
+        poses = {
+            0: relative((0.9 * RADIAL, 0.0, 0.0)),
+            1: relative((0.9 * RADIAL, 0.0, 0.0), (0.0, 0.2 * limit, 0.0)),
+            2: relative((1.05 * RADIAL, 0.0, 0.0)),
+            3: relative((0.0, 0.0, 0.0), (0.0, 1.05 * limit, 0.0)),
+            4: relative((0.0, 0.0, 1.2 * AXIAL)),
+            6: relative((1.05 * RADIAL, 0.0, 1.2 * AXIAL)),
+        }
+        flat = sleeve(pin, axial=20 * AXIAL, friction=None, normal=stiff)
+        for code, at in poses.items():
+            tell = joint if code > 3 else flat
+            assert float(tell.pattern(tell.points(at))) == code
         aside = act(joint, relative((0.0, 0.0, 1.2 * AXIAL)))
         np.testing.assert_allclose(aside.force, [0, 0, -1e9 * (0.2 * AXIAL) ** 1.5], rtol=1e-9, atol=1e-12)
         tilted = act(joint, relative((0.0, 0.0, 0.99 * AXIAL), (1e-3, 0.0, 0.0)))

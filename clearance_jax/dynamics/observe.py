@@ -45,7 +45,13 @@ def contacts(mechanism: Mechanism, now: Balance) -> dict[str, Array]:
         return {}
     plays = [now.plays[joint.name].relative for joint in mechanism.clearance_joints()]
     points = [action.deepest for action in now.actions.values()]
-    return {
+    patterns = {}
+    if len(axes_of(mechanism)) == 3:
+        joints = [joint.clearance.joint for joint in mechanism.clearance_joints()]
+        found = [joint.pattern(joint.points(at)) for joint, at in zip(joints, plays, strict=True)]
+        tilts = [as_array(at.axis[:2]) for at in plays]
+        patterns = {"contact_pattern": jnp.stack(found), "pin_tilt": jnp.stack(tilts)}
+    return patterns | {
         "eccentricity": jnp.stack([as_array(at.place[: len(axes_of(mechanism))]) for at in plays]),
         "penetration": jnp.stack([p.penetration for p in points]),
         "penetration_rate": jnp.stack([p.penetration_rate for p in points]),

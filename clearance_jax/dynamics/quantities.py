@@ -41,6 +41,12 @@ OBSERVED = {
     "contact_force": Variable(("joint",), "N", "normal contact force, of all contact points together"),
     "friction_force": Variable(("joint",), "N", "traction on the pin"),
     "slip_velocity": Variable(("joint",), "m/s", "slip of the pin's surface on the sleeve's"),
+    "contact_pattern": Variable(
+        ("joint",),
+        "",
+        "where a pin bears: 0 nowhere, 1 at an edge, 2 along a line, 3 at two opposite edges; 4 more on a face",
+    ),
+    "pin_tilt": Variable(("joint", "across"), "rad", "how the pin's axis leans along the sleeve's x and y (in space)"),
     "joint_reaction": Variable(("any_joint", "axis"), "N", "force on the child body, world axes"),
     "joint_moment": Variable(
         ("any_joint", "axis"), "N m", "moment on the child body about the joint's place, world axes (in space)"
@@ -56,7 +62,7 @@ OBSERVED = {
     "exchanged": Variable((), "J", "sum of absolute powers of drives and inertia since the start"),
 }
 """What `observe` reports of a state."""
-IN_SPACE = ("joint_moment",)
+IN_SPACE = ("joint_moment", "contact_pattern", "pin_tilt")
 """What is reported of mechanisms that leave the plane only."""
 BOOKED = ("drive_work", "damping_loss", "friction_loss", "exchanged")
 # A coordinate's value and rate have the names that its initial values have among the parameters.
@@ -70,6 +76,7 @@ def labels(mechanism: Mechanism) -> dict[str, tuple[str, list[str]]]:
     moved = actuated(mechanism)
     kinds = ["rad" if c.slides is None else "m" for c in coordinates for _ in c.velocities]
     return {
+        "across": ("across", ["x", "y"]),
         "axis": ("axis", list(axes_of(mechanism))),
         "coordinate": ("coordinate", [name for c in coordinates for name in c.velocities]),
         "coordinate_unit": ("coordinate", kinds),
@@ -118,7 +125,7 @@ def _entries(variable: str, described: Variable, labelled: dict) -> Iterator[tup
         yield name, Quantity(variable, (i,), unit)
         if variable == "q":
             yield label, Quantity(variable, (i,), unit)
-        for k, axis in enumerate(labelled["axis"][1] if rest else ()):
+        for k, axis in enumerate(labelled[rest[0]][1] if rest else ()):
             yield f"{name}.{axis}", Quantity(variable, (i, k), unit)
 
 

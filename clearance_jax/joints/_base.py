@@ -156,6 +156,10 @@ class AbstractClearance(Parametrised):
     def points(self, at: Relative) -> ContactPoint:
         """Its contact point; of several each number is an array of them."""
 
+    def pattern(self, points: ContactPoint) -> Scalar:
+        """Where it bears, as a code: 0 nowhere, 1 somewhere; a joint may tell more apart."""
+        return jnp.where(jnp.any(points.penetration > 0), 1.0, 0.0)
+
     @abc.abstractmethod
     def travel(self, along: Vector) -> Scalar:
         """How far the pin's centre may go from the sleeve's along a direction (square to the axis) before it touches

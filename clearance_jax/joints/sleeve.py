@@ -170,6 +170,18 @@ class SleeveClearance(AbstractClearance):
             depth, whole(dot(normal, velocity)), slip, vectors[0], tuple(vectors[1:-1]), vectors[-1], None, whole(share)
         )
 
+    def pattern(self, points):
+        """0 nowhere, 1 at one edge, 2 along a line from edge to edge, 3 at two edges on opposite sides; and 4 more
+        where a face bears.
+        """
+        touching = points.penetration > 0
+        along, last = touching[: self.stations], self.stations - 1
+        x, y = (jnp.asarray(term) for term in points.normal[:2])
+        same = x[0] * x[last] + y[0] * y[last] > 0
+        both = jnp.where(same, 2.0, 3.0)
+        radial = jnp.where(along[0] & along[last], both, jnp.where(jnp.any(along), 1.0, 0.0))
+        return radial + jnp.where(jnp.any(touching[self.stations :]), 4.0, 0.0)
+
     def travel(self, along):
         return self.radial_clearance
 
