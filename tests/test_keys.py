@@ -138,6 +138,18 @@ def test_examples_of_a_robot_and_of_a_controller_are_read(tmp_path):
     assert float(mechanism.joints[1].motion.position) == pytest.approx(np.pi / 6)
     assert [reference.name for reference in mechanism.controllers[0].references] == free
     assert mechanism.bodies[-1].name == "cutter"
+    (loose,) = mechanism.clearance_joints()
+    assert (loose.name, loose.clearance.count) == ("axis_5", 16)
+    whole = robot.replace('length = "40 mm" }', f'length = "40 mm", pin_radius = "9 mm", normal = {HERTZ} }}')
+    assert float(load(tmp_path, whole + control).mechanism.clearance_joints()[0].clearance.pin_radius) == pytest.approx(0.009)
+    for wrong, words in {
+        "stations = 8 }": "stations needs the contact law `normal` beside it",
+        'pin = "through" }': "pin needs the contact law `normal` beside it",
+    }.items():
+        with pytest.raises(cj.ClearanceError, match=words):
+            load(tmp_path, robot.replace('length = "40 mm" }', f'length = "40 mm", {wrong}') + control)
+    with pytest.raises(cj.ClearanceError, match=r"robot.clearance.axis_7: the robot has no revolute joint"):
+        load(tmp_path, robot.replace("axis_5 = { radial", "axis_7 = { radial") + control)
     with pytest.raises(cj.ClearanceError, match="has the free coordinate `axis_2`"):
         load(tmp_path, robot + payload + control.replace('axis_2 = "0.2 * time"\n', ""))
     with pytest.raises(cj.ClearanceError, match=r"robot.payload.cutter.on must name a body or a point .* `tpc`"):

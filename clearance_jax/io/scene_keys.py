@@ -161,6 +161,12 @@ ROBOT = Keys(
         ),
         Sub("payload", "what it carries, by name", '{ cutter = { on = "tcp", mass = "3 kg" } }', form="tables by name"),
         Sub(
+            "clearance",
+            "play of its revolute joints, by their names: as of a joint; without `normal` a steel pin in a bronze bush",
+            '{ axis_5 = { radial_clearance = "0.05 mm", axial_clearance = "0.1 mm", length = "40 mm" } }',
+            form="tables by name",
+        ),
+        Sub(
             "joint",
             "how its joints start, are driven or forced, by their names: as a revolute or prismatic joint",
             '{ axis_2 = { position = "30 deg" } }',
