@@ -141,7 +141,9 @@ def test_examples_of_a_robot_and_of_a_controller_are_read(tmp_path):
     (loose,) = mechanism.clearance_joints()
     assert (loose.name, loose.clearance.count) == ("axis_5", 16)
     whole = robot.replace('length = "40 mm" }', f'length = "40 mm", pin_radius = "9 mm", normal = {HERTZ} }}')
-    assert float(load(tmp_path, whole + control).mechanism.clearance_joints()[0].clearance.pin_radius) == pytest.approx(0.009)
+    assert float(load(tmp_path, whole + control).mechanism.clearance_joints()[0].clearance.pin_radius) == pytest.approx(
+        0.009
+    )
     for wrong, words in {
         "stations = 8 }": "stations needs the contact law `normal` beside it",
         'pin = "through" }': "pin needs the contact law `normal` beside it",

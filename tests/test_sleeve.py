@@ -39,6 +39,24 @@ def act(joint, at) -> Any:
     return joint.prepared().act(at, ())
 
 
+def checked(joint, at) -> Any:
+    """What it does, whose power must be that of its wrench, and the rates of its penetrations those along the twist."""
+    rows = np.array(at.rows, float)
+    spun = np.cross(np.array(at.spin, float)[None], rows.T).T
+
+    def moved(t):
+        place = tuple(p + t * v for p, v in zip(at.place, at.velocity, strict=True))
+        now = tuple(tuple(row) for row in jnp.asarray(rows) + t * jnp.asarray(spun))
+        return joint.points(at._replace(place=place, rows=now)).penetration
+
+    _, rate = jax.jvp(moved, (0.0,), (1.0,))
+    np.testing.assert_allclose(joint.points(at).penetration_rate, rate, rtol=1e-12, atol=1e-14)
+    action = act(joint, at)
+    given = np.dot(action.force, at.velocity) + np.dot(action.torque, at.spin)
+    np.testing.assert_allclose(given, -action.absorbed_power - action.friction_power, rtol=1e-11, atol=1e-12)
+    return action
+
+
 def random_states(count):
     rng = np.random.default_rng(1)
     for _ in range(count):
@@ -60,22 +78,8 @@ def test_without_tilt_it_is_the_plane_joint(pin):
 @pytest.mark.parametrize("pin", ["through", "inside"])
 def test_rates_are_those_of_the_penetrations_and_power_is_that_of_the_wrench(pin):
     """Of any pose and twist: so the books close, tilted too."""
-    joint = sleeve(pin)
     for at in random_states(20):
-        rows = np.array(at.rows, float)
-        spun = np.cross(np.array(at.spin, float)[None], rows.T).T
-
-        def moved(t, at=at, rows=rows, spun=spun):
-            place = tuple(p + t * v for p, v in zip(at.place, at.velocity, strict=True))
-            now = tuple(tuple(row) for row in jnp.asarray(rows) + t * jnp.asarray(spun))
-            return joint.points(at._replace(place=place, rows=now)).penetration
-
-        _, rate = jax.jvp(moved, (0.0,), (1.0,))
-        np.testing.assert_allclose(joint.points(at).penetration_rate, rate, rtol=1e-12, atol=1e-14)
-        action = act(joint, at)
-        given = np.dot(action.force, at.velocity) + np.dot(action.torque, at.spin)
-        np.testing.assert_allclose(given, -action.absorbed_power - action.friction_power, rtol=1e-11, atol=1e-12)
-        assert float(action.friction_power) >= 0
+        assert float(checked(sleeve(pin), at).friction_power) >= 0
 
 
 def test_edges_and_faces_touch_where_geometry_says():
