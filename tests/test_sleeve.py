@@ -254,6 +254,23 @@ def test_a_sleeve_closes_a_loop_as_it_does_in_a_tree():
     )
 
 
+def test_a_solve_of_a_loop_in_space_is_that_of_the_tree():
+    """On a plate that tumbles: what a loop's watch interpolates, with the sleeve's own turning, is what a tree's is."""
+    motor = cj.Revolute("motor", "ground", "plate", axis="x", motion=cj.Motion(cj.Harmonic(0.35, 30.0)))
+    hip = cj.Revolute("hip", "plate", "arm", clearance=sleeve())
+    floats = cj.Free("float", "ground", "arm", motion=cj.Ball(spin=cj.Spin(x=0.35 * 30.0)))
+    one = arm(sleeve())
+    bodies = (cj.Body("plate"), *one.bodies)
+    tree = cj.Mechanism(bodies, (motor, hip), points=one.points, gravity=one.gravity)
+    loop = cj.Mechanism(bodies, (motor, floats), (hip,), points=one.points, gravity=one.gravity)
+    ends = []
+    for mechanism in (tree, loop):
+        s = cj.simulate(mechanism, 0.02, rtol=1e-8)
+        assert float(s.energy_residual) < 1e-7
+        ends.append(s["tip.position"])
+    np.testing.assert_allclose(ends[0], ends[1], rtol=0, atol=1e-9)
+
+
 def test_the_command_line_gives_a_robots_joint_play():
     robot = "experiments/scenes/six_axes.urdf"
     given = "axis_5:radial=0.05mm,axial=0.1mm,length=40mm"

@@ -60,12 +60,13 @@ def coordinate_rows(mechanism: Mechanism, state: State) -> Values:
 
 class Play(NamedTuple):
     """A clearance joint's relative motion; `rotation` takes the sleeve's axes to the world's, `pin` is the pin's centre
-    in the world.
+    in the world; `local`: of a joint of the tree the frame that its coordinates make, in the joint's own.
     """
 
     relative: Relative
     rotation: Rotation
     pin: Vector
+    local: Frame | None = None
 
 
 def play(mechanism: Mechanism, joint: ClearanceJoint, time: Scalar, state: State, motion: Frames) -> Play:
@@ -75,8 +76,8 @@ def play(mechanism: Mechanism, joint: ClearanceJoint, time: Scalar, state: State
     sleeve, pin = motion[joint.parent], motion[joint.child]
     rotation, centre = sleeve_axes(joint.joint, motion), pin.point(joint.joint.at_child.vector)
     if joint.in_tree:
-        relative = _of_frame(joint.joint, within(joint.joint, time, coordinate_rows(mechanism, state)))
-        return Play(shared(relative), rotation, centre)
+        local = within(joint.joint, time, coordinate_rows(mechanism, state))
+        return Play(shared(_of_frame(joint.joint, local)), rotation, centre, local)
     gap = subtract(centre, sleeve.point(joint.joint.at_parent.vector))
     # As the sleeve sees it: against its own point that the pin's centre is at.
     rate = subtract(pin.velocity_at(centre), sleeve.velocity_at(centre))
@@ -173,8 +174,8 @@ def relative_accelerations(
     for joint in mechanism.clearance_joints():
         at = play(mechanism, joint, time, state, motion)
         now, (sleeve, pin) = at.relative, (motion[joint.parent], motion[joint.child])
-        if joint.in_tree:
-            local, inner = within(joint.joint, time, coordinate_rows(mechanism, state)), _along(joint.joint, IDENTITY)
+        local, inner = at.local, _along(joint.joint, IDENTITY)
+        if local is not None:
             gain = inner.undo(add(local.acceleration, extra.at(local, local.position)))
             spin_rate = inner.undo(add(local.spin_rate, extra.spin_rate(local)))
         else:

@@ -9,37 +9,27 @@ from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError, quoted
 from clearance_jax.mechanism.body import GROUND
 from clearance_jax.mechanism.drives import AbstractMotionLaw, Values
-from clearance_jax.mechanism.placement import ORIGIN, Position, present
+from clearance_jax.mechanism.placement import ORIGIN, Components, Position
 from clearance_jax.parameters import Parametrised, described, physical
 from clearance_jax.spatial import Term, Vector, scale
 
 Axes = Literal["world", "body"]
 
 
-class Force(eqx.Module):
+class Force(Components):
     """A force by its components; one left out is absent from the compiled program."""
 
     x: Scalar | None = physical("N", default=None)
     y: Scalar | None = physical("N", default=None)
     z: Scalar | None = physical("N", default=None)
 
-    @property
-    def vector(self) -> Vector:
-        """The components, absent ones as the constant 0.0."""
-        return present(self.x), present(self.y), present(self.z)
 
-
-class Torque(eqx.Module):
+class Torque(Components):
     """A torque by its components; one left out is absent from the compiled program."""
 
     x: Scalar | None = physical("N*m", default=None)
     y: Scalar | None = physical("N*m", default=None)
     z: Scalar | None = physical("N*m", default=None)
-
-    @property
-    def vector(self) -> Vector:
-        """The components, absent ones as the constant 0.0."""
-        return present(self.x), present(self.y), present(self.z)
 
 
 class Wrench(Parametrised):

@@ -21,33 +21,36 @@ def present(value: Any) -> Term:
     return 0.0 if value is None else value
 
 
-class Position(eqx.Module):
+class Components(eqx.Module):
+    """A vector by its components `x`, `y`, `z`."""
+
+    x: eqx.AbstractVar[Scalar | None]
+    y: eqx.AbstractVar[Scalar | None]
+    z: eqx.AbstractVar[Scalar | None]
+
+    @property
+    def vector(self) -> Vector:
+        """The components, absent ones as the constant 0.0."""
+        return present(self.x), present(self.y), present(self.z)
+
+
+class Position(Components):
     """A vector of lengths; a component left out is absent from the compiled program."""
 
     x: Scalar | None = physical("m", default=None)
     y: Scalar | None = physical("m", default=None)
     z: Scalar | None = physical("m", default=None)
 
-    @property
-    def vector(self) -> Vector:
-        """The components, absent ones as the constant 0.0."""
-        return present(self.x), present(self.y), present(self.z)
-
 
 ORIGIN = Position()
 
 
-class Gravity(eqx.Module):
+class Gravity(Components):
     """Acceleration of free fall; a component left out is absent from the compiled program."""
 
     x: Scalar | None = physical("m/s^2", default=None)
     y: Scalar | None = physical("m/s^2", default=None)
     z: Scalar | None = physical("m/s^2", default=None)
-
-    @property
-    def vector(self) -> Vector:
-        """The components, absent ones as the constant 0.0."""
-        return present(self.x), present(self.y), present(self.z)
 
 
 class Orientation(eqx.Module):
