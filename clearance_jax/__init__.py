@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from clearance_jax.errors import ClearanceError, suggest
 
 if TYPE_CHECKING:
-    from clearance_jax import design, joints, laws
+    from clearance_jax import design, joints, laws, wear
     from clearance_jax.analysis import metrics
     from clearance_jax.analysis.cycle import PeriodicMotion
     from clearance_jax.analysis.measure import AbstractMetric, Reply, Request, measure
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
         RevoluteClearance,
         SleeveClearance,
         SphericalClearance,
+        WornRevoluteClearance,
     )
     from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, AbstractStiffness
     from clearance_jax.mechanism.actuators import AbstractActuator, ConstantEffort, JointSpring, Servo
@@ -49,16 +50,31 @@ if TYPE_CHECKING:
     from clearance_jax.mechanism.profiles import Constant, Quintic, Trapezoid
     from clearance_jax.mechanism.tree import Fixed, Prismatic, Revolute
     from clearance_jax.parameters import parameters, physical, replace
+    from clearance_jax.report import sweep_figures, wear_figures
+    from clearance_jax.report.animation import Film, animate
     from clearance_jax.results.dataset import to_dataset
+    from clearance_jax.results.sobol import sobol_indices
     from clearance_jax.results.store import load_dataset, save
     from clearance_jax.solve.batch import BatchReport, batch
     from clearance_jax.solve.settings import SolveOptions
     from clearance_jax.solve.simulate import simulate
     from clearance_jax.solve.solution import Solution
     from clearance_jax.solve.trace import Trace, trace
+    from clearance_jax.sweep.axes import Choice, Sampled, Zipped
+    from clearance_jax.sweep.distributions import LogNormal, Normal, TruncatedNormal, Uniform
+    from clearance_jax.sweep.run import sweep
+    from clearance_jax.sweep.saltelli import sobol_samples
 
 # The same once more, for the interpreter (a test compares the two): modules as they are, and what is in which module.
-_MODULES = {"design": "design", "joints": "joints", "laws": "laws", "metrics": "analysis.metrics"}
+_MODULES = {
+    "design": "design",
+    "joints": "joints",
+    "laws": "laws",
+    "metrics": "analysis.metrics",
+    "sweep_figures": "report.sweep_figures",
+    "wear": "wear",
+    "wear_figures": "report.wear_figures",
+}
 _NAMES = {
     "analysis.measure": ("AbstractMetric", "Reply", "Request", "measure"),
     "analysis.cycle": ("PeriodicMotion",),
@@ -81,6 +97,7 @@ _NAMES = {
         "RevoluteClearance",
         "SleeveClearance",
         "SphericalClearance",
+        "WornRevoluteClearance",
     ),
     "laws": ("AbstractFrictionLaw", "AbstractNormalLaw", "AbstractStiffness"),
     "mechanism.actuators": ("AbstractActuator", "ConstantEffort", "JointSpring", "Servo"),
@@ -96,13 +113,19 @@ _NAMES = {
     "mechanism.profiles": ("Constant", "Quintic", "Trapezoid"),
     "mechanism.tree": ("Fixed", "Prismatic", "Revolute"),
     "parameters": ("parameters", "physical", "replace"),
+    "report.animation": ("Film", "animate"),
     "results.dataset": ("to_dataset",),
+    "results.sobol": ("sobol_indices",),
     "results.store": ("load_dataset", "save"),
     "solve.batch": ("BatchReport", "batch"),
     "solve.settings": ("SolveOptions",),
     "solve.simulate": ("simulate",),
     "solve.solution": ("Solution",),
     "solve.trace": ("Trace", "trace"),
+    "sweep.axes": ("Choice", "Sampled", "Zipped"),
+    "sweep.distributions": ("LogNormal", "Normal", "TruncatedNormal", "Uniform"),
+    "sweep.run": ("sweep",),
+    "sweep.saltelli": ("sobol_samples",),
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names}
 
@@ -123,6 +146,7 @@ __all__ = [
     "BatchReport",
     "Body",
     "CartesianPath",
+    "Choice",
     "ClearanceError",
     "ComputedTorque",
     "Constant",
@@ -131,6 +155,7 @@ __all__ = [
     "Curve",
     "Cylindrical",
     "Drives",
+    "Film",
     "Fixed",
     "Force",
     "Free",
@@ -143,9 +168,11 @@ __all__ = [
     "JointSpring",
     "Limits",
     "Line",
+    "LogNormal",
     "Mechanism",
     "Mobility",
     "Motion",
+    "Normal",
     "Orientation",
     "PeriodicMotion",
     "Planar",
@@ -160,6 +187,7 @@ __all__ = [
     "Request",
     "Revolute",
     "RevoluteClearance",
+    "Sampled",
     "Sensitivities",
     "Servo",
     "SleeveClearance",
@@ -175,11 +203,16 @@ __all__ = [
     "Torque",
     "Trace",
     "Trapezoid",
+    "TruncatedNormal",
     "TrustThresholds",
+    "Uniform",
     "Universal",
     "UntrustedGradient",
     "Waypoint",
+    "WornRevoluteClearance",
     "Wrench",
+    "Zipped",
+    "animate",
     "batch",
     "configure",
     "design",
@@ -203,8 +236,14 @@ __all__ = [
     "save",
     "sensitivities",
     "simulate",
+    "sobol_indices",
+    "sobol_samples",
+    "sweep",
+    "sweep_figures",
     "to_dataset",
     "trace",
+    "wear",
+    "wear_figures",
     "write_trajectory",
 ]
 

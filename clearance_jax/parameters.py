@@ -10,8 +10,8 @@ itself.
 
 import dataclasses
 import operator
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -88,6 +88,16 @@ def apart(**field):
     return eqx.field(metadata={"apart": True}, **field)
 
 
+class Demand(NamedTuple):
+    """What a number of a part must be for the others: its field's `name`, whether that `holds` (a flag, also for
+    tracers), and `words` for where it does not: "must be ...".
+    """
+
+    name: str
+    holds: Flag
+    words: Callable[[], str]
+
+
 class Parametrised(eqx.Module):
     """A part of a model whose numbers have units that depend on what else it is made of."""
 
@@ -99,6 +109,10 @@ class Parametrised(eqx.Module):
         """The same of a member, however deep, that cannot tell by itself. None by default."""
         del member
         return {}
+
+    def demands(self) -> Iterator[Demand]:
+        """What its numbers must be for one another. Nothing by default."""
+        yield from ()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -241,7 +255,18 @@ def bounds_hold(module: eqx.Module) -> Flag:
         limits = [np.full(value.shape, np.nan if m.get(key) is None else m[key]) for value, m in every]
         limit = np.concatenate(limits)
         good &= holds(numbers, jnp.asarray(limit)) | jnp.asarray(np.isnan(limit))
-    return jnp.all(good)
+    together = [demand.holds for _, part in _parts(module) for demand in part.demands()]
+    return jnp.all(jnp.stack([jnp.all(good), *(jnp.all(jnp.asarray(holds)) for holds in together)]))
+
+
+def _parts(module: eqx.Module) -> Iterator[tuple[str, Parametrised]]:
+    """Every part of a model that has numbers of its own, with what their names begin with."""
+    seen: set[int] = set()
+    for leaf in leaves(module):
+        part = leaf.owners[-1]
+        if isinstance(part, Parametrised) and id(part) not in seen:
+            seen.add(id(part))
+            yield leaf.name.rpartition(leaf.path[-1])[0], part
 
 
 def check_values(module: eqx.Module) -> None:
@@ -258,6 +283,21 @@ def check_values(module: eqx.Module) -> None:
         # A unit is looked up for a message only: for all numbers that takes longer than a solve.
         if not all(np.all(holds) for *_, holds in violations(value, leaf.metadata)):
             check_bounds(value, leaf.metadata, f"`{name}`", leaf.unit)
+    for begin, part in _parts(module):
+        check_demands(part, begin)
+
+
+def check_demands(part: Parametrised, begin: str = "") -> None:
+    """Raise where numbers of a part contradict each other. Tracers pass.
+
+    **Arguments:** `begin`: what the part's names begin with ("wrist.").
+    """
+    for demand in part.demands():
+        if isinstance(demand.holds, Tracer) or np.all(demand.holds):
+            continue
+        given = quoted(np.asarray(getattr(part, demand.name)).tolist())
+        unit = next(field.metadata["unit"] for field in dataclasses.fields(part) if field.name == demand.name)
+        raise ClearanceError(f"`{begin}{demand.name}` {demand.words()}, but it is {given} {unit}.")
 
 
 def check_bounds(value: Any, metadata: Mapping[str, Any], where: str, unit: str) -> None:

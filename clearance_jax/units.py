@@ -47,7 +47,8 @@ def to_si(value: Any, unit: str, where: str) -> float:
 
     text = _checked(value, unit, where)
     try:
-        quantity = registry().Quantity(text)
+        # What is not proportional (degC) is a number and a unit to pint, never their product.
+        quantity = registry().Quantity(*text) if unit == "K" else registry().Quantity(f"{text[0]!r} {text[1]}")
         magnitude = float(quantity.to(unit).magnitude)
     except pint.DimensionalityError as error:
         raise ClearanceError(
@@ -69,8 +70,8 @@ def shown(value: float, unit: str, digits: int = 6) -> str:
     return f"{value:.{digits}g} {unit}".rstrip()
 
 
-def _checked(value: str, unit: str, where: str) -> str:
-    """The text of a quantity that pint may read, in the form NUMBER UNIT (or NUMBER / (NUMBER UNIT))."""
+def _checked(value: str, unit: str, where: str) -> tuple[float, str]:
+    """A quantity that pint may read, in the form NUMBER UNIT (or NUMBER / (NUMBER UNIT)): its number, and the rest."""
     if len(value) > LONGEST:
         raise ClearanceError(_unread(value, unit, where, f"longer than {LONGEST} characters"))
     match = _QUANTITY.fullmatch(" ".join(value.split()))  # one space at a time, or the pattern would try them all
@@ -79,7 +80,7 @@ def _checked(value: str, unit: str, where: str) -> str:
         raise ClearanceError(_unread(value, unit, where, lacks))
     # pint would take a long row of digits for a whole number without end.
     number = _float(match[1].replace("_", ""), where)
-    return f"{number!r} {match[2] or ''}".replace("·", "*")
+    return number, (match[2] or "").replace("·", "*")
 
 
 def _unread(value: str, unit: str, where: str, why: str) -> str:

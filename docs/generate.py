@@ -1,4 +1,4 @@
-"""The pages that are made from the code: every key of scene and study files, every public name.
+"""The pages that are made from the code: every key of scene, study, sweep and wear files, every public name.
 
 `python docs/generate.py` (`make reference`) writes them to docs/reference; a test compares them with the code.
 """
@@ -26,6 +26,20 @@ A study asks a question of a scene: which clearances, so that limits hold. `clea
 
 *This page is generated from the reader's own declarations.*
 """
+SWEEP_HEAD = """# Sweep files: every key
+
+A sweep asks one question of many mechanisms: outputs over axes. `clearance sweep FILE` answers it;
+[Sweeps](../sweeps.md) says what the words mean.
+
+*This page is generated from the reader's own declarations.*
+"""
+WEAR_HEAD = """# Wear files: every key
+
+A study of wear asks how a sleeve wears over its life, and how long it lasts. `clearance wear FILE` answers it;
+[Wear](../wear.md) says what the words mean.
+
+*This page is generated from the reader's own declarations.*
+"""
 NAMES_HEAD = """# Public names
 
 Each name with the first sentence of its documentation; `help(name)` in Python shows all of it: arguments with units
@@ -33,7 +47,13 @@ and shapes, what is raised, sources.
 
 *This page is generated from the code.*
 """
-MODULES = ("clearance_jax", "clearance_jax.metrics", "clearance_jax.design", "clearance_jax.laws")
+MODULES = (
+    "clearance_jax",
+    *(
+        f"clearance_jax.{name}"
+        for name in ("metrics", "design", "joints", "laws", "sweep_figures", "wear", "wear_figures")
+    ),
+)
 
 
 def cell(text: str) -> str:
@@ -59,7 +79,7 @@ def value(key) -> str:
 
 
 def keys_page(head: str, file: str) -> str:
-    """Every table of scene or study files, each key a row."""
+    """Every table of one kind of file, each key a row."""
     from clearance_jax.io.keys import reference
 
     parts = [head]
@@ -87,7 +107,10 @@ def names_page() -> str:
     """Every public name."""
     import clearance_jax as cj
 
-    known = {"clearance_jax": cj, "clearance_jax.metrics": cj.metrics}
+    known = {
+        "clearance_jax": cj,
+        **{f"clearance_jax.{name}": getattr(cj, name) for name in ("metrics", "sweep_figures", "wear_figures")},
+    }
     parts = [NAMES_HEAD]
     for name in MODULES:
         if name not in known:
@@ -109,6 +132,8 @@ def pages() -> dict[str, str]:
     return {
         "scene.md": keys_page(SCENE_HEAD, "scene"),
         "study.md": keys_page(STUDY_HEAD, "study"),
+        "sweep.md": keys_page(SWEEP_HEAD, "sweep"),
+        "wear.md": keys_page(WEAR_HEAD, "wear"),
         "python.md": names_page(),
     }
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
+import xarray as xr
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyArrowPatch
 from scipy.integrate import solve_ivp
@@ -12,6 +13,7 @@ import clearance_jax as cj
 from clearance_jax import laws
 from clearance_jax.laws import Geometry
 from clearance_jax.mechanism.drives import Harmonic, Spline, Step5Sum, StepSum
+from clearance_jax.report import play_figures
 from clearance_jax.report.figures import pin_path
 
 IMAGES = Path(__file__).parent / "images"
@@ -21,6 +23,8 @@ STIFFNESS, MASS, SPEED = 6.61e10, 0.14, 0.5
 """Of the impacts drawn: steel on steel [N/m^1.5], [kg], [m/s]."""
 REVOLUTION = 0.012
 """Of the slider-crank [s]."""
+BEARING = 0.035
+"""When the robot's pin bears at both edges [s]."""
 STEEL_PIN = Geometry(0.01, 0.0101, 1e-4)
 
 
@@ -44,10 +48,10 @@ def examples() -> tuple[dict, dict]:
     return normal, friction
 
 
-def saved(figure: Figure, name: str) -> None:
+def saved(figure: Figure, name: str, dpi: float = 110) -> None:
     """Write a picture, small enough to be kept with the source."""
     IMAGES.mkdir(exist_ok=True)
-    figure.savefig(IMAGES / name, dpi=110)
+    figure.savefig(IMAGES / name, dpi=dpi)
 
 
 def impact(law) -> tuple[np.ndarray, np.ndarray]:
@@ -206,11 +210,28 @@ def front() -> None:
     saved(figure, "slider_crank.png")
 
 
+def rattling() -> xr.Dataset:
+    """A robot of six axes whose fifth has play, from the middle of its sleeve on."""
+    robot = cj.load_urdf(SCENES / "six_axes.urdf", end_effector="tcp")
+    loose = robot.with_clearance("axis_5", radial=5e-5, axial=1e-4, length=0.04, diameter=0.03)
+    mechanism = loose.driven(cj.read_trajectory(SCENES / "six_axes_turn.csv", loose))
+    return cj.to_dataset(mechanism, cj.trace(mechanism, 0.05, rtol=1e-6, save_at=1001))
+
+
+def play_in_space() -> None:
+    """When that joint bears how, its orbits, and a frame of its film."""
+    dataset = rattling()
+    saved(play_figures.play(dataset), "play.png", dpi=80)
+    film = cj.animate(dataset, "axis_5")
+    when = dataset["time"].values[film.frames]
+    saved(film.show(int(np.argmin(np.abs(when - BEARING)))), "film.png", dpi=100)
+
+
 def main() -> None:
     """Draw every picture."""
     cj.configure(cache=True)
     with mpl.rc_context({"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}):
-        for draw in (normal_laws, friction_laws, drives, sleeve, front):
+        for draw in (normal_laws, friction_laws, drives, sleeve, front, play_in_space):
             draw()
 
 

@@ -1,5 +1,8 @@
 """What the experiments share: the scenes as the references have them, timing, tables, where output goes."""
 
+import io
+import re
+import shutil
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -7,11 +10,15 @@ from typing import Any
 
 import jax
 import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
+from PIL import Image
 
 import clearance_jax as cj
-from experiments.publish import found
+from experiments.publish import found, say
 
 SCENES = Path(__file__).parent / "scenes"
+SWEEPS = Path(__file__).parent / "sweeps"
 CRANK_SPEED = 5000 * 2 * np.pi / 60
 
 
@@ -55,6 +62,14 @@ def seconds(call: Callable[[], Any], repeats: int) -> float:
     return min(times)
 
 
+def peak_memory() -> float:
+    """The peak of this process so far [MiB], on Linux."""
+    # What Python's `resource` says is not less than the peak of the process that began this one.
+    found = re.search(r"VmHWM:\s+(\d+) kB", Path("/proc/self/status").read_text(encoding="utf-8"))
+    assert found is not None
+    return int(found[1]) / 2**10
+
+
 def table(head: Sequence[str], rows: Sequence[Sequence[Any]], path: Path) -> str:
     """Print a Markdown table and write it to `path`."""
     cells = [list(head), *([str(c) for c in row] for row in rows)]
@@ -66,3 +81,27 @@ def table(head: Sequence[str], rows: Sequence[Sequence[Any]], path: Path) -> str
     path.write_text(text, encoding="utf-8")
     found.append(text)
     return text
+
+
+def compact(figure: Figure, path: Path, colours: int = 64, dpi: float = 110) -> Path:
+    """Write a figure as a picture of few colours: enough for lines, and half the file."""
+    whole = io.BytesIO()
+    figure.savefig(whole, format="png", dpi=dpi)
+    Image.open(whole).convert("RGB").quantize(colours).save(path, optimize=True)
+    return path
+
+
+def swept(name: str, **asked: Any) -> xr.Dataset:
+    """A sweep by way of a store in `out/`: a run that was broken off goes on when it is started again. What was found
+    is read, and the store goes, so that a run that is over is never taken for the next one.
+
+    **Arguments:** `asked`: those of `cj.sweep`.
+    """
+    store = output(f"{name}.zarr")
+    again, began = store.exists(), time.perf_counter()
+    answers = cj.sweep(**asked, store=store, resume=True, plan=say).load()
+    took = time.perf_counter() - began
+    before = ", and before that a run that was broken off" if again else ""
+    say(f"{answers.attrs['lanes']} lanes, {answers.attrs['failed']} failed: {took:.0f} s with compiling{before}")
+    shutil.rmtree(store)
+    return answers

@@ -12,7 +12,6 @@
 """
 
 import json
-import re
 import subprocess
 import sys
 import time
@@ -24,7 +23,7 @@ import numpy as np
 
 import clearance_jax as cj
 from experiments.batches import END
-from experiments.common import output, slider_crank, table
+from experiments.common import output, peak_memory, slider_crank, table
 from experiments.publish import command, say
 
 RTOL, PROBE = 1e-5, 1e-4
@@ -123,18 +122,11 @@ def over_orders(quick: bool) -> list[Order]:
 
 def memory() -> dict[str, float]:
     """The peak of this process [MiB], after each stage."""
-
-    def peak() -> float:
-        # What Python's `resource` says is not less than the peak of the process that began this one.
-        found = re.search(r"VmHWM:\s+(\d+) kB", Path("/proc/self/status").read_text(encoding="utf-8"))
-        assert found is not None
-        return int(found[1]) / 2**10
-
-    stages = {"Python, JAX and this library imported": peak()}
+    stages = {"Python, JAX and this library imported": peak_memory()}
     cj.batch(solved, sweep(32))
-    stages["compiled, 32 lanes"] = peak()
+    stages["compiled, 32 lanes"] = peak_memory()
     cj.batch(solved, sweep(MOST))
-    stages[f"{MOST} lanes"] = peak()
+    stages[f"{MOST} lanes"] = peak_memory()
     return stages
 
 

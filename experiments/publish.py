@@ -1,13 +1,15 @@
 """The command line of experiments and studies, and the page that `--save` makes of what they found.
 
-Whatever is tabulated (`common.table`) or said (`say`) while one runs goes to the terminal at once and, with `--save`,
-to docs/benchmarks, with the commit it was measured at.
+Whatever is tabulated (`common.table`), said (`say`), written (`write`) or drawn (`picture`) while one runs goes to the
+terminal at once and, with `--save`, to docs/benchmarks, with the commit it was measured at.
 """
 
 import argparse
+import inspect
 import os
 import platform
 import re
+import shutil
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
@@ -17,8 +19,11 @@ import clearance_jax as cj
 
 ROOT = Path(__file__).parents[1]
 PAGES = ROOT / "docs" / "benchmarks"
+IMAGES = ROOT / "docs" / "images"
 found: list[str] = []
 """What this process has found so far, in Markdown."""
+drawn: list[Path] = []
+"""The pictures among it."""
 
 
 def say(*things: Any) -> None:
@@ -28,6 +33,18 @@ def say(*things: Any) -> None:
     found.append(f"```text\n{text}\n```\n")
 
 
+def write(text: str) -> None:
+    """Print Markdown, and keep it for the page as it is."""
+    print(text, flush=True)
+    found.append(text + "\n")
+
+
+def picture(path: Path, caption: str) -> None:
+    """Keep a picture for the page."""
+    drawn.append(path)
+    write(f"![{caption}](../images/{path.name})\n\n*{caption}.*")
+
+
 def commit() -> str:
     """The commit that is measured; with a mark where the files differ from it."""
     asked = ["git", "-C", str(ROOT), "describe", "--always", "--dirty", "--abbrev=7", "--exclude=*"]
@@ -35,8 +52,8 @@ def commit() -> str:
 
 
 def stem(name: str) -> str:
-    """The file of a command's page: its module, and the part of it where the command names one."""
-    return name.split(".")[-1].replace(" ", "_")
+    """The file of a command's page: its module, with the package it is in, and the part where the command names one."""
+    return "_".join(name.split(".")[1:]).replace(" ", "_")
 
 
 def page(name: str, doc: str, parts: list[str]) -> str:
@@ -53,14 +70,19 @@ def command(main: Callable, doc: str | None, quick: str = "a tiny version of eac
     parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help=quick)
     parser.add_argument("--save", action="store_true", help="write docs/benchmarks/NAME.md with what was found")
+    elsewhere = "out" in inspect.signature(main).parameters
+    if elsewhere:
+        parser.add_argument("--out", type=Path, default=Path("out"), metavar="DIR", help="where files go (`out`)")
     given = parser.parse_args()
     if given.quick and given.save:
         parser.error("what a quick run finds is not worth publishing: give `--save` alone")
     cj.configure(cache=True)
-    main(given.quick)
+    main(given.quick, given.out) if elsewhere else main(given.quick)
     if given.save and found:
         named = re.search(r"python -m ([\w.]+(?: \w+)?)`", doc)
         assert named, "the documentation of an experiment names its command"
         path = PAGES / f"{stem(named[1])}.md"
         path.write_text(page(named[1], doc, found), encoding="utf-8")
+        for image in drawn:
+            shutil.copy(image, IMAGES / image.name)
         print(f"written {path}")

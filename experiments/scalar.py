@@ -27,21 +27,38 @@ SOURCE = Path(__file__).parent / "reference" / "scalar.c"
 C_RTOL = {"scalar C, no watch": 1e-5, "scalar C, located events": 1e-8}
 
 
-def by_c(lanes: int, seconds: float) -> dict[str, tuple[np.ndarray, float, int]]:
-    """Final slider positions, CPU seconds of one round and attempts of all lanes; nothing without a C compiler."""
+def compiled(folder: str | Path) -> Path | None:
+    """The C program, compiled into a folder; `None` without a C compiler."""
     compiler = shutil.which("cc") or shutil.which("gcc")
     if compiler is None:
-        return {}
+        return None
+    program = Path(folder) / "scalar"
+    subprocess.run([compiler, "-O3", "-march=native", "-o", program, SOURCE, "-lm"], check=True)
+    return program
+
+
+def words(program: Path, lanes: int, rtol: float, seconds: float, events: int) -> list[str]:
+    """The command by which the C program solves so many lanes, over and over for so long."""
+    return [str(word) for word in (program, lanes, rtol, seconds, events)]
+
+
+def read(answer: str) -> tuple[np.ndarray, float, int]:
+    """Of what the C program writes the final slider positions, CPU seconds of one round and attempts of all lanes."""
+    *states, last = answer.splitlines()
+    took, attempts = last.split()
+    return np.array([line.split()[1] for line in states], float), float(took), int(attempts)
+
+
+def by_c(lanes: int, seconds: float) -> dict[str, tuple[np.ndarray, float, int]]:
+    """Final slider positions, CPU seconds of one round and attempts of all lanes; nothing without a C compiler."""
     known = {}
     with tempfile.TemporaryDirectory() as folder:
-        program = Path(folder) / "scalar"
-        subprocess.run([compiler, "-O3", "-march=native", "-o", program, SOURCE, "-lm"], check=True)
+        program = compiled(folder)
+        if program is None:
+            return {}
         for events, (name, rtol) in enumerate(C_RTOL.items()):
-            words = [program, *map(str, (lanes, rtol, seconds, events))]
-            answer = subprocess.run(words, capture_output=True, text=True, check=True)
-            *states, last = answer.stdout.splitlines()
-            took, attempts = last.split()
-            known[name] = np.array([line.split()[1] for line in states], float), float(took), int(attempts)
+            command = words(program, lanes, rtol, seconds, events)
+            known[name] = read(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
     return known
 
 

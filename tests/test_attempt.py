@@ -18,7 +18,7 @@ from clearance_jax.dynamics.observe import observe
 from clearance_jax.joints import AbstractClearance, AbstractElement
 from clearance_jax.solve.codes import Result, code_of, words
 from clearance_jax.solve.control import factor, on_grid
-from clearance_jax.solve.switches import Curve, first_of
+from clearance_jax.solve.switches import Curve, Watched, first_of
 from clearance_jax.solve.tableau import tableau_of
 from clearance_jax.spatial import ZERO, scale
 
@@ -148,7 +148,7 @@ def test_first_switch_of_a_known_motion():
     """The place at which a straight motion touches, by hand."""
     joint = cj.RevoluteClearance(1e-3, 0.01, laws.Hertz(1e9)).prepared()
     begin = jnp.asarray(1e-8)
-    first = jax.jit(lambda curve: first_of(joint, curve, (), begin))
+    first = jax.jit(lambda curve: first_of(Watched(joint, curve, ()), begin))
     touch = first(straight((0.0, 0.0), (2e-3, 0.0)))
     assert 0.5 < float(touch) < 0.5 + 1e-7
     assert float(first(straight((0.0, 0.0), (0.9e-3, 0.0)))) == np.inf
@@ -161,7 +161,8 @@ def test_a_graze_between_two_samples_is_found():
     k = 4e-3  # along x: top - k (s - s0)^2
     zero = np.zeros(3)
     rows = [np.array([top - k * s0**2, 0, 0]), np.array([2 * k * s0, 0, 0]), np.array([-k, 0, 0]), zero, zero, zero]
-    first = first_of(joint, Curve.of(list(jnp.asarray(rows)), jnp.asarray(1e-3)), (), jnp.asarray(1e-8))
+    curve = Curve.of(list(jnp.asarray(rows)), jnp.asarray(1e-3))
+    first = first_of(Watched(joint, curve, ()), jnp.asarray(1e-8))
     enters = s0 - np.sqrt((top - c) / k)
     assert enters <= float(first) <= s0 + 1e-6
 

@@ -1,8 +1,24 @@
 """Every experiment runs in its quick mode, and shows there what it is for."""
 
+import importlib
+
+import numpy as np
 import pytest
 
-from experiments import batches, cores, forward_dynamics, gpu, hard_cases, robots, scalar, work_precision
+from experiments import (
+    batches,
+    bifurcation,
+    cores,
+    forward_dynamics,
+    gpu,
+    hard_cases,
+    paper_sweeps,
+    robots,
+    scalar,
+    sweeps,
+    wear_kills,
+    work_precision,
+)
 
 
 @pytest.fixture(autouse=True)
@@ -82,3 +98,45 @@ def test_without_a_gpu_nothing_is_written(tmp_path, monkeypatch, capsys):
     assert gpu.main() == []
     assert capsys.readouterr().out.count("\n") == 1
     assert not list(tmp_path.iterdir())
+
+
+def test_sweeps(monkeypatch):
+    run = importlib.import_module("clearance_jax.sweep.run")
+    monkeypatch.setattr(run, "LEAST", run.LEAST)  # the experiment makes regions small, for itself
+    monkeypatch.setattr(run, "CHUNKS_A_CORE", run.CHUNKS_A_CORE)
+    found = sweeps.main(quick=True)
+    assert {row.way for row in found.rates} == {"`batch`", "`sweep`", "`sweep`, one core", "`sweep` into a store"}
+    assert all(duel.sweep.error <= duel.error and duel.rival.error <= duel.error for duel in found.duels)
+    assert "scipy odeint" in {duel.rival.program for duel in found.duels}
+    sizes = list(found.memory.values())
+    assert 0 < sizes[0] < sizes[-1]
+    assert found.kills == (2, 2, 0, True)
+
+
+@pytest.mark.slow
+def test_lives_that_are_killed():
+    found = wear_kills.main(quick=True)
+    assert (found.kills, found.kept, found.identical) == (2, True, True)
+
+
+def test_bifurcations(tmp_path):
+    swept, rows = bifurcation.main(quick=True)
+    assert swept["section"].shape == (4, 4, 2)
+    assert not swept["code"].any()
+    smallest, largest = rows
+    assert (smallest.motion, largest.motion) == ("regular", "undecided")  # six revolutions say little
+    assert smallest.difference <= 1e-8
+    assert smallest.exponent == pytest.approx(smallest.single, rel=1e-3)
+    assert largest.clearance == swept[bifurcation.CLEARANCE][-1]
+    assert (tmp_path / "out" / "bifurcation_quick.png").exists()
+
+
+def test_paper_sweeps(tmp_path):
+    swept, trends = paper_sweeps.main(quick=True)
+    assert not swept["code"].any()
+    rank = {(row.result, row.friction): row.rank for row in trends}
+    assert rank["deviation", 0.0] == rank["peak_force", 0.0] == 1
+    rubbed = swept["friction_loss"].values[:, :, 0]
+    assert np.all(rubbed[:, 0] == 0)
+    assert np.all(rubbed[:, 1] > 0)
+    assert (tmp_path / "out" / "paper_sweeps_map_quick.png").exists()

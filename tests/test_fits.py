@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from clearance_jax.design import fits
-from clearance_jax.design.fits import COMMON, Fit, fit, fits_within, limit_deviations
 from clearance_jax.errors import ClearanceError
+from clearance_jax.joints import fits
+from clearance_jax.joints.fits import COMMON, Fit, fit, fits_within, limit_deviations
 
 # Lower and upper deviation [um] by class and diameter [mm]: DIN ISO 286-2 and JIS B 0401 as tool catalogues have them.
 LIMITS = {

@@ -10,14 +10,25 @@ import pytest
 
 import clearance_jax as cj
 from clearance_jax.errors import ClearanceError
-from clearance_jax.io import scene_keys, study_keys
+from clearance_jax.io import metric_keys, play_keys, scene_keys, study_keys, sweep_keys, wear_keys
 from clearance_jax.io.keys import example, reference
 from clearance_jax.io.scene import load_scene
 from clearance_jax.io.study import load_study
 from clearance_jax.io.table import Keys, Table
 
 ROOT = Path(__file__).parents[1]
-READERS = ("scene", "scene_joint", "scene_robot", "scene_contact", "study")
+READERS = (
+    "scene",
+    "scene_joint",
+    "scene_robot",
+    "scene_contact",
+    "study",
+    "metric",
+    "asking",
+    "sweep_file",
+    "scene_worn",
+    "wear_file",
+)
 
 
 def lines(values: dict[str, str]) -> str:
@@ -39,7 +50,13 @@ def tables_of(module) -> list[Keys]:
 
 def test_every_declaration_is_in_the_reference():
     listed = {(t.file, t.name, t.choice, key.name) for t in reference() for key in t.keys}
-    for file, module in (("scene", scene_keys), ("study", study_keys)):
+    for file, module in (
+        ("scene", scene_keys),
+        ("scene", play_keys),
+        ("study", study_keys),
+        ("sweep", sweep_keys),
+        ("wear", wear_keys),
+    ):
         for table in tables_of(module):
             for key in table.keys:
                 # The union of a joint's tables has the keys of its parts.
@@ -97,7 +114,7 @@ body = "slider"
 at = ["80 mm", "0 mm"]
 """
 PIN = {"radial_clearance": '"0.1 mm"', "pin_radius": '"10 mm"'}
-HERTZ = inline(example(scene_keys.NORMAL_TABLES["hertz"]))
+HERTZ = inline(example(play_keys.NORMAL_TABLES["hertz"]))
 
 
 def load(tmp_path, text) -> Any:
@@ -144,13 +161,10 @@ def test_examples_of_a_robot_and_of_a_controller_are_read(tmp_path):
     assert float(load(tmp_path, whole + control).mechanism.clearance_joints()[0].clearance.pin_radius) == pytest.approx(
         0.009
     )
-    for wrong, words in {
-        "stations = 8 }": "stations needs the contact law `normal` beside it",
-        'pin = "through" }': "pin needs the contact law `normal` beside it",
-    }.items():
-        with pytest.raises(cj.ClearanceError, match=words):
-            load(tmp_path, robot.replace('length = "40 mm" }', f'length = "40 mm", {wrong}') + control)
-    with pytest.raises(cj.ClearanceError, match=r"robot.clearance.axis_7: the robot has no revolute joint"):
+    few = robot.replace('length = "40 mm" }', 'length = "40 mm", stations = 4, pin = "inside" }')
+    few = load(tmp_path, few + control)
+    assert few.mechanism.clearance_joints()[0].clearance.count == 12
+    with pytest.raises(cj.ClearanceError, match=r"robot.clearance.axis_7: the robot has no joint of this name"):
         load(tmp_path, robot.replace("axis_5 = { radial", "axis_7 = { radial") + control)
     with pytest.raises(cj.ClearanceError, match="has the free coordinate `axis_2`"):
         load(tmp_path, robot + payload + control.replace('axis_2 = "0.2 * time"\n', ""))
@@ -160,12 +174,12 @@ def test_examples_of_a_robot_and_of_a_controller_are_read(tmp_path):
         load(tmp_path, robot.replace("axis_2 =", "axis_9 ="))
 
 
-@pytest.mark.parametrize("word", scene_keys.NORMAL_TABLES)
+@pytest.mark.parametrize("word", play_keys.NORMAL_TABLES)
 @pytest.mark.parametrize("stiffness", ["given", "from materials"])
 def test_examples_of_normal_laws_are_read(word, stiffness, tmp_path):
-    values = example(scene_keys.NORMAL_TABLES[word])
+    values = example(play_keys.NORMAL_TABLES[word])
     if stiffness == "from materials":
-        values["stiffness"] = inline(example(scene_keys.STIFFNESS))
+        values["stiffness"] = inline(example(play_keys.STIFFNESS))
     read = load(tmp_path, scene(pin=lines({**PIN, "normal": inline(values)})))
     (joint,) = read.mechanism.clearance_joints()
     assert {f"pin.normal.{name}" for name in values if name not in ("law", "clipped", "stiffness")} <= set(
@@ -174,9 +188,9 @@ def test_examples_of_normal_laws_are_read(word, stiffness, tmp_path):
     assert joint.clearance.friction is None
 
 
-@pytest.mark.parametrize("word", scene_keys.FRICTION_TABLES)
+@pytest.mark.parametrize("word", play_keys.FRICTION_TABLES)
 def test_examples_of_friction_laws_are_read(word, tmp_path):
-    values = example(scene_keys.FRICTION_TABLES[word])
+    values = example(play_keys.FRICTION_TABLES[word])
     read = load(tmp_path, scene(pin=lines({**PIN, "normal": HERTZ, "friction": inline(values)})))
     assert {f"pin.friction.{name}" for name in values if name != "law"} <= set(cj.parameters(read.mechanism))
 
@@ -211,11 +225,35 @@ def test_examples_of_a_spline_from_a_file_are_read(tmp_path):
     assert float(read.mechanism.joints[0].motion.drive.values[1]) == pytest.approx(1.5707963)
 
 
-def test_examples_of_clearances_are_read(tmp_path):
-    values = example(scene_keys.CLEARANCE, "diametral_clearance")
-    assert float(load(tmp_path, scene(pin=lines(values))).mechanism.clearance_joints()[0].size) == pytest.approx(1e-4)
-    values = example(scene_keys.CLEARANCE, "radial_clearance", "pin_radius")
-    assert float(load(tmp_path, scene(pin=lines(values))).mechanism.clearance_joints()[0].size) == pytest.approx(1e-4)
+def only(read) -> Any:
+    (joint,) = read.mechanism.clearance_joints()
+    return joint.clearance
+
+
+BY_FIT = ("fit", "temperature", "pin_expansion", "sleeve_expansion", "press")
+RADII = ("radial_clearance", "diametral_clearance", "sleeve_radius")
+
+
+@pytest.mark.parametrize("skip", ["diametral_clearance", "radial_clearance,pin_radius"])
+def test_examples_of_clearances_are_read(skip, tmp_path):
+    values = example(play_keys.PIN, *BY_FIT, "bearing", "worn", *skip.split(","))
+    assert float(only(load(tmp_path, scene(pin=lines(values)))).radial_clearance) == pytest.approx(1e-4)
+
+
+def test_examples_of_fits_and_bearings_are_read(tmp_path):
+    values = example(play_keys.PIN, *RADII, "bearing", "worn") | {"press": inline(example(play_keys.PRESS))}
+    fitted = only(load(tmp_path, scene(pin=lines(values))))
+    assert float(fitted.tolerance.least) < float(fitted.radial_clearance) < float(fitted.tolerance.greatest)
+    # Of the two sets of keys that a bearing may have one each.
+    for skip, own in (
+        (("rollers", "roller_length", "internal_clearance"), {"group": "C3", "balls": 9, "ball_diameter": 0.00794}),
+        (("balls", "ball_diameter", "group"), {"internal": 1e-5, "rollers": 12, "roller_length": 0.009}),
+    ):
+        values = {"bearing": inline(example(play_keys.BEARING, *skip))}
+        bearing = only(load(tmp_path, scene(pin=lines(values))))
+        expected: Any = cj.joints.rolling_bearing(0.025, **own)
+        assert float(bearing.normal.stiffness) == pytest.approx(float(expected.normal.stiffness), rel=1e-12)
+        assert float(bearing.radial_clearance) == pytest.approx(float(expected.radial_clearance), rel=1e-12)
 
 
 STUDY = """
@@ -255,12 +293,12 @@ def test_examples_of_limits_are_read(word, tmp_path):
     assert limit.title == "piston"
 
 
-@pytest.mark.parametrize("word", study_keys.SIGNALS)
+@pytest.mark.parametrize("word", metric_keys.SIGNALS)
 def test_a_signal_says_what_it_is_of(word, tmp_path):
     of = {"orientation-error": "body", "contact-force": "joint"}.get(word, "joint" if "joint" in word else "point")
     name = {"body": "slider", "joint": "wrist", "point": "piston"}[of]
     bounds = {"rad": '"1 deg"', "N": '"1 kN"', "N m": '"1 N*m"', "m/s^2": '"5 m/s^2"'}
-    bound = bounds.get(study_keys.SIGNALS[word].unit, '"1 mm"')
+    bound = bounds.get(metric_keys.SIGNALS[word].unit, '"1 mm"')
     limit = f'metric = "peak"\nsignal = "{word}"\n{of} = "{name}"\nbound = {bound}\n'
     assert getattr(study(tmp_path, limit=limit).problem.specification.limits[0].metric.signal, of) == name
     other = "body" if of != "body" else "joint"

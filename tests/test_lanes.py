@@ -1,6 +1,7 @@
 """Lanes: a batch is each of its motions alone; in chunks, with all that a solve has."""
 
 import catalogue
+import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -8,8 +9,11 @@ import pytest
 
 import clearance_jax as cj
 from clearance_jax._sharing import shared, sharing
+from clearance_jax.solve import lanes
+from clearance_jax.solve.attempt import Options
 from clearance_jax.solve.codes import Result
-from clearance_jax.solve.lane_axis import each_lane
+from clearance_jax.solve.flow import Inputs, task_of
+from clearance_jax.solve.lane_axis import each_lane, to_lanes
 from clearance_jax.solve.lanes import batched, over_chunks
 
 T1 = 3e-3
@@ -92,6 +96,29 @@ def test_a_lane_that_fails_harms_no_other():
         np.testing.assert_allclose(y[i], expected[1], rtol=1e-9)
     short = jax.jit(jax.vmap(lambda c: solve(catalogue.slider_crank(c), rtol=1e-7, max_steps=20)))(clearances[:1])
     assert short[2].tolist() == [int(Result.MAX_STEPS)]
+
+
+def test_an_impossible_lane_takes_no_attempt_wherever_its_start_was_computed():
+    """In a loop two programs may compute a lane's start, one for where it is and one for where it ends, an ulp apart:
+    a lane whose state is no number would go on until its steps are used up, and its chunk with it.
+    """
+    options = Options(diffrax.Tsit5(), watch=True, books=False, max_steps=50)
+
+    def begin(speed, t0):
+        mechanism = cj.replace(catalogue.slider_crank(), {"drive.main.speed": speed})
+        return task_of(Inputs(mechanism, t0, jnp.asarray(1e-3), None, jnp.asarray(1e-5), None, None), options)
+
+    @jax.jit
+    def tries(speeds, starts, apart):
+        task = jax.vmap(begin)(speeds, starts)
+        out = lanes.integrate(to_lanes(task._replace(t0=task.t0 - apart)), options)
+        return out.accepted + out.rejected
+
+    starts = jnp.full(3, 9.9e-4)
+    for apart in (jnp.zeros(3), jnp.spacing(starts)):
+        found = tries(jnp.array([500.0, jnp.nan, jnp.inf]), starts, apart).tolist()
+        assert 0 < found[0] < 50
+        assert found[1:] == [0, 0]
 
 
 def test_a_batch_of_batches_is_one_batch():

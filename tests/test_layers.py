@@ -25,14 +25,16 @@ ORDER = (
     "solve",
     "analysis",
     "results",
+    "sweep",
+    "wear",
     "design",
     "io",
     "report",
     "cli",
 )
-LEAVES = {"_types", "_numerics", "_sharing", "errors", "configure", "units", "parameters"}
+LEAVES = {"_alike", "_types", "_numerics", "_sharing", "errors", "configure", "units", "parameters"}
 # What runs on a device is `analysis` and all that it needs; `units` reads and writes for people.
-HOST_ONLY = {"xarray", "matplotlib", "pint", "scipy", "typer", "rich", "tomllib", "jinja2", "xml", "defusedxml"}
+HOST_ONLY = {"xarray", "matplotlib", "PIL", "pint", "scipy", "typer", "rich", "tomllib", "jinja2", "xml", "defusedxml"}
 DEVICE_EXCEPT = {f"{PACKAGE}.units"}
 # A report is handed its findings and computes none.
 REPORT_KNOWS = {"leaves", "results", "design", "report"}

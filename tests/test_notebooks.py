@@ -35,7 +35,7 @@ def test_notebook_runs_in_its_own_folder(path):
 def test_notebook_finds_its_scenes_from_the_top(path):
     notebook = nbformat.read(path, as_version=4)
     code = [cell for cell in notebook.cells if cell.cell_type == "code"]
-    assert "cj.load(" in code[0].source
+    assert "cj.load" in code[0].source
     notebook.cells = code[:1]
     execute(notebook, ROOT)
 

@@ -17,7 +17,7 @@ import clearance_jax as cj
 from clearance_jax import design
 from clearance_jax.analysis import metrics
 from clearance_jax.analysis.instants import Instants
-from clearance_jax.design import fits, places
+from clearance_jax.design import places
 from clearance_jax.design.drawing import joint_drawings
 from clearance_jax.design.findings import CUT_SHORT
 from clearance_jax.design.loads import pin_size
@@ -26,6 +26,7 @@ from clearance_jax.design.observed import Observed
 from clearance_jax.design.outline import outline
 from clearance_jax.design.standings import standings
 from clearance_jax.errors import ClearanceError
+from clearance_jax.joints import fits
 from clearance_jax.report import mechanism_figure, words
 from clearance_jax.report.figures import overview
 from clearance_jax.report.html import render, write_report
@@ -69,7 +70,7 @@ def crank_places(count: int = 5) -> places.Places:
     angle = np.linspace(0.0, np.pi / 2, count)
     pin = 0.05 * np.stack([np.cos(angle), np.sin(angle)], 1)
     slider = np.stack([pin[:, 0] + np.sqrt(0.12**2 - pin[:, 1] ** 2), 0 * angle], 1)
-    origin, along = np.zeros((count, 2)), np.tile([1.0, 0.0], (count, 1))
+    origin, along, out = np.zeros((count, 2)), np.tile([1.0, 0.0], (count, 1)), np.tile([1.0, 0.0, 0.0], (count, 1))
     return places.Places(
         {
             "crank": np.stack([origin, pin], 1),
@@ -80,8 +81,7 @@ def crank_places(count: int = 5) -> places.Places:
         {"guide": along},
         {"piston": slider},
         {},
-        {"wrist": 4e-5 * along},
-        {"wrist": np.linspace(0.0, 5.0, count)},
+        {"wrist": places.Pin(4e-5 * out, 0 * along, 0 * out, 0 * out, np.linspace(0.0, 5.0, count))},
     )
 
 
@@ -332,7 +332,7 @@ def test_the_places_of_a_state_are_those_of_its_mechanism():
     np.testing.assert_allclose(at.bodies["conrod"], [[0.0, 0.05], [0.12, 0.05]], atol=1e-12)
     np.testing.assert_allclose(at.points["piston"], [0.17, 0.0], atol=1e-12)
     np.testing.assert_allclose(at.slides["guide"], [1.0, 0.0], atol=1e-12)
-    np.testing.assert_allclose(at.pins["wrist"], [0.05, -0.05], atol=1e-12)
+    np.testing.assert_allclose(at.pins["wrist"].place, [0.05, -0.05, 0.0], atol=1e-12)
     assert cj.parameters(slider_crank())["wrist.pin_radius"].value == 0.01
 
 

@@ -86,7 +86,7 @@ def test_the_moving_reaction_of_the_slider_crank():
     np.testing.assert_allclose(np.asarray(reaction.at), [0.17, 0.0, 0.0], rtol=1e-14, atol=1e-14)
     # Held off the middle, the pin is where it is held, in the axes of the conrod.
     held = joint_reactions(mechanism, jnp.zeros(()), y, {"wrist": (jnp.asarray(5e-4), jnp.asarray(0.0))})
-    np.testing.assert_allclose(np.asarray(held["wrist"].on_pin), [-0.14 * braking, 0.0], rtol=1e-2, atol=1e-9)
+    np.testing.assert_allclose(np.asarray(held["wrist"].on_pin), [-0.14 * braking, 0.0, 0.0], rtol=1e-2, atol=1e-9)
 
 
 def start(values, mechanism):

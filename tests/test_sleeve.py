@@ -280,7 +280,7 @@ def test_the_command_line_gives_a_robots_joint_play():
         assert name in said.output
         assert value in said.output
     for wrong, words in {
-        "axis_9:radial=0.1mm,length=40mm": "there is no revolute joint `axis_9`",
+        "axis_9:radial=0.1mm,length=40mm": "There is no joint `axis_9`",
         "axis_5:radial=0.1mm": "needs the `diameter` of its pin, or the `length`",
         "axis_5:radial=0.1,length=40mm": "must be in m or a unit of that dimension",
         "axis_5:axial=-0.1mm,radial=0.1mm,length=1cm": "`axial` must be greater than 0",

@@ -155,6 +155,9 @@ def test_heavy_top_nods_as_lagrange_says():
     roots = np.roots([beta, -alpha - a * a, -beta + 2 * a * b, alpha - b * b])
     u = axes_of(solution.y, layout(mechanism))[:, 2, 2]
     np.testing.assert_allclose(u, cubic_motion(roots, beta, times), atol=1e-10)
+    # An orientation is printed by its rotation vector.
+    said = " ".join(repr(solution).split())
+    assert all(f"tip.{k} {float(solution[f'tip.{k}'][-1]):.5g} rad" in said for k in "xyz")
 
 
 def test_spherical_pendulum_swings_as_its_cubic_says():

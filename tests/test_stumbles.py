@@ -219,7 +219,7 @@ def test_settings_are_given_once_and_in_bounds():
         (["simulate", "{scene}", "--samples", str(10**12)], f"between 2 and {MOST_SAMPLES}"),
         (["simulate", "{scene}", "--set", "slider.mass=1kg", "--set", "slider.mass=2kg"], "a second time"),
         (["simulate", "{scene}", "--t1", "mm"], "it lacks a number"),
-        (["plot", "."], "there is no such file"),
+        (["plot", "."], "Cannot read `.` as a store of a sweep"),
         (["optimize", "{study}", "--record", "{study}"], "are the same file"),
         (["optimize", "{study}", "--report", "missing/a.html"], "its folder does not exist"),
     ],

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from clearance_jax._types import Scalar
 from clearance_jax.analysis.measure import AbstractMetric, Request
 from clearance_jax.analysis.signals import clearance_index
-from clearance_jax.dynamics.kinematics import frames, play
+from clearance_jax.dynamics.kinematics import relative_motions
 from clearance_jax.joints import Relative
 from clearance_jax.mechanism.mechanism import ClearanceJoint, Mechanism
 from clearance_jax.mechanism.state import State, layout
@@ -58,9 +58,9 @@ class Powers(eqx.Module):
 
 
 def _play(mechanism: Mechanism, name: str, time, y) -> tuple[ClearanceJoint, Relative, State]:
-    joint = mechanism.clearance_joints()[clearance_index(mechanism, name)]
-    state = layout(mechanism).split(y)
-    return joint, play(mechanism, joint, time, state, frames(mechanism, time, state)).relative, state
+    index = clearance_index(mechanism, name)
+    at = relative_motions(time, y, mechanism)[index]
+    return mechanism.clearance_joints()[index], at, layout(mechanism).split(y)
 
 
 def _held(mechanism: Mechanism, name: str, time, y) -> Scalar:

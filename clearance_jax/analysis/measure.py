@@ -65,6 +65,15 @@ class Reply(NamedTuple):
         return self.t1 - self.begin
 
 
+class Form(NamedTuple):
+    """How the values of a metric are to be read: their `unit`, and their `axes`, of each its name and the labels along
+    it (none: it only counts).
+    """
+
+    unit: str
+    axes: tuple[tuple[str, tuple[str, ...]], ...] = ()
+
+
 class AbstractMetric(eqx.Module):
     """A number, or a few, of a motion."""
 
@@ -72,6 +81,11 @@ class AbstractMetric(eqx.Module):
     def unit(self) -> str:
         """The unit of its values."""
         return getattr(getattr(self, "signal", None), "unit", "")
+
+    def form(self, mechanism: Mechanism) -> Form:
+        """How its values of a mechanism's motion are to be read; axes are not named by default."""
+        del mechanism
+        return Form(self.unit)
 
     @abc.abstractmethod
     def request(self, mechanism: Mechanism, t1: Any, options: Settings) -> Request:

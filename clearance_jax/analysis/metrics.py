@@ -16,6 +16,7 @@ from jaxtyping import Array, Float
 
 from clearance_jax._types import Scalar
 from clearance_jax.analysis.measure import AbstractMetric, Function, Reply, Request
+from clearance_jax.analysis.recurrence import LyapunovExponent, PoincareSection
 from clearance_jax.analysis.signals import (
     AbstractSignal,
     Acceleration,
@@ -247,11 +248,13 @@ __all__ = [
     "Impacts",
     "JointMoment",
     "JointReaction",
+    "LyapunovExponent",
     "Mean",
     "OrientationError",
     "PNorm",
     "PathDeviation",
     "Peak",
+    "PoincareSection",
     "PositionError",
     "Reply",
     "Request",

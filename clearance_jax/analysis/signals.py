@@ -14,7 +14,7 @@ from clearance_jax.analysis.ideal import freedom, ideal_state
 from clearance_jax.dynamics.equations import balance
 from clearance_jax.dynamics.field import slope
 from clearance_jax.dynamics.inertia import Extra
-from clearance_jax.dynamics.kinematics import Frames, frames, play
+from clearance_jax.dynamics.kinematics import Frames, frames, relative_motions
 from clearance_jax.dynamics.reactions import reactions
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -231,10 +231,9 @@ class ContactForce(AbstractSignal):
     joint: str = eqx.field(static=True)
 
     def value(self, time, y, mechanism, reference):
-        joint = mechanism.clearance_joints()[clearance_index(mechanism, self.joint)]
-        state = layout(mechanism).split(y)
-        at = play(mechanism, joint, time, state, frames(mechanism, time, state)).relative
-        return joint.clearance.act(at, state.memory[joint.name]).normal_force
+        index = clearance_index(mechanism, self.joint)
+        joint, at = mechanism.clearance_joints()[index], relative_motions(time, y, mechanism)[index]
+        return joint.clearance.act(at, layout(mechanism).split(y).memory[joint.name]).normal_force
 
 
 class Acceleration(AbstractSignal):

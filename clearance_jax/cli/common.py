@@ -14,6 +14,7 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 from rich.markup import escape
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from clearance_jax.errors import ClearanceError, quoted
 
@@ -29,7 +30,8 @@ Clearances = Annotated[
     typer.Option(
         "--clearance",
         metavar="JOINT:NUMBERS",
-        help="Give a revolute joint play, e.g. axis_5:radial=0.05mm,axial=0.1mm,length=40mm,diameter=20mm.",
+        help="Give a joint play, e.g. axis_5:radial=0.05mm,axial=0.1mm,length=40mm,diameter=20mm or "
+        "slide:side=0.1mm,length=60mm.",
     ),
 ]
 Ideal = Annotated[bool, typer.Option("--ideal", help="Take every clearance away.")]
@@ -103,6 +105,12 @@ def check_distinct(**paths: Path | None) -> None:
             raise ClearanceError(
                 f"The {seen[path.resolve()]} and the {word} are the same file `{path}`. Give two names."
             )
+
+
+def progress_bar() -> Progress:
+    """What shows how far a command is; it vanishes at the end."""
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"))
+    return Progress(*columns, TimeElapsedColumn(), console=errors, transient=True)
 
 
 def say(text: str) -> None:

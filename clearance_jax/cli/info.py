@@ -8,6 +8,9 @@ from rich.table import Table
 
 from clearance_jax.cli.common import Clearances, Ideal, SceneFile, Settings, changed, console, read_scene
 
+# Numbers of one parameter that are listed, at most.
+LISTED = 12
+
 
 def info(scene_file: SceneFile, settings: Settings = None, clearance: Clearances = None, ideal: Ideal = False) -> None:
     """What a scene contains: states, terms, cost of one vector-field evaluation, every parameter by its name."""
@@ -35,7 +38,7 @@ def _print_terms(mechanism) -> None:
         friction = "no friction" if clearance.friction is None else type(clearance.friction).__name__
         console.print(
             f"clearance joint {joint.name}: {type(clearance.normal).__name__} "
-            f"(class {clearance.normal.smoothness}), {friction}"
+            f"(class {clearance.normal.smoothness}), {friction}{_made_words(clearance)}{_worn_words(clearance)}"
         )
     for line in _acting_words(mechanism):
         console.print(line, highlight=False)
@@ -44,6 +47,31 @@ def _print_terms(mechanism) -> None:
         from clearance_jax.dynamics.mobility import mobility
 
         console.print(f"free to move: {mobility(mechanism)}")
+
+
+def _made_words(clearance) -> str:
+    """Between what its clearance lies as it is made, where a fit or a bearing says so."""
+    from clearance_jax.units import shown
+
+    tolerance = getattr(clearance, "tolerance", None)
+    if tolerance is None:
+        return ""
+    least, greatest = (float(bound) for bound in (tolerance.least, tolerance.greatest))
+    tight = "; the tightest of them have no play" if least < 0 else ""
+    return f", radial clearance as made {shown(least, 'm')} to {shown(greatest, 'm')}{tight}"
+
+
+def _worn_words(clearance) -> str:
+    """How its sleeve is worn, where it is."""
+    import numpy as np
+
+    from clearance_jax.units import shown
+
+    depth = getattr(clearance, "depth", None)
+    if depth is None:
+        return ""
+    deepest, mean = (shown(float(value), "m") for value in (np.max(depth), np.mean(depth)))
+    return f", worn off by {deepest} at most, {mean} in the mean over {np.size(depth)} sectors"
 
 
 def _acting_words(mechanism) -> Iterator[str]:
@@ -101,5 +129,7 @@ def _parameters(mechanism) -> Table:
     for name, leaf in parameters(mechanism).items():
         value = np.asarray(leaf.value)
         shown = f"{value:.9g}" if value.ndim == 0 else f"[{', '.join(f'{x:.9g}' for x in value.ravel())}]"
+        if value.size > LISTED:
+            shown = f"{value.size} numbers from {value.min():.9g} to {value.max():.9g}"
         table.add_row(name, escape(shown), leaf.unit)
     return table

@@ -29,6 +29,11 @@ class Interruption:
         if self._usual is not None:
             signal.signal(signal.SIGINT, self._usual)
 
+    @property
+    def heard(self) -> bool:
+        """Whether Ctrl-C was pressed."""
+        return self._heard
+
     def check(self) -> None:
         """Raise `KeyboardInterrupt` where Ctrl-C was pressed and the command still goes on."""
         if self._heard:

@@ -5,11 +5,14 @@ from typing import Any, NoReturn
 
 import typer
 
+from clearance_jax.cli.animate import animate
 from clearance_jax.cli.common import errors
 from clearance_jax.cli.info import info
 from clearance_jax.cli.optimize import optimize
 from clearance_jax.cli.plot import plot
 from clearance_jax.cli.simulate import simulate
+from clearance_jax.cli.sweep import sweep
+from clearance_jax.cli.wear import wear
 from clearance_jax.errors import LONGEST, ClearanceError, cut
 
 app = typer.Typer(
@@ -23,9 +26,12 @@ app = typer.Typer(
     "--set joint5.friction.coefficient=0.3\n\n"
     "clearance info experiments/scenes/four_bar.toml\n\n"
     "clearance plot out.nc -o out.png\n\n"
-    "clearance optimize optimize/studies/slider_crank.toml --report out.html",
+    "clearance animate out.nc -o out.gif --magnify joint5\n\n"
+    "clearance optimize optimize/studies/slider_crank.toml --report out.html\n\n"
+    "clearance sweep experiments/sweeps/slider_crank.toml -o out.zarr --plot pictures\n\n"
+    "clearance wear experiments/wear/swinging_arm.toml -o out.nc --plot out.png",
 )
-for command in (simulate, info, plot, optimize):
+for command in (simulate, info, plot, animate, optimize, sweep, wear):
     app.command()(command)
 
 

@@ -22,6 +22,10 @@ def optimize(
     method: Annotated[str | None, typer.Option(help="Solver (default: the study's, or slsqp).")] = None,
     starts: Annotated[int | None, typer.Option(help="Number of starts, the first in the middle.", min=1)] = None,
     verify: Annotated[bool, typer.Option(help="Prove the answer by another solver (takes a while).")] = True,
+    cluster: Annotated[
+        str | None,
+        typer.Option(help="Solve many simulations on the workers of this dask scheduler (or local)."),
+    ] = None,
 ) -> None:
     """Find the largest, or the cheapest, clearances that keep every limit of a study, and prove them.
 
@@ -38,13 +42,13 @@ def optimize(
     check_distinct(study=study_file, report=report, record=record)
     with aloud(ImplausibleWarning):
         study = load_study(study_file)
-    given = {"method": _known(method), "starts": starts, "record": record}
+    given = {"method": _known(method), "starts": starts, "record": record, "cluster": cluster}
     with _bar() as bar, Interruption() as asked:
         pace = Pace(asked.check)
         design = _search(study, {k: v for k, v in given.items() if v is not None}, bar, pace)
         console.print(f"[bold]{escape(study.name)}[/bold]")
         say(str(design))
-        found = _explain(study, design, verify, report is not None, bar, pace)
+        found = _explain(study, design, verify, cluster, report is not None, bar, pace)
     for text in found.notes:
         say(text)
     if found.fits is not None:
@@ -95,7 +99,7 @@ def _interrupted(design) -> bool:
     return design.stop_reason == INTERRUPTED
 
 
-def _verify(study, design, bar: Progress, pace: Pace):
+def _verify(study, design, cluster: str | None, bar: Progress, pace: Pace):
     """The certificate, with how long it will take said before and how far it has come said on the way."""
     from clearance_jax.design import expected_evaluations
 
@@ -108,10 +112,10 @@ def _verify(study, design, bar: Progress, pace: Pace):
         bar.update(bar.task_ids[0], description=f"verifying, evaluation {done.count} of some {count}")
 
     bar.update(bar.task_ids[0], description="verifying, compiling")
-    return design.verify(**study.verify, progress=progress)
+    return design.verify(**study.verify, cluster=cluster, progress=progress)
 
 
-def _explain(study, design, verify: bool, report: bool, bar: Progress, pace: Pace):
+def _explain(study, design, verify: bool, cluster: str | None, report: bool, bar: Progress, pace: Pace):
     """What can be said of the design: its certificate, and for a report whatever else.
 
     An interruption keeps what is known by then.
@@ -129,7 +133,7 @@ def _explain(study, design, verify: bool, report: bool, bar: Progress, pace: Pac
 
     try:
         if design.feasible and verify:
-            certificate = _verify(study, design, bar, pace)
+            certificate = _verify(study, design, cluster, bar, pace)
             say(str(certificate))
     except KeyboardInterrupt:
         found = known(design)

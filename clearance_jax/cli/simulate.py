@@ -6,8 +6,8 @@ from typing import Annotated, Any
 
 import typer
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
+from clearance_jax.cli.animate import Magnified, check_film, write_film
 from clearance_jax.cli.common import (
     FIGURES,
     Clearances,
@@ -18,13 +18,13 @@ from clearance_jax.cli.common import (
     check_distinct,
     check_writable,
     console,
-    errors,
+    progress_bar,
     read_scene,
     say_written,
     warn,
 )
 from clearance_jax.cli.interruption import Interruption
-from clearance_jax.errors import ClearanceError
+from clearance_jax.errors import ClearanceError, quoted, suggest
 
 DEFAULTS = {"rtol": 1e-8, "samples": 1001, "solver": "tsit5"}
 
@@ -46,8 +46,10 @@ def simulate(
     ideal: Ideal = False,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Result file (NetCDF).")] = None,
     plot: Annotated[Path | None, typer.Option(help="Figure of the result (.png, .pdf).")] = None,
+    movie: Annotated[Path | None, typer.Option(help="Film of the motion (.gif, or .mp4 with ffmpeg).")] = None,
+    magnify: Magnified = None,
 ) -> None:
-    """Simulate a scene and write a dataset and a figure.
+    """Simulate a scene and write a dataset, a figure, a film.
 
     Ctrl-C stops the solve and keeps what was computed.
     """
@@ -62,13 +64,15 @@ def simulate(
 
     check_writable(output)
     check_writable(plot, FIGURES)
-    check_distinct(scene=scene_file, trajectory=trajectory, output=output, plot=plot)
+    check_film(movie)
+    check_distinct(scene=scene_file, trajectory=trajectory, output=output, plot=plot, movie=movie)
+    _check_magnified(mechanism, magnify, movie)
     given = {"t1": t1, "rtol": rtol, "samples": samples, "solver": solver, "start": start}
     usual = {} if lead is None else {"t1": lead.span[1]}
     options = _options(scene_file, usual | scene.solve | {k: v for k, v in given.items() if v is not None})
     _check_covered(lead, options)
     end = options.pop("t1")
-    with _bar() as bar, warnings.catch_warnings():
+    with progress_bar() as bar, warnings.catch_warnings():
         warnings.simplefilter("ignore", EnergyWarning)  # said below, after the result
         task = bar.add_task("compiling and solving", total=1.0)
         solve = {"save_at" if name == "samples" else name: value for name, value in options.items()}
@@ -100,6 +104,10 @@ def simulate(
 
         save_figure(overview(dataset), plot)
         say_written("figure", plot)
+    if movie is not None:
+        from clearance_jax.report.animation import animate
+
+        write_film(animate(dataset, magnify), movie)
     if result.message:
         raise typer.Exit(130 if result.message == "interrupted" else 1)
 
@@ -108,6 +116,17 @@ def _read_trajectory(path: Path, mechanism: Any) -> Any:
     from clearance_jax.io.trajectory import Trajectory, read_trajectory
 
     return Trajectory(path, read_trajectory(path, mechanism))
+
+
+def _check_magnified(mechanism: Any, joint: str | None, movie: Path | None) -> None:
+    """Raise before the solve for a joint that no film could show."""
+    if joint is None:
+        return
+    if movie is None:
+        raise ClearanceError("`--magnify` is about a film, but there is none. Add `--movie FILE`.")
+    known = [found.name for found in mechanism.clearance_joints()]
+    if joint not in known:
+        raise ClearanceError(f"`--magnify`: there is no clearance joint {quoted(joint)}. {suggest(joint, known)}")
 
 
 def _options(scene_file: Path, given: dict[str, Any]) -> dict[str, Any]:
@@ -141,11 +160,6 @@ def _check_covered(lead: Any, options: dict[str, Any]) -> None:
         outside = f"t1 is {t1:.9g} s, but the trajectory `{lead.path}` ends at {last:.9g} s"
     if outside:
         raise ClearanceError(f"{outside}. Change the one or the other.")
-
-
-def _bar() -> Progress:
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"))
-    return Progress(*columns, TimeElapsedColumn(), console=errors, transient=True)
 
 
 def _report(mechanism, result, dataset) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 
 from clearance_jax.design.certificate import Certificate
 from clearance_jax.design.evaluate import fresh_yield
+from clearance_jax.design.lanes import place_of
 from clearance_jax.design.manufacture import YieldEstimate
 from clearance_jax.design.methods import Method
 from clearance_jax.design.program import Evaluation, Program
@@ -58,12 +59,16 @@ class Design:
         """The limits that decide: those met to a thousandth."""
         return [n for n, g in zip(self.program.limit_names, self.evaluation.limits, strict=True) if g > -1e-3]
 
-    def yield_estimate(self, samples: int = 10_000, seed: int = 12345) -> YieldEstimate:
-        """The yield on fresh samples, of a problem with `manufacture=Yield(...)`."""
-        return fresh_yield(self.specification, self.evaluation.x, samples, seed)
+    def yield_estimate(self, samples: int = 10_000, seed: int = 12345, cluster: Any = None) -> YieldEstimate:
+        """The yield on fresh samples, of a problem with `manufacture=Yield(...)`; `cluster` as
+        `ToleranceProblem.solve`'s.
+        """
+        with place_of(cluster) as place:
+            return fresh_yield(self.specification, self.evaluation.x, samples, seed, place)
 
-    def verify(self, **options: Any) -> Certificate:
-        """A certificate by another solver and a tenfold tighter tolerance; `options` as `design.verify.certify`'s.
+    def verify(self, cluster: Any = None, **options: Any) -> Certificate:
+        """A certificate by another solver and a tenfold tighter tolerance; `cluster` as `ToleranceProblem.solve`'s,
+        `options` as `design.verify.certify`'s.
 
         **Raises:** `ClearanceError` where the design is not feasible.
         """
@@ -71,7 +76,8 @@ class Design:
             raise ClearanceError(
                 f"There is no feasible design to verify: {self.program.most_violated(self.evaluation)}."
             )
-        return certify(self.specification, self.method, self.evaluation, **options)
+        with place_of(cluster) as place:
+            return certify(self.specification, self.method, self.evaluation, place=place, **options)
 
     @property
     def mechanism(self) -> Mechanism:

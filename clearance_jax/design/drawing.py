@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from clearance_jax.design.answer import Design
-from clearance_jax.design.fits import Fit
-from clearance_jax.design.loads import pin_size
+from clearance_jax.design.loads import first_clearance, pin_size
+from clearance_jax.joints.fits import Fit
 
 CLEARANCE = ".radial_clearance"
 
@@ -28,7 +28,7 @@ def joint_drawings(design: Design, fits: Mapping[str, Fit]) -> tuple[JointDrawin
         JointDrawing(
             joint.name,
             pin_size(joint)[0],
-            float(joint.size),
+            first_clearance(joint),
             joint.name + CLEARANCE in design.clearances,
             fits.get(joint.name + CLEARANCE),
         )

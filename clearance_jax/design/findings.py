@@ -16,8 +16,8 @@ from clearance_jax.design.scenarios import Scenario, scenarios_of
 from clearance_jax.design.standard import StandardFits, nearest_fits
 from clearance_jax.design.standings import Standing, standings
 from clearance_jax.design.time_histories import TimeHistory, histories_of
+from clearance_jax.design.worn import moved
 from clearance_jax.errors import ClearanceError
-from clearance_jax.parameters import replace
 
 CUT_SHORT = "Interrupted before every statement was made."
 INFEASIBLE = "No design holds every limit, so there is nothing to explain or to verify."
@@ -117,11 +117,11 @@ def _seen(found: Findings) -> Findings:
         now = observed(specification, design.evaluation.x, scenario)
         if now is None:
             continue  # a design that could not be simulated is reported as such elsewhere
-        mechanism = replace(design.mechanism, scenario.values)
+        mechanism = moved(design.mechanism, scenario.values)
         condition = parts.shown(name)
         seen[condition] = now
-        loads += joint_loads(mechanism, condition, now)
-        paths += pin_paths(mechanism, condition, now)
+        loads += joint_loads(mechanism, condition, times, now)
+        paths += pin_paths(mechanism, condition, times, now)
 
     def look(scenario: Scenario) -> Observed | None:
         return observed(specification, design.evaluation.x, scenario)

@@ -9,6 +9,7 @@ import jax
 import numpy as np
 
 from clearance_jax.design.evaluate import FEW, Simulations, simulations_of
+from clearance_jax.design.lanes import HERE, Place
 from clearance_jax.design.manufacture import Yield
 from clearance_jax.design.program import Evaluation, Program
 from clearance_jax.design.scenarios import Scenario, scenarios_of
@@ -17,10 +18,16 @@ from clearance_jax.solve.settings import Settings
 
 
 def formulate(
-    specification: Specification, rtol: float | None = None, solver: str | None = None, **options: Any
+    specification: Specification,
+    rtol: float | None = None,
+    solver: str | None = None,
+    place: Place = HERE,
+    **options: Any,
 ) -> Program:
-    """The specification as numbers, solved with the given accuracy; `options` as `Program`'s."""
-    simulations, scenarios = simulations_of(specification, rtol, solver), scenarios_of(specification)
+    """The specification as numbers, solved with the given accuracy, many simulations at a `place`; `options` as
+    `Program`'s.
+    """
+    simulations, scenarios = simulations_of(specification, rtol, solver, place), scenarios_of(specification)
     titles, groups = _titles(specification, simulations, scenarios)
 
     def evaluate(x, gradient):
@@ -28,6 +35,9 @@ def formulate(
         # save.
         gradient = gradient or (program.gradients > 0 and len(specification.variables) <= FEW)
         return _evaluate(specification, x, gradient, scenarios, simulations)
+
+    def several(points):
+        return _evaluated(specification, points, scenarios, simulations)
 
     def fresh(x, samples, seed):
         return _evaluate(specification, x, True, scenarios_of(specification, samples, seed), simulations)
@@ -40,6 +50,7 @@ def formulate(
         groups=groups,
         identity=_identity(specification, simulations),
         fresh=fresh if isinstance(specification.manufacture, Yield) else None,
+        several=None if place.client is None else several,
         **options,
     )
     return program
@@ -82,8 +93,24 @@ def _evaluate(
     specification: Specification, x, gradient, scenarios: Sequence[Scenario], simulations: Simulations
 ) -> Evaluation:
     clearances = specification.values(x)
-    limits, rows = zip(*(simulations.limits(clearances, scenario, gradient) for scenario in scenarios), strict=True)
-    values, jacobian = np.stack(limits), np.stack(rows) if gradient else None
+    return _point(specification, x, *simulations.together(clearances, scenarios, gradient))
+
+
+def _evaluated(
+    specification: Specification, points: Sequence[np.ndarray], scenarios: Sequence[Scenario], simulations: Simulations
+) -> list[Evaluation]:
+    """Several points, all of their simulations together."""
+    first = specification.values(points[0])
+    factors = [specification.values(x) / first for x in points]
+    every = [s._replace(factors=s.factors * factor) for s in scenarios for factor in factors]
+    limits, _ = simulations.together(first, every, False)
+    each = np.moveaxis(limits.reshape(len(scenarios), len(points), -1), 1, 0)
+    return [_point(specification, x, values, None) for x, values in zip(points, each, strict=True)]
+
+
+def _point(specification: Specification, x: np.ndarray, values: np.ndarray, jacobian: np.ndarray | None) -> Evaluation:
+    """The point at `x` from its scaled limits in every scenario (scenarios, m), and their slopes (scenarios, m, n)."""
+    clearances, gradient = specification.values(x), jacobian is not None
     if isinstance(specification.manufacture, Yield):
         values, jacobian = _at_risk(specification.manufacture, len(specification.conditions), values, jacobian)
     else:

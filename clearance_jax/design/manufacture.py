@@ -8,6 +8,9 @@ import scipy.stats
 
 from clearance_jax.errors import ClearanceError
 
+# Relative standard deviation from which on a number scatters log-normally.
+WIDE = 0.2
+
 
 class Band(NamedTuple):
     """Made clearances lie between `least` times the designed one and the designed one, which is their upper limit: the
@@ -36,9 +39,10 @@ class Band(NamedTuple):
 class Yield(NamedTuple):
     """A share `target` of what is made holds all limits, in every condition.
 
-    **Arguments:** `scatter`: name -> relative standard deviation, of variables and of any other number (independent,
-    normal); `target`: the share; `samples`: of a scrambled Sobol sequence, one and the same for all designs (common
-    random numbers; so few purely random ones would hardly know the tail), by `seed`.
+    **Arguments:** `scatter`: name -> relative standard deviation, of variables and of any other number, also of wear
+    ("wear.coefficient"); independent, normal, and log-normal from 0.2 on; `target`: the share; `samples`: of a
+    scrambled Sobol sequence, one and the same for all designs (common random numbers; so few purely random ones would
+    hardly know the tail), by `seed`.
 
     The limit is the conditional value at risk of the worst scaled limit: its mean over the worst (1 - target) of the
     samples (Rockafellar and Uryasev 2000), which is no less than the quantile that the yield is about, and has a
@@ -58,9 +62,9 @@ class Yield(NamedTuple):
                 f"{self.samples}."
             )
         for name, deviation in self.scatter.items():
-            if not 0 <= deviation < 0.2:
+            if not 0 <= deviation < 1:
                 raise ClearanceError(
-                    f"The scatter of `{name}` must be relative, not negative and below 0.2 (20 %), but it is "
+                    f"The scatter of `{name}` must be relative, not negative and below 1 (100 %), but it is "
                     f"{deviation:g}."
                 )
 
@@ -77,7 +81,9 @@ class Yield(NamedTuple):
             normal = scipy.stats.norm.ppf(sequence[:count])
         found = {name: np.ones(count) for name in names}
         for (name, deviation), column in zip(self.scatter.items(), normal.T, strict=True):
-            found[name] = 1 + deviation * column
+            # A normal factor that scatters by so much would be negative for some.
+            wide = np.sqrt(np.log1p(deviation**2))
+            found[name] = 1 + deviation * column if deviation < WIDE else np.exp(wide * column - 0.5 * wide**2)
         return found
 
     def weights(self, worst: np.ndarray) -> np.ndarray:

@@ -11,12 +11,14 @@ import numpy as np
 
 from clearance_jax.analysis.instants import PeakInstants
 from clearance_jax.analysis.joint_work import JointWork
-from clearance_jax.analysis.measure import AbstractMetric, measure
+from clearance_jax.analysis.measure import AbstractMetric, Function, measure
 from clearance_jax.analysis.metrics import At, ContactForce, Impacts, Peak
+from clearance_jax.design import worn
 from clearance_jax.design.places import PlacesOverTime
 from clearance_jax.design.scenarios import Scenario
 from clearance_jax.design.specification import Specification
 from clearance_jax.parameters import replace
+from clearance_jax.wear import AfterWear
 
 SAMPLES = 2001
 
@@ -45,7 +47,8 @@ def sample_times(specification: Specification) -> np.ndarray:
 def observed(specification: Specification, x: np.ndarray, scenario: Scenario) -> Observed | None:
     """A design (its variables, shape (n,)) in a scenario; `None` where there is no motion to the end."""
     x = specification.values(x) * scenario.factors
-    moved = replace(specification.mechanism, {**scenario.values, **dict(zip(specification.variables, x, strict=True))})
+    moved = worn.moved(specification.mechanism, scenario.values)
+    moved = replace(moved, dict(zip(specification.variables, x, strict=True)))
     solve = {**specification.options, "rtol": jnp.asarray(specification.rtol)}
     found = _measured(moved, _asked(specification), jnp.asarray(specification.t1), solve)
     found = jax.tree.map(np.asarray, found)
@@ -55,7 +58,9 @@ def observed(specification: Specification, x: np.ndarray, scenario: Scenario) ->
 def _asked(specification: Specification) -> Observed:
     joints = [joint.name for joint in specification.mechanism.clearance_joints()]
     times = sample_times(specification)
-    metrics = [limit.simulation_metric for limit in specification.limits]
+    # What a sleeve is like once it is worn is not seen in one motion.
+    every = [limit.simulation_metric for limit in specification.limits]
+    metrics = [Function(_nothing) if isinstance(metric, AfterWear) else metric for metric in every]
     signals = [getattr(metric, "signal", None) for metric in metrics]
     return Observed(
         tuple(PeakInstants(metric) if isinstance(metric, Peak) else metric for metric in metrics),
@@ -65,6 +70,10 @@ def _asked(specification: Specification) -> Observed:
         tuple(Impacts(name) for name in joints),
         PlacesOverTime(times),
     )
+
+
+def _nothing(solution):
+    return jnp.zeros_like(solution.time[-1:])
 
 
 @eqx.filter_jit

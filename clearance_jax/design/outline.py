@@ -10,11 +10,13 @@ from clearance_jax.mechanism.mechanism import Mechanism
 
 
 class Outline(NamedTuple):
-    """World places [m] at `time` [s]: what each body carries (k, 2), joints and points by name (2,), springs (2, 2);
+    """Places [m] at `time` [s] as they are seen, the two axes of the plane, or of a mechanism in space without the one
+    that it is `seen` along (x, y or z): what each body carries (k, 2), joints and points by name (2,), springs (2, 2);
     `slides`: direction of each sliding joint; `grounded` and `loose` (with clearance) joints; `paths` of the points.
     """
 
     time: float
+    seen: str
     bodies: Mapping[str, np.ndarray]
     joints: Mapping[str, np.ndarray]
     slides: Mapping[str, np.ndarray]
@@ -26,21 +28,28 @@ class Outline(NamedTuple):
 
 
 def outline(mechanism: Mechanism, times: np.ndarray, places: Places) -> Outline:
-    """At the instant at which the mechanism is stretched out least: joints in a line hide each other."""
+    """At the instant at which the mechanism is stretched out least: joints in a line hide each other. Seen along the
+    axis along which it is thinnest.
+    """
     every = np.concatenate([*places.bodies.values(), *(p[:, None] for p in places.joints.values())], axis=1)
-    k = int(np.argmax(_thickness(every)))
+    axes, seen = [0, 1], ""
+    if every.shape[-1] == 3:
+        along = int(np.argmin(np.ptp(every, axis=(0, 1))))
+        axes, seen = [k for k in range(3) if k != along], "xyz"[along]
+    k = int(np.argmax(_thickness(every[..., axes])))
 
     def now(parts: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        return {name: where[k] for name, where in parts.items()}
+        return {name: where[k][..., axes] for name, where in parts.items()}
 
     return Outline(
         float(times[k]),
+        seen,
         now(places.bodies),
         now(places.joints),
         now(places.slides),
         now(places.points),
         now(places.springs),
-        places.points,
+        {name: where[..., axes] for name, where in places.points.items()},
         grounded(mechanism),
         frozenset(joint.name for joint in mechanism.clearance_joints()),
     )

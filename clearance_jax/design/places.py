@@ -9,33 +9,46 @@ from jaxtyping import Array, Float
 
 from clearance_jax._types import Scalar
 from clearance_jax.analysis.measure import AbstractMetric, Request
-from clearance_jax.dynamics.kinematics import Frames, frames, play, sleeve_rotation
+from clearance_jax.dynamics.kinematics import Frames, frames, plays, sleeve_rotation
+from clearance_jax.dynamics.observe import axes_of
 from clearance_jax.mechanism.body import GROUND, Body, Spring
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.placement import Position
 from clearance_jax.mechanism.state import layout
-from clearance_jax.mechanism.tree import AbstractJoint, Prismatic
-from clearance_jax.spatial import Pair, Vector, as_array
+from clearance_jax.mechanism.tree import Prismatic
+from clearance_jax.results.marks import carried, place
+from clearance_jax.spatial import Vector, as_array
 
 
 class Places(NamedTuple):
-    """World places [m], each array with a leading axis of times where many states are looked at; of a mechanism in
-    space seen along z.
+    """World places [m] along every axis of the mechanism (two in the plane, three in space), each array with a leading
+    axis of times where many states are looked at.
 
-    - `bodies`: of each body, by name, what it carries: joints, named points, ends of springs, shape (k, 2).
-    - `joints`: by name, (2,), `slides`: by name of a sliding joint, the direction that it slides along, (2,).
-    - `points`, `springs` (both ends, (2, 2)): by name.
-    - `pins`: of each clearance joint, the pin's centre from the sleeve's in the sleeve's axes; `forces`: its normal
-      force [N].
+    - `bodies`: of each body, by name, what it carries: joints, named points, ends of springs, shape (k, axes).
+    - `joints`: by name, (axes,), `slides`: by name of a sliding joint, the direction that it slides along, (axes,).
+    - `points`, `springs` (both ends, (2, axes)): by name.
+    - `pins`: what each clearance joint's pin does.
     """
 
-    bodies: dict[str, Float[Array, "*n k 2"]]
-    joints: dict[str, Float[Array, "*n 2"]]
-    slides: dict[str, Float[Array, "*n 2"]]
-    points: dict[str, Float[Array, "*n 2"]]
-    springs: dict[str, Float[Array, "*n 2 2"]]
-    pins: dict[str, Float[Array, "*n 2"]]
-    forces: dict[str, Float[Array, " *n"]]
+    bodies: dict[str, Float[Array, "*n k axes"]]
+    joints: dict[str, Float[Array, "*n axes"]]
+    slides: dict[str, Float[Array, "*n axes"]]
+    points: dict[str, Float[Array, "*n axes"]]
+    springs: dict[str, Float[Array, "*n 2 axes"]]
+    pins: dict[str, "Pin"]
+
+
+class Pin(NamedTuple):
+    """A pin in its sleeve, in the sleeve's axes: `place` of its centre from the sleeve's [m], how its axis leans
+    (`lean`, slopes along x and y), the `force` on it [N] and the `moment` about its centre [N m]; its `normal_force`
+    [N], of all contact points together.
+    """
+
+    place: Float[Array, "*n 3"]
+    lean: Float[Array, "*n 2"]
+    force: Float[Array, "*n 3"]
+    moment: Float[Array, "*n 3"]
+    normal_force: Float[Array, " *n"]
 
 
 class PlacesOverTime(AbstractMetric):
@@ -54,23 +67,28 @@ class PlacesOverTime(AbstractMetric):
 def places_at(time: Scalar, y: Array, mechanism: Mechanism) -> Places:
     """Of one state of a prepared mechanism."""
     state = layout(mechanism).split(y)
-    motion = frames(mechanism, time, state)
-    pins, forces = {}, {}
+    motion, axes = frames(mechanism, time, state), len(axes_of(mechanism))
+
+    def row(vector: Vector) -> Array:
+        return as_array(vector[:axes])
+
+    pins, found = {}, plays(mechanism, time, state, motion)
     for joint in mechanism.clearance_joints():
-        at = play(mechanism, joint, time, state, motion).relative
-        pins[joint.name] = _row(at.place)
-        forces[joint.name] = joint.clearance.act(at, state.memory[joint.name]).normal_force
+        at = found[joint.name].relative
+        action = joint.clearance.act(at, state.memory[joint.name])
+        lean = as_array(at.axis[:2]) / as_array([at.axis[2]])
+        exerted = as_array(action.force), as_array(action.torque)
+        pins[joint.name] = Pin(as_array(at.place), lean, *exerted, action.normal_force)
     return Places(
-        {body.name: _carried(mechanism, body, motion) for body in mechanism.bodies},
-        {j.name: _row(motion[j.child].point(j.at_child.vector)) for j in mechanism.all_joints()},
-        {j.name: _axis(j, motion) for j in mechanism.joints if isinstance(j, Prismatic)},
-        {p.name: _row(motion[p.body].point(p.at.vector)) for p in mechanism.points},
+        {body.name: jnp.stack([row(at) for at in _carried(mechanism, body, motion)]) for body in mechanism.bodies},
+        {j.name: row(motion[j.child].point(j.at_child.vector)) for j in mechanism.all_joints()},
+        {j.name: row(sleeve_rotation(j, motion).apply(j.axis.vector)) for j in _slides(mechanism)},
+        {p.name: row(motion[p.body].point(p.at.vector)) for p in mechanism.points},
         {
-            spring.name: jnp.stack([_row(motion[body].point(at.vector)) for body, at in _ends(spring)])
+            spring.name: jnp.stack([row(motion[body].point(at.vector)) for body, at in _ends(spring)])
             for spring in mechanism.springs
         },
         pins,
-        forces,
     )
 
 
@@ -79,27 +97,15 @@ def grounded(mechanism: Mechanism) -> frozenset[str]:
     return frozenset(j.name for j in mechanism.all_joints() if GROUND in (j.parent, j.child))
 
 
-def _carried(mechanism: Mechanism, body: Body, motion: Frames) -> Array:
-    """What a body carries; a body that carries one thing only has its centre of mass beside it."""
-    joints = mechanism.all_joints()
-    found = [j.at_child.vector for j in joints if j.child == body.name]
-    found += [j.at_parent.vector for j in joints if j.parent == body.name]
-    found += [p.at.vector for p in mechanism.points if p.body == body.name]
-    found += [s.at_a.vector for s in mechanism.springs if s.body_a == body.name]
-    found += [s.at_b.vector for s in mechanism.springs if s.body_b == body.name]
-    if len(found) == 1:
-        found.append(body.center_of_mass.vector)
-    return jnp.stack([_row(motion[body.name].point(at)) for at in found])
+def _carried(mechanism: Mechanism, body: Body, motion: Frames) -> list[Vector]:
+    """Where what a body carries is, sliders on it too."""
+    found = [place(mark, motion) for mark in carried(mechanism, body.name)]
+    return found + [motion[j.child].point(j.at_child.vector) for j in _slides(mechanism) if j.parent == body.name]
+
+
+def _slides(mechanism: Mechanism) -> list[Prismatic]:
+    return [joint for joint in mechanism.joints if isinstance(joint, Prismatic)]
 
 
 def _ends(spring: Spring) -> tuple[tuple[str, Position], tuple[str, Position]]:
     return (spring.body_a, spring.at_a), (spring.body_b, spring.at_b)
-
-
-def _axis(joint: AbstractJoint, motion: Frames) -> Array:
-    assert isinstance(joint, Prismatic)
-    return _row(sleeve_rotation(joint, motion).apply(joint.axis.vector))
-
-
-def _row(vector: Vector | Pair) -> Array:
-    return as_array(vector[:2])

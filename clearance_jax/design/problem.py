@@ -6,6 +6,7 @@ from typing import Any, Unpack
 
 from clearance_jax.design.answer import Design
 from clearance_jax.design.costs import AbstractCost
+from clearance_jax.design.lanes import place_of
 from clearance_jax.design.manufacture import Band, Yield
 from clearance_jax.design.methods import Method
 from clearance_jax.design.program import Evaluation
@@ -71,6 +72,7 @@ class ToleranceProblem:
         record: str | Path | None = None,
         most: int = 1_000_000,
         progress: Callable[[Evaluation], None] | None = None,
+        cluster: Any = None,
     ) -> Design:
         """The best design found, which holds its limits in a simulation of its own (see `Design.feasible`).
 
@@ -82,8 +84,11 @@ class ToleranceProblem:
           random between the bounds (impacts make many local optima), by `seed`.
         - `record`: a file with every evaluated point, from which an interrupted run goes on.
         - `most` evaluations; `progress`: called with each.
+        - `cluster`: a dask client, or the address of a scheduler ("local": this machine), on whose workers a design's
+          simulations are solved where there are several (samples, conditions, points of a band), as lanes of a sweep.
         """
-        return search(self.specification, method, start, starts, seed, record, most, progress)
+        with place_of(cluster) as place:
+            return search(self.specification, method, start, starts, seed, record, most, progress, place)
 
 
 def _costs(cost, names) -> tuple[Callable, ...]:

@@ -60,6 +60,7 @@ class Program:
     - `progress`: called with each new point.
     - `known`: points evaluated before.
     - `fresh`: `(x, samples, seed) -> Evaluation`, the same by so many fresh samples of manufacture, with gradients.
+    - `several`: `(points) -> Evaluations`, without gradients, where many at once are cheaper than one by one.
     """
 
     def __init__(
@@ -76,6 +77,7 @@ class Program:
         progress: Callable[[Evaluation], None] | None = None,
         known: Sequence[Evaluation] = (),
         fresh: Callable[[np.ndarray, int, int], Evaluation] | None = None,
+        several: Callable[[list[np.ndarray]], list[Evaluation]] | None = None,
     ):
         self.names, self.limit_names = tuple(names), tuple(limit_names)
         self.groups, self._identity = tuple(groups or limit_names), identity
@@ -83,7 +85,8 @@ class Program:
         for name, low, high in zip(self.names, self.lower, self.upper, strict=True):
             if not 0 < low < high < math.inf:
                 raise ClearanceError(f"The bounds of `{name}` contradict each other: 0 < {low:g} < {high:g} must hold.")
-        self._evaluate, self._fresh, self._most, self._progress = evaluate, fresh, most, progress
+        self._evaluate, self._fresh, self._several = evaluate, fresh, several
+        self._most, self._progress = most, progress
         self._file = None if record is None else Path(record)
         if self._file is not None and not self._file.parent.is_dir():
             raise ClearanceError(f"There is no folder `{self._file.parent}` for the record.")
@@ -102,7 +105,20 @@ class Program:
         if known is not None and (known.gradient is not None or not gradient):
             return known
         self._spend()
-        point = self._evaluate(x, gradient)
+        return self._found(self._evaluate(x, gradient))
+
+    def at_each(self, points: Sequence[np.ndarray]) -> list[Evaluation]:
+        """`at` of each point, without gradients; those not known are evaluated together where there is a way."""
+        points = [np.clip(np.asarray(x, float), self.lower, self.upper) for x in points]
+        new = {x.tobytes(): x for x in points if x.tobytes() not in self._known}
+        if self._several is not None and new:
+            self._spend()
+            for point in self._several(list(new.values())):
+                self._found(point)
+        return [self.at(x) for x in points]
+
+    def _found(self, point: Evaluation) -> Evaluation:
+        """Count, keep, record and tell of a new point."""
         self.gradients += point.gradient is not None
         self.evaluations += point.gradient is None
         self._keep(point)

@@ -9,7 +9,6 @@ import numpy as np
 
 from clearance_jax.design.manufacture import Band, Yield
 from clearance_jax.design.specification import Specification
-from clearance_jax.parameters import parameters, replace
 
 
 class Scenario(NamedTuple):
@@ -28,8 +27,7 @@ def scenarios_of(specification: Specification, fresh: int = 0, seed: int | None 
         where = specification.suffix(condition)
         if isinstance(specification.manufacture, Yield):
             draws = specification.manufacture.draws(names, fresh, seed)
-            known = parameters(replace(specification.mechanism, values))
-            others = {n: np.asarray(known[n].value) * f for n, f in draws.items() if n not in names}
+            others = {n: _worth(specification, values, n) * f for n, f in draws.items() if n not in names}
             for i in range(fresh or specification.manufacture.samples):
                 moved = {n: jnp.asarray(f[i], float) for n, f in others.items()}
                 row = np.array([draws[n][i] for n in names])
@@ -40,3 +38,8 @@ def scenarios_of(specification: Specification, fresh: int = 0, seed: int | None 
         else:
             found.append(Scenario(where, given, np.ones(len(names))))
     return found
+
+
+def _worth(specification: Specification, values: Mapping, name: str) -> np.ndarray:
+    """A number as a condition has it."""
+    return np.asarray(values[name] if name in values else specification.worth(name), float)

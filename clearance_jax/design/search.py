@@ -8,12 +8,15 @@ import jax.numpy as jnp
 import numpy as np
 
 from clearance_jax.analysis.trust import gradient_report
+from clearance_jax.design import worn
 from clearance_jax.design.answer import Design
 from clearance_jax.design.formulation import formulate
+from clearance_jax.design.lanes import HERE, Place
 from clearance_jax.design.methods import AUTO, Method, method_of
 from clearance_jax.design.program import Evaluation
 from clearance_jax.design.run import INTERRUPTED, SPENT, run
 from clearance_jax.design.specification import Specification
+from clearance_jax.design.worn import plain
 from clearance_jax.errors import ClearanceError
 from clearance_jax.parameters import replace
 
@@ -27,9 +30,10 @@ def search(
     record: str | Path | None = None,
     most: int = 1_000_000,
     progress: Callable[[Evaluation], None] | None = None,
+    place: Place = HERE,
 ) -> Design:
-    """The best design found; arguments as `ToleranceProblem.solve`'s."""
-    program = formulate(specification, record=record, most=most, progress=progress)
+    """The best design found, many simulations solved at a `place`; other arguments as `ToleranceProblem.solve`'s."""
+    program = formulate(specification, place=place, record=record, most=most, progress=progress)
     x = np.sqrt(program.lower * program.upper)
     if start is not None:
         given = np.array([float(start[name]) for name in specification.variables])
@@ -62,7 +66,7 @@ def _check_derivatives(specification: Specification, x: np.ndarray) -> None:
     values = specification.clearances(x)
     for limit in specification.limits:
 
-        def of(c, metric=limit.simulation_metric):
+        def of(c, metric=plain(limit.simulation_metric)):
             moved = replace(specification.mechanism, {name: c * v for name, v in values.items()})
             return metric(moved, jnp.asarray(specification.t1), **specification.options)
 
@@ -76,12 +80,12 @@ def _distrust(specification: Specification, x: np.ndarray) -> str:
     """Why gradients are useless at a point, in words; empty where they are not."""
     names = tuple(specification.variables)
     for name, values in specification.conditions.items():
-        moved = replace(specification.mechanism, {**values, **specification.clearances(x)})
+        moved = replace(worn.moved(specification.mechanism, values), specification.clearances(x))
         for limit in specification.limits:
             try:
                 report = gradient_report(
                     moved,
-                    limit.metric,
+                    plain(limit.metric),
                     names,
                     specification.t1,
                     samples=max(16, len(names) + 3),

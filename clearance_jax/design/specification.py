@@ -8,13 +8,15 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
-from clearance_jax.analysis.measure import Function, as_metric, begin_of
+from clearance_jax.analysis.measure import Function, begin_of
 from clearance_jax.analysis.metrics import AbstractMetric, At, Peak
 from clearance_jax.design.manufacture import Band, Yield
+from clearance_jax.design.worn import as_limited, moved, plain, worth
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.parameters import check_values, parameters, replace, units_of, values_of
+from clearance_jax.parameters import check_values, parameters, replace, units_of
 from clearance_jax.solve.settings import Settings, SolveOptions, settings_of
+from clearance_jax.wear import AfterWear
 
 # Peaks that are limits each: where the highest changes place, the next one has been watched already.
 PEAKS = 3
@@ -24,10 +26,10 @@ KNOWN = ("t0", "rtol", "solver", "start", "max_steps")
 
 class Limit(eqx.Module):
     """A metric, or a function `f(solution)` or `f(mechanism, solution)`, that must not exceed a bound (> 0, in the
-    metric's unit) in any condition.
+    metric's unit) in any condition; or a `wear.AfterWear`, a metric that must not while a joint wears.
     """
 
-    metric: AbstractMetric = eqx.field(converter=as_metric)
+    metric: AbstractMetric | AfterWear = eqx.field(converter=as_limited)
     bound: float
     name: str = eqx.field(static=True, default="")
 
@@ -38,16 +40,18 @@ class Limit(eqx.Module):
     @property
     def title(self) -> str:
         """The given name, or the metric's."""
-        signal = getattr(self.metric, "signal", None)
-        own = self.metric.called if isinstance(self.metric, Function) else type(self.metric).__name__
+        metric = plain(self.metric)
+        signal = getattr(metric, "signal", None)
+        own = metric.called if isinstance(metric, Function) else type(metric).__name__
         parts = [own] + ([] if signal is None else [type(signal).__name__])
         of = next((getattr(signal, n) for n in ("point", "joint", "body") if hasattr(signal, n)), None)
-        return self.name or " ".join(parts) + ("" if of is None else f" of {of}")
+        worn = f" worn at {self.metric.joint}" if isinstance(self.metric, AfterWear) else ""
+        return self.name or " ".join(parts) + ("" if of is None else f" of {of}") + worn
 
     @property
     def label(self) -> str:
         """What is bounded, in words: "piston: position error"; a name other than the part's stands beside it."""
-        return self._labelled(_quantity(self.metric))
+        return self._labelled(_quantity(plain(self.metric)))
 
     @property
     def signal_label(self) -> str:
@@ -58,30 +62,37 @@ class Limit(eqx.Module):
     @property
     def reduction(self) -> str:
         """What of its signal is bounded, in words; nothing where that is every value."""
-        return _reduction(self.metric).strip()
+        return _reduction(plain(self.metric)).strip()
 
     @property
     def since(self) -> float | None:
         """From when on it counts [s]; `None`: from the start."""
-        since = getattr(self.metric, "since", None)
+        since = getattr(plain(self.metric), "since", None)
         return None if since is None else float(since)
 
     def _labelled(self, what: str) -> str:
-        part = _part(self.metric)
+        part = _part(plain(self.metric))
         name = self.name or part
         whole = what if part in ("", name) else f"{what} of {part}"
         return f"{name}: {whole}" if name else whole
 
     def labels(self, count: int) -> list[str]:
         """What each of the `count` values of its simulated metric is: "piston: position error, peak 1"."""
+        if isinstance(self.metric, AfterWear):
+            own = Limit(self.metric.metric, self.bound, self.name)
+            once = own.labels(count // len(self.metric.cycles))
+            return [f"{label}, after {n} cycles of wear" for n in self.metric.cycles for label in once]
         if isinstance(self.metric, At):
             return [f"{self.label}, at {1e3 * float(time):.6g} ms" for time in self.metric.times]
         word = "peak" if isinstance(self.metric, Peak) else "value"
         return [self.label] if count == 1 else [f"{self.label}, {word} {k + 1}" for k in range(count)]
 
     @property
-    def simulation_metric(self) -> AbstractMetric:
+    def simulation_metric(self) -> AbstractMetric | AfterWear:
         """The metric that is solved for: of a peak some more peaks too."""
+        if isinstance(self.metric, AfterWear):
+            own = Limit(self.metric.metric, self.bound, self.name)
+            return dataclasses.replace(self.metric, metric=own.simulation_metric)
         if isinstance(self.metric, Peak) and self.metric.count == 1:
             return dataclasses.replace(self.metric, count=PEAKS)
         return self.metric
@@ -133,7 +144,7 @@ class Specification:
     def __post_init__(self):
         settings = self.settings()
         for limit in self.limits:
-            begin_of(getattr(limit.metric, "since", None), self.t1, settings)
+            begin_of(getattr(plain(limit.metric), "since", None), self.t1, settings)
         if self.manufacture is not None:
             self.manufacture.check()
         if not self.variables or not self.limits:
@@ -147,12 +158,15 @@ class Specification:
 
     def _check_condition(self, name: str, values: dict[str, Any]) -> None:
         try:
-            moved = replace(self.mechanism, values)
+            for given in values:
+                self.worth(given)  # an unknown name raises here
+            now = moved(self.mechanism, values)
             for end in (0, 1):
-                check_values(replace(moved, {name: ends[end] for name, ends in self.variables.items()}))
+                check_values(replace(now, {name: ends[end] for name, ends in self.variables.items()}))
             if isinstance(self.manufacture, Yield):
-                values_of(moved, tuple(self.manufacture.scatter))  # an unknown name raises here
-            known = parameters(moved)
+                for scattered in self.manufacture.scatter:
+                    self.worth(scattered)
+            known = parameters(now)
         except ClearanceError as error:
             raise ClearanceError(f"In `{name}`: {error}") from None
         for variable in self.variables:
@@ -160,6 +174,10 @@ class Specification:
                 raise ClearanceError(f"`{variable}` is a variable, so `{name}` cannot set it.")
             if variable in known and np.ndim(known[variable].value):
                 raise ClearanceError(f"`{variable}` is an array: name one of its entries, `{variable}.0`.")
+
+    def worth(self, name: str) -> Any:
+        """The value of a number, the mechanism's or that of wear. **Raises** `ClearanceError` for an unknown one."""
+        return worth(self.mechanism, [limit.metric for limit in self.limits], name)
 
     def settings(self, **changes: Any) -> Settings:
         """How to solve, with some options changed."""

@@ -6,13 +6,13 @@ from typing import NamedTuple
 import numpy as np
 import scipy.stats
 
-from clearance_jax.design import fits
 from clearance_jax.design.answer import Design
 from clearance_jax.design.evaluate import FEW, simulations_of, yield_of
 from clearance_jax.design.manufacture import YieldEstimate
 from clearance_jax.design.program import SLACK
 from clearance_jax.design.scenarios import Scenario, scenarios_of
 from clearance_jax.errors import ClearanceError
+from clearance_jax.joints import fits
 from clearance_jax.parameters import parameters
 
 CLEARANCE, RADIUS = ".radial_clearance", ".pin_radius"

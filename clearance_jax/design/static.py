@@ -1,6 +1,7 @@
 """What play alone can do to a mechanism at rest: a bound to hold a simulated error against."""
 
 import dataclasses
+import itertools
 from collections.abc import Sequence
 
 import equinox as eqx
@@ -14,10 +15,16 @@ from clearance_jax.dynamics.mobility import mobility
 from clearance_jax.dynamics.observe import axes_of
 from clearance_jax.dynamics.quantities import evaluated
 from clearance_jax.errors import ClearanceError
+from clearance_jax.joints import AbstractClearance, PlayCoordinate
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.placement import Position
+from clearance_jax.mechanism.tree import AbstractPlayed
 from clearance_jax.solve.settings import settings_of
 from clearance_jax.solve.simulate import run
+
+AXIAL = ".axial_clearance"
+# Iterations towards the largest reach; each reaches further than the one before.
+CLIMB = 60
 
 
 def static_weights(
@@ -28,10 +35,15 @@ def static_weights(
     t0: float = 0.0,
     joints: Sequence[str] | None = None,
 ) -> dict[str, float]:
-    """How far a named point of the ideal mechanism moves per clearance of each joint, at most over time: the largest
-    singular value of its place by an offset of the pin in the sleeve, along all axes of the mechanism (two in the
-    plane, three in space). The sum of weight times clearance bounds what play alone can do to a mechanism at rest, as
-    far as pins stay parallel to their sleeves; deformation and impacts can do more.
+    """How far a named point of the ideal mechanism moves per clearance of each joint, at most over time. The sum of
+    weight times clearance bounds what play alone can do to a mechanism at rest; deformation and impacts can do more.
+
+    Of a joint without tilt it is the largest singular value of the point's place by the pin's offset: of a joint
+    without clearance by one along any axis of the mechanism (two in the plane, three in space). Of a pin that tilts in
+    its sleeve both ends of its axis may be anywhere within the radial clearance: 1 at the end of an arm of length
+    l <= L / 2 along the axis of a sleeve of length L, 2 l / L beyond. (Faces may stop it before.) Its axial clearance
+    has a weight of its own, called `JOINT.axial_clearance`. Of a block in a guide each end may be at any of its walls,
+    at two at once in a corner.
 
     **Arguments:** `joints`: names of joints of any kind, with clearance or without (`None`: those with clearance).
 
@@ -55,26 +67,100 @@ def static_weights(
         raise ClearanceError("No joint has clearance here: name the joints that are to be asked for, `joints=`.")
     for name in names:
         mechanism.joint(name)
-    found = _weights(ideal, known.index(point), names, jnp.asarray(t0, float), jnp.asarray(t1, float), samples)
-    return dict(zip(names, np.asarray(found).tolist(), strict=True))
+    parts = [(_play_of(mechanism, name), _is_flat(mechanism, name)) for name in names]
+    slopes = _slopes(mechanism, known.index(point), names, jnp.asarray(t0, float), jnp.asarray(t1, float), samples)
+    weights: dict[str, float] = {}
+    for name, (play, flat), slope in zip(names, parts, slopes, strict=True):
+        reaches = _reaches(play, np.asarray(slope), flat)
+        weights |= {name + ending: float(np.max(reach)) for ending, reach in reaches.items()}
+    return weights
+
+
+def static_error(mechanism: Mechanism, weights: dict[str, float]) -> float:
+    """The sum of weights (of `static_weights`, of joints with clearance) times the mechanism's clearances [m]."""
+    total = 0.0
+    for name, weight in weights.items():
+        play = _play_of(mechanism, name.removesuffix(AXIAL))
+        size = next(one.scale for one in play if one.suffix == ".play_z") if name.endswith(AXIAL) else play[0].scale
+        total += weight * float(size)
+    return total
+
+
+def _play_of(mechanism: Mechanism, name: str) -> tuple[PlayCoordinate, ...]:
+    joint = mechanism.joint(name)
+    return joint.play() if isinstance(joint, AbstractPlayed) else ()
+
+
+def _is_flat(mechanism: Mechanism, name: str) -> bool:
+    joint = mechanism.joint(name)
+    clearance = joint.clearance if isinstance(joint, AbstractPlayed) else None
+    return isinstance(clearance, AbstractClearance) and clearance.flat
+
+
+def _reaches(play: Sequence[PlayCoordinate], slope: np.ndarray, flat: bool) -> dict[str, np.ndarray]:
+    """How far the point moves per clearance, by what the name of the clearance ends in; `slope` (times, axes, play);
+    `flat`: whether walls bound each slide across by itself.
+    """
+    turns = {k: np.asarray(one.turns, float) for k, one in enumerate(play) if one.turns is not None}
+    if not turns:
+        return {"": np.linalg.norm(slope, ord=2, axis=(1, 2))}
+    slides = {k: np.asarray(one.slides, float) for k, one in enumerate(play) if one.slides is not None}
+    across = [k for k, axis in slides.items() if axis[2] == 0]
+    tilts, radial = [k for k, axis in turns.items() if axis[2] == 0], play[across[0]].scale
+    # How the point moves as the axis leans along each slide: z turned about the tilt's axis.
+    leans = [sum(slope[..., t] * (np.cross(turns[t], [0, 0, 1]) @ slides[k]) for t in tilts) for k in across]
+    middle, end = slope[..., across] / 2, np.stack(leans, axis=-1) * float(play[tilts[0]].scale / radial) / 2
+    out = (_corners if flat else _both_ends)(middle + end, middle - end)
+    for k in turns.keys() - set(tilts):
+        out = out + np.linalg.norm(slope[..., k], axis=1) * float(play[k].scale / radial)
+    axial = [k for k in slides if k not in across]
+    return {"": out} | ({AXIAL: np.linalg.norm(slope[..., axial], ord=2, axis=(1, 2))} if axial else {})
+
+
+def _both_ends(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """The largest norm of P e + Q f over unit vectors e and f, of matrices (times, axes, k) each.
+
+    It is the largest over directions n of |P^T n| + |Q^T n|. From each of several directions upwards.
+    """
+    starts = [np.linalg.svd(part)[0][..., 0] for part in (one, other, one + other, one - other)]
+    best = size = np.zeros(len(one))
+    for direction in starts:
+        for _ in range(CLIMB):
+            ends = [np.einsum("tij,ti->tj", part, direction) for part in (one, other)]
+            units = [e / np.maximum(np.linalg.norm(e, axis=1), 1e-300)[:, None] for e in ends]
+            reached = sum(np.einsum("tij,tj->ti", part, e) for part, e in zip((one, other), units, strict=True))
+            size = np.linalg.norm(reached, axis=1)
+            direction = reached / np.maximum(size, 1e-300)[:, None]
+        best = np.maximum(best, size)
+    return best
+
+
+def _corners(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """The same over vectors e and f of which each component is from -1 to 1 by itself: at corners, as it is convex."""
+    both = np.concatenate([one, other], axis=-1)
+    signs = np.array(list(itertools.product((1.0, -1.0), repeat=both.shape[-1])))
+    return np.linalg.norm(both @ signs.T, axis=1).max(axis=-1)
 
 
 @eqx.filter_jit
-def _weights(ideal: Mechanism, index: int, names: tuple[str, ...], t0, t1, samples: int):
+def _slopes(mechanism: Mechanism, index: int, names: tuple[str, ...], t0, t1, samples: int):
+    """The point's place by each joint's play, or by its offset: (times, axes, play) for each name."""
+    ideal = mechanism.ideal()
     solution = run(ideal, t1, settings_of(ideal, t1, {"t0": t0, "save_at": samples}))
     times, states, axes = solution.time, solution.y, len(axes_of(ideal))
+    counts = [len(_play_of(mechanism, name)) for name in names]
 
-    def place(offsets, t, y):
-        moved = ideal
-        for name, offset in zip(names, offsets, strict=True):
-            moved = _offset(moved, name, offset)
+    def place(values, t, y):
+        held = {name: tuple(own) for name, own, count in zip(names, values, counts, strict=True) if count}
+        moved = mechanism.held(held)
+        for name, own, count in zip(names, values, counts, strict=True):
+            moved = moved if count else _offset(moved, name, own)
         ready = moved.prepared()
         closed = projected(t, y, ready, ASSEMBLE) if ready.closures() else y
         return evaluated("position", t, closed, ready)[index]
 
-    slopes = jax.vmap(jax.jacfwd(place), (None, 0, 0))(jnp.zeros((len(names), axes)), times, states)
-    # Of each joint's square matrix the largest singular value, the largest over time.
-    return jnp.max(jnp.linalg.norm(jnp.moveaxis(slopes, 1, 2), ord=2, axis=(2, 3)), axis=0)
+    zero = [jnp.zeros(count or axes) for count in counts]
+    return jax.vmap(jax.jacfwd(place), (None, 0, 0))(zero, times, states)
 
 
 def _offset(mechanism: Mechanism, name: str, offset) -> Mechanism:

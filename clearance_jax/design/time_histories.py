@@ -7,11 +7,11 @@ import numpy as np
 
 from clearance_jax.analysis.measure import measure
 from clearance_jax.analysis.metrics import At
+from clearance_jax.design import worn
 from clearance_jax.design.answer import Design
 from clearance_jax.design.observed import sample_times
 from clearance_jax.design.specification import Specification
 from clearance_jax.errors import ClearanceError
-from clearance_jax.parameters import replace
 
 
 class TimeHistory(NamedTuple):
@@ -35,7 +35,7 @@ def time_histories(design: Design) -> tuple[TimeHistory, ...]:
     times, signals, found = sample_times(specification), _signals(design.specification), {}
     asked = {str(i): At(signal, times) for i, signal in enumerate(signals) if signal is not None}
     for name, given in specification.conditions.items():
-        moved = replace(design.mechanism, given)
+        moved = worn.moved(design.mechanism, given)
         try:
             seen = measure(moved, asked, specification.t1, **specification.options)
         except (ClearanceError, RuntimeError):

@@ -6,15 +6,17 @@ import numpy as np
 import scipy.optimize
 
 from clearance_jax.analysis.metrics import Peak, PositionError
+from clearance_jax.design import worn
 from clearance_jax.design.certificate import Certificate
 from clearance_jax.design.evaluate import fresh_yield
 from clearance_jax.design.formulation import formulate
+from clearance_jax.design.lanes import HERE, Place
 from clearance_jax.design.manufacture import Yield
 from clearance_jax.design.methods import Method
 from clearance_jax.design.program import Evaluation, Program
 from clearance_jax.design.run import INTERRUPTED, run
 from clearance_jax.design.specification import Specification
-from clearance_jax.design.static import static_weights
+from clearance_jax.design.static import static_error, static_weights
 from clearance_jax.errors import ClearanceError
 from clearance_jax.parameters import replace
 
@@ -36,24 +38,26 @@ def certify(
     samples: int = 1000,
     seed: int = 0,
     solver: str | None = None,
+    place: Place = HERE,
     progress: Callable[[Evaluation], None] | None = None,
 ) -> Certificate:
     """Check the point that a method has found with another solver and a tenfold tighter tolerance.
 
     **Arguments:** `sweep`: scalings at which the limits are looked at between a tenth of the design and the bounds;
     `starts`: random starts of the same method; `reoptimise`: check the prices by solving again with changed bounds;
-    `samples`: fresh ones for a `Yield`; `solver`: which one (default: another than the design's); `progress`: called
-    with each evaluation, of which there will be about `expected_evaluations`.
+    `samples`: fresh ones for a `Yield`; `solver`: which one (default: another than the design's); `place`: where
+    many simulations are solved; `progress`: called with each evaluation, of which there will be about
+    `expected_evaluations`.
     """
     solver, rtol = solver or OTHER.get(specification.solver, "tsit5"), 0.1 * specification.rtol
-    fresh = formulate(specification, rtol, solver, progress=progress)
+    fresh = formulate(specification, rtol, solver, place, progress=progress)
     at = fresh.at(point.x, method.gradients)
     residual, multipliers = _optimality(fresh, at) if at.gradient is not None else (np.nan, np.zeros(len(at.limits)))
     prices: dict[str, float] = {}
     for k in np.flatnonzero(multipliers > 1e-6):
         prices[fresh.groups[k]] = prices.get(fresh.groups[k], 0.0) + float(multipliers[k])
     checked = prices if reoptimise else {}
-    checks = {n: (p, _price_check(specification, method, point, n, progress)) for n, p in checked.items()}
+    checks = {n: (p, _price_check(specification, method, point, n, place, progress)) for n, p in checked.items()}
     sampled = isinstance(specification.manufacture, Yield)
     return Certificate(
         names=dict(zip(fresh.names, specification.units.values(), strict=False)),  # a common one has the first's
@@ -65,10 +69,10 @@ def certify(
         residual=residual,
         prices=prices,
         price_checks=checks,
-        starts=_others(specification, method, starts, seed, progress),
+        starts=_others(specification, method, starts, seed, place, progress),
         objective=at.objective,
         goal="enlarges the clearance" if specification.common else "lowers the cost",
-        yield_estimate=fresh_yield(specification, point.x, samples) if sampled else None,
+        yield_estimate=fresh_yield(specification, point.x, samples, place=place) if sampled else None,
         static=_static(specification, point.x),
         solver=solver,
         rtol=rtol,
@@ -83,14 +87,12 @@ def _static(specification: Specification, x: np.ndarray) -> dict[str, float]:
         if not isinstance(limit.metric, Peak) or not isinstance(limit.metric.signal, PositionError):
             continue
         for values in specification.conditions.values():
-            moved = replace(designed, values)
+            moved = worn.moved(designed, values)
             try:
                 weights = static_weights(moved, limit.metric.signal.point, specification.t1, t0=specification.t0)
             except ClearanceError:
                 continue
-            sizes = {j.name: j.clearance.radial_clearance for j in moved.clearance_joints() if j.clearance}
-            total = sum(weight * float(sizes[name]) for name, weight in weights.items())
-            found[limit.title] = max(total, found.get(limit.title, 0.0))
+            found[limit.title] = max(static_error(moved, weights), found.get(limit.title, 0.0))
     return found
 
 
@@ -99,11 +101,13 @@ def expected_evaluations(searched: int, *, sweep: int = 40, starts: int = 0, reo
     return 1 + BISECTION + sweep + searched * (starts + 2 * reoptimise)
 
 
-def _others(specification: Specification, method: Method, starts: int, seed: int, progress) -> tuple[float, ...]:
+def _others(
+    specification: Specification, method: Method, starts: int, seed: int, place: Place, progress
+) -> tuple[float, ...]:
     """Objectives that random starts lead to."""
     objectives, rng = [], np.random.default_rng(seed)
     for _ in range(starts):
-        program = formulate(specification, progress=progress)
+        program = formulate(specification, place=place, progress=progress)
         _run(program, method, np.exp(rng.uniform(np.log(program.lower), np.log(program.upper))))
         objectives.append(program.best.objective if program.best else np.inf)
     return tuple(objectives)
@@ -148,7 +152,7 @@ def _islands(program: Program, x: np.ndarray, count: int) -> tuple[tuple[float, 
     """Intervals of scalings whose designs hold, to the sweep's spacing."""
     low, high = _ends(program, x)
     s = np.unique(np.append(np.geomspace(max(low, 0.1), max(min(high, 10.0), 1.0), count), 1.0))
-    held = np.array([program.at(v * x).worst <= 1e-6 for v in s])
+    held = np.array([point.worst <= 1e-6 for point in program.at_each([v * x for v in s])])
     edges = np.flatnonzero(np.diff(np.concatenate([[False], held, [False]]).astype(int)))
     return tuple((float(s[a]), float(s[b - 1])) for a, b in edges.reshape(-1, 2))
 
@@ -171,9 +175,11 @@ def _optimality(program: Program, at: Evaluation) -> tuple[float, np.ndarray]:
     return float(left / max(np.linalg.norm(gradient), 1e-300)), multipliers
 
 
-def _price_check(specification: Specification, method: Method, point: Evaluation, name: str, progress) -> float:
+def _price_check(
+    specification: Specification, method: Method, point: Evaluation, name: str, place: Place, progress
+) -> float:
     """Relative change of the best objective per relative change of one limit's bound, by solving twice more."""
-    program, best = formulate(specification, progress=progress), []
+    program, best = formulate(specification, place=place, progress=progress), []
     for change in (0.01, -0.01):
         moved = program.with_bound(name, 1 + change)
         _run(moved, method, point.x)

@@ -1,6 +1,7 @@
 """Ideal loops: projection on them, assembly."""
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -21,6 +22,21 @@ FIRM = 1e9
 # Newton iterations of an assembly: so many with pins all but held in their sleeves, then so many with all free; the
 # last of all only measures.
 HELD, LOOSE = 8, 5
+
+
+class StartErrors(NamedTuple):
+    """How far a start is from what it is to be: how far each loop is open [m]; and of each clearance joint, where pins
+    are to be settled, the part of its load that it does not bear, and by what part of its play it was still moved last.
+    """
+
+    loops: Float[Array, " loops"]
+    unborne: Float[Array, " joints"]
+    moved: Float[Array, " joints"]
+
+    @classmethod
+    def nothing(cls) -> "StartErrors":
+        """Of a start of which nothing is asked."""
+        return cls(jnp.zeros(0), jnp.zeros(0), jnp.zeros(0))
 
 
 def corrected(

@@ -12,8 +12,9 @@ from clearance_jax._types import Rows, Scalar
 from clearance_jax.dynamics.applied import load_power
 from clearance_jax.dynamics.equations import Balance
 from clearance_jax.dynamics.inertia import Extra, inertia_of, inertial_wrenches, pair_work
-from clearance_jax.dynamics.kinematics import Frames, frames, play, spring_state
+from clearance_jax.dynamics.kinematics import Frames, frames, plays, spring_state
 from clearance_jax.dynamics.table import Table
+from clearance_jax.joints import PreparedClearance, each_joint
 from clearance_jax.mechanism.body import GROUND, Body
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import State, layout
@@ -158,8 +159,9 @@ def energies(time: Scalar, y: Array, mechanism: Mechanism) -> Energies:
 
 def contact_energy(mechanism: Mechanism, time: Scalar, motion: Frames, state: State) -> Term:
     """Elastic energy of the contacts [J]."""
-    plays = [(joint, play(mechanism, joint, time, state, motion)) for joint in mechanism.clearance_joints()]
-    return total(joint.clearance.stored(at.relative) for joint, at in plays)
+    found, joints = plays(mechanism, time, state, motion), mechanism.clearance_joints()
+    stored = [(joint.clearance, found[joint.name].relative) for joint in joints]
+    return total(each_joint(PreparedClearance.stored, stored))
 
 
 def opened_books(time: Scalar, y: Array, mechanism: Mechanism) -> Float[Array, " books"]:

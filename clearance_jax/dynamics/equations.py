@@ -9,9 +9,9 @@ from clearance_jax.dynamics.conditions import conditions
 from clearance_jax.dynamics.constraint import closing_pairs, constraint
 from clearance_jax.dynamics.control import exerted
 from clearance_jax.dynamics.inertia import Pair, generalised_load, mass_matrix
-from clearance_jax.dynamics.kinematics import Frames, Play, frames, play
+from clearance_jax.dynamics.kinematics import Frames, Play, frames, plays
 from clearance_jax.errors import ClearanceError
-from clearance_jax.joints import Action
+from clearance_jax.joints import Action, PreparedClearance, each_joint
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import State
 from clearance_jax.spatial import Term, minus, plus
@@ -36,15 +36,13 @@ def balance(mechanism: Mechanism, time: Scalar, state: State) -> Balance:
     """Where everything is, what the joints exert, the equations of motion."""
     mechanism = mechanism.at(time)
     motion = frames(mechanism, time, state)
-    plays = {joint.name: play(mechanism, joint, time, state, motion) for joint in mechanism.clearance_joints()}
-    actions = {
-        joint.name: shared(joint.clearance.act(plays[joint.name].relative, state.memory[joint.name]))
-        for joint in mechanism.clearance_joints()
-    }
-    pairs = contact_pairs(mechanism, plays, actions) + applied_pairs(mechanism, time, motion)
+    found, joints = plays(mechanism, time, state, motion), mechanism.clearance_joints()
+    acting = [(joint.clearance, found[joint.name].relative, state.memory[joint.name]) for joint in joints]
+    actions = dict(zip([joint.name for joint in joints], each_joint(PreparedClearance.act, acting), strict=True))
+    pairs = contact_pairs(mechanism, found, actions) + applied_pairs(mechanism, time, motion)
     efforts = exerted(mechanism, time, state)
     acceleration, closing = accelerations(mechanism, motion, pairs, efforts)
-    return Balance(motion, plays, actions, pairs, efforts, shared(acceleration), closing)
+    return Balance(motion, found, actions, pairs, efforts, shared(acceleration), closing)
 
 
 def contact_pairs(mechanism: Mechanism, plays: dict[str, Play], actions: dict[str, Action]) -> list[Pair]:

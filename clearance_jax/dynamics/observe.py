@@ -3,14 +3,15 @@
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from clearance_jax._numerics import safe_norm
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.energy import BOOKS, driving, energies, read_books
 from clearance_jax.dynamics.equations import Balance, balance
 from clearance_jax.dynamics.inertia import Extra
 from clearance_jax.dynamics.reactions import reactions
-from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.mechanism import ClearanceJoint, Mechanism
 from clearance_jax.mechanism.state import State, actuated, layout, parts
-from clearance_jax.spatial import Term, add, as_array, rotation_vector
+from clearance_jax.spatial import Term, Vector, add, as_array, length_of, rotation_vector, scale
 
 
 def observe(time: Scalar, y: Array, mechanism: Mechanism) -> dict[str, Array]:
@@ -56,9 +57,22 @@ def contacts(mechanism: Mechanism, now: Balance) -> dict[str, Array]:
         "penetration": jnp.stack([p.penetration for p in points]),
         "penetration_rate": jnp.stack([p.penetration_rate for p in points]),
         "contact_force": jnp.stack([action.normal_force for action in now.actions.values()]),
-        "friction_force": jnp.stack([p.traction[0] for p in points]),
-        "slip_velocity": jnp.stack([p.slip[0] for p in points]),
+        "friction_force": jnp.stack([_friction(mechanism, now, joint) for joint in mechanism.clearance_joints()]),
+        "slip_velocity": jnp.stack([p.slip[0] if len(p.slip) == 1 else safe_norm(*p.slip) for p in points]),
     }
+
+
+def _friction(mechanism: Mechanism, now: Balance, joint: ClearanceJoint) -> Array:
+    """Friction in a joint [N]: with its sign where it has one direction, else the magnitude of all points' together."""
+    acted = now.actions[joint.name].points
+    if len(acted.traction) == 1:
+        return now.actions[joint.name].deepest.traction[0]
+    along: Vector = (0.0, 0.0, 0.0)
+    tangents = joint.clearance.joint.points(now.plays[joint.name].relative).tangents
+    for traction, tangent in zip(acted.traction, tangents, strict=True):
+        along = add(along, scale(traction, tangent))
+    x, y, z = (jnp.sum(jnp.asarray(term, float)) for term in along)
+    return length_of((x, y, z))
 
 
 def point_motions(mechanism: Mechanism, now: Balance) -> dict[str, Array]:

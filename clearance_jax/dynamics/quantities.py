@@ -3,10 +3,15 @@
 One table of variables with dimensions, units and meanings serves names, datasets and plots.
 """
 
-from collections.abc import Iterator
-from typing import NamedTuple
+import functools
+from collections.abc import Iterator, Mapping
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
+import equinox as eqx
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from clearance_jax._types import Scalar
@@ -39,8 +44,10 @@ OBSERVED = {
     "penetration": Variable(("joint",), "m", "overlap of pin and sleeve (negative: apart)"),
     "penetration_rate": Variable(("joint",), "m/s", "rate of the penetration (positive: approach)"),
     "contact_force": Variable(("joint",), "N", "normal contact force, of all contact points together"),
-    "friction_force": Variable(("joint",), "N", "traction on the pin"),
-    "slip_velocity": Variable(("joint",), "m/s", "slip of the pin's surface on the sleeve's"),
+    "friction_force": Variable(("joint",), "N", "traction on the pin; in space its magnitude, of all points together"),
+    "slip_velocity": Variable(
+        ("joint",), "m/s", "slip of the pin's surface on the sleeve's where it is deepest; in space its magnitude"
+    ),
     "contact_pattern": Variable(
         ("joint",),
         "",
@@ -100,8 +107,20 @@ class Quantity(NamedTuple):
     place: int | None = None
 
 
-def quantities(mechanism: Mechanism, books: bool) -> dict[str, Quantity]:
+def quantities(mechanism: Mechanism, books: bool) -> Mapping[str, Quantity]:
     """Every quantity that has a name; `books`: whether states have energy books."""
+    # Names follow from the structure, and looking them up costs more than some solves: what has been asked is known.
+    numbers, others = eqx.partition(mechanism, lambda leaf: isinstance(leaf, jax.Array | np.ndarray))
+    (leaves, structure), (kept, frame) = jax.tree.flatten(numbers), jax.tree.flatten(others)
+    return _quantities(structure, tuple(map(jnp.shape, leaves)), frame, tuple(kept), books)
+
+
+@functools.lru_cache(maxsize=256)
+def _quantities(structure: Any, shapes: tuple, frame: Any, kept: tuple, books: bool) -> Mapping[str, Quantity]:
+    """The same of a mechanism without its numbers."""
+    with jax.ensure_compile_time_eval():  # what is kept must hold no tracers, whatever is being traced
+        leaves = [jnp.ones(shape) for shape in shapes]
+    mechanism = eqx.combine(jax.tree.unflatten(structure, leaves), jax.tree.unflatten(frame, kept))
     labelled, out = labels(mechanism), dict(_states(mechanism))
     for variable, described in OBSERVED.items():
         if variable in IN_SPACE and mechanism.is_plane:
@@ -110,7 +129,7 @@ def quantities(mechanism: Mechanism, books: bool) -> dict[str, Quantity]:
             out[variable] = Quantity(variable, (), described.unit)
         for name, found in _entries(variable, described, labelled):
             out.setdefault(name, found)  # of a coordinate that is a state the place in it is known already
-    return out
+    return MappingProxyType(out)
 
 
 def _entries(variable: str, described: Variable, labelled: dict) -> Iterator[tuple[str, Quantity]]:

@@ -9,34 +9,36 @@ the motion tells: it goes along with the rounds, and ends as the derivative of w
 itself changes in the reactions, which is the ratio of clearance to length of it.)
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
 from clearance_jax._types import Scalar
-from clearance_jax.dynamics.closures import HELD, corrected
-from clearance_jax.dynamics.reactions import held_balance, held_reactions
+from clearance_jax.dynamics.closures import HELD, StartErrors, corrected
+from clearance_jax.dynamics.equations import balance
+from clearance_jax.dynamics.reactions import held_reactions, held_still
 from clearance_jax.errors import ClearanceError
+from clearance_jax.joints import Load, Seat, relative_at, seat
 from clearance_jax.mechanism.mechanism import ClearanceJoint, Mechanism
-from clearance_jax.mechanism.state import initial_values, layout
-from clearance_jax.spatial import ZERO, Pair, as_array, dot
+from clearance_jax.mechanism.state import initial_values, layout, parts, position_rates
+from clearance_jax.spatial import as_array, dot, hamilton, scale
 
 # Rounds with pins seated: each is nearer by the ratio of clearance to length.
 ROUNDS = 16
 
 
 class Seats(NamedTuple):
-    """The ideal mechanism's state `[q, v]` with pins held at their `places` in the sleeves (joints, 2) [m]."""
+    """The ideal mechanism's state `[q, v]` with pins held at values of their `play` coordinates (play,) [m or rad]."""
 
     y: Array
-    places: Array
+    play: tuple[Array, ...]
 
 
-def settled_start(time: Scalar, mechanism: Mechanism) -> tuple[Array, Float[Array, " loops"]]:
+def settled_start(time: Scalar, mechanism: Mechanism) -> tuple[Array, StartErrors]:
     """The state `[q, v, memory]` of a prepared mechanism in which every pin is pressed at its wall and rides along it,
-    and how far each loop is open [m].
+    and how far it is from that still.
 
     A pin that nothing presses starts at its `eccentricity`, as it does without this.
 
@@ -47,67 +49,95 @@ def settled_start(time: Scalar, mechanism: Mechanism) -> tuple[Array, Float[Arra
             '`start = "settled"` puts every pin at its wall, but `assemble = false` asks for exactly the given initial '
             "values. Leave one of them out."
         )
-    turning = [j.name for j in mechanism.clearance_joints() if any(play.turns is not None for play in j.joint.play())]
-    if not mechanism.is_plane or turning:
-        raise ClearanceError(
-            '`start = "settled"` is for pins in a plane mechanism: not for blocks in guides, and not in space. Start '
-            'by `start = "centre"`.'
-        )
     mechanism = mechanism.unsampled()  # which acts at the start as it would if it were not
     joints, loops, plan = mechanism.clearance_joints(), mechanism.loops, layout(mechanism.ideal())
-    begin = jnp.stack([as_array(joint.joint.eccentricity.vector[:2]) for joint in joints])
+    begin = tuple(_middle(joint) for joint in joints)
+    sizes = [as_array([one.scale for one in joint.joint.play()]) for joint in joints]
 
     def round_of(seated, settle, time, now: Seats):
-        at, y = _by_name(joints, now.places), now.y
-        opened = jnp.zeros(0)
+        held = held_still(mechanism, {joint.name: tuple(own) for joint, own in zip(joints, now.play, strict=True)})
+        y, opened = now.y, jnp.zeros(0)
         if loops:
-            held = mechanism.held(at)
             y, opened = corrected(time, y, held, held.loops, settle=settle)
         # Of the state as it was before: so the kinematics stands once in the program, and is one round behind.
-        motion = held_balance(mechanism, time, now.y, at)
-        reactions = held_reactions(mechanism, time, motion)
+        motion = balance(held, time, plan.split(now.y))
+        reactions = held_reactions(mechanism, time, motion).values()
         # Or else the compiler works the reactions out anew wherever a seat needs them.
-        forces = jax.lax.optimization_barrier(jnp.stack([as_array(list(r.on_pin)) for r in reactions.values()]))
-        seats = [joint.clearance.seat((f[0], f[1])) for joint, f in zip(joints, forces, strict=True)]
-        pressed = jnp.stack([presses for _, presses in seats])
-        places = jnp.stack([as_array(list(place)) for place, _ in seats])
-        places = jnp.where((pressed & seated)[:, None], places, begin)
-        slope = jnp.concatenate([now.y[plan.v], as_array(motion.acceleration)])
-        return Seats(y, places), (slope, pressed, opened)
+        loads = jax.lax.optimization_barrier([(as_array(r.on_pin), as_array(r.turning)) for r in reactions])
+        found = _seats(joints, loads, begin)
+        pressed, left = tuple(one.presses for one in found), as_array([one.left for one in found])
+        play = tuple(jnp.where(one.presses & seated, one.play, first) for one, first in zip(found, begin, strict=True))
+        rates = as_array(position_rates(held, tuple(now.y[plan.q]), tuple(now.y[plan.v])))
+        last = [jnp.linalg.norm((new - old) / size) for new, old, size in zip(play, now.play, sizes, strict=True)]
+        errors = StartErrors(opened, left, as_array(last))
+        return Seats(y, play), (jnp.concatenate([rates, as_array(motion.acceleration)]), pressed, errors)
 
     def once(k, carry):
         now, rate, _, _ = carry
         # Loops are closed with the pins where they were, and speeds belong to closed loops.
         seated, settle = k >= HELD, jnp.where(k >= HELD - 1, 1.0, 0.0)
-        moved, change, (slope, pressed, opened) = jax.jvp(
+        moved, change, (slope, pressed, errors) = jax.jvp(
             lambda time, now: round_of(seated, settle, time, now),
             (time, now),
             (jnp.ones_like(time), rate),
             has_aux=True,
         )
-        return moved, Seats(slope, change.places), (change, pressed), opened
+        return moved, Seats(slope, change.play), (change, pressed), errors
 
     first = Seats(initial_values(mechanism.ideal()), begin)
     still = jax.tree.map(jnp.zeros_like, first)
-    carry = first, still, (still, jnp.zeros(len(joints), bool)), jnp.zeros(len(loops))
-    now, _, (rate, pressed), opened = jax.lax.fori_loop(0 if loops else HELD, HELD + ROUNDS, once, carry)
-    return _whole(mechanism, now, rate, pressed), opened
+    errors = StartErrors(*(jnp.zeros(len(those)) for those in (loops, joints, joints)))
+    carry = first, still, (still, tuple(jnp.asarray(False) for _ in joints)), errors
+    now, _, (rate, pressed), errors = jax.lax.fori_loop(0 if loops else HELD, HELD + ROUNDS, once, carry)
+    return _whole(mechanism, now, rate, pressed), errors
 
 
-def _by_name(joints: tuple[ClearanceJoint, ...], places: Array) -> dict[str, Pair]:
-    return {joint.name: (place[0], place[1]) for joint, place in zip(joints, places, strict=True)}
+def _middle(joint: ClearanceJoint) -> Array:
+    """Where a pin starts that nothing presses, by its play."""
+    start = joint.joint.eccentricity.vector
+    return as_array([0.0 if one.slides is None else dot(start, one.slides) for one in joint.joint.play()])
 
 
-def _whole(mechanism: Mechanism, now: Seats, rate: Seats, pressed: Array) -> Array:
+def _seats(joints: tuple[ClearanceJoint, ...], loads: list, begin: tuple[Array, ...]) -> list[Seat]:
+    """Where each pin is pressed by force and moment; of pins in the plane by the force's direction, without a search.
+    The search for joints of one kind stands once in the program.
+    """
+    found: dict[int, Seat] = {}
+    alike: dict[Any, list[int]] = {}
+    for k, (joint, (force, _)) in enumerate(zip(joints, loads, strict=True)):
+        if len(begin[k]) == 2 and all(one.slides is not None for one in joint.joint.play()):
+            place, pressed = joint.clearance.seat((force[0], force[1]))
+            found[k] = Seat(as_array(place), pressed, jnp.zeros(()))
+        else:
+            alike.setdefault(jax.tree.structure(joint.clearance), []).append(k)
+    for own in alike.values():
+        asked = [(joints[k].clearance, Load(tuple(loads[k][0]), tuple(loads[k][1])), begin[k]) for k in own]
+        if len(own) == 1:
+            found[own[0]] = seat(*asked[0])
+            continue
+        several = jax.lax.map(lambda one: seat(*one), jax.tree.map(lambda *leaves: jnp.stack(leaves), *asked))
+        found |= {k: jax.tree.map(lambda leaf, i=i: leaf[i], several) for i, k in enumerate(own)}
+    return [found[k] for k in range(len(joints))]
+
+
+def _whole(mechanism: Mechanism, now: Seats, rate: Seats, pressed: tuple[Array, ...]) -> Array:
     """The state of the mechanism with its play; what is pressed has been touching."""
-    found = {name: (now.y[i], rate.y[i]) for i, name in enumerate(layout(mechanism.ideal()).positions)}
+    found: dict[str, tuple[Any, Any]] = {}
+    for c, q, _ in parts(mechanism.ideal()):
+        at, moving = tuple(now.y[q]), tuple(rate.y[q])
+        if c.is_ball:  # q' = q (0, spin) / 2
+            w, *rest = at
+            moving = scale(2.0, hamilton((w, *scale(-1.0, tuple(rest))), moving))[1:]
+        found[c.name] = at, moving
     memory = []
-    for i, joint in enumerate(mechanism.clearance_joints()):
-        place, speed = ((own[i, 0], own[i, 1]) for own in (now.places, rate.places))
-        for play in joint.joint.play():
-            along = (play.slides or ZERO)[:2]
-            found[joint.name + play.suffix] = dot(along, place), dot(along, speed)
-        touching = jnp.where(pressed[i], 1.0, 0.0)
-        memory += [touching if name.startswith("touching") else 0.0 for name in joint.clearance.remembers]
+    for joint, place, speed, presses in zip(mechanism.clearance_joints(), now.play, rate.play, pressed, strict=True):
+        play = joint.joint.play()
+        for k, one in enumerate(play):
+            found[joint.name + one.suffix] = (place[k],), (speed[k],)
+        depths, _ = joint.clearance.depths(relative_at(play, place))
+        touching = jnp.where(presses & (depths > 0), 1.0, 0.0)
+        width = len(joint.clearance.remembers) // joint.clearance.joint.count
+        for i, name in enumerate(joint.clearance.remembers):
+            memory.append(touching[i // width] if name.startswith("touching") else 0.0)
     values = [found[coordinate.name] for coordinate in mechanism.free_coordinates()]
-    return as_array([place for place, _ in values] + [speed for _, speed in values] + memory)
+    return as_array([x for place, _ in values for x in place] + [x for _, speed in values for x in speed] + memory)

@@ -1,6 +1,8 @@
 """Keys that follow from a class: its fields say name, unit, bounds, default and help (see `parameters.physical`)."""
 
 import dataclasses
+import inspect
+from collections.abc import Callable, Mapping
 from typing import Any, Literal, get_args, get_origin
 
 from clearance_jax.io.kinds import (
@@ -18,6 +20,7 @@ from clearance_jax.io.kinds import (
     Whole,
     Word,
 )
+from clearance_jax.io.table import Keys
 from clearance_jax.mechanism.compounds import Slide, Spin, Turn
 from clearance_jax.mechanism.loads import Force, Torque
 from clearance_jax.mechanism.placement import Axis, Inertia, Orientation, Position
@@ -70,3 +73,24 @@ def _key(field: dataclasses.Field) -> Key:
 def summary(part: Any) -> str:
     """The first paragraph of what a class or a function says of itself."""
     return " ".join((part.__doc__ or "").split("\n\n")[0].split()).split("**Arguments:**")[0].strip()
+
+
+def kinds_of(
+    name: str, title: str, head: Word, members: Mapping[str, Any], class_of: Callable = lambda cls: cls
+) -> dict[str, Keys]:
+    """Of each member its table, which its word chooses by the key `head`."""
+    return {
+        word: Keys(
+            name,
+            f"{title} `{word}`",
+            summary(member),
+            (dataclasses.replace(head, example=f'"{word}"'), *keys_of(class_of(member))),
+            f'{head.name} = "{word}"',
+        )
+        for word, member in members.items()
+    }
+
+
+def law_class(law: Any) -> type:
+    """The class of a law: a member of a family is a function, whose numbers are those of the class it returns."""
+    return law if inspect.isclass(law) else inspect.signature(law, eval_str=True).return_annotation

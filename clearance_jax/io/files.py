@@ -23,8 +23,8 @@ def read_toml(path: Path, what: str) -> tuple[str, dict[str, Any]]:
         raise ClearanceError(f"`{path}` is not valid TOML: {error}.") from None
 
 
-def read_table(path: Path, where: str) -> tuple[np.ndarray, np.ndarray]:
-    """Times and values of a CSV file; `where` it is named, for messages."""
+def read_table(path: Path, where: str, columns: str = "time [s] and value") -> tuple[np.ndarray, np.ndarray]:
+    """The two columns of a CSV file, times and values or others; `where` it is named, for messages."""
     text = read_text(path, f"table of {where}", LARGEST_TABLE)
     try:
         rows = [row for row in csv.reader(text.splitlines()) if row and not row[0].lstrip().startswith("#")]
@@ -37,7 +37,7 @@ def read_table(path: Path, where: str) -> tuple[np.ndarray, np.ndarray]:
             raise ValueError("not every number is finite")
         return table[:, 0], table[:, 1]
     except (ValueError, IndexError, csv.Error) as error:
-        raise ClearanceError(f"{where}: `{path}` must be a CSV table of time [s] and value ({error}).") from None
+        raise ClearanceError(f"{where}: `{path}` must be a CSV table of {columns} ({error}).") from None
 
 
 def read_text(path: Path, what: str, largest: int) -> str:

@@ -1,4 +1,5 @@
-"""The reference of every key that scene and study files may have, as plain data: what the documentation is made of.
+"""The reference of every key that scene, study, sweep and wear files may have, as plain data: what the docs are made
+of.
 
 It is made from the declarations by which the readers read, which know no other key.
 """
@@ -9,9 +10,19 @@ from typing import Any, Literal, NamedTuple
 from clearance_jax.io.kinds import Key
 from clearance_jax.io.scene_keys import SCENE_TABLES
 from clearance_jax.io.study_keys import STUDY_TABLES
+from clearance_jax.io.sweep_keys import SWEEP_TABLES
 from clearance_jax.io.table import Keys
+from clearance_jax.io.wear_keys import WEAR_TABLES
 from clearance_jax.mechanism.tree import SLIDING, TURNING
 from clearance_jax.parameters import BOUNDS, resolved_unit
+
+File = Literal["scene", "study", "sweep", "wear"]
+FILES: dict[File, tuple[Keys, ...]] = {
+    "scene": SCENE_TABLES,
+    "study": STUDY_TABLES,
+    "sweep": SWEEP_TABLES,
+    "wear": WEAR_TABLES,
+}
 
 
 class KeyReference(NamedTuple):
@@ -30,11 +41,11 @@ class KeyReference(NamedTuple):
 
 
 class TableReference(NamedTuple):
-    """A table of a `file` ("scene" or "study"): its `name` in the file (`body.NAME`; the file's for the top), the
-    `choice` among tables of that name, if any (`law = "hertz"`), a `title`, a `help` and its keys.
+    """A table of a `file` ("scene", "study", "sweep", "wear"): its `name` in the file (`body.NAME`; the file's for the
+    top), the `choice` among tables of that name, if any (`law = "hertz"`), a `title`, a `help` and its keys.
     """
 
-    file: Literal["scene", "study"]
+    file: File
     name: str
     choice: str
     title: str
@@ -46,7 +57,7 @@ def reference() -> list[TableReference]:
     """Every table that the readers know, scenes first, each with every key."""
     return [
         TableReference(file, table.name, table.choice, table.title, table.help, [_key(key) for key in table.keys])
-        for file, tables in (("scene", SCENE_TABLES), ("study", STUDY_TABLES))
+        for file, tables in FILES.items()
         for table in tables
     ]
 

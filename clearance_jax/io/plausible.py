@@ -31,13 +31,15 @@ def implausible(mechanism: Mechanism) -> str:
 
 def _clearances(mechanism: Mechanism) -> Iterator[str]:
     for joint in mechanism.clearance_joints():
-        if not isinstance(joint.clearance, RevoluteClearance):
-            continue
-        clearance, pin = float(joint.clearance.radial_clearance), float(joint.clearance.pin_radius)
-        if clearance > pin:
-            yield f"{joint.name}.radial_clearance = {shown(clearance, 'm')} is above the pin's radius {shown(pin, 'm')}"
-        elif clearance < LEAST_CLEARANCE:
-            yield f"{joint.name}.radial_clearance = {clearance:g} m is less than an atom"
+        # By Python's numbers: a scene may be loaded while a function is traced.
+        size = max(float(play.scale) for play in joint.joint.play() if play.slides is not None)
+        if size < LEAST_CLEARANCE:
+            yield f"the clearance of {joint.name}, {size:g} m, is less than an atom"
+        elif isinstance(joint.clearance, RevoluteClearance):
+            radial, pin = float(joint.clearance.radial_clearance), float(joint.clearance.pin_radius)
+            if radial > pin:
+                above = f"is above the pin's radius {shown(pin, 'm')}"
+                yield f"{joint.name}.radial_clearance = {shown(radial, 'm')} {above}"
 
 
 def _masses(mechanism: Mechanism) -> Iterator[str]:

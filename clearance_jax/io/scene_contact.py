@@ -1,49 +1,171 @@
-"""The clearance of a scene's joint: its radii, however they are given, and its laws."""
+"""The clearance of a scene's joint: its geometry, however it is given, and its laws."""
 
-from typing import Any, cast
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
 from clearance_jax.errors import ClearanceError, suggest
-from clearance_jax.io.scene_keys import FRICTION_TABLES, NORMAL_TABLES, STIFFNESS
-from clearance_jax.io.table import Table, naming
-from clearance_jax.joints import RevoluteClearance, SleeveClearance
+from clearance_jax.io.play_keys import (
+    BALL,
+    BEARING,
+    FRICTION_TABLES,
+    GUIDE,
+    NORMAL_TABLES,
+    PIN,
+    PRESS,
+    SHAFT,
+    STIFFNESS,
+)
+from clearance_jax.io.scene_worn import worn_of
+from clearance_jax.io.table import Keys, Table, naming
+from clearance_jax.joints import (
+    AbstractClearance,
+    Fitting,
+    GuideClearance,
+    PressFit,
+    RevoluteClearance,
+    SleeveClearance,
+    SphericalClearance,
+    Tolerance,
+    rolling_bearing,
+)
+from clearance_jax.joints.presets import flat_contact, round_contact
 from clearance_jax.laws import FRICTION_LAWS, NORMAL_LAWS, AbstractFrictionLaw, AbstractNormalLaw, InternalHertz
+from clearance_jax.mechanism.compounds import Cylindrical, Spherical
+from clearance_jax.mechanism.placement import Position
+from clearance_jax.mechanism.tree import Prismatic, Revolute
+from clearance_jax.parameters import check_demands
 
+RADIAL, DIAMETRAL, PIN_RADIUS, SLEEVE = "radial_clearance", "diametral_clearance", "pin_radius", "sleeve_radius"
 OF_A_SLEEVE = ("axial_clearance", "stations", "pin", "collar_radius", "ring")
-RADIAL, DIAMETRAL, PIN, SLEEVE = "radial_clearance", "diametral_clearance", "pin_radius", "sleeve_radius"
+OF_A_FACE = ("collar_radius", "ring")
+OF_A_FIT = ("temperature", "pin_expansion", "sleeve_expansion", "press")
+EXPANSIONS = ("pin_expansion", "sleeve_expansion")
+WITH_A_BEARING = ("bearing", "friction", "eccentricity")
 
 
-def clearance_of(table: Table) -> RevoluteClearance | SleeveClearance | None:
-    """The clearance of a revolute joint; `None` where the joint is ideal."""
-    if not (table.has(RADIAL) or table.has(DIAMETRAL) or (table.has(PIN) and table.has(SLEEVE))):
-        for key in ("normal", "friction", PIN, SLEEVE, "length", *OF_A_SLEEVE):
-            if table.has(key):
-                raise ClearanceError(f"{table.key(key)} belongs to a joint with clearance: add `{RADIAL}` too.")
-        return None
-    clearance, pin = _radii(table)
-    laws = _normal(table), _friction(table)
-    if not table.has("length"):
-        for key in OF_A_SLEEVE:
-            if table.has(key):
-                raise ClearanceError(f"{table.key(key)} belongs to a sleeve of some length: add `length` too.")
-        return RevoluteClearance(clearance, pin, *laws)
-    numbers = {key: table.get(key) for key in OF_A_SLEEVE if table.has(key)}
+def play_of(kind: type, table: Table, path: Path, usual: bool = False) -> dict[str, Any]:
+    """The `clearance` of a joint of a kind (`None`: it is ideal) and its `eccentricity` at the start.
+
+    **Arguments:** `path`: of the scene, beside which files are; `usual`: whether laws that are not given are those of
+    steel in bronze.
+    """
+    play = PLAYS[kind]
+    start = Position(*table.get("eccentricity"))
+    radii = play.radii and table.has(PIN_RADIUS) and table.has(SLEEVE)
+    if not (radii or any(table.has(key) for key in play.makes)):
+        for key in play.keys.keys:
+            if key.name != "eccentricity" and table.has(key.name):
+                raise ClearanceError(
+                    f"{table.key(key.name)} belongs to a joint with clearance: add `{play.makes[0]}` too."
+                )
+        return {"clearance": None, "eccentricity": start}
+    clearance = play.read(table, usual)
+    if play.keys is PIN and table.has("worn"):
+        clearance = worn_of(clearance, table, path)
     with naming(table.where):
-        return SleeveClearance(clearance, pin, table.get("length"), *laws, **numbers)
+        check_demands(clearance)
+    return {"clearance": clearance, "eccentricity": start}
 
 
-def _radii(table: Table) -> tuple[float, float]:
-    """Radial clearance and pin radius [m], from two of clearance, pin radius and sleeve radius."""
-    pin, sleeve = table.get(PIN), table.get(SLEEVE)
+def _pin(table: Table, usual: bool) -> RevoluteClearance | SleeveClearance:
+    if table.has("bearing"):
+        return _bearing(table)
+    if table.has("length"):
+        return _sleeve(table, usual)
+    for key in OF_A_SLEEVE:
+        if table.has(key):
+            raise ClearanceError(f"{table.key(key)} belongs to a sleeve of some length: add `length` too.")
+    clearance, pin, tolerance = _radii(table, usual)
+    laws = _laws(table, round_contact(clearance) if usual else None)
+    return RevoluteClearance(clearance, pin, *laws, tolerance=tolerance)
+
+
+def _sleeve(table: Table, usual: bool) -> SleeveClearance:
+    table.need("length")
+    for key in OF_A_FACE:
+        if key in table.values and "axial_clearance" not in table.values:
+            raise ClearanceError(
+                f"{table.key(key)} has no effect without `axial_clearance`: only then are there faces."
+            )
+    clearance, pin, tolerance = _radii(table, usual)
+    laws = _laws(table, round_contact(clearance) if usual else None)
+    numbers = {key: table.get(key) for key in OF_A_SLEEVE if key in table.values}
+    with naming(table.where):
+        return SleeveClearance(clearance, pin, table.get("length"), *laws, tolerance=tolerance, **numbers)
+
+
+def _ball(table: Table, usual: bool) -> SphericalClearance:
+    table.need("ball_radius")
+    clearance = table.get(RADIAL)
+    laws = _laws(table, round_contact(clearance) if usual else None)
+    return SphericalClearance(clearance, table.get("ball_radius"), *laws)
+
+
+def _guide(table: Table, usual: bool) -> GuideClearance:
+    for key in ("length", *(() if usual else ("height",))):
+        table.need(key)
+    length, width = table.get("length"), table.get("width")
+    height = table.get("height") if table.has("height") else length
+    flat = flat_contact(length, height, 2) if width is None else flat_contact(length, width, 4)
+    laws = _laws(table, flat if usual else None)
+    return GuideClearance(
+        table.get("side_clearance"), length, height, *laws, width, guide_length=table.get("guide_length")
+    )
+
+
+def _bearing(table: Table) -> RevoluteClearance:
+    for key in PIN.keys:
+        if key.name not in WITH_A_BEARING and table.has(key.name):
+            raise ClearanceError(f"{table.key(key.name)} has no effect beside a `bearing`, which is a whole joint.")
+    given = table.table("bearing", BEARING)
+    numbers = given.given()
+    if "internal_clearance" in numbers:
+        numbers["internal"] = numbers.pop("internal_clearance")
+    with naming(given.where):
+        return rolling_bearing(**numbers, friction=_friction(table))
+
+
+class Play(NamedTuple):
+    """How the play of a kind of joint is read: its keys, those of which one must be there (or both `radii`)."""
+
+    keys: Keys
+    makes: tuple[str, ...]
+    read: Callable[[Table, bool], AbstractClearance]
+    radii: bool = False
+
+
+PLAYS = {
+    Revolute: Play(PIN, (RADIAL, DIAMETRAL, "fit", "bearing"), _pin, True),
+    Cylindrical: Play(SHAFT, (RADIAL, DIAMETRAL, "fit"), _sleeve, True),
+    Spherical: Play(BALL, (RADIAL,), _ball),
+    Prismatic: Play(GUIDE, ("side_clearance",), _guide),
+}
+"""By the kind of joint, of those that may have play."""
+
+
+def _radii(table: Table, usual: bool) -> tuple[Any, float, Tolerance | None]:
+    """Radial clearance and pin radius [m], from a fit or from two of clearance, pin radius and sleeve radius."""
+    pin, sleeve = table.get(PIN_RADIUS), table.get(SLEEVE)
+    if usual and pin is None and sleeve is None and table.has("length"):
+        pin = table.get("length") / 2
+    if table.has("fit"):
+        return _fitted(table, pin)
+    for key in OF_A_FIT:
+        if table.has(key):
+            raise ClearanceError(f"{table.key(key)} belongs to a fit: add `fit` too.")
     clearance = _given_clearance(table)
     if clearance is None:
-        clearance = sleeve - pin  # both are there
+        assert pin is not None
+        assert sleeve is not None
+        clearance = sleeve - pin
         if clearance <= 0:
-            raise ClearanceError(f"{table.where}: the pin must fit in the sleeve, but {PIN} >= {SLEEVE}.")
+            raise ClearanceError(f"{table.where}: the pin must fit in the sleeve, but {PIN_RADIUS} >= {SLEEVE}.")
     if pin is None:
         if sleeve is None:
-            raise ClearanceError(f"{table.where} lacks the key `{PIN}`. Add it (or `{SLEEVE}`).")
+            raise ClearanceError(f"{table.where} lacks the key `{PIN_RADIUS}`. Add it (or `{SLEEVE}`).")
         pin = sleeve - clearance
         if pin <= 0:
             raise ClearanceError(
@@ -52,16 +174,37 @@ def _radii(table: Table) -> tuple[float, float]:
             )
     if sleeve is not None and not np.isclose(sleeve - pin, clearance, rtol=1e-6):
         raise ClearanceError(
-            f"{table.where}: {SLEEVE} - {PIN} is {sleeve - pin:g} m, but the radial clearance is {clearance:g} m. "
-            "The pin must fit in the sleeve: give two of the three, or make them agree."
+            f"{table.where}: {SLEEVE} - {PIN_RADIUS} is {sleeve - pin:g} m, but the radial clearance is "
+            f"{clearance:g} m. The pin must fit in the sleeve: give two of the three, or make them agree."
         )
-    return clearance, pin
+    return clearance, pin, None
+
+
+def _fitted(table: Table, pin: float | None) -> tuple[Any, float, Tolerance]:
+    for key in (RADIAL, DIAMETRAL, SLEEVE):
+        if table.has(key):
+            raise ClearanceError(f"{table.key(key)} has no effect beside a `fit`, which gives the clearance.")
+    for key in EXPANSIONS:
+        if table.has(key) and not table.has("temperature"):
+            raise ClearanceError(f"{table.key(key)} has no effect without `temperature`: at 20 degC nothing expands.")
+    if pin is None:
+        raise ClearanceError(f"{table.where} lacks the key `{PIN_RADIUS}`, half the nominal diameter. Add it.")
+    numbers = {key: table.get(key) for key in OF_A_FIT if key != "press" and table.has(key)}
+    with naming(table.key("fit")):
+        press = PressFit(**table.table("press", PRESS).given()) if table.has("press") else None
+        clearance, tolerance = Fitting(table.get("fit"), **numbers, press=press).radial_clearance(2 * pin)
+    return clearance, pin, tolerance
 
 
 def _given_clearance(table: Table) -> float | None:
     if table.has(RADIAL) and table.has(DIAMETRAL):
         raise ClearanceError(f"{table.where} gives both a radial and a diametral clearance. Give one.")
     return table.get(DIAMETRAL) / 2 if table.has(DIAMETRAL) else table.get(RADIAL)
+
+
+def _laws(joint: Table, usual: AbstractNormalLaw | None) -> tuple[AbstractNormalLaw, AbstractFrictionLaw | None]:
+    """Normal and friction law; `usual`: the normal law where none is given, if there is one."""
+    return _normal(joint) if usual is None or joint.has("normal") else usual, _friction(joint)
 
 
 def _normal(joint: Table) -> AbstractNormalLaw:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from clearance_jax.errors import ClearanceError
 from clearance_jax.io.files import read_table
 from clearance_jax.io.kinds import Words
-from clearance_jax.io.scene_contact import clearance_of
+from clearance_jax.io.scene_contact import PLAYS, play_of
 from clearance_jax.io.scene_keys import (
     ACTUATOR_TABLES,
     ACTUATORS,
@@ -91,9 +91,8 @@ def _joint(name: str, read: Chosen, path: Path) -> AbstractJoint:
     table.words = TURNING if kind == "revolute" else SLIDING
     motion = motion_of(table, path)
     if kind == "prismatic":
-        return Prismatic(**common, motion=motion, **_axis(table))
-    eccentricity = Position(*table.get("eccentricity"))
-    return Revolute(**common, motion=motion, clearance=clearance_of(table), eccentricity=eccentricity, **_axis(table))
+        return Prismatic(**common, motion=motion, **play_of(Prismatic, table, path), **_axis(table))
+    return Revolute(**common, motion=motion, **play_of(Revolute, table, path), **_axis(table))
 
 
 def _orientation(table: Table, key: str) -> Orientation | None:
@@ -106,7 +105,7 @@ def _axis(table: Table) -> dict[str, Axis]:
 
 def _several(cls: type, table: Table, path: Path) -> dict[str, Any]:
     """What a joint of several coordinates has beside what every joint has."""
-    out: dict[str, Any] = {}
+    out = play_of(cls, table, path) if cls in PLAYS else {}
     for field in dataclasses.fields(cls):
         if field.type is Axis:
             out |= _axis(table)

@@ -1,16 +1,10 @@
 """Every key of a scene file. A new key is a line here (or a field with a help, where a class holds it), and its use."""
 
-import dataclasses
-import inspect
-from collections.abc import Callable, Mapping
-from typing import Any
-
-from clearance_jax.io.fields import keys_of, summary
+from clearance_jax.io.fields import keys_of, kinds_of, summary
 from clearance_jax.io.kinds import LONGEST_PATH, Direction, Flag, Names, Place, Quantity, Sub, Text, Triple, Whole, Word
+from clearance_jax.io.play_keys import BALL, GUIDE, LAW_TABLES, PIN, PLAY_TABLES, SHAFT
 from clearance_jax.io.table import Keys
 from clearance_jax.io.urdf import BASES, MIMICS
-from clearance_jax.joints import RevoluteClearance, SleeveClearance
-from clearance_jax.laws import FRICTION_LAWS, NORMAL_LAWS, InternalHertz
 from clearance_jax.mechanism.actuators import ConstantEffort, JointSpring, Servo
 from clearance_jax.mechanism.body import Body, Motion, Point, Spring
 from clearance_jax.mechanism.compounds import Ball, Cylindrical, Free, Planar, Spherical, Universal
@@ -162,7 +156,7 @@ ROBOT = Keys(
         Sub("payload", "what it carries, by name", '{ cutter = { on = "tcp", mass = "3 kg" } }', form="tables by name"),
         Sub(
             "clearance",
-            "play of its revolute joints, by their names: as of a joint; without `normal` a steel pin in a bronze bush",
+            "play of its joints, by their names: as of a joint of that kind; without `normal` of steel in bronze",
             '{ axis_5 = { radial_clearance = "0.05 mm", axial_clearance = "0.1 mm", length = "40 mm" } }',
             form="tables by name",
         ),
@@ -244,36 +238,6 @@ MOTION = Keys(
     ),
     'type = "revolute" or "prismatic"',
 )
-CLEARANCE = Keys(
-    "joint.NAME",
-    "Clearance of a revolute joint",
-    "Two of radial (or diametral) clearance, pin radius and sleeve radius, and the laws of contact. With a `length` "
-    "the pin may tilt, in space, and slide along its axis where it has axial play too.",
-    (
-        *(dataclasses.replace(key, required=False) for key in keys_of(RevoluteClearance)),
-        Quantity("diametral_clearance", "twice the radial clearance, instead of it", '"0.2 mm"', unit="m"),
-        Quantity("sleeve_radius", "radius of the sleeve", '"10.1 mm"', unit="m", absent="pin radius plus clearance"),
-        Sub(
-            "normal",
-            "law of the normal force; where there is clearance it must be there",
-            '{ law = "hertz", stiffness = "2.487e6 N/mm^1.5" }',
-        ),
-        Sub(
-            "friction",
-            'law of the friction, or "none"',
-            '{ law = "tanh", coefficient = 0.1, transition_speed = "10 mm/s" }',
-            form='table or "none"',
-            absent="no friction",
-        ),
-        *keys_of(Revolute, "eccentricity"),
-        *(
-            dataclasses.replace(key, required=False, absent="no tilt" if key.name == "length" else key.absent)
-            for key in keys_of(SleeveClearance)
-            if key.name not in ("radial_clearance", "pin_radius")
-        ),
-    ),
-    'type = "revolute"',
-)
 OF_ONE = Keys(
     "joint.NAME.slide, .turn, ...",
     "Motion of one coordinate of a joint that has several",
@@ -294,32 +258,13 @@ COMPOUND_TABLES = {
     )
     for word, cls in COMPOUNDS.items()
 }
-JOINT_TABLES = {"revolute": JOINT + MOTION + CLEARANCE, "prismatic": JOINT + MOTION, "fixed": JOINT}
+JOINT_TABLES = {"revolute": JOINT + MOTION + PIN, "prismatic": JOINT + MOTION + GUIDE, "fixed": JOINT}
 JOINT_TABLES |= {word: JOINT + table for word, table in COMPOUND_TABLES.items()}
+JOINT_TABLES["spherical"] += BALL
+JOINT_TABLES["cylindrical"] += SHAFT
 
 
-def _kinds(
-    name: str, title: str, head: Word, members: Mapping[str, Any], class_of: Callable = lambda cls: cls
-) -> dict[str, Keys]:
-    """Of each member its table, which its word chooses by the key `head`."""
-    return {
-        word: Keys(
-            name,
-            f"{title} `{word}`",
-            summary(member),
-            (dataclasses.replace(head, example=f'"{word}"'), *keys_of(class_of(member))),
-            f'{head.name} = "{word}"',
-        )
-        for word, member in members.items()
-    }
-
-
-def law_class(law: Any) -> type:
-    """The class of a law: a member of a family is a function, whose numbers are those of the class it returns."""
-    return law if inspect.isclass(law) else inspect.signature(law, eval_str=True).return_annotation
-
-
-DRIVE_TABLES = _kinds(
+DRIVE_TABLES = kinds_of(
     "joint.NAME.drive",
     "Drive",
     Word("type", "the kind of drive", '"constant-speed"', allowed=tuple(DRIVES), required=True),
@@ -343,7 +288,7 @@ SPLINE_FILE = Keys(
     ),
     'type = "spline" with `file`',
 )
-ACTUATOR_TABLES = _kinds(
+ACTUATOR_TABLES = kinds_of(
     "joint.NAME.actuator.NAME",
     "Actuator",
     Word("type", "the kind of actuator", '"constant"', allowed=tuple(ACTUATORS), required=True),
@@ -351,41 +296,19 @@ ACTUATOR_TABLES = _kinds(
 )
 _TARGET = Sub("target", "where it steers to: as a drive", '"90 d * time"', form="table or expression", required=True)
 ACTUATOR_TABLES["servo"] += Keys("", "", "", (_TARGET,))
-NORMAL_TABLES = _kinds(
-    "joint.NAME.normal",
-    "Normal law",
-    Word("law", "the law of the normal force", '"adams-impact"', allowed=tuple(NORMAL_LAWS), required=True),
-    NORMAL_LAWS,
-    law_class,
-)
-FRICTION_TABLES = _kinds(
-    "joint.NAME.friction",
-    "Friction law",
-    Word("law", "the law of friction", '"tanh"', allowed=tuple(FRICTION_LAWS), required=True),
-    FRICTION_LAWS,
-)
-STIFFNESS = Keys(
-    "joint.NAME.normal.stiffness",
-    "Stiffness from geometry and materials",
-    summary(InternalHertz) + " Instead of a quantity.",
-    keys_of(InternalHertz),
-)
-
 SCENE_TABLES = (
     SCENE,
     SOLVE,
     BODY,
     JOINT,
     MOTION,
-    CLEARANCE,
+    *PLAY_TABLES,
     *COMPOUND_TABLES.values(),
     OF_ONE,
     *DRIVE_TABLES.values(),
     SPLINE_FILE,
     *ACTUATOR_TABLES.values(),
-    *NORMAL_TABLES.values(),
-    STIFFNESS,
-    *FRICTION_TABLES.values(),
+    *LAW_TABLES,
     SPRING,
     POINT,
     WRENCH,

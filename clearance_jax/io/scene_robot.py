@@ -8,18 +8,18 @@ import numpy as np
 
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.io.poses import Pose, is_identity, rotation_of, rpy_of
-from clearance_jax.io.scene_contact import clearance_of
+from clearance_jax.io.scene_contact import PLAYS, play_of
 from clearance_jax.io.scene_joint import motion_of
-from clearance_jax.io.scene_keys import CLEARANCE, OF_ONE, PAYLOAD, ROBOT
-from clearance_jax.io.table import Table, naming
+from clearance_jax.io.scene_keys import OF_ONE, PAYLOAD, ROBOT
+from clearance_jax.io.table import Table
 from clearance_jax.io.urdf import read_robot
 from clearance_jax.io.urdf_joints import orientation_of, position_of
 from clearance_jax.io.urdf_merge import triple
 from clearance_jax.io.urdf_parts import NOWHERE
-from clearance_jax.joints import fitted
 from clearance_jax.mechanism.body import GROUND, Body, Motion, Point
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.placement import Gravity, Orientation, Position
+from clearance_jax.mechanism.play import unplayed
 from clearance_jax.mechanism.tree import SLIDING, TURNING, AbstractJoint, Fixed, Prismatic, Revolute
 
 
@@ -34,8 +34,6 @@ class Robot(NamedTuple):
 
 
 NO_ROBOT = Robot()
-# What says enough of a joint whose laws are as usual.
-OF_FITTED = ("radial_clearance", "axial_clearance", "length", "pin_radius")
 
 
 def robot_of(top: Table, path: Path) -> Robot:
@@ -50,10 +48,15 @@ def robot_of(top: Table, path: Path) -> Robot:
             raise ClearanceError(f"{where}: the robot has no joint of this name. " + suggest(name, joints))
         joints[name] = _moved(joints[name], values, where, path)
     for name, values, where in table.named("clearance"):
-        if not isinstance(joints.get(name), Revolute):
-            revolute = [joint.name for joint in found.joints if isinstance(joint, Revolute)]
-            raise ClearanceError(f"{where}: the robot has no revolute joint of this name. " + suggest(name, revolute))
-        joints[name] = dataclasses.replace(joints[name], **_play(Table(values, where, CLEARANCE, TURNING)))
+        if name not in joints:
+            raise ClearanceError(f"{where}: the robot has no joint of this name. " + suggest(name, joints))
+        if type(joints[name]) not in PLAYS:
+            raise ClearanceError(f"{where}: {unplayed(joints[name])}")
+        kind = type(joints[name])
+        own = Table(values, where, PLAYS[kind].keys)
+        if not own.values:
+            own.need(PLAYS[kind].makes[0])
+        joints[name] = dataclasses.replace(joints[name], **play_of(kind, own, path, usual=True))
     carried = [_payload(found, *part) for part in table.parts("payload")]
     return Robot(
         (*found.bodies, *(body for body, _ in carried)),
@@ -62,26 +65,6 @@ def robot_of(top: Table, path: Path) -> Robot:
         found.gravity,
         path.parent / table.get("trajectory") if table.has("trajectory") else None,
     )
-
-
-def _play(table: Table) -> dict[str, Any]:
-    """What a joint of the robot has of play."""
-    eccentricity = Position(*table.get("eccentricity"))
-    if table.has("normal"):
-        return {"clearance": clearance_of(table), "eccentricity": eccentricity}
-    for key in table.values:
-        if key not in (*OF_FITTED, "eccentricity"):
-            raise ClearanceError(f"{table.key(key)} needs the contact law `normal` beside it. Add it.")
-    table.need("radial_clearance")
-    radius = table.get("pin_radius")
-    with naming(table.where):
-        clearance = fitted(
-            table.get("radial_clearance"),
-            axial=table.get("axial_clearance"),
-            length=table.get("length"),
-            diameter=None if radius is None else 2 * radius,
-        )
-    return {"clearance": clearance, "eccentricity": eccentricity}
 
 
 def _moved(joint: AbstractJoint, values: Any, where: str, path: Path) -> AbstractJoint:

@@ -1,6 +1,5 @@
 """Study files: TOML with units to a tolerance problem, on top of a scene file. Keys are strict, as a scene's."""
 
-import dataclasses
 import itertools
 import warnings
 from pathlib import Path
@@ -10,22 +9,17 @@ from clearance_jax.design.costs import AbstractCost, CostTable, Exponential, Exp
 from clearance_jax.design.manufacture import Band, Yield
 from clearance_jax.design.problem import ToleranceProblem
 from clearance_jax.design.specification import Limit
-from clearance_jax.errors import ClearanceError, quoted, suggest
-from clearance_jax.io.files import read_toml
+from clearance_jax.errors import ClearanceError, quoted
+from clearance_jax.io.asking import Asked, asked
+from clearance_jax.io.asking_keys import PARAMETER
+from clearance_jax.io.metric import Span, metric_of
+from clearance_jax.io.metric_keys import METRIC
 from clearance_jax.io.plausible import ImplausibleWarning, implausible
-from clearance_jax.io.scene import Scene, read_scene
 from clearance_jax.io.settings import values_by_name
 from clearance_jax.io.study_keys import (
     COST_TABLES,
-    COUNTS,
     LIMIT_TABLES,
     MANUFACTURE_TABLES,
-    METRIC,
-    OF,
-    OF_ANY_JOINT,
-    PARAMETER,
-    REDUCTIONS,
-    SIGNALS,
     SOLVE,
     STUDY,
     VARIABLE,
@@ -33,7 +27,7 @@ from clearance_jax.io.study_keys import (
 )
 from clearance_jax.io.table import Chosen, Table, chosen, entries, naming
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.parameters import replace, units_of
+from clearance_jax.parameters import units_of
 from clearance_jax.units import to_si
 
 
@@ -47,28 +41,19 @@ class Study(NamedTuple):
     text: str
 
 
-class Span(NamedTuple):
-    """From when to when the motion is looked at [s]."""
-
-    t0: float
-    t1: float
-
-
 def load_study(path: str | Path) -> Study:
     """Read a study file. **Raises:** `ClearanceError` naming the file, the key and the fix."""
     path = Path(path)
-    text, values = read_toml(path, "study file")
     with naming(str(path)):
-        return _study(path, Table(values, f"{path}:", STUDY), text)
+        return _study(asked(path, "study", STUDY))
 
 
-def _study(path: Path, top: Table, text: str) -> Study:
-    scene = read_scene(path.parent / top.get("scene"))
-    mechanism = replace(scene.mechanism, values_by_name(top.named("set"), scene.mechanism))
+def _study(study: Asked) -> Study:
+    top, mechanism, usual = study.table, study.mechanism, study.usual("rtol", "solver", "start")
     said = implausible(mechanism)
     if said:
-        warnings.warn(f"{path}: {said}", ImplausibleWarning, stacklevel=3)
-    span = _span(top, scene)
+        warnings.warn(f"{study.path}: {said}", ImplausibleWarning, stacklevel=3)
+    span = study.span()
     variables, costs = _variables(top, mechanism)
     solve = top.table("solve", SOLVE)
     problem = ToleranceProblem(
@@ -80,22 +65,13 @@ def _study(path: Path, top: Table, text: str) -> Study:
         conditions=_conditions(top, mechanism),
         manufacture=_manufacture(top.chosen("manufacture", MANUFACTURE_TABLES)) if top.has("manufacture") else None,
         cost_unit=top.get("cost_unit") or "cost units",
-        rtol=solve.get("rtol") or scene.solve.get("rtol", 1e-8),
-        solver=solve.get("solver") or scene.solve.get("solver", "tsit5"),
-        start=scene.solve.get("start", "centre"),
+        rtol=solve.get("rtol") or usual.get("rtol", 1e-8),
+        solver=solve.get("solver") or usual.get("solver", "tsit5"),
+        start=solve.get("start") or usual.get("start", "centre"),
         t0=span.t0,
     )
-    search = {"method": solve.get("method"), **solve.given("method", "rtol", "solver")}
-    return Study(problem, search, top.table("verify", VERIFY).given(), top.get("name") or path.stem, text)
-
-
-def _span(top: Table, scene: Scene) -> Span:
-    t0, t1 = scene.solve.get("t0", 0.0), top.get("t1") if top.has("t1") else scene.solve.get("t1")
-    if t1 is None:
-        raise ClearanceError(f"{top.where} lacks the key `t1`, and so does the scene. Add it.")
-    if t1 <= t0:
-        raise ClearanceError(f"{top.key('t1')} must be greater than the scene's t0 = {t0:g} s, but it is {t1:g} s.")
-    return Span(t0, t1)
+    search = {"method": solve.get("method"), **solve.given("method", "rtol", "solver", "start")}
+    return Study(problem, search, top.table("verify", VERIFY).given(), study.name, study.text)
 
 
 def _conditions(top: Table, mechanism: Mechanism) -> dict[str, dict[str, float]]:
@@ -158,60 +134,8 @@ def _limits(top: Table, mechanism: Mechanism, span: Span) -> list[Limit]:
 
 
 def _limit(name: str, read: Chosen, mechanism: Mechanism, span: Span) -> Limit:
-    """`metric` over a `signal` of a `point`, `body` or `joint` ("at" given `times`); or a count of a `joint`."""
-    kind, table = read
-    if kind in COUNTS:
-        metric = COUNTS[kind](**_of(COUNTS[kind], kind, table, mechanism))
-    else:
-        word = table.get("signal")
-        signal = SIGNALS[word](**_of(SIGNALS[word], word, table, mechanism))
-        metric = REDUCTIONS[kind](signal, *([_times(table, span)] if kind == "at" else []))
-    if kind != "at" and table.has("since"):
-        metric = dataclasses.replace(metric, since=_since(table, span))
-    return Limit(metric, table.get("bound", {METRIC: metric.unit}), name)
-
-
-def _of(cls: type, word: str, table: Table, mechanism: Mechanism) -> dict[str, str]:
-    """What a signal or a count is of, by the names that its class has for it."""
-    joints = mechanism.all_joints() if cls in OF_ANY_JOINT else mechanism.clearance_joints()
-    names = {
-        "point": [point.name for point in mechanism.points],
-        "body": [body.name for body in mechanism.bodies],
-        "joint": [joint.name for joint in joints],
-    }
-    wanted = {field.name for field in dataclasses.fields(cls)} & set(OF)
-    for key in (key for key in OF if key in table.values and key not in wanted):
-        raise ClearanceError(f"{table.key(key)} has no effect: `{word}` is of a {' and a '.join(wanted)}. Remove it.")
-    found = {}
-    for key in wanted:
-        table.need(key)
-        found[key] = table.get(key)
-        if found[key] not in names[key]:
-            kind = "joint with clearance" if key == "joint" and cls not in OF_ANY_JOINT else key
-            raise ClearanceError(
-                f"{table.key(key)}: the scene has no {kind} {quoted(found[key])}. " + suggest(found[key], names[key])
-            )
-    return found
-
-
-def _times(table: Table, span: Span) -> list[float]:
-    times = table.get("times")
-    increasing = all(a < b for a, b in itertools.pairwise(times))
-    if not (increasing and span.t0 <= times[0] and times[-1] <= span.t1):
-        raise ClearanceError(
-            f"{table.key('times')} must increase from t0 = {span.t0:g} s to t1 = {span.t1:g} s at most, but they are "
-            f"{quoted(times)} s."
-        )
-    return times
-
-
-def _since(table: Table, span: Span) -> float:
-    since = table.get("since")
-    if not span.t0 <= since < span.t1:
-        raise ClearanceError(
-            f"{table.key('since')} must lie between t0 = {span.t0:g} s and t1 = {span.t1:g} s, but it is {since:g} s."
-        )
-    return since
+    metric = metric_of(read, mechanism, span)
+    return Limit(metric, read.table.get("bound", {METRIC: metric.unit}), name)
 
 
 # Manufacture ---------------------------------------------------------------------------------------------------------

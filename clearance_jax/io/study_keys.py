@@ -2,53 +2,24 @@
 
 import dataclasses
 
-from clearance_jax.analysis import metrics
 from clearance_jax.design.methods import METHOD_CHOICES
-from clearance_jax.io.fields import summary
-from clearance_jax.io.kinds import LONGEST_PATH, Flag, Quantities, Quantity, Sub, Text, Whole, Word
+from clearance_jax.io.asking_keys import PARAMETER, SET, choosing, heading, solving
+from clearance_jax.io.kinds import Flag, Quantities, Quantity, Sub, Text, Whole, Word
+from clearance_jax.io.metric_keys import METRIC_KEYS, metric_tables
 from clearance_jax.io.table import Keys
-from clearance_jax.solve.settings import MOST_SAMPLES, SOLVERS
-
-# Units that another key decides.
-PARAMETER, METRIC = "the parameter's", "the metric's"
-
-SIGNALS = {
-    "position-error": metrics.PositionError,
-    "path-deviation": metrics.PathDeviation,
-    "orientation-error": metrics.OrientationError,
-    "contact-force": metrics.ContactForce,
-    "acceleration": metrics.Acceleration,
-    "joint-reaction": metrics.JointReaction,
-    "joint-moment": metrics.JointMoment,
-}
-OF_ANY_JOINT = metrics.JointReaction, metrics.JointMoment
-"""Signals whose joint may be one without clearance."""
-REDUCTIONS = {"peak": metrics.Peak, "rms": metrics.Rms, "mean": metrics.Mean, "at": metrics.At}
-COUNTS = {"energy-lost": metrics.EnergyLost, "impacts": metrics.Impacts}
+from clearance_jax.solve.settings import MOST_SAMPLES
 
 STUDY = Keys(
     "study",
     "Top of a study",
     "What stands in a study file before its first table.",
     (
-        Text("name", "name of the study", '"Slider-crank under load"', absent="the file's name"),
-        Text(
-            "scene",
-            "the scene file, from where the study is",
-            '"slider_crank.toml"',
-            required=True,
-            longest=LONGEST_PATH,
-        ),
+        *heading("study", "Slider-crank under load"),
         Quantity("t1", "end of the motion", '"105 ms"', unit="s", absent="the scene's"),
         Text("cost_unit", "what costs are counted in", '"EUR"', absent="cost units", longest=20),
         Sub("solve", "how the problem is solved", '{ method = "slsqp" }'),
         Sub("verify", "how the answer is proved", "{ sweep = 40 }"),
-        Sub(
-            "set",
-            "parameters of the scene to change, by name",
-            '{ "drive.main.speed" = "3000 rpm" }',
-            form="values by name",
-        ),
+        SET,
         Sub(
             "variable",
             "the clearances (or other numbers) that are looked for, by name",
@@ -80,14 +51,7 @@ SOLVE = Keys(
     "How a study is solved",
     "The solves and the search.",
     (
-        Quantity(
-            "rtol",
-            "accuracy: the relative tolerance of the solves",
-            "1e-8",
-            bounds={"above": 0.0, "below": 1.0},
-            absent="the scene's, or 1e-8",
-        ),
-        Word("solver", "the solver", '"dopri8"', allowed=tuple(SOLVERS), absent="the scene's, or tsit5"),
+        *solving("rtol", "solver", "start"),
         Word("method", "the method of the search", '"slsqp"', allowed=METHOD_CHOICES, default="slsqp"),
         Whole(
             "starts", "number of starts, the first in the middle of the bounds", "3", least=1, most=10_000, absent="1"
@@ -156,12 +120,8 @@ _FACTOR = Quantity(
 )
 
 
-def _choosing(word: Word, choice: str) -> Word:
-    return dataclasses.replace(word, example=f'"{choice}"')
-
-
 def _cost(law: str, help: str, *keys) -> Keys:
-    return Keys('variable."NAME".cost', f"Cost `{law}`", help, (_choosing(_LAW, law), *keys), f'law = "{law}"')
+    return Keys('variable."NAME".cost', f"Cost `{law}`", help, (choosing(_LAW, law), *keys), f'law = "{law}"')
 
 
 COST_TABLES = {
@@ -189,40 +149,8 @@ COST_TABLES = {
     ),
 }
 
-_METRIC = Word("metric", "what of the motion is bounded", '"peak"', allowed=(*REDUCTIONS, *COUNTS), required=True)
-_BOUND = Quantity("bound", "what it must not exceed", '"0.2 mm"', unit=METRIC, bounds=_POSITIVE, required=True)
-_SIGNAL = Word("signal", "the signal that it is of", '"position-error"', allowed=tuple(SIGNALS), required=True)
-_TIMES = Quantities("times", "the times, increasing, from t0 to t1", '["0.5 ms", "1 ms"]', unit="s", required=True)
-_SINCE = Quantity("since", "only what comes later counts", '"4 ms"', unit="s", absent="the start")
-# What a signal or a count is of; which of them it wants, its class says.
-OF = {
-    "point": Text("point", "the point, of position-error, path-deviation and acceleration", '"piston"'),
-    "body": Text("body", "the body, of orientation-error", '"slider"'),
-    "joint": Text(
-        "joint", "the joint: with clearance, of contact-force; any, of joint-reaction and joint-moment", '"wrist"'
-    ),
-}
-
-
-def _limit(metric: str, help: str, *keys, bound: str = _BOUND.example) -> Keys:
-    keys = _choosing(_METRIC, metric), *keys, dataclasses.replace(_BOUND, example=bound)
-    return Keys("limit.NAME", f"Limit on `{metric}`", help, keys, f'metric = "{metric}"')
-
-
-LIMIT_TABLES = {
-    **{
-        name: _limit(name, summary(reduction), _SIGNAL, *OF.values(), _TIMES if name == "at" else _SINCE)
-        for name, reduction in REDUCTIONS.items()
-    },
-    "energy-lost": _limit("energy-lost", summary(metrics.EnergyLost), _SINCE, bound='"1 J"'),
-    "impacts": _limit(
-        "impacts",
-        summary(metrics.Impacts),
-        dataclasses.replace(OF["joint"], help="the joint with clearance", required=True),
-        _SINCE,
-        bound="3",
-    ),
-}
+_METRIC = Word("metric", "what of the motion is bounded", '"peak"', allowed=tuple(METRIC_KEYS), required=True)
+LIMIT_TABLES = metric_tables("limit.NAME", "Limit on", _METRIC, bounded=True)
 
 _KIND = Word("kind", "how parts come out of manufacture", '"band"', allowed=("band", "yield"), required=True)
 MANUFACTURE_TABLES = {
@@ -231,7 +159,7 @@ MANUFACTURE_TABLES = {
         "Manufacture `band`",
         "Made clearances lie between `least` times the designed one and the designed one.",
         (
-            _choosing(_KIND, "band"),
+            choosing(_KIND, "band"),
             Quantity(
                 "least",
                 "the least share of the designed clearance",
@@ -249,7 +177,7 @@ MANUFACTURE_TABLES = {
         "Manufacture `yield`",
         "Numbers scatter; a share of what is made must hold every limit.",
         (
-            _choosing(_KIND, "yield"),
+            choosing(_KIND, "yield"),
             Sub(
                 "scatter",
                 "relative standard deviations by the numbers' names, each below 20 percent",

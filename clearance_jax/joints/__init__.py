@@ -8,24 +8,50 @@ from clearance_jax.joints._base import (
     PlayCoordinate,
     PreparedClearance,
     Relative,
+    each_joint,
 )
 from clearance_jax.joints.ball import SphericalClearance
+from clearance_jax.joints.bearings import rolling_bearing
+from clearance_jax.joints.fitting import Fitting, PressFit, Tolerance
 from clearance_jax.joints.guide import GuideClearance
-from clearance_jax.joints.presets import fitted
+from clearance_jax.joints.presets import BALL, GUIDE, PIN, SHAFT, PlayNumbers, Preset, fitted, guided, shaft, socket
 from clearance_jax.joints.revolute import RevoluteClearance
+from clearance_jax.joints.seating import Load, Seat, posed, relative_at, seat
 from clearance_jax.joints.sleeve import SleeveClearance
+from clearance_jax.joints.worn import WornRevoluteClearance, worn_sleeve
 
 __all__ = [
+    "BALL",
+    "GUIDE",
+    "PIN",
+    "SHAFT",
     "AbstractClearance",
     "AbstractElement",
     "Action",
     "ContactPoint",
+    "Fitting",
     "GuideClearance",
+    "Load",
     "PlayCoordinate",
+    "PlayNumbers",
     "PreparedClearance",
+    "Preset",
+    "PressFit",
     "Relative",
     "RevoluteClearance",
+    "Seat",
     "SleeveClearance",
     "SphericalClearance",
+    "Tolerance",
+    "WornRevoluteClearance",
+    "each_joint",
     "fitted",
+    "guided",
+    "posed",
+    "relative_at",
+    "rolling_bearing",
+    "seat",
+    "shaft",
+    "socket",
+    "worn_sleeve",
 ]

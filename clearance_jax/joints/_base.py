@@ -9,15 +9,17 @@ done here, by the joint with its laws' constants: `PreparedClearance`.
 """
 
 import abc
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from clearance_jax._alike import side_by_side
 from clearance_jax._numerics import safe_unit
+from clearance_jax._sharing import kept, shared
 from clearance_jax._types import Flag, Scalar
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Touch
 from clearance_jax.laws._base import Memory, PreparedFriction, PreparedNormal, Slip
@@ -138,6 +140,8 @@ class AbstractClearance(Parametrised):
     element: eqx.AbstractVar[AbstractElement | None]
     tangents: eqx.AbstractClassVar[int]
     """Number of components of the slip."""
+    flat: ClassVar[bool] = False
+    """Whether flat walls bound its slides across, each by itself; round ones bound them together."""
 
     @property
     def count(self) -> int:
@@ -165,6 +169,10 @@ class AbstractClearance(Parametrised):
         """How far the pin's centre may go from the sleeve's along a direction (square to the axis) before it touches
         [m].
         """
+
+    def pressed(self, along: Vector, depth: Scalar) -> Vector:
+        """Where the pin's centre is if a force along a direction (square to the axis) presses it so deep [m]."""
+        return scale(self.travel(along) + depth, along)
 
     def prepared(self) -> "PreparedClearance":
         """The joint with its laws' constants (once a solve)."""
@@ -226,6 +234,9 @@ class PreparedClearance(eqx.Module):
         """Forces on the pin for a relative motion and the joint's memory."""
         points = self.joint.points(at)
         action = self._mapped(self._act_at)(points, self._by_point(memory))
+        if self.joint.count > 1:
+            # Six sums are made of it, each of which would compute it anew.
+            action = action._replace(normal_force=kept(action.normal_force))
         push = scale(-action.normal_force, points.normal)
         for traction, tangent in zip(action.traction, points.tangents, strict=True):
             push = add(push, scale(traction, tangent))
@@ -310,12 +321,12 @@ class PreparedClearance(eqx.Module):
         smooth = PreparedClearance(self.joint, self.normal, None)
 
         def borne(depth):
-            at = Relative(scale(free + depth, wall), 0.0, ZERO, ZERO)
+            at = Relative(self.joint.pressed(wall, depth), 0.0, ZERO, ZERO)
             return -jnp.asarray(dot(smooth.act(at, still).force, wall), float)
 
         loaded = size > 0
         depth = depth_of(borne, jnp.where(loaded, size, 1.0), free)
-        return scale(free + depth, wall[:2]), loaded & (depth > TOUCHING * free)
+        return self.joint.pressed(wall, depth)[:2], loaded & (depth > TOUCHING * free)
 
     def depths(self, at: Relative) -> tuple[Array, Array]:
         """Penetration [m] and its rate [m/s] at every point, shape (points,) each."""
@@ -367,6 +378,15 @@ class PreparedClearance(eqx.Module):
         """Of the normal law, of the friction law, and whether the point touched."""
         n = len(self.normal.law.remembers)
         return memory[:n], memory[n:-1], memory[-1:]
+
+
+def each_joint(function: Callable, several: Sequence[tuple]) -> list[Any]:
+    """`function(joint, ...)` for each of several prepared joints and what belongs to them: joints that are alike stand
+    once in the program. Those of one point stand alone: one is little, and over lanes a third axis costs more.
+    """
+    alone = [joint.joint.count == 1 for joint, *_ in several]
+    beside = iter(side_by_side(function, [one for one, single in zip(several, alone, strict=True) if not single]))
+    return [shared(function(*one)) if single else next(beside) for one, single in zip(several, alone, strict=True)]
 
 
 def _bare(points: Any) -> Any:

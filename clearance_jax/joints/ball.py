@@ -6,9 +6,10 @@ import jax.numpy as jnp
 
 from clearance_jax._numerics import safe_sqrt
 from clearance_jax._types import Scalar
+from clearance_jax.errors import ClearanceError
 from clearance_jax.joints._base import AbstractClearance, AbstractElement, ContactPoint, PlayCoordinate
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Material
-from clearance_jax.parameters import physical
+from clearance_jax.parameters import Demand, physical
 from clearance_jax.spatial import Vector, X, Y, Z, across, dot, scale
 
 
@@ -29,6 +30,17 @@ class SphericalClearance(AbstractClearance):
     ball_material: Material | None = None
     socket_material: Material | None = None
     tangents: ClassVar[int] = 2
+
+    def __check_init__(self):
+        if self.friction is not None and self.friction.bristles:
+            raise ClearanceError(
+                "A ball's socket has no directions along which a friction law's bristles could be remembered: choose a "
+                "law without memory (cubic, tanh, brown-mcphee)."
+            )
+
+    def demands(self):
+        least = self.radial_clearance
+        yield Demand("ball_radius", self.ball_radius > least, lambda: f"must be greater than the clearance {least:g} m")
 
     def play(self):
         """Where the ball's centre is: three slides."""

@@ -9,10 +9,11 @@ from typing import ClassVar
 import jax.numpy as jnp
 import numpy as np
 
+from clearance_jax._sharing import kept
 from clearance_jax._types import Scalar
 from clearance_jax.joints._base import AbstractClearance, AbstractElement, ContactPoint, PlayCoordinate, Relative
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Material
-from clearance_jax.parameters import physical
+from clearance_jax.parameters import Demand, physical
 from clearance_jax.spatial import Vector, X, Y, Z, dot
 
 
@@ -27,6 +28,8 @@ class GuideClearance(AbstractClearance):
     - `length` of the block along the guide, and `height` across it, along x [m], > 0.
     - `width` [m]: across it along y; `None`: the guide holds the block there, as in the plane.
     - `normal`: the normal law of one corner; `friction`; `element`: what acts without touch.
+    - `guide_length`: length of the guide, which the block must not exceed (its edges would bear, not the block's
+      corners); `None`: long.
     - `block_material`, `guide_material`: for laws that ask for them.
     """
 
@@ -41,7 +44,31 @@ class GuideClearance(AbstractClearance):
     element: AbstractElement | None = None
     block_material: Material | None = None
     guide_material: Material | None = None
+    guide_length: Scalar | None = physical(
+        "m",
+        above=0.0,
+        default=None,
+        help="length of the guide, which holds the whole block",
+        example='"200 mm"',
+        absent="long",
+    )
     tangents: ClassVar[int] = 2
+    flat: ClassVar[bool] = True
+
+    def demands(self):
+        side, length = self.side_clearance, self.length
+        for name, across in (("height", self.height), ("width", self.width)):
+            if across is None:
+                continue
+            yield Demand(name, across > 2 * side, lambda: f"must be greater than twice the play {side:g} m")
+            # Half its diagonal is how far a block reaches across as it tilts.
+            least = 2 * jnp.sqrt(side * (across + side))
+            yield Demand(
+                "length", length > least, lambda n=least: f"must be greater than {n:.3g} m, or the block turns over"
+            )
+        if self.guide_length is not None:
+            guide = self.guide_length
+            yield Demand("length", length <= guide, lambda: f"must be no greater than the guide's {guide:g} m")
 
     @property
     def count(self) -> int:
@@ -63,13 +90,14 @@ class GuideClearance(AbstractClearance):
         )
 
     def geometry(self):
-        # Of flat walls there are no radii; a law that computes its stiffness from them has no meaning here.
+        # Of flat walls there are no radii: a law that computes its stiffness from them refuses.
         size = self.height / 2
         materials = self.block_material, self.guide_material
-        return Geometry(size, size + self.side_clearance, self.side_clearance, self.length, *materials)
+        return Geometry(size, size + self.side_clearance, self.side_clearance, self.length, *materials, kind="flat")
 
     def points(self, at):
-        half = [jnp.asarray(size, float) / 2 for size in (self.height, self.width or 0.0, self.length)]
+        width = 0.0 if self.width is None else self.width
+        half = [jnp.asarray(size, float) / 2 for size in (self.height, width, self.length)]
         # Of every corner the sides that it is on, and the wall that it may touch: across x, or across y.
         sides = np.array([(*corner, 1, 0) for corner in itertools.product((1, -1), (0,), (1, -1))], float)
         if self.width is not None:
@@ -77,7 +105,7 @@ class GuideClearance(AbstractClearance):
             sides = np.array([(*corner, *wall) for wall in ((1, 0), (0, 1)) for corner in corners], float)
         x, y, z, first, second = (jnp.asarray(column) for column in sides.T)
         corner: Vector = (x * half[0], y * half[1], z * half[2])
-        arm = turned(at, corner)
+        arm = kept(turned(at, corner))
         normal: Vector = (first * x, second * y, jnp.zeros_like(x))
         other: Vector = (-second * y, first * x, jnp.zeros_like(x))
         along: Vector = (jnp.zeros_like(x), jnp.zeros_like(x), jnp.ones_like(x))

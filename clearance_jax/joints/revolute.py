@@ -11,6 +11,7 @@ import jax.numpy as jnp
 from clearance_jax._numerics import safe_unit
 from clearance_jax._types import Scalar
 from clearance_jax.joints._base import AbstractClearance, AbstractElement, ContactPoint, PlayCoordinate
+from clearance_jax.joints.fitting import Tolerance
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Material
 from clearance_jax.parameters import physical
 from clearance_jax.spatial import Vector, X, Y, dot, plus, scale, times
@@ -27,6 +28,7 @@ class RevoluteClearance(AbstractClearance):
     - `friction`: the friction law, or `None`: then no friction code is compiled.
     - `element`: what acts without touch (a film), or `None`.
     - `length` of the contact [m], `pin_material`, `sleeve_material`: for laws that ask for them.
+    - `tolerance`: between what the clearance lies as it is made, for who reads it.
     """
 
     radial_clearance: Scalar = physical(
@@ -39,6 +41,7 @@ class RevoluteClearance(AbstractClearance):
     length: Scalar | None = physical("m", above=0.0, default=None)
     pin_material: Material | None = None
     sleeve_material: Material | None = None
+    tolerance: Tolerance | None = None
     tangents: ClassVar[int] = 1
 
     @property

@@ -6,25 +6,41 @@ collar of the pin bears at points of a ring.
 
 A force is along the gradient of its penetration, and acts where that gradient's moment is, so that power balances
 exactly, tilted too. What is left out is of second order in the tilt: a tilted pin's section is not quite round.
+
+A worn sleeve has a bore of its own at every station (see `joints.bore`).
 """
 
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from clearance_jax._numerics import safe_unit
+from clearance_jax._sharing import kept
 from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError, quoted
 from clearance_jax.joints._base import AbstractClearance, AbstractElement, ContactPoint, PlayCoordinate, Relative
+from clearance_jax.joints.bore import FEWEST, Bore
+from clearance_jax.joints.fitting import Tolerance
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Material
-from clearance_jax.parameters import described, physical
-from clearance_jax.spatial import Vector, X, Y, Z, add, dot, minus, plus, scale, subtract, times
+from clearance_jax.parameters import Demand, described, physical
+from clearance_jax.spatial import Vector, X, Y, Z, add, dot, is_zero, minus, plus, scale, subtract, times
 
 # Beyond so many stations the quadrature of a contact that begins somewhere between two of them gains little.
 MOST = 64
 PINS = ("through", "inside")
+# So much of the clearance may be wrong where the pin tilts most.
+OVAL = 0.1
+
+
+class Meeting(NamedTuple):
+    """Where surfaces meet, of every point: penetration, normal, arm (see `ContactPoint`)."""
+
+    depth: Array
+    normal: Vector
+    arm: Vector
 
 
 class SleeveClearance(AbstractClearance):
@@ -40,8 +56,12 @@ class SleeveClearance(AbstractClearance):
     - `element`: what acts without touch, or `None`.
     - `stations`: how many along the sleeve, both edges among them (at least 2).
     - `pin`: "through": longer than the sleeve, whose edges bear; "inside": shorter, `length` is its own.
-    - `collar_radius` [m]: where faces bear, by default one and a half pin radii; `ring`: at how many points.
+    - `collar_radius` [m]: where faces bear, by default one and a half pin radii; `ring`: at how many points. Only with
+      axial clearance are there faces.
     - `pin_material`, `sleeve_material`: for laws that ask for them.
+    - `tolerance`: between what the radial clearance lies as it is made, for who reads it.
+    - `depth`: by how much the sleeve is worn off [m], shape (stations, sectors), at least 16 sectors: the first in the
+      direction of the sleeve's x, then around it evenly. `None`: the sleeve is round, and costs nothing more.
     """
 
     radial_clearance: Scalar = physical("m", above=0.0, help="sleeve radius minus pin radius", example='"0.1 mm"')
@@ -71,15 +91,39 @@ class SleeveClearance(AbstractClearance):
     ring: int = described("points of a face", "8", static=True, default=8)
     pin_material: Material | None = None
     sleeve_material: Material | None = None
+    tolerance: Tolerance | None = None
+    depth: Float[Array, "*batch stations sectors"] | None = physical("m", least=0.0, default=None)
     tangents: ClassVar[int] = 2
 
     def __check_init__(self):
         if not 2 <= self.stations <= MOST:
             raise ClearanceError(f"`stations` must be from 2 to {MOST}, but it is {self.stations}.")
+        shape = () if self.depth is None else np.shape(self.depth)
+        if shape and (shape[:-1] != (self.stations,) or shape[-1] < FEWEST):
+            raise ClearanceError(
+                f"`depth` must be one number a station and sector, {self.stations} stations with at least {FEWEST} "
+                f"sectors, but it has shape {shape}."
+            )
         if not 3 <= self.ring <= MOST:
             raise ClearanceError(f"`ring` must be from 3 to {MOST}, but it is {self.ring}.")
         if self.pin not in PINS:
             raise ClearanceError(f"`pin` must be {' or '.join(PINS)}, but it is {quoted(self.pin)}.")
+        if self.collar_radius is not None and self.axial_clearance is None:
+            raise ClearanceError("`collar_radius` has no effect without `axial_clearance`: only then are there faces.")
+
+    def demands(self):
+        radius, clearance = self.pin_radius, self.radial_clearance
+        yield Demand("pin_radius", radius > clearance, lambda: f"must be greater than the clearance {clearance:g} m")
+        # At its largest tilt the section of a pin, an ellipse, reaches r (2c/L)^2 / 2 further than the round one that
+        # stations reckon with.
+        least = jnp.sqrt(2 * radius * clearance / OVAL)
+        why = "a shorter sleeve lets its pin tilt so far that its section is not round"
+        yield Demand("length", self.length > least, lambda: f"must be greater than {least:.3g} m: {why}")
+        if self.depth is not None:
+            yield Demand("depth", jnp.all(self.depth < radius), lambda: f"must be below the pin's radius, {radius:g} m")
+        if self.collar_radius is not None:
+            bore = self.sleeve_radius
+            yield Demand("collar_radius", self.collar_radius > bore, lambda: f"must be above the bore's {bore:g} m")
 
     @property
     def count(self) -> int:
@@ -118,57 +162,96 @@ class SleeveClearance(AbstractClearance):
         )
 
     def points(self, at):
-        along = self._stations(at)
-        if self.axial_clearance is None:
-            return along
-        return jax.tree.map(lambda a, b: jnp.concatenate([a, b]), along, self._faces(at))
-
-    def _stations(self, at: Relative) -> ContactPoint:
         places, weights = lobatto(self.stations)
-        heights, axis = 0.5 * self.length * places, at.axis
-        # Of a pin that is longer: at the sleeve's heights, where the pin's axis comes by.
-        through = self.pin == "through"
-        arm = scale((heights - jnp.asarray(at.place[2], float)) / axis[2] if through else heights, axis)
-        centre = add(at.place, arm)
-        distance, nx, ny = safe_unit(*(jnp.broadcast_to(jnp.asarray(c, float), heights.shape) for c in centre[:2]))
-        radial: Vector = (nx, ny, 0.0)
-        normal = radial
-        if through:
-            # An edge presses square to the pin, which tilts.
-            normal = nx, ny, minus(0.0, plus(times(nx, axis[0]), times(ny, axis[1])) / axis[2])
-        arm = add(arm, scale(self.sleeve_radius - distance, normal))
-        return self._point(at, distance - self.radial_clearance, normal, ((-ny, nx, 0.0), Z), arm, weights)
+        if self.axial_clearance is None:
+            meeting = kept(self._stations(at, places))
+            return self._touching(at, meeting, _around(self._radial(meeting)), weights)
+        # Both kinds for every point, and chosen: what is concatenated asks at every number which part it is of.
+        angles, share = 2 * np.pi * np.arange(self.ring) / self.ring, np.full(self.ring, 1.0 / self.ring)
+        along = np.arange(self.count) < self.stations
+        angles = np.append(np.zeros(self.stations), angles)
+        stations = self._stations(at, np.append(places, np.zeros(self.ring)))
+        meeting = kept(_chosen(along, stations, self._faces(at, angles)))
+        outward: Vector = (jnp.asarray(np.cos(angles)), jnp.asarray(np.sin(angles)), 0.0)
+        tangents = _chosen(along, _around(self._radial(meeting)), (_around(outward)[0], outward))
+        return self._touching(at, meeting, tangents, np.append(weights, share))
 
-    def _faces(self, at: Relative) -> ContactPoint:
+    def _stations(self, at: Relative, places: np.ndarray) -> "Meeting":
+        """At places from -1 to 1 along the sleeve."""
+        arm, slope = self._axis(at, places)
+        centre = add(at.place, arm)
+        x, y = (jnp.broadcast_to(jnp.asarray(c, float), places.shape) for c in centre[:2])
+        if self.depth is not None:
+            return self._in_bores(arm, slope, x, y)
+        distance, nx, ny = safe_unit(x, y)
+        # An edge presses square to the pin, which tilts.
+        along = minus(0.0, plus(times(nx, slope[0]), times(ny, slope[1])))
+        normal: Vector = (nx, ny, along)
+        arm = add(arm, scale(self.sleeve_radius - distance, normal))
+        return Meeting(distance - self.radial_clearance, normal, arm)
+
+    def _axis(self, at: Relative, places: np.ndarray) -> tuple[Vector, Vector]:
+        """The pin's axis at places from -1 to 1 along the sleeve: arms from the pin's centre to it, and its slope."""
+        heights = 0.5 * self.length * places
+        if self.pin == "inside":
+            return scale(heights, at.axis), Z
+        # Of a pin that is longer: at the sleeve's heights, where the pin's axis comes by.
+        slope = self._slope(at)
+        return scale(heights - jnp.asarray(at.place[2], float), slope), slope
+
+    def centres(self, at: Relative) -> Float[Array, "stations 2"]:
+        """Where the pin's centre is in the section of every station [m]."""
+        places, _ = lobatto(self.stations)
+        x, y, _ = add(at.place, self._axis(at, places)[0])
+        return jnp.stack([jnp.broadcast_to(jnp.asarray(c, float), places.shape) for c in (x, y)], axis=-1)
+
+    def _in_bores(self, arm: Vector, slope: Vector, x: Array, y: Array) -> "Meeting":
+        """At stations that are worn; what is asked beyond them, for points of faces, is nowhere."""
+        assert self.depth is not None
+        among, beyond = slice(self.stations), (0, x.size - self.stations)
+        found = jax.vmap(lambda depth, x, y: Bore(self.radial_clearance, depth).depth_at(x, y))(
+            self.depth, x[among], y[among]
+        )
+        deep, gx, gy = (jnp.pad(term, beyond) for term in found)
+        along = minus(0.0, plus(times(gx, slope[0]), times(gy, slope[1])))
+        # From the pin's axis along the force: it has no moment about a round pin.
+        size, *_ = safe_unit(gx, gy)
+        reach = (self.pin_radius - deep) / jnp.where(size > 0, size, 1.0)
+        return Meeting(deep, (gx, gy, along), add(arm, scale(reach, (gx, gy, along))))
+
+    def _radial(self, meeting: "Meeting") -> Vector:
+        """The direction of a force in its section. (A worn bore's gradient is shorter where it bears at two places.)"""
+        if self.depth is None:
+            return meeting.normal
+        _, x, y = safe_unit(*(jnp.asarray(c) for c in meeting.normal[:2]))
+        return (x, y, 0.0)
+
+    def _faces(self, at: Relative, angles: np.ndarray) -> "Meeting":
         """Where a ring of the collar comes nearest to the one face or the other: none comes near both."""
         assert self.axial_clearance is not None
         radius = 1.5 * self.pin_radius if self.collar_radius is None else self.collar_radius
-        angles = jnp.asarray(2 * np.pi * np.arange(self.ring) / self.ring)
-        outward: Vector = (jnp.cos(angles), jnp.sin(angles), 0.0)
         # The collar is square to the pin's axis: its height over a place of the face.
-        arm = subtract((radius * outward[0], radius * outward[1], 0.0), (*at.place[:2], 0.0))
-        slope = scale(1.0 / jnp.asarray(at.axis[2], float), at.axis)
-        fall = plus(times(slope[0], arm[0]), times(slope[1], arm[1]))
-        height = jnp.broadcast_to(jnp.asarray(at.place[2], float) - fall, angles.shape)
+        arm = subtract((radius * np.cos(angles), radius * np.sin(angles), 0.0), (*at.place[:2], 0.0))
+        slope = self._slope(at)
+        fall = kept(plus(times(slope[0], arm[0]), times(slope[1], arm[1])))
+        height = kept(jnp.broadcast_to(jnp.asarray(at.place[2], float) - fall, angles.shape))
         side = jnp.where(height < 0, -1.0, 1.0)
-        normal = scale(side, slope)
-        around: Vector = (-outward[1], outward[0], 0.0)
         arm = arm[0], arm[1], minus(0.0, fall)
-        share = np.full(self.ring, 1.0 / self.ring)
-        return self._point(at, side * height - self.axial_clearance, normal, (around, outward), arm, share)
+        return Meeting(side * height - self.axial_clearance, scale(side, slope), arm)
 
-    def _point(self, at: Relative, depth, normal: Vector, tangents, arm: Vector, share) -> ContactPoint:
-        velocity = at.velocity_at(arm)
-        count = depth.shape
+    def _slope(self, at: Relative) -> Vector:
+        """The pin's axis by its height along the sleeve."""
+        x, y, z = at.axis
+        return (0.0, 0.0, 1.0) if is_zero(x) and is_zero(y) else (*kept((times(x, 1.0 / z), times(y, 1.0 / z))), 1.0)
 
-        def whole(term):
-            return jnp.broadcast_to(jnp.asarray(term, float), count)
-
-        slip = tuple(whole(dot(tangent, velocity)) for tangent in tangents)
-        vectors = [(whole(v[0]), whole(v[1]), whole(v[2])) for v in (normal, *tangents, arm)]
-        return ContactPoint(
-            depth, whole(dot(normal, velocity)), slip, vectors[0], tuple(vectors[1:-1]), vectors[-1], None, whole(share)
+    def _touching(self, at: Relative, where: "Meeting", tangents, share: np.ndarray) -> ContactPoint:
+        velocity = at.velocity_at(where.arm)
+        everywhere = where.depth.shape
+        rate, *slip = (
+            kept(jnp.broadcast_to(jnp.asarray(dot(along, velocity), float), everywhere))
+            for along in (where.normal, *tangents)
         )
+        return ContactPoint(where.depth, rate, tuple(slip), where.normal, tangents, where.arm, None, jnp.asarray(share))
 
     def pattern(self, points):
         """0 nowhere, 1 at one edge, 2 along a line from edge to edge, 3 at two edges on opposite sides; and 4 more
@@ -183,7 +266,11 @@ class SleeveClearance(AbstractClearance):
         return radial + jnp.where(jnp.any(touching[self.stations :]), 4.0, 0.0)
 
     def travel(self, along):
-        return self.radial_clearance
+        if self.depth is None:
+            return self.radial_clearance
+        x, y = (jnp.asarray(c, float) for c in along[:2])
+        bores = jax.vmap(lambda depth: Bore(self.radial_clearance, depth).distance(x, y, jnp.zeros(())))
+        return jnp.min(bores(self.depth))
 
 
 def lobatto(count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -192,3 +279,17 @@ def lobatto(count: int) -> tuple[np.ndarray, np.ndarray]:
     places = np.concatenate([[-1.0], np.sort(legendre.deriv().roots().real), [1.0]])
     places = (places - places[::-1]) / 2
     return places, 1 / (count * (count - 1) * legendre(places) ** 2)
+
+
+def _chosen(here: np.ndarray, these: Any, others: Any) -> Any:
+    """Some points' numbers where a flag says so, else others'; what is the same constant in both stays one."""
+
+    def chosen(a, b):
+        return a if isinstance(a, float) and isinstance(b, float) and a == b else jnp.where(here, a, b)
+
+    return jax.tree.map(chosen, these, others)
+
+
+def _around(radial: Vector) -> tuple[Vector, Vector]:
+    """The directions around the sleeve and along it, square to a radial one."""
+    return (-radial[1], radial[0], 0.0), Z

@@ -27,6 +27,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from clearance_jax._numerics import positive_part, safe_norm
+from clearance_jax._sharing import shared
 from clearance_jax._types import Flag, Scalar
 from clearance_jax.laws.geometry import Geometry, Local
 from clearance_jax.parameters import Parametrised
@@ -269,6 +270,7 @@ def along_slip(profile: Callable[[Array], Array], slip: Slip) -> Slip:
     speed = safe_norm(*slip)
     moving = speed > 0
     ratio = jnp.where(moving, profile(speed) / jnp.where(moving, speed, 1.0), jax.grad(profile)(jnp.zeros(())))
+    ratio = shared(ratio)
     return tuple(ratio * s for s in slip)
 
 

@@ -11,8 +11,8 @@ from clearance_jax.parameters import physical
 class Material(eqx.Module):
     """An elastic material: Young's `modulus` E [Pa], `poisson_ratio` nu."""
 
-    modulus: Scalar = physical("Pa", above=0.0)
-    poisson_ratio: Scalar = physical("", least=0.0, below=0.5, default=0.3)
+    modulus: Scalar = physical("Pa", above=0.0, help="Young's modulus", example='"206 GPa"')
+    poisson_ratio: Scalar = physical("", least=0.0, below=0.5, default=0.3, help="Poisson's ratio", example="0.28")
 
     @property
     def compliance(self) -> Scalar:
@@ -22,7 +22,7 @@ class Material(eqx.Module):
 
 class Geometry(NamedTuple):
     """A pin in a sleeve: radii and radial clearance [m]; `length` of the contact [m] and materials, where they are
-    known; whether a contact is a `point` or a `line` along the sleeve.
+    known; whether a contact is a `point`, a `line` along the sleeve, or that of `flat` walls, which have no radii.
     """
 
     pin_radius: Scalar
@@ -31,7 +31,7 @@ class Geometry(NamedTuple):
     length: Scalar | None = None
     pin_material: Material | None = None
     sleeve_material: Material | None = None
-    kind: Literal["point", "line"] = "point"
+    kind: Literal["point", "line", "flat"] = "point"
 
 
 # What differs from one contact point to another of the same joint (the curvature of a worn wall, say): the law's own

@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 
 from clearance_jax._types import Scalar
+from clearance_jax.errors import ClearanceError
 from clearance_jax.laws._base import AbstractStiffness
 from clearance_jax.laws.geometry import Geometry, Material
 from clearance_jax.parameters import physical
@@ -41,6 +42,10 @@ class InternalHertz(AbstractStiffness):
     )
 
     def value(self, geometry: Geometry) -> Scalar:
+        if geometry.kind == "flat":
+            raise ClearanceError(
+                "The stiffness of corners on flat walls does not follow from radii: give the normal law a number."
+            )
         clearance = geometry.radial_clearance if self.reference_clearance is None else self.reference_clearance
         pin, sleeve = Material(self.pin_modulus, self.pin_poisson), Material(self.sleeve_modulus, self.sleeve_poisson)
         radius = geometry.pin_radius

@@ -32,7 +32,7 @@ from clearance_jax.mechanism.tree import (
     place_key,
 )
 from clearance_jax.parameters import Parametrised, described, flattened, physical
-from clearance_jax.spatial import UNIT, X, Y, quaternion_of
+from clearance_jax.spatial import UNIT, X, Y, Z, quaternion_of
 
 
 class Slide(Motion, Parametrised):
@@ -124,7 +124,7 @@ class Spherical(AbstractPlayed):
     clearance: AbstractClearance | PreparedClearance | None = flattened(default=None)
     eccentricity: Position = ORIGIN
 
-    def coordinates(self):
+    def sleeve_coordinates(self):
         return (*self.play_coordinates(), Coordinate(self.name, self.motion))
 
     def hold(self):
@@ -178,11 +178,11 @@ class Cylindrical(AbstractPlayed):
     def sleeve(self):
         return along(self.axis)
 
-    def coordinates(self):
+    def sleeve_coordinates(self):
         return (
             *self.play_coordinates(),
-            Coordinate(f"{self.name}.slide", self.slide, slides=self.axis.vector),
-            Coordinate(f"{self.name}.turn", self.turn, turns=self.axis.vector),
+            Coordinate(f"{self.name}.slide", self.slide, slides=Z),
+            Coordinate(f"{self.name}.turn", self.turn, turns=Z),
         )
 
     def hold(self):

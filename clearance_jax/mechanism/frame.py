@@ -99,12 +99,14 @@ class Frame(NamedTuple):
             spin_rate=add(add(self.spin_rate, cross(self.spin, spin)), scale(acceleration, self.rotation.apply(axis))),
         )
 
-    def swivelled(self, rows: Matrix, spin: Vector) -> "Frame":
-        """The frame after a rotation about its origin, with a spin in the rotated axes."""
+    def swivelled(self, rows: Matrix, spin: Vector, spin_rate: Vector = ZERO) -> "Frame":
+        """The frame after a rotation about its origin, with a spin and its rate in the rotated axes."""
         rotation = self.rotation.followed(rows)
-        spin = rotation.apply(spin)
+        spin, faster = rotation.apply(spin), rotation.apply(spin_rate)
         return self._replace(
-            rotation=rotation, spin=add(self.spin, spin), spin_rate=add(self.spin_rate, cross(self.spin, spin))
+            rotation=rotation,
+            spin=add(self.spin, spin),
+            spin_rate=add(add(self.spin_rate, cross(self.spin, spin)), faster),
         )
 
     def slid(self, axis: Vector, by: Term, rate: Term, acceleration: Term) -> "Frame":

@@ -17,9 +17,10 @@ from clearance_jax.mechanism.placement import Inertia
 from clearance_jax.mechanism.tree import AbstractJoint, Coordinate
 from clearance_jax.spatial import IDENTITY, UNIT, ZERO, Rotation, Vector, add, as_array, product, scale, transpose
 
-# More coordinates than this make a table. (The unrolled field of an arm of seven compiles in 6 s and takes 2.3 us, 0.5
-# in a batch of 64; as a table 1.4 s, 9.6 and 3.4 us.)
-UNROLLED = 8
+# More free coordinates than the first, or more in all than the second, make a table: the mass matrix grows with the
+# square of the free ones, the frames with all. (The unrolled field of an arm of seven compiles in 6 s and takes 2.3 us,
+# 0.5 in a batch of 64; as a table 1.4 s, 9.6 and 3.4 us.)
+UNROLLED, FRAMED = 8, 14
 
 
 class Links(eqx.Module):

@@ -1,8 +1,8 @@
 """The mechanism: bodies, the tree of joints, loops, springs, points, gravity."""
 
 import dataclasses
-from collections.abc import Collection, Iterator, Mapping
-from typing import Any, NamedTuple
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple, Unpack
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -10,25 +10,27 @@ from jaxtyping import Array
 
 from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError, suggest
-from clearance_jax.joints import AbstractClearance, PreparedClearance, fitted
+from clearance_jax.joints import AbstractClearance, PlayNumbers, PreparedClearance, posed
 from clearance_jax.mechanism.body import Body, Point, Spring
 from clearance_jax.mechanism.controllers import AbstractController, Reference
 from clearance_jax.mechanism.driving import acting_always, check_drives, released, with_drives
-from clearance_jax.mechanism.links import UNROLLED, Links, links_of
+from clearance_jax.mechanism.links import FRAMED, UNROLLED, Links, links_of
 from clearance_jax.mechanism.loads import Wrench
-from clearance_jax.mechanism.placement import Gravity, Inertia, Position
+from clearance_jax.mechanism.placement import Gravity, Inertia, Position, as_prepared
+from clearance_jax.mechanism.play import played
 from clearance_jax.mechanism.sampling import instants
 from clearance_jax.mechanism.structure import (
     check_attached,
     check_control,
+    check_loose,
     check_model,
     check_names,
     check_payloads,
     check_tree,
 )
-from clearance_jax.mechanism.tree import SLIDING, TURNING, AbstractJoint, AbstractPlayed, Coordinate, Revolute
-from clearance_jax.parameters import Parametrised, replace
-from clearance_jax.spatial import UNIT, Pair, absent, add, is_zero
+from clearance_jax.mechanism.tree import SLIDING, TURNING, AbstractJoint, AbstractPlayed, Coordinate
+from clearance_jax.parameters import Parametrised
+from clearance_jax.spatial import IDENTITY, UNIT, Term, add, is_zero, product, transpose
 
 NO_GRAVITY = Gravity()
 
@@ -74,12 +76,13 @@ class Mechanism(Parametrised):
 
     - `bodies`: every body but the ground.
     - `joints`: the tree: each joint places a body that no earlier joint has placed, parents first.
-    - `loops`: joints between bodies that the tree has placed already: ideal constraints; a revolute one with clearance
-      is a force element.
+    - `loops`: joints between bodies that the tree has placed already: ideal constraints; with clearance force elements,
+      which hold nothing but what their contacts hold.
     - `springs`, `points`, `gravity`, `wrenches` (loads from outside), `controllers`: as they say.
     - `assemble`: whether a solve starts by closing the loops (off: from exactly the given initial values).
 
-    **Raises:** `ClearanceError` where names clash or dangle.
+    **Raises:** `ClearanceError` where names clash or dangle, and for a loop in space with clearance that leaves a
+    direction neither play nor motion.
     """
 
     bodies: tuple[Body, ...]
@@ -104,6 +107,8 @@ class Mechanism(Parametrised):
         check_attached(self.bodies, self.springs, (*self.points, *self.wrenches))
         check_payloads(self.bodies, self.joints)
         check_control(self.controllers, tuple(self.coordinates()))
+        if not self.is_plane:
+            check_loose(self.loops)
 
     def units_within(self, member):
         if not isinstance(member, Reference):
@@ -188,45 +193,31 @@ class Mechanism(Parametrised):
         """The same mechanism with every clearance taken away."""
         return self.held({})
 
-    def held(self, places: Mapping[str, Pair]) -> "Mechanism":
-        """The ideal mechanism whose pins are held at the given places of their sleeves [m], in the sleeves' axes (one
-        that is not named: in the middle).
+    def held(self, play: Mapping[str, Sequence[Term]]) -> "Mechanism":
+        """The ideal mechanism whose pins are held in their sleeves, by the name of each joint at given values of its
+        play coordinates [m or rad] (one that is not named: in the middle).
         """
-        return self._with_joints(lambda joint: _without_clearance(joint, places.get(joint.name, (0.0, 0.0))))
+        return self._with_joints(lambda joint: _without_clearance(joint, play.get(joint.name)))
 
     def with_clearance(
-        self,
-        name: str,
-        clearance: AbstractClearance | None = None,
-        *,
-        radial: Any = None,
-        axial: Any = None,
-        length: Any = None,
-        diameter: Any = None,
+        self, name: str, clearance: AbstractClearance | None = None, **numbers: Unpack[PlayNumbers]
     ) -> "Mechanism":
-        """The same mechanism with play in the revolute joint `name`.
+        """The same mechanism with play in the joint `name`.
 
-        **Arguments:** the whole `clearance`; or `radial`, `axial`, `length` and `diameter` [m] of an ideal joint, whose
-        laws are then as usual (see `joints.fitted`); or, of a joint that has clearance, those of its numbers that are
-        to be others.
+        **Arguments:** the whole `clearance`; or of an ideal joint a designer's numbers [m, K], with laws as usual (of
+        a steel pin, ball or block in bronze):
 
-        **Raises:** `ClearanceError` for a joint that is not revolute, and for what is missing.
+        - of a revolute joint `radial` (or a `fit` such as "H7/g6", and the `temperature` at which it runs), `diameter`,
+          `length` and `axial` (see `joints.fitted`); of a cylindrical one the same without `axial` (`joints.shaft`);
+        - of a spherical one `radial` and `diameter` (`joints.socket`);
+        - of a prismatic one `side`, `length`, `height`, `width` and `guide_length` (`joints.guided`);
+
+        or, of a joint that has clearance, those of its numbers that are to be others.
+
+        **Raises:** `ClearanceError` for a joint of a kind that has no play, for what is missing, and for numbers that
+        make no joint.
         """
-        joint = self.joint(name)
-        if not isinstance(joint, AbstractPlayed):
-            raise ClearanceError(f"Joint `{name}` is of a kind that has no play.")
-        numbers = {"radial_clearance": radial, "axial_clearance": axial, "length": length}
-        numbers |= {"pin_radius": None if diameter is None else diameter / 2}
-        numbers = {f"{name}.{key}": value for key, value in numbers.items() if value is not None}
-        if clearance is None and joint.clearance is None:
-            if not isinstance(joint, Revolute) or radial is None:
-                raise ClearanceError(
-                    f"Joint `{name}` is ideal: give its whole clearance, or of a revolute joint `radial`."
-                )
-            clearance, numbers = fitted(radial, axial=axial, length=length, diameter=diameter), {}
-        if clearance is not None:
-            joint = eqx.tree_at(lambda j: j.clearance, joint, clearance, is_leaf=lambda x: x is None)
-        return replace(self.with_joint(joint), numbers)
+        return self.with_joint(played(self.joint(name), clearance, dict(numbers)))
 
     def driven(self, drives: Mapping[str, Any]) -> "Mechanism":
         """The same mechanism with other drives (`cj.Trapezoid`, `cj.read_trajectory`, ...) of the named coordinates.
@@ -296,19 +287,29 @@ class Mechanism(Parametrised):
     @property
     def is_tabled(self) -> bool:
         """Whether it is so large that its dynamics is a loop over a table of its links."""
-        return len(list(self.coordinates())) > UNROLLED and not self.is_plane
+        every, free = len(list(self.coordinates())), len(self.free_coordinates())
+        return (free > UNROLLED or every > FRAMED) and not self.is_plane
 
 
-def _without_clearance(joint: AbstractJoint, place: Pair) -> AbstractJoint:
+def _without_clearance(joint: AbstractJoint, values: Sequence[Term] | None) -> AbstractJoint:
     if not isinstance(joint, AbstractPlayed) or joint.clearance is None:
         return joint
     ideal = eqx.tree_at(lambda j: j.clearance, joint, None)
-    if absent(place):
+    if values is None:
         return ideal
+    pose = posed(joint.play(), values)
     # The sleeve's axes are the parent's, turned by the joint's own angle.
     turned = joint.turned if joint.sleeve is UNIT else joint.turned.followed(joint.sleeve)
-    x, y, z = add(joint.at_parent.vector, turned.apply((*place, 0.0)))
-    return dataclasses.replace(ideal, at_parent=Position(x, y, joint.at_parent.z if is_zero(z) else z))
+    x, y, z = add(joint.at_parent.vector, turned.apply(pose.place))
+    changed: dict[str, Any] = {"at_parent": Position(x, y, joint.at_parent.z if is_zero(z) else z)}
+    if pose.rotation.rows is not UNIT:
+        tilt = product(joint.sleeve, product(pose.rotation.rows, transpose(joint.sleeve)))
+        if joint.coordinates()[0].play is None:  # it slides before it has play
+            own = IDENTITY if joint.child_orientation is None else joint.child_orientation.rotation
+            changed["child_orientation"] = as_prepared(product(own.rows, transpose(tilt)))
+        else:
+            changed |= {"angle": None, "orientation": as_prepared(product(joint.turned.rows, tilt))}
+    return dataclasses.replace(ideal, **changed)
 
 
 def drive_breaks(mechanism: Mechanism) -> Array:

@@ -75,9 +75,7 @@ class Orientation(eqx.Module):
 
     def prepared(self) -> "PreparedOrientation":
         """The same with its matrix computed (once a solve)."""
-        entries = [term for row in self.rotation.rows for term in row]
-        constants = tuple(term if isinstance(term, float) else None for term in entries)
-        return PreparedOrientation(tuple(t for t in entries if not isinstance(t, float)), constants)
+        return as_prepared(self.rotation.rows)
 
 
 class PreparedOrientation(eqx.Module):
@@ -97,6 +95,13 @@ class PreparedOrientation(eqx.Module):
     def is_plane(self) -> bool:
         """Whether it keeps the z axis by its structure."""
         return self.constants[2] == self.constants[5] == 0.0 and self.constants[8] == 1.0
+
+
+def as_prepared(rows: Matrix) -> PreparedOrientation:
+    """The orientation of a rotation's matrix."""
+    entries = [term for row in rows for term in row]
+    constants = tuple(term if isinstance(term, float) else None for term in entries)
+    return PreparedOrientation(tuple(t for t in entries if not isinstance(t, float)), constants)
 
 
 def _matrix(entries: list[Term]) -> Matrix:

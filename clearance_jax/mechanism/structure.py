@@ -9,9 +9,11 @@ from jax.core import Tracer
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.mechanism.body import GROUND, Body, Spring
 from clearance_jax.mechanism.controllers import AbstractController
-from clearance_jax.mechanism.tree import AbstractJoint, Coordinate, Fixed
+from clearance_jax.mechanism.tree import AbstractJoint, AbstractPlayed, Coordinate, Fixed
 
 RESERVED = (GROUND, "gravity", "drive", "target")
+# Directions in which two frames may part.
+SPACE = 6
 
 
 def check_names(parts: Iterable[Any]) -> None:
@@ -39,6 +41,22 @@ def check_tree(bodies: Sequence[Body], joints: Sequence[AbstractJoint], loops: S
         _known(loop.name, "parent", loop.parent, placed)
         _known(loop.name, "child", loop.child, placed)
         _distinct(loop.name, "parent", "child", loop.parent, loop.child)
+
+
+def check_loose(loops: Sequence[AbstractJoint]) -> None:
+    """Raise for a joint that closes a loop in space with clearance and would hold something beside its contacts: what
+    is neither its play nor its own motion is held in the tree, where it is no coordinate, and by nothing in a loop.
+    """
+    for loop in loops:
+        if not isinstance(loop, AbstractPlayed) or loop.clearance is None:
+            continue
+        directions = sum(len(coordinate.velocities) for coordinate in loop.sleeve_coordinates())
+        if directions < SPACE:
+            raise ClearanceError(
+                f"Joint `{loop.name}` closes a loop in space, where nothing but its contacts holds it, and has no play "
+                f"in {SPACE - directions} of {SPACE} directions. Give it play there (a sleeve `axial_clearance`, a "
+                "guide `width`), or put it into the tree and close the loop at another joint."
+            )
 
 
 def check_attached(bodies: Sequence[Body], springs: Sequence[Spring], points: Iterable[Any]) -> None:

@@ -14,20 +14,19 @@ from typing import NamedTuple
 
 import equinox as eqx
 
-from clearance_jax._types import Rows, Scalar
+from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import AbstractClearance, PlayCoordinate, PreparedClearance
+from clearance_jax.joints.checks import check_start
 from clearance_jax.mechanism.body import Motion
-from clearance_jax.mechanism.frame import Column, Frame
+from clearance_jax.mechanism.frame import Frame
 from clearance_jax.mechanism.placement import ORIGIN, Axis, Orientation, Position, PreparedOrientation, as_axis
 from clearance_jax.parameters import Parametrised, described, flattened, physical
 from clearance_jax.spatial import (
     IDENTITY,
     UNIT,
-    ZERO,
     Matrix,
     Rotation,
-    Term,
     Vector,
     X,
     Y,
@@ -36,9 +35,8 @@ from clearance_jax.spatial import (
     add,
     dot,
     is_zero,
-    of_quaternion,
+    minus,
     scale,
-    subtract,
     transpose,
 )
 
@@ -208,10 +206,41 @@ class AbstractPlayed(AbstractJoint):
     clearance: eqx.AbstractVar[AbstractClearance | PreparedClearance | None]
     eccentricity: eqx.AbstractVar[Position]
 
+    def __check_init__(self):
+        if not isinstance(self.clearance, AbstractClearance):
+            return
+        own = [coordinate for coordinate in self.sleeve_coordinates() if coordinate.play is None]
+        for play in self.clearance.play():
+            slides = play.slides is not None and any(play.slides == c.slides for c in own)
+            turns = play.turns is not None and any(c.is_ball or play.turns == c.turns for c in own)
+            if slides or turns:
+                raise ClearanceError(
+                    f"The clearance of joint `{self.name}`, a {type(self.clearance).__name__}, has the play "
+                    f"`{play.suffix[1:]}`, but so the joint moves by itself. Give it one of its own kind."
+                )
+        start, slides = self.eccentricity, [play.slides for play in self.clearance.play() if play.slides is not None]
+        check_start(self.name, (start.x, start.y, start.z), slides)
+
     @property
     def sleeve(self) -> Matrix:
         """The rotation from the sleeve's axes, of which z is the joint's own, to those of the joint's frame."""
         return UNIT
+
+    @abc.abstractmethod
+    def sleeve_coordinates(self) -> tuple[Coordinate, ...]:
+        """The joint's elementary coordinates, their axes in those of the sleeve."""
+
+    def coordinates(self):
+        if self.sleeve is UNIT:
+            return self.sleeve_coordinates()
+        rows = transpose(self.sleeve)
+        return tuple(
+            coordinate._replace(
+                slides=None if coordinate.slides is None else _combined(coordinate.slides, rows),
+                turns=None if coordinate.turns is None else _combined(coordinate.turns, rows),
+            )
+            for coordinate in self.sleeve_coordinates()
+        )
 
     def play(self) -> tuple[PlayCoordinate, ...]:
         """What its clearance adds to the tree."""
@@ -220,13 +249,13 @@ class AbstractPlayed(AbstractJoint):
 
     def play_coordinates(self) -> tuple[Coordinate, ...]:
         """The same as coordinates. Play starts where `eccentricity` says, tilts at zero."""
-        start, rows = self.eccentricity.vector, transpose(self.sleeve)
+        start = self.eccentricity.vector
         return tuple(
             Coordinate(
                 self.name + play.suffix,
                 Motion(position=0.0 if play.slides is None else dot(start, play.slides)),
-                None if play.slides is None else _combined(play.slides, rows),
-                None if play.turns is None else _combined(play.turns, rows),
+                play.slides,
+                play.turns,
                 play.scale,
             )
             for play in self.play()
@@ -257,8 +286,8 @@ class Revolute(AbstractPlayed):
     def units(self):
         return TURNING
 
-    def coordinates(self):
-        return (*self.play_coordinates(), Coordinate(self.name, self.motion, turns=self.axis.vector))
+    def sleeve_coordinates(self):
+        return (*self.play_coordinates(), Coordinate(self.name, self.motion, turns=Z))
 
     @property
     def sleeve(self):
@@ -299,13 +328,17 @@ class Prismatic(AbstractPlayed):
     def units(self):
         return SLIDING
 
-    def coordinates(self):
+    def sleeve_coordinates(self):
         # The block's play is where the block is: it slides first.
-        return (Coordinate(self.name, self.motion, slides=self.axis.vector), *self.play_coordinates())
+        return (Coordinate(self.name, self.motion, slides=Z), *self.play_coordinates())
 
     @property
     def sleeve(self):
-        return along(self.axis)
+        x, y, z = self.axis.vector
+        if not is_zero(z):
+            return along(self.axis)
+        # Along an axis of the plane z = 0 a guide's walls stand across it in this plane, and it tilts about z.
+        return transpose(((minus(0.0, y), x, 0.0), Z, (x, y, 0.0)))
 
     def hold(self):
         line, (across, _) = self.axis.vector, self.axis.across
@@ -329,51 +362,3 @@ class Fixed(AbstractJoint):
 
     def hold(self):
         return Hold(None, ((X, Y), (Y, Z), (Z, X)), ((X, X), (Y, Y), (Z, Z)))
-
-
-Values = dict[str, tuple[int, Rows, tuple[Term, ...]]]
-"""Of every free coordinate by its name: where its velocities begin, its positions, its velocities (0.0 where nothing
-moves)."""
-
-
-def within(joint: AbstractJoint, time: Scalar, values: Values, frame: Frame | None = None) -> Frame:
-    """The joint's frame on the child, by the one on the parent; by default as seen from there."""
-    frame = Frame() if frame is None else frame
-    for coordinate in joint.coordinates():
-        frame = _beyond(coordinate, frame, time, values)
-    return frame
-
-
-def place(joint: AbstractJoint, parent: Frame, time: Scalar, values: Values) -> Frame:
-    """The child's frame."""
-    frame = within(joint, time, values, joint.on_parent(parent))
-    frame = frame._replace(pivot=frame.position)
-    if joint.child_orientation is not None:
-        rows = joint.child_orientation.rotation.rows
-        frame = frame._replace(rotation=frame.rotation.followed(transpose(rows)))
-    return frame.moved_to(subtract(ZERO, joint.at_child.vector))
-
-
-def _beyond(coordinate: Coordinate, frame: Frame, time: Scalar, values: Values) -> Frame:
-    """The frame after an elementary coordinate of a joint."""
-    motion = coordinate.motion
-    if coordinate.is_ball:
-        index, (w, x, y, z), (p, q, r) = values[coordinate.name]
-        frame = frame.swivelled(of_quaternion(w, x, y, z), (p, q, r))
-        for k, axis in enumerate(UNIT):
-            frame = frame.moved_by(Column(index + k, frame.rotation.apply(axis), frame.position), 0.0)
-        return frame
-    if motion.drive is None:
-        index, (q,), (v,) = values[coordinate.name]
-        a: Term = 0.0
-    else:
-        index = -1
-        q, v, a = motion.drive(time)  # a tuple, any of which may be the constant 0.0
-    if coordinate.turns is not None:
-        column = Column(index, frame.rotation.apply(coordinate.turns), frame.position)
-        frame = frame.turned(coordinate.turns, q, v, a)
-    else:
-        assert coordinate.slides is not None
-        column = Column(index, frame.rotation.apply(coordinate.slides), None)
-        frame = frame.slid(coordinate.slides, q, v, a)
-    return frame.moved_by(column, v)

@@ -118,11 +118,22 @@ def convergence(design: Design) -> Figure:
 
 @STYLED
 def pin_in_sleeve(path: PinPath) -> Figure:
-    """The path of a pin's centre inside the clearance circle, and where the surfaces touch."""
-    figure, axes = drawn(3.6)
-    x, y = 1e6 * path.places.T
-    axes.plot(x, y, lw=0.5, color="0.6", zorder=1, label="path")
-    axes.plot(x[path.touching], y[path.touching], ".", ms=3, color="tab:red", zorder=2, label="in contact")
+    """The path of a pin's centre inside the clearance circle, and where the surfaces touch; or where it tilts the paths
+    of both ends of its axis; and where it slides along the sleeve, how far over time.
+    """
+    if path.axial is None or path.times is None:
+        figure, axes = drawn(3.6)
+    else:
+        figure = Figure(figsize=(WIDTH, 4.9), layout="constrained")
+        axes, below = figure.subplots(2, height_ratios=(3, 1))
+        _along_the_sleeve(below, path.times, path.axial, path.axial_clearance)
+    if path.ends is None:
+        x, y = 1e6 * path.places.T
+        axes.plot(x, y, lw=0.5, color="0.6", zorder=1, label="path")
+        axes.plot(x[path.touching], y[path.touching], ".", ms=3, color="tab:red", zorder=2, label="in contact")
+    else:  # an end beyond the circle is in contact
+        for end, name in zip(path.ends, ("end at −z", "end at +z"), strict=True):
+            axes.plot(*(1e6 * end.T), lw=0.8, label=name)
     angle, radius = np.linspace(0, 2 * np.pi, 361), 1e6 * path.clearance
     axes.plot(radius * np.cos(angle), radius * np.sin(angle), "k--", lw=0.8, label="clearance")
     axes.set_aspect("equal", adjustable="box")
@@ -131,3 +142,10 @@ def pin_in_sleeve(path: PinPath) -> Figure:
         axis.set_major_locator(MaxNLocator(nbins=5))
     figure.legend(loc="outside lower center", ncol=3, columnspacing=1, handlelength=1.2)
     return figure
+
+
+def _along_the_sleeve(axes: Axes, times: np.ndarray, places: np.ndarray, clearance: float) -> None:
+    axes.plot(time_axis(axes, float(times[-1])) * times, 1e6 * places, lw=0.8)
+    for side in (-1, 1):
+        axes.axhline(side * 1e6 * clearance, color="k", ls="--", lw=0.8)
+    axes.set_ylabel("along z, µm")

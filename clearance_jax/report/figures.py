@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from clearance_jax.errors import ClearanceError
 from clearance_jax.report.curves import flights
 from clearance_jax.report.panels import Panel, curve, of_points, panels, time_axis
+from clearance_jax.results.bearing import number, outline, worn_depth
 from clearance_jax.results.first_fall import seconds
 
 # Of the height of a curve, with the room for a legend above it.
@@ -130,11 +131,10 @@ def pin_path(axis, dataset: xr.Dataset, joint: str) -> None:
                 axis.plot(*flights(time, places, chosen).T * 1e6, lw=0.6, color=colour, label=label, zorder=1)
             else:
                 axis.plot(x[chosen], y[chosen], ".", ms=3, color=colour, label=label, zorder=2 + code)
-    clearance = dataset.attrs.get(f"parameter.{joint}.radial_clearance")
-    if clearance is not None:
-        angle = np.linspace(0, 2 * np.pi, 361)
-        radius = float(clearance) * 1e6
-        axis.plot(radius * np.cos(angle), radius * np.sin(angle), "k--", lw=0.8, label="clearance circle")
+    if number(dataset, joint, "radial_clearance") is not None:
+        worn = np.any(worn_depth(dataset, joint) > 0)
+        label = "clearance, worn" if worn else "clearance circle"
+        axis.plot(*1e6 * outline(dataset, joint), "k--", lw=0.8, label=label)
     axis.set_aspect("equal", adjustable="box")
     axis.set(xlabel="e_x, µm", ylabel="e_y, µm", title=f"pin centre in the sleeve of {joint}")
     axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncol=2, fontsize=8)

@@ -19,6 +19,7 @@ from clearance_jax.dynamics.field import slope
 from clearance_jax.dynamics.observe import observe
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
+from clearance_jax.results.marks import mark_positions
 from clearance_jax.solve.problem import Problem
 from clearance_jax.solve.step import try_step
 
@@ -70,18 +71,20 @@ def _batched(function):
 
 
 def _observed(mechanism: Mechanism, time: Scalar, y: Array) -> dict[str, Array]:
-    return observe(time, y, mechanism)
+    return observe(time, y, mechanism) | {"mark_position": mark_positions(mechanism, time, y)}
 
 
 # What a trace's step ends are asked for; the compiler leaves out what only the other observables need.
 AT_STEP_ENDS = ("eccentricity", "penetration", "penetration_rate", "contact_force")
+IN_SPACE = ("contact_pattern", "pin_tilt")
 
 
 def _at_step_end(mechanism: Mechanism, time: Scalar, y: Array) -> dict[str, Array]:
     """Of every clearance joint, and the rate of its contact force along the motion [N/s]."""
     y = y[: layout(mechanism).size]
     seen, force_rate = _along(mechanism, time, y, slope(time, y, mechanism))
-    return {name: seen[name] for name in AT_STEP_ENDS} | {"force_rate": force_rate}
+    asked = AT_STEP_ENDS if mechanism.is_plane else (*AT_STEP_ENDS, *IN_SPACE)
+    return {name: seen[name] for name in asked} | {"force_rate": force_rate}
 
 
 def _along(mechanism: Mechanism, time: Scalar, y: Array, rate: Array) -> tuple[dict[str, Array], Array]:

@@ -1,5 +1,6 @@
 """From a solution to a labelled dataset: variables with units, provenance, contact episodes."""
 
+import dataclasses
 from importlib.metadata import version
 from typing import Any
 
@@ -10,7 +11,7 @@ from clearance_jax.dynamics.quantities import Variable, labels
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import parameters
-from clearance_jax.results import blocks, episodes
+from clearance_jax.results import blocks, episodes, marks
 from clearance_jax.results.blocks import Progress, in_blocks
 from clearance_jax.results.peaks import Peaks, peaks
 from clearance_jax.results.variables import EPISODES, STEPS, VARIABLES, attributes
@@ -42,7 +43,7 @@ def to_dataset(
         steps, table, impacts = _of_trace(mechanism, traced, _part(progress, share, 1.0))
     if joints:
         seen["contact_state"] = _states(time, seen["penetration"], impacts)
-    labelled = labels(mechanism)
+    labelled = labels(mechanism) | marks.labels(mechanism)
     data = {
         **_variables("time", seen, VARIABLES, labelled),
         **_variables("step", steps, STEPS, labelled),
@@ -85,6 +86,8 @@ def _of_trace(mechanism: Mechanism, trace: Trace, progress: Progress | None) -> 
         "step_force": seen["contact_force"],
         "step_state": _states(t, seen["penetration"], impacts),
     }
+    if "pin_tilt" in seen:
+        steps |= {"step_pattern": seen["contact_pattern"], "step_tilt": seen["pin_tilt"]}
     if progress is not None:
         progress(1.0)
     return steps, {name: np.concatenate([rows[name] for rows in tables]) for name in EPISODES}, impacts
@@ -118,7 +121,20 @@ def _attributes(mechanism: Mechanism, solved: Solution, message: str) -> dict[st
         "rejected_steps": int(solved.rejected),
         "energy_residual": float(solved.energy_residual),
         **{f"parameter.{n}": np.asarray(leaf.value) for n, leaf in parameters(mechanism).items()},
+        **_kinds(mechanism),
     }
+
+
+def _kinds(mechanism: Mechanism) -> dict[str, Any]:
+    """Of every clearance joint what it is, `clearance.NAME`, and what of it is no number but chosen."""
+    found: dict[str, Any] = {}
+    for joint in mechanism.clearance_joints():
+        found[f"clearance.{joint.name}"] = type(joint.clearance).__name__
+        for field in dataclasses.fields(joint.clearance):
+            value = getattr(joint.clearance, field.name)
+            if field.metadata.get("static", False) and isinstance(value, int | float | str):
+                found[f"clearance.{joint.name}.{field.name}"] = value
+    return found
 
 
 def _part(progress: Progress | None, begin: float, end: float) -> Progress | None:

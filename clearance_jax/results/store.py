@@ -1,7 +1,8 @@
-"""Datasets in files: NetCDF, without loss."""
+"""Datasets in files: NetCDF, without loss, and the zarr stores of sweeps."""
 
 from pathlib import Path
 
+import numpy as np
 import xarray as xr
 
 from clearance_jax.errors import ClearanceError
@@ -26,3 +27,22 @@ def load_dataset(path: str | Path) -> xr.Dataset:
             return file.load()
     except (OSError, ValueError) as error:
         raise ClearanceError(f"Cannot read `{path}` as a result file: {error}.") from error
+
+
+def open_sweep(path: str | Path) -> xr.Dataset:
+    """The store of a sweep, read when it is used, and while it is written too: what is not there yet is NaN. **Raises**
+    `ClearanceError` for a folder that is none.
+    """
+    try:
+        found = xr.open_zarr(path, consolidated=True)
+    except ImportError:
+        raise ClearanceError(
+            "A sweep is stored by zarr, which is not installed. Install it: `pip install clearance-jax[sweep]`."
+        ) from None
+    except (OSError, ValueError, KeyError) as error:
+        raise ClearanceError(f"Cannot read `{path}` as a store of a sweep: {error}.") from None
+    for name, coordinate in found.coords.items():
+        if coordinate.dtype.kind == "T":  # numpy's new strings, which few others know
+            labels = np.array(coordinate.values.tolist())
+            found = found.assign_coords({name: (coordinate.dims, labels, coordinate.attrs)})
+    return found

@@ -4,6 +4,7 @@ from clearance_jax.dynamics.quantities import OBSERVED, Variable
 
 VARIABLES = OBSERVED | {
     "contact_state": Variable(("joint",), "1", "0 free, 1 contact, 2 impact"),
+    "mark_position": Variable(("mark", "axis"), "m", "place of a joint, point or spring on the body `mark_body`"),
 }
 
 # Of a trace: what each clearance joint did at every step end, every touch and every separation among them.
@@ -12,6 +13,8 @@ STEPS = {
     "step_eccentricity": Variable(("joint", "axis"), "m", "pin centre from sleeve centre at the step ends"),
     "step_force": Variable(("joint",), "N", "normal contact force at the step ends"),
     "step_state": Variable(("joint",), "1", "0 free, 1 contact, 2 impact, at the step ends"),
+    "step_pattern": Variable(("joint",), "", "where a pin bears at the step ends, as `contact_pattern` (in space)"),
+    "step_tilt": Variable(("joint", "across"), "rad", "how the pin's axis leans at the step ends (in space)"),
 }
 
 EPISODES = {

@@ -58,6 +58,7 @@ def batch(
     cores: Any = None,
     cost: Any = "learned",
     progress: Callable[[float], Any] | None = None,
+    ready: Callable[[Lanes, Any], Any] | None = None,
     report: Callable[[BatchReport], Any] | None = None,
 ) -> Any:
     """`function` of every lane, as `jax.vmap(function)(lanes)` gives it; on every core, and in bounded memory.
@@ -76,6 +77,7 @@ def batch(
       and the others sorted by what those took, where that promises fuller chunks; no solve is spent on it. An array
       (N,): sorted by these expected costs, in any unit. `None`: as they come.
     - `progress`: called with the fraction done.
+    - `ready`: called with the places of a chunk's lanes and their values, as soon as they are there.
     - `report`: called with the `BatchReport` at the end: `print` shows it, the `append` of a
       list keeps it.
 
@@ -87,7 +89,7 @@ def batch(
     leaves, count = _leaves(function, lanes)
     cores, costs = _cores(cores), _costs(cost, count)
     started = time.perf_counter()
-    work = _Work(function, leaves, jax.tree.structure(lanes), min(count, LANES))
+    work = _Work(function, leaves, jax.tree.structure(lanes), min(count, LANES), ready)
     compiled = time.perf_counter()
     chunks, order = cut(np.arange(count), work.width), "given"
     cores = min(cores, len(chunks))
@@ -123,8 +125,11 @@ _program: Any = eqx.filter_jit(_each)
 class _Work:
     """The program of a batch, and what has become of its lanes so far."""
 
-    def __init__(self, function: Callable, leaves: list[np.ndarray], structure: Any, width: int):
+    def __init__(
+        self, function: Callable, leaves: list[np.ndarray], structure: Any, width: int, ready: Callable | None
+    ):
         self.function, self.leaves, self.structure, self.width = function, leaves, structure, width
+        self.ready = ready
         self.count, self.done = len(leaves[0]), 0
         self.values: Any = None
         self.attempts = np.zeros(self.count)
@@ -180,6 +185,8 @@ class _Work:
         if self.values is None:
             self.values = jax.tree.map(lambda x: np.empty((self.count, *x.shape[1:]), x.dtype), values)
         jax.tree.map(lambda whole, x: _put(whole, chunk, x), self.values, values)
+        if self.ready is not None:
+            self.ready(chunk, jax.tree.map(lambda x: x[: len(chunk)], values))
         self.done += len(chunk)
         for solve in attempts or []:
             self.attempts[chunk] += solve[: len(chunk)]
@@ -230,11 +237,15 @@ def _array(leaf: Any) -> np.ndarray:
         return np.asarray(None)
 
 
+def cores_here() -> int:
+    """How many cores the process may use: of a machine that is shared often not all."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def _cores(cores: Any) -> int:
     """How many threads."""
     if cores is None:
-        # What the process may use: of a machine that is shared often not all.
-        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        return cores_here()
     if isinstance(cores, bool) or not isinstance(cores, int | np.integer) or cores < 1:
         raise ClearanceError(f"`cores` must be a whole number, at least 1, but it is {quoted(cores)}.")
     return int(cores)

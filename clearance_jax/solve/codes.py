@@ -21,7 +21,7 @@ class Result(enum.IntEnum):
 
 WORDS = {
     Result.REACHED_END: "",
-    Result.IMPOSSIBLE: "a number is out of its bounds, or the mechanism cannot be assembled",
+    Result.IMPOSSIBLE: "a number is out of its bounds, or the mechanism cannot be assembled or settled",
     Result.STEP_COLLAPSED: "the step size collapsed: a state that is not finite, or a force that jumps",
     Result.MAX_STEPS: "the largest number of steps was reached",
     Result.INTERRUPTED: "interrupted",

@@ -180,7 +180,8 @@ def first_end(problem: Problem, t0: Scalar, t1: Scalar, y0: Array, means: Means)
     moved = problem.place_rates(first)
     pace = jnp.max(jnp.abs(moved) / (unit[problem.places] + jnp.abs(places)), initial=0.0)
     rate = jnp.maximum(pace, means.allowed.rate)
-    step = jnp.minimum(1e-4 / jnp.maximum(rate, 1e-300), 1e-3 * (t1 - t0))
+    # `fmin`: of a state that is no number too a try has an end, and so its step size can collapse.
+    step = jnp.fmin(1e-4 / jnp.maximum(rate, 1e-300), 1e-3 * (t1 - t0))
     return before_break(breaks_near(problem.mechanism, t0), t0, t0 + on_grid(step))
 
 

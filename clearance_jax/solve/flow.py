@@ -12,10 +12,10 @@ from typing import Any, NamedTuple, TypeAlias
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
 from clearance_jax._types import Scalar
-from clearance_jax.dynamics.closures import assembled, projected
+from clearance_jax.dynamics.closures import StartErrors, assembled, projected
 from clearance_jax.dynamics.control import renewed
 from clearance_jax.dynamics.energy import energy_residual, opened_books
 from clearance_jax.dynamics.settled import settled_start
@@ -33,10 +33,8 @@ from clearance_jax.solve.observers import Picked
 from clearance_jax.solve.outcome import Outcome, Task
 from clearance_jax.solve.problem import Problem, basis, field, lift, motion, moved_by, moves, push, widths
 from clearance_jax.solve.solution import Solution
-from clearance_jax.solve.tolerances import Tolerances, floors, largest_length, tolerances
-
-# A loop open by more than this part of the largest length is not assembled.
-CLOSED = 1e-10
+from clearance_jax.solve.start import is_possible
+from clearance_jax.solve.tolerances import Tolerances, floors, tolerances
 
 
 class Inputs(NamedTuple):
@@ -183,11 +181,11 @@ def refuse_jumps(mechanism: Mechanism) -> None:
 def task_of(inputs: Inputs, options: Options, directions: Any = None) -> Task:
     """What is to be solved: with directions (a tree like `inputs.varied`), states are stacks.
 
-    A lane of a batch with impossible numbers, or a mechanism that is not closed, ends where it begins, with a code of
-    its own.
+    A lane of a batch with impossible numbers, or whose start is not what it is to be, ends where it begins, with a code
+    of its own.
     """
     t0, t1, rtol, save_at = inputs.t0, inputs.t1, inputs.rtol, inputs.save_at
-    problem, start, allowed, open_loops = problem_of(inputs, options, directions)
+    problem, start, allowed, errors = problem_of(inputs, options, directions)
     possible = (
         jnp.all(jnp.isfinite(motion(problem, start)))
         & jnp.isfinite(t1)
@@ -195,7 +193,7 @@ def task_of(inputs: Inputs, options: Options, directions: Any = None) -> Task:
         & (rtol > 0)
         & (rtol < 1)
         & bounds_hold(inputs.mechanism)
-        & ~jnp.any(open_loops > CLOSED * largest_length(inputs.mechanism))
+        & is_possible(errors, inputs.mechanism)
     )
     save_at = None if save_at is None else jnp.where(possible, save_at, t0)
     return Task(problem, t0, jnp.where(possible, t1, t0), start, save_at, allowed, possible)
@@ -293,21 +291,21 @@ _plain = eqx.filter_jit(solved)
 
 def problem_of(
     inputs: Inputs, options: Options, directions: Any = None
-) -> tuple[Problem, Array, Tolerances, Float[Array, " loops"]]:
-    """What to integrate, from which state (or stack), how accurately, and how far each loop is open at the start."""
+) -> tuple[Problem, Array, Tolerances, StartErrors]:
+    """What to integrate, from which state (or stack), how accurately, and how far that is from what it is to be."""
 
     def begin(varied):
         mechanism, y0, integrands = varied
         problem = Problem(mechanism.prepared(), integrands, books=options.books)
-        start, opened = initial(problem, inputs.t0, y0, options.start)
-        return problem.model, start, opened
+        start, errors = initial(problem, inputs.t0, y0, options.start)
+        return problem.model, start, errors
 
     if directions is None:
-        model, first, opened = begin(inputs.varied)
+        model, first, errors = begin(inputs.varied)
         problem = Problem(model[0], model[1], books=options.books)
         start = first
     else:
-        (model, first, opened), (slopes, moved, _), (movers, *_) = push(begin, inputs.varied, directions)
+        (model, first, errors), (slopes, moved, _), (movers, *_) = push(begin, inputs.varied, directions)
         problem = Problem(model[0], model[1], slopes, options.books, moved_by(movers, directions))
         count = jax.tree.leaves(directions)[0].shape[0]
         start = jnp.concatenate([first[None], jnp.zeros((count, *first.shape)) if moved is None else moved])
@@ -315,7 +313,7 @@ def problem_of(
     if directions is not None:
         floor = floors(_numbers(inputs.varied), _numbers(directions), allowed.unit)
         allowed = allowed._replace(floor=floor)
-    return problem, start, allowed, opened
+    return problem, start, allowed, errors
 
 
 def _numbers(varied: tuple) -> tuple[tuple, Any]:
@@ -324,18 +322,16 @@ def _numbers(varied: tuple) -> tuple[tuple, Any]:
     return (mechanism, integrands), y0
 
 
-def initial(
-    problem: Problem, t0: Scalar, y0: Array | None, start: str = CENTRE
-) -> tuple[Array, Float[Array, " loops"]]:
-    """The state at t0 with its quadratures, and how far each loop is open."""
+def initial(problem: Problem, t0: Scalar, y0: Array | None, start: str = CENTRE) -> tuple[Array, StartErrors]:
+    """The state at t0 with its quadratures, and how far it is from what it is to be."""
     size, mechanism = problem.size, problem.mechanism
-    opened = jnp.zeros(0)
+    errors = StartErrors.nothing()
     if y0 is None:
-        y0, opened = closed_start(mechanism, t0, start)
+        y0, errors = closed_start(mechanism, t0, start)
     books = []
     if problem.books:
         books = [y0[size:] if y0.shape[0] > size else opened_books(t0, y0, mechanism)]
-    return jnp.concatenate([y0[:size], *books, jnp.zeros(sum(widths(problem)))]), opened
+    return jnp.concatenate([y0[:size], *books, jnp.zeros(sum(widths(problem)))]), errors
 
 
 def initial_state(mechanism: Mechanism, t0: Scalar, start: str = CENTRE) -> Array:
@@ -343,21 +339,23 @@ def initial_state(mechanism: Mechanism, t0: Scalar, start: str = CENTRE) -> Arra
     return closed_start(mechanism, t0, start)[0]
 
 
-def closed_start(mechanism: Mechanism, t0: Scalar, start: str = CENTRE) -> tuple[Array, Float[Array, " loops"]]:
+def closed_start(mechanism: Mechanism, t0: Scalar, start: str = CENTRE) -> tuple[Array, StartErrors]:
     """The state at t0: the given initial values, then the nearest ones at which every loop is assembled; and how far
-    each loop is open [m] (of a mechanism that is not to be assembled, none).
+    it is from what it is to be (of a mechanism that is not to be assembled, no loop is).
 
     Every joint with clearance starts with its pin at `eccentricity` in the sleeve and at rest relative to it, that is,
     with the positions and velocities of the ideal mechanism; or, where the `start` is to be settled, pressed at the
     wall (see `settled_start`).
     """
     if start == SETTLED and mechanism.clearance_joints():
-        y, opened = settled_start(t0, mechanism)
-        return measured_first(t0, jnp.concatenate([y, jnp.zeros(layout(mechanism).held)]), mechanism), opened
-    y, opened = jnp.concatenate([initial_values(mechanism), jnp.zeros(layout(mechanism).remembered)]), jnp.zeros(0)
+        y, errors = settled_start(t0, mechanism)
+        return measured_first(t0, jnp.concatenate([y, jnp.zeros(layout(mechanism).held)]), mechanism), errors
+    y = jnp.concatenate([initial_values(mechanism), jnp.zeros(layout(mechanism).remembered)])
+    errors = StartErrors.nothing()
     if mechanism.loops and mechanism.assemble:
         y, opened = assembled(t0, y, mechanism)
-    return measured_first(t0, y, mechanism), opened
+        errors = errors._replace(loops=opened)
+    return measured_first(t0, y, mechanism), errors
 
 
 def measured_first(t0: Scalar, y: Array, mechanism: Mechanism) -> Array:

@@ -5,19 +5,17 @@ from typing import Any, Unpack
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array
 
-from clearance_jax.dynamics.mobility import mobility
-from clearance_jax.errors import ClearanceError
+from clearance_jax.dynamics.closures import StartErrors
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.solve import effort
-from clearance_jax.solve.flow import CLOSED, Inputs, closed_start, flow, plain_flow, states_of, with_states
+from clearance_jax.solve.flow import Inputs, closed_start, flow, plain_flow, states_of, with_states
 from clearance_jax.solve.settings import Settings, SolveOptions, settings_of
 from clearance_jax.solve.solution import Solution
-from clearance_jax.solve.tolerances import largest_length
+from clearance_jax.solve.start import check_start
 
 # An energy residual above this is a motion that nobody should build on; a good one is of the size of rtol.
 DOUBTFUL = 1e-3
@@ -36,8 +34,8 @@ def simulate(mechanism: Mechanism, t1: Any, *, throw: bool = True, **options: Un
     - `atol`, `y0`, `start`, `watch`, `books` (on here), `derivatives`, `max_steps`: see `SolveOptions`.
 
     **Raises:** `ClearanceError` for an unknown option, float64 off, t1 <= t0, numbers that are not finite or out of
-    bounds, and a loop that cannot be closed; `RuntimeError` for a solve that fails on its way. **Warns**
-    (`EnergyWarning`) where the energy books do not close.
+    bounds, a loop that cannot be closed, and a pin that finds no rest where it is to be settled; `RuntimeError` for a
+    solve that fails on its way. **Warns** (`EnergyWarning`) where the energy books do not close.
     """
     solution = _run(mechanism, t1, settings_of(mechanism, t1, options, books=True), throw)
     warn_of_energy(solution)
@@ -66,7 +64,7 @@ def _run(mechanism, t1, settings: Settings, throw: bool, observers=(), integrand
     effort.count(solution.steps, solution.rejected)
     if throw and not isinstance(solution.final, Tracer) and not bool(solution.succeeded):
         if given.y0 is None:
-            check_assembled(mechanism, given.t0, _open_loops(mechanism, given.t0, options.start))
+            check_start(mechanism, given.t0, _start_errors(mechanism, given.t0, options.start))
         raise RuntimeError(
             f"The solve stopped before t1: {solution.message}. Pass `throw=False` to keep what was computed."
         )
@@ -74,31 +72,8 @@ def _run(mechanism, t1, settings: Settings, throw: bool, observers=(), integrand
 
 
 @eqx.filter_jit
-def _open_loops(mechanism: Mechanism, t0: Array, start: str) -> Array:
+def _start_errors(mechanism: Mechanism, t0: Array, start: str) -> StartErrors:
     return closed_start(mechanism.prepared(), t0, start)[1]
-
-
-def check_assembled(mechanism: Mechanism, t0: Any, open_loops: Array) -> None:
-    """Raise where a loop stays open at the start (by so much each [m]), naming it."""
-    gaps = np.nan_to_num(np.asarray(open_loops), nan=np.inf)
-    if np.all(gaps <= CLOSED * float(largest_length(mechanism))):
-        return
-    worst = int(np.argmax(gaps))
-    said = (
-        f"The mechanism cannot be assembled: at t = {float(t0):g} s its loop `{mechanism.loops[worst].name}` stays "
-        f"open by {float(gaps[worst]) * 1e3:.4g} mm. "
-    )
-    repeated = mobility(mechanism, float(t0)).repeated if np.all(np.isfinite(gaps)) else 0
-    if repeated:
-        said += (
-            f"It is over-constrained: {repeated} of the conditions of its loops only repeat others, so that it closes "
-            "only where its lengths and angles fit each other. Give them with all digits, or by the exact relation "
-            "between them, or close the loop by a joint of more freedom (a `Spherical` instead of a `Revolute`, say). "
-            "Where it is open by far, change"
-        )
-    else:
-        said += "Change"
-    raise ClearanceError(f"{said} lengths, or the joints' `position`, to start nearer to a closed one.")
 
 
 class EnergyWarning(UserWarning):

@@ -1,6 +1,7 @@
 """A solved motion: states, how the solve ended, and every quantity of the motion by its name."""
 
 import dataclasses
+from collections.abc import Mapping
 from typing import Any
 
 import equinox as eqx
@@ -114,7 +115,7 @@ class Solution(eqx.Module):
     def _read(self, found: Quantity) -> Array:
         return self._asked(self.y[..., found.place])
 
-    def _named(self, name: Any, known: dict[str, Quantity], kind: str = "quantity") -> Quantity:
+    def _named(self, name: Any, known: Mapping[str, Quantity], kind: str = "quantity") -> Quantity:
         if not isinstance(name, str):
             raise ClearanceError(f'A solution is asked by name, `solution["piston.position"]`, not by {name!r}.')
         if name not in known:
@@ -157,7 +158,13 @@ def summary(solution: Solution) -> str:
     known, plan = quantities(mechanism, solution.books), layout(mechanism)
 
     def last(name: str) -> str:
-        return shown(float(solution.final[known[name].place]), known[name].unit, 5)
+        found = known[name]
+        if found.place is not None:
+            return shown(float(solution.final[found.place]), found.unit, 5)
+        # An orientation is no state by its rotation vector.
+        y = solution.final[: plan.size + (len(BOOKS) if solution.books else 0)]
+        values = _evaluated(solution.numbers, solution.structure, found.variable, solution.end_time[None], y[None])
+        return shown(float(values[0][found.index]), found.unit, 5)
 
     rows = [("at the end", "position", "velocity")] if plan.free else []
     rows += [(name, last(name), last(f"{name}.velocity")) for name in plan.velocities]

@@ -10,14 +10,17 @@ import itertools
 from collections.abc import Sequence
 from typing import Any, NamedTuple, TypeAlias
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from clearance_jax._alike import alike, stacked
 from clearance_jax._sharing import shared
 from clearance_jax._types import Each, EachFlag, Rows
-from clearance_jax.dynamics.kinematics import relative_accelerations, relative_motions, turning_rows
+from clearance_jax.dynamics.kinematics import relative_accelerations, relative_motions
+from clearance_jax.dynamics.own_motion import turning_rows
 from clearance_jax.dynamics.table import three
 from clearance_jax.joints import ContactPoint, PreparedClearance, Relative
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -54,7 +57,9 @@ class Curve(NamedTuple):
         return Curve(pose, shared(tuple(rising(pose, h))), h)
 
     def at(self, s: Each | float) -> Relative:
-        """The relative motion at a fraction of the step."""
+        """The relative motion at a fraction of the step; of several joints at one of each its own."""
+        s = jnp.asarray(s)
+        s = s.reshape((1,) * (self.pose[0].ndim - s.ndim) + s.shape)
         return relative_of(*shared((polynomial(self.pose, s), polynomial(self.twist, s))))
 
 
@@ -91,13 +96,11 @@ def curves(times, ends, mechanism: Mechanism) -> tuple[list[Curve], Each]:
     a loop without any error in the state: a step could swing past a contact and not know. (Where play is a coordinate
     of the tree its curve is the state's own.)
     """
-    (t0, t1), h = times, times[1] - times[0]
+    t0, h = times[0], times[1] - times[0]
     plan, joints = layout(mechanism), mechanism.clearance_joints()
     y0, y1, slope0, slope1 = (y[: plan.size] for y in ends)
 
-    accelerations = each_lane(relative_accelerations, h)
-    begin = accelerations(t0, y0, slope0, mechanism)
-    finish = accelerations(t1, y1, slope1, mechanism)
+    begin, finish = at_both_ends(times, y0, y1, slope0, slope1, mechanism)
     found = [curve_between(a, b, h) for a, b in zip(begin, finish, strict=True)]
     loops = [i for i, joint in enumerate(joints) if not joint.in_tree]
     if not loops:
@@ -113,6 +116,18 @@ def curves(times, ends, mechanism: Mechanism) -> tuple[list[Curve], Each]:
     return found, jnp.sqrt(worst)
 
 
+def at_both_ends(times, y0, y1, slope0, slope1, mechanism: Mechanism) -> tuple[list, list]:
+    """The relative motions and their rates where a step starts and where it ends."""
+    if mechanism.is_plane:
+        motions = each_lane(relative_accelerations, times[0])
+        return motions(times[0], y0, slope0, mechanism), motions(times[1], y1, slope1, mechanism)
+    # In space they are no small part of a program: one copy of them for both ends.
+    both = each_lane(jax.vmap(relative_accelerations, (0, 0, 0, None)), times[0])
+    found = both(jnp.stack(times), jnp.stack([y0, y1]), jnp.stack([slope0, slope1]), mechanism)
+    begin, finish = (jax.tree.map(lambda x, k=k: x[k], found) for k in (0, 1))
+    return begin, finish
+
+
 def curve_between(begin: tuple[Relative, Relative], end: tuple[Relative, Relative], h: Each) -> Curve:
     """The quintic through relative motions, each with its rate, at both ends of a step."""
     ends = []
@@ -120,6 +135,37 @@ def curve_between(begin: tuple[Relative, Relative], end: tuple[Relative, Relativ
         first, second = pose_rates(at, rate)
         ends.append((together(pose_of(at), h), h * together(first, h), h * h * together(second, h)))
     return Curve.of(quintic_coefficients(*ends), h)
+
+
+class Watched(NamedTuple):
+    """A joint that is watched, or several joints of several points that are alike, together: then every number of them
+    is an array, of a curve's coefficients along the second axis.
+    """
+
+    clearance: PreparedClearance
+    curve: Curve
+    memory: Rows
+
+    @property
+    def is_several(self) -> bool:
+        """Whether there is an axis of joints, and one of points."""
+        return self.clearance.joint.count > 1
+
+
+def watched(curve_of: list[Curve], memory: dict[str, Rows], mechanism: Mechanism) -> list[Watched]:
+    """The joints by what is watched together."""
+    joints = mechanism.clearance_joints()
+    each = [Watched(j.clearance, curve, memory[j.name]) for j, curve in zip(joints, curve_of, strict=True)]
+    alone = [one for one in each if not one.is_several]
+    several = [one for one in each if one.is_several]
+    for members in alike(several):
+        group = [several[i] for i in members]
+        poses, twists = (
+            stacked([part(one.curve) for one in group], 1) for part in (lambda c: c.pose, lambda c: c.twist)
+        )
+        clearances, memories = stacked([(one.clearance, one.memory) for one in group])
+        alone.append(Watched(clearances, Curve(poses, twists, group[0].curve.h), memories))
+    return alone
 
 
 def first_switch(curve_of: list[Curve], y: Array, mechanism: Mechanism, begin: Each) -> tuple[EachFlag, Each]:
@@ -130,20 +176,25 @@ def first_switch(curve_of: list[Curve], y: Array, mechanism: Mechanism, begin: E
     """
     memory = layout(mechanism).split(y).memory
     first = jnp.full_like(begin, jnp.inf)
-    for joint, curve in zip(mechanism.clearance_joints(), curve_of, strict=True):
-        first = jnp.minimum(first, first_of(joint.clearance, curve, memory[joint.name], begin))
+    for joints in watched(curve_of, memory, mechanism):
+        first = jnp.minimum(first, first_of(joints, begin))
     return first <= 1, jnp.where(first <= 1, first, 1.0)
 
 
-def first_of(clearance: PreparedClearance, curve: Curve, memory: Rows, begin: Each) -> Each:
-    """The fraction at which one joint's first change of regime just has been; infinite where there is none."""
-    points_at = each_lane(lambda own, at: own.joint.points(at).watched, begin)
-    switches_at = each_lane(PreparedClearance.switches, begin)
+def first_of(joints: Watched, begin: Each) -> Each:
+    """The fraction at which a first change of regime just has been; infinite where there is none."""
+    clearance, curve, memory = joints
+    several = joints.is_several
+
+    def each_joint(function):
+        return each_lane(eqx.filter_vmap(function, in_axes=eqx.if_array(0)) if several else function, begin)
+
+    points_at = each_joint(lambda own, at: own.joint.points(at).watched)
+    switches_at = each_joint(PreparedClearance.switches)
 
     def points(s):
         return shared(points_at(clearance, curve.at(s)))
 
-    several = clearance.joint.count > 1
     # The first place is where the regime is read that the step starts in.
     places = jnp.maximum(np.arange(SAMPLES + 1).reshape(-1, *[1] * begin.ndim) / SAMPLES, begin[None])
     sampled = jax.vmap(points)(places)
@@ -151,22 +202,23 @@ def first_of(clearance: PreparedClearance, curve: Curve, memory: Rows, begin: Ea
     started = shared(tuple(_sign(f) for f in switches_at(clearance, before, memory, before)))
 
     def changed(points):
+        """Of several: which joints have changed."""
         now = switches_at(clearance, points, memory, before)
         crossed = jnp.stack([_sign(f) != start for f, start in zip(now, started, strict=True)])
-        return jnp.any(crossed, axis=(0, 1) if several else 0)
+        return jnp.any(crossed, axis=(0, 2) if several else 0)
 
     def beyond(s):
-        return changed(points(s))
+        return jnp.any(changed(points(s)), axis=0) if several else changed(points(s))
 
-    high = earliest(jax.vmap(changed)(sampled) & (places > begin), places)
-    if several:
-        found = jax.vmap(graze, (None, 1, None))(places, sampled, curve.h)
-    else:
-        found = graze(places, sampled, curve.h)[None]
+    any_changed = jax.vmap(changed)(sampled)
+    high = earliest((jnp.any(any_changed, axis=1) if several else any_changed) & (places > begin), places)
+    found = most_likely_graze(places, sampled, curve.h) if several else graze(places, sampled, curve.h)[None]
 
     def grazed():
         turns = jnp.isfinite(found)
-        return earliest(jax.vmap(beyond)(jnp.where(turns, found, 1.0)) & turns, found)
+        at = jnp.where(turns, found, 1.0)
+        # Of several joints each at a place of its own.
+        return earliest((changed(points(at)) if several else jax.vmap(beyond)(at)) & turns, found)
 
     high = jnp.minimum(high, jax.lax.cond(jnp.any(jnp.isfinite(found)), grazed, lambda: found[0]))
     low = shared(-least(-jnp.where(places < high, places, begin[None])))
@@ -190,13 +242,36 @@ def graze(places: Array, point: ContactPoint, h: Each) -> Each:
 
     **Arguments:** one contact point at all places (first axis).
     """
-    depth, rate = point.penetration, point.penetration_rate
+    place, height = closest(places, point.penetration, point.penetration_rate, h)
+    return jnp.where(height > -jnp.inf, place, jnp.inf)
+
+
+def most_likely_graze(places: Array, points: ContactPoint, h: Each) -> Array:
+    """The same of each of several joints (joints, *lanes), at that one of its points that comes closest of all, or
+    beyond furthest. Should another graze before that, it is found when the step has been cut there.
+
+    **Arguments:** contact points at all places, (places, joints, points, *lanes).
+    """
+    of_points = jax.vmap(closest, (None, 1, 1, None))
+    place, height = jax.vmap(of_points, (None, 1, 1, None), 1)(places, points.penetration, points.penetration_rate, h)
+    best = jnp.argmax(height, axis=0, keepdims=True) if not h.ndim else first_highest(height)
+    if not h.ndim:
+        place, height = (jnp.take_along_axis(x, best, axis=0)[0] for x in (place, height))
+    else:
+        place, height = at(place, best), at(height, best)
+    return jnp.where(height > -jnp.inf, place, jnp.inf)
+
+
+def closest(places: Array, depth: Array, rate: Array, h: Each) -> tuple[Each, Each]:
+    """Where a penetration comes closest to a change of sign between two samples, and how far beyond (negative: not
+    quite; minus infinity: it does not turn).
+    """
     towards = jnp.where(depth[:1] <= 0, 1.0, -1.0)
     widths = jnp.diff(places, axis=0)
     x, height, bend = shared(tops(towards * depth, towards * rate * h, widths))
     height = jnp.where(bend < 0, height, -jnp.inf)
     best = first_highest(height)
-    return jnp.where(at(height, best) > -jnp.inf, at(places, best) + at(x * widths, best), jnp.inf)
+    return at(places, best) + at(x * widths, best), at(height, best)
 
 
 # Of lanes entry by entry: over the first axis a reduction, a gather or an argmax are loops of their own for every lane.

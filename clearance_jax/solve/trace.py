@@ -22,8 +22,9 @@ from clearance_jax.solve.codes import Result, words
 from clearance_jax.solve.flow import Inputs, problem_of, projected_samples
 from clearance_jax.solve.problem import Problem
 from clearance_jax.solve.settings import ALL, SolveOptions, settings_of
-from clearance_jax.solve.simulate import check_assembled, warn_of_energy
+from clearance_jax.solve.simulate import warn_of_energy
 from clearance_jax.solve.solution import Solution
+from clearance_jax.solve.start import check_start
 from clearance_jax.solve.step import Trial
 from clearance_jax.solve.tolerances import Tolerances
 
@@ -94,9 +95,9 @@ def _block(problem: Problem, allowed: Tolerances, carry: Carry, last, grid, opti
 
 @eqx.filter_jit
 def _begin(inputs: Inputs, options: Options):
-    problem, start, allowed, opened = problem_of(inputs, options)
+    problem, start, allowed, errors = problem_of(inputs, options)
     carry = start_carry(problem, options, means_of(options, allowed), inputs.t0, inputs.t1, start)
-    return problem, allowed, carry, opened
+    return problem, allowed, carry, errors
 
 
 _residual = eqx.filter_jit(energy_residual)
@@ -123,10 +124,10 @@ def trace(
     start, last = settings.t0, jnp.asarray(t1)
     grid = np.array([t1]) if settings.save_at is None else np.asarray(settings.save_at)
     inputs = Inputs(mechanism, start, last, None, settings.rtol, settings.atol, settings.y0)
-    problem, allowed, carry, opened = _begin(inputs, chosen)
+    problem, allowed, carry, errors = _begin(inputs, chosen)
     first = carry.y
     if settings.y0 is None:
-        check_assembled(mechanism, t0, opened)
+        check_start(mechanism, t0, errors)
     times, states = [np.array([t0])], [np.asarray(first)[None]]
     sampled = np.full((grid.size, first.size), np.nan)
     sampled[grid == t0] = np.asarray(first)  # whatever happens, the start is known

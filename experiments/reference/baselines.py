@@ -12,8 +12,8 @@ import numpy as np
 from numba import njit
 from scipy.integrate import odeint, solve_ivp
 
-from experiments.reference.located import dop853_step
-from experiments.reference.problems import PROBLEMS, Array, mode_of
+from experiments.reference.located import dop853, dop853_step
+from experiments.reference.problems import LAW, PROBLEMS, Array, mode_of, slider_crank_parameters
 
 
 class Baseline(NamedTuple):
@@ -114,3 +114,22 @@ def compiled_loop(field, y, stops, p, rtol, atol, hmax):
             h = max(h, trial * factor) if last else trial * factor
         out[k] = y
     return out, nfev
+
+
+def slider_crank_end(integrator: str, rtol: float, clearance: float) -> float:
+    """Where the slider is after one revolution [m], by one of scipy's integrators ("odeint", or a method of solve_ivp)
+    with the compiled right-hand side.
+    """
+    problem, p = PROBLEMS["slider_crank"], slider_crank_parameters(clearance)
+    y0, atol, end = problem.start(p), rtol * problem.scale(p), 2 * np.pi / p[LAW]
+    if integrator == "odeint":
+        y = odeint(problem.rhs, y0, [0.0, end], (p,), tfirst=True, rtol=rtol, atol=atol, mxstep=10**7)
+        return float(y[-1, 1])
+    found = solve_ivp(problem.rhs, (0.0, end), y0, integrator, [end], args=(p,), rtol=rtol, atol=atol)
+    return float(found.y[1, -1])
+
+
+def slider_crank_truth(clearance: float) -> float:
+    """The same by steps that end at every switching (`located`)."""
+    p = slider_crank_parameters(clearance)
+    return float(dop853(PROBLEMS["slider_crank"], np.array([0.0, 2 * np.pi / p[LAW]]), p, rtol=1e-13).y[-1, 1])

@@ -25,7 +25,7 @@ class CubicCoulomb(AbstractFrictionLaw):
 
     def traction(self, constants, slip, normal_force, memory):
         def profile(v):
-            x = jnp.clip(v / self.transition_speed, -1.0, 1.0)
+            x = jnp.clip(v * (1.0 / self.transition_speed), -1.0, 1.0)
             return -0.5 * self.coefficient * normal_force * x * (3 - x * x)
 
         return along_slip(profile, slip)
@@ -44,7 +44,9 @@ class TanhCoulomb(AbstractFrictionLaw):
     smoothness: ClassVar[Smoothness] = "C2"
 
     def traction(self, constants, slip, normal_force, memory):
-        return along_slip(lambda v: -self.coefficient * normal_force * jnp.tanh(v / self.transition_speed), slip)
+        return along_slip(
+            lambda v: -self.coefficient * normal_force * jnp.tanh(v * (1.0 / self.transition_speed)), slip
+        )
 
     def switches(self, constants, slip, normal_force, memory):
         # A step across the whole layer may sample it so that its error estimate cancels by accident (measured: a solve

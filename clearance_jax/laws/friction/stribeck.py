@@ -23,7 +23,7 @@ class BrownMcPhee(AbstractFrictionLaw):
 
     def traction(self, constants, slip, normal_force, memory):
         def profile(v):
-            x = v / self.transition_speed
+            x = v * (1.0 / self.transition_speed)
             bump = x / (0.25 * x * x + 0.75) ** 2
             stribeck = (self.static_coefficient - self.dynamic_coefficient) * bump
             return -normal_force * (self.dynamic_coefficient * jnp.tanh(4 * x) + stribeck)

@@ -30,7 +30,7 @@ class AdamsImpact(AbstractPowerLaw):
     smoothness: ClassVar[Smoothness] = "C0"
 
     def formula(self, constants, penetration, penetration_rate, memory):
-        damping = self.damping * step3(penetration / self.full_damping_depth)
+        damping = self.damping * step3(penetration * (1.0 / self.full_damping_depth))
         return constants * power(penetration, self.exponent) + damping * penetration_rate
 
     def switches(self, constants, penetration, penetration_rate, memory):

@@ -1,0 +1,43 @@
+"""What is alike, side by side: one copy of it in the program."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+
+def side_by_side(function: Callable, several: Sequence[tuple]) -> list[Any]:
+    """`function(*arguments)` for each of several arguments; alike ones are mapped over, so that the function stands
+    once in the program, however many they are.
+    """
+    out: list[Any] = [None] * len(several)
+    for members in alike(several):
+        if len(members) == 1:
+            out[members[0]] = function(*several[members[0]])
+            continue
+        mapped = eqx.filter_vmap(function, in_axes=eqx.if_array(0))
+        found = mapped(*stacked([several[i] for i in members]))
+        for k, i in enumerate(members):
+            out[i] = jax.tree.map(lambda x, k=k: x[k] if eqx.is_array(x) else x, found)
+    return out
+
+
+def alike(several: Sequence[Any]) -> list[list[int]]:
+    """Which trees are alike: of one structure, with arrays of the same shapes and the same constants."""
+    groups: list[tuple[Any, list[int]]] = []
+    for i, tree in enumerate(several):
+        leaves, structure = jax.tree.flatten(tree)
+        own = structure, [(x.shape, x.dtype) if eqx.is_array(x) else x for x in leaves]
+        known = next((members for other, members in groups if other == own), None)
+        if known is None:
+            groups.append((own, [i]))
+        else:
+            known.append(i)
+    return [members for _, members in groups]
+
+
+def stacked(trees: Sequence[Any], axis: int = 0) -> Any:
+    """Alike trees as one, whose arrays have them along a new axis."""
+    return jax.tree.map(lambda *x: jnp.stack(x, axis) if eqx.is_array(x[0]) else x[0], *trees)

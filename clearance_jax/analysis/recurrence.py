@@ -1,0 +1,250 @@
+"""What repeats with the drive and what does not: Poincare sections and Lyapunov exponents of a driven mechanism.
+
+Both look at the last `count` periods before `t1`; all before them is the transient, which costs time but no memory.
+Over an axis of a sweep the section is the bifurcation diagram, and the exponent says where it is chaotic: where it is
+positive beyond its uncertainty, for of regular motions too it may be zero.
+"""
+
+import dataclasses
+import math
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax.core import Tracer
+from jaxtyping import Array, Float
+
+from clearance_jax._types import Scalar
+from clearance_jax.analysis.measure import AbstractMetric, Form, Request
+from clearance_jax.dynamics.closures import projected
+from clearance_jax.dynamics.quantities import quantities
+from clearance_jax.errors import ClearanceError
+from clearance_jax.mechanism.mechanism import Mechanism, sampling_periods
+from clearance_jax.mechanism.state import layout
+from clearance_jax.parameters import units_of, values_of
+from clearance_jax.solve.flow import Inputs, flow
+from clearance_jax.solve.problem import Problem
+from clearance_jax.solve.tolerances import tolerances
+
+# By this part of a period the last instant may lie beyond `t1`: as much as round-off of many periods.
+ROUNDED = 1e-9
+# Of fewer periods there is no scatter to tell an uncertainty by.
+FEWEST = 4
+# What an exponent with its uncertainty has along its last axis.
+ESTIMATE = ("value", "uncertainty")
+
+
+def _number(**field):
+    return eqx.field(converter=lambda x: jnp.asarray(x, float), **field)
+
+
+def _period():
+    return eqx.field(converter=lambda x: x if isinstance(x, str) else jnp.asarray(x, float))
+
+
+def seconds(period: Any, mechanism: Mechanism) -> Array:
+    """A period that is given as such, or by a name. **Raises** `ClearanceError` where it is that of no speed."""
+    if not isinstance(period, str):
+        return period
+    unit = units_of(mechanism, [period])[period]
+    if unit != "rad/s":
+        raise ClearanceError(
+            "`period` must be a time, or the name of a speed in rad/s of which a turn is a period, but "
+            f"`{period}` is in {unit or 'no unit'}."
+        )
+    return 2 * jnp.pi / jnp.abs(values_of(mechanism, [period])[period])
+
+
+def _few(t0: Any, begin: Any, what: str) -> Array:
+    """One, or NaN for a lane of a batch whose motion is too short. **Raises** `ClearanceError` where that is known."""
+    enough = begin >= t0
+    if not isinstance(enough, Tracer) and not bool(enough):
+        raise ClearanceError(f"The motion is too short for {what}: end it later, or ask for fewer.")
+    return jnp.where(enough, 1.0, jnp.nan)
+
+
+class PoincareSection(AbstractMetric):
+    """Quantities once a period of the drive: at the last `count` instants t0 + phase + k period (k whole) up to `t1`.
+
+    A motion that repeats after n periods gives n points, one with two frequencies a closed curve, a chaotic one a
+    fractal set. See Guckenheimer and Holmes 1983, "Nonlinear Oscillations, Dynamical Systems, and Bifurcations of
+    Vector Fields", section 1.5.
+
+    **Arguments:** `quantities`: a name that a solution is asked by ("wrist.eccentricity.x"), or several; `period` [s],
+    or the name of a speed of which a turn is a period ("drive.main.speed"); `count`; `phase`: after the beginning of a
+    period [s].
+
+    **Returns:** shape (count,), of several quantities (count, quantities), each in its SI unit. Derivatives are those
+    at fixed times.
+
+    **Raises:** `ClearanceError` where fewer than `count` instants are between t0 and `t1` (NaN under a transformation),
+    and for a quantity that is no number.
+    """
+
+    quantities: str | tuple[str, ...] = eqx.field(
+        static=True, converter=lambda n: n if isinstance(n, str) else tuple(n)
+    )
+    period: Scalar | str = _period()
+    count: int = eqx.field(static=True, default=64)
+    phase: Scalar = _number(default=0.0)
+
+    def times(self, t1: Any, t0: Any = 0.0) -> Float[Array, " count"]:
+        """The instants [s], by a period in seconds."""
+        last = jnp.floor((t1 - t0 - self.phase) / self.period + ROUNDED)
+        # Where there are not enough of them: the start, of which nothing is made.
+        times = t0 + self.phase + (last - jnp.arange(self.count)[::-1]) * self.period
+        return jnp.clip(times, t0, t1)
+
+    def request(self, mechanism, t1, options):
+        timed = dataclasses.replace(self, period=seconds(self.period, mechanism))
+        return Request(times=jax.lax.stop_gradient(timed.times(t1, options.t0)))
+
+    def form(self, mechanism):
+        known, one = quantities(mechanism, books=True), isinstance(self.quantities, str)
+        names = (self.quantities,) if one else self.quantities
+        axes = (("instant", ()), *(() if one else (("quantity", names),)))
+        return Form(", ".join(known[name].unit for name in names), axes)
+
+    def value(self, reply):
+        period = seconds(self.period, reply.mechanism)
+        periods = jnp.floor((reply.t1 - reply.t0 - self.phase) / period + ROUNDED)
+        begin = reply.t0 + (periods - (self.count - 1)) * period + self.phase
+        factor = _few(reply.t0, begin, f"{self.count} points of a Poincare section")
+        factor = jnp.where(reply.solution.succeeded, factor, jnp.nan)
+        names = [self.quantities] if isinstance(self.quantities, str) else self.quantities
+        parts = {name: jnp.asarray(reply.solution[name], float) for name in names}
+        for name in (name for name, part in parts.items() if part.ndim != 1):
+            raise ClearanceError(f"A Poincare section is of numbers, but `{name}` has several: name one, `{name}.x`.")
+        found = jnp.stack([factor * part for part in parts.values()], axis=-1)
+        return found[:, 0] if isinstance(self.quantities, str) else found
+
+
+class LyapunovExponent(AbstractMetric):
+    """How fast neighbouring motions part: the largest exponent over the last `count` periods before `t1` [1/s].
+
+    Positive: chaos; negative: the motion is stable, and a disturbance decays at this rate; zero: on the verge, as at a
+    bifurcation. The variational equations are integrated with the motion, error-controlled, and made orthonormal again
+    after every period (Benettin et al. 1980, doi 10.1007/BF02128236, and 10.1007/BF02128237); lengths are measured in
+    the scene's own scales. It is a finite-time estimate: of a chaotic motion it scatters by about one over the root of
+    `count`, of any its error falls as one over `count`. What a law remembers of its last touch belongs to the state:
+    memory that no touch rewrites has the exponent zero. So a positive estimate is not chaos yet. Its `uncertainty` is
+    the standard error of the mean growth, by how the means of blocks scatter (as many periods a block as there are
+    blocks), together with what motions that part in proportion to time, and are regular, would show: ln(count) / (count
+    period).
+
+    **Arguments:** `period` [s], or the name of a speed of which a turn is a period ("drive.main.speed"); `count`;
+    `exponents`: how many of the largest ones; `running`: the estimates after every period instead of those after the
+    last one; `uncertainty`: beside each its uncertainty, of at least 4 periods.
+
+    **Returns:** a number; of several exponents shape (exponents,), the largest first; with `running` an axis of `count`
+    in front, with `uncertainty` one of two behind. It has no derivative.
+
+    **Raises:** `ClearanceError` for a motion shorter than `count` periods (NaN under a transformation), a law of class
+    C-1, which has no true derivative, more exponents than states, and a mechanism whose state alone does not say how it
+    goes on (digital servos, controllers, payloads that come and go).
+    """
+
+    unit: ClassVar[str] = "1/s"
+    period: Scalar | str = _period()
+    count: int = eqx.field(static=True, default=50)
+    exponents: int = eqx.field(static=True, default=1)
+    running: bool = eqx.field(static=True, default=False)
+    uncertainty: bool = eqx.field(static=True, default=False)
+
+    def __check_init__(self):
+        if self.uncertainty and (self.running or self.count < FEWEST):
+            raise ClearanceError(
+                f"`uncertainty` is that of the last estimate, of at least {FEWEST} periods: ask without `running`, for "
+                "more of them."
+            )
+
+    def form(self, mechanism):
+        axes = [("period", ())] * self.running + [("exponent", ())] * (self.exponents > 1)
+        return Form(self.unit, (*axes, *((("estimate", ESTIMATE),) if self.uncertainty else ())))
+
+    def request(self, mechanism, t1, options):
+        size = layout(mechanism).size
+        if not 1 <= self.exponents <= size:
+            raise ClearanceError(f"There are {size} Lyapunov exponents, as many as states, but not {self.exponents}.")
+        if mechanism.controllers or mechanism.has_payloads or sampling_periods(mechanism):
+            raise ClearanceError(
+                "Lyapunov exponents are not computed with controllers, digital servos or payloads that come and go. "
+                "Take them away."
+            )
+        begin = t1 - self.count * seconds(self.period, mechanism)
+        return Request(times=jax.lax.stop_gradient(jnp.clip(begin, options.t0, t1)[None]))
+
+    def value(self, reply):
+        period = seconds(self.period, reply.mechanism)
+        metric = dataclasses.replace(self, period=period)
+        begin = reply.t1 - self.count * period
+        factor = _few(reply.t0, begin + ROUNDED * period, f"{self.count} periods of a Lyapunov exponent")
+        grown = factor * _constant(metric, (reply.mechanism, begin, reply.solution.y[0], reply.options))
+        rates = grown if self.exponents > 1 else grown[:, 0]
+        counted = jnp.arange(1, self.count + 1).reshape(-1, *(1,) * (rates.ndim - 1))
+        found = jnp.cumsum(rates, axis=0) / (period * counted)
+        if self.uncertainty:
+            return jnp.stack([found[-1], uncertainty(rates, period)], axis=-1)
+        return found if self.running else found[-1]
+
+
+def uncertainty(grown: Array, period: Any) -> Array:
+    """That of the mean growth a second, from the logarithms of the growth in every period, shape (count, ...)."""
+    count = len(grown)
+    blocks = math.isqrt(count)
+    length = count // blocks
+    means = grown[count - blocks * length :].reshape(blocks, length, *grown.shape[1:]).mean(axis=1)
+    scatter = means.std(axis=0, ddof=1) / math.sqrt(blocks)
+    return jnp.hypot(scatter, math.log(count) / count) / period
+
+
+@eqx.filter_custom_jvp
+def _constant(metric, given):
+    return growth(metric, *given)
+
+
+@_constant.def_jvp
+def _constant_jvp(primals, tangents):
+    raise ClearanceError(
+        "A Lyapunov exponent has no derivative here: it would need second derivatives of the motion, and of a chaotic "
+        "one it is not even continuous."
+    )
+
+
+@eqx.filter_jit
+def growth(metric: LyapunovExponent, mechanism: Mechanism, begin: Any, y: Array, options: Any) -> Array:
+    """Logarithms of how the largest axes of a small ball of states grow in every period from a state at `begin` on,
+    shape (count, exponents).
+    """
+    size, settings = layout(mechanism).size, options._replace(books=False).compiled()
+    y = y[:size]
+    problem = Problem(mechanism.prepared())
+    unit = tolerances(problem, y, begin, begin + metric.period, options.rtol).unit
+    unit = jnp.where(jnp.isfinite(unit), unit, 1.0)
+
+    def advanced(y, t0):
+        if mechanism.closures():
+            y = projected(t0, y, problem.mechanism, 2)
+        solution = flow(
+            Inputs(mechanism, t0, t0 + metric.period, None, options.rtol, options.atol, y), options=settings
+        )
+        # A factor: the slopes of a selected NaN would be zeros.
+        end = solution.final[:size] * jnp.where(solution.succeeded, 1.0, jnp.nan)
+        return end, end
+
+    def period(carry, begin):
+        y, axes = carry
+        slopes, end = jax.jacfwd(advanced, has_aux=True)(y, begin)
+        axes, lengths = jnp.linalg.qr((slopes * unit[None, :] / unit[:, None]) @ axes)
+        return (end, axes), jnp.log(jnp.abs(jnp.diagonal(lengths)))
+
+    # Directions that belong to no coordinate in particular: one that the motion cannot leave would hide the others.
+    start = jax.random.normal(jax.random.key(0), (size, metric.exponents))
+    # Nor to what is remembered, which may be of no touch at all.
+    axes, _ = jnp.linalg.qr(jnp.where((jnp.arange(size) < layout(mechanism).memory.start)[:, None], start, 0.0))
+    # Numbers from outside the loop: computed inside, each of their uses might be rounded in its own way, and a lane
+    # that is to end where it begins would find that it begins before its end.
+    begins = begin + metric.period * jnp.arange(metric.count)
+    _, logs = jax.lax.scan(period, (y, axes), begins)
+    return logs

@@ -1,0 +1,49 @@
+"""The pictures of a sweep, as files of a folder."""
+
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+from clearance_jax.cli.common import errors, say_written, warn
+from clearance_jax.errors import ClearanceError
+
+# What stands in the name of a figure and not in that of a file.
+UNFIT = re.compile(r"[^\w.+-]+")
+
+
+def check_folder(folder: Path | None) -> None:
+    """Raise before anything takes long where there can be no pictures in a folder."""
+    if folder is None:
+        return
+    if folder.exists() and not folder.is_dir():
+        raise ClearanceError(f"Cannot write pictures to `{folder}`: it is a file. Name a folder.")
+    there = folder if folder.exists() else folder.parent
+    if not there.is_dir():
+        raise ClearanceError(f"Cannot make the folder `{folder}`: `{there}` does not exist. Make that first.")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise ClearanceError(f"Cannot write pictures to `{folder}`: no permission. Choose another folder.")
+
+
+def draw_sweep(dataset: Any, folder: Path) -> None:
+    """Every figure that fits a sweep, with sensitivity indices where its lanes tell them; where nothing can be drawn
+    that is said, for the sweep is there.
+    """
+    from clearance_jax.report.figures import save_figure
+    from clearance_jax.report.sweep_axes import results
+    from clearance_jax.report.sweep_figures import figures
+    from clearance_jax.results.sobol import is_sobol, middle_derivatives, sobol_indices
+
+    try:
+        with errors.status("drawing"):
+            named = [name for name in results(dataset) if is_sobol(dataset[name])]
+            indices = {name: sobol_indices(dataset, name) for name in named}
+            local = {name: middle_derivatives(dataset, name) for name in named}
+            drawn = figures(dataset, indices, {name: one for name, one in local.items() if one is not None})
+            folder.mkdir(exist_ok=True)
+            for name, figure in drawn.items():
+                save_figure(figure, folder / f"{UNFIT.sub('_', name)}.png")
+    except ClearanceError as error:
+        warn(str(error))
+        return
+    say_written("pictures", folder)

@@ -1,0 +1,82 @@
+"""The relative motion in clearance joints of the tree, by their own coordinates and nothing else: so a small play keeps
+its digits on a large machine, and the watch of a step asks for no frame of any body.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from clearance_jax._alike import side_by_side
+from clearance_jax._sharing import kept
+from clearance_jax._types import Rows, Scalar
+from clearance_jax.joints import Relative
+from clearance_jax.mechanism.frame import Frame
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.moved import Moved, Values, carried, given
+from clearance_jax.mechanism.state import State, parts
+from clearance_jax.spatial import Matrix, Vector, is_zero, minus, product
+
+
+class OwnMotion(NamedTuple):
+    """The relative motion in a joint, and its rate by the accelerations that are given."""
+
+    now: Relative
+    rate: Relative
+
+
+def coordinate_values(mechanism: Mechanism, state: State, accelerations: Rows | None = None) -> Values:
+    """Of every free coordinate by its name how it moves, by default without acceleration."""
+    out = {}
+    for c, q, v in parts(mechanism):
+        still = (0.0,) * (v.stop - v.start)
+        out[c.name] = Moved(v.start, state.q[q], state.v[v], still if accelerations is None else accelerations[v])
+    return out
+
+
+def own_motions(mechanism: Mechanism, time: Scalar, values: Values) -> dict[str, OwnMotion]:
+    """Of every clearance joint of the tree, by its name."""
+    joints = [joint for joint in mechanism.clearance_joints() if joint.in_tree]
+    several = []
+    for joint in joints:
+        # Of a coordinate only how it moves: joints are alike whatever their coordinates are called and driven by.
+        coordinates = joint.joint.sleeve_coordinates()
+        several.append(tuple((c.slides, c.turns, given(c, time, values)._replace(index=-1)) for c in coordinates))
+    found = [_own_motion(*one) for one in several] if mechanism.is_plane else side_by_side(_own_motion, several)
+    return {joint.name: at for joint, at in zip(joints, found, strict=True)}
+
+
+def _own_motion(*coordinates: tuple[Vector | None, Vector | None, Moved]) -> OwnMotion:
+    """The pin's frame as the sleeve sees it, after elementary coordinates: what each slides along or turns about in the
+    sleeve's axes, and how it moves.
+    """
+    frame = Frame()
+    for coordinate in coordinates:
+        frame = carried(frame, *coordinate)
+    if frame.rotation.is_plane and is_zero(frame.position[2]):
+        now = Relative(frame.position, frame.rotation.angle, frame.velocity, frame.spin)
+    else:
+        now = kept(Relative(frame.position, 0.0, frame.velocity, frame.spin, frame.rotation.rows))
+    return OwnMotion(now, rate_of(now, frame.acceleration, frame.spin_rate))
+
+
+def rate_of(now: Relative, acceleration: Vector, spin_rate: Vector) -> Relative:
+    """The rate of a relative motion."""
+    rows = None if now.rows is None else turning_rows(now.spin, now.rows)
+    return Relative(now.velocity, now.spin[2] if rows is None else 0.0, acceleration, spin_rate, rows)
+
+
+def turning_rows(spin: Vector, rows: Matrix) -> Matrix:
+    """The rate of a rotation's rows by its spin in the outer axes."""
+    x, y, z = spin
+    hat = (0.0, minus(0.0, z), y), (z, 0.0, minus(0.0, x)), (minus(0.0, y), x, 0.0)
+    return product(hat, rows)
+
+
+def as_numbers(at: Relative) -> Relative:
+    """With numbers for constants, but for what a mechanism in the plane has not."""
+    if at.rows is not None:
+        return jax.tree.map(lambda x: jnp.asarray(x, float), at)
+    x, y, w = (jnp.asarray(term, float) for term in (*at.place[:2], at.spin[2]))
+    velocity = jnp.asarray(at.velocity[0], float), jnp.asarray(at.velocity[1], float), 0.0
+    return Relative((x, y, 0.0), jnp.asarray(at.angle, float), velocity, (0.0, 0.0, w))

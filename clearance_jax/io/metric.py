@@ -1,0 +1,75 @@
+"""Metrics as files describe them: a reduction over a signal of a point, body or joint; or a count."""
+
+import dataclasses
+import itertools
+from typing import NamedTuple
+
+from clearance_jax.analysis.measure import AbstractMetric
+from clearance_jax.errors import ClearanceError, quoted, suggest
+from clearance_jax.io.metric_keys import COUNTS, OF, OF_ANY_JOINT, REDUCTIONS, SIGNALS
+from clearance_jax.io.table import Chosen, Table
+from clearance_jax.mechanism.mechanism import Mechanism
+
+
+class Span(NamedTuple):
+    """From when to when the motion is looked at [s]."""
+
+    t0: float
+    t1: float
+
+
+def metric_of(read: Chosen, mechanism: Mechanism, span: Span) -> AbstractMetric:
+    """`metric` over a `signal` of a `point`, `body` or `joint` ("at" given `times`); or a count of a `joint`."""
+    kind, table = read
+    if kind in COUNTS:
+        metric = COUNTS[kind](**_of(COUNTS[kind], kind, table, mechanism))
+    else:
+        word = table.get("signal")
+        signal = SIGNALS[word](**_of(SIGNALS[word], word, table, mechanism))
+        metric = REDUCTIONS[kind](signal, *([_times(table, span)] if kind == "at" else []))
+    if kind != "at" and table.has("since"):
+        metric = dataclasses.replace(metric, since=_since(table, span))
+    return metric
+
+
+def _of(cls: type, word: str, table: Table, mechanism: Mechanism) -> dict[str, str]:
+    """What a signal or a count is of, by the names that its class has for it."""
+    joints = mechanism.all_joints() if cls in OF_ANY_JOINT else mechanism.clearance_joints()
+    names = {
+        "point": [point.name for point in mechanism.points],
+        "body": [body.name for body in mechanism.bodies],
+        "joint": [joint.name for joint in joints],
+    }
+    wanted = {field.name for field in dataclasses.fields(cls)} & set(OF)
+    for key in (key for key in OF if key in table.values and key not in wanted):
+        raise ClearanceError(f"{table.key(key)} has no effect: `{word}` is of a {' and a '.join(wanted)}. Remove it.")
+    found = {}
+    for key in wanted:
+        table.need(key)
+        found[key] = table.get(key)
+        if found[key] not in names[key]:
+            kind = "joint with clearance" if key == "joint" and cls not in OF_ANY_JOINT else key
+            raise ClearanceError(
+                f"{table.key(key)}: the scene has no {kind} {quoted(found[key])}. " + suggest(found[key], names[key])
+            )
+    return found
+
+
+def _times(table: Table, span: Span) -> list[float]:
+    times = table.get("times")
+    increasing = all(a < b for a, b in itertools.pairwise(times))
+    if not (increasing and span.t0 <= times[0] and times[-1] <= span.t1):
+        raise ClearanceError(
+            f"{table.key('times')} must increase from t0 = {span.t0:g} s to t1 = {span.t1:g} s at most, but they are "
+            f"{quoted(times)} s."
+        )
+    return times
+
+
+def _since(table: Table, span: Span) -> float:
+    since = table.get("since")
+    if not span.t0 <= since < span.t1:
+        raise ClearanceError(
+            f"{table.key('since')} must lie between t0 = {span.t0:g} s and t1 = {span.t1:g} s, but it is {since:g} s."
+        )
+    return since

@@ -1,0 +1,178 @@
+"""Every key of the play of a scene's joints: its geometry, how it is made, its contact laws."""
+
+import dataclasses
+
+from clearance_jax.io.fields import keys_of, kinds_of, law_class, summary
+from clearance_jax.io.kinds import LONGEST_PATH, Key, Quantities, Quantity, Sub, Text, Whole, Word
+from clearance_jax.io.table import Keys
+from clearance_jax.joints import (
+    Fitting,
+    GuideClearance,
+    PressFit,
+    RevoluteClearance,
+    SleeveClearance,
+    SphericalClearance,
+)
+from clearance_jax.joints.bearings import GROUPS
+from clearance_jax.laws import FRICTION_LAWS, NORMAL_LAWS, InternalHertz
+from clearance_jax.mechanism.tree import Revolute
+
+LAWS = (
+    Sub(
+        "normal",
+        "law of the normal force; where there is clearance it must be there, but for a bearing and for a robot's joint",
+        '{ law = "hertz", stiffness = "2.487e6 N/mm^1.5" }',
+    ),
+    Sub(
+        "friction",
+        'law of the friction, or "none"',
+        '{ law = "tanh", coefficient = 0.1, transition_speed = "10 mm/s" }',
+        form='table or "none"',
+        absent="no friction",
+    ),
+)
+
+
+def _optional(*keys: Key, **absent: str) -> tuple[Key, ...]:
+    """The keys, none of which must be there; `absent`: what the absence of some means."""
+    return tuple(dataclasses.replace(key, required=False, absent=absent.get(key.name, key.absent)) for key in keys)
+
+
+def _start(help: str) -> Key:
+    """Where what plays starts."""
+    return dataclasses.replace(keys_of(Revolute, "eccentricity")[0], help=help)
+
+
+_SLEEVE = tuple(key for key in keys_of(SleeveClearance) if key.name not in ("radial_clearance", "pin_radius"))
+_RADII = (
+    *_optional(*keys_of(RevoluteClearance)),
+    Quantity("diametral_clearance", "twice the radial clearance, instead of it", '"0.2 mm"', unit="m"),
+    Quantity("sleeve_radius", "radius of the sleeve", '"10.1 mm"', unit="m", absent="pin radius plus clearance"),
+)
+_FIT = (
+    *_optional(*keys_of(Fitting)),
+    Sub("press", "the housing into which the sleeve, a bush, is pressed", '{ fit = "H7/p6", diameter = "26 mm" }'),
+)
+PIN = Keys(
+    "joint.NAME",
+    "Clearance of a revolute joint",
+    "Two of radial (or diametral) clearance, pin radius and sleeve radius, or a pin radius and a `fit`, or a "
+    "`bearing`; and the laws of contact. With a `length` the pin may tilt, in space, and slide along its axis where it "
+    "has axial play too.",
+    (
+        *_RADII,
+        *LAWS,
+        *keys_of(Revolute, "eccentricity"),
+        *_optional(*_SLEEVE, length="no tilt"),
+        *_FIT,
+        Sub("bearing", "a rolling bearing, instead", '{ bore = "25 mm", balls = 9, ball_diameter = "7.94 mm" }'),
+        Sub("worn", "what its sleeve is worn off by", '{ file = "wear.nc" }', absent="round"),
+    ),
+    'type = "revolute"',
+)
+SHAFT = Keys(
+    "joint.NAME",
+    "Clearance of a cylindrical joint",
+    "As of a revolute joint with a `length`, without axial play: the pin slides.",
+    (
+        *_RADII,
+        *LAWS,
+        _start("where the pin's centre starts across the sleeve, in the sleeve's axes"),
+        *_optional(*(key for key in _SLEEVE if key.name in ("length", "stations", "pin"))),
+        *_FIT,
+    ),
+    'type = "cylindrical"',
+)
+BALL = Keys(
+    "joint.NAME",
+    "Clearance of a spherical joint",
+    "A ball in a socket that is a little larger.",
+    (
+        *_optional(*keys_of(SphericalClearance)),
+        *LAWS,
+        _start("where the ball's centre starts in the socket"),
+    ),
+    'type = "spherical"',
+)
+GUIDE = Keys(
+    "joint.NAME",
+    "Clearance of a prismatic joint",
+    "A block in a guide, whose corners meet the guide's walls. Of the guide's axes z is along it; of a joint that "
+    "slides along x in the plane, x is across.",
+    (
+        *_optional(*keys_of(GuideClearance)),
+        *LAWS,
+        _start("where the block's centre starts across the guide, in the guide's axes"),
+    ),
+    'type = "prismatic"',
+)
+PRESS = Keys(
+    "joint.NAME.press",
+    "Bush in a housing",
+    "A bush pressed into its housing, which closes the bush's bore.",
+    keys_of(PressFit),
+)
+WORN = Keys(
+    "joint.NAME.worn",
+    "Worn sleeve",
+    "By how much the sleeve's radius has grown all around: a list, or a file. The first sector is in the direction of "
+    "the sleeve's x, the others follow evenly.",
+    (
+        Quantities("depth", "the depths, at least 16 of them", '["1 um", "3 um", "2 um"]', unit="m"),
+        Text(
+            "file",
+            "what `clearance wear` has written (.nc), or a CSV table of angle [deg] and depth, beside the scene",
+            '"wear.nc"',
+            longest=LONGEST_PATH,
+        ),
+        Quantity("cycles", "the age in cycles, of a file of `clearance wear`", "20000", absent="the last one in it"),
+        Text("unit", "unit of the depths, of a CSV table", '"um"'),
+    ),
+)
+_BORE = Quantity("bore", "bore of the bearing", '"25 mm"', unit="m", required=True, bounds={"above": 0.0})
+_INTERNAL = Quantity(
+    "internal_clearance",
+    "radial internal clearance, at the diameter, as it is when mounted and warm",
+    '"10 um"',
+    unit="m",
+    bounds={"above": 0.0},
+    absent="the mean of the group",
+)
+BEARING = Keys(
+    "joint.NAME.bearing",
+    "Rolling bearing",
+    "Radial play of a deep-groove ball bearing (`balls`) or a cylindrical roller bearing (`rollers`), with the "
+    "stiffness that Palmgren has for it.",
+    (
+        _BORE,
+        Word("group", "group of internal clearance of ISO 5753-1", '"C3"', allowed=GROUPS, default="CN"),
+        _INTERNAL,
+        Whole("balls", "how many balls", "9", least=3, most=1000),
+        Quantity("ball_diameter", "diameter of a ball", '"7.94 mm"', unit="m", bounds={"above": 0.0}),
+        Whole("rollers", "how many rollers", "12", least=3, most=1000),
+        Quantity("roller_length", "effective length of a roller", '"9 mm"', unit="m", bounds={"above": 0.0}),
+    ),
+)
+NORMAL_TABLES = kinds_of(
+    "joint.NAME.normal",
+    "Normal law",
+    Word("law", "the law of the normal force", '"adams-impact"', allowed=tuple(NORMAL_LAWS), required=True),
+    NORMAL_LAWS,
+    law_class,
+)
+FRICTION_TABLES = kinds_of(
+    "joint.NAME.friction",
+    "Friction law",
+    Word("law", "the law of friction", '"tanh"', allowed=tuple(FRICTION_LAWS), required=True),
+    FRICTION_LAWS,
+)
+STIFFNESS = Keys(
+    "joint.NAME.normal.stiffness",
+    "Stiffness from geometry and materials",
+    summary(InternalHertz) + " Instead of a quantity.",
+    keys_of(InternalHertz),
+)
+PLAY_TABLES = (PIN, SHAFT, BALL, GUIDE, PRESS, BEARING, WORN)
+"""What makes play, in the order of the reference."""
+LAW_TABLES = (*NORMAL_TABLES.values(), STIFFNESS, *FRICTION_TABLES.values())
+"""The laws of contact, in that order."""

@@ -1,0 +1,60 @@
+"""The keys of what repeats with the drive: Poincare sections and Lyapunov exponents as outputs of a sweep, and their
+reader.
+"""
+
+from typing import Any
+
+from clearance_jax.analysis.recurrence import FEWEST, LyapunovExponent, PoincareSection
+from clearance_jax.errors import ClearanceError
+from clearance_jax.io.fields import summary
+from clearance_jax.io.kinds import Names, Quantity, Text, Whole
+from clearance_jax.io.table import Chosen
+from clearance_jax.solve.settings import MOST_SAMPLES
+
+SECTION, EXPONENT = "poincare-section", "lyapunov-exponent"
+_PERIOD = (
+    Quantity("period", "the period", '"12 ms"', unit="s", bounds={"above": 0.0}, absent="a turn of `speed`"),
+    Text(
+        "speed",
+        "instead of it the name of a speed of which a turn is a period, an axis too",
+        '"drive.main.speed"',
+        absent="`period`",
+    ),
+)
+RECURRENCE_KEYS = {
+    SECTION: (
+        summary(PoincareSection),
+        (
+            Names(
+                "quantities",
+                "what is looked at once a period: numbers that a solution gives by name",
+                '["piston.velocity.x", "wrist.eccentricity.x"]',
+                required=True,
+            ),
+            *_PERIOD,
+            Whole("count", "how many instants, the last ones", "100", least=1, most=MOST_SAMPLES, default=64),
+            Quantity("phase", "after the beginning of a period", '"3 ms"', unit="s", absent="at the beginning"),
+        ),
+    ),
+    EXPONENT: (
+        summary(LyapunovExponent),
+        (
+            *_PERIOD,
+            Whole("count", "over how many periods, the last ones", "100", least=FEWEST, most=MOST_SAMPLES, default=50),
+        ),
+    ),
+}
+"""Of each metric what it is, and its keys."""
+
+
+def recurrence_of(read: Chosen) -> PoincareSection | LyapunovExponent:
+    """The metric that a table describes; an exponent with its uncertainty."""
+    kind, table = read
+    if table.has("period") == table.has("speed"):
+        raise ClearanceError(
+            f"{table.where} must have one of the keys `period` and `speed`. Give the one that you know."
+        )
+    period: Any = table.get("period") if table.has("period") else table.get("speed")
+    if kind == EXPONENT:
+        return LyapunovExponent(period, table.get("count"), uncertainty=True)
+    return PoincareSection(table.get("quantities"), period, table.get("count"), table.get("phase") or 0.0)

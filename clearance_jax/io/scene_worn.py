@@ -1,0 +1,74 @@
+"""The worn sleeve of a scene's joint: its depths, listed or from a file."""
+
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+
+from clearance_jax.errors import ClearanceError
+from clearance_jax.io.files import read_table
+from clearance_jax.io.play_keys import WORN
+from clearance_jax.io.table import Table, naming
+from clearance_jax.joints import AbstractClearance, RevoluteClearance, SleeveClearance, worn_sleeve
+from clearance_jax.results.store import load_dataset
+from clearance_jax.units import to_si
+
+# By how much an angle of a table may be off its sector [deg]: what is written with two decimals is.
+OFF = 0.01
+
+
+def worn_of(clearance: AbstractClearance, joint: Table, path: Path) -> AbstractClearance:
+    """The clearance of a joint with its sleeve worn as the table says, of one that has a length all along it; `path`:
+    the scene's.
+    """
+    where = joint.key("worn")
+    assert isinstance(clearance, RevoluteClearance | SleeveClearance)
+    table = joint.table("worn", WORN)
+    if table.has("depth") == table.has("file"):
+        raise ClearanceError(f"{where} must have `depth` or `file`, and not both.")
+    if table.has("depth"):
+        _none_of(table, "cycles", "unit")
+        depth = np.array(table.get("depth"))
+    else:
+        file = path.parent / table.get("file")
+        read = _of_life if file.suffix.lower() == ".nc" else _of_table
+        depth = read(table, file)
+    if np.any(depth < 0):
+        raise ClearanceError(f"{where} must have depths of at least 0, but one is {depth.min():g} m.")
+    with naming(where):
+        return worn_sleeve(clearance, jnp.asarray(depth))
+
+
+def _of_life(table: Table, file: Path) -> np.ndarray:
+    """The profile at an age."""
+    _none_of(table, "unit")
+    where = table.key("file")
+    if not file.is_file():
+        raise ClearanceError(f"{where}: there is no file `{file}`.")
+    dataset = load_dataset(file)
+    if "depth" not in dataset or dataset["depth"].dims != ("cycle", "sector"):
+        raise ClearanceError(f"{where}: `{file}` is not the result of `clearance wear`.")
+    lived = dataset["cycle"].values
+    age = float(lived[-1]) if table.get("cycles") is None else table.get("cycles")
+    if not lived[0] <= age <= lived[-1]:
+        raise ClearanceError(
+            f"{table.key('cycles')} must be at most the {lived[-1]:g} cycles of the file, but it is {age:g}."
+        )
+    return dataset["depth"].interp(cycle=age).values
+
+
+def _of_table(table: Table, file: Path) -> np.ndarray:
+    _none_of(table, "cycles")
+    table.need("unit")
+    angle, depth = read_table(file, table.key("file"), "angle [deg] and depth")
+    if np.any(np.abs(angle - 360 * np.arange(angle.size) / angle.size) > OFF):
+        raise ClearanceError(
+            f"{table.key('file')}: the angles of `{file}` must go round once, evenly, from 0 to less than 360 deg."
+        )
+    return depth * to_si(f"1 {table.get('unit')}", "m", table.key("unit"))
+
+
+def _none_of(table: Table, *names: str) -> None:
+    for name in names:
+        if table.has(name):
+            raise ClearanceError(f"{table.key(name)} has no effect here. Remove it.")

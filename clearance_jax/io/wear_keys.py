@@ -1,0 +1,181 @@
+"""Every key of a wear file. A new key is a line here, and its use."""
+
+import dataclasses
+
+from clearance_jax.io.asking_keys import SET, choosing, heading, solving
+from clearance_jax.io.fields import keys_of, summary
+from clearance_jax.io.kinds import LONGEST_PATH, Quantity, Sub, Text, Whole, Word
+from clearance_jax.io.metric_keys import METRIC_KEYS, metric_tables
+from clearance_jax.io.table import Keys
+from clearance_jax.joints.worn import FEWEST
+from clearance_jax.laws import Material
+from clearance_jax.wear.laws import COEFFICIENT, Archard, Graded, Reye, RunningIn, Threshold
+from clearance_jax.wear.pressure import Foundation, HertzLine, Uniform
+from clearance_jax.wear.worn import SECTORS
+
+WEAR = Keys(
+    "wear",
+    "Top of a study of wear",
+    "What stands in a wear file before its first table.",
+    (
+        *heading("study", "Piston pin"),
+        Text("joint", "the joint that wears: a revolute joint with clearance, in the plane", '"wrist"', required=True),
+        Quantity("cycle", "when a cycle ends, from the scene's t0 on", '"12 ms"', unit="s", absent="the scene's t1"),
+        Whole("cycles", "how many cycles it lives, if nothing ends its life before", "100000", least=1, required=True),
+        Quantity(
+            "length",
+            "length of the contact along the pin",
+            '"20 mm"',
+            unit="m",
+            bounds={"above": 0.0},
+            absent="the joint's own",
+        ),
+        Sub("pin_material", "for Hertz's width", '{ modulus = "206 GPa" }', absent="the joint's own"),
+        Sub("sleeve_material", "for Hertz's width", '{ modulus = "110 GPa" }', absent="the joint's own"),
+        Sub("wear", "the law of wear", '{ law = "archard", coefficient = "6e-5 mm^3/(N*m)" }', required=True),
+        Sub(
+            "pressure",
+            "how a force spreads over the sleeve",
+            '{ kind = "foundation", stiffness = "2e13 Pa/m" }',
+            required=True,
+        ),
+        Sub(
+            "until",
+            "what ends its life: a metric of a cycle on the worn sleeve, a depth, a speed of impact",
+            '{ metric = "depth", bound = "50 um" }',
+            absent="it lives all its cycles",
+        ),
+        Whole("sectors", "of the sleeve, around it", "180", least=FEWEST, most=3600, default=SECTORS),
+        Quantity(
+            "tolerance",
+            "what a block of cycles may be off by, as a part of the largest depth",
+            "1e-2",
+            bounds={"above": 0.0, "below": 1.0},
+            default=1e-3,
+        ),
+        Whole(
+            "longest", "the most cycles that are jumped over at once", "1000", least=1, absent="as the tolerance has it"
+        ),
+        Text(
+            "journal",
+            "the folder that keeps what is done, from where the study is",
+            '"wear.journal"',
+            longest=LONGEST_PATH,
+            absent="beside the result, with its name",
+        ),
+        Sub("solve", "how cycles are solved", '{ rtol = 1e-6, start = "settled" }'),
+        SET,
+    ),
+)
+SOLVE = Keys("solve", "How cycles are solved", "Each of them.", solving("rtol", "solver", "start", "max_steps"))
+
+COEFFICIENT_UNIT = f"{COEFFICIENT}, or none beside a hardness"
+_LAW = Word("law", "the law of wear", '"archard"', allowed=("archard", "reye"), required=True)
+_CHANGES = (
+    dataclasses.replace(keys_of(Threshold, "least")[0], name="least_pressure", required=False, absent="none"),
+    Sub(
+        "graded",
+        "how the coefficient goes with pressure and speed",
+        '{ pressure = "10 MPa", speed = "0.1 m/s" }',
+        absent="it is constant",
+    ),
+    Sub("running_in", "wears faster at first", '{ factor = 5.0, duration = "1 h" }', absent="it does not"),
+)
+_COEFFICIENT = Quantity(
+    "coefficient",
+    "coefficient of wear: depth by pressure and way, volume by force and way; or Archard's number, with a `hardness`",
+    '"6e-5 mm^3/(N*m)"',
+    unit=COEFFICIENT_UNIT,
+    bounds={"least": 0.0},
+    required=True,
+)
+LAW_TABLES = {
+    "archard": Keys(
+        "wear",
+        "Law `archard`",
+        summary(Archard),
+        (
+            choosing(_LAW, "archard"),
+            _COEFFICIENT,
+            Quantity(
+                "hardness",
+                "of the softer surface",
+                '"1.3 GPa"',
+                unit="Pa",
+                bounds={"above": 0.0},
+                absent="in the coefficient",
+            ),
+            *_CHANGES,
+        ),
+        'law = "archard"',
+    ),
+    "reye": Keys(
+        "wear",
+        "Law `reye`",
+        summary(Reye),
+        (choosing(_LAW, "reye"), *keys_of(Reye, "coefficient"), *_CHANGES),
+        'law = "reye"',
+    ),
+}
+GRADED = Keys("wear.graded", "Graded coefficient", summary(Graded), keys_of(Graded))
+RUNNING_IN = Keys("wear.running_in", "Running in", summary(RunningIn), keys_of(RunningIn))
+
+_KIND = Word("kind", "how a force spreads", '"hertz"', allowed=("foundation", "hertz", "uniform"), required=True)
+_LAYER = "of the layer that the foundation is, instead of the stiffness"
+PRESSURE_TABLES = {
+    "foundation": Keys(
+        "pressure",
+        "Pressure `foundation`",
+        summary(Foundation),
+        (
+            choosing(_KIND, "foundation"),
+            *(dataclasses.replace(key, required=False, absent="from a layer") for key in keys_of(Foundation)),
+            Quantity("thickness", f"thickness {_LAYER}", '"2 mm"', unit="m", bounds={"above": 0.0}),
+            Sub("material", f"material {_LAYER}", '{ modulus = "3 GPa", poisson_ratio = 0.4 }'),
+        ),
+        'kind = "foundation"',
+    ),
+    "hertz": Keys("pressure", "Pressure `hertz`", summary(HertzLine), (choosing(_KIND, "hertz"),), 'kind = "hertz"'),
+    "uniform": Keys(
+        "pressure",
+        "Pressure `uniform`",
+        summary(Uniform),
+        (choosing(_KIND, "uniform"), *keys_of(Uniform)),
+        'kind = "uniform"',
+    ),
+}
+MATERIAL = Keys("pin_material", "Materials", "Of pin, sleeve or layer: elastic.", keys_of(Material))
+
+_WATCHED = Word(
+    "metric",
+    "what ends its life",
+    '"depth"',
+    allowed=("depth", "impact-speed", *(word for word in METRIC_KEYS if word != "at")),
+    required=True,
+)
+
+
+def _until(metric: str, help: str, unit: str, example: str) -> Keys:
+    bound = Quantity("bound", "where it ends", example, unit=unit, bounds={"above": 0.0}, required=True)
+    return Keys("until", f"End at `{metric}`", help, (choosing(_WATCHED, metric), bound), f'metric = "{metric}"')
+
+
+UNTIL_TABLES = {
+    "depth": _until("depth", "The largest depth of wear.", "m", '"50 um"'),
+    "impact-speed": _until(
+        "impact-speed", "The largest speed at which the joint's surfaces meet in a cycle.", "m/s", '"0.2 m/s"'
+    ),
+    # A metric of several numbers has no one to end at.
+    **{word: table for word, table in metric_tables("until", "End at", _WATCHED, bounded=True).items() if word != "at"},
+}
+WEAR_TABLES = (
+    WEAR,
+    SOLVE,
+    *LAW_TABLES.values(),
+    GRADED,
+    RUNNING_IN,
+    *PRESSURE_TABLES.values(),
+    MATERIAL,
+    *UNTIL_TABLES.values(),
+)
+"""Every table of a wear file, in the order of the reference."""

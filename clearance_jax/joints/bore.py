@@ -1,0 +1,121 @@
+"""The shape of a worn bore, and where a round pin stands in it.
+
+The pin is round, so at the angle t of the sleeve it stands d(t) = e . n(t) - c - h(t) in the wall, for small plays and
+depths h. It touches where that is largest. The largest over the sectors is a smooth one,
+
+    d = T log(sum_j exp(d_j / T) / m),    T = c w^2,    m = sqrt(2 pi),    w: the width of a sector,
+
+with T some 1e-4 of the clearance: as wide that the sum over sectors is an integral to 1e-8 of T (the bell that a round
+wall makes of exp(d / T) is w wide), so that the pin does not feel the sectors; m makes d that of a round sleeve where h
+is 0. Where a profile bears at two places at once, both are in the sum. d is convex and has all derivatives in e and h,
+and the force is along its gradient: so power balances, and seats are unique.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from clearance_jax._sharing import kept
+from clearance_jax._types import Scalar
+from clearance_jax.spatial import Vector
+
+# Sectors below which a sleeve is a polygon rather than a profile.
+FEWEST = 16
+# Newton iterations for a distance to the wall, which begin at it but for the blend; halvings for where on it a force
+# holds the pin.
+ITERATIONS, HALVINGS = 6, 44
+
+
+class Depth(NamedTuple):
+    """How deep a pin stands in the wall [m], and the gradient of it by the place of the pin's centre."""
+
+    value: Scalar
+    x: Scalar
+    y: Scalar
+
+
+class Bore(NamedTuple):
+    """The shape of a bore: radial clearance where nothing is worn, and the depths worn off, by sector [m]."""
+
+    clearance: Scalar
+    depth: Float[Array, " sectors"]
+
+    @property
+    def _angles(self) -> np.ndarray:
+        return 2 * np.pi * np.arange(self.depth.shape[0]) / self.depth.shape[0]
+
+    @property
+    def _cosines(self) -> Array:
+        return jnp.asarray(np.cos(self._angles))
+
+    @property
+    def _sines(self) -> Array:
+        return jnp.asarray(np.sin(self._angles))
+
+    def depth_at(self, x: Scalar, y: Scalar) -> Depth:
+        """How deep a pin stands in the wall."""
+        cosines, sines = self._cosines, self._sines
+        blend = self.clearance * (2 * np.pi / self.depth.shape[0]) ** 2
+        each = kept(x * cosines + y * sines - self.depth)
+        top = jax.lax.stop_gradient(jnp.max(each))
+        weight = kept(jnp.exp((each - top) / blend))
+        whole = jnp.sum(weight)
+        value = top + blend * jnp.log(whole / np.sqrt(2 * np.pi)) - self.clearance
+        return Depth(value, jnp.sum(weight * cosines) / whole, jnp.sum(weight * sines) / whole)
+
+    def distance(self, x: Scalar, y: Scalar, depth: Scalar) -> Scalar:
+        """How far from the middle a pin stands so deep in the wall, along a direction."""
+
+        def newton(bore: Bore, x, y, depth, far):
+            now = bore.depth_at(far * x, far * y)
+            return far - (now.value - depth) / jax.lax.stop_gradient(now.x * x + now.y * y)
+
+        still = jax.tree.map(jax.lax.stop_gradient, (self, x, y, depth))
+        far = still[0]._far(*still[1:])
+        # Two iterations more have the first and the second derivative.
+        return newton(self, x, y, depth, newton(self, x, y, depth, far))
+
+    def _far(self, x: Scalar, y: Scalar, depth: Scalar) -> Scalar:
+        """The same without a derivative: Newton from where the deepest sector alone would have it."""
+        ahead = x * self._cosines + y * self._sines
+        start = jnp.min(jnp.where(ahead > 0, (self.clearance + self.depth + depth) / ahead, jnp.inf))
+
+        def newton(_, far):
+            now = self.depth_at(far * x, far * y)
+            return far - (now.value - depth) / (now.x * x + now.y * y)
+
+        return jax.lax.fori_loop(0, ITERATIONS, newton, start)
+
+    def seat(self, along: Vector, depth: Scalar) -> tuple[Scalar, Scalar]:
+        """Where a pin stands that a force presses so deep along a direction: where the wall's gradient has it."""
+        ahead = tuple(jnp.asarray(c, float) for c in along[:2])
+        still, wall, deep = jax.tree.map(jax.lax.stop_gradient, (self, ahead, depth))
+        middle = jnp.arctan2(wall[1], wall[0])
+
+        def missed(bore: Bore, ahead, depth, x, y):
+            now = bore.depth_at(x, y)
+            return jnp.stack([now.value - depth, ahead[0] * now.y - ahead[1] * now.x])
+
+        def at(angle):
+            x, y = jnp.cos(angle), jnp.sin(angle)
+            far = still._far(x, y, deep)
+            return far * x, far * y
+
+        def halved(_, bracket):
+            low, high = bracket
+            angle = 0.5 * (low + high)
+            before = missed(still, wall, deep, *at(angle))[1] < 0
+            return jnp.where(before, angle, low), jnp.where(before, high, angle)
+
+        low, high = jax.lax.fori_loop(0, HALVINGS, halved, (middle - 0.5 * np.pi, middle + 0.5 * np.pi))
+        x, y = at(0.5 * (low + high))
+        (a, b), (c, d) = jax.jacfwd(lambda p: missed(still, wall, deep, p[0], p[1]))(jnp.stack([x, y]))
+        inverse = 1 / (a * d - b * c)
+        # The first and the second derivative are those of two Newton steps more, whose slope is that of the place.
+        for _ in range(2):
+            lack, turned = missed(self, ahead, depth, x, y)
+            x, y = x - inverse * (d * lack - b * turned), y - inverse * (a * turned - c * lack)
+        return x, y

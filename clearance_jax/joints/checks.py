@@ -1,0 +1,54 @@
+"""What the numbers of a play must be, said at once in words."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from jax.core import Tracer
+
+from clearance_jax.errors import ClearanceError, quoted
+from clearance_jax.spatial import Vector
+
+
+def check_sizes(unit: str = "m", **sizes: Any) -> None:
+    """Raise, naming it, for a number that is none, not finite, or not above zero. What is `None`, or traced, passes."""
+    for name, size in sizes.items():
+        if size is None or isinstance(size, Tracer):
+            continue
+        try:
+            value = np.asarray(size, float)
+        except (TypeError, ValueError):
+            raise ClearanceError(f"`{name}` must be a number in {unit}, but it is {quoted(size)}.") from None
+        if not np.all(np.isfinite(value)):
+            raise ClearanceError(f"`{name}` must be finite, but it is {quoted(value.tolist())}.")
+        if not np.all(value > 0):
+            raise ClearanceError(f"`{name}` must be greater than 0 {unit}, but it is {quoted(value.tolist())} {unit}.")
+
+
+def check_larger(name: str, size: Any, than: str, other: Any, why: str) -> None:
+    """Raise, naming both, unless one length [m] is larger than another. What is traced passes."""
+    if isinstance(size, Tracer) or isinstance(other, Tracer) or np.all(np.asarray(size) > np.asarray(other)):
+        return
+    raise ClearanceError(
+        f"`{name}` must be greater than {than}, {quoted(np.asarray(other).tolist())} m, {why}, but it is "
+        f"{quoted(np.asarray(size).tolist())} m."
+    )
+
+
+def check_known(name: str, size: Any, why: str) -> None:
+    """Raise, naming it, for a number that is traced."""
+    if isinstance(size, Tracer):
+        raise ClearanceError(f"`{name}` must be a plain number, not one to be differentiated or batched: {why}.")
+
+
+def check_start(joint: str, place: tuple[Any, ...], slides: Sequence[Vector]) -> None:
+    """Raise for an `eccentricity` (its components) along an axis that none of the play's slides has a part in. What is
+    absent, zero or traced passes.
+    """
+    for k, (letter, part) in enumerate(zip("xyz", place, strict=True)):
+        absent = part is None or isinstance(part, Tracer) or not np.any(np.asarray(part))
+        if not absent and not any(slide[k] for slide in slides):
+            raise ClearanceError(
+                f"The `eccentricity` of joint `{joint}` along {letter} of its sleeve has no effect: there is no play "
+                "that way. Leave it out."
+            )

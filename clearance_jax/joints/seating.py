@@ -1,0 +1,202 @@
+"""Where a pin that may tilt rests under a load: the contact bears force and moment, friction aside.
+
+What a contact without friction holds is the gradient of its elastic energy, which is convex for plays as small as they
+are: so the place is where elastic energy and the load's potential together are least, and Newton's method, with a line
+search along each step, finds it from anywhere. A direction along which nothing presses and nothing resists stays as it
+is.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from clearance_jax._types import Flag, Scalar
+from clearance_jax.joints._base import TOUCHING, PlayCoordinate, PreparedClearance, Relative
+from clearance_jax.spatial import IDENTITY, ZERO, Rotation, Term, Vector, add, as_array, dot, scale
+
+# Iterations at most (some twenty are usual); halvings of a step; iterations at the end, without springs.
+MOST, HALVINGS, LAST = 200, 12, 5
+# Loads begin where they press so deep (in parts of the play), and are by so much less each time as one is nearly borne.
+WIDE, LESS, NEAR = 0.3, 8.0, 0.1
+# Of the load: what is left when a search ends; such as it may be where it helps no more.
+ROUND_OFF, SOLVED = 1e-14, 1e-9
+# What springs hold per play: of the whole load along what it does not press, of its own along what it does.
+LOOSE, PRESSED = 1e-2, 1e-6
+
+Values = Float[Array, " play"]
+
+
+class Pose(NamedTuple):
+    """A pin's pose in its sleeve's axes by its play: place [m], how it is turned, and of each coordinate the axis that
+    it slides along or turns about there.
+    """
+
+    place: Vector
+    rotation: Rotation
+    axes: tuple[Vector, ...]
+
+
+def posed(play: Sequence[PlayCoordinate], values: Sequence[Term] | Values) -> Pose:
+    """The pose at given values of the play coordinates [m or rad]."""
+    place, rotation, axes = ZERO, IDENTITY, []
+    for k, one in enumerate(play):
+        if one.turns is None:
+            assert one.slides is not None
+            axes.append(rotation.apply(one.slides))
+            place = add(place, scale(values[k], axes[-1]))
+        else:
+            axes.append(rotation.apply(one.turns))
+            rotation = rotation.turned(one.turns, values[k])
+    return Pose(place, rotation, tuple(axes))
+
+
+class Load(NamedTuple):
+    """What the sleeve is to exert on the pin, in the sleeve's axes: force [N], moment about the pin's centre [N m]."""
+
+    force: Vector
+    moment: Vector
+
+    def along(self, play: Sequence[PlayCoordinate], axes: tuple[Vector, ...]) -> Values:
+        """Its part along each play coordinate [N or N m]."""
+        return as_array(
+            [dot(self.force if one.turns is None else self.moment, a) for one, a in zip(play, axes, strict=True)]
+        )
+
+
+def relative_at(play: Sequence[PlayCoordinate], values: Values) -> Relative:
+    """A pin at rest at given values of its play."""
+    at, zero = posed(play, values), jnp.zeros(())
+    rows = None if all(one.turns is None for one in play) else at.rotation.rows
+    return Relative(at.place, 0.0, (zero, zero, zero), (zero, zero, zero), rows)
+
+
+class Seat(NamedTuple):
+    """Where a pin is at rest: its `play` [m or rad]; whether the load `presses` it at all; what is `left` of the load,
+    as a part of it, that the joint does not bear there: where it is not nearly nothing, the search found no rest.
+    """
+
+    play: Values
+    presses: Flag
+    left: Scalar
+
+
+def seat(clearance: PreparedClearance, load: Load, start: Values) -> Seat:
+    """The play at which the joint, without friction, exerts a load on its pin.
+
+    Differentiable twice by the joint's numbers and the load: two more Newton steps, whose slope is hidden from
+    differentiation, from an iterate that is stopped. What nothing resists stays at the start.
+    """
+    smooth = PreparedClearance(clearance.joint, clearance.normal, None)
+    still, begun = jax.lax.stop_gradient(((smooth, load), start))
+    size = as_array([one.scale for one in still[0].joint.play()])
+    whole = Seating(*still, size, jnp.ones(len(size), bool), begun / size)
+    search = whole._replace(counts=whole.more_than_round_off())
+    found, inverse, loose = search.rested(search.found())
+    found = found + loose @ ((start - begun) / size)
+    differentiated = search._replace(clearance=smooth, load=load)
+
+    def once(_, carry):
+        left = differentiated.left(carry[0])
+        return carry[0] - inverse @ left, jax.lax.stop_gradient(left)
+
+    found, left = jax.lax.fori_loop(0, 2, once, (found, jnp.zeros_like(found)))
+    # What presses along a coordinate without load is a tilted pin's edge, which need not be held there.
+    asked, left = (jnp.linalg.norm(jnp.where(search.counts, part, 0.0)) for part in (search.asked, left))
+    return Seat(
+        size * found, jnp.any(search.counts), jnp.where(asked > 0, left / jnp.where(asked > 0, asked, 1.0), 0.0)
+    )
+
+
+class Seating(NamedTuple):
+    """The problem: a pin, the load that it is to bear, the `size` of its play, which parts of the load `counts`, the
+    `start`. Its unknowns x are the play in units of its size; forces and moments are so too [J].
+    """
+
+    clearance: PreparedClearance
+    load: Load
+    size: Values
+    counts: Array
+    start: Values
+
+    def left(self, x: Values, factor: Scalar | float = 1.0) -> Values:
+        """The gradient of the energy: a multiple of the load, less what the joint bears."""
+        play, values = self.clearance.joint.play(), self.size * x
+        axes = posed(play, values).axes
+        memory = tuple(jnp.zeros(()) for _ in self.clearance.remembers)
+        action = self.clearance.act(relative_at(play, values), memory)
+        borne = Load(action.force, action.torque).along(play, axes)
+        return self.size * (jnp.where(self.counts, factor * self.load.along(play, axes), 0.0) - borne)
+
+    @property
+    def asked(self) -> Values:
+        """The load along each coordinate, from the middle."""
+        play = self.clearance.joint.play()
+        return jnp.abs(jnp.where(self.counts, self.size * self.load.along(play, posed(play, 0 * self.size).axes), 0.0))
+
+    @property
+    def springs(self) -> Values:
+        """So soft that they give way to contacts, and stiff enough to bring back to the start what nothing holds."""
+        return jnp.where(self.counts, PRESSED * self.asked, LOOSE * jnp.linalg.norm(self.asked))
+
+    def wall(self, depth: float) -> Array:
+        """What the joint bears where the pin is pressed along its first slide by a part of its play."""
+        return jnp.abs(self.left((1 + depth) * jnp.eye(len(self.size))[0], 0.0)[0])
+
+    def more_than_round_off(self) -> Array:
+        """Which parts of the load are more than round-off: of the largest, and of what presses at all."""
+        return (self.asked > TOUCHING * jnp.max(self.asked)) & (self.asked > self.wall(TOUCHING))
+
+    def found(self) -> Values:
+        """Where energy and springs are least. Where walls are stiff that is in a narrow, curved valley: so a load that
+        widens it falls to the real one.
+        """
+        springs, whole = self.springs, jnp.linalg.norm(self.asked)
+        parts = 0.5 ** jnp.arange(HALVINGS)
+
+        def left(x, factor):
+            return self.left(x, factor) + factor * springs * (x - self.start)
+
+        def once(carry):
+            x, factor, count, _ = carry
+            (g, slope), asked = sloped(lambda x: left(x, factor), x), factor * whole
+            stiff, ways = jnp.linalg.eigh(0.5 * (slope + slope.T))
+            step = -ways @ jnp.clip((ways.T @ g) / jnp.maximum(stiff, PRESSED * TOUCHING * asked), -1.0, 1.0)
+            further = jax.vmap(lambda part: left(x + part * step, factor))(parts)
+            # As far as the energy falls, or nearly: the largest part at which it does not rise half as steeply.
+            good = (further @ step) <= 0.5 * jnp.abs(g @ step)
+            part = jnp.where(jnp.any(good), jnp.argmax(good), HALVINGS - 1)
+            before, after = jnp.linalg.norm(g), jnp.linalg.norm(further[part])
+            stuck = (after > 0.5 * before) & (before < SOLVED * asked)
+            x = jnp.where(stuck, x, x + parts[part] * step)
+            done = (factor <= 1) & (stuck | (after <= ROUND_OFF * asked))
+            return x, jnp.where(after < NEAR * asked, jnp.maximum(1.0, factor / LESS), factor), count + 1, done
+
+        widest = self.wall(WIDE) / jnp.where(whole > 0, whole, 1.0)
+        begin = self.start, jnp.maximum(1.0, widest), jnp.asarray(0), whole <= 0
+        return jax.lax.while_loop(lambda carry: ~carry[3] & (carry[2] < MOST), once, begin)[0]
+
+    def rested(self, x: Values) -> tuple[Values, Array, Array]:
+        """The equilibrium without springs, near that with them: of what contacts hold more firmly than springs do, the
+        rest at the start. And there the inverse of the slope, and the projection on the rest.
+        """
+
+        def once(_, carry):
+            x, g, slope = carry[0], *sloped(self.left, carry[0])
+            stiff, ways = jnp.linalg.eigh(0.5 * (slope + slope.T))
+            holds = stiff > (ways**2).T @ self.springs
+            both = holds[:, None] & holds[None, :]
+            held = jnp.linalg.inv(jnp.where(both, ways.T @ slope @ ways, jnp.eye(len(x))))
+            inverse, loose = ways @ jnp.where(both, held, 0.0) @ ways.T, ways @ jnp.where(holds[:, None], 0.0, ways.T)
+            return x - inverse @ g - loose @ (x - self.start), inverse, loose
+
+        nothing = jnp.zeros((len(x), len(x)))
+        return jax.lax.fori_loop(0, LAST, once, (x, nothing, nothing))
+
+
+def sloped(function: Callable[[Values], Values], x: Values) -> tuple[Values, Array]:
+    """A function's value and Jacobian."""
+    slope, value = jax.jacfwd(lambda x: (function(x),) * 2, has_aux=True)(x)
+    return value, slope

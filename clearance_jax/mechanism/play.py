@@ -1,0 +1,98 @@
+"""Play given to a joint: whole, or by a designer's numbers, of which each kind of joint takes its own."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import equinox as eqx
+
+from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.joints import (
+    BALL,
+    GUIDE,
+    PIN,
+    SHAFT,
+    AbstractClearance,
+    Preset,
+    RevoluteClearance,
+    SleeveClearance,
+    Tolerance,
+)
+from clearance_jax.joints.checks import check_sizes
+from clearance_jax.joints.presets import made
+from clearance_jax.mechanism.compounds import Cylindrical, Spherical
+from clearance_jax.mechanism.tree import AbstractJoint, AbstractPlayed, Prismatic, Revolute
+from clearance_jax.parameters import check_demands, replace
+
+PRESETS: Mapping[type[AbstractPlayed], Preset] = {Revolute: PIN, Prismatic: GUIDE, Spherical: BALL, Cylindrical: SHAFT}
+"""How play is made, by the kind of joint."""
+
+
+def played(joint: AbstractJoint, clearance: AbstractClearance | None, numbers: Mapping[str, Any]) -> AbstractPlayed:
+    """The joint with a whole `clearance`, with one made of a designer's `numbers`, or with some of its own replaced.
+
+    **Raises:** `ClearanceError` for a joint of a kind that has no play, for numbers that are not of its kind, and for
+    what is missing or contradicts itself.
+    """
+    if not isinstance(joint, AbstractPlayed):
+        raise unplayed(joint)
+    numbers = {name: value for name, value in numbers.items() if value is not None}
+    if clearance is None:
+        clearance = _made(joint, numbers)
+    elif numbers:
+        raise ClearanceError(f"Joint `{joint.name}` is given a whole clearance and numbers of one. Give one of them.")
+    check_demands(clearance, f"{joint.name}.")
+    return dataclasses.replace(joint, clearance=clearance)
+
+
+def unplayed(joint: AbstractJoint) -> ClearanceError:
+    """What is wrong with play in a joint of a kind that has none."""
+    kinds = ", ".join(kind.__name__.lower() for kind in PRESETS)
+    return ClearanceError(
+        f"Joint `{joint.name}` is of a kind that has no play ({type(joint).__name__.lower()}). These have: {kinds}."
+    )
+
+
+def _made(joint: AbstractPlayed, numbers: Mapping[str, Any]) -> Any:
+    """A clearance by a designer's numbers, or the joint's own with these numbers."""
+    preset = PRESETS.get(type(joint))
+    if preset is None:
+        raise ClearanceError(f"Joint `{joint.name}` is of a kind that is given its whole clearance only.")
+    for name in numbers:
+        if name not in preset.numbers:
+            raise ClearanceError(
+                f"The play of joint `{joint.name}` has no number `{name}`. " + suggest(name, preset.numbers)
+            )
+    if joint.clearance is not None:
+        return _changed(joint, preset, numbers)
+    if not numbers:
+        listed = ", ".join(preset.numbers)
+        raise ClearanceError(f"Joint `{joint.name}` is ideal: give its whole clearance, or its numbers: {listed}.")
+    return preset.make(**numbers)
+
+
+def _changed(joint: AbstractPlayed, preset: Preset, numbers: Mapping[str, Any]) -> Any:
+    """The joint's own clearance with other numbers."""
+    own: Any = joint.clearance
+    sizes = {name: value for name, value in numbers.items() if name not in ("fit", "temperature")}
+    check_sizes(**sizes)
+    if len(sizes) < len(numbers):
+        if not isinstance(own, RevoluteClearance | SleeveClearance):
+            raise ClearanceError(f"The clearance of joint `{joint.name}` is of a kind that has no `fit`.")
+        diameter = sizes.get("diameter", 2 * own.pin_radius)
+        sizes["radial"], tolerance = made(sizes.get("radial"), diameter, numbers.get("fit"), numbers.get("temperature"))
+        own = _made_between(own, tolerance)
+    elif {"radial", "diameter"} & sizes.keys() and getattr(own, "tolerance", None) is not None:
+        own = _made_between(own, None)  # of a fit that these numbers are not of any more
+    for name in sizes:
+        if getattr(own, preset.fields[name][0], None) is None:
+            raise ClearanceError(
+                f"The clearance of joint `{joint.name}` has no `{name}` to be replaced. Give it a whole clearance."
+            )
+    fields = {field: value * factor for name, value in sizes.items() for field, factor in [preset.fields[name]]}
+    return replace(own, fields)
+
+
+def _made_between(clearance: Any, tolerance: Tolerance | None) -> Any:
+    """The clearance with another tolerance."""
+    return eqx.tree_at(lambda c: c.tolerance, clearance, tolerance, is_leaf=lambda x: x is None)

@@ -1,0 +1,196 @@
+"""Films of a motion: the mechanism, beside it a clearance joint magnified, below it when that joint bears how and how
+much. Dataset in, film out.
+"""
+
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
+
+from clearance_jax.errors import ClearanceError
+from clearance_jax.report.film import DPI, FPS, STYLE, AbstractFilm
+from clearance_jax.report.magnified import Joint, Section, Side, joint_of
+from clearance_jax.report.panels import SHORT, curve, time_axis
+from clearance_jax.report.play_figures import timeline
+from clearance_jax.report.skeleton import Skeleton
+from clearance_jax.results.bearing import require_joint
+
+# How long a film lasts if nothing is said [s]: slowed by the roundest factor that makes it no longer.
+LASTS = 10.0
+
+
+class Film(AbstractFilm):
+    """A film of a dataset's samples.
+
+    - `figure`: what is drawn on; `show(k)` puts frame `k` on it.
+    - `frames`: which samples of the dataset it shows, (frames,); `fps`: how many of them a second.
+    - `slowdown`: seconds of the film per second of the motion; `exaggeration`: factor on the play of `joint`.
+    """
+
+    def __init__(
+        self,
+        dataset: xr.Dataset,
+        joint: str | None,
+        frames: np.ndarray,
+        fps: float,
+        slowdown: float,
+        factor: float | None,
+    ):
+        self.frames, self.fps, self.slowdown, self.joint = frames, fps, slowdown, joint
+        self.time, self.name = dataset["time"].values, str(dataset.attrs.get("mechanism", ""))
+        enlarged = None if joint is None else joint_of(dataset, joint, factor)
+        self.exaggeration = 1.0 if enlarged is None else enlarged.factor
+        with mpl.rc_context(STYLE):
+            self.figure = Figure(figsize=(11, 6.2) if enlarged is not None else (7, 6), dpi=DPI, layout="constrained")
+            self._views, self._cursors = self._laid_out(dataset, enlarged)
+            self._clock = self.figure.suptitle("", fontsize=11)
+            self.show(0)
+            # Laid out once: no frame moves what another one has put in its place.
+            self.figure.draw_without_rendering()
+        self.figure.set_layout_engine("none")
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def show(self, k: int) -> Figure:
+        """Draw frame `k`."""
+        i = int(self.frames[k])
+        for view in self._views:
+            view.show(i)
+        factor, unit = (1e3, "ms") if self.time[-1] < SHORT else (1.0, "s")
+        now = factor * self.time[i]
+        for cursor in self._cursors:
+            cursor.set_xdata([now, now])
+        speed = f"slowed {self.slowdown:g} times" if self.slowdown >= 1 else f"{1 / self.slowdown:g} times as fast"
+        self._clock.set_text(f"{self.name}   t = {now:.{_digits(factor * self.time[-1])}f} {unit}, {speed}")
+        return self.figure
+
+    def __repr__(self) -> str:
+        of = f", {self.joint} with its play x {self.exaggeration:g}" if self.joint else ""
+        return f"Film of {self.name}{of}: {len(self)} frames, {self.fps:.3g} a second"
+
+    def _laid_out(self, dataset: xr.Dataset, enlarged: Joint | None) -> tuple[list, list]:
+        """Draw what stays; the views that follow the motion, and the cursors on time axes."""
+        projection = "3d" if dataset.sizes["axis"] == 3 else None
+        if enlarged is None:
+            return [Skeleton(self.figure.add_subplot(projection=projection), dataset)], []
+        parts: Any = self.figure.subfigures(2, 1, height_ratios=(4.6, 1.6))
+        upper, lower = parts
+        left, right = upper.subfigures(1, 2, width_ratios=(1.1, 1.0))
+        views = [Skeleton(left.add_subplot(projection=projection), dataset, self.joint), *_views(right, enlarged)]
+        right.suptitle(f"{self.joint}: {_scale(enlarged)}", color="tab:red", fontsize=10)
+        force, bar = lower.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+        factor = time_axis(bar, float(self.time[-1]))
+        curve(force, factor * self.time, dataset["contact_force"].sel(joint=self.joint).values, "")
+        force.set(ylabel="contact\nforce, N", ylim=(0, None))
+        force.grid(alpha=0.3)
+        timeline(bar, dataset, [str(self.joint)])
+        return views, [axis.axvline(0.0, color="k", lw=1.2, zorder=9) for axis in (force, bar)]
+
+
+def _scale(joint: Joint) -> str:
+    """How large the play is drawn, and how large it is."""
+    size = f"{1e6 * joint.clearance:g} µm"
+    known = f"{size} to either side" if joint.block is not None else f"dashed: clearance {size}"
+    return f"play × {joint.factor:g} ({known})"
+
+
+def _views(figure: Any, joint: Joint) -> list:
+    """What is seen of a joint: of a pin without tilt one section, of a ball two, of a sleeve both ends and both sides,
+    of a block its sides.
+    """
+    if joint.block is not None:
+        ways = "xy" if joint.block[1] is not None else "x"
+        axes = np.atleast_1d(figure.subplots(len(ways), 1))
+        return [
+            Side(_titled(axis, f"along the guide, {way} up"), joint, "xy".index(way))
+            for axis, way in zip(axes, ways, strict=True)
+        ]
+    if joint.length is not None:
+        sides, ends = figure.subplots(2, 2)
+        found: list = [Side(_titled(axis, f"from the side, {'xy'[up]} up"), joint, up) for up, axis in enumerate(sides)]
+        for axis, height in zip(ends, joint.heights[[0, -1]], strict=True):
+            place = f"{1e3 * height:+.3g} mm".replace("-", "−")
+            found.append(Section(_titled(axis, f"across the edge at z = {place}"), joint, height))
+        return found
+    if joint.place.shape[1] == 3:
+        views = []
+        for axis, pair in zip(figure.subplots(1, 2), ((0, 1), (0, 2)), strict=True):
+            views.append(Section(_titled(axis, f"seen along {'zy'[pair[1] - 1]}"), joint, axes=pair))
+        return views
+    return [Section(figure.subplots(), joint)]
+
+
+def _titled(axis: Any, title: str) -> Any:
+    axis.set_title(title, fontsize=9)
+    return axis
+
+
+def animate(
+    dataset: xr.Dataset,
+    joint: str | None = None,
+    *,
+    slowdown: float | None = None,
+    exaggeration: float | None = None,
+    span: tuple[float, float] | None = None,
+    fps: float = FPS,
+) -> Film:
+    """A film of a motion, with a clearance joint magnified beside the mechanism: `film.save("play.gif")`; a notebook
+    shows it by itself.
+
+    **Arguments:**
+
+    - `dataset`: of `to_dataset`; a film shows its samples, none in between.
+    - `joint`: the joint to magnify, by default the one that bears most; of a mechanism without play none.
+    - `slowdown`: seconds of film per second of motion, > 0; by default so that it lasts no longer than ten seconds.
+    - `exaggeration`: how many times as large the play is drawn, >= 1, beside a pin of its own size; by default so that
+      it is seen.
+    - `span`: from when to when [s], by default all.
+    - `fps`: frames a second, > 0; fewer where the dataset has fewer samples.
+
+    **Raises:** `ClearanceError` for a joint that is not there or has no view, and for numbers that are no such.
+    """
+    for name, value, least in (("slowdown", slowdown, 0.0), ("exaggeration", exaggeration, 1.0), ("fps", fps, 0.0)):
+        if value is not None and not (np.isfinite(value) and value > 0 and value >= least):
+            bound = "at least 1" if least else "greater than 0"
+            raise ClearanceError(f"`{name}` must be {bound}, but it is {value:g}.")
+    if "time" not in dataset.coords:
+        raise ClearanceError("There is nothing to film: this is no result of a simulation.")
+    name = _most_loaded(dataset) if joint is None else require_joint(dataset, joint)
+    chosen = _within(dataset["time"].values, span)
+    lasts = float(np.ptp(dataset["time"].values[chosen]))
+    slowdown = slowdown or _round_down(LASTS / lasts)
+    count = min(round(slowdown * lasts * fps) + 1, len(chosen))
+    frames = chosen[np.round(np.linspace(0, len(chosen) - 1, max(count, 2))).astype(int)]
+    return Film(dataset, name, frames, (len(frames) - 1) / (slowdown * lasts), slowdown, exaggeration)
+
+
+def _most_loaded(dataset: xr.Dataset) -> str | None:
+    if "contact_force" not in dataset:
+        return None
+    return str(dataset["joint"].values[int(dataset["contact_force"].values.mean(axis=0).argmax())])
+
+
+def _within(time: np.ndarray, span: tuple[float, float] | None) -> np.ndarray:
+    """The samples of a span of time."""
+    first, last = (time[0], time[-1]) if span is None else span
+    chosen = np.flatnonzero((time >= first) & (time <= last))
+    if len(chosen) < 2:
+        raise ClearanceError(
+            f"A film needs two samples at least, but from {first:g} s to {last:g} s there are {len(chosen)}. "
+            f"The result has {len(time)}, from {time[0]:g} s to {time[-1]:g} s."
+        )
+    return chosen
+
+
+def _round_down(value: float) -> float:
+    """The largest of ..., 0.1, 0.2, 0.5, 1, 2, 5, ... that is not above a value."""
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(f"{power * max(k for k in (1, 2, 5) if k * power <= value):.1g}")
+
+
+def _digits(last: float) -> int:
+    """Decimals of a clock that runs to `last`: a thousandth of it is seen."""
+    return int(np.clip(3 - np.floor(np.log10(last)), 0, 6))

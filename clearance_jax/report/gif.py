@@ -1,0 +1,57 @@
+"""GIFs of drawn pictures: one palette for all frames, half the size of one for each."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from PIL import Image
+from scipy.spatial import KDTree
+
+# Colours of a GIF, one less than it can have: the last is for what stays as it was in the frame before, without which a
+# film is three times as large. And in how many frames they are looked for.
+COLOURS, LOOKED_AT = 255, 10
+_BITS = np.array([1 << 16, 1 << 8, 1])
+
+
+class Frame(NamedTuple):
+    """A picture by its colours, packed to a number each, and which of them every pixel has."""
+
+    colours: np.ndarray
+    which: np.ndarray
+
+
+def write_gif(path: str | Path, pictures: Iterable[np.ndarray], fps: float) -> None:
+    """Write pictures (height, width, 3 or 4), of bytes each, one after another, again and again."""
+    frames = [_frame(picture) for picture in pictures]
+    palette = _palette(frames[:: -(-len(frames) // LOOKED_AT)])
+    first, *rest = (_painted(frame, palette) for frame in frames)
+    lasts = max(round(1000 / fps), 20)  # ms; what is shorter browsers show slowly
+    first.save(path, format="GIF", save_all=True, append_images=rest, duration=lasts, loop=0)
+
+
+def _frame(picture: np.ndarray) -> Frame:
+    colours, which = np.unique(picture[..., :3] @ _BITS, return_inverse=True)
+    return Frame(colours, which.reshape(picture.shape[:2]).astype(np.min_scalar_type(len(colours))))
+
+
+def _palette(frames: list[Frame]) -> np.ndarray:
+    """The colours that most of the pixels have: areas keep theirs, their blurred edges get the nearest."""
+    seen = np.concatenate([frame.colours for frame in frames])
+    counts = np.concatenate([np.bincount(frame.which.ravel()) for frame in frames])
+    colours, which = np.unique(seen, return_inverse=True)
+    totals = np.bincount(which, counts)
+    return _parts(colours[np.argsort(-totals, kind="stable")[:COLOURS]])
+
+
+def _painted(frame: Frame, palette: np.ndarray) -> Image.Image:
+    """A frame in the nearest colours of a palette. (Pillow's own choice turns white into a light grey.)"""
+    near = np.asarray(KDTree(palette).query(_parts(frame.colours))[1]).astype(np.uint8)
+    painted = Image.fromarray(near[frame.which])
+    painted.putpalette(palette.astype(np.uint8).tobytes())
+    return painted
+
+
+def _parts(colours: np.ndarray) -> np.ndarray:
+    """Red, green and blue, (colours, 3)."""
+    return colours[:, None] // _BITS % 256

@@ -1,0 +1,212 @@
+"""The field's pictures of a driven mechanism with clearance: bifurcation diagrams, Poincare sections, Lyapunov
+exponents. Dataset of a sweep in, Figure out.
+"""
+
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from clearance_jax.errors import ClearanceError
+from clearance_jax.report.sweep_axes import (
+    CODE,
+    Exponent,
+    exponent_of,
+    lanes_of,
+    number,
+    of_lanes,
+    parted,
+    result,
+    scale,
+    shown,
+    sliced,
+    tidy,
+    varied,
+    words,
+)
+
+STYLED = mpl.rc_context({"axes.grid": True, "grid.alpha": 0.3, "font.size": 9, "axes.axisbelow": True})
+# A diagram of more points than this is drawn with smaller ones; areas of both [pt^2].
+MANY, LARGE, SMALL = 20_000, 4.0, 0.5
+# Sections drawn at most; of how few points one is drawn with larger ones; how much a panel shows of all there is.
+MOST_SECTIONS, FEW, CLOSE = 6, 200, 0.1
+# As many lanes as a picture has columns.
+COLUMNS = 500
+# By the sign of the exponent: colours, and words where its uncertainty is known and where it is not.
+COLOURS = {-1: "tab:blue", 0: "0.55", 1: "tab:red"}
+KNOWN = {-1: "stable: exponent negative", 0: "exponent zero within its uncertainty", 1: "chaotic: exponent positive"}
+SIGNS = {-1: "exponent negative", 0: "exponent zero", 1: "exponent positive"}
+
+
+def section(dataset: xr.Dataset, name: str) -> list[xr.DataArray]:
+    """The quantities of a Poincare section, each with its name and unit; beside the lanes' dimensions each has one, of
+    its instants.
+
+    **Raises:** `ClearanceError` for a result that is none.
+    """
+    one = result(dataset, name)
+    own = [str(dim) for dim in one.dims if dim not in lanes_of(dataset)]
+    if len(own) == 1:
+        return [one]
+    if len(own) != 2:
+        raise ClearanceError(f"`{name}` is no Poincare section: beside lanes it has {len(own)} dimensions, not 1 or 2.")
+    units = str(one.attrs.get("units", "")).split(", ")
+    units = units if len(units) == one.sizes[own[1]] else units[:1] * one.sizes[own[1]]
+    labels = one[own[1]].values  # where there are no labels, whole numbers
+    return [
+        one.isel({own[1]: k}).rename(str(label)).assign_attrs(units=units[k], long_name=words(str(label)))
+        for k, label in enumerate(labels)
+    ]
+
+
+@STYLED
+def bifurcation(
+    dataset: xr.Dataset, name: str, axis: str | None = None, exponent: str | None = None, quantity: int = 0
+) -> Figure:
+    """The points of a Poincare section over a number that varies, and below them the largest Lyapunov exponent; of a
+    grid in the middle of its other axes.
+
+    **Arguments:** `name`: the section; `axis`: the number (the first one); `exponent`: the exponent, if it is known;
+    `quantity`: which of the section's quantities.
+    """
+    dataset = tidy(dataset)
+    axis = varied(dataset)[0] if axis is None else axis
+    dataset, where = sliced(dataset, axis)
+    if exponent is None:
+        figure = Figure(figsize=(9, 4.6), layout="constrained")
+        draw_bifurcation(figure.subplots(), dataset, section(dataset, name)[quantity], axis)
+        _title(figure, where)
+        return figure
+    figure = Figure(figsize=(9, 6.4), layout="constrained")
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(5, 2))
+    draw_bifurcation(above, dataset, section(dataset, name)[quantity], axis, exponent)
+    above.set_xlabel("")
+    draw_exponent(below, dataset, exponent, axis)
+    _title(figure, where)
+    return figure
+
+
+def _title(figure: Figure, where: str) -> None:
+    if where:
+        figure.suptitle(where, fontsize=9)
+
+
+def draw_bifurcation(
+    axes: Axes, dataset: xr.Dataset, points: xr.DataArray, axis: str, exponent: str | None = None
+) -> None:
+    """The diagram; where the exponent is known, in colours by its sign."""
+    across, up = shown(number(dataset, axis)), shown(points)
+    x, y = across.factor * of_lanes(dataset, number(dataset, axis)), up.factor * of_lanes(dataset, points)
+    size = SMALL if y.size > MANY else LARGE
+    kinds = [(np.ones(len(x), bool), "black", None)]
+    if exponent is not None:
+        rate = exponent_of(dataset, exponent)
+        kinds = [(rate.sign == k, COLOURS[k], said) for k, said in _words(rate).items()]
+    for chosen, colour, label in kinds:
+        where = np.broadcast_to(x[chosen, None], y[chosen].shape)
+        axes.scatter(where, y[chosen], s=size, lw=0, color=colour, label=label, rasterized=True)
+    axes.set(xlabel=across.label, ylabel=f"{up.label}\nonce a period")
+    axes.set_xscale(scale(x))
+    axes.margins(x=0.01)
+    if exponent is not None:
+        axes.legend(loc="upper left", markerscale=np.sqrt(30 / size), framealpha=0.9)
+
+
+def _words(rate: Exponent) -> dict[int, str]:
+    """What there is to be told apart by an exponent's sign."""
+    there = np.unique(rate.sign[np.isfinite(rate.value.values.ravel())])
+    return {int(k): (SIGNS if rate.uncertainty is None else KNOWN)[int(k)] for k in there}
+
+
+def draw_exponent(axes: Axes, dataset: xr.Dataset, name: str, axis: str) -> None:
+    """An exponent over a number, in colours by its sign, with its uncertainty where that is known."""
+    rate = exponent_of(dataset, name)
+    across, up = shown(number(dataset, axis)), shown(rate.value, "largest Lyapunov\nexponent")
+    x, y = across.factor * of_lanes(dataset, number(dataset, axis)), up.factor * of_lanes(dataset, rate.value)
+    colours = np.array([COLOURS[int(k)] for k in rate.sign])
+    if rate.uncertainty is not None:
+        axes.vlines(
+            x, *(y + s * of_lanes(dataset, rate.uncertainty) for s in (-1, 1)), color=colours, lw=0.6, alpha=0.5
+        )
+    if lanes_of(dataset) == (axis,) and len(x) <= COLUMNS:  # more would be nothing but line
+        axes.plot(x, y, lw=0.5, color="0.3")
+    axes.scatter(x, y, s=4 * LARGE if len(x) <= COLUMNS else LARGE, lw=0, color=colours, zorder=3)
+    axes.axhline(0, color="black", lw=0.8)
+    axes.set(xlabel=across.label, ylabel=up.label)
+    axes.set_xscale(scale(x))
+    axes.margins(x=0.01)
+
+
+@STYLED
+def exponents(dataset: xr.Dataset, name: str, axis: str | None = None) -> Figure:
+    """The largest Lyapunov exponent over a number that varies; of a grid in the middle of its other axes. The motion is
+    chaotic where it is positive beyond its uncertainty.
+    """
+    dataset = tidy(dataset)
+    axis = varied(dataset)[0] if axis is None else axis
+    dataset, where = sliced(dataset, axis)
+    figure = Figure(figsize=(9, 3.6), layout="constrained")
+    draw_exponent(figure.subplots(), dataset, name, axis)
+    _title(figure, where)
+    return figure
+
+
+@STYLED
+def sections(dataset: xr.Dataset, name: str, lanes: list[int] | None = None, exponent: str | None = None) -> Figure:
+    """Poincare sections in the plane of their first two quantities, a panel for each of some lanes.
+
+    **Arguments:** `lanes`: which ones, counted through (at most six, evenly chosen); `exponent`: the Lyapunov
+    exponent, if it is known.
+
+    **Raises:** `ClearanceError` of a section of one quantity.
+    """
+    dataset = tidy(dataset)
+    parts = section(dataset, name)[:2]
+    if len(parts) < 2:
+        raise ClearanceError(f"The section `{name}` is of one quantity: in a plane it takes two.")
+    chosen = parted(dataset[CODE].size, MOST_SECTIONS) if lanes is None else lanes
+    columns = min(3, len(chosen))
+    rows = -(-len(chosen) // columns)
+    figure = Figure(figsize=(3.3 * columns, 2.8 * rows + 0.3), layout="constrained")
+    panels: Any = figure.subplots(rows, columns, squeeze=False).ravel()
+    rate = None if exponent is None else exponent_of(dataset, exponent)
+    across, up = (shown(part) for part in parts)
+    x, y = (one.factor * of_lanes(dataset, part) for one, part in zip((across, up), parts, strict=True))
+    for panel, lane in zip(panels, chosen, strict=False):
+        colour = "black" if rate is None else COLOURS[int(rate.sign[lane])]
+        panel.scatter(x[lane], y[lane], s=LARGE if len(x[lane]) > FEW else 4 * LARGE, lw=0, color=colour)
+        _widen(panel, x, y)
+        panel.set_title(_told(dataset, lane, rate), fontsize=9)
+    for panel in panels[len(chosen) :]:
+        panel.set_axis_off()
+    figure.supxlabel(across.label, fontsize=9)
+    figure.supylabel(up.label, fontsize=9)
+    return figure
+
+
+def _widen(panel: Axes, x: np.ndarray, y: np.ndarray) -> None:
+    """Show no less than a part of what all lanes have: the points of a periodic motion are not to be told apart."""
+    for values, limits, put in ((x, panel.get_xlim(), panel.set_xlim), (y, panel.get_ylim(), panel.set_ylim)):
+        least, middle = CLOSE * float(np.ptp(values[np.isfinite(values)])), 0.5 * sum(limits)
+        if limits[1] - limits[0] < least:
+            put(middle - 0.5 * least, middle + 0.5 * least)
+    panel.ticklabel_format(useOffset=False)
+    panel.xaxis.set_major_locator(MaxNLocator(nbins=5))
+    panel.yaxis.set_major_locator(MaxNLocator(nbins=5))
+
+
+def _told(dataset: xr.Dataset, lane: int, rate: Exponent | None) -> str:
+    """A lane's numbers, and its exponent."""
+    told = []
+    for name in varied(dataset):
+        one = shown(number(dataset, name))
+        value = one.factor * of_lanes(dataset, number(dataset, name))[lane]
+        told.append(f"{one.name} {value:.4g} {one.unit}".strip())
+    if rate is not None:
+        beside = "" if rate.uncertainty is None else f" ± {rate.uncertainty.values.ravel()[lane]:.2g}"
+        told.append(f"exponent {rate.value.values.ravel()[lane]:+.3g}{beside} 1/s")
+    return "\n".join(told)

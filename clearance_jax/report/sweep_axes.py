@@ -1,0 +1,202 @@
+"""What a sweep says of itself: its lanes, the numbers that vary over them, its results; and how these are labelled.
+
+Lanes lie along the dimensions of their result codes, `code`: axes by the dotted names of numbers, or one that counts
+(`sample`). A coordinate along these is a number that varies; of several that rise or fall together (`tidy`) one stands
+for all. What kind of metric has made a result its attribute `metric` says.
+"""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from clearance_jax.errors import ClearanceError, suggest
+
+CODE = "code"
+# What every lane has beside its results.
+ENDINGS = (CODE, "steps", "rejected", "energy_residual", "again")
+# The code of a lane that has not been run; of one that reached its end; and how a picture tells others.
+NOT_RUN, REACHED = -1, 0
+# A motion is chaotic, or stable, where its exponent is away from zero by more than so many times its uncertainty.
+BEYOND = 2.0
+# Units in which numbers are shown whose largest one is below a bound.
+PREFIXES = {
+    "m": ((1e-3, 1e6, "µm"), (10.0, 1e3, "mm")),
+    "m/s": ((1.0, 1e3, "mm/s"),),
+    "s": ((1e-3, 1e6, "µs"), (1.0, 1e3, "ms")),
+    "N": ((1e4, 1.0, "N"), (np.inf, 1e-3, "kN")),
+}
+
+
+class Shown(NamedTuple):
+    """By what numbers are multiplied to be drawn in a unit that suits them, their name, and that unit."""
+
+    factor: float
+    name: str
+    unit: str
+
+    @property
+    def label(self) -> str:
+        """Of an axis."""
+        return self.name + (f", {self.unit}" if self.unit else "")
+
+
+def tidy(dataset: xr.Dataset) -> xr.Dataset:
+    """A sweep with one number along each dimension whose numbers rise or fall together: the dimension's own, or the
+    first of them, by which it is called then. Numbers that scatter stay as they are.
+    """
+    for dim in lanes_of(dataset):
+        along = [name for name in varied(dataset) if dataset[name].dims == (dim,)]
+        if along == [dim]:  # in whatever order it was given
+            dataset = dataset.sortby(dim)
+        if not along or not all(_monotone(dataset[name].values) for name in along):
+            continue
+        kept = dim if dim in along else along[0]
+        if dim not in along:  # it counts lanes, which says no more than a number in its place
+            dataset = dataset.drop_vars(dim, errors="ignore").swap_dims({dim: kept})
+        dataset = dataset.drop_vars([name for name in along if name != kept])
+    return dataset
+
+
+def _monotone(values: np.ndarray) -> bool:
+    steps = np.diff(values)
+    return bool(np.all(steps > 0) or np.all(steps < 0))
+
+
+def lanes_of(dataset: xr.Dataset) -> tuple[str, ...]:
+    """The dimensions along which lanes lie. **Raises** `ClearanceError` for a dataset that is no sweep."""
+    if CODE not in dataset:
+        raise ClearanceError("There is nothing to draw: this is no result of a sweep, for no lane has a `code`.")
+    return tuple(str(dim) for dim in dataset[CODE].dims)
+
+
+def varied(dataset: xr.Dataset) -> tuple[str, ...]:
+    """The numbers that vary over the lanes, in the order of their dimensions."""
+    lanes = lanes_of(dataset)
+    found = [
+        (lanes.index(str(one.dims[0])), str(name))
+        for name, one in dataset.coords.items()
+        # What only counts its lanes is whole numbers.
+        if np.issubdtype(one.dtype, np.floating) and one.dims and set(one.dims) <= set(lanes)
+    ]
+    return tuple(name for _, name in sorted(found, key=lambda entry: entry[0]))
+
+
+def results(dataset: xr.Dataset) -> tuple[str, ...]:
+    """The results that are one real number a lane."""
+    lanes = set(lanes_of(dataset))
+    return tuple(
+        str(name)
+        for name, one in dataset.data_vars.items()
+        if name not in ENDINGS and set(one.dims) == lanes and np.issubdtype(one.dtype, np.floating)
+    )
+
+
+def made_by(dataset: xr.Dataset, metric: str) -> tuple[str, ...]:
+    """The results of a kind of metric."""
+    return tuple(str(name) for name, one in dataset.data_vars.items() if one.attrs.get("metric") == metric)
+
+
+def endings(dataset: xr.Dataset) -> tuple[int, int]:
+    """How many lanes failed, and how many have not been run yet."""
+    code = dataset[CODE].fillna(NOT_RUN)
+    return int(((code != REACHED) & (code != NOT_RUN)).sum()), int((code == NOT_RUN).sum())
+
+
+class Exponent(NamedTuple):
+    """A Lyapunov exponent of every lane, and its uncertainty where that is known."""
+
+    value: xr.DataArray
+    uncertainty: xr.DataArray | None
+
+    @property
+    def sign(self) -> np.ndarray:
+        """Of every lane, shape (lanes,): 1 where it is positive beyond its uncertainty, -1 where it is negative beyond
+        it, 0 where it may be zero, or is not there.
+        """
+        values = self.value.values.astype(float).ravel()
+        least = 0.0 if self.uncertainty is None else BEYOND * self.uncertainty.values.astype(float).ravel()
+        return np.where(values > least, 1, np.where(values < -least, -1, 0))
+
+
+def exponent_of(dataset: xr.Dataset, name: str) -> Exponent:
+    """A largest Lyapunov exponent, lanes in the order of `code`."""
+    one = result(dataset, name).transpose(*dataset[CODE].dims, ...)
+    if "estimate" in one.dims:
+        return Exponent(*(one.sel(estimate=which, drop=True) for which in ("value", "uncertainty")))
+    return Exponent(one, None)
+
+
+def result(dataset: xr.Dataset, name: str) -> xr.DataArray:
+    """A result. **Raises** `ClearanceError` for an unknown name."""
+    if name not in dataset.data_vars:
+        raise ClearanceError(f"This sweep has no result `{name}`. " + suggest(name, map(str, dataset.data_vars)))
+    return dataset[name]
+
+
+def number(dataset: xr.Dataset, name: str) -> xr.DataArray:
+    """A number that varies. **Raises** `ClearanceError` for another one."""
+    if name not in varied(dataset):
+        raise ClearanceError(f"`{name}` does not vary in this sweep. " + suggest(name, varied(dataset)))
+    return dataset[name]
+
+
+def of_lanes(dataset: xr.Dataset, one: xr.DataArray) -> np.ndarray:
+    """A number or a result lane by lane: shape (lanes, ...), real."""
+    code = dataset[CODE]
+    values = one.broadcast_like(code).transpose(*code.dims, ...).values.astype(float)
+    return values.reshape(code.size, *values.shape[code.ndim :])
+
+
+def shown(one: xr.DataArray, name: str | None = None) -> Shown:
+    """How a number or a result is shown, by its size."""
+    unit, values = str(one.attrs.get("units", "")), np.abs(one.values.astype(float))
+    finite = values[np.isfinite(values)]
+    largest, factor = float(finite.max()) if finite.size else 0.0, 1.0
+    for bound, times, other in PREFIXES.get(unit, ()):
+        if largest < bound:
+            factor, unit = times, other
+            break
+    # A metric knows what it is, and not what its user calls it.
+    own, said = str(one.name), str(one.attrs.get("long_name", one.name))
+    said = words(own) if "metric" in one.attrs or said == own else said
+    return Shown(factor, said if name is None else name, "" if unit == "1" else unit.replace("^2", "²"))
+
+
+def scale(values: np.ndarray) -> str:
+    """Of an axis: "log" for values in equal ratios, such as come of `spacing = "log"`, "linear" for all others."""
+    if len(values) < 3 or np.any(values <= 0):
+        return "linear"
+    ratios, steps = np.diff(np.log(values)), np.diff(values)
+    return "log" if np.ptp(ratios) < 1e-6 * abs(ratios[0]) and np.ptp(steps) > 1e-3 * abs(steps[0]) else "linear"
+
+
+def words(name: str) -> str:
+    """A dotted name as words."""
+    return name.replace("_", " ").replace(".", " ")
+
+
+def parted(counts: int, most: int) -> list[int]:
+    """At most so many of `counts` places, evenly chosen, both ends among them."""
+    return sorted({int(k) for k in np.linspace(0, counts - 1, min(most, counts)).round()})
+
+
+def told_place(dataset: xr.Dataset, place: Mapping[str, int]) -> str:
+    """Where along some of its dimensions a part of a sweep lies, in words."""
+    told = []
+    for dim, k in place.items():
+        if dim in varied(dataset):
+            one = shown(number(dataset, dim))
+            told.append(f"{one.name} {one.factor * float(dataset[dim][k]):.4g} {one.unit}".strip())
+        else:
+            told.append(str(dataset[dim].values[k]) if dim in dataset.coords else f"{dim} {k}")
+    return ", ".join(told)
+
+
+def sliced(dataset: xr.Dataset, axis: str) -> tuple[xr.Dataset, str]:
+    """Lanes along one axis of a grid, in the middle of all others, and where that is; of what is no grid all lanes."""
+    if axis not in lanes_of(dataset):
+        return dataset, ""
+    place = {dim: dataset.sizes[dim] // 2 for dim in lanes_of(dataset) if dim != axis}
+    return dataset.isel(place), told_place(dataset, place)

@@ -1,0 +1,319 @@
+"""Figures of a sweep: heat maps, trend curves with bands, response surfaces, parallel coordinates, sensitivity indices;
+and those that fit a dataset. Dataset in, Figure out.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import xarray as xr
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from clearance_jax.errors import ClearanceError
+from clearance_jax.report.recurrence_figures import bifurcation, exponents, section, sections
+from clearance_jax.report.sweep_axes import (
+    CODE,
+    Shown,
+    endings,
+    lanes_of,
+    made_by,
+    number,
+    of_lanes,
+    parted,
+    result,
+    results,
+    scale,
+    shown,
+    tidy,
+    told_place,
+    varied,
+    words,
+)
+from clearance_jax.results.sobol import Indices
+
+STYLED = mpl.rc_context({"axes.grid": True, "grid.alpha": 0.3, "font.size": 9, "axes.axisbelow": True})
+COLOURS, FAILED = "viridis", "0.8"
+# Panels of a heat map, curves told apart by colour, bins of a scattered axis, lines of parallel coordinates, at most.
+PANELS, CURVES, BINS, LINES = 6, 6, 24, 2000
+# Quantiles of the bands, and how dark they are; those of several curves.
+BANDS, FAINT = ((0.05, 0.95, 0.18), (0.25, 0.75, 0.35)), 0.12
+
+
+def figures(
+    dataset: xr.Dataset, indices: Mapping[str, Indices] | None = None, local: Mapping[str, Mapping] | None = None
+) -> dict[str, Figure]:
+    """The figures that fit a sweep, by name: of every result that is one number a lane a heat map and a response
+    surface over the first two axes, or a curve over the only one; bands over every number that is scattered, and
+    parallel coordinates; of Poincare sections and Lyapunov exponents the field's standard pictures.
+
+    **Arguments:** `indices`: Sobol's indices of results, by their names; `local`: their derivatives by every number.
+
+    **Raises:** `ClearanceError` for a dataset that is no sweep, or of which no lane has ended.
+    """
+    kept = [*results(dataset), *made_by(dataset, "PoincareSection"), *made_by(dataset, "LyapunovExponent")]
+    dataset = tidy(dataset[[CODE, *kept]].load())  # a store is read once
+    numbers = [name for name in varied(dataset) if dataset[name].size > 1]
+    axes = [name for name in lanes_of(dataset) if name in numbers]
+    plain, points, rates = (
+        [name for name in names if np.isfinite(dataset[name].values).any()]
+        for names in (results(dataset), made_by(dataset, "PoincareSection"), made_by(dataset, "LyapunovExponent"))
+    )
+    if not numbers or not (plain or points or rates):
+        raise ClearanceError("There is nothing to draw: nothing varies in this sweep, or no lane has a result.")
+    plain, out = [name for name in plain if name not in rates], {}
+    for name in plain:
+        if len(axes) >= 2:
+            out[f"{name}: heat map"] = heat_map(dataset, name)
+            out[f"{name}: response surface"] = response_surface(dataset, name)
+        out |= {f"{name} over {axis}": curves(dataset, name, axis) for axis in numbers}
+    if plain and len(numbers) >= 2:
+        out["parallel coordinates"] = parallel_coordinates(dataset, plain[-1])
+    exponent = rates[0] if rates else None
+    for name in points:
+        for axis in numbers:
+            out[f"{name}: bifurcations over {axis}"] = bifurcation(dataset, name, axis, exponent)
+        if len(section(dataset, name)) > 1:
+            out[f"{name}: Poincare sections"] = sections(dataset, name, exponent=exponent)
+    for name in rates:
+        out |= {f"{name} over {axis}": exponents(dataset, name, axis) for axis in numbers}
+    for name, found in (indices or {}).items():
+        out[f"{name}: sensitivity indices"] = sensitivities(found, (local or {}).get(name), words(name))
+    return out
+
+
+# A result over two numbers ------------------------------------------------------------------------------------------
+
+
+def _grid(dataset: xr.Dataset, name: str, x: str | None, y: str | None) -> tuple[str, str, xr.DataArray]:
+    """Two axes of a grid, and a result over them."""
+    axes = [dim for dim in lanes_of(dataset) if dim in varied(dataset) and dataset.sizes[dim] > 1]
+    if len(axes) < 2:
+        raise ClearanceError(f"This sweep has {len(axes)} axes: a picture of `{name}` over two takes a grid of two.")
+    x = axes[0] if x is None else x
+    y = next(dim for dim in axes if dim != x) if y is None else y
+    for axis in (x, y):
+        if axis not in axes:
+            raise ClearanceError(f"`{axis}` is no axis of this grid. Its axes: {', '.join(axes)}.")
+    return x, y, result(dataset, name)
+
+
+@STYLED
+def heat_map(dataset: xr.Dataset, name: str, x: str | None = None, y: str | None = None) -> Figure:
+    """A result over two axes of a grid (the first two); a third one makes panels, of further ones the middle is shown.
+    Lanes that failed, or have not been run yet, are grey.
+    """
+    dataset = tidy(dataset)
+    x, y, one = _grid(dataset, name, x, y)
+    others = [dim for dim in lanes_of(dataset) if dim not in (x, y)]
+    middle = {dim: dataset.sizes[dim] // 2 for dim in others[1:]}
+    places = [{others[0]: k} | middle for k in parted(dataset.sizes[others[0]], PANELS)] if others else [{}]
+    columns = 2 if len(places) == 4 else min(3, len(places))
+    rows = -(-len(places) // columns)
+    size = (6.4, 4.4) if len(places) == 1 else (3.4 * columns + 0.8, 2.9 * rows + 0.2)
+    figure = Figure(figsize=size, layout="constrained")
+    panels: Any = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
+    across, up, of = shown(number(dataset, x)), shown(number(dataset, y)), shown(one)
+    norm = Normalize(*(of.factor * f(one.values) for f in (np.nanmin, np.nanmax)))
+    for panel, place in zip(panels.ravel(), places, strict=False):
+        cells = of.factor * one.isel(place).transpose(y, x).values
+        panel.set_facecolor(FAILED)
+        panel.grid(visible=False)
+        edges = across.factor * dataset[x].values, up.factor * dataset[y].values
+        panel.pcolormesh(*edges, cells, norm=norm, cmap=COLOURS, shading="nearest", rasterized=True)
+        panel.set(xscale=scale(edges[0]), yscale=scale(edges[1]))
+        panel.set_title(told_place(dataset, place), fontsize=9)
+    for panel in panels.ravel()[len(places) :]:
+        panel.set_axis_off()
+    for panel in panels[-1]:
+        panel.set_xlabel(across.label)
+    for panel in panels[:, 0]:
+        panel.set_ylabel(up.label)
+    figure.colorbar(ScalarMappable(norm, COLOURS), ax=panels, label=of.label)
+    counts = zip(endings(dataset), ("failed", "not run yet"), strict=True)
+    missing = " and ".join(f"{count} {said}" for count, said in counts if count)
+    if missing:
+        figure.suptitle(f"of {one.size} lanes {missing} (grey)", fontsize=9)
+    return figure
+
+
+@STYLED
+def response_surface(dataset: xr.Dataset, name: str, x: str | None = None, y: str | None = None) -> Figure:
+    """A result as a surface over two axes of a grid, with its level lines below; of other axes the middle is shown."""
+    dataset = tidy(dataset)
+    x, y, one = _grid(dataset, name, x, y)
+    place = {dim: dataset.sizes[dim] // 2 for dim in lanes_of(dataset) if dim not in (x, y)}
+    across, up, of = shown(number(dataset, x)), shown(number(dataset, y)), shown(one)
+    height = of.factor * one.isel(place).transpose(y, x).values
+    where = np.meshgrid(across.factor * dataset[x].values, up.factor * dataset[y].values)
+    figure = Figure(figsize=(7, 5.4), layout="constrained")
+    axes: Any = figure.add_subplot(projection="3d")
+    drawn = axes.plot_surface(*where, height, cmap=COLOURS, lw=0.2, edgecolor="0.3", rstride=1, cstride=1, alpha=0.95)
+    low, high = np.nanmin(height), np.nanmax(height)
+    floor = low - 0.25 * (high - low if high > low else 1.0)
+    if min(height.shape) > 1 and high > low:
+        axes.contour(*where, np.ma.masked_invalid(height), levels=8, zdir="z", offset=floor, cmap=COLOURS)
+    axes.set_zlim(floor, None)
+    axes.set_xlabel(across.label, labelpad=8)
+    axes.set_ylabel(up.label, labelpad=8)
+    # Below the surface there is nothing to be read off.
+    axes.set_zticks([tick for tick in MaxNLocator(nbins=6).tick_values(low, high) if low <= tick <= high])
+    axes.view_init(elev=26, azim=-128)
+    figure.colorbar(drawn, ax=axes, shrink=0.7, pad=0.02, label=of.label)
+    axes.set_title(told_place(dataset, place), fontsize=9)
+    return figure
+
+
+# A result over one number -------------------------------------------------------------------------------------------
+
+
+@STYLED
+def curves(dataset: xr.Dataset, name: str, x: str | None = None, by: str | None = None) -> Figure:
+    """A result over one number: its median, and bands between its quantiles over all else that varies. On a grid whose
+    other axis has few values, or by the axis `by`, there is a curve for each of them.
+    """
+    dataset = tidy(dataset)
+    x = varied(dataset)[0] if x is None else x
+    figure = Figure(figsize=(6.4, 4.2), layout="constrained")
+    draw_curves(figure.subplots(), dataset, name, x, by)
+    return figure
+
+
+def draw_curves(axes: Any, dataset: xr.Dataset, name: str, x: str, by: str | None = None) -> None:
+    """`curves`, on axes that are there."""
+    if by is None:
+        few = [dim for dim in lanes_of(dataset) if dim != x and 1 < dataset.sizes[dim] <= CURVES]
+        by = few[0] if x in lanes_of(dataset) and few else None
+    across, of = shown(number(dataset, x)), shown(result(dataset, name))
+    places = [None] if by is None else parted(dataset.sizes[by], CURVES)
+    for i, k in enumerate(places):
+        part = dataset if k is None else dataset.isel({by: [k]})
+        label = None if k is None else told_place(dataset, {by: k})
+        _band(axes, part, name, x, (across, of), f"C{i}", label, alone=len(places) == 1)
+    axes.set(xlabel=across.label, ylabel=of.label)
+    axes.set_xscale(scale(dataset[x].values) if x in lanes_of(dataset) else "linear")
+    axes.margins(x=0.01)
+    handles, _ = axes.get_legend_handles_labels()
+    if handles:
+        axes.legend(ncols=2 if len(handles) > 4 else 1)
+
+
+def _band(axes: Any, part: xr.Dataset, name: str, x: str, how: tuple[Shown, Shown], colour, label, alone: bool) -> None:
+    """A curve with its bands; how many results each place has decides what there is to show."""
+    across, of = how
+    where, values = of_lanes(part, number(part, x)), of_lanes(part, result(part, name))
+    places, groups = _groups(where, values, on_axis=x in part.dims)
+    middles = np.array([np.median(group) if group.size else np.nan for group in groups])
+    spread = max(group.size for group in groups) > 1
+    if spread:
+        # Bands of several curves lie over one another: of these the inner ones.
+        for low, high, dark in BANDS if alone else BANDS[1:]:
+            edges = [np.quantile(group, [low, high]) if group.size else [np.nan] * 2 for group in groups]
+            told = f"{low:.0%} to {high:.0%} of the lanes" if alone else None
+            below, above = of.factor * np.array(edges).T
+            axes.fill_between(
+                across.factor * places, below, above, color=colour, alpha=dark if alone else FAINT, lw=0, label=told
+            )
+    style = "-" if len(places) > 40 else ".-"
+    told = "median" if spread and label is None else label
+    axes.plot(across.factor * places, of.factor * middles, style, color=colour, lw=1.2, label=told)
+
+
+def _groups(where: np.ndarray, values: np.ndarray, on_axis: bool) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Results that are finite, at every value of an axis, or in equally full bins of a number that is scattered."""
+    if on_axis:
+        places = np.unique(where)
+        return places, [values[(where == place) & np.isfinite(values)] for place in places]
+    order = np.argsort(where, kind="stable")
+    order = order[np.isfinite(values[order])]
+    bins = np.array_split(order, max(1, min(BINS, len(order) // 10)))
+    return np.array([np.mean(where[one]) for one in bins]), [values[one] for one in bins]
+
+
+# Results over all numbers -------------------------------------------------------------------------------------------
+
+
+@STYLED
+def parallel_coordinates(dataset: xr.Dataset, colour: str, names: list[str] | None = None) -> Figure:
+    """Every lane as a line through its numbers and results, each on an axis of its own, coloured by one of them.
+
+    **Arguments:** `names`: what has an axis, in this order (all that varies, and all results of one number a lane).
+    """
+    dataset = tidy(dataset)
+    names = [*varied(dataset), *results(dataset)] if names is None else names
+    how = {name: shown(dataset[name]) for name in {*names, colour}}
+    columns = {name: one.factor * of_lanes(dataset, dataset[name]) for name, one in how.items()}
+    whole = np.flatnonzero(np.all([np.isfinite(values) for values in columns.values()], axis=0))
+    if not whole.size:
+        raise ClearanceError("There is nothing to draw: no lane has all of these results.")
+    # The highest on top; of many lanes some, evenly chosen by that.
+    order = whole[np.argsort(columns[colour][whole], kind="stable")]
+    order = order[parted(len(order), LINES)]
+    figure = Figure(figsize=(1.2 + 1.7 * len(names), 4.2), layout="constrained")
+    axes = figure.subplots()
+    scaled = []
+    for i, name in enumerate(names):
+        low, high = columns[name][whole].min(), columns[name][whole].max()
+        scaled.append((columns[name][order] - low) / (high - low if high > low else 1.0))
+        axes.axvline(i, color="0.2", lw=0.8)
+        for height, value, side in ((-0.02, low, "top"), (1.02, high, "bottom")):
+            axes.text(i, height, f"{value:.3g}", ha="center", va=side)
+    lines = np.stack([np.broadcast_to(np.arange(len(names)), (len(order), len(names))), np.stack(scaled, 1)], axis=-1)
+    drawn = LineCollection(list(lines), cmap=COLOURS, lw=0.7, alpha=max(0.15, min(0.8, 60 / len(order))))
+    drawn.set_array(columns[colour][order])
+    axes.add_collection(drawn)
+    labels = [
+        how[name].name.replace(" ", "\n", 1) + (f",\n{how[name].unit}" if how[name].unit else "") for name in names
+    ]
+    axes.set(xlim=(-0.3, len(names) - 0.7), ylim=(-0.1, 1.1), yticks=[], xticks=range(len(names)), xticklabels=labels)
+    axes.grid(visible=False)
+    axes.spines[:].set_visible(False)
+    axes.tick_params(length=0)
+    norm = Normalize(columns[colour][order].min(), columns[colour][order].max())
+    figure.colorbar(ScalarMappable(norm, COLOURS), ax=axes, label=how[colour].label)
+    return figure
+
+
+@STYLED
+def sensitivities(found: Indices, derivatives: Mapping[str, Any] | None = None, of: str = "") -> Figure:
+    """Sobol's indices of a result as bars with their intervals of confidence, beside what local derivatives say.
+
+    **Arguments:** `derivatives`: by every number that was varied, in SI units; `of`: what the result is called.
+    """
+    bars = [
+        ("first order", found.first, found.first_interval, "tab:blue"),
+        ("total", found.total, found.total_interval, "tab:orange"),
+    ]
+    if derivatives is not None:
+        bars.append(("by local derivatives", found.linear(derivatives), None, "0.6"))
+    count, height = len(found.names), 0.8 / len(bars)
+    figure = Figure(figsize=(6.4, 1.2 + 0.22 * len(bars) * count), layout="constrained")
+    axes = figure.subplots()
+    for i, (label, values, interval, colour) in enumerate(bars):
+        where = np.arange(count) + (i - (len(bars) - 1) / 2) * height
+        axes.barh(where, values, 0.9 * height, color=colour, label=label)
+        if interval is not None:
+            axes.hlines(where, interval[0], interval[1], color="black", lw=0.9)
+    axes.axvline(0, color="black", lw=0.8)
+    axes.set(yticks=range(count), yticklabels=[words(name) for name in found.names], ylim=(count - 0.5, -0.5))
+    axes.set_xlabel(f"part of the variance{f' of {of}' if of else ''}")
+    axes.grid(axis="y", visible=False)
+    figure.legend(loc="outside upper center", ncols=len(bars), frameon=False)
+    return figure
+
+
+__all__ = [
+    "bifurcation",
+    "curves",
+    "exponents",
+    "figures",
+    "heat_map",
+    "parallel_coordinates",
+    "response_surface",
+    "sections",
+    "sensitivities",
+]

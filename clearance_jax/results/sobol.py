@@ -1,0 +1,147 @@
+"""Which number's scatter makes a result scatter: global sensitivity indices of Sobol, beside local derivatives.
+
+The first-order index of a number is the part of the result's variance that goes when that number alone is known, the
+total one the part that stays when all others are known: what the two differ by it does together with others. See
+Saltelli et al. 2010, doi 10.1016/j.cpc.2009.09.018. The estimates are scipy's (`scipy.stats.sobol_indices`).
+"""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Float
+from scipy import stats
+
+from clearance_jax.errors import ClearanceError
+
+# How often samples are drawn again for an interval of confidence.
+DRAWN = 500
+Numbers = Float[np.ndarray, " numbers"]
+Interval = Float[np.ndarray, "2 numbers"]
+
+
+class Indices(NamedTuple):
+    """Global sensitivity indices of one result, for every number that was varied.
+
+    - `names`; `first`, `total`: the indices, between 0 and 1 up to their error; `first_interval`, `total_interval`: of
+      95 % confidence, low and high, by bootstrap.
+    - `deviation`: standard deviations of the numbers, `mean` and `variance` of the result, over all lanes.
+    - `failed`: lanes that failed.
+    """
+
+    names: tuple[str, ...]
+    first: Numbers
+    total: Numbers
+    first_interval: Interval
+    total_interval: Interval
+    deviation: Numbers
+    mean: float
+    variance: float
+    failed: int
+
+    def linear(self, derivatives: Mapping[str, Any]) -> Numbers:
+        """What the first-order indices would be if the result were as linear everywhere as its local `derivatives` (by
+        name, in SI units) say: (derivative x deviation)^2 / variance.
+        """
+        missing = [name for name in self.names if name not in derivatives]
+        if missing:
+            raise ClearanceError(f"There is no derivative by `{missing[0]}`.")
+        slopes = np.array([float(derivatives[name]) for name in self.names])
+        return (slopes * self.deviation) ** 2 / self.variance
+
+
+def sobol_indices(dataset: xr.Dataset, name: str, seed: int = 0) -> Indices:
+    """The indices of a result `name` whose lanes are those of `sobol_samples`, along one dimension, with the numbers as
+    coordinates. Samples in which a lane failed are replaced by others, drawn at random.
+
+    **Raises:** `ClearanceError` for other lanes, or where no sample is whole.
+    """
+    values, numbers = dataset[name], _design(dataset[name])
+    if numbers is None:
+        raise ClearanceError(f"The lanes of `{name}` are not those of `sobol_samples`: there are no indices of them.")
+    count, blocks = len(numbers), np.stack(list(numbers.values()), -1)
+    samples = values.size // (count + 2)
+    found = values.values.astype(float).reshape(count + 2, samples)
+    whole = np.flatnonzero(np.all(np.isfinite(found), axis=0))
+    if not whole.size:
+        raise ClearanceError(f"In every sample of `{name}` a lane failed: there are no indices of it.")
+    rng = np.random.default_rng(seed)
+    kept = np.where(np.isin(np.arange(samples), whole), np.arange(samples), rng.choice(whole, samples))
+    used = found[:, kept]
+    first, total = _estimated(used)
+    low, high = _confidence(used, rng)
+    return Indices(
+        names=tuple(numbers),
+        first=first,
+        total=total,
+        first_interval=np.stack([low[0], high[0]]),
+        total_interval=np.stack([low[1], high[1]]),
+        deviation=blocks[: 2 * samples].std(axis=0),
+        mean=float(used[:2].mean()),
+        variance=float(used[:2].var()),
+        failed=int(np.sum(~np.isfinite(found))),
+    )
+
+
+def is_sobol(values: xr.DataArray) -> bool:
+    """Whether the lanes of a result are those of `sobol_samples`."""
+    return _design(values) is not None
+
+
+def middle_derivatives(dataset: xr.Dataset, name: str) -> dict[str, float] | None:
+    """The derivatives of a result by all numbers that scatter (`sweep`'s, with `wrt`), in the lane nearest to the
+    middle of them in units of their deviations; `None` where they were not asked for.
+    """
+    slopes, numbers = dataset.get(f"{name}_derivative"), _numbers(dataset[name])
+    if slopes is None or not set(numbers) <= set(map(str, slopes["parameter"].values)):
+        return None
+    found = np.stack([slopes.sel(parameter=one).values for one in numbers], -1)
+    every = np.stack(list(numbers.values()), -1)
+    away = np.sum(((every - every.mean(axis=0)) / every.std(axis=0)) ** 2, axis=1)
+    nearest = np.argmin(np.where(np.all(np.isfinite(found), axis=1), away, np.inf))
+    return {one: float(slope) for one, slope in zip(numbers, found[nearest], strict=True)}
+
+
+def _numbers(values: xr.DataArray) -> dict[str, np.ndarray]:
+    """What varies over the lanes of a result."""
+    return {
+        str(key): np.asarray(one.values, float)
+        for key, one in values.coords.items()
+        if one.dims == values.dims and key not in values.dims and np.issubdtype(one.dtype, np.floating)
+    }
+
+
+def _design(values: xr.DataArray) -> dict[str, np.ndarray] | None:
+    """What varies over the lanes of a result, in the order in which they were drawn, where these are two samples and
+    the first one with each number from the second in turn. (A store has its coordinates in an order of its own.)
+    """
+    numbers = _numbers(values)
+    count = len(numbers)
+    if values.ndim != 1 or not numbers or values.size % (count + 2):
+        return None
+    blocks, ordered = {name: one.reshape(count + 2, -1) for name, one in numbers.items()}, {}
+    for i in range(count):
+        from_first, from_second = (
+            {name for name, one in blocks.items() if np.array_equal(one[2 + i], one[k])} for k in (0, 1)
+        )
+        moved = from_second - from_first
+        if len(moved) != 1 or moved | from_first != set(numbers):
+            return None
+        ordered |= {name: numbers[name] for name in moved}
+    return ordered if len(ordered) == count else None
+
+
+def _estimated(used: np.ndarray) -> np.ndarray:
+    """First-order and total indices, (2, numbers), of results (numbers + 2, samples)."""
+    parts = {"f_A": used[:1], "f_B": used[1:2], "f_AB": used[2:, None]}
+    found: Any = stats.sobol_indices(func=parts, n=used.shape[1])
+    return np.stack([np.atleast_1d(found.first_order), np.atleast_1d(found.total_order)])
+
+
+def _confidence(used: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Bounds of 95 % of both kinds of indices, (2, numbers) each, by drawing the samples again."""
+    samples = used.shape[1]
+    drawn = [_estimated(used[:, rng.integers(0, samples, samples)]) for _ in range(DRAWN)]
+    low, high = np.percentile(drawn, [2.5, 97.5], axis=0)
+    return low, high

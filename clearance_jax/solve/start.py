@@ -1,0 +1,65 @@
+"""Whether a start is what it is to be: its loops closed, its pins at rest where they are to be settled."""
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from clearance_jax._types import Flag
+from clearance_jax.dynamics.closures import StartErrors
+from clearance_jax.dynamics.mobility import mobility
+from clearance_jax.errors import ClearanceError
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.solve.tolerances import largest_length
+
+# A loop open by more than this part of the largest length is not assembled.
+CLOSED = 1e-10
+# A pin that bears its load but for more than this part, or moves by more of its play from round to round, is not
+# settled: a search that ends well leaves far less than its 1e-9.
+AT_REST = 1e-3
+
+
+def is_possible(errors: StartErrors, mechanism: Mechanism) -> Flag:
+    """Whether all loops are closed, and all pins settled."""
+    closed = jnp.all(errors.loops <= CLOSED * largest_length(mechanism))
+    return closed & jnp.all(errors.unborne <= AT_REST) & jnp.all(errors.moved <= AT_REST)
+
+
+def check_start(mechanism: Mechanism, t0: Any, errors: StartErrors) -> None:
+    """Raise where a loop stays open at the start, or a pin finds no rest, naming it."""
+    _check_assembled(mechanism, t0, errors.loops)
+    unborne, moved = (np.nan_to_num(np.asarray(part), nan=np.inf) for part in (errors.unborne, errors.moved))
+    if np.all(unborne <= AT_REST) and np.all(moved <= AT_REST):
+        return
+    worst = int(np.argmax(np.maximum(unborne, moved)))
+    name = mechanism.clearance_joints()[worst].name
+    raise ClearanceError(
+        f"The mechanism cannot be settled: at t = {float(t0):g} s joint `{name}` "
+        f"finds no rest under the load of the ideal joint: it does not bear {100 * unborne[worst]:.3g} % of it, and "
+        f"its play still changes by {100 * moved[worst]:.3g} % from round to round. Give it a stiffer normal law, or "
+        'begin with `start = "centre"`.'
+    )
+
+
+def _check_assembled(mechanism: Mechanism, t0: Any, open_loops: Array) -> None:
+    """Raise where a loop stays open at the start (by so much each [m]), naming it."""
+    gaps = np.nan_to_num(np.asarray(open_loops), nan=np.inf)
+    if np.all(gaps <= CLOSED * float(largest_length(mechanism))):
+        return
+    worst = int(np.argmax(gaps))
+    said = (
+        f"The mechanism cannot be assembled: at t = {float(t0):g} s its loop `{mechanism.loops[worst].name}` stays "
+        f"open by {float(gaps[worst]) * 1e3:.4g} mm. "
+    )
+    repeated = mobility(mechanism, float(t0)).repeated if np.all(np.isfinite(gaps)) else 0
+    if repeated:
+        said += (
+            f"It is over-constrained: {repeated} of the conditions of its loops only repeat others, so that it closes "
+            "only where its lengths and angles fit each other. Give them with all digits, or by the exact relation "
+            "between them, or close the loop by a joint of more freedom (a `Spherical` instead of a `Revolute`, say). "
+            "Where it is open by far, change"
+        )
+    else:
+        said += "Change"
+    raise ClearanceError(f"{said} lengths, or the joints' `position`, to start nearer to a closed one.")

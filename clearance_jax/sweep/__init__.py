@@ -1,0 +1,1 @@
+"""Sweeps: one question, any number of answers, as one labelled dataset."""

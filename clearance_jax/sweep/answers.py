@@ -1,0 +1,93 @@
+"""Where the answers of a sweep are kept while it runs: in memory, or in a store."""
+
+import abc
+from collections.abc import Iterable, Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+import xarray as xr
+
+from clearance_jax.sweep.assemble import dataset_of
+from clearance_jax.sweep.layout import Partition
+from clearance_jax.sweep.question import NOT_RUN, Lanes, Question, failed
+
+Values = dict[str, np.ndarray]
+"""Of lanes every variable by its name, shape (lanes, ...)."""
+
+
+class AbstractAnswers(abc.ABC):
+    """The answers so far, region by region of a `partition`."""
+
+    partition: Partition
+    on_disk: ClassVar[bool]
+
+    @abc.abstractmethod
+    def missing(self) -> list[int]:
+        """The regions that are still to be answered."""
+
+    @abc.abstractmethod
+    def known(self, region: int) -> Values:
+        """What is known of the lanes of a missing region already; `code` says of which (`NOT_RUN`: unknown)."""
+
+    @abc.abstractmethod
+    def keep(self, region: int, places: Lanes, values: Mapping[str, np.ndarray]) -> None:
+        """Keep what has become of lanes at these places of a missing region, until the whole is written."""
+
+    @abc.abstractmethod
+    def kept(self) -> dict[int, int]:
+        """Of how many lanes of missing regions something is kept."""
+
+    @abc.abstractmethod
+    def write(self, region: int, values: Mapping[str, np.ndarray], **said: Any) -> None:
+        """Keep the answers of a whole region; `said` of them in the journal, if there is one."""
+
+    @abc.abstractmethod
+    def read(self, region: int) -> Values:
+        """The answers of a region."""
+
+    @abc.abstractmethod
+    def failing(self, settings: str) -> Iterable[int]:
+        """Regions with lanes that failed, and have not been run again with these settings (in words)."""
+
+    @abc.abstractmethod
+    def dataset(self) -> xr.Dataset:
+        """Everything."""
+
+
+class InMemory(AbstractAnswers):
+    """Answers in memory, as one region."""
+
+    on_disk = False
+
+    def __init__(self, question: Question, provenance: Mapping[str, Any]):
+        self.question, self.provenance = question, provenance
+        self.partition = Partition(question.shape, question.shape)
+        self._known, self._values = question.blank(question.count), None
+
+    def missing(self):
+        return [0] if self._values is None else []
+
+    def known(self, region):
+        return self._known
+
+    def keep(self, region, places, values):
+        for name, one in values.items():
+            self._known[name][places] = one
+
+    def kept(self):
+        return {0: int(np.sum(self._known["code"] != NOT_RUN))} if self._values is None else {}
+
+    def write(self, region, values, **said):
+        self._values = dict(values)
+
+    def read(self, region):
+        assert self._values is not None
+        return self._values
+
+    def failing(self, settings):
+        return [0] if np.any(failed(self.read(0)["code"])) else []
+
+    def dataset(self):
+        shape = self.question.shape
+        values = {name: one.reshape(*shape, *one.shape[1:]) for name, one in self.read(0).items()}
+        return dataset_of(self.question, values, self.provenance)

@@ -1,0 +1,75 @@
+"""The answers of a sweep as one labelled dataset."""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from importlib.metadata import version
+from typing import Any
+
+import jax
+import numpy as np
+import xarray as xr
+
+from clearance_jax.parameters import parameters
+from clearance_jax.solve.codes import Result, words
+from clearance_jax.sweep.question import NOT_RUN, Question
+
+
+def coordinates(question: Question) -> Iterator[tuple[str, str, Any, dict[str, str]]]:
+    """Of every coordinate its name, dimension, values and attributes."""
+    for dimension in question.dims:
+        if dimension.models:
+            yield dimension.name, dimension.name, dimension.labels, {"long_name": dimension.name}
+        elif dimension.name not in dimension.columns:
+            yield dimension.name, dimension.name, np.arange(dimension.size), {"long_name": dimension.name, "units": "1"}
+        for name, values in dimension.columns.items():
+            yield name, dimension.name, values, {"units": question.units[name], "long_name": name}
+    for name, (dim, values) in question.coordinates.items():
+        yield name, dim, values, {"units": "s"} if name == "time" else {}
+
+
+def attributes(question: Question) -> dict[str, Any]:
+    """Where the answers come from: versions, model, settings, seeds."""
+    function = question.functions[0]
+    sampled = {f"sampling.{d.name}": repr(d.sampling) for d in question.dims if d.sampling}
+    numbers = {f"parameter.{n}": np.asarray(leaf.value).tolist() for n, leaf in parameters(function.mechanism).items()}
+    settings = {k: v for k, v in function.settings._asdict().items() if v is not None and k != "save_at"}
+    shown = {k: np.asarray(v).tolist() if isinstance(v, jax.Array) else v for k, v in settings.items()}
+    return {
+        "software": f"clearance_jax {version('clearance-jax')}, jax {jax.__version__}, numpy {np.__version__}",
+        "mechanism": function.mechanism.name,
+        "t1": float(function.t1),
+        "solve": repr(shown),
+        **sampled,
+        **numbers,
+    }
+
+
+def ended(codes: np.ndarray) -> dict[str, int]:
+    """How many lanes ended in which way, by their codes as texts."""
+    found, sizes = np.unique(codes, return_counts=True)
+    return {str(int(code)): int(size) for code, size in zip(found, sizes, strict=True)}
+
+
+def counts(endings: Iterable[Mapping[str, int]], lanes: int) -> dict[str, Any]:
+    """How lanes ended, for the attributes of a dataset, from the counts (`ended`) of its parts."""
+    total: Counter[int] = Counter()
+    for part in endings:
+        total.update({int(code): size for code, size in part.items()})
+    run = {code: size for code, size in sorted(total.items()) if code != NOT_RUN}
+    wrong = {code: size for code, size in run.items() if code != int(Result.REACHED_END)}
+    return {
+        "lanes": lanes,
+        "failed": sum(wrong.values()),
+        "not_run": lanes - sum(run.values()),
+        "failures": "; ".join(f"{size} {words(code)}" for code, size in wrong.items()),
+    }
+
+
+def dataset_of(question: Question, values: Mapping[str, np.ndarray], provenance: Mapping[str, Any]) -> xr.Dataset:
+    """Everything in memory."""
+    names = tuple(dimension.name for dimension in question.dims)
+    data = {name: ((*names, *kind.dims), values[name], kind.attributes) for name, kind in question.kinds.items()}
+    coords = {name: (dim, given, attrs) for name, dim, given, attrs in coordinates(question)}
+    return xr.Dataset(
+        data, coords, {**attributes(question), **counts([ended(values["code"])], question.count), **provenance}
+    )

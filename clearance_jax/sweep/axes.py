@@ -1,0 +1,208 @@
+"""The axes of a sweep: along each dimension of the answer, which numbers (or models) stand at each place."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+import scipy.special
+from jaxtyping import Float
+from scipy.stats import qmc
+
+from clearance_jax.errors import ClearanceError, quoted, suggest
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.parameters import check_bounds, find, parameters
+from clearance_jax.sweep.distributions import AbstractDistribution
+
+# Options of a solve that are numbers, and may differ from lane to lane beside the parameters.
+OPTIONS = {"t1": "s", "rtol": ""}
+METHODS = ("sobol", "latin-hypercube", "random")
+
+
+class Zipped(NamedTuple):
+    """Several numbers that change together along one dimension: name -> values, all of one length."""
+
+    values: Mapping[str, Any]
+
+
+class Choice(NamedTuple):
+    """Models by labels: mechanisms, or functions that make one of the sweep's mechanism (another law, another drive).
+    Each is a program of its own.
+    """
+
+    models: Mapping[str, Mechanism | Callable[[Mechanism], Mechanism]]
+
+
+class Sampled(NamedTuple):
+    """Numbers that scatter, drawn together along one dimension.
+
+    - `scatter`: name -> `Normal`, `LogNormal`, `Uniform` or `TruncatedNormal`.
+    - `count`: how many samples.
+    - `method`: "sobol" (scrambled; a longer sequence begins with the shorter one), "latin-hypercube" or "random".
+    - `seed`: of the scrambling or the draws; it is recorded.
+    - `correlation`: (name, name) -> correlation of the two numbers' normal scores (a Gaussian copula): of normal ones
+      it is their own.
+    """
+
+    scatter: Mapping[str, AbstractDistribution]
+    count: int
+    method: Literal["sobol", "latin-hypercube", "random"] = "sobol"
+    seed: int = 0
+    correlation: Mapping[tuple[str, str], float] | None = None
+
+    def draw(self) -> dict[str, Float[np.ndarray, " count"]]:
+        """The numbers, by name. **Raises** `ClearanceError` for what nothing can be drawn from."""
+        for name, distribution in self.scatter.items():
+            if not isinstance(distribution, AbstractDistribution):
+                raise ClearanceError(
+                    f"`{name}` must scatter as `Normal`, `LogNormal`, `Uniform` or `TruncatedNormal`, not "
+                    f"{quoted(distribution)}."
+                )
+            distribution.check(name)
+        if not self.scatter or isinstance(self.count, bool) or not isinstance(self.count, int) or self.count < 1:
+            raise ClearanceError("`Sampled` wants numbers that scatter, and a count of at least 1.")
+        shares = correlated(_points(self.method, len(self.scatter), self.count, self.seed), self._root())
+        return {name: law.quantile(shares[:, i]) for i, (name, law) in enumerate(self.scatter.items())}
+
+    def _root(self) -> np.ndarray | None:
+        """A root of the matrix of correlations; `None` where there are none."""
+        if not self.correlation:
+            return None
+        places, matrix = {name: i for i, name in enumerate(self.scatter)}, np.eye(len(self.scatter))
+        for pair, value in self.correlation.items():
+            for name in pair:
+                if name not in places:
+                    raise ClearanceError(f"`correlation`: `{name}` does not scatter. {suggest(str(name), places)}")
+            i, k = (places[name] for name in pair)
+            if i == k:
+                raise ClearanceError(f"`correlation` is between two numbers, but {quoted(pair)} is one twice.")
+            matrix[i, k] = matrix[k, i] = value
+        try:
+            return np.linalg.cholesky(matrix)
+        except np.linalg.LinAlgError:
+            raise ClearanceError("`correlation` contradicts itself: its matrix must be positive definite.") from None
+
+
+def correlated(shares: np.ndarray, root: np.ndarray | None) -> np.ndarray:
+    """Points (n, d) between 0 and 1, with their normal scores correlated by a root of the matrix of correlations."""
+    if root is None:
+        return shares
+    return scipy.special.ndtr(scipy.special.ndtri(shares) @ root.T)
+
+
+def _points(method: str, width: int, count: int, seed: int) -> Float[np.ndarray, "count width"]:
+    if method == "sobol":
+        # Whole powers of two, of which the first points are those of any shorter sequence.
+        points = qmc.Sobol(width, rng=seed).random_base2(max(0, math.ceil(math.log2(count))))[:count]
+    elif method == "latin-hypercube":
+        points = qmc.LatinHypercube(width, rng=seed).random(count)
+    elif method == "random":
+        points = np.random.default_rng(seed).random((count, width))
+    else:
+        raise ClearanceError(f"There is no method {method!r} to sample by. Allowed: {', '.join(METHODS)}.")
+    # A quantile of 0 would be minus infinity.
+    return np.clip(points, 2.0**-53, 1 - 2.0**-53)
+
+
+# Read ----------------------------------------------------------------------------------------------------------------
+
+
+class Dimension(NamedTuple):
+    """One dimension of a sweep's answer: its `name`, and at each of its `size` places the numbers by their names
+    (`columns`), or a model by its label (`models`); `sampling`: how it was drawn, for the record.
+    """
+
+    name: str
+    size: int
+    columns: dict[str, Float[np.ndarray, " size"]]
+    models: dict[str, Any]
+    sampling: dict[str, Any]
+
+    @property
+    def labels(self) -> list[str]:
+        """Those of its models."""
+        return list(self.models)
+
+
+def dimensions(axes: Mapping[str, Any]) -> tuple[Dimension, ...]:
+    """The axes of a sweep as they are given, read. **Raises** `ClearanceError` for what is none, or empty."""
+    if not isinstance(axes, Mapping) or not axes:
+        raise ClearanceError('`axes` must be values by name, such as `{"wrist.radial_clearance": [1e-4, 2e-4]}`.')
+    found = tuple(_dimension(str(name), given) for name, given in axes.items())
+    seen: dict[str, str] = {}
+    for dimension in found:
+        for name in dimension.columns:
+            if name in seen:
+                raise ClearanceError(f"`{name}` is varied by the axes `{seen[name]}` and `{dimension.name}`. Take one.")
+            seen[name] = dimension.name
+    return found
+
+
+def _dimension(name: str, given: Any) -> Dimension:
+    if isinstance(given, Choice):
+        if not isinstance(given.models, Mapping) or not given.models:
+            raise ClearanceError(f"The axis `{name}` must have models by labels, but it has none.")
+        models = {str(label): model for label, model in given.models.items()}
+        return Dimension(name, len(models), {}, models, {})
+    if isinstance(given, Sampled):
+        columns = given.draw()
+        laws = {k: [type(law).__name__, *map(float, law)] for k, law in given.scatter.items()}  # pyright: ignore
+        pairs = {" ".join(pair): float(value) for pair, value in (given.correlation or {}).items()}
+        sampling = {"method": given.method, "seed": int(given.seed), "scatter": laws, "correlation": pairs}
+        return Dimension(name, given.count, columns, {}, sampling)
+    columns = {str(k): _values(k, v) for k, v in (given.values if isinstance(given, Zipped) else {name: given}).items()}
+    sizes = {k: len(v) for k, v in columns.items()}
+    if not sizes or len(set(sizes.values())) != 1:
+        raise ClearanceError(f"The columns of `{name}` must have one length, but they have {quoted(sizes)}.")
+    return Dimension(name, min(sizes.values()), columns, {}, {})
+
+
+def _values(name: str, given: Any) -> np.ndarray:
+    try:
+        values = np.array(given, float)
+    except (TypeError, ValueError):
+        raise ClearanceError(f"The axis `{name}` must be numbers, but it is {quoted(given)}.") from None
+    if values.ndim != 1:
+        raise ClearanceError(f"The axis `{name}` must be a list of numbers, but it has the shape {values.shape}.")
+    if values.size == 0:
+        raise ClearanceError(f"The axis `{name}` is empty. Give it at least one value.")
+    if not np.all(np.isfinite(values)):
+        raise ClearanceError(f"The values of the axis `{name}` must be finite.")
+    return values
+
+
+def models_of(mechanism: Mechanism, dims: Sequence[Dimension]) -> list[Mechanism]:
+    """The model at every combination of labels, in the order of the dimensions; the sweep's own without any."""
+    models = [mechanism]
+    for dimension in dims:
+        if dimension.models:
+            models = [_model(model, found, dimension, k) for model in models for k, found in dimension.models.items()]
+    return models
+
+
+def _model(mechanism: Mechanism, given: Any, dimension: Dimension, label: str) -> Mechanism:
+    made = given if isinstance(given, Mechanism) else given(mechanism) if callable(given) else None
+    if not isinstance(made, Mechanism):
+        raise ClearanceError(
+            f"`{label}` of the axis `{dimension.name}` must be a mechanism, or a function from one to another, but it "
+            f"is {quoted(given)}."
+        )
+    return made
+
+
+def units_of_columns(model: Mechanism, dims: Sequence[Dimension]) -> dict[str, str]:
+    """The SI units of all that is varied, checked against what a model allows."""
+    known, units = parameters(model), {}
+    for dimension in dims:
+        for name, values in dimension.columns.items():
+            if name in OPTIONS:
+                units[name] = OPTIONS[name]
+                continue
+            try:
+                leaf, _ = find(known, name)
+            except ClearanceError as error:
+                raise ClearanceError(f"The axis `{dimension.name}`: {error}") from None
+            units[name] = leaf.unit
+            for bad in (values.min(), values.max()):
+                check_bounds(bad, leaf.metadata, f"`{name}`", leaf.unit)
+    return units

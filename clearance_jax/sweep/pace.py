@@ -1,0 +1,39 @@
+"""How far a sweep is, and how fast."""
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+from clearance_jax.sweep.answers import AbstractAnswers
+from clearance_jax.sweep.plan import SweepProgress
+from clearance_jax.sweep.question import Question
+
+Tell = Callable[[SweepProgress], Any] | None
+
+
+class Pace:
+    """How far a sweep is, told to whoever listens; its clock starts with the first lanes that are done, and so knows
+    nothing of compiling.
+    """
+
+    def __init__(self, question: Question, answers: AbstractAnswers, tell: Tell):
+        self._lanes, self._tell, self._sizes = question.count, tell, answers.partition.size
+        self._kept = answers.kept()  # counted from the start, and not again when their region ends
+        self._done = self._lanes - sum(map(self._sizes, answers.missing())) + sum(self._kept.values())
+        self._new, self._failed = 0.0, 0
+        self._begin: tuple[float, float] | None = None
+
+    def tell(self, more: float) -> None:
+        """So many lanes of the region under way are done."""
+        if self._tell is None:
+            return
+        now, new = time.perf_counter(), self._new + more
+        self._begin = self._begin or (now, new)
+        done = self._done + int(more)
+        self._tell(SweepProgress(self._lanes, done, self._failed, new - self._begin[1], now - self._begin[0]))
+
+    def ended(self, region: int, new: int, wrong: int) -> None:
+        """A region is ready, with so many lanes newly solved, and so many that failed."""
+        self._done += self._sizes(region) - self._kept.get(region, 0)
+        self._new, self._failed = self._new + new, self._failed + wrong
+        self.tell(0.0)

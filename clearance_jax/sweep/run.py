@@ -1,0 +1,106 @@
+"""`sweep`: one question, any number of answers, as one labelled dataset."""
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, Unpack
+
+import xarray as xr
+
+from clearance_jax.errors import ClearanceError
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.solve.batch import cores_here
+from clearance_jax.solve.lanes import LANES
+from clearance_jax.solve.settings import SolveOptions
+from clearance_jax.sweep.answers import InMemory
+from clearance_jax.sweep.cluster import again_on, client_of, run_on
+from clearance_jax.sweep.here import run_again, run_here
+from clearance_jax.sweep.layout import LEAST
+from clearance_jax.sweep.pace import Tell
+from clearance_jax.sweep.plan import SweepPlan, check_memory, check_room
+from clearance_jax.sweep.question import ask
+from clearance_jax.sweep.widen import open_store
+
+# Chunks that a region has for each core at least: where fewer, cores wait at its end for the last one.
+CHUNKS_A_CORE = 32
+
+
+def sweep(
+    mechanism: Mechanism,
+    axes: Mapping[str, Any],
+    outputs: Mapping[str, Any],
+    t1: Any = None,
+    *,
+    wrt: Sequence[str] = (),
+    derivatives_of: Sequence[str] | None = None,
+    times: Any = None,
+    again: Mapping[str, Any] | None = None,
+    store: str | Path | None = None,
+    resume: bool = False,
+    cores: int | None = None,
+    cluster: Any = None,
+    plan: Callable[[SweepPlan], Any] | None = None,
+    progress: Tell = None,
+    provenance: Mapping[str, Any] | None = None,
+    **options: Unpack[SolveOptions],
+) -> xr.Dataset:
+    """Outputs of a mechanism's motion, over any number of its parameters and models: one solve a lane, on every core.
+
+    **Arguments:**
+
+    - `axes`: the dimensions of the answer. A dotted parameter name -> values [SI]; any name -> `Zipped`, `Sampled` or
+      `Choice`. Beside parameters "t1" [s] and "rtol" may vary.
+    - `outputs`: name -> one of `clearance_jax.metrics`, a function `f(solution)` or `f(mechanism, solution)`, or a
+      quantity of the solution by its name ("piston.position"), at the end or at `times`.
+    - `t1`: end of the motion [s] (unless it is an axis); `options`: as `simulate`'s.
+    - `wrt`: parameters by which the outputs (or those in `derivatives_of`) are differentiated, in the same solve:
+      variables `NAME_derivative` with a last dimension `parameter`.
+    - `times`: where quantities and functions get samples: how many, or times [s]. Without, memory does not grow with
+      the motion's length.
+    - `again`: options with which lanes that failed are run once more.
+    - `store`: a zarr store to write, which may be far larger than memory. `resume`: go on with one that is there; its
+      axes may have grown since.
+    - `cores`: as `batch`'s.
+    - `cluster`: a dask client, or the address of a scheduler, whose workers solve and write the regions of the store
+      (which all of them reach by its path), each on `cores` cores (1). "local": workers on this machine, for a trial.
+    - `plan`: called with the `SweepPlan` before the first region; `progress`: with the `SweepProgress`.
+    - `provenance`: texts and numbers to be kept as attributes.
+
+    **Returns:** a dataset with a dimension for each axis; of every lane its outputs, `code` (0: reached t1), `steps`,
+    `rejected`, with books `energy_residual`, and how often it was run `again`. Outputs of lanes that failed are NaN;
+    how many did, and why, is in the attributes. From a store it is read when it is used.
+
+    **Raises:** `ClearanceError` for what cannot be asked, and for a store that cannot be written, is being written by
+    another process, or belongs to another question. Ctrl-C leaves a store that can be resumed.
+    """
+    if "save_at" in options:
+        raise ClearanceError("A sweep is given `times` instead of `save_at`.")
+    question = ask(mechanism, axes, outputs, t1, wrt, derivatives_of, times, options)
+    side_by_side, provenance = cores or cores_here(), provenance or {}
+    needed = question.count * question.bytes_a_lane
+    if store is None:
+        if cluster is not None:
+            raise ClearanceError("On a cluster each worker writes its own part: give a `store` that all of them reach.")
+        check_memory(2 * needed)
+        answers = InMemory(question, provenance)
+        run_here(question, answers, side_by_side, plan, progress)
+        if again is not None:
+            run_again(question, answers, {**options, **again}, side_by_side)
+        return answers.dataset()
+    if not Path(store).exists():
+        check_room(Path(store), needed)
+    with ExitStack() as held:
+        client = None if cluster is None else held.enter_context(client_of(cluster, cores or 1))
+        cores_of_a_region = side_by_side if client is None else cores or 1
+        least = max(LEAST, LANES * CHUNKS_A_CORE * cores_of_a_region)
+        answers = open_store(store, question, provenance, resume=resume, least=least)
+        held.callback(answers.close)
+        if client is None:
+            run_here(answers.question, answers, side_by_side, plan, progress)
+            if again is not None:
+                run_again(answers.question, answers, {**options, **again}, side_by_side)
+        else:
+            run_on(client, answers, cores_of_a_region, plan, progress)
+            if again is not None:
+                again_on(client, answers, {**options, **again}, cores_of_a_region)
+        return answers.dataset()

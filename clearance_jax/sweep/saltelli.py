@@ -1,0 +1,46 @@
+"""Samples from which global sensitivity indices follow (`results.sobol`). See Saltelli et al. 2010, doi
+10.1016/j.cpc.2009.09.018.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from scipy.stats import qmc
+
+from clearance_jax.errors import ClearanceError, quoted
+from clearance_jax.sweep.distributions import AbstractDistribution
+
+
+def sobol_samples(scatter: Mapping[str, Any], samples: int, seed: int = 0) -> dict[str, Float[np.ndarray, " lanes"]]:
+    """Lanes from which `sobol_indices` can tell the indices: samples (d + 2) of them, for d numbers.
+
+    **Arguments:**
+
+    - `scatter`: dotted name -> `Normal`, `LogNormal`, `Uniform` or `TruncatedNormal`; they scatter independently.
+    - `samples`: a power of two. `seed`: of the scrambled Sobol sequence.
+
+    **Raises:** `ClearanceError` where `samples` is no power of two, or there is nothing to scatter.
+    """
+    if samples < 2 or samples & (samples - 1):
+        raise ClearanceError(f"`samples` must be a power of two, for Sobol's sequence, but it is {samples}.")
+    if not scatter:
+        raise ClearanceError("There is nothing to scatter: give at least one number by its name.")
+    for name, law in scatter.items():
+        if not isinstance(law, AbstractDistribution):
+            raise ClearanceError(
+                f"`{name}` must scatter as `Normal`, `LogNormal`, `Uniform` or `TruncatedNormal`, not {quoted(law)}."
+            )
+        law.check(name)
+    count = len(scatter)
+    unit = qmc.Sobol(2 * count, rng=np.random.default_rng(seed)).random(samples)
+    # A quantile of 0 would be minus infinity.
+    unit = np.clip(unit, 2.0**-53, 1 - 2.0**-53)
+    ours, others = (
+        np.stack([law.quantile(half[:, i]) for i, law in enumerate(scatter.values())], axis=1)
+        for half in (unit[:, :count], unit[:, count:])
+    )
+    mixed = [np.where(np.arange(count) == i, others, ours) for i in range(count)]
+    every = np.concatenate([ours, others, *mixed])
+    return {name: every[:, i] for i, name in enumerate(scatter)}

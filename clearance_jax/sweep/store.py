@@ -1,0 +1,305 @@
+"""A sweep on disk: a zarr store, written region by region, that says of itself what is in it and what is missing.
+
+A region is one chunk of every variable. zarr gives a chunk its name only when it is whole; a region counts once the
+journal says so, with a digest of its values. So whatever dies, and whenever: the regions of the journal are there; of
+the others what was under way is (`underway`), and the rest is computed again, and comes out the same to the last bit.
+"""
+
+import errno
+import hashlib
+import json
+import shutil
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clearance_jax.errors import ClearanceError
+from clearance_jax.results.store import open_sweep
+from clearance_jax.solve.codes import Result
+from clearance_jax.sweep.answers import AbstractAnswers, Values
+from clearance_jax.sweep.assemble import attributes, coordinates, counts, ended
+from clearance_jax.sweep.identity import description, fingerprint
+from clearance_jax.sweep.journal import Journal
+from clearance_jax.sweep.layout import Partition, partition
+from clearance_jax.sweep.lock import Lock
+from clearance_jax.sweep.question import Question
+from clearance_jax.sweep.underway import Underway
+
+JOURNAL, LOCK, UNDERWAY = "journal.jsonl", "writer.lock", "underway"
+# What a store says of its layout, among its attributes.
+CHUNK, DESCRIBED, VARIABLES = "region", "question", "variables"
+
+
+# What reading raises of a chunk that is damaged: a file, a checksum, a codec.
+UNREADABLE = OSError, ValueError, RuntimeError, KeyError
+
+
+class StoreWarning(UserWarning):
+    """Something in a store was not as it was written."""
+
+
+def zarr_library() -> Any:
+    """Zarr. **Raises** `ClearanceError` where it is not there."""
+    try:
+        import zarr
+    except ImportError:
+        raise ClearanceError(
+            "A sweep is stored by zarr, which is not installed. Install it: `pip install clearance-jax[sweep]`."
+        ) from None
+    return zarr
+
+
+def create(path: Path, question: Question, provenance: Mapping[str, Any], least: int) -> None:
+    """An empty store for a question, whole or not at all."""
+    zarr = zarr_library()
+    from zarr.codecs import Crc32cCodec, ZstdCodec
+
+    cut = partition(question.shape, [bool(d.models) for d in question.dims], least)
+    partial = path.with_name(path.name + ".partial")
+    shutil.rmtree(partial, ignore_errors=True)
+    described = description(question)
+    own = {
+        CHUNK: list(cut.chunk),
+        VARIABLES: list(question.kinds),
+        DESCRIBED: json.dumps(described),
+        "fingerprint": fingerprint(described),
+    }
+    found = list(coordinates(question))
+    inner = " ".join(name for name, dim, *_ in found if name != dim)
+    root = zarr.create_group(
+        partial, attributes={**attributes(question), **provenance, **own, **({"coordinates": inner} if inner else {})}
+    )
+    for name, dim, values, attrs in found:
+        values = _stored(values)
+        array = root.create_array(
+            name,
+            shape=values.shape,
+            chunks=values.shape,
+            dtype=values.dtype,
+            dimension_names=(dim,),
+            attributes=attrs,
+            compressors=[ZstdCodec(level=1), Crc32cCodec()],
+        )
+        array[...] = values
+    names = tuple(dimension.name for dimension in question.dims)
+    for name, kind in question.kinds.items():
+        root.create_array(
+            name,
+            shape=(*question.shape, *kind.shape),
+            chunks=(*cut.chunk, *(max(size, 1) for size in kind.shape)),
+            dtype=kind.dtype,
+            fill_value=kind.missing,
+            dimension_names=(*names, *kind.dims),
+            attributes=kind.attributes,
+            compressors=[ZstdCodec(level=1), Crc32cCodec()],
+            config={"write_empty_chunks": True},
+        )
+    _consolidate(zarr, partial)
+    Journal(partial / JOURNAL).add(event="question", fingerprint=fingerprint(described))
+    partial.rename(path)
+
+
+def _stored(values: Any) -> np.ndarray:
+    """A coordinate's values as zarr keeps them."""
+    values = np.asarray(values)
+    return values.astype(np.dtypes.StringDType()) if values.dtype.kind == "U" else values
+
+
+def _consolidate(zarr: Any, path: Path) -> None:
+    """Everything that readers must know in one file: they look no further, and one file changes at once."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # that consolidating is not in the standard yet, and of the journal beside
+        zarr.consolidate_metadata(path)
+
+
+class Regions:
+    """The regions of a store that is there, to be read."""
+
+    def __init__(self, path: Path):
+        zarr = zarr_library()
+        self.path = path
+        try:
+            self.root = zarr.open_group(path, mode="r+")
+            self.partition = Partition(self.root["code"].shape, tuple(self.root.attrs[CHUNK]))
+            self.described = json.loads(self.root.attrs[DESCRIBED])
+        except (OSError, KeyError, ValueError, TypeError) as error:
+            raise ClearanceError(f"`{path}` is no store of a sweep ({error!r}). Choose another path.") from None
+        self.names = list(self.root.attrs[VARIABLES])
+        self.journal = Journal(path / JOURNAL)
+        self.records = {r["region"]: r for r in self.journal.read() if r.get("event") == "region"}
+        lead = len(self.partition.shape)
+        kinds = {name: (self.root[name].dtype, self.root[name].shape[lead:]) for name in self.names}
+        self.underway = Underway(path / UNDERWAY, kinds)
+
+    def coordinate(self, name: str) -> np.ndarray:
+        """The values of a coordinate. **Raises** `ClearanceError` where they cannot be read."""
+        try:
+            return self.root[name][...]
+        except UNREADABLE:
+            raise ClearanceError(
+                f"The coordinate `{name}` of `{self.path}` is damaged. Go on with the axes that it had: that mends it."
+            ) from None
+
+    def mend(self, question: Question) -> None:
+        """Write coordinates anew that are not those of the store's own question, and say so."""
+        for name, _, values, _ in coordinates(question):
+            with suppress(ClearanceError):
+                if np.array_equal(self.coordinate(name), _stored(values)):
+                    continue
+            self.root[name][...] = _stored(values)
+            said = f"`{self.path}`: the coordinate `{name}` is damaged; it is mended."
+            warnings.warn(said, StoreWarning, stacklevel=2)
+
+    def verified(self) -> None:
+        """Forget the regions that are not as they were written, and say so."""
+        bad = [region for region in self.records if not self._good(region)]
+        for region in bad:
+            del self.records[region]
+        if bad:
+            shown = ", ".join(map(str, bad[:10])) + (" ..." if len(bad) > 10 else "")
+            warnings.warn(
+                f"`{self.path}`: {len(bad)} of its regions are damaged ({shown}); they are computed again.",
+                StoreWarning,
+                stacklevel=2,
+            )
+
+    def _good(self, region: int) -> bool:
+        try:
+            return digest(self.read(region)) == self.records[region]["digest"]
+        except UNREADABLE:
+            return False
+
+    def read(self, region: int) -> Values:
+        """The variables of a region, shape (lanes, ...)."""
+        where, lead = self.partition.slices(region), len(self.partition.shape)
+        out = {}
+        for name in self.names:
+            block = np.asarray(self.root[name][where])
+            out[name] = block.reshape(-1, *block.shape[lead:])
+        return out
+
+    def write(self, region: int, values: Mapping[str, np.ndarray], old: Values | None = None) -> str:
+        """Write a region's chunks, one after the other; the digest that it has with all of them. Between the first and
+        the last it is neither what it was nor what it is to be: the `old` values, where it had any, are kept meanwhile.
+        """
+        if old is not None:
+            self.underway.add(region, np.arange(self.partition.size(region)), old)
+        put(self.root, self.partition, region, values)
+        return digest(values)
+
+
+class Store(AbstractAnswers):
+    """Answers in a store; this process alone writes it. `before`: what is known of some lanes from elsewhere."""
+
+    on_disk = True
+
+    def __init__(self, path: Path, question: Question, before: Any = None):
+        self.path, self.question, self._before = path, question, before
+        self._lock = Lock(path / LOCK)
+        self._regions = Regions(path)
+        self.partition = self._regions.partition
+        self._regions.verified()
+        for region in self._regions.underway.regions():
+            if region in self._regions.records:
+                self._regions.underway.remove(region)
+
+    def mend(self) -> None:
+        """See `Regions.mend`."""
+        self._regions.mend(self.question)
+
+    def missing(self):
+        return [region for region in range(self.partition.count) if region not in self._regions.records]
+
+    def known(self, region):
+        return known(self.question, self._regions, self._before, region)
+
+    def keep(self, region, places, values):
+        with self._refused(region):
+            self._regions.underway.add(region, places, values)
+
+    def kept(self):
+        found = self._regions.underway
+        return {region: found.count(region) for region in found.regions()}
+
+    def read(self, region):
+        return self._regions.read(region)
+
+    def write(self, region, values, **said):
+        with self._refused(region):
+            old = self.read(region) if region in self._regions.records else None
+            found = self._regions.write(region, values, old)
+        self.written(region, found, ended(values["code"]), **said)
+
+    def written(self, region: int, found: str, endings: Mapping[str, int], **said: Any) -> None:
+        """Somebody has written a region with this digest, whose lanes ended so."""
+        record = {"region": region, "digest": found, "ended": dict(endings), **said}
+        with self._refused(region):
+            self._regions.journal.add(event="region", **record)
+            self._regions.underway.remove(region)
+        self._regions.records[region] = record
+
+    @contextmanager
+    def _refused(self, region: int) -> Iterator[None]:
+        """What the disk refuses, in words."""
+        try:
+            yield
+        except OSError as error:
+            full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+            mend = "make room" if full else "see to that"
+            raise ClearanceError(
+                f"Cannot write region {region} of `{self.path}`: {error.strerror or error}. What was written before is "
+                f"kept: {mend}, and go on with `resume`."
+            ) from error
+
+    def failing(self, settings):
+        def wrong(record: Mapping[str, Any]) -> bool:
+            return set(record["ended"]) != {str(int(Result.REACHED_END))} and settings not in record.get("again", [])
+
+        return [region for region, record in sorted(self._regions.records.items()) if wrong(record)]
+
+    def record(self, region: int) -> dict[str, Any]:
+        """What the journal says of a region."""
+        return self._regions.records[region]
+
+    def dataset(self):
+        """Lazily, with how lanes ended among its attributes."""
+        found = open_sweep(self.path)
+        shown = {k: v for k, v in found.attrs.items() if k not in (CHUNK, DESCRIBED, VARIABLES)}
+        endings = [record["ended"] for record in self._regions.records.values()]
+        found.attrs = shown | counts(endings, self.question.count)
+        return found
+
+    def close(self) -> None:
+        """Others may write; what the store was before it grew goes once nothing is missing."""
+        if self._before is not None and not self.missing():
+            self._before.remove()
+        self._regions.underway.close()
+        self._lock.release()
+
+
+def known(question: Question, regions: Regions, before: Any, region: int) -> Values:
+    """What is known of the lanes of a missing region, from `before` and from what was under way."""
+    lanes = regions.partition.lanes(region)
+    values = question.blank(len(lanes)) if before is None else before.known(lanes, question)
+    regions.underway.fill(region, values)
+    return values
+
+
+def put(root: Any, cut: Partition, region: int, values: Mapping[str, np.ndarray]) -> None:
+    """Write a region's chunks."""
+    where, extent = cut.slices(region), cut.extent(region)
+    for name, one in values.items():
+        root[name][where] = one.reshape(*extent, *one.shape[1:])
+
+
+def digest(values: Mapping[str, np.ndarray]) -> str:
+    """Of a region's values, whatever they were read from."""
+    found = hashlib.blake2b(digest_size=16)
+    for name in sorted(values):
+        found.update(name.encode())
+        found.update(np.ascontiguousarray(values[name]).tobytes())
+    return found.hexdigest()

@@ -1,0 +1,83 @@
+"""Lanes of regions that are under way, in files beside the answers: who dies loses a chunk a core, and not a region.
+
+A file is blocks of rows, a row a lane, each block with a digest. It only grows, one process alone writes it, and what
+is torn at its end is no block. It goes when the journal has its region: the journal says what is there, this only
+saves solves.
+"""
+
+import hashlib
+import uuid
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Int
+
+PLACE = "place"
+# Of a block: the digest of its rows, and how many they are.
+DIGEST, COUNT = 16, 8
+
+
+class Underway:
+    """The files of a store. `kinds`: of every variable its type and shape."""
+
+    def __init__(self, folder: Path, kinds: Mapping[str, tuple[np.dtype, tuple[int, ...]]]):
+        self._folder, self._names = folder, list(kinds)
+        self._row = np.dtype([(PLACE, "<i8"), *((name, dtype, shape) for name, (dtype, shape) in kinds.items())])
+        # A process that comes later, or does the same region elsewhere, has files of its own.
+        self._own = uuid.uuid4().hex
+
+    def add(self, region: int, places: Int[np.ndarray, " n"], values: Mapping[str, np.ndarray]) -> None:
+        """Keep the values of lanes at these places of a region. **Raises** `OSError` where the disk refuses it."""
+        rows = np.zeros(len(places), self._row)
+        rows[PLACE] = places
+        for name in self._names:
+            rows[name] = values[name]
+        data = rows.tobytes()
+        self._folder.mkdir(exist_ok=True)
+        with (self._folder / f"{region}.{self._own}").open("ab") as file:
+            file.write(_digest(data) + len(rows).to_bytes(COUNT, "little") + data)
+
+    def fill(self, region: int, values: Mapping[str, np.ndarray]) -> None:
+        """Put what has been kept of a region among its lanes' values."""
+        for rows in self._blocks(region):
+            for name in self._names:
+                values[name][rows[PLACE]] = rows[name]
+
+    def regions(self) -> list[int]:
+        """The regions of which something has been kept."""
+        files = self._folder.iterdir() if self._folder.is_dir() else ()
+        return sorted({int(name) for file in files if (name := file.name.split(".")[0]).isdigit()})
+
+    def count(self, region: int) -> int:
+        """Of how many lanes of a region something has been kept."""
+        return len(np.unique(np.concatenate([np.zeros(0, "<i8"), *(rows[PLACE] for rows in self._blocks(region))])))
+
+    def remove(self, region: int) -> None:
+        """The region is written."""
+        for file in self._folder.glob(f"{region}.*"):
+            file.unlink(missing_ok=True)
+
+    def close(self) -> None:
+        """Leave no empty folder."""
+        with suppress(OSError):
+            self._folder.rmdir()
+
+    def _blocks(self, region: int) -> Iterator[np.ndarray]:
+        for file in sorted(self._folder.glob(f"{region}.*")):
+            yield from self._read(file.read_bytes())
+
+    def _read(self, data: bytes) -> Iterator[np.ndarray]:
+        begin = 0
+        while begin < len(data):
+            first = begin + DIGEST + COUNT
+            end = first + self._row.itemsize * int.from_bytes(data[begin + DIGEST : first], "little")
+            if _digest(data[first:end]) != data[begin : begin + DIGEST]:
+                return
+            yield np.frombuffer(data[first:end], self._row)
+            begin = end
+
+
+def _digest(data: bytes) -> bytes:
+    return hashlib.blake2b(data, digest_size=DIGEST).digest()

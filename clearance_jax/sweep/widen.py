@@ -1,0 +1,163 @@
+"""Opening a store for a question: a new one, one to go on with, or one whose axes have grown since."""
+
+import dataclasses
+import shutil
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clearance_jax.errors import ClearanceError
+from clearance_jax.sweep.identity import AXIS, description, differences
+from clearance_jax.sweep.layout import LEAST
+from clearance_jax.sweep.lock import Lock
+from clearance_jax.sweep.question import Lanes, Question
+from clearance_jax.sweep.store import LOCK, Regions, Store, create
+
+# By how much numbers differ, over their size, that are meant to be the same.
+ROUND_OFF = 1e-14
+
+
+def open_store(
+    path: str | Path, question: Question, provenance: Mapping[str, Any], *, resume: bool, least: int = LEAST
+) -> Store:
+    """The store at a path, for this question.
+
+    **Raises:** `ClearanceError` where there is one already and `resume` is off, where it belongs to another question
+    (with the difference), where another process writes it, and where nothing can be written.
+    """
+    path = Path(path)
+    narrower = _narrower(path)
+    try:
+        if path.exists() and not resume:
+            raise ClearanceError(f"`{path}` exists already. Go on with it by `resume`, or choose another path.")
+        if path.exists():
+            question = snapped(question, Regions(path))
+        there = path.exists()
+        if there and _differs(path, narrower, question):
+            held = Lock(path / LOCK)
+            path.rename(narrower)
+            create(path, question, provenance, least)
+            held.release()
+        elif not there:
+            create(path, question, provenance, least)
+        store = Store(path, question, before_of(path, question))
+        if there:
+            store.mend()
+        return store
+    except OSError as error:
+        raise ClearanceError(f"Cannot write `{path}`: {error.strerror or error}. Choose another path.") from error
+
+
+def _differs(path: Path, narrower: Path, question: Question) -> bool:
+    """Whether the store at a path is that of a narrower question. **Raises** `ClearanceError` where it is another's."""
+    old, new = Regions(path), description(question)
+    found = differences(old.described, new)
+    if not found:
+        return False
+    places = _places(old, question)
+    # What the store does not know belongs to labels that are new.
+    others = [words for name, words in found.items() if not name.startswith(AXIS) and name in old.described]
+    if others or places is None or any(name not in old.described for name in found if name.startswith(AXIS)):
+        said = "; ".join(others or found.values())
+        raise ClearanceError(f"`{path}` belongs to another question: {said}. Choose another path.")
+    if narrower.exists():
+        raise ClearanceError(f"`{path}` is being widened already: finish that with its own axes, and then go on.")
+    return True
+
+
+def snapped(question: Question, old: Regions) -> Question:
+    """The question with the very numbers of an older store, where its own differ from them by round-off: of axes that
+    are calculated (`linspace`) the old places would otherwise be none of the new ones.
+    """
+    dims = []
+    for dimension in question.dims:
+        columns = dict(dimension.columns)
+        for name in columns:
+            with suppress(ClearanceError):  # one that is damaged may be mended, see `Regions.mend`
+                columns[name] = _snapped(columns[name], old.coordinate(name)) if name in old.root else columns[name]
+        dims.append(dimension._replace(columns=columns))
+    return dataclasses.replace(question, dims=tuple(dims))
+
+
+def _snapped(values: np.ndarray, old: np.ndarray) -> np.ndarray:
+    near = np.sort(old)
+    after = np.clip(np.searchsorted(near, values), 1, max(len(near) - 1, 1))
+    pair = np.stack([near[after - 1], near[np.minimum(after, len(near) - 1)]])
+    nearest = np.where(np.abs(pair[0] - values) <= np.abs(pair[1] - values), *pair)
+    return np.where(np.abs(nearest - values) <= ROUND_OFF * np.abs(values), nearest, values)
+
+
+def _places(old: Regions, question: Question) -> list[np.ndarray] | None:
+    """Of every place along each dimension where it was in an older store (-1: it was not); `None` where a place of the
+    older store is nowhere.
+    """
+    if len(old.partition.shape) != len(question.dims):
+        return None
+    found = []
+    for dimension, size in zip(question.dims, old.partition.shape, strict=True):
+        if any(name not in old.root for name in (dimension.name, *dimension.columns)):
+            return None
+        columns = {dimension.name: np.asarray(dimension.labels)} if dimension.models else dimension.columns
+        before = list(zip(*(old.coordinate(name).tolist() for name in columns), strict=True))
+        known = {key: i for i, key in enumerate(before)}
+        now = list(zip(*(values.tolist() for values in columns.values()), strict=True))
+        places = np.array([known.get(key, -1) for key in now])
+        if len(set(places[places >= 0].tolist())) != len(known) or len(known) != size:
+            return None
+        found.append(places)
+    return found
+
+
+def before_of(path: Path, question: Question) -> "Before | None":
+    """What is known from the store that the one at a path was before its axes grew, if it did."""
+    return Before(_narrower(path), question) if _narrower(path).exists() else None
+
+
+def _narrower(path: Path) -> Path:
+    """Where a store lies while it is taken over into one with longer axes."""
+    return path.with_name(path.name + ".narrower")
+
+
+class Before:
+    """What is known of a question's lanes from the store that it was before its axes grew."""
+
+    def __init__(self, path: Path, question: Question):
+        self._old, self._kept, self._blank = Regions(path), {}, question.blank
+        places = _places(self._old, question)
+        if places is None:
+            raise ClearanceError(f"`{path}` does not fit the store beside it. Move it away.")
+        self._places = places
+        self._old.verified()
+
+    def known(self, lanes: Lanes, question: Question) -> dict[str, np.ndarray]:
+        """As `AbstractAnswers.known`."""
+        out, old = question.blank(len(lanes)), self._old
+        there = np.unravel_index(lanes, question.shape)
+        before = [places[at] for places, at in zip(self._places, there, strict=True)]
+        some = np.flatnonzero(np.all([at >= 0 for at in before], axis=0))
+        flat = np.ravel_multi_index([at[some] for at in before], old.partition.shape)
+        regions, here = old.partition.of(flat)
+        for region in np.unique(regions).tolist():
+            own = regions == region
+            for name, values in self._region(region).items():
+                out[name][some[own]] = values[here[own]]
+        return out
+
+    def _region(self, region: int) -> dict[str, np.ndarray]:
+        if region not in self._kept:
+            self._kept = {region: self._read(region)}  # neighbours ask for the same one
+        return self._kept[region]
+
+    def _read(self, region: int) -> dict[str, np.ndarray]:
+        if region in self._old.records:
+            return self._old.read(region)
+        values = self._blank(self._old.partition.size(region))
+        self._old.underway.fill(region, values)
+        return values
+
+    def remove(self) -> None:
+        """All of it has been taken over."""
+        shutil.rmtree(self._old.path)

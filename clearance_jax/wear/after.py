@@ -1,0 +1,100 @@
+"""A metric of a mechanism once a joint has worn for so long: what a tolerance is to hold over a life."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from clearance_jax._types import Scalar
+from clearance_jax.analysis.measure import AbstractMetric, as_metric, measured
+from clearance_jax.errors import ClearanceError
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.parameters import check_values, physical, replace
+from clearance_jax.solve.settings import Settings, settings_of
+from clearance_jax.wear.laws import AbstractWearLaw
+from clearance_jax.wear.life import march
+from clearance_jax.wear.pressure import AbstractPressure
+from clearance_jax.wear.wearing import Wearing
+from clearance_jax.wear.worn import SECTORS
+
+
+class AfterWear(eqx.Module):
+    """A metric, or a function as one, of the motion on a sleeve that has worn for `cycles`, one value (or more) each.
+
+    A `design.Limit` on it holds as new and worn: `cycles=(0, 1000, 2000)`. It is no metric of one motion: it is asked
+    by `of`, and has its derivatives from there.
+
+    **Arguments:** `joint`, `wear` (the law), `pressure` and `cycle` [s] as of `life`; `cycles`: at least 0, ascending;
+    `sectors`, `tolerance`: of the march.
+
+    **Raises:** `ClearanceError` for cycles in another order.
+    """
+
+    metric: AbstractMetric = eqx.field(converter=as_metric)
+    joint: str = eqx.field(static=True, kw_only=True)
+    wear: AbstractWearLaw = eqx.field(kw_only=True)
+    pressure: AbstractPressure = eqx.field(kw_only=True)
+    cycle: Scalar = physical("s", above=0.0, kw_only=True)
+    cycles: tuple[int, ...] = eqx.field(static=True, converter=tuple, kw_only=True)
+    sectors: int = eqx.field(static=True, default=SECTORS)
+    tolerance: float = eqx.field(static=True, default=1e-2)
+
+    def __check_init__(self):
+        if not self.cycles or self.cycles[0] < 0 or any(np.diff(self.cycles) <= 0):
+            raise ClearanceError(f"`cycles` must be at least 0 and ascending, but they are {self.cycles}.")
+
+    @property
+    def unit(self) -> str:
+        """The metric's."""
+        return self.metric.unit
+
+    def wearing(self, mechanism: Mechanism) -> Wearing:
+        """The joint that wears, whose numbers have names."""
+        return Wearing(self.wear, self.pressure, self.joint, self.cycle, mechanism)
+
+    def of(
+        self, mechanism: Mechanism, values: Mapping[str, Any], t1: float, by: Sequence[str] = (), **options: Any
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The metric of the motion to `t1` [s] after each of the `cycles`, one after the other, shape (values,), and
+        its derivatives by numbers, (values, by).
+
+        **Arguments:** `values`: of the mechanism, the law ("wear.coefficient") and the pressure, by name; `by`: names;
+        `options` as `simulate`'s, without `save_at`.
+        """
+        wearing: Wearing = replace(self.wearing(mechanism), values)
+        check_values(wearing)
+        names, begin = tuple(by), wearing.begin(self.sectors)
+        stack = np.concatenate([begin[None], np.zeros((len(names), begin.size))])
+        solve = settings_of(wearing.mechanism, t1, options)
+        found, done = [], 0
+        for cycles in self.cycles:
+            if cycles > done:
+
+                def rate(stack, after, done=done):
+                    return wearing.cycle_wears(stack, names, done + after, dict(options))
+
+                leg = march(rate, stack, cycles - done, tolerance=self.tolerance)
+                assert leg.slopes is not None
+                stack, done = np.concatenate([leg.depth[-1:], leg.slopes[-1]]), cycles
+            found.append(_measured(self.metric, wearing, names, jnp.asarray(stack), jnp.asarray(t1, float), solve))
+        values_, slopes = zip(*found, strict=True)
+        return np.concatenate(values_), np.concatenate(slopes)
+
+
+@eqx.filter_jit
+def _measured(metric: AbstractMetric, wearing: Wearing, names: tuple[str, ...], stack, t1, solve: Settings):
+    """The metric on the worn sleeve, and its derivatives by the numbers."""
+
+    def of(shares):
+        moved = wearing.shifted(names, stack, shares).mechanism if names else wearing.at(stack[0])
+        value = jnp.ravel(measured(moved, {"": metric}, t1, solve)[""])
+        return value, value
+
+    if not names:
+        value, _ = of(None)
+        return value, jnp.zeros((value.shape[0], 0))
+    slopes, value = jax.jacfwd(of, has_aux=True)(jnp.zeros(len(names)))
+    return value, slopes / wearing.sizes(names)[None]

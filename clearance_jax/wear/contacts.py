@@ -1,0 +1,214 @@
+"""Where and how hard a pin rubs on its sleeve along a solved motion, at the nodes of a quadrature over time.
+
+Every touch and separation is the end of a step, so within a step all is smooth, but for the size of a slip that changes
+its sign: there the step is cut. Each part has three Gauss nodes, the states at which are those of the quintic through
+both ends' places, rates and accelerations. Where a patch moves on faster than nodes follow each other, steps are looked
+at in more parts.
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from clearance_jax._numerics import safe_sqrt
+from clearance_jax._types import Scalar
+from clearance_jax.dynamics.field import slope
+from clearance_jax.dynamics.kinematics import relative_motions
+from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.joints import AbstractClearance, Relative, SleeveClearance
+from clearance_jax.joints.sleeve import lobatto
+from clearance_jax.laws import Geometry
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.state import layout
+from clearance_jax.solve.interpolate import between
+from clearance_jax.solve.step import latch
+from clearance_jax.solve.trace import Trace
+
+# Halvings by which a change of a slip's sign is found within a step.
+HALVINGS = 40
+# Steps that are looked at in one call of the compiled program.
+CHUNK = 64
+
+
+class Contacts(NamedTuple):
+    """What rubs when: nodes in `time` [s] with the time each stands for, `weight` [s], shape (times,); and there, of
+    every station along the sleeve, the normal `force` [N], at least 0, the `angle` of its direction around the sleeve
+    [rad], the `speed` of the pin's surface on the sleeve's [m/s], the `traction` ratio |T| / N and the `place` of the
+    pin's centre [m], shape (times, stations), a place one axis more; and by how much the pin is turned in its sleeve,
+    `turn` [rad], shape (times,) (`None`: not at all).
+    """
+
+    time: Float[Array, " times"]
+    weight: Float[Array, " times"]
+    force: Float[Array, "times stations"]
+    angle: Float[Array, "times stations"]
+    speed: Float[Array, "times stations"]
+    traction: Float[Array, "times stations"]
+    place: Float[Array, "times stations 2"]
+    turn: Float[Array, " times"] | None = None
+
+
+class Sleeve(NamedTuple):
+    """A sleeve that wears: what laws know of it, with the length of the whole; its stations' `heights` along its axis
+    [m] and `lengths` [m], shape (stations,).
+    """
+
+    geometry: Geometry
+    heights: Array
+    lengths: Array
+
+
+def sleeve_of(mechanism: Mechanism, joint: str) -> Sleeve:
+    """What of a joint wears. **Raises** `ClearanceError` for a joint that is no pin in a sleeve, or has no length."""
+    clearance = _clearance(mechanism, joint).clearance.joint
+    if isinstance(clearance, SleeveClearance):
+        places, weights = lobatto(clearance.stations)
+        return Sleeve(clearance.geometry(), 0.5 * clearance.length * places, clearance.length * jnp.asarray(weights))
+    geometry = clearance.geometry()
+    if geometry.length is None:
+        raise ClearanceError(f"The depth of wear in `{joint}` depends on the length of its contact: give it `length`.")
+    return Sleeve(geometry, jnp.zeros(1), jnp.reshape(geometry.length, (1,)))
+
+
+def _clearance(mechanism: Mechanism, name: str):
+    mechanism = mechanism.prepared()
+    known = {joint.name: joint for joint in mechanism.clearance_joints()}
+    if name not in known:
+        raise ClearanceError(f"There is no clearance joint `{name}`. {suggest(name, known)}")
+    if known[name].clearance.joint.play()[0].suffix != ".play_x":
+        raise ClearanceError(f"`{name}` is no pin in a sleeve: its wear is not known.")
+    return known[name]
+
+
+def contacts(trace: Trace, joint: str, parts: int = 1) -> Contacts:
+    """What rubs in a joint along a trace: 6 nodes a step, or so many times more.
+
+    **Raises:** `ClearanceError` for a joint that is no pin in a sleeve.
+    """
+    mechanism = trace.solution.mechanism
+    _clearance(mechanism, joint)
+    size, count = layout(mechanism).size, trace.time.size - 1
+    time, y = np.asarray(trace.time), np.asarray(trace.y)[:, :size]
+    found = []
+    for first in range(0, count, CHUNK):
+        # The last chunk is filled up with steps of no length.
+        taken = np.minimum(np.arange(first, first + CHUNK + 1), count)
+        seen = _look(mechanism, joint, jnp.asarray(time[taken]), jnp.asarray(y[taken]), parts)
+        kept = A_STEP * parts * (min(first + CHUNK, count) - first)
+        found.append(jax.tree.map(lambda x, kept=kept: np.asarray(x)[:kept], seen))
+    return Contacts(*(jnp.asarray(np.concatenate(part)) for part in zip(*found, strict=True)))
+
+
+def looked(mechanism: Mechanism, joint: str, times: Array, states: Array) -> Contacts:
+    """The same of ends of steps, a multiple of `CHUNK` of them, with derivatives by mechanism and states."""
+    count = times.shape[0] // CHUNK
+    follow = [jnp.concatenate([x[1:], x[-1:]]).reshape(count, CHUNK, *x.shape[1:]) for x in (times, states)]
+    # A chunk begins where the one before it ends.
+    heads = [x.reshape(count, CHUNK, *x.shape[1:])[:, :1] for x in (times, states)]
+    parts = [jnp.concatenate(pair, axis=1) for pair in zip(heads, follow, strict=True)]
+    seen = jax.lax.map(lambda part: _look(mechanism, joint, part[0], part[1], 1), (parts[0], parts[1]))
+    return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), seen)
+
+
+def largest_swing(seen: Contacts, angle: Array, allowed: Array, parts: int) -> Array:
+    """By how much, at most, a patch at an angle moves from one node to the next of its step, over what is allowed at
+    the one or the other; shape (times, stations) each.
+    """
+
+    def by_step(values):
+        return values.reshape(-1, A_STEP * parts, *values.shape[1:])
+
+    angle, allowed, force = (by_step(values) for values in (angle, allowed, seen.force))
+    moved = angle[:, 1:] - angle[:, :-1]
+    moved = jnp.abs(moved - 2 * np.pi * jnp.round(moved / (2 * np.pi)))
+    both = (force[:, 1:] > 0) & (force[:, :-1] > 0)
+    return jnp.max(jnp.where(both, moved / jnp.minimum(allowed[:, 1:], allowed[:, :-1]), 0.0), initial=0.0)
+
+
+# Two parts of a step, of three nodes each.
+A_STEP = 6
+NODES = np.sqrt(0.6) * np.array([-0.5, 0.0, 0.5]) + 0.5
+WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18
+
+
+@eqx.filter_jit
+def _look(mechanism: Mechanism, name: str, times: Array, states: Array, parts: int) -> Contacts:
+    """The contacts of steps between times, in one row."""
+    nodes = ((np.arange(parts)[:, None] + NODES) / parts).ravel()
+    shares = np.tile(WEIGHTS / parts, parts)
+    ready = mechanism.prepared()
+    plan, joints = layout(mechanism), ready.clearance_joints()
+    index = [joint.name for joint in joints].index(name)
+    clearance = joints[index].clearance
+    stations = clearance.joint.stations if isinstance(clearance.joint, SleeveClearance) else 1
+
+    def of_step(t0: Scalar, t1: Scalar, y0: Array, y1: Array):
+        h = t1 - t0
+        begin = slope(t0, y0, ready)
+        if plan.remembered:
+            y0 = latch(t0, y0, begin, ready)
+            begin = slope(t0, y0, ready)
+        # At the end itself a drive may have jumped already.
+        ends = y0, y1, begin, slope(t1 - 4 * np.finfo(float).eps * jnp.abs(t1), y1, ready)
+
+        def at(x):
+            y = between(ends, h, x, plan)
+            here = relative_motions(t0 + x * h, y, ready)[index]
+            return here, plan.split(y).memory[name]
+
+        def slip(x):
+            here, _ = at(x)
+            return jnp.ravel(jnp.asarray(clearance.joint.points(here).slip[0]))[0]
+
+        def halved(_, bracket):
+            low, high = bracket
+            middle = 0.5 * (low + high)
+            same = slip(middle) * first > 0
+            return jnp.where(same, middle, low), jnp.where(same, high, middle)
+
+        first, last = slip(0.0), slip(1.0)
+        turns = first * last < 0
+        cut = jax.lax.fori_loop(0, HALVINGS, halved, (jnp.zeros(()), jnp.ones(())))[0]
+        cut = jnp.where(turns, cut, 0.5)
+        places = jnp.concatenate([cut * nodes, cut + (1 - cut) * nodes])
+        weights = h * jnp.concatenate([cut * shares, (1 - cut) * shares])
+
+        def node(x, weight):
+            here, memory = at(x)
+            points, points_do = clearance.joint.points(here), clearance.act(here, memory).points
+            normal, force, traction, slips = jax.tree.map(
+                lambda z: jnp.ravel(jnp.asarray(z, float))[:stations],
+                (points.normal[:2], points_do.normal_force, points_do.traction, points_do.slip),
+            )
+            pressed = force > 0
+            rubs = safe_sqrt(sum(z * z for z in traction)) / jnp.where(pressed, force, 1.0)
+            # The gradient of a penetration is shorter than one where a profile is rounded over its sectors.
+            borne = force * safe_sqrt(sum(z * z for z in normal))
+            angle = jnp.where(pressed, jnp.arctan2(normal[1], normal[0]), 0.0)
+            speed = safe_sqrt(sum(z * z for z in slips))
+            rubs = jnp.where(pressed, rubs, 0.0)
+            return Contacts(t0 + x * h, weight, borne, angle, speed, rubs, _places(here, clearance.joint), _turn(here))
+
+        return jax.vmap(node)(places, weights)
+
+    seen = jax.vmap(of_step)(times[:-1], times[1:], states[:-1], states[1:])
+    return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), seen)
+
+
+def _places(here: Relative, joint: AbstractClearance) -> Array:
+    """Where the pin's centre is in each station's section."""
+    if isinstance(joint, SleeveClearance):
+        return joint.centres(here)
+    return jnp.stack([jnp.asarray(c, float) for c in here.place[:2]])[None]
+
+
+def _turn(here: Relative) -> Array:
+    """By how much the pin is turned about the sleeve's axis, tilt aside (the twist of its rotation)."""
+    if here.rows is None:
+        return jnp.asarray(here.angle, float)
+    (xx, xy, _), (yx, yy, _), _ = here.rows
+    return jnp.arctan2(jnp.asarray(yx - xy, float), jnp.asarray(xx + yy, float))

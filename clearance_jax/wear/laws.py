@@ -1,0 +1,144 @@
+"""Wear laws: how fast a surface is worn off where another rubs on it, written for one place of it.
+
+A coefficient of wear is quoted in several units; it is given with its own (`archard`, `reye`): as depth by pressure
+and distance [1/Pa], as volume by force and distance [mm^3/(N m)], which is the same, or as Archard's number with a
+hardness.
+"""
+
+import abc
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from clearance_jax._numerics import positive_part
+from clearance_jax._types import Scalar
+from clearance_jax.errors import ClearanceError
+from clearance_jax.parameters import Parametrised, as_leaf, physical
+from clearance_jax.units import to_si
+
+COEFFICIENT = "1/Pa"
+
+
+class Rubbing(NamedTuple):
+    """What happens at places of a surface, arrays of one shape or numbers: `pressure` [Pa], at least 0, `speed` of the
+    other surface on it [m/s], at least 0, the `traction` ratio |T| / N there, `time` that the joint has run [s].
+    """
+
+    pressure: Array
+    speed: Array
+    traction: Array
+    time: Array
+
+
+class AbstractWearLaw(Parametrised):
+    """A law of wear."""
+
+    @abc.abstractmethod
+    def rate(self, at: Rubbing) -> Array:
+        """The rate at which the surface wears off [m/s], at least 0."""
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether the rate is in proportion to the pressure: then the volume does not depend on how a force spreads."""
+        return False
+
+
+class Archard(AbstractWearLaw):
+    """dh/ds = k p (Archard 1953, doi 10.1063/1.1721448; Qian et al. 2022, Eqs. 9 to 12).
+
+    **Arguments:** `coefficient` k = K / H [1/Pa]; `archard` reads it with its unit.
+    """
+
+    coefficient: Scalar = physical(COEFFICIENT, least=0.0, help="coefficient of wear k", example='"6e-5 mm^3/(N*m)"')
+
+    def rate(self, at):
+        return self.coefficient * at.pressure * at.speed
+
+    @property
+    def is_linear(self):
+        return True
+
+
+class Reye(AbstractWearLaw):
+    """The volume worn off is in proportion to the work of friction (Reye 1860): dh/ds = k_r tau, tau = (|T| / N) p.
+
+    **Arguments:** `coefficient` k_r, volume by work [1/Pa]; without friction nothing wears.
+    """
+
+    coefficient: Scalar = physical(COEFFICIENT, least=0.0, help="volume by work of friction", example='"1e-4 mm^3/J"')
+
+    def rate(self, at):
+        return self.coefficient * at.traction * at.pressure * at.speed
+
+    @property
+    def is_linear(self):
+        return True
+
+
+class Threshold(AbstractWearLaw):
+    """A law that counts only the pressure beyond a `least` one [Pa]."""
+
+    law: AbstractWearLaw
+    least: Scalar = physical("Pa", least=0.0, help="pressure below which nothing wears", example='"1 MPa"')
+
+    def rate(self, at):
+        return self.law.rate(at._replace(pressure=positive_part(at.pressure - self.least)))
+
+
+class RunningIn(AbstractWearLaw):
+    """A law that wears `factor` times as fast at first and comes down to itself as exp(-t / `duration`)."""
+
+    law: AbstractWearLaw
+    factor: Scalar = physical("", least=0.0, help="how many times as fast it wears at first", example="5.0")
+    duration: Scalar = physical("s", above=0.0, help="time in which that falls to a third", example='"1 h"')
+
+    def rate(self, at):
+        return self.law.rate(at) * (1 + (self.factor - 1) * jnp.exp(-at.time / self.duration))
+
+    @property
+    def is_linear(self):
+        return self.law.is_linear
+
+
+class Graded(AbstractWearLaw):
+    """A law whose coefficient goes with pressure and speed, as (p / `pressure`)^a (v / `speed`)^b."""
+
+    law: AbstractWearLaw
+    pressure: Scalar = physical("Pa", above=0.0, help="at which the coefficient holds", example='"10 MPa"')
+    speed: Scalar = physical("m/s", above=0.0, help="at which the coefficient holds", example='"0.1 m/s"')
+    by_pressure: Scalar = physical("", above=-1.0, default=0.0, help="power of the pressure", example="0.5")
+    by_speed: Scalar = physical("", above=-1.0, default=0.0, help="power of the speed", example="-0.25")
+
+    def rate(self, at):
+        rubs = (at.pressure > 0) & (at.speed > 0)
+        p, v = (jnp.where(rubs, x, 1.0) for x in (at.pressure / self.pressure, at.speed / self.speed))
+        return jnp.where(rubs, self.law.rate(at) * p**self.by_pressure * v**self.by_speed, 0.0)
+
+
+def archard(coefficient: Any, hardness: Any = None) -> Archard:
+    """Archard's law by a quantity with its unit: "6e-14 1/Pa", "6e-5 mm^3/(N*m)"; or by Archard's number K, which has
+    none, and the `hardness` H of the softer surface ("1.3 GPa"): k = K / H, from V = K F s / H.
+
+    Tables that have V = K F s / (3 H) are read by a third of their K.
+
+    **Raises:** `ClearanceError` for a coefficient without unit and without hardness, and for a wrong dimension.
+    """
+    if hardness is None:
+        return Archard(_coefficient(coefficient, "Write it with its unit, or give `hardness` with Archard's number."))
+    number = to_si(coefficient, "", "`coefficient` with a `hardness`")
+    return Archard(number / to_si(hardness, "Pa", "`hardness`"))
+
+
+def reye(coefficient: Any) -> Reye:
+    """Reye's law by a quantity with its unit, "1e-4 mm^3/J"."""
+    return Reye(_coefficient(coefficient, "Write it with its unit."))
+
+
+def _coefficient(given: Any, fix: str) -> Any:
+    if isinstance(given, int | float):
+        raise ClearanceError(
+            f"A coefficient of wear of {given:g} without a unit may mean 1/Pa, mm^2/N, mm^3/(N m) or a number that "
+            f"goes with a hardness. {fix}"
+        )
+    return to_si(given, COEFFICIENT, "`coefficient`") if isinstance(given, str) else as_leaf(given)

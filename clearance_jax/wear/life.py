@@ -1,0 +1,264 @@
+"""How a sleeve wears over its life: blocks of cycles, each of which jumps over most of its cycles.
+
+What one cycle wears off, f(h), depends on the worn profile h slowly. So one cycle stands for many: from h a block
+goes two single jumps of A cycles, h1 = h + A f(h) and h2 = h1 + A f(h1), and one double jump, h + 2 A f(h). The two
+differ by the error of the single ones, which decides about A; what is kept is their extrapolation, h + 2 A f(h1), of
+second order. At A = 1 nothing is jumped over, and the two cycles are kept as they are.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple, Unpack
+
+import jax.numpy as jnp
+import numpy as np
+import scipy.optimize
+from jaxtyping import Float
+
+from clearance_jax.errors import ClearanceError
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.parameters import values_of
+from clearance_jax.solve.settings import SolveOptions
+from clearance_jax.sweep.journal import Journal
+from clearance_jax.units import shown
+from clearance_jax.wear.laws import AbstractWearLaw
+from clearance_jax.wear.pressure import AbstractPressure
+from clearance_jax.wear.wearing import AbstractCriterion, Of, Wearing, criterion_value, end_slopes
+from clearance_jax.wear.worn import SECTORS
+
+Profile = Float[np.ndarray, "*stack sectors"]
+Rate = Callable[[Profile, int], Profile]
+"""What one cycle wears off a worn profile [m], after so many cycles; of a stack a stack."""
+# A jump grows at most so much from block to block, and shrinks to no less; of the step that the tolerance allows so
+# much is used.
+GROWS, SHRINKS, USED = 4.0, 0.1, 0.8
+
+
+class Life(NamedTuple):
+    """How a profile wore: `cycles` (blocks + 1,) with the depths then, `depth` (blocks + 1, sectors) [m];
+    `evaluations`: cycles that were computed; `end`: the cycle at which the criterion was reached, `None` where it was
+    not.
+
+    With derivatives, by the numbers in `names`: `slopes` (blocks + 1, names, sectors) of the depths, and `end_slopes`
+    (names,) of the end.
+    """
+
+    cycles: np.ndarray
+    depth: np.ndarray
+    evaluations: int
+    end: float | None
+    names: tuple[str, ...] = ()
+    slopes: np.ndarray | None = None
+    end_slopes: np.ndarray | None = None
+
+    @property
+    def saved(self) -> float:
+        """Cycles lived by cycles computed."""
+        return float(self.cycles[-1]) / max(self.evaluations, 1)
+
+    @property
+    def by(self) -> Mapping[str, float]:
+        """The derivatives of the end by name [cycles by the number's unit]; none where the criterion was not reached,
+        or none were asked for.
+        """
+        slopes = () if self.end_slopes is None else self.end_slopes.tolist()
+        return dict(zip(self.names, slopes, strict=False))
+
+    def __str__(self) -> str:
+        deepest = float(self.depth[-1].max())
+        depth = f"worn off by {shown(deepest, 'm')} at most" if deepest > 0 else "nothing worn off"
+        end = "" if self.end is None else f"; the criterion was reached at cycle {self.end:.6g}"
+        slopes = [f"  d life / d {name} = {slope:.6g}" for name, slope in self.by.items()]
+        head = f"{self.cycles[-1]} cycles by {self.evaluations} of them: {depth}{end}"
+        return "\n".join([head, *slopes])
+
+
+class Block(NamedTuple):
+    """A block that is done: after how many cycles, the jump of the next one, the profile (or stack), and what has been
+    asked; where life ended within it, when, and the stack then with what a cycle wore off below it.
+    """
+
+    cycles: int
+    jump: int
+    depth: list
+    evaluations: int
+    end: float | None = None
+    ending: list | None = None
+
+
+def march(
+    rate: Rate,
+    depth: Profile,
+    cycles: int,
+    *,
+    tolerance: float = 1e-3,
+    longest: int | None = None,
+    until: Callable[[Profile], float] | None = None,
+    journal: str | Path | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Life:
+    """Wear a profile for so many cycles.
+
+    **Arguments:**
+
+    - `rate`: what one cycle wears off a profile [m], shape (sectors,), after so many cycles.
+    - `depth`: the profile at first; or a stack (1 + n, sectors), below it its derivatives by n numbers. Then `rate`
+      takes and gives stacks; jumps are chosen for the profile alone, and it wears as it does without derivatives.
+    - `tolerance`: what the single jumps of a block may be off by, as a part of the largest depth (and of the largest
+      derivative); `longest`: the most cycles of a jump (1: every cycle is computed).
+    - `until`: of a profile; what is reached where it is no longer below 0: life ends there, between blocks by
+      interpolation. It is asked at the ends of blocks.
+    - `journal`: a file that keeps every block, from which a march that was killed goes on to the same answer.
+    - `progress`: called with the part of the cycles that is done.
+
+    **Raises:** `ClearanceError` for a rate that is negative or not finite, and for a journal of something else.
+    """
+    return _life(_march(rate, depth, cycles, tolerance, longest, until, journal, progress))
+
+
+def _march(rate, depth, cycles, tolerance, longest, until, journal, progress) -> list[Block]:
+    """The blocks."""
+    if cycles < 1:
+        raise ClearanceError(f"`cycles` must be at least 1, but it is {cycles}.")
+    first = Block(0, 1, np.asarray(depth, float).tolist(), 0)
+    stack = np.asarray(first.depth)
+    asked = {"sectors": stack.shape[-1], "cycles": cycles, "tolerance": tolerance, "longest": longest}
+    kept = None if journal is None else Journal(journal)
+    blocks = [first, *(() if kept is None else _resumed(kept, asked, first))]
+    if until is not None and len(blocks) == 1 and not until(np.atleast_2d(stack)[0]) < 0:
+        return [first._replace(end=0.0)]
+    while blocks[-1].cycles < cycles and blocks[-1].end is None:
+        blocks.append(_block(rate, blocks[-1], cycles, tolerance, longest, until))
+        if kept is not None:
+            kept.add(**blocks[-1]._asdict())
+        if progress is not None:
+            progress(blocks[-1].cycles / cycles)
+    return blocks
+
+
+def _life(blocks: list[Block]) -> Life:
+    every = np.array([block.depth for block in blocks])
+    depth, slopes = (every, None) if every.ndim == 2 else (every[:, 0], every[:, 1:])
+    cycles = np.array([block.cycles for block in blocks])
+    return Life(cycles, depth, blocks[-1].evaluations, blocks[-1].end, slopes=slopes)
+
+
+def _block(rate: Rate, now: Block, cycles: int, tolerance: float, longest: int | None, until: Any) -> Block:
+    """One block further."""
+    h, count, left = np.array(now.depth), now.evaluations + 1, cycles - now.cycles
+    jump = max(1, min(now.jump, left // 2))
+    first = _checked(rate(h, now.cycles), now.cycles)
+    if left == 1:
+        return _ended(now, h, (first, first), 0.5, now.jump, count, until)
+    while True:
+        then = _checked(rate(h + jump * first, now.cycles + jump), now.cycles + jump)
+        count += 1
+        error = jump * np.max(np.abs(then - first), axis=-1)
+        allowed = tolerance * np.max(np.abs(h + jump * (first + then)), axis=-1)
+        # Of a stack every row by its own size.
+        worst = np.max(error / np.where(allowed > 0, allowed, np.where(error > 0, 1e-300, 1.0)))
+        factor = GROWS if worst == 0 else np.clip(USED / np.sqrt(worst), SHRINKS, GROWS)
+        most = cycles if longest is None else longest
+        wanted = int(np.clip(np.floor(jump * factor), 1, most))
+        if worst <= 1 or jump == 1:
+            return _ended(now, h, (first, then), jump, wanted, count, until)
+        jump = max(1, min(wanted, jump - 1))
+
+
+def _profile(stack: np.ndarray) -> np.ndarray:
+    """Of a stack the profile."""
+    return stack if stack.ndim == 1 else stack[0]
+
+
+def _ended(now: Block, h: Profile, rates: tuple, jump: float | int, wanted: int, count: int, until: Any) -> Block:
+    """The block after jumps that are good: where life ends within it, if it does."""
+    first, then = rates
+
+    def profile(n):
+        return h + n * first + (0.5 * n * n / jump) * (then - first)
+
+    whole = round(2 * jump)
+    last = h + first + then if jump == 1 else profile(whole)
+    done = Block(now.cycles + whole, wanted, last.tolist(), count)
+    if until is None or until(_profile(last)) < 0:
+        return done
+    found = scipy.optimize.brentq(lambda n: float(until(_profile(profile(n)))), 0.0, float(whole), xtol=1e-12 * whole)
+    n = float(found)  # pyright: ignore[reportArgumentType]
+    ending = [*np.atleast_2d(profile(n)), *np.atleast_2d(first + n / jump * (then - first))[:1]]
+    return done._replace(end=now.cycles + n, ending=np.array(ending).tolist())
+
+
+def _checked(worn: Any, cycles: int) -> Profile:
+    worn = np.asarray(worn, float)
+    if not np.all(_profile(worn) >= 0):
+        raise ClearanceError(
+            f"What a cycle wears off must be at least 0, but after {cycles} cycles it is {_profile(worn).min()} m."
+        )
+    if not np.all(np.isfinite(worn)):
+        raise ClearanceError(f"The derivative of what a cycle wears off is not finite after {cycles} cycles.")
+    return worn
+
+
+def _resumed(journal: Journal, asked: dict, first: Block) -> list[Block]:
+    """The blocks of a journal, whose first record says what was asked and from where it began."""
+    records, head = journal.read(), {**asked, "begin": first.depth}
+    if not records:
+        journal.add(**head)
+        return []
+    if records[0] != head:
+        raise ClearanceError(f"`{journal.path}` is the journal of another wear: name another file, or delete this one.")
+    return [Block(**record) for record in records[1:]]
+
+
+def life(
+    mechanism: Mechanism,
+    joint: str,
+    law: AbstractWearLaw,
+    pressure: AbstractPressure,
+    cycle: float,
+    cycles: int,
+    *,
+    sectors: int = SECTORS,
+    by: Sequence[str] = (),
+    tolerance: float = 1e-3,
+    longest: int | None = None,
+    until: AbstractCriterion | Callable[[Profile], float] | None = None,
+    journal: str | Path | None = None,
+    progress: Callable[[float], None] | None = None,
+    **options: Unpack[SolveOptions],
+) -> Life:
+    """Wear a plane revolute joint for so many cycles: each the motion from t0 to `cycle` [s] on the profile as worn.
+
+    **Arguments** as `wear`'s, `march`'s and `trace`'s (`options`: `start`, `rtol`, ...). A `pressure` that knows the
+    worn profile is a `Foundation`.
+
+    - `by`: numbers by which depths and life have derivatives: the mechanism's ("pin.radial_clearance", "gravity.y"),
+      the law's ("wear.coefficient") or the pressure's ("pressure.stiffness"). They are those of the march as it went,
+      every jump as it was.
+    - `until`: `Deepest`, `Exceeds`, or a function of the profile (for derivatives in `jax.numpy`).
+
+    **Raises:** `ClearanceError` as these do, for a joint of another kind, an unknown name, and where a cycle wears off
+    more than the clearance.
+    """
+    wearing, names = Wearing(law, pressure, joint, cycle, mechanism), tuple(by)
+    criterion = until if until is None or isinstance(until, AbstractCriterion) else Of(until)
+    values_of(wearing, names)  # an unknown name raises here
+    begin = wearing.begin(sectors)
+    stack = begin if not names else np.concatenate([begin[None], np.zeros((len(names), begin.size))])
+
+    def rate(depth: Profile, after: int) -> np.ndarray:
+        found = wearing.cycle_wears(np.atleast_2d(depth), names, after, dict(options))
+        return found if names else found[0]
+
+    def reached(depth: Profile) -> float:
+        if isinstance(criterion, Of):
+            return float(criterion.function(depth))
+        assert criterion is not None
+        return float(criterion_value(criterion, wearing, jnp.asarray(depth)))
+
+    blocks = _march(rate, stack, cycles, tolerance, longest, None if criterion is None else reached, journal, progress)
+    found = _life(blocks)._replace(names=names)
+    if not names or criterion is None or blocks[-1].ending is None:
+        return found
+    ending = jnp.asarray(blocks[-1].ending)
+    return found._replace(end_slopes=np.asarray(end_slopes(criterion, wearing, names, ending)))

@@ -1,0 +1,166 @@
+"""Many lives of one joint: over numbers that a designer chooses, or that scatter from part to part."""
+
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
+from itertools import chain
+from pathlib import Path
+from typing import Any, NamedTuple, Unpack
+
+import numpy as np
+import scipy.stats
+import xarray as xr
+
+from clearance_jax.errors import ClearanceError
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.parameters import check_values, replace, units_of
+from clearance_jax.solve.batch import cores_here
+from clearance_jax.solve.settings import SolveOptions
+from clearance_jax.sweep.axes import Sampled
+from clearance_jax.units import shown
+from clearance_jax.wear.folder import described, folder
+from clearance_jax.wear.laws import AbstractWearLaw
+from clearance_jax.wear.life import Profile, life
+from clearance_jax.wear.pressure import AbstractPressure
+from clearance_jax.wear.wearing import AbstractCriterion, Wearing
+from clearance_jax.wear.worn import SECTORS
+
+
+class Failures(NamedTuple):
+    """How probable it is that a joint has reached its bound by then (first passage): at `cycles` (n,) the `probability`
+    (n,), and between `low` and `high` it is with a `confidence` (Clopper and Pearson 1934, at each number of cycles).
+    """
+
+    cycles: np.ndarray
+    probability: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    confidence: float
+
+
+class Lives(NamedTuple):
+    """Lives of a joint: `values` by name, each (n,); the `end` of each life [cycles] (n,), infinite where the bound was
+    not reached within `cycles`; `evaluations`: cycles that were computed, of all; the `units` of the values.
+    """
+
+    values: Mapping[str, np.ndarray]
+    end: np.ndarray
+    cycles: int
+    evaluations: int
+    units: Mapping[str, str]
+
+    def failures(self, confidence: float = 0.95) -> Failures:
+        """The probability of failure over the life, of values that are samples of how numbers scatter."""
+        if not 0 < confidence < 1:
+            raise ClearanceError(f"`confidence` must be between 0 and 1, but it is {confidence}.")
+        n = len(self.end)
+        ends = np.sort(self.end[np.isfinite(self.end)])
+        failed = np.arange(len(ends) + 1)
+        rest = 0.5 * (1 - confidence)
+        low = scipy.stats.beta.ppf(rest, np.maximum(failed, 1), n - failed + 1)
+        high = scipy.stats.beta.ppf(1 - rest, failed + 1, np.maximum(n - failed, 1))
+        low, high = np.where(failed == 0, 0.0, low), np.where(failed == n, 1.0, high)
+        return Failures(np.concatenate([[0.0], ends]), failed / n, low, high, confidence)
+
+    def interval(self, failing: float) -> float:
+        """After how many cycles a joint must be looked after, if at most this share may have failed by then: infinite
+        where fewer fail within `cycles`. The share is that of the samples.
+        """
+        if not 0 <= failing < 1:
+            raise ClearanceError(f"The share that may fail must be at least 0 and below 1, but it is {failing}.")
+        ends = np.sort(self.end)
+        return float(ends[int(np.floor(failing * len(ends) * (1 + 1e-12)))])
+
+    def to_dataset(self) -> xr.Dataset:
+        """The values and ends over the `part`s that were made so."""
+        data: dict[str, Any] = {
+            name: ("part", values, {"units": self.units[name]}) for name, values in self.values.items()
+        }
+        data["life"] = "part", self.end, {"units": "cycles", "long_name": "life"}
+        return xr.Dataset(data, attrs={"cycles": self.cycles, "evaluations": self.evaluations})
+
+    def __str__(self) -> str:
+        ended = int(np.isfinite(self.end).sum())
+        shortest = f", the first at cycle {self.end.min():.6g}" if ended else ""
+        ranges = ", ".join(
+            f"{name} {shown(float(v.min()), self.units[name])} to {shown(float(v.max()), self.units[name])}"
+            for name, v in self.values.items()
+        )
+        return f"{len(self.end)} lives over {ranges}: {ended} ended within {self.cycles} cycles{shortest}"
+
+
+def lives(
+    mechanism: Mechanism,
+    joint: str,
+    law: AbstractWearLaw,
+    pressure: AbstractPressure,
+    cycle: float,
+    cycles: int,
+    values: Mapping[str, Any] | Sampled,
+    *,
+    until: AbstractCriterion | Callable[[Profile], float],
+    sectors: int = SECTORS,
+    tolerance: float = 1e-3,
+    longest: int | None = None,
+    journal: str | Path | None = None,
+    cores: int | None = None,
+    progress: Callable[[float], None] | None = None,
+    **options: Unpack[SolveOptions],
+) -> Lives:
+    """Wear a plane revolute joint once for each of the values, side by side.
+
+    **Arguments** as `life`'s.
+
+    - `values`: name -> numbers (n,), or a `Sampled`: of the mechanism, the law ("wear.coefficient") and the pressure.
+      Clearances give the maintenance interval against clearance; numbers that scatter give the probability of failure
+      over the life.
+    - `journal`: a folder, made where there is none, that keeps every life on its way: a run that was killed goes on
+      from there.
+    - `cores`: how many lives side by side; by default as many as there are cores.
+    - `progress`: called with the part of the lives that is done.
+
+    **Raises:** `ClearanceError` as `life`, for unknown names, and for values of different lengths.
+    """
+    drawn = values.draw() if isinstance(values, Sampled) else values
+    columns = {name: np.atleast_1d(np.asarray(column, float)) for name, column in drawn.items()}
+    counts = {column.shape for column in columns.values()}
+    if len(counts) != 1 or len(count := counts.pop()) != 1 or count[0] == 0:
+        raise ClearanceError("`values` must be numbers by name, of each name as many, and at least one.")
+    wearing: Any = Wearing(law, pressure, joint, cycle, mechanism)
+    units = units_of(wearing, list(columns))
+    rows = [replace(wearing, {name: float(column[i]) for name, column in columns.items()}) for i in range(*count)]
+    for row in rows:
+        check_values(row)
+    rest = {"sectors": sectors, "cycle": float(wearing.cycle), "cycles": cycles, "tolerance": tolerance}
+    rest |= {"longest": longest, **{name: column.tolist() for name, column in columns.items()}}
+    rest |= {name: str(option) for name, option in options.items()}
+    watched = until if isinstance(until, AbstractCriterion) else None
+    asked = {} if journal is None else described(mechanism, law, pressure, watched, **rest)
+    kept = nullcontext() if journal is None else folder(journal, asked, resume=True)
+
+    def one(i: int, place: Path | None):
+        row = rows[i]
+        return life(
+            row.mechanism,
+            joint,
+            row.wear,
+            row.pressure,
+            float(row.cycle),
+            cycles,
+            sectors=sectors,
+            tolerance=tolerance,
+            longest=longest,
+            until=until,
+            journal=None if place is None else place.with_name(f"{i}.jsonl"),
+            **options,
+        )
+
+    found = []
+    with kept as place, ThreadPoolExecutor(cores or cores_here()) as pool:
+        # The first compiles for all.
+        for ended in chain([one(0, place)], pool.map(lambda i: one(i, place), range(1, *count))):
+            found.append(ended)
+            if progress is not None:
+                progress(len(found) / len(rows))
+    end = np.array([np.inf if one.end is None else one.end for one in found])
+    return Lives(columns, end, cycles, sum(one.evaluations for one in found), units)

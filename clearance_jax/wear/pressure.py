@@ -1,0 +1,238 @@
+"""How a normal force spreads over the sleeve: mean pressures of its sectors, by which the force is borne.
+
+A sleeve is cut into equal sectors, sector j centred at the angle 2 pi j / N of the sleeve's axes. A pressure is that of
+one section of the joint, where the force is one per length.
+"""
+
+import abc
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from clearance_jax._numerics import safe_sqrt
+from clearance_jax._types import Scalar
+from clearance_jax.errors import ClearanceError
+from clearance_jax.laws import Geometry, Material
+from clearance_jax.parameters import Parametrised, physical
+
+# Newton iterations at most for how deep a foundation is pressed, from above, by a third an iteration at worst; and the
+# step, in parts of the clearance, after which two more leave round-off.
+ITERATIONS, NEAR = 20, 1e-6
+# Parts of a sector on which a foundation is summed.
+PARTS = 8
+
+
+class Section(NamedTuple):
+    """A section of a sleeve with its pin: what the laws know of it, and the depth worn off [m]."""
+
+    geometry: Geometry
+    depth: Float[Array, " sectors"]
+
+    @property
+    def sectors(self) -> int:
+        """How many there are."""
+        return self.depth.shape[0]
+
+    @property
+    def angles(self) -> np.ndarray:
+        """Their middles [rad]."""
+        return 2 * np.pi * np.arange(self.sectors) / self.sectors
+
+    @property
+    def arc(self) -> Scalar:
+        """The length of a sector around the sleeve [m]."""
+        return self.geometry.sleeve_radius * (2 * np.pi / self.sectors)
+
+
+class Pressed(NamedTuple):
+    """A normal force per length [N/m] on the sleeve, its direction [rad], and where the pin's centre is [m]."""
+
+    force: Scalar
+    angle: Scalar
+    place: tuple[Scalar, Scalar]
+
+
+class Spread(NamedTuple):
+    """Mean pressures of the sectors [Pa], and the force per length that they bear [N/m]."""
+
+    means: Float[Array, " sectors"]
+    borne: Scalar
+
+
+class AbstractPressure(Parametrised):
+    """How a normal force spreads over the sleeve."""
+
+    @abc.abstractmethod
+    def prepared(self, section: Section) -> Callable[[Pressed], Spread]:
+        """The pressures on a section, as a function of what presses on it."""
+
+    @abc.abstractmethod
+    def half_angle(self, geometry: Geometry, force: Scalar) -> Scalar:
+        """To how far beside its middle a force per length [N/m] spreads on the round sleeve [rad]."""
+
+    @property
+    def is_narrow(self) -> bool:
+        """Whether a patch is taken as flat: pressures, not their components along the force, then add up to it."""
+        return True
+
+
+def hertz_half_angle(geometry: Geometry, force: Scalar) -> Scalar:
+    """The angle b / R of Hertz's line contact of a pin in its sleeve: b = 2 sqrt(F' R_eff / (pi E*)), R_eff = R1 R2 /
+    (R1 - R2).
+
+    (Qian et al. 2022, Eqs. 15 and 16, with the signs and the root that are missing there.)
+
+    **Raises:** `ClearanceError` where the materials are not known.
+    """
+    pin, sleeve = geometry.pin_material, geometry.sleeve_material
+    if pin is None or sleeve is None:
+        raise ClearanceError(
+            "Hertz's line contact needs `pin_material` and `sleeve_material` of the joint (`laws.Material`)."
+        )
+    radius = geometry.sleeve_radius * geometry.pin_radius / geometry.radial_clearance
+    return 2 * safe_sqrt(force * radius * (pin.compliance + sleeve.compliance) / np.pi) / geometry.sleeve_radius
+
+
+def _spread(section: Section, force: Scalar, angle: Scalar, half: Scalar, part: Callable[[Array], Array]) -> Spread:
+    """A force spread over a patch: exact for every sector, however narrow the patch. `part`: of the force
+    that which lies below a place from -1 to 1 of it.
+    """
+    beside = jnp.asarray(section.angles) - angle
+    beside = beside - 2 * np.pi * jnp.round(beside / (2 * np.pi))
+    wide, edge = jnp.where(half > 0, half, 1.0), np.pi / section.sectors
+    ends = (part(jnp.clip((beside + side * edge) / wide, -1.0, 1.0)) for side in (1, -1))
+    means = jnp.where(half > 0, force / section.arc * (next(ends) - next(ends)), 0.0)
+    return Spread(means, jnp.sum(means) * section.arc)
+
+
+class HertzLine(AbstractPressure):
+    """Half an ellipse over Hertz's width, p = p0 sqrt(1 - (x/b)^2), on the round sleeve (the paper's choice): what is
+    worn off does not change it, so that it overestimates pressures once the sleeve has become more conformal.
+    """
+
+    def prepared(self, section):
+        def part(x):
+            return 0.5 + (x * safe_sqrt(1 - x * x) + jnp.arcsin(x)) / np.pi
+
+        return lambda at: _spread(section, at.force, at.angle, self.half_angle(section.geometry, at.force), part)
+
+    def half_angle(self, geometry, force):
+        return hertz_half_angle(geometry, force)
+
+
+class Uniform(AbstractPressure):
+    """The same pressure all over a patch: of Hertz's width, p = F / (2 b B), or of a given `spread` to either side
+    [rad].
+    """
+
+    spread: Scalar | None = physical(
+        "rad",
+        above=0.0,
+        default=None,
+        help="how far the patch reaches to either side",
+        example='"20 deg"',
+        absent="Hertz's width",
+    )
+
+    def prepared(self, section):
+        return lambda at: _spread(
+            section, at.force, at.angle, self.half_angle(section.geometry, at.force), lambda x: 0.5 * (1 + x)
+        )
+
+    def half_angle(self, geometry, force):
+        return hertz_half_angle(geometry, force) if self.spread is None else jnp.asarray(self.spread)
+
+
+class Foundation(AbstractPressure):
+    """An elastic layer on the worn sleeve, p = k u, u how deep the pin stands in it: pressed on along the force from
+    where the pin is until the components of its pressures along the force add up to it.
+
+    **Arguments:** `stiffness` k [Pa/m]; `foundation` has it of a layer's material and thickness.
+    """
+
+    stiffness: Scalar = physical("Pa/m", above=0.0, help="pressure by depth", example='"2e13 Pa/m"')
+
+    @property
+    def is_narrow(self):
+        return False
+
+    def prepared(self, section):
+        geometry, worn = section.geometry, refined(section.depth, PARTS)
+        count = worn.shape[0]
+        fine = 2 * np.pi * ((np.arange(count) + 0.5) / count - 0.5 / section.sectors)
+        cosines, sines, width = jnp.asarray(np.cos(fine)), jnp.asarray(np.sin(fine)), section.arc / PARTS
+
+        def means(at: Pressed):
+            along = cosines * jnp.cos(at.angle) + sines * jnp.sin(at.angle)
+            ahead = along > 0
+            along = jnp.where(ahead, along, 1.0)
+            gap = geometry.radial_clearance + worn - at.place[0] * cosines - at.place[1] * sines
+
+            def depth(shift, gap):
+                return jnp.where(ahead, jnp.maximum(shift * along - gap, 0.0), 0.0)
+
+            def newton(shift, stiffness, force, gap):
+                now = depth(shift, gap)
+                borne = stiffness * width * jnp.sum(now * along)
+                rises = stiffness * width * jnp.sum(jnp.where(now > 0, along * along, 0.0))
+                return shift - (borne - force) / jax.lax.stop_gradient(jnp.where(rises > 0, rises, 1.0))
+
+            # Convex and rising: from below one step goes beyond, and all further ones come down. A narrow patch on a
+            # round sleeve stands so deep.
+            asked = self.stiffness, at.force, gap
+            stiffness, force, still = jax.tree.map(jax.lax.stop_gradient, asked)
+            first = jnp.min(jnp.where(ahead, still / along, jnp.inf))
+            clearance = jax.lax.stop_gradient(geometry.radial_clearance)
+            load = 1.5 * force / (stiffness * jax.lax.stop_gradient(geometry.sleeve_radius) * clearance)
+
+            def closer(carry):
+                count, shift, _ = carry
+                further = newton(shift, stiffness, force, still)
+                return count + 1, further, jnp.abs(further - shift) > NEAR * clearance
+
+            begin = first + 0.5 * clearance * jnp.cbrt(load * load)
+            begin = jnp.asarray(0), begin, jnp.asarray(True)
+            shift = jax.lax.while_loop(lambda carry: carry[2] & (carry[0] < ITERATIONS), closer, begin)[1]
+            # Two iterations more have the first and the second derivative.
+            shift = jax.lax.stop_gradient(shift)
+            for _ in range(2):
+                shift = newton(shift, *asked)
+            pressure = jnp.where(at.force > 0, self.stiffness * depth(shift, gap), 0.0)
+            return Spread(jnp.mean(pressure.reshape(-1, PARTS), axis=1), width * jnp.sum(pressure * along))
+
+        return means
+
+    def half_angle(self, geometry, force):
+        # Of the closed form F' = k R e (a - sin a cos a), cos a = c / e, by Newton from the narrow patch.
+        scale = force / (self.stiffness * geometry.sleeve_radius * geometry.radial_clearance)
+
+        def newton(_, a):
+            value = (a - jnp.sin(a) * jnp.cos(a)) / jnp.cos(a)
+            rises = 2 * jnp.sin(a) ** 2 / jnp.cos(a) + value * jnp.tan(a)
+            return jnp.clip(a - (value - scale) / jnp.where(rises > 0, rises, 1.0), 1e-9, 0.5 * np.pi - 1e-9)
+
+        narrow = jnp.minimum(jnp.cbrt(1.5 * scale), 1.5)
+        return jnp.where(force > 0, jax.lax.fori_loop(0, ITERATIONS, newton, jnp.maximum(narrow, 1e-9)), 0.0)
+
+
+def foundation(material: Material, thickness: float) -> Foundation:
+    """The foundation that a layer of a material [m] on a rigid base is: k = (1 - nu) E / ((1 + nu)(1 - 2 nu) h)."""
+    nu = material.poisson_ratio
+    return Foundation((1 - nu) * material.modulus / ((1 + nu) * (1 - 2 * nu) * thickness))
+
+
+def refined(values: Float[Array, " sectors"], parts: int) -> Float[Array, " fine"]:
+    """The periodic cubic spline through values at the middles of sectors, at the middles of an even number of parts of
+    each.
+    """
+    count = values.shape[0]
+    waves = jnp.asarray(2 * np.pi * np.arange(count // 2 + 1) / count)
+    bent = jnp.fft.irfft(jnp.fft.rfft(values) * (2 * jnp.cos(waves) - 2) * 6 / (4 + 2 * jnp.cos(waves)), count)
+    x = ((np.arange(parts) + 0.5) / parts)[None]
+    (a, b), (p, q) = ((v[:, None], jnp.roll(v, -1)[:, None]) for v in (values, bent))
+    between = a * (1 - x) + b * x + ((1 - x) ** 3 - (1 - x)) * p / 6 + (x**3 - x) * q / 6
+    return jnp.roll(between.ravel(), parts // 2)

@@ -1,0 +1,96 @@
+"""A life as one labelled dataset: profiles, how the clearance grows, what was watched."""
+
+from importlib.metadata import version
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+from jaxtyping import Array, Float
+
+from clearance_jax.joints import worn_sleeve
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.parameters import parameters
+from clearance_jax.wear.contacts import sleeve_of
+from clearance_jax.wear.life import Life
+from clearance_jax.wear.watched import Watch
+
+
+def to_dataset(
+    life: Life, mechanism: Mechanism, joint: str, watch: Watch | None = None, **provenance: Any
+) -> xr.Dataset:
+    """What `wear.life` found of a joint, over the `cycle`s lived and the `sector`s of its sleeve.
+
+    - `depth` (cycle, sector) [m], with the `angle` of each sector [rad];
+    - `deepest`, `mean_depth` (cycle,) [m], `volume` (cycle,) [m^3];
+    - `room` (cycle, sector) [m]: how far the pin's centre can go in each direction;
+    - `radial_clearance` (cycle,) [m]: half of how far the pin can go to and fro, where that is most;
+    - `watched` (cycle,): what was watched, where something was.
+
+    Attributes say how much was lived and computed, and the `life` in cycles where the bound was reached.
+    """
+    play: Any = mechanism.joint(joint)
+    sleeve, depth = sleeve_of(mechanism, joint), np.asarray(life.depth)
+    count = depth.shape[1]
+    angle, clearance = 2 * np.pi * np.arange(count) / count, play.clearance.radial_clearance
+    room = np.asarray(rooms(play.clearance, jnp.asarray(depth)))
+    across = 0.5 * (room + _opposite(room))
+    area = float(jnp.sum(sleeve.lengths) * sleeve.geometry.sleeve_radius) * 2 * np.pi / count
+    data: dict[str, Any] = {
+        "depth": (("cycle", "sector"), depth, {"units": "m", "long_name": "depth of wear"}),
+        "deepest": ("cycle", depth.max(axis=1), {"units": "m", "long_name": "largest depth of wear"}),
+        "mean_depth": ("cycle", depth.mean(axis=1), {"units": "m", "long_name": "mean depth of wear"}),
+        "volume": ("cycle", depth.sum(axis=1) * area, {"units": "m^3", "long_name": "volume worn off"}),
+        "room": (("cycle", "sector"), room, {"units": "m", "long_name": "how far the pin's centre can go"}),
+        "radial_clearance": (
+            "cycle",
+            across.max(axis=1),
+            {"units": "m", "long_name": "radial clearance, at its widest"},
+        ),
+    }
+    if watch is not None:
+        values = np.array([watch.value(profile) for profile in depth])
+        words = {"units": watch.what.unit, "bound": watch.bound}
+        data["watched"] = (
+            "cycle",
+            values,
+            {"long_name": provenance.pop("watched", type(watch.what).__name__), **words},
+        )
+    coords = {
+        "cycle": ("cycle", life.cycles, {"units": "1", "long_name": "cycles lived"}),
+        "angle": ("sector", angle, {"units": "rad", "long_name": "angle around the sleeve"}),
+    }
+    numbers = {f"parameter.{n}": np.asarray(leaf.value) for n, leaf in parameters(mechanism).items()}
+    attributes = {
+        "software": f"clearance_jax {version('clearance-jax')}, jax {jax.__version__}, numpy {np.__version__}",
+        "mechanism": mechanism.name,
+        "joint": joint,
+        "pin_radius": float(sleeve.geometry.pin_radius),
+        "unworn_clearance": float(clearance),
+        "cycles_lived": int(life.cycles[-1]),
+        "cycles_computed": int(life.evaluations),
+        **({} if life.end is None else {"life": float(life.end)}),
+    }
+    return xr.Dataset(data, coords, attributes | numbers | provenance)
+
+
+def _opposite(room: np.ndarray) -> np.ndarray:
+    """The room in the opposite direction, between two sectors where their number is odd."""
+    half = room.shape[1] / 2
+    low, high = (np.roll(room, -shift, axis=1) for shift in (int(np.floor(half)), int(np.ceil(half))))
+    return 0.5 * (low + high)
+
+
+@eqx.filter_jit
+def rooms(clearance: Any, depth: Float[Array, "cycle sector"]) -> Float[Array, "cycle sector"]:
+    """How far the pin of a joint can go from the middle of its sleeve when that is worn so [m], towards each sector."""
+    angle = 2 * np.pi * np.arange(depth.shape[1]) / depth.shape[1]
+    ahead = jnp.asarray(np.cos(angle)), jnp.asarray(np.sin(angle))
+
+    def of_one(profile):
+        worn = worn_sleeve(clearance, profile)
+        return jax.lax.map(lambda n: worn.travel((*n, 0.0)), ahead)
+
+    return jax.lax.map(of_one, depth)

@@ -1,0 +1,206 @@
+"""A joint that wears, as one model whose numbers have names: what a cycle wears off it, with derivatives by them.
+
+A profile has as many numbers as sectors, of which a derivative along a life needs few combinations: those along which
+the profile moves with the numbers asked for. They go to the joint as `modes`, so that a solve carries as many
+derivatives as were asked for and not one a sector.
+
+The nodes in time of what rubs stand still while numbers vary. That is the whole derivative: forces and speeds of
+sliding are continuous, so that moving a touch or the turn of a slip adds nothing to an integral over time.
+"""
+
+import abc
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from clearance_jax._types import Scalar
+from clearance_jax.analysis.measure import AbstractMetric, as_metric
+from clearance_jax.errors import ClearanceError
+from clearance_jax.joints import RevoluteClearance, WornRevoluteClearance, worn_sleeve
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.state import layout
+from clearance_jax.parameters import flattened, physical, replace, values_of
+from clearance_jax.solve.settings import Settings, settings_of
+from clearance_jax.solve.simulate import run
+from clearance_jax.solve.trace import trace
+from clearance_jax.units import shown
+from clearance_jax.wear.contacts import CHUNK, contacts, looked, sleeve_of
+from clearance_jax.wear.laws import AbstractWearLaw
+from clearance_jax.wear.pressure import AbstractPressure
+from clearance_jax.wear.worn import accumulated, worn
+
+# What a trace has and a differentiated solve does not, or the other way round.
+OWN = ("save_at", "books", "derivatives")
+
+
+class Wearing(eqx.Module):
+    """A plane revolute joint that wears, cycle by cycle of a motion from t0 to `cycle` [s].
+
+    Its numbers have the mechanism's names; those of the law begin with `wear.`, those of the pressure with `pressure.`:
+    "crank.radial_clearance", "wear.coefficient", "pressure.stiffness".
+
+    **Raises:** `ClearanceError` for a joint of another kind.
+    """
+
+    wear: AbstractWearLaw
+    pressure: AbstractPressure
+    joint: str = eqx.field(static=True)
+    cycle: Scalar = physical("s", above=0.0)
+    mechanism: Mechanism = flattened()
+
+    def __check_init__(self):
+        clearance = getattr(self.mechanism.joint(self.joint), "clearance", None)
+        if not isinstance(clearance, RevoluteClearance | WornRevoluteClearance):
+            raise ClearanceError(
+                f"`{self.joint}` is no revolute joint with clearance in a plane: its life is not known."
+            )
+
+    @property
+    def clearance(self) -> Any:
+        """The joint's clearance."""
+        return getattr(self.mechanism.joint(self.joint), "clearance")  # noqa: B009
+
+    def begin(self, sectors: int) -> np.ndarray:
+        """The profile at first [m]: what the joint has, or nothing, in so many sectors."""
+        clearance = self.clearance
+        return np.asarray(clearance.profile if isinstance(clearance, WornRevoluteClearance) else np.zeros(sectors))
+
+    def at(self, depth: Any) -> Mechanism:
+        """The mechanism with its joint worn off by so much [m], shape (sectors,)."""
+        return self.mechanism.with_clearance(self.joint, worn_sleeve(self.clearance, jnp.asarray(depth, float)))
+
+    def cycle_wears(self, stack: np.ndarray, names: Sequence[str], after: int, options: dict[str, Any]) -> np.ndarray:
+        """What one cycle wears off [m] after so many, with its derivatives; stack: the profile, and below it its
+        derivatives by each of the named numbers, (1 + names, sectors).
+
+        **Raises:** `ClearanceError` where the motion stops, and where a cycle wears off more than the clearance.
+        """
+        now = self.at(stack[0])
+        motion = trace(now, float(self.cycle), **{"save_at": None, **options})
+        if motion.message:
+            raise ClearanceError(f"After {after} cycles the motion stopped: {motion.message}")
+        before = jnp.asarray(after * self.cycle, float)
+        sleeve, seen = sleeve_of(now, self.joint), contacts(motion, self.joint)
+        off = np.asarray(worn(seen, sleeve, self.wear, self.pressure, depth=jnp.asarray(stack[0]), before=before).depth)
+        if not off.max() <= self.clearance.radial_clearance:
+            raise ClearanceError(
+                f"After {after} cycles one cycle wears off {shown(off.max(), 'm')}, more than the radial clearance of "
+                f"`{self.joint}`, {shown(float(self.clearance.radial_clearance), 'm')}; but within a cycle the profile "
+                "is taken as it is. Check the unit of the law's coefficient, or take a shorter cycle."
+            )
+        if not names:
+            return off
+        # Filled up, so that motions of about as many steps are one program.
+        ends = np.pad(motion.time, (0, -motion.time.size % CHUNK), mode="edge")
+        solve = settings_of(now, float(self.cycle), {k: v for k, v in options.items() if k not in OWN})
+        slopes = _cycle_slopes(self, tuple(names), jnp.asarray(stack), jnp.asarray(ends), before, solve)
+        return np.concatenate([off, np.asarray(slopes)])
+
+    def shifted(self, names: tuple[str, ...], stack: Array, shares: Array) -> "Wearing":
+        """The same with the named numbers moved by shares of themselves (of one, where they are 0), each with the row
+        of the stack that goes with it; further rows have no number.
+        """
+        sizes = self.sizes(names)
+        old = values_of(self, names)
+        moved: Wearing = replace(
+            self, {name: old[name] + size * share for name, size, share in zip(names, sizes, shares, strict=False)}
+        )
+        whole = jnp.concatenate([sizes, jnp.ones(stack.shape[0] - 1 - len(names))])
+        rows = stack[1:] * whole[:, None]
+        # A solve resolves what a number does beside the number's own size: an amount of 1 is a clearance deep.
+        size = jnp.max(jnp.abs(rows), axis=1) / jax.lax.stop_gradient(self.clearance.radial_clearance)
+        size = jnp.where(size > 0, size, 1.0)
+        shape = worn_sleeve(moved.clearance, stack[0])
+        shape = dataclasses.replace(shape, modes=rows / size[:, None], amounts=size * shares)
+        return dataclasses.replace(moved, mechanism=moved.mechanism.with_clearance(self.joint, shape))
+
+    def sizes(self, names: tuple[str, ...]) -> Array:
+        """By what the named numbers are moved: themselves, or one."""
+        found = jnp.asarray([jnp.abs(value) for value in values_of(self, names).values()], float)
+        return jnp.where(found == 0, 1.0, found)
+
+
+@eqx.filter_jit
+def _cycle_slopes(
+    wearing: Wearing, names: tuple[str, ...], stack: Array, ends: Array, before: Array, solve: Settings
+) -> Float[Array, "names sectors"]:
+    """Derivatives of what a cycle wears off by the named numbers, of a motion with these ends of steps."""
+
+    def of(shares):
+        now = wearing.shifted(names, stack, shares)
+        solution = run(now.mechanism, now.cycle, solve._replace(save_at=ends))
+        seen = looked(now.mechanism, now.joint, ends, solution.y[:, : layout(now.mechanism).size])
+        depth = now.clearance.profile
+        sleeve = sleeve_of(now.mechanism, now.joint)
+        return accumulated(seen, sleeve, now.wear, now.pressure, "sleeve", depth[None], before).depth[0]
+
+    slopes = jax.jacfwd(of)(jnp.zeros(len(names)))
+    return slopes.T / wearing.sizes(names)[:, None]
+
+
+class AbstractCriterion(eqx.Module):
+    """What ends a life: its value is below 0 until then."""
+
+    @abc.abstractmethod
+    def value(self, mechanism: Mechanism, joint: str) -> Scalar:
+        """Of the mechanism as it is worn."""
+
+
+class Deepest(AbstractCriterion):
+    """The largest depth of wear reaches a limit [m]."""
+
+    depth: Scalar = physical("m", above=0.0)
+
+    def value(self, mechanism, joint):
+        clearance: Any = mechanism.joint(joint)
+        return jnp.max(clearance.clearance.profile) - self.depth
+
+
+class Exceeds(AbstractCriterion):
+    """A metric of the motion to `t1` [s] on the worn sleeve, or a function as one, reaches a bound."""
+
+    metric: AbstractMetric = eqx.field(converter=as_metric)
+    bound: Scalar = physical("")
+    t1: Scalar = physical("s")
+    options: dict[str, Any] = eqx.field(default_factory=dict)
+
+    def value(self, mechanism, joint):
+        found = self.metric(mechanism, self.t1, **self.options)
+        return jnp.max(found) - self.bound
+
+
+class Of(AbstractCriterion):
+    """A function of the profile, by `jax.numpy` where it is to have a derivative."""
+
+    function: Any = eqx.field(static=True)
+
+    def value(self, mechanism, joint):
+        clearance: Any = mechanism.joint(joint)
+        return jnp.asarray(self.function(clearance.clearance.profile), float)
+
+
+@eqx.filter_jit
+def criterion_value(criterion: AbstractCriterion, wearing: Wearing, depth: Array) -> Array:
+    """Of the joint worn off by so much."""
+    return criterion.value(wearing.at(depth), wearing.joint)
+
+
+@eqx.filter_jit
+def end_slopes(criterion: AbstractCriterion, wearing: Wearing, names: tuple[str, ...], stack: Array) -> Array:
+    """Derivatives of the cycle at which a criterion is reached by the named numbers, shape (names,).
+
+    Where g(h(n, a), a) = 0 stays so, dn/da = -(dg/da) / (dg/dn); stack: the profile there, its derivatives by each of
+    the numbers, and by n.
+    """
+
+    def of(shares):
+        return criterion.value(wearing.shifted(names, stack, shares).mechanism, wearing.joint)
+
+    *slopes, grows = jax.jacfwd(of)(jnp.zeros(len(names) + 1))
+    return -jnp.asarray(slopes) / wearing.sizes(names) / grows

@@ -1,0 +1,220 @@
+"""What wears off a sleeve, or its pin, along a motion: depths by sector and station, with the volume checked."""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from clearance_jax._types import Scalar
+from clearance_jax.errors import ClearanceError, quoted
+from clearance_jax.solve.trace import Trace
+from clearance_jax.units import shown
+from clearance_jax.wear.contacts import Contacts, Sleeve, contacts, largest_swing, sleeve_of
+from clearance_jax.wear.laws import AbstractWearLaw, Rubbing
+from clearance_jax.wear.pressure import AbstractPressure, HertzLine, Pressed, Section
+
+SECTORS = 360
+# Of the force: what the pressures of the sectors may miss, which round-off and a search that ends leave.
+MISSED = 1e-6
+# Into how many parts a half of a step is cut at most, so that from node to node a patch moves on by no more than this
+# part of a sector and its own half width.
+PARTS, JUMPED = 64, 0.25
+SURFACES = ("sleeve", "pin")
+# Half angle of a patch beyond which Hertz's flat one is none any more [rad].
+WIDEST = 0.5 * np.pi
+
+
+class Wear(eqx.Module):
+    """What has worn off a sleeve, or its pin.
+
+    - `angle` (sectors,) [rad] in the sleeve's axes, of a pin in its own; `heights` (stations,) along the sleeve's [m];
+    - `depth` (stations, sectors) [m], by which the sleeve's radius grows, or the pin's shrinks;
+    - `volume` [m^3]; `flat_volume` [m^3]: what the law gives for pressures that add up to the normal force, as in a
+      narrow patch (k F s); `None` for a law that is not linear in pressure: there the volume depends on the patch;
+    - `sliding` [m]: by how much the pin has slid while it was pressed; `half_angle` [rad]: the widest patch.
+    """
+
+    angle: Float[Array, " sectors"]
+    heights: Float[Array, " stations"]
+    depth: Float[Array, "stations sectors"]
+    volume: Float[Array, ""]
+    flat_volume: Float[Array, ""] | None
+    sliding: Float[Array, ""]
+    half_angle: Float[Array, ""]
+
+    @property
+    def deepest(self) -> Array:
+        """The largest depth [m]."""
+        return jnp.max(self.depth)
+
+    def __repr__(self) -> str:
+        volume, deepest, sliding = 1e9 * float(self.volume), shown(float(self.deepest), "m"), float(self.sliding)
+        return f"worn off: {volume:.6g} mm^3, {deepest} at most, by {shown(sliding, 'm')} of sliding"
+
+
+def wear(
+    trace: Trace,
+    joint: str,
+    law: AbstractWearLaw,
+    pressure: AbstractPressure | None = None,
+    *,
+    of: str = "sleeve",
+    depth: Array | None = None,
+    sectors: int = SECTORS,
+    before: Any = 0.0,
+) -> Wear:
+    """What wears off a joint's sleeve, or its pin, along a trace. The motion is that of the joint as it was solved.
+
+    **Arguments:**
+
+    - `law`: of wear, for instance `archard("6e-14 1/Pa")`.
+    - `pressure`: how a force spreads; by default Hertz's line contact, which is for a round sleeve: a worn one needs a
+      `Foundation`.
+    - `of`: whose surface wears, "sleeve" or "pin". Each has its own law; a pin turns below its pressures, and wears in
+      its own axes, at the sleeve's stations. That it is no circle any more changes neither pressures nor motion.
+    - `depth` (sectors,) or (stations, sectors) [m]: what has worn off the sleeve before, which a `Foundation` stands
+      on; by default what the joint has, or nothing, in so many `sectors`.
+    - `before`: how long the joint has run before [s], for laws that know it.
+
+    **Raises:** `ClearanceError` for a joint that does not wear or lacks a length or a material, for a patch that is too
+    wide for a flat one, and where pressures do not add up to the force.
+    """
+    mechanism = trace.solution.mechanism
+    sleeve = sleeve_of(mechanism, joint)
+    own = getattr(getattr(mechanism.joint(joint), "clearance", None), "depth", None)
+    if pressure is None and (depth is not None or own is not None):
+        raise ClearanceError(f"`{joint}` is worn: say how a force spreads, by a `Foundation` on the worn profile.")
+    if depth is None:
+        depth = own
+    given = jnp.zeros(sectors) if depth is None else jnp.asarray(depth, float)
+    pressure = pressure or HertzLine()
+    seen = _followed(trace, joint, sleeve, pressure, of, given.shape[-1])
+    return worn(seen, sleeve, law, pressure, of=of, depth=given, before=before)
+
+
+def _followed(trace: Trace, joint: str, sleeve: Sleeve, pressure: AbstractPressure, of: str, sectors: int) -> Contacts:
+    """Contacts so near one another that a patch does not jump over sectors."""
+    parts = 1
+    while True:
+        seen = contacts(trace, joint, parts)
+        angle = seen.angle if of == "sleeve" or seen.turn is None else seen.angle - seen.turn[:, None]
+        half = jax.vmap(jax.vmap(lambda force: pressure.half_angle(sleeve.geometry, force)))
+        allowed = 2 * np.pi / sectors + half(seen.force / sleeve.lengths[None, :])
+        swing = float(largest_swing(seen, angle, allowed, parts))
+        if swing <= JUMPED or parts >= PARTS:
+            return seen
+        parts = min(PARTS, parts * 2 ** int(np.ceil(np.log2(swing / JUMPED))))
+
+
+def worn(
+    seen: Contacts,
+    sleeve: Sleeve,
+    law: AbstractWearLaw,
+    pressure: AbstractPressure,
+    *,
+    of: str = "sleeve",
+    depth: Array,
+    before: Any = 0.0,
+) -> Wear:
+    """The same of contacts that are known. `depth`: (sectors,) or (stations, sectors) [m]."""
+    if of not in SURFACES:
+        raise ClearanceError(f"`of` must be {' or '.join(SURFACES)}, but it is {quoted(of)}.")
+    stations = sleeve.lengths.shape[0]
+    depth = jnp.broadcast_to(jnp.atleast_2d(depth), (stations, depth.shape[-1]))
+    found = accumulated(seen, sleeve, law, pressure, of, depth, jnp.asarray(before, float))
+    _check(jax.tree.map(float, found._replace(depth=0.0)), law, pressure)
+    angle = jnp.asarray(2 * np.pi * np.arange(depth.shape[1]) / depth.shape[1])
+    flat = found.flat_volume if law.is_linear else None
+    heights = jnp.asarray(sleeve.heights, float)
+    return Wear(angle, heights, found.depth, found.volume, flat, found.sliding, found.half_angle)
+
+
+class Found(NamedTuple):
+    """See `Wear`; `missed`: the largest part of a force that its pressures do not bear."""
+
+    depth: Any
+    volume: Any
+    flat_volume: Any
+    sliding: Any
+    half_angle: Any
+    missed: Any
+
+
+def _check(found: Found, law: AbstractWearLaw, pressure: AbstractPressure) -> None:
+    """Raise where pressures are not the force's, or the volume not the law's."""
+    if pressure.is_narrow and found.half_angle > WIDEST:
+        raise ClearanceError(
+            f"The patch of the largest force spreads {np.degrees(found.half_angle):.0f} deg to either side, further "
+            "than a flat patch can. Use a `Foundation`, or look at the force: an impact that no sleeve survives?"
+        )
+    if not found.missed <= MISSED:
+        raise ClearanceError(
+            f"The pressures miss {found.missed:.1e} of the normal force. A foundation that is too soft lets the pin "
+            "through its sleeve: check its `stiffness` [Pa/m]."
+        )
+    if not law.is_linear:
+        return
+    # What leans presses with more than its part of the force: only a flat patch has none of it.
+    lacks, beyond = found.flat_volume - found.volume, MISSED * found.flat_volume
+    if lacks > beyond or (pressure.is_narrow and -lacks > beyond):
+        raise ClearanceError(
+            f"The volume {found.volume:.9g} m^3 worn off is not that of the law, {found.flat_volume:.9g} m^3."
+        )
+
+
+@eqx.filter_jit
+def accumulated(
+    seen: Contacts,
+    sleeve: Sleeve,
+    law: AbstractWearLaw,
+    pressure: AbstractPressure,
+    of: str,
+    depth: Array,
+    before: Scalar,
+) -> Found:
+    """What wears off."""
+    inner, turn = of == "pin", jnp.zeros_like(seen.time) if seen.turn is None else seen.turn
+    radius = sleeve.geometry.pin_radius if inner else sleeve.geometry.sleeve_radius
+
+    def station(worn, length, force, angle, speed, traction, place):
+        spread = pressure.prepared(Section(sleeve.geometry, worn))
+
+        def add(carry, now):
+            depth, missed = carry
+            weight, time, turn, force, angle, speed, traction, place = now
+            found = spread(Pressed(force / length, angle, (place[0], place[1])))
+            # The pin bears the same force on a little less of surface.
+            means = _turned(found.means, -turn) * (sleeve.geometry.sleeve_radius / radius) if inner else found.means
+            rate = law.rate(Rubbing(means, speed, traction, before + time))
+            lacks = jnp.abs(found.borne * length - force)
+            lacks = jnp.where(force > 0, lacks / jnp.where(force > 0, force, 1.0), 0.0)
+            return (depth + weight * rate, jnp.maximum(missed, lacks)), None
+
+        nodes = seen.weight, seen.time, turn, force, angle, speed, traction, place
+        return jax.lax.scan(add, (jnp.zeros_like(worn), jnp.zeros(())), nodes)[0]
+
+    columns = [jnp.moveaxis(x, 1, 0) for x in (seen.force, seen.angle, seen.speed, seen.traction, seen.place)]
+    new, missed = jax.lax.map(lambda one: station(*one), (depth, sleeve.lengths, *columns))
+    volume = jnp.sum(new * sleeve.lengths[:, None]) * (2 * np.pi / depth.shape[1] * radius)
+    shares = sleeve.lengths / jnp.sum(sleeve.lengths)
+    sliding = seen.weight @ jnp.where(seen.force > 0, seen.speed, 0.0) @ shares
+    time = jnp.broadcast_to((seen.time + before)[:, None], seen.force.shape)
+    # Of a linear law the volume is its rate of the force in the place of a pressure.
+    flat = jnp.sum(seen.weight[:, None] * law.rate(Rubbing(seen.force, seen.speed, seen.traction, time)))
+    largest = jnp.max(seen.force / sleeve.lengths[None, :], initial=0.0)
+    return Found(new, volume, flat, sliding, pressure.half_angle(sleeve.geometry, largest), jnp.max(missed))
+
+
+def _turned(means: Float[Array, " sectors"], angle: Scalar) -> Float[Array, " sectors"]:
+    """Mean values of sectors on sectors that lie turned back by an angle: each is shared out between the two that it
+    lies on, so that nothing is lost.
+    """
+    count = means.shape[0]
+    sectors = angle * (count / (2 * np.pi))
+    whole = jnp.floor(sectors)
+    part = sectors - whole
+    near = jnp.roll(means, whole.astype(int))
+    return (1 - part) * near + part * jnp.roll(near, 1)

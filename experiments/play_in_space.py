@@ -1,0 +1,299 @@
+"""What play in space costs, and how it ends: `python -m experiments.play_in_space` writes out/play_in_space.md.
+
+*Fields*: one evaluation of the vector field (without books), alone and as a lane of 64, of the paper's joint 5 in the
+plane (one contact point) and of the tool changer in space (8 stations and a ring of 8 on the thrust faces: 16 points, 5
+play coordinates, 6 driven joints), both with friction; operations as the compiler counts them for one lane before it
+fuses. *A point* is the field over its points; *contact alone* leaves out the equations of motion.
+
+*Arms*: the six axes of six_axes.urdf carry 5 kg along a trajectory, with sleeves (radial 50 um, axial 100 um, 40 mm
+long, 8 stations, 8 points of the faces, steel on bronze, no friction) in one axis or in all. *Program* is tracing and
+compiling what no cache knows [s of a processor], *solve* the second call. MuJoCo steps the ideal arm, falling freely;
+`PINOCCHIO_PYTHON` names an interpreter that has `mujoco` (`python -m venv there; there/bin/pip install mujoco`).
+
+*To zero*: how far the end is from the ideal arm's, at most over the first 20 ms, with all clearances times a factor f
+and moduli 100 f^-1.5 times those of steel and bronze, so that what contacts give shrinks as the clearances do. (With
+the largest the arm has not fallen through its play by then.)
+
+*Ladder*: the tool changer after 0.1 s, five play coordinates, against itself at rtol 1e-12; and its derivatives at rtol
+1e-9 against central differences of solves at 1e-12, extrapolated once.
+
+*Stations*: the tool changer's end after 0.1 s against that with 32 stations.
+"""
+
+import dataclasses
+import itertools
+import json
+import os
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.experimental.compilation_cache import compilation_cache
+
+import clearance_jax as cj
+from clearance_jax._sharing import sharing
+from clearance_jax.dynamics.field import rate
+from clearance_jax.dynamics.kinematics import relative_motions
+from clearance_jax.joints import PreparedClearance
+from clearance_jax.mechanism.state import initial_values, layout
+from experiments.common import SCENES, joint5, output, seconds, table
+from experiments.forward_dynamics import compiled_anew
+from experiments.hlo import busiest_loop
+from experiments.publish import command, say
+
+WORKER = Path(__file__).parent / "reference" / "mujoco_steps.py"
+LANES, EVALUATIONS, ROUNDS = 64, 2000, 9
+SLEEVE = {"radial": 5e-5, "axial": 1e-4, "length": 0.04, "diameter": 0.03}
+RTOL = 1e-6
+# A sleeve of 40 mm that holds the weight of an arm by its edges gives by as much as its clearance: as steel and bronze
+# are, what is left without clearance is an elastic arm, not the ideal one.
+STIFFER = 100.0
+
+
+# Scenes ---------------------------------------------------------------------------------------------------------------
+
+
+def plane() -> cj.Mechanism:
+    """The paper's joint 5, with the friction of the tool changer."""
+    return cj.replace(joint5(), {"joint5.friction.coefficient": 0.05})
+
+
+def tool_changer() -> cj.Mechanism:
+    return cj.load(SCENES / "tool_changer.toml")
+
+
+def arm(axes: str) -> cj.Mechanism:
+    """Six axes on their trajectory with 5 kg in the gripper, with sleeves in the axes that are named."""
+    robot = cj.load_urdf(SCENES / "six_axes.urdf", end_effector="tcp")
+    robot = robot.driven({**cj.read_trajectory(SCENES / "six_axes_turn.csv"), "finger_left": cj.Constant(0.0)})
+    holder = next(point.body for point in robot.points if point.name == "tcp")
+    place = next(point.at for point in robot.points if point.name == "tcp")
+    payload = cj.Body("payload", 5.0, cj.Inertia(0.01, 0.01, 0.01))
+    robot = dataclasses.replace(
+        robot, bodies=(*robot.bodies, payload), joints=(*robot.joints, cj.Fixed("held", holder, "payload", place))
+    )
+    for axis in axes:
+        robot = robot.with_clearance(f"axis_{axis}", **SLEEVE)
+    return robot
+
+
+# Fields ---------------------------------------------------------------------------------------------------------------
+
+
+def states(mechanism: cj.Mechanism) -> tuple[jax.Array, tuple[jax.Array, ...]]:
+    """Times and rows of states near the start, pins anywhere in their sleeves and a little beyond."""
+    rng, start = np.random.default_rng(0), np.asarray(initial_values(mechanism))
+    sizes = np.array([float(c.play) for c in mechanism.free_coordinates() if c.play is not None])
+    y = np.tile(start[:, None], (1, LANES))
+    y[: len(sizes)] += sizes[:, None] * rng.uniform(-1.2, 1.2, (len(sizes), LANES))
+    y[len(sizes) :] += 100 * sizes[:, None] * rng.uniform(-1, 1, (len(sizes), LANES))
+    return jnp.asarray(rng.uniform(0.01, 0.04, LANES)), tuple(jnp.asarray(y))
+
+
+def whole(mechanism, t, y):
+    return rate(t, y, mechanism)
+
+
+def contact(mechanism, t, y):
+    """What the joint does, by its own coordinates."""
+    (joint,) = mechanism.clearance_joints()
+    at = relative_motions(t, y, mechanism)[0]
+    action = PreparedClearance.act(joint.clearance, at, layout(mechanism).split(y).memory[joint.name])
+    return [jnp.asarray(term, float) for term in (*action.force, *action.torque)]
+
+
+def cost(function: Callable, mechanism: cj.Mechanism) -> tuple[float, float, float, float]:
+    """Operations of a lane, seconds alone, seconds a lane, seconds of a processor to compile."""
+    ready = mechanism.prepared()
+    times, rows = states(ready)
+
+    def lane(ready, t, y):
+        with sharing():
+            return function(ready, t, y)
+
+    over = jax.vmap(lane, (None, 0, 0))
+    one = times[0], tuple(row[0] for row in rows)
+    clock = time.process_time()
+    compiled_anew(jax.jit(function).lower(ready, *one))
+    clock = time.process_time() - clock
+
+    def looped(evaluate, count):
+        @jax.jit
+        def loop(ready, t, y):
+            def following(_, carry):
+                # The next time and state hang on this evaluation, and stay where they were.
+                t, y = carry
+                rates = evaluate(ready, t, y)
+                y = tuple(row + 1e-20 * r for row, r in zip(y, itertools.cycle(rates), strict=False))
+                return t + 1e-20 * rates[-1], y
+
+            return jax.lax.fori_loop(0, count, following, (t, y))
+
+        return loop
+
+    alone, lanes = looped(function, EVALUATIONS), looped(over, EVALUATIONS // 10)
+    single = seconds(lambda: alone(ready, *one), ROUNDS) / EVALUATIONS
+    many = seconds(lambda: lanes(ready, times, rows), ROUNDS) / (EVALUATIONS // 10) / LANES
+    unfused = {"xla_backend_optimization_level": 0, "xla_disable_hlo_passes": "fusion"}
+    operations = busiest_loop(alone.lower(ready, *one).compile(compiler_options=unfused).as_text())
+    return operations, single, many, clock
+
+
+def fields() -> None:
+    rows, measured = [], {}
+    for name, mechanism, points in (("joint 5, plane", plane(), 1), ("tool changer, space", tool_changer(), 16)):
+        for part, function in (("field", whole), ("contact alone", contact)):
+            found = measured[name, part] = cost(function, mechanism)
+            operations, alone, lane, compiled = found
+            each = [f"{operations:.0f}", f"{1e6 * alone:.3f}", f"{1e6 * lane:.4f}"]
+            by_point = [f"{operations / points:.0f}", f"{1e6 * alone / points:.3f}", f"{1e6 * lane / points:.4f}"]
+            rows.append((name, part, points, *each, *by_point, f"{compiled:.1f}"))
+    here, there = (measured[name, "field"] for name in ("joint 5, plane", "tool changer, space"))
+    head = ["scene", "part", "points", "operations", "alone [us]", "a lane [us]"]
+    head += ["operations a point", "alone a point [us]", "a lane a point [us]", "compile [CPU s]"]
+    table(head, rows, output("play_in_space_fields.md"))
+    ratios = [f"{b / a:.1f}" for a, b in zip(here[:3], there[:3], strict=True)]
+    say(f"Field in space over field in the plane: operations {ratios[0]}, alone {ratios[1]}, a lane {ratios[2]}.")
+
+
+# Arms -----------------------------------------------------------------------------------------------------------------
+
+
+def solved(mechanism: cj.Mechanism, end: float) -> tuple[cj.Solution, float, float]:
+    """A solve; seconds of a processor for its program, and of the second call."""
+
+    def solve(end):
+        return jax.block_until_ready(cj.simulate(mechanism, end, rtol=RTOL, max_steps=10_000_000))
+
+    settings: Any = jax.config
+    cached = settings.jax_enable_compilation_cache
+    settings.update("jax_enable_compilation_cache", False)
+    compilation_cache.reset_cache()
+    jax.clear_caches()
+    first = time.process_time()
+    solve(1e-7)  # a step or two: where it ends is no part of the program
+    first = time.process_time() - first
+    settings.update("jax_enable_compilation_cache", cached)
+    compilation_cache.reset_cache()
+    clock = time.perf_counter()
+    solution = solve(end)
+    clock = time.perf_counter() - clock
+    return solution, first, clock
+
+
+def arms(end: float) -> None:
+    rows = []
+    cases = (("tool changer", tool_changer()), ("arm, axis 5", arm("5")), ("arm, all six axes", arm("123456")))
+    for name, mechanism in cases:
+        solution, program, again = solved(mechanism, end)
+        free = len(mechanism.free_coordinates())
+        steps = int(solution.steps), int(solution.rejected)
+        residual = f"{float(solution.energy_residual):.1e}"
+        rows.append((name, free, f"{program:.0f}", f"{again:.2f}", *steps, f"{1e6 * again / sum(steps):.0f}", residual))
+    head = ("scene", "free coordinates", "program [CPU s]", "solve [s]", "steps", "rejected", "us a try", "residual")
+    table(head, rows, output("play_in_space_arms.md"))
+    say(f"Span {end} s, rtol {RTOL}, with energy books.")
+    interpreter = os.environ.get("PINOCCHIO_PYTHON")
+    if not interpreter:
+        say("MuJoCo is left out: name an interpreter that has `mujoco` by PINOCCHIO_PYTHON.")
+        return
+    text = (SCENES / "six_axes.urdf").read_text(encoding="utf-8")
+    given = json.dumps({"urdf": text, "step": 1e-4, "steps": round(end / 1e-4), "q": [0.0, 0.35, -0.7]})
+    ended = subprocess.run([interpreter, str(WORKER)], input=given, capture_output=True, text=True, check=False)
+    if ended.returncode:
+        raise RuntimeError(f"{interpreter} could not step the arm: {ended.stderr[-2000:]}")
+    found = json.loads(ended.stdout)
+    beside = f"{found['program']} steps the ideal arm ({found['joints']} coordinates) over {end} s at 1e-4 s"
+    say(f"{beside} in {found['seconds']:.4f} s; ours, with play in axis 5, takes {rows[1][3]} s.")
+
+
+def to_zero(axes: str, halvings: int) -> None:
+    """The end's distance from the ideal arm's as all clearances shrink."""
+    end, loose, names = 0.02, arm(axes), [f"axis_{axis}" for axis in axes]
+    times, known, rows = np.linspace(0.0, end, 81), [], []
+    ideal = np.asarray(cj.simulate(loose.ideal(), end, save_at=times, rtol=1e-9)["tcp.position"])
+    given = cj.parameters(loose)
+    for k in range(halvings + 1):
+        scale, numbers = 0.5**k, {}
+        for name in names:
+            numbers[f"{name}.radial_clearance"] = scale * SLEEVE["radial"]
+            numbers[f"{name}.axial_clearance"] = scale * SLEEVE["axial"]
+            for part in ("pin", "sleeve"):
+                modulus = f"{name}.normal.stiffness.{part}_modulus"
+                numbers[modulus] = STIFFER * scale**-1.5 * given[modulus].value
+        solution = cj.simulate(cj.replace(loose, numbers), end, save_at=times, rtol=RTOL, max_steps=10_000_000)
+        off = np.linalg.norm(np.asarray(solution["tcp.position"]) - ideal, axis=-1).max()
+        order = f"{np.log2(known[-1] / off):.2f}" if known else ""
+        known.append(off)
+        rows.append((f"1/{2**k}", f"{1e6 * off:.2f}", order, int(solution.steps), int(solution.rejected)))
+    table(("clearances times", "end off [um]", "order", "steps", "rejected"), rows, output("play_in_space_zero.md"))
+
+
+def stations(counts: tuple[int, ...], best: int) -> None:
+    """How the motion converges with the number of stations."""
+    mechanism, rows, end = tool_changer(), [], 0.1
+    clearance: Any = mechanism.joint("joint5")
+
+    def at_end(count: int):
+        changed = dataclasses.replace(clearance.clearance, stations=count)
+        solution = cj.simulate(mechanism.with_clearance("joint5", changed), end, rtol=1e-8)
+        return np.asarray(solution["end.position"]), np.asarray(solution["joint5.play_y"]), int(solution.steps)
+
+    known = at_end(best)
+    for count in counts:
+        place, play, steps = at_end(count)
+        off = np.linalg.norm(place - known[0])
+        rows.append((count, f"{1e6 * off:.4f}", f"{1e6 * abs(float(play - known[1])):.4f}", steps))
+    table(("stations", "end off [um]", "pin off [um]", "steps"), rows, output("play_in_space_stations.md"))
+
+
+def ladder(end: float) -> None:
+    """The tool changer's error against its tolerance, and its derivatives against differences."""
+    mechanism, rows = tool_changer(), []
+    sizes = np.array([float(c.play) for c in mechanism.free_coordinates() if c.play is not None])
+
+    def solution(rtol: float, **numbers) -> cj.Solution:
+        return cj.simulate(cj.replace(mechanism, numbers), end, rtol=rtol)
+
+    best = np.asarray(solution(1e-12).final)[: len(sizes)]
+    for rtol in (1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10):
+        now = solution(rtol)
+        error = np.max(np.abs(np.asarray(now.final)[: len(sizes)] - best) / sizes)
+        rows.append((f"{rtol:.0e}", f"{error:.1e}", f"{float(now.energy_residual):.1e}", int(now.steps)))
+    table(("rtol", "error over its play", "energy residual", "steps"), rows, output("play_in_space_ladder.md"))
+
+    names = ("joint5.radial_clearance", "joint5.axial_clearance", "joint5.friction.coefficient", "cutter.mass")
+    values = {name: jnp.asarray(cj.parameters(mechanism)[name].value) for name in (*names, "grip.at_parent.y")}
+    found = jax.jacfwd(lambda numbers: solution(1e-9, **numbers).final[: len(sizes)])(values)
+    rows = []
+    for name, value in values.items():
+
+        def ended(x, name=name):
+            return np.asarray(solution(1e-12, **{name: x}).final)[: len(sizes)]
+
+        step = 1e-4 * value
+        far, near = ((ended(value + h) - ended(value - h)) / (2 * h) for h in (step, step / 2))
+        exact = (4 * near - far) / 3
+        off = np.max(np.abs(np.asarray(found[name]) - exact)) / np.max(np.abs(exact))
+        rows.append((name, f"{np.max(np.abs(exact)):.3g}", f"{off:.1e}"))
+    table(("by", "largest derivative", "off by, relative to it"), rows, output("play_in_space_derivatives.md"))
+
+
+def main(quick: bool = False) -> None:
+    """Write the tables."""
+    fields()
+    if quick:
+        return
+    ladder(0.1)
+    arms(0.5)
+    to_zero("123456", 4)
+    stations((2, 4, 8, 16), 32)
+
+
+if __name__ == "__main__":
+    command(main, __doc__, quick="the fields alone")

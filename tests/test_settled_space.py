@@ -1,0 +1,295 @@
+"""A start at the wall in space: equilibria by hand, the reactions of the ideal joints, motions, derivatives."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import clearance_jax as cj
+from clearance_jax import laws
+from clearance_jax.dynamics.field import slope
+from clearance_jax.dynamics.quantities import evaluated
+from clearance_jax.dynamics.reactions import joint_reactions
+from clearance_jax.joints import Load, posed, relative_at, seat
+from clearance_jax.joints.sleeve import lobatto
+from clearance_jax.mechanism.state import layout
+from clearance_jax.solve.flow import initial_state
+
+RADIAL, AXIAL, RADIUS, LENGTH, STIFFNESS = 1e-4, 5e-5, 0.01, 0.04, 1e12
+SCALES = [RADIAL, RADIAL, AXIAL, 2 * RADIAL / LENGTH, 2 * RADIAL / LENGTH]
+
+
+def sleeve(pin="through", normal=None, friction=None, axial=AXIAL):
+    normal = laws.Hertz(STIFFNESS) if normal is None else normal
+    return cj.SleeveClearance(RADIAL, RADIUS, LENGTH, normal, friction, axial_clearance=axial, pin=pin)
+
+
+def triple(vector):
+    return tuple(jnp.asarray(x, float) for x in vector)
+
+
+@jax.jit
+def seated(clearance, force, moment):
+    start = jnp.zeros(len(clearance.joint.play()))
+    return seat(clearance, Load(triple(force), triple(moment)), start)
+
+
+def pressed(joint, force, moment=(0.0, 0.0, 0.0)) -> np.ndarray:
+    """The play at rest under what the sleeve exerts on the pin, which the contact does exert there."""
+    clearance = joint.prepared()
+    play = joint.play()
+    found, presses, left = seated(clearance, jnp.asarray(force), jnp.asarray(moment))
+    assert bool(presses)
+    assert float(left) < 1e-6
+    action, axes = clearance.act(relative_at(play, found), ()), posed(play, found).axes
+    asked = Load(triple(force), triple(moment)).along(play, axes)
+    size = np.array([float(one.scale) for one in play])
+    error = size * (Load(action.force, action.torque).along(play, axes) - asked)
+    # But for a pin's edges, which press along a tilted pin: what that gives axially nothing bears.
+    assert np.abs(error).max() < 1e-3 * np.abs(size * asked).max()
+    return np.asarray(found)
+
+
+def depth(force):
+    """Of the whole law."""
+    return (force / STIFFNESS) ** (2 / 3)
+
+
+@pytest.mark.parametrize("pin", ["through", "inside"])
+def test_a_force_through_the_middle_presses_all_stations_alike(pin):
+    found = pressed(sleeve(pin), (-30.0, 40.0, 0.0))
+    expected = (RADIAL + depth(50.0)) * np.array([0.6, -0.8])
+    np.testing.assert_allclose(found[:2], expected, rtol=1e-12)
+    # No load along the axis: in the middle, as it was.
+    np.testing.assert_allclose(found[2:] / SCALES[2:], 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("pin", ["through", "inside"])
+def test_a_force_at_a_lever_beyond_the_sleeve_bears_on_both_edges(pin):
+    """N1 - N2 = F and (N1 + N2) L / 2 = F a; the tilt is 2 c / L, and what the edges give way."""
+    force, lever = 20.0, 0.1
+    x, y, tilt_x, tilt_y = pressed(sleeve(pin, axial=None), (-force, 0.0, 0.0), (0.0, -force * lever, 0.0))
+    share = lobatto(8)[1][0]
+    near, far = (depth(force * (lever / LENGTH + side) / share) for side in (0.5, -0.5))
+    assert tilt_y > 2 * RADIAL / LENGTH
+    assert np.tan(tilt_y) * LENGTH - 2 * RADIAL == pytest.approx(near + far, rel=1e-3)
+    # Nearer to the load the pin lies on the one side, beyond the middle on the other.
+    assert x == pytest.approx((near - far) / 2, rel=1e-3)
+    np.testing.assert_allclose([y / RADIAL, tilt_x / SCALES[3]], 0.0, atol=1e-9)
+
+
+def test_faces_balls_and_blocks_are_pressed_as_deep_as_they_bear():
+    along = pressed(sleeve(), (0.0, 0.0, 7.0))
+    np.testing.assert_allclose(along / SCALES, [0, 0, -1 - depth(7.0) / AXIAL, 0, 0], rtol=1e-12, atol=1e-9)
+    ball = cj.SphericalClearance(RADIAL, RADIUS, laws.Hertz(STIFFNESS))
+    np.testing.assert_allclose(
+        pressed(ball, (2.0, -1.0, 2.0)), (RADIAL + depth(3.0)) * np.array([-2, 1, -2]) / 3, rtol=1e-12
+    )
+    # Two corners of a block bear where its side lies flat (four of one in space); a moment turns it from wall to wall.
+    flat = cj.GuideClearance(1e-3, 0.1, 0.05, laws.Hertz(STIFFNESS))
+    np.testing.assert_allclose(pressed(flat, (8.0, 0.0, 0.0)), [-1e-3 - depth(4.0), 0.0], rtol=1e-9, atol=1e-9)
+    turned = pressed(flat, (0.0, 0.0, 0.0), (0.0, 0.4, 0.0))
+    # At the corner: half the length times the sine, half the height times the cosine.
+    sine, cosine = np.sin(turned[1]), np.cos(turned[1])
+    reach = 0.05 * abs(sine) + 0.025 * cosine - 0.025
+    assert turned[1] < 0
+    assert reach == pytest.approx(1e-3 + depth(0.4 / (0.1 * cosine - 0.05 * abs(sine))), rel=1e-9)
+    box = cj.GuideClearance(1e-3, 0.1, 0.05, laws.Hertz(STIFFNESS), width=0.06)
+    aside = pressed(box, (8.0, 0.0, 0.0))
+    np.testing.assert_allclose(aside / [1e-3, 1e-3, 0.02, 0.02, 0.03], [-1 - depth(2.0) / 1e-3, 0, 0, 0, 0], atol=1e-9)
+
+
+def test_loads_of_all_sizes_and_directions_find_their_place():
+    """From grams to tons, through the middle or far from it: `pressed` checks each against the contact's own wrench."""
+    rng = np.random.default_rng(2)
+    for joint in (sleeve("through"), sleeve("inside", laws.AdamsImpact(1e11, 1.0, 1e-5))):
+        for _ in range(40):
+            size, lever = 10 ** rng.uniform(-2, 4), 10 ** rng.uniform(-4, -1)
+            force = size * rng.normal(size=3)
+            pressed(joint, force, size * lever * rng.normal(size=3))
+
+
+def test_what_nothing_presses_is_said_to_be_free():
+    place, presses, left = seated(sleeve().prepared(), jnp.zeros(3), jnp.asarray([0.0, 0.0, 5.0]))
+    assert not bool(presses)
+    np.testing.assert_array_equal(place, 0.0)
+    assert float(left) == 0
+
+
+def test_a_search_that_finds_no_rest_says_so():
+    """700 kN at a lever of 0.7 m on a block so soft that it turns over: its walls cannot hold that."""
+    box = cj.GuideClearance(1e-3, 0.1, 0.05, laws.Hertz(1e9), width=0.06).prepared()
+    lost = seated(box, jnp.asarray([7e5, 0.0, 0.0]), jnp.asarray([0.0, 4.9e5, 0.0]))
+    assert float(lost.left) > 0.1
+    # A hundredth of it is held.
+    assert float(seated(box, jnp.asarray([7e3, 0.0, 0.0]), jnp.asarray([0.0, 4.9e3, 0.0])).left) < 1e-9
+
+
+def test_a_start_that_cannot_be_settled_is_refused():
+    """A block that hangs 0.7 m beside its soft guide: 1 kg is held, of 2 t nothing is, and under 7 t it turns on from
+    round to round.
+    """
+    box = cj.GuideClearance(1e-3, 0.1, 0.05, laws.HuntCrossley(1e7, 0.0, 1.0), width=0.06)
+    body = cj.Body("block", 1.0, cj.Inertia(9.0, 9.0, 9.0), cj.Position(y=0.7))
+    slide = cj.Prismatic("guide", "ground", "block", axis="z", motion=cj.Motion(cj.Constant(0.0)), clearance=box)
+    light = cj.Mechanism((body,), (slide,), gravity=cj.Gravity(x=-9.81))
+    assert bool(cj.simulate(light, 1e-6, start="settled").succeeded)
+    for mass in (2e3, 7e3):
+        heavy = cj.replace(light, {"block.mass": mass})
+        with pytest.raises(cj.ClearanceError, match=r"cannot be settled: at t = 0 s joint `guide` finds no rest"):
+            cj.simulate(heavy, 1e-6, start="settled")
+        assert "or settled" in cj.simulate(heavy, 1e-6, start="settled", throw=False).message
+
+
+def arm(clearance, drive=None, **changed) -> cj.Mechanism:
+    """An arm on a level pin, its centre of mass beside the sleeve."""
+    body = cj.Body("arm", 2.0, cj.Inertia(2e-3, 0.03, 0.03), cj.Position(0.2, 0.02))
+    motion = cj.Motion(cj.Harmonic(0.35, 30.0) if drive is None else drive)
+    hip = cj.Revolute("hip", "ground", "arm", motion=motion, clearance=clearance, axis="y")
+    gravity = cj.Gravity(**({"x": 1.0, "y": 2.0, "z": -9.81} | changed))
+    return cj.Mechanism((body,), (hip,), points=(cj.Point("tip", "arm", cj.Position(0.4)),), gravity=gravity)
+
+
+SOFT = laws.HuntCrossley(1e9, 0.5)
+
+
+def accelerations(mechanism, time, y):
+    prepared = mechanism.prepared()
+    return jax.jit(lambda y: slope(jnp.asarray(time), y, prepared)[layout(mechanism).v])(y)
+
+
+def test_an_arm_starts_at_rest_where_its_weight_presses_it():
+    """Still, of a law with memory and friction with bristles: all forces balance, and what bears is said to touch."""
+    law, friction = laws.exact_restitution(1e9, 0.7), laws.LuGre(0.4, 0.3, 1e-3, 1e5, 1e-2, 0.0)
+    m = arm(sleeve(normal=law, friction=friction), cj.Constant(0.0))
+    y = initial_state(m.prepared(), jnp.zeros(()), "settled")
+    np.testing.assert_allclose(accelerations(m, 0.0, y), 0.0, atol=1e-9)
+    np.testing.assert_allclose(y[5:10], 0.0, atol=1e-12)
+    plan, (joint,) = layout(m), m.prepared().clearance_joints()
+    points = joint.clearance.joint.points(relative_at(joint.joint.play(), y[:5]))
+    touching = [float(y[plan.index("hip", f"touching_{i + 1}")]) for i in range(16)]
+    np.testing.assert_array_equal(touching, points.penetration > 0)
+    assert 0 < sum(touching) < 16
+
+
+@pytest.mark.slow
+def test_a_moving_arm_rides_along_the_walls_and_has_derivatives():
+    m, now = arm(sleeve(normal=SOFT)), jnp.asarray(0.02)
+
+    def begin(time, radial):
+        return initial_state(cj.replace(m, {"hip.radial_clearance": radial}).prepared(), time, "settled")
+
+    start = jax.jit(begin)
+    y = start(now, RADIAL)
+    # What starts a moment later has gone on from what starts now, with the speed that this has.
+    later, before = (start(now + h, RADIAL) for h in (1e-6, -1e-6))
+    np.testing.assert_allclose((later - before)[:5] / 2e-6, y[5:10], rtol=1e-6, atol=1e-9)
+    # What is left accelerates as riding pins do, and not as ones that fall.
+    fallen = accelerations(m, now, initial_state(m.prepared(), now))
+    assert np.abs(accelerations(m, now, y)[:3]).max() < 1e-3 * np.abs(fallen[:3]).max()
+    found = jax.jit(jax.jacfwd(begin, 1))(now, RADIAL)
+    step = 1e-4 * RADIAL
+    difference = (start(now, RADIAL + step) - start(now, RADIAL - step)) / (2 * step)
+    np.testing.assert_allclose(found, difference, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.slow
+def test_a_pin_that_starts_at_its_wall_hits_nothing():
+    """It bears from the first instant what it bears a moment later; one that falls hits twice as hard."""
+    m = arm(sleeve(normal=SOFT), cj.StepSum([0.0], [0.5], [0.35]))
+    prepared, forces = m.prepared(), {}
+    for word in ("centre", "settled"):
+        y = initial_state(prepared, jnp.zeros(()), word)
+        s = cj.simulate(m, 0.03, y0=y, save_at=301, rtol=1e-7)
+        forces[word] = np.asarray(s["hip.contact_force"])
+        assert float(s.energy_residual) < 1e-6
+    settled = forces["settled"]
+    np.testing.assert_allclose(settled, settled[0], rtol=1e-2)
+    assert forces["centre"][0] == 0
+    assert forces["centre"].max() > 2 * settled.max()
+
+
+@pytest.mark.slow
+def test_the_tool_changer_starts_settled():
+    m, zero = cj.load("experiments/scenes/tool_changer.toml"), jnp.zeros(())
+    y = initial_state(m.prepared(), zero, "settled")
+    left, fallen = (accelerations(m, 0.0, state) for state in (y, initial_state(m.prepared(), zero)))
+    assert np.abs(left[:3]).max() < 1e-2 * np.abs(fallen[:3]).max()
+    reaction = joint_reactions(m, zero, jnp.zeros(0))["joint5"]
+    # The moment of what hangs 20 mm beside the arm, 300 kg of 400: under weight and the start of the motion.
+    at = y[:5] / np.array([1e-4, 1e-4, 1e-4, 2e-4 / 0.06, 2e-4 / 0.06])
+    assert float(reaction.on_pin[1]) > 6000
+    assert at[1] < -1
+    assert float(reaction.turning[0]) * float(at[3]) < 0
+
+
+def test_a_loop_settles_as_the_tree_does():
+    """A plate that carries an arm on a sleeve: by the sleeve's own coordinates, or by those of a floating body."""
+    tree = arm(sleeve(normal=SOFT))
+    motor = cj.Revolute("motor", "ground", "plate", axis="x", motion=cj.Motion(cj.StepSum([0.0], [0.1], [0.35])))
+    hip = cj.Revolute("hip", "plate", "arm", clearance=sleeve(normal=SOFT))
+    bodies = (cj.Body("plate"), *tree.bodies)
+    one = cj.Mechanism(bodies, (motor, hip), points=tree.points, gravity=tree.gravity)
+    other = cj.Mechanism(
+        bodies, (motor, cj.Free("float", "ground", "arm")), (hip,), points=tree.points, gravity=tree.gravity
+    )
+    found = []
+    for m in (one, other):
+        prepared = m.prepared()
+        y = initial_state(prepared, jnp.zeros(()), "settled")
+        found.append([evaluated(word, jnp.zeros(()), y, prepared)[0] for word in ("position", "velocity")])
+    # By how much the arm turns about its pin as it tilts is free: of second order in the tilt, and so the load.
+    tilt = abs(float(found[0][0][2])) / 0.4
+    assert 1e-3 < tilt < 1e-2
+    for ours, theirs in zip(*found, strict=True):
+        np.testing.assert_allclose(ours[2], theirs[2], rtol=tilt)
+    np.testing.assert_allclose(found[0][0], found[1][0], rtol=0, atol=0.4 * tilt**2)
+
+
+@pytest.mark.slow
+def test_a_robot_settles_with_play_in_all_its_joints():
+    """Thirty coordinates of play: what is left accelerates a thousand times less than what falls."""
+    robot = cj.load_urdf("experiments/scenes/six_axes.urdf", end_effector="tcp")
+    moves = {f"axis_{i}": cj.Quintic([0.0, 0.5, 1.0], [0.0, 0.1 * i, 0.0]) for i in range(1, 7)}
+    loose = robot.driven(moves | {"finger_left": cj.Constant(0.02), "finger_right": cj.Constant(0.02)})
+    for name in moves:
+        loose = loose.with_clearance(name, radial=5e-5, axial=1e-4, length=0.04, diameter=0.03)
+    now = jnp.asarray(0.1)
+    left, fallen = (
+        np.abs(accelerations(loose, now, initial_state(loose.prepared(), now, word)).reshape(6, 5)[:, :3]).max()
+        for word in ("settled", "centre")
+    )
+    assert left < 1e-3 * fallen
+
+
+def test_blocks_and_balls_settle_too():
+    """A block under an eccentric weight in a plane guide, and a ball that swings: the forces are those by hand."""
+    guide = cj.GuideClearance(1e-4, 0.1, 0.05, SOFT)
+    slide = cj.Prismatic("guide", "ground", "block", motion=cj.Motion(velocity=0.5), clearance=guide)
+    block = cj.Mechanism((cj.Body("block", 1.0, 2e-3, cj.Position(0.08)),), (slide,), gravity=cj.Gravity(y=-9.81))
+    y = initial_state(block.prepared(), jnp.zeros(()), "settled")
+    np.testing.assert_allclose(accelerations(block, 0.0, y), 0.0, atol=1e-6)
+    # Closing a loop it settles there too, of a block that floats.
+    float_ = cj.Planar("float", "ground", "block", slide_x=cj.Motion(velocity=0.5))
+    loop = cj.Mechanism(
+        block.bodies, (float_,), (cj.Prismatic("guide", "ground", "block", clearance=guide),), gravity=block.gravity
+    )
+    np.testing.assert_allclose(initial_state(loop.prepared(), jnp.zeros(()), "settled"), y, atol=1e-9)
+    # Two corners on opposite walls: N1 - N2 = m g, and the moment is m g 80 mm over a length of 100 mm.
+    joint = block.prepared().clearance_joints()[0]
+    points = joint.clearance.joint.points(relative_at(joint.joint.play(), y[1:3]))
+    borne = 1e9 * np.maximum(np.asarray(points.penetration), 0) ** 1.5
+    np.testing.assert_allclose(np.sort(borne), [0, 0, 9.81 * 0.3, 9.81 * 1.3], rtol=1e-2, atol=1e-6)
+    spin = cj.Ball(spin=cj.Spin(y=2.0))
+    ball = cj.Spherical("hip", "ground", "arm", motion=spin, clearance=cj.SphericalClearance(RADIAL, RADIUS, SOFT))
+    swing = cj.Mechanism(
+        (cj.Body("arm", 1.0, cj.Inertia(2e-3, 2e-3, 2e-3), cj.Position(0.3)),), (ball,), gravity=cj.Gravity(z=-9.81)
+    )
+    y, plan = initial_state(swing.prepared(), jnp.zeros(()), "settled"), layout(swing)
+    assert np.abs(accelerations(swing, 0.0, y)[:3]).max() < 1e-3
+    # Of a pendulum that lies level: m g I / (I + m l^2) upwards, m l w^2 inwards.
+    up, inward = 9.81 * 2e-3 / (2e-3 + 0.09), 0.3 * 4.0
+    np.testing.assert_allclose(
+        y[:3] / np.linalg.norm(y[:3]), -np.array([-inward, 0, up]) / np.hypot(up, inward), atol=1e-3
+    )
+    np.testing.assert_allclose(y[plan.v][3:], [0, 2, 0], atol=1e-12)

@@ -1,0 +1,85 @@
+"""A sweep on several worker processes, one of which is killed while it works."""
+
+import importlib
+import os
+import signal
+from collections import Counter
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+from distributed import Client, LocalCluster
+from sweeping import SCENE, same, small_regions, swept
+
+import clearance_jax as cj
+from clearance_jax.sweep.journal import Journal
+
+
+@pytest.fixture(autouse=True)
+def _small(monkeypatch):
+    small_regions(monkeypatch)
+    monkeypatch.setattr(importlib.import_module("clearance_jax.sweep.cluster"), "PATIENCE", "1s")
+
+
+def times_written(path):
+    """How often each region is in a store's journal."""
+    return Counter(r["region"] for r in Journal(path / "journal.jsonl").read() if r["event"] == "region")
+
+
+@pytest.mark.slow
+def test_a_worker_dies_and_nothing_is_lost_or_twice(tmp_path):
+    """Nor is anything solved again that it had solved; and what it takes is said before."""
+    path, plans, killed = tmp_path / "a.zarr", [], []
+    with LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as made:
+        cluster: Any = made
+        with Client(cluster) as client:
+
+            def kill_one(progress):
+                if not killed:
+                    workers: Any = client.run(os.getpid)
+                    killed.append(next(iter(workers.values())))
+                    os.kill(killed[0], signal.SIGKILL)
+
+            found = swept(path, cluster=client, plan=plans.append, progress=kill_one)
+            assert plans[0].place.startswith("2 workers")
+            assert plans[0].seconds > 0
+        # By the scheduler's address, nothing is left to do.
+        seen = []
+        swept(path, cluster=cluster.scheduler_address, resume=True, progress=seen.append)
+    assert killed
+    assert times_written(path) == dict.fromkeys(range(8), 1)
+    assert seen == []
+    same(found, swept())
+    assert {one.name for one in path.iterdir() if one.is_file()} == {"journal.jsonl", "writer.lock", "zarr.json"}
+
+
+@pytest.mark.slow
+def test_workers_here_run_failed_lanes_again(tmp_path):
+    """As this process would."""
+    path, axes = tmp_path / "a.zarr", {"wrist.radial_clearance": np.linspace(1e-4, 5e-4, 128)}
+
+    def run(**options):
+        return cj.sweep(cj.load(SCENE), axes, {"end": "piston.position"}, 5e-4, rtol=1e-6, max_steps=82, **options)
+
+    def both(**options):
+        return run(cores=1, again={"max_steps": 88}, **options)
+
+    expected = both()
+    assert 0 < expected.attrs["failed"] < np.sum(expected["again"])
+    found = both(store=path, cluster="local")
+    same(found, expected)
+    assert found.attrs["failed"] == expected.attrs["failed"]
+    assert times_written(path) == {0: 2, 1: 2}
+    xr.testing.assert_identical(found, both(store=path, resume=True).load())
+    assert times_written(path) == {0: 2, 1: 2}
+
+
+def test_what_is_no_cluster_is_said(tmp_path):
+    with pytest.raises(cj.ClearanceError, match=r"No scheduler answers at `tcp://127.0.0.1:1`"):
+        swept(tmp_path / "a.zarr", cluster="tcp://127.0.0.1:1")
+    with pytest.raises(cj.ClearanceError, match="give a `store` that all of them reach"):
+        swept(cluster="tcp://127.0.0.1:1")
+    with pytest.raises(cj.ClearanceError, match="`cluster` must be an address or a dask client, but it is 3"):
+        swept(tmp_path / "a.zarr", cluster=3)
+    assert list(tmp_path.iterdir()) == []

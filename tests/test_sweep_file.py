@@ -1,0 +1,189 @@
+"""Sweep files, and the command `clearance sweep`."""
+
+import importlib
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+from typer.testing import CliRunner
+
+import clearance_jax as cj
+from clearance_jax.cli.main import app
+from clearance_jax.io import sweep_keys
+from clearance_jax.io.keys import example
+from clearance_jax.io.sweep_file import load_sweep
+
+ROOT = Path(__file__).parents[1]
+SCENE = ROOT / "experiments/scenes/slider_crank.toml"
+
+
+def lines(values: dict[str, str]) -> str:
+    return "".join(f"{name} = {value}\n" for name, value in values.items())
+
+
+def inline(values: dict[str, str]) -> str:
+    return "{ " + ", ".join(f"{name} = {value}" for name, value in values.items()) + " }"
+
+
+AXIS = '[axis."wrist.radial_clearance"]\n' + lines(example(sweep_keys.AXIS_TABLES["range"]))
+OUTPUT = "[output.peak]\n" + lines(example(sweep_keys.OUTPUT_TABLES["peak"], "body", "joint"))
+
+
+SECTION = '[output.section]\nmetric = "poincare-section"\nquantities = ["guide.velocty"]\n'
+SENSITIVITY = (
+    '[axis.part]\nkind = "sensitivity"\nsamples = 64\n'
+    'scatter = { "slider.mass" = { law = "normal", mean = "0.14 kg", deviation = "1 g" } }\n'
+)
+
+
+def load(tmp_path, top="", axis=AXIS, output=OUTPUT, rest="") -> dict[str, Any]:
+    path = tmp_path / "sweep.toml"
+    path.write_text(f'scene = "{SCENE}"\n{top}{axis}{output}{rest}')
+    return load_sweep(path).arguments
+
+
+def test_examples_of_the_top_are_read(tmp_path):
+    parts = ("scene", "solve", "again", "set", "axis", "output")
+    top = lines(example(sweep_keys.SWEEP, *parts))
+    rest = "".join(
+        f"[{name}]\n{lines(example(table))}"
+        for name, table in {"solve": sweep_keys.SOLVE, "again": sweep_keys.AGAIN}.items()
+    )
+    rest += '[set]\n"slider.mass" = "0.2 kg"\n'
+    read = load(tmp_path, top, rest=rest)
+    assert (read["t1"], read["times"], read["wrt"]) == (0.012, 101, ("wrist.radial_clearance",))
+    assert read["again"] == {"rtol": 1e-8, "solver": "dopri8", "max_steps": 100000}
+    assert float(read["mechanism"].bodies[2].mass) == pytest.approx(0.2)
+    np.testing.assert_allclose(read["axes"]["wrist.radial_clearance"], np.geomspace(1e-4, 5e-4, 200))
+    # What is said nowhere is the scene's.
+    assert (load(tmp_path)["t1"], load(tmp_path)["rtol"]) == (0.024, 1e-8)
+
+
+@pytest.mark.parametrize("word", sweep_keys.AXIS_TABLES)
+def test_examples_of_axes_are_read(word, tmp_path):
+    (tmp_path / "rough.toml").write_text(SCENE.read_text())
+    name = {"values": "wrist.radial_clearance", "range": "wrist.radial_clearance"}.get(word, "mine")
+    values = example(sweep_keys.AXIS_TABLES[word])
+    if word in ("sampled", "sensitivity"):
+        both = {
+            name: inline(example(sweep_keys.SCATTER_TABLES["normal"])) for name in ('"slider.mass"', '"conrod.mass"')
+        }
+        values["scatter"] = inline(both)
+    given = load(tmp_path, axis=f'[axis."{name}"]\n{lines(values)}')["axes"][name]
+    kinds = {
+        "zipped": cj.Zipped,
+        "sampled": cj.Sampled,
+        "sensitivity": cj.Zipped,
+        "scenes": cj.Choice,
+        "range": np.ndarray,
+        "values": list,
+    }
+    assert isinstance(given, kinds[word])
+    if word == "sampled":
+        assert given.correlation == {("slider.mass", "conrod.mass"): 0.5}
+        assert (given.count, given.method, given.seed) == (1024, "random", 1)
+    if word == "sensitivity":
+        assert len(given.values["slider.mass"]) == 256 * 4
+
+
+@pytest.mark.parametrize("word", sweep_keys.SCATTER_TABLES)
+def test_examples_of_scatter_are_read(word, tmp_path):
+    law = inline(example(sweep_keys.SCATTER_TABLES[word]))
+    axis = f'[axis.part]\nkind = "sampled"\ncount = 16\nscatter = {{ "slider.mass" = {law} }}\n'
+    drawn = load(tmp_path, axis=axis)["axes"]["part"].draw()["slider.mass"]
+    assert 0.13 < drawn.min() < drawn.max() < 0.15
+
+
+@pytest.mark.parametrize("word", sweep_keys.OUTPUT_TABLES)
+def test_examples_of_outputs_are_read(word, tmp_path):
+    values = example(sweep_keys.OUTPUT_TABLES[word], "body", "joint", "speed")
+    values |= {"joint": '"wrist"'} if word == "impacts" else {}
+    found = load(tmp_path, output="[output.x]\n" + lines(values))["outputs"]["x"]
+    assert found == "piston.position" if word == "quantity" else isinstance(found, cj.AbstractMetric)
+
+
+@pytest.mark.parametrize(
+    ("parts", "words"),
+    [
+        ({"axis": ""}, "lacks the key `axis`"),
+        ({"axis": '[axis."wrist.gap"]\nkind = "values"\nvalues = ["1 mm"]\n'}, "no parameter `wrist.gap`"),
+        ({"axis": '[axis."wrist.radial_clearance"]\nkind = "values"\nvalues = ["1 kg"]\n'}, "must be in m or a unit"),
+        ({"axis": AXIS.replace('"range"', '"line"')}, "must be one of the allowed words"),
+        ({"axis": AXIS.replace('"0.1 mm"', '"0 mm"')}, "equal ratios need"),
+        ({"output": OUTPUT.replace('"piston"', '"pistn"')}, "no point 'pistn'"),
+        ({"top": "lanes = 4\n"}, "lanes is not a known key"),
+        ({"axis": '[axis."wrist.radial_clearance"]\nkind = "values"\nvalues = []\n'}, "must be a list such as"),
+        (
+            {"output": SECTION + 'period = "12 ms"\nspeed = "drive.main.speed"\n'},
+            "one of the keys `period` and `speed`",
+        ),
+        ({"output": SECTION}, "one of the keys `period` and `speed`"),
+        ({"output": SECTION + 'speed = "drive.main.sped"\n'}, "no parameter `drive.main.sped`"),
+        ({"output": SECTION + 'period = "12 ms"\ncount = 3\n'}, "no quantity `guide.velocty`"),
+        ({"output": SECTION.replace("poincare-section", "poincare")}, "Did you mean `poincare-section`"),
+        ({"axis": SENSITIVITY.replace("64", "100")}, "must be a power of two"),
+    ],
+)
+def test_what_a_sweep_file_cannot_say(parts, words, tmp_path):
+    with pytest.raises(cj.ClearanceError, match=words):
+        cj.sweep(**load(tmp_path, **parts))
+
+
+def test_the_command_writes_a_store_that_can_grow(tmp_path):
+    path, store = tmp_path / "sweep.toml", tmp_path / "out.zarr"
+    text = f"""
+scene = "{SCENE}"
+t1 = "0.5 ms"
+solve = {{ rtol = 1e-6, max_steps = 82 }}
+output.end = {{ metric = "quantity", of = "guide.velocity" }}
+axis."wrist.radial_clearance" = {{ kind = "values", values = ["0.1 mm", "0.2 mm", "0.4 mm", "0.5 mm"] }}
+"""
+    assert tomllib.loads(text)
+
+    def run(*arguments, said=text):
+        path.write_text(said)
+        return CliRunner().invoke(app, ["sweep", str(path), "-o", str(store), "--cores", "1", *arguments])
+
+    pictures = tmp_path / "pictures"
+    pictures.write_text("a file")
+    assert "it is a file" in str(run("--plot", str(pictures)).exception)
+    assert not store.exists()
+    pictures.unlink()
+    first = run("--plot", str(pictures))
+    assert first.exit_code == 0, first.output
+    assert {path.name for path in pictures.iterdir()} == {"end_over_wrist.radial_clearance.png"}
+    assert "4 lanes in 1 regions, 1 programs, on 1 cores" in first.output
+    assert "4 lanes, 2 failed: 2 the largest number of steps was reached" in first.output
+    assert "exists already" in str(run().exception)
+    grown = run("--resume", said=text.replace('"0.5 mm"]', '"0.5 mm", "0.55 mm"]'))
+    assert "5 lanes, 2 failed" in grown.output
+    found = xr.open_zarr(store)
+    assert found.attrs["sweep"] == path.read_text()
+    assert found["wrist.radial_clearance"].attrs["units"] == "m"
+    assert int(found["code"].isnull().sum()) == 0
+    drawn = CliRunner().invoke(app, ["plot", str(store)])
+    assert drawn.exit_code == 0, drawn.output
+    assert (tmp_path / "out_pictures" / "end_over_wrist.radial_clearance.png").exists()
+    assert "no motion is in it" in str(CliRunner().invoke(app, ["plot", str(store), "--play"]).exception)
+    assert "as a store of a sweep" in str(CliRunner().invoke(app, ["plot", str(tmp_path)]).exception)
+
+
+def test_what_cannot_be_done_is_said_before_anything_is(tmp_path, monkeypatch):
+    """A grid that no disk holds, and a scheduler that does not answer; no store is begun."""
+    path = tmp_path / "sweep.toml"
+
+    def said(count: int, *arguments: str) -> str:
+        second = AXIS.replace("wrist.radial_clearance", "drive.main.speed").replace('"0.1 mm"', '"400 rad/s"')
+        second = second.replace('"0.5 mm"', '"500 rad/s"').replace("200", str(count))
+        path.write_text(f'scene = "{SCENE}"\n{AXIS.replace("200", str(count))}{second}{OUTPUT}')
+        error = CliRunner().invoke(app, ["sweep", str(path), *arguments]).exception
+        assert isinstance(error, cj.ClearanceError)
+        assert not path.with_suffix(".zarr").exists()
+        return str(error)
+
+    monkeypatch.setattr(importlib.import_module("clearance_jax.sweep.cluster"), "PATIENCE", "1s")
+    assert "may take" in said(1_000_000)
+    assert "No scheduler answers at `tcp://127.0.0.1:9`" in said(2, "--cluster", "tcp://127.0.0.1:9")

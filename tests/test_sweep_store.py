@@ -1,0 +1,345 @@
+"""A sweep's store: whoever dies, writes beside it, fills the disk or damages it, it goes on, to the same answers."""
+
+import contextlib
+import os
+import resource
+import signal
+import stat
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import sweeping
+import xarray as xr
+from sweeping import CLEARANCES, SPEEDS, same, swept
+
+import clearance_jax as cj
+from clearance_jax.sweep.journal import Journal
+from clearance_jax.sweep.store import StoreWarning
+
+LANES = 512
+STORE = sys.modules["clearance_jax.sweep.store"]
+
+
+@pytest.fixture(autouse=True)
+def _small(monkeypatch):
+    sweeping.small_regions(monkeypatch)
+
+
+@pytest.fixture(scope="module")
+def whole():
+    """The answers in memory."""
+    return swept()
+
+
+def regions_of(path):
+    """The regions of a store's journal, as they were written."""
+    return [record["region"] for record in Journal(path / "journal.jsonl").read() if record["event"] == "region"]
+
+
+def stopped(path, done, **options):
+    """A sweep into a store, stopped once so many lanes are done."""
+
+    def stop(progress):
+        if progress.done >= done:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        swept(path, progress=stop, **options)
+
+
+def lanes_kept(path):
+    """Lanes of a store's journal, and of its regions under way."""
+    found = STORE.Regions(path)
+    written = set(regions_of(path))
+    return sum(map(found.partition.size, written)), sum(
+        found.underway.count(region) for region in found.underway.regions() if region not in written
+    )
+
+
+def test_a_store_holds_the_same(tmp_path, whole):
+    plans, seen = [], []
+    found = swept(tmp_path / "a.zarr", plan=plans.append, progress=seen.append, provenance={"scene": "a text"})
+    same(found, whole)
+    assert found.attrs["scene"] == "a text"
+    (plan,) = plans
+    assert (plan.lanes, plan.known, plan.regions, plan.programs) == (512, 0, 8, 1)
+    assert plan.seconds is not None
+    assert plan.disk == 512 * (1 + 4 + 4 + 1 + 8 + 16)
+    assert "512 lanes in 8 regions, 1 programs" in str(plan)
+    assert (seen[-1].done, seen[-1].failed, seen[-1].left) == (512, 0, 0.0)
+    # Whoever has only xarray reads it, and sees its units.
+    plain = xr.open_zarr(tmp_path / "a.zarr")
+    assert plain["peak"].attrs["units"] == "m"
+    assert plain["peak"].encoding["chunks"] == (4, 16)
+
+
+def test_resuming_runs_only_what_is_missing(tmp_path, whole):
+    path, calls = tmp_path / "a.zarr", []
+
+    def interrupt(progress):
+        if progress.done >= 200:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        swept(path, progress=interrupt)
+    part = xr.open_zarr(path)
+    assert (part["code"].values == -1).sum() == 512 - 192
+    assert np.isnan(part["peak"].values).sum() == 512 - 192
+    same(swept(path, resume=True, progress=calls.append), whole)
+    assert min(call.done for call in calls) > 192
+    lines = [line["region"] for line in Journal(path / "journal.jsonl").read() if line["event"] == "region"]
+    assert sorted(lines) == list(range(8))
+
+
+def test_widening_runs_only_what_is_new(tmp_path, whole):
+    path = tmp_path / "a.zarr"
+    swept(path, clearances=CLEARANCES[::2])
+    seen = []
+    same(swept(path, resume=True, progress=seen.append), whole)
+    assert max(p.new for p in seen) <= 256
+    assert [p.name for p in tmp_path.iterdir()] == ["a.zarr"]
+
+
+def test_another_question_is_refused_in_words(tmp_path):
+    path = tmp_path / "a.zarr"
+    swept(path)
+    with pytest.raises(cj.ClearanceError, match=r"exists already\. Go on with it by `resume`"):
+        swept(path)
+    with pytest.raises(cj.ClearanceError, match=r"another question: `t1` is 0\.0006 here and 0\.0005 in the store"):
+        swept(path, resume=True, t1=6e-4)
+    with pytest.raises(cj.ClearanceError, match=r"`axis drive.main.speed` is .*15 from .* here and .*16 from"):
+        swept(path, resume=True, speeds=SPEEDS[:15])
+    with pytest.raises(cj.ClearanceError, match="is no store of a sweep"):
+        swept(tmp_path, resume=True)
+
+
+def test_killed_at_random_moments(tmp_path, whole, monkeypatch):
+    """Nothing that was said to be done is lost, nothing is there twice; the answer of one that nobody killed. While it
+    lives nobody else writes.
+    """
+    sweeping.small_regions(monkeypatch, LANES // 2)
+    path, random = tmp_path / "a.zarr", np.random.default_rng(1)
+    command = [sys.executable, sweeping.__file__, str(path), str(LANES // 2)]
+    for _ in range(2):
+        with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+            assert process.stdout is not None
+            assert process.stdin is not None
+            assert process.stdout.readline() == "ready\n"
+            done = 0
+            for _ in range(3):
+                done = int(process.stdout.readline())
+                process.stdin.write("\n")
+                process.stdin.flush()
+            time.sleep(random.uniform(0.0, 0.02))
+            process.send_signal(signal.SIGSTOP)
+            with pytest.raises(cj.ClearanceError, match=f"is being written by process {process.pid} on "):
+                swept(path, resume=True)
+            process.send_signal(signal.SIGKILL)
+        assert sum(lanes_kept(path)) >= done
+    assert lanes_kept(path)[1] > 0
+    kept, seen = sum(lanes_kept(path)), []
+    same(swept(path, resume=True, progress=seen.append), whole)
+    assert min(p.done for p in seen) > kept
+    assert sorted(regions_of(path)) == [0, 1]
+
+
+# Under way -----------------------------------------------------------------------------------------------------------
+
+
+def test_what_is_under_way_is_not_solved_again(tmp_path, whole, monkeypatch):
+    """Stopped within a region; what was torn then, or damaged since, is solved again, the rest is not."""
+    sweeping.small_regions(monkeypatch, LANES)
+    path, seen = tmp_path / "a.zarr", []
+    stopped(path, 300)
+    assert lanes_kept(path) == (0, 320)
+    (file,) = (path / "underway").iterdir()
+    file.write_bytes(file.read_bytes()[:-1])
+    stopped(path, 400, resume=True)
+    assert lanes_kept(path) == (0, 448)
+    (later,) = set((path / "underway").iterdir()) - {file}
+    data = bytearray(later.read_bytes())
+    data[30] ^= 1
+    later.write_bytes(bytes(data))
+    assert lanes_kept(path) == (0, 256)
+    same(swept(path, resume=True, progress=seen.append), whole)
+    assert {p.done for p in seen} == {320, 384, 448, 512}
+    assert not (path / "underway").exists()
+
+
+def test_a_pilots_lanes_are_kept(tmp_path, whole):
+    path, plans = tmp_path / "a.zarr", []
+
+    def stop(plan):
+        plans.append(plan)
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        swept(path, plan=stop)
+    assert plans[0].seconds > 0
+    assert lanes_kept(path) == (0, 64)
+    same(swept(path, resume=True), whole)
+
+
+def test_widening_takes_over_what_was_under_way(tmp_path, whole, monkeypatch):
+    sweeping.small_regions(monkeypatch, LANES)
+    path, seen = tmp_path / "a.zarr", []
+    stopped(path, 100, clearances=CLEARANCES[::2])
+    same(swept(path, resume=True, progress=seen.append), whole)
+    # The first chunk starts the clock.
+    assert max(p.new for p in seen) == LANES - 128 - 64
+
+
+# Damage --------------------------------------------------------------------------------------------------------------
+
+
+def test_a_damaged_chunk_is_said_and_computed_again(tmp_path, whole):
+    path = tmp_path / "a.zarr"
+    swept(path)
+    chunk = path / "peak/c/3/0"
+    data = bytearray(chunk.read_bytes())
+    data[len(data) // 2] ^= 1
+    chunk.write_bytes(bytes(data))
+    (path / "end/c/5/0/0").unlink()
+    # Whole, but of another region.
+    (path / "steps/c/6/0").write_bytes((path / "steps/c/7/0").read_bytes())
+    with pytest.raises(ValueError, match="checksum"):
+        xr.open_zarr(path)["peak"].load()
+    with pytest.warns(StoreWarning, match=r"3 of its regions are damaged \(3, 5, 6\); they are computed again"):
+        found = swept(path, resume=True)
+    same(found, whole)
+
+
+def test_a_damaged_coordinate_is_mended(tmp_path, whole):
+    path = tmp_path / "a.zarr"
+    swept(path)
+    chunk = path / "drive.main.speed/c/0"
+    chunk.write_bytes(chunk.read_bytes()[:-1])
+    with pytest.raises(cj.ClearanceError, match=r"`drive.main.speed` of .* is damaged\. Go on with the axes"):
+        swept(path, resume=True, speeds=np.append(SPEEDS, 600.0))
+    (path / "wrist.radial_clearance/c/0").unlink()
+    with pytest.warns(StoreWarning, match="the coordinate .* is damaged; it is mended"):
+        found = swept(path, resume=True)
+    same(found, whole)
+
+
+def test_a_damaged_journal_costs_its_line(tmp_path, whole):
+    path = tmp_path / "a.zarr"
+    swept(path)
+    lines = (path / "journal.jsonl").read_bytes().splitlines(keepends=True)
+    lines[3] = b"\0" * (len(lines[3]) - 1) + b"\n"
+    (path / "journal.jsonl").write_bytes(b"".join(lines))
+    seen = []
+    same(swept(path, resume=True, progress=seen.append), whole)
+    assert {p.done for p in seen} == {LANES}
+    assert sorted(regions_of(path)) == list(range(8))
+    (path / "zarr.json").write_text("{")
+    with pytest.raises(cj.ClearanceError, match="is no store of a sweep"):
+        swept(path, resume=True)
+
+
+# Disks ---------------------------------------------------------------------------------------------------------------
+
+
+@contextlib.contextmanager
+def no_longer_than(size):
+    """The system refuses longer files."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.mark.parametrize("done", [100, LANES])
+def test_no_more_room(tmp_path, whole, monkeypatch, done):
+    """For what is under way; for a chunk of the region."""
+    sweeping.small_regions(monkeypatch, LANES)
+    path, seen = tmp_path / "a.zarr", []
+    stopped(path, done)
+    before = lanes_kept(path)
+    (file,) = (path / "underway").iterdir()
+    room = 3000 if done == LANES else file.stat().st_size + 100
+    with no_longer_than(room), pytest.raises(cj.ClearanceError, match=r"Cannot write region 0.*make room, and go on"):
+        swept(path, resume=True)
+    kept = lanes_kept(path)
+    assert before[1] <= kept[1] < LANES + (done == LANES)
+    assert kept[0] == 0
+    same(swept(path, resume=True, progress=seen.append), whole)
+    assert min(p.done for p in seen) >= kept[1]
+
+
+def test_a_journal_without_room_is_as_before(tmp_path):
+    journal = Journal(tmp_path / "j")
+    journal.add(a=1)
+    with no_longer_than(12), pytest.raises(OSError, match="No space left"):
+        journal.add(a=2)
+    assert (tmp_path / "j").read_text() == '{"a":1}\n'
+    journal.add(a=3)
+    assert Journal(tmp_path / "j").read() == [{"a": 1}, {"a": 3}]
+
+
+def test_a_disk_full_while_a_region_is_written(tmp_path, monkeypatch, whole):
+    put, calls, path = STORE.put, [], tmp_path / "a.zarr"
+
+    def full(*args):
+        calls.append(args)
+        if len(calls) == 4:
+            raise OSError(28, "No space left on device")
+        put(*args)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(STORE, "put", full)
+        with pytest.raises(cj.ClearanceError, match=r"Cannot write region 3 of .*No space left.*go on with `resume`"):
+            swept(path)
+    assert lanes_kept(path) == (192, 64)
+    same(swept(path, resume=True), whole)
+
+
+@contextlib.contextmanager
+def somebody():
+    """As one whom the system may refuse to write: not as root."""
+    root = os.geteuid() == 0
+    if root:
+        os.seteuid(65534)
+    try:
+        yield
+    finally:
+        if root:
+            os.seteuid(0)
+
+
+def allow(path, writable):
+    """Everybody to read what is at a path; to write it or not."""
+    for one in (path, *path.rglob("*")):
+        own = stat.S_IXUSR | stat.S_IXGRP | stat.S_IXOTH if one.is_dir() else 0
+        one.chmod((0o666 if writable else 0o444) | own)
+
+
+def test_where_nothing_can_be_written(whole):
+    with tempfile.TemporaryDirectory() as name:  # not below a folder that is one user's
+        folder, path = Path(name), Path(name) / "a.zarr"
+        stopped(path, 100)
+        allow(folder, writable=False)
+        with somebody():
+            with pytest.raises(cj.ClearanceError, match=r"Cannot write .*Permission denied\. Choose another path"):
+                swept(path, resume=True)
+            with pytest.raises(cj.ClearanceError, match=r"Cannot write .*Permission denied\. Choose another path"):
+                swept(folder / "b.zarr")
+            assert int((xr.open_zarr(path)["code"] == 0).sum()) == 64
+        allow(folder, writable=True)
+        allow(path / "peak", writable=False)
+        said = r"Cannot write region 1 of .*Permission denied.*see to that, and go on"
+        with somebody(), pytest.raises(cj.ClearanceError, match=said):
+            swept(path, resume=True)
+        allow(folder, writable=True)
+        same(swept(path, resume=True), whole)
+    with pytest.raises(cj.ClearanceError, match="Cannot write"):
+        swept("/proc/a.zarr")
+
+

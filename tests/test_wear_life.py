@@ -1,0 +1,270 @@
+"""Cycle jumps against closed forms and against every cycle; resuming; life."""
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scipy.stats
+
+import clearance_jax as cj
+from clearance_jax import design, laws, wear
+from clearance_jax.errors import ClearanceError
+from clearance_jax.joints import worn_sleeve
+from clearance_jax.laws import Geometry
+from clearance_jax.report import wear_figures
+from clearance_jax.wear import Contacts, Sleeve
+
+SHAPE = np.cos(np.linspace(-1, 1, 20))
+RATE, SLOWS = 1e-9, 2e-6
+
+
+def slowing(depth, _):
+    """dh/dN = a s / (1 + h / h0): h + h^2 / (2 h0) = a s N."""
+    return RATE * SHAPE / (1 + depth / SLOWS)
+
+
+def exact(cycles):
+    return SLOWS * (np.sqrt(1 + 2 * RATE * SHAPE * cycles / SLOWS) - 1)
+
+
+def test_jumps_follow_the_closed_form_and_their_error_the_tolerance():
+    errors, work = [], []
+    for tolerance in (1e-1, 1e-2, 1e-3):
+        found = wear.march(slowing, np.zeros(20), 100_000, tolerance=tolerance)
+        assert found.cycles[-1] == 100_000
+        errors.append(np.max(np.abs(found.depth[-1] / exact(100_000) - 1)))
+        work.append(found.evaluations)
+    assert errors[-1] < 1e-3
+    assert errors[-1] < 0.1 * errors[0]
+    assert work[-1] < 300
+    every = wear.march(slowing, np.zeros(20), 301, longest=1)
+    assert every.evaluations == 301
+    one = np.zeros(20)
+    for n in range(301):
+        one = one + slowing(one, n)
+    assert np.allclose(every.depth[-1], one, rtol=1e-12)
+
+
+def test_life_ends_where_the_criterion_is_reached():
+    limit = 5e-6
+    found = wear.march(slowing, np.zeros(20), 10**6, tolerance=1e-4, until=lambda depth: np.max(depth) - limit)
+    assert found.end == pytest.approx((limit + limit**2 / (2 * SLOWS)) / (RATE * SHAPE.max()), rel=1e-3)
+    assert found.cycles[-2] < found.end <= found.cycles[-1]
+
+
+def test_a_march_that_was_killed_goes_on_to_the_same_answer(tmp_path):
+    whole = wear.march(slowing, np.zeros(20), 100_000)
+    rng, calls = np.random.default_rng(0), [0]
+
+    def dying(depth, after):
+        calls[0] -= 1
+        if calls[0] == 0:
+            raise KeyboardInterrupt
+        return slowing(depth, after)
+
+    found = None
+    while found is None:
+        calls[0] = int(rng.integers(2, 9))
+        try:
+            found = wear.march(dying, np.zeros(20), 100_000, journal=tmp_path / "journal")
+        except KeyboardInterrupt:
+            continue
+    assert np.array_equal(found.depth, whole.depth)
+    assert np.array_equal(found.cycles, whole.cycles)
+    with pytest.raises(ClearanceError, match="the journal of another wear"):
+        wear.march(slowing, np.zeros(20), 5000, journal=tmp_path / "journal")
+
+
+def test_what_cannot_wear():
+    assert np.all(wear.march(lambda depth, _: 0 * depth, np.zeros(20), 10**6).depth == 0)
+    with pytest.raises(ClearanceError, match="must be at least 0"):
+        wear.march(lambda depth, _: depth - np.nan, np.zeros(20), 10)
+
+
+def test_jumps_agree_with_every_cycle_of_a_pin_that_swings():
+    """A load that swings to and fro over a sleeve that wears by several times its elastic penetration."""
+    sectors, cycles, force, length = 90, 2000, 3000.0, 0.05
+    geometry = Geometry(*map(jnp.asarray, (25e-3, 25.1e-3, 1e-4, length)))
+    sleeve = Sleeve(geometry, jnp.zeros(1), jnp.asarray([length]))
+    angle = 0.3 * jnp.sin(2 * jnp.pi * (jnp.arange(12) + 0.5) / 12)[:, None]
+    ones = jnp.ones((12, 1))
+    seen = Contacts(ones[:, 0], ones[:, 0] / 12, force * ones, angle, 5e-3 * ones, 0 * ones, jnp.zeros((12, 1, 2)))
+    law, pressure = wear.Archard(2e-13), wear.Foundation(2e13)
+
+    def rate(depth, _):
+        return wear.worn(seen, sleeve, law, pressure, depth=jnp.asarray(depth)).depth[0]
+
+    every = wear.march(rate, np.zeros(sectors), cycles, longest=1)
+    jumped = wear.march(rate, np.zeros(sectors), cycles, tolerance=3e-3)
+    deepest = every.depth[-1].max()
+    assert deepest > 1e-6
+    assert np.max(np.abs(jumped.depth[-1] - every.depth[-1])) < 1e-3 * deepest
+    assert jumped.evaluations <= cycles / 20
+
+
+def test_a_joint_wears_over_its_life():
+    """A pin that turns under its weight, V = k F s a cycle and more; and its clearance grows where it bears."""
+    play = cj.RevoluteClearance(1e-4, 25e-3, laws.HuntCrossley(1e10, 50.0), length=0.05)
+    mechanism = cj.Mechanism(
+        bodies=(cj.Body("disc", 20.0, 0.1),),
+        joints=(cj.Revolute("pin", "ground", "disc", motion=cj.Motion(cj.ConstantSpeed(3.0)), clearance=play),),
+        gravity=cj.Gravity(y=-9.81),
+    )
+    k, cycles = 1e-13, 4000
+    found = wear.life(
+        mechanism, "pin", wear.Archard(k), wear.Foundation(2e13), 0.05, cycles, start="settled", tolerance=0.1
+    )
+    volume = np.sum(found.depth[-1]) * 2 * np.pi / 360 * 25.1e-3 * 0.05
+    flat = k * 196.2 * 25e-3 * 3.0 * 0.05 * cycles
+    assert flat < volume < 1.05 * flat
+    assert found.depth[-1].argmax() == pytest.approx(270, abs=1)
+    assert found.evaluations < cycles / 20
+
+
+# Derivatives ---------------------------------------------------------------------------------------------------------
+
+
+def test_derivatives_of_the_depths_follow_the_closed_form():
+    """Of h + h^2 / (2 h0) = a s N by a and h0; rows below the profile, marched as it is."""
+
+    def rate(stack, after):
+        depth, by_rate, by_slows = stack
+        f = slowing(depth, after)
+        along = -f / (SLOWS + depth)
+        explicit = f * depth / SLOWS / (SLOWS + depth)
+        return np.stack([f, f / RATE + along * by_rate, explicit + along * by_slows])
+
+    found = wear.march(rate, np.zeros((3, 20)), 100_000, tolerance=1e-3)
+    h = exact(100_000)
+    assert found.slopes is not None
+    assert np.allclose(found.depth[-1], h, rtol=1e-3)
+    assert np.allclose(found.slopes[-1, 0], SHAPE * 1e5 / (1 + h / SLOWS), rtol=1e-3)
+    assert np.allclose(found.slopes[-1, 1], h**2 / (2 * SLOWS**2) / (1 + h / SLOWS), rtol=2e-3)
+
+
+def turning(k=1e-13, play=1e-4, friction=None):
+    clearance = cj.RevoluteClearance(play, 25e-3, laws.HuntCrossley(1e10, 50.0), friction, length=0.05)
+    mechanism = cj.Mechanism(
+        bodies=(cj.Body("disc", 20.0, 0.1),),
+        joints=(cj.Revolute("pin", "ground", "disc", motion=cj.Motion(cj.ConstantSpeed(3.0)), clearance=clearance),),
+        gravity=cj.Gravity(y=-9.81),
+        points=(cj.Point("axis", "disc"),),
+    )
+    return mechanism, wear.Archard(k), wear.Uniform(0.2)
+
+
+def test_life_and_its_derivatives_of_a_pin_that_turns_under_its_weight():
+    """A uniform patch of fixed width wears at k F v / (2 a R B) for ever: life = 2 a R B h / (k F v T)."""
+    mechanism, law, pressure = turning()
+    names = ("wear.coefficient", "gravity.y", "pressure.spread", "pin.radial_clearance")
+    asked = {"sectors": 90, "start": "settled", "tolerance": 1e-3, "by": names}
+    found = wear.life(mechanism, "pin", law, pressure, 0.05, 10_000, until=wear.Deepest(1e-6), **asked)
+    reach = 25e-3 - (196.2 / 1e10) ** (2 / 3)
+    life = 2 * 0.2 * 25.1e-3 * 0.05 * 1e-6 / (1e-13 * 196.2 * 3.0 * reach * 0.05)
+    assert found.end == pytest.approx(life, rel=1e-5)
+    assert found.by["wear.coefficient"] == pytest.approx(-life / 1e-13, rel=1e-4)
+    assert found.by["gravity.y"] == pytest.approx(life / 9.81, rel=1e-3)
+    assert found.by["pressure.spread"] == pytest.approx(life / 0.2, rel=1e-3)
+    assert found.by["pin.radial_clearance"] == pytest.approx(life / 25.1e-3, rel=1e-3)
+    assert "d life / d wear.coefficient" in str(found)
+
+
+def test_a_limit_that_holds_while_the_joint_wears():
+    """The pin sinks by clearance and wear: the largest clearance c after N cycles is the bound less both."""
+    mechanism, law, pressure = turning()
+    depth = 1e-13 * 196.2 * 3.0 * 25e-3 * 0.05 * 2000 / (2 * 0.2 * 25.1e-3 * 0.05)
+    sunk = cj.metrics.Peak(cj.metrics.PositionError("axis"), since=0.04)
+    aged = wear.AfterWear(sunk, joint="pin", wear=law, pressure=pressure, cycle=0.05, cycles=(0, 2000))
+    bound = 1e-4 + depth
+    problem = design.ToleranceProblem(
+        mechanism,
+        0.05,
+        {"pin.radial_clearance": (2e-5, 4e-4)},
+        [design.Limit(aged, bound)],
+        start="settled",
+        rtol=1e-7,
+    )
+    answer = problem.solve(most=8)
+    penetration = (196.2 / 1e10) ** (2 / 3)
+    assert answer.feasible
+    assert answer.clearances["pin.radial_clearance"] == pytest.approx(1e-4 - penetration, abs=0.03 * depth)
+    assert "after 2000 cycles of wear" in answer.active[0]
+    values, slopes = aged.of(mechanism, {}, 0.05, ("pin.radial_clearance", "wear.coefficient"), start="settled")
+    assert values.shape == (2,)
+    assert slopes[:, 0] == pytest.approx(1, rel=2e-2)
+    assert slopes[:, 1] == pytest.approx([0, depth / 1e-13], rel=3e-2)
+
+
+def test_lives_that_end_at_once_or_never():
+    mechanism, law, pressure = turning()
+    play: Any = getattr(mechanism.joint("pin"), "clearance", None)
+    still = {"sectors": 90, "start": "settled"}
+    none = wear.life(mechanism, "pin", wear.Archard(0.0), pressure, 0.05, 10**6, until=wear.Deepest(1e-6), **still)
+    assert none.end is None
+    assert "nothing worn off" in str(none)
+    apart = wear.life(mechanism, "pin", law, pressure, 1e-4, 100, sectors=90)
+    assert apart.depth.max() == 0
+    worn = mechanism.with_clearance("pin", worn_sleeve(play, jnp.full(90, 3e-6)))
+    assert wear.life(worn, "pin", law, pressure, 0.05, 10, until=wear.Deepest(2e-6), start="settled").end == 0
+    with pytest.raises(ClearanceError, match="Check the unit of the law's coefficient"):
+        wear.life(mechanism, "pin", wear.Archard(1e-6), pressure, 0.05, 10, **still)
+    with pytest.raises(ClearanceError, match="There is no parameter `wear"):
+        wear.life(mechanism, "pin", law, pressure, 0.05, 10, by=("wear.coeficient",))
+    # Deeper than the clearance, and on from there.
+    pocket = 3e-4 * np.maximum(-np.sin(2 * np.pi * np.arange(90) / 90), 0.0) ** 4
+    sleeve = worn_sleeve(play, jnp.asarray(pocket))
+    worn = mechanism.with_clearance("pin", sleeve)
+    deep = wear.life(worn, "pin", law, wear.Foundation(2e12), 0.05, 20, tolerance=0.1, start="settled")
+    volume = np.sum(deep.depth[-1] - pocket) * 2 * np.pi / 90 * 25.1e-3 * 0.05
+    # Walls that lean press with more than their part of the force.
+    assert volume > 1e-13 * 196.2 * 25e-3 * 3.0 * 0.05 * 20
+    assert np.all(deep.depth[-1] >= pocket)
+
+
+# Many lives ----------------------------------------------------------------------------------------------------------
+
+
+def test_lives_over_numbers_are_their_closed_forms(tmp_path):
+    """Life = 2 a R B h / (k F v T) (R: of the sleeve, pin and play), of coefficients that scatter and of plays."""
+    mechanism, law, pressure = turning()
+    given = mechanism, "pin", law, pressure, 0.05, 30_000
+    asked: Any = {"until": wear.Deepest(1e-6), "sectors": 90, "start": "settled"}
+    coefficients = cj.Sampled({"wear.coefficient": cj.LogNormal(1e-13, 5e-14)}, 8)
+    found = wear.lives(*given, coefficients, journal=tmp_path / "lives", **asked)
+    again = wear.lives(*given, coefficients, journal=tmp_path / "lives", **asked)
+    np.testing.assert_array_equal(found.end, again.end)
+    drawn = coefficients.draw()["wear.coefficient"]
+    reach = 25e-3 - (196.2 / 1e10) ** (2 / 3)
+    np.testing.assert_allclose(found.end, 2 * 0.2 * 25.1e-3 * 1e-6 / (drawn * 196.2 * 3.0 * reach), rtol=1e-4)
+    assert found.interval(0.0) == found.end.min()
+    assert found.interval(0.25) == np.sort(found.end)[2]
+    with pytest.raises(ClearanceError, match="keeps another life"):
+        wear.lives(*given, {"wear.coefficient": [2e-13]}, journal=tmp_path / "lives", **asked)
+    plays = {"pin.radial_clearance": np.array([1e-4, 4e-4])}
+    told: list[float] = []
+    chosen = wear.lives(*given, plays, progress=told.append, **asked)
+    assert told == [0.5, 1.0]
+    assert chosen.end[1] / chosen.end[0] == pytest.approx(25.4 / 25.1, rel=1e-4)
+    assert "2 lives over pin.radial_clearance 100 um to 400 um: 2 ended within 30000 cycles" in str(chosen)
+    axis = wear_figures.intervals(chosen.to_dataset(), "pin.radial_clearance").axes[0]
+    drawn = np.asarray(axis.lines[0].get_xydata())
+    np.testing.assert_allclose(drawn, np.stack([[100, 400], chosen.end], 1), rtol=1e-12)
+    assert axis.get_xlabel() == "pin.radial_clearance, µm"
+
+
+def test_failures_are_shares_of_the_samples():
+    """Of ten lives three have ended: bands are those of binomial shares, and what is left is not known to fail."""
+    end = np.array([3e3, np.inf, 1e3, np.inf, 2e3, np.inf, np.inf, np.inf, np.inf, np.inf])
+    lives = wear.Lives({"k": np.arange(10.0)}, end, 5000, 0, {"k": ""})
+    found = lives.failures(0.9)
+    assert found.cycles.tolist() == [0, 1e3, 2e3, 3e3]
+    np.testing.assert_allclose(found.probability, [0, 0.1, 0.2, 0.3])
+    for failed, low, high in zip(range(4), found.low, found.high, strict=True):
+        expected = scipy.stats.binomtest(failed, 10).proportion_ci(0.9)
+        np.testing.assert_allclose([low, high], expected, rtol=1e-9, atol=1e-15)
+    assert [lives.interval(share) for share in (0.0, 0.1, 0.29, 0.3)] == [1e3, 2e3, 3e3, np.inf]
+    axis = wear_figures.failures(found).axes[0]
+    np.testing.assert_allclose(np.asarray(axis.lines[0].get_ydata()), found.probability)
+    with pytest.raises(ClearanceError, match="share that may fail"):
+        lives.interval(1.0)
