@@ -122,13 +122,13 @@ def chain_of(mechanism: Mechanism, point: str, joints: Sequence[str] | None) -> 
         if name not in known:
             raise ClearanceError(f"There is no coordinate `{name}` to move. " + suggest(name, known))
     if joints is None:
-        resting = [joint for joint in own if any(c.is_ball for c in joint.coordinates())]
+        resting = [joint for joint in own if any(c.is_ball for c in joint.own_coordinates())]
         found = drivable([joint for joint in own if joint not in resting])
         joints = [name for name, c in found.items() if not ideal.closures() or not c.motion.is_free]
     bodies = tuple(Body(one.name) for one in ideal.bodies)
     free = dataclasses.replace(ideal.released(joints), bodies=bodies, springs=(), gravity=NO_GRAVITY)
     free = dataclasses.replace(free, wrenches=(), controllers=())
-    passive = {c.name for joint in free.joints if joint.name in looped for c in joint.coordinates()}
+    passive = {c.name for joint in free.joints if joint.name in looped for c in joint.own_coordinates()}
     sought = [i for p in parts(free) if p.coordinate.name in {*joints, *passive} for i in range(p.v.start, p.v.stop)]
     if not joints:
         raise ClearanceError(f"No joint that a drive may prescribe moves point `{point}`. Name some in `joints`.")

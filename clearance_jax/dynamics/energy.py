@@ -84,7 +84,7 @@ def prescribed_owners(mechanism: Mechanism) -> dict[str, tuple[str, ...]]:
     """Names of the prescribed coordinates that move each body, in order from the ground."""
     owners: dict[str, tuple[str, ...]] = {GROUND: ()}
     for joint in mechanism.joints:
-        own = tuple(c.name for c in joint.coordinates() if not c.motion.is_free)
+        own = tuple(c.name for c in joint.own_coordinates() if not c.motion.is_free)
         owners[joint.child] = owners[joint.parent] + own
     return owners
 

@@ -40,7 +40,7 @@ def own_motions(mechanism: Mechanism, time: Scalar, values: Values) -> dict[str,
     several = []
     for joint in joints:
         # Of a coordinate only how it moves: joints are alike whatever their coordinates are called and driven by.
-        coordinates = joint.joint.sleeve_coordinates()
+        coordinates = joint.joint.own_coordinates()
         several.append(tuple((c.slides, c.turns, given(c, time, values)._replace(index=-1)) for c in coordinates))
     found = [_own_motion(*one) for one in several] if mechanism.is_plane else side_by_side(_own_motion, several)
     return {joint.name: at for joint, at in zip(joints, found, strict=True)}

@@ -32,7 +32,7 @@ from clearance_jax.mechanism.tree import (
     place_key,
 )
 from clearance_jax.parameters import Parametrised, described, flattened, physical
-from clearance_jax.spatial import UNIT, X, Y, Z, quaternion_of
+from clearance_jax.spatial import UNIT, Vector, X, Y, Z, quaternion_of
 
 
 class Slide(Motion, Parametrised):
@@ -124,7 +124,7 @@ class Spherical(AbstractPlayed):
     clearance: AbstractClearance | PreparedClearance | None = flattened(default=None)
     eccentricity: Position = ORIGIN
 
-    def sleeve_coordinates(self):
+    def own_coordinates(self):
         return (*self.play_coordinates(), Coordinate(self.name, self.motion))
 
     def hold(self):
@@ -178,7 +178,7 @@ class Cylindrical(AbstractPlayed):
     def sleeve(self):
         return along(self.axis)
 
-    def sleeve_coordinates(self):
+    def own_coordinates(self):
         return (
             *self.play_coordinates(),
             Coordinate(f"{self.name}.slide", self.slide, slides=Z),
@@ -207,11 +207,16 @@ class Planar(AbstractJoint):
     axis: Axis = axis_key("normal of the plane, an axis of its frame", "z")
 
     def coordinates(self):
-        first, second = self.axis.across
+        return self._about(*self.axis.across, self.axis.vector)
+
+    def own_coordinates(self):
+        return self._about(*UNIT)
+
+    def _about(self, first: Vector, second: Vector, normal: Vector) -> tuple[Coordinate, ...]:
         return (
             Coordinate(f"{self.name}.slide_x", self.slide_x, slides=first),
             Coordinate(f"{self.name}.slide_y", self.slide_y, slides=second),
-            Coordinate(f"{self.name}.turn", self.turn, turns=self.axis.vector),
+            Coordinate(f"{self.name}.turn", self.turn, turns=normal),
         )
 
     def hold(self):

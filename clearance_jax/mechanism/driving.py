@@ -13,12 +13,12 @@ def drivable(joints: Iterable[AbstractJoint]) -> dict[str, Coordinate]:
     """The coordinates of joints of the tree that a drive may prescribe, by name: all but play, and what turns freely in
     space.
     """
-    return {c.name: c for joint in joints for c in joint.coordinates() if _field(joint, c) is not None}
+    return {c.name: c for joint in joints for c in joint.own_coordinates() if _field(joint, c) is not None}
 
 
 def with_motions(joint: AbstractJoint, change: Callable[[Coordinate], Motion]) -> AbstractJoint:
     """The joint with other motions of its coordinates (but of play, and of what turns freely in space)."""
-    fields = ((_field(joint, coordinate), coordinate) for coordinate in joint.coordinates())
+    fields = ((_field(joint, coordinate), coordinate) for coordinate in joint.own_coordinates())
     changed = {field: change(c) for field, c in fields if field is not None}
     changed = {field: motion for field, motion in changed.items() if motion is not getattr(joint, field)}
     return dataclasses.replace(joint, **changed) if changed else joint

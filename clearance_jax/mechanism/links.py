@@ -54,7 +54,7 @@ def order(joints: tuple[AbstractJoint, ...]) -> Order:
     carriers, coordinates, parents = {GROUND: -1}, [], []
     for joint in joints:
         at = carriers[joint.parent]
-        for coordinate in joint.coordinates():
+        for coordinate in joint.own_coordinates():
             coordinates.append(coordinate)
             parents.append(at)
             at = len(coordinates) - 1

@@ -118,9 +118,9 @@ class Mechanism(Parametrised):
     # Structure -----------------------------------------------------------------------------------------------------
 
     def coordinates(self) -> Iterator[Coordinate]:
-        """Every elementary coordinate of the tree, in order."""
+        """Every elementary coordinate of the tree, in order, with axes of its joint's own."""
         for joint in self.joints:
-            yield from joint.coordinates()
+            yield from joint.own_coordinates()
 
     def free_coordinates(self) -> tuple[Coordinate, ...]:
         """The coordinates that are states."""
@@ -304,7 +304,7 @@ def _without_clearance(joint: AbstractJoint, values: Sequence[Term] | None) -> A
     changed: dict[str, Any] = {"at_parent": Position(x, y, joint.at_parent.z if is_zero(z) else z)}
     if pose.rotation.rows is not UNIT:
         tilt = product(joint.sleeve, product(pose.rotation.rows, transpose(joint.sleeve)))
-        if joint.coordinates()[0].play is None:  # it slides before it has play
+        if joint.own_coordinates()[0].play is None:  # it slides before it has play
             own = IDENTITY if joint.child_orientation is None else joint.child_orientation.rotation
             changed["child_orientation"] = as_prepared(product(own.rows, transpose(tilt)))
         else:

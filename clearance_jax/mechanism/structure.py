@@ -50,7 +50,7 @@ def check_loose(loops: Sequence[AbstractJoint]) -> None:
     for loop in loops:
         if not isinstance(loop, AbstractPlayed) or loop.clearance is None:
             continue
-        directions = sum(len(coordinate.velocities) for coordinate in loop.sleeve_coordinates())
+        directions = sum(len(coordinate.velocities) for coordinate in loop.own_coordinates())
         if directions < SPACE:
             raise ClearanceError(
                 f"Joint `{loop.name}` closes a loop in space, where nothing but its contacts holds it, and has no play "
@@ -81,7 +81,7 @@ def check_payloads(bodies: Sequence[Body], joints: Sequence[AbstractJoint]) -> N
                 f"`{body.name}` is a payload that comes or goes (`picked_up`, `put_down`), so joint `{carrying.name}`, "
                 "which carries it, must be fixed."
             )
-        hanging = [joint.name for joint in joints if joint.parent == body.name and joint.coordinates()]
+        hanging = [joint.name for joint in joints if joint.parent == body.name and joint.own_coordinates()]
         if hanging:
             raise ClearanceError(
                 f"`{body.name}` is a payload that comes or goes: joint `{hanging[0]}` may not move on it."

@@ -139,6 +139,10 @@ class AbstractJoint(Parametrised):
     def coordinates(self) -> tuple[Coordinate, ...]:
         """The joint's elementary coordinates, in the order in which they act."""
 
+    def own_coordinates(self) -> tuple[Coordinate, ...]:
+        """The same with axes of the joint's own: known by its structure, whatever numbers tell where it points."""
+        return self.coordinates()
+
     @abc.abstractmethod
     def hold(self) -> Hold:
         """What it forbids where it closes a loop."""
@@ -209,7 +213,7 @@ class AbstractPlayed(AbstractJoint):
     def __check_init__(self):
         if not isinstance(self.clearance, AbstractClearance):
             return
-        own = [coordinate for coordinate in self.sleeve_coordinates() if coordinate.play is None]
+        own = [coordinate for coordinate in self.own_coordinates() if coordinate.play is None]
         for play in self.clearance.play():
             slides = play.slides is not None and any(play.slides == c.slides for c in own)
             turns = play.turns is not None and any(c.is_ball or play.turns == c.turns for c in own)
@@ -227,19 +231,20 @@ class AbstractPlayed(AbstractJoint):
         return UNIT
 
     @abc.abstractmethod
-    def sleeve_coordinates(self) -> tuple[Coordinate, ...]:
+    def own_coordinates(self) -> tuple[Coordinate, ...]:
         """The joint's elementary coordinates, their axes in those of the sleeve."""
 
     def coordinates(self):
-        if self.sleeve is UNIT:
-            return self.sleeve_coordinates()
-        rows = transpose(self.sleeve)
+        sleeve = self.sleeve
+        if sleeve is UNIT:
+            return self.own_coordinates()
+        rows = transpose(sleeve)
         return tuple(
             coordinate._replace(
                 slides=None if coordinate.slides is None else _combined(coordinate.slides, rows),
                 turns=None if coordinate.turns is None else _combined(coordinate.turns, rows),
             )
-            for coordinate in self.sleeve_coordinates()
+            for coordinate in self.own_coordinates()
         )
 
     def play(self) -> tuple[PlayCoordinate, ...]:
@@ -286,7 +291,7 @@ class Revolute(AbstractPlayed):
     def units(self):
         return TURNING
 
-    def sleeve_coordinates(self):
+    def own_coordinates(self):
         return (*self.play_coordinates(), Coordinate(self.name, self.motion, turns=Z))
 
     @property
@@ -328,7 +333,7 @@ class Prismatic(AbstractPlayed):
     def units(self):
         return SLIDING
 
-    def sleeve_coordinates(self):
+    def own_coordinates(self):
         # The block's play is where the block is: it slides first.
         return (Coordinate(self.name, self.motion, slides=Z), *self.play_coordinates())
 
