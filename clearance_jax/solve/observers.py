@@ -109,11 +109,11 @@ class PeakFinder(AbstractObserver):
         return self.span / STEPS
 
     def start(self, t0, y0, problem):
-        value = jnp.asarray(self.signal(t0, motion(problem, y0), problem.mechanism), float)
         none = jnp.full(self.count, -jnp.inf)
         times, states = jnp.broadcast_to(t0, none.shape), jnp.broadcast_to(y0, (self.count, *y0.shape))
-        # As if it had been rising until t0: then a signal that falls from the start peaks there.
-        return PeakRecord(Peaks(times, none, states), t0, value, jnp.asarray(jnp.inf), y0)
+        # As if it had risen from nothing until t0: then a signal that falls from the start peaks there, and the signal
+        # need not stand in the program once more.
+        return PeakRecord(Peaks(times, none, states), t0, none[0], jnp.asarray(jnp.inf), y0)
 
     def __call__(self, record, times, ends, problem):
         (t0, t1), h, plan = times, times[1] - times[0], layout(problem.mechanism)
