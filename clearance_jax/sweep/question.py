@@ -245,7 +245,7 @@ def _settings(model: Mechanism, t1: Any, dims: Sequence[Dimension], options: Map
 
 
 def _check_wrt(model: Mechanism, wrt: Sequence[str]) -> None:
-    known = parameters(model)
+    known = parameters(model) if wrt else {}
     for name in wrt:
         leaf, entry = find(known, name)
         if entry is None and np.ndim(leaf.value):
