@@ -196,6 +196,7 @@ def _try(path: str, name: str, lanes: Lanes, cores: int) -> float:
     question, regions, _ = _opened(path, name)
     seconds, values = timed(question, lanes, cores)
     keep(regions.partition, regions.underway.add, lanes, values)
+    regions.underway.flush()  # another worker may have these regions
     return seconds / len(lanes)
 
 
