@@ -18,8 +18,8 @@ OUTPUTS = {
 
 
 def small_regions(patch=None, least=64) -> None:
-    """Regions of few lanes, so that few lanes make many regions, and chunks that do not wait to be written; for good, or
-    as long as a pytest's `patch`.
+    """Regions of few lanes, so that few lanes make many regions, and chunks that do not wait to be written; for good,
+    or as long as a pytest's `patch`.
     """
     change = setattr if patch is None else patch.setattr
     for module, name, value in (("run", "LEAST", least), ("run", "CHUNKS_A_CORE", 0), ("underway", "PATIENCE", 0.0)):
