@@ -150,8 +150,8 @@ class Regions:
             self.described = json.loads(self.root.attrs[DESCRIBED])
         except (OSError, KeyError, ValueError, TypeError) as error:
             raise ClearanceError(
-                f"`{path}` is no store of a sweep ({error!r}). Choose another path; or, where it was one, go on with the "
-                "very question that it had: that mends it."
+                f"`{path}` is no store of a sweep ({error!r}). Choose another path; or, where it was one, go on with "
+                "the very question that it had: that mends it."
             ) from None
         self.names = list(self.root.attrs[VARIABLES])
         self.journal = Journal(path / JOURNAL)
