@@ -52,16 +52,17 @@ def test_a_worker_dies_and_nothing_is_lost_or_twice(tmp_path):
                     killed.append(next(iter(workers.values())))
                     os.kill(killed[0], signal.SIGKILL)
 
-            swept(path, CLEARANCES[::2], cluster=client, plan=plans.append, progress=kill_one)
+            swept(path, cluster=client, plan=plans.append, progress=kill_one)
             assert plans[0].place.startswith("2 workers")
             assert plans[0].seconds > 0
         # By the scheduler's address, nothing is left to do.
         seen = []
-        swept(path, CLEARANCES[::2], cluster=cluster.scheduler_address, resume=True, progress=seen.append)
+        swept(path, cluster=cluster.scheduler_address, resume=True, progress=seen.append)
         assert killed
-        assert times_written(path) == dict.fromkeys(range(4), 1)
+        assert times_written(path) == dict.fromkeys(range(8), 1)
         assert seen == []
         # One worker, and another once something is done.
+        wider = np.union1d(CLEARANCES, (CLEARANCES[:16] + CLEARANCES[1:17]) / 2)
         cluster.scale(1)
         with Client(cluster) as client:
             wait_for(client, 1)
@@ -72,11 +73,11 @@ def test_a_worker_dies_and_nothing_is_lost_or_twice(tmp_path):
                     cluster.scale(2)
                     wait_for(client, 2)
 
-            found = swept(path, cluster=client, resume=True, progress=one_more)
+            found = swept(path, wider, cluster=client, resume=True, progress=one_more)
     assert max(progress.new for progress in seen) <= 256
-    assert times_written(path) == dict.fromkeys(range(8), 1)
+    assert times_written(path) == dict.fromkeys(range(12), 1)
     assert [one.name for one in tmp_path.iterdir()] == ["a.zarr"]
-    same(found, swept())
+    same(found, swept(clearances=wider))
     assert {one.name for one in path.iterdir() if one.is_file()} == {"journal.jsonl", "writer.lock", "zarr.json"}
 
 

@@ -66,8 +66,8 @@ def batch(
 
     A call from Python, not to be used inside jit, vmap or derivatives. Beside the results it keeps one chunk of
     lanes for each core. The program is compiled at the first call with a function, for all numbers of lanes above a
-    chunk's; numbers that a function holds as leaves of a tree (`jax.tree_util.Partial`, an `equinox.Module`) may change without
-    compiling again. A lane that fails has a result code and NaN, as under `jax.vmap`, and harms no other.
+    chunk's; numbers that a function holds as leaves of a tree (`jax.tree_util.Partial`, an `equinox.Module`) may change
+    without compiling again. A lane that fails has a result code and NaN, as under `jax.vmap`, and harms no other.
 
     **Arguments:**
 

@@ -31,7 +31,7 @@ LANES_ON_GPU = 65536
 
 
 def chunk_on(platform: str | None = None) -> int:
-    """How many lanes a chunk has on a platform, by JAX's name of it ("cpu", "gpu"); on this process's own by default."""
+    """How many lanes a chunk has on a platform, by JAX's name of it ("cpu", "gpu"); by default on its own."""
     return LANES_ON_GPU if (platform or jax.default_backend()) == "gpu" else LANES
 
 
