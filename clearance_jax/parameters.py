@@ -9,6 +9,7 @@ itself.
 """
 
 import dataclasses
+import functools
 import operator
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -134,9 +135,10 @@ class Leaf:
         for i, owner in enumerate(self.owners):
             if not isinstance(owner, Parametrised):
                 continue
-            words |= owner.units()
+            # By its class: to bind a method to its module takes as long as to look at the whole module.
+            words |= type(owner).units(owner)
             for member in self.owners[i + 1 :]:
-                words |= owner.units_within(member)
+                words |= type(owner).units_within(owner, member)
         return resolved_unit(self.metadata["unit"], words)
 
 
@@ -149,11 +151,10 @@ def resolved_unit(unit: str, words: Mapping[str, str]) -> str:
 
 def leaves(module: eqx.Module, path: tuple[str, ...] = (), prefix: str = "", owners: tuple = ()) -> Iterator[Leaf]:
     """Every number of `module`, with its dotted name and how to reach it."""
-    owners = (*owners, module)
-    for field in dataclasses.fields(module):
-        if field.metadata.get("static", False):
-            continue
-        value, here = getattr(module, field.name), (*path, field.name)
+    # Every lookup of a module by attribute is looked at: that would take twice as long.
+    owners, held = (*owners, module), vars(module)
+    for field in _fields(type(module)):
+        value, here = held[field.name], (*path, field.name)
         name = prefix if field.metadata.get("flattened") else f"{prefix}{field.name}."
         name = f"{field.name}.{prefix}" if field.metadata.get("leading") else name
         if "unit" in field.metadata and not isinstance(value, eqx.Module):
@@ -171,6 +172,12 @@ def leaves(module: eqx.Module, path: tuple[str, ...] = (), prefix: str = "", own
                 own = getattr(member, "name", None)
                 inner = f"{name}{index}." if own is None else f"{own}."
                 yield from leaves(member, (*here, str(index)), inner, owners)
+
+
+@functools.cache
+def _fields(kind: type[eqx.Module]) -> tuple[dataclasses.Field, ...]:
+    """The fields of a class that may hold numbers."""
+    return tuple(field for field in dataclasses.fields(kind) if not field.metadata.get("static", False))
 
 
 def parameters(module: eqx.Module) -> dict[str, Leaf]:
@@ -255,14 +262,14 @@ def bounds_hold(module: eqx.Module) -> Flag:
         limits = [np.full(value.shape, np.nan if m.get(key) is None else m[key]) for value, m in every]
         limit = np.concatenate(limits)
         good &= holds(numbers, jnp.asarray(limit)) | jnp.asarray(np.isnan(limit))
-    together = [demand.holds for _, part in _parts(module) for demand in part.demands()]
+    together = [demand.holds for _, part in _parts(leaves(module)) for demand in part.demands()]
     return jnp.all(jnp.stack([jnp.all(good), *(jnp.all(jnp.asarray(holds)) for holds in together)]))
 
 
-def _parts(module: eqx.Module) -> Iterator[tuple[str, Parametrised]]:
-    """Every part of a model that has numbers of its own, with what their names begin with."""
+def _parts(every: Iterable[Leaf]) -> Iterator[tuple[str, Parametrised]]:
+    """Every part that has some of these numbers as its own, with what their names begin with."""
     seen: set[int] = set()
-    for leaf in leaves(module):
+    for leaf in every:
         part = leaf.owners[-1]
         if isinstance(part, Parametrised) and id(part) not in seen:
             seen.add(id(part))
@@ -271,7 +278,8 @@ def _parts(module: eqx.Module) -> Iterator[tuple[str, Parametrised]]:
 
 def check_values(module: eqx.Module) -> None:
     """Raise for a number that is not finite or not inside its bounds. Tracers pass."""
-    for name, leaf in parameters(module).items():
+    known = parameters(module)
+    for name, leaf in known.items():
         if isinstance(leaf.value, Tracer):
             continue
         try:
@@ -283,7 +291,7 @@ def check_values(module: eqx.Module) -> None:
         # A unit is looked up for a message only: for all numbers that takes longer than a solve.
         if not all(np.all(holds) for *_, holds in violations(value, leaf.metadata)):
             check_bounds(value, leaf.metadata, f"`{name}`", leaf.unit)
-    for begin, part in _parts(module):
+    for begin, part in _parts(known.values()):
         check_demands(part, begin)
 
 

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 import clearance_jax as cj
-from experiments.publish import found, say
+from experiments.publish import keep, say
 
 SCENES = Path(__file__).parent / "scenes"
 SWEEPS = Path(__file__).parent / "sweeps"
@@ -79,7 +79,7 @@ def table(head: Sequence[str], rows: Sequence[Sequence[Any]], path: Path) -> str
     text = "\n".join(lines) + "\n"
     print(text, flush=True)
     path.write_text(text, encoding="utf-8")
-    found.append(text)
+    keep(text)
     return text
 
 

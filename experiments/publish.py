@@ -1,7 +1,8 @@
 """The command line of experiments and studies, and the page that `--save` makes of what they found.
 
 Whatever is tabulated (`common.table`), said (`say`), written (`write`) or drawn (`picture`) while one runs goes to the
-terminal at once and, with `--save`, to docs/benchmarks, with the commit it was measured at.
+terminal at once and, with `--save`, to docs/benchmarks, with the commit it was measured at: a run that is broken off
+leaves what it has found by then.
 """
 
 import argparse
@@ -13,7 +14,7 @@ import shutil
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import clearance_jax as cj
 
@@ -24,19 +25,44 @@ found: list[str] = []
 """What this process has found so far, in Markdown."""
 drawn: list[Path] = []
 """The pictures among it."""
+UNENDED = "*This run has not ended: more was to come.*\n"
+
+
+class Page(NamedTuple):
+    """The page of this process: where it is, and what stands above all that is found."""
+
+    path: Path
+    head: str
+
+    def write(self, *last: str) -> None:
+        """Write it with what has been found by now."""
+        self.path.write_text("\n".join([self.head, *found, *last]), encoding="utf-8")
+        for image in drawn:
+            shutil.copy(image, IMAGES / image.name)
+
+
+pages: list[Page] = []
+"""None, or the one that is asked for."""
+
+
+def keep(markdown: str) -> None:
+    """Keep something for the page, and write that at once."""
+    found.append(markdown)
+    for page in pages:
+        page.write(UNENDED)
 
 
 def say(*things: Any) -> None:
     """Print, and keep for the page."""
     text = "\n".join(str(thing) for thing in things)
     print(text, flush=True)
-    found.append(f"```text\n{text}\n```\n")
+    keep(f"```text\n{text}\n```\n")
 
 
 def write(text: str) -> None:
     """Print Markdown, and keep it for the page as it is."""
     print(text, flush=True)
-    found.append(text + "\n")
+    keep(text + "\n")
 
 
 def picture(path: Path, caption: str) -> None:
@@ -56,12 +82,12 @@ def stem(name: str) -> str:
     return "_".join(name.split(".")[1:]).replace(" ", "_")
 
 
-def page(name: str, doc: str, parts: list[str]) -> str:
-    """The page of an experiment, by its module's name and documentation."""
+def head_of(name: str, doc: str) -> str:
+    """What stands above what an experiment finds, by its module's name and documentation."""
     title = stem(name).replace("_", " ").capitalize()
     where = f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}"
     stamp = f"*Written by `python -m {name} --save` at commit {commit()}; {where}.*"
-    return "\n".join([f"# {title}\n", doc.strip() + "\n", stamp + "\n", *parts])
+    return "\n".join([f"# {title}\n", doc.strip() + "\n", stamp + "\n"])
 
 
 def command(main: Callable, doc: str | None, quick: str = "a tiny version of each") -> None:
@@ -76,13 +102,12 @@ def command(main: Callable, doc: str | None, quick: str = "a tiny version of eac
     given = parser.parse_args()
     if given.quick and given.save:
         parser.error("what a quick run finds is not worth publishing: give `--save` alone")
-    cj.configure(cache=True)
-    main(given.quick, given.out) if elsewhere else main(given.quick)
-    if given.save and found:
+    if given.save:
         named = re.search(r"python -m ([\w.]+(?: \w+)?)`", doc)
         assert named, "the documentation of an experiment names its command"
-        path = PAGES / f"{stem(named[1])}.md"
-        path.write_text(page(named[1], doc, found), encoding="utf-8")
-        for image in drawn:
-            shutil.copy(image, IMAGES / image.name)
-        print(f"written {path}")
+        pages.append(Page(PAGES / f"{stem(named[1])}.md", head_of(named[1], doc)))
+    cj.configure(cache=True)
+    main(given.quick, given.out) if elsewhere else main(given.quick)
+    for page in pages if found else ():
+        page.write()
+        print(f"written {page.path}")

@@ -18,10 +18,12 @@ OUTPUTS = {
 
 
 def small_regions(patch=None, least=64) -> None:
-    """Regions of few lanes, so that few lanes make many regions; for good, or as long as a pytest's `patch`."""
-    module = importlib.import_module("clearance_jax.sweep.run")
-    for name, value in {"LEAST": least, "CHUNKS_A_CORE": 0}.items():
-        (setattr if patch is None else patch.setattr)(module, name, value)
+    """Regions of few lanes, so that few lanes make many regions, and chunks that do not wait to be written; for good,
+    or as long as a pytest's `patch`.
+    """
+    change = setattr if patch is None else patch.setattr
+    for module, name, value in (("run", "LEAST", least), ("run", "CHUNKS_A_CORE", 0), ("underway", "PATIENCE", 0.0)):
+        change(importlib.import_module(f"clearance_jax.sweep.{module}"), name, value)
 
 
 def swept(store=None, clearances=CLEARANCES, speeds=SPEEDS, t1=5e-4, **options):

@@ -16,6 +16,7 @@ from clearance_jax.solve.codes import Result
 from clearance_jax.solve.effort import count, effort
 from clearance_jax.solve.expected import as_numbers, cut, largest_of, pilots, sorted_lanes
 from clearance_jax.solve.lanes import LANES as CHUNK
+from clearance_jax.solve.lanes import LANES_ON_GPU, chunk_on
 
 NONE = jnp.zeros((), int)
 RNG = np.random.default_rng(5)
@@ -210,6 +211,19 @@ def test_progress_ends_with_one():
     cj.batch(costly, lanes_of(np.full(5 * CHUNK, 10.0)), progress=seen.append)
     assert seen == sorted(seen)
     assert (seen[-1], len(seen) <= 10) == (1.0, True)
+
+
+def test_a_chunk_is_what_the_platform_is_best_at_or_what_is_asked(monkeypatch):
+    assert (chunk_on("cpu"), chunk_on("gpu"), chunk_on()) == (CHUNK, LANES_ON_GPU, CHUNK)
+    numbers = jnp.arange(3.0 * CHUNK)
+
+    def chunks(**options):
+        return reported(lambda x: 2 * x, numbers, cores=1, **options)[1].chunks
+
+    assert (chunks(), chunks(chunk=CHUNK // 2)) == (3, 6)
+    # A GPU in words only: the chunk is for it, the program is this CPU's.
+    monkeypatch.setattr("clearance_jax.solve.lanes.jax.default_backend", lambda: "gpu")
+    assert chunks() == 1
 
 
 def test_an_interruption_stops_within_a_chunk():

@@ -13,6 +13,7 @@ from experiments import (
     gpu,
     hard_cases,
     paper_sweeps,
+    publish,
     robots,
     scalar,
     sweeps,
@@ -24,6 +25,27 @@ from experiments import (
 @pytest.fixture(autouse=True)
 def elsewhere(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
+
+
+def test_a_run_that_is_broken_off_leaves_what_it_found(tmp_path, monkeypatch):
+    for name, value in {"PAGES": tmp_path, "found": [], "drawn": [], "pages": [], "commit": lambda: "abc"}.items():
+        monkeypatch.setattr(publish, name, value)
+    monkeypatch.setattr("sys.argv", ["some", "--save"])
+
+    def broken_off(quick):
+        publish.say("first")
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        publish.command(broken_off, "Some: `python -m experiments.some`.")
+    left = (tmp_path / "some.md").read_text(encoding="utf-8")
+    assert "first" in left
+    assert publish.UNENDED in left
+    publish.pages.clear()
+    publish.command(lambda quick: publish.say("second"), "Some: `python -m experiments.some`.")
+    whole = (tmp_path / "some.md").read_text(encoding="utf-8")
+    assert "second" in whole
+    assert publish.UNENDED not in whole
 
 
 def test_work_precision(tmp_path):
@@ -104,6 +126,8 @@ def test_sweeps(monkeypatch):
     run = importlib.import_module("clearance_jax.sweep.run")
     monkeypatch.setattr(run, "LEAST", run.LEAST)  # the experiment makes regions small, for itself
     monkeypatch.setattr(run, "CHUNKS_A_CORE", run.CHUNKS_A_CORE)
+    underway = importlib.import_module("clearance_jax.sweep.underway")
+    monkeypatch.setattr(underway, "PATIENCE", underway.PATIENCE)
     found = sweeps.main(quick=True)
     assert {row.way for row in found.rates} == {"`batch`", "`sweep`", "`sweep`, one core", "`sweep` into a store"}
     assert all(duel.sweep.error <= duel.error and duel.rival.error <= duel.error for duel in found.duels)

@@ -178,8 +178,9 @@ def test_optimize_command(study, tmp_path):
     )
     error = metrics.Peak(metrics.PositionError("piston"))(mechanism, 1e-3, rtol=1e-7)
     np.testing.assert_allclose(error, 1e-4, rtol=1e-4)
-    again = CliRunner().invoke(app, ["optimize", str(study), "--record", str(record), "--no-verify"])
-    assert again.exit_code == 0
+    again = ["optimize", str(study), "--record", str(record), "--no-verify", "--cluster", "local"]
+    again = CliRunner().invoke(app, again)
+    assert again.exit_code == 0, again.output
     assert "0 evaluations with gradients, 0 without" in again.output
 
 

@@ -3,6 +3,7 @@
 import importlib
 import os
 import signal
+import time
 from collections import Counter
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from distributed import Client, LocalCluster
-from sweeping import SCENE, same, small_regions, swept
+from sweeping import CLEARANCES, SCENE, same, small_regions, swept
 
 import clearance_jax as cj
 from clearance_jax.sweep.journal import Journal
@@ -22,6 +23,14 @@ def _small(monkeypatch):
     monkeypatch.setattr(importlib.import_module("clearance_jax.sweep.cluster"), "PATIENCE", "1s")
 
 
+def wait_for(client, workers):
+    """Until a cluster has just so many."""
+    end = time.monotonic() + 60
+    while len(client.scheduler_info(n_workers=-1)["workers"]) != workers:
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
 def times_written(path):
     """How often each region is in a store's journal."""
     return Counter(r["region"] for r in Journal(path / "journal.jsonl").read() if r["event"] == "region")
@@ -29,7 +38,9 @@ def times_written(path):
 
 @pytest.mark.slow
 def test_a_worker_dies_and_nothing_is_lost_or_twice(tmp_path):
-    """Nor is anything solved again that it had solved; and what it takes is said before."""
+    """Nor is anything solved again that it had solved; and what it takes is said before. The store then grows by values
+    between the old ones, and workers that come late help.
+    """
     path, plans, killed = tmp_path / "a.zarr", [], []
     with LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as made:
         cluster: Any = made
@@ -41,16 +52,32 @@ def test_a_worker_dies_and_nothing_is_lost_or_twice(tmp_path):
                     killed.append(next(iter(workers.values())))
                     os.kill(killed[0], signal.SIGKILL)
 
-            found = swept(path, cluster=client, plan=plans.append, progress=kill_one)
+            swept(path, cluster=client, plan=plans.append, progress=kill_one)
             assert plans[0].place.startswith("2 workers")
             assert plans[0].seconds > 0
         # By the scheduler's address, nothing is left to do.
         seen = []
         swept(path, cluster=cluster.scheduler_address, resume=True, progress=seen.append)
-    assert killed
-    assert times_written(path) == dict.fromkeys(range(8), 1)
-    assert seen == []
-    same(found, swept())
+        assert killed
+        assert times_written(path) == dict.fromkeys(range(8), 1)
+        assert seen == []
+        # One worker, and another once something is done.
+        wider = np.union1d(CLEARANCES, (CLEARANCES[:16] + CLEARANCES[1:17]) / 2)
+        cluster.scale(1)
+        with Client(cluster) as client:
+            wait_for(client, 1)
+
+            def one_more(progress):
+                seen.append(progress)
+                if len(seen) == 1:
+                    cluster.scale(2)
+                    wait_for(client, 2)
+
+            found = swept(path, wider, cluster=client, resume=True, progress=one_more)
+    assert max(progress.new for progress in seen) <= 256
+    assert times_written(path) == dict.fromkeys(range(12), 1)
+    assert [one.name for one in tmp_path.iterdir()] == ["a.zarr"]
+    same(found, swept(clearances=wider))
     assert {one.name for one in path.iterdir() if one.is_file()} == {"journal.jsonl", "writer.lock", "zarr.json"}
 
 

@@ -22,7 +22,7 @@ from clearance_jax.sweep.journal import Journal
 from clearance_jax.sweep.store import StoreWarning
 
 LANES = 512
-STORE = sys.modules["clearance_jax.sweep.store"]
+STORE, UNDERWAY = sys.modules["clearance_jax.sweep.store"], sys.modules["clearance_jax.sweep.underway"]
 
 
 @pytest.fixture(autouse=True)
@@ -237,9 +237,43 @@ def test_a_damaged_journal_costs_its_line(tmp_path, whole):
     same(swept(path, resume=True, progress=seen.append), whole)
     assert {p.done for p in seen} == {LANES}
     assert sorted(regions_of(path)) == list(range(8))
+
+
+def test_a_store_that_does_not_say_what_it_is_is_mended_by_its_own_question(tmp_path, whole):
+    path, seen = tmp_path / "a.zarr", []
+    swept(path)
     (path / "zarr.json").write_text("{")
-    with pytest.raises(cj.ClearanceError, match="is no store of a sweep"):
-        swept(path, resume=True)
+    with pytest.raises(cj.ClearanceError, match=r"is no store of a sweep.*the very question that it had"):
+        swept(path, resume=True, t1=6e-4)
+    with pytest.warns(StoreWarning, match=r"its `zarr.json` is damaged; it is mended"):
+        found = swept(path, resume=True, progress=seen.append)
+    same(found, whole)
+    assert seen == []
+
+
+def test_chunks_wait_for_each_other_before_they_are_written(tmp_path, monkeypatch):
+    """Written when the first has waited long enough, or nothing follows; or not at all, where their region is."""
+    clock = [0.0]
+    monkeypatch.setattr("time.monotonic", lambda: clock[0])
+    folder = tmp_path / "underway"
+    kept = UNDERWAY.Underway(folder, {"x": (np.dtype("f8"), ())})
+    monkeypatch.setattr(UNDERWAY, "PATIENCE", 1.0)
+
+    def add(region, place):
+        kept.add(region, np.array([place]), {"x": np.array([float(place)])})
+
+    add(0, 1)
+    add(1, 2)
+    assert not folder.exists()
+    kept.forget(0)
+    clock[0] = 1.0
+    add(1, 3)
+    assert [file.name.split(".")[0] for file in folder.iterdir()] == ["1"]
+    add(1, 4)
+    kept.close()
+    found = {"x": np.zeros(5)}
+    UNDERWAY.Underway(folder, {"x": (np.dtype("f8"), ())}).fill(1, found)
+    np.testing.assert_array_equal(found["x"], [0, 0, 2, 3, 4])
 
 
 # Disks ---------------------------------------------------------------------------------------------------------------
@@ -341,5 +375,3 @@ def test_where_nothing_can_be_written(whole):
         same(swept(path, resume=True), whole)
     with pytest.raises(cj.ClearanceError, match="Cannot write"):
         swept("/proc/a.zarr")
-
-

@@ -24,7 +24,7 @@ def optimize(
     verify: Annotated[bool, typer.Option(help="Prove the answer by another solver (takes a while).")] = True,
     cluster: Annotated[
         str | None,
-        typer.Option(help="Solve many simulations on the workers of this dask scheduler (or local)."),
+        typer.Option(help='Solve many simulations by the dask scheduler at this address ("local": processes here).'),
     ] = None,
 ) -> None:
     """Find the largest, or the cheapest, clearances that keep every limit of a study, and prove them.
@@ -33,22 +33,24 @@ def optimize(
     """
     set_up()
     from clearance_jax.design.findings import CUT_SHORT
+    from clearance_jax.design.lanes import place_of
     from clearance_jax.io.plausible import ImplausibleWarning
     from clearance_jax.io.study import load_study
     from clearance_jax.report.html import write_report
 
+    method = _known(method)
     check_writable(report, (".html", ".htm"))
     check_writable(record)
     check_distinct(study=study_file, report=report, record=record)
     with aloud(ImplausibleWarning):
         study = load_study(study_file)
-    given = {"method": _known(method), "starts": starts, "record": record, "cluster": cluster}
-    with _bar() as bar, Interruption() as asked:
-        pace = Pace(asked.check)
+    with place_of(cluster) as place, _bar() as bar, Interruption() as asked:  # one cluster for all that follows
+        pace, client = Pace(asked.check), place.client
+        given = {"method": method, "starts": starts, "record": record, "cluster": client}
         design = _search(study, {k: v for k, v in given.items() if v is not None}, bar, pace)
         console.print(f"[bold]{escape(study.name)}[/bold]")
         say(str(design))
-        found = _explain(study, design, verify, cluster, report is not None, bar, pace)
+        found = _explain(study, design, verify, client, report is not None, bar, pace)
     for text in found.notes:
         say(text)
     if found.fits is not None:
@@ -99,7 +101,7 @@ def _interrupted(design) -> bool:
     return design.stop_reason == INTERRUPTED
 
 
-def _verify(study, design, cluster: str | None, bar: Progress, pace: Pace):
+def _verify(study, design, client: Any, bar: Progress, pace: Pace):
     """The certificate, with how long it will take said before and how far it has come said on the way."""
     from clearance_jax.design import expected_evaluations
 
@@ -112,10 +114,10 @@ def _verify(study, design, cluster: str | None, bar: Progress, pace: Pace):
         bar.update(bar.task_ids[0], description=f"verifying, evaluation {done.count} of some {count}")
 
     bar.update(bar.task_ids[0], description="verifying, compiling")
-    return design.verify(**study.verify, cluster=cluster, progress=progress)
+    return design.verify(**study.verify, cluster=client, progress=progress)
 
 
-def _explain(study, design, verify: bool, cluster: str | None, report: bool, bar: Progress, pace: Pace):
+def _explain(study, design, verify: bool, client: Any, report: bool, bar: Progress, pace: Pace):
     """What can be said of the design: its certificate, and for a report whatever else.
 
     An interruption keeps what is known by then.
@@ -133,11 +135,11 @@ def _explain(study, design, verify: bool, cluster: str | None, report: bool, bar
 
     try:
         if design.feasible and verify:
-            certificate = _verify(study, design, cluster, bar, pace)
+            certificate = _verify(study, design, client, bar, pace)
             say(str(certificate))
     except KeyboardInterrupt:
         found = known(design)
         return found._replace(notes=(*found.notes, CUT_SHORT))
     if not report:
         return known(design, certificate)
-    return findings(design, certificate, progress)
+    return findings(design, certificate, progress, client)

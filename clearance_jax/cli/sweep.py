@@ -22,7 +22,8 @@ def sweep(
     ] = False,
     cores: Annotated[int | None, typer.Option(help="How many cores (default: all).", min=1)] = None,
     cluster: Annotated[
-        str | None, typer.Option(help="Address of a dask scheduler that runs the lanes, e.g. tcp://node1:8786.")
+        str | None,
+        typer.Option(help='Run the lanes by the dask scheduler at this address, tcp://node1:8786 ("local": here).'),
     ] = None,
     plot: Annotated[
         Path | None, typer.Option("--plot", metavar="FOLDER", help="Write the pictures that fit into this folder.")

@@ -3,7 +3,7 @@
 import platform
 from collections.abc import Callable, Iterator
 from importlib.metadata import version
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from clearance_jax.design.answer import Design
 from clearance_jax.design.certificate import Certificate
@@ -76,15 +76,19 @@ def known(design: Design, certificate: Certificate | None = None) -> Findings:
 
 
 def findings(
-    design: Design, certificate: Certificate | None = None, progress: Callable[[str], None] | None = None
+    design: Design,
+    certificate: Certificate | None = None,
+    progress: Callable[[str], None] | None = None,
+    cluster: Any = None,
 ) -> Findings:
     """Limits, loads, pictures, contributions, nearest fits and trade-off of a design, as far as its problem has them.
 
-    An interruption keeps what has been found until then, with the note `CUT_SHORT`. `progress` is told what comes next.
+    An interruption keeps what has been found until then, with the note `CUT_SHORT`. `progress` is told what comes next;
+    `cluster`: as `ToleranceProblem.solve`'s, for the samples of fits.
     """
     found = known(design, certificate)
     try:
-        for name, step in _steps(design):
+        for name, step in _steps(design, cluster):
             if progress is not None:
                 progress(name)
             found = step(found)
@@ -93,11 +97,11 @@ def findings(
     return found
 
 
-def _steps(design: Design) -> Iterator[tuple[str, Callable[[Findings], Findings]]]:
+def _steps(design: Design, cluster: Any) -> Iterator[tuple[str, Callable[[Findings], Findings]]]:
     yield "loads and pictures", _seen
     if design.feasible:
         yield "contributions", _explained
-        yield "standard fits", _fitted
+        yield "standard fits", lambda found: _fitted(found, cluster)
         yield "trade-off", lambda found: found._replace(tradeoff=tradeoff(found.design))
 
 
@@ -149,9 +153,9 @@ def _explained(found: Findings) -> Findings:
         return _noted(found, str(error))
 
 
-def _fitted(found: Findings) -> Findings:
+def _fitted(found: Findings, cluster: Any) -> Findings:
     try:
-        fits = nearest_fits(found.design)
+        fits = nearest_fits(found.design, cluster=cluster)
     except ClearanceError as error:
         return _noted(found, str(error))
     if fits is None:

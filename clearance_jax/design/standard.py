@@ -1,13 +1,14 @@
 """The nearest standard fits to a design, and the share of what is made with them that holds the limits."""
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.stats
 
 from clearance_jax.design.answer import Design
 from clearance_jax.design.evaluate import FEW, simulations_of, yield_of
+from clearance_jax.design.lanes import Place, place_of
 from clearance_jax.design.manufacture import YieldEstimate
 from clearance_jax.design.program import SLACK
 from clearance_jax.design.scenarios import Scenario, scenarios_of
@@ -48,7 +49,11 @@ class StandardFits(NamedTuple):
 
 
 def nearest_fits(
-    design: Design, diameters: Mapping[str, float] | None = None, samples: int = 200, seed: int = 0
+    design: Design,
+    diameters: Mapping[str, float] | None = None,
+    samples: int = 200,
+    seed: int = 0,
+    cluster: Any = None,
 ) -> StandardFits | None:
     """The loosest common fits whose greatest clearances, all together, hold the limits; `None` where there are none.
 
@@ -56,19 +61,27 @@ def nearest_fits(
     long as the limits hold, whichever gains most. Holes and shafts of the samples are normal about the middle of their
     tolerances, whose limits are three standard deviations away.
 
-    **Arguments:** `diameters`: nominal ones by variable [m] (default: twice the joint's pin radius).
+    **Arguments:** `diameters`: nominal ones by variable [m] (default: twice the joint's pin radius); `cluster`: as
+    `ToleranceProblem.solve`'s.
     """
+    with place_of(cluster) as place:
+        return _nearest(design, diameters or {}, samples, seed, place)
+
+
+def _nearest(
+    design: Design, diameters: Mapping[str, float], samples: int, seed: int, place: Place
+) -> StandardFits | None:
     specification = design.specification.as_designed()
     names = list(design.clearances)
     designed = specification.values(design.evaluation.x)
-    sizes = {**_diameters(design), **(diameters or {})}
+    sizes = {**_diameters(design), **diameters}
     fitted = [i for i, name in enumerate(names) if name in sizes]
     if not fitted:
         raise ClearanceError("No variable is a radial clearance of known diameter: give `diameters`.")
     # The tightest first: a chosen fit is a place in its list.
     lists = {i: sorted(fits.fits_within(sizes[names[i]], 1.0), key=_greatest) for i in fitted}
     chosen = {i: max(sum(_greatest(f) <= designed[i] for f in lists[i]) - 1, 0) for i in fitted}
-    simulations, scenarios = simulations_of(specification), scenarios_of(specification)
+    simulations, scenarios = simulations_of(specification, place=place), scenarios_of(specification)
     exact = design.program.gradients > 0 and len(designed) <= FEW  # by the program that is compiled already
 
     def worst(places, end=1):
@@ -76,9 +89,7 @@ def nearest_fits(
         for i in fitted:
             x[i] = max(lists[i][places[i]].radial_clearance[end], SMALLEST)
         # Not `program.at`: the bounds on the variables are for designs, and a fit's ends may lie outside.
-        found = [simulations.limits(x, scenario, exact)[0] for scenario in scenarios]
-        values = np.concatenate(found)
-        return float(np.max(values)) if np.all(np.isfinite(values)) else np.inf
+        return float(np.max(simulations.worst(x, scenarios, exact)))
 
     while worst(chosen) > SLACK:
         # A tightest fit wider than the design, islands, or errors that do not grow with the clearance: all tighter.
@@ -97,7 +108,9 @@ def nearest_fits(
     for i in fitted:
         drawn[:, i] = np.maximum(_draw(found[names[i]], samples, rng), SMALLEST)
     sampled = [Scenario(scenario.title, scenario.values, row / designed) for scenario in scenarios for row in drawn]
-    return StandardFits(found, worst(chosen), worst(chosen, 0), yield_of(specification, designed, sampled, exact))
+    return StandardFits(
+        found, worst(chosen), worst(chosen, 0), yield_of(specification, designed, sampled, exact, place)
+    )
 
 
 def _greatest(found: fits.Fit) -> float:

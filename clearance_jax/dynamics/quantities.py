@@ -6,14 +6,13 @@ One table of variables with dimensions, units and meanings serves names, dataset
 import functools
 from collections.abc import Iterator, Mapping
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array
 
+from clearance_jax._frame import Frame, frame_of
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.energy import energies
 from clearance_jax.dynamics.kinematics import frames
@@ -110,17 +109,14 @@ class Quantity(NamedTuple):
 def quantities(mechanism: Mechanism, books: bool) -> Mapping[str, Quantity]:
     """Every quantity that has a name; `books`: whether states have energy books."""
     # Names follow from the structure, and looking them up costs more than some solves: what has been asked is known.
-    numbers, others = eqx.partition(mechanism, lambda leaf: isinstance(leaf, jax.Array | np.ndarray))
-    (leaves, structure), (kept, frame) = jax.tree.flatten(numbers), jax.tree.flatten(others)
-    return _quantities(structure, tuple(map(jnp.shape, leaves)), frame, tuple(kept), books)
+    return _quantities(frame_of(mechanism), books)
 
 
 @functools.lru_cache(maxsize=256)
-def _quantities(structure: Any, shapes: tuple, frame: Any, kept: tuple, books: bool) -> Mapping[str, Quantity]:
+def _quantities(frame: Frame, books: bool) -> Mapping[str, Quantity]:
     """The same of a mechanism without its numbers."""
     with jax.ensure_compile_time_eval():  # what is kept must hold no tracers, whatever is being traced
-        leaves = [jnp.ones(shape) for shape in shapes]
-    mechanism = eqx.combine(jax.tree.unflatten(structure, leaves), jax.tree.unflatten(frame, kept))
+        mechanism = frame.filled(jnp.ones(shape.shape) for shape in frame.shapes)
     labelled, out = labels(mechanism), dict(_states(mechanism))
     for variable, described in OBSERVED.items():
         if variable in IN_SPACE and mechanism.is_plane:

@@ -1,9 +1,9 @@
 """`batch`: a function of one lane over any number of lanes, on every core, in bounded memory.
 
-The unit of work is a chunk of `LANES` lanes, one call of one compiled program: threads call it side by side (JAX lets
-go of Python while a program runs, and runs programs of different threads at once), so nothing is pickled, compiled
-twice, or configured before JAX starts, and a core that is done takes the next chunk. Larger calls are no faster, and
-would have to be filled up to their size or compiled anew for every number of lanes.
+The unit of work is a chunk of lanes (`chunk_on`), one call of one compiled program: threads call it side by side (JAX
+lets go of Python while a program runs, and runs programs of different threads at once), so nothing is pickled, compiled
+twice, or configured before JAX starts, and a core that is done takes the next chunk. On a CPU larger calls are no
+faster, and would have to be filled up to their size or compiled anew for every number of lanes.
 """
 
 import os
@@ -22,7 +22,7 @@ from jax.core import Tracer
 from clearance_jax.errors import ClearanceError, quoted
 from clearance_jax.solve.effort import effort
 from clearance_jax.solve.expected import Lanes, as_numbers, cut, pilots, sorted_lanes
-from clearance_jax.solve.lanes import LANES
+from clearance_jax.solve.lanes import chunk_on
 
 
 class BatchReport(NamedTuple):
@@ -56,6 +56,7 @@ def batch(
     lanes: Any,
     *,
     cores: Any = None,
+    chunk: Any = None,
     cost: Any = "learned",
     progress: Callable[[float], Any] | None = None,
     ready: Callable[[Lanes, Any], Any] | None = None,
@@ -63,16 +64,17 @@ def batch(
 ) -> Any:
     """`function` of every lane, as `jax.vmap(function)(lanes)` gives it; on every core, and in bounded memory.
 
-    A call from Python, not to be used inside jit, vmap or derivatives. Beside the results it keeps one chunk of 64
-    lanes for each core. The program is compiled at the first call with a function, for all numbers of lanes above 64;
-    numbers that a function holds as leaves of a tree (`jax.tree_util.Partial`, an `equinox.Module`) may change without
-    compiling again. A lane that fails has a result code and NaN, as under `jax.vmap`, and harms no other.
+    A call from Python, not to be used inside jit, vmap or derivatives. Beside the results it keeps one chunk of
+    lanes for each core. The program is compiled at the first call with a function, for all numbers of lanes above a
+    chunk's; numbers that a function holds as leaves of a tree (`jax.tree_util.Partial`, an `equinox.Module`) may change
+    without compiling again. A lane that fails has a result code and NaN, as under `jax.vmap`, and harms no other.
 
     **Arguments:**
 
     - `function`: of one lane, a tree of numbers, to a tree of arrays: of quantities, metrics, a whole `Solution`.
     - `lanes`: a tree of arrays whose first axis are the lanes, shape (N, ...); units are the function's.
     - `cores`: how many chunks run side by side; all that this process may use.
+    - `chunk`: lanes of a chunk; 64, and 65 536 where JAX has a GPU, on which thousands take as long as one.
     - `cost`: lanes that take equally many attempts fill a chunk best. "learned": the first chunks are run as they come,
       and the others sorted by what those took, where that promises fuller chunks; no solve is spent on it. An array
       (N,): sorted by these expected costs, in any unit. `None`: as they come.
@@ -87,9 +89,10 @@ def batch(
     function raises. Ctrl-C stops when the chunks that are running end.
     """
     leaves, count = _leaves(function, lanes)
-    cores, costs = _cores(cores), _costs(cost, count)
+    cores, costs = _whole("cores", cores, cores_here()), _costs(cost, count)
+    chunk = _whole("chunk", chunk, chunk_on())
     started = time.perf_counter()
-    work = _Work(function, leaves, jax.tree.structure(lanes), min(count, LANES), ready)
+    work = _Work(function, leaves, jax.tree.structure(lanes), min(count, chunk), ready)
     compiled = time.perf_counter()
     chunks, order = cut(np.arange(count), work.width), "given"
     cores = min(cores, len(chunks))
@@ -242,13 +245,13 @@ def cores_here() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _cores(cores: Any) -> int:
-    """How many threads."""
-    if cores is None:
-        return cores_here()
-    if isinstance(cores, bool) or not isinstance(cores, int | np.integer) or cores < 1:
-        raise ClearanceError(f"`cores` must be a whole number, at least 1, but it is {quoted(cores)}.")
-    return int(cores)
+def _whole(name: str, given: Any, usual: int) -> int:
+    """A number of things, as it is given or as `usual`."""
+    if given is None:
+        return usual
+    if isinstance(given, bool) or not isinstance(given, int | np.integer) or given < 1:
+        raise ClearanceError(f"`{name}` must be a whole number, at least 1, but it is {quoted(given)}.")
+    return int(given)
 
 
 def _costs(cost: Any, count: int) -> np.ndarray | None:

@@ -30,6 +30,11 @@ LANES = 64
 LANES_ON_GPU = 65536
 
 
+def chunk_on(platform: str | None = None) -> int:
+    """How many lanes a chunk has on a platform, by JAX's name of it ("cpu", "gpu"); by default on its own."""
+    return LANES_ON_GPU if (platform or jax.default_backend()) == "gpu" else LANES
+
+
 def integrate(task: Task, options: Options) -> Outcome:
     """Every lane of a task to its end. States of samples that a lane does not reach are infinite."""
     # That a number a lane meets an array of components by numpy's rule is what `lane_axis` is about.

@@ -1,5 +1,6 @@
 """The answers of a sweep as one labelled dataset."""
 
+import functools
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from importlib.metadata import version
@@ -35,13 +36,19 @@ def attributes(question: Question) -> dict[str, Any]:
     settings = {k: v for k, v in function.settings._asdict().items() if v is not None and k != "save_at"}
     shown = {k: np.asarray(v).tolist() if isinstance(v, jax.Array) else v for k, v in settings.items()}
     return {
-        "software": f"clearance_jax {version('clearance-jax')}, jax {jax.__version__}, numpy {np.__version__}",
+        "software": _software(),
         "mechanism": function.mechanism.name,
         "t1": float(function.t1),
         "solve": repr(shown),
         **sampled,
         **numbers,
     }
+
+
+@functools.cache
+def _software() -> str:
+    """What computes, by versions: this library's own is read from a file."""
+    return f"clearance_jax {version('clearance-jax')}, jax {jax.__version__}, numpy {np.__version__}"
 
 
 def ended(codes: np.ndarray) -> dict[str, int]:

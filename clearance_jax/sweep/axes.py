@@ -204,5 +204,5 @@ def units_of_columns(model: Mechanism, dims: Sequence[Dimension]) -> dict[str, s
                 raise ClearanceError(f"The axis `{dimension.name}`: {error}") from None
             units[name] = leaf.unit
             for bad in (values.min(), values.max()):
-                check_bounds(bad, leaf.metadata, f"`{name}`", leaf.unit)
+                check_bounds(bad, leaf.metadata, f"`{name}`", units[name])
     return units

@@ -6,6 +6,7 @@ is lost, and nothing there twice. The question lies beside the answers, for the 
 """
 
 import functools
+import logging
 import uuid
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
@@ -58,7 +59,9 @@ def client_of(cluster: Any, cores: int = 1) -> Iterator[Any]:
     with ExitStack() as made:
         if cluster == LOCAL:
             workers = max(1, cores_here() // cores)
-            cluster = made.enter_context(LocalCluster(workers, threads_per_worker=1, dashboard_address=":0"))
+            # Nobody need hear that a worker took its time to end.
+            how = {"threads_per_worker": 1, "dashboard_address": ":0", "silence_logs": logging.ERROR}
+            cluster = made.enter_context(LocalCluster(workers, **how))
         try:
             client = made.enter_context(Client(cluster, timeout=PATIENCE))
         except (OSError, TimeoutError, ValueError) as error:
@@ -196,6 +199,7 @@ def _try(path: str, name: str, lanes: Lanes, cores: int) -> float:
     question, regions, _ = _opened(path, name)
     seconds, values = timed(question, lanes, cores)
     keep(regions.partition, regions.underway.add, lanes, values)
+    regions.underway.flush()  # another worker may have these regions
     return seconds / len(lanes)
 
 

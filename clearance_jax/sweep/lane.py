@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from clearance_jax._frame import Frame, frame_of
 from clearance_jax.analysis.measure import AbstractMetric, Reply, Request, measured
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import replace, values_of
@@ -102,16 +103,12 @@ class Lane(eqx.Module):
 
 def shapes_of(function: Lane, names: Sequence[str]) -> Answer:
     """What a lane's answer is, without computing it; a function that has been asked before is not traced again."""
-    arrays, others = eqx.partition(function, eqx.is_array)
-    leaves, structure = jax.tree.flatten(arrays)
-    kept, frame = jax.tree.flatten(others)
-    kinds = tuple(jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in leaves)
-    return _shapes(kinds, structure, tuple(kept), frame, tuple(names))
+    return _shapes(frame_of(function), tuple(names))
 
 
 @functools.lru_cache(maxsize=256)
-def _shapes(kinds: tuple, structure: Any, kept: tuple, frame: Any, names: tuple[str, ...]) -> Answer:
-    def answer(leaves, numbers):
-        return eqx.combine(jax.tree.unflatten(structure, leaves), jax.tree.unflatten(frame, kept))(numbers)
+def _shapes(frame: Frame, names: tuple[str, ...]) -> Answer:
+    def answer(arrays, numbers):
+        return frame.filled(arrays)(numbers)
 
-    return jax.eval_shape(answer, list(kinds), {name: jax.ShapeDtypeStruct((), float) for name in names})
+    return jax.eval_shape(answer, frame.shapes, {name: jax.ShapeDtypeStruct((), float) for name in names})

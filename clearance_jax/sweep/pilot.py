@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from clearance_jax.solve.batch import BatchReport
-from clearance_jax.solve.lanes import LANES
+from clearance_jax.solve.lanes import LANES, chunk_on
 from clearance_jax.sweep.answers import AbstractAnswers
 from clearance_jax.sweep.layout import Partition
 from clearance_jax.sweep.question import Lanes, Question
@@ -31,7 +31,7 @@ def tried(question: Question, answers: AbstractAnswers, missing: list[int], core
     """How long a lane takes of the time of all cores together [s], by a few of them, whose answers are kept: a lane
     comes out the same in whatever company. `None`: not known.
     """
-    lanes = chosen(answers.partition, missing, LANES * cores)
+    lanes = chosen(answers.partition, missing, chunk_on() * cores)
     if len(lanes) == 0:
         return None
     seconds, values = timed(question, lanes, cores)

@@ -16,7 +16,7 @@ from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import find, parameters
 from clearance_jax.solve.batch import BatchReport, batch
 from clearance_jax.solve.codes import Result
-from clearance_jax.solve.lanes import LANES
+from clearance_jax.solve.lanes import chunk_on
 from clearance_jax.solve.settings import Settings, settings_of
 from clearance_jax.sweep.axes import OPTIONS, Dimension, dimensions, models_of, units_of_columns
 from clearance_jax.sweep.lane import Answer, Lane, shapes_of
@@ -164,7 +164,7 @@ class Question:
             numbers = {"rtol": np.full(len(lanes), float(function.settings.rtol))}
         # As many lanes as a chunk has, or all that the question has of this structure: another number would be another
         # program, with other last digits.
-        width = min(LANES, self.count // len(self.functions))
+        width = min(chunk_on(), self.count // len(self.functions))
         lacking = max(0, width - len(lanes))
         numbers = {name: np.pad(values, (0, lacking), mode="edge") for name, values in numbers.items()}
 
@@ -245,7 +245,7 @@ def _settings(model: Mechanism, t1: Any, dims: Sequence[Dimension], options: Map
 
 
 def _check_wrt(model: Mechanism, wrt: Sequence[str]) -> None:
-    known = parameters(model)
+    known = parameters(model) if wrt else {}
     for name in wrt:
         leaf, entry = find(known, name)
         if entry is None and np.ndim(leaf.value):

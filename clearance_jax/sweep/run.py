@@ -10,7 +10,7 @@ import xarray as xr
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.solve.batch import cores_here
-from clearance_jax.solve.lanes import LANES
+from clearance_jax.solve.lanes import LANES, chunk_on
 from clearance_jax.solve.settings import SolveOptions
 from clearance_jax.sweep.answers import InMemory
 from clearance_jax.sweep.cluster import again_on, client_of, run_on
@@ -93,6 +93,8 @@ def sweep(
         client = None if cluster is None else held.enter_context(client_of(cluster, cores or 1))
         cores_of_a_region = side_by_side if client is None else cores or 1
         least = max(LEAST, LANES * CHUNKS_A_CORE * cores_of_a_region)
+        if client is None:  # what the workers of a cluster have is theirs to know
+            least = max(least, chunk_on())
         answers = open_store(store, question, provenance, resume=resume, least=least)
         held.callback(answers.close)
         if client is None:

@@ -1,7 +1,7 @@
 """A sweep on disk: a zarr store, written region by region, that says of itself what is in it and what is missing.
 
 A region is one chunk of every variable. zarr gives a chunk its name only when it is whole; a region counts once the
-journal says so, with a digest of its values. So whatever dies, and whenever: the regions of the journal are there; of
+journal says so, with a digest of its chunks. So whatever dies, and whenever: the regions of the journal are there; of
 the others what was under way is (`underway`), and the rest is computed again, and comes out the same to the last bit.
 """
 
@@ -10,7 +10,7 @@ import hashlib
 import json
 import shutil
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -30,6 +30,8 @@ from clearance_jax.sweep.question import Question
 from clearance_jax.sweep.underway import Underway
 
 JOURNAL, LOCK, UNDERWAY = "journal.jsonl", "writer.lock", "underway"
+# What zarr calls the file in which a group says of itself and, by us, of its arrays all that readers must know.
+ROOT = "zarr.json"
 # What a store says of its layout, among its attributes.
 CHUNK, DESCRIBED, VARIABLES = "region", "question", "variables"
 
@@ -55,15 +57,36 @@ def zarr_library() -> Any:
 
 def create(path: Path, question: Question, provenance: Mapping[str, Any], least: int) -> None:
     """An empty store for a question, whole or not at all."""
+    cut = partition(question.shape, [bool(d.models) for d in question.dims], least)
+    partial = _laid_out(path, question, provenance, cut.chunk)
+    Journal(partial / JOURNAL).add(event="question", fingerprint=fingerprint(description(question)), chunk=cut.chunk)
+    partial.rename(path)
+
+
+def remade(path: Path, question: Question, provenance: Mapping[str, Any]) -> bool:
+    """Write what a store says of itself anew, and say so; not where its journal is not that of this very question."""
+    told = next((r for r in Journal(path / JOURNAL).read() if r.get("event") == "question"), {})
+    if told.get("fingerprint") != fingerprint(description(question)):
+        return False
+    held = Lock(path / LOCK)
+    partial = _laid_out(path, question, provenance, told["chunk"])
+    (partial / ROOT).replace(path / ROOT)
+    shutil.rmtree(partial)
+    held.release()
+    warnings.warn(f"`{path}`: its `{ROOT}` is damaged; it is mended.", StoreWarning, stacklevel=2)
+    return True
+
+
+def _laid_out(path: Path, question: Question, provenance: Mapping[str, Any], chunk: Sequence[int]) -> Path:
+    """A group with all arrays of a question, beside a path."""
     zarr = zarr_library()
     from zarr.codecs import Crc32cCodec, ZstdCodec
 
-    cut = partition(question.shape, [bool(d.models) for d in question.dims], least)
     partial = path.with_name(path.name + ".partial")
     shutil.rmtree(partial, ignore_errors=True)
     described = description(question)
     own = {
-        CHUNK: list(cut.chunk),
+        CHUNK: list(chunk),
         VARIABLES: list(question.kinds),
         DESCRIBED: json.dumps(described),
         "fingerprint": fingerprint(described),
@@ -90,7 +113,7 @@ def create(path: Path, question: Question, provenance: Mapping[str, Any], least:
         root.create_array(
             name,
             shape=(*question.shape, *kind.shape),
-            chunks=(*cut.chunk, *(max(size, 1) for size in kind.shape)),
+            chunks=(*chunk, *(max(size, 1) for size in kind.shape)),
             dtype=kind.dtype,
             fill_value=kind.missing,
             dimension_names=(*names, *kind.dims),
@@ -99,8 +122,7 @@ def create(path: Path, question: Question, provenance: Mapping[str, Any], least:
             config={"write_empty_chunks": True},
         )
     _consolidate(zarr, partial)
-    Journal(partial / JOURNAL).add(event="question", fingerprint=fingerprint(described))
-    partial.rename(path)
+    return partial
 
 
 def _stored(values: Any) -> np.ndarray:
@@ -127,12 +149,17 @@ class Regions:
             self.partition = Partition(self.root["code"].shape, tuple(self.root.attrs[CHUNK]))
             self.described = json.loads(self.root.attrs[DESCRIBED])
         except (OSError, KeyError, ValueError, TypeError) as error:
-            raise ClearanceError(f"`{path}` is no store of a sweep ({error!r}). Choose another path.") from None
+            raise ClearanceError(
+                f"`{path}` is no store of a sweep ({error!r}). Choose another path; or, where it was one, go on with "
+                "the very question that it had: that mends it."
+            ) from None
         self.names = list(self.root.attrs[VARIABLES])
         self.journal = Journal(path / JOURNAL)
         self.records = {r["region"]: r for r in self.journal.read() if r.get("event") == "region"}
+        # Once: to open an array takes as long as to read a region of it.
+        self.arrays = {name: self.root[name] for name in self.names}
         lead = len(self.partition.shape)
-        kinds = {name: (self.root[name].dtype, self.root[name].shape[lead:]) for name in self.names}
+        kinds = {name: (array.dtype, array.shape[lead:]) for name, array in self.arrays.items()}
         self.underway = Underway(path / UNDERWAY, kinds)
 
     def coordinate(self, name: str) -> np.ndarray:
@@ -169,27 +196,39 @@ class Regions:
 
     def _good(self, region: int) -> bool:
         try:
-            return digest(self.read(region)) == self.records[region]["digest"]
-        except UNREADABLE:
+            return self._digest(region) == self.records[region]["digest"]
+        except OSError:
             return False
+
+    def _digest(self, region: int) -> str:
+        """Of the files of a region's chunks: they are read much sooner than what is in them."""
+        found, place = hashlib.blake2b(digest_size=16), np.unravel_index(region, self.partition.grid)
+        for name, array in self.arrays.items():
+            if array.size:
+                chunk = array.metadata.encode_chunk_key((*map(int, place), *[0] * (array.ndim - len(place))))
+                found.update(name.encode())
+                found.update((self.path / name / chunk).read_bytes())
+        return found.hexdigest()
 
     def read(self, region: int) -> Values:
         """The variables of a region, shape (lanes, ...)."""
         where, lead = self.partition.slices(region), len(self.partition.shape)
         out = {}
         for name in self.names:
-            block = np.asarray(self.root[name][where])
+            block = np.asarray(self.arrays[name][where])
             out[name] = block.reshape(-1, *block.shape[lead:])
         return out
 
     def write(self, region: int, values: Mapping[str, np.ndarray], old: Values | None = None) -> str:
-        """Write a region's chunks, one after the other; the digest that it has with all of them. Between the first and
-        the last it is neither what it was nor what it is to be: the `old` values, where it had any, are kept meanwhile.
+        """Write a region's chunks, one after the other; their digest. Between the first and the last it is neither what
+        it was nor what it is to be: the `old` values, where it had any, are kept meanwhile.
         """
         if old is not None:
             self.underway.add(region, np.arange(self.partition.size(region)), old)
-        put(self.root, self.partition, region, values)
-        return digest(values)
+            self.underway.flush()
+        put(self.arrays, self.partition, region, values)
+        self.underway.forget(region)
+        return self._digest(region)
 
 
 class Store(AbstractAnswers):
@@ -289,17 +328,8 @@ def known(question: Question, regions: Regions, before: Any, region: int) -> Val
     return values
 
 
-def put(root: Any, cut: Partition, region: int, values: Mapping[str, np.ndarray]) -> None:
-    """Write a region's chunks."""
+def put(arrays: Mapping[str, Any], cut: Partition, region: int, values: Mapping[str, np.ndarray]) -> None:
+    """Write a region's chunk of each array."""
     where, extent = cut.slices(region), cut.extent(region)
     for name, one in values.items():
-        root[name][where] = one.reshape(*extent, *one.shape[1:])
-
-
-def digest(values: Mapping[str, np.ndarray]) -> str:
-    """Of a region's values, whatever they were read from."""
-    found = hashlib.blake2b(digest_size=16)
-    for name in sorted(values):
-        found.update(name.encode())
-        found.update(np.ascontiguousarray(values[name]).tobytes())
-    return found.hexdigest()
+        arrays[name][where] = one.reshape(*extent, *one.shape[1:])

@@ -1,11 +1,12 @@
-"""Lanes of regions that are under way, in files beside the answers: who dies loses a chunk a core, and not a region.
+"""Lanes of regions that are under way, in files beside the answers: who dies loses a second, and not a region.
 
 A file is blocks of rows, a row a lane, each block with a digest. It only grows, one process alone writes it, and what
 is torn at its end is no block. It goes when the journal has its region: the journal says what is there, this only
-saves solves.
+saves solves. To write a chunk takes some hundredths of what it takes to solve it, so they wait for each other a while.
 """
 
 import hashlib
+import time
 import uuid
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
@@ -15,6 +16,8 @@ import numpy as np
 from jaxtyping import Int
 
 PLACE = "place"
+# How long lanes may wait until they are written [s].
+PATIENCE = 1.0
 # Of a block: the digest of its rows, and how many they are.
 DIGEST, COUNT = 16, 8
 
@@ -27,17 +30,34 @@ class Underway:
         self._row = np.dtype([(PLACE, "<i8"), *((name, dtype, shape) for name, (dtype, shape) in kinds.items())])
         # A process that comes later, or does the same region elsewhere, has files of its own.
         self._own = uuid.uuid4().hex
+        self._waiting: dict[int, list[np.ndarray]] = {}
+        self._written = time.monotonic()
 
     def add(self, region: int, places: Int[np.ndarray, " n"], values: Mapping[str, np.ndarray]) -> None:
-        """Keep the values of lanes at these places of a region. **Raises** `OSError` where the disk refuses it."""
+        """Keep the values of lanes at these places of a region; on the disk within `PATIENCE`, if others follow.
+        **Raises** `OSError` where the disk refuses it.
+        """
         rows = np.zeros(len(places), self._row)
         rows[PLACE] = places
         for name in self._names:
             rows[name] = values[name]
-        data = rows.tobytes()
-        self._folder.mkdir(exist_ok=True)
-        with (self._folder / f"{region}.{self._own}").open("ab") as file:
-            file.write(_digest(data) + len(rows).to_bytes(COUNT, "little") + data)
+        self._waiting.setdefault(region, []).append(rows)
+        if time.monotonic() - self._written >= PATIENCE:
+            self.flush()
+
+    def flush(self) -> None:
+        """Write what waits. **Raises** `OSError` where the disk refuses it: then that is solved again."""
+        waiting, self._waiting = self._waiting, {}
+        for region, parts in waiting.items():
+            data = np.concatenate(parts).tobytes()
+            self._folder.mkdir(exist_ok=True)
+            with (self._folder / f"{region}.{self._own}").open("ab") as file:
+                file.write(_digest(data) + sum(map(len, parts)).to_bytes(COUNT, "little") + data)
+        self._written = time.monotonic()
+
+    def forget(self, region: int) -> None:
+        """All of the region is where it belongs: what waits of it need not be written."""
+        self._waiting.pop(region, None)
 
     def fill(self, region: int, values: Mapping[str, np.ndarray]) -> None:
         """Put what has been kept of a region among its lanes' values."""
@@ -47,6 +67,7 @@ class Underway:
 
     def regions(self) -> list[int]:
         """The regions of which something has been kept."""
+        self.flush()
         files = self._folder.iterdir() if self._folder.is_dir() else ()
         return sorted({int(name) for file in files if (name := file.name.split(".")[0]).isdigit()})
 
@@ -55,16 +76,20 @@ class Underway:
         return len(np.unique(np.concatenate([np.zeros(0, "<i8"), *(rows[PLACE] for rows in self._blocks(region))])))
 
     def remove(self, region: int) -> None:
-        """The region is written."""
+        """The journal has the region."""
+        self.forget(region)
         for file in self._folder.glob(f"{region}.*"):
             file.unlink(missing_ok=True)
 
     def close(self) -> None:
-        """Leave no empty folder."""
+        """Nothing follows: write what waits, where that can be, and leave no empty folder."""
+        with suppress(OSError):
+            self.flush()
         with suppress(OSError):
             self._folder.rmdir()
 
     def _blocks(self, region: int) -> Iterator[np.ndarray]:
+        self.flush()
         for file in sorted(self._folder.glob(f"{region}.*")):
             yield from self._read(file.read_bytes())
 

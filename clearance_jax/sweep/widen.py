@@ -14,7 +14,7 @@ from clearance_jax.sweep.identity import AXIS, description, differences
 from clearance_jax.sweep.layout import LEAST
 from clearance_jax.sweep.lock import Lock
 from clearance_jax.sweep.question import Lanes, Question
-from clearance_jax.sweep.store import LOCK, Regions, Store, create
+from clearance_jax.sweep.store import LOCK, Regions, Store, create, remade
 
 # By how much numbers differ, over their size, that are meant to be the same.
 ROUND_OFF = 1e-14
@@ -34,7 +34,7 @@ def open_store(
         if path.exists() and not resume:
             raise ClearanceError(f"`{path}` exists already. Go on with it by `resume`, or choose another path.")
         if path.exists():
-            question = snapped(question, Regions(path))
+            question = snapped(question, _regions_of(path, question, provenance))
         there = path.exists()
         if there and _differs(path, narrower, question):
             held = Lock(path / LOCK)
@@ -49,6 +49,16 @@ def open_store(
         return store
     except OSError as error:
         raise ClearanceError(f"Cannot write `{path}`: {error.strerror or error}. Choose another path.") from error
+
+
+def _regions_of(path: Path, question: Question, provenance: Mapping[str, Any]) -> Regions:
+    """The regions of the store at a path, which is mended where it does not say what it is."""
+    try:
+        return Regions(path)
+    except ClearanceError:
+        if not remade(path, question, provenance):
+            raise
+        return Regions(path)
 
 
 def _differs(path: Path, narrower: Path, question: Question) -> bool:

@@ -14,9 +14,9 @@ compared take turns in one run, each keeps its shortest time, and what counts ar
   program have the tolerances that reach an error soonest: 1e-5, and the tightest that both reach. A ladder of
   tolerances ends where a lane takes more than 0.6 s.
 - Memory: the peak of a process of its own, metrics only.
-- Kills: a sweep in a process of its own into a store, killed by SIGKILL after random times and resumed, again and
-  again, until so many kills have been survived; then the store against one that nobody killed, bit by bit, and the
-  journal for regions that are there twice.
+- Kills: a sweep (of pendulums, which are soon compiled) in a process of its own into a store, killed by SIGKILL after
+  random times and resumed, again and again, until so many kills have been survived; then the store against one that
+  nobody killed, bit by bit, and the journal for regions that are there twice.
 - A thousand million lanes, on paper: how they are cut for workers of some cores each, and what that is in tasks, files
   and bytes, with metrics as above. Hours are those of all cores together, by the CPU time above.
 """

@@ -6,13 +6,10 @@ import sys
 import clearance_jax as cj
 from experiments import sweeps
 from experiments.publish import command
-from experiments.sweeps import budget, kills
+from experiments.sweeps import budget
 
 if __name__ == "__main__":
-    if sys.argv[1:2] == ["victim"]:
-        cj.configure(cache=True)
-        kills.victim(sys.argv[2], int(sys.argv[3]))
-    elif sys.argv[1:2] == ["memory"]:
+    if sys.argv[1:2] == ["memory"]:
         cj.configure(cache=True)
         print(json.dumps(budget.stages(int(sys.argv[2]))))
     else:

@@ -1,11 +1,12 @@
 """Kills: a sweep in a process of its own, into a store, ended by SIGKILL at random moments and resumed."""
 
 import importlib
+import multiprocessing
 import shutil
-import signal
-import subprocess
-import sys
 import time
+from contextlib import suppress
+from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,11 +15,14 @@ import xarray as xr
 import clearance_jax as cj
 from clearance_jax.sweep.journal import Journal
 from experiments.common import output
-from experiments.sweeps.asked import CLEARANCE, PEAK, mechanism
 
-# Regions of few chunks, so that few lanes make many, and kills fall within them too; and a short motion, so that
-# processes are what takes the time.
-REGION, LANES, T1, RTOL = 256, 4096, 2e-3, 1e-5
+# Regions of few chunks, so that few lanes make many, and kills fall within them too. What is killed must first be
+# traced: of the least mechanism, that takes a tenth of what it takes of a slider-crank.
+REGION, LANES, T1, RTOL = 256, 4096, 20.0, 1e-9
+# How long lanes wait to be written [s]: shorter than usual by as much as the regions are smaller.
+PATIENCE = 0.05
+# What a process of its own takes most of its time to import. One server of processes has it, and they begin with it.
+IMPORTED = ["experiments.sweeps.kills", "clearance_jax.sweep.run", "zarr", "dask.array"]
 
 
 class Kills(NamedTuple):
@@ -38,41 +42,59 @@ class Kills(NamedTuple):
 
 
 def swept(lanes: int, **options: Any) -> xr.Dataset:
-    """A grid over clearance and speed, on one core."""
-    axes = {CLEARANCE: np.linspace(1e-4, 5e-4, lanes // 16), "drive.main.speed": np.linspace(400.0, 600.0, 16)}
-    return cj.sweep(mechanism(), axes, {"peak": PEAK}, T1, rtol=RTOL, cores=1, **options)
+    """Pendulums, a grid over mass and inertia, on one core."""
+    rod = cj.Body("rod", mass=1.0, inertia=0.1, center_of_mass=cj.Position(0.5, 0.0))
+    pivot = cj.Revolute("pivot", "ground", "rod", motion=cj.Motion(position=1.0))
+    pendulum = cj.Mechanism((rod,), (pivot,), gravity=cj.Gravity(0.0, -9.81))
+    axes = {"rod.mass": np.linspace(1.0, 2.0, lanes // 16), "rod.inertia": np.linspace(0.1, 0.2, 16)}
+    outputs = {"angle": "pivot", "speed": "pivot.velocity"}
+    return cj.sweep(pendulum, axes, outputs, T1, rtol=RTOL, cores=1, **options)
 
 
 def small_regions() -> None:
-    module: Any = importlib.import_module("clearance_jax.sweep.run")
-    module.LEAST, module.CHUNKS_A_CORE = REGION, 0
+    for module, name, value in (
+        ("run", "LEAST", REGION),
+        ("run", "CHUNKS_A_CORE", 0),
+        ("underway", "PATIENCE", PATIENCE),
+    ):
+        setattr(importlib.import_module(f"clearance_jax.sweep.{module}"), name, value)
 
 
-def victim(path: str, lanes: int) -> None:
-    """The sweep that is killed."""
+def victim(path: Path, lanes: int, begun: Connection) -> None:
+    """The sweep that is killed; it says when it has begun to solve."""
+    cj.configure(cache=True)
     small_regions()
-    swept(lanes, store=path, resume=True, progress=lambda p: print(p.done, flush=True))
+
+    def tell(_progress: Any) -> None:
+        if not begun.closed:
+            begun.send(True)
+            begun.close()
+
+    swept(lanes, store=path, resume=True, progress=tell)
 
 
 def killed(wanted: int, lanes: int, seed: int = 0) -> Kills:
     """Kill a sweep so many times, anew from the start whenever it is done."""
+    processes = multiprocessing.get_context("forkserver")
+    processes.set_forkserver_preload(IMPORTED)
     random, path, survived = np.random.default_rng(seed), output("kills.zarr"), 0
-    arguments = [sys.executable, "-m", "experiments.sweeps", "victim", str(path), str(lanes)]
     shutil.rmtree(path, ignore_errors=True)
     twice, kept, same = 0, set(), True
     expected = None
     small_regions()
     while survived < wanted:
-        process = subprocess.Popen(arguments, stdout=subprocess.PIPE)
-        assert process.stdout is not None
-        process.stdout.readline()  # it has begun to solve
+        heard, said = processes.Pipe(duplex=False)
+        process = processes.Process(target=victim, args=(path, lanes, said))
+        process.start()
+        said.close()
+        with suppress(EOFError):  # it had nothing left to do
+            heard.recv()
         time.sleep(float(random.uniform(0.0, 0.3)))
-        ended = process.poll() is not None
-        if ended and process.returncode:
+        ended = not process.is_alive()
+        process.kill()
+        process.join()
+        if ended and process.exitcode:
             raise RuntimeError("The sweep that was to be killed ended by itself; what it said is above.")
-        process.send_signal(signal.SIGKILL)
-        process.wait()
-        process.stdout.close()
         survived += not ended
         regions = [r["region"] for r in Journal(path / "journal.jsonl").read() if r["event"] == "region"]
         twice += len(regions) - len(set(regions))

@@ -1,0 +1,35 @@
+"""What a model is but for its numbers: a key, by which whatever follows from that alone is worked out once."""
+
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+
+
+class Frame(NamedTuple):
+    """A tree with a shape in the place of every array; can be hashed where all else in the tree can."""
+
+    structure: Any
+    leaves: tuple[Any, ...]
+
+    @property
+    def shapes(self) -> list[jax.ShapeDtypeStruct]:
+        """Those of the arrays, in order."""
+        return [leaf for leaf in self.leaves if isinstance(leaf, jax.ShapeDtypeStruct)]
+
+    def filled(self, arrays: Iterable[Any]) -> Any:
+        """The tree with these arrays."""
+        rest = iter(arrays)
+        leaves = [next(rest) if isinstance(leaf, jax.ShapeDtypeStruct) else leaf for leaf in self.leaves]
+        return jax.tree.unflatten(self.structure, leaves)
+
+
+def frame_of(tree: Any) -> Frame:
+    """The frame of a tree of arrays, tracers, and whatever else."""
+    leaves, structure = jax.tree.flatten(tree)
+    return Frame(structure, tuple(map(_shape, leaves)))
+
+
+def _shape(leaf: Any) -> Any:
+    return jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) if eqx.is_array(leaf) else leaf
