@@ -74,13 +74,64 @@ class Form(NamedTuple):
     axes: tuple[tuple[str, tuple[str, ...]], ...] = ()
 
 
-class AbstractMetric(eqx.Module):
+class AbstractMeasure(eqx.Module):
+    """What may be limited of a mechanism: a metric of one motion (`AbstractMetric`), or one at several ages of its
+    parts.
+    """
+
+    @property
+    @abc.abstractmethod
+    def unit(self) -> str:
+        """The unit of its values."""
+
+    @property
+    @abc.abstractmethod
+    def once(self) -> "AbstractMetric":
+        """The metric of one motion."""
+
+    @property
+    @abc.abstractmethod
+    def ages(self) -> tuple[str, ...]:
+        """What a label says of each age at which it has all values of `once`; as it is: nothing, once."""
+
+    @property
+    @abc.abstractmethod
+    def beside(self) -> str:
+        """What a title says of it behind the metric, with a space before; nothing of one motion."""
+
+    @abc.abstractmethod
+    def about(self, metric: "AbstractMetric") -> "AbstractMeasure":
+        """The same of another metric of one motion."""
+
+    @abc.abstractmethod
+    def model(self, mechanism: Mechanism) -> Any:
+        """All that has numbers which move it, the mechanism's among them by their own names."""
+
+
+class AbstractMetric(AbstractMeasure):
     """A number, or a few, of a motion."""
 
     @property
     def unit(self) -> str:
-        """The unit of its values."""
         return getattr(getattr(self, "signal", None), "unit", "")
+
+    @property
+    def once(self) -> "AbstractMetric":
+        return self
+
+    @property
+    def ages(self) -> tuple[str, ...]:
+        return ("",)
+
+    @property
+    def beside(self) -> str:
+        return ""
+
+    def about(self, metric: "AbstractMetric") -> "AbstractMetric":
+        return metric
+
+    def model(self, mechanism: Mechanism) -> Mechanism:
+        return mechanism
 
     def form(self, mechanism: Mechanism) -> Form:
         """How its values of a mechanism's motion are to be read; axes are not named by default."""
@@ -160,6 +211,11 @@ def arguments(function: Callable) -> int:
             f"{found} is neither."
         )
     return len(placed)
+
+
+def as_measure(given: Any) -> AbstractMeasure:
+    """What may be limited as it is; a function as a metric. **Raises** `ClearanceError` for anything else."""
+    return given if isinstance(given, AbstractMeasure) else as_metric(given)
 
 
 def as_metric(given: Any) -> AbstractMetric:

@@ -16,7 +16,6 @@ from clearance_jax.design.scenarios import Scenario, scenarios_of
 from clearance_jax.design.standard import StandardFits, nearest_fits
 from clearance_jax.design.standings import Standing, standings
 from clearance_jax.design.time_histories import TimeHistory, histories_of
-from clearance_jax.design.worn import moved
 from clearance_jax.errors import ClearanceError
 
 CUT_SHORT = "Interrupted before every statement was made."
@@ -117,7 +116,7 @@ def _seen(found: Findings) -> Findings:
         now = observed(specification, design.evaluation.x, scenario)
         if now is None:
             continue  # a design that could not be simulated is reported as such elsewhere
-        mechanism = moved(design.mechanism, scenario.values)
+        mechanism = specification.moved(design.mechanism, scenario.values)
         condition = parts.shown(name)
         seen[condition] = now
         loads += joint_loads(mechanism, condition, times, now)
