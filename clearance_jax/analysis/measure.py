@@ -75,63 +75,55 @@ class Form(NamedTuple):
 
 
 class AbstractMeasure(eqx.Module):
-    """What may be limited of a mechanism: a metric of one motion (`AbstractMetric`), or one at several ages of its
-    parts.
-    """
-
-    @property
-    @abc.abstractmethod
-    def unit(self) -> str:
-        """The unit of its values."""
+    """What may be limited: a metric of one motion (`AbstractMetric`), or one at several ages of a mechanism's parts."""
 
     @property
     @abc.abstractmethod
     def once(self) -> "AbstractMetric":
         """The metric of one motion."""
 
-    @property
-    @abc.abstractmethod
-    def ages(self) -> tuple[str, ...]:
-        """What a label says of each age at which it has all values of `once`; as it is: nothing, once."""
-
-    @property
-    @abc.abstractmethod
-    def beside(self) -> str:
-        """What a title says of it behind the metric, with a space before; nothing of one motion."""
-
     @abc.abstractmethod
     def about(self, metric: "AbstractMetric") -> "AbstractMeasure":
         """The same of another metric of one motion."""
 
-    @abc.abstractmethod
+    @property
+    def unit(self) -> str:
+        """The unit of its values."""
+        return self.once.unit
+
+    @property
+    def ages(self) -> tuple[str, ...]:
+        """What a label says of each age at which it has all values of `once`: by default there is one, as it is."""
+        return ("",)
+
+    @property
+    def beside(self) -> str:
+        """What a title says behind the metric, with a space before. Nothing by default."""
+        return ""
+
+    def finer(self, factor: float) -> "AbstractMeasure":
+        """The same with errors of its own, if it has any beside those of a solve, so many times smaller."""
+        del factor
+        return self
+
     def model(self, mechanism: Mechanism) -> Any:
-        """All that has numbers which move it, the mechanism's among them by their own names."""
+        """What has all numbers that move it, the mechanism's among them: the mechanism by default."""
+        return mechanism
 
 
 class AbstractMetric(AbstractMeasure):
     """A number, or a few, of a motion."""
 
     @property
-    def unit(self) -> str:
-        return getattr(getattr(self, "signal", None), "unit", "")
-
-    @property
     def once(self) -> "AbstractMetric":
         return self
-
-    @property
-    def ages(self) -> tuple[str, ...]:
-        return ("",)
-
-    @property
-    def beside(self) -> str:
-        return ""
 
     def about(self, metric: "AbstractMetric") -> "AbstractMetric":
         return metric
 
-    def model(self, mechanism: Mechanism) -> Mechanism:
-        return mechanism
+    @property
+    def unit(self) -> str:
+        return getattr(getattr(self, "signal", None), "unit", "")
 
     def form(self, mechanism: Mechanism) -> Form:
         """How its values of a mechanism's motion are to be read; axes are not named by default."""

@@ -185,9 +185,10 @@ def _slopes(mechanism, metrics, names, x, given, t1, solve):
 def simulations_of(
     specification: Specification, rtol: float | None = None, solver: str | None = None, place: Place = HERE
 ) -> Simulations:
-    """What designs are simulated by, to the given accuracy."""
+    """What designs are simulated by, to the given accuracy, which is also that of what goes from age to age."""
     changes = {name: given for name, given in (("rtol", rtol), ("solver", solver)) if given is not None}
-    metrics = [limit.simulation_metric for limit in specification.limits]
+    finer = 1.0 if rtol is None else specification.rtol / rtol
+    metrics = [limit.simulation_metric.finer(finer) for limit in specification.limits]
     bounds = [limit.bound for limit in specification.limits]
     return Simulations(
         specification.mechanism,

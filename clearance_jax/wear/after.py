@@ -75,10 +75,6 @@ class AfterWear(AbstractAged):
             raise ClearanceError(f"`cycles` must be at least 0 and ascending, but they are {self.cycles}.")
 
     @property
-    def unit(self) -> str:
-        return self.metric.unit
-
-    @property
     def once(self) -> AbstractMetric:
         return self.metric
 
@@ -92,6 +88,9 @@ class AfterWear(AbstractAged):
 
     def about(self, metric: AbstractMetric) -> "AfterWear":
         return dataclasses.replace(self, metric=metric)
+
+    def finer(self, factor: float) -> "AfterWear":
+        return dataclasses.replace(self, tolerance=self.tolerance / factor)
 
     def model(self, mechanism: Mechanism) -> Wearing:
         """The joint that wears, whose numbers have names: "wear.coefficient" of the law, "pressure.stiffness"."""
