@@ -10,6 +10,7 @@ from clearance_jax.design.certificate import Certificate
 from clearance_jax.design.drawing import JointDrawing, joint_drawings
 from clearance_jax.design.explain import Response, Tradeoff, responses, tradeoff
 from clearance_jax.design.loads import JointLoad, PinPath, joint_loads, pin_paths
+from clearance_jax.design.maintenance import Maintenance, maintenances
 from clearance_jax.design.observed import Observed, observed, sample_times
 from clearance_jax.design.outline import Outline, outline
 from clearance_jax.design.scenarios import Scenario, scenarios_of
@@ -20,6 +21,8 @@ from clearance_jax.errors import ClearanceError
 
 CUT_SHORT = "Interrupted before every statement was made."
 INFEASIBLE = "No design holds every limit, so there is nothing to explain or to verify."
+# Parts that are tried with standard fits: of each a motion, or the motions of a life.
+SAMPLES, LIVED = 200, 20
 NO_FITS = "No combination of common fits was found that holds the limits."
 
 
@@ -42,6 +45,7 @@ class Findings(NamedTuple):
     loads: tuple[JointLoad, ...] = ()
     paths: tuple[PinPath, ...] = ()
     outline: Outline | None = None
+    maintenance: tuple[Maintenance, ...] = ()
     software: str = ""
 
     @property
@@ -97,6 +101,8 @@ def _steps(design: Design) -> Iterator[tuple[str, Callable[[Findings], Findings]
     if design.feasible:
         yield "contributions", _explained
         yield "standard fits", _fitted
+        if any(limit.ages for limit in design.specification.limits):
+            yield "maintenance intervals", _maintained
         yield "trade-off", lambda found: found._replace(tradeoff=tradeoff(found.design))
 
 
@@ -148,9 +154,17 @@ def _explained(found: Findings) -> Findings:
         return _noted(found, str(error))
 
 
-def _fitted(found: Findings) -> Findings:
+def _maintained(found: Findings) -> Findings:
     try:
-        fits = nearest_fits(found.design)
+        return found._replace(maintenance=maintenances(found.design))
+    except ClearanceError as error:
+        return _noted(found, str(error))
+
+
+def _fitted(found: Findings) -> Findings:
+    samples = LIVED if any(limit.ages for limit in found.design.specification.limits) else SAMPLES
+    try:
+        fits = nearest_fits(found.design, samples=samples)
     except ClearanceError as error:
         return _noted(found, str(error))
     if fits is None:

@@ -27,6 +27,11 @@ from clearance_jax.wear.worn import SECTORS
 class AbstractAged(AbstractMeasure):
     """A metric at several ages of a mechanism's parts: many motions in a row, so that no solve with others has it."""
 
+    @property
+    @abc.abstractmethod
+    def last(self) -> int:
+        """The cycles after which it is oldest."""
+
     @abc.abstractmethod
     def of(
         self, mechanism: Mechanism, values: Mapping[str, Any], t1: float, by: Sequence[str] = (), **options: Any
@@ -81,6 +86,10 @@ class AfterWear(AbstractAged):
     @property
     def ages(self) -> tuple[str, ...]:
         return tuple(f", after {cycles} cycles of wear" for cycles in self.cycles)
+
+    @property
+    def last(self) -> int:
+        return self.cycles[-1]
 
     @property
     def beside(self) -> str:
