@@ -54,9 +54,10 @@ class Limit(eqx.Module):
 
     @property
     def signal_label(self) -> str:
-        """The signal that it is about, in words; the label of a metric that has none."""
+        """The signal that it is about, in words; the label of a metric that has none. It is seen over one motion."""
         signal = getattr(self.metric.once, "signal", None)
-        return self.label if signal is None else self._labelled(_words(type(signal).__name__))
+        of = self.label if signal is None else self._labelled(_words(type(signal).__name__))
+        return of + " as new" * self.ages
 
     @property
     def reduction(self) -> str:
