@@ -23,7 +23,7 @@ from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import parameters, replace
 from clearance_jax.solve.batch import cores_here
 from clearance_jax.solve.settings import Settings
-from clearance_jax.wear.after import AbstractAged
+from clearance_jax.wear import AbstractAged
 
 # More scenarios than this are solved as lanes, without derivatives.
 FEW_SCENARIOS = 250

@@ -9,7 +9,7 @@ from clearance_jax.design.evaluate import Simulations
 from clearance_jax.design.scenarios import Scenario, scenarios_of
 from clearance_jax.design.specification import Limit
 from clearance_jax.design.worn import own
-from clearance_jax.wear.after import AbstractAged
+from clearance_jax.wear import AbstractAged
 
 # Clearances are chosen that would last about so many times the cycles asked for, where what is left for wear is used up
 # evenly; and lives are followed so far.

@@ -16,7 +16,7 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import check_values, parameters, replace, units_of
 from clearance_jax.solve.settings import Settings, SolveOptions, settings_of
-from clearance_jax.wear.after import AbstractAged
+from clearance_jax.wear import AbstractAged
 
 # Peaks that are limits each: where the highest changes place, the next one has been watched already.
 PEAKS = 3
