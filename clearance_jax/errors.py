@@ -13,6 +13,10 @@ class ClearanceError(ValueError):
         super().__init__(cut(str(message), LONGEST))
 
 
+class WornOut(ClearanceError):
+    """A part that does not live as long as it was asked to: no mistake of who asks, where parts scatter."""
+
+
 def cut(text: str, longest: int) -> str:
     """A text of no more than `longest` characters: of a longer one its begin and its end."""
     if len(text) <= longest:

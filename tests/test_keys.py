@@ -28,6 +28,7 @@ READERS = (
     "sweep_file",
     "scene_worn",
     "wear_file",
+    "wearing",
 )
 
 
@@ -267,7 +268,8 @@ cost = {cost}
 {limit}
 """
 COST = inline(example(study_keys.COST_TABLES["reciprocal"]))
-PEAK = lines(example(study_keys.LIMIT_TABLES["peak"], "body", "joint"))
+PEAK = lines(example(study_keys.LIMIT_TABLES["peak"], "body", "joint", "cycles"))
+LIFE = "[life]\n" + lines(example(study_keys.LIFE))
 
 
 def study(tmp_path, rest="", cost=COST, limit=PEAK) -> Any:
@@ -289,8 +291,29 @@ def test_examples_of_limits_are_read(word, tmp_path):
     values = example(study_keys.LIMIT_TABLES[word], "body", "joint")
     if word == "impacts":
         values["joint"] = '"wrist"'
-    (limit,) = study(tmp_path, limit=lines(values)).problem.specification.limits
+    asked = study(tmp_path, LIFE, limit=lines(values)).problem.specification
+    (limit,) = asked.limits
     assert limit.title == "piston"
+    assert limit.metric.ages == (", after 0 cycles of wear", ", after 20000 cycles of wear")
+    assert float(asked.worth("wear.coefficient")) == pytest.approx(6e-14)
+    assert float(asked.worth("wrist.length")) == pytest.approx(0.02)
+
+
+@pytest.mark.parametrize(
+    ("cycles", "life", "words"),
+    [
+        ("[0, 100]", "", "limit.piston.cycles has no effect without a table `life`"),
+        ("", LIFE, "life has no effect: no limit has `cycles`"),
+        ("[100, 100]", LIFE, "limit.piston.cycles must be a list of whole numbers that grow, such as"),
+        ("[0, 100]", LIFE.replace('"wrist"', '"rist"'), "life.joint: no joint with clearance has this name. Did you"),
+        ("[0, 100]", LIFE.replace('"12 ms"', '"-1 ms"'), "life.cycle must be greater than the scene's t0"),
+        ("[0, 100]", LIFE + "until = 3\n", "life.until is not a known key"),
+        ("[0, 100]", LIFE + '[condition.a]\n"wear.coefficient" = "1 m"\n', "condition.a.wear.coefficient must be in"),
+    ],
+)
+def test_a_wrong_life_of_a_study_is_said(cycles, life, words, tmp_path):
+    with pytest.raises(ClearanceError, match=words):
+        study(tmp_path, life, limit=PEAK + (f"cycles = {cycles}\n" if cycles else ""))
 
 
 @pytest.mark.parametrize("word", metric_keys.SIGNALS)

@@ -74,12 +74,55 @@ class Form(NamedTuple):
     axes: tuple[tuple[str, tuple[str, ...]], ...] = ()
 
 
-class AbstractMetric(eqx.Module):
-    """A number, or a few, of a motion."""
+class AbstractMeasure(eqx.Module):
+    """What may be limited: a metric of one motion (`AbstractMetric`), or one at several ages of a mechanism's parts."""
+
+    @property
+    @abc.abstractmethod
+    def once(self) -> "AbstractMetric":
+        """The metric of one motion."""
+
+    @abc.abstractmethod
+    def about(self, metric: "AbstractMetric") -> "AbstractMeasure":
+        """The same of another metric of one motion."""
 
     @property
     def unit(self) -> str:
         """The unit of its values."""
+        return self.once.unit
+
+    @property
+    def ages(self) -> tuple[str, ...]:
+        """What a label says of each age at which it has all values of `once`: by default there is one, as it is."""
+        return ("",)
+
+    @property
+    def beside(self) -> str:
+        """What a title says behind the metric, with a space before. Nothing by default."""
+        return ""
+
+    def finer(self, factor: float) -> "AbstractMeasure":
+        """The same with errors of its own, if it has any beside those of a solve, so many times smaller."""
+        del factor
+        return self
+
+    def model(self, mechanism: Mechanism) -> Any:
+        """What has all numbers that move it, the mechanism's among them: the mechanism by default."""
+        return mechanism
+
+
+class AbstractMetric(AbstractMeasure):
+    """A number, or a few, of a motion."""
+
+    @property
+    def once(self) -> "AbstractMetric":
+        return self
+
+    def about(self, metric: "AbstractMetric") -> "AbstractMetric":
+        return metric
+
+    @property
+    def unit(self) -> str:
         return getattr(getattr(self, "signal", None), "unit", "")
 
     def form(self, mechanism: Mechanism) -> Form:
@@ -160,6 +203,11 @@ def arguments(function: Callable) -> int:
             f"{found} is neither."
         )
     return len(placed)
+
+
+def as_measure(given: Any) -> AbstractMeasure:
+    """What may be limited as it is; a function as a metric. **Raises** `ClearanceError` for anything else."""
+    return given if isinstance(given, AbstractMeasure) else as_metric(given)
 
 
 def as_metric(given: Any) -> AbstractMetric:

@@ -8,6 +8,7 @@ from clearance_jax.design.explain import Response, Tradeoff, responses, tradeoff
 from clearance_jax.design.findings import Findings, findings, known
 from clearance_jax.design.formulation import formulate
 from clearance_jax.design.loads import JointLoad, PinPath
+from clearance_jax.design.maintenance import Maintenance, maintenances
 from clearance_jax.design.manufacture import Band, Yield, YieldEstimate
 from clearance_jax.design.methods import METHOD_CHOICES, METHODS, Method
 from clearance_jax.design.outline import Outline
@@ -37,6 +38,7 @@ __all__ = [
     "JointDrawing",
     "JointLoad",
     "Limit",
+    "Maintenance",
     "Method",
     "Outline",
     "PinPath",
@@ -56,6 +58,7 @@ __all__ = [
     "findings",
     "formulate",
     "known",
+    "maintenances",
     "nearest_fits",
     "responses",
     "run",

@@ -4,24 +4,26 @@ What is to hold while a joint wears is many motions in a row, block by block: it
 """
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from clearance_jax.analysis.measure import AbstractMetric, measured
+from clearance_jax.analysis.measure import AbstractMeasure, measured
 from clearance_jax.design.lanes import HERE, Lanes, Place
 from clearance_jax.design.manufacture import Yield, YieldEstimate, estimate_yield
 from clearance_jax.design.scenarios import Scenario, scenarios_of
 from clearance_jax.design.specification import Specification
 from clearance_jax.design.worn import moved
-from clearance_jax.errors import ClearanceError
+from clearance_jax.errors import ClearanceError, WornOut
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.parameters import replace
+from clearance_jax.parameters import parameters, replace
+from clearance_jax.solve.batch import cores_here
 from clearance_jax.solve.settings import Settings
-from clearance_jax.wear import AfterWear
+from clearance_jax.wear import AbstractAged
 
 # More scenarios than this are solved as lanes, without derivatives.
 FEW_SCENARIOS = 250
@@ -38,7 +40,7 @@ class Simulations:
     def __init__(
         self,
         mechanism: Mechanism,
-        metrics: Sequence[AbstractMetric | AfterWear],
+        metrics: Sequence[AbstractMeasure],
         bounds: Sequence[float],
         names: Sequence[str],
         t1: float,
@@ -49,20 +51,18 @@ class Simulations:
         self.mechanism, self.t1, self.solve, self.place = mechanism, t1, solve, place
         self._lanes: dict[bool, Lanes] = {}
         # Those of one motion, which one solve has together.
-        self._plain = tuple(metric for metric in self.metrics if not isinstance(metric, AfterWear))
+        self._aged = {i: metric for i, metric in enumerate(self.metrics) if isinstance(metric, AbstractAged)}
+        self._plain = tuple(metric.once for i, metric in enumerate(self.metrics) if i not in self._aged)
 
     def sizes(self) -> list[int]:
         """How many numbers each metric is."""
+        return [self._size(metric) for metric in self.metrics]
 
-        def size(metric) -> int:
-            if isinstance(metric, AfterWear):
-                return len(metric.cycles) * size(metric.metric)
-            out = jax.eval_shape(
-                lambda t1: measured(self.mechanism, {"": metric}, t1, self.solve)[""], jnp.asarray(self.t1)
-            )
-            return int(np.prod(out.shape))
+    def _size(self, metric: AbstractMeasure) -> int:
+        def value(t1):
+            return measured(self.mechanism, {"": metric.once}, t1, self.solve)[""]
 
-        return [size(metric) for metric in self.metrics]
+        return len(metric.ages) * int(np.prod(jax.eval_shape(value, jnp.asarray(self.t1)).shape))
 
     def limits(self, x: np.ndarray, scenario: Scenario, gradient: bool) -> tuple[np.ndarray, np.ndarray | None]:
         """Scaled limits (m,) of a design (n,) in a scenario, and their derivatives (m, n)."""
@@ -82,13 +82,23 @@ class Simulations:
         of one condition must follow each other.
         """
         if not self._as_lanes(scenarios):
-            limits, rows = zip(*(self.limits(x, scenario, gradient) for scenario in scenarios), strict=True)
+            limits, rows = zip(*self._one_by_one(x, scenarios, gradient), strict=True)
             return np.stack(limits), np.stack(rows) if gradient else None
         # Conditions apart: they may set different names.
         parts = [list(part) for _, part in itertools.groupby(scenarios, lambda one: one.values.keys())]
         found = [self._lanes_of(x, part, gradient) for part in parts]
         limits, rows = zip(*found, strict=True)
         return np.concatenate(limits), np.concatenate(rows) if gradient else None
+
+    def _one_by_one(self, x: np.ndarray, scenarios: Sequence[Scenario], gradient: bool) -> Iterator[tuple]:
+        """`limits` in every scenario."""
+        if not self._aged:
+            yield from (self.limits(x, scenario, gradient) for scenario in scenarios)
+            return
+        # A life is host work between small solves: several go on beside each other. The first compiles for all.
+        yield self.limits(x, scenarios[0], gradient)
+        with ThreadPoolExecutor(self.place.cores or cores_here()) as pool:
+            yield from pool.map(lambda scenario: self.limits(x, scenario, gradient), scenarios[1:])
 
     def worst(self, x: np.ndarray, scenarios: Sequence[Scenario], exact: bool = False) -> np.ndarray:
         """The most violated scaled limit of a design in each scenario, shape (scenarios,); infinite where there is no
@@ -102,30 +112,31 @@ class Simulations:
         values, slopes = [], []
         if self._plain:
             # Numbers of wear are no numbers of the mechanism, and move no metric of one motion.
-            mechanism = moved(self.mechanism, given)
+            mechanism = moved(self.mechanism, self.metrics, given)
             call = _slopes if gradient else _values
             asked = mechanism, self._plain, self.names, jnp.asarray(x), {}, jnp.asarray(self.t1), self.solve
             values, slopes = call(*asked)
-        if len(self._plain) == len(self.metrics):
-            return values, slopes
-        one, other = iter(values), iter(slopes)
-        pairs = [
-            self._worn(metric, x, given, gradient)
-            if isinstance(metric, AfterWear)
-            else (next(one), next(other) if gradient else None)
-            for metric in self.metrics
-        ]
-        return [value for value, _ in pairs], [slope for _, slope in pairs]
+        for i, metric in self._aged.items():
+            value, slope = self._worn(metric, x, given, gradient)
+            values.insert(i, value)
+            slopes.insert(i, slope)
+        return values, slopes
 
-    def _worn(self, metric: AfterWear, x, given, gradient: bool) -> tuple[np.ndarray, np.ndarray]:
+    def _worn(self, metric: AbstractAged, x, given, gradient: bool) -> tuple[np.ndarray, np.ndarray]:
         solve = self.solve
         how = {"t0": float(solve.t0), "rtol": float(solve.rtol), "solver": solve.solver}
         how |= {"start": solve.start, "max_steps": solve.max_steps}
-        values = {**given, **dict(zip(self.names, x, strict=True))}
-        return metric.of(self.mechanism, values, self.t1, self.names if gradient else (), **how)
+        known = parameters(metric.model(self.mechanism))
+        values = {n: v for n, v in given.items() if n in known} | dict(zip(self.names, x, strict=True))
+        names = self.names if gradient else ()
+        try:
+            return metric.of(self.mechanism, values, self.t1, names, **how)
+        except WornOut:
+            count = self._size(metric)
+            return np.full(count, np.nan), np.full((count, len(names)), np.nan)
 
     def _as_lanes(self, scenarios: Sequence[Scenario]) -> bool:
-        if len(self._plain) < len(self.metrics):
+        if self._aged:
             return False
         many = len(scenarios) > FEW_SCENARIOS or (self.place.client is not None and len(scenarios) > 1)
         # Of an array entries can be named, one by one; of an array of arrays not.
@@ -174,9 +185,10 @@ def _slopes(mechanism, metrics, names, x, given, t1, solve):
 def simulations_of(
     specification: Specification, rtol: float | None = None, solver: str | None = None, place: Place = HERE
 ) -> Simulations:
-    """What designs are simulated by, to the given accuracy."""
+    """What designs are simulated by, to the given accuracy, which is also that of what goes from age to age."""
     changes = {name: given for name, given in (("rtol", rtol), ("solver", solver)) if given is not None}
-    metrics = [limit.simulation_metric for limit in specification.limits]
+    finer = 1.0 if rtol is None else specification.rtol / rtol
+    metrics = [limit.simulation_metric.finer(finer) for limit in specification.limits]
     bounds = [limit.bound for limit in specification.limits]
     return Simulations(
         specification.mechanism,

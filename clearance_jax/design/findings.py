@@ -10,17 +10,19 @@ from clearance_jax.design.certificate import Certificate
 from clearance_jax.design.drawing import JointDrawing, joint_drawings
 from clearance_jax.design.explain import Response, Tradeoff, responses, tradeoff
 from clearance_jax.design.loads import JointLoad, PinPath, joint_loads, pin_paths
+from clearance_jax.design.maintenance import Maintenance, maintenances
 from clearance_jax.design.observed import Observed, observed, sample_times
 from clearance_jax.design.outline import Outline, outline
 from clearance_jax.design.scenarios import Scenario, scenarios_of
 from clearance_jax.design.standard import StandardFits, nearest_fits
 from clearance_jax.design.standings import Standing, standings
 from clearance_jax.design.time_histories import TimeHistory, histories_of
-from clearance_jax.design.worn import moved
 from clearance_jax.errors import ClearanceError
 
 CUT_SHORT = "Interrupted before every statement was made."
 INFEASIBLE = "No design holds every limit, so there is nothing to explain or to verify."
+# Parts that are tried with standard fits: of each a motion, or the motions of a life.
+SAMPLES, LIVED = 200, 20
 NO_FITS = "No combination of common fits was found that holds the limits."
 
 
@@ -43,6 +45,7 @@ class Findings(NamedTuple):
     loads: tuple[JointLoad, ...] = ()
     paths: tuple[PinPath, ...] = ()
     outline: Outline | None = None
+    maintenance: tuple[Maintenance, ...] = ()
     software: str = ""
 
     @property
@@ -102,6 +105,8 @@ def _steps(design: Design, cluster: Any) -> Iterator[tuple[str, Callable[[Findin
     if design.feasible:
         yield "contributions", _explained
         yield "standard fits", lambda found: _fitted(found, cluster)
+        if any(limit.ages for limit in design.specification.limits):
+            yield "maintenance intervals", _maintained
         yield "trade-off", lambda found: found._replace(tradeoff=tradeoff(found.design))
 
 
@@ -121,7 +126,7 @@ def _seen(found: Findings) -> Findings:
         now = observed(specification, design.evaluation.x, scenario)
         if now is None:
             continue  # a design that could not be simulated is reported as such elsewhere
-        mechanism = moved(design.mechanism, scenario.values)
+        mechanism = specification.moved(design.mechanism, scenario.values)
         condition = parts.shown(name)
         seen[condition] = now
         loads += joint_loads(mechanism, condition, times, now)
@@ -153,9 +158,22 @@ def _explained(found: Findings) -> Findings:
         return _noted(found, str(error))
 
 
+<<<<<<< HEAD
 def _fitted(found: Findings, cluster: Any) -> Findings:
     try:
         fits = nearest_fits(found.design, cluster=cluster)
+=======
+def _maintained(found: Findings) -> Findings:
+    try:
+        return found._replace(maintenance=maintenances(found.design))
+    except ClearanceError as error:
+        return _noted(found, str(error))
+
+
+def _fitted(found: Findings) -> Findings:
+    samples = LIVED if any(limit.ages for limit in found.design.specification.limits) else SAMPLES
+    try:
+        fits = nearest_fits(found.design, samples=samples)
     except ClearanceError as error:
         return _noted(found, str(error))
     if fits is None:

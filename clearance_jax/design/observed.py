@@ -11,14 +11,12 @@ import numpy as np
 
 from clearance_jax.analysis.instants import PeakInstants
 from clearance_jax.analysis.joint_work import JointWork
-from clearance_jax.analysis.measure import AbstractMetric, Function, measure
+from clearance_jax.analysis.measure import AbstractMetric, measure
 from clearance_jax.analysis.metrics import At, ContactForce, Impacts, Peak
-from clearance_jax.design import worn
 from clearance_jax.design.places import PlacesOverTime
 from clearance_jax.design.scenarios import Scenario
 from clearance_jax.design.specification import Specification
 from clearance_jax.parameters import replace
-from clearance_jax.wear import AfterWear
 
 SAMPLES = 2001
 
@@ -47,7 +45,7 @@ def sample_times(specification: Specification) -> np.ndarray:
 def observed(specification: Specification, x: np.ndarray, scenario: Scenario) -> Observed | None:
     """A design (its variables, shape (n,)) in a scenario; `None` where there is no motion to the end."""
     x = specification.values(x) * scenario.factors
-    moved = worn.moved(specification.mechanism, scenario.values)
+    moved = specification.moved(specification.mechanism, scenario.values)
     moved = replace(moved, dict(zip(specification.variables, x, strict=True)))
     solve = {**specification.options, "rtol": jnp.asarray(specification.rtol)}
     found = _measured(moved, _asked(specification), jnp.asarray(specification.t1), solve)
@@ -58,9 +56,8 @@ def observed(specification: Specification, x: np.ndarray, scenario: Scenario) ->
 def _asked(specification: Specification) -> Observed:
     joints = [joint.name for joint in specification.mechanism.clearance_joints()]
     times = sample_times(specification)
-    # What a sleeve is like once it is worn is not seen in one motion.
-    every = [limit.simulation_metric for limit in specification.limits]
-    metrics = [Function(_nothing) if isinstance(metric, AfterWear) else metric for metric in every]
+    # What will be once parts are worn is not seen in one motion: it is seen as new.
+    metrics = [limit.simulation_metric.once for limit in specification.limits]
     signals = [getattr(metric, "signal", None) for metric in metrics]
     return Observed(
         tuple(PeakInstants(metric) if isinstance(metric, Peak) else metric for metric in metrics),
@@ -70,10 +67,6 @@ def _asked(specification: Specification) -> Observed:
         tuple(Impacts(name) for name in joints),
         PlacesOverTime(times),
     )
-
-
-def _nothing(solution):
-    return jnp.zeros_like(solution.time[-1:])
 
 
 @eqx.filter_jit

@@ -8,7 +8,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from clearance_jax.analysis.trust import gradient_report
-from clearance_jax.design import worn
 from clearance_jax.design.answer import Design
 from clearance_jax.design.formulation import formulate
 from clearance_jax.design.lanes import HERE, Place
@@ -16,7 +15,6 @@ from clearance_jax.design.methods import AUTO, Method, method_of
 from clearance_jax.design.program import Evaluation
 from clearance_jax.design.run import INTERRUPTED, SPENT, run
 from clearance_jax.design.specification import Specification
-from clearance_jax.design.worn import plain
 from clearance_jax.errors import ClearanceError
 from clearance_jax.parameters import replace
 
@@ -66,7 +64,7 @@ def _check_derivatives(specification: Specification, x: np.ndarray) -> None:
     values = specification.clearances(x)
     for limit in specification.limits:
 
-        def of(c, metric=plain(limit.simulation_metric)):
+        def of(c, metric=limit.simulation_metric.once):
             moved = replace(specification.mechanism, {name: c * v for name, v in values.items()})
             return metric(moved, jnp.asarray(specification.t1), **specification.options)
 
@@ -80,12 +78,12 @@ def _distrust(specification: Specification, x: np.ndarray) -> str:
     """Why gradients are useless at a point, in words; empty where they are not."""
     names = tuple(specification.variables)
     for name, values in specification.conditions.items():
-        moved = replace(worn.moved(specification.mechanism, values), specification.clearances(x))
+        moved = replace(specification.moved(specification.mechanism, values), specification.clearances(x))
         for limit in specification.limits:
             try:
                 report = gradient_report(
                     moved,
-                    plain(limit.metric),
+                    limit.metric.once,
                     names,
                     specification.t1,
                     samples=max(16, len(names) + 3),

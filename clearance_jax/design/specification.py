@@ -2,21 +2,21 @@
 
 import dataclasses
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import equinox as eqx
 import numpy as np
 
-from clearance_jax.analysis.measure import Function, begin_of
+from clearance_jax.analysis.measure import AbstractMeasure, Function, as_measure, begin_of
 from clearance_jax.analysis.metrics import AbstractMetric, At, Peak
+from clearance_jax.design import worn
 from clearance_jax.design.manufacture import Band, Yield
-from clearance_jax.design.worn import as_limited, moved, plain, worth
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import check_values, parameters, replace, units_of
 from clearance_jax.solve.settings import Settings, SolveOptions, settings_of
-from clearance_jax.wear import AfterWear
+from clearance_jax.wear import AbstractAged
 
 # Peaks that are limits each: where the highest changes place, the next one has been watched already.
 PEAKS = 3
@@ -29,7 +29,7 @@ class Limit(eqx.Module):
     metric's unit) in any condition; or a `wear.AfterWear`, a metric that must not while a joint wears.
     """
 
-    metric: AbstractMetric | AfterWear = eqx.field(converter=as_limited)
+    metric: AbstractMeasure = eqx.field(converter=as_measure)
     bound: float
     name: str = eqx.field(static=True, default="")
 
@@ -40,61 +40,66 @@ class Limit(eqx.Module):
     @property
     def title(self) -> str:
         """The given name, or the metric's."""
-        metric = plain(self.metric)
+        metric = self.metric.once
         signal = getattr(metric, "signal", None)
         own = metric.called if isinstance(metric, Function) else type(metric).__name__
         parts = [own] + ([] if signal is None else [type(signal).__name__])
         of = next((getattr(signal, n) for n in ("point", "joint", "body") if hasattr(signal, n)), None)
-        worn = f" worn at {self.metric.joint}" if isinstance(self.metric, AfterWear) else ""
-        return self.name or " ".join(parts) + ("" if of is None else f" of {of}") + worn
+        return self.name or " ".join(parts) + ("" if of is None else f" of {of}") + self.metric.beside
 
     @property
     def label(self) -> str:
         """What is bounded, in words: "piston: position error"; a name other than the part's stands beside it."""
-        return self._labelled(_quantity(plain(self.metric)))
+        return self._labelled(_quantity(self.metric.once))
 
     @property
     def signal_label(self) -> str:
-        """The signal that it is about, in words; the label of a metric that has none."""
-        signal = getattr(self.metric, "signal", None)
-        return self.label if signal is None else self._labelled(_words(type(signal).__name__))
+        """The signal that it is about, in words; the label of a metric that has none. It is seen over one motion."""
+        signal = getattr(self.metric.once, "signal", None)
+        of = self.label if signal is None else self._labelled(_words(type(signal).__name__))
+        return of + " as new" * self.ages
 
     @property
     def reduction(self) -> str:
         """What of its signal is bounded, in words; nothing where that is every value."""
-        return _reduction(plain(self.metric)).strip()
+        return _reduction(self.metric.once).strip()
+
+    @property
+    def ages(self) -> bool:
+        """Whether it must hold as parts wear."""
+        return isinstance(self.metric, AbstractAged)
 
     @property
     def since(self) -> float | None:
         """From when on it counts [s]; `None`: from the start."""
-        since = getattr(plain(self.metric), "since", None)
+        since = getattr(self.metric.once, "since", None)
         return None if since is None else float(since)
 
     def _labelled(self, what: str) -> str:
-        part = _part(plain(self.metric))
+        part = _part(self.metric.once)
         name = self.name or part
         whole = what if part in ("", name) else f"{what} of {part}"
         return f"{name}: {whole}" if name else whole
 
     def labels(self, count: int) -> list[str]:
         """What each of the `count` values of its simulated metric is: "piston: position error, peak 1"."""
-        if isinstance(self.metric, AfterWear):
-            own = Limit(self.metric.metric, self.bound, self.name)
-            once = own.labels(count // len(self.metric.cycles))
-            return [f"{label}, after {n} cycles of wear" for n in self.metric.cycles for label in once]
-        if isinstance(self.metric, At):
-            return [f"{self.label}, at {1e3 * float(time):.6g} ms" for time in self.metric.times]
-        word = "peak" if isinstance(self.metric, Peak) else "value"
+        once = self._labels_once(count // len(self.metric.ages))
+        return [label + age for age in self.metric.ages for label in once]
+
+    def _labels_once(self, count: int) -> list[str]:
+        """Of one motion."""
+        metric = self.metric.once
+        if isinstance(metric, At):
+            return [f"{self.label}, at {1e3 * float(time):.6g} ms" for time in metric.times]
+        word = "peak" if isinstance(metric, Peak) else "value"
         return [self.label] if count == 1 else [f"{self.label}, {word} {k + 1}" for k in range(count)]
 
     @property
-    def simulation_metric(self) -> AbstractMetric | AfterWear:
+    def simulation_metric(self) -> AbstractMeasure:
         """The metric that is solved for: of a peak some more peaks too."""
-        if isinstance(self.metric, AfterWear):
-            own = Limit(self.metric.metric, self.bound, self.name)
-            return dataclasses.replace(self.metric, metric=own.simulation_metric)
-        if isinstance(self.metric, Peak) and self.metric.count == 1:
-            return dataclasses.replace(self.metric, count=PEAKS)
+        metric = self.metric.once
+        if isinstance(metric, Peak) and metric.count == 1:
+            return self.metric.about(dataclasses.replace(metric, count=PEAKS))
         return self.metric
 
 
@@ -144,7 +149,7 @@ class Specification:
     def __post_init__(self):
         settings = self.settings()
         for limit in self.limits:
-            begin_of(getattr(plain(limit.metric), "since", None), self.t1, settings)
+            begin_of(getattr(limit.metric.once, "since", None), self.t1, settings)
         if self.manufacture is not None:
             self.manufacture.check()
         if not self.variables or not self.limits:
@@ -160,9 +165,12 @@ class Specification:
         try:
             for given in values:
                 self.worth(given)  # an unknown name raises here
-            now = moved(self.mechanism, values)
+            now = self.moved(self.mechanism, values)
             for end in (0, 1):
                 check_values(replace(now, {name: ends[end] for name, ends in self.variables.items()}))
+            for limit in self.limits:
+                model = limit.metric.model(now)
+                check_values(replace(model, {n: v for n, v in values.items() if n in parameters(model)}))
             if isinstance(self.manufacture, Yield):
                 for scattered in self.manufacture.scatter:
                     self.worth(scattered)
@@ -177,7 +185,11 @@ class Specification:
 
     def worth(self, name: str) -> Any:
         """The value of a number, the mechanism's or that of wear. **Raises** `ClearanceError` for an unknown one."""
-        return worth(self.mechanism, [limit.metric for limit in self.limits], name)
+        return worn.worth(self.mechanism, [limit.metric for limit in self.limits], name)
+
+    def moved(self, mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
+        """A mechanism as a condition or a scenario has it, whose values may be of wear too."""
+        return worn.moved(mechanism, [limit.metric for limit in self.limits], values)
 
     def settings(self, **changes: Any) -> Settings:
         """How to solve, with some options changed."""

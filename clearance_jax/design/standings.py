@@ -47,7 +47,8 @@ def standings(design: Design, look: Callable[[Scenario], Observed | None] | None
         if look is not None and number not in seen:
             seen[number] = look(scenarios[number])
         value, share = float((1 + limits[k]) * asked.bound), float(1 + limits[k])
-        time = _instant(seen.get(number), limit, place)
+        # It was looked at as new.
+        time = None if asked.ages else _instant(seen.get(number), limit, place)
         out.append(Standing(program.limit_names[k], asked.metric.unit, value, asked.bound, share, time))
     return tuple(out)
 

@@ -7,7 +7,6 @@ import numpy as np
 
 from clearance_jax.analysis.measure import measure
 from clearance_jax.analysis.metrics import At
-from clearance_jax.design import worn
 from clearance_jax.design.answer import Design
 from clearance_jax.design.observed import sample_times
 from clearance_jax.design.specification import Specification
@@ -35,7 +34,7 @@ def time_histories(design: Design) -> tuple[TimeHistory, ...]:
     times, signals, found = sample_times(specification), _signals(design.specification), {}
     asked = {str(i): At(signal, times) for i, signal in enumerate(signals) if signal is not None}
     for name, given in specification.conditions.items():
-        moved = worn.moved(design.mechanism, given)
+        moved = specification.moved(design.mechanism, given)
         try:
             seen = measure(moved, asked, specification.t1, **specification.options)
         except (ClearanceError, RuntimeError):
@@ -65,4 +64,4 @@ def histories_of(
 
 
 def _signals(specification: Specification) -> list[Any]:
-    return [getattr(limit.metric, "signal", None) for limit in specification.limits]
+    return [getattr(limit.metric.once, "signal", None) for limit in specification.limits]

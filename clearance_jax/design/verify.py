@@ -6,7 +6,6 @@ import numpy as np
 import scipy.optimize
 
 from clearance_jax.analysis.metrics import Peak, PositionError
-from clearance_jax.design import worn
 from clearance_jax.design.certificate import Certificate
 from clearance_jax.design.evaluate import fresh_yield
 from clearance_jax.design.formulation import formulate
@@ -87,7 +86,7 @@ def _static(specification: Specification, x: np.ndarray) -> dict[str, float]:
         if not isinstance(limit.metric, Peak) or not isinstance(limit.metric.signal, PositionError):
             continue
         for values in specification.conditions.values():
-            moved = worn.moved(designed, values)
+            moved = specification.moved(designed, values)
             try:
                 weights = static_weights(moved, limit.metric.signal.point, specification.t1, t0=specification.t0)
             except ClearanceError:

@@ -1,52 +1,36 @@
-"""Limits that hold over a life: numbers of wear stand beside the mechanism's, and a limit's motion is that of its
-metric.
-"""
+"""Numbers that are not the mechanism's own but move a limit all the same: those of how its parts wear."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from clearance_jax.analysis.measure import AbstractMetric, as_metric
+import numpy as np
+
+from clearance_jax.analysis.measure import AbstractMeasure
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.parameters import find, parameters, replace
-from clearance_jax.wear import AfterWear
-
-OF_WEAR = ("wear.", "pressure.")
+from clearance_jax.parameters import parameters, replace, values_of
 
 
-def as_limited(given: Any) -> AbstractMetric | AfterWear:
-    """What may be limited: a metric, or a metric after wear."""
-    return given if isinstance(given, AfterWear) else as_metric(given)
+def own(mechanism: Mechanism, measures: Iterable[AbstractMeasure], values: Mapping[str, Any]) -> dict[str, Any]:
+    """Those of the values that are not of wear: the mechanism's, and those that nothing knows."""
+    known = set(parameters(mechanism))
+    of_wear = {name for measure in measures for name in parameters(measure.model(mechanism))} - known
+    return {name: value for name, value in values.items() if name not in of_wear}
 
 
-def plain(metric: AbstractMetric | AfterWear) -> AbstractMetric:
-    """The metric of one motion."""
-    return metric.metric if isinstance(metric, AfterWear) else metric
-
-
-def own(mechanism: Mechanism, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Those of the values that are not of wear."""
-    known = parameters(mechanism)
-    return {n: v for n, v in values.items() if n in known or not n.startswith(OF_WEAR)}
-
-
-def moved(mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
+def moved(mechanism: Mechanism, measures: Iterable[AbstractMeasure], values: Mapping[str, Any]) -> Mechanism:
     """The mechanism with values of its own replaced."""
-    return replace(mechanism, own(mechanism, values))
+    return replace(mechanism, own(mechanism, measures, values)) if values else mechanism
 
 
-def worth(mechanism: Mechanism, metrics: Iterable[Any], name: str) -> Any:
+def worth(mechanism: Mechanism, measures: Iterable[AbstractMeasure], name: str) -> Any:
     """The value of a number of the mechanism, or of wear.
 
-    **Raises:** `ClearanceError` for an unknown name, and where limits do not agree about it.
+    **Raises:** `ClearanceError` for an unknown one, and where limits do not agree about it.
     """
-    if own(mechanism, {name: None}):
-        leaf, index = find(parameters(mechanism), name)
-        return leaf.value if index is None else leaf.value[index]
-    models = [metric.wearing(mechanism) for metric in metrics if isinstance(metric, AfterWear)]
-    if not models:
-        raise ClearanceError(f"There is no parameter `{name}`: no limit is on an `AfterWear`.")
-    found = [find(parameters(model), name)[0].value for model in models]
-    if any(float(value) != float(found[0]) for value in found):
+    models = [measure.model(mechanism) for measure in measures]
+    having = [model for model in models if name in parameters(model)] or [mechanism]
+    found = [values_of(model, [name])[name] for model in having]
+    if not all(np.array_equal(value, found[0]) for value in found):
         raise ClearanceError(f"The limits do not agree about `{name}`: give them the same law and pressure.")
     return found[0]

@@ -4,6 +4,7 @@ are.
 
 import abc
 import dataclasses
+import itertools
 from collections.abc import Collection, Mapping
 from typing import Any, ClassVar
 
@@ -160,6 +161,21 @@ class Whole(Key):
         if value > self.most:
             raise ClearanceError(f"{where} must be a whole number of at most {self.most}, but it is {quoted(value)}.")
         return value
+
+
+@dataclasses.dataclass(frozen=True)
+class Wholes(Key):
+    """A list of whole numbers, each greater than the one before, from 0 on."""
+
+    kind: ClassVar[str] = "list of whole numbers"
+
+    def read(self, value, where, words):
+        whole = isinstance(value, list) and value and all(isinstance(n, int) and not isinstance(n, bool) for n in value)
+        if not whole or value[0] < 0 or any(a >= b for a, b in itertools.pairwise(value)):
+            raise ClearanceError(
+                f"{where} must be a list of whole numbers that grow, such as {self.example}, but it is {quoted(value)}."
+            )
+        return tuple(value)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -27,9 +27,9 @@ def parse_settings(texts: Iterable[str], mechanism: Mechanism) -> dict[str, floa
     return given
 
 
-def values_by_name(given: Iterable[tuple[str, Any, str]], mechanism: Mechanism) -> dict[str, float]:
-    """Entries of a study's table, in SI: dotted names of parameters, quantities, and where each stands."""
-    known = parameters(mechanism)
+def values_by_name(given: Iterable[tuple[str, Any, str]], model: Any) -> dict[str, float]:
+    """Entries of a study's table, in SI: dotted names of a model's parameters, quantities, and where each stands."""
+    known = parameters(model)
     return {name: _setting(known, name, value, where) for name, value, where in given}
 
 

@@ -5,6 +5,7 @@ import warnings
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from clearance_jax.analysis.measure import AbstractMetric
 from clearance_jax.design.costs import AbstractCost, CostTable, Exponential, ExponentialReciprocal, Reciprocal
 from clearance_jax.design.manufacture import Band, Yield
 from clearance_jax.design.problem import ToleranceProblem
@@ -18,6 +19,7 @@ from clearance_jax.io.plausible import ImplausibleWarning, implausible
 from clearance_jax.io.settings import values_by_name
 from clearance_jax.io.study_keys import (
     COST_TABLES,
+    LIFE,
     LIMIT_TABLES,
     MANUFACTURE_TABLES,
     SOLVE,
@@ -26,9 +28,11 @@ from clearance_jax.io.study_keys import (
     VERIFY,
 )
 from clearance_jax.io.table import Chosen, Table, chosen, entries, naming
+from clearance_jax.io.wearing import wearing_of
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import units_of
 from clearance_jax.units import to_si
+from clearance_jax.wear import AfterWear, Wearing
 
 
 class Study(NamedTuple):
@@ -54,15 +58,17 @@ def _study(study: Asked) -> Study:
     if said:
         warnings.warn(f"{study.path}: {said}", ImplausibleWarning, stacklevel=3)
     span = study.span()
+    life = _life(top, mechanism, span) if top.has("life") else None
+    mechanism = mechanism if life is None else life.model.mechanism
     variables, costs = _variables(top, mechanism)
     solve = top.table("solve", SOLVE)
     problem = ToleranceProblem(
         mechanism,
         span.t1,
         variables,
-        _limits(top, mechanism, span),
+        _limits(top, mechanism, span, life),
         cost=costs or None,
-        conditions=_conditions(top, mechanism),
+        conditions=_conditions(top, mechanism if life is None else life.model),
         manufacture=_manufacture(top.chosen("manufacture", MANUFACTURE_TABLES)) if top.has("manufacture") else None,
         cost_unit=top.get("cost_unit") or "cost units",
         rtol=solve.get("rtol") or usual.get("rtol", 1e-8),
@@ -74,9 +80,9 @@ def _study(study: Asked) -> Study:
     return Study(problem, search, top.table("verify", VERIFY).given(), study.name, study.text)
 
 
-def _conditions(top: Table, mechanism: Mechanism) -> dict[str, dict[str, float]]:
+def _conditions(top: Table, model: Any) -> dict[str, dict[str, float]]:
     tables = top.named("condition")
-    return {name: values_by_name(entries(values, where), mechanism) for name, values, where in tables}
+    return {name: values_by_name(entries(values, where), model) for name, values, where in tables}
 
 
 # Variables and what they cost ----------------------------------------------------------------------------------------
@@ -128,14 +134,48 @@ def _cost_table(table: Table) -> CostTable:
 # Limits --------------------------------------------------------------------------------------------------------------
 
 
-def _limits(top: Table, mechanism: Mechanism, span: Span) -> list[Limit]:
-    tables = top.named("limit")
-    return [_limit(name, chosen(values, where, LIMIT_TABLES), mechanism, span) for name, values, where in tables]
+class _Life(NamedTuple):
+    """What a table `life` says."""
+
+    model: Wearing
+    sectors: int
+    tolerance: float
+
+    def aged(self, metric: AbstractMetric, cycles: tuple[int, ...]) -> AfterWear:
+        """A metric after so many cycles of wear."""
+        model = self.model
+        how = {"joint": model.joint, "wear": model.wear, "pressure": model.pressure, "cycle": model.cycle}
+        return AfterWear(metric, cycles=cycles, sectors=self.sectors, tolerance=self.tolerance, **how)
 
 
-def _limit(name: str, read: Chosen, mechanism: Mechanism, span: Span) -> Limit:
+def _life(top: Table, mechanism: Mechanism, span: Span) -> _Life:
+    table = top.table("life", LIFE)
+    worn, cycle = wearing_of(table, mechanism), table.get("cycle")
+    if cycle is not None and cycle <= span.t0:
+        raise ClearanceError(
+            f"{table.key('cycle')} must be greater than the scene's t0 = {span.t0:g} s, but it is {cycle:g} s."
+        )
+    model = Wearing(worn.law, worn.pressure, worn.joint, span.t1 if cycle is None else cycle, worn.mechanism)
+    return _Life(model, table.get("sectors"), table.get("tolerance"))
+
+
+def _limits(top: Table, mechanism: Mechanism, span: Span, life: _Life | None) -> list[Limit]:
+    read = [(name, chosen(values, where, LIMIT_TABLES)) for name, values, where in top.named("limit")]
+    if life is not None and not any(one.table.has("cycles") for _, one in read):
+        raise ClearanceError(f"{top.key('life')} has no effect: no limit has `cycles`. Add them to one, or remove it.")
+    return [_limit(name, one, mechanism, span, life) for name, one in read]
+
+
+def _limit(name: str, read: Chosen, mechanism: Mechanism, span: Span, life: _Life | None) -> Limit:
     metric = metric_of(read, mechanism, span)
-    return Limit(metric, read.table.get("bound", {METRIC: metric.unit}), name)
+    bound = read.table.get("bound", {METRIC: metric.unit})
+    if not read.table.has("cycles"):
+        return Limit(metric, bound, name)
+    if life is None:
+        raise ClearanceError(
+            f"{read.table.key('cycles')} has no effect without a table `life`, which says how a joint wears. Add it."
+        )
+    return Limit(life.aged(metric, read.table.get("cycles")), bound, name)
 
 
 # Manufacture ---------------------------------------------------------------------------------------------------------

@@ -4,9 +4,10 @@ import dataclasses
 
 from clearance_jax.design.methods import METHOD_CHOICES
 from clearance_jax.io.asking_keys import PARAMETER, SET, choosing, heading, solving
-from clearance_jax.io.kinds import Flag, Quantities, Quantity, Sub, Text, Whole, Word
+from clearance_jax.io.kinds import Flag, Quantities, Quantity, Sub, Text, Whole, Wholes, Word
 from clearance_jax.io.metric_keys import METRIC_KEYS, metric_tables
 from clearance_jax.io.table import Keys
+from clearance_jax.io.wear_keys import CYCLE, WEARING, WEARING_TABLES
 from clearance_jax.solve.settings import MOST_SAMPLES
 
 STUDY = Keys(
@@ -42,6 +43,12 @@ STUDY = Keys(
             absent="the scene as it is",
         ),
         Sub("manufacture", "how parts come out of manufacture", '{ kind = "band", least = 0.8 }', absent="as designed"),
+        Sub(
+            "life",
+            "how a joint wears, where limits have `cycles`",
+            '{ joint = "wrist", wear = { law = "reye", coefficient = "1e-13 1/Pa" }, pressure = { kind = "hertz" } }',
+            absent="nothing wears",
+        ),
     ),
     renamed={"made": "manufacture"},
 )
@@ -150,7 +157,23 @@ COST_TABLES = {
 }
 
 _METRIC = Word("metric", "what of the motion is bounded", '"peak"', allowed=tuple(METRIC_KEYS), required=True)
-LIMIT_TABLES = metric_tables("limit.NAME", "Limit on", _METRIC, bounded=True)
+_CYCLES = Wholes(
+    "cycles",
+    "after how many cycles of wear it must hold, with a table `life`; 0: as new too",
+    "[0, 20000]",
+    absent="as new only",
+)
+LIMIT_TABLES = {
+    word: table._replace(keys=(*table.keys, _CYCLES))
+    for word, table in metric_tables("limit.NAME", "Limit on", _METRIC, bounded=True).items()
+}
+LIFE = Keys(
+    "life",
+    "Wear over the life",
+    "How a joint wears, by the keys of a [wear file](wear.md). Numbers of wear (`wear.coefficient`) may be set in "
+    "conditions and scatter in manufacture.",
+    (dataclasses.replace(CYCLE, absent="the study's t1"), *WEARING),
+)
 
 _KIND = Word("kind", "how parts come out of manufacture", '"band"', allowed=("band", "yield"), required=True)
 MANUFACTURE_TABLES = {
@@ -180,7 +203,7 @@ MANUFACTURE_TABLES = {
             choosing(_KIND, "yield"),
             Sub(
                 "scatter",
-                "relative standard deviations by the numbers' names, each below 20 percent",
+                "relative standard deviations by the numbers' names, below 100 percent; log-normal from 20 percent on",
                 '{ "slider.mass" = "2 percent" }',
                 form="values by name",
                 required=True,
@@ -201,5 +224,7 @@ STUDY_TABLES = (
     *COST_TABLES.values(),
     *LIMIT_TABLES.values(),
     *MANUFACTURE_TABLES.values(),
+    LIFE,
+    *(table._replace(name=f"life.{table.name}") for table in WEARING_TABLES),
 )
 """Every table of a study, in the order of the reference."""

@@ -1,34 +1,17 @@
 """Wear files: TOML with units to the arguments of `wear.life`, on top of a scene. Keys are strict, as a scene's."""
 
-import dataclasses
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
-
-from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.io.asking import Asked, asked
-from clearance_jax.io.kinds import Words
 from clearance_jax.io.metric import Span, metric_of
 from clearance_jax.io.metric_keys import METRIC
-from clearance_jax.io.table import Chosen, Table, naming
-from clearance_jax.io.wear_keys import (
-    COEFFICIENT_UNIT,
-    GRADED,
-    LAW_TABLES,
-    MATERIAL,
-    PRESSURE_TABLES,
-    RUNNING_IN,
-    SOLVE,
-    UNTIL_TABLES,
-    WEAR,
-)
-from clearance_jax.joints import RevoluteClearance, WornRevoluteClearance
-from clearance_jax.laws import Material
+from clearance_jax.io.table import Chosen, naming
+from clearance_jax.io.wear_keys import SOLVE, UNTIL_TABLES, WEAR
+from clearance_jax.io.wearing import wearing_of
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.wear.contacts import sleeve_of
-from clearance_jax.wear.laws import COEFFICIENT, AbstractWearLaw, Archard, Graded, Reye, RunningIn, Threshold
-from clearance_jax.wear.pressure import AbstractPressure, Foundation, HertzLine, Uniform, foundation
+from clearance_jax.wear.laws import AbstractWearLaw
+from clearance_jax.wear.pressure import AbstractPressure
 from clearance_jax.wear.watched import AbstractWatched, Depth, ImpactSpeed, OfMotion
 
 
@@ -63,20 +46,14 @@ def load_wear(path: str | Path) -> WearFile:
 
 def _wear(study: Asked) -> WearFile:
     top, span = study.table, study.span("cycle")
-    mechanism, joint = _jointed(study)
-    for key in ("wear", "pressure"):
-        top.need(key)
-    pressure = _pressure(top.chosen("pressure", PRESSURE_TABLES))
-    if not isinstance(pressure, Foundation):
-        with naming(top.key("pressure")):
-            pressure.half_angle(sleeve_of(mechanism, joint).geometry, jnp.ones(()))  # whether it knows what it needs
+    mechanism, joint, law, pressure = wearing_of(top, study.mechanism)
     watched, bound, words = None, 0.0, ""
     if top.has("until"):
         watched, bound, words = _until(top.chosen("until", UNTIL_TABLES), mechanism, span)
     return WearFile(
         mechanism,
         joint,
-        _law(top.chosen("wear", LAW_TABLES, _coefficient(top))),
+        law,
         pressure,
         span.t1,
         top.get("cycles"),
@@ -89,63 +66,6 @@ def _wear(study: Asked) -> WearFile:
         study.name,
         {"scene": study.scene.text, "study": study.text},
     )
-
-
-def _jointed(study: Asked) -> tuple[Mechanism, str]:
-    """The mechanism, whose joint knows the length and the materials that the study gives it."""
-    top, mechanism = study.table, study.mechanism
-    name, known = top.get("joint"), {joint.name: joint.clearance for joint in mechanism.clearance_joints()}
-    if name not in known:
-        raise ClearanceError(f"{top.key('joint')}: no joint with clearance has this name. {suggest(name, known)}")
-    if not isinstance(known[name], RevoluteClearance | WornRevoluteClearance):
-        raise ClearanceError(
-            f"{top.key('joint')} must be a pin in a plane sleeve, but `{name}` is another kind of joint."
-        )
-    given = {"length": top.get("length")} if top.has("length") else {}
-    given |= {key: _material(top, key) for key in ("pin_material", "sleeve_material") if top.has(key)}
-    clearance = dataclasses.replace(known[name], **given)
-    if clearance.length is None:
-        raise ClearanceError(f"{top.where} lacks the key `length`, which the depth of wear depends on. Add it.")
-    return mechanism.with_clearance(name, clearance), name
-
-
-def _material(table: Table, key: str) -> Material:
-    return Material(**table.table(key, MATERIAL).given())
-
-
-def _coefficient(top: Table) -> Words:
-    """In which unit the coefficient is: beside a hardness in none."""
-    given = top.values.get("wear")
-    return {COEFFICIENT_UNIT: "" if isinstance(given, dict) and "hardness" in given else COEFFICIENT}
-
-
-def _law(read: Chosen) -> AbstractWearLaw:
-    table, coefficient = read.table, read.table.get("coefficient")
-    if read.word == "reye":
-        law: AbstractWearLaw = Reye(coefficient)
-    else:
-        law = Archard(coefficient / table.get("hardness") if table.has("hardness") else coefficient)
-    if table.has("graded"):
-        law = Graded(law, **table.table("graded", GRADED).given())
-    if table.has("least_pressure"):
-        law = Threshold(law, table.get("least_pressure"))
-    return RunningIn(law, **table.table("running_in", RUNNING_IN).given()) if table.has("running_in") else law
-
-
-def _pressure(read: Chosen) -> AbstractPressure:
-    kind, table = read
-    if kind == "hertz":
-        return HertzLine()
-    if kind == "uniform":
-        return Uniform(**table.given("kind"))
-    layer = table.has("thickness") or table.has("material")
-    if table.has("stiffness") == layer:
-        raise ClearanceError(f"{table.where} must have a `stiffness`, or `thickness` and `material` of a layer.")
-    if not layer:
-        return Foundation(table.get("stiffness"))
-    for key in ("thickness", "material"):
-        table.need(key)
-    return foundation(_material(table, "material"), table.get("thickness"))
 
 
 def _until(read: Chosen, mechanism: Mechanism, span: Span) -> tuple[AbstractWatched, float, str]:

@@ -13,45 +13,50 @@ from clearance_jax.wear.laws import COEFFICIENT, Archard, Graded, Reye, RunningI
 from clearance_jax.wear.pressure import Foundation, HertzLine, Uniform
 from clearance_jax.wear.worn import SECTORS
 
+CYCLE = Quantity("cycle", "when a cycle ends, from the scene's t0 on", '"12 ms"', unit="s", absent="the scene's t1")
+WEARING = (
+    Text("joint", "the joint that wears: a revolute joint with clearance, in the plane", '"wrist"', required=True),
+    Quantity(
+        "length",
+        "length of the contact along the pin",
+        '"20 mm"',
+        unit="m",
+        bounds={"above": 0.0},
+        absent="the joint's own",
+    ),
+    Sub("pin_material", "for Hertz's width", '{ modulus = "206 GPa" }', absent="the joint's own"),
+    Sub("sleeve_material", "for Hertz's width", '{ modulus = "110 GPa" }', absent="the joint's own"),
+    Sub("wear", "the law of wear", '{ law = "archard", coefficient = "6e-5 mm^3/(N*m)" }', required=True),
+    Sub(
+        "pressure",
+        "how a force spreads over the sleeve",
+        '{ kind = "foundation", stiffness = "2e13 Pa/m" }',
+        required=True,
+    ),
+    Whole("sectors", "of the sleeve, around it", "180", least=FEWEST, most=3600, default=SECTORS),
+    Quantity(
+        "tolerance",
+        "what a block of cycles may be off by, as a part of the largest depth",
+        "1e-2",
+        bounds={"above": 0.0, "below": 1.0},
+        default=1e-3,
+    ),
+)
+"""How a joint wears, in every file that asks for it."""
 WEAR = Keys(
     "wear",
     "Top of a study of wear",
     "What stands in a wear file before its first table.",
     (
         *heading("study", "Piston pin"),
-        Text("joint", "the joint that wears: a revolute joint with clearance, in the plane", '"wrist"', required=True),
-        Quantity("cycle", "when a cycle ends, from the scene's t0 on", '"12 ms"', unit="s", absent="the scene's t1"),
+        CYCLE,
         Whole("cycles", "how many cycles it lives, if nothing ends its life before", "100000", least=1, required=True),
-        Quantity(
-            "length",
-            "length of the contact along the pin",
-            '"20 mm"',
-            unit="m",
-            bounds={"above": 0.0},
-            absent="the joint's own",
-        ),
-        Sub("pin_material", "for Hertz's width", '{ modulus = "206 GPa" }', absent="the joint's own"),
-        Sub("sleeve_material", "for Hertz's width", '{ modulus = "110 GPa" }', absent="the joint's own"),
-        Sub("wear", "the law of wear", '{ law = "archard", coefficient = "6e-5 mm^3/(N*m)" }', required=True),
-        Sub(
-            "pressure",
-            "how a force spreads over the sleeve",
-            '{ kind = "foundation", stiffness = "2e13 Pa/m" }',
-            required=True,
-        ),
+        *WEARING,
         Sub(
             "until",
             "what ends its life: a metric of a cycle on the worn sleeve, a depth, a speed of impact",
             '{ metric = "depth", bound = "50 um" }',
             absent="it lives all its cycles",
-        ),
-        Whole("sectors", "of the sleeve, around it", "180", least=FEWEST, most=3600, default=SECTORS),
-        Quantity(
-            "tolerance",
-            "what a block of cycles may be off by, as a part of the largest depth",
-            "1e-2",
-            bounds={"above": 0.0, "below": 1.0},
-            default=1e-3,
         ),
         Whole(
             "longest", "the most cycles that are jumped over at once", "1000", least=1, absent="as the tolerance has it"
@@ -168,14 +173,7 @@ UNTIL_TABLES = {
     # A metric of several numbers has no one to end at.
     **{word: table for word, table in metric_tables("until", "End at", _WATCHED, bounded=True).items() if word != "at"},
 }
-WEAR_TABLES = (
-    WEAR,
-    SOLVE,
-    *LAW_TABLES.values(),
-    GRADED,
-    RUNNING_IN,
-    *PRESSURE_TABLES.values(),
-    MATERIAL,
-    *UNTIL_TABLES.values(),
-)
+WEARING_TABLES = (*LAW_TABLES.values(), GRADED, RUNNING_IN, *PRESSURE_TABLES.values(), MATERIAL)
+"""Every table within those of how a joint wears."""
+WEAR_TABLES = (WEAR, SOLVE, *WEARING_TABLES, *UNTIL_TABLES.values())
 """Every table of a wear file, in the order of the reference."""

@@ -12,6 +12,7 @@ from matplotlib.ticker import MaxNLocator
 from clearance_jax.design.answer import Design
 from clearance_jax.design.explain import Response, Tradeoff
 from clearance_jax.design.loads import PinPath
+from clearance_jax.design.maintenance import Maintenance
 from clearance_jax.design.time_histories import TimeHistory
 from clearance_jax.report.panels import time_axis
 
@@ -94,6 +95,27 @@ def trade(found: Tradeoff, design: Design) -> Figure:
     axes.plot([factor * found.asked], [times * design.objective], "k*", ms=12, label="the design")
     axes.set(xlabel=_label(f"bound on {found.label}", unit, LEVEL), ylabel=label)
     axes.legend()
+    return figure
+
+
+@STYLED
+def intervals(found: Maintenance, design: Design) -> Figure:
+    """After how many cycles a limit is met, against the clearance; or against the share of the designed ones."""
+    figure, axes = drawn()
+    places, label = found.shares, "clearances, share of the design"
+    if len(design.specification.names) == 1:
+        factor, unit = _scaled(next(iter(design.units.values())))
+        places = factor * found.shares * next(iter(design.clearances.values()))
+        label = f"clearance, {unit}" if unit == "µm" else f"{design.specification.names[0]}, {unit}"
+    for name, lives in found.lives.items():
+        ended = np.isfinite(lives)
+        (line,) = axes.plot(places[ended], lives[ended], "o-", lw=1, ms=4, label=name or "until the bound is met")
+        if not np.all(ended):
+            longer = f"more than {found.most} cycles" + (f" ({name})" if name else "")
+            axes.plot(places[~ended], np.full(np.sum(~ended), found.most), "^", color=line.get_color(), label=longer)
+    axes.axhline(found.asked, color="k", ls="--", lw=0.8, label="asked for")
+    axes.set(xlabel=label, ylabel="cycles of wear", ylim=(0, None))
+    figure.legend(loc="outside lower center", ncol=2)
     return figure
 
 

@@ -4,6 +4,7 @@ Everything on it was found before; a template says where it stands.
 """
 
 import io
+import math
 from pathlib import Path
 
 import jinja2
@@ -31,6 +32,7 @@ FIGURES = (
     design_figures.over_time,
     design_figures.contributions,
     design_figures.trade,
+    design_figures.intervals,
     design_figures.convergence,
 )
 
@@ -60,7 +62,10 @@ def _environment() -> jinja2.Environment:
         lstrip_blocks=True,
     )
     environment.filters |= {function.__name__: function for function in FILTERS}
-    environment.globals |= {function.__name__: function for function in FIGURES} | {"embedded": embedded}
+    environment.globals |= {function.__name__: function for function in FIGURES} | {
+        "embedded": embedded,
+        "infinity": math.inf,
+    }
     return environment
 
 

@@ -1,6 +1,6 @@
 """Wear of pins and sleeves: laws, pressures, what wears off along a motion and over a life."""
 
-from clearance_jax.wear.after import AfterWear
+from clearance_jax.wear.after import AbstractAged, AfterWear
 from clearance_jax.wear.contacts import Contacts, Sleeve, contacts, sleeve_of
 from clearance_jax.wear.laws import (
     AbstractWearLaw,
@@ -21,6 +21,7 @@ from clearance_jax.wear.wearing import AbstractCriterion, Deepest, Exceeds, Wear
 from clearance_jax.wear.worn import Wear, wear, worn
 
 __all__ = [
+    "AbstractAged",
     "AbstractCriterion",
     "AbstractPressure",
     "AbstractWearLaw",

@@ -1,5 +1,7 @@
 """A metric of a mechanism once a joint has worn for so long: what a tolerance is to hold over a life."""
 
+import abc
+import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -9,19 +11,50 @@ import jax.numpy as jnp
 import numpy as np
 
 from clearance_jax._types import Scalar
-from clearance_jax.analysis.measure import AbstractMetric, as_metric, measured
+from clearance_jax.analysis.measure import AbstractMeasure, AbstractMetric, as_metric, measured
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import check_values, physical, replace
 from clearance_jax.solve.settings import Settings, settings_of
 from clearance_jax.wear.laws import AbstractWearLaw
 from clearance_jax.wear.life import march
+from clearance_jax.wear.lives import Lives, lives
 from clearance_jax.wear.pressure import AbstractPressure
-from clearance_jax.wear.wearing import Wearing
+from clearance_jax.wear.wearing import Exceeds, Wearing
 from clearance_jax.wear.worn import SECTORS
 
 
-class AfterWear(eqx.Module):
+class AbstractAged(AbstractMeasure):
+    """A metric at several ages of a mechanism's parts: many motions in a row, so that no solve with others has it."""
+
+    @property
+    @abc.abstractmethod
+    def last(self) -> int:
+        """The cycles after which it is oldest."""
+
+    @abc.abstractmethod
+    def of(
+        self, mechanism: Mechanism, values: Mapping[str, Any], t1: float, by: Sequence[str] = (), **options: Any
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The metric of the motion to `t1` [s] at each age, one after the other, shape (values,), and its derivatives
+        by numbers, (values, by).
+
+        **Arguments:** `values`: of the numbers of its `model`, by name; `by`: names; `options` as `simulate`'s, without
+        `save_at`.
+
+        **Raises:** `WornOut` for parts that do not come to such an age.
+        """
+
+    @abc.abstractmethod
+    def lives(
+        self, mechanism: Mechanism, values: Mapping[str, Any], t1: float, bound: float, most: int, **options: Any
+    ) -> Lives:
+        """After how many cycles, of at most so many, the metric of the motion to `t1` [s] has come to the bound, of
+        each of the `values` by name, (n,).
+        """
+
+
+class AfterWear(AbstractAged):
     """A metric, or a function as one, of the motion on a sleeve that has worn for `cycles`, one value (or more) each.
 
     A `design.Limit` on it holds as new and worn: `cycles=(0, 1000, 2000)`. It is no metric of one motion: it is asked
@@ -47,24 +80,33 @@ class AfterWear(eqx.Module):
             raise ClearanceError(f"`cycles` must be at least 0 and ascending, but they are {self.cycles}.")
 
     @property
-    def unit(self) -> str:
-        """The metric's."""
-        return self.metric.unit
+    def once(self) -> AbstractMetric:
+        return self.metric
 
-    def wearing(self, mechanism: Mechanism) -> Wearing:
-        """The joint that wears, whose numbers have names."""
+    @property
+    def ages(self) -> tuple[str, ...]:
+        return tuple(f", after {cycles} cycles of wear" for cycles in self.cycles)
+
+    @property
+    def last(self) -> int:
+        return self.cycles[-1]
+
+    @property
+    def beside(self) -> str:
+        return f" worn at {self.joint}"
+
+    def about(self, metric: AbstractMetric) -> "AfterWear":
+        return dataclasses.replace(self, metric=metric)
+
+    def finer(self, factor: float) -> "AfterWear":
+        return dataclasses.replace(self, tolerance=self.tolerance / factor)
+
+    def model(self, mechanism: Mechanism) -> Wearing:
+        """The joint that wears, whose numbers have names: "wear.coefficient" of the law, "pressure.stiffness"."""
         return Wearing(self.wear, self.pressure, self.joint, self.cycle, mechanism)
 
-    def of(
-        self, mechanism: Mechanism, values: Mapping[str, Any], t1: float, by: Sequence[str] = (), **options: Any
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """The metric of the motion to `t1` [s] after each of the `cycles`, one after the other, shape (values,), and
-        its derivatives by numbers, (values, by).
-
-        **Arguments:** `values`: of the mechanism, the law ("wear.coefficient") and the pressure, by name; `by`: names;
-        `options` as `simulate`'s, without `save_at`.
-        """
-        wearing: Wearing = replace(self.wearing(mechanism), values)
+    def of(self, mechanism, values, t1, by=(), **options):
+        wearing: Wearing = replace(self.model(mechanism), values)
         check_values(wearing)
         names, begin = tuple(by), wearing.begin(self.sectors)
         stack = np.concatenate([begin[None], np.zeros((len(names), begin.size))])
@@ -82,6 +124,12 @@ class AfterWear(eqx.Module):
             found.append(_measured(self.metric, wearing, names, jnp.asarray(stack), jnp.asarray(t1, float), solve))
         values_, slopes = zip(*found, strict=True)
         return np.concatenate(values_), np.concatenate(slopes)
+
+    def lives(self, mechanism, values, t1, bound, most, **options):
+        until = Exceeds(self.metric, bound, t1, dict(options))
+        how = {"sectors": self.sectors, "tolerance": self.tolerance, **options}
+        given = mechanism, self.joint, self.wear, self.pressure, float(self.cycle), most
+        return lives(*given, values, until=until, **how)
 
 
 @eqx.filter_jit

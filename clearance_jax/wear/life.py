@@ -15,7 +15,7 @@ import numpy as np
 import scipy.optimize
 from jaxtyping import Float
 
-from clearance_jax.errors import ClearanceError
+from clearance_jax.errors import ClearanceError, WornOut
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import values_of
 from clearance_jax.solve.settings import SolveOptions
@@ -191,7 +191,7 @@ def _ended(now: Block, h: Profile, rates: tuple, jump: float | int, wanted: int,
 def _checked(worn: Any, cycles: int) -> Profile:
     worn = np.asarray(worn, float)
     if not np.all(_profile(worn) >= 0):
-        raise ClearanceError(
+        raise WornOut(
             f"What a cycle wears off must be at least 0, but after {cycles} cycles it is {_profile(worn).min()} m."
         )
     if not np.all(np.isfinite(worn)):

@@ -21,7 +21,7 @@ from jaxtyping import Array, Float
 
 from clearance_jax._types import Scalar
 from clearance_jax.analysis.measure import AbstractMetric, as_metric
-from clearance_jax.errors import ClearanceError
+from clearance_jax.errors import ClearanceError, WornOut
 from clearance_jax.joints import RevoluteClearance, WornRevoluteClearance, worn_sleeve
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
@@ -79,17 +79,17 @@ class Wearing(eqx.Module):
         """What one cycle wears off [m] after so many, with its derivatives; stack: the profile, and below it its
         derivatives by each of the named numbers, (1 + names, sectors).
 
-        **Raises:** `ClearanceError` where the motion stops, and where a cycle wears off more than the clearance.
+        **Raises:** `WornOut` where the motion stops, and where a cycle wears off more than the clearance.
         """
         now = self.at(stack[0])
         motion = trace(now, float(self.cycle), **{"save_at": None, **options})
         if motion.message:
-            raise ClearanceError(f"After {after} cycles the motion stopped: {motion.message}")
+            raise WornOut(f"After {after} cycles the motion stopped: {motion.message}")
         before = jnp.asarray(after * self.cycle, float)
         sleeve, seen = sleeve_of(now, self.joint), contacts(motion, self.joint)
         off = np.asarray(worn(seen, sleeve, self.wear, self.pressure, depth=jnp.asarray(stack[0]), before=before).depth)
         if not off.max() <= self.clearance.radial_clearance:
-            raise ClearanceError(
+            raise WornOut(
                 f"After {after} cycles one cycle wears off {shown(off.max(), 'm')}, more than the radial clearance of "
                 f"`{self.joint}`, {shown(float(self.clearance.radial_clearance), 'm')}; but within a cycle the profile "
                 "is taken as it is. Check the unit of the law's coefficient, or take a shorter cycle."

@@ -1,0 +1,72 @@
+"""How long a design lasts: the cycles that its limits hold while a joint wears, against its clearances."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from clearance_jax.design.answer import Design
+from clearance_jax.design.evaluate import Simulations
+from clearance_jax.design.scenarios import Scenario, scenarios_of
+from clearance_jax.design.specification import Limit
+from clearance_jax.design.worn import own
+from clearance_jax.wear import AbstractAged
+
+# Clearances are chosen that would last about so many times the cycles asked for, where what is left for wear is used up
+# evenly; and lives are followed so far.
+TIMES, LONGEST = (0.5, 1.0, 2.0, 4.0, 7.0), 20
+# Shares of the designed clearances where an error does not grow with them.
+SHARES = np.array([0.5, 0.7, 0.85, 1.0, 1.2])
+
+
+class Maintenance(NamedTuple):
+    """After how many cycles a limit (its label) is met, with all clearances at `shares` (n,) of the designed ones: by
+    condition (without a name where there is one only) `lives` (n,), infinite where more than `most`; `asked`: for how
+    many it is to hold.
+    """
+
+    limit: str
+    asked: int
+    most: int
+    shares: np.ndarray
+    lives: dict[str, np.ndarray]
+
+
+def maintenances(design: Design) -> tuple[Maintenance, ...]:
+    """One for each limit that is to hold while a joint wears, of parts as designed.
+
+    **Raises:** `ClearanceError` where a life cannot be followed.
+    """
+    limits = [(limit, limit.metric) for limit in design.specification.limits]
+    return tuple(_of(design, limit, metric) for limit, metric in limits if isinstance(metric, AbstractAged))
+
+
+def _of(design: Design, limit: Limit, metric: AbstractAged) -> Maintenance:
+    parts = design.specification.as_designed()
+    asked, shares, lives = max(metric.last, 1), _shares(design, limit), {}
+    for condition, given in parts.conditions.items():
+        columns = {name: shares * value for name, value in design.clearances.items()}
+        of_wear = given.keys() - own(parts.mechanism, [metric], given).keys()
+        columns |= {name: np.full(len(shares), float(given[name])) for name in of_wear}
+        now = parts.moved(parts.mechanism, given)
+        found = metric.lives(now, columns, parts.t1, limit.bound, LONGEST * asked, **parts.options)
+        lives[parts.shown(condition)] = found.end
+    return Maintenance(limit.label, asked, LONGEST * asked, shares, lives)
+
+
+def _shares(design: Design, limit: Limit) -> np.ndarray:
+    """Shares of the designed clearances, from that one down at which there would be little left for wear."""
+    parts, x = design.specification.as_designed(), design.specification.values(design.evaluation.x)
+    asked = parts.mechanism, [limit.metric.once], [limit.bound], tuple(parts.variables), parts.t1, parts.settings()
+    simulations = Simulations(*asked)
+
+    def left(scenario: Scenario) -> float:
+        """By which share of themselves clearances could grow until the limit is met as new."""
+        values, slopes = simulations.limits(x, scenario, True)
+        assert slopes is not None
+        k = int(np.argmax(values))
+        grows = float(slopes[k] @ x)
+        return -float(values[k]) / grows if grows > 0 else np.nan
+
+    room = min(map(left, scenarios_of(parts)))
+    found = 1 + room * (1 - np.array(TIMES))
+    return np.sort(found[found > 0.1]) if room > 0 else SHARES

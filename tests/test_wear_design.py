@@ -1,0 +1,97 @@
+"""Limits that hold while a joint wears: designed for, proved, over parts that scatter, in the report."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import scipy.stats
+
+import clearance_jax as cj
+from clearance_jax import design, laws, wear
+from clearance_jax.design.evaluate import simulations_of
+from clearance_jax.design.scenarios import Scenario
+from clearance_jax.design.specification import PEAKS
+from clearance_jax.report import design_figures
+from clearance_jax.report.html import render
+
+# A disc on a pin that turns in its sleeve, on a patch of fixed width: the pin sinks by clearance, penetration and wear,
+# and that by k F v T / (2 a R B) a cycle, for ever.
+LAW, PRESSURE, CYCLE, CYCLES = wear.Archard(1.25e-11), wear.Uniform(0.2), 0.02, 40
+DEPTH = 1.25e-11 * 196.2 * 3.0 * 25e-3 * CYCLE * CYCLES / (2 * 0.2 * 25.1e-3 * 0.05)
+PENETRATION = (196.2 / 1e10) ** (2 / 3)
+BOUND = 1e-4 + DEPTH
+SUNK = cj.metrics.Peak(cj.metrics.PositionError("axis"), since=0.015)
+SOLVE = {"start": "settled", "rtol": 1e-7}
+PLAY = "pin.radial_clearance"
+
+
+@pytest.fixture(scope="module")
+def lasting() -> design.Design:
+    """The largest clearance from which the pin sinks no further than the bound."""
+    clearance = cj.RevoluteClearance(1e-4, 25e-3, laws.HuntCrossley(1e10, 50.0), length=0.05)
+    mechanism = cj.Mechanism(
+        bodies=(cj.Body("disc", 20.0, 0.1),),
+        joints=(cj.Revolute("pin", "ground", "disc", motion=cj.Motion(cj.ConstantSpeed(3.0)), clearance=clearance),),
+        gravity=cj.Gravity(y=-9.81),
+        points=(cj.Point("axis", "disc"),),
+    )
+    aged = wear.AfterWear(SUNK, joint="pin", wear=LAW, pressure=PRESSURE, cycle=CYCLE, cycles=(0, CYCLES))
+    limit = design.Limit(aged, BOUND)
+    return design.ToleranceProblem(mechanism, CYCLE, {PLAY: (2e-5, 4e-4)}, [limit], **SOLVE).solve(most=8)
+
+
+def test_the_largest_clearance_that_holds_is_the_bound_less_wear(lasting):
+    assert lasting.feasible
+    assert lasting.clearances[PLAY] == pytest.approx(1e-4 - PENETRATION, abs=0.03 * DEPTH)
+    assert f"after {CYCLES} cycles of wear" in lasting.active[0]
+    (limit,) = lasting.specification.limits
+    assert limit.title == "Peak PositionError of axis worn at pin"
+    metric = limit.simulation_metric
+    values, slopes = metric.of(lasting.specification.mechanism, {}, CYCLE, (PLAY,), **SOLVE)
+    assert values.shape == (2 * PEAKS,)
+    assert slopes[:, 0] == pytest.approx(1, rel=2e-2)
+
+
+def test_a_certificate_over_a_life_is_what_a_life_says(lasting):
+    """By finer jumps; a bound 1 % looser gives what the closed form has, bound / clearance."""
+    proof = lasting.verify(sweep=2, solver="tsit5")
+    assert proof.holds
+    assert proof.scale == pytest.approx(1, abs=1e-6)
+    (price,) = proof.prices.values()
+    assert price == pytest.approx(BOUND / lasting.clearances[PLAY], rel=1e-2)
+    until = wear.Exceeds(SUNK, BOUND, CYCLE, SOLVE)
+    direct = wear.life(lasting.mechanism, "pin", LAW, PRESSURE, CYCLE, 3 * CYCLES, until=until, **SOLVE)
+    assert direct.end == pytest.approx(CYCLES, rel=1e-3)
+
+
+def test_a_yield_over_scattering_wear_is_its_closed_form(lasting):
+    """Of parts whose coefficient scatters by 50 % those last whose depth is below what the bound leaves."""
+    scatter = design.Yield({"wear.coefficient": 0.5})
+    asked = dataclasses.replace(lasting.specification, manufacture=scatter)
+    clearance = lasting.clearances[PLAY] - 0.25 * DEPTH
+    point = lasting.evaluation._replace(x=np.array([clearance]))
+    found = dataclasses.replace(lasting, specification=asked, evaluation=point).yield_estimate(samples=24, seed=3)
+    most = (BOUND - clearance - PENETRATION) / DEPTH
+    drawn = scatter.draws((PLAY,), 24, 3)["wear.coefficient"]
+    assert np.min(np.abs(drawn / most - 1)) > 0.03  # so that the closed form decides about every part
+    assert found.share == np.mean(drawn < most)
+    width = np.sqrt(np.log1p(0.25))
+    probability = scipy.stats.lognorm(s=width, scale=np.exp(-0.5 * width**2)).cdf(most)
+    assert found.least < probability < 1 - scipy.stats.beta.ppf(0.05, 24 * (1 - found.share), 24 * found.share + 1)
+    # One that wears through is a part that fails, no error.
+    gone = Scenario("", {"wear.coefficient": np.asarray(1e-6)}, np.ones(1))
+    assert simulations_of(asked).worst(np.array([clearance]), [gone]) == np.inf
+
+
+def test_the_maintenance_interval_falls_with_the_clearance(lasting):
+    """As (bound - clearance - penetration) over the depth of a cycle; figure and page show it."""
+    (found,) = design.maintenances(lasting)
+    clearances = found.shares * lasting.clearances[PLAY]
+    expected = (BOUND - clearances - PENETRATION) / DEPTH * CYCLES
+    np.testing.assert_allclose(found.lives[""], expected, atol=0.03 * CYCLES, rtol=5e-3)
+    assert found.lives[""].min() < CYCLES < 5 * CYCLES < found.lives[""].max()
+    axes = design_figures.intervals(found, lasting).axes[0]
+    np.testing.assert_allclose(np.asarray(axes.lines[0].get_xydata()), np.stack([1e6 * clearances, found.lives[""]], 1))
+    page = render(design.known(lasting)._replace(maintenance=(found,)))
+    assert f"Asked for: {CYCLES}" in page
+    assert all(f">{life:.4g}<" in page for life in found.lives[""])
