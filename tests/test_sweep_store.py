@@ -341,5 +341,3 @@ def test_where_nothing_can_be_written(whole):
         same(swept(path, resume=True), whole)
     with pytest.raises(cj.ClearanceError, match="Cannot write"):
         swept("/proc/a.zarr")
-
-

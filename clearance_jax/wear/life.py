@@ -2,8 +2,12 @@
 
 What one cycle wears off, f(h), depends on the worn profile h slowly. So one cycle stands for many: from h a block
 goes two single jumps of A cycles, h1 = h + A f(h) and h2 = h1 + A f(h1), and one double jump, h + 2 A f(h). The two
-differ by the error of the single ones, which decides about A; what is kept is their extrapolation, h + 2 A f(h1), of
-second order. At A = 1 nothing is jumped over, and the two cycles are kept as they are.
+differ by the error of the single ones, which decides about A.
+
+What is kept is their extrapolation. Depths are a sum over cycles, not an integral: of cycles that wear off f + j f' f,
+j = 0 .. n - 1, the second part adds up to n (n - 1) / 2, of which single jumps have A^2 for n = 2 A, and the double one
+nothing. So h + f(h) + (2 A - 1) f(h1) is of second order, and at A = 1, where nothing is jumped over, the two cycles
+themselves. (An integral's h + 2 A f(h1) is off by half of what a cycle's wear changes by, however short jumps are.)
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -175,16 +179,18 @@ def _ended(now: Block, h: Profile, rates: tuple, jump: float | int, wanted: int,
     first, then = rates
 
     def profile(n):
-        return h + n * first + (0.5 * n * n / jump) * (then - first)
+        # What is worn off in the middle of a cycle is a part of what the whole of it wears off.
+        gone = np.floor(n)
+        return h + n * first + gone * (n - 0.5 * (gone + 1)) / jump * (then - first)
 
     whole = round(2 * jump)
-    last = h + first + then if jump == 1 else profile(whole)
+    last = profile(whole)
     done = Block(now.cycles + whole, wanted, last.tolist(), count)
     if until is None or until(_profile(last)) < 0:
         return done
     found = scipy.optimize.brentq(lambda n: float(until(_profile(profile(n)))), 0.0, float(whole), xtol=1e-12 * whole)
     n = float(found)  # pyright: ignore[reportArgumentType]
-    ending = [*np.atleast_2d(profile(n)), *np.atleast_2d(first + n / jump * (then - first))[:1]]
+    ending = [*np.atleast_2d(profile(n)), *np.atleast_2d(first + np.floor(n) / jump * (then - first))[:1]]
     return done._replace(end=now.cycles + n, ending=np.array(ending).tolist())
 
 
