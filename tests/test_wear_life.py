@@ -211,6 +211,10 @@ def test_lives_that_end_at_once_or_never():
         wear.life(mechanism, "pin", wear.Archard(1e-6), pressure, 0.05, 10, **still)
     with pytest.raises(ClearanceError, match="There is no parameter `wear"):
         wear.life(mechanism, "pin", law, pressure, 0.05, 10, by=("wear.coeficient",))
+    # 0.4 um off, but 3 times what the pin stands in its sleeve: sectors that stood highest would stand lowest, by more.
+    far = 3.0 * 0.05 * 25e-3
+    with pytest.raises(ClearanceError, match="depths run away from one sector to the next"):
+        wear.life(mechanism, "pin", wear.Archard(3 / (2e12 * far)), wear.Foundation(2e12), 0.05, 10, **still)
     # Deeper than the clearance, and on from there.
     pocket = 3e-4 * np.maximum(-np.sin(2 * np.pi * np.arange(90) / 90), 0.0) ** 4
     sleeve = worn_sleeve(play, jnp.asarray(pocket))

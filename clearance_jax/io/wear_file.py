@@ -27,14 +27,14 @@ from clearance_jax.joints import RevoluteClearance, WornRevoluteClearance
 from clearance_jax.laws import Material
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.wear.contacts import sleeve_of
+from clearance_jax.wear.criteria import AbstractCriterion, Deepest, Exceeds, ImpactSpeed
 from clearance_jax.wear.laws import COEFFICIENT, AbstractWearLaw, Archard, Graded, Reye, RunningIn, Threshold
 from clearance_jax.wear.pressure import AbstractPressure, Foundation, HertzLine, Uniform, foundation
-from clearance_jax.wear.watched import AbstractWatched, Depth, ImpactSpeed, OfMotion
 
 
 class WearFile(NamedTuple):
     """What a wear file says: the positional arguments of `wear.life` and its `options`, those of the solves among
-    them; what ends the life with its bound and in words, if anything; the journal's folder, if it is named; name and
+    them; what ends the life, and that in words, if anything; the journal's folder, if it is named; name and
     texts.
     """
 
@@ -46,8 +46,7 @@ class WearFile(NamedTuple):
     cycles: int
     options: dict[str, Any]
     solve: dict[str, Any]
-    watched: AbstractWatched | None
-    bound: float
+    until: AbstractCriterion | None
     words: str
     journal: Path | None
     name: str
@@ -70,9 +69,10 @@ def _wear(study: Asked) -> WearFile:
     if not isinstance(pressure, Foundation):
         with naming(top.key("pressure")):
             pressure.half_angle(sleeve_of(mechanism, joint).geometry, jnp.ones(()))  # whether it knows what it needs
-    watched, bound, words = None, 0.0, ""
+    solve = study.usual("t0", "rtol", "solver", "start") | top.table("solve", SOLVE).given()
+    until, words = None, ""
     if top.has("until"):
-        watched, bound, words = _until(top.chosen("until", UNTIL_TABLES), mechanism, span)
+        until, words = _until(top.chosen("until", UNTIL_TABLES), mechanism, span, solve)
     return WearFile(
         mechanism,
         joint,
@@ -81,9 +81,8 @@ def _wear(study: Asked) -> WearFile:
         span.t1,
         top.get("cycles"),
         {name: top.get(name) for name in ("sectors", "tolerance", "longest")},
-        study.usual("t0", "rtol", "solver", "start") | top.table("solve", SOLVE).given(),
-        watched,
-        bound,
+        solve,
+        until,
         words,
         study.path.parent / top.get("journal") if top.has("journal") else None,
         study.name,
@@ -148,11 +147,12 @@ def _pressure(read: Chosen) -> AbstractPressure:
     return foundation(_material(table, "material"), table.get("thickness"))
 
 
-def _until(read: Chosen, mechanism: Mechanism, span: Span) -> tuple[AbstractWatched, float, str]:
+def _until(read: Chosen, mechanism: Mechanism, span: Span, solve: dict[str, Any]) -> tuple[AbstractCriterion, str]:
     word, table = read
-    if word in ("depth", "impact-speed"):
-        watched = Depth() if word == "depth" else ImpactSpeed()
-        return watched, table.get("bound"), "largest depth of wear" if word == "depth" else "largest speed of impact"
+    if word == "depth":
+        return Deepest(table.get("bound")), "largest depth of wear"
+    if word == "impact-speed":
+        return ImpactSpeed(table.get("bound"), span.t1, solve), "largest speed of impact"
     metric = metric_of(read, mechanism, span)
     of = [table.get(key) for key in ("signal", "point", "body", "joint") if key in table.values]
-    return OfMotion(metric), table.get("bound", {METRIC: metric.unit}), " ".join([word, *of])
+    return Exceeds(metric, table.get("bound", {METRIC: metric.unit}), span.t1, solve), " ".join([word, *of])
