@@ -76,11 +76,12 @@ def command(main: Callable, doc: str | None, quick: str = "a tiny version of eac
     given = parser.parse_args()
     if given.quick and given.save:
         parser.error("what a quick run finds is not worth publishing: give `--save` alone")
+    named = re.search(r"python -m ([\w.]+(?: \w+)?)`", doc)
+    if given.save and not named:
+        parser.error("the documentation of the experiment must name its command, `python -m ...`: it names the page")
     cj.configure(cache=True)
     main(given.quick, given.out) if elsewhere else main(given.quick)
-    if given.save and found:
-        named = re.search(r"python -m ([\w.]+(?: \w+)?)`", doc)
-        assert named, "the documentation of an experiment names its command"
+    if given.save and named and found:
         path = PAGES / f"{stem(named[1])}.md"
         path.write_text(page(named[1], doc, found), encoding="utf-8")
         for image in drawn:

@@ -1,15 +1,13 @@
-"""Jumps over cycles of wear against every cycle, with the motion solved anew on every worn profile.
+"""Jumps over cycles of wear against every cycle: `python -m experiments.wear_jumps`.
 
-A disc out of balance, 20 kg, swings on a pin that wears its sleeve: 2000 cycles, each a motion of its own, against
-blocks that jump over most of them; and so the derivatives of the depths, and of the life until the sleeve is worn off
-by so much. Brute force is the march with jumps of one cycle: its derivatives are those of all motions in a row, exact
-but for the solves' rtol; its life is read off its depths.
+A disc out of balance, 20 kg, swings on a pin that wears its sleeve: 2000 cycles, the motion of each solved anew on the
+profile as worn, against blocks that jump over most of them; and so the derivatives of the depths, and of the life until
+the sleeve is worn off by so much. Brute force is the march with jumps of one cycle: its derivatives are those of all
+motions in a row, exact but for the solves' rtol; its life is read off its depths.
 
-A march with derivatives chooses its jumps so that they too are good. Errors of depths are over the largest depth, of
-their derivatives over the largest of each number's: worst where the patch ends, whose sectors come to bear one by one;
-of the life and its derivatives over themselves.
-
-    python -m experiments.wear_jumps            `python -m experiments.wear_jumps --save` writes the page
+A march with derivatives chooses its jumps so that they too are good. Errors of depths are over the largest depth; of
+their derivatives over the largest of each number's, worst where the patch ends, whose sectors come to bear one by one,
+so that they fall unevenly; of the life and its derivatives over themselves.
 """
 
 from pathlib import Path
