@@ -102,9 +102,10 @@ def command(main: Callable, doc: str | None, quick: str = "a tiny version of eac
     given = parser.parse_args()
     if given.quick and given.save:
         parser.error("what a quick run finds is not worth publishing: give `--save` alone")
+    named = re.search(r"python -m ([\w.]+(?: \w+)?)`", doc)
     if given.save:
-        named = re.search(r"python -m ([\w.]+(?: \w+)?)`", doc)
-        assert named, "the documentation of an experiment names its command"
+        if not named:
+            parser.error("the documentation of an experiment must name its command, `python -m ...`: it names the page")
         pages.append(Page(PAGES / f"{stem(named[1])}.md", head_of(named[1], doc)))
     cj.configure(cache=True)
     main(given.quick, given.out) if elsewhere else main(given.quick)

@@ -17,6 +17,7 @@ from experiments import (
     robots,
     scalar,
     sweeps,
+    wear_jumps,
     wear_kills,
     work_precision,
 )
@@ -135,6 +136,12 @@ def test_sweeps(monkeypatch):
     sizes = list(found.memory.values())
     assert 0 < sizes[0] < sizes[-1]
     assert found.kills == (2, 2, 0, True)
+
+
+def test_jumps_over_cycles():
+    (row,) = wear_jumps.main(quick=True)
+    assert row.evaluations < 8
+    assert max(row.profile, row.life) < 1e-4
 
 
 @pytest.mark.slow

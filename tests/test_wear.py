@@ -96,6 +96,19 @@ def test_a_worn_sleeve_bears_more_evenly():
     assert float(second.means.max()) < 0.9 * float(first.max())
 
 
+@pytest.mark.parametrize("relief", [1.9, 2.1])
+def test_cycles_that_wear_off_more_than_twice_how_deep_the_pin_stands_run_away(relief):
+    """Below that each cycle comes to wear off what the one before did; beyond, other sectors in turn."""
+    law, depth, cycles, last = wear.Archard(relief / (STIFFNESS * 2)), depths(90), [], 0.0
+    for _ in range(40):
+        found = wear.worn(pressing(FORCE), SLEEVE, law, PRESSURES["foundation"], depth=depth)
+        depth, last = depth + found.depth[0], float(found.relief)
+        cycles.append(found.depth[0] / jnp.linalg.norm(found.depth[0]))
+    assert last == pytest.approx(relief)
+    alike = float(cycles[-1] @ cycles[-2])
+    assert alike > 0.99 if relief < 2 else alike < 0.9
+
+
 def test_the_paper_s_numbers():
     """F = 3 kN, B = 50 mm, c = 0.05 mm: p0 = 13.06 MPa (its Eq. 16 with the root that is missing), and a slip of
     39.3 mm at k = 6e-14 1/Pa wears off 3.1e-8 m.

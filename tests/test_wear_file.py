@@ -20,7 +20,6 @@ from clearance_jax.io.scene import load_scene
 from clearance_jax.io.wear_file import WearFile, load_wear
 from clearance_jax.results.bearing import outline
 from clearance_jax.sweep.journal import Journal
-from clearance_jax.wear.watched import AbstractWatched
 
 SCENE = Path(__file__).parents[1] / "experiments/scenes/disc.toml"
 RUN = CliRunner()
@@ -102,8 +101,8 @@ def test_examples_of_ends_are_read(word, tmp_path):
     values = example(wear_keys.UNTIL_TABLES[word], "body", "joint")
     values |= {"point": '"rim"'} if "point" in values else {"joint": '"pin"'} if word == "impacts" else {}
     read = load(tmp_path, rest="[until]\n" + lines(values))
-    assert isinstance(read.watched, AbstractWatched)
-    assert read.bound > 0
+    assert isinstance(read.until, wear.AbstractCriterion)
+    assert read.until.bound > 0
     assert read.words
 
 

@@ -46,6 +46,18 @@ def test_jumps_follow_the_closed_form_and_their_error_the_tolerance():
     assert np.allclose(every.depth[-1], one, rtol=1e-12)
 
 
+def test_jumps_add_up_cycles_as_a_sum():
+    """Of depths that settle, 1 - (1 - l)^n: an integral's 1 - exp(-l n) has any life half a cycle longer."""
+    part, cycles = 0.02, 150
+    limit = 1 - (1 - part) ** 50 * (1 - 0.5 * part)  # in the middle of cycle 51
+    found = wear.march(
+        lambda depth, _: part * (1 - depth), np.zeros(1), cycles, tolerance=3e-3, until=lambda depth: depth[0] - limit
+    )
+    assert found.evaluations < 50
+    assert found.end == pytest.approx(50.5, abs=0.02)
+    assert -np.log(1 - limit) / part - 50.5 > 0.5
+
+
 def test_life_ends_where_the_criterion_is_reached():
     limit = 5e-6
     found = wear.march(slowing, np.zeros(20), 10**6, tolerance=1e-4, until=lambda depth: np.max(depth) - limit)
@@ -185,6 +197,10 @@ def test_lives_that_end_at_once_or_never():
         wear.life(mechanism, "pin", wear.Archard(1e-6), pressure, 0.05, 10, **still)
     with pytest.raises(ClearanceError, match="There is no parameter `wear"):
         wear.life(mechanism, "pin", law, pressure, 0.05, 10, by=("wear.coeficient",))
+    # 0.4 um off, but 3 times what the pin stands in its sleeve: sectors that stood highest would stand lowest, by more.
+    far = 3.0 * 0.05 * 25e-3
+    with pytest.raises(ClearanceError, match="depths run away from one sector to the next"):
+        wear.life(mechanism, "pin", wear.Archard(3 / (2e12 * far)), wear.Foundation(2e12), 0.05, 10, **still)
     # Deeper than the clearance, and on from there.
     pocket = 3e-4 * np.maximum(-np.sin(2 * np.pi * np.arange(90) / 90), 0.0) ** 4
     sleeve = worn_sleeve(play, jnp.asarray(pocket))

@@ -145,14 +145,14 @@ def test_datasets_know_how_deep_a_pin_stands_in_every_bore():
 def test_a_map_of_what_has_worn_off(tmp_path):
     """Depth over angle and height, in a unit that suits; of a joint in the plane there is none."""
     angle, heights = jnp.asarray(ANGLES), jnp.linspace(-0.02, 0.02, 8)
-    figure = wear_map(wear.Wear(angle, heights, jnp.asarray(DEPTH), *(jnp.zeros(()),) * 4), "a sleeve")
+    figure = wear_map(wear.Wear(angle, heights, jnp.asarray(DEPTH), *(jnp.zeros(()),) * 5), "a sleeve")
     field, beside, _ = figure.axes
     (mesh,) = field.collections
     assert float(np.max(np.asarray(mesh.get_array()))) == pytest.approx(1e6 * DEPTH.max())
     assert beside.lines[0].get_xdata() == pytest.approx(1e6 * DEPTH.max(axis=1))
     figure.savefig(tmp_path / "map.png")
     with pytest.raises(ClearanceError, match="needs a joint with stations"):
-        wear_map(wear.Wear(angle, jnp.zeros(1), jnp.asarray(DEPTH[:1]), *(jnp.zeros(()),) * 4))
+        wear_map(wear.Wear(angle, jnp.zeros(1), jnp.asarray(DEPTH[:1]), *(jnp.zeros(()),) * 5))
 
 
 def test_depths_that_are_none():

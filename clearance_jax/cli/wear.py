@@ -85,15 +85,11 @@ def _lived(study: Any, journal: Path, resume: bool, told: "_Told") -> Any:
     from clearance_jax.wear.folder import described, folder
     from clearance_jax.wear.life import life
     from clearance_jax.wear.record import to_dataset
-    from clearance_jax.wear.watched import Watch
 
     model = study.mechanism, study.law, study.pressure
-    rest = {"joint": study.joint, "cycle": study.cycle, "cycles": study.cycles, "bound": study.bound}
-    question = described(*model, study.watched, **rest, **study.options, **study.solve)
-    watch, until, words = None, None, {}
-    if study.watched is not None:
-        watch = Watch(study.watched, study.bound, study.mechanism, study.joint, study.cycle, **study.solve)
-        until, words = told.looking_up(watch.beyond), {"watched": study.words}
+    rest = {"joint": study.joint, "cycle": study.cycle, "cycles": study.cycles}
+    question = described(*model, study.until, **rest, **study.options, **study.solve)
+    words = {} if study.until is None else {"watched": study.words}
     with folder(journal, question, resume) as blocks:
         found = life(
             study.mechanism,
@@ -103,13 +99,13 @@ def _lived(study: Any, journal: Path, resume: bool, told: "_Told") -> Any:
             study.cycle,
             study.cycles,
             **study.options,
-            until=until,
+            until=study.until,
             journal=blocks,
             progress=told,
             **study.solve,
         )
         told.say("reading off")
-        return to_dataset(found, study.mechanism, study.joint, watch, name=study.name, **words, **study.texts)
+        return to_dataset(found, study.mechanism, study.joint, study.until, name=study.name, **words, **study.texts)
 
 
 def _bar() -> Progress:
@@ -139,15 +135,6 @@ class _Told:
     def say(self, text: str) -> None:
         """What is done now."""
         self._bar.update(self._task, said=text)
-
-    def looking_up(self, function: Any) -> Any:
-        """The function, which raises an interruption that was lost before it begins."""
-
-        def checked(depth: Any) -> float:
-            self._asked.check()
-            return function(depth)
-
-        return checked
 
 
 def _words(dataset: Any) -> list[str]:

@@ -158,11 +158,6 @@ def _explained(found: Findings) -> Findings:
         return _noted(found, str(error))
 
 
-<<<<<<< HEAD
-def _fitted(found: Findings, cluster: Any) -> Findings:
-    try:
-        fits = nearest_fits(found.design, cluster=cluster)
-=======
 def _maintained(found: Findings) -> Findings:
     try:
         return found._replace(maintenance=maintenances(found.design))
@@ -170,10 +165,10 @@ def _maintained(found: Findings) -> Findings:
         return _noted(found, str(error))
 
 
-def _fitted(found: Findings) -> Findings:
+def _fitted(found: Findings, cluster: Any) -> Findings:
     samples = LIVED if any(limit.ages for limit in found.design.specification.limits) else SAMPLES
     try:
-        fits = nearest_fits(found.design, samples=samples)
+        fits = nearest_fits(found.design, samples=samples, cluster=cluster)
     except ClearanceError as error:
         return _noted(found, str(error))
     if fits is None:

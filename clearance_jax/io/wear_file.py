@@ -10,14 +10,14 @@ from clearance_jax.io.table import Chosen, naming
 from clearance_jax.io.wear_keys import SOLVE, UNTIL_TABLES, WEAR
 from clearance_jax.io.wearing import wearing_of
 from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.wear.criteria import AbstractCriterion, Deepest, Exceeds, ImpactSpeed
 from clearance_jax.wear.laws import AbstractWearLaw
 from clearance_jax.wear.pressure import AbstractPressure
-from clearance_jax.wear.watched import AbstractWatched, Depth, ImpactSpeed, OfMotion
 
 
 class WearFile(NamedTuple):
     """What a wear file says: the positional arguments of `wear.life` and its `options`, those of the solves among
-    them; what ends the life with its bound and in words, if anything; the journal's folder, if it is named; name and
+    them; what ends the life, and that in words, if anything; the journal's folder, if it is named; name and
     texts.
     """
 
@@ -29,8 +29,7 @@ class WearFile(NamedTuple):
     cycles: int
     options: dict[str, Any]
     solve: dict[str, Any]
-    watched: AbstractWatched | None
-    bound: float
+    until: AbstractCriterion | None
     words: str
     journal: Path | None
     name: str
@@ -47,9 +46,10 @@ def load_wear(path: str | Path) -> WearFile:
 def _wear(study: Asked) -> WearFile:
     top, span = study.table, study.span("cycle")
     mechanism, joint, law, pressure = wearing_of(top, study.mechanism)
-    watched, bound, words = None, 0.0, ""
+    solve = study.usual("t0", "rtol", "solver", "start") | top.table("solve", SOLVE).given()
+    until, words = None, ""
     if top.has("until"):
-        watched, bound, words = _until(top.chosen("until", UNTIL_TABLES), mechanism, span)
+        until, words = _until(top.chosen("until", UNTIL_TABLES), mechanism, span, solve)
     return WearFile(
         mechanism,
         joint,
@@ -58,9 +58,8 @@ def _wear(study: Asked) -> WearFile:
         span.t1,
         top.get("cycles"),
         {name: top.get(name) for name in ("sectors", "tolerance", "longest")},
-        study.usual("t0", "rtol", "solver", "start") | top.table("solve", SOLVE).given(),
-        watched,
-        bound,
+        solve,
+        until,
         words,
         study.path.parent / top.get("journal") if top.has("journal") else None,
         study.name,
@@ -68,11 +67,12 @@ def _wear(study: Asked) -> WearFile:
     )
 
 
-def _until(read: Chosen, mechanism: Mechanism, span: Span) -> tuple[AbstractWatched, float, str]:
+def _until(read: Chosen, mechanism: Mechanism, span: Span, solve: dict[str, Any]) -> tuple[AbstractCriterion, str]:
     word, table = read
-    if word in ("depth", "impact-speed"):
-        watched = Depth() if word == "depth" else ImpactSpeed()
-        return watched, table.get("bound"), "largest depth of wear" if word == "depth" else "largest speed of impact"
+    if word == "depth":
+        return Deepest(table.get("bound")), "largest depth of wear"
+    if word == "impact-speed":
+        return ImpactSpeed(table.get("bound"), span.t1, solve), "largest speed of impact"
     metric = metric_of(read, mechanism, span)
     of = [table.get(key) for key in ("signal", "point", "body", "joint") if key in table.values]
-    return OfMotion(metric), table.get("bound", {METRIC: metric.unit}), " ".join([word, *of])
+    return Exceeds(metric, table.get("bound", {METRIC: metric.unit}), span.t1, solve), " ".join([word, *of])

@@ -2,6 +2,7 @@
 
 from clearance_jax.wear.after import AbstractAged, AfterWear
 from clearance_jax.wear.contacts import Contacts, Sleeve, contacts, sleeve_of
+from clearance_jax.wear.criteria import AbstractCriterion, Deepest, Exceeds, ImpactSpeed
 from clearance_jax.wear.laws import (
     AbstractWearLaw,
     Archard,
@@ -17,7 +18,7 @@ from clearance_jax.wear.life import Life, life, march
 from clearance_jax.wear.lives import Failures, Lives, lives
 from clearance_jax.wear.pressure import AbstractPressure, Foundation, HertzLine, Pressed, Section, Uniform, foundation
 from clearance_jax.wear.record import to_dataset
-from clearance_jax.wear.wearing import AbstractCriterion, Deepest, Exceeds, Wearing
+from clearance_jax.wear.wearing import Wearing
 from clearance_jax.wear.worn import Wear, wear, worn
 
 __all__ = [
@@ -34,6 +35,7 @@ __all__ = [
     "Foundation",
     "Graded",
     "HertzLine",
+    "ImpactSpeed",
     "Life",
     "Lives",
     "Pressed",

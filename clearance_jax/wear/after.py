@@ -16,11 +16,12 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import check_values, physical, replace
 from clearance_jax.solve.settings import Settings, settings_of
+from clearance_jax.wear.criteria import Exceeds
 from clearance_jax.wear.laws import AbstractWearLaw
 from clearance_jax.wear.life import march
 from clearance_jax.wear.lives import Lives, lives
 from clearance_jax.wear.pressure import AbstractPressure
-from clearance_jax.wear.wearing import Exceeds, Wearing
+from clearance_jax.wear.wearing import Wearing
 from clearance_jax.wear.worn import SECTORS
 
 

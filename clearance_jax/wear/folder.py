@@ -23,10 +23,10 @@ ASKED, BLOCKS, LOCK = "asked.json", "blocks.jsonl", "lock"
 
 
 def described(
-    mechanism: Mechanism, law: AbstractWearLaw, pressure: AbstractPressure, watched: Any = None, **rest: Any
+    mechanism: Mechanism, law: AbstractWearLaw, pressure: AbstractPressure, until: Any = None, **rest: Any
 ) -> dict[str, Any]:
     """What makes another life, by names, each a number or a short text."""
-    models = {"law of wear": law, "pressure": pressure, "watched": watched}
+    models = {"law of wear": law, "pressure": pressure, "until": until}
     own = {f"{name} ({what})": v for what, m in models.items() if m is not None for name, v in numbers(m).items()}
     versions = {"clearance_jax": version("clearance-jax"), "jax": jax.__version__}
     return kept({**versions, **numbers(mechanism), **own, **rest})

@@ -2,8 +2,12 @@
 
 What one cycle wears off, f(h), depends on the worn profile h slowly. So one cycle stands for many: from h a block
 goes two single jumps of A cycles, h1 = h + A f(h) and h2 = h1 + A f(h1), and one double jump, h + 2 A f(h). The two
-differ by the error of the single ones, which decides about A; what is kept is their extrapolation, h + 2 A f(h1), of
-second order. At A = 1 nothing is jumped over, and the two cycles are kept as they are.
+differ by the error of the single ones, which decides about A.
+
+What is kept is their extrapolation. Depths are a sum over cycles, not an integral: of cycles that wear off f + j f' f,
+j = 0 .. n - 1, the second part adds up to n (n - 1) / 2, of which single jumps have A^2 for n = 2 A, and the double one
+nothing. So h + f(h) + (2 A - 1) f(h1) is of second order, and at A = 1, where nothing is jumped over, the two cycles
+themselves. (An integral's h + 2 A f(h1) is off by half of what a cycle's wear changes by, however short jumps are.)
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -21,9 +25,10 @@ from clearance_jax.parameters import values_of
 from clearance_jax.solve.settings import SolveOptions
 from clearance_jax.sweep.journal import Journal
 from clearance_jax.units import shown
+from clearance_jax.wear.criteria import AbstractCriterion, Of, end_slopes
 from clearance_jax.wear.laws import AbstractWearLaw
 from clearance_jax.wear.pressure import AbstractPressure
-from clearance_jax.wear.wearing import AbstractCriterion, Of, Wearing, criterion_value, end_slopes
+from clearance_jax.wear.wearing import Wearing
 from clearance_jax.wear.worn import SECTORS
 
 Profile = Float[np.ndarray, "*stack sectors"]
@@ -37,7 +42,7 @@ GROWS, SHRINKS, USED = 4.0, 0.1, 0.8
 class Life(NamedTuple):
     """How a profile wore: `cycles` (blocks + 1,) with the depths then, `depth` (blocks + 1, sectors) [m];
     `evaluations`: cycles that were computed; `end`: the cycle at which the criterion was reached, `None` where it was
-    not.
+    not; `beyond` (blocks + 1,): how far beyond its bound the criterion was then (`None`: there was none).
 
     With derivatives, by the numbers in `names`: `slopes` (blocks + 1, names, sectors) of the depths, and `end_slopes`
     (names,) of the end.
@@ -47,6 +52,7 @@ class Life(NamedTuple):
     depth: np.ndarray
     evaluations: int
     end: float | None
+    beyond: np.ndarray | None = None
     names: tuple[str, ...] = ()
     slopes: np.ndarray | None = None
     end_slopes: np.ndarray | None = None
@@ -75,13 +81,15 @@ class Life(NamedTuple):
 
 class Block(NamedTuple):
     """A block that is done: after how many cycles, the jump of the next one, the profile (or stack), and what has been
-    asked; where life ended within it, when, and the stack then with what a cycle wore off below it.
+    asked; how far `beyond` its bound the criterion is, if there is one; where life ended within the block, when, and
+    the stack then with what a cycle wore off below it.
     """
 
     cycles: int
     jump: int
     depth: list
     evaluations: int
+    beyond: float | None = None
     end: float | None = None
     ending: list | None = None
 
@@ -124,9 +132,13 @@ def _march(rate, depth, cycles, tolerance, longest, until, journal, progress) ->
     stack = np.asarray(first.depth)
     asked = {"sectors": stack.shape[-1], "cycles": cycles, "tolerance": tolerance, "longest": longest}
     kept = None if journal is None else Journal(journal)
-    blocks = [first, *(() if kept is None else _resumed(kept, asked, first))]
-    if until is not None and len(blocks) == 1 and not until(np.atleast_2d(stack)[0]) < 0:
-        return [first._replace(end=0.0)]
+    resumed = () if kept is None else _resumed(kept, asked, first)
+    if until is not None:
+        beyond = float(until(_profile(stack)))
+        first = first._replace(beyond=beyond)
+        if not beyond < 0:
+            return [first._replace(end=0.0)]
+    blocks = [first, *resumed]
     while blocks[-1].cycles < cycles and blocks[-1].end is None:
         blocks.append(_block(rate, blocks[-1], cycles, tolerance, longest, until))
         if kept is not None:
@@ -140,7 +152,8 @@ def _life(blocks: list[Block]) -> Life:
     every = np.array([block.depth for block in blocks])
     depth, slopes = (every, None) if every.ndim == 2 else (every[:, 0], every[:, 1:])
     cycles = np.array([block.cycles for block in blocks])
-    return Life(cycles, depth, blocks[-1].evaluations, blocks[-1].end, slopes=slopes)
+    beyond = None if blocks[0].beyond is None else np.array([block.beyond for block in blocks], float)
+    return Life(cycles, depth, blocks[-1].evaluations, blocks[-1].end, beyond, slopes=slopes)
 
 
 def _block(rate: Rate, now: Block, cycles: int, tolerance: float, longest: int | None, until: Any) -> Block:
@@ -175,16 +188,22 @@ def _ended(now: Block, h: Profile, rates: tuple, jump: float | int, wanted: int,
     first, then = rates
 
     def profile(n):
-        return h + n * first + (0.5 * n * n / jump) * (then - first)
+        # What is worn off in the middle of a cycle is a part of what the whole of it wears off.
+        gone = np.floor(n)
+        return h + n * first + gone * (n - 0.5 * (gone + 1)) / jump * (then - first)
 
     whole = round(2 * jump)
-    last = h + first + then if jump == 1 else profile(whole)
+    last = profile(whole)
     done = Block(now.cycles + whole, wanted, last.tolist(), count)
-    if until is None or until(_profile(last)) < 0:
+    if until is None:
+        return done
+    beyond = float(until(_profile(last)))
+    done = done._replace(beyond=beyond)
+    if beyond < 0:
         return done
     found = scipy.optimize.brentq(lambda n: float(until(_profile(profile(n)))), 0.0, float(whole), xtol=1e-12 * whole)
     n = float(found)  # pyright: ignore[reportArgumentType]
-    ending = [*np.atleast_2d(profile(n)), *np.atleast_2d(first + n / jump * (then - first))[:1]]
+    ending = [*np.atleast_2d(profile(n)), *np.atleast_2d(first + np.floor(n) / jump * (then - first))[:1]]
     return done._replace(end=now.cycles + n, ending=np.array(ending).tolist())
 
 
@@ -235,14 +254,18 @@ def life(
     - `by`: numbers by which depths and life have derivatives: the mechanism's ("pin.radial_clearance", "gravity.y"),
       the law's ("wear.coefficient") or the pressure's ("pressure.stiffness"). They are those of the march as it went,
       every jump as it was.
-    - `until`: `Deepest`, `Exceeds`, or a function of the profile (for derivatives in `jax.numpy`).
+    - `until`: `Deepest`, `Exceeds`, `ImpactSpeed`, or a function of the profile (for derivatives in `jax.numpy`).
 
-    **Raises:** `ClearanceError` as these do, for a joint of another kind, an unknown name, and where a cycle wears off
-    more than the clearance.
+    **Raises:** `ClearanceError` as these do, for a joint of another kind, an unknown name, derivatives of a criterion
+    that has none, and where a cycle wears off too much to be taken at one profile (`Wearing.cycle_wears`).
     """
     wearing, names = Wearing(law, pressure, joint, cycle, mechanism), tuple(by)
-    criterion = until if until is None or isinstance(until, AbstractCriterion) else Of(until)
+    criterion = until if until is None or isinstance(until, AbstractCriterion) else Of(function=until)
     values_of(wearing, names)  # an unknown name raises here
+    if names and criterion is not None and not criterion.has_derivatives:
+        raise ClearanceError(
+            f"A life until `{type(criterion).__name__}` has no derivatives: leave out `by`, or take another `until`."
+        )
     begin = wearing.begin(sectors)
     stack = begin if not names else np.concatenate([begin[None], np.zeros((len(names), begin.size))])
 
@@ -250,13 +273,11 @@ def life(
         found = wearing.cycle_wears(np.atleast_2d(depth), names, after, dict(options))
         return found if names else found[0]
 
-    def reached(depth: Profile) -> float:
-        if isinstance(criterion, Of):
-            return float(criterion.function(depth))
+    def beyond(depth: Profile) -> float:
         assert criterion is not None
-        return float(criterion_value(criterion, wearing, jnp.asarray(depth)))
+        return float(criterion.beyond(wearing.at(depth), joint))
 
-    blocks = _march(rate, stack, cycles, tolerance, longest, None if criterion is None else reached, journal, progress)
+    blocks = _march(rate, stack, cycles, tolerance, longest, None if criterion is None else beyond, journal, progress)
     found = _life(blocks)._replace(names=names)
     if not names or criterion is None or blocks[-1].ending is None:
         return found

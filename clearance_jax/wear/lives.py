@@ -18,11 +18,12 @@ from clearance_jax.solve.batch import cores_here
 from clearance_jax.solve.settings import SolveOptions
 from clearance_jax.sweep.axes import Sampled
 from clearance_jax.units import shown
+from clearance_jax.wear.criteria import AbstractCriterion
 from clearance_jax.wear.folder import described, folder
 from clearance_jax.wear.laws import AbstractWearLaw
 from clearance_jax.wear.life import Profile, life
 from clearance_jax.wear.pressure import AbstractPressure
-from clearance_jax.wear.wearing import AbstractCriterion, Wearing
+from clearance_jax.wear.wearing import Wearing
 from clearance_jax.wear.worn import SECTORS
 
 
@@ -134,8 +135,8 @@ def lives(
     rest = {"sectors": sectors, "cycle": float(wearing.cycle), "cycles": cycles, "tolerance": tolerance}
     rest |= {"longest": longest, **{name: column.tolist() for name, column in columns.items()}}
     rest |= {name: str(option) for name, option in options.items()}
-    watched = until if isinstance(until, AbstractCriterion) else None
-    asked = {} if journal is None else described(mechanism, law, pressure, watched, **rest)
+    criterion = until if isinstance(until, AbstractCriterion) else None
+    asked = {} if journal is None else described(mechanism, law, pressure, criterion, **rest)
     kept = nullcontext() if journal is None else folder(journal, asked, resume=True)
 
     def one(i: int, place: Path | None):

@@ -75,6 +75,13 @@ class AbstractPressure(Parametrised):
         """To how far beside its middle a force per length [N/m] spreads on the round sleeve [rad]."""
 
     @property
+    def rises(self) -> Scalar | float:
+        """By how much a pressure rises where the sleeve stands higher [Pa/m], the pin as it is; 0 where it does not
+        know the worn profile.
+        """
+        return 0.0
+
+    @property
     def is_narrow(self) -> bool:
         """Whether a patch is taken as flat: pressures, not their components along the force, then add up to it."""
         return True
@@ -155,6 +162,10 @@ class Foundation(AbstractPressure):
     """
 
     stiffness: Scalar = physical("Pa/m", above=0.0, help="pressure by depth", example='"2e13 Pa/m"')
+
+    @property
+    def rises(self):
+        return self.stiffness
 
     @property
     def is_narrow(self):

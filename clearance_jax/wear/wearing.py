@@ -8,7 +8,6 @@ The nodes in time of what rubs stand still while numbers vary. That is the whole
 sliding are continuous, so that moving a touch or the turn of a slip adds nothing to an integral over time.
 """
 
-import abc
 import dataclasses
 from collections.abc import Sequence
 from typing import Any
@@ -20,7 +19,6 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from clearance_jax._types import Scalar
-from clearance_jax.analysis.measure import AbstractMetric, as_metric
 from clearance_jax.errors import ClearanceError, WornOut
 from clearance_jax.joints import RevoluteClearance, WornRevoluteClearance, worn_sleeve
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -37,6 +35,9 @@ from clearance_jax.wear.worn import accumulated, worn
 
 # What a trace has and a differentiated solve does not, or the other way round.
 OWN = ("save_at", "books", "derivatives")
+# What a cycle wears off a sector that stands higher by u than its neighbours is `relief` u more: beyond two
+# the sector stands too low by more than that after the cycle, the next one the other way round.
+MOST_RELIEF = 2.0
 
 
 class Wearing(eqx.Module):
@@ -79,7 +80,8 @@ class Wearing(eqx.Module):
         """What one cycle wears off [m] after so many, with its derivatives; stack: the profile, and below it its
         derivatives by each of the named numbers, (1 + names, sectors).
 
-        **Raises:** `WornOut` where the motion stops, and where a cycle wears off more than the clearance.
+        **Raises:** `WornOut` where the motion stops, and where a cycle wears off more than the clearance;
+        `ClearanceError` where it wears off so much of what the pin stands in a foundation that depths run away.
         """
         now = self.at(stack[0])
         motion = trace(now, float(self.cycle), **{"save_at": None, **options})
@@ -87,13 +89,10 @@ class Wearing(eqx.Module):
             raise WornOut(f"After {after} cycles the motion stopped: {motion.message}")
         before = jnp.asarray(after * self.cycle, float)
         sleeve, seen = sleeve_of(now, self.joint), contacts(motion, self.joint)
-        off = np.asarray(worn(seen, sleeve, self.wear, self.pressure, depth=jnp.asarray(stack[0]), before=before).depth)
-        if not off.max() <= self.clearance.radial_clearance:
-            raise WornOut(
-                f"After {after} cycles one cycle wears off {shown(off.max(), 'm')}, more than the radial clearance of "
-                f"`{self.joint}`, {shown(float(self.clearance.radial_clearance), 'm')}; but within a cycle the profile "
-                "is taken as it is. Check the unit of the law's coefficient, or take a shorter cycle."
-            )
+        profile = jnp.asarray(stack[0])
+        found = worn(seen, sleeve, self.wear, self.pressure, depth=profile, before=before)
+        off = np.asarray(found.depth)
+        self._check(off.max(), float(found.relief), after)
         if not names:
             return off
         # Filled up, so that motions of about as many steps are one program.
@@ -101,6 +100,25 @@ class Wearing(eqx.Module):
         solve = settings_of(now, float(self.cycle), {k: v for k, v in options.items() if k not in OWN})
         slopes = _cycle_slopes(self, tuple(names), jnp.asarray(stack), jnp.asarray(ends), before, solve)
         return np.concatenate([off, np.asarray(slopes)])
+
+    def _check(self, deepest: float, relief: float, after: int) -> None:
+        """Raise where a cycle wears off too much to be taken at one profile."""
+        wears, play = f"After {after} cycles one cycle wears off", self.clearance.radial_clearance
+        fix = (
+            "but within a cycle the profile is taken as it is. Check the unit of the law's coefficient, or take a "
+            "shorter cycle"
+        )
+        if not deepest <= play:
+            raise WornOut(
+                f"{wears} {shown(deepest, 'm')}, more than the radial clearance of `{self.joint}`, "
+                f"{shown(float(play), 'm')}; {fix}."
+            )
+        if not relief <= MOST_RELIEF:
+            raise ClearanceError(
+                f"{wears} {relief:.3g} times what the pin stands in the foundation of `{self.joint}`: beyond "
+                f"{MOST_RELIEF:g} depths run away from one sector to the next, cycle by cycle; {fix}, or a softer "
+                "foundation."
+            )
 
     def shifted(self, names: tuple[str, ...], stack: Array, shares: Array) -> "Wearing":
         """The same with the named numbers moved by shares of themselves (of one, where they are 0), each with the row
@@ -142,65 +160,3 @@ def _cycle_slopes(
 
     slopes = jax.jacfwd(of)(jnp.zeros(len(names)))
     return slopes.T / wearing.sizes(names)[:, None]
-
-
-class AbstractCriterion(eqx.Module):
-    """What ends a life: its value is below 0 until then."""
-
-    @abc.abstractmethod
-    def value(self, mechanism: Mechanism, joint: str) -> Scalar:
-        """Of the mechanism as it is worn."""
-
-
-class Deepest(AbstractCriterion):
-    """The largest depth of wear reaches a limit [m]."""
-
-    depth: Scalar = physical("m", above=0.0)
-
-    def value(self, mechanism, joint):
-        clearance: Any = mechanism.joint(joint)
-        return jnp.max(clearance.clearance.profile) - self.depth
-
-
-class Exceeds(AbstractCriterion):
-    """A metric of the motion to `t1` [s] on the worn sleeve, or a function as one, reaches a bound."""
-
-    metric: AbstractMetric = eqx.field(converter=as_metric)
-    bound: Scalar = physical("")
-    t1: Scalar = physical("s")
-    options: dict[str, Any] = eqx.field(default_factory=dict)
-
-    def value(self, mechanism, joint):
-        found = self.metric(mechanism, self.t1, **self.options)
-        return jnp.max(found) - self.bound
-
-
-class Of(AbstractCriterion):
-    """A function of the profile, by `jax.numpy` where it is to have a derivative."""
-
-    function: Any = eqx.field(static=True)
-
-    def value(self, mechanism, joint):
-        clearance: Any = mechanism.joint(joint)
-        return jnp.asarray(self.function(clearance.clearance.profile), float)
-
-
-@eqx.filter_jit
-def criterion_value(criterion: AbstractCriterion, wearing: Wearing, depth: Array) -> Array:
-    """Of the joint worn off by so much."""
-    return criterion.value(wearing.at(depth), wearing.joint)
-
-
-@eqx.filter_jit
-def end_slopes(criterion: AbstractCriterion, wearing: Wearing, names: tuple[str, ...], stack: Array) -> Array:
-    """Derivatives of the cycle at which a criterion is reached by the named numbers, shape (names,).
-
-    Where g(h(n, a), a) = 0 stays so, dn/da = -(dg/da) / (dg/dn); stack: the profile there, its derivatives by each of
-    the numbers, and by n.
-    """
-
-    def of(shares):
-        return criterion.value(wearing.shifted(names, stack, shares).mechanism, wearing.joint)
-
-    *slopes, grows = jax.jacfwd(of)(jnp.zeros(len(names) + 1))
-    return -jnp.asarray(slopes) / wearing.sizes(names) / grows

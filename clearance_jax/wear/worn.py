@@ -34,7 +34,9 @@ class Wear(eqx.Module):
     - `depth` (stations, sectors) [m], by which the sleeve's radius grows, or the pin's shrinks;
     - `volume` [m^3]; `flat_volume` [m^3]: what the law gives for pressures that add up to the normal force, as in a
       narrow patch (k F s); `None` for a law that is not linear in pressure: there the volume depends on the patch;
-    - `sliding` [m]: by how much the pin has slid while it was pressed; `half_angle` [rad]: the widest patch.
+    - `sliding` [m]: by how much the pin has slid while it was pressed; `half_angle` [rad]: the widest patch;
+    - `relief`: the largest part of a pressure that is worn away, as if its sector alone wore. The profile is taken as
+      it is all the while, so that it should be well below 1; 0 for pressures that do not know the worn profile.
     """
 
     angle: Float[Array, " sectors"]
@@ -44,6 +46,7 @@ class Wear(eqx.Module):
     flat_volume: Float[Array, ""] | None
     sliding: Float[Array, ""]
     half_angle: Float[Array, ""]
+    relief: Float[Array, ""]
 
     @property
     def deepest(self) -> Array:
@@ -129,7 +132,7 @@ def worn(
     angle = jnp.asarray(2 * np.pi * np.arange(depth.shape[1]) / depth.shape[1])
     flat = found.flat_volume if law.is_linear else None
     heights = jnp.asarray(sleeve.heights, float)
-    return Wear(angle, heights, found.depth, found.volume, flat, found.sliding, found.half_angle)
+    return Wear(angle, heights, found.depth, found.volume, flat, found.sliding, found.half_angle, found.relief)
 
 
 class Found(NamedTuple):
@@ -140,6 +143,7 @@ class Found(NamedTuple):
     flat_volume: Any
     sliding: Any
     half_angle: Any
+    relief: Any
     missed: Any
 
 
@@ -183,21 +187,26 @@ def accumulated(
         spread = pressure.prepared(Section(sleeve.geometry, worn))
 
         def add(carry, now):
-            depth, missed = carry
+            depth, relief, missed = carry
             weight, time, turn, force, angle, speed, traction, place = now
             found = spread(Pressed(force / length, angle, (place[0], place[1])))
             # The pin bears the same force on a little less of surface.
             means = _turned(found.means, -turn) * (sleeve.geometry.sleeve_radius / radius) if inner else found.means
-            rate = law.rate(Rubbing(means, speed, traction, before + time))
+
+            def off(pressure):
+                return law.rate(Rubbing(pressure, speed, traction, before + time))
+
+            rate, rises = jax.jvp(off, (means,), (jnp.where(means > 0, 1.0, 0.0),))
             lacks = jnp.abs(found.borne * length - force)
             lacks = jnp.where(force > 0, lacks / jnp.where(force > 0, force, 1.0), 0.0)
-            return (depth + weight * rate, jnp.maximum(missed, lacks)), None
+            relief = relief + weight * rises * pressure.rises
+            return (depth + weight * rate, relief, jnp.maximum(missed, lacks)), None
 
         nodes = seen.weight, seen.time, turn, force, angle, speed, traction, place
-        return jax.lax.scan(add, (jnp.zeros_like(worn), jnp.zeros(())), nodes)[0]
+        return jax.lax.scan(add, (jnp.zeros_like(worn), jnp.zeros_like(worn), jnp.zeros(())), nodes)[0]
 
     columns = [jnp.moveaxis(x, 1, 0) for x in (seen.force, seen.angle, seen.speed, seen.traction, seen.place)]
-    new, missed = jax.lax.map(lambda one: station(*one), (depth, sleeve.lengths, *columns))
+    new, relief, missed = jax.lax.map(lambda one: station(*one), (depth, sleeve.lengths, *columns))
     volume = jnp.sum(new * sleeve.lengths[:, None]) * (2 * np.pi / depth.shape[1] * radius)
     shares = sleeve.lengths / jnp.sum(sleeve.lengths)
     sliding = seen.weight @ jnp.where(seen.force > 0, seen.speed, 0.0) @ shares
@@ -205,7 +214,8 @@ def accumulated(
     # Of a linear law the volume is its rate of the force in the place of a pressure.
     flat = jnp.sum(seen.weight[:, None] * law.rate(Rubbing(seen.force, seen.speed, seen.traction, time)))
     largest = jnp.max(seen.force / sleeve.lengths[None, :], initial=0.0)
-    return Found(new, volume, flat, sliding, pressure.half_angle(sleeve.geometry, largest), jnp.max(missed))
+    half = pressure.half_angle(sleeve.geometry, largest)
+    return Found(new, volume, flat, sliding, half, jnp.max(relief), jnp.max(missed))
 
 
 def _turned(means: Float[Array, " sectors"], angle: Scalar) -> Float[Array, " sectors"]:

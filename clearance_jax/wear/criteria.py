@@ -1,0 +1,138 @@
+"""What ends a life: a number of the joint as it is worn that reaches its bound."""
+
+import abc
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from clearance_jax._types import Scalar
+from clearance_jax.analysis.measure import AbstractMetric, as_metric
+from clearance_jax.errors import ClearanceError
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.parameters import physical
+from clearance_jax.results.dataset import to_dataset
+from clearance_jax.solve.trace import trace
+from clearance_jax.wear.wearing import Wearing
+
+
+class AbstractCriterion(eqx.Module):
+    """A number of a joint as it is worn, and the bound at which its life ends."""
+
+    bound: eqx.AbstractVar[Scalar]
+
+    @property
+    @abc.abstractmethod
+    def unit(self) -> str:
+        """Of the number and its bound."""
+
+    @property
+    def has_derivatives(self) -> bool:
+        """Whether the number has derivatives, so that life has."""
+        return True
+
+    @abc.abstractmethod
+    def value(self, mechanism: Mechanism, joint: str) -> Any:
+        """The number, of the mechanism with its joint worn."""
+
+    def beyond(self, mechanism: Mechanism, joint: str) -> Any:
+        """How far beyond its bound the number is; below 0 until life ends."""
+        return self.value(mechanism, joint) - self.bound
+
+
+class Deepest(AbstractCriterion):
+    """The largest depth of wear reaches a bound [m]."""
+
+    bound: Scalar = physical("m", above=0.0)
+
+    @property
+    def unit(self):
+        return "m"
+
+    def value(self, mechanism, joint):
+        clearance: Any = mechanism.joint(joint)
+        return jnp.max(clearance.clearance.profile)
+
+
+class Exceeds(AbstractCriterion):
+    """A metric of the motion to `t1` [s] on the worn sleeve, or a function as one, reaches a bound: an error of a
+    point, a force. `options`: of the motion, `simulate`'s.
+    """
+
+    metric: AbstractMetric = eqx.field(converter=as_metric)
+    bound: Scalar = physical("")
+    t1: Scalar = physical("s")
+    options: dict[str, Any] = eqx.field(default_factory=dict)
+
+    @property
+    def unit(self):
+        return self.metric.unit
+
+    def value(self, mechanism, joint):
+        return _measured(self.metric, mechanism, self.t1, self.options)
+
+
+@eqx.filter_jit
+def _measured(metric: AbstractMetric, mechanism: Mechanism, t1: Scalar, options: dict[str, Any]) -> Array:
+    return jnp.max(metric(mechanism, t1, **options))
+
+
+class ImpactSpeed(AbstractCriterion):
+    """The largest speed at which the joint's surfaces meet in the motion to `t1` [s] on the worn sleeve reaches a bound
+    [m/s]; it is 0 where they never part. `options`: of the motion, `trace`'s.
+    """
+
+    bound: Scalar = physical("m/s", above=0.0)
+    t1: Scalar = physical("s")
+    options: dict[str, Any] = eqx.field(default_factory=dict)
+
+    @property
+    def unit(self):
+        return "m/s"
+
+    @property
+    def has_derivatives(self):
+        return False
+
+    def value(self, mechanism, joint):
+        motion = trace(mechanism, float(self.t1), **{**self.options, "save_at": None})
+        if motion.message:
+            raise ClearanceError(f"The motion stopped: {motion.message}")
+        found = to_dataset(mechanism, motion)
+        speeds = found["impact_speed"].values[found["episode_joint"].values == [*found["joint"].values].index(joint)]
+        return max([0.0, *speeds])
+
+
+class Of(AbstractCriterion):
+    """A function of the profile reaches 0; by `jax.numpy` where it is to have a derivative."""
+
+    function: Any = eqx.field(static=True)
+    bound: Scalar = physical("", default=0.0)
+
+    @property
+    def unit(self):
+        return ""
+
+    def value(self, mechanism, joint):
+        clearance: Any = mechanism.joint(joint)
+        return jnp.asarray(self.function(clearance.clearance.profile), float)
+
+
+def end_slopes(criterion: AbstractCriterion, wearing: Wearing, names: tuple[str, ...], stack: Array) -> Array:
+    """Derivatives of the cycle at which a criterion is reached by the named numbers, shape (names,).
+
+    Where g(h(n, a), a) = 0 stays so, dn/da = -(dg/da) / (dg/dn); stack: the profile there, its derivatives by each of
+    the numbers, and by n.
+    """
+    *slopes, grows = _slopes(criterion, wearing, names, stack)
+    return -jnp.asarray(slopes) / wearing.sizes(names) / grows
+
+
+@eqx.filter_jit
+def _slopes(criterion: AbstractCriterion, wearing: Wearing, names: tuple[str, ...], stack: Array) -> Array:
+    def of(shares):
+        return criterion.beyond(wearing.shifted(names, stack, shares).mechanism, wearing.joint)
+
+    return jax.jacfwd(of)(jnp.zeros(len(names) + 1))
