@@ -33,7 +33,7 @@ from experiments.publish import command, picture, write
 PIN, CLEARANCE, LENGTH, STIFFNESS = 25e-3, 1e-4, 50e-3, 2e13
 RADIUS = PIN + CLEARANCE
 SECTORS = np.array([90, 180, 360, 720])
-STEPS = np.array([200, 400, 800, 1600])
+STEPS = np.array([100, 200, 400, 800])
 COEFFICIENT = "6e-14 1/Pa"
 END = 0.25
 """How long the tool changer moves [s]."""
