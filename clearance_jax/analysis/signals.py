@@ -50,11 +50,9 @@ class AbstractSignal(eqx.Module):
         """The signal of a solution's states at increasing times, shape (times,)."""
         # Signals forgive a NaN (a norm of NaN is 0): a failed lane is marked once more, on the signal itself.
         factor = jnp.where(solution.succeeded, 1.0, jnp.nan)
-        ready = mechanism.prepared()
-        if self.needs_ideal and freedom(mechanism.ideal()) > 0:
-            reference = self._freely(mechanism, t1, times, options)
-            return factor * jax.vmap(lambda t, y, r: self.value(t, y, ready, r))(times, y, reference)
-        return factor * jax.vmap(lambda t, y: self.value(t, y, ready, self._reference(t, y, ready)))(times, y)
+        moves = self.needs_ideal and freedom(mechanism.ideal()) > 0
+        reference = self._freely(mechanism, t1, times, options) if moves else None
+        return factor * _along(self, times, y, mechanism, reference)
 
     def bound(self, mechanism: Mechanism, t1: Any, options: Settings) -> Callable:
         """The signal as a function of (time, state, mechanism) alone, for an observer."""
@@ -85,6 +83,15 @@ class AbstractSignal(eqx.Module):
                 "starts is not known. Set the initial values of the mechanism's coordinates instead."
             )
         return run(mechanism.ideal(), t1, options._replace(save_at=times, atol=None, books=False)).y
+
+
+@eqx.filter_jit
+def _along(signal: AbstractSignal, times: Array, y: Array, mechanism: Mechanism, reference: Array | None) -> Array:
+    """A signal of states, as one program: outside of one every operation would be compiled and called by itself."""
+    ready = mechanism.prepared()
+    if reference is not None:
+        return jax.vmap(lambda t, y, r: signal.value(t, y, ready, r))(times, y, reference)
+    return jax.vmap(lambda t, y: signal.value(t, y, ready, signal._reference(t, y, ready)))(times, y)
 
 
 class Instant(eqx.Module):
