@@ -108,7 +108,10 @@ def command(main: Callable, doc: str | None, quick: str = "a tiny version of eac
             parser.error("the documentation of an experiment must name its command, `python -m ...`: it names the page")
         pages.append(Page(PAGES / f"{stem(named[1])}.md", head_of(named[1], doc)))
     cj.configure(cache=True)
-    main(given.quick, given.out) if elsewhere else main(given.quick)
-    for page in pages if found else ():
-        page.write()
-        print(f"written {page.path}")
+    try:
+        main(given.quick, given.out) if elsewhere else main(given.quick)
+        for page in pages if found else ():
+            page.write()
+            print(f"written {page.path}")
+    finally:
+        pages.clear()

@@ -148,7 +148,6 @@ def test_a_page_has_its_pictures(tmp_path, monkeypatch):
         monkeypatch.setattr(publish, name, tmp_path / name)
     monkeypatch.setattr(publish, "found", [])
     monkeypatch.setattr(publish, "drawn", [])
-    monkeypatch.setattr("experiments.common.found", publish.found)
 
     def main(quick, out):
         out.mkdir()

@@ -147,6 +147,16 @@ def test_failed_lanes_of_a_store_are_run_again_once(tmp_path, limited):
     assert run(resume=True, again={"max_steps": 10_000}).attrs["failed"] == 0
 
 
+def test_a_region_in_which_every_lane_fails_is_kept(tmp_path, limited):
+    """Its values are all missing, so that its chunks are as if nothing had been written."""
+    run = functools.partial(limited, store=tmp_path / "a.zarr", max_steps=5, resume=True)
+    assert run().attrs["failed"] == 4
+    plans = []
+    assert run(plan=plans.append).attrs["failed"] == 4
+    assert plans[0].known == 4
+    assert run(again={"max_steps": 10_000}).attrs["failed"] == 0
+
+
 def test_a_region_whose_lanes_are_run_again_is_kept_meanwhile(tmp_path, limited, monkeypatch):
     """Stopped between its first chunk and its last: as if that had not begun."""
     path = tmp_path / "a.zarr"

@@ -66,13 +66,15 @@ def create(path: Path, question: Question, provenance: Mapping[str, Any], least:
 def remade(path: Path, question: Question, provenance: Mapping[str, Any]) -> bool:
     """Write what a store says of itself anew, and say so; not where its journal is not that of this very question."""
     told = next((r for r in Journal(path / JOURNAL).read() if r.get("event") == "question"), {})
-    if told.get("fingerprint") != fingerprint(description(question)):
+    if told.get("fingerprint") != fingerprint(description(question)) or "chunk" not in told:
         return False
     held = Lock(path / LOCK)
-    partial = _laid_out(path, question, provenance, told["chunk"])
-    (partial / ROOT).replace(path / ROOT)
-    shutil.rmtree(partial)
-    held.release()
+    try:
+        partial = _laid_out(path, question, provenance, told["chunk"])
+        (partial / ROOT).replace(path / ROOT)
+        shutil.rmtree(partial)
+    finally:
+        held.release()
     warnings.warn(f"`{path}`: its `{ROOT}` is damaged; it is mended.", StoreWarning, stacklevel=2)
     return True
 
@@ -119,7 +121,6 @@ def _laid_out(path: Path, question: Question, provenance: Mapping[str, Any], chu
             dimension_names=(*names, *kind.dims),
             attributes=kind.attributes,
             compressors=[ZstdCodec(level=1), Crc32cCodec()],
-            config={"write_empty_chunks": True},
         )
     _consolidate(zarr, partial)
     return partial
@@ -157,7 +158,8 @@ class Regions:
         self.journal = Journal(path / JOURNAL)
         self.records = {r["region"]: r for r in self.journal.read() if r.get("event") == "region"}
         # Once: to open an array takes as long as to read a region of it.
-        self.arrays = {name: self.root[name] for name in self.names}
+        # Chunks of missing values are written like any other: a region is there when its files are.
+        self.arrays = {name: self.root[name].with_config({"write_empty_chunks": True}) for name in self.names}
         lead = len(self.partition.shape)
         kinds = {name: (array.dtype, array.shape[lead:]) for name, array in self.arrays.items()}
         self.underway = Underway(path / UNDERWAY, kinds)

@@ -1,4 +1,4 @@
-"""Lanes of regions that are under way, in files beside the answers: who dies loses a second, and not a region.
+"""Lanes of regions that are under way, in files beside the answers: who dies loses what it was at, and a second.
 
 A file is blocks of rows, a row a lane, each block with a digest. It only grows, one process alone writes it, and what
 is torn at its end is no block. It goes when the journal has its region: the journal says what is there, this only
@@ -6,6 +6,7 @@ saves solves. To write a chunk takes some hundredths of what it takes to solve i
 """
 
 import hashlib
+import threading
 import time
 import uuid
 from collections.abc import Iterator, Mapping
@@ -23,7 +24,7 @@ DIGEST, COUNT = 16, 8
 
 
 class Underway:
-    """The files of a store. `kinds`: of every variable its type and shape."""
+    """The files of a store; threads may share it. `kinds`: of every variable its type and shape."""
 
     def __init__(self, folder: Path, kinds: Mapping[str, tuple[np.dtype, tuple[int, ...]]]):
         self._folder, self._names = folder, list(kinds)
@@ -31,33 +32,38 @@ class Underway:
         # A process that comes later, or does the same region elsewhere, has files of its own.
         self._own = uuid.uuid4().hex
         self._waiting: dict[int, list[np.ndarray]] = {}
+        self._turn = threading.Lock()
         self._written = time.monotonic()
 
     def add(self, region: int, places: Int[np.ndarray, " n"], values: Mapping[str, np.ndarray]) -> None:
-        """Keep the values of lanes at these places of a region; on the disk within `PATIENCE`, if others follow.
-        **Raises** `OSError` where the disk refuses it.
+        """Keep the values of lanes at these places of a region; on the disk by the first call that comes `PATIENCE`
+        after the last writing. **Raises** `OSError` where the disk refuses it.
         """
         rows = np.zeros(len(places), self._row)
         rows[PLACE] = places
         for name in self._names:
             rows[name] = values[name]
-        self._waiting.setdefault(region, []).append(rows)
+        with self._turn:
+            self._waiting.setdefault(region, []).append(rows)
         if time.monotonic() - self._written >= PATIENCE:
             self.flush()
 
     def flush(self) -> None:
         """Write what waits. **Raises** `OSError` where the disk refuses it: then that is solved again."""
-        waiting, self._waiting = self._waiting, {}
-        for region, parts in waiting.items():
-            data = np.concatenate(parts).tobytes()
-            self._folder.mkdir(exist_ok=True)
-            with (self._folder / f"{region}.{self._own}").open("ab") as file:
-                file.write(_digest(data) + sum(map(len, parts)).to_bytes(COUNT, "little") + data)
-        self._written = time.monotonic()
+        with self._turn:
+            waiting, self._waiting = self._waiting, {}
+            for region, parts in waiting.items():
+                rows = np.concatenate(parts)
+                data = rows.tobytes()
+                self._folder.mkdir(exist_ok=True)
+                with (self._folder / f"{region}.{self._own}").open("ab") as file:
+                    file.write(_digest(data) + len(rows).to_bytes(COUNT, "little") + data)
+            self._written = time.monotonic()
 
     def forget(self, region: int) -> None:
         """All of the region is where it belongs: what waits of it need not be written."""
-        self._waiting.pop(region, None)
+        with self._turn:
+            self._waiting.pop(region, None)
 
     def fill(self, region: int, values: Mapping[str, np.ndarray]) -> None:
         """Put what has been kept of a region among its lanes' values."""
