@@ -73,7 +73,7 @@ def batch(
 
     - `function`: of one lane, a tree of numbers, to a tree of arrays: of quantities, metrics, a whole `Solution`.
     - `lanes`: a tree of arrays whose first axis are the lanes, shape (N, ...); units are the function's.
-    - `cores`: how many chunks run side by side; all that this process may use.
+    - `cores`: how many chunks run side by side; all that this process may use, on a GPU one.
     - `chunk`: lanes of a chunk; 64, and 65 536 where JAX has a GPU, on which thousands take as long as one.
     - `cost`: lanes that take equally many attempts fill a chunk best. "learned": the first chunks are run as they come,
       and the others sorted by what those took, where that promises fuller chunks; no solve is spent on it. An array
@@ -89,7 +89,7 @@ def batch(
     function raises. Ctrl-C stops when the chunks that are running end.
     """
     leaves, count = _leaves(function, lanes)
-    cores, costs = _whole("cores", cores, cores_here()), _costs(cost, count)
+    cores, costs = _whole("cores", cores, usual_cores()), _costs(cost, count)
     chunk = _whole("chunk", chunk, chunk_on())
     started = time.perf_counter()
     work = _Work(function, leaves, jax.tree.structure(lanes), min(count, chunk), ready)
@@ -243,6 +243,11 @@ def _array(leaf: Any) -> np.ndarray:
 def cores_here() -> int:
     """How many cores the process may use: of a machine that is shared often not all."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def usual_cores() -> int:
+    """How many chunks run side by side: one a core; on a GPU one, which has the memory of no more and fills it."""
+    return cores_here() if jax.default_backend() == "cpu" else 1
 
 
 def _whole(name: str, given: Any, usual: int) -> int:

@@ -9,7 +9,7 @@ import xarray as xr
 
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.solve.batch import cores_here
+from clearance_jax.solve.batch import usual_cores
 from clearance_jax.solve.lanes import LANES, chunk_on
 from clearance_jax.solve.settings import SolveOptions
 from clearance_jax.sweep.answers import InMemory
@@ -76,7 +76,7 @@ def sweep(
     if "save_at" in options:
         raise ClearanceError("A sweep is given `times` instead of `save_at`.")
     question = ask(mechanism, axes, outputs, t1, wrt, derivatives_of, times, options)
-    side_by_side, provenance = cores or cores_here(), provenance or {}
+    side_by_side, provenance = cores or usual_cores(), provenance or {}
     needed = question.count * question.bytes_a_lane
     if store is None:
         if cluster is not None:
