@@ -49,7 +49,7 @@ def to_dataset(life: Life, mechanism: Mechanism, joint: str, **provenance: Any) 
         ),
     }
     until = life.until
-    if until is not None:
+    if until is not None and life.beyond is not None:
         words = {"units": until.unit, "bound": float(until.bound)}
         said = provenance.pop("watched", until.label)
         data["watched"] = "cycle", life.beyond + float(until.bound), {"long_name": said, **words}
