@@ -11,6 +11,7 @@ from clearance_jax import design, laws, wear
 from clearance_jax.design.evaluate import simulations_of
 from clearance_jax.design.scenarios import Scenario
 from clearance_jax.design.specification import PEAKS
+from clearance_jax.design.worn import known_to, own, worth
 from clearance_jax.report import design_figures
 from clearance_jax.report.html import render
 
@@ -47,9 +48,12 @@ def test_the_largest_clearance_that_holds_is_the_bound_less_wear(lasting):
     (limit,) = lasting.specification.limits
     assert limit.title == "Peak PositionError of axis worn at pin"
     metric = limit.simulation_metric
-    values, slopes = metric.of(lasting.specification.mechanism, {}, CYCLE, (PLAY,), **SOLVE)
+    by = PLAY, "wear.coefficient"
+    values, slopes = metric.of(lasting.specification.mechanism, {}, CYCLE, by, **SOLVE)
     assert values.shape == (2 * PEAKS,)
     assert slopes[:, 0] == pytest.approx(1, rel=2e-2)
+    assert slopes[:PEAKS, 1] == pytest.approx(0, abs=1e-9 * DEPTH / 1.25e-11)
+    assert slopes[PEAKS:, 1] == pytest.approx(DEPTH / 1.25e-11, rel=1e-2)
 
 
 def test_a_certificate_over_a_life_is_what_a_life_says(lasting):
@@ -78,16 +82,38 @@ def test_a_yield_over_scattering_wear_is_its_closed_form(lasting):
     width = np.sqrt(np.log1p(0.25))
     probability = scipy.stats.lognorm(s=width, scale=np.exp(-0.5 * width**2)).cdf(most)
     assert found.least < probability < 1 - scipy.stats.beta.ppf(0.05, 24 * (1 - found.share), 24 * found.share + 1)
-    # One that wears through is a part that fails, no error.
+    # One that wears through, or is out of bounds, is a part that fails, no error; but no design is out of bounds.
+    simulations, x = simulations_of(asked), np.array([clearance])
     gone = Scenario("", {"wear.coefficient": np.asarray(1e-6)}, np.ones(1))
-    assert simulations_of(asked).worst(np.array([clearance]), [gone]) == np.inf
+    assert simulations.worst(x, [gone]) == np.inf
+    made = Scenario("", {"wear.coefficient": np.asarray(-1e-12)}, np.ones(1), designed={})
+    assert simulations.worst(x, [made]) == np.inf
+    for wrong in (made._replace(designed=None), made._replace(designed=made.values)):
+        with pytest.raises(cj.ClearanceError, match=r"`wear.coefficient` must be at least 0"):
+            simulations.worst(x, [wrong])
+
+
+def test_an_entry_of_an_array_reaches_a_life_and_no_number_of_another_wear_does(lasting):
+    (limit,) = lasting.specification.limits
+    aged = limit.metric
+    other = dataclasses.replace(aged, pressure=wear.Foundation(2e13))
+    given = lasting.specification.mechanism
+    steps = cj.Motion(cj.StepSum([0.0, 0.01], [0.01, 0.02], [0.1, 0.2]))
+    mechanism = given.with_joint(dataclasses.replace(given.joint("pin"), motion=steps))
+    values = {"drive.pin.rise.1": 0.3, "wear.coefficient": 1e-12, "pressure.stiffness": 1e13, "pressure.spread": 0.1}
+    measures = [SUNK, aged, other]
+    assert known_to(SUNK, mechanism, measures, values) == own(mechanism, measures, values) == {"drive.pin.rise.1": 0.3}
+    assert known_to(aged, mechanism, measures, values).keys() == values.keys() - {"pressure.stiffness"}
+    assert known_to(other, mechanism, measures, values).keys() == values.keys() - {"pressure.spread"}
+    assert worth(mechanism, measures, "drive.pin.rise.1") == 0.2
 
 
 def test_the_maintenance_interval_falls_with_the_clearance(lasting):
     """As (bound - clearance - penetration) over the depth of a cycle; figure and page show it."""
-    (found,) = design.maintenances(lasting)
+    softer = dataclasses.replace(lasting.specification, conditions={"softer": {"wear.coefficient": 1.25 * 1.25e-11}})
+    (found,) = design.maintenances(dataclasses.replace(lasting, specification=softer))
     clearances = found.shares * lasting.clearances[PLAY]
-    expected = (BOUND - clearances - PENETRATION) / DEPTH * CYCLES
+    expected = (BOUND - clearances - PENETRATION) / (1.25 * DEPTH) * CYCLES
     np.testing.assert_allclose(found.lives[""], expected, atol=0.03 * CYCLES, rtol=5e-3)
     assert found.lives[""].min() < CYCLES < 5 * CYCLES < found.lives[""].max()
     axes = design_figures.intervals(found, lasting).axes[0]

@@ -9,7 +9,7 @@ import scipy.stats
 
 import clearance_jax as cj
 from clearance_jax import laws, wear
-from clearance_jax.errors import ClearanceError
+from clearance_jax.errors import ClearanceError, Unlivable
 from clearance_jax.joints import worn_sleeve
 from clearance_jax.laws import Geometry
 from clearance_jax.report import wear_figures
@@ -92,6 +92,8 @@ def test_what_cannot_wear():
     assert np.all(wear.march(lambda depth, _: 0 * depth, np.zeros(20), 10**6).depth == 0)
     with pytest.raises(ClearanceError, match="must be at least 0"):
         wear.march(lambda depth, _: depth - np.nan, np.zeros(20), 10)
+    with pytest.raises(ClearanceError, match="must be a finite number, but after 0 cycles it is -inf"):
+        wear.march(slowing, np.zeros(20), 10, until=lambda _: -np.inf)
 
 
 def test_jumps_agree_with_every_cycle_of_a_pin_that_swings():
@@ -180,6 +182,9 @@ def test_life_and_its_derivatives_of_a_pin_that_turns_under_its_weight():
     assert found.by["pressure.spread"] == pytest.approx(life / 0.2, rel=1e-3)
     assert found.by["pin.radial_clearance"] == pytest.approx(life / 25.1e-3, rel=1e-3)
     assert "d life / d wear.coefficient" in str(found)
+    watched = wear.to_dataset(found, mechanism, "pin")["watched"]
+    np.testing.assert_allclose(watched, found.depth.max(axis=1), rtol=1e-12)
+    assert (watched.attrs["units"], watched.attrs["bound"]) == ("m", 1e-6)
 
 
 def test_lives_that_end_at_once_or_never():
@@ -199,7 +204,7 @@ def test_lives_that_end_at_once_or_never():
         wear.life(mechanism, "pin", law, pressure, 0.05, 10, by=("wear.coeficient",))
     # 0.4 um off, but 3 times what the pin stands in its sleeve: sectors that stood highest would stand lowest, by more.
     far = 3.0 * 0.05 * 25e-3
-    with pytest.raises(ClearanceError, match="depths run away from one sector to the next"):
+    with pytest.raises(Unlivable, match="depths run away from one sector to the next"):
         wear.life(mechanism, "pin", wear.Archard(3 / (2e12 * far)), wear.Foundation(2e12), 0.05, 10, **still)
     # Deeper than the clearance, and on from there.
     pocket = 3e-4 * np.maximum(-np.sin(2 * np.pi * np.arange(90) / 90), 0.0) ** 4

@@ -87,9 +87,9 @@ class AbstractMeasure(eqx.Module):
         """The same of another metric of one motion."""
 
     @property
+    @abc.abstractmethod
     def unit(self) -> str:
         """The unit of its values."""
-        return self.once.unit
 
     @property
     def ages(self) -> tuple[str, ...]:

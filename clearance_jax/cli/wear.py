@@ -105,7 +105,7 @@ def _lived(study: Any, journal: Path, resume: bool, told: "_Told") -> Any:
             **study.solve,
         )
         told.say("reading off")
-        return to_dataset(found, study.mechanism, study.joint, study.until, name=study.name, **words, **study.texts)
+        return to_dataset(found, study.mechanism, study.joint, name=study.name, **words, **study.texts)
 
 
 def _bar() -> Progress:

@@ -1,11 +1,12 @@
 """Designs as simulations: what a design must stand, solved one by one with derivatives, or as lanes without.
 
-What is to hold while a joint wears is many motions in a row, block by block: it is asked one by one, with derivatives.
+What is to hold while a joint wears is many motions in a row, block by block: it is asked one by one, here, in threads.
 """
 
 import itertools
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 
 import equinox as eqx
 import jax
@@ -17,10 +18,10 @@ from clearance_jax.design.lanes import HERE, Lanes, Place
 from clearance_jax.design.manufacture import Yield, YieldEstimate, estimate_yield
 from clearance_jax.design.scenarios import Scenario, scenarios_of
 from clearance_jax.design.specification import Specification
-from clearance_jax.design.worn import moved
-from clearance_jax.errors import ClearanceError, WornOut
+from clearance_jax.design.worn import known_to, moved
+from clearance_jax.errors import ClearanceError, Unlivable, WornOut
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.parameters import parameters, replace
+from clearance_jax.parameters import replace
 from clearance_jax.solve.batch import cores_here
 from clearance_jax.solve.settings import Settings
 from clearance_jax.wear import AbstractAged
@@ -50,23 +51,35 @@ class Simulations:
         self.metrics, self.bounds, self.names = tuple(metrics), tuple(bounds), tuple(names)
         self.mechanism, self.t1, self.solve, self.place = mechanism, t1, solve, place
         self._lanes: dict[bool, Lanes] = {}
+        self._sizes: dict[int, int] = {}
         # Those of one motion, which one solve has together.
         self._aged = {i: metric for i, metric in enumerate(self.metrics) if isinstance(metric, AbstractAged)}
         self._plain = tuple(metric.once for i, metric in enumerate(self.metrics) if i not in self._aged)
 
     def sizes(self) -> list[int]:
         """How many numbers each metric is."""
-        return [self._size(metric) for metric in self.metrics]
+        return [self._size(i) for i in range(len(self.metrics))]
 
-    def _size(self, metric: AbstractMeasure) -> int:
+    def _size(self, i: int) -> int:
+        metric = self.metrics[i]
+
         def value(t1):
             return measured(self.mechanism, {"": metric.once}, t1, self.solve)[""]
 
-        return len(metric.ages) * int(np.prod(jax.eval_shape(value, jnp.asarray(self.t1)).shape))
+        if i not in self._sizes:
+            shape = jax.eval_shape(value, jnp.asarray(self.t1)).shape
+            self._sizes[i] = len(metric.ages) * int(np.prod(shape))
+        return self._sizes[i]
 
     def limits(self, x: np.ndarray, scenario: Scenario, gradient: bool) -> tuple[np.ndarray, np.ndarray | None]:
-        """Scaled limits (m,) of a design (n,) in a scenario, and their derivatives (m, n)."""
-        values, slopes = self._all(x * scenario.factors, scenario.values, gradient)
+        """Scaled limits (m,) of a design (n,) in a scenario, and their derivatives (m, n).
+
+        A part that wears out early has no numbers there, and one as made whose wear cannot be followed has none either:
+        both have failed.
+
+        **Raises:** `ClearanceError` where the wear of the design itself cannot be followed.
+        """
+        values, slopes = self._all(x, scenario, gradient)
         bounds = np.concatenate([np.full(np.size(v), bound) for v, bound in zip(values, self.bounds, strict=True)])
         limits = np.concatenate([np.ravel(v) for v in values]) / bounds - 1
         if not gradient:
@@ -102,38 +115,48 @@ class Simulations:
 
     def worst(self, x: np.ndarray, scenarios: Sequence[Scenario], exact: bool = False) -> np.ndarray:
         """The most violated scaled limit of a design in each scenario, shape (scenarios,); infinite where there is no
-        motion to the end. Few are solved with derivatives (`exact`) if that program is compiled.
+        motion to the end. Few are solved with derivatives (`exact`) if that program is compiled; lives, which take
+        longer than to compile, are not.
         """
-        found = self.together(x, scenarios, exact and not self._as_lanes(scenarios))[0].max(axis=1)
+        exact = exact and not self._aged and not self._as_lanes(scenarios)
+        found = self.together(x, scenarios, exact)[0].max(axis=1)
         return np.where(np.isfinite(found), found, np.inf)
 
-    def _all(self, x, given, gradient: bool) -> tuple[list, list]:
-        """The metrics' values and, with a gradient, derivatives by the design (else none)."""
+    def _all(self, x: np.ndarray, scenario: Scenario, gradient: bool) -> tuple[list, list]:
+        """The metrics' values and, with a gradient, derivatives by the variables as made (else none)."""
         values, slopes = [], []
         if self._plain:
             # Numbers of wear are no numbers of the mechanism, and move no metric of one motion.
-            mechanism = moved(self.mechanism, self.metrics, given)
-            call = _slopes if gradient else _values
-            asked = mechanism, self._plain, self.names, jnp.asarray(x), {}, jnp.asarray(self.t1), self.solve
+            mechanism = moved(self.mechanism, self.metrics, scenario.values)
+            call, made = _slopes if gradient else _values, jnp.asarray(x * scenario.factors)
+            asked = mechanism, self._plain, self.names, made, {}, jnp.asarray(self.t1), self.solve
             values, slopes = call(*asked)
-        for i, metric in self._aged.items():
-            value, slope = self._worn(metric, x, given, gradient)
+        for i in self._aged:
+            value, slope = self._worn(i, x, scenario, self.names if gradient else ())
             values.insert(i, value)
             slopes.insert(i, slope)
         return values, slopes
 
-    def _worn(self, metric: AbstractAged, x, given, gradient: bool) -> tuple[np.ndarray, np.ndarray]:
-        solve = self.solve
+    def _worn(self, i: int, x: np.ndarray, scenario: Scenario, by: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
+        try:
+            return self._lived(i, x * scenario.factors, scenario.values, by)
+        except WornOut:
+            pass
+        except Unlivable:
+            if scenario.designed is None:
+                raise
+            # Is it this part, or the design, of which no part says what is wrong? The design itself does, here.
+            with suppress(WornOut):
+                self._lived(i, x, scenario.designed, ())
+        count = self._size(i)
+        return np.full(count, np.nan), np.full((count, len(by)), np.nan)
+
+    def _lived(self, i: int, x: np.ndarray, given, by: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
+        metric, solve = self._aged[i], self.solve
         how = {"t0": float(solve.t0), "rtol": float(solve.rtol), "solver": solve.solver}
         how |= {"start": solve.start, "max_steps": solve.max_steps}
-        known = parameters(metric.model(self.mechanism))
-        values = {n: v for n, v in given.items() if n in known} | dict(zip(self.names, x, strict=True))
-        names = self.names if gradient else ()
-        try:
-            return metric.of(self.mechanism, values, self.t1, names, **how)
-        except WornOut:
-            count = self._size(metric)
-            return np.full(count, np.nan), np.full((count, len(names)), np.nan)
+        values = known_to(metric, self.mechanism, self.metrics, given) | dict(zip(self.names, x, strict=True))
+        return metric.of(self.mechanism, values, self.t1, by, **how)
 
     def _as_lanes(self, scenarios: Sequence[Scenario]) -> bool:
         if self._aged:
@@ -158,7 +181,7 @@ class Simulations:
         return limits, np.concatenate(rows, axis=1) * factors[:, None] if gradient else None
 
     def _made(self, gradient: bool) -> Lanes:
-        return Lanes(self.mechanism, self.metrics, self.t1, self.solve, self.names if gradient else ())
+        return Lanes(self.mechanism, self._plain, self.t1, self.solve, self.names if gradient else ())
 
 
 def _measured(mechanism, metrics, names, x, given, t1, solve):

@@ -61,7 +61,9 @@ def _shares(design: Design, limit: Limit) -> np.ndarray:
 
     def left(scenario: Scenario) -> float:
         """By which share of themselves clearances could grow until the limit is met as new."""
-        values, slopes = simulations.limits(x, scenario, True)
+        # One motion knows no numbers of wear, and none moves a part that is new.
+        new = scenario._replace(values=own(parts.mechanism, [limit.metric], scenario.values))
+        values, slopes = simulations.limits(x, new, True)
         assert slopes is not None
         k = int(np.argmax(values))
         grows = float(slopes[k] @ x)

@@ -12,11 +12,14 @@ from clearance_jax.design.specification import Specification
 
 
 class Scenario(NamedTuple):
-    """One simulation that a design must stand: the title of its condition, values by name, factors on the variables."""
+    """One simulation that a design must stand: the title of its condition, values by name, factors on the variables;
+    of a part as it was made `designed`: the values as they were designed (`None`: it is the design itself).
+    """
 
     title: str
     values: Mapping[str, jax.Array]
     factors: np.ndarray
+    designed: Mapping[str, jax.Array] | None = None
 
 
 def scenarios_of(specification: Specification, fresh: int = 0, seed: int | None = None) -> list[Scenario]:
@@ -31,10 +34,11 @@ def scenarios_of(specification: Specification, fresh: int = 0, seed: int | None 
             for i in range(fresh or specification.manufacture.samples):
                 moved = {n: jnp.asarray(f[i], float) for n, f in others.items()}
                 row = np.array([draws[n][i] for n in names])
-                found.append(Scenario(f"{where}, sample {i + 1}", {**given, **moved}, row))
+                found.append(Scenario(f"{where}, sample {i + 1}", {**given, **moved}, row, given))
         elif isinstance(specification.manufacture, Band):
             for row in specification.manufacture.factors(len(names)):
-                found.append(Scenario(f"{where}, clearances times {' '.join(f'{f:g}' for f in row)}", given, row))
+                shares = " ".join(f"{f:g}" for f in row)
+                found.append(Scenario(f"{where}, clearances times {shares}", given, row, given))
         else:
             found.append(Scenario(where, given, np.ones(len(names))))
     return found

@@ -168,9 +168,9 @@ class Specification:
             now = self.moved(self.mechanism, values)
             for end in (0, 1):
                 check_values(replace(now, {name: ends[end] for name, ends in self.variables.items()}))
-            for limit in self.limits:
-                model = limit.metric.model(now)
-                check_values(replace(model, {n: v for n, v in values.items() if n in parameters(model)}))
+            metrics = [limit.metric for limit in self.limits]
+            for metric in metrics:
+                check_values(replace(metric.model(now), worn.known_to(metric, now, metrics, values)))
             if isinstance(self.manufacture, Yield):
                 for scattered in self.manufacture.scatter:
                     self.worth(scattered)

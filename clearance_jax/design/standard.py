@@ -107,7 +107,7 @@ def _nearest(
     drawn = np.tile(designed, (samples, 1))
     for i in fitted:
         drawn[:, i] = np.maximum(_draw(found[names[i]], samples, rng), SMALLEST)
-    sampled = [Scenario(scenario.title, scenario.values, row / designed) for scenario in scenarios for row in drawn]
+    sampled = [Scenario(s.title, s.values, row / designed, s.values) for s in scenarios for row in drawn]
     return StandardFits(
         found, worst(chosen), worst(chosen, 0), yield_of(specification, designed, sampled, exact, place)
     )

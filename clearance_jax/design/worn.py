@@ -13,9 +13,21 @@ from clearance_jax.parameters import parameters, replace, values_of
 
 def own(mechanism: Mechanism, measures: Iterable[AbstractMeasure], values: Mapping[str, Any]) -> dict[str, Any]:
     """Those of the values that are not of wear: the mechanism's, and those that nothing knows."""
-    known = set(parameters(mechanism))
-    of_wear = {name for measure in measures for name in parameters(measure.model(mechanism))} - known
-    return {name: value for name, value in values.items() if name not in of_wear}
+    known = parameters(mechanism)
+    models = [parameters(measure.model(mechanism)) for measure in measures]
+
+    def of_wear(name: str) -> bool:
+        return not _has(known, name) and any(_has(model, name) for model in models)
+
+    return {name: value for name, value in values.items() if not of_wear(name)}
+
+
+def known_to(
+    measure: AbstractMeasure, mechanism: Mechanism, measures: Iterable[AbstractMeasure], values: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Those of the values that a measure's model takes: all but what is of the wear of other measures only."""
+    known, kept = parameters(measure.model(mechanism)), own(mechanism, measures, values)
+    return {name: value for name, value in values.items() if name in kept or _has(known, name)}
 
 
 def moved(mechanism: Mechanism, measures: Iterable[AbstractMeasure], values: Mapping[str, Any]) -> Mechanism:
@@ -29,8 +41,14 @@ def worth(mechanism: Mechanism, measures: Iterable[AbstractMeasure], name: str) 
     **Raises:** `ClearanceError` for an unknown one, and where limits do not agree about it.
     """
     models = [measure.model(mechanism) for measure in measures]
-    having = [model for model in models if name in parameters(model)] or [mechanism]
+    having = [model for model in models if _has(parameters(model), name)] or [mechanism]
     found = [values_of(model, [name])[name] for model in having]
     if not all(np.array_equal(value, found[0]) for value in found):
         raise ClearanceError(f"The limits do not agree about `{name}`: give them the same law and pressure.")
     return found[0]
+
+
+def _has(known: Mapping[str, Any], name: str) -> bool:
+    """Whether a number is known, or the array of which `name.i` is to be an entry."""
+    head, _, tail = name.rpartition(".")
+    return name in known or (tail.isdecimal() and head in known)

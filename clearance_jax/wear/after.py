@@ -12,7 +12,7 @@ import numpy as np
 
 from clearance_jax._types import Scalar
 from clearance_jax.analysis.measure import AbstractMeasure, AbstractMetric, as_metric, measured
-from clearance_jax.errors import ClearanceError
+from clearance_jax.errors import ClearanceError, Unlivable
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import check_values, physical, replace
 from clearance_jax.solve.settings import Settings, settings_of
@@ -43,7 +43,8 @@ class AbstractAged(AbstractMeasure):
         **Arguments:** `values`: of the numbers of its `model`, by name; `by`: names; `options` as `simulate`'s, without
         `save_at`.
 
-        **Raises:** `WornOut` for parts that do not come to such an age.
+        **Raises:** `WornOut` for parts that do not come to such an age, `Unlivable` for those whose numbers are out of
+        bounds or whose wear cannot be followed.
         """
 
     @abc.abstractmethod
@@ -85,6 +86,10 @@ class AfterWear(AbstractAged):
         return self.metric
 
     @property
+    def unit(self) -> str:
+        return self.metric.unit
+
+    @property
     def ages(self) -> tuple[str, ...]:
         return tuple(f", after {cycles} cycles of wear" for cycles in self.cycles)
 
@@ -108,7 +113,10 @@ class AfterWear(AbstractAged):
 
     def of(self, mechanism, values, t1, by=(), **options):
         wearing: Wearing = replace(self.model(mechanism), values)
-        check_values(wearing)
+        try:
+            check_values(wearing)
+        except ClearanceError as error:
+            raise Unlivable(error) from None
         names, begin = tuple(by), wearing.begin(self.sectors)
         stack = np.concatenate([begin[None], np.zeros((len(names), begin.size))])
         solve = settings_of(wearing.mechanism, t1, options)

@@ -29,6 +29,11 @@ class AbstractCriterion(eqx.Module):
         """Of the number and its bound."""
 
     @property
+    def label(self) -> str:
+        """What a dataset calls the number."""
+        return type(self).__name__
+
+    @property
     def has_derivatives(self) -> bool:
         """Whether the number has derivatives, so that life has."""
         return True
@@ -114,6 +119,10 @@ class Of(AbstractCriterion):
     @property
     def unit(self):
         return ""
+
+    @property
+    def label(self):
+        return "function of the profile"
 
     def value(self, mechanism, joint):
         clearance: Any = mechanism.joint(joint)

@@ -42,7 +42,8 @@ GROWS, SHRINKS, USED = 4.0, 0.1, 0.8
 class Life(NamedTuple):
     """How a profile wore: `cycles` (blocks + 1,) with the depths then, `depth` (blocks + 1, sectors) [m];
     `evaluations`: cycles that were computed; `end`: the cycle at which the criterion was reached, `None` where it was
-    not; `beyond` (blocks + 1,): how far beyond its bound the criterion was then (`None`: there was none).
+    not; `beyond` (blocks + 1,): how far beyond its bound the criterion was then (`None`: there was none); `until`: the
+    criterion, of a life of a joint.
 
     With derivatives, by the numbers in `names`: `slopes` (blocks + 1, names, sectors) of the depths, and `end_slopes`
     (names,) of the end.
@@ -53,6 +54,7 @@ class Life(NamedTuple):
     evaluations: int
     end: float | None
     beyond: np.ndarray | None = None
+    until: AbstractCriterion | None = None
     names: tuple[str, ...] = ()
     slopes: np.ndarray | None = None
     end_slopes: np.ndarray | None = None
@@ -119,7 +121,8 @@ def march(
     - `journal`: a file that keeps every block, from which a march that was killed goes on to the same answer.
     - `progress`: called with the part of the cycles that is done.
 
-    **Raises:** `ClearanceError` for a rate that is negative or not finite, and for a journal of something else.
+    **Raises:** `ClearanceError` for a rate that is negative or not finite, an `until` that is not finite, and for a
+    journal of something else.
     """
     return _life(_march(rate, depth, cycles, tolerance, longest, until, journal, progress))
 
@@ -134,7 +137,7 @@ def _march(rate, depth, cycles, tolerance, longest, until, journal, progress) ->
     kept = None if journal is None else Journal(journal)
     resumed = () if kept is None else _resumed(kept, asked, first)
     if until is not None:
-        beyond = float(until(_profile(stack)))
+        beyond = _beyond(until, stack, 0)
         first = first._replace(beyond=beyond)
         if not beyond < 0:
             return [first._replace(end=0.0)]
@@ -197,7 +200,7 @@ def _ended(now: Block, h: Profile, rates: tuple, jump: float | int, wanted: int,
     done = Block(now.cycles + whole, wanted, last.tolist(), count)
     if until is None:
         return done
-    beyond = float(until(_profile(last)))
+    beyond = _beyond(until, last, done.cycles)
     done = done._replace(beyond=beyond)
     if beyond < 0:
         return done
@@ -205,6 +208,16 @@ def _ended(now: Block, h: Profile, rates: tuple, jump: float | int, wanted: int,
     n = float(found)  # pyright: ignore[reportArgumentType]
     ending = [*np.atleast_2d(profile(n)), *np.atleast_2d(first + np.floor(n) / jump * (then - first))[:1]]
     return done._replace(end=now.cycles + n, ending=np.array(ending).tolist())
+
+
+def _beyond(until: Callable[[Profile], float], stack: np.ndarray, cycles: int) -> float:
+    """How far beyond its bound the criterion is: a number, for the root between blocks and for the journal."""
+    beyond = float(until(_profile(stack)))
+    if not np.isfinite(beyond):
+        raise ClearanceError(
+            f"What ends the life (`until`) must be a finite number, but after {cycles} cycles it is {beyond}."
+        )
+    return beyond
 
 
 def _checked(worn: Any, cycles: int) -> Profile:
@@ -278,7 +291,7 @@ def life(
         return float(criterion.beyond(wearing.at(depth), joint))
 
     blocks = _march(rate, stack, cycles, tolerance, longest, None if criterion is None else beyond, journal, progress)
-    found = _life(blocks)._replace(names=names)
+    found = _life(blocks)._replace(names=names, until=criterion)
     if not names or criterion is None or blocks[-1].ending is None:
         return found
     ending = jnp.asarray(blocks[-1].ending)

@@ -10,25 +10,22 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float
 
-from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import worn_sleeve
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import parameters
 from clearance_jax.wear.contacts import sleeve_of
-from clearance_jax.wear.criteria import AbstractCriterion
 from clearance_jax.wear.life import Life
 
 
-def to_dataset(
-    life: Life, mechanism: Mechanism, joint: str, until: AbstractCriterion | None = None, **provenance: Any
-) -> xr.Dataset:
+def to_dataset(life: Life, mechanism: Mechanism, joint: str, **provenance: Any) -> xr.Dataset:
     """What `wear.life` found of a joint, over the `cycle`s lived and the `sector`s of its sleeve.
 
     - `depth` (cycle, sector) [m], with the `angle` of each sector [rad];
     - `deepest`, `mean_depth` (cycle,) [m], `volume` (cycle,) [m^3];
     - `room` (cycle, sector) [m]: how far the pin's centre can go in each direction;
     - `radial_clearance` (cycle,) [m]: half of how far the pin can go to and fro, where that is most;
-    - `watched` (cycle,): the number of the criterion that the life was until, where it is given.
+    - `watched` (cycle,): the number of the criterion that the life was until, where there was one; as `long_name` it
+      has what is given as `watched`, by default the criterion's label.
 
     Attributes say how much was lived and computed, and the `life` in cycles where the bound was reached.
     """
@@ -51,11 +48,10 @@ def to_dataset(
             {"units": "m", "long_name": "radial clearance, at its widest"},
         ),
     }
-    if until is not None:
-        if life.beyond is None:
-            raise ClearanceError("The life had no `until`: give `until` to `wear.life` too, or leave it out here.")
+    until = life.until
+    if until is not None and life.beyond is not None:
         words = {"units": until.unit, "bound": float(until.bound)}
-        said = provenance.pop("watched", type(until).__name__)
+        said = provenance.pop("watched", until.label)
         data["watched"] = "cycle", life.beyond + float(until.bound), {"long_name": said, **words}
     coords = {
         "cycle": ("cycle", life.cycles, {"units": "1", "long_name": "cycles lived"}),

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from clearance_jax._types import Scalar
-from clearance_jax.errors import ClearanceError, WornOut
+from clearance_jax.errors import ClearanceError, Unlivable, WornOut
 from clearance_jax.joints import RevoluteClearance, WornRevoluteClearance, worn_sleeve
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
@@ -81,7 +81,7 @@ class Wearing(eqx.Module):
         derivatives by each of the named numbers, (1 + names, sectors).
 
         **Raises:** `WornOut` where the motion stops, and where a cycle wears off more than the clearance;
-        `ClearanceError` where it wears off so much of what the pin stands in a foundation that depths run away.
+        `Unlivable` where it wears off so much of what the pin stands in a foundation that depths run away.
         """
         now = self.at(stack[0])
         motion = trace(now, float(self.cycle), **{"save_at": None, **options})
@@ -114,7 +114,7 @@ class Wearing(eqx.Module):
                 f"{shown(float(play), 'm')}; {fix}."
             )
         if not relief <= MOST_RELIEF:
-            raise ClearanceError(
+            raise Unlivable(
                 f"{wears} {relief:.3g} times what the pin stands in the foundation of `{self.joint}`: beyond "
                 f"{MOST_RELIEF:g} depths run away from one sector to the next, cycle by cycle; {fix}, or a softer "
                 "foundation."

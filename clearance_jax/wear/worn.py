@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from clearance_jax._types import Scalar
-from clearance_jax.errors import ClearanceError, quoted
+from clearance_jax.errors import ClearanceError, Unlivable, quoted
 from clearance_jax.solve.trace import Trace
 from clearance_jax.units import shown
 from clearance_jax.wear.contacts import Contacts, Sleeve, contacts, largest_swing, sleeve_of
@@ -150,12 +150,12 @@ class Found(NamedTuple):
 def _check(found: Found, law: AbstractWearLaw, pressure: AbstractPressure) -> None:
     """Raise where pressures are not the force's, or the volume not the law's."""
     if pressure.is_narrow and found.half_angle > WIDEST:
-        raise ClearanceError(
+        raise Unlivable(
             f"The patch of the largest force spreads {np.degrees(found.half_angle):.0f} deg to either side, further "
             "than a flat patch can. Use a `Foundation`, or look at the force: an impact that no sleeve survives?"
         )
     if not found.missed <= MISSED:
-        raise ClearanceError(
+        raise Unlivable(
             f"The pressures miss {found.missed:.1e} of the normal force. A foundation that is too soft lets the pin "
             "through its sleeve: check its `stiffness` [Pa/m]."
         )
@@ -199,7 +199,8 @@ def accumulated(
             rate, rises = jax.jvp(off, (means,), (jnp.where(means > 0, 1.0, 0.0),))
             lacks = jnp.abs(found.borne * length - force)
             lacks = jnp.where(force > 0, lacks / jnp.where(force > 0, force, 1.0), 0.0)
-            relief = relief + weight * rises * pressure.rises
+            # A law may have no slope at no pressure (p^0.5).
+            relief = relief + weight * jnp.where(means > 0, rises, 0.0) * pressure.rises
             return (depth + weight * rate, relief, jnp.maximum(missed, lacks)), None
 
         nodes = seen.weight, seen.time, turn, force, angle, speed, traction, place
