@@ -74,7 +74,7 @@ def test_a_guide_along_any_axis_of_the_plane_stays_in_it(axis):
         (cj.Body("block", 0.5, 2e-4),), (cj.Prismatic("guide", "ground", "block", axis=axis, clearance=play),)
     )
     assert m.is_plane
-    along, across, tilt = m.coordinates()
+    along, across, tilt = m.joint("guide").coordinates()
     along, across = np.array(along.slides, float), np.array(across.slides, float)
     np.testing.assert_array_equal(np.cross(across, [0, 0, 1]), along)
     assert abs(tilt.turns[2]) == 1.0
