@@ -81,8 +81,8 @@ def seated_frequency(mechanism: Mechanism, time: Scalar, y: Array) -> Scalar:
 def lowest_frequency(stiffness: Square, inverse: Square) -> Scalar:
     """The lowest frequency [Hz] of contacts of a stiffness [J, for play in units of its size] on masses of which this
     is the `inverse`, of all directions that contacts hold at all: one without stiffness, as axial play under no axial
-    load, has no place that it could be late for. 0 where a stiffness is negative. (What weight adds is left out: it is a
-    pendulum's, the square of 2 pi f is off by gravity over a length of the mechanism.)
+    load, has no place that it could be late for. 0 where a stiffness is negative. (What weight adds is left out: it is
+    a pendulum's, the square of 2 pi f is off by gravity over a length of the mechanism.)
     """
     values, ways = jnp.linalg.eigh(stiffness)
     loose = jnp.sum(jnp.abs(values) <= LOOSE * jnp.max(jnp.abs(values)))
