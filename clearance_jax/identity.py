@@ -1,6 +1,6 @@
 """What makes one question another: a description by names that can be kept, compared, and told apart in words.
 
-A sweep's store, a life's journal and a record of designs keep the description of their question, and refuse another one.
+A sweep's store, a life's journal and a record of designs keep the description of their question and refuse others.
 A description has every number of the models by its name, the settings, the versions with a digest of this library's
 source, and a digest of every function and class of the user's that takes part. The code of other packages counts by its
 name only.
