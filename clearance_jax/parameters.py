@@ -308,13 +308,13 @@ def check_demands(part: Parametrised, begin: str = "") -> None:
         raise ClearanceError(f"`{begin}{demand.name}` {demand.words()}, but it is {given} {unit}.")
 
 
-def check_bounds(value: Any, metadata: Mapping[str, Any], where: str, unit: str) -> None:
-    """Raise for a number outside its field's bounds, naming `where` it stands."""
+def check_bounds(value: Any, metadata: Mapping[str, Any], where: str, unit: str, given: Any = None) -> None:
+    """Raise for a number outside its field's bounds, naming `where` it stands; `given`: what somebody wrote for it."""
     value = np.asarray(value)
     if all(np.all(holds) for _, _, holds in violations(value, metadata)):
         return
     demanded = [f"{words} {limit:g} {unit}".rstrip() for words, limit, _ in violations(value, metadata)]
     if metadata.get("above") is not None and metadata.get("below") is not None:
         demanded = [f"between {metadata['above']:g} and {metadata['below']:g} {unit}".rstrip()]
-    shown = f"{quoted(value.tolist())} {unit}".rstrip()
+    shown = quoted(given)[1:-1] if isinstance(given, str) else f"{quoted(value.tolist())} {unit}".rstrip()
     raise ClearanceError(f"{where} must be {' and '.join(demanded)}, but it is {shown}.")

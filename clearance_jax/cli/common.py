@@ -20,7 +20,7 @@ from clearance_jax.errors import ClearanceError, quoted
 
 console, errors = Console(), Console(stderr=True)
 
-SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="A scene file (TOML with units).")]
+SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="A scene file (TOML with units), or a robot's URDF file.")]
 Settings = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="NAME=VALUE", help="Replace one parameter, e.g. joint5.radial_clearance=0.2mm."),
@@ -37,6 +37,7 @@ Clearances = Annotated[
 Ideal = Annotated[bool, typer.Option("--ideal", help="Take every clearance away.")]
 
 FIGURES = (".png", ".pdf", ".svg")
+DATASETS = (".nc",)
 
 
 def set_up() -> None:

@@ -1,4 +1,4 @@
-"""Ctrl-C that is not lost.
+"""Ctrl-C, and the signal by which a system ends a program (SIGTERM), that are not lost.
 
 Python raises an interruption wherever the program happens to be. When a long call of JAX comes back that is often a
 callback of the garbage collector, where an exception is printed and forgotten and the command goes on. So it is
@@ -11,31 +11,37 @@ import threading
 from typing import Any
 
 
+# What asks a command to end: Ctrl-C, and what `kill`, `timeout` and batch systems send.
+SIGNALS = signal.SIGINT, signal.SIGTERM
+
+
 class Interruption:
-    """Ctrl-C while it is on (`with Interruption() as asked`): raised at once, and by `check` where that was in vain."""
+    """Ctrl-C, or SIGTERM, while it is on (`with Interruption() as asked`): raised at once, and by `check` where that was
+    in vain.
+    """
 
     def __init__(self):
         self._heard = False
 
     def __enter__(self) -> "Interruption":
-        self._hook, self._usual = sys.unraisablehook, None
+        self._hook, self._usual = sys.unraisablehook, {}
         sys.unraisablehook = self._forgotten
         if threading.current_thread() is threading.main_thread():  # no other may listen
-            self._usual = signal.signal(signal.SIGINT, self._hear)
+            self._usual = {number: signal.signal(number, self._hear) for number in SIGNALS}
         return self
 
     def __exit__(self, *_: Any) -> None:
         sys.unraisablehook = self._hook
-        if self._usual is not None:
-            signal.signal(signal.SIGINT, self._usual)
+        for number, usual in self._usual.items():
+            signal.signal(number, signal.SIG_DFL if usual is None else usual)
 
     @property
     def heard(self) -> bool:
-        """Whether Ctrl-C was pressed."""
+        """Whether the command was asked to end."""
         return self._heard
 
     def check(self) -> None:
-        """Raise `KeyboardInterrupt` where Ctrl-C was pressed and the command still goes on."""
+        """Raise `KeyboardInterrupt` where the command was asked to end and still goes on."""
         if self._heard:
             raise KeyboardInterrupt
 

@@ -9,6 +9,7 @@ from rich.markup import escape
 
 from clearance_jax.cli.animate import Magnified, check_film, write_film
 from clearance_jax.cli.common import (
+    DATASETS,
     FIGURES,
     Clearances,
     Ideal,
@@ -24,6 +25,7 @@ from clearance_jax.cli.common import (
     warn,
 )
 from clearance_jax.cli.interruption import Interruption
+from clearance_jax.cli.posture import HELD, is_robot, say_held, undriven, with_posture
 from clearance_jax.errors import ClearanceError, quoted, suggest
 
 DEFAULTS = {"rtol": 1e-8, "samples": 1001, "solver": "tsit5"}
@@ -49,29 +51,32 @@ def simulate(
     movie: Annotated[Path | None, typer.Option(help="Film of the motion (.gif, or .mp4 with ffmpeg).")] = None,
     magnify: Magnified = None,
 ) -> None:
-    """Simulate a scene and write a dataset, a figure, a film.
+    """Simulate a scene, or a robot (URDF), and write a dataset, a figure, a film.
 
-    Ctrl-C stops the solve and keeps what was computed.
+    Joints of a robot that nothing drives are held where they stand. Ctrl-C stops the solve and keeps what was computed.
     """
     scene = read_scene(scene_file)
     lead = scene.trajectory if trajectory is None else _read_trajectory(trajectory, scene.mechanism)
     driven = scene.mechanism if lead is None else scene.mechanism.driven(lead.drives)
+    held = undriven(driven) if is_robot(scene_file) else ()
+    driven = with_posture(driven, held) if held else driven
     mechanism = changed(driven, settings, ideal, clearance)
     from clearance_jax.results.dataset import to_dataset
     from clearance_jax.results.store import save
     from clearance_jax.solve.simulate import EnergyWarning, doubt
     from clearance_jax.solve.trace import trace
 
-    check_writable(output)
+    check_distinct(scene=scene_file, trajectory=trajectory, output=output, plot=plot, movie=movie)
+    check_writable(output, DATASETS)
     check_writable(plot, FIGURES)
     check_film(movie)
-    check_distinct(scene=scene_file, trajectory=trajectory, output=output, plot=plot, movie=movie)
     _check_magnified(mechanism, magnify, movie)
     given = {"t1": t1, "rtol": rtol, "samples": samples, "solver": solver, "start": start}
-    usual = {} if lead is None else {"t1": lead.span[1]}
+    usual = {"t1": lead.span[1]} if lead is not None else {"t1": HELD} if held else {}
     options = _options(scene_file, usual | scene.solve | {k: v for k, v in given.items() if v is not None})
     _check_covered(lead, options)
     end = options.pop("t1")
+    say_held(held, lead is None, end if lead is None and t1 is None else None)
     with progress_bar() as bar, warnings.catch_warnings():
         warnings.simplefilter("ignore", EnergyWarning)  # said below, after the result
         task = bar.add_task("compiling and solving", total=1.0)

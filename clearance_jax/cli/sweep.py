@@ -10,6 +10,11 @@ from rich.progress import BarColumn, Progress, TextColumn
 from clearance_jax.cli.common import aloud, check_distinct, console, errors, say, say_written, set_up
 from clearance_jax.cli.interruption import Interruption
 from clearance_jax.cli.pictures import check_folder, draw_sweep
+from clearance_jax.errors import ClearanceError
+from clearance_jax.extras import require
+
+# Endings that promise a file of another kind.
+OF_FILES = (".csv", ".txt", ".json", ".nc", ".h5", ".hdf5", ".parquet", ".xlsx", ".png", ".pdf")
 
 
 def sweep(
@@ -33,13 +38,18 @@ def sweep(
 
     Ctrl-C, or whatever else ends it, leaves a store that `--resume` goes on with.
     """
+    require("The store of a sweep", "sweep", "zarr")
+    if cluster is not None:
+        require("A sweep on a cluster", "sweep", "dask", "distributed", "cloudpickle")
+    output = sweep_file.with_suffix(".zarr") if output is None else output
+    if output.suffix.lower() in OF_FILES:
+        raise ClearanceError(f"Cannot write a store to `{output}`: it is a folder. Give it a name that ends in .zarr.")
     set_up()
     from clearance_jax.io.sweep_file import load_sweep
     from clearance_jax.sweep.run import sweep as swept
     from clearance_jax.sweep.store import StoreWarning
 
     asked_for = load_sweep(sweep_file)
-    output = sweep_file.with_suffix(".zarr") if output is None else output
     check_folder(plot)
     check_distinct(store=output, pictures=plot)
     console.print(f"[bold]{escape(asked_for.name)}[/bold]")

@@ -10,6 +10,7 @@ from rich.progress import BarColumn, Progress, TextColumn
 
 from clearance_jax.cli.animate import check_film, write_film
 from clearance_jax.cli.common import (
+    DATASETS,
     FIGURES,
     check_distinct,
     check_writable,
@@ -44,10 +45,10 @@ def wear(
     from clearance_jax.results.store import save
 
     output = wear_file.with_suffix(".nc") if output is None else output
-    check_writable(output)
+    check_distinct(study=wear_file, output=output, plot=plot, movie=movie)
+    check_writable(output, DATASETS)
     check_writable(plot, FIGURES)
     check_film(movie)
-    check_distinct(study=wear_file, output=output, plot=plot, movie=movie)
     study = load_wear(wear_file)
     warn(implausible(study.mechanism))
     journal = study.journal or output.with_suffix(".journal")

@@ -16,16 +16,18 @@ from clearance_jax.design.program import Program
 from clearance_jax.design.scaling import ScaledProgram
 from clearance_jax.design.stochastic import stochastic_approximation
 from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.extras import require
 
 
 class Method(NamedTuple):
     """A way to solve a program: `solve(program, start, **options)` returns why it stopped early, or nothing; whether it
-    asks for `gradients`.
+    asks for `gradients`, and the `extra` of this library that it needs.
     """
 
     name: str
     solve: Callable[..., str | None]
     gradients: bool = True
+    extra: str = ""
 
 
 def slsqp(program: Program, start: np.ndarray, tolerance: float = 1e-10) -> str:
@@ -78,10 +80,8 @@ def _scipy(program: Program, start, method: str, options: dict) -> str:
 
 def cma_es(program: Program, start: np.ndarray, tolerance: float = 1e-6, seed: int = 1) -> None:
     """Covariance matrix adaptation with an augmented Lagrangian (package `cma`): a baseline without gradients."""
-    try:
-        import cma
-    except ImportError:
-        raise ClearanceError("CMA-ES needs the package cma: pip install 'clearance-jax[cma]'.") from None
+    import cma
+
     scaled = ScaledProgram(program, start, False)
     options = {
         "bounds": [b.tolist() for b in scaled.bounds],
@@ -109,7 +109,7 @@ METHODS = {
         Method("trust-constr", trust_constr),
         Method("stochastic-approximation", stochastic_approximation),
         Method("cobyqa", cobyqa, gradients=False),
-        Method("cma-es", cma_es, gradients=False),
+        Method("cma-es", cma_es, gradients=False, extra="cma"),
     )
 }
 AUTO = "auto"
@@ -118,9 +118,12 @@ METHOD_CHOICES = (AUTO, *METHODS)
 
 
 def method_of(method: str | Method) -> Method:
-    """The method of that name. **Raises:** `ClearanceError` where there is none."""
+    """The method of that name. **Raises:** `ClearanceError` where there is none, or its package is not installed."""
     if isinstance(method, Method):
         return method
     if method not in METHODS:
         raise ClearanceError(f"There is no design method {method!r}. " + suggest(method, METHOD_CHOICES))
-    return METHODS[method]
+    known = METHODS[method]
+    if known.extra:
+        require(f"The method {method}", known.extra, known.extra)
+    return known

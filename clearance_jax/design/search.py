@@ -31,6 +31,8 @@ def search(
     place: Place = HERE,
 ) -> Design:
     """The best design found, many simulations solved at a `place`; other arguments as `ToleranceProblem.solve`'s."""
+    if method != AUTO:
+        method = method_of(method)
     program = formulate(specification, place=place, record=record, most=most, progress=progress)
     x = np.sqrt(program.lower * program.upper)
     if start is not None:

@@ -61,7 +61,7 @@ class Quantity(Key):
             raise ClearanceError(f"{where} must be one quantity, but it is the list {quoted(value)}.")
         unit = resolved_unit(self.unit, words)
         number = to_si(value, unit, where)
-        check_bounds(number, self.bounds, where, unit)
+        check_bounds(number, self.bounds, where, unit, value)
         return number
 
 
@@ -135,7 +135,7 @@ class Moments(Key):
     def read(self, value, where, words):
         if not isinstance(value, list):
             number = to_si(value, self.unit, where)
-            check_bounds(number, self.bounds, where, self.unit)
+            check_bounds(number, self.bounds, where, self.unit, value)
             return number
         if len(value) not in (3, 6):
             raise ClearanceError(

@@ -44,5 +44,5 @@ def _setting(known: Mapping[str, Leaf], name: str, value: Any, where: str) -> fl
         except ValueError:
             raise ClearanceError(f"{where}: `{name}` is a bare number, but {quoted(value)} is not.") from None
     number = to_si(value, leaf.unit, where)
-    check_bounds(number, leaf.metadata, where, leaf.unit)
+    check_bounds(number, leaf.metadata, where, leaf.unit, value)
     return number

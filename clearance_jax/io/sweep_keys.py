@@ -53,7 +53,7 @@ SWEEP = Keys(
 
 
 _HOW = solving("rtol", "solver", "max_steps")
-SOLVE = Keys("solve", "How lanes are solved", "All of them, at first.", _HOW)
+SOLVE = Keys("solve", "How lanes are solved", "All of them, at first.", (*_HOW, *solving("start")))
 AGAIN = Keys(
     "again", "How lanes that failed are solved once more", "Those alone; what is absent is as in `solve`.", _HOW
 )

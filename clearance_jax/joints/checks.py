@@ -22,7 +22,12 @@ def check_sizes(unit: str = "m", **sizes: Any) -> None:
         if not np.all(np.isfinite(value)):
             raise ClearanceError(f"`{name}` must be finite, but it is {quoted(value.tolist())}.")
         if not np.all(value > 0):
-            raise ClearanceError(f"`{name}` must be greater than 0 {unit}, but it is {quoted(value.tolist())} {unit}.")
+            raise ClearanceError(f"`{name}` must be greater than 0 {unit}, but it is {_plain(value)} {unit}.")
+
+
+def _plain(value: np.ndarray) -> str:
+    """A number, or several, without the last digits that a change of units leaves (-3e-05 for -30 um)."""
+    return quoted(np.array([float(f"{one:.12g}") for one in value.ravel()]).reshape(value.shape).tolist())
 
 
 def check_larger(name: str, size: Any, than: str, other: Any, why: str) -> None:

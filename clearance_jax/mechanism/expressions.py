@@ -15,6 +15,11 @@ _TOKEN = re.compile(
 )
 
 
+# Characters that an expression may have (some 500 steps): what is longer is a table, and makes programs that compile for
+# minutes.
+LONGEST = 20_000
+
+
 class Token(NamedTuple):
     """A number, word or sign, and where it stands."""
 
@@ -26,8 +31,13 @@ class Token(NamedTuple):
 def read_expression(text: str) -> AbstractDrive:
     """The drive that an ADAMS function expression describes.
 
-    **Raises:** `ClearanceError` with the place and what was expected there.
+    **Raises:** `ClearanceError` with the place and what was expected there, and for a text beyond `LONGEST` characters.
     """
+    if len(text) > LONGEST:
+        raise ClearanceError(
+            f"A drive expression must have at most {LONGEST} characters, but this one has {len(text)}. Give a motion of "
+            'so many steps as a table of times and values: `drive = { type = "spline", file = "motion.csv", ... }`.'
+        )
     return _Reader(text).drive()
 
 

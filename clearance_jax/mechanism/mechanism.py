@@ -26,6 +26,7 @@ from clearance_jax.mechanism.structure import (
     check_model,
     check_names,
     check_payloads,
+    check_tilting,
     check_tree,
 )
 from clearance_jax.mechanism.tree import SLIDING, TURNING, AbstractJoint, AbstractPlayed, Coordinate
@@ -108,6 +109,7 @@ class Mechanism(Parametrised):
         check_payloads(self.bodies, self.joints)
         check_control(self.controllers, tuple(self.coordinates()))
         if not self.is_plane:
+            check_tilting(self.bodies, self.joints)
             check_loose(self.loops)
 
     def units_within(self, member):

@@ -1,5 +1,6 @@
 """Whether the parts of a mechanism fit together: names, the tree, what hangs on it, what controls it."""
 
+import dataclasses
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -9,7 +10,8 @@ from jax.core import Tracer
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.mechanism.body import GROUND, Body, Spring
 from clearance_jax.mechanism.controllers import AbstractController
-from clearance_jax.mechanism.tree import AbstractJoint, AbstractPlayed, Coordinate, Fixed
+from clearance_jax.mechanism.placement import Inertia, Position
+from clearance_jax.mechanism.tree import AbstractJoint, AbstractPlayed, Coordinate, Fixed, Prismatic
 
 RESERVED = (GROUND, "gravity", "drive", "target")
 # Directions in which two frames may part.
@@ -52,11 +54,42 @@ def check_loose(loops: Sequence[AbstractJoint]) -> None:
             continue
         directions = sum(len(coordinate.velocities) for coordinate in loop.own_coordinates())
         if directions < SPACE:
+            key = _tilting(loop)
             raise ClearanceError(
                 f"Joint `{loop.name}` closes a loop in space, where nothing but its contacts holds it, and has no play "
                 f"in {SPACE - directions} of {SPACE} directions. Give it play there (a sleeve `axial_clearance`, a "
                 "guide `width`), or put it into the tree and close the loop at another joint."
+                + ("" if key is None else f" If the mechanism is a plane one, leave the joint's `{key}` out.")
             )
+
+
+def check_tilting(bodies: Sequence[Body], joints: Sequence[AbstractJoint]) -> None:
+    """Raise where play takes bodies out of the plane that are given for the plane only, by one moment of inertia: in
+    their joint it is one number too many that does it.
+    """
+    tilted: dict[str, AbstractJoint] = {}  # what a body hangs on, by the body
+    for joint in joints:
+        above = joint if _tilting(joint) is not None else tilted.get(joint.parent)
+        if above is not None:
+            tilted[joint.child] = above
+    for body in bodies:
+        if body.name in tilted and body.inertia is not None and not isinstance(body.inertia, Inertia):
+            joint = tilted[body.name]
+            key = _tilting(joint)
+            raise ClearanceError(
+                f"Joint `{joint.name}` has a `{key}`, so that what it carries may turn out of the plane, but body "
+                f"`{body.name}` has one moment of inertia (about z). Leave `{key}` out, or give the body three or six "
+                "moments (xx, yy, zz, xy, xz, yz)."
+            )
+
+
+def _tilting(joint: AbstractJoint) -> str | None:
+    """The number of a joint's play by which it leaves the plane, where it stays there without play."""
+    if not isinstance(joint, AbstractPlayed) or joint.clearance is None or joint.is_plane:
+        return None
+    key = "width" if isinstance(joint, Prismatic) else "length"
+    ideal: Any = dataclasses.replace(joint, clearance=None, eccentricity=Position())
+    return key if ideal.is_plane and getattr(joint.clearance, key, None) is not None else None
 
 
 def check_attached(bodies: Sequence[Body], springs: Sequence[Spring], points: Iterable[Any]) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import xarray as xr
 
 from clearance_jax.errors import ClearanceError
+from clearance_jax.extras import lacking
 
 
 def save(dataset: xr.Dataset, path: str | Path) -> None:
@@ -36,9 +37,7 @@ def open_sweep(path: str | Path) -> xr.Dataset:
     try:
         found = xr.open_zarr(path, consolidated=True)
     except ImportError:
-        raise ClearanceError(
-            "A sweep is stored by zarr, which is not installed. Install it: `pip install clearance-jax[sweep]`."
-        ) from None
+        raise lacking("The store of a sweep", "zarr", "sweep") from None
     except (OSError, ValueError, KeyError) as error:
         raise ClearanceError(f"Cannot read `{path}` as a store of a sweep: {error}.") from None
     for name, coordinate in found.coords.items():

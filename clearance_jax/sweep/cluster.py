@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from clearance_jax.errors import ClearanceError, quoted
+from clearance_jax.extras import lacking
 from clearance_jax.solve.batch import cores_here
 from clearance_jax.solve.lanes import LANES
 from clearance_jax.sweep.assemble import ended
@@ -48,9 +49,7 @@ def client_of(cluster: Any, cores: int = 1) -> Iterator[Any]:
     try:
         from distributed import Client, LocalCluster
     except ImportError:
-        raise ClearanceError(
-            "A sweep on a cluster needs dask, which is not installed. Install it: `pip install clearance-jax[sweep]`."
-        ) from None
+        raise lacking("A sweep on a cluster", "dask", "sweep") from None
     if isinstance(cluster, Client):
         yield cluster
         return

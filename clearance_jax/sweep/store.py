@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from clearance_jax.errors import ClearanceError
+from clearance_jax.extras import lacking
 from clearance_jax.identity import fingerprint
 from clearance_jax.results.store import open_sweep
 from clearance_jax.solve.codes import Result
@@ -53,9 +54,7 @@ def zarr_library() -> Any:
     try:
         import zarr
     except ImportError:
-        raise ClearanceError(
-            "A sweep is stored by zarr, which is not installed. Install it: `pip install clearance-jax[sweep]`."
-        ) from None
+        raise lacking("The store of a sweep", "zarr", "sweep") from None
     return zarr
 
 
