@@ -10,14 +10,13 @@ import sys
 import threading
 from typing import Any
 
-
 # What asks a command to end: Ctrl-C, and what `kill`, `timeout` and batch systems send.
 SIGNALS = signal.SIGINT, signal.SIGTERM
 
 
 class Interruption:
-    """Ctrl-C, or SIGTERM, while it is on (`with Interruption() as asked`): raised at once, and by `check` where that was
-    in vain.
+    """Ctrl-C, or SIGTERM, while it is on (`with Interruption() as asked`): raised at once, and by `check` where that
+    was in vain.
     """
 
     def __init__(self):
