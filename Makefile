@@ -2,11 +2,16 @@
 # `make docs`: the documentation as a site in out/site.
 PYTHON ?= python3
 BIN := .venv/bin
-export JAX_COMPILATION_CACHE_DIR ?= $(CURDIR)/.jax_cache
+# Compiled programs are kept in the user's cache folder: a second clone, or a second run, finds them there.
+export JAX_COMPILATION_CACHE_DIR ?= $(or $(XDG_CACHE_HOME),$(HOME)/.cache)/clearance_jax
 # Small arrays lose by threading inside one operation; the second core runs the second test process.
 export XLA_FLAGS ?= --xla_cpu_multi_thread_eigen=false
+# The tests compile much and run little of it: less optimisation saves them a part of all compiling.
+TEST_FLAGS := --xla_backend_optimization_level=1
+# A file's tests share programs, and so stay in one process; the files that take longest begin.
+PYTEST := XLA_FLAGS="$(XLA_FLAGS) $(TEST_FLAGS)" $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
-.PHONY: demo test check docs reference pictures notebooks clean
+.PHONY: demo test quick account check docs reference pictures notebooks clean
 
 .venv/installed: pyproject.toml
 	$(PYTHON) -m venv .venv
@@ -23,7 +28,15 @@ check: .venv/installed
 	$(BIN)/pyright
 
 test: check
-	$(BIN)/pytest -n 2
+	$(PYTEST)
+
+# A part of `make test`, in two minutes: laws, numerics, keys, messages, layers (`QUICK` in tests/conftest.py).
+quick: check
+	$(PYTEST) -m quick
+
+# Where the suite's time goes, by file and by test: out/suite.md.
+account: .venv/installed
+	$(PYTEST) --account out
 
 docs: .venv/installed reference
 	$(BIN)/sphinx-build -W --keep-going -q -b html docs out/site
@@ -38,5 +51,6 @@ pictures: .venv/installed
 notebooks: .venv/installed
 	$(BIN)/python docs/execute.py
 
+# Compiled programs stay: the next clone needs them. `rm -r ~/.cache/clearance_jax` removes them.
 clean:
-	rm -rf .venv out .jax_cache
+	rm -rf .venv out

@@ -28,6 +28,14 @@ def test_ladder(case, jacobian):
     assert all(b <= 0.03 * a for a, b in zip(loose.errors, tight.errors, strict=True))
 
 
+def test_derivatives_follow_rtol_with_a_high_order():
+    """At several tolerances: at one alone the error is a matter of luck, within a factor of ten."""
+    jacobian, near = ladder.jacobian(ladder.ours("dopri8")), (5e-10, 1e-9, 2e-9)
+    for case in ladder.CASES:
+        found = ladder.ladder(case, "ours, dopri8", jacobian, near)
+        assert max(rung.worst / rung.rtol for rung in found) <= 8
+
+
 # Closed forms --------------------------------------------------------------------------------------------------------
 
 

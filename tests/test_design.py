@@ -14,6 +14,7 @@ from clearance_jax.design import evaluate, manufacture, verify
 from clearance_jax.design.evaluate import simulations_of
 from clearance_jax.design.formulation import _identity
 from clearance_jax.errors import ClearanceError
+from clearance_jax.identity import differences
 from clearance_jax.solve.settings import Settings
 from experiments.trust import CHAOTIC, scene
 from experiments.trust import NAME as PLAY
@@ -164,7 +165,8 @@ def test_a_record_of_another_start_is_another_problems():
 
     usual = identity()
     assert identity(start="centre", t0=0.0) == usual
-    assert len({usual, identity(start="settled"), identity(t0=1e-4), identity(max_steps=100)}) == 4
+    for name, other in (("start", "settled"), ("t0", 1e-4), ("max_steps", 100)):
+        assert list(differences(usual, identity(**{name: other}), "there")) == [f"option {name}"]
 
 
 def test_what_was_evaluated_is_kept_and_resumed_from(tmp_path):
@@ -190,6 +192,8 @@ def test_what_was_evaluated_is_kept_and_resumed_from(tmp_path):
     fresh = program()
     design.run(fresh, "slsqp", np.full(5, 1e-3))
     assert second.gradients == fresh.gradients - 6  # the first six were remembered
+    with pytest.raises(ClearanceError, match=r"problem: `gravity.y` is -1 here and absent there. Choose another file"):
+        program(record=file, identity={"gravity.y": -1})
     with pytest.raises(ClearanceError, match="another problem"):
         design.Program(problem._evaluate, ["other"], np.ones(1), 2 * np.ones(1), ["error"], record=file)
 

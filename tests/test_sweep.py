@@ -126,13 +126,17 @@ def test_one_program_for_all_lanes(whole):
     """Another grid of the same question traces and compiles nothing: heard where JAX does either."""
     assert whole.sizes["drive.main.speed"] == 16
     seen = []
-    jax.monitoring.register_event_duration_secs_listener(lambda name, *_, **__: seen.append(name))
+
+    def hear(name, *_, **__):
+        seen.append(name)
+
+    jax.monitoring.register_event_duration_secs_listener(hear)
     try:
         swept(clearances=np.linspace(2e-4, 4e-4, 50), speeds=np.linspace(300.0, 350.0, 7))
         heard = [name for name in seen if "/compile/" in name]
         jax.jit(lambda x: x + 3)(1.0)
     finally:
-        jax.monitoring.clear_event_listeners()
+        jax.monitoring.unregister_event_duration_listener(hear)
     assert heard == []
     assert {"trace", "compile"} <= {word for word in ("trace", "compile") if any(word in name for name in seen)}
 

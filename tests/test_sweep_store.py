@@ -22,6 +22,7 @@ from clearance_jax.sweep.journal import Journal
 from clearance_jax.sweep.store import StoreWarning
 
 LANES = 512
+IDENTITY = sys.modules["clearance_jax.identity"]
 STORE, UNDERWAY = sys.modules["clearance_jax.sweep.store"], sys.modules["clearance_jax.sweep.underway"]
 
 
@@ -105,7 +106,7 @@ def test_widening_runs_only_what_is_new(tmp_path, whole):
     assert [p.name for p in tmp_path.iterdir()] == ["a.zarr"]
 
 
-def test_another_question_is_refused_in_words(tmp_path):
+def test_another_question_is_refused_in_words(tmp_path, monkeypatch):
     path = tmp_path / "a.zarr"
     swept(path)
     with pytest.raises(cj.ClearanceError, match=r"exists already\. Go on with it by `resume`"):
@@ -116,6 +117,54 @@ def test_another_question_is_refused_in_words(tmp_path):
         swept(path, resume=True, speeds=SPEEDS[:15])
     with pytest.raises(cj.ClearanceError, match="is no store of a sweep"):
         swept(tmp_path, resume=True)
+    # The library itself: one that computes otherwise, and a store that does not say by which it was written.
+    digest = IDENTITY.source_digest()
+    with monkeypatch.context() as patch:
+        patch.setattr(IDENTITY, "source_digest", lambda: "another")
+        with pytest.raises(cj.ClearanceError, match=rf"another version of the library: .*another here and {digest} in"):
+            swept(path, resume=True)
+    # More outputs than the store has would stay empty there.
+    with monkeypatch.context() as patch:
+        patch.setattr(sweeping, "OUTPUTS", {**sweeping.OUTPUTS, "more": "piston.position"})
+        with pytest.raises(cj.ClearanceError, match=r"question: .*\(output more\)` is .* here and absent in the"):
+            swept(path, resume=True)
+
+
+def test_a_function_of_the_users_is_part_of_the_question(tmp_path, monkeypatch):
+    """What it does, what it keeps, and the functions that it calls; not where it lies."""
+
+    def asked(factor, path=tmp_path / "a.zarr", **options):
+        def end(solution):
+            return factor * helped(solution["piston.position"])
+
+        monkeypatch.setattr(sweeping, "OUTPUTS", {"end": end})
+        return swept(path, clearances=CLEARANCES[:2], speeds=SPEEDS[:2], **options)
+
+    first = asked(2.0).load()
+    same(asked(2.0, resume=True), first)
+    with pytest.raises(cj.ClearanceError, match=r"`code of .*asked.*end .* here and .* in the store"):
+        asked(3.0, resume=True)
+    monkeypatch.setitem(globals(), "helped", lambda value: 2 * value)
+    with pytest.raises(cj.ClearanceError, match=r"`code of .*asked.*end .* here and .* in the store"):
+        asked(2.0, resume=True)
+
+
+def helped(value):
+    return value
+
+
+def test_an_output_may_be_called_as_a_store_calls_things_inside(tmp_path, monkeypatch):
+    """Only names that a folder of the store cannot have are refused, in a sentence and before anything is written."""
+    names = "place", "c", "region", "question", "variables", "0", "lanes", "fingerprint"
+    monkeypatch.setattr(sweeping, "OUTPUTS", dict.fromkeys(names, "piston.position"))
+    few = {"clearances": CLEARANCES[:2], "speeds": SPEEDS[:2]}
+    same(swept(tmp_path / "a.zarr", **few), swept(**few))
+    own = "zarr.json", "Journal.jsonl", "writer.lock", "underway", "question.1"
+    for name in (*own, "__a", "a" * 201, "..", "a/b", ""):
+        monkeypatch.setattr(sweeping, "OUTPUTS", {name: "piston.position"})
+        with pytest.raises(cj.ClearanceError, match="cannot be"):
+            swept(tmp_path / "b.zarr", **few)
+    assert not (tmp_path / "b.zarr").exists()
 
 
 def test_killed_at_random_moments(tmp_path, whole, monkeypatch):
@@ -311,9 +360,10 @@ def test_no_more_room(tmp_path, whole, monkeypatch, done):
 def test_a_journal_without_room_is_as_before(tmp_path):
     journal = Journal(tmp_path / "j")
     journal.add(a=1)
-    with no_longer_than(12), pytest.raises(OSError, match="No space left"):
+    before = (tmp_path / "j").read_bytes()
+    with no_longer_than(len(before) + 4), pytest.raises(OSError, match="No space left"):
         journal.add(a=2)
-    assert (tmp_path / "j").read_text() == '{"a":1}\n'
+    assert (tmp_path / "j").read_bytes() == before
     journal.add(a=3)
     assert Journal(tmp_path / "j").read() == [{"a": 1}, {"a": 3}]
 

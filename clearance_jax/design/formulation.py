@@ -1,10 +1,8 @@
 """From what is asked to a program of numbers: objective, scaled limits and their derivatives at a point."""
 
-import hashlib
 from collections.abc import Sequence
 from typing import Any
 
-import equinox as eqx
 import jax
 import numpy as np
 
@@ -14,7 +12,8 @@ from clearance_jax.design.manufacture import Yield
 from clearance_jax.design.program import Evaluation, Program
 from clearance_jax.design.scenarios import Scenario, scenarios_of
 from clearance_jax.design.specification import Specification
-from clearance_jax.solve.settings import Settings
+from clearance_jax.identity import kept, numbers, shown, versions
+from clearance_jax.identity import settings as in_words
 
 
 def formulate(
@@ -69,24 +68,18 @@ def _titles(
     return titles, [limit.title for _ in scenarios for limit, size in pairs for _ in range(size)]
 
 
-def _identity(specification: Specification, simulations: Simulations) -> str:
-    """A short text that another problem does not have."""
-    numbers = (specification.mechanism, list(specification.costs), simulations.metrics)
-    leaves, structure = jax.tree.flatten(eqx.filter(numbers, eqx.is_array_like))
-    solve, usual = simulations.solve, Settings()
-    # What is as usual is not named, so that records from before it could be chosen are still known.
-    chosen = {"t0": float(solve.t0), "start": solve.start, "max_steps": solve.max_steps}
-    unusual = {name: value for name, value in chosen.items() if value != getattr(usual, name)}
-    asked = (
-        specification.t1,
-        specification.variables,
-        specification.conditions,
-        specification.manufacture,
-        {"rtol": float(solve.rtol), "solver": solve.solver} | unusual,
-        list(simulations.bounds),
-    )
-    text = repr(([np.asarray(leaf).tolist() for leaf in leaves], str(structure), asked))
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
+def _identity(specification: Specification, simulations: Simulations) -> dict[str, Any]:
+    """What another problem does not have, by names."""
+    found = versions() | numbers(specification.mechanism)
+    limits = zip(specification.limits, simulations.metrics, simulations.bounds, strict=True)
+    for limit, metric, bound in limits:
+        found |= numbers(metric, f" (limit {limit.title})") | {f"bound ({limit.title})": float(bound)}
+    for name, cost in zip(specification.variables, specification.costs, strict=False):
+        found |= numbers(cost, f" (cost of {name})")
+    found |= {f"between ({name})": shown(between) for name, between in specification.variables.items()}
+    found |= {f"condition {name or 'as given'}": shown(of) for name, of in specification.conditions.items()}
+    asked = {"t1": specification.t1, "manufacture": specification.manufacture, "common": specification.common}
+    return kept(found | in_words(asked) | {f"option {k}": v for k, v in in_words(simulations.solve._asdict()).items()})
 
 
 def _evaluate(

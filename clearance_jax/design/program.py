@@ -6,14 +6,17 @@ is (value / bound - 1), held where it is not positive.
 
 import json
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from clearance_jax.errors import ClearanceError
+from clearance_jax.identity import differences, fingerprint, refusal
 
+# What the first line of a record has beside names: the problem, by names.
+PROBLEM = "problem"
 # A limit counts as held if it is violated by no more than this share of its bound: a solver ends on the limit itself.
 SLACK = 1e-9
 
@@ -55,7 +58,7 @@ class Program:
     - `names`, `lower`, `upper`: of the variables, positive; `limit_names`: of the limits.
     - `groups`: of each limit, which of the designer's limits it belongs to (default: itself).
     - `record`: a file (JSON lines) to which every point is added, and from which a run that was stopped goes on, if the
-      `identity` recorded in it is the same.
+      `identity` recorded in it (the problem by names) is the same.
     - `most`: evaluations after which a solver is stopped with the best so far.
     - `progress`: called with each new point.
     - `known`: points evaluated before.
@@ -72,7 +75,7 @@ class Program:
         limit_names: Sequence[str],
         groups: Sequence[str] | None = None,
         record: str | Path | None = None,
-        identity: str = "",
+        identity: Mapping[str, Any] | None = None,
         most: int = 1_000_000,
         progress: Callable[[Evaluation], None] | None = None,
         known: Sequence[Evaluation] = (),
@@ -80,7 +83,8 @@ class Program:
         several: Callable[[list[np.ndarray]], list[Evaluation]] | None = None,
     ):
         self.names, self.limit_names = tuple(names), tuple(limit_names)
-        self.groups, self._identity = tuple(groups or limit_names), identity
+        self.groups, self._problem = tuple(groups or limit_names), dict(identity or {})
+        self._identity, self._headed = fingerprint(self._problem), False
         self.lower, self.upper = np.asarray(lower, float), np.asarray(upper, float)
         for name, low, high in zip(self.names, self.lower, self.upper, strict=True):
             if not 0 < low < high < math.inf:
@@ -123,11 +127,24 @@ class Program:
         self.evaluations += point.gradient is None
         self._keep(point)
         if self._file is not None:
-            with self._file.open("a") as file:
-                file.write(json.dumps({"names": self.names, "identity": self._identity, **_entry(point)}) + "\n")
+            self._record(point)
         if self._progress is not None:
             self._progress(point)
         return point
+
+    def _record(self, point: Evaluation) -> None:
+        """Add a point to the file, below the problem. **Raises** `ClearanceError` where the disk refuses it."""
+        assert self._file is not None
+        lines = [] if self._headed else [{"names": self.names, PROBLEM: self._problem}]
+        lines.append({"names": self.names, "identity": self._identity, **_entry(point)})
+        try:
+            with self._file.open("a") as file:
+                file.write("".join(json.dumps(line) + "\n" for line in lines))
+        except OSError as error:
+            raise ClearanceError(
+                f"Cannot write the record `{self._file}`: {error.strerror or error}. See to that, and go on with it."
+            ) from error
+        self._headed = True
 
     def fresh(self, x: np.ndarray, samples: int, seed: int) -> Evaluation:
         """The point at `x` by fresh samples, with gradients; not kept, for the next ones say something else.
@@ -192,11 +209,16 @@ class Program:
         try:
             text = self._file.read_text()
             entries = _recorded(text)
+            heads, entries = ([e for e in entries if (PROBLEM in e) == is_head] for is_head in (True, False))
+            found = {k: v for head in heads for k, v in differences(head[PROBLEM], self._problem, "there").items()}
             known = [(tuple(e.pop("names")), e.pop("identity"), len(e["limits"])) for e in entries]
         except (OSError, ValueError, AttributeError, KeyError, TypeError):
             raise ClearanceError(f"`{self._file}` is no record of designs. Choose another file.") from None
+        if found:
+            raise ClearanceError(refusal(self._file, found, "records another problem", "Choose another file"))
         if any(one != (self.names, self._identity, len(self.limit_names)) for one in known):
             raise ClearanceError(f"`{self._file}` records another problem. Choose another file.")
+        self._headed = bool(heads)
         if text and not text.endswith("\n"):
             with self._file.open("a") as file:
                 file.write("\n")

@@ -12,6 +12,7 @@ from clearance_jax.dynamics.conditions import conditions, wrong_way
 from clearance_jax.dynamics.constraint import constraint
 from clearance_jax.dynamics.inertia import mass_matrix
 from clearance_jax.dynamics.kinematics import Frames, frames, sleeve_axes
+from clearance_jax.dynamics.seated import Seated
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout, moved, parts
 from clearance_jax.mechanism.tree import AbstractJoint, AbstractPlayed
@@ -26,12 +27,14 @@ HELD, LOOSE = 8, 5
 
 class StartErrors(NamedTuple):
     """How far a start is from what it is to be: how far each loop is open [m]; and of each clearance joint, where pins
-    are to be settled, the part of its load that it does not bear, and by what part of its play it was still moved last.
+    are to be settled, the part of its load that it does not bear, and by what part of its play it was still moved last;
+    and how they begin, `seated`.
     """
 
     loops: Float[Array, " loops"]
     unborne: Float[Array, " joints"]
     moved: Float[Array, " joints"]
+    seated: Seated | None = None
 
     @classmethod
     def nothing(cls) -> "StartErrors":

@@ -7,10 +7,15 @@ moves the mechanism a little, which changes the reactions by the ratio of cleara
 As the motion goes on, the reactions turn and the pins ride along the walls. How fast, each round's own derivative along
 the motion tells: it goes along with the rounds, and ends as the derivative of what they end at. (But for what the ride
 itself changes in the reactions, which is the ratio of clearance to length of it.)
+
+A pin rides along only where this is slow against the lowest frequency of the pose (see `dynamics.seated`). A sleeve
+that bears little, or bears a moment that is about to change its side, has a place of rest that crosses its play faster
+than its pin can: that pin begins at relative rest.
 """
 
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array
@@ -19,8 +24,9 @@ from clearance_jax._types import Scalar
 from clearance_jax.dynamics.closures import HELD, StartErrors, corrected
 from clearance_jax.dynamics.equations import balance
 from clearance_jax.dynamics.reactions import held_reactions, held_still
+from clearance_jax.dynamics.seated import Seated, followed, lowest_frequency, play_mobility
 from clearance_jax.errors import ClearanceError
-from clearance_jax.joints import Load, Seat, relative_at, seat
+from clearance_jax.joints import Load, Seat, relative_at, seat, stiffness_at
 from clearance_jax.mechanism.mechanism import ClearanceJoint, Mechanism
 from clearance_jax.mechanism.state import initial_values, layout, parts, position_rates
 from clearance_jax.spatial import as_array, dot, hamilton, scale
@@ -38,7 +44,7 @@ class Seats(NamedTuple):
 
 def settled_start(time: Scalar, mechanism: Mechanism) -> tuple[Array, StartErrors]:
     """The state `[q, v, memory]` of a prepared mechanism in which every pin is pressed at its wall and rides along it,
-    and how far it is from that still.
+    or is at relative rest there where it could not follow; and how far it is from that still.
 
     A pin that nothing presses starts at its `eccentricity`, as it does without this.
 
@@ -67,29 +73,48 @@ def settled_start(time: Scalar, mechanism: Mechanism) -> tuple[Array, StartError
         found = _seats(joints, loads, begin)
         pressed, left = tuple(one.presses for one in found), as_array([one.left for one in found])
         play = tuple(jnp.where(one.presses & seated, one.play, first) for one, first in zip(found, begin, strict=True))
+        firm = tuple(one.stiffness for one in found)
         rates = as_array(position_rates(held, tuple(now.y[plan.q]), tuple(now.y[plan.v])))
         last = [jnp.linalg.norm((new - old) / size) for new, old, size in zip(play, now.play, sizes, strict=True)]
         errors = StartErrors(opened, left, as_array(last))
-        return Seats(y, play), (jnp.concatenate([rates, as_array(motion.acceleration)]), pressed, errors)
+        return Seats(y, play), (jnp.concatenate([rates, as_array(motion.acceleration)]), (pressed, firm), errors)
 
     def once(k, carry):
         now, rate, _, _ = carry
         # Loops are closed with the pins where they were, and speeds belong to closed loops.
         seated, settle = k >= HELD, jnp.where(k >= HELD - 1, 1.0, 0.0)
-        moved, change, (slope, pressed, errors) = jax.jvp(
+        moved, change, (slope, held, errors) = jax.jvp(
             lambda time, now: round_of(seated, settle, time, now),
             (time, now),
             (jnp.ones_like(time), rate),
             has_aux=True,
         )
-        return moved, Seats(slope, change.play), (change, pressed), errors
+        return moved, Seats(slope, change.play), (change, held), errors
 
     first = Seats(initial_values(mechanism.ideal()), begin)
     still = jax.tree.map(jnp.zeros_like, first)
     errors = StartErrors(*(jnp.zeros(len(those)) for those in (loops, joints, joints)))
-    carry = first, still, (still, tuple(jnp.asarray(False) for _ in joints)), errors
-    now, _, (rate, pressed), errors = jax.lax.fori_loop(0 if loops else HELD, HELD + ROUNDS, once, carry)
-    return _whole(mechanism, now, rate, pressed), errors
+    free = tuple(jnp.asarray(False) for _ in joints), tuple(jnp.zeros((len(size), len(size))) for size in sizes)
+    carry = first, still, (still, free), errors
+    begun = jax.lax.fori_loop(0 if loops else HELD, HELD + ROUNDS, once, carry)
+    now, resting, (rate, (pressed, firm)), errors = begun
+    paces = [own / size for own, size in zip(rate.play, sizes, strict=True)]
+    seated = _paced(mechanism, time, _whole(mechanism, now, rate, pressed), paces, firm, sizes)
+    rates = tuple(jnp.where(rest > 0, 0.0, p) for rest, p in zip(seated.rest, rate.play, strict=True))
+    # Loops that are closed by pins at rest move as they do with pins held.
+    y = jnp.where(jnp.any(seated.rest > 0), resting.y, rate.y) if loops else rate.y
+    return _whole(mechanism, now, Seats(y, rates), pressed), errors._replace(seated=seated)
+
+
+def _paced(mechanism: Mechanism, time: Scalar, y: Array, rates: list[Array], firm: tuple, sizes: list[Array]) -> Seated:
+    """Which pins can follow where they are pressed, by rates of that in units of their play."""
+    numbers, rest = eqx.partition((mechanism, time, y, rates, firm, sizes), eqx.is_array)
+    mechanism, time, y, rates, firm, sizes = eqx.combine(jax.lax.stop_gradient(numbers), rest)
+    pace = as_array([jnp.max(jnp.abs(own)) for own in rates])
+    size = jnp.concatenate(sizes)
+    inverse = play_mobility(mechanism, time, y) / (size[:, None] * size[None, :])
+    frequency = lowest_frequency(jax.scipy.linalg.block_diag(*firm), inverse)
+    return Seated(followed(pace, frequency, bool(mechanism.loops)), pace, frequency)
 
 
 def _middle(joint: ClearanceJoint) -> Array:
@@ -107,7 +132,9 @@ def _seats(joints: tuple[ClearanceJoint, ...], loads: list, begin: tuple[Array, 
     for k, (joint, (force, _)) in enumerate(zip(joints, loads, strict=True)):
         if len(begin[k]) == 2 and all(one.slides is not None for one in joint.joint.play()):
             place, pressed = joint.clearance.seat((force[0], force[1]))
-            found[k] = Seat(as_array(place), pressed, jnp.zeros(()))
+            at = as_array(place)
+            firm = jnp.where(pressed, stiffness_at(joint.clearance, at), 0.0)
+            found[k] = Seat(at, pressed, jnp.zeros(()), firm)
         else:
             alike.setdefault(jax.tree.structure(joint.clearance), []).append(k)
     for own in alike.values():

@@ -16,7 +16,7 @@ from clearance_jax.joints.fitting import Fitting, PressFit, Tolerance
 from clearance_jax.joints.guide import GuideClearance
 from clearance_jax.joints.presets import BALL, GUIDE, PIN, SHAFT, PlayNumbers, Preset, fitted, guided, shaft, socket
 from clearance_jax.joints.revolute import RevoluteClearance
-from clearance_jax.joints.seating import Load, Seat, posed, relative_at, seat
+from clearance_jax.joints.seating import Load, Seat, posed, relative_at, seat, stiffness_at
 from clearance_jax.joints.sleeve import SleeveClearance
 from clearance_jax.joints.worn import WornRevoluteClearance, worn_sleeve
 
@@ -53,5 +53,6 @@ __all__ = [
     "seat",
     "shaft",
     "socket",
+    "stiffness_at",
     "worn_sleeve",
 ]

@@ -75,12 +75,14 @@ def relative_at(play: Sequence[PlayCoordinate], values: Values) -> Relative:
 
 class Seat(NamedTuple):
     """Where a pin is at rest: its `play` [m or rad]; whether the load `presses` it at all; what is `left` of the load,
-    as a part of it, that the joint does not bear there: where it is not nearly nothing, the search found no rest.
+    as a part of it, that the joint does not bear there: where it is not nearly nothing, the search found no rest; and
+    how stiffly it is held there, `stiffness`, for play in units of its size [J] (without derivatives).
     """
 
     play: Values
     presses: Flag
     left: Scalar
+    stiffness: Array
 
 
 def seat(clearance: PreparedClearance, load: Load, start: Values) -> Seat:
@@ -94,7 +96,7 @@ def seat(clearance: PreparedClearance, load: Load, start: Values) -> Seat:
     size = as_array([one.scale for one in still[0].joint.play()])
     whole = Seating(*still, size, jnp.ones(len(size), bool), begun / size)
     search = whole._replace(counts=whole.more_than_round_off())
-    found, inverse, loose = search.rested(search.found())
+    found, inverse, loose, stiffness = search.rested(search.found())
     found = found + loose @ ((start - begun) / size)
     differentiated = search._replace(clearance=smooth, load=load)
 
@@ -105,9 +107,8 @@ def seat(clearance: PreparedClearance, load: Load, start: Values) -> Seat:
     found, left = jax.lax.fori_loop(0, 2, once, (found, jnp.zeros_like(found)))
     # What presses along a coordinate without load is a tilted pin's edge, which need not be held there.
     asked, left = (jnp.linalg.norm(jnp.where(search.counts, part, 0.0)) for part in (search.asked, left))
-    return Seat(
-        size * found, jnp.any(search.counts), jnp.where(asked > 0, left / jnp.where(asked > 0, asked, 1.0), 0.0)
-    )
+    left = jnp.where(asked > 0, left / jnp.where(asked > 0, asked, 1.0), 0.0)
+    return Seat(size * found, jnp.any(search.counts), left, 0.5 * (stiffness + stiffness.T))
 
 
 class Seating(NamedTuple):
@@ -178,9 +179,9 @@ class Seating(NamedTuple):
         begin = self.start, jnp.maximum(1.0, widest), jnp.asarray(0), whole <= 0
         return jax.lax.while_loop(lambda carry: ~carry[3] & (carry[2] < MOST), once, begin)[0]
 
-    def rested(self, x: Values) -> tuple[Values, Array, Array]:
+    def rested(self, x: Values) -> tuple[Values, Array, Array, Array]:
         """The equilibrium without springs, near that with them: of what contacts hold more firmly than springs do, the
-        rest at the start. And there the inverse of the slope, and the projection on the rest.
+        rest at the start. And there the inverse of the slope, the projection on the rest, and the slope.
         """
 
         def once(_, carry):
@@ -190,10 +191,22 @@ class Seating(NamedTuple):
             both = holds[:, None] & holds[None, :]
             held = jnp.linalg.inv(jnp.where(both, ways.T @ slope @ ways, jnp.eye(len(x))))
             inverse, loose = ways @ jnp.where(both, held, 0.0) @ ways.T, ways @ jnp.where(holds[:, None], 0.0, ways.T)
-            return x - inverse @ g - loose @ (x - self.start), inverse, loose
+            return x - inverse @ g - loose @ (x - self.start), inverse, loose, slope
 
         nothing = jnp.zeros((len(x), len(x)))
-        return jax.lax.fori_loop(0, LAST, once, (x, nothing, nothing))
+        return jax.lax.fori_loop(0, LAST, once, (x, nothing, nothing, nothing))
+
+
+def stiffness_at(clearance: PreparedClearance, place: Values) -> Array:
+    """How stiffly a joint without friction holds its pin against slides, for play in units of its size [J], without
+    derivatives.
+    """
+    play = clearance.joint.play()
+    size = as_array([one.scale for one in play])
+    nowhere = Load(ZERO, ZERO)
+    smooth = PreparedClearance(clearance.joint, clearance.normal, None)
+    held, at, size = jax.lax.stop_gradient((smooth, place, size))
+    return sloped(Seating(held, nowhere, size, jnp.zeros(len(size), bool), at).left, at / size)[1]
 
 
 def sloped(function: Callable[[Values], Values], x: Values) -> tuple[Values, Array]:

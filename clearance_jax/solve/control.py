@@ -23,9 +23,12 @@ from clearance_jax.solve.tolerances import Tolerances
 
 _EPS = float(np.finfo(np.float64).eps)
 # The motion's errors are amplified by the impacts to come, and so are kept at a tenth of rtol in each step; a
-# derivative grows through the same impacts, and its relative error does not. With this much leave, derivatives come out
-# about as accurate as the states that they belong to (`experiments/derivatives`).
-LENIENCE = 0.02
+# derivative grows through the same impacts, and its relative error does not: it may be 1 / LENIENCE times larger. A
+# solve has the error of a few such steps, and which ones is chance: over tolerances that differ by parts, the Jacobian
+# of the slider-crank scatters by a factor of ten. At 0.02 Dopri8 gave 3 to 27 rtol. A method of high order takes few
+# more steps for a smaller error, and so its leave is smaller, by REFINED for each order above PLAIN_ORDER: Dopri8's is
+# a fifth of Tsit5's, which costs it a fifth more steps (and would cost Tsit5 a third), and gives 1 to 6 rtol.
+LENIENCE, PLAIN_ORDER, REFINED = 0.02, 5.0, 5.0 ** (1 / 3)
 # The step size aimed at, over the one at which the error would be what is allowed; how much it may change at once.
 SAFETY, SHRINK, GROW = 0.85, 0.2, 2.0
 # Wherever a cut has not been enough to get clear of its switch, the next goes so many times further past it; at most.
@@ -90,7 +93,7 @@ class Means(NamedTuple):
 def judged(problem: Problem, trial: Trial, times: tuple, means: Means, control: Control) -> Verdict:
     """The verdict on a try."""
     t0, t1 = times
-    error, of_motion = scaled_error(problem, trial, means.allowed, t1)
+    error, of_motion = scaled_error(problem, trial, means, t1)
     if not (means.watch and problem.mechanism.clearance_joints()):
         return Verdict(error, jnp.zeros(jnp.shape(t1), bool), t1, jnp.zeros_like(t1))
     ends = tuple(motion(problem, x) for x in (trial.start, trial.end, trial.slope0, trial.slope1))
@@ -110,13 +113,19 @@ def judged(problem: Problem, trial: Trial, times: tuple, means: Means, control: 
     return Verdict(error, crossed & (at < t1 - pad) & (of_motion <= 1), at, pad)
 
 
-def scaled_error(problem: Problem, trial: Trial, allowed: Tolerances, time: Each) -> tuple[Each, Each]:
+def lenience(order: float) -> float:
+    """The weight of the derivatives' errors beside the motion's, by a method whose error has this order."""
+    return LENIENCE * REFINED ** max(order - PLAIN_ORDER, 0.0)
+
+
+def scaled_error(problem: Problem, trial: Trial, means: Means, time: Each) -> tuple[Each, Each]:
     """The error of a step over what is allowed, of motion and derivatives, and of the motion alone.
 
     A derivative is an error once it is wrong by a fraction of itself (impacts make it grow by orders of magnitude), not
     of the motion; `floor` says from which size on.
     """
     y0, y1, error, axis = trial.start, trial.end, trial.error, component_axis(time)
+    allowed = means.allowed
     controlled = jnp.isfinite(allowed.absolute)
     scale = jnp.where(controlled, allowed.absolute, 1.0)
     count = jnp.maximum(jnp.sum(controlled, axis=axis), 1)
@@ -133,7 +142,7 @@ def scaled_error(problem: Problem, trial: Trial, allowed: Tolerances, time: Each
         columns = jnp.maximum(rms(y0[1:] / unit[None]), rms(y1[1:] / unit[None]))
         # Shared: the reduction that follows goes through them lane by lane.
         derivatives = shared(rms(error[1:] / scale[None]) / (allowed.floor + columns))
-        scaled = jnp.maximum(scaled, LENIENCE * jnp.max(derivatives, axis=0))
+        scaled = jnp.maximum(scaled, lenience(means.order) * jnp.max(derivatives, axis=0))
     fine = jnp.isfinite(scaled) & jnp.all(jnp.isfinite(y1), axis=tuple(range(y1.ndim - jnp.ndim(time))))
     return jnp.where(fine, scaled, jnp.inf), jnp.where(fine, of_motion, jnp.inf)
 

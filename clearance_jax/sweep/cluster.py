@@ -26,7 +26,7 @@ from clearance_jax.sweep.pace import Pace, Tell
 from clearance_jax.sweep.pilot import chosen, keep, timed
 from clearance_jax.sweep.plan import SweepPlan
 from clearance_jax.sweep.question import Lanes, Question, failed
-from clearance_jax.sweep.store import Regions, Store, known
+from clearance_jax.sweep.store import HANDED_OUT, Regions, Store, known
 from clearance_jax.sweep.widen import before_of
 
 # As a cluster: workers on this machine, for a trial.
@@ -165,7 +165,7 @@ def _handed_out(store: Store, question: Question) -> Iterator[str]:
     """A question where workers find it, in a file of the store with this name."""
     import cloudpickle
 
-    place = store.path / f"question.{uuid.uuid4().hex}"
+    place = store.path / f"{HANDED_OUT}{uuid.uuid4().hex}"
     try:
         place.write_bytes(cloudpickle.dumps(question))
         yield place.name

@@ -331,8 +331,11 @@ def _kinds(
             shape, unit = (*of.shape, len(function.wrt)), f"({of.unit or '1'})/({by or '1'})"
             kinds[_slope(name)] = Kind((*of.dims, "parameter"), shape, "f8", unit, f"derivatives of {name}")
     taken = {*(name for dimension in dims for name in (dimension.name, *dimension.columns)), *coordinates, *ENDINGS}
+    taken |= {dim for kind in kinds.values() for dim in kind.dims}
     for name in (*outputs, *(_slope(name) for name in function.differentiated)):
-        if name in taken or (name in outputs and not str(name).isprintable()) or "/" in str(name):
+        if not isinstance(name, str) or not name.isprintable() or "/" in name or not name.strip("."):
+            raise ClearanceError(f"An output cannot be called {quoted(name)}: it must be a word. Choose another.")
+        if name in taken:
             raise ClearanceError(f"An output cannot be called {quoted(name)}: the name is taken. Choose another.")
         taken.add(name)
     return kinds, coordinates

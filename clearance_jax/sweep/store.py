@@ -19,11 +19,12 @@ import numpy as np
 
 from clearance_jax.errors import ClearanceError
 from clearance_jax.extras import lacking
+from clearance_jax.identity import fingerprint
 from clearance_jax.results.store import open_sweep
 from clearance_jax.solve.codes import Result
 from clearance_jax.sweep.answers import AbstractAnswers, Values
 from clearance_jax.sweep.assemble import attributes, coordinates, counts, ended
-from clearance_jax.sweep.identity import description, fingerprint
+from clearance_jax.sweep.identity import description
 from clearance_jax.sweep.journal import Journal
 from clearance_jax.sweep.layout import Partition, partition
 from clearance_jax.sweep.lock import Lock
@@ -33,6 +34,9 @@ from clearance_jax.sweep.underway import Underway
 JOURNAL, LOCK, UNDERWAY = "journal.jsonl", "writer.lock", "underway"
 # What zarr calls the file in which a group says of itself and, by us, of its arrays all that readers must know.
 ROOT = "zarr.json"
+# Beside these, while a cluster answers it, the question in a file whose name begins so.
+HANDED_OUT = "question."
+OWN_FILES = JOURNAL, LOCK, UNDERWAY, ROOT
 # What a store says of its layout, among its attributes.
 CHUNK, DESCRIBED, VARIABLES = "region", "question", "variables"
 

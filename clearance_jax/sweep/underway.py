@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Int
 
+# A row has the lane's place in its region, and the variables by their order: they may be called anything.
 PLACE = "place"
 # How long lanes may wait until they are written [s].
 PATIENCE = 1.0
@@ -28,7 +29,8 @@ class Underway:
 
     def __init__(self, folder: Path, kinds: Mapping[str, tuple[np.dtype, tuple[int, ...]]]):
         self._folder, self._names = folder, list(kinds)
-        self._row = np.dtype([(PLACE, "<i8"), *((name, dtype, shape) for name, (dtype, shape) in kinds.items())])
+        columns = ((str(i), dtype, shape) for i, (dtype, shape) in enumerate(kinds.values()))
+        self._row = np.dtype([(PLACE, "<i8"), *columns])
         # A process that comes later, or does the same region elsewhere, has files of its own.
         self._own = uuid.uuid4().hex
         self._waiting: dict[int, list[np.ndarray]] = {}
@@ -41,8 +43,8 @@ class Underway:
         """
         rows = np.zeros(len(places), self._row)
         rows[PLACE] = places
-        for name in self._names:
-            rows[name] = values[name]
+        for i, name in enumerate(self._names):
+            rows[str(i)] = values[name]
         with self._turn:
             self._waiting.setdefault(region, []).append(rows)
         if time.monotonic() - self._written >= PATIENCE:
@@ -68,8 +70,8 @@ class Underway:
     def fill(self, region: int, values: Mapping[str, np.ndarray]) -> None:
         """Put what has been kept of a region among its lanes' values."""
         for rows in self._blocks(region):
-            for name in self._names:
-                values[name][rows[PLACE]] = rows[name]
+            for i, name in enumerate(self._names):
+                values[name][rows[PLACE]] = rows[str(i)]
 
     def regions(self) -> list[int]:
         """The regions of which something has been kept."""

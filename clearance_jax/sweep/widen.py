@@ -9,13 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from clearance_jax.errors import ClearanceError
-from clearance_jax.sweep.identity import AXIS, description, differences
+from clearance_jax.errors import ClearanceError, quoted
+from clearance_jax.identity import VERSIONS, differences, refusal
+from clearance_jax.sweep.assemble import coordinates
+from clearance_jax.sweep.identity import AXIS, description, labels
 from clearance_jax.sweep.layout import LEAST
 from clearance_jax.sweep.lock import Lock
 from clearance_jax.sweep.question import Lanes, Question
-from clearance_jax.sweep.store import LOCK, Regions, Store, create, remade
+from clearance_jax.sweep.store import HANDED_OUT, LOCK, OWN_FILES, Regions, Store, create, remade
 
+# The longest name of a folder, with some room for what is made beside it.
+LONGEST_NAME = 200
 # By how much numbers differ, over their size, that are meant to be the same.
 ROUND_OFF = 1e-14
 
@@ -26,9 +30,11 @@ def open_store(
     """The store at a path, for this question.
 
     **Raises:** `ClearanceError` where there is one already and `resume` is off, where it belongs to another question
-    (with the difference), where another process writes it, and where nothing can be written.
+    (with the difference), where another process writes it, where nothing can be written, and for names of outputs and
+    axes that no array of a store can have.
     """
     path = Path(path)
+    _check_names(question)
     narrower = _narrower(path)
     try:
         if path.exists() and not resume:
@@ -51,6 +57,23 @@ def open_store(
         raise ClearanceError(f"Cannot write `{path}`: {error.strerror or error}. Choose another path.") from error
 
 
+def _check_names(question: Question) -> None:
+    """Raise for a name that the folder of an array cannot have: the store has a file of that name, or zarr or the disk
+    refuses it.
+    """
+    for name in (*(found[0] for found in coordinates(question)), *question.kinds):
+        low = name.casefold()
+        if low in OWN_FILES or low.startswith(HANDED_OUT) or low.startswith("__"):
+            why = "a store has something of its own of that name"
+        elif not name.strip(".") or "/" in name or "\\" in name or not name.isprintable():
+            why = "no folder has such a name"
+        elif len(name.encode()) > LONGEST_NAME:
+            why = f"it is longer than {LONGEST_NAME} bytes"
+        else:
+            continue
+        raise ClearanceError(f"{quoted(name)} cannot be the name of an output or axis in a store: {why}. Rename it.")
+
+
 def _regions_of(path: Path, question: Question, provenance: Mapping[str, Any]) -> Regions:
     """The regions of the store at a path, which is mended where it does not say what it is."""
     try:
@@ -64,15 +87,18 @@ def _regions_of(path: Path, question: Question, provenance: Mapping[str, Any]) -
 def _differs(path: Path, narrower: Path, question: Question) -> bool:
     """Whether the store at a path is that of a narrower question. **Raises** `ClearanceError` where it is another's."""
     old, new = Regions(path), description(question)
-    found = differences(old.described, new)
+    found = differences(old.described, new, "in the store")
     if not found:
         return False
-    places = _places(old, question)
-    # What the store does not know belongs to labels that are new.
-    others = [words for name, words in found.items() if not name.startswith(AXIS) and name in old.described]
-    if others or places is None or any(name not in old.described for name in found if name.startswith(AXIS)):
-        said = "; ".join(others or found.values())
-        raise ClearanceError(f"`{path}` belongs to another question: {said}. Choose another path.")
+    grown = {name: words for name, words in found.items() if name.startswith(AXIS) and name in old.described}
+    # What the store does not know may belong to a model that is new along a `Choice`; all else is another question.
+    own = tuple(label for label in labels(question) if label)
+    more = {name for name in found if name not in old.described and name not in VERSIONS and name.endswith(own)}
+    others = {name: words for name, words in found.items() if name not in grown and name not in more}
+    if others or _places(old, question) is None:
+        raise ClearanceError(
+            refusal(path, others or found, "belongs to another question", "Begin a new store at another path")
+        )
     if narrower.exists():
         raise ClearanceError(f"`{path}` is being widened already: finish that with its own axes, and then go on.")
     return True

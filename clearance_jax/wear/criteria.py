@@ -129,6 +129,11 @@ class Of(AbstractCriterion):
         return jnp.asarray(self.function(clearance.clearance.profile), float)
 
 
+def criterion_of(until: Any) -> AbstractCriterion | None:
+    """What ends a life, as it may be given: a criterion, a function of the profile, or nothing."""
+    return until if until is None or isinstance(until, AbstractCriterion) else Of(function=until)
+
+
 def end_slopes(criterion: AbstractCriterion, wearing: Wearing, names: tuple[str, ...], stack: Array) -> Array:
     """Derivatives of the cycle at which a criterion is reached by the named numbers, shape (names,).
 

@@ -4,18 +4,18 @@ Whoever goes on with it must ask the same; what differs is said by name.
 """
 
 import json
+import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import jax
-
 from clearance_jax.errors import ClearanceError
+from clearance_jax.identity import differences, kept, numbers, refusal, settings, versions
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.sweep.identity import differences, kept, numbers
 from clearance_jax.sweep.lock import Lock
+from clearance_jax.wear.criteria import AbstractCriterion
+from clearance_jax.wear.journal import JournalWarning
 from clearance_jax.wear.laws import AbstractWearLaw
 from clearance_jax.wear.pressure import AbstractPressure
 
@@ -23,13 +23,16 @@ ASKED, BLOCKS, LOCK = "asked.json", "blocks.jsonl", "lock"
 
 
 def described(
-    mechanism: Mechanism, law: AbstractWearLaw, pressure: AbstractPressure, until: Any = None, **rest: Any
+    mechanism: Mechanism,
+    law: AbstractWearLaw,
+    pressure: AbstractPressure,
+    until: AbstractCriterion | None = None,
+    **rest: Any,
 ) -> dict[str, Any]:
-    """What makes another life, by names, each a number or a short text."""
+    """What makes another life, by names, each a number or a short text; `rest`: its other arguments."""
     models = {"law of wear": law, "pressure": pressure, "until": until}
-    own = {f"{name} ({what})": v for what, m in models.items() if m is not None for name, v in numbers(m).items()}
-    versions = {"clearance_jax": version("clearance-jax"), "jax": jax.__version__}
-    return kept({**versions, **numbers(mechanism), **own, **rest})
+    own = [numbers(model, f" ({what})") for what, model in models.items() if model is not None]
+    return kept({**versions(), **numbers(mechanism), **{k: v for one in own for k, v in one.items()}, **settings(rest)})
 
 
 @contextmanager
@@ -60,16 +63,20 @@ def _check(path: Path, asked: Mapping[str, Any]) -> None:
         if (path.parent / BLOCKS).exists():
             raise ClearanceError(f"`{path.parent}` has blocks of wear, but not what was asked. Choose another path.")
         partial = path.with_suffix(".partial")
-        partial.write_text(json.dumps(asked, indent=1))
-        partial.replace(path)
+        try:
+            partial.write_text(json.dumps(asked, indent=1))
+            partial.replace(path)
+        except OSError as error:
+            raise ClearanceError(f"Cannot write `{path}`: {error.strerror}. Choose another path.") from None
         return
     try:
         before = json.loads(path.read_text())
-    except (OSError, ValueError) as error:
-        raise ClearanceError(f"Cannot read `{path}`: {error}. Choose another folder.") from None
-    found = list(differences(before, asked, "there").values())
+        found = differences(before, asked, "there")
+    except OSError as error:
+        raise ClearanceError(f"Cannot read `{path}`: {error.strerror}. Choose another folder.") from None
+    except (ValueError, TypeError):
+        said = f"`{path}` is damaged: each journal beside it is compared by itself."
+        warnings.warn(said, JournalWarning, stacklevel=2)
+        return
     if found:
-        more = f"; and {len(found) - 3} more" if len(found) > 3 else ""
-        raise ClearanceError(
-            f"`{path.parent}` keeps another life: {'; '.join(found[:3])}{more}. Choose another folder, or delete it."
-        )
+        raise ClearanceError(refusal(path.parent, found, "keeps another life", "Choose another folder, or delete it"))

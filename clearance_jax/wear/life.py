@@ -11,6 +11,7 @@ themselves. (An integral's h + 2 A f(h1) is off by half of what a cycle's wear c
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NamedTuple, Unpack
 
@@ -20,12 +21,14 @@ import scipy.optimize
 from jaxtyping import Float
 
 from clearance_jax.errors import ClearanceError, WornOut
+from clearance_jax.identity import numbers, versions
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import values_of
 from clearance_jax.solve.settings import SolveOptions
-from clearance_jax.sweep.journal import Journal
 from clearance_jax.units import shown
-from clearance_jax.wear.criteria import AbstractCriterion, Of, end_slopes
+from clearance_jax.wear.criteria import AbstractCriterion, criterion_of, end_slopes
+from clearance_jax.wear.folder import described
+from clearance_jax.wear.journal import LifeJournal
 from clearance_jax.wear.laws import AbstractWearLaw
 from clearance_jax.wear.pressure import AbstractPressure
 from clearance_jax.wear.wearing import Wearing
@@ -118,36 +121,40 @@ def march(
       derivative); `longest`: the most cycles of a jump (1: every cycle is computed).
     - `until`: of a profile; what is reached where it is no longer below 0: life ends there, between blocks by
       interpolation. It is asked at the ends of blocks.
-    - `journal`: a file that keeps every block, from which a march that was killed goes on to the same answer.
+    - `journal`: a file that keeps every block, from which a march that was killed goes on to the same answer. Functions
+      are compared by what they do and keep: one that counts its calls is another one each time.
     - `progress`: called with the part of the cycles that is done.
 
     **Raises:** `ClearanceError` for a rate that is negative or not finite, an `until` that is not finite, and for a
-    journal of something else.
+    journal of another question, in words, or that cannot be read, written, or is being written.
     """
-    return _life(_march(rate, depth, cycles, tolerance, longest, until, journal, progress))
+    asked = {} if journal is None else versions() | numbers(rate, " (rate)") | numbers(until, " (until)")
+    return _life(_march(rate, depth, cycles, tolerance, longest, until, journal, progress, asked))
 
 
-def _march(rate, depth, cycles, tolerance, longest, until, journal, progress) -> list[Block]:
-    """The blocks."""
+def _march(rate, depth, cycles, tolerance, longest, until, journal, progress, question) -> list[Block]:
+    """The blocks; the `question` is what a journal compares beside the march's own numbers."""
     if cycles < 1:
         raise ClearanceError(f"`cycles` must be at least 1, but it is {cycles}.")
     first = Block(0, 1, np.asarray(depth, float).tolist(), 0)
     stack = np.asarray(first.depth)
     asked = {"sectors": stack.shape[-1], "cycles": cycles, "tolerance": tolerance, "longest": longest}
-    kept = None if journal is None else Journal(journal)
-    resumed = () if kept is None else _resumed(kept, asked, first)
-    if until is not None:
-        beyond = _beyond(until, stack, 0)
-        first = first._replace(beyond=beyond)
-        if not beyond < 0:
-            return [first._replace(end=0.0)]
-    blocks = [first, *resumed]
-    while blocks[-1].cycles < cycles and blocks[-1].end is None:
-        blocks.append(_block(rate, blocks[-1], cycles, tolerance, longest, until))
+    with ExitStack() as held:
+        kept = None if journal is None else LifeJournal(journal, {**question, **asked}, first.depth)
         if kept is not None:
-            kept.add(**blocks[-1]._asdict())
-        if progress is not None:
-            progress(blocks[-1].cycles / cycles)
+            held.callback(kept.release)
+        if until is not None:
+            beyond = _beyond(until, stack, 0)
+            first = first._replace(beyond=beyond)
+            if not beyond < 0:
+                return [first._replace(end=0.0)]
+        blocks = [first, *(Block(**record) for record in (() if kept is None else kept.records))]
+        while blocks[-1].cycles < cycles and blocks[-1].end is None:
+            blocks.append(_block(rate, blocks[-1], cycles, tolerance, longest, until))
+            if kept is not None:
+                kept.add(blocks[-1]._asdict())
+            if progress is not None:
+                progress(blocks[-1].cycles / cycles)
     return blocks
 
 
@@ -231,17 +238,6 @@ def _checked(worn: Any, cycles: int) -> Profile:
     return worn
 
 
-def _resumed(journal: Journal, asked: dict, first: Block) -> list[Block]:
-    """The blocks of a journal, whose first record says what was asked and from where it began."""
-    records, head = journal.read(), {**asked, "begin": first.depth}
-    if not records:
-        journal.add(**head)
-        return []
-    if records[0] != head:
-        raise ClearanceError(f"`{journal.path}` is the journal of another wear: name another file, or delete this one.")
-    return [Block(**record) for record in records[1:]]
-
-
 def life(
     mechanism: Mechanism,
     joint: str,
@@ -273,7 +269,7 @@ def life(
     that has none, and where a cycle wears off too much to be taken at one profile (`Wearing.cycle_wears`).
     """
     wearing, names = Wearing(law, pressure, joint, cycle, mechanism), tuple(by)
-    criterion = until if until is None or isinstance(until, AbstractCriterion) else Of(function=until)
+    criterion = criterion_of(until)
     values_of(wearing, names)  # an unknown name raises here
     if names and criterion is not None and not criterion.has_derivatives:
         raise ClearanceError(
@@ -290,7 +286,10 @@ def life(
         assert criterion is not None
         return float(criterion.beyond(wearing.at(depth), joint))
 
-    blocks = _march(rate, stack, cycles, tolerance, longest, None if criterion is None else beyond, journal, progress)
+    how = {"joint": joint, "cycle": float(wearing.cycle), "by": list(names), **options}
+    asked = {} if journal is None else described(mechanism, law, pressure, criterion, **how)
+    ends = None if criterion is None else beyond
+    blocks = _march(rate, stack, cycles, tolerance, longest, ends, journal, progress, asked)
     found = _life(blocks)._replace(names=names, until=criterion)
     if not names or criterion is None or blocks[-1].ending is None:
         return found

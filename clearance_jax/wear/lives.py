@@ -18,7 +18,7 @@ from clearance_jax.solve.batch import cores_here
 from clearance_jax.solve.settings import SolveOptions
 from clearance_jax.sweep.axes import Sampled
 from clearance_jax.units import shown
-from clearance_jax.wear.criteria import AbstractCriterion
+from clearance_jax.wear.criteria import AbstractCriterion, criterion_of
 from clearance_jax.wear.folder import described, folder
 from clearance_jax.wear.laws import AbstractWearLaw
 from clearance_jax.wear.life import Profile, life
@@ -134,9 +134,8 @@ def lives(
         check_values(row)
     rest = {"sectors": sectors, "cycle": float(wearing.cycle), "cycles": cycles, "tolerance": tolerance}
     rest |= {"longest": longest, **{name: column.tolist() for name, column in columns.items()}}
-    rest |= {name: str(option) for name, option in options.items()}
-    criterion = until if isinstance(until, AbstractCriterion) else None
-    asked = {} if journal is None else described(mechanism, law, pressure, criterion, **rest)
+    how = {"joint": joint, **rest, **options}
+    asked = {} if journal is None else described(mechanism, law, pressure, criterion_of(until), **how)
     kept = nullcontext() if journal is None else folder(journal, asked, resume=True)
 
     def one(i: int, place: Path | None):

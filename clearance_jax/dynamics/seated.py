@@ -1,0 +1,145 @@
+"""The frequencies of a seated pose: how fast pins swing about where they are pressed, and which motions they follow.
+
+A pin that is pressed at its wall is held by the contact's stiffness K; along the wall that is about force over
+clearance, and about nothing where nothing presses. With the mass M that the play coordinates p move, small motions
+about the pose obey p'' = A (p - p0) with A = -M^-1 K: its frequencies are the roots of the eigenvalues of -A.
+
+The place at which the load presses a pin moves as the load does. A pin follows it only where it moves slowly against
+the lowest of these frequencies: a driven oscillator follows quasi-statically far below resonance only.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from clearance_jax._types import Scalar
+from clearance_jax.dynamics.conditions import conditions
+from clearance_jax.dynamics.constraint import constraint
+from clearance_jax.dynamics.field import slope
+from clearance_jax.dynamics.inertia import mass_matrix
+from clearance_jax.dynamics.kinematics import frames, relative_motions
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.state import layout, moved, parts
+from clearance_jax.spatial import as_array, dot, minus, plus
+
+# A direction with less than this part of the largest stiffness is held by round-off.
+LOOSE = 1e-12
+Square = Float[Array, "play play"]
+
+
+class Seated(NamedTuple):
+    """How pins begin that are to start settled: which joints `rest` (1: at relative rest in their sleeves, because
+    where they are pressed moves too fast to be followed; 0: they ride along); the `pace` of that place in each, by the
+    size of its play [1/s]; and the lowest `frequency` of the pose [Hz].
+    """
+
+    rest: Float[Array, " joints"]
+    pace: Float[Array, " joints"]
+    frequency: Scalar
+
+    @classmethod
+    def nothing(cls) -> "Seated":
+        """Of a start that is not settled."""
+        return cls(jnp.zeros(0), jnp.zeros(0), jnp.zeros(()))
+
+
+def followed(pace: Float[Array, " joints"], frequency: Scalar, together: bool) -> Float[Array, " joints"]:
+    """Which joints rest (1) and which ride along (0): a joint rides whose place of rest, at its pace, takes longer to
+    cross the play than the slowest motion about the pose takes for a radian. `together`: if one rests, all do.
+    """
+    rest = pace > 2 * jnp.pi * frequency
+    return jnp.where(jnp.any(rest) if together else rest, jnp.ones(len(pace)), 0.0)
+
+
+def seated_frequency(mechanism: Mechanism, time: Scalar, y: Array) -> Scalar:
+    """The lowest frequency of a seated pose [Hz]: the root of the least eigenvalue of -A over 2 pi, where A is the
+    derivative of the play coordinates' accelerations by the play coordinates, with everything else that the mechanism
+    has (weight, springs, its own motion). 0 where the pose is not stable. A coordinate that nothing holds is one, too.
+
+    **Arguments:** a prepared mechanism with play; `time` [s]; `y`: the state `[q, v, memory]`, its pins at their walls.
+    """
+    plan = layout(mechanism)
+    state, ways = plan.split(y), _ways(mechanism, time, y)
+    held = _closing_rows(mechanism, time, y)
+    moves = jnp.linalg.pinv(jnp.concatenate([ways, held]))[:, : len(ways)]
+
+    def accelerations(change):
+        q = as_array(moved(mechanism, state.q, list(moves @ change)))
+        return ways @ slope(time, y.at[plan.q].set(q), mechanism)[plan.v]
+
+    stiff = -jax.jacfwd(accelerations)(jnp.zeros(len(ways)))
+    inverse = play_mobility(mechanism, time, y)
+    # -A M^-1 = M^-1 K M^-1 is symmetric, and so is what the Cholesky factors of M^-1 make of it.
+    lower = jnp.linalg.cholesky(inverse)
+    whole = jnp.linalg.solve(lower, jnp.linalg.solve(lower, stiff @ inverse).T)
+    return _frequency(jnp.linalg.eigvalsh(0.5 * (whole + whole.T))[0])
+
+
+def lowest_frequency(stiffness: Square, inverse: Square) -> Scalar:
+    """The lowest frequency [Hz] of contacts of a stiffness [J, for play in units of its size] on masses of which this
+    is the `inverse`, of all directions that contacts hold at all: one without stiffness, as axial play under no axial
+    load, has no place that it could be late for. 0 where a stiffness is negative. (What weight adds is left out: it is
+    a pendulum's, the square of 2 pi f is off by gravity over a length of the mechanism.)
+    """
+    values, ways = jnp.linalg.eigh(stiffness)
+    loose = jnp.sum(jnp.abs(values) <= LOOSE * jnp.max(jnp.abs(values)))
+    root = (ways * jnp.sqrt(jnp.maximum(values, 0.0))[None, :]) @ ways.T
+    # What nothing holds comes first, with zeros.
+    squares = jnp.linalg.eigvalsh(root @ inverse @ root)
+    return _frequency(squares[jnp.minimum(loose, len(squares) - 1)])
+
+
+def _frequency(square: Scalar) -> Scalar:
+    return jnp.sqrt(jnp.maximum(square, 0.0)) / (2 * jnp.pi)
+
+
+def play_mobility(mechanism: Mechanism, time: Scalar, y: Array) -> Square:
+    """The accelerations of the play coordinates by forces along them, M^-1, with ideal loops closed: [1/kg] for slides,
+    [1/(kg m^2)] for turns.
+    """
+    at, plan = mechanism.at(time), layout(mechanism)
+    motion = frames(at, time, plan.split(y))
+    inertia, loops, ways = mass_matrix(at, motion), at.closures(), _ways(mechanism, time, y)
+    every = [condition for loop in loops for condition in conditions(loop, motion, plan.free)]
+    asked = constraint(inertia, every, at) if every else None
+
+    def accelerations(force):
+        free = inertia.solve([force[i] for i in range(plan.free)])
+        if asked is not None:
+            change, _ = asked.closing([minus(0.0, now.reached(free)) for now in every])
+            free = [plus(a, b) for a, b in zip(free, change, strict=True)]
+        return ways @ as_array(free)
+
+    return jax.vmap(accelerations)(ways)
+
+
+def _ways(mechanism: Mechanism, time: Scalar, y: Array) -> Float[Array, "play free"]:
+    """The rates of the play coordinates by the free velocities: of joints in the tree these are among them."""
+    plan, joints = layout(mechanism), mechanism.clearance_joints()
+    if all(joint.in_tree for joint in joints):
+        places = {part.coordinate.name: part.v.start for part in parts(mechanism)}
+        own = [places[joint.name + one.suffix] for joint in joints for one in joint.joint.play()]
+        return jnp.asarray(np.eye(plan.free)[own])
+
+    def rates(v):
+        found = relative_motions(time, y.at[plan.v].set(v), mechanism)
+        out = []
+        for joint, now in zip(joints, found, strict=True):
+            for one in joint.joint.play():
+                # Slides come first, and turns are small: the sleeve's axes are those of the play.
+                along = dot(now.spin, one.turns) if one.slides is None else dot(now.velocity, one.slides)
+                out.append(along)
+        return as_array(out)
+
+    return jax.jacfwd(rates)(jnp.zeros(plan.free))
+
+
+def _closing_rows(mechanism: Mechanism, time: Scalar, y: Array) -> Float[Array, "conditions free"]:
+    """The conditions of ideal loops, by the free velocities."""
+    at, plan = mechanism.at(time), layout(mechanism)
+    motion = frames(at, time, plan.split(y))
+    rows = [now.row for loop in at.closures() for now in conditions(loop, motion, plan.free)]
+    return jnp.stack([as_array(row) for row in rows]) if rows else jnp.zeros((0, plan.free))
