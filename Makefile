@@ -51,5 +51,6 @@ pictures: .venv/installed
 notebooks: .venv/installed
 	$(BIN)/python docs/execute.py
 
+# Compiled programs stay: the next clone needs them. `rm -r ~/.cache/clearance_jax` removes them.
 clean:
-	rm -rf .venv out .jax_cache
+	rm -rf .venv out

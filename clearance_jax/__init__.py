@@ -8,6 +8,7 @@ import sys
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
+from clearance_jax._version import __version__ as __version__
 from clearance_jax.errors import ClearanceError, suggest
 
 if TYPE_CHECKING:

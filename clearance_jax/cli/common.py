@@ -20,7 +20,7 @@ from clearance_jax.errors import ClearanceError, quoted
 
 console, errors = Console(), Console(stderr=True)
 
-SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="A scene file (TOML), or a robot's URDF file.")]
+SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="A scene file (TOML with units), or a robot (URDF).")]
 Settings = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="NAME=VALUE", help="Replace one parameter, e.g. joint5.radial_clearance=0.2mm."),

@@ -1,12 +1,13 @@
 """The command `clearance`. Every error is one sentence and exit code 2."""
 
 import sys
-from typing import Any, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
 
+from clearance_jax._version import __version__
 from clearance_jax.cli.animate import animate
-from clearance_jax.cli.common import errors
+from clearance_jax.cli.common import console, errors
 from clearance_jax.cli.info import info
 from clearance_jax.cli.optimize import optimize
 from clearance_jax.cli.plot import plot
@@ -17,7 +18,6 @@ from clearance_jax.errors import LONGEST, ClearanceError, cut
 
 app = typer.Typer(
     no_args_is_help=True,
-    add_completion=False,
     rich_markup_mode="rich",
     help="Mechanisms and robots with clearance joints.\n\n"
     "[bold]Examples[/bold]\n\n"
@@ -29,8 +29,26 @@ app = typer.Typer(
     "clearance animate out.nc -o out.gif --magnify joint5\n\n"
     "clearance optimize optimize/studies/slider_crank.toml --report out.html\n\n"
     "clearance sweep experiments/sweeps/slider_crank.toml -o out.zarr --plot pictures\n\n"
-    "clearance wear experiments/wear/swinging_arm.toml -o out.nc --plot out.png",
+    "clearance simulate experiments/scenes/six_axes.urdf --clearance axis_5:radial=0.05mm,length=40mm\n\n"
+    "clearance wear experiments/wear/disc.toml -o out.nc --plot out.png",
 )
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        console.print(f"clearance {__version__}", highlight=False)
+        raise typer.Exit
+
+
+@app.callback()
+def about(
+    _: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and end.")
+    ] = False,
+) -> None:
+    """What stands before any command."""
+
+
 for command in (simulate, info, plot, animate, optimize, sweep, wear):
     app.command()(command)
 

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 from importlib.metadata import version
 from typing import Any, NamedTuple
 
+from clearance_jax._version import __version__
 from clearance_jax.design.answer import Design
 from clearance_jax.design.certificate import Certificate
 from clearance_jax.design.drawing import JointDrawing, joint_drawings
@@ -67,7 +68,7 @@ class Findings(NamedTuple):
 
 def known(design: Design, certificate: Certificate | None = None) -> Findings:
     """What can be said without another solve."""
-    software = f"clearance_jax {version('clearance-jax')}, jax {version('jax')}, Python {platform.python_version()}"
+    software = f"clearance_jax {__version__}, jax {version('jax')}, Python {platform.python_version()}"
     return Findings(
         design,
         certificate,

@@ -15,8 +15,7 @@ _TOKEN = re.compile(
 )
 
 
-# Characters that an expression may have (some 500 steps). What is longer is a table, and makes programs that compile
-# for minutes.
+# Characters that an expression may have, which are some 500 steps. A motion of more steps is a table of values.
 LONGEST = 20_000
 
 
@@ -35,8 +34,8 @@ def read_expression(text: str) -> AbstractDrive:
     """
     if len(text) > LONGEST:
         raise ClearanceError(
-            f"A drive expression must have at most {LONGEST} characters, but this one has {len(text)}. Give a motion "
-            'of so many steps as a table of times and values: `drive = { type = "spline", file = "motion.csv", ... }`.'
+            f"A drive expression must have at most {LONGEST} characters, but this one has {len(text)}. Give such a "
+            'motion as a table of times and values: `drive = { type = "spline", file = "motion.csv", ... }`.'
         )
     return _Reader(text).drive()
 

@@ -11,12 +11,11 @@ from matplotlib.figure import Figure
 
 from clearance_jax.errors import ClearanceError
 from clearance_jax.report.curves import flights
+from clearance_jax.report.legends import legend_below
 from clearance_jax.report.panels import Panel, curve, of_points, panels, time_axis
 from clearance_jax.results.bearing import number, outline, worn_depth
 from clearance_jax.results.first_fall import seconds
 
-# Of the height of a curve, with the room for a legend above it.
-LEGEND_ROOM = 1.15
 ECCENTRICITY = "pin from sleeve centre (dashed: clearance)"
 STATES = (("free", "tab:blue"), ("contact", "tab:green"), ("impact", "tab:red"))
 
@@ -72,7 +71,7 @@ def _eccentricity(axis, dataset: xr.Dataset) -> None:
             axis.axhline(float(clearance) * 1e3, color=colour, ls="--", lw=0.8, alpha=0.7)
     axis.set(ylabel="eccentricity, mm")
     if dataset.sizes["joint"] > 1:
-        axis.legend()
+        legend_below(axis, fontsize=8)
 
 
 def _force(axis, dataset: xr.Dataset) -> None:
@@ -93,9 +92,7 @@ def _force(axis, dataset: xr.Dataset) -> None:
             )
     axis.set(ylabel="normal force, N", ylim=(0, None))
     _fit_peaks(axis, dataset)
-    # Above all that is drawn: peaks stand wherever a legend might.
-    axis.set_ylim(0, LEGEND_ROOM * axis.get_ylim()[1])
-    axis.legend(loc="upper center", ncols=3)
+    legend_below(axis, fontsize=8)
 
 
 def _fit_peaks(axis, dataset: xr.Dataset) -> None:
@@ -114,6 +111,7 @@ def _fit_peaks(axis, dataset: xr.Dataset) -> None:
             ha="center",
             va="top",
             fontsize=8,
+            bbox={"fc": "white", "ec": "none", "alpha": 0.8, "pad": 1.5},
         )
 
 
@@ -137,7 +135,7 @@ def pin_path(axis, dataset: xr.Dataset, joint: str) -> None:
         axis.plot(*1e6 * outline(dataset, joint), "k--", lw=0.8, label=label)
     axis.set_aspect("equal", adjustable="box")
     axis.set(xlabel="e_x, µm", ylabel="e_y, µm", title=f"pin centre in the sleeve of {joint}")
-    axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncol=2, fontsize=8)
+    legend_below(axis, 2, fontsize=8)
 
 
 def _path(here: xr.Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from clearance_jax.report.curves import envelope
+from clearance_jax.report.legends import legend_below
 
 # Ticks of a time axis at most; columns of a picture in which a curve is no longer told from its envelope.
 TICKS, COLUMNS = 6, 500
@@ -75,7 +76,7 @@ def of_points(dataset: xr.Dataset) -> list[Panel]:
 
 def _listed(dataset: xr.Dataset) -> str:
     names = [str(name) for name in dataset["point"].values]
-    return ", ".join(names) if len(names) <= 3 else f"{len(names)} points"
+    return names[0] if len(names) == 1 else f"{len(names)} points"  # a legend names them
 
 
 def _of_each_unit(dataset: xr.Dataset, variable: str, dim: str, titles: dict[str, str]) -> list[Panel]:
@@ -106,7 +107,7 @@ def _curves(axis: Any, dataset: xr.Dataset, names: list[str], values: Callable[[
     for name in names:
         curve(axis, factor * dataset["time"].values, values(name), name)
     if 1 < len(names) <= MOST_NAMED:
-        axis.legend(fontsize=7, ncols=2)
+        legend_below(axis, fontsize=7)
 
 
 def _projection(dataset: xr.Dataset) -> str | None:
@@ -126,13 +127,14 @@ def _path(axis: Any, dataset: xr.Dataset) -> None:
         axis.set_zlabel("z, m")
         _cube(axis, dataset["position"].values.reshape(-1, 3))
     if 1 < dataset.sizes["point"] <= MOST_NAMED:
-        axis.legend(fontsize=7)
+        legend_below(axis, fontsize=7)
 
 
 def _cube(axis: Any, places: np.ndarray) -> None:
     """The same scale along all three axes, about what is shown."""
     least, greatest = np.nanmin(places, 0), np.nanmax(places, 0)
-    half = 0.55 * max(float(np.max(greatest - least)), 1e-9)
+    # What stands still has a cube too, of a size that needs no powers of ten beside its numbers.
+    half = 0.55 * max(float(np.max(greatest - least)), 0.02 * float(np.nanmax(np.abs(places))), 1e-9)
     for k, name in enumerate("xyz"):
         middle = float(least[k] + greatest[k]) / 2
         getattr(axis, f"set_{name}lim")(middle - half, middle + half)

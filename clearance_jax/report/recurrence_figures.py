@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from clearance_jax.errors import ClearanceError
+from clearance_jax.report.legends import legend_below
 from clearance_jax.report.sweep_axes import (
     CODE,
     Exponent,
@@ -113,7 +114,7 @@ def draw_bifurcation(
     axes.set_xscale(scale(x))
     axes.margins(x=0.01)
     if exponent is not None:
-        axes.legend(loc="upper left", markerscale=np.sqrt(30 / size), framealpha=0.9)
+        legend_below(axes, markerscale=np.sqrt(30 / size))
 
 
 def _words(rate: Exponent) -> dict[int, str]:

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from clearance_jax.errors import ClearanceError
+from clearance_jax.report.legends import legend_below
 from clearance_jax.report.recurrence_figures import bifurcation, exponents, section, sections
 from clearance_jax.report.sweep_axes import (
     CODE,
@@ -199,7 +200,7 @@ def draw_curves(axes: Any, dataset: xr.Dataset, name: str, x: str, by: str | Non
     axes.margins(x=0.01)
     handles, _ = axes.get_legend_handles_labels()
     if handles:
-        axes.legend(ncols=2 if len(handles) > 4 else 1)
+        legend_below(axes)
 
 
 def _band(axes: Any, part: xr.Dataset, name: str, x: str, how: tuple[Shown, Shown], colour, label, alone: bool) -> None:

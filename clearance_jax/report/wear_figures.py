@@ -13,6 +13,7 @@ from matplotlib.ticker import MaxNLocator
 
 from clearance_jax.errors import ClearanceError
 from clearance_jax.report.film import DPI, FPS, STYLE, AbstractFilm
+from clearance_jax.report.legends import legend_below
 from clearance_jax.report.magnified import SHOWN, SLEEVE, WALL, round_factor
 from clearance_jax.report.sweep_axes import shown
 
@@ -57,7 +58,7 @@ def intervals(dataset: xr.Dataset, name: str) -> Figure:
         if not ended.all():
             most = dataset.attrs["cycles"]
             axis.plot(x[~ended], np.full(np.sum(~ended), most), "^", color=MARK, label=f"more than {most} cycles")
-            axis.legend(fontsize=8)
+            legend_below(axis, fontsize=8)
         axis.set(xlabel=f"{name}, {told.unit}" if told.unit else name, ylabel="life, cycles", ylim=(0, None))
     return figure
 
@@ -71,7 +72,7 @@ def failures(found: Any) -> Figure:
         axis.fill_between(found.cycles, found.low, found.high, step="post", color=PALE, lw=0, label=band)
         axis.step(found.cycles, found.probability, where="post", lw=1.4, label="of the samples")
         axis.set(xlabel="cycles", ylabel="probability of failure", ylim=(0, 1), xlim=(0, None))
-        axis.legend(fontsize=8)
+        legend_below(axis, fontsize=8)
     return figure
 
 
@@ -95,7 +96,7 @@ def profiles(axis: Any, dataset: xr.Dataset) -> None:
     axis.set(xlabel="angle around the sleeve, deg", ylabel=f"depth of wear, {unit}", xlim=(0, 360), ylim=(0, None))
     axis.set_xticks(np.arange(0, 361, 45))
     axis.set_title("profile")
-    axis.legend(fontsize=7)
+    legend_below(axis, fontsize=7)
 
 
 def bore(axis: Any, dataset: xr.Dataset) -> None:
@@ -122,7 +123,7 @@ def growth(axis: Any, dataset: xr.Dataset) -> None:
     axis.set_ylabel(unit)
     axis.set_title("growth")
     _over_life(axis, dataset)
-    axis.legend(fontsize=7)
+    legend_below(axis, fontsize=7)
 
 
 def watched(axis: Any, dataset: xr.Dataset) -> None:
@@ -133,7 +134,7 @@ def watched(axis: Any, dataset: xr.Dataset) -> None:
     axis.axhline(told.factor * one.attrs["bound"], color=MARK, lw=1, ls="--", label="bound")
     axis.set(title=told.name, ylabel=told.unit)
     _over_life(axis, dataset)
-    axis.legend(fontsize=7)
+    legend_below(axis, fontsize=7)
 
 
 def volume(axis: Any, dataset: xr.Dataset) -> None:

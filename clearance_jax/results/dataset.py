@@ -1,12 +1,12 @@
 """From a solution to a labelled dataset: variables with units, provenance, contact episodes."""
 
 import dataclasses
-from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from clearance_jax._version import __version__
 from clearance_jax.dynamics.quantities import Variable, labels
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -114,7 +114,7 @@ def _states(time: np.ndarray, penetration: np.ndarray, impacts: list) -> np.ndar
 def _attributes(mechanism: Mechanism, solved: Solution, message: str) -> dict[str, Any]:
     """What a dataset says of its making: version, result, counts and every number of the mechanism."""
     return {
-        "software": f"clearance_jax {version('clearance-jax')}",
+        "software": f"clearance_jax {__version__}",
         "mechanism": mechanism.name,
         "result": message,
         "accepted_steps": int(solved.steps),

@@ -3,13 +3,13 @@
 import functools
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
-from importlib.metadata import version
 from typing import Any
 
 import jax
 import numpy as np
 import xarray as xr
 
+from clearance_jax._version import __version__
 from clearance_jax.parameters import parameters
 from clearance_jax.solve.codes import Result, words
 from clearance_jax.sweep.question import NOT_RUN, Question
@@ -48,7 +48,7 @@ def attributes(question: Question) -> dict[str, Any]:
 @functools.cache
 def _software() -> str:
     """What computes, by versions: this library's own is read from a file."""
-    return f"clearance_jax {version('clearance-jax')}, jax {jax.__version__}, numpy {np.__version__}"
+    return f"clearance_jax {__version__}, jax {jax.__version__}, numpy {np.__version__}"
 
 
 def ended(codes: np.ndarray) -> dict[str, int]:
