@@ -26,7 +26,8 @@ DOCS = ROOT / "docs"
 GENERATED = DOCS / "reference"
 # What a file is, by the first of these keys that it has.
 READERS = {"axis": load_sweep, "wear": load_wear, "scene": load_study}
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(p for p in DOCS.rglob("*.md") if "notebooks" not in p.parts)]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+PAGES += sorted(p for p in DOCS.rglob("*.md") if "notebooks" not in p.parts)
 ARM = ROOT / "experiments" / "scenes" / "arm.toml"
 
 
@@ -120,7 +121,8 @@ READ = ("trajectory",)
 
 def commands(text: str) -> list[str]:
     """The commands in a page's running text and in its blocks."""
-    inline = [" ".join(found.split()) for found in re.findall(r"(?<!`)`((?:clearance|python -m|make) [^`]+)`(?!`)", text)]
+    commands = re.findall(r"(?<!`)`((?:clearance|python -m|make) [^`]+)`(?!`)", text)
+    inline = [" ".join(found.split()) for found in commands]
     shells = "".join(re.findall(r"^```sh\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)).splitlines()
     return [line for line in (*shells, *inline) if line.startswith(("clearance ", "python -m ", "make "))]
 
