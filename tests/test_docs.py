@@ -129,8 +129,8 @@ def commands(text: str) -> tuple[list[str], list[str]]:
 
 def checked(line: str, made: set[str], whole: bool = True) -> None:
     """Parse a command, without running it: its options are there, and the files that it reads are in the clone, shown
-    in the page, or `made` by a command before. A name in capitals stands for a file of the reader's. What is not `whole`
-    may lack its file, or the value of its last option.
+    in the page, or `made` by a command before. A name in capitals stands for a file of the reader's. What is not
+    `whole` may lack its file, or the value of its last option.
     """
     words = shlex.split(line, comments=True)
     if words[:2] == ["python", "-m"]:
