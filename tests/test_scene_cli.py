@@ -11,10 +11,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from typer.testing import CliRunner
 
 import clearance_jax as cj
 from clearance_jax.cli.main import app, main
+from clearance_jax.cli.posture import HELD, undriven
 from clearance_jax.io.scene import load_scene
 from clearance_jax.mechanism.expressions import read_expression
 from clearance_jax.report.figures import overview
@@ -150,6 +152,37 @@ def test_command_line(tmp_path):
     bad = runner.invoke(app, ["simulate", scene, "--set", "wrist.gap=1mm"])
     assert isinstance(bad.exception, ValueError)
     assert not (tmp_path / "o.nc.partial").exists()
+
+
+def test_a_robot_by_itself_holds_its_posture_and_says_how_it_is_driven(tmp_path):
+    """By drives, where it stands: nothing moves, the drives carry its weight. What a trajectory moves is not held."""
+    robot, out = SCENES / "six_axes.urdf", tmp_path / "o.nc"
+    result = CliRunner().invoke(app, ["simulate", str(robot), "-o", str(out), "--samples", "2"])
+    assert result.exit_code == 0, result.output
+    said = " ".join(result.output.split())
+    assert "each is held where it stands, for 0.1 s" in said
+    assert "`--trajectory FILE`" in said
+    dataset = load_dataset(out)
+    assert float(dataset["time"][-1]) == HELD
+    assert float(abs(dataset["velocity"]).max()) == 0.0
+    assert float(abs(dataset["drive_force"]).max()) > 1.0
+    mechanism = cj.load(robot)
+    lead = cj.read_trajectory(SCENES / "six_axes_turn.csv", mechanism)
+    assert undriven(mechanism.driven(lead)) == ("finger_left",)
+
+
+def test_no_legend_covers_anything():
+    """In a figure of several panels legends stand outside of all axes, and of their labels and titles."""
+    scene = load_scene(SCENES / "slider_crank_two_clearances.toml")
+    figure = overview(to_dataset(scene.mechanism, trace(scene.mechanism, 5e-4, rtol=1e-5, save_at=21)))
+    FigureCanvasAgg(figure).draw()
+    axes = figure.axes
+    shown = [axis.get_legend() for axis in axes]
+    legends = [legend.get_window_extent() for legend in shown if legend is not None]
+    assert len(legends) == 4
+    drawn = [axis.get_window_extent() for axis in axes]
+    drawn += [text.get_window_extent() for axis in axes for text in (axis.xaxis.label, axis.yaxis.label, axis.title)]
+    assert not any(legend.overlaps(other) for legend in legends for other in drawn)
 
 
 def test_info_says_how_freely_a_linkage_moves():

@@ -1,7 +1,12 @@
 """What stopped people who tried it: careless input gets one sentence at once, no traceback, no hang, no silence."""
 
+import os
+import signal
+import subprocess
+import sys
 import time
 import warnings
+from importlib import metadata
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +16,11 @@ from typer.testing import CliRunner
 import clearance_jax as cj
 from clearance_jax import design
 from clearance_jax.cli.common import check_writable
+from clearance_jax.cli.interruption import Interruption
 from clearance_jax.cli.main import app
 from clearance_jax.cli.pace import Pace, shown_duration
 from clearance_jax.errors import LONGEST, ClearanceError, cut, quoted
+from clearance_jax.io.given_play import with_play
 from clearance_jax.io.plausible import ImplausibleWarning
 from clearance_jax.io.scene import load_scene
 from clearance_jax.io.settings import parse_settings
@@ -82,6 +89,13 @@ BAD_SCENES = {
         "clipped must be true or false",
     ),
     "a table that is a number": ("[solve]", "body = 5\n[solve]", "not valid TOML|must be a table"),
+    "a long expression": (
+        '{ type = "constant-speed", speed = "5000 rpm" }',
+        f'"{"+".join(["step(time, 0, 0, 1, 1)"] * 100_000)[:1_900_000]}"',
+        "at most 20000 characters",
+    ),
+    "a negative clearance": ('radial_clearance = "0.5 mm"', 'radial_clearance = "-30 um"', "0 m, but it is -30 um"),
+    "a length in the plane that closes a loop": ('"0.5 mm"\npin', '"0.5 mm"\nlength = "40 mm"\npin', "`length` out"),
     "an endless step": ('{ type = "constant-speed", speed = "5000 rpm" }', '"1e999 * time"', "finite"),
 }
 
@@ -215,6 +229,8 @@ def test_settings_are_given_once_and_in_bounds():
         (["simulate", "{scene}", "--plot", "missing/a.png"], "its folder does not exist"),
         (["simulate", "{scene}", "--plot", "a" * 300 + ".png"], "File name too long"),
         (["simulate", "{scene}", "-o", "/dev/null"], "a folder or a device"),
+        (["simulate", "{scene}", "-o", "o.csv"], "must end in .nc"),
+        (["sweep", "{study}", "-o", "o.csv"], "Give it a name that ends in .zarr"),
         (["simulate", "{scene}", "-o", "/proc/1/o.nc"], "Cannot write"),
         (["simulate", "{scene}", "--samples", str(10**12)], f"between 2 and {MOST_SAMPLES}"),
         (["simulate", "{scene}", "--set", "slider.mass=1kg", "--set", "slider.mass=2kg"], "a second time"),
@@ -238,6 +254,72 @@ def test_bad_commands_are_refused_before_anything_is_solved(arguments, words, tm
     assert isinstance(result.exception, ClearanceError)
     assert words in str(result.exception)
     assert {path.name for path in tmp_path.iterdir()} == {"s.toml", "study.toml"}
+
+
+def test_a_length_in_a_plane_scene_is_named(tmp_path):
+    """A sleeve of some length may tilt: its joint is named, and not only the body that it carries."""
+    arm = (ROOT / "experiments" / "scenes" / "arm.toml").read_text()
+    path = tmp_path / "long.toml"
+    words = r"Joint `hip` has a `length`.*body `arm` has one moment of inertia.*Leave `length` out"
+    refused(load_scene, path, arm.replace("pin_radius", 'length = "40 mm"\npin_radius'), words)
+    spatial = arm.replace('"0.03 kg*m^2"', '["1e-4 kg*m^2", "0.03 kg*m^2", "0.03 kg*m^2"]')
+    path.write_text(spatial.replace("pin_radius", 'length = "40 mm"\npin_radius'))
+    assert not load_scene(path).mechanism.is_plane
+
+
+def test_numbers_out_of_bounds_are_shown_as_they_were_given():
+    mechanism = cj.load(SCENE)
+    with pytest.raises(ClearanceError, match=r"but it is -30 um\."):
+        parse_settings(["wrist.radial_clearance=-30 um"], mechanism)
+    with pytest.raises(ClearanceError, match=r"`radial` must be greater than 0 m, but it is -3e-05 m"):
+        with_play(mechanism, ["wrist:radial=-30um"])
+
+
+def test_what_is_not_installed_is_said_before_anything_is_solved(tmp_path, monkeypatch):
+    """With a command that works where the library lies in a clone."""
+
+    def solve(*_, **__):
+        raise AssertionError("work was begun")
+
+    monkeypatch.setattr("clearance_jax.extras.importlib.util.find_spec", lambda _: None)
+    monkeypatch.setattr("clearance_jax.cli.sweep.set_up", solve)
+    monkeypatch.setattr("clearance_jax.design.search.formulate", solve)
+    (tmp_path / "study.toml").write_text(STUDY)
+    for arguments, extra in (
+        (["sweep", "any.toml"], "sweep"),
+        (["optimize", str(tmp_path / "study.toml"), "--method", "cma-es"], "cma"),
+    ):
+        result = CliRunner().invoke(app, arguments)
+        assert isinstance(result.exception, ClearanceError)
+        assert f"is not installed. Install it: `pip install '{ROOT}[{extra}]'`" in str(result.exception)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda number: number.name)
+def test_signals_that_end_a_command_are_heard(number):
+    before = signal.getsignal(number)
+    asked = Interruption()
+    with pytest.raises(KeyboardInterrupt), asked:
+        signal.raise_signal(number)
+    assert asked.heard
+    with pytest.raises(KeyboardInterrupt):
+        asked.check()
+    assert signal.getsignal(number) is before
+
+
+def test_the_version_is_one():
+    (line,) = CliRunner().invoke(app, ["--version"]).output.splitlines()
+    assert line == f"clearance {cj.__version__}"
+    assert metadata.version("clearance-jax") == cj.__version__
+    assert (ROOT / "clearance_jax" / "py.typed").exists()
+
+
+def test_the_shell_completes_commands_and_options():
+    script = f"import sys; sys.argv = ['clearance']; sys.path.insert(0, {str(ROOT)!r})\n"
+    script += "from clearance_jax.cli import main; main()"
+    for words, completed in (("clearance si", "simulate"), ("clearance simulate --tra", "--trajectory")):
+        asked = {"_CLEARANCE_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": str(words.count(" "))}
+        run = subprocess.run([sys.executable, "-c", script], env=os.environ | asked, capture_output=True, text=True)
+        assert run.stdout.split() == [completed], run.stderr
 
 
 def test_outputs_are_tried_without_a_trace(tmp_path):

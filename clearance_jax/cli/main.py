@@ -34,10 +34,11 @@ app = typer.Typer(
 )
 
 
-def _version(asked: bool) -> None:
+def _version(asked: bool) -> bool:
     if asked:
         console.print(f"clearance {__version__}", highlight=False)
         raise typer.Exit
+    return asked
 
 
 @app.callback()

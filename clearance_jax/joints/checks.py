@@ -35,8 +35,8 @@ def check_larger(name: str, size: Any, than: str, other: Any, why: str) -> None:
     if isinstance(size, Tracer) or isinstance(other, Tracer) or np.all(np.asarray(size) > np.asarray(other)):
         return
     raise ClearanceError(
-        f"`{name}` must be greater than {than}, {quoted(np.asarray(other).tolist())} m, {why}, but it is "
-        f"{quoted(np.asarray(size).tolist())} m."
+        f"`{name}` must be greater than {than}, {_plain(np.asarray(other, float))} m, {why}, but it is "
+        f"{_plain(np.asarray(size, float))} m."
     )
 
 
