@@ -9,6 +9,7 @@ from experiments import (
     batches,
     bifurcation,
     cores,
+    first_results,
     forward_dynamics,
     gpu,
     hard_cases,
@@ -98,6 +99,13 @@ def test_articulated_bodies_agree_with_composite_ones():
     rows = forward_dynamics.main(quick=True)
     assert [row.program.split()[0] for row in rows] == ["composite", "articulated", "articulated"]
     assert max(row.error for row in rows) <= 1e-10
+
+
+def test_first_results():
+    cold, kept = first_results.main(quick=True)
+    assert (cold.case, cold.task, cold.state, kept.state) == ("slider-crank", "simulate", "cold", "kept")
+    assert kept.cpu < cold.cpu
+    assert min(cold.memory, kept.memory) > 100
 
 
 def test_lanes_over_cores():

@@ -163,6 +163,7 @@ def test_optimize_command(study, tmp_path):
     assert result.exit_code == 0, result.output
     assert "decided by: piston: position error, peak" in result.output
     assert " EUR" in result.output
+    assert "Compiling the program that evaluates designs" in result.output
     assert "The limits hold in a fresh simulation" in result.output
     assert re.search(r"Verifying by another solver: some 20 evaluations, about \d+ (s|min)", result.output)
     page = report.read_text()

@@ -32,7 +32,7 @@ from clearance_jax.dynamics.energy import BOOKS, energies, read_books
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
-from clearance_jax.solve.observers import PeakFinder, TouchCounter
+from clearance_jax.solve.observers import PeakFinder, Picked, TouchCounter
 from clearance_jax.solve.settings import SolveOptions, evenly, settings_of
 from clearance_jax.solve.simulate import run
 
@@ -68,10 +68,12 @@ class Peak(AbstractMetric):
     def value(self, reply):
         (picked,) = reply.picked
         assert picked is not None
-        # In the order of time, for an ideal mechanism that moves freely; and back.
-        order = jnp.argsort(picked.time)
-        found = signal_at(self.signal, reply, picked.time[order], picked.y[order])
-        found = found[jnp.argsort(order)]
+        if reply.mechanism.has_manifold or self.signal.against_free(reply.mechanism):
+            # What was seen was seen of a state not yet projected, or against an interpolated ideal.
+            found = _at_peaks(self.signal, reply, picked)
+        else:
+            seen = jnp.where(reply.solution.succeeded, picked.value, jnp.nan)
+            found = _as_seen(seen, (self.signal, reply, picked))
         return found[0] if self.count == 1 else found
 
     def times(self, mechanism: Mechanism, t1: Any, **options: Unpack[SolveOptions]) -> Float[Array, " count"]:
@@ -81,6 +83,26 @@ class Peak(AbstractMetric):
         (picked,) = solution.picked
         assert picked is not None
         return picked.time
+
+
+def _at_peaks(signal: AbstractSignal, reply: Reply, picked: Picked) -> Array:
+    """A signal of the states that were picked."""
+    # In the order of time, for an ideal mechanism that moves freely; and back.
+    order = jnp.argsort(picked.time)
+    return signal_at(signal, reply, picked.time[order], picked.y[order])[jnp.argsort(order)]
+
+
+@eqx.filter_custom_jvp
+def _as_seen(value, given):
+    """What the observer saw is the value; only its derivative needs the signal in the program once more."""
+    return value
+
+
+@_as_seen.def_jvp
+def _as_seen_jvp(primals, tangents):
+    (value, given), (_, rates) = primals, tangents
+    _, rate = eqx.filter_jvp(lambda given: _at_peaks(*given), (given,), (rates,))
+    return value, rate
 
 
 def _fixed(tree):

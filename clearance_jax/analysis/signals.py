@@ -50,13 +50,12 @@ class AbstractSignal(eqx.Module):
         """The signal of a solution's states at increasing times, shape (times,)."""
         # Signals forgive a NaN (a norm of NaN is 0): a failed lane is marked once more, on the signal itself.
         factor = jnp.where(solution.succeeded, 1.0, jnp.nan)
-        moves = self.needs_ideal and freedom(mechanism.ideal()) > 0
-        reference = self._freely(mechanism, t1, times, options) if moves else None
+        reference = self._freely(mechanism, t1, times, options) if self.against_free(mechanism) else None
         return factor * _along(self, times, y, mechanism, reference)
 
     def bound(self, mechanism: Mechanism, t1: Any, options: Settings) -> Callable:
         """The signal as a function of (time, state, mechanism) alone, for an observer."""
-        if not self.needs_ideal or freedom(mechanism.ideal()) == 0:
+        if not self.against_free(mechanism):
             return Instant(self)
         times = evenly(options.t0, t1, TABLE)
         y = self._freely(mechanism, t1, times, options)
@@ -65,12 +64,16 @@ class AbstractSignal(eqx.Module):
 
     def integrand(self, mechanism: Mechanism, power: int) -> "Integrand":
         """A power of the signal, to be integrated along with the motion."""
-        if self.needs_ideal and freedom(mechanism.ideal()) > 0:
+        if self.against_free(mechanism):
             raise ClearanceError(
                 "An average of an error against an ideal mechanism that moves freely is not integrated along. Drive "
                 "its joints, or average samples: `At(signal, times)`."
             )
         return Integrand(self, power)
+
+    def against_free(self, mechanism: Mechanism) -> bool:
+        """Whether it needs an ideal mechanism that moves freely."""
+        return self.needs_ideal and freedom(mechanism.ideal()) > 0
 
     def _reference(self, time, y, mechanism):
         return ideal_state(time, y, mechanism) if self.needs_ideal else None

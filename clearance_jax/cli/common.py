@@ -42,6 +42,8 @@ DATASETS = (".nc",)
 
 def set_up() -> None:
     """JAX as the commands use it."""
+    # Before JAX is loaded: what XLA says of slow compiles, and of files of its cache, is nothing that a user can mend.
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
     from clearance_jax.configure import configure
 
     configure(cache=True)

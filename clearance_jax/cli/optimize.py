@@ -12,6 +12,9 @@ from clearance_jax.cli.interruption import Interruption
 from clearance_jax.cli.pace import Pace, shown_duration
 from clearance_jax.errors import ClearanceError
 
+# Up to so many coordinates a program with its derivatives is compiled within seconds.
+SMALL = 6
+
 
 def optimize(
     study_file: Annotated[Path, typer.Argument(metavar="STUDY", help="A study file (TOML with units).")],
@@ -46,6 +49,7 @@ def optimize(
         study = load_study(study_file)
     with place_of(cluster) as place, _bar() as bar, Interruption() as asked:  # one cluster for all that follows
         pace, client = Pace(asked.check), place.client
+        say(_compiling(study.problem.specification.mechanism))
         given = {"method": method, "starts": starts, "record": record, "cluster": client}
         design = _search(study, {k: v for k, v in given.items() if v is not None}, bar, pace)
         console.print(f"[bold]{escape(study.name)}[/bold]")
@@ -75,6 +79,18 @@ def _known(method: str | None) -> str | None:
     if method is not None and method not in METHOD_CHOICES:
         raise ClearanceError(f"`--method` must be {', '.join(METHOD_CHOICES)}, but it is {method!r}.")
     return method
+
+
+def _compiling(mechanism: Any) -> str:
+    """What is done before the first design is evaluated, and how long it takes, as far as the mechanism tells."""
+    from clearance_jax.mechanism.state import layout
+
+    count = len(layout(mechanism).velocities)
+    how_long = "seconds" if count <= SMALL else "a minute or more"
+    return (
+        f"Compiling the program that evaluates designs (a mechanism with {count} coordinates: this takes {how_long}; "
+        "programs that were compiled before are read again)."
+    )
 
 
 def _search(study, given: dict[str, Any], bar: Progress, pace: Pace):

@@ -29,7 +29,6 @@ from clearance_jax.solve.codes import Result
 from clearance_jax.solve.driver import integrate
 from clearance_jax.solve.lane_axis import from_lanes, to_lanes
 from clearance_jax.solve.lanes import batched
-from clearance_jax.solve.observers import Picked
 from clearance_jax.solve.outcome import Outcome, Task
 from clearance_jax.solve.problem import Problem, basis, field, lift, motion, moved_by, moves, push, widths
 from clearance_jax.solve.solution import Solution
@@ -212,7 +211,7 @@ def solution_of(task: Task, out: Outcome, t1: Array, options: Options) -> Soluti
     seen = [observer.finished(record) for observer, record in zip(options.observers, out.record, strict=True)]
     records = tuple(record for record, _ in seen)
     picked = tuple(
-        None if one is None else Picked(one.time, projected_samples(problem, one.time, one.y)) for _, one in seen
+        None if one is None else one._replace(y=projected_samples(problem, one.time, one.y)) for _, one in seen
     )
     code = jnp.where(task.possible, out.code, int(Result.IMPOSSIBLE))
     return Solution(

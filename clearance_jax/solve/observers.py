@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from clearance_jax._sharing import kept
 from clearance_jax.dynamics.kinematics import relative_motions
 from clearance_jax.mechanism.state import layout
 from clearance_jax.solve.interpolate import between, tops
@@ -15,10 +16,13 @@ from clearance_jax.solve.problem import Problem, motion
 
 
 class Picked(NamedTuple):
-    """States that an observer has picked: at `time` [s], shape (k,); `y`, shape (k, n)."""
+    """States that an observer has picked: at `time` [s], shape (k,); `y`, shape (k, n); `value`, shape (k,), without
+    derivatives: what it saw there, before states of a mechanism with closures are projected.
+    """
 
     time: Float[Array, " k"]
     y: Float[Array, "k *rows n"]
+    value: Float[Array, " k"]
 
 
 class AbstractObserver(eqx.Module):
@@ -87,6 +91,76 @@ STEPS = 100
 PIECES = 4
 
 
+def _fixed(tree):
+    """The same numbers, without derivatives."""
+    return jax.tree.map(lambda x: jax.lax.stop_gradient(x) if eqx.is_array(x) else x, tree)
+
+
+class Search(NamedTuple):
+    """A signal over a step, looked at place after place: how often it was; value and slope where it was looked at
+    first, and last; tops of its parts, as `tops` has them (the highest alone where one peak is wanted): their places
+    over the whole, heights and second derivatives, how often they were looked at, and values, once they are known.
+    """
+
+    turn: Array
+    first: tuple[Array, Array]
+    last: tuple[Array, Array]
+    place: Array
+    height: Array
+    bend: Array
+    looks: Array
+    value: Array
+
+
+def _search(at: Any, count: int, lowest: Any) -> Search:
+    """Looks at values and slopes (`at`) at the ends of a step's parts, and, where a top is higher than the `lowest`
+    that counts, at each top that is kept, twice: one Newton step on the signal's own slope, and the value there.
+
+    One loop, so that the signal stands in the program once: a robot's reaction takes XLA 20 s to compile.
+    """
+    width = 1 if count == 1 else PIECES
+    slots, none = jnp.arange(width), jnp.full(width, -jnp.inf)
+    zero, zeros = jnp.asarray(0.0), jnp.zeros(width)
+    begin = Search(jnp.asarray(0), (zero, zero), (zero, zero), zeros, none, zeros, jnp.zeros(width, int), none)
+
+    def left(now):
+        """Tops that are to be looked at."""
+        return (now.looks < 2) & (now.height > lowest(*now.first))
+
+    def unended(now):
+        return (now.turn <= PIECES) | jnp.any(left(now))
+
+    def turn(now):
+        k, looks = now.turn, now.turn <= PIECES
+        here = (slots == jnp.argmax(left(now))) & ~looks
+        again = now.looks == 1
+        chosen = jnp.sum(jnp.where(here, now.place, 0.0))
+        value, slope = kept(at(jnp.where(looks, k / PIECES, chosen)))
+        # The part that ends here.
+        pair = tuple(jnp.stack([a, b]) for a, b in zip(now.last, (value, slope), strict=True))
+        place, height, bend = (x[0] for x in tops(pair[0], pair[1] / PIECES))
+        fresh = (looks & (k > 0)) & ((height > now.height) if count == 1 else (slots == k - 1))
+        curve = jnp.where(now.bend < 0, now.bend, -1.0)
+        # One Newton step, within the part; a jump (no bend) stays where it is.
+        part = jnp.floor(jnp.minimum(now.place * PIECES, PIECES - 0.5))
+        moved = jnp.clip(now.place * PIECES - slope / PIECES / curve, part, part + 1) / PIECES
+        moved = jnp.where(here & ~again & (now.bend < 0), moved, now.place)
+        ends = tuple(jnp.where(looks, a, b) for a, b in zip((value, slope), now.last, strict=True))
+        first = tuple(jnp.where(k == 0, a, b) for a, b in zip((value, slope), now.first, strict=True))
+        return Search(
+            k + 1,
+            first,
+            ends,
+            jnp.where(fresh, (k - 1 + place) / PIECES, moved),
+            jnp.where(fresh, height, now.height),
+            jnp.where(fresh, bend, now.bend),
+            now.looks + here,
+            jnp.where(here & again, value, now.value),
+        )
+
+    return jax.lax.while_loop(unended, turn, begin)
+
+
 class PeakFinder(AbstractObserver):
     """Finds where a signal peaks: within a step, or between two (a kink, a jump at a drive's break), or at either end.
 
@@ -117,61 +191,60 @@ class PeakFinder(AbstractObserver):
 
     def __call__(self, record, times, ends, problem):
         (t0, t1), h, plan = times, times[1] - times[0], layout(problem.mechanism)
-        own = tuple(motion(problem, end) for end in ends)
         skipped = 0.0 if self.since is None else jnp.clip((self.since - t0) / h, 0.0, 1.0)
+        # Where a peak is has no derivative here: the signal's at a fixed time is the peak's.
+        start, width, part, whole = _fixed((t0, h, skipped, problem))
+        own = tuple(motion(whole, end) for end in _fixed(ends))
 
-        def inside(s):
+        def inside(s, skipped):
             """Place in the step of a place in the part of it that counts."""
             return s if self.since is None else skipped + (1 - skipped) * s
 
         def at(s):
             def along(s):
-                x = inside(s)
-                now = self.signal(t0 + x * h, between(own, h, x, plan), problem.mechanism)
-                return jnp.asarray(now, float)
+                x = inside(s, part)
+                return jnp.asarray(self.signal(start + x * width, between(own, width, x, plan), whole.mechanism), float)
 
             return jax.jvp(along, (s,), (jnp.ones_like(s),))
 
-        s = jnp.linspace(0.0, 1.0, PIECES + 1)
-        value, slope = jax.vmap(at)(s)
+        opens = counts = None
         if self.since is not None:
-            # As at the start of the motion: a signal that falls from here peaks here.
-            opens = (self.since >= t0) & (self.since < t1)
-            opened = t0 + skipped * h, value[0], jnp.asarray(jnp.inf), between(ends, h, skipped, plan)
-            now = jax.tree.map(lambda a, b: jnp.where(opens, a, b), opened, record[1:])
-            record = PeakRecord(record.peaks, *now)
-        before, rising = record.value, record.slope > 0
-        falls, jump = slope[0] <= 0, 1e-9 * (jnp.abs(before) + jnp.abs(value[0]))
-        left = rising & (before >= value[0]) & (falls | (before - value[0] > jump))
-        right = falls & (value[0] > before) & (rising | (value[0] - before > jump))  # the higher side of a jump
-        counts = True if self.since is None else t1 > self.since
-        height = jnp.where(counts & (left | right), jnp.maximum(before, value[0]), -jnp.inf)
-        between_steps = jnp.where(right, t0, record.time), height, jnp.where(right, ends[0], record.y)
+            opens, counts = (self.since >= t0) & (self.since < t1), t1 > self.since
 
-        place, height, bend = tops(value, slope / PIECES)
-        height = jnp.where(counts, height, -jnp.inf)
+        def before(first):
+            """The last step's end; at the opening, as at the start: a signal that falls from here peaks here."""
+            if opens is None:
+                return record.value, record.slope
+            return jnp.where(opens, first, record.value), jnp.where(opens, jnp.inf, record.slope)
 
-        def refined(k):
-            # One Newton step on the signal's own slope; a jump (no bend) stays where it is.
-            here, rate = at((k + place[k]) / PIECES)
-            moved = jnp.where(bend[k] < 0, -rate / PIECES / jnp.where(bend[k] < 0, bend[k], -1.0), 0.0)
-            moved = jnp.clip(place[k] + moved, 0.0, 1.0) - place[k]
-            found = jnp.where(jnp.isfinite(height[k]), here + 0.5 * rate / PIECES * moved, -jnp.inf)
-            # Where a peak is has no derivative here: the signal's at a fixed time is the peak's.
-            x = jax.lax.stop_gradient(inside((k + place[k] + moved) / PIECES))
-            return t0 + x * h, found, between(ends, h, x, plan)
+        def meeting(first, slope):
+            """The height of a peak between the steps (minus infinity: none), and whether it is this step's begin."""
+            last, rate = before(first)
+            rising, falls, jump = rate > 0, slope <= 0, 1e-9 * (jnp.abs(last) + jnp.abs(first))
+            left = rising & (last >= first) & (falls | (last - first > jump))
+            right = falls & (first > last) & (rising | (first - last > jump))  # the higher side of a jump
+            here = (left | right) if counts is None else counts & (left | right)
+            return jnp.where(here, jnp.maximum(last, first), -jnp.inf), right
 
-        best = jnp.argmax(height)[None] if self.count == 1 else jnp.arange(PIECES)
-        found = record.peaks.highest(*(x[None] for x in between_steps))
-        # Most steps hold no top that counts, by far more than the cubic's error.
-        lowest = found.value[-1]
-        found = jax.lax.cond(
-            jnp.any(height > lowest - 1e-2 * jnp.abs(lowest)),
-            lambda peaks: peaks.highest(*jax.vmap(refined)(best)),
-            lambda peaks: peaks,
-            found,
-        )
-        return PeakRecord(found, t1, value[-1], slope[-1], ends[1])
+        def lowest(first, slope):
+            """What a top must be higher than: most steps hold none that is, by far more than the cubic's error."""
+            best = record.peaks.value
+            height, _ = meeting(first, slope)
+            bound = jnp.maximum(best[-1], height if self.count == 1 else jnp.minimum(height, best[-2]))
+            bound = bound - 1e-2 * jnp.abs(bound)
+            return bound if counts is None else jnp.where(counts, bound, jnp.inf)
+
+        seen = _search(at, self.count, lowest)
+        peak, right = meeting(*seen.first)
+        last_time, last_y = record.time, record.y
+        if opens is not None:
+            last_time = jnp.where(opens, t0 + skipped * h, last_time)
+            last_y = jnp.where(opens, between(ends, h, skipped, plan), last_y)
+        time, y = jnp.where(right, t0, last_time), jnp.where(right, ends[0], last_y)
+        x = inside(seen.place, skipped)
+        states = jax.vmap(lambda x: between(ends, h, x, plan))(x)
+        found = record.peaks.highest(time[None], peak[None], y[None]).highest(t0 + x * h, seen.value, states)
+        return PeakRecord(found, t1, *seen.last, ends[1])
 
     def finished(self, record):
         # The end of the motion is a peak where the signal is rising there.
@@ -180,7 +253,8 @@ class PeakFinder(AbstractObserver):
         found = jnp.isfinite(value)
         time = jnp.where(found, time, time[0])
         y = jnp.where(found.reshape(-1, *[1] * (y.ndim - 1)), y, y[:1])
-        return None, Picked(time, y)
+        value = jnp.where(found, value, jnp.where(found[0], value[0], jnp.nan))
+        return None, Picked(time, y, value)
 
 
 class Touches(NamedTuple):
