@@ -50,7 +50,7 @@ def test_where_loads_stand_still_or_turn_along(off, gravity):
     evenly, one = (pin, sleeve) if gravity else (sleeve, pin)
     even, deep = np.asarray(evenly.depth[0]), np.asarray(one.depth[0])
     assert np.abs(even / even.mean() - 1).max() < 0.02
-    assert np.flatnonzero(deep > 0.5 * deep.max()).size <= 3
+    assert np.flatnonzero(deep > 0.5 * deep.max()).size <= 3 * deep.size / 360
     assert np.degrees(float(one.angle[deep.argmax()])) == pytest.approx(270 if gravity else 0, abs=1)
     # Each has its own radius, so that with its own coefficient the volumes are as the coefficients are.
     assert float(pin.volume) == pytest.approx(3 * float(sleeve.volume), rel=1e-9)

@@ -106,6 +106,7 @@ def rotor(depth):
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::clearance_jax.wear.SectorsWarning")
 def test_what_wears_at_edges_bears_further_in():
     """On sleeves as they wear: the books close, the error follows rtol, and the load moves in from the edges."""
     foundation, law, depth = wear.Foundation(2e13), wear.archard("1e-12 1/Pa"), np.zeros((6, 60))

@@ -12,6 +12,7 @@ from clearance_jax.cli.animate import check_film, write_film
 from clearance_jax.cli.common import (
     DATASETS,
     FIGURES,
+    aloud,
     check_distinct,
     check_writable,
     console,
@@ -43,6 +44,8 @@ def wear(
     from clearance_jax.io.plausible import implausible
     from clearance_jax.io.wear_file import load_wear
     from clearance_jax.results.store import save
+    from clearance_jax.wear.journal import JournalWarning
+    from clearance_jax.wear.sectors import SectorsWarning
 
     output = wear_file.with_suffix(".nc") if output is None else output
     check_distinct(study=wear_file, output=output, plot=plot, movie=movie)
@@ -59,7 +62,8 @@ def wear(
     console.print(f"[bold]{escape(study.name)}[/bold]")
     with _bar() as bar, Interruption() as asked:
         try:
-            dataset = _lived(study, journal, resume, _Told(bar, asked, study.cycles))
+            with aloud(SectorsWarning), aloud(JournalWarning):
+                dataset = _lived(study, journal, resume, _Told(bar, asked, study.cycles))
         except (KeyboardInterrupt, ClearanceError):
             if not asked.heard:
                 raise

@@ -11,7 +11,7 @@ from clearance_jax.joints.worn import FEWEST
 from clearance_jax.laws import Material
 from clearance_jax.wear.laws import COEFFICIENT, Archard, Graded, Reye, RunningIn, Threshold
 from clearance_jax.wear.pressure import Foundation, HertzLine, Uniform
-from clearance_jax.wear.worn import SECTORS
+from clearance_jax.wear.sectors import MOST
 
 CYCLE = Quantity("cycle", "when a cycle ends, from the scene's t0 on", '"12 ms"', unit="s", absent="the scene's t1")
 WEARING = (
@@ -33,7 +33,14 @@ WEARING = (
         '{ kind = "foundation", stiffness = "2e13 Pa/m" }',
         required=True,
     ),
-    Whole("sectors", "of the sleeve, around it", "180", least=FEWEST, most=3600, default=SECTORS),
+    Whole(
+        "sectors",
+        "of the sleeve, around it",
+        "720",
+        least=FEWEST,
+        most=MOST,
+        absent="as many as the patch needs, at least 360; in a design 360",
+    ),
     Quantity(
         "tolerance",
         "what a block of cycles may be off by, as a part of the largest depth",

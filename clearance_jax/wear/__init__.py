@@ -18,6 +18,7 @@ from clearance_jax.wear.life import Life, life, march
 from clearance_jax.wear.lives import Failures, Lives, lives
 from clearance_jax.wear.pressure import AbstractPressure, Foundation, HertzLine, Pressed, Section, Uniform, foundation
 from clearance_jax.wear.record import to_dataset
+from clearance_jax.wear.sectors import SectorsWarning
 from clearance_jax.wear.wearing import Wearing
 from clearance_jax.wear.worn import Wear, wear, worn
 
@@ -43,6 +44,7 @@ __all__ = [
     "Rubbing",
     "RunningIn",
     "Section",
+    "SectorsWarning",
     "Sleeve",
     "Threshold",
     "Uniform",

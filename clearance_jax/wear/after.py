@@ -21,8 +21,8 @@ from clearance_jax.wear.laws import AbstractWearLaw
 from clearance_jax.wear.life import march
 from clearance_jax.wear.lives import Lives, lives
 from clearance_jax.wear.pressure import AbstractPressure
+from clearance_jax.wear.sectors import USUAL
 from clearance_jax.wear.wearing import Wearing
-from clearance_jax.wear.worn import SECTORS
 
 
 class AbstractAged(AbstractMeasure):
@@ -63,7 +63,7 @@ class AfterWear(AbstractAged):
     by `of`, and has its derivatives from there.
 
     **Arguments:** `joint`, `wear` (the law), `pressure` and `cycle` [s] as of `life`; `cycles`: at least 0, ascending;
-    `sectors`, `tolerance`: of the march.
+    `sectors`: the same for all designs, and warned of where too few; `tolerance`: of the march.
 
     **Raises:** `ClearanceError` for cycles in another order.
     """
@@ -74,7 +74,7 @@ class AfterWear(AbstractAged):
     pressure: AbstractPressure = eqx.field(kw_only=True)
     cycle: Scalar = physical("s", above=0.0, kw_only=True)
     cycles: tuple[int, ...] = eqx.field(static=True, converter=tuple, kw_only=True)
-    sectors: int = eqx.field(static=True, default=SECTORS)
+    sectors: int = eqx.field(static=True, default=USUAL)
     tolerance: float = eqx.field(static=True, default=1e-2)
 
     def __check_init__(self):

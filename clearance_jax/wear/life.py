@@ -32,7 +32,6 @@ from clearance_jax.wear.journal import LifeJournal
 from clearance_jax.wear.laws import AbstractWearLaw
 from clearance_jax.wear.pressure import AbstractPressure
 from clearance_jax.wear.wearing import Wearing
-from clearance_jax.wear.worn import SECTORS
 
 Profile = Float[np.ndarray, "*stack sectors"]
 Rate = Callable[[Profile, int], Profile]
@@ -246,7 +245,7 @@ def life(
     cycle: float,
     cycles: int,
     *,
-    sectors: int = SECTORS,
+    sectors: int | None = None,
     by: Sequence[str] = (),
     tolerance: float = 1e-3,
     longest: int | None = None,
@@ -260,6 +259,8 @@ def life(
     **Arguments** as `wear`'s, `march`'s and `trace`'s (`options`: `start`, `rtol`, ...). A `pressure` that knows the
     worn profile is a `Foundation`.
 
+    - `sectors`: by default as many as the patch of the first cycle needs for a largest depth within 1 %, at least 360.
+      Fewer than that, if given, are warned of (`SectorsWarning`), with the number that would do.
     - `by`: numbers by which depths and life have derivatives: the mechanism's ("pin.radial_clearance", "gravity.y"),
       the law's ("wear.coefficient") or the pressure's ("pressure.stiffness"). They are those of the march as it went,
       every jump as it was.
@@ -275,7 +276,7 @@ def life(
         raise ClearanceError(
             f"A life until `{type(criterion).__name__}` has no derivatives: leave out `by`, or take another `until`."
         )
-    begin = wearing.begin(sectors)
+    begin = wearing.begin(sectors or wearing.sectors(dict(options)))
     stack = begin if not names else np.concatenate([begin[None], np.zeros((len(names), begin.size))])
 
     def rate(depth: Profile, after: int) -> np.ndarray:

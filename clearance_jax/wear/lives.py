@@ -24,7 +24,6 @@ from clearance_jax.wear.laws import AbstractWearLaw
 from clearance_jax.wear.life import Profile, life
 from clearance_jax.wear.pressure import AbstractPressure
 from clearance_jax.wear.wearing import Wearing
-from clearance_jax.wear.worn import SECTORS
 
 
 class Failures(NamedTuple):
@@ -100,7 +99,7 @@ def lives(
     values: Mapping[str, Any] | Sampled,
     *,
     until: AbstractCriterion | Callable[[Profile], float],
-    sectors: int = SECTORS,
+    sectors: int | None = None,
     tolerance: float = 1e-3,
     longest: int | None = None,
     journal: str | Path | None = None,
@@ -112,6 +111,7 @@ def lives(
 
     **Arguments** as `life`'s.
 
+    - `sectors`: by default one number for all, the largest that one of them needs.
     - `values`: name -> numbers (n,), or a `Sampled`: of the mechanism, the law ("wear.coefficient") and the pressure.
       Clearances give the maintenance interval against clearance; numbers that scatter give the probability of failure
       over the life.
@@ -132,6 +132,8 @@ def lives(
     rows = [replace(wearing, {name: float(column[i]) for name, column in columns.items()}) for i in range(*count)]
     for row in rows:
         check_values(row)
+    if sectors is None:
+        sectors = max(row.sectors(dict(options)) for row in rows)
     rest = {"sectors": sectors, "cycle": float(wearing.cycle), "cycles": cycles, "tolerance": tolerance}
     rest |= {"longest": longest, **{name: column.tolist() for name, column in columns.items()}}
     how = {"joint": joint, **rest, **options}

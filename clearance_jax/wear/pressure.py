@@ -6,7 +6,7 @@ one section of the joint, where the force is one per length.
 
 import abc
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -74,6 +74,12 @@ class AbstractPressure(Parametrised):
     def half_angle(self, geometry: Geometry, force: Scalar) -> Scalar:
         """To how far beside its middle a force per length [N/m] spreads on the round sleeve [rad]."""
 
+    def shape(self, place: Any) -> Any:
+        """The pressure at a place from -1 to 1 of the patch on a round sleeve, over the largest: by default a
+        foundation's parabola. How many sectors a sleeve needs follows from it (`sectors`).
+        """
+        return 1 - place * place
+
     @property
     def rises(self) -> Scalar | float:
         """By how much a pressure rises where the sleeve stands higher [Pa/m], the pin as it is; 0 where it does not
@@ -130,6 +136,9 @@ class HertzLine(AbstractPressure):
     def half_angle(self, geometry, force):
         return hertz_half_angle(geometry, force)
 
+    def shape(self, place):
+        return (1 - place * place) ** 0.5
+
 
 class Uniform(AbstractPressure):
     """The same pressure all over a patch: of Hertz's width, p = F / (2 b B), or of a given `spread` to either side
@@ -153,10 +162,17 @@ class Uniform(AbstractPressure):
     def half_angle(self, geometry, force):
         return hertz_half_angle(geometry, force) if self.spread is None else jnp.asarray(self.spread)
 
+    def shape(self, place):
+        return 1 + 0 * place
+
 
 class Foundation(AbstractPressure):
     """An elastic layer on the worn sleeve, p = k u, u how deep the pin stands in it: pressed on along the force from
     where the pin is until the components of its pressures along the force add up to it.
+
+    On a round sleeve with the clearance c, the pin's centre e from its own, the pin stands u = e cos t - c deep
+    in the layer at the angle t beside the force, where that is above 0: the patch reaches to cos a = c / e. What has
+    worn off there is taken from u.
 
     **Arguments:** `stiffness` k [Pa/m]; `foundation` has it of a layer's material and thickness.
     """

@@ -9,6 +9,7 @@ sliding are continuous, so that moving a touch or the turn of a slip adds nothin
 """
 
 import dataclasses
+import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -28,9 +29,10 @@ from clearance_jax.solve.settings import Settings, settings_of
 from clearance_jax.solve.simulate import run
 from clearance_jax.solve.trace import trace
 from clearance_jax.units import shown
-from clearance_jax.wear.contacts import CHUNK, contacts, looked, sleeve_of
+from clearance_jax.wear.contacts import CHUNK, Contacts, contacts, looked, sleeve_of
 from clearance_jax.wear.laws import AbstractWearLaw
 from clearance_jax.wear.pressure import AbstractPressure
+from clearance_jax.wear.sectors import USUAL, SectorsWarning, doubt, fewest, worn_round
 from clearance_jax.wear.worn import accumulated, worn
 
 # What a trace has and a differentiated solve does not, or the other way round.
@@ -90,6 +92,8 @@ class Wearing(eqx.Module):
         before = jnp.asarray(after * self.cycle, float)
         sleeve, seen = sleeve_of(now, self.joint), contacts(motion, self.joint)
         profile = jnp.asarray(stack[0])
+        if after == 0:
+            self._doubt(seen, stack.shape[-1])
         found = worn(seen, sleeve, self.wear, self.pressure, depth=profile, before=before)
         off = np.asarray(found.depth)
         self._check(off.max(), float(found.relief), after)
@@ -100,6 +104,24 @@ class Wearing(eqx.Module):
         solve = settings_of(now, float(self.cycle), {k: v for k, v in options.items() if k not in OWN})
         slopes = _cycle_slopes(self, tuple(names), jnp.asarray(stack), jnp.asarray(ends), before, solve)
         return np.concatenate([off, np.asarray(slopes)])
+
+    def sectors(self, options: dict[str, Any]) -> int:
+        """How many sectors its sleeve needs for the motion of its first cycle; where it is worn, those it has."""
+        if isinstance(self.clearance, WornRevoluteClearance):
+            return self.begin(USUAL).size
+        motion = trace(self.at(self.begin(USUAL)), float(self.cycle), **{"save_at": None, **options})
+        if motion.message:
+            return USUAL  # the first cycle says so
+        return fewest(self._worn_round(contacts(motion, self.joint)))
+
+    def _worn_round(self, seen: Contacts) -> np.ndarray:
+        return worn_round(seen, sleeve_of(self.mechanism, self.joint), self.wear, self.pressure)
+
+    def _doubt(self, seen: Contacts, sectors: int) -> None:
+        """Warn of sectors that are too wide for the patch."""
+        said = doubt(self._worn_round(seen), sectors, self.joint)
+        if said:
+            warnings.warn(said, SectorsWarning, stacklevel=4)
 
     def _check(self, deepest: float, relief: float, after: int) -> None:
         """Raise where a cycle wears off too much to be taken at one profile."""

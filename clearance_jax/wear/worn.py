@@ -1,5 +1,6 @@
 """What wears off a sleeve, or its pin, along a motion: depths by sector and station, with the volume checked."""
 
+import warnings
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -15,8 +16,8 @@ from clearance_jax.units import shown
 from clearance_jax.wear.contacts import Contacts, Sleeve, contacts, largest_swing, sleeve_of
 from clearance_jax.wear.laws import AbstractWearLaw, Rubbing
 from clearance_jax.wear.pressure import AbstractPressure, HertzLine, Pressed, Section
+from clearance_jax.wear.sectors import USUAL, SectorsWarning, doubt, fewest, worn_round
 
-SECTORS = 360
 # Of the force: what the pressures of the sectors may miss, which round-off and a search that ends leave.
 MISSED = 1e-6
 # Into how many parts a half of a step is cut at most, so that from node to node a patch moves on by no more than this
@@ -66,7 +67,7 @@ def wear(
     *,
     of: str = "sleeve",
     depth: Array | None = None,
-    sectors: int = SECTORS,
+    sectors: int | None = None,
     before: Any = 0.0,
 ) -> Wear:
     """What wears off a joint's sleeve, or its pin, along a trace. The motion is that of the joint as it was solved.
@@ -79,7 +80,8 @@ def wear(
     - `of`: whose surface wears, "sleeve" or "pin". Each has its own law; a pin turns below its pressures, and wears in
       its own axes, at the sleeve's stations. That it is no circle any more changes neither pressures nor motion.
     - `depth` (sectors,) or (stations, sectors) [m]: what has worn off the sleeve before, which a `Foundation` stands
-      on; by default what the joint has, or nothing, in so many `sectors`.
+      on; by default what the joint has, or nothing, in so many `sectors` (by default as many as its patches need for a
+      largest depth within 1 %, at least 360; fewer, if given, are warned of).
     - `before`: how long the joint has run before [s], for laws that know it.
 
     **Raises:** `ClearanceError` for a joint that does not wear or lacks a length or a material, for a patch that is too
@@ -92,9 +94,15 @@ def wear(
         raise ClearanceError(f"`{joint}` is worn: say how a force spreads, by a `Foundation` on the worn profile.")
     if depth is None:
         depth = own
-    given = jnp.zeros(sectors) if depth is None else jnp.asarray(depth, float)
-    pressure = pressure or HertzLine()
-    seen = _followed(trace, joint, sleeve, pressure, of, given.shape[-1])
+    pressure, fixed = pressure or HertzLine(), sectors if depth is None else jnp.asarray(depth).shape[-1]
+    seen = _followed(trace, joint, sleeve, pressure, of, fixed or USUAL)
+    whole = worn_round(seen, sleeve, law, pressure, of)
+    count = fixed or fewest(whole)
+    if fixed and (said := doubt(whole, count, joint)):
+        warnings.warn(said, SectorsWarning, stacklevel=2)
+    if count > (fixed or USUAL):
+        seen = _followed(trace, joint, sleeve, pressure, of, count)
+    given = jnp.zeros(count) if depth is None else jnp.asarray(depth, float)
     return worn(seen, sleeve, law, pressure, of=of, depth=given, before=before)
 
 

@@ -1,0 +1,92 @@
+"""How many sectors a sleeve needs: so many that the largest depth is that of the wear itself, not of its mean values.
+
+A sector's depth is the mean over its width w. Of a patch that stands still, a to either side and of parabolic pressure,
+the largest mean is off by (w / a)^2 / 12 where a sector lies in its middle, and by (w / a)^2 / 3 where two sectors meet
+there. Here it is that of the wear of one whole cycle on the round sleeve, where patches are narrowest: they get wider
+as the sleeve wears. Forces and volumes are right with any number of sectors.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from clearance_jax.wear.contacts import Contacts, Sleeve
+from clearance_jax.wear.laws import AbstractWearLaw, Rubbing
+from clearance_jax.wear.pressure import AbstractPressure
+
+# By how much, as a part of it, the largest depth that one cycle wears off may be off. A given number is doubted a
+# little beyond: with other sectors the motion has other last digits.
+OFF, DOUBTED = 0.01, 0.011
+# Sectors that are taken where fewer would do; steps of their number, so that joints that are alike have one; the most.
+USUAL, STEP, MOST = 360, 60, 3600
+# Places around the sleeve at which wear is looked at, and at how many places of a sector its grid is begun.
+PLACES, BEGINS = 7200, 16
+NARROW = 1.5 * 2 * np.pi / PLACES
+# Nodes in time that are looked at together.
+TOGETHER = 64
+
+
+class SectorsWarning(UserWarning):
+    """Sectors are too wide for the patch on which a pin bears: depths and lives are off."""
+
+
+def worn_round(
+    seen: Contacts, sleeve: Sleeve, law: AbstractWearLaw, pressure: AbstractPressure, of: str = "sleeve"
+) -> Float[np.ndarray, "stations places"]:
+    """What these contacts would wear off a round sleeve, or its pin, at `PLACES` around it [m], up to a factor."""
+    turn = 0.0 if of == "sleeve" or seen.turn is None else np.asarray(seen.turn)[:, None]
+    loads, angles = np.asarray(seen.force) / np.asarray(sleeve.lengths), np.asarray(seen.angle) - turn
+    halves = np.asarray(jax.vmap(jax.vmap(lambda load: pressure.half_angle(sleeve.geometry, load)))(jnp.asarray(loads)))
+    place, found = 2 * np.pi * (np.arange(PLACES) + 0.5) / PLACES, np.zeros((loads.shape[1], PLACES))
+    for station in range(loads.shape[1]):
+        # A patch between two places would be overlooked. Widened to this, it is still too narrow for any sectors.
+        load, half = loads[:, station], np.maximum(halves[:, station], NARROW)
+        rubs = np.flatnonzero(load > 0)
+        # Filled up with the last one at no weight: one shape for all.
+        for first in range(0, len(rubs), TOGETHER):
+            some = np.pad(rubs[first : first + TOGETHER], (0, max(0, first + TOGETHER - len(rubs))), mode="edge")
+            weight = np.asarray(seen.weight)[some] * (np.arange(TOGETHER) < len(rubs) - first)
+            beside = place[None] - angles[some, station, None]
+            x = (beside - 2 * np.pi * np.round(beside / (2 * np.pi))) / half[some, None]
+            shape = np.where(np.abs(x) < 1, np.asarray(pressure.shape(np.clip(x, -1, 1))), 0.0)
+            # That the pressures bear the force, but for a factor, which a law that is not linear sees.
+            high = load[some] / (half[some] * float(sleeve.geometry.sleeve_radius))
+            columns = (np.asarray(v)[some, station, None] for v in (seen.speed, seen.traction))
+            at = Rubbing(*map(jnp.asarray, (high[:, None] * shape, *columns, np.asarray(seen.time)[some, None])))
+            found[station] += weight @ np.where(shape > 0, np.asarray(law.rate(at)), 0.0)
+    return found
+
+
+def missed(worn: Float[np.ndarray, "stations places"], sectors: int) -> float:
+    """The part of the largest depth that so many sectors do not have, wherever their grid begins."""
+    worst, width = 0.0, PLACES / sectors
+    for profile in worn:
+        if profile.max() > 0:
+            whole = np.concatenate([[0.0], np.cumsum(np.tile(profile, 2))])
+            # Some grids have an edge near the deepest place, which of a single patch is the worst.
+            near = (profile.argmax() + 0.5 + np.linspace(-1, 1, BEGINS + 1)) / width % 1
+            begins = np.concatenate([near, np.arange(BEGINS) / BEGINS])
+            edges = width * (begins[:, None] + np.arange(sectors + 1))
+            means = np.diff(np.interp(edges, np.arange(len(whole)), whole), axis=1) / width
+            worst = max(worst, 1 - float(means.max(axis=1).min() / profile.max()))
+    return worst
+
+
+def fewest(worn: Float[np.ndarray, "stations places"], least: int = USUAL) -> int:
+    """How many sectors, at `least` so many, have the largest depth within `OFF`; or `MOST`."""
+    return next((n for n in range(least, MOST, STEP) if missed(worn, n) <= OFF), MOST)
+
+
+def doubt(worn: Float[np.ndarray, "stations places"], sectors: int, joint: str) -> str:
+    """What is to be said of so many sectors, if anything is."""
+    off = missed(worn, sectors)
+    if off <= DOUBTED:
+        return ""
+    would = fewest(worn)
+    rest = "would do" if missed(worn, would) <= OFF else "are the most, and too few as well"
+    return (
+        f"{sectors} sectors of {360 / sectors:.3g} deg are too wide for the patch on which the pin of `{joint}` bears: "
+        f"the largest depth of the first cycles is up to {100 * off:.2g} % too small, and a life until that too long; "
+        f"in deeper grooves it is less. {would} sectors {rest}."
+    )
