@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import pytest
 import typer
@@ -113,7 +114,7 @@ def test_commands_run(path, top):
             assert words[:1] in ([], ["pip"]), f"{line}: nothing checks this command"
 
 
-COMMANDS = typer.main.get_group(app)
+COMMANDS: Any = typer.main.get_command(app)
 # What a command reads, beside its argument.
 READ = ("trajectory",)
 

@@ -177,8 +177,7 @@ def test_no_legend_covers_anything():
     figure = overview(to_dataset(scene.mechanism, trace(scene.mechanism, 5e-4, rtol=1e-5, save_at=21)))
     FigureCanvasAgg(figure).draw()
     axes = figure.axes
-    shown = [axis.get_legend() for axis in axes]
-    legends = [legend.get_window_extent() for legend in shown if legend is not None]
+    legends = [legend.get_window_extent() for axis in axes if (legend := axis.get_legend()) is not None]
     assert len(legends) == 4
     drawn = [axis.get_window_extent() for axis in axes]
     drawn += [text.get_window_extent() for axis in axes for text in (axis.xaxis.label, axis.yaxis.label, axis.title)]

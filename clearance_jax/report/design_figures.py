@@ -14,6 +14,7 @@ from clearance_jax.design.explain import Response, Tradeoff
 from clearance_jax.design.loads import PinPath
 from clearance_jax.design.maintenance import Maintenance
 from clearance_jax.design.time_histories import TimeHistory
+from clearance_jax.report.legends import legend_below
 from clearance_jax.report.panels import time_axis
 
 # As wide as a phone shows it: text of 9 points is then 12 pixels high, and of the same size in every figure.
@@ -94,7 +95,7 @@ def trade(found: Tradeoff, design: Design) -> Figure:
     axes.plot(factor * found.bounds, times * found.objectives, "o-", lw=1)
     axes.plot([factor * found.asked], [times * design.objective], "k*", ms=12, label="the design")
     axes.set(xlabel=_label(f"bound on {found.label}", unit, LEVEL), ylabel=label)
-    axes.legend()
+    legend_below(axes)
     return figure
 
 
