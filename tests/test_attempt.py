@@ -16,6 +16,7 @@ from clearance_jax import laws
 from clearance_jax.dynamics.kinematics import relative_motions
 from clearance_jax.dynamics.observe import observe
 from clearance_jax.joints import AbstractClearance, AbstractElement
+from clearance_jax.joints.checks import ImplausibleWarning
 from clearance_jax.solve.codes import Result, code_of, words
 from clearance_jax.solve.control import factor, on_grid
 from clearance_jax.solve.switches import Curve, Watched, first_of
@@ -178,7 +179,8 @@ class Film(AbstractElement):
 
 def test_an_element_acts_without_touch():
     """A pin in a film, far from the sleeve: v = v0 exp(-b t / m), and its loss is booked."""
-    play = cj.RevoluteClearance(1e-2, 0.01, laws.Hertz(1e9), None, Film(jnp.asarray(3.0)))
+    with pytest.warns(ImplausibleWarning, match="as large as the pin's radius 10 mm. Check its unit"):
+        play = cj.RevoluteClearance(1e-2, 0.01, laws.Hertz(1e9), None, Film(jnp.asarray(3.0)))
     m = cj.Mechanism(
         bodies=(cj.Body("pin", 0.5),),
         joints=(cj.Revolute("j", "ground", "pin", motion=cj.Motion(cj.ConstantSpeed(0.0)), clearance=play),),

@@ -8,9 +8,12 @@ from catalogue import slider_crank
 
 import clearance_jax as cj
 from clearance_jax import laws, metrics
+from clearance_jax.dynamics.closures import StartErrors
 from clearance_jax.dynamics.reactions import joint_reactions
+from clearance_jax.dynamics.seated import Seated
 from clearance_jax.errors import ClearanceError
 from clearance_jax.solve.flow import closed_start, initial_state
+from clearance_jax.solve.start import rest_words
 
 CLEARANCE, GRAVITY = "wrist.radial_clearance", 9.81
 STIFFNESS, MASS, SPEED = 1e9, 2.0, 5000 * np.pi / 30
@@ -160,3 +163,21 @@ def test_what_cannot_start_settled_is_refused():
         cj.simulate(mechanism, 1e-3, start="center")
     with pytest.raises(ClearanceError, match="over-constrained"):
         cj.simulate(tight, 1e-3, start="settled")
+
+
+def test_a_start_says_which_joints_begin_at_relative_rest():
+    mechanism = hanging(*REST[0], y=-GRAVITY)
+    (name,) = (joint.name for joint in mechanism.clearance_joints())
+    nothing = StartErrors.nothing()
+    assert rest_words(mechanism, nothing) == ""
+    rides, rests = (Seated(jnp.asarray([rest]), jnp.asarray([70.0]), jnp.asarray(5.0)) for rest in (0.0, 1.0))
+    assert rest_words(mechanism, nothing._replace(seated=rides)) == ""
+    said = rest_words(mechanism, nothing._replace(seated=rests))
+    assert f"begins at relative rest at the wall: `{name}` (70 of its play a second)" in said
+    assert "up to 31.4 of its play a second, 2 pi times the lowest frequency of the pose, 5 Hz." in said
+    # A loop's pin that could follow says why it does not.
+    assert "together" in rest_words(mechanism, nothing._replace(seated=rests._replace(frequency=jnp.asarray(50.0))))
+    solution = cj.simulate(mechanism, 0.05, save_at=51, rtol=1e-9, start="settled")
+    found = cj.Trace(solution, np.zeros(1), np.asarray(solution.y)[:1], "", said)
+    assert cj.to_dataset(mechanism, found).attrs["start"] == said
+    assert said in repr(found)

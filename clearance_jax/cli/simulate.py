@@ -176,6 +176,8 @@ def _report(mechanism, result, dataset) -> None:
         f"{int(solution.steps)} steps ({int(solution.rejected)} rejected), "
         f"energy residual {float(solution.energy_residual):.1e}"
     )
+    if result.rests:
+        console.print(f"start: {escape(result.rests)}", soft_wrap=True, highlight=False)
     if "peak_force" in dataset:
         found = loads(dataset)
         said = "the surfaces never meet" if found is None else found

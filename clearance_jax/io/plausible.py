@@ -4,20 +4,17 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from clearance_jax.joints import RevoluteClearance
+from clearance_jax.joints import AbstractClearance
+from clearance_jax.joints.checks import ImplausibleWarning, above_pin
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.units import shown
 
 # From a speck of dust to a ship. Outside, a unit or an exponent has slipped.
 LEAST_MASS, GREATEST_MASS = 1e-12, 1e9
 # The diameter of an atom [m].
 LEAST_CLEARANCE = 1e-10
+__all__ = ["ImplausibleWarning", "implausible"]
 # So many are named in a warning.
 NAMED = 4
-
-
-class ImplausibleWarning(UserWarning):
-    """A mechanism has sizes that nobody can have meant."""
 
 
 def implausible(mechanism: Mechanism) -> str:
@@ -35,11 +32,17 @@ def _clearances(mechanism: Mechanism) -> Iterator[str]:
         size = max(float(play.scale) for play in joint.joint.play() if play.slides is not None)
         if size < LEAST_CLEARANCE:
             yield f"the clearance of {joint.name}, {size:g} m, is less than an atom"
-        elif isinstance(joint.clearance, RevoluteClearance):
-            radial, pin = float(joint.clearance.radial_clearance), float(joint.clearance.pin_radius)
-            if radial > pin:
-                above = f"is above the pin's radius {shown(pin, 'm')}"
-                yield f"{joint.name}.radial_clearance = {shown(radial, 'm')} {above}"
+            continue
+        said = _above_pin(joint.clearance)
+        if said:
+            yield f"{joint.name}.{said}"
+
+
+def _above_pin(clearance: AbstractClearance) -> str:
+    """Of play in the plane, where a clearance above the pin's radius is not refused."""
+    sizes = (getattr(clearance, name, None) for name in ("radial_clearance", "pin_radius"))
+    radial, pin = sizes
+    return "" if radial is None or pin is None else above_pin(radial, pin)
 
 
 def _masses(mechanism: Mechanism) -> Iterator[str]:

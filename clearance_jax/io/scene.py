@@ -55,7 +55,8 @@ def read_scene(path: str | Path) -> Scene:
         text, mechanism = read_robot(path)
         return Scene(mechanism, {}, text)
     text, values = read_toml(path, "scene file")
-    with naming(str(path)), jax.ensure_compile_time_eval():
+    with naming(str(path)), jax.ensure_compile_time_eval(), warnings.catch_warnings():
+        warnings.simplefilter("ignore", ImplausibleWarning)
         # Numbers stay numbers where a scene is loaded inside a jitted function.
         top = Table(values, f"{path}:", SCENE)
         mechanism, trajectory = _whole(top, path)

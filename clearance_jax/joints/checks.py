@@ -1,5 +1,6 @@
 """What the numbers of a play must be, said at once in words."""
 
+import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -8,6 +9,38 @@ from jax.core import Tracer
 
 from clearance_jax.errors import ClearanceError, quoted
 from clearance_jax.spatial import Vector
+from clearance_jax.units import shown
+
+
+class ImplausibleWarning(UserWarning):
+    """A mechanism has sizes that nobody can have meant."""
+
+
+def above_pin(radial: Any, pin: Any) -> str:
+    """What is said of a radial clearance that is as large as its pin's radius [m] or larger; empty where it is smaller,
+    or either is traced. (Contact in the plane is right at any size, so it is not refused.)
+    """
+    if isinstance(radial, Tracer) or isinstance(pin, Tracer):
+        return ""
+    try:
+        large = np.asarray(radial, float) >= np.asarray(pin, float)
+    except (TypeError, ValueError):  # said where numbers are checked
+        return ""
+    if not np.any(large):
+        return ""
+    radial, pin = np.broadcast_arrays(radial, pin)
+    first = np.unravel_index(np.argmax(large), large.shape)
+    than = "above" if radial[first] > pin[first] else "as large as"
+    size, radius = (shown(float(one[first]), "m") for one in (radial, pin))
+    return f"radial_clearance = {size} is {than} the pin's radius {radius}"
+
+
+def warn_of_pin(radial: Any, pin: Any) -> None:
+    """Warn of a radial clearance that is as large as its pin's radius [m] or larger."""
+    said = above_pin(radial, pin)
+    if said:
+        text = f"This size is hardly meant: {said}. Check its unit; it is half the difference of the diameters."
+        warnings.warn(text, ImplausibleWarning, stacklevel=4)
 
 
 def check_sizes(unit: str = "m", **sizes: Any) -> None:

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 from clearance_jax._numerics import safe_unit
 from clearance_jax._types import Scalar
 from clearance_jax.joints._base import AbstractClearance, AbstractElement, ContactPoint, PlayCoordinate
+from clearance_jax.joints.checks import warn_of_pin
 from clearance_jax.joints.fitting import Tolerance
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Material
 from clearance_jax.parameters import physical
@@ -43,6 +44,9 @@ class RevoluteClearance(AbstractClearance):
     sleeve_material: Material | None = None
     tolerance: Tolerance | None = None
     tangents: ClassVar[int] = 1
+
+    def __check_init__(self):
+        warn_of_pin(self.radial_clearance, self.pin_radius)
 
     @property
     def sleeve_radius(self) -> Scalar:

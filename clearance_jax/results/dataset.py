@@ -27,7 +27,8 @@ def to_dataset(
 ) -> xr.Dataset:
     """Everything observable of a solution as an `xarray.Dataset`.
 
-    A `Trace` also gives contact episodes and the three contact states (an impact is recognised by its episode).
+    A `Trace` also gives contact episodes and the three contact states (an impact is recognised by its episode), and,
+    where joints of a settled start begin at relative rest, says so in the attribute `start`.
 
     **Arguments:** `progress`: called with the fraction done; `provenance`: anything to be kept as attributes beside
     version, result and counts.
@@ -52,7 +53,10 @@ def to_dataset(
     used = {dim for dims, _, _ in data.values() for dim in dims}
     coords: dict[str, Any] = {"time": ("time", time, {"units": "s"})}
     coords |= {name: label for name, label in labelled.items() if label[0] in used}
-    return xr.Dataset(data, coords, _attributes(mechanism, solved, solution.message or "successful") | provenance)
+    said = _attributes(mechanism, solved, solution.message or "successful")
+    if isinstance(solution, Trace) and solution.rests:
+        said["start"] = solution.rests
+    return xr.Dataset(data, coords, said | provenance)
 
 
 def _samples(solved: Solution) -> tuple[np.ndarray, np.ndarray]:

@@ -42,6 +42,26 @@ def check_start(mechanism: Mechanism, t0: Any, errors: StartErrors) -> None:
     )
 
 
+def rest_words(mechanism: Mechanism, errors: StartErrors) -> str:
+    """Which joints of a settled start begin at relative rest and why, in words; empty where none does, or the start is
+    another.
+    """
+    seated = errors.seated
+    joints = [joint.name for joint in mechanism.clearance_joints()]
+    if seated is None or not np.any(seated.rest):
+        return ""
+    pace, limit = np.asarray(seated.pace), 2 * np.pi * float(seated.frequency)
+    rests = [k for k in range(len(joints)) if seated.rest[k] > 0]
+    named = ", ".join(f"`{joints[k]}` ({pace[k]:.3g} of its play a second)" for k in rests)
+    said = (
+        f"begins at relative rest at the wall: {named}. A pin follows where its load presses it up to {limit:.3g} of "
+        f"its play a second, 2 pi times the lowest frequency of the pose, {float(seated.frequency):.3g} Hz"
+    )
+    if np.any(pace[rests] <= limit):
+        said += "; pins that close a loop begin so together"
+    return said + "."
+
+
 def _check_assembled(mechanism: Mechanism, t0: Any, open_loops: Array) -> None:
     """Raise where a loop stays open at the start (by so much each [m]), naming it."""
     gaps = np.nan_to_num(np.asarray(open_loops), nan=np.inf)

@@ -103,7 +103,7 @@ or by round-off of the distance (1e-16 m against a depth of 1e-4 m), acts for th
 
 def balls() -> cj.Mechanism:
     """Two bodies of 1 kg on one line; what touches are a sleeve and a pin with a clearance of `REACH`."""
-    joint = cj.RevoluteClearance(REACH, 1.0, laws.Hertz(STEEL))
+    joint = cj.RevoluteClearance(REACH, 2.0, laws.Hertz(STEEL))
     return cj.Mechanism(
         bodies=(cj.Body("one", 1.0), cj.Body("two", 1.0)),
         joints=(cj.Prismatic("slide1", "ground", "one"), cj.Prismatic("slide2", "ground", "two")),
