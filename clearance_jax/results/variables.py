@@ -24,7 +24,7 @@ EPISODES = {
     "impact_speed": Variable((), "m/s", "approach speed at first touch"),
     "peak_force": Variable((), "N", "largest normal force, within the steps too"),
     "peak_time": Variable((), "s", "when the largest normal force acts"),
-    "restitution": Variable((), "1", "separation speed over impact speed (NaN: in contact; above 1: others push)"),
+    "restitution": Variable((), "1", "separation speed over impact speed (NaN: still in contact)"),
 }
 
 
