@@ -226,6 +226,8 @@ def test_sectors_follow_from_the_patch():
     still = sectors.worn_round(seen([196.2, 196.2, 0.0], [1.0, 1.0, 3.0]), sleeve, law, foundation)
     for count in (180, 360, 720):  # to what 7200 places around the sleeve resolve
         assert sectors.missed(still, count) == pytest.approx((2 * np.pi / count / half) ** 2 / 3, rel=2e-2)
+    for count, fine in ((720, False), (780, True)):
+        assert sectors.surely_fine(seen([196.2, 196.2, 0.0], [1.0, 1.0, 3.0]), sleeve, foundation, count) == fine
     chosen = sectors.fewest(still)
     assert (chosen, sectors.doubt(still, chosen, "pin")) == (780, "")
     said = sectors.doubt(still, 90, "pin")

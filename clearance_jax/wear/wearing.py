@@ -32,7 +32,7 @@ from clearance_jax.units import shown
 from clearance_jax.wear.contacts import CHUNK, Contacts, contacts, looked, sleeve_of
 from clearance_jax.wear.laws import AbstractWearLaw
 from clearance_jax.wear.pressure import AbstractPressure
-from clearance_jax.wear.sectors import USUAL, SectorsWarning, doubt, fewest, worn_round
+from clearance_jax.wear.sectors import USUAL, SectorsWarning, doubt, fewest, surely_fine, worn_round
 from clearance_jax.wear.worn import accumulated, worn
 
 # What a trace has and a differentiated solve does not, or the other way round.
@@ -119,8 +119,9 @@ class Wearing(eqx.Module):
 
     def _doubt(self, seen: Contacts, sectors: int) -> None:
         """Warn of sectors that are too wide for the patch."""
-        said = doubt(self._worn_round(seen), sectors, self.joint)
-        if said:
+        if surely_fine(seen, sleeve_of(self.mechanism, self.joint), self.pressure, sectors):
+            return
+        if said := doubt(self._worn_round(seen), sectors, self.joint):
             warnings.warn(said, SectorsWarning, stacklevel=4)
 
     def _check(self, deepest: float, relief: float, after: int) -> None:
