@@ -28,13 +28,13 @@ class Untold(Exception):
 
 _HEAP_TYPE = 1 << 9  # of a class written in Python
 # What Python writes into every class, or a decorator, and nothing depends on.
-_MADE = frozenset(
-    "__module__ __qualname__ __doc__ __dict__ __weakref__ __annotations__ __annotate__ __annotate_func__ "
-    "__annotations_cache__ __firstlineno__ __static_attributes__ __dataclass_fields__ __dataclass_params__ "
-    "__match_args__ __abstractmethods__ __abstractvars__ __abstractclassvars__ __parameters__ __orig_bases__ _abc_impl "
-    "__slots__ __classcell__ __init__ __repr__ __eq__ __hash__ __replace__ __setattr__ __delattr__ __signature__ "
-    "_flatten _unflatten".split()  # noqa: SIM905
-)
+_MADE = {
+    "__module__", "__qualname__", "__doc__", "__dict__", "__weakref__", "__annotations__", "__annotate__",
+    "__annotate_func__", "__annotations_cache__", "__firstlineno__", "__static_attributes__", "__dataclass_fields__",
+    "__dataclass_params__", "__match_args__", "__abstractmethods__", "__abstractvars__", "__abstractclassvars__",
+    "__parameters__", "__orig_bases__", "_abc_impl", "__slots__", "__classcell__", "__init__", "__repr__", "__eq__",
+    "__hash__", "__replace__", "__setattr__", "__delattr__", "__signature__", "_flatten", "_unflatten",
+}
 
 
 def hashed(*parts: str | bytes) -> str:
