@@ -1,3 +1,4 @@
+import os
 from pathlib import Path
 
 import jax
@@ -13,6 +14,7 @@ _hook.__enter__()
 
 import clearance_jax  # noqa: E402  (the hook must come first)
 
+os.environ["CLEARANCE_KEPT"] = "0"  # a test may patch what a kept program was made of
 clearance_jax.configure(cache=True)
 
 # Linux lets a process have 65530 mappings. Every compiled program takes some, which it keeps, and where there are no

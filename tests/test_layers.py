@@ -33,7 +33,7 @@ ORDER = (
     "cli",
 )
 LEAVES = {"_alike", "_frame", "_types", "_numerics", "_sharing", "errors", "configure", "units", "parameters"}
-LEAVES |= {"_folder", "_structure", "identity"}
+LEAVES |= {"_folder", "_kept", "_structure", "identity"}
 # What runs on a device is `analysis` and all that it needs; `units` reads and writes for people.
 HOST_ONLY = {"xarray", "matplotlib", "PIL", "pint", "scipy", "typer", "rich", "tomllib", "jinja2", "xml", "defusedxml"}
 DEVICE_EXCEPT = {f"{PACKAGE}.units"}
