@@ -30,6 +30,7 @@ from clearance_jax.identity import source_digest
 
 _PACKAGES = ("jax", "jaxlib", "equinox", "diffrax", "optimistix", "lineax", "numpy")
 _where: list[Path] = []
+_jax: Any = jax.config  # whose settings have no types
 
 
 def keep_in(folder: Path | None) -> None:
@@ -72,7 +73,7 @@ class kept_jit:
         structure = tree_text(jax.tree.structure(arguments)), text(jax.tree.leaves(rest))
         # Named axes, an object without a text, are there only within a transformation: see `_ordinary`.
         settings = [x for x in jax_config.trace_context() if not isinstance(x, jax_core.AxisEnv)]
-        context = repr((jax.config.jax_enable_x64, settings)), os.environ.get("XLA_FLAGS", "")
+        context = repr((_jax.jax_enable_x64, settings)), os.environ.get("XLA_FLAGS", "")
         return hashed(self.name, *structure, where, *shapes, *context, _surroundings())
 
     def _made(self, key: str, arrays: Any, rest: Any) -> tuple[Any, Any]:
@@ -147,8 +148,8 @@ def _ordinary(leaves: list) -> bool:
         and jax_core.trace_state_clean()
         and jax.default_backend() == "cpu"
         and jax.local_device_count() == 1
-        and jax.config.jax_default_device is None
-        and not (jax.config.jax_debug_nans or jax.config.jax_debug_infs or jax.config.jax_disable_jit)
+        and _jax.jax_default_device is None
+        and not (_jax.jax_debug_nans or _jax.jax_debug_infs or _jax.jax_disable_jit)
         and _processor() != ""
     )
 
