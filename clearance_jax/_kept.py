@@ -6,6 +6,7 @@ file that is damaged, an executable that cannot be kept) is a reason to compile 
 
 import contextlib
 import functools
+import importlib
 import os
 import pickle
 import platform
@@ -136,8 +137,7 @@ def _read(key: str) -> tuple[Any, Any] | None:
 @functools.cache
 def _ready() -> None:
     """LAPACK's functions, which JAX looks up only when it lowers a program: without them a loaded one would crash."""
-    from jaxlib import lapack
-
+    lapack: Any = importlib.import_module("jaxlib.lapack")
     lapack._lapack.initialize()
 
 
