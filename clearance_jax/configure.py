@@ -6,6 +6,7 @@ from pathlib import Path
 import jax
 from jax._src import xla_bridge  # the only place that knows whether a backend has started
 
+from clearance_jax._kept import keep_in
 from clearance_jax.errors import ClearanceError
 
 # XLA runs a loop's body operation by operation, some 0.1 us each, unless one turn of the loop touches fewer bytes than
@@ -31,7 +32,8 @@ def configure(*, cache: bool | str | Path = False) -> None:
     **Arguments:**
 
     - `cache`: keep compiled programs between processes, in this folder, or (`True`) in the user's cache folder. The
-      environment variable JAX_COMPILATION_CACHE_DIR comes first.
+      environment variable JAX_COMPILATION_CACHE_DIR comes first. With CLEARANCE_KEPT=1 (on trial)
+      programs of `trace` and `to_dataset` are kept ready to run in its folder `programs`.
 
     **Raises:** `ClearanceError` where JAX has started already without the setting.
     """
@@ -45,8 +47,10 @@ def configure(*, cache: bool | str | Path = False) -> None:
                 f'or set the environment variable XLA_FLAGS="{" ".join(wanted)}".'
             )
         os.environ["XLA_FLAGS"] = " ".join([flags, *wanted]).strip()
+    home = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "clearance_jax"
+    folder = home if cache is True or not cache else Path(cache)
     if cache and "JAX_COMPILATION_CACHE_DIR" not in os.environ:
-        home = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
-        jax.config.update("jax_compilation_cache_dir", str(home / "clearance_jax" if cache is True else cache))
+        jax.config.update("jax_compilation_cache_dir", str(folder))
+    keep_in(folder / "programs" if cache else None)
     if cache:
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)

@@ -1,5 +1,6 @@
 import ctypes
 import gc
+import os
 import sys
 from pathlib import Path
 
@@ -20,6 +21,7 @@ _hook.__enter__()
 
 import clearance_jax  # noqa: E402  (the hook must come first)
 
+os.environ["CLEARANCE_KEPT"] = "0"  # a test may patch what a kept program was made of
 clearance_jax.configure(cache=True)
 
 # What is imported stays: the collector need not look at it again. Tracing makes many objects that live, so that it

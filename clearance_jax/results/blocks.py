@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from clearance_jax._kept import kept_jit
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.field import slope
 from clearance_jax.dynamics.observe import observe
@@ -67,7 +68,10 @@ def _put(whole: np.ndarray, part: slice, block: Array) -> None:
 
 def _batched(function):
     """A jitted program over blocks, of a function of one state and a prepared mechanism."""
-    return jax.jit(lambda mechanism, *arrays: jax.vmap(partial(function, mechanism.prepared()))(*arrays))
+    def block(mechanism, *arrays):
+        return jax.vmap(partial(function, mechanism.prepared()))(*arrays)
+
+    return kept_jit(block, f"{__name__}.{function.__name__}", jax.jit)
 
 
 def _observed(mechanism: Mechanism, time: Scalar, y: Array) -> dict[str, Array]:

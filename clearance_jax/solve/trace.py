@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from clearance_jax._kept import kept_jit
 from clearance_jax.dynamics.energy import energy_residual
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.solve.attempt import Carry, Options, attempt, dense, means_of, start_carry
@@ -62,7 +63,7 @@ class Steps(NamedTuple):
     trial: Trial
 
 
-@eqx.filter_jit
+@kept_jit
 def _block(problem: Problem, allowed: Tolerances, carry: Carry, last, grid, options: Options):
     """At most `BLOCK` steps more: the solve on its way, the ends of the steps, how many, and the samples among them."""
     means = means_of(options, allowed)
@@ -97,14 +98,14 @@ def _block(problem: Problem, allowed: Tolerances, carry: Carry, last, grid, opti
     return carry, steps.next, steps.trial.end, count, jnp.where(inside[:, None], sampled, jnp.nan)
 
 
-@eqx.filter_jit
+@kept_jit
 def _begin(inputs: Inputs, options: Options):
     problem, start, allowed, errors = problem_of(inputs, options)
     carry = start_carry(problem, options, means_of(options, allowed), inputs.t0, inputs.t1, start)
     return problem, allowed, carry, errors
 
 
-_residual = eqx.filter_jit(energy_residual)
+_residual = kept_jit(energy_residual)
 
 
 # What a trace has no use for: it always has books, and no derivatives.

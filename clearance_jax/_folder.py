@@ -1,0 +1,120 @@
+"""A folder of files that are kept between processes: only its owner can write there, and it does not grow for ever."""
+
+import contextlib
+import os
+import stat
+import tempfile
+from hashlib import blake2b
+from pathlib import Path
+
+# Files of which the oldest go when there are more bytes than this: some thousand programs.
+LARGEST = 1 << 30
+_MARK = b"clearance_jax program 1\n"
+_DIGEST = 32
+ENDING = ".program"
+
+
+def unsafe(folder: Path) -> str:
+    """Why what lies in a folder is not to be read, as the end of a sentence; empty where it may be."""
+    if not hasattr(os, "getuid"):
+        return "this system does not say who can write there"
+    try:
+        seen = os.lstat(folder)
+    except FileNotFoundError:
+        return ""
+    except OSError as error:
+        return f"it cannot be looked at ({error.strerror})"
+    if not stat.S_ISDIR(seen.st_mode):
+        return "it is no folder"
+    if seen.st_uid != os.getuid():
+        return "it belongs to another user"
+    return "others than its owner can write there" if seen.st_mode & 0o022 else ""
+
+
+def read(folder: Path, name: str) -> bytes | None:
+    """What was kept under this name; `None` where nothing was, or where it is damaged, or not its owner's own."""
+    path = folder / f"{name}{ENDING}"
+    try:
+        # Not through a link, and what is read is what was looked at.
+        handle = os.open(path, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0))
+        with os.fdopen(handle, "rb") as file:
+            seen = os.fstat(handle)
+            if not stat.S_ISREG(seen.st_mode) or seen.st_uid != os.getuid() or seen.st_mode & 0o022:
+                return None
+            found = file.read()
+        head = len(_MARK) + _DIGEST
+        if found[: len(_MARK)] != _MARK or found[len(_MARK) : head] != _digest(name, found[head:]):
+            return None
+        with contextlib.suppress(OSError):
+            os.utime(path)  # what was used last goes last
+        return found[head:]
+    except OSError:
+        return None
+
+
+def write(folder: Path, name: str, content: bytes, largest: int = LARGEST) -> bool:
+    """Keep this; whether that was possible. The file gets its name when it is whole."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        if unsafe(folder):
+            return False
+        with tempfile.NamedTemporaryFile(dir=folder, prefix=".", suffix=".partial", delete=False) as file:
+            try:
+                file.write(_MARK + _digest(name, content) + content)
+                file.close()
+                os.replace(file.name, folder / f"{name}{ENDING}")
+            except BaseException:
+                file.close()
+                with contextlib.suppress(OSError):
+                    os.unlink(file.name)
+                raise
+        _let_go(folder, largest)
+        return True
+    except OSError:
+        return False
+
+
+def size(folder: Path) -> tuple[int, int]:
+    """How many files there are, and their bytes."""
+    sizes = [size for _, size, _ in _files(folder)]
+    return len(sizes), sum(sizes)
+
+
+def clear(folder: Path) -> int:
+    """Remove every file that was kept here, and nothing else; how many there were."""
+    gone = 0
+    for path in [path for *_, path in _files(folder)] + list(folder.glob(".*.partial")):
+        with contextlib.suppress(OSError):
+            path.unlink()
+            gone += path.suffix == ENDING
+    return gone
+
+
+def _digest(name: str, content: bytes) -> bytes:
+    """Of the name too: a file under another's name is another program."""
+    return blake2b(name.encode() + b"\0" + content, digest_size=_DIGEST).digest()
+
+
+def _files(folder: Path) -> list[tuple[float, int, Path]]:
+    """When each file was used last, its size, and where it is."""
+    found = []
+    with contextlib.suppress(OSError):
+        for path in folder.glob(f"*{ENDING}"):
+            with contextlib.suppress(OSError):
+                seen = path.lstat()
+                found.append((seen.st_mtime, seen.st_size, path))
+    return found
+
+
+def _let_go(folder: Path, largest: int) -> None:
+    """Remove what was not used for longest, where there is too much."""
+    files = _files(folder)
+    total = sum(size for _, size, _ in files)
+    if total <= largest:
+        return
+    for _, length, path in sorted(files, key=lambda one: one[0]):
+        with contextlib.suppress(OSError):
+            path.unlink()
+        total -= length
+        if total <= 0.9 * largest:
+            return
