@@ -110,6 +110,8 @@ def test_commands_run(path, top):
             assert importlib.util.find_spec(words[2]), line
         elif words[:1] == ["make"]:
             assert f"\n{words[1]}:" in (ROOT / "Makefile").read_text(encoding="utf-8"), line
+        elif words[:1] == ["pre-commit"]:
+            assert (ROOT / ".pre-commit-config.yaml").exists(), line
         else:
             assert words[:1] in ([], ["pip"]), f"{line}: nothing checks this command"
 
