@@ -83,7 +83,8 @@ def test_all_that_a_solve_has_is_lowered_for_a_gpu():
 
     program = exported(lane)
     assert sum(over(WHOLE, one) for one in loops(program)) >= 4
-    assert not foreign(program)
+    # Eigenvalues of the settled start, once a solve: by the GPU's own library, which JAX calls where it lowers for one.
+    assert foreign(program) <= {"cusolver_syevd_ffi"}
 
 
 def test_the_other_platforms_program_is_not_even_traced():
