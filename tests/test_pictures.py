@@ -468,7 +468,8 @@ def test_a_result_file_is_filmed_and_its_play_drawn(crank, monkeypatch, capsys, 
         (["--magnify", "wrist"], "Add `--movie FILE`"),
         (["--movie", "a.avi"], "must end in .gif or .mp4"),
         (["--movie", "missing/a.gif"], "its folder does not exist"),
-        (["--movie", "a.gif", "--plot", "a.gif"], "must end in .png"),
+        (["--movie", "a.gif", "--plot", "b.gif"], "must end in .png"),
+        (["--movie", "a.gif", "--plot", "a.gif"], "are the same file"),
     ],
 )
 def test_what_no_film_can_show_is_said_before_the_solve(options, words, monkeypatch, capsys, tmp_path):
