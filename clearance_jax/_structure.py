@@ -8,18 +8,16 @@ import dataclasses
 import dis
 import enum
 import functools
-import sys
 import types
 from collections.abc import Iterator, Mapping
 from hashlib import blake2b
-from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
 from jax.core import Tracer
 
-from clearance_jax.identity import PACKAGE
+from clearance_jax.identity import elsewhere
 
 
 class Untold(Exception):
@@ -230,17 +228,3 @@ def _names(code: types.CodeType) -> set[str]:
         if isinstance(constant, types.CodeType):
             found |= _names(constant)
     return found
-
-
-@functools.cache
-def elsewhere(name: str | None) -> bool:
-    """Whether a module is this library's, Python's or of an installed package: what versions and the digest of this
-    library's sources tell.
-    """
-    head = (name or "__main__").partition(".")[0]
-    if head == "__main__":
-        return False
-    if head == PACKAGE.name or head in sys.stdlib_module_names or head in sys.builtin_module_names:
-        return True
-    file = getattr(sys.modules.get(head), "__file__", None) or ""
-    return bool({"site-packages", "dist-packages"} & set(Path(file).parts))

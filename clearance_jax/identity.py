@@ -180,7 +180,7 @@ class _Reader:
             return _hashed("array", str(array.shape), *map(self.of, array.ravel().tolist()))
         if isinstance(value, types.FunctionType | type):
             name = f"{value.__module__}.{value.__qualname__}"
-            if _elsewhere(value.__module__):
+            if elsewhere(value.__module__):
                 return _hashed(name, *self._held(value))
             return self._own(value, name)
         if isinstance(value, types.ModuleType):
@@ -246,7 +246,7 @@ class _Reader:
 
     def _class(self, kind: type) -> Iterator[str]:
         for base in kind.__mro__:
-            if _elsewhere(base.__module__):
+            if elsewhere(base.__module__):
                 yield f"{base.__module__}.{base.__qualname__}"
                 continue
             for name, member in sorted(vars(base).items()):
@@ -259,7 +259,7 @@ def _enumerated(value: Any) -> bool:
 
 
 def _is_own(value: Any) -> bool:
-    return isinstance(value, types.FunctionType | type) and not _elsewhere(value.__module__)
+    return isinstance(value, types.FunctionType | type) and not elsewhere(value.__module__)
 
 
 def _made(member: Any) -> bool:
@@ -305,7 +305,7 @@ def _globals(code: types.CodeType) -> Iterator[str]:
 
 def _module(module: types.ModuleType) -> str:
     """A module of the user's by its text."""
-    if _elsewhere(module.__name__):
+    if elsewhere(module.__name__):
         return f"module {module.__name__}"
     try:
         return _hashed(module.__name__, Path(str(module.__file__)).read_bytes())
@@ -314,7 +314,7 @@ def _module(module: types.ModuleType) -> str:
 
 
 @functools.cache
-def _elsewhere(name: str | None) -> bool:
+def elsewhere(name: str | None) -> bool:
     """Whether a module is this library's, Python's or of an installed package: what versions and `SOURCE` tell."""
     head = (name or "__main__").partition(".")[0]
     if head == "__main__":
