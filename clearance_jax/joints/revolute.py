@@ -4,7 +4,7 @@ The contact point lies on the sleeve's surface, P = R n with n = e/|e|; both wre
 balance exactly. (Formulas that use the pin's own radius as its arm differ from this by the penetration.)
 """
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import jax.numpy as jnp
 
@@ -16,6 +16,23 @@ from clearance_jax.joints.fitting import Tolerance
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Material
 from clearance_jax.parameters import physical
 from clearance_jax.spatial import Vector, X, Y, dot, plus, scale, times
+
+
+def round_play(radial_clearance: Scalar) -> tuple[PlayCoordinate, PlayCoordinate]:
+    """The eccentricity of a pin: two slides along the sleeve's axes, of the scale of the radial clearance [m]."""
+    return PlayCoordinate(".play_x", radial_clearance, slides=X), PlayCoordinate(".play_y", radial_clearance, slides=Y)
+
+
+def round_geometry(clearance: Any) -> Geometry:
+    """What laws may know of a round pin in a sleeve that was made round."""
+    return Geometry(
+        clearance.pin_radius,
+        clearance.sleeve_radius,
+        clearance.radial_clearance,
+        clearance.length,
+        clearance.pin_material,
+        clearance.sleeve_material,
+    )
 
 
 class RevoluteClearance(AbstractClearance):
@@ -54,21 +71,10 @@ class RevoluteClearance(AbstractClearance):
         return self.pin_radius + self.radial_clearance
 
     def play(self):
-        """The eccentricity: two slides along the sleeve's axes."""
-        return (
-            PlayCoordinate(".play_x", self.radial_clearance, slides=X),
-            PlayCoordinate(".play_y", self.radial_clearance, slides=Y),
-        )
+        return round_play(self.radial_clearance)
 
     def geometry(self):
-        return Geometry(
-            self.pin_radius,
-            self.sleeve_radius,
-            self.radial_clearance,
-            self.length,
-            self.pin_material,
-            self.sleeve_material,
-        )
+        return round_geometry(self)
 
     def points(self, at):
         distance, nx, ny = safe_unit(jnp.asarray(at.place[0], float), jnp.asarray(at.place[1], float))

@@ -13,7 +13,7 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.joints._base import AbstractClearance, AbstractElement, ContactPoint
 from clearance_jax.joints.bore import FEWEST, Bore
 from clearance_jax.joints.fitting import Tolerance
-from clearance_jax.joints.revolute import RevoluteClearance
+from clearance_jax.joints.revolute import RevoluteClearance, round_geometry, round_play
 from clearance_jax.joints.sleeve import SleeveClearance
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Material
 from clearance_jax.parameters import Demand, physical
@@ -73,19 +73,11 @@ class WornRevoluteClearance(AbstractClearance):
         """The shape of its bore."""
         return Bore(self.radial_clearance, self.profile)
 
-    @property
-    def unworn(self) -> RevoluteClearance:
-        """The joint as it was before it wore."""
-        materials = self.pin_material, self.sleeve_material
-        return RevoluteClearance(
-            self.radial_clearance, self.pin_radius, self.normal, self.friction, self.element, self.length, *materials
-        )
-
     def play(self):
-        return self.unworn.play()
+        return round_play(self.radial_clearance)
 
     def geometry(self):
-        return self.unworn.geometry()
+        return round_geometry(self)
 
     def points(self, at):
         depth = self.bore.depth_at(jnp.asarray(at.place[0], float), jnp.asarray(at.place[1], float))
