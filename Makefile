@@ -36,7 +36,7 @@ quick: check
 
 # Where the suite's time goes, by file and by test: out/suite.md.
 account: .venv/installed
-	$(PYTEST) --account out
+	$(PYTEST) --account=out
 
 docs: .venv/installed reference
 	$(BIN)/sphinx-build -W --keep-going -q -b html docs out/site
