@@ -74,7 +74,7 @@ def pytest_collection_modifyitems(items):
 
 
 def _resident() -> float:
-    """Memory of this process [GB]; more than it may have where nothing says so."""
+    """Memory of this process [GB]; the most that it may hold where nothing says so."""
     told = Path("/proc/self/statm")
     return int(told.read_text().split()[1]) * 4096 / 1e9 if told.exists() else MOST_MEMORY
 
