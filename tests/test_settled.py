@@ -186,3 +186,32 @@ def test_a_start_says_which_joints_begin_at_relative_rest():
     assert cj.to_dataset(mechanism, found).attrs["start"] == said
     for shown in (found, cj.Trace(found, np.zeros(1), np.asarray(solution.y)[:1], "")):
         assert said in repr(shown)
+
+
+def test_lanes_of_a_batch_start_as_single_solves_do():
+    """A driven pendulum from rest: its load turns by r J / g for a jerk J, and its pin swings with sqrt(g / c)."""
+    play = cj.RevoluteClearance(1e-4, 0.01, laws.HuntCrossley(STIFFNESS, 0.5))
+    drive = cj.Motion(cj.Quintic([0.0, 0.1], [0.0, 0.1]))
+    hip = cj.Revolute("hip", "ground", "bob", motion=drive, clearance=play)
+    bob = cj.Body("bob", MASS, 0.01, cj.Position(y=-0.3))
+    mechanism = cj.Mechanism((bob,), (hip,), gravity=cj.Gravity(y=-GRAVITY))
+    fastest = np.sqrt(GRAVITY / 1e-4) * GRAVITY / 0.3
+    rises = fastest * 0.1**3 / 60 * np.array([0.2, 0.9, 1.1, 1.5, 3.0])
+
+    def started(rise):
+        moved = mechanism.driven({"hip": cj.Quintic([0.0, 0.1], jnp.stack([0.0 * rise, rise]))})
+        return cj.simulate(moved, 1e-5, rtol=1e-6, books=False, start="settled")
+
+    single = jax.jit(started)
+    alone = [single(jnp.asarray(rise)) for rise in rises]
+    together = cj.batch(started, rises)
+    np.testing.assert_array_equal(together.seated.rest[:, 0], [0, 0, 1, 1, 1])
+    np.testing.assert_array_equal(together.seated.rest, [one.seated.rest for one in alone])
+    for name in ("pace", "frequency"):
+        expected = [getattr(one.seated, name) for one in alone]
+        np.testing.assert_allclose(getattr(together.seated, name), expected, rtol=1e-12)
+    np.testing.assert_allclose(together.initial, [one.initial for one in alone], rtol=1e-12, atol=1e-18)
+    lanes = jax.tree.map(jnp.asarray, together)
+    assert "3 of them begin with pins at relative rest." in repr(lanes)
+    assert jax.tree.map(lambda x: x[2], lanes).rests == alone[2].rests != ""
+    assert alone[2].rests in repr(alone[2])
