@@ -204,7 +204,9 @@ def largest_displacement(mechanism: cj.Mechanism, moves: np.ndarray) -> float:
 
 def checked(case: Case) -> Row:
     """One case."""
-    first, middle, last = (jax.tree.map(np.asarray, started(case.mechanism, jnp.asarray(t))) for t in (0.0, SPAN / 2, SPAN))
+    first, middle, last = (
+        jax.tree.map(np.asarray, started(case.mechanism, jnp.asarray(t))) for t in (0.0, SPAN / 2, SPAN)
+    )
     settled = np.max([now.forces[0] for now in (first, middle, last)], axis=0)
     peaks, begin = first.forces.max(0), first.forces[0]
     limit = 2 * np.pi * float(first.frequency) * largest_displacement(case.mechanism, first.moves)
