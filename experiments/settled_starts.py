@@ -148,6 +148,7 @@ def cases(drive: str, count: int, play: tuple[str, ...]) -> list[Case]:
     """Random ones; every second one is already moving."""
     rng = np.random.default_rng([SEED, list(DRIVES).index(drive)])
     scene, arm, found = cj.load(SCENES / "arm_with_play.toml"), robot(1.0), []
+    clearances = {joint.name: joint.clearance for joint in scene.clearance_joints()}
     for k in range(count):
         at, took = rng.uniform(-1, 1, 6) * RANGES, rng.uniform(0.25, 1.0)
         # Towards the middle, with its largest speed (of a quintic 1.875 times the mean) a part of the limit.
@@ -159,7 +160,7 @@ def cases(drive: str, count: int, play: tuple[str, ...]) -> list[Case]:
         fingers = {"finger_left": cj.Constant(0.02), "finger_right": cj.Constant(0.02)}
         mechanism = arm.driven({name: DRIVES[drive](move) for name, move in moves.items()} | fingers)
         for name in play:
-            mechanism = mechanism.with_clearance(name, scene.joint(name).clearance)
+            mechanism = mechanism.with_clearance(name, clearances[name])
         size = 0.4 * mass * 0.03**2
         numbers = {"payload.mass": mass} | {f"payload.inertia.{axis}": size for axis in ("xx", "yy", "zz")}
         found.append(Case(drive, begin == 0, mass, took, at, cj.replace(mechanism, numbers)))
