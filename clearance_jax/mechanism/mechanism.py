@@ -277,20 +277,17 @@ class Mechanism(Parametrised):
         wrenches = tuple(wrench.prepared() for wrench in self.wrenches)
         controllers = tuple(c.prepared(self._believed(c).prepared()) for c in self.controllers)
         ready = dataclasses.replace(ready, wrenches=wrenches, controllers=controllers)
-        return ready._as_table() if ready.is_tabled else ready
-
-    def _as_table(self) -> "Mechanism":
-        return dataclasses.replace(self, links=links_of(self.bodies, self.joints))
+        return dataclasses.replace(ready, links=links_of(ready.bodies, ready.joints)) if ready.is_tabled else ready
 
     def as_small_program(self) -> "Mechanism":
         """The same prepared mechanism for what is computed once in a solve: in space it is a table, unless it is very
         small, since a table compiles sooner.
         """
-        if self.is_plane or self.links is not None or len(list(self.coordinates())) <= ONCE:
-            return self
         # A body that stays in its plane may have one moment of inertia: a table asks for six.
         whole = all(body.inertia is None or isinstance(body.inertia, Inertia) for body in self.bodies)
-        return self._as_table() if whole else self
+        if self.is_plane or not whole or len(list(self.coordinates())) <= ONCE:
+            return self
+        return dataclasses.replace(self, links=self.links or links_of(self.bodies, self.joints))
 
     def _believed(self, controller: AbstractController) -> "Mechanism":
         """What a controller goes by, which is itself controlled by nobody."""
