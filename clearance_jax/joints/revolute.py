@@ -7,10 +7,9 @@ balance exactly. (Formulas that use the pin's own radius as its arm differ from 
 from typing import Any, ClassVar
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float
 
 from clearance_jax._numerics import safe_unit
-from clearance_jax._types import Scalar
+from clearance_jax._types import Each, Scalar
 from clearance_jax.joints._base import AbstractClearance, AbstractElement, ContactPoint, PlayCoordinate
 from clearance_jax.joints.checks import warn_of_pin
 from clearance_jax.joints.fitting import Tolerance
@@ -19,11 +18,8 @@ from clearance_jax.parameters import physical
 from clearance_jax.spatial import Vector, X, Y, dot, plus, scale, times
 
 
-def round_play(radial_clearance: Float[Array, "..."]) -> tuple[PlayCoordinate, PlayCoordinate]:
-    """The eccentricity of a pin: two slides along the sleeve's axes, of the scale of the radial clearance [m].
-
-    The structure of many mechanisms is asked of all their lanes at once: then the clearance has an axis for lanes.
-    """
+def round_play(radial_clearance: Each) -> tuple[PlayCoordinate, PlayCoordinate]:
+    """The eccentricity of a pin: two slides along the sleeve's axes, of the scale of the radial clearance [m]."""
     return PlayCoordinate(".play_x", radial_clearance, slides=X), PlayCoordinate(".play_y", radial_clearance, slides=Y)
 
 

@@ -27,8 +27,8 @@ def to_dataset(
 ) -> xr.Dataset:
     """Everything observable of a solution as an `xarray.Dataset`.
 
-    A `Trace` also gives contact episodes and the three contact states (an impact is recognised by its episode), and,
-    where joints of a settled start begin at relative rest, says so in the attribute `start`.
+    A `Trace` also gives contact episodes and the three contact states (an impact is recognised by its episode). Where
+    joints of a settled start begin at relative rest, the attribute `start` says so.
 
     **Arguments:** `progress`: called with the fraction done; `provenance`: anything to be kept as attributes beside
     version, result and counts.
@@ -54,8 +54,8 @@ def to_dataset(
     coords: dict[str, Any] = {"time": ("time", time, {"units": "s"})}
     coords |= {name: label for name, label in labelled.items() if label[0] in used}
     said = _attributes(mechanism, solved, solution.message or "successful")
-    if isinstance(solution, Trace) and solution.rests:
-        said["start"] = solution.rests
+    if solved.rests:
+        said["start"] = solved.rests
     return xr.Dataset(data, coords, said | provenance)
 
 

@@ -195,7 +195,7 @@ def task_of(inputs: Inputs, options: Options, directions: Any = None) -> Task:
         & is_possible(errors, inputs.mechanism)
     )
     save_at = None if save_at is None else jnp.where(possible, save_at, t0)
-    return Task(problem, t0, jnp.where(possible, t1, t0), start, save_at, allowed, possible)
+    return Task(problem, t0, jnp.where(possible, t1, t0), start, save_at, allowed, possible, errors.seated)
 
 
 def solution_of(task: Task, out: Outcome, t1: Array, options: Options) -> Solution:
@@ -226,6 +226,7 @@ def solution_of(task: Task, out: Outcome, t1: Array, options: Options) -> Soluti
         out.end_time,
         records,
         picked,
+        task.seated,
         sampled=out.samples is not None,
         books=options.books,
     )

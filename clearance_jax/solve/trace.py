@@ -25,7 +25,7 @@ from clearance_jax.solve.problem import Problem
 from clearance_jax.solve.settings import ALL, SolveOptions, settings_of
 from clearance_jax.solve.simulate import warn_of_energy
 from clearance_jax.solve.solution import Solution
-from clearance_jax.solve.start import check_start, rest_words
+from clearance_jax.solve.start import check_start
 from clearance_jax.solve.step import Trial
 from clearance_jax.solve.tolerances import Tolerances
 
@@ -33,23 +33,24 @@ BLOCK = 4096
 
 
 class Trace(eqx.Module):
-    """A solution with every step end: `time` (steps,), `y` (steps, n); `message` is empty where the solve succeeded.
-    `rests`: which joints of a settled start begin at relative rest, and why; empty where none does.
-    """
+    """A solution with every step end: `time` (steps,), `y` (steps, n); `message` is empty where the solve succeeded."""
 
     solution: Solution
     time: np.ndarray
     y: np.ndarray
     message: str = eqx.field(static=True)
-    rests: str = eqx.field(static=True, default="")
+
+    @property
+    def rests(self) -> str:
+        """Which joints of a settled start begin at relative rest, and why; empty where none does."""
+        return self.solution.rests
 
     def __getitem__(self, name: str) -> Array:
         """A quantity by name at the samples, as `Solution` gives it."""
         return self.solution[name]
 
     def __repr__(self) -> str:
-        lines = [repr(self.solution), f"  a trace of {self.time.size} step ends"]
-        return "\n".join([*lines, f"  {self.rests}"] if self.rests else lines)
+        return f"{self.solution!r}\n  a trace of {self.time.size} step ends"
 
 
 class Steps(NamedTuple):
@@ -131,10 +132,8 @@ def trace(
     inputs = Inputs(mechanism, start, last, None, settings.rtol, settings.atol, settings.y0)
     problem, allowed, carry, errors = _begin(inputs, chosen)
     first = carry.y
-    rests = ""
     if settings.y0 is None:
         check_start(mechanism, t0, errors)
-        rests = rest_words(mechanism, errors)
     times, states = [np.array([t0])], [np.asarray(first)[None]]
     sampled = np.full((grid.size, first.size), np.nan)
     sampled[grid == t0] = np.asarray(first)  # whatever happens, the start is known
@@ -168,10 +167,11 @@ def trace(
         carry.rejected,
         _residual(problem.mechanism, (start, jnp.asarray(time[-1])), (first, jnp.asarray(y[-1]))),
         jnp.asarray(time[-1]),
+        seated=errors.seated,
         sampled=settings.save_at is not None,
     )
     warn_of_energy(solution)
-    return Trace(solution.of(mechanism), time, y, words(code), rests)
+    return Trace(solution.of(mechanism), time, y, words(code))
 
 
 def _code(carry: Carry, t1: float, max_steps: int) -> Result:
