@@ -7,6 +7,7 @@ balance exactly. (Formulas that use the pin's own radius as its arm differ from 
 from typing import Any, ClassVar
 
 import jax.numpy as jnp
+from jaxtyping import Array
 
 from clearance_jax._numerics import safe_unit
 from clearance_jax._types import Scalar
@@ -18,8 +19,11 @@ from clearance_jax.parameters import physical
 from clearance_jax.spatial import Vector, X, Y, dot, plus, scale, times
 
 
-def round_play(radial_clearance: Scalar) -> tuple[PlayCoordinate, PlayCoordinate]:
-    """The eccentricity of a pin: two slides along the sleeve's axes, of the scale of the radial clearance [m]."""
+def round_play(radial_clearance: Array) -> tuple[PlayCoordinate, PlayCoordinate]:
+    """The eccentricity of a pin: two slides along the sleeve's axes, of the scale of the radial clearance [m].
+
+    (What asks for a structure asks over lanes too: there a clearance has one number a lane.)
+    """
     return PlayCoordinate(".play_x", radial_clearance, slides=X), PlayCoordinate(".play_y", radial_clearance, slides=Y)
 
 
