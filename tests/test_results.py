@@ -256,7 +256,8 @@ def test_the_top_of_a_cubic():
 def seen_force(time, force):
     """Step ends of one contact with the given force (a function that also gives its rate)."""
     value, rate = force(time)
-    return episodes.StepEnds(time, np.ones_like(time), np.zeros_like(time), value, rate)
+    nothing = np.zeros_like(time)
+    return episodes.StepEnds(time, np.ones_like(time), nothing, value, rate, nothing, nothing)
 
 
 def looked_into(time, force):

@@ -28,7 +28,7 @@ EPISODES = {
     "restitution": Variable(
         (),
         "1",
-        "root of the work that the contact gave back over the work that it took up (NaN: its whole is not known)",
+        "root of the work that the contact gave back over the work that it took up (NaN: not known as a whole)",
     ),
 }
 

@@ -26,7 +26,7 @@ class ContactWarning(UserWarning):
 
 
 class Works(NamedTuple):
-    """The work [J] that every episode took up and gave back, and the root of their ratio (NaN: the whole is not known)."""
+    """Of every episode the work taken up and given back [J], and the root of their ratio (NaN: unknown as a whole)."""
 
     taken: np.ndarray
     given: np.ndarray
@@ -57,8 +57,8 @@ def doubt(joint: str, restitution: np.ndarray) -> str:
     if largest <= ADDS:
         return ""
     return (
-        f"Contacts of `{joint}` gave back more work than they took up: their restitution must be at most 1, but it is up "
-        f"to {largest:.3g}. Either the law of the normal force adds energy, or rtol is too large: try a smaller one."
+        f"Contacts of `{joint}` gave back more work than they took up: their restitution must be at most 1, but it is "
+        f"up to {largest:.3g}. Either the law of the normal force adds energy, or rtol is too large: try a smaller one."
     )
 
 
