@@ -2,6 +2,7 @@
 
 import os
 import sys
+from pathlib import Path
 from typing import Any
 
 import jax.numpy as jnp
@@ -145,6 +146,16 @@ def test_a_journal_that_is_damaged_or_none_or_held(tmp_path):
     for wrong in (tmp_path, tmp_path / "none" / "journal"):
         with pytest.raises(ClearanceError, match="Cannot write"):
             wear.march(slowing, begin, 20_000, journal=wrong)
+    path.write_bytes(b"".join(lines))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "open", refused)
+        with pytest.raises(ClearanceError, match=r"Cannot write .*Permission denied"):
+            wear.march(slowing, begin, 20_000, journal=path)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Path, "read_bytes", refused)
+        with pytest.raises(ClearanceError, match=r"Cannot read or write .*Permission denied"):
+            wear.march(slowing, begin, 20_000, journal=path)
+    assert path.read_bytes() == b"".join(lines)
     path.unlink()
 
     def second(_):
@@ -157,6 +168,10 @@ def test_a_journal_that_is_damaged_or_none_or_held(tmp_path):
         with pytest.raises(ClearanceError, match=r"Cannot write .*No space left on device.*see to that, and ask again"):
             wear.march(slowing, begin, 20_000, journal=path)
     assert np.array_equal(wear.march(slowing, begin, 20_000, journal=path).depth, whole.depth)
+
+
+def refused(*args, **kwargs):
+    raise PermissionError(13, "Permission denied")
 
 
 def full(_):
