@@ -64,6 +64,25 @@ def test_jumps_add_up_cycles_as_a_sum():
     assert -np.log(1 - limit) / part - 50.5 > 0.5
 
 
+def test_kinks_of_a_life_over_a_parameter_are_those_of_whole_cycles():
+    """Off a smooth curve by a part of a cycle of a jump: of parts that wear a hundredth as fast by a hundredth."""
+
+    def roughness(size: float) -> float:
+        shares = np.linspace(1, 1.1, 21) - 1.05
+        bound = {"until": lambda depth: depth.max() - 1e-6, "tolerance": 1e-2}
+
+        def ends(share):
+            found = wear.march(lambda depth, _: size * (1 + share) / (1 + depth / 2e-7), np.zeros(3), 10**9, **bound)
+            assert found.end is not None
+            return found.end * (1 + share)
+
+        found = np.array([ends(share) for share in shares])
+        return float(np.abs(found / np.polyval(np.polyfit(shares, found, 3), shares) - 1).max())
+
+    assert 1e-6 < roughness(1e-10) < 1e-4
+    assert roughness(1e-12) < 0.03 * roughness(1e-10)
+
+
 def test_life_ends_where_the_criterion_is_reached():
     limit = 5e-6
     found = wear.march(slowing, np.zeros(20), 10**6, tolerance=1e-4, until=lambda depth: np.max(depth) - limit)
