@@ -37,6 +37,7 @@ def optimize(
     set_up()
     from clearance_jax.design.findings import CUT_SHORT
     from clearance_jax.design.lanes import place_of
+    from clearance_jax.design.record import RecordWarning
     from clearance_jax.io.plausible import ImplausibleWarning
     from clearance_jax.io.study import load_study
     from clearance_jax.report.html import write_report
@@ -47,7 +48,8 @@ def optimize(
     check_distinct(study=study_file, report=report, record=record)
     with aloud(ImplausibleWarning):
         study = load_study(study_file)
-    with place_of(cluster) as place, _bar() as bar, Interruption() as asked:  # one cluster for all that follows
+    doubts = aloud(RecordWarning)
+    with doubts, place_of(cluster) as place, _bar() as bar, Interruption() as asked:  # one cluster for all that follows
         pace, client = Pace(asked.check), place.client
         say(_compiling(study.problem.specification.mechanism))
         given = {"method": method, "starts": starts, "record": record, "cluster": client}

@@ -43,6 +43,7 @@ OBSERVED = {
     "penetration": Variable(("joint",), "m", "overlap of pin and sleeve (negative: apart)"),
     "penetration_rate": Variable(("joint",), "m/s", "rate of the penetration (positive: approach)"),
     "contact_force": Variable(("joint",), "N", "normal contact force, of all contact points together"),
+    "contact_power": Variable(("joint",), "W", "power taken up by the normal contact force (negative: given back)"),
     "friction_force": Variable(("joint",), "N", "traction on the pin; in space its magnitude, of all points together"),
     "slip_velocity": Variable(
         ("joint",), "m/s", "slip of the pin's surface on the sleeve's where it is deepest; in space its magnitude"

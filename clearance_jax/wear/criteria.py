@@ -6,6 +6,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from clearance_jax._types import Scalar
@@ -107,7 +108,7 @@ class ImpactSpeed(AbstractCriterion):
             raise ClearanceError(f"The motion stopped: {motion.message}")
         found = to_dataset(mechanism, motion)
         speeds = found["impact_speed"].values[found["episode_joint"].values == [*found["joint"].values].index(joint)]
-        return max([0.0, *speeds])
+        return float(np.nanmax(speeds, initial=0.0))
 
 
 class Of(AbstractCriterion):
