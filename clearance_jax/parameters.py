@@ -20,6 +20,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array
 
+from clearance_jax._module import Module
 from clearance_jax._types import Flag
 from clearance_jax.errors import ClearanceError, quoted, require_float64, suggest
 
@@ -99,7 +100,7 @@ class Demand(NamedTuple):
     words: Callable[[], str]
 
 
-class Parametrised(eqx.Module):
+class Parametrised(Module):
     """A part of a model whose numbers have units that depend on what else it is made of."""
 
     def units(self) -> dict[str, str]:

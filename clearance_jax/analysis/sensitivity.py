@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from clearance_jax._module import Module
 from clearance_jax.analysis.measure import AbstractMetric, Function, as_metric, measured
 from clearance_jax.analysis.reverse import reverse
 from clearance_jax.errors import ClearanceError
@@ -24,7 +25,7 @@ REVERSIBLE = ("t0", "rtol", "solver", "books")
 MANY = 40
 
 
-class Sensitivities(eqx.Module):
+class Sensitivities(Module):
     """Value, shape (...), and its derivatives: `jacobian[name]`, shape (..., *parameter's)."""
 
     value: Array
@@ -132,7 +133,7 @@ def _not_in_reverse(mechanism, metric, values, options) -> str:
     return ""
 
 
-class Hessian(eqx.Module):
+class Hessian(Module):
     """Second derivatives by `names` (`matrix`, shape (..., n, n)) and how far they may be off (`error`, same shape)."""
 
     matrix: Array

@@ -10,6 +10,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
+from clearance_jax._module import Module
 from clearance_jax.dynamics.energy import BOOKS
 from clearance_jax.dynamics.quantities import Quantity, evaluated, quantities
 from clearance_jax.errors import ClearanceError, suggest
@@ -20,7 +21,7 @@ from clearance_jax.solve.observers import Picked
 from clearance_jax.units import shown
 
 
-class Solution(eqx.Module):
+class Solution(Module):
     """A solved motion. It prints itself, and gives quantities by name (SI):
 
         solution["piston.position"]      # a point's: position, velocity, acceleration; also `piston.position.x`
