@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Complex, Float, Int
 
 from clearance_jax._module import Module
+from clearance_jax._solo import solo_jit
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.closures import projected
 from clearance_jax.errors import ClearanceError
@@ -182,7 +183,7 @@ def _cycle_jvp(primals, tangents, *, effort: Effort):
 
 
 # One compiled function, as for `simulate`: what a search is called with does not compile it again.
-find = eqx.filter_jit(lambda search, effort: cycle(search, effort=effort))
+find = solo_jit(lambda search, effort: cycle(search, effort=effort))
 
 
 class _State(NamedTuple):

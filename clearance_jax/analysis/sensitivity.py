@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from clearance_jax._module import Module
+from clearance_jax._solo import solo_jit
 from clearance_jax.analysis.measure import AbstractMetric, Function, as_metric, measured
 from clearance_jax.analysis.reverse import reverse
 from clearance_jax.errors import ClearanceError
@@ -52,7 +53,7 @@ def output(metric: AbstractMetric | Callable, mechanism: Mechanism, t1: Any, opt
     return measured(mechanism, {"metric": metric}, t1, options)["metric"]
 
 
-@eqx.filter_jit
+@solo_jit
 def _value_and_jacobian(metric, mechanism, values, t1, options):
     def of(values):
         return output(metric, replace(mechanism, values), t1, options)

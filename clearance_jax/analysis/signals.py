@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from clearance_jax._module import Module
+from clearance_jax._solo import solo_jit
 from clearance_jax._types import Scalar
 from clearance_jax.analysis.ideal import freedom, ideal_state
 from clearance_jax.dynamics.equations import balance
@@ -89,7 +90,7 @@ class AbstractSignal(Module):
         return run(mechanism.ideal(), t1, options._replace(save_at=times, atol=None, books=False)).y
 
 
-@eqx.filter_jit
+@solo_jit
 def _along(signal: AbstractSignal, times: Array, y: Array, mechanism: Mechanism, reference: Array | None) -> Array:
     """A signal of states, as one program: outside of one every operation would be compiled and called by itself."""
     ready = mechanism.prepared()
