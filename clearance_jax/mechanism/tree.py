@@ -214,8 +214,8 @@ class AbstractPlayed(AbstractJoint):
     def __check_init__(self):
         if not isinstance(self.clearance, AbstractClearance):
             return
-        loose = outside(self)
-        own, plays = [c for c in loose.own_coordinates() if c.play is None], loose.play()
+        own = dataclasses.replace(self, clearance=None).own_coordinates()
+        plays = outside(self.clearance).play()
         for play in plays:
             slides = play.slides is not None and any(play.slides == c.slides for c in own)
             turns = play.turns is not None and any(c.is_ball or play.turns == c.turns for c in own)
