@@ -12,9 +12,6 @@ from clearance_jax.cli.interruption import Interruption
 from clearance_jax.cli.pace import Pace, shown_duration
 from clearance_jax.errors import ClearanceError
 
-# Up to so many coordinates a program with its derivatives is compiled within seconds.
-SMALL = 6
-
 
 def optimize(
     study_file: Annotated[Path, typer.Argument(metavar="STUDY", help="A study file (TOML with units).")],
@@ -88,10 +85,10 @@ def _compiling(mechanism: Any) -> str:
     from clearance_jax.mechanism.state import layout
 
     count = len(layout(mechanism).velocities)
-    how_long = "seconds" if count <= SMALL else "a minute or more"
+    kind, how_long = ("plane", "about ten seconds") if mechanism.is_plane else ("spatial", "about a minute")
     return (
-        f"Compiling the program that evaluates designs (a mechanism with {count} coordinates: this takes {how_long}; "
-        "programs that were compiled before are read again)."
+        f"Compiling the program that evaluates designs (a {kind} mechanism with {count} coordinates: this takes "
+        f"{how_long}, more on a busy machine; programs that were compiled before are read again)."
     )
 
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from clearance_jax._frame import Frame, frame_of
@@ -117,7 +118,7 @@ def quantities(mechanism: Mechanism, books: bool) -> Mapping[str, Quantity]:
 def _quantities(frame: Frame, books: bool) -> Mapping[str, Quantity]:
     """The same of a mechanism without its numbers."""
     with jax.ensure_compile_time_eval():  # what is kept must hold no tracers, whatever is being traced
-        mechanism = frame.filled(jnp.ones(shape.shape) for shape in frame.shapes)
+        mechanism = frame.filled(jnp.asarray(np.ones(shape.shape)) for shape in frame.shapes)
     labelled, out = labels(mechanism), dict(_states(mechanism))
     for variable, described in OBSERVED.items():
         if variable in IN_SPACE and mechanism.is_plane:

@@ -7,11 +7,11 @@ A link is one elementary coordinate: what is fixed before it, then its motion.
 
 from typing import NamedTuple
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from clearance_jax._module import Module
 from clearance_jax.mechanism.body import GROUND, Body, needs_six
 from clearance_jax.mechanism.placement import Inertia
 from clearance_jax.mechanism.tree import AbstractJoint, Coordinate
@@ -25,7 +25,7 @@ UNROLLED, FRAMED = 8, 14
 ONCE = 3
 
 
-class Links(eqx.Module):
+class Links(Module):
     """The numbers of a table: of each link the fixed rotation and offset before it, and its axis in its own frame; of
     each body the fixed rotation and offset of its frame on the link that carries it, and in that link's axes mass,
     centre and inertia.

@@ -1,6 +1,7 @@
 """The mechanism: bodies, the tree of joints, loops, springs, points, gravity."""
 
 import dataclasses
+import functools
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple, Unpack
 
@@ -141,7 +142,8 @@ class Mechanism(Parametrised):
         """The loops without clearance: ideal constraints."""
         return tuple(loop for loop in self.loops if getattr(loop, "clearance", None) is None)
 
-    @property
+    # By structure alone, and asked some hundred times while a solve is traced.
+    @functools.cached_property
     def is_plane(self) -> bool:
         """Whether nothing in it leaves the plane z = 0, by its structure."""
         places = [part.center_of_mass for part in self.bodies] + [point.at for point in self.points]

@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from clearance_jax._solo import solo_jit
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.closures import StartErrors, assembled, projected
 from clearance_jax.dynamics.control import renewed
@@ -267,7 +268,7 @@ def solved_lanes(inputs: Inputs, options: Options, which: Which = None) -> Solut
 
 # Below the rule of differentiation: around it, a derivative would trace the motion's own solve for nothing, and a rule
 # of batching has no derivative in reverse.
-@eqx.filter_jit
+@solo_jit
 def _compiled(inputs: Inputs, options: Options, which: Which = None) -> Solution:
     numbers, rest = eqx.partition((inputs, options), eqx.is_array)
 
@@ -286,7 +287,7 @@ def _compiled(inputs: Inputs, options: Options, which: Which = None) -> Solution
 
 
 # Differentiated as it stands, and so without a rule of batching.
-_plain = eqx.filter_jit(solved)
+_plain = solo_jit(solved)
 
 
 def problem_of(

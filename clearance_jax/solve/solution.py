@@ -10,6 +10,8 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
+from clearance_jax._module import Module
+from clearance_jax._solo import solo_jit
 from clearance_jax.dynamics.energy import BOOKS
 from clearance_jax.dynamics.quantities import Quantity, evaluated, quantities
 from clearance_jax.dynamics.seated import Seated
@@ -22,7 +24,7 @@ from clearance_jax.solve.start import rest_words
 from clearance_jax.units import shown
 
 
-class Solution(eqx.Module):
+class Solution(Module):
     """A solved motion. It prints itself, and gives quantities by name (SI):
 
         solution["piston.position"]      # a point's: position, velocity, acceleration; also `piston.position.x`
@@ -145,7 +147,7 @@ def _whole(numbers: Any, structure: Any) -> Mechanism:
     return numbers if structure is None else eqx.combine(numbers, structure)
 
 
-@eqx.filter_jit
+@solo_jit
 def _evaluated(numbers: Any, structure: Any, variable: str, time: Array, y: Array) -> Array:
     """A variable of every state, over the axes of `time`, of which all but the last are a batch's."""
 
@@ -165,15 +167,18 @@ def summary(solution: Solution) -> str:
     """A single solve in a few lines: how it ended, and its named states at the end."""
     mechanism = solution.mechanism
     known, plan = quantities(mechanism, solution.books), layout(mechanism)
+    final = np.asarray(solution.final)
 
     def last(name: str) -> str:
         found = known[name]
         if found.place is not None:
-            return shown(float(solution.final[found.place]), found.unit, 5)
+            return shown(float(final[found.place]), found.unit, 5)
         # An orientation is no state by its rotation vector.
-        y = solution.final[: plan.size + (len(BOOKS) if solution.books else 0)]
-        values = _evaluated(solution.numbers, solution.structure, found.variable, solution.end_time[None], y[None])
-        return shown(float(values[0][found.index]), found.unit, 5)
+        y = final[: plan.size + (len(BOOKS) if solution.books else 0)]
+        values = _evaluated(
+            solution.numbers, solution.structure, found.variable, np.asarray(solution.end_time)[None], y[None]
+        )
+        return shown(float(np.asarray(values)[0][found.index]), found.unit, 5)
 
     rows = [("at the end", "position", "velocity")] if plan.free else []
     rows += [(name, last(name), last(f"{name}.velocity")) for name in plan.velocities]

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array
 
 from clearance_jax._kept import kept_jit
+from clearance_jax._module import Module
 from clearance_jax.dynamics.energy import energy_residual
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.solve.attempt import Carry, Options, attempt, dense, means_of, start_carry
@@ -32,7 +33,7 @@ from clearance_jax.solve.tolerances import Tolerances
 BLOCK = 4096
 
 
-class Trace(eqx.Module):
+class Trace(Module):
     """A solution with every step end: `time` (steps,), `y` (steps, n); `message` is empty where the solve succeeded."""
 
     solution: Solution

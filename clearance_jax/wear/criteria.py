@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from clearance_jax._module import Module
 from clearance_jax._types import Scalar
 from clearance_jax.analysis.measure import AbstractMetric, as_metric
 from clearance_jax.errors import ClearanceError
@@ -19,7 +20,7 @@ from clearance_jax.solve.trace import trace
 from clearance_jax.wear.wearing import Wearing
 
 
-class AbstractCriterion(eqx.Module):
+class AbstractCriterion(Module):
     """A number of a joint as it is worn, and the bound at which its life ends."""
 
     bound: eqx.AbstractVar[Scalar]
