@@ -280,7 +280,7 @@ class Mechanism(Parametrised):
         return dataclasses.replace(ready, links=links_of(ready.bodies, ready.joints)) if ready.is_tabled else ready
 
     def as_small_program(self) -> "Mechanism":
-        """The same prepared mechanism for what is computed once: in space, unless very small, a table compiles sooner."""
+        """The same prepared mechanism for what is computed once: in space, unless small, a table compiles sooner."""
         # A body that stays in its plane may have one moment of inertia: a table asks for six.
         whole = all(body.inertia is None or isinstance(body.inertia, Inertia) for body in self.bodies)
         if self.is_plane or not whole or len(list(self.coordinates())) <= ONCE:
