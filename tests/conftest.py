@@ -11,12 +11,22 @@ from jaxtyping import install_import_hook
 
 # The tests compile much and run little of it, and so do the processes that they start: without optimisation they
 # compile in two thirds of the time, without kernels of fusions in half. JAX 0.12 aborts on the latter's option.
-os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = "1"
-jax.config.update("jax_disable_most_optimizations", True)
-NO_KERNELS, given = "--xla_cpu_use_fusion_emitters=false", os.environ.get("XLA_FLAGS", "")
-if jax.__version_info__ < (0, 11) and NO_KERNELS not in given:
-    os.environ["XLA_FLAGS"] = f"{given} {NO_KERNELS}".strip()
+FLAGS = {"xla_backend_optimization_level": "1"}
+FLAGS |= {"xla_cpu_use_fusion_emitters": "false"} if jax.__version_info__ < (0, 11) else {}
+for flag, value in FLAGS.items():
+    if flag not in os.environ.get("XLA_FLAGS", ""):
+        os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --{flag}={value}".strip()
+# But for those that run longer than they compile: what their names contain.
+RUN_LONG = ("docs/wear.md", "own_folder[wear]", "lanes_over_cores")
 
+
+def optimised(some: bool) -> None:
+    """Whether what this process compiles from here on, and what it starts, is optimised somewhat, or not at all."""
+    os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = str(int(not some))
+    jax.config.update("jax_disable_most_optimizations", not some)
+
+
+optimised(False)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 mpl.use("Agg")
 
@@ -71,6 +81,11 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if item.path.stem.removeprefix("test_") in QUICK:
             item.add_marker("quick")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item):
+    optimised(any(name in item.nodeid for name in RUN_LONG))
 
 
 def _resident() -> float:
