@@ -6,7 +6,7 @@ from pathlib import Path
 import jax
 from jax._src import xla_bridge  # the only place that knows whether a backend has started
 
-from clearance_jax._kept import keep_in
+from clearance_jax._kept import folder_in, keep_in
 from clearance_jax.errors import ClearanceError
 
 # XLA runs a loop's body operation by operation, some 0.1 us each, unless one turn of the loop touches fewer bytes than
@@ -51,6 +51,6 @@ def configure(*, cache: bool | str | Path = False) -> None:
     folder = home if cache is True or not cache else Path(cache)
     if cache and "JAX_COMPILATION_CACHE_DIR" not in os.environ:
         jax.config.update("jax_compilation_cache_dir", str(folder))
-    keep_in(folder / "programs" if cache else None)
+    keep_in(folder_in(folder) if cache else None)
     if cache:
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)

@@ -71,7 +71,7 @@ def _batched(function):
     def block(mechanism, *arrays):
         return jax.vmap(partial(function, mechanism.prepared()))(*arrays)
 
-    return kept_jit(block, f"{__name__}.{function.__name__}", jax.jit)
+    return kept_jit(block, jax.jit, (function,))
 
 
 def _observed(mechanism: Mechanism, time: Scalar, y: Array) -> dict[str, Array]:
