@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from clearance_jax._kept import kept_jit
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.closures import StartErrors, assembled, projected
 from clearance_jax.dynamics.control import renewed
@@ -231,10 +232,10 @@ def solution_of(task: Task, out: Outcome, t1: Array, options: Options) -> Soluti
     )
 
 
-def solved(inputs: Inputs, options: Options, which: Which = None) -> Solution:
-    """One motion (or stack), by diffrax."""
+def solved(inputs: Inputs, options: Options, which: Which = None, mapped: bool = True) -> Solution:
+    """One motion (or stack), by diffrax; `mapped`: `jax.vmap` may make many of it."""
     task = task_of(inputs, options, _directions(inputs, which))
-    return solution_of(task, integrate(task, options, _breaks_move(task)), inputs.t1, options)
+    return solution_of(task, integrate(task, options, _breaks_move(task), mapped), inputs.t1, options)
 
 
 def _directions(inputs: Inputs, which: Which) -> Any:
@@ -266,18 +267,22 @@ def solved_lanes(inputs: Inputs, options: Options, which: Which = None) -> Solut
 
 # Below the rule of differentiation: around it, a derivative would trace the motion's own solve for nothing, and a rule
 # of batching has no derivative in reverse.
-@eqx.filter_jit
+@kept_jit
 def _compiled(inputs: Inputs, options: Options, which: Which = None) -> Solution:
     numbers, rest = eqx.partition((inputs, options), eqx.is_array)
 
     def one(numbers):
+        inputs, options = eqx.combine(numbers, rest)
+        return solved(inputs, options, which, mapped=False)
+
+    def mapped(numbers):
         inputs, options = eqx.combine(numbers, rest)
         return solved(inputs, options, which)
 
     def together(batch):
         inputs, options = eqx.combine(jax.tree.map(lambda x: x[0], batch), rest)
         if which is not None and _breaks_move(task_of(inputs, options, _directions(inputs, which))):
-            return jax.vmap(one)(batch)
+            return jax.vmap(mapped)(batch)
         inputs, options = eqx.combine(batch, rest)
         return solved_lanes(inputs, options, which)
 

@@ -14,7 +14,7 @@ from clearance_jax.mechanism.state import layout
 from clearance_jax.solve import effort
 from clearance_jax.solve.flow import Inputs, closed_start, flow, plain_flow, states_of, with_states
 from clearance_jax.solve.settings import Settings, SolveOptions, settings_of
-from clearance_jax.solve.solution import Solution
+from clearance_jax.solve.solution import Solution, has_succeeded
 from clearance_jax.solve.start import check_start
 
 # An energy residual above this is a motion that nobody should build on; a good one is of the size of rtol.
@@ -62,7 +62,7 @@ def _run(mechanism, t1, settings: Settings, throw: bool, observers=(), integrand
     inputs = Inputs(mechanism, given.t0, t1, given.save_at, given.rtol, given.atol, given.y0, integrands)
     solution = flow(inputs, options=options) if options.derivatives == "controlled" else plain_flow(inputs, options)
     effort.count(solution.steps, solution.rejected)
-    if throw and not isinstance(solution.final, Tracer) and not bool(solution.succeeded):
+    if throw and not isinstance(solution.final, Tracer) and not has_succeeded(solution):
         if given.y0 is None:
             check_start(mechanism, given.t0, _start_errors(mechanism, given.t0, options.start))
         raise RuntimeError(
@@ -83,7 +83,7 @@ class EnergyWarning(UserWarning):
 def doubt(solution: Solution) -> str:
     """Why a single solve that reached its end is not to be trusted, in words; empty where its energy books close."""
     residual = float(solution.energy_residual)
-    if not (bool(solution.succeeded) and residual > DOUBTFUL):
+    if not (has_succeeded(solution) and residual > DOUBTFUL):
         return ""
     return (
         f"The energy books do not close: {residual:.1e} of the energy exchanged is missing (more than {DOUBTFUL:g}). "

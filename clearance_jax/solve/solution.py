@@ -132,6 +132,11 @@ class Solution(eqx.Module):
         return summary(self) if np.ndim(self.code) == 0 else summary_of_batch(self)
 
 
+def has_succeeded(solution: Solution) -> bool:
+    """Whether a single solve whose numbers are known reached t1 (by NumPy: nothing is compiled for it)."""
+    return int(solution.code) == int(Result.REACHED_END)
+
+
 def _whole(numbers: Any, structure: Any) -> Mechanism:
     return numbers if structure is None else eqx.combine(numbers, structure)
 

@@ -65,7 +65,7 @@ def rest_words(mechanism: Mechanism, errors: StartErrors) -> str:
 def _check_assembled(mechanism: Mechanism, t0: Any, open_loops: Array) -> None:
     """Raise where a loop stays open at the start (by so much each [m]), naming it."""
     gaps = np.nan_to_num(np.asarray(open_loops), nan=np.inf)
-    if np.all(gaps <= CLOSED * float(largest_length(mechanism))):
+    if np.all(gaps <= CLOSED * float(largest_length(mechanism, np))):
         return
     worst = int(np.argmax(gaps))
     said = (
