@@ -36,26 +36,29 @@ VERSIONED = (
 )
 
 
-@functools.cache
 def elsewhere(name: str | None) -> bool:
     """Whether a module is this library's, Python's or of an installed package: what versions and sources tell."""
-    head = (name or "__main__").partition(".")[0]
-    if head == "__main__":
-        return False
-    if head == PACKAGE.name or head in sys.builtin_module_names:
-        return True
-    file = Path(_file(head) or PYTHON)
-    installed = bool({"site-packages", "dist-packages"} & set(file.parts))
-    # A file of the user's may be named as a module of Python's.
-    return installed or (head in sys.stdlib_module_names and file.is_relative_to(PYTHON))
+    return _home((name or "__main__").partition(".")[0])[0]
+
+
+def versioned(name: str | None) -> bool:
+    """As `elsewhere`, of installed packages only those that a key has the versions of."""
+    return _home((name or "__main__").partition(".")[0])[1]
 
 
 @functools.cache
-def versioned(name: str | None) -> bool:
-    """As `elsewhere`, of installed packages only those that a key has the versions of."""
-    head = (name or "__main__").partition(".")[0]
-    python = head in sys.stdlib_module_names or head in sys.builtin_module_names
-    return elsewhere(name) and (python or head == PACKAGE.name or head in VERSIONED)
+def _home(head: str) -> tuple[bool, bool]:
+    """Both of a package."""
+    if head == "__main__":
+        return False, False
+    if head == PACKAGE.name or head in sys.builtin_module_names:
+        return True, True
+    file = Path(_file(head) or PYTHON)
+    if {"site-packages", "dist-packages"} & set(file.parts):
+        return True, head in VERSIONED
+    # A file of the user's may be named as a module of Python's.
+    python = head in sys.stdlib_module_names and file.is_relative_to(PYTHON)
+    return python, python
 
 
 def _file(head: str) -> str | None:

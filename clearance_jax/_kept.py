@@ -35,18 +35,25 @@ from clearance_jax._surroundings import is_plain, settings, surroundings
 # A call's arguments at most that are known without reading them again.
 _MOST = 1024
 _where: list[Path] = []
-_said: set[Path] = set()
 _making = threading.RLock()
 
 
-def folder_in(cache: Path) -> Path:
-    """Where programs are kept in a cache folder."""
-    return cache / "programs"
-
-
 def keep_in(folder: Path | None) -> None:
-    """Keep programs in this folder from now on; `None`: nowhere. Nor where the variable CLEARANCE_KEPT is 0."""
-    _where[:] = [folder] if folder is not None and os.environ.get("CLEARANCE_KEPT") != "0" else []
+    """Keep programs in this folder from now on; `None`: nowhere. Nor where the variable CLEARANCE_KEPT is 0, nor, which
+    is warned of, in a folder that others can write to.
+    """
+    _where.clear()
+    if folder is None or os.environ.get("CLEARANCE_KEPT") == "0":
+        return
+    why = _folder.unsafe(folder)
+    if why:
+        warnings.warn(
+            f"The folder of kept programs must be writable by its owner alone, but {why}: `{folder}` is not used. "
+            "Change its permissions, choose another folder, or set the environment variable CLEARANCE_KEPT=0.",
+            stacklevel=3,
+        )
+        return
+    _where.append(folder)
 
 
 class kept_jit:
@@ -91,7 +98,7 @@ class kept_jit:
             key = self._key(leaves, tree)
         except (Untold, RecursionError):
             return None, None
-        if not (self.filtered or all(map(eqx.is_array, leaves))) or not _usable(_where[0]):
+        if not (self.filtered or all(map(eqx.is_array, leaves))) or _folder.unsafe(_where[0]):
             return None, None
         if key not in self._programs:
             self._programs[key] = _read(key) or self._made(key, arguments)
@@ -121,6 +128,8 @@ class kept_jit:
         lowered = jax.jit(flat).lower(*numbers)
         if "callback" in lowered.as_text():  # it would point into this process
             return None, None
+        if not _folder.made(_where[0]):
+            return lowered.compile(), outside[0]
         # What JAX's own cache brings back cannot be kept once more: it would lack functions.
         with _jax_cache_off():
             program = lowered.compile()
@@ -167,19 +176,6 @@ def _is_ordinary(leaves: list) -> bool:
         and not isinstance(jax_core.trace_ctx.trace, DynamicJaxprTrace)
         and is_plain()
     )
-
-
-def _usable(folder: Path) -> bool:
-    """Whether a folder may be read and written; said once where not."""
-    why = _folder.unsafe(folder)
-    if why and folder not in _said:
-        _said.add(folder)
-        warnings.warn(
-            f"No compiled programs are kept: the folder `{folder}` must be writable by its owner alone, but {why}. "
-            "Change that, choose another folder, or set CLEARANCE_KEPT=0.",
-            stacklevel=2,
-        )
-    return not why
 
 
 def _read(key: str) -> tuple[Any, Any] | None:

@@ -42,17 +42,16 @@ from clearance_jax._code import (
 )
 
 _ADDRESS = re.compile(r"0x[0-9a-f]+")
-# Of a wrapped function: what `functools.wraps` copies.
-_COPIED = {"__module__", "__name__", "__qualname__", "__doc__", "__annotations__", "__wrapped__", "__type_params__"}
 
 
-def hashed(*parts: str | bytes, size: int = 16) -> str:
+_PLAIN = {type(None), bool, int, float, complex, str, bytes}  # of which `repr` has all digits
+
+
+def hashed(*parts: str | bytes) -> str:
     """Texts as one short text."""
-    found = blake2b(digest_size=size)
-    for part in parts:
-        data = part.encode() if isinstance(part, str) else part
-        found.update(len(data).to_bytes(8, "little") + data)
-    return found.hexdigest()
+    whole = [part.encode("utf-8", "surrogatepass") if isinstance(part, str) else part for part in parts]
+    lengths = b",".join(b"%d" % len(part) for part in whole)
+    return blake2b(b"".join((lengths, b"|", *whole)), digest_size=16).hexdigest()
 
 
 def text(value: Any) -> str:
@@ -101,12 +100,8 @@ class Reader:
     def of(self, value: Any) -> str:
         if id(value) in self._aside:
             return "named"
-        if value is None or (
-            isinstance(value, bool | int | complex | str | bytes) and not isinstance(value, enum.Enum)
-        ):
-            return f"{name_of(type(value))} {value!r}"
-        if isinstance(value, float):
-            return f"{name_of(type(value))} {value.hex()}"
+        if type(value) in _PLAIN:  # and of no class of the user's
+            return f"{type(value).__name__} {value!r}"
         if id(value) in self._done:
             return self._done[id(value)][1]
         here = len(self._within)
@@ -184,7 +179,7 @@ class Reader:
 
     def _wrapped(self, value: Any) -> str:
         """What wraps a function, or an object."""
-        kind = name_of(type(value))
+        kind = self.of(type(value))
         if isinstance(value, functools.partial):
             return hashed(kind, *map(self.of, (value.func, value.args, value.keywords)))
         if isinstance(value, types.MethodType):
@@ -201,8 +196,8 @@ class Reader:
         inner = inner_of(value)
         if inner is not None:
             # A rule of differentiation stands beside the function, for instance.
-            beside = variables(value) if type(value).__flags__ & HEAP_TYPE else {}
-            held = {name: one for name, one in beside.items() if name not in _COPIED and one is not inner}
+            beside = variables(value) if not type(value).__module__.startswith("jaxlib") else {}
+            held = {name: one for name, one in beside.items() if not name.startswith("__") and one is not inner}
             return hashed(kind, self.of(inner), self.of(held))
         return self._object(value)
 
@@ -234,7 +229,7 @@ class Reader:
         among those found.
         """
         if any(self._is_own(one) for one in self._within[:-1]):
-            return hashed(name_of(value), code)
+            return hashed(value.__qualname__, code)
         short, count = value.__qualname__, 1
         while short in self.code:
             count += 1
@@ -268,13 +263,16 @@ class Reader:
     def _function(self, function: types.FunctionType) -> str:
         origin = function.__globals__.get("__name__")  # `functools.wraps` copies every other name
         own = self._is_own(function)
-        parts = [f"{origin}.{function.__qualname__}"]
+        # A script and the module that it is when it is imported are the same.
+        parts = [function.__qualname__ if own else f"{origin}.{function.__qualname__}"]
         if own or self._strict or "<" in function.__qualname__:
             parts.append(self._code(function.__code__))
         parts += [self.of(content(cell)) for cell in function.__closure__ or ()]
         parts += [self.of(function.__defaults__), self.of(function.__kwdefaults__)]
-        # Its variables may matter too, that which it wraps among them.
-        parts += [hashed(name, self.of(one)) for name, one in sorted(vars(function).items()) if own or name in _COPIED]
+        # What it wraps, and its variables, may matter too.
+        for name, one in sorted(vars(function).items()):
+            if name == "__wrapped__" or (own and not name.startswith("__")):
+                parts.append(hashed(name, self.of(one)))
         if not own:
             return hashed("function", *parts)
         if self._strict:
@@ -286,7 +284,9 @@ class Reader:
         return self._own(function, hashed(*parts))
 
     def _code(self, code: types.CodeType) -> str:
-        constants = [self.of(one) for one in code.co_consts]
-        names = [*code.co_names, "|", *code.co_varnames, "|", *code.co_freevars, "|", *code.co_cellvars]
+        plain = [(type(one).__name__, one) for one in code.co_consts if type(one) in _PLAIN]
+        others = [self.of(one) for one in code.co_consts if type(one) not in _PLAIN]
+        order = [type(one) in _PLAIN for one in code.co_consts]
+        names = code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars
         numbers = code.co_flags, code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount
-        return hashed(code.co_code, code.co_exceptiontable, repr(numbers), *names, *constants)
+        return hashed(code.co_code, code.co_exceptiontable, repr((names, numbers, plain, order)), *others)

@@ -7,6 +7,7 @@ import typer
 
 from clearance_jax._version import __version__
 from clearance_jax.cli.animate import animate
+from clearance_jax.cli.cache import cache
 from clearance_jax.cli.common import console, errors
 from clearance_jax.cli.info import info
 from clearance_jax.cli.optimize import optimize
@@ -50,7 +51,7 @@ def about(
     """What stands before any command."""
 
 
-for command in (simulate, info, plot, animate, optimize, sweep, wear):
+for command in (simulate, info, plot, animate, optimize, sweep, wear, cache):
     app.command()(command)
 
 

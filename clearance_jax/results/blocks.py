@@ -68,6 +68,7 @@ def _put(whole: np.ndarray, part: slice, block: Array) -> None:
 
 def _batched(function):
     """A jitted program over blocks, of a function of one state and a prepared mechanism."""
+
     def block(mechanism, *arrays):
         return jax.vmap(partial(function, mechanism.prepared()))(*arrays)
 
