@@ -51,8 +51,8 @@ def _home(head: str) -> tuple[bool, bool]:
     """Both of a package."""
     if head == "__main__":
         return False, False
-    if head == PACKAGE.name or head in sys.builtin_module_names:
-        return True, True
+    if head == PACKAGE.name or head in sys.builtin_module_names or head.startswith("namedtuple_"):
+        return True, True  # a record's maker, which Python writes
     file = Path(_file(head) or PYTHON)
     if {"site-packages", "dist-packages"} & set(file.parts):
         return True, head in VERSIONED
