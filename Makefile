@@ -6,10 +6,8 @@ BIN := .venv/bin
 export JAX_COMPILATION_CACHE_DIR ?= $(or $(XDG_CACHE_HOME),$(HOME)/.cache)/clearance_jax
 # Small arrays lose by threading inside one operation; the second core runs the second test process.
 export XLA_FLAGS ?= --xla_cpu_multi_thread_eigen=false
-# The tests compile much and run little of it: less optimisation saves them a part of all compiling.
-TEST_FLAGS := --xla_backend_optimization_level=1
 # A file's tests share programs, and so stay in one process; the files that take longest begin.
-PYTEST := XLA_FLAGS="$(XLA_FLAGS) $(TEST_FLAGS)" $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
+PYTEST := $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 .PHONY: demo test quick account check docs reference pictures notebooks clean
 
@@ -36,7 +34,7 @@ quick: check
 
 # Where the suite's time goes, by file and by test: out/suite.md.
 account: .venv/installed
-	$(PYTEST) --account out
+	$(PYTEST) --account=out
 
 docs: .venv/installed reference
 	$(BIN)/sphinx-build -W --keep-going -q -b html docs out/site

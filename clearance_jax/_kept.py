@@ -11,6 +11,7 @@ import functools
 import importlib
 import os
 import pickle
+import re
 import threading
 import warnings
 from collections.abc import Callable, Iterator
@@ -29,6 +30,7 @@ from jax.experimental.compilation_cache import compilation_cache
 
 from clearance_jax import _folder
 from clearance_jax._library import library_text
+from clearance_jax._solo import SOLO, solo_jit
 from clearance_jax._structure import Untold, hashed, text, tree_text
 from clearance_jax._surroundings import is_plain, settings, surroundings
 
@@ -36,6 +38,8 @@ from clearance_jax._surroundings import is_plain, settings, surroundings
 _MOST = 1024
 _where: list[Path] = []
 _making = threading.RLock()
+# A function outside of a program that it calls.
+_CALL = re.compile(r'custom_call_target="([^"]*)"')
 
 
 def keep_in(folder: Path | None) -> None:
@@ -64,7 +68,7 @@ class kept_jit:
     """
 
     def __init__(self, function: Callable, jit: Callable = eqx.filter_jit, made_of: tuple[Callable, ...] = ()):
-        self.function, self.plain, self.filtered = function, jit(function), jit is eqx.filter_jit
+        self.function, self.plain, self.filtered = function, solo_jit(function, jit), jit is eqx.filter_jit
         self._made_of = function, *made_of
         self._programs: dict[str, tuple[Any, Any]] = {}
         self._calls: dict[Any, tuple[Any, Any]] = {}
@@ -129,19 +133,26 @@ class kept_jit:
         if "callback" in lowered.as_text():  # it would point into this process
             return None, None
         if not _folder.made(_where[0]):
-            return lowered.compile(), outside[0]
+            return lowered.compile(SOLO), outside[0]
         # What JAX's own cache brings back cannot be kept once more: it would lack functions.
         with _jax_cache_off():
-            program = lowered.compile()
+            program = lowered.compile(SOLO)
         try:
             frame = pickle.dumps(outside[0])
             pickle.loads(frame)
-            lapack = "lapack" in program.as_text()
-            content = pickle.dumps((lapack, frame, serialize_executable.serialize(program)))
+            calls = set(_CALL.findall(program.as_text() or ""))
+            content = pickle.dumps((_needs_lapack(calls), frame, serialize_executable.serialize(program)))
         except Exception:  # what a tree holds may refuse in its own words: the program is good in this process
             return program, outside[0]
         _folder.write(_where[0], key, content)
         return program, outside[0]
+
+
+def _needs_lapack(calls: set[str]) -> bool:
+    """Whether a program calls LAPACK. **Raises** `ValueError` where it calls what another process may not have."""
+    if not all(name.startswith(("lapack_", "__", "TopK")) for name in calls):
+        raise ValueError(calls)
+    return any(name.startswith("lapack_") for name in calls)
 
 
 class _Place:

@@ -15,11 +15,13 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array
 
+from clearance_jax._module import Module
 from clearance_jax._types import Flag
 from clearance_jax.errors import ClearanceError, quoted, require_float64, suggest
 
@@ -38,8 +40,17 @@ def as_leaf(value: Any) -> Any:
     # A number that is differentiated or mapped may still be a Python float inside its tracer.
     if isinstance(value, (int, float, np.ndarray, np.generic, list, tuple, Tracer)):
         require_float64()
-        return jnp.asarray(value, dtype=float)
+        # NumPy converts without a program, which JAX would compile.
+        plain = isinstance(value, (int, float, np.ndarray, np.generic))
+        return jnp.asarray(np.asarray(value, float) if plain else value, dtype=float)
     return value
+
+
+def outside(part: Any) -> Any:
+    """The same tree with NumPy's numbers, tracers but for: what is asked of a model outside of a solve. With JAX's
+    every product would be a program that is compiled by itself.
+    """
+    return jax.tree.map(lambda x: np.asarray(x) if isinstance(x, jax.Array) and not isinstance(x, Tracer) else x, part)
 
 
 def physical(
@@ -99,7 +110,7 @@ class Demand(NamedTuple):
     words: Callable[[], str]
 
 
-class Parametrised(eqx.Module):
+class Parametrised(Module):
     """A part of a model whose numbers have units that depend on what else it is made of."""
 
     def units(self) -> dict[str, str]:
@@ -300,7 +311,9 @@ def check_demands(part: Parametrised, begin: str = "") -> None:
 
     **Arguments:** `begin`: what the part's names begin with ("wrist.").
     """
-    for demand in part.demands():
+    with np.errstate(all="ignore"):  # of numbers near the largest ones
+        demands = list(outside(part).demands())
+    for demand in demands:
         if isinstance(demand.holds, Tracer) or np.all(demand.holds):
             continue
         given = quoted(np.asarray(getattr(part, demand.name)).tolist())

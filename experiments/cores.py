@@ -94,7 +94,7 @@ def over_cores(quick: bool) -> list[Size]:
 
 def over_orders(quick: bool) -> list[Order]:
     """Every order of every kind of lanes."""
-    lanes, rng = 512 if quick else 4096, np.random.default_rng(0)
+    lanes, rng = 256 if quick else 4096, np.random.default_rng(0)
     usual = {name: float(cj.parameters(slider_crank())[name].value) for name in SCATTERED}
     mixed = rng.permutation(lanes)
     kinds = {

@@ -46,7 +46,7 @@ ROBOTS = (
     ("talos_data/robots/talos_reduced.urdf", "free"),
 )
 # Numbers are what is asked here, not speed: fused, a program of thousands of scalars repeats most of its terms, which
-# takes the compiler minutes.
+# takes the compiler minutes. (The arm of the quick mode is small enough.)
 UNFUSED = {"xla_disable_hlo_passes": "fusion,cpu-instruction-fusion"}
 COMPARED = ("acceleration", "mass", "gravity", "coriolis", "poses", "jacobians")
 
@@ -151,8 +151,8 @@ def in_our_order(known: Known, base: str) -> tuple[np.ndarray, np.ndarray]:
     return np.array([*range(q), *(q + i for i in own)]), np.array([*range(v), *(v + i for i in own)])
 
 
-def compared(known: Known, base: str) -> Row:
-    """Our errors on a robot."""
+def compared(known: Known, base: str, options: dict[str, Any] = UNFUSED) -> Row:
+    """Our errors on a robot, of a program that was compiled with these options."""
     mechanism = cj.load_urdf(known.path, base=base, mimic="independent", end_effector=known.links)
     places, rates = in_our_order(known, base)
     values = dict(known.values)
@@ -168,7 +168,7 @@ def compared(known: Known, base: str) -> Row:
         jnp.asarray(values["rate"]),
     )
     clock = time.perf_counter()
-    compiled = run.lower(*arguments).compile(compiler_options=UNFUSED)
+    compiled = run.lower(*arguments).compile(compiler_options=options)
     clock = time.perf_counter() - clock
     found = compiled(*arguments)
     errors = {key: worst(np.asarray(found[key]), values[key]) for key in COMPARED}
@@ -192,7 +192,7 @@ def main(quick: bool = False) -> list[Row]:
         say(f"pinocchio {known[0][0].values['version']}, 1000 states of each robot")
     found = []
     for one in known:
-        found.append(compared(*one))
+        found.append(compared(*one, {} if quick else UNFUSED))
         print(found[-1], flush=True)
     cells = [
         (row.robot, row.base, row.coordinates, f"{row.compiled:.1f}", *(f"{row.errors[key]:.1e}" for key in COMPARED))

@@ -9,6 +9,24 @@ import matplotlib as mpl
 import pytest
 from jaxtyping import install_import_hook
 
+# The tests compile much and run little of it, and so do the processes that they start: without optimisation they
+# compile in two thirds of the time, without kernels of fusions in half. JAX 0.12 aborts on the latter's option.
+FLAGS = {"xla_backend_optimization_level": "1"}
+FLAGS |= {"xla_cpu_use_fusion_emitters": "false"} if jax.__version_info__ < (0, 11) else {}
+for flag, value in FLAGS.items():
+    if flag not in os.environ.get("XLA_FLAGS", ""):
+        os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --{flag}={value}".strip()
+# But for those that run longer than they compile: what their names contain.
+RUN_LONG = ("docs/wear.md", "own_folder[wear]", "lanes_over_cores")
+
+
+def optimised(some: bool) -> None:
+    """Whether what this process compiles from here on, and what it starts, is optimised somewhat, or not at all."""
+    os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = str(int(not some))
+    jax.config.update("jax_disable_most_optimizations", not some)
+
+
+optimised(False)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 mpl.use("Agg")
 
@@ -33,12 +51,13 @@ gc.set_threshold(50_000, 20, 20)
 # Files of which `make quick` is made: what a law or a message breaks, and what compiles little.
 QUICK = {"curves", "fits", "fitting", "fuzz", "keys", "laws", "laws_reference", "layers", "numerics", "operations"}
 QUICK |= {"play_holds", "play_input", "report", "squeezer", "stumbles", "sweep_figures", "urdf"}
-# Those that take longest begin, so that no process is left alone with one of them at the end.
+# Those that take longest begin and the quick ones end, so that no process is left alone with one file at the end.
 LONG = ("notebooks", "docs", "experiments", "space", "settled_space", "metrics", "paths", "design", "wear_design")
 
 # Programs are shared by the tests of a file, and let go between files where they hold much: memory [GB], or mappings.
-# Linux lets a process have 65530 of these, and XLA crashes where there are no more.
-MUCH_MEMORY, MANY_MAPPINGS = 1.5, 16_000
+# Linux lets a process have 65530 of these, and XLA crashes where there are no more. Within a file they are let go where
+# they hold more than a process may.
+MUCH_MEMORY, MOST_MEMORY, MANY_MAPPINGS = 1.5, 2.2, 16_000
 
 
 def pytest_addoption(parser):
@@ -56,7 +75,7 @@ def pytest_configure(config):
 def pytest_collection_modifyitems(items):
     def place(item):
         name = item.path.stem.removeprefix("test_")
-        return LONG.index(name) if name in LONG else len(LONG)
+        return LONG.index(name) if name in LONG else len(LONG) + (name in QUICK)
 
     items.sort(key=place)
     for item in items:
@@ -64,19 +83,34 @@ def pytest_collection_modifyitems(items):
             item.add_marker("quick")
 
 
-def _holds_much() -> bool:
-    process = Path("/proc/self")
-    if not process.exists():
-        return True
-    resident = int((process / "statm").read_text().split()[1]) * 4096 / 1e9
-    return resident > MUCH_MEMORY or len((process / "maps").read_bytes().splitlines()) > MANY_MAPPINGS
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item):
+    optimised(any(name in item.nodeid for name in RUN_LONG))
+
+
+def _resident() -> float:
+    """Memory of this process [GB]; the most that it may hold where nothing says so."""
+    told = Path("/proc/self/statm")
+    return int(told.read_text().split()[1]) * 4096 / 1e9 if told.exists() else MOST_MEMORY
+
+
+def _let_go() -> None:
+    jax.clear_caches()
+    gc.collect()
+    if sys.platform == "linux":
+        ctypes.CDLL(None).malloc_trim(0)  # the allocator keeps what is freed, and gives it back when asked
+
+
+@pytest.fixture(autouse=True)
+def _memory_kept():
+    yield
+    if _resident() > MOST_MEMORY:
+        _let_go()
 
 
 @pytest.fixture(autouse=True, scope="module")
 def _programs_let_go():
     yield
-    if _holds_much():
-        jax.clear_caches()
-        gc.collect()
-        if sys.platform == "linux":
-            ctypes.CDLL(None).malloc_trim(0)  # the allocator keeps what is freed, and gives it back when asked
+    maps = Path("/proc/self/maps")
+    if _resident() > MUCH_MEMORY or (maps.exists() and len(maps.read_bytes().splitlines()) > MANY_MAPPINGS):
+        _let_go()

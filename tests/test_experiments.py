@@ -5,6 +5,7 @@ import importlib
 import numpy as np
 import pytest
 
+import clearance_jax as cj
 from experiments import (
     batches,
     bifurcation,
@@ -17,6 +18,7 @@ from experiments import (
     publish,
     robots,
     scalar,
+    settled_starts,
     sweeps,
     wear_jumps,
     wear_kills,
@@ -99,6 +101,32 @@ def test_articulated_bodies_agree_with_composite_ones():
     rows = forward_dynamics.main(quick=True)
     assert [row.program.split()[0] for row in rows] == ["composite", "articulated", "articulated"]
     assert max(row.error for row in rows) <= 1e-10
+
+
+def test_settled_starts():
+    rows = settled_starts.main(quick=True)
+    assert [row.case.from_rest for row in rows] == [True, False] * 2
+    for row in rows:
+        assert row.broken == []
+        assert float(row.found.residual) < 1e-6
+        # One that moves faster than allowed is told.
+        assert "2 pi f r" in row._replace(of_limit=1.5).broken[0]
+    assert "from rest" in rows[0]._replace(speed=0.06).broken[0]
+    assert rows[1]._replace(speed=0.06).broken == []
+    assert "force" in rows[1]._replace(force=6.0).broken[0]
+
+
+def test_the_largest_displacement_of_a_tool_by_a_sleeve():
+    """Beyond the sleeve's end it is 2 c lever / length, with the pin's ends at opposite walls; within, c."""
+    mechanism = cj.load(settled_starts.SCENES / "arm_with_play.toml")
+    moves = np.zeros((3, 12))
+    # Along x with the pin of axis 5, whose tilt about its y moves it by 0.3 m.
+    moves[0, 8], moves[0, 11] = 1.0, 0.3
+    found = settled_starts.largest_displacement(mechanism, moves)
+    assert found == pytest.approx(20e-6 * 2 * 0.3 / 0.04, rel=1e-3)
+    # Within the sleeve the tool is never further off than the clearance.
+    moves[0, 11] = 0.01
+    assert settled_starts.largest_displacement(mechanism, moves) == pytest.approx(20e-6, rel=1e-3)
 
 
 def test_first_results():

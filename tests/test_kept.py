@@ -209,7 +209,7 @@ def test_code_of_the_users_is_part_of_the_key():
         user(LAW.replace("class Law(eqx.Module):", "class Law(eqx.Module):\n    other = 1")).Law(),
         mine.Law(width=2.0),
     ]
-    mine.FACTOR = 5.0  # a global that is changed later
+    mine.__dict__["FACTOR"] = 5.0  # a global that is changed later
     found = [usual, key(mine.Law()), *map(key, others)]
     mine.Law.force = lambda self, x: x
     found.append(key(mine.Law()))
@@ -302,7 +302,7 @@ class Slotted:
 
 @pytest.mark.parametrize(
     "value",
-    [threading.Lock(), Slotted(), user("x = 1"), iter([1]), type("Local", (), {})],
+    [threading.Lock(), Slotted(), user("x = 1"), iter([1]), types.new_class("Local")],
     ids=lambda x: type(x).__name__,
 )
 def test_what_cannot_be_read_is_not_kept(value):

@@ -52,7 +52,7 @@ def crank():
 def test_a_dataset_of_any_length_runs_the_same_programs(crank):
     mechanism, trace = crank
     cj.to_dataset(mechanism, trace)
-    programs: list[Any] = [blocks.observed, blocks.at_step_ends, blocks.force_inside]
+    programs: list[Any] = [blocks.observed, blocks.at_step_ends, blocks.contact_inside]
     compiled = [program.plain._cache_size() for program in programs]
     other = cj.replace(mechanism, {"conrod.mass": 0.2})
     for steps, samples in ((100, 5), (trace.time.size // 2, 11)):
@@ -256,7 +256,8 @@ def test_the_top_of_a_cubic():
 def seen_force(time, force):
     """Step ends of one contact with the given force (a function that also gives its rate)."""
     value, rate = force(time)
-    return episodes.StepEnds(time, np.ones_like(time), np.zeros_like(time), value, rate)
+    nothing = np.zeros_like(time)
+    return episodes.StepEnds(time, np.ones_like(time), nothing, value, rate, nothing, nothing)
 
 
 def looked_into(time, force):
@@ -386,7 +387,7 @@ def test_the_force_inside_a_step_ends_as_the_step(long_steps):
     t, y = trace.time, trace.y
     seen = in_blocks(blocks.at_step_ends, mechanism, t, y)
     arrays = t[:-1], y[:-1], np.diff(t), np.ones(t.size - 1)
-    force, slope = in_blocks(blocks.force_inside, mechanism, *arrays, size=blocks.FEW)
+    force, slope, *_ = in_blocks(blocks.contact_inside, mechanism, *arrays, size=blocks.FEW)
     expected = seen["contact_force"][1:]
     np.testing.assert_allclose(force, expected, rtol=1e-7, atol=1e-9 * expected.max())
     # At a break the rate is that after it, but the step ends before it.

@@ -1,5 +1,7 @@
 """A start at the wall: static and moving reactions by hand, an equilibrium that stays, derivatives, the ideal limit."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -8,7 +10,6 @@ from catalogue import slider_crank
 
 import clearance_jax as cj
 from clearance_jax import laws, metrics
-from clearance_jax.dynamics.closures import StartErrors
 from clearance_jax.dynamics.reactions import joint_reactions
 from clearance_jax.dynamics.seated import Seated
 from clearance_jax.errors import ClearanceError
@@ -168,16 +169,49 @@ def test_what_cannot_start_settled_is_refused():
 def test_a_start_says_which_joints_begin_at_relative_rest():
     mechanism = hanging(*REST[0], y=-GRAVITY)
     (name,) = (joint.name for joint in mechanism.clearance_joints())
-    nothing = StartErrors.nothing()
-    assert rest_words(mechanism, nothing) == ""
+    assert rest_words(mechanism, None) == ""
     rides, rests = (Seated(jnp.asarray([rest]), jnp.asarray([70.0]), jnp.asarray(5.0)) for rest in (0.0, 1.0))
-    assert rest_words(mechanism, nothing._replace(seated=rides)) == ""
-    said = rest_words(mechanism, nothing._replace(seated=rests))
+    assert rest_words(mechanism, rides) == ""
+    said = rest_words(mechanism, rests)
     assert f"begins at relative rest at the wall: `{name}` (70 of its play a second)" in said
     assert "up to 31.4 of its play a second, 2 pi times the lowest frequency of the pose, 5 Hz." in said
     # A loop's pin that could follow says why it does not.
-    assert "together" in rest_words(mechanism, nothing._replace(seated=rests._replace(frequency=jnp.asarray(50.0))))
+    assert "together" in rest_words(mechanism, rests._replace(frequency=jnp.asarray(50.0)))
     solution = cj.simulate(mechanism, 0.05, save_at=51, rtol=1e-9, start="settled")
-    found = cj.Trace(solution, np.zeros(1), np.asarray(solution.y)[:1], "", said)
+    assert solution.seated is not None
+    assert not np.any(solution.seated.rest)
+    assert solution.rests == ""
+    assert "start" not in cj.to_dataset(mechanism, solution).attrs
+    found = dataclasses.replace(solution, seated=rests)
     assert cj.to_dataset(mechanism, found).attrs["start"] == said
-    assert said in repr(found)
+    for shown in (found, cj.Trace(found, np.zeros(1), np.asarray(solution.y)[:1], "")):
+        assert said in repr(shown)
+
+
+def test_lanes_of_a_batch_start_as_single_solves_do():
+    """A driven pendulum from rest: its load turns by r J / g for a jerk J, and its pin swings with sqrt(g / c)."""
+    play = cj.RevoluteClearance(1e-4, 0.01, laws.HuntCrossley(STIFFNESS, 0.5))
+    drive = cj.Motion(cj.Quintic([0.0, 0.1], [0.0, 0.1]))
+    hip = cj.Revolute("hip", "ground", "bob", motion=drive, clearance=play)
+    bob = cj.Body("bob", MASS, 0.01, cj.Position(y=-0.3))
+    mechanism = cj.Mechanism((bob,), (hip,), gravity=cj.Gravity(y=-GRAVITY))
+    fastest = np.sqrt(GRAVITY / 1e-4) * GRAVITY / 0.3
+    rises = fastest * 0.1**3 / 60 * np.array([0.2, 0.9, 1.1, 1.5, 3.0])
+
+    def started(rise):
+        moved = mechanism.driven({"hip": cj.Quintic([0.0, 0.1], jnp.stack([0.0 * rise, rise]))})
+        return cj.simulate(moved, 1e-5, rtol=1e-6, books=False, start="settled")
+
+    single = jax.jit(started)
+    alone = [single(jnp.asarray(rise)) for rise in rises]
+    together = cj.batch(started, rises)
+    np.testing.assert_array_equal(together.seated.rest[:, 0], [0, 0, 1, 1, 1])
+    np.testing.assert_array_equal(together.seated.rest, [one.seated.rest for one in alone])
+    for name in ("pace", "frequency"):
+        expected = [getattr(one.seated, name) for one in alone]
+        np.testing.assert_allclose(getattr(together.seated, name), expected, rtol=1e-12)
+    np.testing.assert_allclose(together.initial, [one.initial for one in alone], rtol=1e-12, atol=1e-18)
+    lanes = jax.tree.map(jnp.asarray, together)
+    assert "3 of them begin with pins at relative rest." in repr(lanes)
+    assert jax.tree.map(lambda x: x[2], lanes).rests == alone[2].rests != ""
+    assert alone[2].rests in repr(alone[2])

@@ -1,5 +1,7 @@
 """A start at the wall in space: equilibria by hand, the reactions of the ideal joints, motions, derivatives."""
 
+import dataclasses
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -341,3 +343,21 @@ def test_lightly_loaded_sleeves_of_a_robot_begin_at_relative_rest():
         rested.append(np.asarray(seated.rest))
     # Some ride along, some do not: the rule is no switch for all.
     assert 0 < np.mean(rested) < 1
+
+
+def test_lanes_of_settled_starts_in_space_are_those_alone():
+    """The search for tilted pins, over lanes; quintics from rest, of which the faster ones leave the pin at rest."""
+    m = arm(dataclasses.replace(sleeve(normal=SOFT), stations=2), cj.Quintic([0.0, 0.1], [0.0, 0.1]))
+
+    def start(rise):
+        moved = m.driven({"hip": cj.Quintic([0.0, 0.1], jnp.stack([0.0 * rise, rise]))})
+        return settled_start(jnp.zeros(()), moved.prepared())
+
+    rises = jnp.asarray([0.0, 1e-3, 1e-2, 0.1, 1.0])
+    single = jax.jit(start)
+    alone = jax.tree.map(lambda *x: np.stack(x), *[single(rise) for rise in rises])
+    together = jax.jit(jax.vmap(start))(rises)
+    np.testing.assert_array_equal(together[1].seated.rest, alone[1].seated.rest)
+    assert 0 < np.mean(alone[1].seated.rest) < 1
+    for ours, theirs in zip(jax.tree.leaves(together), jax.tree.leaves(alone), strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-12)

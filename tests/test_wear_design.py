@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.stats
@@ -121,3 +122,21 @@ def test_the_maintenance_interval_falls_with_the_clearance(lasting):
     page = render(design.known(lasting)._replace(maintenance=(found,)))
     assert f"Asked for: {CYCLES}" in page
     assert all(f">{life:.4g}<" in page for life in found.lives[""])
+
+
+def test_sectors_of_all_designs_follow_from_the_mechanism(lasting, monkeypatch):
+    """A patch of a stiff foundation is too narrow for 360 sectors: more are taken, and as many for other numbers."""
+    (limit,) = lasting.specification.limits
+    taken = []
+    begin = wear.Wearing.begin
+    monkeypatch.setattr(wear.Wearing, "begin", lambda self, count: (taken.append(count), begin(self, count))[1])
+    given, law, stiff = lasting.specification.mechanism, wear.Archard(6e-14), wear.Foundation(2e13)
+    needed = wear.Wearing(law, stiff, "pin", jnp.asarray(CYCLE), given).sectors(dict(SOLVE))
+    assert needed > 360
+    narrow = dataclasses.replace(limit.metric, wear=law, pressure=stiff, cycles=(0, 3))
+    taken.clear()
+    for values in ({}, {PLAY: 5e-5}):
+        narrow.of(given, values, CYCLE, **SOLVE)
+        assert taken[-1] == needed
+    with pytest.warns(wear.SectorsWarning, match=f"{needed} sectors would do"):
+        dataclasses.replace(narrow, sectors=360).of(given, {}, CYCLE, **SOLVE)

@@ -2,6 +2,7 @@
 
 import os
 import sys
+from pathlib import Path
 from typing import Any
 
 import jax.numpy as jnp
@@ -61,6 +62,25 @@ def test_jumps_add_up_cycles_as_a_sum():
     assert found.evaluations < 50
     assert found.end == pytest.approx(50.5, abs=0.02)
     assert -np.log(1 - limit) / part - 50.5 > 0.5
+
+
+def test_kinks_of_a_life_over_a_parameter_are_those_of_whole_cycles():
+    """Off a smooth curve by a part of a cycle of a jump: of parts that wear a hundredth as fast by a hundredth."""
+
+    def roughness(size: float) -> float:
+        shares = np.linspace(1, 1.1, 21) - 1.05
+        bound = {"until": lambda depth: depth.max() - 1e-6, "tolerance": 1e-2}
+
+        def ends(share):
+            found = wear.march(lambda depth, _: size * (1 + share) / (1 + depth / 2e-7), np.zeros(3), 10**9, **bound)
+            assert found.end is not None
+            return found.end * (1 + share)
+
+        found = np.array([ends(share) for share in shares])
+        return float(np.abs(found / np.polyval(np.polyfit(shares, found, 3), shares) - 1).max())
+
+    assert 1e-6 < roughness(1e-10) < 1e-4
+    assert roughness(1e-12) < 0.03 * roughness(1e-10)
 
 
 def test_life_ends_where_the_criterion_is_reached():
@@ -145,6 +165,16 @@ def test_a_journal_that_is_damaged_or_none_or_held(tmp_path):
     for wrong in (tmp_path, tmp_path / "none" / "journal"):
         with pytest.raises(ClearanceError, match="Cannot write"):
             wear.march(slowing, begin, 20_000, journal=wrong)
+    path.write_bytes(b"".join(lines))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "open", refused)
+        with pytest.raises(ClearanceError, match=r"Cannot write .*Permission denied"):
+            wear.march(slowing, begin, 20_000, journal=path)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Path, "read_bytes", refused)
+        with pytest.raises(ClearanceError, match=r"Cannot read or write .*Permission denied"):
+            wear.march(slowing, begin, 20_000, journal=path)
+    assert path.read_bytes() == b"".join(lines)
     path.unlink()
 
     def second(_):
@@ -157,6 +187,10 @@ def test_a_journal_that_is_damaged_or_none_or_held(tmp_path):
         with pytest.raises(ClearanceError, match=r"Cannot write .*No space left on device.*see to that, and ask again"):
             wear.march(slowing, begin, 20_000, journal=path)
     assert np.array_equal(wear.march(slowing, begin, 20_000, journal=path).depth, whole.depth)
+
+
+def refused(*args, **kwargs):
+    raise PermissionError(13, "Permission denied")
 
 
 def full(_):

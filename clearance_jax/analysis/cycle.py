@@ -14,6 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Complex, Float, Int
 
+from clearance_jax._module import Module
+from clearance_jax._solo import solo_jit
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.closures import projected
 from clearance_jax.errors import ClearanceError
@@ -38,7 +40,7 @@ DECREASE, SHRINK, SHORTEST = 0.25, 0.25, 1 / 64
 SEAM = 1e-6
 
 
-class PeriodicMotion(eqx.Module):
+class PeriodicMotion(Module):
     """A periodic motion. Only `y` has a derivative; the others are constants to differentiation.
 
     - `y`: the state [q, v, memory] at t0 (SI), shape (n,); where not converged, the last one reached.
@@ -181,7 +183,7 @@ def _cycle_jvp(primals, tangents, *, effort: Effort):
 
 
 # One compiled function, as for `simulate`: what a search is called with does not compile it again.
-find = eqx.filter_jit(lambda search, effort: cycle(search, effort=effort))
+find = solo_jit(lambda search, effort: cycle(search, effort=effort))
 
 
 class _State(NamedTuple):

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 
+from clearance_jax._module import Module
 from clearance_jax._types import Scalar
 from clearance_jax.analysis.measure import AbstractMetric, Request
 from clearance_jax.analysis.signals import clearance_index
@@ -41,7 +42,7 @@ class JointWork(AbstractMetric):
         return Work(pressed / reply.span, rubbed, absorbed - gained)
 
 
-class Powers(eqx.Module):
+class Powers(Module):
     """Normal force [N], power lost in friction and power absorbed beside it [W] of a joint, shape (3,)."""
 
     joint: str = eqx.field(static=True)

@@ -10,12 +10,12 @@ import inspect
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, Unpack
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
+from clearance_jax._module import Module
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.solve.observers import AbstractObserver, Picked
@@ -74,7 +74,7 @@ class Form(NamedTuple):
     axes: tuple[tuple[str, tuple[str, ...]], ...] = ()
 
 
-class AbstractMeasure(eqx.Module):
+class AbstractMeasure(Module):
     """What may be limited: a metric of one motion (`AbstractMetric`), or one at several ages of a mechanism's parts."""
 
     @property

@@ -8,12 +8,12 @@ grows with the square root of their number. The error is not controlled for each
 
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from clearance_jax._solo import solo_jit
 from clearance_jax.analysis.measure import Function
 from clearance_jax.mechanism.mechanism import Mechanism, drive_breaks
 from clearance_jax.mechanism.state import layout
@@ -31,7 +31,7 @@ SHORTEST, LONGEST = 2**10, 2**20
 SEED = 20
 
 
-@eqx.filter_jit
+@solo_jit
 def _steps(mechanism, values, inputs: Inputs, options: Options):
     """Ends of the steps that motion and probe need (infinite beyond the last), and the result."""
     rng = np.random.default_rng(SEED)
@@ -44,7 +44,7 @@ def _steps(mechanism, values, inputs: Inputs, options: Options):
     return step_ends(task, options)
 
 
-@eqx.filter_jit
+@solo_jit
 def _sweep(mechanism, values, function, begins, ends, inputs: Inputs, options: Options):
 
     def of(values):

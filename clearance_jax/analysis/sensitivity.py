@@ -10,6 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from clearance_jax._module import Module
+from clearance_jax._solo import solo_jit
 from clearance_jax.analysis.measure import AbstractMetric, Function, as_metric, measured
 from clearance_jax.analysis.reverse import reverse
 from clearance_jax.errors import ClearanceError
@@ -24,7 +26,7 @@ REVERSIBLE = ("t0", "rtol", "solver", "books")
 MANY = 40
 
 
-class Sensitivities(eqx.Module):
+class Sensitivities(Module):
     """Value, shape (...), and its derivatives: `jacobian[name]`, shape (..., *parameter's)."""
 
     value: Array
@@ -51,7 +53,7 @@ def output(metric: AbstractMetric | Callable, mechanism: Mechanism, t1: Any, opt
     return measured(mechanism, {"metric": metric}, t1, options)["metric"]
 
 
-@eqx.filter_jit
+@solo_jit
 def _value_and_jacobian(metric, mechanism, values, t1, options):
     def of(values):
         return output(metric, replace(mechanism, values), t1, options)
@@ -132,7 +134,7 @@ def _not_in_reverse(mechanism, metric, values, options) -> str:
     return ""
 
 
-class Hessian(eqx.Module):
+class Hessian(Module):
     """Second derivatives by `names` (`matrix`, shape (..., n, n)) and how far they may be off (`error`, same shape)."""
 
     matrix: Array

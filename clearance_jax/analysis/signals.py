@@ -9,6 +9,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from clearance_jax._module import Module
+from clearance_jax._solo import solo_jit
 from clearance_jax._types import Scalar
 from clearance_jax.analysis.ideal import freedom, ideal_state
 from clearance_jax.dynamics.equations import balance
@@ -30,7 +32,7 @@ from clearance_jax.spatial import absent, add, cross, length_of, minus, rotation
 TABLE = 1001
 
 
-class AbstractSignal(eqx.Module):
+class AbstractSignal(Module):
     """A scalar function of time, state and mechanism, in `unit`; names are static."""
 
     unit: ClassVar[str] = ""
@@ -88,7 +90,7 @@ class AbstractSignal(eqx.Module):
         return run(mechanism.ideal(), t1, options._replace(save_at=times, atol=None, books=False)).y
 
 
-@eqx.filter_jit
+@solo_jit
 def _along(signal: AbstractSignal, times: Array, y: Array, mechanism: Mechanism, reference: Array | None) -> Array:
     """A signal of states, as one program: outside of one every operation would be compiled and called by itself."""
     ready = mechanism.prepared()
@@ -97,7 +99,7 @@ def _along(signal: AbstractSignal, times: Array, y: Array, mechanism: Mechanism,
     return jax.vmap(lambda t, y: signal.value(t, y, ready, signal._reference(t, y, ready)))(times, y)
 
 
-class Instant(eqx.Module):
+class Instant(Module):
     """A signal whose ideal reference, if any, follows from the state itself."""
 
     signal: AbstractSignal
@@ -106,7 +108,7 @@ class Instant(eqx.Module):
         return self.signal.value(time, y, mechanism, self.signal._reference(time, y, mechanism))
 
 
-class Tabulated(eqx.Module):
+class Tabulated(Module):
     """A signal whose ideal reference is interpolated (cubic Hermite)."""
 
     signal: AbstractSignal
@@ -123,7 +125,7 @@ class Tabulated(eqx.Module):
         return self.signal.value(time, y, mechanism, reference)
 
 
-class Integrand(eqx.Module):
+class Integrand(Module):
     """A power of a signal."""
 
     signal: AbstractSignal

@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from clearance_jax._module import Module
 from clearance_jax.analysis.divergence import divergence
 from clearance_jax.analysis.measure import as_metric
 from clearance_jax.analysis.metrics import AbstractMetric
@@ -27,7 +28,7 @@ from clearance_jax.parameters import values_of
 from clearance_jax.solve.settings import ALL, SolveOptions, settings_of
 
 
-class TrustThresholds(eqx.Module):
+class TrustThresholds(Module):
     """What a derivative must meet to be trusted. Calibrated in `experiments/trust.py` on labelled cases."""
 
     digits: float = 1e-3
@@ -58,7 +59,7 @@ class UntrustedGradient(UserWarning):
     """The derivative should not be believed; the message says why."""
 
 
-class GradientReport(eqx.Module):
+class GradientReport(Module):
     """A gradient with what is known of its worth.
 
     - `value`, `gradient` (parameters,) in the order of `names`; with `on_untrusted="smooth"` an untrusted gradient is

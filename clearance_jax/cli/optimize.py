@@ -12,9 +12,6 @@ from clearance_jax.cli.interruption import Interruption
 from clearance_jax.cli.pace import Pace, shown_duration
 from clearance_jax.errors import ClearanceError
 
-# Up to so many coordinates a program with its derivatives is compiled within seconds.
-SMALL = 6
-
 
 def optimize(
     study_file: Annotated[Path, typer.Argument(metavar="STUDY", help="A study file (TOML with units).")],
@@ -37,6 +34,7 @@ def optimize(
     set_up()
     from clearance_jax.design.findings import CUT_SHORT
     from clearance_jax.design.lanes import place_of
+    from clearance_jax.design.record import RecordWarning
     from clearance_jax.io.plausible import ImplausibleWarning
     from clearance_jax.io.study import load_study
     from clearance_jax.report.html import write_report
@@ -47,7 +45,8 @@ def optimize(
     check_distinct(study=study_file, report=report, record=record)
     with aloud(ImplausibleWarning):
         study = load_study(study_file)
-    with place_of(cluster) as place, _bar() as bar, Interruption() as asked:  # one cluster for all that follows
+    doubts = aloud(RecordWarning)
+    with doubts, place_of(cluster) as place, _bar() as bar, Interruption() as asked:  # one cluster for all that follows
         pace, client = Pace(asked.check), place.client
         say(_compiling(study.problem.specification.mechanism))
         given = {"method": method, "starts": starts, "record": record, "cluster": client}
@@ -86,10 +85,10 @@ def _compiling(mechanism: Any) -> str:
     from clearance_jax.mechanism.state import layout
 
     count = len(layout(mechanism).velocities)
-    how_long = "seconds" if count <= SMALL else "a minute or more"
+    kind, how_long = ("plane", "about ten seconds") if mechanism.is_plane else ("spatial", "about a minute")
     return (
-        f"Compiling the program that evaluates designs (a mechanism with {count} coordinates: this takes {how_long}; "
-        "programs that were compiled before are read again)."
+        f"Compiling the program that evaluates designs (a {kind} mechanism with {count} coordinates: this takes "
+        f"{how_long}, more on a busy machine; programs that were compiled before are read again)."
     )
 
 

@@ -15,6 +15,7 @@ from clearance_jax.cli.common import (
     Ideal,
     SceneFile,
     Settings,
+    aloud,
     changed,
     check_distinct,
     check_writable,
@@ -63,6 +64,7 @@ def simulate(
     mechanism = changed(driven, settings, ideal, clearance)
     from clearance_jax.results.dataset import to_dataset
     from clearance_jax.results.store import save
+    from clearance_jax.results.works import ContactWarning
     from clearance_jax.solve.simulate import EnergyWarning, doubt
     from clearance_jax.solve.trace import trace
 
@@ -90,15 +92,16 @@ def simulate(
 
             result = trace(mechanism, end, **solve, progress=progress)
         bar.update(task, description="observing", completed=0.0)
-        dataset = to_dataset(
-            mechanism,
-            result,
-            progress=lambda f: bar.update(task, completed=f),
-            scene=scene.text,
-            settings=" ".join([*(settings or []), *(clearance or [])]),
-            trajectory="" if lead is None else str(lead.path),
-            solve=repr({"t1": end, **options}),
-        )
+        with aloud(ContactWarning):
+            dataset = to_dataset(
+                mechanism,
+                result,
+                progress=lambda f: bar.update(task, completed=f),
+                scene=scene.text,
+                settings=" ".join([*(settings or []), *(clearance or [])]),
+                trajectory="" if lead is None else str(lead.path),
+                solve=repr({"t1": end, **options}),
+            )
     _report(mechanism, result, dataset)
     warn(doubt(result.solution))
     if output is not None:

@@ -4,6 +4,7 @@ from clearance_jax.design.answer import Design
 from clearance_jax.design.certificate import Certificate
 from clearance_jax.design.costs import AbstractCost, CostTable, Exponential, ExponentialReciprocal, Reciprocal
 from clearance_jax.design.drawing import JointDrawing
+from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.explain import Response, Tradeoff, responses, tradeoff
 from clearance_jax.design.findings import Findings, findings, known
 from clearance_jax.design.formulation import formulate
@@ -13,7 +14,7 @@ from clearance_jax.design.manufacture import Band, Yield, YieldEstimate
 from clearance_jax.design.methods import METHOD_CHOICES, METHODS, Method
 from clearance_jax.design.outline import Outline
 from clearance_jax.design.problem import ToleranceProblem
-from clearance_jax.design.program import Evaluation, Program
+from clearance_jax.design.program import Program
 from clearance_jax.design.run import run
 from clearance_jax.design.scaling import ScaledProgram
 from clearance_jax.design.specification import Limit, Specification

@@ -7,10 +7,11 @@ import numpy as np
 
 from clearance_jax.design.certificate import Certificate
 from clearance_jax.design.evaluate import fresh_yield
+from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.lanes import place_of
 from clearance_jax.design.manufacture import YieldEstimate
 from clearance_jax.design.methods import Method
-from clearance_jax.design.program import Evaluation, Program
+from clearance_jax.design.program import Program
 from clearance_jax.design.specification import Specification
 from clearance_jax.design.verify import certify
 from clearance_jax.errors import ClearanceError

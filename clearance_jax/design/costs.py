@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 from scipy.interpolate import PchipInterpolator
 
+from clearance_jax._module import Module
 from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError
 
@@ -21,7 +22,7 @@ def _number(value) -> Array:
     return jnp.asarray(value, float)
 
 
-class AbstractCost(eqx.Module):
+class AbstractCost(Module):
     """Cost of one clearance."""
 
     @abc.abstractmethod

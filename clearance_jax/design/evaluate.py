@@ -8,11 +8,11 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from clearance_jax._solo import solo_jit
 from clearance_jax.analysis.measure import AbstractMeasure, measured
 from clearance_jax.design.lanes import HERE, Lanes, Place
 from clearance_jax.design.manufacture import Yield, YieldEstimate, estimate_yield
@@ -190,12 +190,12 @@ def _measured(mechanism, metrics, names, x, given, t1, solve):
     return list(measured(moved, {str(i): metric for i, metric in enumerate(metrics)}, t1, solve).values())
 
 
-@eqx.filter_jit
+@solo_jit
 def _values(*asked):
     return _measured(*asked), []
 
 
-@eqx.filter_jit
+@solo_jit
 def _slopes(mechanism, metrics, names, x, given, t1, solve):
     def of(x):
         out = _measured(mechanism, metrics, names, x, given, t1, solve)

@@ -7,8 +7,8 @@ import numpy as np
 
 from clearance_jax.design.answer import Design
 from clearance_jax.design.evaluate import simulations_of
+from clearance_jax.design.evaluation import SLACK, Evaluation
 from clearance_jax.design.formulation import formulate
-from clearance_jax.design.program import SLACK, Evaluation
 from clearance_jax.design.run import INTERRUPTED, run
 from clearance_jax.design.scenarios import scenarios_of
 from clearance_jax.errors import ClearanceError, suggest

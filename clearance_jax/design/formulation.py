@@ -7,9 +7,10 @@ import jax
 import numpy as np
 
 from clearance_jax.design.evaluate import FEW, Simulations, simulations_of
+from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.lanes import HERE, Place
 from clearance_jax.design.manufacture import Yield
-from clearance_jax.design.program import Evaluation, Program
+from clearance_jax.design.program import Program
 from clearance_jax.design.scenarios import Scenario, scenarios_of
 from clearance_jax.design.specification import Specification
 from clearance_jax.identity import kept, numbers, shown, versions

@@ -4,11 +4,11 @@ time, what its joints bear and lose, and where everything is.
 
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from clearance_jax._solo import solo_jit
 from clearance_jax.analysis.instants import PeakInstants
 from clearance_jax.analysis.joint_work import JointWork
 from clearance_jax.analysis.measure import AbstractMetric, measure
@@ -69,7 +69,7 @@ def _asked(specification: Specification) -> Observed:
     )
 
 
-@eqx.filter_jit
+@solo_jit
 def _measured(mechanism, asked: Observed, t1, solve: dict[str, Any]):
     metrics, structure = jax.tree.flatten(asked, is_leaf=lambda m: isinstance(m, AbstractMetric))
     named = {str(i): metric for i, metric in enumerate(metrics)}

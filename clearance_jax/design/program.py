@@ -4,45 +4,16 @@ Variables are positive lengths of very different size, so solvers work in their 
 is (value / bound - 1), held where it is not positive.
 """
 
-import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
+from clearance_jax.design.evaluation import Evaluation
+from clearance_jax.design.record import Record
 from clearance_jax.errors import ClearanceError
-from clearance_jax.identity import differences, fingerprint, refusal
-
-# What the first line of a record has beside names: the problem, by names.
-PROBLEM = "problem"
-# A limit counts as held if it is violated by no more than this share of its bound: a solver ends on the limit itself.
-SLACK = 1e-9
-
-
-class Evaluation(NamedTuple):
-    """An evaluated design: variables `x` (n,), objective, scaled limits (m,); their gradients by x, (n,) and (m, n),
-    where they were asked for.
-    """
-
-    x: np.ndarray
-    objective: float
-    limits: np.ndarray
-    gradient: np.ndarray | None = None
-    jacobian: np.ndarray | None = None
-
-    @property
-    def worst(self) -> float:
-        """The most violated limit (minus infinity where there is none); infinite where a value is not a number."""
-        if not math.isfinite(self.objective) or not np.all(np.isfinite(self.limits)):
-            return math.inf
-        return float(np.max(self.limits, initial=-math.inf))
-
-    @property
-    def feasible(self) -> bool:
-        """Whether every limit is held."""
-        return self.worst <= SLACK
 
 
 class BudgetSpent(Exception):
@@ -57,8 +28,8 @@ class Program:
     - `evaluate`: `(x, with_gradient) -> Evaluation`.
     - `names`, `lower`, `upper`: of the variables, positive; `limit_names`: of the limits.
     - `groups`: of each limit, which of the designer's limits it belongs to (default: itself).
-    - `record`: a file (JSON lines) to which every point is added, and from which a run that was stopped goes on, if the
-      `identity` recorded in it (the problem by names) is the same.
+    - `record`: a file (JSON lines with checksums) to which every point is added, and from which a run that was stopped
+      goes on, if the `identity` recorded in it (the problem by names) is the same.
     - `most`: evaluations after which a solver is stopped with the best so far.
     - `progress`: called with each new point.
     - `known`: points evaluated before.
@@ -83,24 +54,19 @@ class Program:
         several: Callable[[list[np.ndarray]], list[Evaluation]] | None = None,
     ):
         self.names, self.limit_names = tuple(names), tuple(limit_names)
-        self.groups, self._problem = tuple(groups or limit_names), dict(identity or {})
-        self._identity, self._headed = fingerprint(self._problem), False
+        self.groups = tuple(groups or limit_names)
         self.lower, self.upper = np.asarray(lower, float), np.asarray(upper, float)
         for name, low, high in zip(self.names, self.lower, self.upper, strict=True):
             if not 0 < low < high < math.inf:
                 raise ClearanceError(f"The bounds of `{name}` contradict each other: 0 < {low:g} < {high:g} must hold.")
         self._evaluate, self._fresh, self._several = evaluate, fresh, several
         self._most, self._progress = most, progress
-        self._file = None if record is None else Path(record)
-        if self._file is not None and not self._file.parent.is_dir():
-            raise ClearanceError(f"There is no folder `{self._file.parent}` for the record.")
+        self._record = None if record is None else Record(record, names, identity or {}, len(self.limit_names))
         self.history: list[Evaluation] = []
         self._known: dict[bytes, Evaluation] = {}
         self.evaluations = self.gradients = 0
-        for point in known:
+        for point in (*known, *(() if self._record is None else self._record.read())):
             self._keep(point)
-        if self._file is not None and self._file.exists():
-            self._load()
 
     def at(self, x: np.ndarray, gradient: bool = False) -> Evaluation:
         """The point at `x`, from memory where it is known."""
@@ -126,25 +92,11 @@ class Program:
         self.gradients += point.gradient is not None
         self.evaluations += point.gradient is None
         self._keep(point)
-        if self._file is not None:
-            self._record(point)
+        if self._record is not None:
+            self._record.add(point)
         if self._progress is not None:
             self._progress(point)
         return point
-
-    def _record(self, point: Evaluation) -> None:
-        """Add a point to the file, below the problem. **Raises** `ClearanceError` where the disk refuses it."""
-        assert self._file is not None
-        lines = [] if self._headed else [{"names": self.names, PROBLEM: self._problem}]
-        lines.append({"names": self.names, "identity": self._identity, **_entry(point)})
-        try:
-            with self._file.open("a") as file:
-                file.write("".join(json.dumps(line) + "\n" for line in lines))
-        except OSError as error:
-            raise ClearanceError(
-                f"Cannot write the record `{self._file}`: {error.strerror or error}. See to that, and go on with it."
-            ) from error
-        self._headed = True
 
     def fresh(self, x: np.ndarray, samples: int, seed: int) -> Evaluation:
         """The point at `x` by fresh samples, with gradients; not kept, for the next ones say something else.
@@ -203,41 +155,3 @@ class Program:
     def _keep(self, point: Evaluation) -> None:
         self.history.append(point)
         self._known[point.x.tobytes()] = point
-
-    def _load(self) -> None:
-        assert self._file is not None
-        try:
-            text = self._file.read_text()
-            entries = _recorded(text)
-            heads, entries = ([e for e in entries if (PROBLEM in e) == is_head] for is_head in (True, False))
-            found = {k: v for head in heads for k, v in differences(head[PROBLEM], self._problem, "there").items()}
-            known = [(tuple(e.pop("names")), e.pop("identity"), len(e["limits"])) for e in entries]
-        except (OSError, ValueError, AttributeError, KeyError, TypeError):
-            raise ClearanceError(f"`{self._file}` is no record of designs. Choose another file.") from None
-        if found:
-            raise ClearanceError(refusal(self._file, found, "records another problem", "Choose another file"))
-        if any(one != (self.names, self._identity, len(self.limit_names)) for one in known):
-            raise ClearanceError(f"`{self._file}` records another problem. Choose another file.")
-        self._headed = bool(heads)
-        if text and not text.endswith("\n"):
-            with self._file.open("a") as file:
-                file.write("\n")
-        for entry in entries:
-            arrays = {k: None if v is None else np.asarray(v, float) for k, v in entry.items() if k != "objective"}
-            self._keep(Evaluation(objective=float(entry["objective"]), **arrays))
-
-
-def _recorded(text: str) -> list[dict]:
-    """The entries of a record. **Raises** `ValueError` for a line that is none, nor was being written when it ended."""
-    entries, begin = [], '{"names": '
-    for line in text.splitlines():
-        try:
-            entries.append(json.loads(line))
-        except json.JSONDecodeError:
-            if not (line.startswith(begin) or begin.startswith(line)):
-                raise
-    return entries
-
-
-def _entry(point: Evaluation) -> dict:
-    return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in point._asdict().items()}

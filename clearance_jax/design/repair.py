@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from clearance_jax.design.program import Evaluation, Program
+from clearance_jax.design.evaluation import Evaluation
+from clearance_jax.design.program import Program
 
 
 def feasible_neighbour(program: Program, x: np.ndarray, gradient: bool = False) -> Evaluation | None:

@@ -5,7 +5,8 @@ A design that cannot be simulated is a bad one there, not the end.
 
 import numpy as np
 
-from clearance_jax.design.program import Evaluation, Program
+from clearance_jax.design.evaluation import Evaluation
+from clearance_jax.design.program import Program
 
 # Where an active limit is aimed at, in shares of its bound: inside, by less than anything else in the answer counts.
 INSIDE = 1e-10

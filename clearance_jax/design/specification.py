@@ -8,6 +8,7 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
+from clearance_jax._module import Module
 from clearance_jax.analysis.measure import AbstractMeasure, Function, as_measure, begin_of
 from clearance_jax.analysis.metrics import AbstractMetric, At, Peak
 from clearance_jax.design import worn
@@ -24,7 +25,7 @@ PEAKS = 3
 KNOWN = ("t0", "rtol", "solver", "start", "max_steps")
 
 
-class Limit(eqx.Module):
+class Limit(Module):
     """A metric, or a function `f(solution)` or `f(mechanism, solution)`, that must not exceed a bound (> 0, in the
     metric's unit) in any condition; or a `wear.AfterWear`, a metric that must not while a joint wears.
     """

@@ -8,11 +8,12 @@ import scipy.optimize
 from clearance_jax.analysis.metrics import Peak, PositionError
 from clearance_jax.design.certificate import Certificate
 from clearance_jax.design.evaluate import fresh_yield
+from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.formulation import formulate
 from clearance_jax.design.lanes import HERE, Place
 from clearance_jax.design.manufacture import Yield
 from clearance_jax.design.methods import Method
-from clearance_jax.design.program import Evaluation, Program
+from clearance_jax.design.program import Program
 from clearance_jax.design.run import INTERRUPTED, run
 from clearance_jax.design.specification import Specification
 from clearance_jax.design.static import static_error, static_weights

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from clearance_jax._module import Module
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.conditions import conditions, wrong_way
 from clearance_jax.dynamics.kinematics import frames
@@ -51,7 +52,7 @@ class Look(NamedTuple):
     closed: Array
 
 
-class Chain(eqx.Module):
+class Chain(Module):
     """An ideal mechanism whose `joints` (coordinates, by name) are free, a point of it, and `sought`: which of its free
     velocities move it, those of passive coordinates among them. Its bodies weigh nothing: masses do not matter here.
     """

@@ -11,6 +11,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
+from clearance_jax._module import Module
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.chain import Aim, Chain, chain_of, start_of
 from clearance_jax.dynamics.posture import Found, bounds, solve, sought_values
@@ -26,7 +27,7 @@ STARTS = 32
 SINGULAR = 1e-3
 
 
-class Posture(eqx.Module):
+class Posture(Module):
     """A posture with a point where it should be.
 
     - `coordinates`: values [rad or m] of the coordinates that were sought, by name; give them to `mechanism.driven` as

@@ -9,6 +9,7 @@ from clearance_jax.dynamics.energy import BOOKS, driving, energies, read_books
 from clearance_jax.dynamics.equations import Balance, balance
 from clearance_jax.dynamics.inertia import Extra
 from clearance_jax.dynamics.reactions import reactions
+from clearance_jax.joints import Action
 from clearance_jax.mechanism.mechanism import ClearanceJoint, Mechanism
 from clearance_jax.mechanism.state import State, actuated, layout, parts
 from clearance_jax.spatial import Term, Vector, add, as_array, length_of, rotation_vector, scale
@@ -57,9 +58,15 @@ def contacts(mechanism: Mechanism, now: Balance) -> dict[str, Array]:
         "penetration": jnp.stack([p.penetration for p in points]),
         "penetration_rate": jnp.stack([p.penetration_rate for p in points]),
         "contact_force": jnp.stack([action.normal_force for action in now.actions.values()]),
+        "contact_power": jnp.stack([_power(action) for action in now.actions.values()]),
         "friction_force": jnp.stack([_friction(mechanism, now, joint) for joint in mechanism.clearance_joints()]),
         "slip_velocity": jnp.stack([p.slip[0] if len(p.slip) == 1 else safe_norm(*p.slip) for p in points]),
     }
+
+
+def _power(action: Action) -> Array:
+    """The power that the normal forces of a joint's contacts take from the motion [W]."""
+    return jnp.sum(action.points.normal_force * action.points.penetration_rate)
 
 
 def _friction(mechanism: Mechanism, now: Balance, joint: ClearanceJoint) -> Array:

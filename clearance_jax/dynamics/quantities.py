@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from clearance_jax._frame import Frame, frame_of
@@ -43,6 +44,7 @@ OBSERVED = {
     "penetration": Variable(("joint",), "m", "overlap of pin and sleeve (negative: apart)"),
     "penetration_rate": Variable(("joint",), "m/s", "rate of the penetration (positive: approach)"),
     "contact_force": Variable(("joint",), "N", "normal contact force, of all contact points together"),
+    "contact_power": Variable(("joint",), "W", "power taken up by the normal contact force (negative: given back)"),
     "friction_force": Variable(("joint",), "N", "traction on the pin; in space its magnitude, of all points together"),
     "slip_velocity": Variable(
         ("joint",), "m/s", "slip of the pin's surface on the sleeve's where it is deepest; in space its magnitude"
@@ -116,7 +118,7 @@ def quantities(mechanism: Mechanism, books: bool) -> Mapping[str, Quantity]:
 def _quantities(frame: Frame, books: bool) -> Mapping[str, Quantity]:
     """The same of a mechanism without its numbers."""
     with jax.ensure_compile_time_eval():  # what is kept must hold no tracers, whatever is being traced
-        mechanism = frame.filled(jnp.ones(shape.shape) for shape in frame.shapes)
+        mechanism = frame.filled(jnp.asarray(np.ones(shape.shape)) for shape in frame.shapes)
     labelled, out = labels(mechanism), dict(_states(mechanism))
     for variable, described in OBSERVED.items():
         if variable in IN_SPACE and mechanism.is_plane:

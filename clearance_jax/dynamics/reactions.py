@@ -44,7 +44,7 @@ def joint_reactions(
 
 def held_still(mechanism: Mechanism, play: Mapping[str, Sequence[Term]]) -> Mechanism:
     """The prepared mechanism with its pins held, see `joint_reactions`."""
-    return determined(mechanism.held(play).unsampled()).prepared()
+    return determined(mechanism.held(play).unsampled()).prepared().as_small_program()
 
 
 def held_reactions(mechanism: Mechanism, time: Scalar, now: Balance) -> dict[str, Reaction]:

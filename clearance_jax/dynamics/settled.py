@@ -110,6 +110,7 @@ def _paced(mechanism: Mechanism, time: Scalar, y: Array, rates: list[Array], fir
     """Which pins can follow where they are pressed, by rates of that in units of their play."""
     numbers, rest = eqx.partition((mechanism, time, y, rates, firm, sizes), eqx.is_array)
     mechanism, time, y, rates, firm, sizes = eqx.combine(jax.lax.stop_gradient(numbers), rest)
+    mechanism = mechanism.as_small_program()
     pace = as_array([jnp.max(jnp.abs(own)) for own in rates])
     size = jnp.concatenate(sizes)
     inverse = play_mobility(mechanism, time, y) / (size[:, None] * size[None, :])

@@ -7,6 +7,7 @@ import numpy as np
 from clearance_jax.joints import AbstractClearance
 from clearance_jax.joints.checks import ImplausibleWarning, above_pin
 from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.parameters import outside
 
 # From a speck of dust to a ship. Outside, a unit or an exponent has slipped.
 LEAST_MASS, GREATEST_MASS = 1e-12, 1e9
@@ -29,7 +30,7 @@ def implausible(mechanism: Mechanism) -> str:
 def _clearances(mechanism: Mechanism) -> Iterator[str]:
     for joint in mechanism.clearance_joints():
         # By Python's numbers: a scene may be loaded while a function is traced.
-        size = max(float(play.scale) for play in joint.joint.play() if play.slides is not None)
+        size = max(float(play.scale) for play in outside(joint.clearance).play() if play.slides is not None)
         if size < LEAST_CLEARANCE:
             yield f"the clearance of {joint.name}, {size:g} m, is less than an atom"
             continue

@@ -10,7 +10,6 @@ from clearance_jax.io.files import read_table
 from clearance_jax.io.play_keys import WORN
 from clearance_jax.io.table import Table, naming
 from clearance_jax.joints import AbstractClearance, RevoluteClearance, SleeveClearance, worn_sleeve
-from clearance_jax.results.store import load_dataset
 from clearance_jax.units import to_si
 
 # By how much an angle of a table may be off its sector [deg]: what is written with two decimals is.
@@ -45,6 +44,8 @@ def _of_life(table: Table, file: Path) -> np.ndarray:
     where = table.key("file")
     if not file.is_file():
         raise ClearanceError(f"{where}: there is no file `{file}`.")
+    from clearance_jax.results.store import load_dataset  # xarray takes a third of a second, and few scenes need it
+
     dataset = load_dataset(file)
     if "depth" not in dataset or dataset["depth"].dims != ("cycle", "sector"):
         raise ClearanceError(f"{where}: `{file}` is not the result of `clearance wear`.")

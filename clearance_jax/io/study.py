@@ -33,7 +33,6 @@ from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import units_of
 from clearance_jax.units import to_si
 from clearance_jax.wear import AfterWear, Wearing
-from clearance_jax.wear.sectors import USUAL
 
 
 class Study(NamedTuple):
@@ -139,7 +138,7 @@ class _Life(NamedTuple):
     """What a table `life` says."""
 
     model: Wearing
-    sectors: int
+    sectors: int | None
     tolerance: float
 
     def aged(self, metric: AbstractMetric, cycles: tuple[int, ...]) -> AfterWear:
@@ -157,7 +156,7 @@ def _life(top: Table, mechanism: Mechanism, span: Span) -> _Life:
             f"{table.key('cycle')} must be greater than the scene's t0 = {span.t0:g} s, but it is {cycle:g} s."
         )
     model = Wearing(worn.law, worn.pressure, worn.joint, span.t1 if cycle is None else cycle, worn.mechanism)
-    return _Life(model, table.get("sectors") or USUAL, table.get("tolerance"))
+    return _Life(model, table.get("sectors"), table.get("tolerance"))
 
 
 def _limits(top: Table, mechanism: Mechanism, span: Span, life: _Life | None) -> list[Limit]:

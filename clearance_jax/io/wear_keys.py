@@ -39,7 +39,7 @@ WEARING = (
         "720",
         least=FEWEST,
         most=MOST,
-        absent="as many as the patch needs, at least 360; in a design 360",
+        absent="as many as the patch needs, at least 360; in a design that of the scene's own numbers",
     ),
     Quantity(
         "tolerance",

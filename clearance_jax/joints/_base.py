@@ -18,6 +18,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from clearance_jax._alike import side_by_side
+from clearance_jax._module import Module
 from clearance_jax._numerics import safe_unit
 from clearance_jax._sharing import kept, shared
 from clearance_jax._types import Flag, Scalar
@@ -218,7 +219,7 @@ def depth_of(borne: Callable[[Scalar], Scalar], force: Scalar, start: Scalar) ->
     return jnp.exp(jax.lax.fori_loop(0, SEARCH, newton, jnp.log(start)))
 
 
-class PreparedClearance(eqx.Module):
+class PreparedClearance(Module):
     """A clearance joint with its laws' constants: what a step evaluates."""
 
     joint: AbstractClearance

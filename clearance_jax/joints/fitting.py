@@ -2,10 +2,10 @@
 
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax.numpy as jnp
 from jax.core import Tracer
 
+from clearance_jax._module import Module
 from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints.checks import check_known, check_larger
@@ -27,14 +27,14 @@ STEEL, BRONZE = Solid(207e9, 0.29, 11.5e-6), Solid(103e9, 0.34, 18e-6)
 REFERENCE_TEMPERATURE = 293.15
 
 
-class Tolerance(eqx.Module):
+class Tolerance(Module):
     """Between what a radial clearance lies as it is made: `least` and `greatest` [m]; below zero: an interference."""
 
     least: Scalar = physical("m")
     greatest: Scalar = physical("m")
 
 
-class PressFit(eqx.Module):
+class PressFit(Module):
     r"""A bush pressed into its housing, which closes the bush's bore.
 
     Of rings with the radii a of the bore, b of the joint between them and c of the housing the bore closes by
@@ -108,7 +108,7 @@ class PressFit(eqx.Module):
         return interference(*loosest), interference(*mean), interference(*tightest)
 
 
-class Fitting(eqx.Module):
+class Fitting(Module):
     """An ISO 286 fit of a pin in its sleeve as it runs.
 
     **Arguments:**

@@ -62,9 +62,11 @@ class GuideClearance(AbstractClearance):
                 continue
             yield Demand(name, across > 2 * side, lambda: f"must be greater than twice the play {side:g} m")
             # Half its diagonal is how far a block reaches across as it tilts.
-            least = 2 * jnp.sqrt(side * (across + side))
+            square = 4 * side * (across + side)
             yield Demand(
-                "length", length > least, lambda n=least: f"must be greater than {n:.3g} m, or the block turns over"
+                "length",
+                length**2 > square,
+                lambda n=square: f"must be greater than {np.sqrt(n):.3g} m, or the block turns over",
             )
         if self.guide_length is not None:
             guide = self.guide_length

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import jax.numpy as jnp
 
 from clearance_jax._numerics import safe_unit
-from clearance_jax._types import Number, Scalar
+from clearance_jax._types import Scalar
 from clearance_jax.joints._base import AbstractClearance, AbstractElement, ContactPoint, PlayCoordinate
 from clearance_jax.joints.checks import warn_of_pin
 from clearance_jax.joints.fitting import Tolerance
@@ -18,9 +18,9 @@ from clearance_jax.parameters import physical
 from clearance_jax.spatial import Vector, X, Y, dot, plus, scale, times
 
 
-def round_play(radial_clearance: Number) -> tuple[PlayCoordinate, PlayCoordinate]:
-    """The eccentricity of a pin: two slides along the sleeve's axes, of the scale of the radial clearance [m] (of a
-    mechanism for a batch: of every lane's).
+def round_play(radial_clearance: Any) -> tuple[PlayCoordinate, PlayCoordinate]:
+    """The eccentricity of a pin: two slides along the sleeve's axes, of the scale of the radial clearance [m], of
+    whatever numbers these are.
     """
     return PlayCoordinate(".play_x", radial_clearance, slides=X), PlayCoordinate(".play_y", radial_clearance, slides=Y)
 

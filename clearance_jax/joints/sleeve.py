@@ -116,13 +116,14 @@ class SleeveClearance(AbstractClearance):
         yield Demand("pin_radius", radius > clearance, lambda: f"must be greater than the clearance {clearance:g} m")
         # At its largest tilt the section of a pin, an ellipse, reaches r (2c/L)^2 / 2 further than the round one that
         # stations reckon with.
-        least = jnp.sqrt(2 * radius * clearance / OVAL)
+        square = 2 * radius * clearance / OVAL
         why = "a shorter sleeve lets its pin tilt so far that its section is not round"
-        yield Demand("length", self.length > least, lambda: f"must be greater than {least:.3g} m: {why}")
+        holds = self.length**2 > square
+        yield Demand("length", holds, lambda: f"must be greater than {np.sqrt(square):.3g} m: {why}")
         if self.depth is not None:
-            yield Demand("depth", jnp.all(self.depth < radius), lambda: f"must be below the pin's radius, {radius:g} m")
+            yield Demand("depth", (self.depth < radius).all(), lambda: f"must be below the pin's radius, {radius:g} m")
         if self.collar_radius is not None:
-            bore = self.sleeve_radius
+            bore = radius + clearance
             yield Demand("collar_radius", self.collar_radius > bore, lambda: f"must be above the bore's {bore:g} m")
 
     @property
@@ -135,7 +136,7 @@ class SleeveClearance(AbstractClearance):
         return self.pin_radius + self.radial_clearance
 
     @property
-    def largest_tilt(self) -> Scalar:
+    def largest_tilt(self) -> Any:
         """The tilt at which both edges touch [rad]."""
         return 2 * self.radial_clearance / self.length
 

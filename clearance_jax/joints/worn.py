@@ -1,7 +1,7 @@
 """The plane revolute clearance joint whose sleeve is worn: its bore is no circle (see `joints.bore`)."""
 
 import dataclasses
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import jax.numpy as jnp
 import numpy as np
@@ -56,10 +56,10 @@ class WornRevoluteClearance(AbstractClearance):
 
     def demands(self):
         radius = self.pin_radius
-        yield Demand("depth", jnp.all(self.profile < radius), lambda: f"must be below the pin's radius, {radius:g} m")
+        yield Demand("depth", (self.profile < radius).all(), lambda: f"must be below the pin's radius, {radius:g} m")
 
     @property
-    def profile(self) -> Array:
+    def profile(self) -> Any:
         """By how much the sleeve is worn off in all [m], shape (sectors,)."""
         return self.depth if self.modes is None or self.amounts is None else self.depth + self.amounts @ self.modes
 

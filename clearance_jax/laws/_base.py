@@ -26,6 +26,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from clearance_jax._module import Module
 from clearance_jax._numerics import positive_part, safe_norm
 from clearance_jax._sharing import shared
 from clearance_jax._types import Flag, Scalar
@@ -51,7 +52,7 @@ class Touch(NamedTuple):
     elapsed: Scalar
 
 
-class AbstractStiffness(eqx.Module):
+class AbstractStiffness(Module):
     """A stiffness that is computed from the joint's geometry instead of being given as a number."""
 
     @abc.abstractmethod
@@ -129,7 +130,7 @@ class AbstractNormalLaw(AbstractLaw):
         return tuple(jnp.asarray(jnp.inf) for _ in self.remembers)
 
 
-class PreparedNormal(eqx.Module):
+class PreparedNormal(Module):
     """A normal law with the constants of one joint: what a step evaluates."""
 
     law: AbstractNormalLaw
@@ -214,7 +215,7 @@ class AbstractFrictionLaw(AbstractLaw):
         return tuple(jnp.asarray(jnp.inf) for _ in self.bristles)
 
 
-class PreparedFriction(eqx.Module):
+class PreparedFriction(Module):
     """A friction law with the constants of one joint: what a step evaluates. Its memory is flat, component
     by component.
     """

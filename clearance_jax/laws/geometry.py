@@ -2,13 +2,12 @@
 
 from typing import Any, Literal, NamedTuple
 
-import equinox as eqx
-
+from clearance_jax._module import Module
 from clearance_jax._types import Scalar
 from clearance_jax.parameters import physical
 
 
-class Material(eqx.Module):
+class Material(Module):
     """An elastic material: Young's `modulus` E [Pa], `poisson_ratio` nu."""
 
     modulus: Scalar = physical("Pa", above=0.0, help="Young's modulus", example='"206 GPa"')

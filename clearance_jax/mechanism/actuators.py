@@ -3,16 +3,16 @@
 import abc
 import dataclasses
 
-import equinox as eqx
 import jax.numpy as jnp
 
+from clearance_jax._module import Module
 from clearance_jax._types import Scalar
 from clearance_jax.mechanism.drives import AbstractMotionLaw, Values
 from clearance_jax.mechanism.sampling import check_period, names_key, period_key
 from clearance_jax.parameters import physical
 
 
-class AbstractActuator(eqx.Module):
+class AbstractActuator(Module):
     """A generalised force along one free coordinate."""
 
     @abc.abstractmethod

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from clearance_jax._module import Module
 from clearance_jax._types import Rows, Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.actuators import AbstractActuator
@@ -18,7 +19,7 @@ from clearance_jax.parameters import described, flattened, leading, physical
 GROUND = "ground"
 
 
-class Body(eqx.Module):
+class Body(Module):
     """A rigid body.
 
     **Arguments:**
@@ -90,7 +91,7 @@ def needs_six(body: Body) -> ClearanceError:
     )
 
 
-class Point(eqx.Module):
+class Point(Module):
     """A named point of a body whose motion is reported; with an `orientation` (in the body's frame) it is a frame."""
 
     name: str = eqx.field(static=True)
@@ -101,7 +102,7 @@ class Point(eqx.Module):
     )
 
 
-class Spring(eqx.Module):
+class Spring(Module):
     """A spring and damper between points of two bodies: tension k (l - l0) + b l'."""
 
     name: str = eqx.field(static=True)
@@ -116,7 +117,7 @@ class Spring(eqx.Module):
     at_b: Position = described("its end in the frame of `body_b`", '["20 mm", "-18 mm"]', "the origin", default=ORIGIN)
 
 
-class Motion(eqx.Module):
+class Motion(Module):
     """How one joint coordinate moves: prescribed by a drive, or free (a state) under any number of actuators.
 
     **Arguments:**

@@ -5,6 +5,7 @@ from typing import ClassVar
 import equinox as eqx
 import jax.numpy as jnp
 
+from clearance_jax._module import Module
 from clearance_jax._types import Rows, Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import AbstractClearance, PreparedClearance
@@ -70,7 +71,7 @@ def turn_key(help: str):
     return eqx.field(metadata=about, converter=_as(Turn), default_factory=Turn)
 
 
-class Spin(eqx.Module):
+class Spin(Module):
     """Rates of turning about the child's axes."""
 
     x: Scalar = physical("rad/s", default=0.0)
@@ -78,7 +79,7 @@ class Spin(eqx.Module):
     z: Scalar = physical("rad/s", default=0.0)
 
 
-class Ball(eqx.Module):
+class Ball(Module):
     """The motion of a ball: always free. Its positions are a quaternion (w, x, y, z), its velocities the spin in the
     child's axes.
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import equinox as eqx
 
+from clearance_jax._module import Module
 from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError, quoted
 from clearance_jax.mechanism.drives import AbstractMotionLaw
@@ -15,7 +16,7 @@ from clearance_jax.parameters import apart, leading, physical
 from clearance_jax.spatial import Term
 
 
-class Reference(eqx.Module):
+class Reference(Module):
     """Where a controller steers a free coordinate.
 
     **Arguments:** `name`: of the coordinate; `target`: a drive; `encoder`: names of the coordinates whose sum is
@@ -27,7 +28,7 @@ class Reference(eqx.Module):
     encoder: tuple[str, ...] = names_key("coordinates whose sum is measured", "its own")
 
 
-class AbstractController(eqx.Module):
+class AbstractController(Module):
     """A law of accelerations, which the inverse dynamics of a model turns into efforts.
 
     - `references`: the coordinates that it commands, all that its model leaves free.

@@ -6,13 +6,13 @@ A drive of a rotation is in rad, of a slide in m; its fields carry the unit "coo
 import abc
 from typing import Literal, NamedTuple
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jax.lax.linalg import tridiagonal_solve
 from jaxtyping import Array, Float
 
+from clearance_jax._module import Module
 from clearance_jax._numerics import sincos
 from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError
@@ -23,7 +23,7 @@ Values = Float[Array, " n"]
 Motion3 = tuple[Term, Term, Term]
 
 
-class AbstractMotionLaw(eqx.Module):
+class AbstractMotionLaw(Module):
     """A coordinate as a function of time."""
 
     @abc.abstractmethod

@@ -7,11 +7,11 @@ A link is one elementary coordinate: what is fixed before it, then its motion.
 
 from typing import NamedTuple
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from clearance_jax._module import Module
 from clearance_jax.mechanism.body import GROUND, Body, needs_six
 from clearance_jax.mechanism.placement import Inertia
 from clearance_jax.mechanism.tree import AbstractJoint, Coordinate
@@ -21,9 +21,11 @@ from clearance_jax.spatial import IDENTITY, UNIT, ZERO, Rotation, Vector, add, a
 # square of the free ones, the frames with all. (The unrolled field of an arm of seven compiles in 6 s and takes 2.3 us,
 # 0.5 in a batch of 64; as a table 1.4 s, 9.6 and 3.4 us.)
 UNROLLED, FRAMED = 8, 14
+# More coordinates than this make a table of what is computed once in a solve, where only compiling counts.
+ONCE = 3
 
 
-class Links(eqx.Module):
+class Links(Module):
     """The numbers of a table: of each link the fixed rotation and offset before it, and its axis in its own frame; of
     each body the fixed rotation and offset of its frame on the link that carries it, and in that link's axes mass,
     centre and inertia.

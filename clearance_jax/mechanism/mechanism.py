@@ -1,6 +1,7 @@
 """The mechanism: bodies, the tree of joints, loops, springs, points, gravity."""
 
 import dataclasses
+import functools
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple, Unpack
 
@@ -14,7 +15,7 @@ from clearance_jax.joints import AbstractClearance, PlayNumbers, PreparedClearan
 from clearance_jax.mechanism.body import Body, Point, Spring
 from clearance_jax.mechanism.controllers import AbstractController, Reference
 from clearance_jax.mechanism.driving import acting_always, check_drives, released, with_drives
-from clearance_jax.mechanism.links import FRAMED, UNROLLED, Links, links_of
+from clearance_jax.mechanism.links import FRAMED, ONCE, UNROLLED, Links, links_of
 from clearance_jax.mechanism.loads import Wrench
 from clearance_jax.mechanism.placement import Gravity, Inertia, Position, as_prepared
 from clearance_jax.mechanism.play import played
@@ -141,7 +142,8 @@ class Mechanism(Parametrised):
         """The loops without clearance: ideal constraints."""
         return tuple(loop for loop in self.loops if getattr(loop, "clearance", None) is None)
 
-    @property
+    # By structure alone, and asked some hundred times while a solve is traced.
+    @functools.cached_property
     def is_plane(self) -> bool:
         """Whether nothing in it leaves the plane z = 0, by its structure."""
         places = [part.center_of_mass for part in self.bodies] + [point.at for point in self.points]
@@ -277,9 +279,15 @@ class Mechanism(Parametrised):
         wrenches = tuple(wrench.prepared() for wrench in self.wrenches)
         controllers = tuple(c.prepared(self._believed(c).prepared()) for c in self.controllers)
         ready = dataclasses.replace(ready, wrenches=wrenches, controllers=controllers)
-        if not ready.is_tabled:
-            return ready
-        return dataclasses.replace(ready, links=links_of(ready.bodies, ready.joints))
+        return dataclasses.replace(ready, links=links_of(ready.bodies, ready.joints)) if ready.is_tabled else ready
+
+    def as_small_program(self) -> "Mechanism":
+        """The same prepared mechanism for what is computed once: in space, unless small, a table compiles sooner."""
+        # A body that stays in its plane may have one moment of inertia: a table asks for six.
+        whole = all(body.inertia is None or isinstance(body.inertia, Inertia) for body in self.bodies)
+        if self.is_plane or not whole or len(list(self.coordinates())) <= ONCE:
+            return self
+        return dataclasses.replace(self, links=self.links or links_of(self.bodies, self.joints))
 
     def _believed(self, controller: AbstractController) -> "Mechanism":
         """What a controller goes by, which is itself controlled by nobody."""
@@ -290,7 +298,7 @@ class Mechanism(Parametrised):
     def is_tabled(self) -> bool:
         """Whether it is so large that its dynamics is a loop over a table of its links."""
         every, free = len(list(self.coordinates())), len(self.free_coordinates())
-        return (free > UNROLLED or every > FRAMED) and not self.is_plane
+        return self.links is not None or ((free > UNROLLED or every > FRAMED) and not self.is_plane)
 
 
 def _without_clearance(joint: AbstractJoint, values: Sequence[Term] | None) -> AbstractJoint:

@@ -15,6 +15,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
+from clearance_jax._module import Module
 from clearance_jax._numerics import safe_sqrt, sincos
 from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError
@@ -38,7 +39,7 @@ def as_place(value: Any) -> Any:
     return Position(*value) if isinstance(value, (tuple, list, np.ndarray, jax.Array)) else value
 
 
-class Pose(eqx.Module):
+class Pose(Module):
     """Where a frame is, and how it is turned, in the ground's axes.
 
     **Arguments:** `at`: its place [m], a `Position` or its numbers; `orientation`: `None` where any will do.
@@ -61,7 +62,7 @@ class Pose(eqx.Module):
         return q / jnp.linalg.norm(q)
 
 
-class Stretch(eqx.Module):
+class Stretch(Module):
     """Numbers of a stretch (see the module), by the first axis of many: `length`, by which the path's parameter grows
     along it; powers of `place` and `quaternion`, lowest first; the turn of `arm` about `axis` by `sweep`; the rotation
     vector `turn`.
@@ -110,7 +111,7 @@ def _even(begin: Corner, end: Corner, length: Scalar) -> Stretch:
     return Stretch(length, place, quaternion, turn, none, jnp.asarray([0.0, 0.0, 1.0]), jnp.zeros(()))
 
 
-class AbstractSegment(eqx.Module):
+class AbstractSegment(Module):
     """A part of a path, from where the one before it ends."""
 
     @property
@@ -229,7 +230,7 @@ class Waypoint(NamedTuple):
     spin_rate: Triple
 
 
-class CartesianPath(eqx.Module):
+class CartesianPath(Module):
     """A path of a frame, segment after segment, each from rest to rest. Before it begins it is at its start, after it
     ends at its end.
 
@@ -334,7 +335,7 @@ class CartesianPath(eqx.Module):
         return self.prepared().law.times[-1]
 
 
-class PreparedPath(eqx.Module):
+class PreparedPath(Module):
     """A path as a program evaluates it: its stretches, the parameter at the `ends` of these, and its law of time;
     `inner`: which of the ends are inside segments.
     """

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
+from clearance_jax._module import Module
 from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError, quoted
 from clearance_jax.parameters import as_leaf, physical
@@ -21,7 +22,7 @@ def present(value: Any) -> Term:
     return 0.0 if value is None else value
 
 
-class Components(eqx.Module):
+class Components(Module):
     """A vector by its components `x`, `y`, `z`."""
 
     x: eqx.AbstractVar[Scalar | None]
@@ -53,7 +54,7 @@ class Gravity(Components):
     z: Scalar | None = physical("m/s^2", default=None)
 
 
-class Orientation(eqx.Module):
+class Orientation(Module):
     """How a frame is turned: by `roll` about x, then `pitch` about y, then `yaw` about z, all of them axes of the outer
     frame (R = Rz Ry Rx, as in URDF) [rad]. An angle left out is absent from the compiled program.
     """
@@ -78,7 +79,7 @@ class Orientation(eqx.Module):
         return as_prepared(self.rotation.rows)
 
 
-class PreparedOrientation(eqx.Module):
+class PreparedOrientation(Module):
     """An orientation by its matrix, of which the entries that are constants of the program stay so."""
 
     numbers: tuple[Scalar, ...]
@@ -114,7 +115,7 @@ LETTERS: dict[str, Vector] = {"x": X, "y": Y, "z": Z} | {
 }
 
 
-class Axis(eqx.Module):
+class Axis(Module):
     """A direction: an axis of the frame by its `letter` ("x", "-z"), a constant of the program; or any other, by
     numbers of whatever length but zero.
     """
@@ -165,7 +166,7 @@ def as_axis(value: Any) -> Any:
     return Axis(None, *numbers)
 
 
-class Inertia(eqx.Module):
+class Inertia(Module):
     """Moments and products of inertia about the centre of mass, in the body's axes [kg m^2]: the entries of the tensor
     (its product `xy` is minus the integral of x y dm). An entry left out is absent from the compiled program.
     """

@@ -10,6 +10,7 @@ Where a joint joins two bodies that are placed already it closes a loop: it has 
 
 import abc
 import dataclasses
+import functools
 from typing import NamedTuple
 
 import equinox as eqx
@@ -21,7 +22,7 @@ from clearance_jax.joints.checks import check_start
 from clearance_jax.mechanism.body import Motion
 from clearance_jax.mechanism.frame import Frame
 from clearance_jax.mechanism.placement import ORIGIN, Axis, Orientation, Position, PreparedOrientation, as_axis
-from clearance_jax.parameters import Parametrised, described, flattened, physical
+from clearance_jax.parameters import Parametrised, described, flattened, outside, physical
 from clearance_jax.spatial import (
     IDENTITY,
     UNIT,
@@ -158,7 +159,7 @@ class AbstractJoint(Parametrised):
                 changed[field.name] = value.prepared()
         return dataclasses.replace(self, **changed) if changed else self
 
-    @property
+    @functools.cached_property
     def is_plane(self) -> bool:
         """Whether it keeps what it carries in the plane z = 0, by its structure."""
         turned = (self.orientation, self.child_orientation)
@@ -213,8 +214,9 @@ class AbstractPlayed(AbstractJoint):
     def __check_init__(self):
         if not isinstance(self.clearance, AbstractClearance):
             return
-        own = [coordinate for coordinate in self.own_coordinates() if coordinate.play is None]
-        for play in self.clearance.play():
+        own = dataclasses.replace(self, clearance=None).own_coordinates()
+        plays = outside(self.clearance).play()
+        for play in plays:
             slides = play.slides is not None and any(play.slides == c.slides for c in own)
             turns = play.turns is not None and any(c.is_ball or play.turns == c.turns for c in own)
             if slides or turns:
@@ -222,7 +224,7 @@ class AbstractPlayed(AbstractJoint):
                     f"The clearance of joint `{self.name}`, a {type(self.clearance).__name__}, has the play "
                     f"`{play.suffix[1:]}`, but so the joint moves by itself. Give it one of its own kind."
                 )
-        start, slides = self.eccentricity, [play.slides for play in self.clearance.play() if play.slides is not None]
+        start, slides = self.eccentricity, [play.slides for play in plays if play.slides is not None]
         check_start(self.name, (start.x, start.y, start.z), slides)
 
     @property

@@ -78,7 +78,7 @@ def contributions(why: Sequence[Response]) -> Figure:
             colour = "0.75" if i == len(names) - 1 else colours[i % 10]
             axes.barh(row, share, 0.5, left=ends[side], color=colour, label=names[i] if row == 0 else None)
             ends[side] += share
-        axes.text(0, row - 0.3, response.limit, va="bottom")
+        axes.annotate(response.limit, (0, row - 0.3), xytext=(4, 0), textcoords="offset points", va="bottom")
     axes.axvline(100, color="k", ls="--", lw=0.8)
     # Names stand above the bars: beside them they would leave no room on a phone.
     axes.set(yticks=[], xlabel="share of the bound, %", ylim=(len(why) - 0.6, -0.75))

@@ -20,6 +20,7 @@ from clearance_jax.dynamics.field import slope
 from clearance_jax.dynamics.observe import observe
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
+from clearance_jax.results.episodes import Inside
 from clearance_jax.results.marks import mark_positions
 from clearance_jax.solve.problem import Problem
 from clearance_jax.solve.step import try_step
@@ -80,31 +81,31 @@ def _observed(mechanism: Mechanism, time: Scalar, y: Array) -> dict[str, Array]:
 
 
 # What a trace's step ends are asked for; the compiler leaves out what only the other observables need.
-AT_STEP_ENDS = ("eccentricity", "penetration", "penetration_rate", "contact_force")
+AT_STEP_ENDS = ("eccentricity", "penetration", "penetration_rate", "contact_force", "contact_power")
 IN_SPACE = ("contact_pattern", "pin_tilt")
 
 
 def _at_step_end(mechanism: Mechanism, time: Scalar, y: Array) -> dict[str, Array]:
-    """Of every clearance joint, and the rate of its contact force along the motion [N/s]."""
+    """Of every clearance joint, and the rates of its contact force [N/s] and contact power [W/s] along the motion."""
     y = y[: layout(mechanism).size]
-    seen, force_rate = _along(mechanism, time, y, slope(time, y, mechanism))
+    seen, rates = _along(mechanism, time, y, slope(time, y, mechanism))
     asked = AT_STEP_ENDS if mechanism.is_plane else (*AT_STEP_ENDS, *IN_SPACE)
-    return {name: seen[name] for name in asked} | {"force_rate": force_rate}
+    return {name: seen[name] for name in asked} | {"force_rate": rates[0], "power_rate": rates[1]}
 
 
-def _along(mechanism: Mechanism, time: Scalar, y: Array, rate: Array) -> tuple[dict[str, Array], Array]:
-    """What is observed of a state that moves at the given rate, and the rate of the contact forces."""
+def _along(mechanism: Mechanism, time: Scalar, y: Array, rate: Array) -> tuple[dict[str, Array], tuple[Array, Array]]:
+    """What is observed of a state that moves at the given rate, and the rates of the contact forces and powers."""
 
-    def force(time, y):
+    def contact(time, y):
         seen = observe(time, y, mechanism)
-        return seen["contact_force"], seen
+        return (seen["contact_force"], seen["contact_power"]), seen
 
-    _, force_rate, seen = jax.jvp(force, (time, y), (jnp.ones_like(time), rate), has_aux=True)
-    return seen, force_rate
+    _, rates, seen = jax.jvp(contact, (time, y), (jnp.ones_like(time), rate), has_aux=True)
+    return seen, rates
 
 
-def _force_inside(mechanism: Mechanism, time: Scalar, y: Array, h: Scalar, s: Scalar) -> tuple[Array, Array]:
-    """Contact forces at a fraction s of the step of size h that starts at a step end, and their slopes per step.
+def _contact_inside(mechanism: Mechanism, time: Scalar, y: Array, h: Scalar, s: Scalar) -> Inside:
+    """The contacts at a fraction s of the step of size h that starts at a step end.
 
     One step of the eighth order leads there, whatever the solve's own solver: between the ends of its long steps an
     interpolated penetration would be good for six digits.
@@ -113,9 +114,9 @@ def _force_inside(mechanism: Mechanism, time: Scalar, y: Array, h: Scalar, s: Sc
     part, y = s * jnp.maximum(h - 16 * jnp.finfo(h.dtype).eps * jnp.abs(time), 0.0), y[: layout(mechanism).size]
     end = time + part
     trial = try_step(Problem(mechanism), EXACT, (time, end), y, jnp.zeros_like(y), True)
-    seen, force_rate = _along(mechanism, end, trial.end, trial.slope1)
-    return seen["contact_force"], force_rate * h
+    seen, (force_rate, power_rate) = _along(mechanism, end, trial.end, trial.slope1)
+    return Inside(seen["contact_force"], force_rate * h, seen["contact_power"], power_rate * h)
 
 
 EXACT = diffrax.Dopri8()
-observed, at_step_ends, force_inside = _batched(_observed), _batched(_at_step_end), _batched(_force_inside)
+observed, at_step_ends, contact_inside = _batched(_observed), _batched(_at_step_end), _batched(_contact_inside)

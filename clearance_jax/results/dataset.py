@@ -1,6 +1,7 @@
 """From a solution to a labelled dataset: variables with units, provenance, contact episodes."""
 
 import dataclasses
+import warnings
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,9 @@ from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import parameters
 from clearance_jax.results import blocks, episodes, marks
 from clearance_jax.results.blocks import Progress, in_blocks
-from clearance_jax.results.peaks import Peaks, peaks
+from clearance_jax.results.peaks import peaks
 from clearance_jax.results.variables import EPISODES, STEPS, VARIABLES, attributes
+from clearance_jax.results.works import ContactWarning, doubt, works
 from clearance_jax.solve.solution import Solution
 from clearance_jax.solve.trace import Trace
 
@@ -27,8 +29,8 @@ def to_dataset(
 ) -> xr.Dataset:
     """Everything observable of a solution as an `xarray.Dataset`.
 
-    A `Trace` also gives contact episodes and the three contact states (an impact is recognised by its episode), and,
-    where joints of a settled start begin at relative rest, says so in the attribute `start`.
+    A `Trace` also gives contact episodes and the three contact states (an impact is recognised by its episode). Where
+    joints of a settled start begin at relative rest, the attribute `start` says so.
 
     **Arguments:** `progress`: called with the fraction done; `provenance`: anything to be kept as attributes beside
     version, result and counts.
@@ -54,8 +56,8 @@ def to_dataset(
     coords: dict[str, Any] = {"time": ("time", time, {"units": "s"})}
     coords |= {name: label for name, label in labelled.items() if label[0] in used}
     said = _attributes(mechanism, solved, solution.message or "successful")
-    if isinstance(solution, Trace) and solution.rests:
-        said["start"] = solution.rests
+    if solved.rests:
+        said["start"] = solved.rests
     return xr.Dataset(data, coords, said | provenance)
 
 
@@ -75,14 +77,17 @@ def _of_trace(mechanism: Mechanism, trace: Trace, progress: Progress | None) -> 
     """The variables of the step ends, the table of episodes, and of each joint when its impacts begin and end."""
     t, y = np.asarray(trace.time), np.asarray(trace.y)
     seen = in_blocks(blocks.at_step_ends, mechanism, t, y, progress=_part(progress, 0.0, _LOOKED_AT))
-    names = "penetration", "penetration_rate", "contact_force", "force_rate"
+    names = "penetration", "penetration_rate", "contact_force", "force_rate", "contact_power", "power_rate"
     tables, impacts = [], []
     for joint in range(seen["penetration"].shape[1]):
         ends = episodes.StepEnds(t, *(seen[name][:, joint] for name in names))
         spans = episodes.spans(t, ends.penetration)
-        top = _peaks(mechanism, y, joint, ends, spans)
+        inside = _inside(mechanism, y, joint, ends)
+        top, work = peaks(ends, spans, inside), works(ends, spans, inside)
+        if said := doubt(mechanism.clearance_joints()[joint].name, work.restitution):
+            warnings.warn(said, ContactWarning, stacklevel=3)
         own = {"episode_joint": np.full(top.time.size, joint), "peak_force": top.force, "peak_time": top.time}
-        tables.append(own | episodes.table(ends, spans))
+        tables.append(own | episodes.table(ends, spans) | {"restitution": work.restitution})
         impacts.append((t[spans.first], episodes.impact_ends(t, ends.penetration_rate, spans)))
     steps = {
         "step_time": t,
@@ -97,16 +102,16 @@ def _of_trace(mechanism: Mechanism, trace: Trace, progress: Progress | None) -> 
     return steps, {name: np.concatenate([rows[name] for rows in tables]) for name in EPISODES}, impacts
 
 
-def _peaks(mechanism: Mechanism, y: np.ndarray, joint: int, ends: episodes.StepEnds, spans: episodes.Spans) -> Peaks:
-    """The largest force of every episode of a joint (by its place among the clearance joints)."""
+def _inside(mechanism: Mechanism, y: np.ndarray, joint: int, ends: episodes.StepEnds) -> episodes.Look:
+    """What looks into steps at the contact of one joint (by its place among the clearance joints)."""
 
-    def force(step, s):
+    def look(step, s):
         begin = ends.time[step]
         arrays = begin, y[step], ends.time[step + 1] - begin, s
-        forces, slopes = in_blocks(blocks.force_inside, mechanism, *arrays, size=blocks.FEW)
-        return forces[:, joint], slopes[:, joint]
+        found = in_blocks(blocks.contact_inside, mechanism, *arrays, size=blocks.FEW)
+        return blocks.Inside(*(values[:, joint] for values in found))
 
-    return peaks(ends, spans, force)
+    return look
 
 
 def _states(time: np.ndarray, penetration: np.ndarray, impacts: list) -> np.ndarray:

@@ -4,7 +4,8 @@ Every touch and separation is a step end, so an episode is a span of step ends. 
 have one entry a step end or one an episode, and nothing here is a loop over either.
 """
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,7 +21,7 @@ NO_IMPACTS = np.zeros(0), np.zeros(0)
 
 class StepEnds(NamedTuple):
     """What is known of one joint at every step end: time [s], penetration [m] and its rate, normal force [N] and its
-    rate [N/s] along the motion.
+    rate [N/s] along the motion, the power that it takes up [W] and the rate of that [W/s].
     """
 
     time: np.ndarray
@@ -28,6 +29,21 @@ class StepEnds(NamedTuple):
     penetration_rate: np.ndarray
     force: np.ndarray
     force_rate: np.ndarray
+    power: np.ndarray
+    power_rate: np.ndarray
+
+
+class Inside(NamedTuple):
+    """Contact forces [N] and powers [W] inside steps, and their slopes per step."""
+
+    force: Any
+    force_slope: Any
+    power: Any
+    power_slope: Any
+
+
+Look = Callable[[np.ndarray, np.ndarray], Inside]
+"""Of steps (by the index of their start) and how far into each (0 to 1): the contact there."""
 
 
 class Spans(NamedTuple):
@@ -107,13 +123,12 @@ def contact_states(time: np.ndarray, penetration: np.ndarray, begins: np.ndarray
 
 
 def table(seen: StepEnds, found: Spans) -> dict[str, np.ndarray]:
-    """What the step ends themselves tell of every episode."""
+    """What the step ends themselves tell of every episode. A contact that is there from the start has no impact."""
     start, end = seen.time[found.first], seen.time[found.last]
     speed, parting = seen.penetration_rate[found.first], -seen.penetration_rate[found.last]
-    known = ~found.lasting & (speed > 0)
     return {
         "episode_start": start,
         "episode_end": np.where(found.lasting, np.nan, end),
-        "impact_speed": speed,
-        "restitution": np.where(known, parting / np.where(known, speed, 1.0), np.nan),
+        "impact_speed": np.where(found.first > 0, speed, np.nan),
+        "separation_speed": np.where(found.lasting, np.nan, parting),
     }

@@ -4,12 +4,11 @@ Force and force rate at the step ends tell which steps may hold the largest one;
 asked for at a few places.
 """
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
-from clearance_jax.results.episodes import Members, Spans, StepEnds, members
+from clearance_jax.results.episodes import Look, Members, Spans, StepEnds, members
 
 # How far the cubic through a step's ends may miss the force's top inside it, over the rise to that top. With the
 # longest steps of dopri8 at rtol 1e-6 it misses by a hundredth of the rise.
@@ -17,9 +16,6 @@ DOUBT = 0.2
 # Places at which such a step is looked into. Each brings the largest force two to three digits closer (kinks of the
 # force inside the step: one and a half); from the cubic's two digits four reach the accuracy of the solve.
 PLACES = 4
-
-Force = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""Of steps (by the index of their start) and how far into each (0 to 1): the force there, and its slope per step."""
 
 
 class Peaks(NamedTuple):
@@ -29,8 +25,8 @@ class Peaks(NamedTuple):
     force: np.ndarray
 
 
-class Look(NamedTuple):
-    """A look into a step: how far into it (0 to 1), the force there [N], its slope per step."""
+class Point(NamedTuple):
+    """A place inside a step: how far into it (0 to 1), the force there [N], its slope per step."""
 
     place: np.ndarray
     force: np.ndarray
@@ -50,7 +46,7 @@ def cubic_top(value0, slope0, value1, slope1) -> tuple[np.ndarray, np.ndarray]:
     return np.where(turns, x, np.nan), np.where(turns, top, np.nan)
 
 
-def peaks(seen: StepEnds, found: Spans, force: Force) -> Peaks:
+def peaks(seen: StepEnds, found: Spans, look: Look) -> Peaks:
     """The largest force of every episode of one joint."""
     if found.first.size == 0:
         return Peaks(np.zeros(0), np.zeros(0))
@@ -58,7 +54,7 @@ def peaks(seen: StepEnds, found: Spans, force: Force) -> Peaks:
     highest = _first_largest(seen.force[row.index], row)
     time, height = seen.time[row.index[highest]], seen.force[row.index[highest]]
     steps, span = candidates(seen, row, highest)
-    place, top = inside(seen, steps, force)
+    place, top = inside(seen, steps, look)
     # In order of height, so that of several steps of one episode the highest is written last.
     order = np.argsort(top)
     order = order[top[order] > height[span[order]]]
@@ -89,28 +85,28 @@ def candidates(seen: StepEnds, row: Members, highest: np.ndarray) -> tuple[np.nd
     return begin[chosen], span[chosen]
 
 
-def inside(seen: StepEnds, steps: np.ndarray, force: Force) -> tuple[np.ndarray, np.ndarray]:
+def inside(seen: StepEnds, steps: np.ndarray, look: Look) -> tuple[np.ndarray, np.ndarray]:
     """Place (0 to 1) and height of the largest force found inside each step.
 
     Each place asked for is the top of the cubic on what is left of the step around the top (its middle, where there is
     no such cubic), and becomes the left or right end of what is left.
     """
     h = seen.time[steps + 1] - seen.time[steps]
-    left = Look(np.zeros(steps.size), seen.force[steps], seen.force_rate[steps] * h)
-    right = Look(np.ones(steps.size), seen.force[steps + 1], seen.force_rate[steps + 1] * h)
+    left = Point(np.zeros(steps.size), seen.force[steps], seen.force_rate[steps] * h)
+    right = Point(np.ones(steps.size), seen.force[steps + 1], seen.force_rate[steps + 1] * h)
     place, top = left.place, np.full(steps.size, -np.inf)
     for _ in range(PLACES if steps.size else 0):
         width = right.place - left.place
         x, _ = cubic_top(left.force, left.slope * width, right.force, right.slope * width)
         s = left.place + np.where(np.isnan(x), 0.5, x) * width
-        now = Look(s, *force(steps, s))
+        now = Point(s, *look(steps, s)[:2])
         place, top = np.where(now.force > top, s, place), np.maximum(now.force, top)
         left, right = _chosen(now.slope > 0, now, left), _chosen(now.slope > 0, right, now)
     return place, top
 
 
-def _chosen(where: np.ndarray, a: Look, b: Look) -> Look:
-    return Look(*(np.where(where, x, y) for x, y in zip(a, b, strict=True)))
+def _chosen(where: np.ndarray, a: Point, b: Point) -> Point:
+    return Point(*(np.where(where, x, y) for x, y in zip(a, b, strict=True)))
 
 
 def _first_largest(values: np.ndarray, row: Members) -> np.ndarray:

@@ -21,10 +21,15 @@ EPISODES = {
     "episode_joint": Variable((), "1", "which clearance joint (index)"),
     "episode_start": Variable((), "s", "first touch"),
     "episode_end": Variable((), "s", "separation (NaN: still in contact at the end)"),
-    "impact_speed": Variable((), "m/s", "approach speed at first touch"),
+    "impact_speed": Variable((), "m/s", "approach speed at first touch (NaN: in contact from the start)"),
     "peak_force": Variable((), "N", "largest normal force, within the steps too"),
     "peak_time": Variable((), "s", "when the largest normal force acts"),
-    "restitution": Variable((), "1", "separation speed over impact speed (NaN: still in contact)"),
+    "separation_speed": Variable((), "m/s", "speed at which the pin leaves (NaN: still in contact)"),
+    "restitution": Variable(
+        (),
+        "1",
+        "root of the work that the contact gave back over the work that it took up (NaN: not known as a whole)",
+    ),
 }
 
 

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from clearance_jax._kept import kept_jit
+from clearance_jax._solo import solo_jit
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.closures import StartErrors, assembled, projected
 from clearance_jax.dynamics.control import renewed
@@ -196,7 +197,7 @@ def task_of(inputs: Inputs, options: Options, directions: Any = None) -> Task:
         & is_possible(errors, inputs.mechanism)
     )
     save_at = None if save_at is None else jnp.where(possible, save_at, t0)
-    return Task(problem, t0, jnp.where(possible, t1, t0), start, save_at, allowed, possible)
+    return Task(problem, t0, jnp.where(possible, t1, t0), start, save_at, allowed, possible, errors.seated)
 
 
 def solution_of(task: Task, out: Outcome, t1: Array, options: Options) -> Solution:
@@ -227,6 +228,7 @@ def solution_of(task: Task, out: Outcome, t1: Array, options: Options) -> Soluti
         out.end_time,
         records,
         picked,
+        task.seated,
         sampled=out.samples is not None,
         books=options.books,
     )
@@ -235,7 +237,21 @@ def solution_of(task: Task, out: Outcome, t1: Array, options: Options) -> Soluti
 def solved(inputs: Inputs, options: Options, which: Which = None, mapped: bool = True) -> Solution:
     """One motion (or stack), by diffrax; `mapped`: `jax.vmap` may make many of it."""
     task = task_of(inputs, options, _directions(inputs, which))
+    if not mapped and task.save_at is not None:
+        task = _in_order(task, task.save_at)
     return solution_of(task, integrate(task, options, _breaks_move(task), mapped), inputs.t1, options)
+
+
+def _in_order(task: Task, times: Array) -> Task:
+    """The task; not a possible one where sample times, which may not have been known before, do not increase or are not
+    within it (where diffrax samples it raises).
+    """
+    good = jnp.all(times[1:] >= times[:-1]) & jnp.all((times >= task.t0) & (times <= task.t1)) | ~task.possible
+    return task._replace(
+        t1=jnp.where(good, task.t1, task.t0),
+        save_at=jnp.where(good, times, task.t0),
+        possible=task.possible & good,
+    )
 
 
 def _directions(inputs: Inputs, which: Which) -> Any:
@@ -290,7 +306,7 @@ def _compiled(inputs: Inputs, options: Options, which: Which = None) -> Solution
 
 
 # Differentiated as it stands, and so without a rule of batching.
-_plain = eqx.filter_jit(solved)
+_plain = solo_jit(solved)
 
 
 def problem_of(

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from clearance_jax._module import Module
 from clearance_jax._sharing import kept
 from clearance_jax.dynamics.kinematics import relative_motions
 from clearance_jax.mechanism.state import layout
@@ -25,7 +26,7 @@ class Picked(NamedTuple):
     value: Float[Array, " k"]
 
 
-class AbstractObserver(eqx.Module):
+class AbstractObserver(Module):
     """Watches a solve step by step. Its record starts with `start`, and every accepted step makes a new one of it.
 
     States are stacks where the problem varies (see `variation`): what an observer picks it picks with its derivatives.

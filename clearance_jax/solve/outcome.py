@@ -5,13 +5,14 @@ from typing import Any, NamedTuple
 from jaxtyping import Array
 
 from clearance_jax._types import Each, EachFlag
+from clearance_jax.dynamics.seated import Seated
 from clearance_jax.solve.problem import Problem
 from clearance_jax.solve.tolerances import Tolerances
 
 
 class Task(NamedTuple):
     """A motion (or lanes of motions) to be integrated from `t0` to `t1`, from a state (or stack) `start`; `save_at`:
-    sample times. One that is not `possible` ends where it begins.
+    sample times; `seated`: how pins of a settled start begin. One that is not `possible` ends where it begins.
     """
 
     problem: Problem
@@ -21,6 +22,7 @@ class Task(NamedTuple):
     save_at: Array | None
     allowed: Tolerances
     possible: EachFlag
+    seated: Seated | None = None
 
 
 class Outcome(NamedTuple):

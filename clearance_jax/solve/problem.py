@@ -17,6 +17,7 @@ import numpy as np
 from jax.extend.core import Literal
 from jaxtyping import Array
 
+from clearance_jax._module import Module
 from clearance_jax._sharing import shared
 from clearance_jax._types import Each, Flag, Rows
 from clearance_jax.dynamics.field import rate, where_it_counts
@@ -28,7 +29,7 @@ from clearance_jax.solve.lane_axis import by_component, each_lane, sharing_lanes
 THIN = 8
 
 
-class Problem(eqx.Module):
+class Problem(Module):
     """What a solve is of: a prepared mechanism, and the directions in which its numbers are varied.
 
     `integrands` are functions of (time, state, mechanism), of any shape, whose integrals follow the state; `books`:

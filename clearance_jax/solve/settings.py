@@ -18,7 +18,7 @@ from clearance_jax.dynamics.energy import BOOKS
 from clearance_jax.errors import ClearanceError, quoted, require_float64, suggest
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
-from clearance_jax.parameters import check_values
+from clearance_jax.parameters import as_leaf, check_values
 from clearance_jax.solve.attempt import CENTRE, STARTS, Options
 
 # Output times at most: of each some hundred numbers are kept, together a gigabyte.
@@ -101,8 +101,7 @@ def settings_of(
         raise ClearanceError(f"There are no derivatives {asked.derivatives!r}. Allowed: {', '.join(DERIVATIVES)}.")
     if asked.start not in STARTS:
         raise ClearanceError(f"`start` must be {' or '.join(STARTS)}, but it is {quoted(asked.start)}.")
-    t0, t1, rtol = (jnp.asarray(x, float) for x in (asked.t0, t1, asked.rtol))
-    atol = None if asked.atol is None else jnp.asarray(asked.atol, float)
+    t0, t1, rtol, atol = (as_leaf(x) for x in (asked.t0, t1, asked.rtol, asked.atol))
     return asked._replace(
         t0=t0, rtol=rtol, atol=atol, y0=_initial(mechanism, asked.y0), save_at=_times(asked.save_at, t0, t1)
     )

@@ -3,18 +3,20 @@
 import warnings
 from typing import Any, Unpack
 
-import equinox as eqx
 import jax.numpy as jnp
 from jax.core import Tracer
 from jaxtyping import Array
 
+from clearance_jax._solo import solo_jit
 from clearance_jax.dynamics.closures import StartErrors
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
+from clearance_jax.parameters import as_leaf
 from clearance_jax.solve import effort
+from clearance_jax.solve.codes import Result
 from clearance_jax.solve.flow import Inputs, closed_start, flow, plain_flow, states_of, with_states
 from clearance_jax.solve.settings import Settings, SolveOptions, settings_of
-from clearance_jax.solve.solution import Solution, has_succeeded
+from clearance_jax.solve.solution import Solution
 from clearance_jax.solve.start import check_start
 
 # An energy residual above this is a motion that nobody should build on; a good one is of the size of rtol.
@@ -58,11 +60,11 @@ def _run(mechanism, t1, settings: Settings, throw: bool, observers=(), integrand
     options = settings.compiled(observers)
     if layout(mechanism).size == 0:
         options = options._replace(books=True)  # without states the books are what there is to integrate
-    t1, given = jnp.asarray(t1, float), settings
+    t1, given = as_leaf(t1), settings
     inputs = Inputs(mechanism, given.t0, t1, given.save_at, given.rtol, given.atol, given.y0, integrands)
     solution = flow(inputs, options=options) if options.derivatives == "controlled" else plain_flow(inputs, options)
     effort.count(solution.steps, solution.rejected)
-    if throw and not isinstance(solution.final, Tracer) and not has_succeeded(solution):
+    if throw and not isinstance(solution.final, Tracer) and int(solution.code) != int(Result.REACHED_END):
         if given.y0 is None:
             check_start(mechanism, given.t0, _start_errors(mechanism, given.t0, options.start))
         raise RuntimeError(
@@ -71,7 +73,7 @@ def _run(mechanism, t1, settings: Settings, throw: bool, observers=(), integrand
     return solution.of(mechanism)
 
 
-@eqx.filter_jit
+@solo_jit
 def _start_errors(mechanism: Mechanism, t0: Array, start: str) -> StartErrors:
     return closed_start(mechanism.prepared(), t0, start)[1]
 
@@ -83,7 +85,7 @@ class EnergyWarning(UserWarning):
 def doubt(solution: Solution) -> str:
     """Why a single solve that reached its end is not to be trusted, in words; empty where its energy books close."""
     residual = float(solution.energy_residual)
-    if not (has_succeeded(solution) and residual > DOUBTFUL):
+    if int(solution.code) != int(Result.REACHED_END) or not residual > DOUBTFUL:
         return ""
     return (
         f"The energy books do not close: {residual:.1e} of the energy exchanged is missing (more than {DOUBTFUL:g}). "

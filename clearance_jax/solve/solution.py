@@ -10,17 +10,21 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
+from clearance_jax._module import Module
+from clearance_jax._solo import solo_jit
 from clearance_jax.dynamics.energy import BOOKS
 from clearance_jax.dynamics.quantities import Quantity, evaluated, quantities
+from clearance_jax.dynamics.seated import Seated
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.solve.codes import Result, words
 from clearance_jax.solve.observers import Picked
+from clearance_jax.solve.start import rest_words
 from clearance_jax.units import shown
 
 
-class Solution(eqx.Module):
+class Solution(Module):
     """A solved motion. It prints itself, and gives quantities by name (SI):
 
         solution["piston.position"]      # a point's: position, velocity, acceleration; also `piston.position.x`
@@ -38,6 +42,7 @@ class Solution(eqx.Module):
     - `energy_residual`: |energy gained - work of drives + losses| / energy exchanged, a measure of the solve's quality.
     - `records`: what observers recorded, `picked`: the states that they picked, one entry an observer (metrics use
       them).
+    - `seated`: of a settled start how its pins begin; `rests`: in words which begin at relative rest and why.
     - `mechanism`: what was solved; its numbers go along as leaves, for where a point is depends on them.
     """
 
@@ -52,6 +57,7 @@ class Solution(eqx.Module):
     end_time: Float[Array, ""]
     records: tuple = ()
     picked: tuple[Picked | None, ...] = ()
+    seated: Seated | None = None
     numbers: Any = None
     structure: Any = eqx.field(static=True, default=None)
     sampled: bool = eqx.field(static=True, default=True)
@@ -84,6 +90,11 @@ class Solution(eqx.Module):
     def message(self) -> str:
         """Why a single solve stopped; empty where it reached t1."""
         return words(self.code)
+
+    @property
+    def rests(self) -> str:
+        """Which joints of a single settled start begin at relative rest, and why; empty where none does."""
+        return rest_words(self.mechanism, self.seated)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -132,16 +143,11 @@ class Solution(eqx.Module):
         return summary(self) if np.ndim(self.code) == 0 else summary_of_batch(self)
 
 
-def has_succeeded(solution: Solution) -> bool:
-    """Whether a single solve whose numbers are known reached t1 (by NumPy: nothing is compiled for it)."""
-    return int(solution.code) == int(Result.REACHED_END)
-
-
 def _whole(numbers: Any, structure: Any) -> Mechanism:
     return numbers if structure is None else eqx.combine(numbers, structure)
 
 
-@eqx.filter_jit
+@solo_jit
 def _evaluated(numbers: Any, structure: Any, variable: str, time: Array, y: Array) -> Array:
     """A variable of every state, over the axes of `time`, of which all but the last are a batch's."""
 
@@ -161,22 +167,26 @@ def summary(solution: Solution) -> str:
     """A single solve in a few lines: how it ended, and its named states at the end."""
     mechanism = solution.mechanism
     known, plan = quantities(mechanism, solution.books), layout(mechanism)
+    final = np.asarray(solution.final)
 
     def last(name: str) -> str:
         found = known[name]
         if found.place is not None:
-            return shown(float(solution.final[found.place]), found.unit, 5)
+            return shown(float(final[found.place]), found.unit, 5)
         # An orientation is no state by its rotation vector.
-        y = solution.final[: plan.size + (len(BOOKS) if solution.books else 0)]
-        values = _evaluated(solution.numbers, solution.structure, found.variable, solution.end_time[None], y[None])
-        return shown(float(values[0][found.index]), found.unit, 5)
+        y = final[: plan.size + (len(BOOKS) if solution.books else 0)]
+        values = _evaluated(
+            solution.numbers, solution.structure, found.variable, np.asarray(solution.end_time)[None], y[None]
+        )
+        return shown(float(np.asarray(values)[0][found.index]), found.unit, 5)
 
     rows = [("at the end", "position", "velocity")] if plan.free else []
     rows += [(name, last(name), last(f"{name}.velocity")) for name in plan.velocities]
     rows += [(f"{joint}.{name}", last(f"{joint}.{name}"), "") for joint, names in plan.memories for name in names]
     widths = [max((len(row[k]) for row in rows), default=0) for k in range(3)]
     lines = ["  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in rows]
-    return "\n".join([_ending(solution), *(line.rstrip() for line in lines)])
+    rests = [f"  {solution.rests}"] if solution.rests else []
+    return "\n".join([_ending(solution), *rests, *(line.rstrip() for line in lines)])
 
 
 def _ending(solution: Solution) -> str:
@@ -192,7 +202,10 @@ def summary_of_batch(solution: Solution) -> str:
     """How the solves of a batch ended."""
     codes, counts = np.unique(np.asarray(solution.code), return_counts=True)
     ended = [f"{count} {words(int(code)) or 'reached t1'}" for code, count in zip(codes, counts, strict=True)]
+    seated = solution.seated
+    resting = 0 if seated is None else np.count_nonzero(np.any(np.asarray(seated.rest) > 0, axis=-1))
+    rests = f" {resting} of them begin with pins at relative rest." if resting else ""
     return (
         f"{solution.mechanism.name}, a batch of {' x '.join(map(str, np.shape(solution.code)))} solves: "
-        f"{'; '.join(ended)}. One of them: jax.tree.map(lambda x: x[i], solution)"
+        f"{'; '.join(ended)}.{rests} One of them: jax.tree.map(lambda x: x[i], solution)"
     )

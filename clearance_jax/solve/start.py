@@ -9,6 +9,7 @@ from jaxtyping import Array
 from clearance_jax._types import Flag
 from clearance_jax.dynamics.closures import StartErrors
 from clearance_jax.dynamics.mobility import mobility
+from clearance_jax.dynamics.seated import Seated
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.solve.tolerances import largest_length
@@ -42,11 +43,10 @@ def check_start(mechanism: Mechanism, t0: Any, errors: StartErrors) -> None:
     )
 
 
-def rest_words(mechanism: Mechanism, errors: StartErrors) -> str:
+def rest_words(mechanism: Mechanism, seated: Seated | None) -> str:
     """Which joints of a settled start begin at relative rest and why, in words; empty where none does, or the start is
     another.
     """
-    seated = errors.seated
     joints = [joint.name for joint in mechanism.clearance_joints()]
     if seated is None or not np.any(seated.rest):
         return ""

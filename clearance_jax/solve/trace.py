@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array
 
 from clearance_jax._kept import kept_jit
+from clearance_jax._module import Module
 from clearance_jax.dynamics.energy import energy_residual
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.solve.attempt import Carry, Options, attempt, dense, means_of, start_carry
@@ -25,31 +26,32 @@ from clearance_jax.solve.problem import Problem
 from clearance_jax.solve.settings import ALL, SolveOptions, settings_of
 from clearance_jax.solve.simulate import warn_of_energy
 from clearance_jax.solve.solution import Solution
-from clearance_jax.solve.start import check_start, rest_words
+from clearance_jax.solve.start import check_start
 from clearance_jax.solve.step import Trial
 from clearance_jax.solve.tolerances import Tolerances
 
 BLOCK = 4096
 
 
-class Trace(eqx.Module):
-    """A solution with every step end: `time` (steps,), `y` (steps, n); `message` is empty where the solve succeeded.
-    `rests`: which joints of a settled start begin at relative rest, and why; empty where none does.
-    """
+class Trace(Module):
+    """A solution with every step end: `time` (steps,), `y` (steps, n); `message` is empty where the solve succeeded."""
 
     solution: Solution
     time: np.ndarray
     y: np.ndarray
     message: str = eqx.field(static=True)
-    rests: str = eqx.field(static=True, default="")
+
+    @property
+    def rests(self) -> str:
+        """Which joints of a settled start begin at relative rest, and why; empty where none does."""
+        return self.solution.rests
 
     def __getitem__(self, name: str) -> Array:
         """A quantity by name at the samples, as `Solution` gives it."""
         return self.solution[name]
 
     def __repr__(self) -> str:
-        lines = [repr(self.solution), f"  a trace of {self.time.size} step ends"]
-        return "\n".join([*lines, f"  {self.rests}"] if self.rests else lines)
+        return f"{self.solution!r}\n  a trace of {self.time.size} step ends"
 
 
 class Steps(NamedTuple):
@@ -131,10 +133,8 @@ def trace(
     inputs = Inputs(mechanism, start, last, None, settings.rtol, settings.atol, settings.y0)
     problem, allowed, carry, errors = _begin(inputs, chosen)
     first = carry.y
-    rests = ""
     if settings.y0 is None:
         check_start(mechanism, t0, errors)
-        rests = rest_words(mechanism, errors)
     times, states = [np.array([t0])], [np.asarray(first)[None]]
     sampled = np.full((grid.size, first.size), np.nan)
     sampled[grid == t0] = np.asarray(first)  # whatever happens, the start is known
@@ -168,10 +168,11 @@ def trace(
         carry.rejected,
         _residual(problem.mechanism, (start, time[-1]), (first, y[-1])),
         jax.device_put(time[-1]),
+        seated=errors.seated,
         sampled=settings.save_at is not None,
     )
     warn_of_energy(solution)
-    return Trace(solution.of(mechanism), time, y, words(code), rests)
+    return Trace(solution.of(mechanism), time, y, words(code))
 
 
 def _code(carry: Carry, t1: float, max_steps: int) -> Result:

@@ -24,7 +24,7 @@ class Journal:
 
     def read(self) -> list[dict[str, Any]]:
         """Every whole record; none where there is no file. A line that cannot be read is none."""
-        return [record for line in self._whole().splitlines() if (record := _record(line)) is not None]
+        return [record for line in self._whole().splitlines() if (record := record_of(line)) is not None]
 
     def read_unbroken(self) -> tuple[list[dict[str, Any]], int]:
         """The records before the first line that cannot be read, for journals whose records follow from each other; and
@@ -32,7 +32,7 @@ class Journal:
         """
         found, end, lines = [], 0, self._whole().splitlines(keepends=True)
         for line in lines:
-            record = _record(line)
+            record = record_of(line)
             if record is None:
                 break
             found.append(record)
@@ -84,7 +84,8 @@ def line_of(record: dict[str, Any]) -> bytes:
     return BEGIN + f"{zlib.crc32(text):08x}".encode() + b'",' + text[1:] + b"\n"
 
 
-def _record(line: bytes) -> dict[str, Any] | None:
+def record_of(line: bytes) -> dict[str, Any] | None:
+    """The record of a line; None where it is not as it was written."""
     line = line.rstrip(b"\n")
     text = b"{" + line[CHECKED:]
     if not line.startswith(BEGIN) or line[len(BEGIN) : len(BEGIN) + 8] != f"{zlib.crc32(text):08x}".encode():

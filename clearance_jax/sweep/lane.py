@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from clearance_jax._frame import Frame, frame_of
+from clearance_jax._module import Module
 from clearance_jax.analysis.measure import AbstractMetric, Reply, Request, measured
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import replace, values_of
@@ -58,7 +59,7 @@ class Answer(NamedTuple):
     ending: dict[str, Array]
 
 
-class Lane(eqx.Module):
+class Lane(Module):
     """The function of a lane's numbers that a sweep maps.
 
     - `mechanism`, `metrics`, `t1`, `settings`: what is solved and asked; another number is no other program.

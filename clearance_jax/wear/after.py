@@ -21,7 +21,6 @@ from clearance_jax.wear.laws import AbstractWearLaw
 from clearance_jax.wear.life import march
 from clearance_jax.wear.lives import Lives, lives
 from clearance_jax.wear.pressure import AbstractPressure
-from clearance_jax.wear.sectors import USUAL
 from clearance_jax.wear.wearing import Wearing
 
 
@@ -63,7 +62,8 @@ class AfterWear(AbstractAged):
     by `of`, and has its derivatives from there.
 
     **Arguments:** `joint`, `wear` (the law), `pressure` and `cycle` [s] as of `life`; `cycles`: at least 0, ascending;
-    `sectors`: the same for all designs, and warned of where too few; `tolerance`: of the march.
+    `sectors`: the same for all designs, by default as many as the patch of the first cycle of the mechanism that is
+    designed needs, and warned of where a design needs more; `tolerance`: of the march.
 
     **Raises:** `ClearanceError` for cycles in another order.
     """
@@ -74,7 +74,7 @@ class AfterWear(AbstractAged):
     pressure: AbstractPressure = eqx.field(kw_only=True)
     cycle: Scalar = physical("s", above=0.0, kw_only=True)
     cycles: tuple[int, ...] = eqx.field(static=True, converter=tuple, kw_only=True)
-    sectors: int = eqx.field(static=True, default=USUAL)
+    sectors: int | None = eqx.field(static=True, default=None)
     tolerance: float = eqx.field(static=True, default=1e-2)
 
     def __check_init__(self):
@@ -111,13 +111,17 @@ class AfterWear(AbstractAged):
         """The joint that wears, whose numbers have names: "wear.coefficient" of the law, "pressure.stiffness"."""
         return Wearing(self.wear, self.pressure, self.joint, self.cycle, mechanism)
 
+    def _sectors(self, mechanism: Mechanism, options: Mapping[str, Any]) -> int:
+        """The number for all values of the mechanism's numbers: by those that it has itself."""
+        return self.sectors or self.model(mechanism).sectors(dict(options))
+
     def of(self, mechanism, values, t1, by=(), **options):
         wearing: Wearing = replace(self.model(mechanism), values)
         try:
             check_values(wearing)
         except ClearanceError as error:
             raise Unlivable(error) from None
-        names, begin = tuple(by), wearing.begin(self.sectors)
+        names, begin = tuple(by), wearing.begin(self._sectors(mechanism, options))
         stack = np.concatenate([begin[None], np.zeros((len(names), begin.size))])
         solve = settings_of(wearing.mechanism, t1, options)
         found, done = [], 0
@@ -136,7 +140,7 @@ class AfterWear(AbstractAged):
 
     def lives(self, mechanism, values, t1, bound, most, **options):
         until = Exceeds(self.metric, bound, t1, dict(options))
-        how = {"sectors": self.sectors, "tolerance": self.tolerance, **options}
+        how = {"sectors": self._sectors(mechanism, options), "tolerance": self.tolerance, **options}
         given = mechanism, self.joint, self.wear, self.pressure, float(self.cycle), most
         return lives(*given, values, until=until, **how)
 

@@ -6,8 +6,10 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
+from clearance_jax._module import Module
 from clearance_jax._types import Scalar
 from clearance_jax.analysis.measure import AbstractMetric, as_metric
 from clearance_jax.errors import ClearanceError
@@ -18,7 +20,7 @@ from clearance_jax.solve.trace import trace
 from clearance_jax.wear.wearing import Wearing
 
 
-class AbstractCriterion(eqx.Module):
+class AbstractCriterion(Module):
     """A number of a joint as it is worn, and the bound at which its life ends."""
 
     bound: eqx.AbstractVar[Scalar]
@@ -107,7 +109,7 @@ class ImpactSpeed(AbstractCriterion):
             raise ClearanceError(f"The motion stopped: {motion.message}")
         found = to_dataset(mechanism, motion)
         speeds = found["impact_speed"].values[found["episode_joint"].values == [*found["joint"].values].index(joint)]
-        return max([0.0, *speeds])
+        return float(np.nanmax(speeds, initial=0.0))
 
 
 class Of(AbstractCriterion):

@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from clearance_jax._module import Module
 from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError, Unlivable, WornOut
 from clearance_jax.joints import RevoluteClearance, WornRevoluteClearance, worn_sleeve
@@ -42,7 +43,7 @@ OWN = ("save_at", "books", "derivatives")
 MOST_RELIEF = 2.0
 
 
-class Wearing(eqx.Module):
+class Wearing(Module):
     """A plane revolute joint that wears, cycle by cycle of a motion from t0 to `cycle` [s].
 
     Its numbers have the mechanism's names; those of the law begin with `wear.`, those of the pressure with `pressure.`:

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from clearance_jax._module import Module
 from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError, Unlivable, quoted
 from clearance_jax.solve.trace import Trace
@@ -28,7 +29,7 @@ SURFACES = ("sleeve", "pin")
 WIDEST = 0.5 * np.pi
 
 
-class Wear(eqx.Module):
+class Wear(Module):
     """What has worn off a sleeve, or its pin.
 
     - `angle` (sectors,) [rad] in the sleeve's axes, of a pin in its own; `heights` (stations,) along the sleeve's [m];

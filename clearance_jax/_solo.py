@@ -1,0 +1,28 @@
+"""Programs of one motion, compiled in half the time."""
+
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+from jax._src import core as jax_core  # whether a call is inside of another program
+
+# Up to JAX 0.10 XLA has two ways to make machine code of a fused kernel on the CPU. The newer one ("fusion emitters",
+# on by default) takes half of all compiling. It makes kernels over many lanes faster, but not those of one motion. JAX
+# 0.12 has only the newer one.
+SOLO: dict[str, Any] = {"xla_cpu_use_fusion_emitters": False} if jax.__version_info__ < (0, 11) else {}
+
+
+class solo_jit:
+    """A function as `jit` (by default `eqx.filter_jit`) makes it, for one motion: what is called by itself is compiled
+    quickly. Called inside of another program, or of a batch, it is compiled with it, as usual.
+    """
+
+    def __init__(self, function: Callable, jit: Callable = eqx.filter_jit):
+        self.within, self.alone = jit(function), jit(function, compiler_options=SOLO) if SOLO else jit(function)
+        functools.update_wrapper(self, function)
+
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
+        program = self.alone if jax_core.trace_state_clean() else self.within
+        return program(*arguments, **named)

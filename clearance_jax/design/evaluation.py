@@ -1,0 +1,33 @@
+"""An evaluated design: its numbers, and whether it holds its limits."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+# A limit counts as held if it is violated by no more than this share of its bound: a solver ends on the limit itself.
+SLACK = 1e-9
+
+
+class Evaluation(NamedTuple):
+    """An evaluated design: variables `x` (n,), objective, scaled limits (m,); their gradients by x, (n,) and (m, n),
+    where they were asked for.
+    """
+
+    x: np.ndarray
+    objective: float
+    limits: np.ndarray
+    gradient: np.ndarray | None = None
+    jacobian: np.ndarray | None = None
+
+    @property
+    def worst(self) -> float:
+        """The most violated limit (minus infinity where there is none); infinite where a value is not a number."""
+        if not math.isfinite(self.objective) or not np.all(np.isfinite(self.limits)):
+            return math.inf
+        return float(np.max(self.limits, initial=-math.inf))
+
+    @property
+    def feasible(self) -> bool:
+        """Whether every limit is held."""
+        return self.worst <= SLACK
