@@ -30,6 +30,7 @@ from jax.experimental.compilation_cache import compilation_cache
 
 from clearance_jax import _folder
 from clearance_jax._library import library_text
+from clearance_jax._remembered import remember_in
 from clearance_jax._solo import SOLO, solo_jit
 from clearance_jax._structure import Untold, hashed, text, tree_text
 from clearance_jax._surroundings import is_plain, settings, surroundings
@@ -47,6 +48,7 @@ def keep_in(folder: Path | None) -> None:
     is warned of, in a folder that others can write to.
     """
     _where.clear()
+    remember_in(None)
     if folder is None or os.environ.get("CLEARANCE_KEPT") == "0":
         return
     why = _folder.unsafe(folder)
@@ -58,6 +60,7 @@ def keep_in(folder: Path | None) -> None:
         )
         return
     _where.append(folder)
+    remember_in(folder)
 
 
 class kept_jit:
