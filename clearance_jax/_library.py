@@ -14,9 +14,8 @@ from clearance_jax._structure import Reader, hashed
 
 _HEAD = PACKAGE.name + "."
 # What these know changes with what a process does, and no program depends on it.
-_ASIDE = {
-    f"{_HEAD}{name}" for name in ("_kept", "_library", "_remembered", "_folder", "_structure", "_code", "configure")
-}
+_STATEFUL = "_kept", "_library", "_remembered", "_folder", "_structure", "_code", "configure"
+_ASIDE = {f"{_HEAD}{name}" for name in _STATEFUL}
 # Of each module what it holds, its text, and the modules that it leads to.
 _read: dict[str, tuple[list, str, set[str]]] = {}
 

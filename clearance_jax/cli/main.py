@@ -84,7 +84,8 @@ _UNUSED = "dask", "distributed", "cupy", "sparse"
 def _not_imported(*names: str) -> Iterator[None]:
     """Within, importing these is an `ImportError`, unless they are imported already."""
     hidden = [name for name in names if name not in sys.modules]
-    sys.modules.update(dict.fromkeys(hidden))  # pyright: ignore[reportArgumentType]
+    modules: Any = sys.modules
+    modules.update(dict.fromkeys(hidden))
     try:
         yield
     finally:
