@@ -62,9 +62,7 @@ def simulate(
     held = undriven(driven) if is_robot(scene_file) else ()
     driven = with_posture(driven, held) if held else driven
     mechanism = changed(driven, settings, ideal, clearance)
-    from clearance_jax.results.dataset import to_dataset
     from clearance_jax.results.store import save
-    from clearance_jax.results.works import ContactWarning
     from clearance_jax.solve.simulate import EnergyWarning, doubt
     from clearance_jax.solve.trace import trace
 
@@ -92,16 +90,15 @@ def simulate(
 
             result = trace(mechanism, end, **solve, progress=progress)
         bar.update(task, description="observing", completed=0.0)
-        with aloud(ContactWarning):
-            dataset = to_dataset(
-                mechanism,
-                result,
-                progress=lambda f: bar.update(task, completed=f),
-                scene=scene.text,
-                settings=" ".join([*(settings or []), *(clearance or [])]),
-                trajectory="" if lead is None else str(lead.path),
-                solve=repr({"t1": end, **options}),
-            )
+        dataset = _observed(
+            mechanism,
+            result,
+            progress=lambda f: bar.update(task, completed=f),
+            scene=scene.text,
+            settings=" ".join([*(settings or []), *(clearance or [])]),
+            trajectory="" if lead is None else str(lead.path),
+            solve=repr({"t1": end, **options}),
+        )
     _report(mechanism, result, dataset)
     warn(doubt(result.solution))
     if output is not None:
@@ -118,6 +115,15 @@ def simulate(
         write_film(animate(dataset, magnify), movie)
     if result.message:
         raise typer.Exit(130 if result.message == "interrupted" else 1)
+
+
+def _observed(mechanism: Any, result: Any, **told: Any) -> Any:
+    """The dataset of a trace; contacts that add energy are warned of."""
+    from clearance_jax.results.dataset import to_dataset
+    from clearance_jax.results.works import ContactWarning
+
+    with aloud(ContactWarning):
+        return to_dataset(mechanism, result, **told)
 
 
 def _read_trajectory(path: Path, mechanism: Any) -> Any:
