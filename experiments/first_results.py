@@ -2,7 +2,7 @@
 
 What one waits for who asks a question for the first time, and again: CPU seconds (user and system), wall seconds and
 peak memory of a process, cold (empty cache folders) and with everything kept that the library keeps (the second
-process after it). `simulate` writes a dataset, `gradient` is that of a peak by a clearance, in Python; `optimize` ends
+process after it); and how many files its cache folders then hold. `simulate` writes a dataset, `gradient` is that of a peak by a clearance, in Python; `optimize` ends
 with its first evaluation. `--before PATH` measures another checkout too, in turn with this one.
 """
 
@@ -31,7 +31,7 @@ class Case(NamedTuple):
 
 
 class Row(NamedTuple):
-    """One process: of which checkout, what it did, whether cold; CPU and wall time [s], peak memory [MiB]."""
+    """One process: of which checkout, what it did, whether cold; CPU and wall time [s], peak memory [MiB], files kept."""
 
     checkout: str
     case: str
@@ -40,6 +40,7 @@ class Row(NamedTuple):
     cpu: float
     wall: float
     memory: float
+    files: int
 
 
 CASES = (
@@ -106,7 +107,10 @@ def measured(checkout: Path, case: Case, task: str, folder: Path, state: str) ->
             said.seek(0)
             raise RuntimeError(f"{case.name}, {task}: {said.read()[-2000:]}")
     name = "this" if checkout == ROOT else "before"
-    return Row(name, case.name, task, state, used.ru_utime + used.ru_stime, wall, used.ru_maxrss / 2**10)
+    # JAX writes when it last read a program beside it, in a file of its own.
+    kept = [path for cache in ("jax", "xdg") for path in (folder / cache).rglob("*") if path.is_file()]
+    files = [path for path in kept if not path.name.endswith("-atime")]
+    return Row(name, case.name, task, state, used.ru_utime + used.ru_stime, wall, used.ru_maxrss / 2**10, len(files))
 
 
 def main(quick: bool = False, before: Path | None = None) -> list[Row]:
@@ -119,8 +123,8 @@ def main(quick: bool = False, before: Path | None = None) -> list[Row]:
                     for state in ("cold", "kept"):
                         rows.append(measured(checkout, case, task, Path(folder), state))
     table(
-        ("checkout", "mechanism", "task", "caches", "CPU s", "wall s", "peak MiB"),
-        [(*r[:4], f"{r.cpu:.1f}", f"{r.wall:.1f}", f"{r.memory:.0f}") for r in rows],
+        ("checkout", "mechanism", "task", "caches", "CPU s", "wall s", "peak MiB", "files"),
+        [(*r[:4], f"{r.cpu:.1f}", f"{r.wall:.1f}", f"{r.memory:.0f}", r.files) for r in rows],
         output(f"first_results{'_quick' if quick else ''}.md"),
     )
     return rows
