@@ -2,8 +2,9 @@
 
 What one waits for who asks a question for the first time, and again: CPU seconds (user and system), wall seconds and
 peak memory of a process, cold (empty cache folders) and with everything kept that the library keeps (the second
-process after it); and how many files its cache folders then hold. `simulate` writes a dataset, `gradient` is that of a peak by a clearance, in Python; `optimize` ends
-with its first evaluation. `--before PATH` measures another checkout too, in turn with this one.
+process after it); and how many files its cache folders then hold. `simulate` writes a dataset, `gradient` is that of a
+peak by a clearance, in Python; `optimize` ends with its first evaluation. `--before PATH` measures another checkout
+too, in turn with this one.
 """
 
 import argparse
@@ -31,7 +32,7 @@ class Case(NamedTuple):
 
 
 class Row(NamedTuple):
-    """One process: of which checkout, what it did, whether cold; CPU and wall time [s], peak memory [MiB], files kept."""
+    """One process: of which checkout, what it did, whether cold; CPU and wall time [s], peak memory [MiB], kept files."""
 
     checkout: str
     case: str
