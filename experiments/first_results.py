@@ -32,7 +32,7 @@ class Case(NamedTuple):
 
 
 class Row(NamedTuple):
-    """One process: of which checkout, what it did, whether cold; CPU and wall time [s], peak memory [MiB], kept files."""
+    """One process: of which checkout, what it did, whether cold; CPU, wall time [s], peak memory [MiB], files kept."""
 
     checkout: str
     case: str
