@@ -32,7 +32,7 @@ ORDER = (
     "report",
     "cli",
 )
-LEAVES = {"_alike", "_frame", "_module", "_solo", "_types", "_numerics", "_sharing", "_version"}
+LEAVES = {"_alike", "_frame", "_module", "_solo", "_types", "_numerics", "_once", "_sharing", "_version"}
 LEAVES |= {"errors", "extras", "configure", "units", "parameters"}
 LEAVES |= {"_folder", "_kept", "_structure", "identity"}
 # What runs on a device is `analysis` and all that it needs; `units` reads and writes for people.

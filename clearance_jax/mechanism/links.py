@@ -20,7 +20,7 @@ from clearance_jax.spatial import IDENTITY, UNIT, ZERO, Rotation, Vector, add, a
 # More free coordinates than the first, or more in all than the second, make a table: the mass matrix grows with the
 # square of the free ones, the frames with all. (The unrolled field of an arm of seven compiles in 6 s and takes 2.3 us,
 # 0.5 in a batch of 64; as a table 1.4 s, 9.6 and 3.4 us.)
-UNROLLED, FRAMED = 8, 14
+UNROLLED, FRAMED = 16, 40
 # More coordinates than this make a table of what is computed once in a solve, where only compiling counts.
 ONCE = 3
 
