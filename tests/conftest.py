@@ -16,8 +16,9 @@ FLAGS |= {"xla_cpu_use_fusion_emitters": "false"} if jax.__version_info__ < (0, 
 for flag, value in FLAGS.items():
     if flag not in os.environ.get("XLA_FLAGS", ""):
         os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --{flag}={value}".strip()
-# But for those that run longer than they compile: what their names contain.
-RUN_LONG = ("docs/wear.md", "own_folder[wear]", "lanes_over_cores")
+# But for those that run longer than they compile, and for those that count what the compiler computes twice, which it
+# does where it optimises: what their names contain.
+OPTIMISED = ("docs/wear.md", "own_folder[wear]", "lanes_over_cores", "test_operations", "test_once")
 
 
 def optimised(some: bool) -> None:
@@ -85,7 +86,7 @@ def pytest_collection_modifyitems(items):
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item):
-    optimised(any(name in item.nodeid for name in RUN_LONG))
+    optimised(any(name in item.nodeid for name in OPTIMISED))
 
 
 def _resident() -> float:
