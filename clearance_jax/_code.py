@@ -7,6 +7,7 @@ import importlib.util
 import os
 import sys
 import types
+import weakref
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -133,11 +134,20 @@ def names_in(code: types.CodeType) -> Iterator[str]:
         yield from one.co_names
 
 
-def check_imports(code: types.CodeType) -> None:
-    """**Raises:** `Untold` for a module of the user's that a function imports when it runs."""
+# Names of what was altered in this process after it was read. JAX may have traced what it was, and take that for a part
+# of a program.
+altered: set[str] = set()
+_first: weakref.WeakKeyDictionary[Any, str] = weakref.WeakKeyDictionary()
+
+
+def note(value: Any, name: str, code: str) -> None:
+    """Remember how a function or class was read first; note where it was read otherwise."""
+    if _first.setdefault(value, code) != code:
+        altered.add(name)
+
+
+def imported(code: types.CodeType) -> Iterator[str]:
+    """The modules that a function imports when it runs."""
     for one in _codes(code):
-        if _IMPORT not in one.co_code[::2]:
-            continue
-        for step in dis.get_instructions(one):
-            if step.opcode == _IMPORT and not versioned(step.argval):
-                raise Untold(f"a module of the user's: {step.argval}")
+        if _IMPORT in one.co_code[::2]:
+            yield from (step.argval for step in dis.get_instructions(one) if step.opcode == _IMPORT)

@@ -29,7 +29,9 @@ from jax.experimental import serialize_executable
 from jax.experimental.compilation_cache import compilation_cache
 
 from clearance_jax import _folder
+from clearance_jax._code import altered
 from clearance_jax._library import library_text
+from clearance_jax._outside import outside_asked
 from clearance_jax._remembered import remember_in
 from clearance_jax._solo import SOLO, solo_jit
 from clearance_jax._structure import Untold, hashed, text, tree_text
@@ -82,6 +84,9 @@ class kept_jit:
             return self.plain(*arguments)
         leaves, tree = jax.tree.flatten(arguments)
         if not _is_ordinary(leaves):
+            if is_plain():  # JAX remembers what it traces now: it is read, so that one sees whether it is altered later
+                with contextlib.suppress(Untold, RecursionError):
+                    self._key(leaves, tree)
             return self.plain(*arguments)
         call = tree, *map(_seen, leaves), *settings()
         try:
@@ -116,7 +121,9 @@ class kept_jit:
         shapes = [str(_seen(x)) if eqx.is_array(x) else "" for x in leaves]
         rest = text([x for x in leaves if not eqx.is_array(x)])
         modules = [one.__module__ for one in self._made_of]
-        return hashed(*names, tree_text(tree), rest, *shapes, library_text([*modules, *_homes(tree)]), surroundings())
+        return hashed(
+            *names, repr(SOLO), tree_text(tree), rest, *shapes, library_text([*modules, *_homes(tree)]), surroundings()
+        )
 
     def _made(self, key: str, arguments: tuple) -> tuple[Any, Any]:
         """The program compiled here, and kept; (None, None) where it cannot be."""
@@ -132,10 +139,11 @@ class kept_jit:
             outside[:] = [eqx.combine(places, left, is_leaf=lambda x: isinstance(x, _Place))]
             return leaves
 
-        lowered = jax.jit(flat).lower(*numbers)
+        with outside_asked() as asked:
+            lowered = jax.jit(flat).lower(*numbers)
         if "callback" in lowered.as_text():  # it would point into this process
             return None, None
-        if not _folder.made(_where[0]):
+        if asked or altered or not _folder.made(_where[0]):
             return lowered.compile(SOLO), outside[0]
         # What JAX's own cache brings back cannot be kept once more: it would lack functions.
         with _jax_cache_off():

@@ -9,12 +9,12 @@ import types
 from collections.abc import Iterable, Iterator
 from typing import Any
 
-from clearance_jax._code import MADE, PACKAGE, Untold, name_of
+from clearance_jax._code import MADE, PACKAGE, Untold, altered, name_of
 from clearance_jax._structure import Reader, hashed
 
 _HEAD = PACKAGE.name + "."
 # What these know changes with what a process does, and no program depends on it.
-_STATEFUL = "_kept", "_library", "_remembered", "_folder", "_structure", "_code", "configure"
+_STATEFUL = "_kept", "_library", "_remembered", "_folder", "_outside", "_structure", "_code", "configure"
 _ASIDE = {f"{_HEAD}{name}" for name in _STATEFUL}
 # Of each module what it holds, its text, and the modules that it leads to.
 _read: dict[str, tuple[list, str, set[str]]] = {}
@@ -40,6 +40,8 @@ def _module_text(name: str, module: types.ModuleType) -> tuple[str, set[str]]:
         reader = Reader(strict=True)
         own = [(key, value) for key, value in sorted(vars(module).items()) if _counts(module, key, value)]
         text = hashed(*(hashed(key, _told(value, name, reader)) for key, value in own), *reader.code.values())
+        if known is not None and known[1] != text:
+            altered.add(name)
         known = _read[name] = held, text, {home for _, value in own for home in _homes(value)}
     return known[1], known[2]
 
@@ -57,6 +59,10 @@ def _held(module: types.ModuleType) -> Iterator[Any]:
         yield value
         if isinstance(value, types.FunctionType):
             yield value.__code__
+        elif isinstance(value, dict):
+            yield from (*value, *value.values())
+        elif isinstance(value, list | tuple | set | frozenset):
+            yield from value
         elif isinstance(value, type) and value.__module__ == module.__name__:
             yield from (member for name, member in vars(value).items() if name not in MADE)
 

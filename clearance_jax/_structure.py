@@ -21,6 +21,7 @@ from hashlib import blake2b
 from pathlib import Path
 from typing import Any
 
+import equinox as eqx
 import jax
 import numpy as np
 from jax.core import Tracer
@@ -29,7 +30,6 @@ from clearance_jax._code import (
     HEAP_TYPE,
     MADE,
     Untold,
-    check_imports,
     content,
     elsewhere,
     generated,
@@ -37,9 +37,11 @@ from clearance_jax._code import (
     looked_up,
     name_of,
     names_in,
+    note,
     variables,
     versioned,
 )
+from clearance_jax._outside import check_names, is_changing
 
 _ADDRESS = re.compile(r"0x[0-9a-f]+")
 
@@ -72,6 +74,8 @@ def tree_text(tree: Any) -> str:
         if data is None:
             return "leaf" if not children and node.num_leaves else "nothing"
         kind, held = data
+        if not versioned(kind.__module__) and not issubclass(kind, eqx.Module | tuple):
+            raise Untold(f"a class whose parts other code takes apart: {name_of(kind)}")
         return hashed("node", reader.of(kind), reader.of(held), *map(of, children))
 
     return reader.whole(of(tree))
@@ -136,19 +140,24 @@ class Reader:
         if isinstance(value, types.ModuleType):
             return self._module(value)
         if isinstance(value, enum.Enum):
-            return hashed("enum", self.of(type(value)), value.name)
+            return hashed("enum", self.of(type(value)), value.name, self.of(value.value))
         if isinstance(value, Mapping) and not dataclasses.is_dataclass(value):
             pairs = [hashed(self.of(key), self.of(one)) for key, one in value.items()]
-            return hashed("mapping", self.of(type(value)), *pairs)
+            return hashed("mapping", self.of(type(value)), *pairs, *self._beside(value))
         if isinstance(value, set | frozenset):
-            return hashed("set", self.of(type(value)), *sorted(map(self.of, value)))
+            return hashed("set", self.of(type(value)), *sorted(map(self.of, value)), *self._beside(value))
         if isinstance(value, list | tuple):
-            return hashed("sequence", self.of(type(value)), *map(self.of, value))
+            return hashed("sequence", self.of(type(value)), *map(self.of, value), *self._beside(value))
         if isinstance(value, range | np.dtype | types.EllipsisType | types.NotImplementedType):
             return hashed(name_of(type(value)), repr(value))
         if isinstance(value, slice):
             return hashed("slice", *map(self.of, (value.start, value.stop, value.step)))
         return self._wrapped(value)
+
+    def _beside(self, value: Any) -> list[str]:
+        """What a container of a class of its own has beside what it contains."""
+        held = variables(value)
+        return ["beside", self.of(held)] if held else []
 
     def _array(self, value: Any) -> str:
         try:
@@ -162,6 +171,8 @@ class Reader:
             str(array.shape),
             str(getattr(value, "weak_type", False)),
         )
+        if isinstance(value, np.ndarray) and type(value) is not np.ndarray:  # a mask, or the user's operations
+            kind = (*kind, self.of(type(value)), *self._beside(value))
         if array.dtype.kind == "O":
             return hashed(*kind, *map(self.of, array.ravel().tolist()))
         return hashed(*kind, np.ascontiguousarray(array).tobytes())
@@ -169,6 +180,7 @@ class Reader:
     def _module(self, value: types.ModuleType) -> str:
         """A module of the user's by its text."""
         if self._foreign(value.__name__):
+            self._check_home(value.__name__)
             return f"module {value.__name__}"
         if self._strict:  # what it has now is not what its text says
             raise Untold(f"a module of the user's: {value.__name__}")
@@ -176,6 +188,11 @@ class Reader:
             return hashed(value.__name__, Path(str(value.__file__)).read_bytes())
         except OSError:
             return f"module {value.__name__}"
+
+    def _check_home(self, module: str | None) -> None:
+        """**Raises** `Untold`, if strict, for what is of a module whose answers differ between processes."""
+        if self._strict and is_changing(module):
+            raise Untold(f"what differs between processes: {module}")
 
     def _wrapped(self, value: Any) -> str:
         """What wraps a function, or an object."""
@@ -189,8 +206,13 @@ class Reader:
         if isinstance(value, staticmethod | classmethod):
             return hashed(kind, self.of(value.__func__))
         if isinstance(value, types.BuiltinFunctionType | np.ufunc):
-            if isinstance(getattr(value, "__self__", None), types.ModuleType | None):
+            owner = getattr(value, "__self__", None)
+            if isinstance(owner, types.ModuleType | None) or (
+                isinstance(owner, type) and not owner.__flags__ & HEAP_TYPE
+            ):
                 home = getattr(value, "__module__", "") or ""
+                if home != "builtins":
+                    self._check_home(home)
                 return f"built in {home}.{getattr(value, '__qualname__', value.__name__)}"
             return self._unknown(value)
         inner = inner_of(value)
@@ -228,6 +250,8 @@ class Reader:
         """A function or class of the user's: by its code where another one has it, else by its name, with its code
         among those found.
         """
+        if self._strict:
+            note(value, name_of(value), code)
         if any(self._is_own(one) for one in self._within[:-1]):
             return hashed(value.__qualname__, code)
         short, count = value.__qualname__, 1
@@ -244,11 +268,20 @@ class Reader:
 
     def _class(self, kind: type) -> str:
         if self._is_own(kind):
-            fields = [field.name for field in dataclasses.fields(kind)] if dataclasses.is_dataclass(kind) else ()
-            return self._own(kind, hashed(*fields, "|", *self._members(kind)))
+            fields = dataclasses.fields(kind) if dataclasses.is_dataclass(kind) else ()
+            told = [hashed(one.name, self.of(dict(one.metadata)), self._made_by(one)) for one in fields]
+            maker = self.of(type(kind)) if self._is_own(type(kind)) else ""
+            return self._own(kind, hashed(maker, *told, "|", *self._members(kind)))
+        if kind.__module__ != "builtins":
+            self._check_home(kind.__module__)
         if self._strict and looked_up(kind) is not kind:
             raise Untold(f"a class that is not found by its name: {name_of(kind)}")
         return f"class {name_of(kind)}"
+
+    def _made_by(self, field: dataclasses.Field) -> str:
+        """The function that makes a field's usual value."""
+        make = field.default_factory
+        return "" if make is dataclasses.MISSING else self.of(make)
 
     def _members(self, kind: type) -> Iterator[str]:
         for base in kind.__mro__:
@@ -274,10 +307,11 @@ class Reader:
             if name == "__wrapped__" or (own and not name.startswith("__")):
                 parts.append(hashed(name, self.of(one)))
         if not own:
+            self._check_home(origin)
             return hashed("function", *parts)
-        if self._strict:
-            check_imports(function.__code__)
         known = function.__globals__
+        if self._strict:
+            check_names(function.__code__, known)
         parts += [
             hashed(name, self.of(known[name])) for name in sorted(set(names_in(function.__code__))) if name in known
         ]

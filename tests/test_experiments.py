@@ -132,8 +132,8 @@ def test_the_largest_displacement_of_a_tool_by_a_sleeve():
 def test_first_results():
     cold, kept = first_results.main(quick=True)
     assert (cold.case, cold.task, cold.state, kept.state) == ("slider-crank", "simulate", "cold", "kept")
-    # The second process finds all that the first one kept.
-    assert kept.files == cold.files > 10
+    # The second process adds nothing: it finds all that the first one kept.
+    assert kept.files == cold.files >= 6
     assert min(cold.cpu, kept.cpu) > 0.1
     assert min(cold.memory, kept.memory) > 100
 

@@ -19,6 +19,7 @@ from typer.testing import CliRunner
 
 import clearance_jax as cj
 from clearance_jax import _folder, _kept, _surroundings
+from clearance_jax._code import altered
 from clearance_jax._kept import keep_in, kept_jit
 from clearance_jax._structure import Untold, text
 from clearance_jax.cli.main import app
@@ -47,6 +48,7 @@ print(out["y"].tolist(), out["said"])
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     monkeypatch.setenv("CLEARANCE_KEPT", "1")
+    altered.clear()  # other tests may have patched the library
     keep_in(tmp_path / "programs")
     yield tmp_path / "programs"
     keep_in(None)
@@ -273,7 +275,10 @@ def test_surroundings_are_part_of_the_key(monkeypatch):
         with monkeypatch.context() as patch:
             patch.setattr(_surroundings, name, lambda: "another")
             found.append(key(1))
-    assert len({usual, *found}) == 7
+    with monkeypatch.context() as patch:
+        patch.setattr(_kept, "SOLO", {"xla_cpu_use_fusion_emitters": "another"})
+        found.append(key(1))
+    assert len({usual, *found}) == 8
     assert key(1) == usual
 
 
@@ -294,6 +299,133 @@ def test_the_library_as_it_stands_in_memory_is_part_of_the_key(monkeypatch):
             found.append(solved())
         assert solved() == usual
     assert len({usual, *found}) == 6
+
+
+# Holes that a key might have ----------------------------------------------------------------------------------------
+
+
+def told(source, name="made", **known):
+    """The text of what a user's module has by this name."""
+    module = user(source)
+    module.__dict__.update(known)
+    return text(module.__dict__[name])
+
+
+FIELD = """
+import dataclasses
+import equinox as eqx
+class Law(eqx.Module):
+    width: float = eqx.field(converter=lambda x: 2.0 * x, default_factory=lambda: 1.0)
+made = Law
+"""
+HIDDEN = """
+class Table(list):
+    scale = 1.0
+made = Table([1.0])
+made.factor = 2.0
+"""
+MASKED = "import numpy as np\nmade = np.ma.MaskedArray([1.0, 2.0], mask=[True, False])\n"
+ENUM = "import enum\nclass Kind(enum.Enum):\n    A = [1.0]\nmade = Kind.A\n"
+META = "class Meta(type):\n    def other(cls):\n        return 1.0\nclass Law(metaclass=Meta):\n    pass\nmade = Law\n"
+DEFAULTS = "def made(x, *, y=1.0):\n    return x\n"
+PARTIAL = "import functools\ndef f(x, y):\n    return x\nmade = functools.partial(f, y=1.0)\n"
+CONSTANT = (
+    "import numpy as np\ndef maker():\n    table = np.array([1.0, 2.0])\n    return lambda x: table * x\n"
+    "made = maker()\n"
+)
+INHERITED = "class Base:\n    def f(self):\n        return 1.0\nclass Law(Base):\n    pass\nmade = Law\n"
+BEFORE = [FIELD, FIELD, HIDDEN, HIDDEN, MASKED, ENUM, META, DEFAULTS, PARTIAL, CONSTANT, INHERITED]
+CHANGES = [
+    ("2.0 * x", "3.0 * x"),
+    ("lambda: 1.0", "lambda: 1.5"),
+    ("factor = 2.0", "factor = 3.0"),
+    ("scale = 1.0", "scale = 2.0"),
+    ("True, False", "False, False"),
+    ("[1.0]", "[2.0]"),
+    ("return 1.0", "return 2.0"),
+    ("y=1.0", "y=2.0"),
+    ("y=1.0", "y=2.0"),
+    ("2.0]", "3.0]"),
+    ("return 1.0", "return 2.0"),
+]
+
+
+@pytest.mark.parametrize(("source", "change"), list(zip(BEFORE, CHANGES, strict=True)))
+def test_every_part_of_what_the_user_wrote_is_part_of_the_key(source, change):
+    assert change[0] in source
+    assert told(source) == told(source)
+    assert told(source) != told(source.replace(*change))
+
+
+OUTSIDE = [
+    "import os\ndef made(x):\n    return float(os.environ['HOME']) * x\n",
+    "from os import getenv\ndef made(x):\n    return float(getenv('HOME')) * x\n",
+    "import time\ndef made(x):\n    return time.time() * x\n",
+    "from time import time\ndef made(x):\n    return time() * x\n",
+    "from datetime import datetime\ndef made(x):\n    return datetime.now().year * x\n",
+    "import random\ndef made(x):\n    return random.random() * x\n",
+    "from random import random\ndef made(x):\n    return random() * x\n",
+    "import numpy as np\ndef made(x):\n    return np.random.rand() * x\n",
+    "def made(x):\n    import os\n    return float(os.environ['HOME']) * x\n",
+    "def made(x):\n    return eval('FACTOR') * x\n",
+    "def made(x):\n    return globals()['FACTOR'] * x\n",
+]
+
+
+@pytest.mark.parametrize("source", OUTSIDE)
+def test_what_differs_between_processes_is_not_kept(source):
+    with pytest.raises(Untold):
+        told(source)
+
+
+def test_a_class_whose_parts_other_code_takes_apart_is_not_kept():
+    mine = user("class Pair:\n    def __init__(self, x):\n        self.x = x\n")
+    jax.tree_util.register_pytree_node(mine.Pair, lambda pair: ((2.0 * pair.x,), None), lambda _, x: mine.Pair(*x))
+    with pytest.raises(Untold, match="takes apart"):
+        key(mine.Pair(1.0))
+
+
+def test_a_program_that_reads_a_file_is_compiled_in_each_process(folder, tmp_path):
+    path = tmp_path / "table.txt"
+
+    def scaled(x):
+        return float(np.loadtxt(path)) * x
+
+    for factor in (2.0, 3.0):
+        path.write_text(str(factor))
+        assert float(kept_jit(scaled)(jnp.asarray(1.0))) == factor
+    assert not folder.exists()
+
+
+def test_nothing_is_kept_once_code_that_was_read_is_altered(folder):
+    """JAX may have traced it as it was: here a branch, which it knows by its function."""
+    mine = user(
+        "import jax\nFACTOR = 2.0\ndef grown(x):\n    return FACTOR * x\n"
+        "def law(x):\n    return jax.lax.cond(x[0] > 0, grown, grown, x)\n"
+    )
+
+    def asked(x, law):
+        return law(x)
+
+    program = kept_jit(asked)
+    program(jnp.ones(2), mine.law)
+    assert len(list(folder.iterdir())) == 1
+    mine.__dict__["FACTOR"] = 3.0
+    program(jnp.ones(2) * 2, mine.law)
+    kept_jit(asked)(jnp.ones(2), mine.law)
+    assert len(list(folder.iterdir())) == 1
+
+
+def test_what_the_library_was_patched_with_is_not_kept_later(folder, monkeypatch):
+    """Even if a mapped program, which is not kept, was all that was traced with the patch."""
+    inner = kept_jit(lambda x: x + 1.0, made_of=(_compiled.function,))
+    assert fresh() == (13.0, True)
+    with monkeypatch.context() as patch:
+        patch.setattr(control, "SAFETY_OF_THE_TEST", 0.5, raising=False)
+        jax.vmap(inner)(jnp.ones(2))
+    assert inner(jnp.ones(2))[0] == 2.0
+    assert altered == {"clearance_jax.solve.control"}
+    assert len(list(folder.iterdir())) == 1
 
 
 class Slotted:
