@@ -1,4 +1,4 @@
-"""A folder of files that are kept between processes: only its owner can write there, and it does not grow for ever."""
+"""Folders of files that are kept between processes: only their owner can write there, and they do not grow for ever."""
 
 import contextlib
 import os
@@ -7,11 +7,28 @@ import tempfile
 from hashlib import blake2b
 from pathlib import Path
 
-# Files of which the oldest go when there are more bytes than this: some thousand programs.
+# Files of which the least recently used go when there are more bytes than this: some thousand programs.
 LARGEST = 1 << 30
 _MARK = b"clearance_jax program 1\n"
 _DIGEST = 32
 ENDING = ".program"
+# What JAX's own cache writes.
+_JAX_ENDINGS = "-cache", "-atime"
+
+
+def user_cache() -> Path:
+    """The user's cache folder."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "clearance_jax"
+
+
+def jax_folder(cache: Path) -> Path:
+    """Where JAX's own cache is, if the library's is in this folder."""
+    return Path(os.environ.get("JAX_COMPILATION_CACHE_DIR") or cache)
+
+
+def programs_in(cache: Path) -> Path:
+    """Where programs are kept in a cache folder."""
+    return cache / "programs"
 
 
 def unsafe(folder: Path) -> str:
@@ -29,6 +46,15 @@ def unsafe(folder: Path) -> str:
     if seen.st_uid != os.getuid():
         return "it belongs to another user"
     return "others than its owner can write there" if seen.st_mode & 0o022 else ""
+
+
+def made(folder: Path) -> bool:
+    """Whether files can be kept there; the folder is made if there is none."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    except OSError:
+        return False
+    return not unsafe(folder) and os.access(folder, os.W_OK | os.X_OK)
 
 
 def read(folder: Path, name: str) -> bytes | None:
@@ -55,8 +81,7 @@ def read(folder: Path, name: str) -> bytes | None:
 def write(folder: Path, name: str, content: bytes, largest: int = LARGEST) -> bool:
     """Keep this; whether that was possible. The file gets its name when it is whole."""
     try:
-        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        if unsafe(folder):
+        if not made(folder):
             return False
         with tempfile.NamedTemporaryFile(dir=folder, prefix=".", suffix=".partial", delete=False) as file:
             try:
@@ -74,20 +99,31 @@ def write(folder: Path, name: str, content: bytes, largest: int = LARGEST) -> bo
         return False
 
 
-def size(folder: Path) -> tuple[int, int]:
-    """How many files there are, and their bytes."""
-    sizes = [size for _, size, _ in _files(folder)]
+def size(folder: Path, endings: tuple[str, ...] = (ENDING,)) -> tuple[int, int]:
+    """How many files with these endings there are, and their bytes."""
+    sizes = [size for _, size, _ in _files(folder, endings)]
     return len(sizes), sum(sizes)
 
 
-def clear(folder: Path) -> int:
-    """Remove every file that was kept here, and nothing else; how many there were."""
-    gone = 0
-    for path in [path for *_, path in _files(folder)] + list(folder.glob(".*.partial")):
-        with contextlib.suppress(OSError):
-            path.unlink()
-            gone += path.suffix == ENDING
-    return gone
+def jax_size(folder: Path) -> tuple[int, int]:
+    """How many programs JAX's own cache has, and the bytes of all its files."""
+    return size(folder, _JAX_ENDINGS[:1])[0], size(folder, _JAX_ENDINGS)[1]
+
+
+def clear(folder: Path, endings: tuple[str, ...] = (ENDING, ".partial")) -> int:
+    """Remove every file with these endings, and nothing else; how many files cannot be removed."""
+    left = 0
+    for *_, path in _files(folder, endings):
+        try:
+            path.unlink(missing_ok=True)
+        except OSError:
+            left += 1
+    return left
+
+
+def jax_clear(folder: Path) -> int:
+    """Remove what JAX's own cache keeps, and nothing else; how many files cannot be removed."""
+    return clear(folder, _JAX_ENDINGS)
 
 
 def _digest(name: str, content: bytes) -> bytes:
@@ -95,14 +131,15 @@ def _digest(name: str, content: bytes) -> bytes:
     return blake2b(name.encode() + b"\0" + content, digest_size=_DIGEST).digest()
 
 
-def _files(folder: Path) -> list[tuple[float, int, Path]]:
+def _files(folder: Path, endings: tuple[str, ...] = (ENDING,)) -> list[tuple[float, int, Path]]:
     """When each file was used last, its size, and where it is."""
     found = []
     with contextlib.suppress(OSError):
-        for path in folder.glob(f"*{ENDING}"):
+        for path in folder.iterdir():
             with contextlib.suppress(OSError):
                 seen = path.lstat()
-                found.append((seen.st_mtime, seen.st_size, path))
+                if path.name.endswith(endings) and stat.S_ISREG(seen.st_mode):
+                    found.append((seen.st_mtime, seen.st_size, path))
     return found
 
 

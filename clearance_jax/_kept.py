@@ -1,7 +1,9 @@
 """Programs that are kept between processes as loadable executables: a second process neither traces nor compiles them.
 
-Off unless `configure(cache=...)` switches it on. Whatever is not certain (a structure that cannot be read completely, a
-file that is damaged, an executable that cannot be kept) is a reason to compile as usual, never an error.
+`configure(cache=...)` switches it on. Whatever is not certain (a structure that cannot be read completely, a file that
+is damaged, an executable that cannot be kept) is a reason to compile as usual, never an error. A file is found by a key
+of all that its program depends on: the functions that are traced, with the library as it stands in memory (`_library`),
+the structure of the arguments with the user's code in it (`_structure`), and what is around (`_surroundings`).
 """
 
 import contextlib
@@ -9,76 +11,123 @@ import functools
 import importlib
 import os
 import pickle
-import platform
-import sys
+import re
+import threading
+import warnings
 from collections.abc import Callable, Iterator
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import equinox as eqx
 import jax
 import numpy as np
-from jax._src import config as jax_config  # all that a trace depends on, and the switch of JAX's own cache
+from jax._src import config as jax_config  # the switch of JAX's own cache
 from jax._src import core as jax_core
+from jax._src.interpreters.partial_eval import DynamicJaxprTrace
 from jax.core import Tracer
 from jax.experimental import serialize_executable
 from jax.experimental.compilation_cache import compilation_cache
 
 from clearance_jax import _folder
+from clearance_jax._code import altered
+from clearance_jax._library import library_text
+from clearance_jax._outside import outside_asked
+from clearance_jax._remembered import remember_in
+from clearance_jax._solo import SOLO, solo_jit
 from clearance_jax._structure import Untold, hashed, text, tree_text
-from clearance_jax.identity import source_digest
+from clearance_jax._surroundings import is_plain, settings, surroundings
 
-_PACKAGES = ("jax", "jaxlib", "equinox", "diffrax", "optimistix", "lineax", "numpy")
+# A call's arguments at most that are known without reading them again.
+_MOST = 1024
 _where: list[Path] = []
-_jax: Any = jax.config  # whose settings have no types
+_making = threading.RLock()
+# A function outside of a program that it calls.
+_CALL = re.compile(r'custom_call_target="([^"]*)"')
 
 
 def keep_in(folder: Path | None) -> None:
-    """Keep programs in this folder from now on; `None`: nowhere. Only where the variable CLEARANCE_KEPT is 1."""
-    _where[:] = [folder] if folder is not None and os.environ.get("CLEARANCE_KEPT") == "1" else []
+    """Keep programs in this folder from now on; `None`: nowhere. Nor where the variable CLEARANCE_KEPT is 0, nor, which
+    is warned of, in a folder that others can write to.
+    """
+    _where.clear()
+    remember_in(None)
+    if folder is None or os.environ.get("CLEARANCE_KEPT") == "0":
+        return
+    why = _folder.unsafe(folder)
+    if why:
+        warnings.warn(
+            f"The folder of kept programs must be writable by its owner alone, but {why}: `{folder}` is not used. "
+            "Change its permissions, choose another folder, or set the environment variable CLEARANCE_KEPT=0.",
+            stacklevel=3,
+        )
+        return
+    _where.append(folder)
+    remember_in(folder)
 
 
 class kept_jit:
     """A function as `jit` (by default `eqx.filter_jit`) makes it, whose programs are kept where that is possible.
 
-    The function must depend on nothing but its arguments and this library's sources; `name` tells it from all others.
-    Positional arguments only.
+    The function must depend on nothing but its arguments and this library; its name tells it from all others, `made_of`
+    those of other functions that it is made of. Positional arguments only.
     """
 
-    def __init__(self, function: Callable, name: str = "", jit: Callable = eqx.filter_jit):
-        self.function, self.plain, self.filtered = function, jit(function), jit is eqx.filter_jit
-        self.name = name or f"{function.__module__}.{function.__qualname__}"
-        self._loaded: dict[str, tuple[Any, Any]] = {}
+    def __init__(self, function: Callable, jit: Callable = eqx.filter_jit, made_of: tuple[Callable, ...] = ()):
+        self.function, self.plain, self.filtered = function, solo_jit(function, jit), jit is eqx.filter_jit
+        self._made_of = function, *made_of
+        self._programs: dict[str, tuple[Any, Any]] = {}
+        self._calls: dict[Any, tuple[Any, Any]] = {}
         functools.update_wrapper(self, function)
 
     def __call__(self, *arguments: Any) -> Any:
-        leaves = jax.tree.leaves(arguments)
-        if not _where or not _ordinary(leaves) or not (self.filtered or all(map(eqx.is_array, leaves))):
+        if not _where:
             return self.plain(*arguments)
-        arrays, rest = eqx.partition(arguments, eqx.is_array)
-        numbers = jax.tree.leaves(arrays)
+        leaves, tree = jax.tree.flatten(arguments)
+        if not _is_ordinary(leaves):
+            if is_plain():  # JAX remembers what it traces now: it is read, so that one sees whether it is altered later
+                with contextlib.suppress(Untold, RecursionError):
+                    self._key(leaves, tree)
+            return self.plain(*arguments)
+        call = tree, *map(_seen, leaves), *settings()
         try:
-            key = self._key(arguments, numbers, rest)
-        except (Untold, RecursionError):
+            known = self._calls.get(call)
+        except TypeError:  # what has no hash, and so is no argument of a program
             return self.plain(*arguments)
-        if key not in self._loaded:
-            self._loaded[key] = _read(key) or self._made(key, arrays, rest)
-        program, out = self._loaded[key]
-        return _filled(out, program(*numbers)) if program is not None else self.plain(*arguments)
+        if known is None:
+            with _making:
+                known = self._program(arguments, leaves, tree)
+                if len(self._calls) >= _MOST:
+                    self._calls.clear()
+                self._calls[call] = known
+        program, out = known
+        if program is None:
+            return self.plain(*arguments)
+        return _filled(out, program(*(x for x in leaves if eqx.is_array(x))))
 
-    def _key(self, arguments: Any, numbers: list, rest: Any) -> str:
-        shapes = [f"{x.dtype} {np.shape(x)} {bool(getattr(x, 'weak_type', False))}" for x in numbers]
-        marked = jax.tree.map(eqx.is_array, arguments)
-        where = "".join("01"[one] for one in jax.tree.leaves(marked))
-        structure = tree_text(jax.tree.structure(arguments)), text(jax.tree.leaves(rest))
-        # Named axes, an object without a text, are there only within a transformation: see `_ordinary`.
-        settings = [x for x in jax_config.trace_context() if not isinstance(x, jax_core.AxisEnv)]
-        context = repr((_jax.jax_enable_x64, settings)), os.environ.get("XLA_FLAGS", "")
-        return hashed(self.name, *structure, where, *shapes, *context, _surroundings())
+    def _program(self, arguments: tuple, leaves: list, tree: Any) -> tuple[Any, Any]:
+        """The program of a call, and how its answer looks; `None`: as `jit` has it."""
+        try:
+            key = self._key(leaves, tree)
+        except (Untold, RecursionError):
+            return None, None
+        if not (self.filtered or all(map(eqx.is_array, leaves))) or _folder.unsafe(_where[0]):
+            return None, None
+        if key not in self._programs:
+            self._programs[key] = _read(key) or self._made(key, arguments)
+        return self._programs[key]
 
-    def _made(self, key: str, arrays: Any, rest: Any) -> tuple[Any, Any]:
+    def _key(self, leaves: list, tree: Any) -> str:
+        names = [f"{one.__module__}.{one.__qualname__}" for one in self._made_of]
+        shapes = [str(_seen(x)) if eqx.is_array(x) else "" for x in leaves]
+        rest = text([x for x in leaves if not eqx.is_array(x)])
+        modules = [one.__module__ for one in self._made_of]
+        return hashed(
+            *names, repr(SOLO), tree_text(tree), rest, *shapes, library_text([*modules, *_homes(tree)]), surroundings()
+        )
+
+    def _made(self, key: str, arguments: tuple) -> tuple[Any, Any]:
         """The program compiled here, and kept; (None, None) where it cannot be."""
+        arrays, rest = eqx.partition(arguments, eqx.is_array)
         numbers, tree = jax.tree.flatten(arrays)
         outside: list[Any] = []
 
@@ -90,23 +139,31 @@ class kept_jit:
             outside[:] = [eqx.combine(places, left, is_leaf=lambda x: isinstance(x, _Place))]
             return leaves
 
-        lowered = jax.jit(flat).lower(*numbers)
+        with outside_asked() as asked:
+            lowered = jax.jit(flat).lower(*numbers)
         if "callback" in lowered.as_text():  # it would point into this process
             return None, None
-        try:
-            frame = pickle.dumps(outside[0])
-        except Exception:  # what a tree holds may refuse in its own words
-            return None, None
+        if asked or altered or not _folder.made(_where[0]):
+            return lowered.compile(SOLO), outside[0]
         # What JAX's own cache brings back cannot be kept once more: it would lack functions.
         with _jax_cache_off():
-            program = lowered.compile()
+            program = lowered.compile(SOLO)
         try:
-            content = pickle.dumps((frame, serialize_executable.serialize(program)))
-        except Exception:
-            content = None
-        if content is not None:
-            _folder.write(_where[0], key, content)
+            frame = pickle.dumps(outside[0])
+            pickle.loads(frame)
+            calls = set(_CALL.findall(program.as_text() or ""))
+            content = pickle.dumps((_needs_lapack(calls), frame, serialize_executable.serialize(program)))
+        except Exception:  # what a tree holds may refuse in its own words: the program is good in this process
+            return program, outside[0]
+        _folder.write(_where[0], key, content)
         return program, outside[0]
+
+
+def _needs_lapack(calls: set[str]) -> bool:
+    """Whether a program calls LAPACK. **Raises** `ValueError` where it calls what another process may not have."""
+    if not all(name.startswith(("lapack_", "__", "TopK")) for name in calls):
+        raise ValueError(calls)
+    return any(name.startswith("lapack_") for name in calls)
 
 
 class _Place:
@@ -120,56 +177,47 @@ def _filled(out: Any, numbers: list) -> Any:
     return jax.tree.map(lambda x: numbers[x.number] if isinstance(x, _Place) else x, out)
 
 
+def _seen(leaf: Any) -> Any:
+    """What of an argument's leaf a program depends on: of an array not its numbers."""
+    if eqx.is_array(leaf):
+        return leaf.dtype, np.shape(leaf), bool(getattr(leaf, "weak_type", False))
+    return type(leaf), repr(leaf) if isinstance(leaf, float | complex) else leaf
+
+
+def _homes(tree: Any) -> set[str]:
+    """The modules of a tree's classes."""
+    data = tree.node_data()
+    found = set() if data is None else {data[0].__module__}
+    return found.union(*map(_homes, tree.children()))
+
+
+def _is_ordinary(leaves: list) -> bool:
+    """Whether a call has numbers: not within a program that is traced, or mapped, or differentiated by them."""
+    return (
+        not any(isinstance(x, Tracer) for x in leaves)
+        and not isinstance(jax_core.trace_ctx.trace, DynamicJaxprTrace)
+        and is_plain()
+    )
+
+
 def _read(key: str) -> tuple[Any, Any] | None:
-    if _folder.unsafe(_where[0]):
-        return None
     content = _folder.read(_where[0], key)
     if content is None:
         return None
     try:
-        _ready()
-        frame, program = pickle.loads(content)
+        lapack, frame, program = pickle.loads(content)
+        if lapack:
+            _find_lapack()
         return serialize_executable.deserialize_and_load(*program), pickle.loads(frame)
     except Exception:  # of another version, in whatever way: compiled anew
         return None
 
 
 @functools.cache
-def _ready() -> None:
+def _find_lapack() -> None:
     """LAPACK's functions, which JAX looks up only when it lowers a program: without them a loaded one would crash."""
     lapack: Any = importlib.import_module("jaxlib.lapack")
     lapack._lapack.initialize()
-
-
-def _ordinary(leaves: list) -> bool:
-    """Whether a call is an ordinary one, on the CPU: not inside of another program."""
-    return (
-        not any(isinstance(x, Tracer) for x in leaves)
-        and jax_core.trace_state_clean()
-        and jax.default_backend() == "cpu"
-        and jax.local_device_count() == 1
-        and _jax.jax_default_device is None
-        and not (_jax.jax_debug_nans or _jax.jax_debug_infs or _jax.jax_disable_jit)
-        and _processor() != ""
-    )
-
-
-@functools.cache
-def _processor() -> str:
-    """What this processor can do; empty where that is not known."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        return ""
-    words = "flags", "Features", "model", "CPU part", "cpu family", "vendor"
-    told = sorted({x for x in lines if x.startswith(words)})
-    return hashed(platform.machine(), *told) if any(x.startswith(("flags", "Features")) for x in told) else ""
-
-
-@functools.cache
-def _surroundings() -> str:
-    """All outside of the question: sources, versions and the processor."""
-    return hashed(source_digest(), _processor(), sys.version, *(f"{name} {version(name)}" for name in _PACKAGES))
 
 
 @contextlib.contextmanager

@@ -1,47 +1,65 @@
-"""What a program is traced for, as a text that is the same in another process: all that is no array of its arguments.
+"""What a value is made of, as a text that is the same in another process: numbers, words, and the user's code.
 
-A text that leaves out anything on which the program depends would bring a wrong program back from a store. So this
-reads only what it can read completely, and raises `Untold` for everything else.
+One reader serves what is kept between processes. Programs (`_kept`) ask it strictly: a text that leaves out anything on
+which a program depends would bring a wrong program back, so it raises `Untold` for what it cannot read completely.
+Questions of sweeps, lives and designs (`identity`) ask for the best text there is.
+
+The user's functions and classes are read by their code: byte code, constants, what they keep of their makers, defaults,
+and the functions and globals that they name. What other packages and this library have counts by its name.
 """
 
 import dataclasses
-import dis
 import enum
 import functools
+import math
+import pickle
+import re
+import sys
 import types
 from collections.abc import Iterator, Mapping
 from hashlib import blake2b
+from pathlib import Path
 from typing import Any
 
+import equinox as eqx
 import jax
 import numpy as np
 from jax.core import Tracer
 
-from clearance_jax.identity import elsewhere
+from clearance_jax._code import (
+    HEAP_TYPE,
+    MADE,
+    Untold,
+    content,
+    elsewhere,
+    generated,
+    inner_of,
+    looked_up,
+    name_of,
+    names_in,
+    note,
+    variables,
+    versioned,
+)
+from clearance_jax._outside import check_names, is_changing
+
+_ADDRESS = re.compile(r"0x[0-9a-f]+")
 
 
-class Untold(Exception):
-    """A part of a question of which it cannot be told whether it is the same in another process."""
-
-
-_HEAP_TYPE = 1 << 9  # of a class written in Python
-# What Python writes into every class, or a decorator, and nothing depends on.
-_MADE = {
-    "__module__", "__qualname__", "__doc__", "__dict__", "__weakref__", "__annotations__", "__annotate__",
-    "__annotate_func__", "__annotations_cache__", "__firstlineno__", "__static_attributes__", "__dataclass_fields__",
-    "__dataclass_params__", "__match_args__", "__abstractmethods__", "__abstractvars__", "__abstractclassvars__",
-    "__parameters__", "__orig_bases__", "_abc_impl", "__slots__", "__classcell__", "__init__", "__repr__", "__eq__",
-    "__hash__", "__replace__", "__setattr__", "__delattr__", "__signature__", "_flatten", "_unflatten",
-}
+_PLAIN = {type(None), bool, int, float, complex, str, bytes}  # of which `repr` has all digits
 
 
 def hashed(*parts: str | bytes) -> str:
     """Texts as one short text."""
-    found = blake2b(digest_size=16)
-    for part in parts:
-        data = part.encode() if isinstance(part, str) else part
-        found.update(len(data).to_bytes(8, "little") + data)
-    return found.hexdigest()
+    whole = [part.encode("utf-8", "surrogatepass") if isinstance(part, str) else part for part in parts]
+    lengths = b",".join(b"%d" % len(part) for part in whole)
+    return blake2b(b"".join((lengths, b"|", *whole)), digest_size=16).hexdigest()
+
+
+def text(value: Any) -> str:
+    """A value, with all that it is made of. **Raises:** `Untold`."""
+    reader = Reader(strict=True)
+    return reader.whole(reader.of(value))
 
 
 def tree_text(tree: Any) -> str:
@@ -49,52 +67,70 @@ def tree_text(tree: Any) -> str:
 
     **Raises:** `Untold`.
     """
-    reader = _Reader()
+    reader = Reader(strict=True)
 
     def of(node: Any) -> str:
-        data = node.node_data()
-        children = node.children()
+        data, children = node.node_data(), node.children()
         if data is None:
             return "leaf" if not children and node.num_leaves else "nothing"
         kind, held = data
+        if not versioned(kind.__module__) and not issubclass(kind, eqx.Module | tuple):
+            raise Untold(f"a class whose parts other code takes apart: {name_of(kind)}")
         return hashed("node", reader.of(kind), reader.of(held), *map(of, children))
 
-    return of(tree)
+    return reader.whole(of(tree))
 
 
-def text(value: Any) -> str:
-    """A value, with all that it is made of. **Raises:** `Untold`."""
-    return _Reader().of(value)
+class Reader:
+    """Texts of values. `aside`: values, by `id`, that are told elsewhere. `code`: what was met of the user's functions
+    and classes, by name, which the texts have by that name only; `whole` has both. `strict`: raise `Untold` for what
+    cannot be read completely.
+    """
 
+    def __init__(self, aside: Any = (), strict: bool = False):
+        self.code: dict[str, str] = {}
+        self._aside, self._strict, self._done, self._within = set(aside), strict, {}, []
+        self._foreign = versioned if strict else elsewhere  # modules whose code counts by its name
+        self._open = math.inf  # how far out the things lie that were met again within themselves
 
-class _Reader:
-    """Reads values; knows which it is within, so that a function that calls itself ends."""
+    def whole(self, found: str) -> str:
+        """A text with the code that it names."""
+        return hashed(found, *(part for pair in self.code.items() for part in pair))
 
-    def __init__(self):
-        self._within: list[Any] = []
+    def forget(self) -> None:
+        """Begin anew after an `Untold`."""
+        self._within, self._open = [], math.inf
 
     def of(self, value: Any) -> str:
-        if value is None or (isinstance(value, bool | int | str | bytes) and not isinstance(value, enum.Enum)):
-            return f"{_name(type(value))} {value!r}"
-        if isinstance(value, float):
-            return f"{_name(type(value))} {value.hex()}"
+        if id(value) in self._aside:
+            return "named"
+        if type(value) in _PLAIN:  # and of no class of the user's
+            return f"{type(value).__name__} {value!r}"
+        if id(value) in self._done:
+            return self._done[id(value)][1]
+        here = len(self._within)
         for depth, one in enumerate(self._within):
             if one is value:
-                return f"above {depth}"
+                self._open = min(self._open, depth)
+                return f"above {here - depth}"
+        before, self._open = self._open, math.inf
         self._within.append(value)
         try:
-            return self._compound(value)
+            found = self._compound(value)
         finally:
             self._within.pop()
+        if self._open >= here:  # its text does not depend on where it stands
+            self._done[id(value)] = value, found  # the value stays, so that no other gets its id
+            self._open = before
+        else:
+            self._open = min(before, self._open)
+        return found
 
     def _compound(self, value: Any) -> str:
-        if isinstance(value, Tracer):
+        if isinstance(value, Tracer) and self._strict:
             raise Untold(f"a traced value: {type(value)}")
         if isinstance(value, jax.Array | np.ndarray | np.generic):
-            array = np.asarray(value)
-            if array.dtype.kind not in "biufc":
-                raise Untold(f"an array of {array.dtype}")
-            return hashed("array", str(array.dtype), str(array.shape), np.ascontiguousarray(array).tobytes())
+            return self._array(value)
         if isinstance(value, type):
             return self._class(value)
         if isinstance(value, types.FunctionType):
@@ -102,29 +138,67 @@ class _Reader:
         if isinstance(value, types.CodeType):
             return self._code(value)
         if isinstance(value, types.ModuleType):
-            if not elsewhere(value.__name__):
-                raise Untold(f"a module of the user's: {value.__name__}")
-            return f"module {value.__name__}"
+            return self._module(value)
         if isinstance(value, enum.Enum):
-            return hashed("enum", self.of(type(value)), value.name)
-        if isinstance(value, Mapping):
+            return hashed("enum", self.of(type(value)), value.name, self.of(value.value))
+        if isinstance(value, Mapping) and not dataclasses.is_dataclass(value):
             pairs = [hashed(self.of(key), self.of(one)) for key, one in value.items()]
-            return hashed("mapping", self.of(type(value)), *pairs)
+            return hashed("mapping", self.of(type(value)), *pairs, *self._beside(value))
         if isinstance(value, set | frozenset):
-            return hashed("set", *sorted(map(self.of, value)))
+            return hashed("set", self.of(type(value)), *sorted(map(self.of, value)), *self._beside(value))
         if isinstance(value, list | tuple):
-            return hashed("sequence", self.of(type(value)), *map(self.of, value))
-        if isinstance(value, complex | range | np.dtype | types.EllipsisType):
-            return hashed(type(value).__name__, repr(value))
+            return hashed("sequence", self.of(type(value)), *map(self.of, value), *self._beside(value))
+        if isinstance(value, range | np.dtype | types.EllipsisType | types.NotImplementedType):
+            return hashed(name_of(type(value)), repr(value))
         if isinstance(value, slice):
             return hashed("slice", *map(self.of, (value.start, value.stop, value.step)))
         return self._wrapped(value)
 
+    def _beside(self, value: Any) -> list[str]:
+        """What a container of a class of its own has beside what it contains."""
+        held = variables(value)
+        return ["beside", self.of(held)] if held else []
+
+    def _array(self, value: Any) -> str:
+        try:
+            array = np.asarray(value)
+        except (TypeError, ValueError):  # random keys
+            return self._unknown(value)
+        kind = (
+            "array",
+            name_of(type(value)),
+            str(array.dtype),
+            str(array.shape),
+            str(getattr(value, "weak_type", False)),
+        )
+        if isinstance(value, np.ndarray) and type(value) is not np.ndarray:  # a mask, or the user's operations
+            kind = (*kind, self.of(type(value)), *self._beside(value))
+        if array.dtype.kind == "O":
+            return hashed(*kind, *map(self.of, array.ravel().tolist()))
+        return hashed(*kind, np.ascontiguousarray(array).tobytes())
+
+    def _module(self, value: types.ModuleType) -> str:
+        """A module of the user's by its text."""
+        if self._foreign(value.__name__):
+            self._check_home(value.__name__)
+            return f"module {value.__name__}"
+        if self._strict:  # what it has now is not what its text says
+            raise Untold(f"a module of the user's: {value.__name__}")
+        try:
+            return hashed(value.__name__, Path(str(value.__file__)).read_bytes())
+        except OSError:
+            return f"module {value.__name__}"
+
+    def _check_home(self, module: str | None) -> None:
+        """**Raises** `Untold`, if strict, for what is of a module whose answers differ between processes."""
+        if self._strict and is_changing(module):
+            raise Untold(f"what differs between processes: {module}")
+
     def _wrapped(self, value: Any) -> str:
-        """What wraps a function, or an object of a class written in Python."""
-        kind = _name(type(value))
+        """What wraps a function, or an object."""
+        kind = self.of(type(value))
         if isinstance(value, functools.partial):
-            return hashed(kind, self.of(value.func), self.of(value.args), self.of(value.keywords))
+            return hashed(kind, *map(self.of, (value.func, value.args, value.keywords)))
         if isinstance(value, types.MethodType):
             return hashed(kind, self.of(value.__func__), self.of(value.__self__))
         if isinstance(value, property):
@@ -132,99 +206,121 @@ class _Reader:
         if isinstance(value, staticmethod | classmethod):
             return hashed(kind, self.of(value.__func__))
         if isinstance(value, types.BuiltinFunctionType | np.ufunc):
-            home = getattr(value, "__module__", "") or ""
-            if isinstance(getattr(value, "__self__", None), types.ModuleType | None):
+            owner = getattr(value, "__self__", None)
+            if isinstance(owner, types.ModuleType | None) or (
+                isinstance(owner, type) and not owner.__flags__ & HEAP_TYPE
+            ):
+                home = getattr(value, "__module__", "") or ""
+                if home != "builtins":
+                    self._check_home(home)
                 return f"built in {home}.{getattr(value, '__qualname__', value.__name__)}"
-            raise Untold(f"a method of a built-in object: {value}")
-        inner = getattr(value, "__wrapped__", None)
-        if callable(inner) and elsewhere(type(value).__module__) and not dataclasses.is_dataclass(value):
-            return hashed(kind, self.of(inner))
-        if not all(base.__flags__ & _HEAP_TYPE for base in type(value).__mro__[:-1]):
-            raise Untold(f"an object of {kind}")
+            return self._unknown(value)
+        inner = inner_of(value)
+        if inner is not None:
+            # A rule of differentiation stands beside the function, for instance.
+            beside = variables(value) if not type(value).__module__.startswith("jaxlib") else {}
+            held = {name: one for name, one in beside.items() if not name.startswith("__") and one is not inner}
+            return hashed(kind, self.of(inner), self.of(held))
+        return self._object(value)
+
+    def _object(self, value: Any) -> str:
+        written = all(base.__flags__ & HEAP_TYPE for base in type(value).__mro__[:-1])
+        held, slots = variables(value), any("__slots__" in vars(base) for base in type(value).__mro__[:-1])
         if dataclasses.is_dataclass(value):
-            fields = [field.name for field in dataclasses.fields(value)]
-            held = {name: getattr(value, name) for name in fields if hasattr(value, name)} | _variables(value)
-        else:
-            held = _variables(value)
-            if any("__slots__" in vars(base) for base in type(value).__mro__[:-1]):
-                raise Untold(f"an object with slots, of {kind}")
+            names = [field.name for field in dataclasses.fields(value)]
+            held = {name: getattr(value, name) for name in names if hasattr(value, name)} | held
+        elif not written or slots or (not held and not self._strict):
+            return self._unknown(value)
+        if not written and self._strict:
+            raise Untold(f"an object of {name_of(type(value))}")
         return hashed("object", self.of(type(value)), self.of(held))
 
+    def _unknown(self, value: Any) -> str:
+        kind = self.of(type(value))
+        if self._strict:
+            raise Untold(f"an object of {name_of(type(value))}")
+        try:
+            return hashed(kind, pickle.dumps(value, protocol=4))
+        except Exception:  # whatever an object raises that cannot be pickled
+            return hashed(kind, _ADDRESS.sub("", repr(value)))
+
+    # Code ----------------------------------------------------------------------------------------------------------
+
+    def _own(self, value: Any, code: str) -> str:
+        """A function or class of the user's: by its code where another one has it, else by its name, with its code
+        among those found.
+        """
+        if self._strict:
+            note(value, name_of(value), code)
+        if any(self._is_own(one) for one in self._within[:-1]):
+            return hashed(value.__qualname__, code)
+        short, count = value.__qualname__, 1
+        while short in self.code:
+            count += 1
+            short = f"{value.__qualname__} ({count})"
+        self.code[short] = f"{code} (Python {sys.version_info[0]}.{sys.version_info[1]})"
+        return short
+
+    def _is_own(self, value: Any) -> bool:
+        if isinstance(value, types.FunctionType):
+            return not self._foreign(value.__globals__.get("__name__"))
+        return isinstance(value, type) and not self._foreign(value.__module__)
+
     def _class(self, kind: type) -> str:
-        if elsewhere(kind.__module__):
-            if "<locals>" in kind.__qualname__:
-                raise Untold(f"a class made by a function: {_name(kind)}")
-            return f"class {_name(kind)}"
-        return hashed("class", _name(kind), *self._members(kind))
+        if self._is_own(kind):
+            fields = dataclasses.fields(kind) if dataclasses.is_dataclass(kind) else ()
+            told = [hashed(one.name, self.of(dict(one.metadata)), self._made_by(one)) for one in fields]
+            maker = self.of(type(kind)) if self._is_own(type(kind)) else ""
+            return self._own(kind, hashed(maker, *told, "|", *self._members(kind)))
+        if kind.__module__ != "builtins":
+            self._check_home(kind.__module__)
+        if self._strict and looked_up(kind) is not kind:
+            raise Untold(f"a class that is not found by its name: {name_of(kind)}")
+        return f"class {name_of(kind)}"
+
+    def _made_by(self, field: dataclasses.Field) -> str:
+        """The function that makes a field's usual value."""
+        make = field.default_factory
+        return "" if make is dataclasses.MISSING else self.of(make)
 
     def _members(self, kind: type) -> Iterator[str]:
         for base in kind.__mro__:
-            if elsewhere(base.__module__):
-                yield _name(base)
+            if self._foreign(base.__module__):
+                yield name_of(base)
                 continue
             yield hashed(base.__name__, *(str(one) for one in sorted(getattr(base, "__abstractmethods__", ()))))
-            for name, member in vars(base).items():
-                if name not in _MADE or (isinstance(member, types.FunctionType) and not _generated(member)):
+            for name, member in sorted(vars(base).items()):
+                if name not in MADE and not generated(member):
                     yield hashed(name, self.of(member))
 
     def _function(self, function: types.FunctionType) -> str:
-        own = not elsewhere(function.__module__)
-        cells = [self.of(_content(cell)) for cell in function.__closure__ or ()]
-        defaults = self.of(function.__defaults__), self.of(function.__kwdefaults__)
-        inner = getattr(function, "__wrapped__", None)
-        parts = [f"{function.__module__}.{function.__qualname__}", self._code(function.__code__), *cells, *defaults]
-        if inner is not None:
-            parts.append(self.of(inner))
-        if own:
-            parts += [hashed(name, self._looked_up(name, function)) for name in sorted(_names(function.__code__))]
-        return hashed("function", *parts)
-
-    def _looked_up(self, name: str, function: types.FunctionType) -> str:
-        """What a name of a function's module is now."""
-        if name in function.__globals__:
-            return self.of(function.__globals__[name])
-        builtins = function.__globals__.get("__builtins__", {})
-        builtins = vars(builtins) if isinstance(builtins, types.ModuleType) else builtins
-        if name in builtins:
-            return f"built in {name}"
-        raise Untold(f"a name that is not known yet: {name}")
+        origin = function.__globals__.get("__name__")  # `functools.wraps` copies every other name
+        own = self._is_own(function)
+        # A script and the module that it is when it is imported are the same.
+        parts = [function.__qualname__ if own else f"{origin}.{function.__qualname__}"]
+        if own or self._strict or "<" in function.__qualname__:
+            parts.append(self._code(function.__code__))
+        parts += [self.of(content(cell)) for cell in function.__closure__ or ()]
+        parts += [self.of(function.__defaults__), self.of(function.__kwdefaults__)]
+        # What it wraps, and its variables, may matter too.
+        for name, one in sorted(vars(function).items()):
+            if name == "__wrapped__" or (own and not name.startswith("__")):
+                parts.append(hashed(name, self.of(one)))
+        if not own:
+            self._check_home(origin)
+            return hashed("function", *parts)
+        known = function.__globals__
+        if self._strict:
+            check_names(function.__code__, known)
+        parts += [
+            hashed(name, self.of(known[name])) for name in sorted(set(names_in(function.__code__))) if name in known
+        ]
+        return self._own(function, hashed(*parts))
 
     def _code(self, code: types.CodeType) -> str:
-        constants = [self.of(one) for one in code.co_consts]
-        names = [*code.co_names, "|", *code.co_varnames, "|", *code.co_freevars]
-        return hashed(code.co_code, *names, *constants)
-
-
-def _name(kind: Any) -> str:
-    return f"{kind.__module__}.{kind.__qualname__}"
-
-
-def _variables(value: Any) -> dict[str, Any]:
-    return dict(getattr(value, "__dict__", {}))
-
-
-def _generated(function: types.FunctionType) -> bool:
-    """Whether a decorator wrote it, from the fields."""
-    inner = getattr(function, "__wrapped__", function)
-    return inner.__code__.co_filename.startswith("<") or elsewhere(inner.__module__)
-
-
-def _content(cell: Any) -> Any:
-    try:
-        return cell.cell_contents
-    except ValueError:
-        raise Untold("a name that is not known yet") from None
-
-
-def _names(code: types.CodeType) -> set[str]:
-    """The names that a function of the user's looks up in its module, those of functions inside it too."""
-    found = set()
-    for step in dis.get_instructions(code):
-        if step.opname in ("LOAD_GLOBAL", "LOAD_NAME"):
-            found.add(step.argval)
-        if step.opname == "IMPORT_NAME" and not elsewhere(step.argval):
-            raise Untold(f"a module of the user's: {step.argval}")
-    for constant in code.co_consts:
-        if isinstance(constant, types.CodeType):
-            found |= _names(constant)
-    return found
+        plain = [(type(one).__name__, one) for one in code.co_consts if type(one) in _PLAIN]
+        others = [self.of(one) for one in code.co_consts if type(one) not in _PLAIN]
+        order = [type(one) in _PLAIN for one in code.co_consts]
+        names = code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars
+        numbers = code.co_flags, code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount
+        return hashed(code.co_code, code.co_exceptiontable, repr((names, numbers, plain, order)), *others)

@@ -6,6 +6,7 @@ from pathlib import Path
 import jax
 from jax._src import xla_bridge  # the only place that knows whether a backend has started
 
+from clearance_jax._folder import programs_in, user_cache
 from clearance_jax._kept import keep_in
 from clearance_jax.errors import ClearanceError
 
@@ -31,9 +32,10 @@ def configure(*, cache: bool | str | Path = False) -> None:
 
     **Arguments:**
 
-    - `cache`: keep compiled programs between processes, in this folder, or (`True`) in the user's cache folder. The
-      environment variable JAX_COMPILATION_CACHE_DIR comes first. With CLEARANCE_KEPT=1 (on trial)
-      programs of `trace` and `to_dataset` are kept ready to run in its folder `programs`.
+    - `cache`: keep compiled programs between processes, in this folder, or (`True`) in the user's cache folder. Those
+      of single solves, their derivatives and datasets are kept ready to run, in its folder `programs`: a second process
+      does not even trace them (CLEARANCE_KEPT=0 switches that off). All others go to JAX's own cache, there or where
+      the environment variable JAX_COMPILATION_CACHE_DIR says. `clearance cache` shows both, and empties them.
 
     **Raises:** `ClearanceError` where JAX has started already without the setting.
     """
@@ -47,11 +49,10 @@ def configure(*, cache: bool | str | Path = False) -> None:
                 f'or set the environment variable XLA_FLAGS="{" ".join(wanted)}".'
             )
         os.environ["XLA_FLAGS"] = " ".join([flags, *wanted]).strip()
-    home = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "clearance_jax"
-    folder = home if cache is True or not cache else Path(cache)
+    folder = user_cache() if cache is True or not cache else Path(cache)
     if cache and "JAX_COMPILATION_CACHE_DIR" not in os.environ:
         jax.config.update("jax_compilation_cache_dir", str(folder))
-    keep_in(folder / "programs" if cache else None)
+    keep_in(programs_in(folder) if cache else None)
     if cache:
         # However small: keeping a program costs 1 ms, and reading it half of what compiling takes.
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)

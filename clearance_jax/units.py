@@ -3,8 +3,10 @@
 import functools
 import math
 import re
+from importlib.metadata import version
 from typing import Any
 
+from clearance_jax._remembered import remembered
 from clearance_jax.errors import ClearanceError, quoted
 
 # What a quantity may be written like. pint's own reader is a calculator, which "9**9**9 kg" keeps busy for ever and
@@ -30,6 +32,11 @@ def registry() -> Any:
     return pint.UnitRegistry()
 
 
+@functools.cache
+def _pint() -> str:
+    return version("pint")
+
+
 def to_si(value: Any, unit: str, where: str) -> float:
     """`value` ("0.1 mm", or a bare number where no dimension is expected) in the SI `unit`.
 
@@ -43,9 +50,15 @@ def to_si(value: Any, unit: str, where: str) -> float:
         number = isinstance(value, int | float) and not isinstance(value, bool)
         shown, other = (quoted(value), "") if number else ("2.5", f", not as {quoted(value)}")
         raise ClearanceError(f'{where} needs a unit: write it as a string such as "{shown} {unit}"{other}.')
+    text = _checked(value, unit, where)
+    question = f"pint {_pint()}: {text[0]!r} {text[1]} in {unit}"
+    return _finite(remembered(question, lambda: _converted(value, text, unit, where)), where)
+
+
+def _converted(value: str, text: tuple[float, str], unit: str, where: str) -> float:
+    """A quantity, NUMBER and UNIT, in the SI `unit`, by pint. **Raises:** `ClearanceError` as `to_si`."""
     import pint
 
-    text = _checked(value, unit, where)
     try:
         # What is not proportional (degC) is a number and a unit to pint, never their product.
         quantity = registry().Quantity(*text) if unit == "K" else registry().Quantity(f"{text[0]!r} {text[1]}")
@@ -59,7 +72,7 @@ def to_si(value: Any, unit: str, where: str) -> float:
     # To pint an angle is a bare number: "30" would pass for radians, hertz for rad/s.
     if unit in ("rad", "rad/s", "rad/s^2") and not any(word in str(quantity.units) for word in ANGLES):
         raise ClearanceError(f'{where} needs a unit of angle (deg, rad, rpm ...): write it as "1.5 {unit}".')
-    return _finite(magnitude, where)
+    return magnitude
 
 
 def shown(value: float, unit: str, digits: int = 6) -> str:

@@ -40,7 +40,7 @@ _hook.__enter__()
 
 import clearance_jax  # noqa: E402  (the hook must come first)
 
-os.environ["CLEARANCE_KEPT"] = "0"  # a test may patch what a kept program was made of
+os.environ.setdefault("CLEARANCE_KEPT", "0")  # a test may patch what a kept program was made of
 clearance_jax.configure(cache=True)
 
 # What is imported stays: the collector need not look at it again. Tracing makes many objects that live, so that it

@@ -129,11 +129,12 @@ def test_the_largest_displacement_of_a_tool_by_a_sleeve():
     assert settled_starts.largest_displacement(mechanism, moves) == pytest.approx(20e-6, rel=1e-3)
 
 
-def test_first_results():
+def test_first_results(monkeypatch):
+    monkeypatch.delenv("CLEARANCE_KEPT", raising=False)
     cold, kept = first_results.main(quick=True)
     assert (cold.case, cold.task, cold.state, kept.state) == ("slider-crank", "simulate", "cold", "kept")
-    # The second process finds all that the first one kept.
-    assert kept.files == cold.files > 10
+    # The second process adds nothing: it finds all that the first one kept.
+    assert kept.files == cold.files >= 6
     assert min(cold.cpu, kept.cpu) > 0.1
     assert min(cold.memory, kept.memory) > 100
 

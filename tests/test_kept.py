@@ -1,15 +1,40 @@
-"""Programs that are kept between processes: the right answer whatever lies in the folder."""
+"""Programs that are kept between processes: the right answer whatever lies in the folder, and another key for whatever
+a program depends on. New `kept_jit` objects stand for new processes.
+"""
 
+import functools
 import os
 import subprocess
 import sys
+import textwrap
+import threading
+import types
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import clearance_jax as cj
+from clearance_jax import _folder, _kept, _surroundings
+from clearance_jax._code import altered
+from clearance_jax._kept import keep_in, kept_jit
+from clearance_jax._structure import Untold, text
+from clearance_jax.cli.main import app
+from clearance_jax.laws import HuntCrossley
+from clearance_jax.solve import control
+from clearance_jax.solve.flow import _compiled
 
 PROGRAM = """
 import sys
+import textwrap
 import clearance_jax as cj
 cj.configure(cache=sys.argv[1])
 import jax.numpy as jnp
 from clearance_jax._kept import kept_jit
+from clearance_jax._surroundings import surroundings
 
 def function(x, power):
     print("traced")
@@ -20,18 +45,469 @@ print(out["y"].tolist(), out["said"])
 """
 
 
-def run(folder):
-    env = os.environ | {"CLEARANCE_KEPT": "1"}
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.setenv("CLEARANCE_KEPT", "1")
+    altered.clear()  # other tests may have patched the library
+    keep_in(tmp_path / "programs")
+    yield tmp_path / "programs"
+    keep_in(None)
+
+
+def run(folder, flags=""):
+    env = os.environ | {"CLEARANCE_KEPT": "1", "XLA_FLAGS": flags}
     done = subprocess.run([sys.executable, "-c", PROGRAM, str(folder)], capture_output=True, text=True, env=env)
     assert done.returncode == 0, done.stderr
     *traced, answer = done.stdout.splitlines()
     return bool(traced), answer
 
 
-def test_a_second_process_traces_nothing_and_a_damaged_file_is_ignored(tmp_path):
+def test_a_second_process_traces_nothing_unless_flags_differ(tmp_path):
     first, answer = run(tmp_path)
     assert first
     assert run(tmp_path) == (False, answer)
-    (file,) = (tmp_path / "programs").iterdir()
-    file.write_bytes(file.read_bytes()[:-100])
-    assert run(tmp_path) == (True, answer)
+    assert run(tmp_path, "--xla_cpu_prefer_vector_width=128") == (True, answer)
+    assert len(list((tmp_path / "programs").iterdir())) == 2
+
+
+TRACED = []
+
+
+def summed(x, power):
+    TRACED.append(power)
+    return {"y": jnp.sum(x**power), "power": power}
+
+
+def fresh(x=3.0):
+    """What a new process makes of it, and whether it traced."""
+    TRACED.clear()
+    out = kept_jit(summed)(jnp.asarray([x, 2.0]), 2)
+    assert out["power"] == 2
+    return float(out["y"]), bool(TRACED)
+
+
+def damaged(path):
+    whole = path.read_bytes()
+    yield path, whole[: len(whole) // 2]
+    yield path, b""
+    yield path, b"no program"
+    middle = len(whole) // 2
+    yield path, whole[:middle] + bytes([whole[middle] ^ 1]) + whole[middle + 1 :]
+
+
+def test_a_damaged_or_strange_entry_is_ignored(folder):
+    assert fresh() == (13.0, True)
+    assert fresh(4.0) == (20.0, False)
+    (path,) = folder.iterdir()
+    for where, content in damaged(path):
+        where.write_bytes(content)
+        assert fresh() == (13.0, True)
+        assert fresh() == (13.0, False)
+    # Whole, but of another version, or of another program.
+    for content in (b"not even pickled", b"\x80\x04K\x01."):
+        _folder.write(folder, path.stem, content)
+        assert fresh() == (13.0, True)
+    whole = path.read_bytes()
+    path.rename(folder / f"{'0' * 32}.program")
+    path.write_bytes(whole.replace(_folder._digest(path.stem, whole), b""))
+    (folder / f"{'0' * 32}.program").replace(path)
+    assert fresh() == (13.0, False)
+    path.unlink()
+    path.mkdir()  # as a file that cannot be read
+    assert fresh() == (13.0, True)
+
+
+def test_a_file_under_the_name_of_another_is_not_read(folder):
+    _folder.write(folder, "one", b"content")
+    (folder / "one.program").rename(folder / "two.program")
+    assert _folder.read(folder, "two") is None
+
+
+def test_a_folder_that_others_can_write_to_is_not_used(folder, monkeypatch):
+    assert fresh() == (13.0, True)
+    folder.chmod(0o777)
+    assert fresh() == (13.0, True)  # it became so while a process ran
+    with pytest.warns(UserWarning, match="must be writable by its owner alone, but others than its owner can write"):
+        keep_in(folder)
+    assert not _kept._where
+    folder.chmod(0o700)
+    (next(folder.iterdir())).chmod(0o666)
+    assert _folder.read(folder, next(folder.iterdir()).stem) is None
+    monkeypatch.setenv("CLEARANCE_KEPT", "0")
+    keep_in(folder)
+    assert not _kept._where
+
+
+def test_where_nothing_can_be_written_programs_are_compiled(folder):
+    folder.write_text("a file in its place")
+    assert fresh()[0] == 13.0
+    assert folder.read_text() == "a file in its place"
+
+
+def test_what_was_used_last_goes_last(tmp_path):
+    for k in range(4):
+        _folder.write(tmp_path, str(k), bytes(1000))
+        os.utime(tmp_path / f"{k}.program", (k, k))
+    assert _folder.read(tmp_path, "0") is not None
+    _folder.write(tmp_path, "4", bytes(1000), largest=4000)
+    assert sorted(path.stem for path in tmp_path.iterdir()) == ["0", "3", "4"]
+
+
+def test_many_may_write_at_once(tmp_path):
+    def write(k):
+        for _ in range(20):
+            assert _folder.write(tmp_path, "same", bytes([k]) * 100_000)
+            content = _folder.read(tmp_path, "same")
+            assert content is not None
+            assert len(set(content)) == 1
+
+    threads = [threading.Thread(target=write, args=(k,)) for k in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert [path.name for path in tmp_path.iterdir()] == ["same.program"]
+
+
+# The key -------------------------------------------------------------------------------------------------------------
+
+
+def user(source, name="mine"):
+    """A module as a user's script is one."""
+    module = types.ModuleType(name)
+    exec(compile(source, f"{name}.py", "exec"), module.__dict__)
+    return module
+
+
+LAW = """
+import equinox as eqx
+FACTOR = 2.0
+def helper(x):
+    return FACTOR * x
+class Law(eqx.Module):
+    width: float = eqx.field(static=True, default=1.0)
+    def force(self, x):
+        return 3.0 * helper(x) * self.width
+def maker(value):
+    def inner(x):
+        return value * x
+    return inner
+"""
+
+
+def key(*arguments):
+    leaves, tree = jax.tree.flatten(arguments)
+    return kept_jit(summed)._key(leaves, tree)
+
+
+def test_code_of_the_users_is_part_of_the_key():
+    mine = user(LAW)
+    usual = key(mine.Law())
+    assert key(user(LAW).Law()) == usual
+    others = [
+        user(LAW.replace("3.0", "4.0")).Law(),  # the same name, another code
+        user(LAW.replace("FACTOR = 2.0", "FACTOR = 2.5")).Law(),
+        user(LAW.replace("return FACTOR * x", "return FACTOR + x")).Law(),
+        user(LAW.replace("class Law(eqx.Module):", "class Law(eqx.Module):\n    other = 1")).Law(),
+        mine.Law(width=2.0),
+    ]
+    mine.__dict__["FACTOR"] = 5.0  # a global that is changed later
+    found = [usual, key(mine.Law()), *map(key, others)]
+    mine.Law.force = lambda self, x: x
+    found.append(key(mine.Law()))
+    assert len(set(found)) == len(found)
+    mine = user(LAW)
+    functions = [
+        mine.maker(1.0),
+        mine.maker(1.5),
+        mine.helper,
+        functools.partial(mine.helper, 1.0),
+        jax.jit(mine.helper),
+    ]
+    functions.append(functools.wraps(textwrap.dedent)(user(LAW).helper))  # which then says that it is another
+    functions += [textwrap.dedent, jnp.sin, jax.custom_jvp(mine.maker(1.0))]
+    keys = [text(one) for one in functions]
+    assert len(set(keys)) == len(keys)
+    assert text(mine.maker(1.0)) == keys[0]
+
+
+def test_a_rule_of_differentiation_is_part_of_the_key():
+    source = (
+        "import jax\n@jax.custom_jvp\ndef f(x):\n    return x\n@f.defjvp\ndef _(p, t):\n    return p[0], 2.0 * t[0]\n"
+    )
+    assert text(user(source).f) == text(user(source).f)
+    assert text(user(source).f) != text(user(source.replace("2.0", "3.0")).f)
+
+
+def test_structure_and_kinds_of_arguments_are_part_of_the_key():
+    x = jnp.ones(2)
+    found = [
+        key(x, 1),
+        key(x, 2),
+        key(x, True),
+        key(x, 1.0),
+        key(1, x),
+        key((x, 1)),
+        key([x, 1]),
+        key({"a": x, "b": 1}),
+    ]
+    found += [key({"a": x, "c": 1}), key(jnp.ones(3), 1), key(jnp.ones(2, int), 1), key(jnp.ones(()), 1), key(x, "1")]
+    found += [key(jnp.asarray(1.0), 1), key(x, None), key(x, x), key(x, 0.0), key(x, -0.0)]
+    assert len(set(found)) == len(found)
+    assert key(jnp.zeros(2), 1) == found[0]
+
+
+def test_a_program_of_a_call_is_not_that_of_an_equal_one(folder):
+    """1, 1.0 and True are equal to Python, and so are the two zeros."""
+    twice = kept_jit(summed)
+    x = jnp.asarray([3.0, 2.0])
+    for power in (1, 1.0, True, 0.0, -0.0):
+        assert str(twice(x, power)["power"]) == str(power)
+
+
+def test_surroundings_are_part_of_the_key(monkeypatch):
+    usual, found = key(1), []
+    with jax.enable_x64(False):
+        found.append(key(1))
+    with jax.default_matmul_precision("float32"):
+        found.append(key(1))
+    for name in ("source_digest", "processor", "_versions", "_flags"):
+        with monkeypatch.context() as patch:
+            patch.setattr(_surroundings, name, lambda: "another")
+            found.append(key(1))
+    with monkeypatch.context() as patch:
+        patch.setattr(_kept, "SOLO", {"xla_cpu_use_fusion_emitters": "another"})
+        found.append(key(1))
+    assert len({usual, *found}) == 8
+    assert key(1) == usual
+
+
+def test_the_library_as_it_stands_in_memory_is_part_of_the_key(monkeypatch):
+    def solved():
+        return _compiled._key([], jax.tree.structure(()))
+
+    usual, found = solved(), []
+    for where, name, value in (
+        (HuntCrossley, "force_rate_of_the_test", lambda self: 1.0),
+        (control, "SAFETY_OF_THE_TEST", 0.5),
+        (control, "judged", functools.wraps(control.judged)(lambda *given: given)),
+        (control, "decided", lambda *given: 1.0),
+        (cj.RevoluteClearance, "prepared", lambda self: self),
+    ):
+        with monkeypatch.context() as patch:
+            patch.setattr(where, name, value, raising=False)
+            found.append(solved())
+        assert solved() == usual
+    assert len({usual, *found}) == 6
+
+
+# Holes that a key might have ----------------------------------------------------------------------------------------
+
+
+def told(source, name="made", **known):
+    """The text of what a user's module has by this name."""
+    module = user(source)
+    module.__dict__.update(known)
+    return text(module.__dict__[name])
+
+
+FIELD = """
+import dataclasses
+import equinox as eqx
+class Law(eqx.Module):
+    width: float = eqx.field(converter=lambda x: 2.0 * x, default_factory=lambda: 1.0)
+made = Law
+"""
+HIDDEN = """
+class Table(list):
+    scale = 1.0
+made = Table([1.0])
+made.factor = 2.0
+"""
+MASKED = "import numpy as np\nmade = np.ma.MaskedArray([1.0, 2.0], mask=[True, False])\n"
+ENUM = "import enum\nclass Kind(enum.Enum):\n    A = [1.0]\nmade = Kind.A\n"
+META = "class Meta(type):\n    def other(cls):\n        return 1.0\nclass Law(metaclass=Meta):\n    pass\nmade = Law\n"
+DEFAULTS = "def made(x, *, y=1.0):\n    return x\n"
+PARTIAL = "import functools\ndef f(x, y):\n    return x\nmade = functools.partial(f, y=1.0)\n"
+CONSTANT = (
+    "import numpy as np\ndef maker():\n    table = np.array([1.0, 2.0])\n    return lambda x: table * x\n"
+    "made = maker()\n"
+)
+INHERITED = "class Base:\n    def f(self):\n        return 1.0\nclass Law(Base):\n    pass\nmade = Law\n"
+BEFORE = [FIELD, FIELD, HIDDEN, HIDDEN, MASKED, ENUM, META, DEFAULTS, PARTIAL, CONSTANT, INHERITED]
+CHANGES = [
+    ("2.0 * x", "3.0 * x"),
+    ("lambda: 1.0", "lambda: 1.5"),
+    ("factor = 2.0", "factor = 3.0"),
+    ("scale = 1.0", "scale = 2.0"),
+    ("True, False", "False, False"),
+    ("[1.0]", "[2.0]"),
+    ("return 1.0", "return 2.0"),
+    ("y=1.0", "y=2.0"),
+    ("y=1.0", "y=2.0"),
+    ("2.0]", "3.0]"),
+    ("return 1.0", "return 2.0"),
+]
+
+
+@pytest.mark.parametrize(("source", "change"), list(zip(BEFORE, CHANGES, strict=True)))
+def test_every_part_of_what_the_user_wrote_is_part_of_the_key(source, change):
+    assert change[0] in source
+    assert told(source) == told(source)
+    assert told(source) != told(source.replace(*change))
+
+
+OUTSIDE = [
+    "import os\ndef made(x):\n    return float(os.environ['HOME']) * x\n",
+    "from os import getenv\ndef made(x):\n    return float(getenv('HOME')) * x\n",
+    "import time\ndef made(x):\n    return time.time() * x\n",
+    "from time import time\ndef made(x):\n    return time() * x\n",
+    "from datetime import datetime\ndef made(x):\n    return datetime.now().year * x\n",
+    "import random\ndef made(x):\n    return random.random() * x\n",
+    "from random import random\ndef made(x):\n    return random() * x\n",
+    "import numpy as np\ndef made(x):\n    return np.random.rand() * x\n",
+    "def made(x):\n    import os\n    return float(os.environ['HOME']) * x\n",
+    "def made(x):\n    return eval('FACTOR') * x\n",
+    "def made(x):\n    return globals()['FACTOR'] * x\n",
+]
+
+
+@pytest.mark.parametrize("source", OUTSIDE)
+def test_what_differs_between_processes_is_not_kept(source):
+    with pytest.raises(Untold):
+        told(source)
+
+
+def test_a_class_whose_parts_other_code_takes_apart_is_not_kept():
+    mine = user("class Pair:\n    def __init__(self, x):\n        self.x = x\n")
+    jax.tree_util.register_pytree_node(mine.Pair, lambda pair: ((2.0 * pair.x,), None), lambda _, x: mine.Pair(*x))
+    with pytest.raises(Untold, match="takes apart"):
+        key(mine.Pair(1.0))
+
+
+def test_a_program_that_reads_a_file_is_compiled_in_each_process(folder, tmp_path):
+    path = tmp_path / "table.txt"
+
+    def scaled(x):
+        return float(np.loadtxt(path)) * x
+
+    for factor in (2.0, 3.0):
+        path.write_text(str(factor))
+        assert float(kept_jit(scaled)(jnp.asarray(1.0))) == factor
+    assert not folder.exists()
+
+
+def test_nothing_is_kept_once_code_that_was_read_is_altered(folder):
+    """JAX may have traced it as it was: here a branch, which it knows by its function."""
+    mine = user(
+        "import jax\nFACTOR = 2.0\ndef grown(x):\n    return FACTOR * x\n"
+        "def law(x):\n    return jax.lax.cond(x[0] > 0, grown, grown, x)\n"
+    )
+
+    def asked(x, law):
+        return law(x)
+
+    program = kept_jit(asked)
+    program(jnp.ones(2), mine.law)
+    assert len(list(folder.iterdir())) == 1
+    mine.__dict__["FACTOR"] = 3.0
+    program(jnp.ones(2) * 2, mine.law)
+    kept_jit(asked)(jnp.ones(2), mine.law)
+    assert len(list(folder.iterdir())) == 1
+
+
+def test_what_the_library_was_patched_with_is_not_kept_later(folder, monkeypatch):
+    """Even if a mapped program, which is not kept, was all that was traced with the patch."""
+    inner = kept_jit(lambda x: x + 1.0, made_of=(_compiled.function,))
+    assert fresh() == (13.0, True)
+    with monkeypatch.context() as patch:
+        patch.setattr(control, "SAFETY_OF_THE_TEST", 0.5, raising=False)
+        jax.vmap(inner)(jnp.ones(2))
+    assert inner(jnp.ones(2))[0] == 2.0
+    assert altered == {"clearance_jax.solve.control"}
+    assert len(list(folder.iterdir())) == 1
+
+
+class Slotted:
+    __slots__ = ("x",)
+
+
+STRANGE = [threading.Lock(), Slotted(), user("x = 1"), iter([1]), types.new_class("Local")]
+
+
+@pytest.mark.parametrize("value", STRANGE, ids=lambda x: type(x).__name__)
+def test_what_cannot_be_read_is_not_kept(value):
+    if isinstance(value, type):
+        value.__module__ = "numpy"  # it says so, but is not found there
+    with pytest.raises(Untold):
+        text(value)
+
+
+def test_a_value_within_itself_ends():
+    loop = [1]
+    loop.append(loop)
+    other = [2]
+    other.append(other)
+    assert text(loop) != text(other)
+    assert text([loop, loop]) == text([loop, loop])
+
+
+# What is kept --------------------------------------------------------------------------------------------------------
+
+
+def test_a_simulation_and_its_derivative_are_kept(folder, monkeypatch):
+    """Samples, a failing solve, and a gradient by a program that another process made; the same bits as without."""
+    mechanism = cj.load("experiments/scenes/joint5_velocity_1.toml")
+
+    def asked():
+        solution = cj.simulate(mechanism, 1e-3, save_at=5, rtol=1e-5)
+        slope = jax.grad(lambda x: cj.simulate(cj.replace(mechanism, {"gravity.y": x}), 1e-3, rtol=1e-5).final[0])(
+            -9.81
+        )
+        return solution, slope
+
+    kept = asked()
+    made = len(list(folder.iterdir()))
+    assert made == 2
+    for program in (_compiled._programs, _compiled._calls):
+        program.clear()
+    monkeypatch.setattr(kept_jit, "_made", None)  # nothing is to be traced
+    again = asked()
+    assert eqx.tree_equal(kept, again)
+    keep_in(None)
+    assert eqx.tree_equal(kept, asked())
+
+
+def test_within_a_program_or_mapped_calls_are_traced(folder):
+    twice = kept_jit(summed)
+    x = jnp.asarray([[3.0, 2.0], [1.0, 1.0]])
+    np.testing.assert_array_equal(jax.vmap(lambda row: twice(row, 2)["y"])(x), [13.0, 2.0])
+    assert float(jax.jit(lambda row: twice(row, 2)["y"])(x[0])) == 13.0
+    np.testing.assert_array_equal(jax.grad(lambda row: twice(row, 2)["y"])(x[0]), [6.0, 4.0])
+    assert not folder.exists()
+
+
+def test_what_calls_python_is_compiled_as_usual(folder):
+    def called(x):
+        return jax.pure_callback(lambda x: x + 1, jax.ShapeDtypeStruct((), float), x)
+
+    assert float(kept_jit(called)(jnp.asarray(1.0))) == 2.0
+    assert not folder.exists()
+
+
+def test_the_command_shows_and_empties_what_is_kept(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(tmp_path / "jax"))
+    programs = tmp_path / "clearance_jax" / "programs"
+    _folder.write(programs, "one", bytes(3 << 20))
+    (tmp_path / "jax").mkdir()
+    for name in ("jit_f-123-cache", "jit_f-123-atime", "a thesis.txt"):
+        (tmp_path / "jax" / name).write_text("content")
+    (programs / "mine.txt").write_text("of the user's")
+    shown = CliRunner().invoke(app, ["cache"]).output
+    assert f"{programs}: 1 programs, 3.0 MiB of at most 1.0 GiB" in shown
+    assert f"{tmp_path / 'jax'}: 1 programs" in shown
+    assert "removed 2 programs, 3.0 MiB" in CliRunner().invoke(app, ["cache", "--clear"]).output
+    assert [path.name for path in programs.iterdir()] == ["mine.txt"]
+    assert [path.name for path in (tmp_path / "jax").iterdir()] == ["a thesis.txt"]
+    assert f"{programs}: 0 programs" in CliRunner().invoke(app, ["cache"]).output

@@ -53,13 +53,13 @@ def test_a_dataset_of_any_length_runs_the_same_programs(crank):
     mechanism, trace = crank
     cj.to_dataset(mechanism, trace)
     programs: list[Any] = [blocks.observed, blocks.at_step_ends, blocks.contact_inside]
-    compiled = [program.plain._cache_size() for program in programs]
+    compiled = [program.plain.alone._cache_size() for program in programs]
     other = cj.replace(mechanism, {"conrod.mass": 0.2})
     for steps, samples in ((100, 5), (trace.time.size // 2, 11)):
         numbers = trace.time[:steps], trace.y[:steps], trace.solution.time[:samples], trace.solution.y[:samples]
         part = eqx.tree_at(lambda t: (t.time, t.y, t.solution.time, t.solution.y), trace, numbers)
         assert cj.to_dataset(other, part).sizes["step"] == steps
-    assert [program.plain._cache_size() for program in programs] == compiled
+    assert [program.plain.alone._cache_size() for program in programs] == compiled
 
 
 def test_a_dataset_is_what_is_observed(crank):

@@ -46,7 +46,8 @@ def set_up() -> None:
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
     from clearance_jax.configure import configure
 
-    configure(cache=True)
+    with aloud(UserWarning):
+        configure(cache=True)
 
 
 def read_scene(scene_file: Path) -> Any:

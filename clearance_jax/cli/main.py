@@ -1,12 +1,16 @@
 """The command `clearance`. Every error is one sentence and exit code 2."""
 
+import gc
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Annotated, Any, NoReturn
 
 import typer
 
 from clearance_jax._version import __version__
 from clearance_jax.cli.animate import animate
+from clearance_jax.cli.cache import cache
 from clearance_jax.cli.common import console, errors
 from clearance_jax.cli.info import info
 from clearance_jax.cli.optimize import optimize
@@ -50,7 +54,7 @@ def about(
     """What stands before any command."""
 
 
-for command in (simulate, info, plot, animate, optimize, sweep, wear):
+for command in (simulate, info, plot, animate, optimize, sweep, wear, cache):
     app.command()(command)
 
 
@@ -60,8 +64,10 @@ UsageError: Any = typer.BadParameter.__bases__[0]
 
 def main() -> None:
     """Entry point: turns every `ClearanceError`, and every wrong argument, into one sentence and exit code 2."""
+    gc.set_threshold(50_000, 20, 20)  # imports make many objects that stay: looking at them again took 0.3 s
     try:
-        raise SystemExit(app(sys.argv[1:] or ["--help"], standalone_mode=False))
+        with _not_imported(*(_UNUSED if sys.argv[1:2] == ["simulate"] else ())):
+            raise SystemExit(app(sys.argv[1:] or ["--help"], standalone_mode=False))
     except UsageError as error:
         _fail(f"{error.format_message().rstrip('.')}. See `clearance --help`.")
     except ClearanceError as error:
@@ -69,6 +75,24 @@ def main() -> None:
     except KeyboardInterrupt:
         errors.print("interrupted")
         raise SystemExit(130) from None
+
+
+# What xarray imports, if it is installed, to see whether arrays are of that kind: half a second for a motion, which has
+# none of them.
+_UNUSED = "dask", "distributed", "cupy", "sparse"
+
+
+@contextmanager
+def _not_imported(*names: str) -> Iterator[None]:
+    """Within, importing these is an `ImportError`, unless they are imported already."""
+    hidden = [name for name in names if name not in sys.modules]
+    modules: Any = sys.modules
+    modules.update(dict.fromkeys(hidden))
+    try:
+        yield
+    finally:
+        for name in hidden:
+            sys.modules.pop(name, None)
 
 
 def _fail(message: str) -> NoReturn:

@@ -29,7 +29,7 @@ from clearance_jax.solve.step import try_step
 # in padding the last one, a larger one leaves the processor's cache (the slider-crank takes thrice as long a state).
 BLOCK = 2048
 # Instants inside steps a call: there are few, and each is as much work as a step.
-FEW = 256
+FEW = 64
 
 Progress = Callable[[float], None]
 
@@ -73,7 +73,7 @@ def _batched(function):
     def block(mechanism, *arrays):
         return jax.vmap(partial(function, mechanism.prepared()))(*arrays)
 
-    return kept_jit(block, f"{__name__}.{function.__name__}", jax.jit)
+    return kept_jit(block, jax.jit, (function,))
 
 
 def _observed(mechanism: Mechanism, time: Scalar, y: Array) -> dict[str, Array]:

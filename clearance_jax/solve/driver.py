@@ -1,16 +1,21 @@
 """diffrax drives a single solve: our solver is the first half of an attempt, our controller the second.
 
 The try goes from one to the other in the place of a bare error estimate, diffrax's only channel between them.
+
+A motion is sampled by the controller, which has the try: diffrax checks sample times by calling Python from within the
+program, and such a program cannot be kept between processes. (They are checked where a solve is asked for.)
 """
 
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import diffrax
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from clearance_jax.solve.attempt import Options, decide, dense_info, means_of, started
+from clearance_jax._types import Flag, Scalar
+from clearance_jax.solve.attempt import Options, decide, dense, dense_info, means_of, started
 from clearance_jax.solve.codes import code_of
 from clearance_jax.solve.control import Control, Means, first_end
 from clearance_jax.solve.outcome import Outcome, Task
@@ -55,11 +60,36 @@ class Stepper(diffrax.AbstractAdaptiveSolver):
         )
 
 
+class Samples(NamedTuple):
+    """The states at sample times so far, the first `count` of them; infinite for those to come."""
+
+    count: Array
+    y: Array
+
+    @classmethod
+    def none(cls, at: Array, t0: Scalar, t1: Scalar, y0: Array) -> "Samples":
+        """Before the first step. What ends where it begins has no step, and its start as all samples."""
+        y = jnp.broadcast_to(jnp.where(t0 == t1, y0, jnp.inf), (at.size, *y0.shape))
+        return cls(jnp.where(t0 == t1, at.size, 0), y)
+
+    def more(self, at: Array, step: Any, keep: Flag) -> "Samples":
+        """With those of a step (its interpolation), if it is kept."""
+
+        def goes_on(now):
+            return keep & (now.count < at.size) & (at[jnp.minimum(now.count, at.size - 1)] <= step.t1)
+
+        def once(now):
+            return Samples(now.count + 1, now.y.at[now.count].set(step.evaluate(at[now.count])))
+
+        return jax.lax.while_loop(goes_on, once, self)
+
+
 class Watched(NamedTuple):
-    """State of the controller: what the control remembers, what the observer has recorded."""
+    """State of the controller: what the control remembers, what the observer has recorded, samples if any."""
 
     control: Control
     record: tuple
+    samples: Samples | None
 
 
 class Controller(diffrax.AbstractAdaptiveStepSizeController):
@@ -67,6 +97,8 @@ class Controller(diffrax.AbstractAdaptiveStepSizeController):
 
     options: Options
     means: Means
+    at: Array | None = None
+    """Sample times."""
 
     # diffrax's protocol; the error here is scaled by our own tolerances.
     @property
@@ -85,15 +117,19 @@ class Controller(diffrax.AbstractAdaptiveStepSizeController):
         return self
 
     def init(self, terms, t0, t1, y0, dt0, args, func, error_order):
-        return first_end(args, t0, t1, y0, self.means), Watched(Control.begin(t0), started(self.options, t0, y0, args))
+        samples = None if self.at is None else Samples.none(self.at, t0, t1, y0)
+        state = Watched(Control.begin(t0), started(self.options, t0, y0, args), samples)
+        return first_end(args, t0, t1, y0, self.means), state
 
     def adapt_step_size(self, t0, t1, y0, y1_candidate, args, y_error, error_order, controller_state):
         problem: Problem = args
         assert isinstance(y_error, Trial)  # this controller goes with `Stepper`
-        control, record = controller_state
+        control, record, samples = controller_state
         decision, record = decide(problem, y_error, (t0, t1), self.means, control, self.options.observers, record)
         result = diffrax.RESULTS.where(decision.collapsed, diffrax.RESULTS.dt_min_reached, diffrax.RESULTS.successful)
-        state = Watched(decision.control, record)
+        if samples is not None:
+            samples = samples.more(self.at, dense(self.options, y_error, (t0, t1)), decision.keep)
+        state = Watched(decision.control, record, samples)
         return decision.keep, decision.start, decision.end, decision.past_break, state, result
 
 
@@ -102,29 +138,37 @@ def _own_field(t, y, args):
     return y
 
 
-def integrate(task: Task, options: Options, moving_breaks: bool = False) -> Outcome:
-    """One motion (or stack) to its end."""
-    samples = [] if task.save_at is None else [diffrax.SubSaveAt(ts=task.save_at)]
-    out = _by_diffrax(task, options, moving_breaks, samples)
+def integrate(task: Task, options: Options, moving_breaks: bool = False, mapped: bool = False) -> Outcome:
+    """One motion (or stack) to its end. `mapped`: `jax.vmap` may make many of it. Then diffrax samples, since our loop
+    over samples would copy all of them for each.
+    """
+    at = task.save_at
+    by_diffrax = mapped and at is not None
+    out = _by_diffrax(task, options, moving_breaks, [diffrax.SubSaveAt(ts=at)] if by_diffrax else [], not by_diffrax)
     assert out.ts is not None
     assert out.ys is not None
-    record = out.controller_state.record if options.observers else ()  # pyright: ignore[reportOptionalMemberAccess]
+    state: Any = out.controller_state
+    record = state.record if options.observers else ()
     counts = out.stats["num_accepted_steps"], out.stats["num_rejected_steps"]
-    sampled = (out.ts[1], out.ys[1]) if samples else None
+    sampled = (out.ts[1], out.ys[1]) if by_diffrax else None
+    if at is not None and not by_diffrax:
+        sampled = jnp.where(jnp.arange(at.size) < state.samples.count, at, jnp.inf), state.samples.y
     return Outcome(out.ys[0][-1], out.ts[0][-1], sampled, record, code_of(out.result), *counts)
 
 
 def step_ends(task: Task, options: Options) -> tuple[Array, Array]:
     """Every step's end, the start first, then infinite; and the code with which the solve ends."""
-    out = _by_diffrax(task, options, False, [diffrax.SubSaveAt(t0=True, steps=True)])
+    out = _by_diffrax(task, options, False, [diffrax.SubSaveAt(t0=True, steps=True)], False)
     assert out.ts is not None
     return out.ts[1], code_of(out.result)
 
 
-def _by_diffrax(task: Task, options: Options, moving_breaks: bool, subs: list) -> diffrax.Solution:
-    """Diffrax's solution: the end, and whatever else is to be saved."""
+def _by_diffrax(task: Task, options: Options, moving_breaks: bool, subs: list, samples: bool) -> diffrax.Solution:
+    """Diffrax's solution: the end, and whatever else is to be saved; `samples`: the controller takes the task's."""
+    at = task.save_at if samples else None
     # To pyright the abstract rtol, atol and norm are fields, not properties.
-    controller = Controller(options, means_of(options, task.allowed))  # pyright: ignore[reportCallIssue]
+    controller = Controller(options, means_of(options, task.allowed), at)  # pyright: ignore[reportCallIssue]
+    asked = bool(options.observers) or at is not None
     return diffrax.diffeqsolve(
         diffrax.ODETerm(_own_field),
         Stepper(options, moving_breaks),
@@ -133,7 +177,7 @@ def _by_diffrax(task: Task, options: Options, moving_breaks: bool, subs: list) -
         None,
         task.start,
         args=task.problem,
-        saveat=diffrax.SaveAt(subs=[diffrax.SubSaveAt(t1=True), *subs], controller_state=bool(options.observers)),
+        saveat=diffrax.SaveAt(subs=[diffrax.SubSaveAt(t1=True), *subs], controller_state=asked),
         stepsize_controller=controller,
         adjoint=diffrax.ForwardMode(),
         max_steps=options.max_steps,

@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from clearance_jax._kept import kept_jit
 from clearance_jax._once import compute_once
 from clearance_jax._solo import solo_jit
 from clearance_jax._types import Scalar
@@ -234,10 +235,24 @@ def solution_of(task: Task, out: Outcome, t1: Array, options: Options) -> Soluti
     )
 
 
-def solved(inputs: Inputs, options: Options, which: Which = None) -> Solution:
-    """One motion (or stack), by diffrax."""
+def solved(inputs: Inputs, options: Options, which: Which = None, mapped: bool = True) -> Solution:
+    """One motion (or stack), by diffrax; `mapped`: `jax.vmap` may make many of it."""
     task = task_of(inputs, options, _directions(inputs, which))
-    return solution_of(task, integrate(task, options, _breaks_move(task)), inputs.t1, options)
+    if not mapped and task.save_at is not None:
+        task = _in_order(task, task.save_at)
+    return solution_of(task, integrate(task, options, _breaks_move(task), mapped), inputs.t1, options)
+
+
+def _in_order(task: Task, times: Array) -> Task:
+    """The task; not a possible one where sample times, which may not have been known before, do not increase or are not
+    within it (where diffrax samples it raises).
+    """
+    good = jnp.all(times[1:] >= times[:-1]) & jnp.all((times >= task.t0) & (times <= task.t1)) | ~task.possible
+    return task._replace(
+        t1=jnp.where(good, task.t1, task.t0),
+        save_at=jnp.where(good, times, task.t0),
+        possible=task.possible & good,
+    )
 
 
 def _directions(inputs: Inputs, which: Which) -> Any:
@@ -269,19 +284,23 @@ def solved_lanes(inputs: Inputs, options: Options, which: Which = None) -> Solut
 
 # Below the rule of differentiation: around it, a derivative would trace the motion's own solve for nothing, and a rule
 # of batching has no derivative in reverse.
-@solo_jit
+@kept_jit
 def _compiled(inputs: Inputs, options: Options, which: Which = None) -> Solution:
     numbers, rest = eqx.partition((inputs, options), eqx.is_array)
 
     @compute_once
     def one(numbers):
         inputs, options = eqx.combine(numbers, rest)
+        return solved(inputs, options, which, mapped=False)
+
+    def mapped(numbers):
+        inputs, options = eqx.combine(numbers, rest)
         return solved(inputs, options, which)
 
     def together(batch):
         inputs, options = eqx.combine(jax.tree.map(lambda x: x[0], batch), rest)
         if which is not None and _breaks_move(task_of(inputs, options, _directions(inputs, which))):
-            return jax.vmap(one)(batch)
+            return jax.vmap(mapped)(batch)
         inputs, options = eqx.combine(batch, rest)
         return solved_lanes(inputs, options, which)
 

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple, TypedDict
 
 import diffrax
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
@@ -173,4 +174,6 @@ def _times(save_at: Any, t0: Array, t1: Array) -> Array | None:
 def evenly(t0: Any, t1: Any, count: int) -> Array:
     """Times from t0 to t1, both included and exact: one of a round-off beyond the end would be refused."""
     part = np.linspace(0.0, 1.0, count)
+    if not any(isinstance(t, Tracer) for t in (t0, t1)):  # without a program, which JAX would compile
+        return jax.device_put(np.asarray(t0) * (1 - part) + np.asarray(t1) * part)
     return t0 * jnp.asarray(1 - part) + t1 * jnp.asarray(part)

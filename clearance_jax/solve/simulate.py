@@ -85,7 +85,7 @@ class EnergyWarning(UserWarning):
 def doubt(solution: Solution) -> str:
     """Why a single solve that reached its end is not to be trusted, in words; empty where its energy books close."""
     residual = float(solution.energy_residual)
-    if not (bool(solution.succeeded) and residual > DOUBTFUL):
+    if int(solution.code) != int(Result.REACHED_END) or not residual > DOUBTFUL:
         return ""
     return (
         f"The energy books do not close: {residual:.1e} of the energy exchanged is missing (more than {DOUBTFUL:g}). "

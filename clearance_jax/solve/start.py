@@ -48,10 +48,11 @@ def rest_words(mechanism: Mechanism, seated: Seated | None) -> str:
     another.
     """
     joints = [joint.name for joint in mechanism.clearance_joints()]
-    if seated is None or not np.any(seated.rest):
+    rest = np.asarray(0.0 if seated is None else seated.rest)
+    if seated is None or not np.any(rest):
         return ""
     pace, limit = np.asarray(seated.pace), 2 * np.pi * float(seated.frequency)
-    rests = [k for k in range(len(joints)) if seated.rest[k] > 0]
+    rests = [k for k in range(len(joints)) if rest[k] > 0]
     named = ", ".join(f"`{joints[k]}` ({pace[k]:.3g} of its play a second)" for k in rests)
     said = (
         f"begins at relative rest at the wall: {named}. A pin follows where its load presses it up to {limit:.3g} of "
@@ -65,7 +66,7 @@ def rest_words(mechanism: Mechanism, seated: Seated | None) -> str:
 def _check_assembled(mechanism: Mechanism, t0: Any, open_loops: Array) -> None:
     """Raise where a loop stays open at the start (by so much each [m]), naming it."""
     gaps = np.nan_to_num(np.asarray(open_loops), nan=np.inf)
-    if np.all(gaps <= CLOSED * float(largest_length(mechanism))):
+    if np.all(gaps <= CLOSED * float(largest_length(mechanism, np))):
         return
     worst = int(np.argmax(gaps))
     said = (

@@ -58,15 +58,17 @@ class Tolerances(NamedTuple):
     floor: Array | None = None
 
 
-def largest_length(mechanism: Mechanism) -> Array:
-    """The largest length among the mechanism's numbers [m], clearances and points aside; 1 where there is none."""
+def largest_length(mechanism: Mechanism, of: Any = jnp) -> Any:
+    """The largest length among the mechanism's numbers [m], clearances and points aside; 1 where there is none. `of`:
+    NumPy where numbers are known and nothing is to be compiled.
+    """
     sizes = [
-        jnp.abs(leaf.value)
+        of.abs(of.asarray(leaf.value))
         for leaf in parameters(mechanism).values()
         if leaf.metadata["unit"] == "m" and leaf.path[0] != "points" and "clearance" not in leaf.path
     ]
-    length = jnp.max(jnp.stack([jnp.asarray(s, float) for s in sizes])) if sizes else jnp.asarray(1.0)
-    return jnp.where(length > 0, length, 1.0)
+    length = of.max(of.stack([of.asarray(s, float) for s in sizes])) if sizes else of.asarray(1.0)
+    return of.where(length > 0, length, 1.0)
 
 
 def scales(mechanism: Mechanism, y0: Array, t0: Scalar, t1: Scalar) -> Scales:

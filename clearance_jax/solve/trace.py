@@ -128,7 +128,7 @@ def trace(
     """
     settings = settings_of(mechanism, t1, options, KNOWN, books=True, save_at=1001)
     chosen, t0, t1 = settings.compiled(), float(settings.t0), float(t1)
-    start, last = settings.t0, jnp.asarray(t1)
+    start, last = settings.t0, np.asarray(t1)
     grid = np.array([t1]) if settings.save_at is None else np.asarray(settings.save_at)
     inputs = Inputs(mechanism, start, last, None, settings.rtol, settings.atol, settings.y0)
     problem, allowed, carry, errors = _begin(inputs, chosen)
@@ -142,7 +142,7 @@ def trace(
     try:
         while float(carry.time) < t1 and code == Result.REACHED_END:
             # One donated carry would save nothing: a block lasts long.
-            carry, reached, y, count, some = _block(problem, allowed, carry, last, jnp.asarray(grid), chosen)
+            carry, reached, y, count, some = _block(problem, allowed, carry, last, grid, chosen)
             kept = int(count)
             times.append(np.asarray(reached)[:kept])
             states.append(np.asarray(y)[:kept])
@@ -159,15 +159,15 @@ def trace(
         grid, sampled = time[-1:], y[-1:]
     done = np.isfinite(sampled[:, 0])
     solution = Solution(
-        jnp.asarray(grid[done]),
-        jnp.asarray(sampled[done]),
+        jax.device_put(grid[done]),
+        jax.device_put(sampled[done]),
         first,
-        jnp.asarray(y[-1]),
-        jnp.asarray(int(code)),
+        jax.device_put(y[-1]),
+        jax.device_put(np.asarray(int(code))),
         carry.accepted,
         carry.rejected,
-        _residual(problem.mechanism, (start, jnp.asarray(time[-1])), (first, jnp.asarray(y[-1]))),
-        jnp.asarray(time[-1]),
+        _residual(problem.mechanism, (start, time[-1]), (first, y[-1])),
+        jax.device_put(time[-1]),
         seated=errors.seated,
         sampled=settings.save_at is not None,
     )
@@ -179,5 +179,5 @@ def _code(carry: Carry, t1: float, max_steps: int) -> Result:
     """Whether another block may follow, and if not, why."""
     if bool(carry.collapsed):
         return Result.STEP_COLLAPSED
-    done = int(carry.accepted + carry.rejected)
+    done = int(carry.accepted) + int(carry.rejected)
     return Result.MAX_STEPS if done >= max_steps and float(carry.time) < t1 else Result.REACHED_END

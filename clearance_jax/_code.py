@@ -1,0 +1,153 @@
+"""What can be asked of functions, classes and modules: whose they are, and what they name."""
+
+import dataclasses
+import dis
+import functools
+import importlib.util
+import os
+import sys
+import types
+import weakref
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+
+class Untold(Exception):
+    """A part of a question of which it cannot be told whether it is the same in another process."""
+
+
+PACKAGE, PYTHON = Path(__file__).parent, Path(os.__file__).parent
+HEAP_TYPE = 1 << 9  # of a class written in Python
+_IMPORT = dis.opmap["IMPORT_NAME"]
+# What Python or a decorator writes into every class, and nothing depends on.
+MADE = {
+    *("__module__", "__qualname__", "__doc__", "__dict__", "__weakref__", "__annotations__", "__annotate__"),
+    *("__annotate_func__", "__annotations_cache__", "__firstlineno__", "__static_attributes__", "__parameters__"),
+    *("__dataclass_fields__", "__dataclass_params__", "__match_args__", "__orig_bases__", "__slots__"),
+    *("__abstractmethods__", "__abstractvars__", "__abstractclassvars__", "_abc_impl", "__classcell__"),
+    *("__signature__", "__slotnames__", "_flatten", "_unflatten"),
+}
+
+
+# What a program's key has the versions of: their code is told by their names.
+VERSIONED = (
+    *("jax", "jaxlib", "equinox", "diffrax", "optimistix", "lineax", "numpy", "jaxtyping", "typing_extensions"),
+    *("scipy", "optax", "beartype"),
+)
+
+
+def elsewhere(name: str | None) -> bool:
+    """Whether a module is this library's, Python's or of an installed package: what versions and sources tell."""
+    return _home((name or "__main__").partition(".")[0])[0]
+
+
+def versioned(name: str | None) -> bool:
+    """As `elsewhere`, of installed packages only those that a key has the versions of."""
+    return _home((name or "__main__").partition(".")[0])[1]
+
+
+@functools.cache
+def _home(head: str) -> tuple[bool, bool]:
+    """Both of a package."""
+    if head == "__main__":
+        return False, False
+    if head == PACKAGE.name or head in sys.builtin_module_names or head.startswith("namedtuple_"):
+        return True, True  # a record's maker, which Python writes
+    file = Path(_file(head) or PYTHON)
+    if {"site-packages", "dist-packages"} & set(file.parts):
+        return True, head in VERSIONED
+    # A file of the user's may be named as a module of Python's.
+    python = head in sys.stdlib_module_names and file.is_relative_to(PYTHON)
+    return python, python
+
+
+def _file(head: str) -> str | None:
+    """Where a module lies, or would lie."""
+    if head in sys.modules:
+        return getattr(sys.modules[head], "__file__", None)
+    try:
+        spec = importlib.util.find_spec(head)
+    except (ImportError, ValueError):
+        return None
+    return spec.origin if spec is not None and spec.has_location else None
+
+
+def inner_of(value: Any) -> Any:
+    """The function within something that wraps it."""
+    if dataclasses.is_dataclass(value) or not callable(value):
+        return value.func if isinstance(value, functools.cached_property) else None
+    for name in ("__wrapped__", "method", "func"):
+        inner = getattr(value, name, None)
+        if callable(inner) and (name == "__wrapped__" or isinstance(inner, types.FunctionType)):
+            return inner
+    return None
+
+
+def generated(member: Any) -> bool:
+    """Whether `dataclass` wrote a method; equinox wraps it."""
+    function = member
+    for _ in range(4):
+        inner = getattr(function, "__wrapped__", getattr(function, "method", None))
+        if inner is None:
+            break
+        function = inner
+    return isinstance(function, types.FunctionType) and "__create_fn__" in function.__code__.co_qualname
+
+
+def looked_up(kind: type) -> Any:
+    """What stands where a class says that it comes from; a class that is not written in Python is itself."""
+    if not kind.__flags__ & HEAP_TYPE:
+        return kind
+    found: Any = sys.modules.get(kind.__module__)
+    for part in kind.__qualname__.split("."):
+        found = getattr(found, part, None)
+    return found
+
+
+def name_of(kind: Any) -> str:
+    return f"{kind.__module__}.{kind.__qualname__}"
+
+
+def variables(value: Any) -> dict[str, Any]:
+    return dict(getattr(value, "__dict__", {}))
+
+
+def content(cell: Any) -> Any:
+    try:
+        return cell.cell_contents
+    except ValueError:  # not known yet, so nothing has used it
+        return None
+
+
+def _codes(code: types.CodeType) -> Iterator[types.CodeType]:
+    """A code, and those of functions inside it."""
+    yield code
+    for constant in code.co_consts:
+        if isinstance(constant, types.CodeType):
+            yield from _codes(constant)
+
+
+def names_in(code: types.CodeType) -> Iterator[str]:
+    """The names that a function looks up in its module (and those of attributes)."""
+    for one in _codes(code):
+        yield from one.co_names
+
+
+# Names of what was altered in this process after it was read. JAX may have traced what it was, and take that for a part
+# of a program.
+altered: set[str] = set()
+_first: weakref.WeakKeyDictionary[Any, str] = weakref.WeakKeyDictionary()
+
+
+def note(value: Any, name: str, code: str) -> None:
+    """Remember how a function or class was read first; note where it was read otherwise."""
+    if _first.setdefault(value, code) != code:
+        altered.add(name)
+
+
+def imported(code: types.CodeType) -> Iterator[str]:
+    """The modules that a function imports when it runs."""
+    for one in _codes(code):
+        if _IMPORT in one.co_code[::2]:
+            yield from (step.argval for step in dis.get_instructions(one) if step.opcode == _IMPORT)

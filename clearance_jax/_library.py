@@ -1,0 +1,99 @@
+"""What this library is in a process: a method or a constant of it may have been replaced in memory.
+
+Its sources' digest does not tell that. So what a program may be made of is read as it stands: of every module that can
+be reached from the program's own, the functions, the classes and the constants.
+"""
+
+import sys
+import types
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+from clearance_jax._code import MADE, PACKAGE, Untold, altered, name_of
+from clearance_jax._structure import Reader, hashed
+
+_HEAD = PACKAGE.name + "."
+# What these know changes with what a process does, and no program depends on it.
+_STATEFUL = "_kept", "_library", "_remembered", "_folder", "_outside", "_structure", "_code", "configure"
+_ASIDE = {f"{_HEAD}{name}" for name in _STATEFUL}
+# Of each module what it holds, its text, and the modules that it leads to.
+_read: dict[str, tuple[list, str, set[str]]] = {}
+
+
+def library_text(modules: Iterable[str]) -> str:
+    """What this library is as seen from these modules of it."""
+    waiting, found = set(modules), {}
+    while waiting:
+        name = waiting.pop()
+        module = sys.modules.get(name)
+        if name in found or not name.startswith(_HEAD) or name in _ASIDE or module is None:
+            continue
+        found[name], more = _module_text(name, module)
+        waiting |= more
+    return hashed(*(part for pair in sorted(found.items()) for part in pair))
+
+
+def _module_text(name: str, module: types.ModuleType) -> tuple[str, set[str]]:
+    held = list(_held(module))
+    known = _read.get(name)
+    if known is None or len(known[0]) != len(held) or any(a is not b for a, b in zip(known[0], held, strict=True)):
+        reader = Reader(strict=True)
+        own = [(key, value) for key, value in sorted(vars(module).items()) if _counts(module, key, value)]
+        text = hashed(*(hashed(key, _told(value, name, reader)) for key, value in own), *reader.code.values())
+        if known is not None and known[1] != text:
+            altered.add(name)
+        known = _read[name] = held, text, {home for _, value in own for home in _homes(value)}
+    return known[1], known[2]
+
+
+def _counts(module: types.ModuleType, key: str, value: Any) -> bool:
+    """Not what Python keeps there, nor a package's modules, which are there once somebody has imported them."""
+    return not key.startswith("__") and not (isinstance(value, types.ModuleType) and hasattr(module, "__path__"))
+
+
+def _held(module: types.ModuleType) -> Iterator[Any]:
+    """All that a module and its classes hold, and the functions' code: as long as it is the same, nothing changed."""
+    for key, value in vars(module).items():
+        if not _counts(module, key, value):
+            continue
+        yield value
+        if isinstance(value, types.FunctionType):
+            yield value.__code__
+        elif isinstance(value, dict):
+            yield from (*value, *value.values())
+        elif isinstance(value, list | tuple | set | frozenset):
+            yield from value
+        elif isinstance(value, type) and value.__module__ == module.__name__:
+            yield from (member for name, member in vars(value).items() if name not in MADE)
+
+
+def _told(value: Any, home: str, reader: Reader) -> str:
+    if isinstance(value, type):
+        if value.__module__ != home:
+            return name_of(value)
+        members = [(name, one) for name, one in sorted(vars(value).items()) if name not in MADE]
+        return hashed(name_of(value), *(hashed(name, _told(one, "", reader)) for name, one in members))
+    if isinstance(value, types.ModuleType):
+        return value.__name__
+    inner = getattr(value, "__wrapped__", None)
+    if inner is not None and not isinstance(value, types.FunctionType):
+        return hashed(name_of(type(value)), _told(inner, home, reader))
+    try:
+        return reader.of(value)
+    except (Untold, RecursionError):  # no number, no word, no function: not what is replaced
+        reader.forget()
+        if isinstance(value, types.FunctionType):
+            return hashed(value.__qualname__, value.__code__.co_code, repr(value.__code__.co_names))
+        return name_of(type(value))
+
+
+def _homes(value: Any) -> Iterator[str]:
+    """The modules that a value leads to."""
+    if isinstance(value, types.ModuleType):
+        yield value.__name__
+        return
+    inner = getattr(value, "__wrapped__", None)
+    for one in (value, inner, type(value)):
+        home = getattr(one, "__module__", None)
+        if isinstance(home, str):
+            yield home

@@ -1,0 +1,54 @@
+"""Small answers that are kept between processes, where asking again takes longer than the rest: of pint's registry."""
+
+import atexit
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+from clearance_jax import _folder
+
+# Answers at most.
+_MOST = 20_000
+_NAME = "quantities"
+_where: list[Path] = []
+_known: dict[str, float] = {}
+_new: dict[str, float] = {}
+
+
+def remember_in(folder: Path | None) -> None:
+    """Keep answers in this folder from now on; `None`: nowhere."""
+    _where[:] = [] if folder is None else [folder]
+    _known.clear()
+    _new.clear()
+    if folder is not None:
+        _known.update(_read(folder))
+
+
+def remembered(question: str, ask: Callable[[], float]) -> float:
+    """The answer to a question that says all that it depends on. What `ask` raises is not kept."""
+    if not _where:
+        return ask()
+    if question not in _known:
+        if not _new:
+            atexit.register(_write)
+        _known[question] = _new[question] = ask()
+    return _known[question]
+
+
+def _read(folder: Path) -> dict[str, float]:
+    content = None if _folder.unsafe(folder) else _folder.read(folder, _NAME)
+    try:
+        return {} if content is None else {key: float.fromhex(value) for key, value in json.loads(content).items()}
+    except (ValueError, AttributeError, TypeError):
+        return {}
+
+
+def _write() -> None:
+    """What others have kept meanwhile stays."""
+    if not _where or not _new:
+        return
+    every = _read(_where[0]) | _new
+    if len(every) > _MOST:
+        every = dict(_new)
+    _folder.write(_where[0], _NAME, json.dumps({key: value.hex() for key, value in every.items()}).encode())
+    _new.clear()

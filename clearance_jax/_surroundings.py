@@ -1,0 +1,72 @@
+"""All that a compiled program depends on outside of the question: sources, versions, JAX's settings, the processor."""
+
+import functools
+import platform
+import sys
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import jax
+from jax._src import compiler  # the flags of XLA as they are in force: the variable may have been set too late
+from jax._src import config as jax_config  # all that a trace depends on
+from jax._src import core as jax_core
+
+from clearance_jax._code import VERSIONED
+from clearance_jax._structure import hashed
+from clearance_jax.identity import source_digest
+
+_jax: Any = jax.config  # whose settings have no types
+
+
+def surroundings() -> str:
+    """All of it as one text; what cannot change within a process is read once."""
+    return hashed(source_digest(), processor(), _versions(), _flags(), repr(settings()))
+
+
+def settings() -> tuple:
+    """JAX's settings that programs depend on."""
+    # Named axes, an object without a text, are there only within a transformation.
+    found = (x for x in jax_config.trace_context() if not isinstance(x, jax_core.AxisEnv))
+    return (_jax.jax_enable_x64, *found)
+
+
+def is_plain() -> bool:
+    """Whether programs run as they do in any process like this one: on one CPU, with nothing that looks for errors."""
+    return (
+        jax.default_backend() == "cpu"
+        and jax.local_device_count() == 1
+        and _jax.jax_default_device is None
+        and not (_jax.jax_debug_nans or _jax.jax_debug_infs or _jax.jax_disable_jit)
+        and processor() != ""
+    )
+
+
+@functools.cache
+def processor() -> str:
+    """What this processor can do; empty where that is not known."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return ""
+    words = "flags", "Features", "model", "CPU part", "cpu family", "vendor"
+    told = sorted({x for x in lines if x.startswith(words)})
+    return hashed(platform.machine(), *told) if any(x.startswith(("flags", "Features")) for x in told) else ""
+
+
+@functools.cache
+def _versions() -> str:
+    return hashed(sys.version, *(f"{name} {_version(name)}" for name in VERSIONED))
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "absent"
+
+
+def _flags() -> bytes:
+    """XLA's flags as programs are compiled with."""
+    options = compiler.get_compile_options(num_replicas=1, num_partitions=1)
+    return options.SerializeAsString()
