@@ -14,7 +14,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal, Var, new_jaxpr_eqn
+from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal, Var, jaxpr_as_fun, new_jaxpr_eqn
 
 from clearance_jax._sharing import barrier
 
@@ -68,7 +68,7 @@ def compute_once(function: Callable) -> Callable:
     def once(*arguments):
         program, out, rest = eqx.filter_make_jaxpr(function)(*arguments)
         numbers = jax.tree.leaves(eqx.filter(arguments, eqx.is_array))
-        found = jax.core.eval_jaxpr(_Writer().closed(program).jaxpr, program.consts, *numbers)
+        found = jaxpr_as_fun(_Writer().closed(program))(*numbers)
         return eqx.combine(jax.tree.unflatten(jax.tree.structure(out), found), rest)
 
     return once
@@ -155,4 +155,5 @@ def _variables(atoms: Any) -> Iterator[Var]:
 
 
 def _is_number(v: Var) -> bool:
-    return hasattr(v.aval, "dtype") and (v.aval.dtype == bool or jnp.issubdtype(v.aval.dtype, jnp.inexact))
+    kind = getattr(v.aval, "dtype", None)
+    return kind is not None and any(jnp.issubdtype(kind, one) for one in (jnp.bool_, jnp.inexact))

@@ -18,9 +18,9 @@ for flag, value in FLAGS.items():
         os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --{flag}={value}".strip()
 # But for those that run longer than they compile, and for those that count what the compiler computes twice, which it
 # does where it optimises: what their names contain.
-OPTIMISED = ("docs/wear.md", "own_folder[sweeps]", "own_folder[tolerance_design]", "own_folder[wear]", "lanes_over_cores")
-OPTIMISED += ("jumps", "lives_over_numbers", "over_its_life", "maintenance_interval", "quick_page_of_wear", "over_a_life")
-OPTIMISED += ("worn_profile", "yield_over_scattering", "test_operations", "test_once")
+OPTIMISED = ("docs/wear.md", "own_folder[sweeps]", "own_folder[tolerance_design]", "own_folder[wear]")
+OPTIMISED += ("jumps", "lives_over_numbers", "over_its_life", "over_a_life", "maintenance_interval", "worn_profile")
+OPTIMISED += ("quick_page_of_wear", "yield_over_scattering", "lanes_over_cores", "test_operations", "test_once")
 
 
 def optimised(some: bool) -> None:
@@ -42,7 +42,6 @@ _hook.__enter__()
 
 import clearance_jax  # noqa: E402  (the hook must come first)
 
-os.environ.setdefault("CLEARANCE_KEPT", "0")  # a test may patch what a kept program was made of
 clearance_jax.configure(cache=True)
 
 # What is imported stays: the collector need not look at it again. Tracing makes many objects that live, so that it

@@ -136,31 +136,34 @@ def _solved(
     """
     numbers, rebuilt = numbers_of((mechanism, motion, pairs, efforts))
 
-    def flat(answer: tuple[list[Term], list[Term]]) -> tuple[list[Array], ...]:
-        return tuple([jnp.asarray(x, float) for x in part] for part in answer)
+    def flat(answer: tuple[list[Term], list[Term]]) -> tuple[list[Array], list[Array]]:
+        first, second = ([jnp.asarray(x, float) for x in part] for part in answer)
+        return first, second
 
-    def known(numbers, found=None):
-        return flat(_known(*rebuilt(numbers), found))
+    def solution(numbers):
+        mechanism, motion, pairs, efforts = rebuilt(numbers)
+        equations = _equations(mechanism, motion)
+        return equations, flat(equations.solved(*_known(mechanism, motion, pairs, efforts)))
 
     @jax.custom_jvp
     def solve(numbers):
-        return flat(_equations(*rebuilt(numbers)[:2]).solved(*_known(*rebuilt(numbers))))
+        return solution(numbers)[1]
 
     def differentiated(primals, tangents):
         (numbers,), (rates,) = primals, tangents
-        equations = _equations(*rebuilt(numbers)[:2])
-        found = flat(equations.solved(*_known(*rebuilt(numbers))))
+        equations, found = solution(numbers)
         varied = [i for i, rate in enumerate(rates) if not isinstance(rate, SymbolicZero)]
 
         def left(some):
             every = list(numbers)
             for i, x in zip(varied, some, strict=True):
                 every[i] = x
-            return known(every, found)
+            mechanism, motion, pairs, efforts = rebuilt(every)
+            return flat(_known(mechanism, motion, pairs, efforts, found))
 
-        given = [numbers[i] for i in varied], [rates[i] for i in varied]
-        _, change = jax.jvp(left, given[:1], given[1:])
+        _, change = jax.jvp(left, ([numbers[i] for i in varied],), ([rates[i] for i in varied],))
         return found, flat(equations.solved(*change))
 
     solve.defjvp(differentiated, symbolic_zeros=True)
-    return solve(numbers)
+    acceleration, multipliers = solve(numbers)
+    return [*acceleration], [*multipliers]
