@@ -41,3 +41,19 @@ def alike(several: Sequence[Any]) -> list[list[int]]:
 def stacked(trees: Sequence[Any], axis: int = 0) -> Any:
     """Alike trees as one, whose arrays have them along a new axis."""
     return jax.tree.map(lambda *x: jnp.stack(x, axis) if eqx.is_array(x[0]) else x[0], *trees)
+
+
+def numbers_of(tree: Any) -> tuple[list[jax.Array], Callable[[list[jax.Array]], Any]]:
+    """The arrays of a tree, each once wherever it stands, and what makes the same tree of others in their places."""
+    leaves, structure = jax.tree.flatten(tree)
+    places: dict[int, int] = {}
+    numbers = []
+    for x in leaves:
+        if isinstance(x, jax.Array) and id(x) not in places:
+            places[id(x)] = len(numbers)
+            numbers.append(x)
+
+    def rebuilt(others: list[jax.Array]) -> Any:
+        return structure.unflatten([others[places[id(x)]] if isinstance(x, jax.Array) else x for x in leaves])
+
+    return numbers, rebuilt

@@ -12,6 +12,10 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jax.extend.core import Primitive
+from jax.interpreters import ad, batching, mlir
 
 # What a barrier's own operations are named in a compiled program (`experiments/operations` leaves them out).
 BARRIER = "shared"
@@ -49,15 +53,27 @@ def kept(tree: Any) -> Any:
 
 
 def _once(x: Any) -> Any:
-    if not isinstance(x, jax.Array):
-        return x
+    counts = isinstance(x, jax.Array) and (x.dtype == bool or jnp.issubdtype(x.dtype, jnp.inexact))
+    return barrier.bind(x) if counts else x
+
+
+def _barrier(x: jax.Array) -> jax.Array:
     if x.dtype == bool:
-        return _divided(jnp.where(x, 1.0, 0.0)) > 0
-    return _divided(x) if jnp.issubdtype(x.dtype, jnp.inexact) else x
-
-
-def _divided(x: jax.Array) -> jax.Array:
+        with jax.named_scope(BARRIER):
+            numbers = lax.select(x, jnp.ones(x.shape), jnp.zeros(x.shape))
+            return lax.gt(_barrier(numbers), jnp.zeros(x.shape))
     # Nothing is beyond infinity. The one is made of `x` itself: one for all its entries would be inverted first, and
     # a product with the inverse is computed anew again.
     with jax.named_scope(BARRIER):
-        return x / jnp.where(x > jnp.inf, 2.0, 1.0)
+        beyond, two, one = (lax.full(x.shape, value, x.dtype) for value in (np.inf, 2.0, 1.0))
+        return lax.div(x, lax.select(lax.gt(x, beyond), two, one))
+
+
+barrier = Primitive(BARRIER)
+"""The identity, across which XLA on the CPU does not fuse."""
+barrier.def_impl(lambda x: x)
+barrier.def_abstract_eval(lambda x: x)
+ad.deflinear2(barrier, lambda tangent, _: [barrier.bind(tangent)])
+batching.defvectorized(barrier)
+mlir.register_lowering(barrier, mlir.lower_fun(lambda x: x, multiple_results=False))
+mlir.register_lowering(barrier, mlir.lower_fun(_barrier, multiple_results=False), platform="cpu")

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from jax.scipy.linalg import cho_solve
 from jaxtyping import Array
 
+from clearance_jax._sharing import shared
 from clearance_jax.spatial import Rotation, Term, Vector, as_array, dot, is_zero, minus, plus, times, total
 
 
@@ -86,12 +87,12 @@ class Factored(NamedTuple):
         """The solution for one right-hand side."""
         lower, inverse = self
         n = len(right)
-        x = list(right)
+        x, once = list(right), _links(n)
         for i in range(n):
-            x[i] = minus(x[i], total(times(lower[i][j], x[j]) for j in range(i)))
+            x[i] = once(minus(x[i], total(times(lower[i][j], x[j]) for j in range(i))))
         x = [times(inverse[i], x[i]) for i in range(n)]
         for i in reversed(range(n)):
-            x[i] = minus(x[i], total(times(lower[j][i], x[j]) for j in range(i + 1, n)))
+            x[i] = once(minus(x[i], total(times(lower[j][i], x[j]) for j in range(i + 1, n))))
         return x
 
 
@@ -114,7 +115,14 @@ class Dense(NamedTuple):
 
 
 # From so many rows on a symmetric system is an array.
-MANY = 9
+MANY = 17
+# Over lanes, rows of so many are shared: each is made of all before it.
+DEEP = 5
+
+
+def _links(rows: int) -> Callable:
+    """What keeps the links of a chain of so many rows from being computed anew in the next ones."""
+    return shared if rows >= DEEP else lambda tree: tree
 
 
 def dense(matrix: list[list[Term]]) -> Array:
@@ -132,6 +140,7 @@ def factor(matrix: list[list[Term]]) -> Factored | Dense:
         return Dense(jnp.linalg.cholesky(dense(matrix)))
     lower: list[list[Term]] = []
     inverse: list[Term] = []
+    once = _links(len(matrix))
     for i, entries in enumerate(matrix):
         row: list[Term] = []
         scaled: list[Term] = []
@@ -139,6 +148,7 @@ def factor(matrix: list[list[Term]]) -> Factored | Dense:
             coupled = minus(entries[j], total(times(scaled[k], lower[j][k]) for k in range(j)))
             scaled.append(coupled)
             row.append(0.0 if is_zero(coupled) else times(coupled, inverse[j]))
+        row, scaled = once((row, scaled))
         lower.append(row)
         inverse.append(1.0 / minus(entries[i], total(times(row[k], scaled[k]) for k in range(i))))
     return Factored(lower, inverse)

@@ -16,8 +16,11 @@ FLAGS |= {"xla_cpu_use_fusion_emitters": "false"} if jax.__version_info__ < (0, 
 for flag, value in FLAGS.items():
     if flag not in os.environ.get("XLA_FLAGS", ""):
         os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --{flag}={value}".strip()
-# But for those that run longer than they compile: what their names contain.
-RUN_LONG = ("docs/wear.md", "own_folder[wear]", "lanes_over_cores")
+# But for those that run longer than they compile, and for those that count what the compiler computes twice, which it
+# does where it optimises: what their names contain.
+OPTIMISED = ("docs/wear.md", "own_folder[sweeps]", "own_folder[tolerance_design]", "own_folder[wear]")
+OPTIMISED += ("jumps", "lives_over_numbers", "over_its_life", "over_a_life", "maintenance_interval", "worn_profile")
+OPTIMISED += ("quick_page_of_wear", "yield_over_scattering", "lanes_over_cores", "test_operations", "test_once")
 
 
 def optimised(some: bool) -> None:
@@ -39,7 +42,6 @@ _hook.__enter__()
 
 import clearance_jax  # noqa: E402  (the hook must come first)
 
-os.environ.setdefault("CLEARANCE_KEPT", "0")  # a test may patch what a kept program was made of
 clearance_jax.configure(cache=True)
 
 # What is imported stays: the collector need not look at it again. Tracing makes many objects that live, so that it
@@ -85,7 +87,7 @@ def pytest_collection_modifyitems(items):
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item):
-    optimised(any(name in item.nodeid for name in RUN_LONG))
+    optimised(any(name in item.nodeid for name in OPTIMISED))
 
 
 def _resident() -> float:

@@ -2,19 +2,27 @@
 
 from typing import NamedTuple
 
+import jax
+import jax.numpy as jnp
+from jax.custom_derivatives import SymbolicZero
+from jaxtyping import Array
+
+from clearance_jax._alike import numbers_of
 from clearance_jax._sharing import shared
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.applied import applied_pairs
-from clearance_jax.dynamics.conditions import conditions
-from clearance_jax.dynamics.constraint import closing_pairs, constraint
+from clearance_jax.dynamics.conditions import Condition, conditions
+from clearance_jax.dynamics.constraint import Constraint, DenseConstraint, closing_pairs, constraint
 from clearance_jax.dynamics.control import exerted
 from clearance_jax.dynamics.inertia import Pair, generalised_load, mass_matrix
-from clearance_jax.dynamics.kinematics import Frames, Play, frames, plays
+from clearance_jax.dynamics.kinematics import Extra, Frames, Play, frames, plays
+from clearance_jax.dynamics.table import Table
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import Action, PreparedClearance, each_joint
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.mechanism.state import State
-from clearance_jax.spatial import Term, minus, plus
+from clearance_jax.mechanism.state import State, layout
+from clearance_jax.spatial import Term, minus, plus, times
+from clearance_jax.symmetric import Dense, Factored
 
 
 class Balance(NamedTuple):
@@ -62,20 +70,100 @@ def accelerations(
     """Accelerations of the free coordinates under wrenches between bodies and efforts of actuators, and the closures'
     wrenches.
     """
-    inertia = mass_matrix(mechanism, motion)
-    load = generalised_load(mechanism, motion, pairs)
-    free = inertia.solve([plus(own, effort) for own, effort in zip(load, efforts, strict=True)])
     loops = mechanism.closures()
-    if not loops:
-        return free, []
-    if not free:
+    if loops and not layout(mechanism).free:
         raise ClearanceError(
             f"The ideal loop `{loops[0].name}` joins bodies that are all prescribed: free one of them."
         )
-    held = [conditions(loop, motion, len(free)) for loop in loops]
-    every = [condition for own in held for condition in own]
-    lag = [minus(minus(0.0, now.acceleration), now.reached(free)) for now in every]
-    asked = constraint(inertia, every, mechanism)
-    correction, forces = asked.closing(lag)
-    closing = closing_pairs(loops, motion, held, forces)
-    return [plus(a, b) for a, b in zip(free, correction, strict=True)], closing
+    if isinstance(motion, Table):
+        acceleration, multipliers = _equations(mechanism, motion).solved(*_known(mechanism, motion, pairs, efforts))
+    else:
+        acceleration, multipliers = _solved(mechanism, motion, pairs, efforts)
+    held = [conditions(loop, motion, layout(mechanism).free) for loop in loops]
+    return acceleration, closing_pairs(loops, motion, held, multipliers)
+
+
+class Equations(NamedTuple):
+    """M a - J^T m = load, J a = asked: the inertia, factored, and of ideal closures their conditions and what these
+    ask of it.
+    """
+
+    inertia: Factored | Dense
+    held: list[Condition]
+    closed: Constraint | DenseConstraint | None
+
+    def solved(self, load: list[Term], asked: list[Term]) -> tuple[list[Term], list[Term]]:
+        """The accelerations and the multipliers of the conditions."""
+        free = self.inertia.solve(load)
+        if self.closed is None:
+            return free, []
+        lag = [minus(wanted, now.reached(free)) for now, wanted in zip(self.held, asked, strict=True)]
+        correction, multipliers = self.closed.closing(lag)
+        return [plus(a, b) for a, b in zip(free, correction, strict=True)], multipliers
+
+
+def _held(mechanism: Mechanism, motion: Frames) -> list[Condition]:
+    free = layout(mechanism).free
+    return [condition for loop in mechanism.closures() for condition in conditions(loop, motion, free)]
+
+
+def _equations(mechanism: Mechanism, motion: Frames) -> Equations:
+    inertia, held = mass_matrix(mechanism, motion), _held(mechanism, motion)
+    return Equations(inertia, held, constraint(inertia, held, mechanism) if held else None)
+
+
+def _known(
+    mechanism: Mechanism, motion: Frames, pairs: list[Pair], efforts: list[Term], found: tuple | None = None
+) -> tuple[list[Term], list[Term]]:
+    """The right-hand sides; less the left-hand sides of the accelerations and multipliers that are `found`."""
+    extra = None if found is None else Extra(found[0])
+    load = generalised_load(mechanism, motion, pairs, extra)
+    load = [plus(own, effort) for own, effort in zip(load, efforts, strict=True)]
+    held = _held(mechanism, motion)
+    asked = [minus(0.0, now.acceleration) for now in held]
+    if found is not None:
+        asked = [minus(wanted, now.reached(found[0])) for wanted, now in zip(asked, held, strict=True)]
+        for multiplier, now in zip(found[1], held, strict=True):
+            load = [plus(own, times(multiplier, r)) for own, r in zip(load, now.row, strict=True)]
+    return load, asked
+
+
+def _solved(
+    mechanism: Mechanism, motion: Frames, pairs: list[Pair], efforts: list[Term]
+) -> tuple[list[Term], list[Term]]:
+    """The equations of motion, solved. Their derivative is that of what they leave over at the accelerations that are
+    found, solved by the factors that are known: neither the mass matrix nor its factors are differentiated.
+    """
+    numbers, rebuilt = numbers_of((mechanism, motion, pairs, efforts))
+
+    def flat(answer: tuple[list[Term], list[Term]]) -> tuple[list[Array], list[Array]]:
+        first, second = ([jnp.asarray(x, float) for x in part] for part in answer)
+        return first, second
+
+    def solution(numbers):
+        mechanism, motion, pairs, efforts = rebuilt(numbers)
+        equations = _equations(mechanism, motion)
+        return equations, flat(equations.solved(*_known(mechanism, motion, pairs, efforts)))
+
+    @jax.custom_jvp
+    def solve(numbers):
+        return solution(numbers)[1]
+
+    def differentiated(primals, tangents):
+        (numbers,), (rates,) = primals, tangents
+        equations, found = solution(numbers)
+        varied = [i for i, rate in enumerate(rates) if not isinstance(rate, SymbolicZero)]
+
+        def left(some):
+            every = list(numbers)
+            for i, x in zip(varied, some, strict=True):
+                every[i] = x
+            mechanism, motion, pairs, efforts = rebuilt(every)
+            return flat(_known(mechanism, motion, pairs, efforts, found))
+
+        _, change = jax.jvp(left, ([numbers[i] for i in varied],), ([rates[i] for i in varied],))
+        return found, flat(equations.solved(*change))
+
+    solve.defjvp(differentiated, symbolic_zeros=True)
+    acceleration, multipliers = solve(numbers)
+    return [*acceleration], [*multipliers]

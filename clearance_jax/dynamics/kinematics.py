@@ -13,7 +13,7 @@ from clearance_jax.dynamics.own_motion import as_numbers, coordinate_values, own
 from clearance_jax.dynamics.table import Columns, Table, three
 from clearance_jax.joints import Relative
 from clearance_jax.mechanism.body import GROUND, Spring
-from clearance_jax.mechanism.frame import Frame
+from clearance_jax.mechanism.frame import Column, Frame
 from clearance_jax.mechanism.mechanism import ClearanceJoint, Mechanism
 from clearance_jax.mechanism.moved import place
 from clearance_jax.mechanism.state import State, layout
@@ -134,28 +134,44 @@ def loop_plays(mechanism: Mechanism, time: Scalar, state: State) -> tuple[dict[s
     return out, motion
 
 
-class Extra(NamedTuple):
-    """What the free coordinates' accelerations add to the accelerations of `Frame`."""
+class Extra:
+    """What the free coordinates' accelerations add to the accelerations of `Frame`. (Ask in the trace that made it.)
 
-    acceleration: list[Term]
+    What moves a body moves all that hangs on it: so the sum over its columns is that of its parent and its own ones.
+    """
+
+    def __init__(self, acceleration: list[Term]):
+        self.acceleration = acceleration
+        self._known: dict[tuple[int, ...], tuple[Vector, Vector, Vector]] = {}
+
+    def _turned(self, columns: tuple[Column, ...]) -> tuple[Vector, Vector, Vector]:
+        """The spin rate by some columns, a place on the axis of the last that turns, and the acceleration there."""
+        if not columns:
+            return ZERO, ZERO, ZERO
+        key = tuple(column.index for column in columns)
+        if key not in self._known:
+            last = columns[-1]
+            by, (spin_rate, place, at) = self.acceleration[last.index], self._turned(columns[:-1])
+            if last.pivot is None:
+                at = add(at, scale(by, last.axis))
+            else:
+                at = add(at, cross(spin_rate, subtract(last.pivot, place)))
+                spin_rate, place = add(spin_rate, scale(by, last.axis)), last.pivot
+            self._known[key] = spin_rate, place, at
+        return self._known[key]
 
     def at(self, frame: Frame, point: Vector) -> Vector:
         """Extra acceleration of a body's point."""
         if isinstance(frame.free, Columns):
             return three(as_array(self.acceleration) @ frame.free.velocity_at(point))
-        out = ZERO
-        for column in frame.free:
-            out = add(out, scale(self.acceleration[column.index], column.velocity_at(point)))
-        return out
+        spin_rate, place, at = self._turned(frame.free)
+        return add(at, cross(spin_rate, subtract(point, place)))
 
     def spin_rate(self, frame: Frame) -> Vector:
         """Extra spin rate of a body."""
         if isinstance(frame.free, Columns):
             return three(as_array(self.acceleration) @ frame.free.spin)
-        out = ZERO
-        for column in frame.free:
-            out = add(out, scale(self.acceleration[column.index], column.spin))
-        return out
+        return self._turned(frame.free)[0]
 
 
 def relative_accelerations(

@@ -17,10 +17,11 @@ from clearance_jax.mechanism.placement import Inertia
 from clearance_jax.mechanism.tree import AbstractJoint, Coordinate
 from clearance_jax.spatial import IDENTITY, UNIT, ZERO, Rotation, Vector, add, as_array, product, scale, transpose
 
-# More free coordinates than the first, or more in all than the second, make a table: the mass matrix grows with the
-# square of the free ones, the frames with all. (The unrolled field of an arm of seven compiles in 6 s and takes 2.3 us,
-# 0.5 in a batch of 64; as a table 1.4 s, 9.6 and 3.4 us.)
-UNROLLED, FRAMED = 8, 14
+# More free velocities and conditions of ideal closures than the first, or more coordinates in all than the second, make
+# a table: the mass matrix grows with the square of the free ones, the frames with all. (An arm of 12 free coordinates
+# takes 15 us an attempt unrolled, as a table 109; a Delta robot of 15, closed by 15 conditions, 33 and 255, but it
+# compiles in 33 s unrolled, in 11 as a table.)
+UNROLLED, FRAMED = 16, 40
 # More coordinates than this make a table of what is computed once in a solve, where only compiling counts.
 ONCE = 3
 

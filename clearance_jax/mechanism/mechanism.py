@@ -297,8 +297,11 @@ class Mechanism(Parametrised):
     @property
     def is_tabled(self) -> bool:
         """Whether it is so large that its dynamics is a loop over a table of its links."""
-        every, free = len(list(self.coordinates())), len(self.free_coordinates())
-        return self.links is not None or ((free > UNROLLED or every > FRAMED) and not self.is_plane)
+        if self.links is not None or self.is_plane:
+            return self.links is not None
+        free = sum(len(coordinate.velocities) for coordinate in self.free_coordinates())
+        held = sum(loop.hold().count for loop in self.closures())
+        return free + held > UNROLLED or len(list(self.coordinates())) > FRAMED
 
 
 def _without_clearance(joint: AbstractJoint, values: Sequence[Term] | None) -> AbstractJoint:

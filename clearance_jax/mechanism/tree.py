@@ -81,6 +81,11 @@ class Hold(NamedTuple):
     square: tuple[tuple[Vector, Vector], ...]
     parallel: tuple[tuple[Vector, Vector], ...] = ()
 
+    @property
+    def count(self) -> int:
+        """How many conditions it makes in space."""
+        return (3 if self.along is None else len(self.along)) + len(self.square)
+
 
 TURNING = {"coordinate": "rad", "effort": "N*m"}
 SLIDING = {"coordinate": "m", "effort": "N"}

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from clearance_jax._kept import kept_jit
+from clearance_jax._once import compute_once
 from clearance_jax._solo import solo_jit
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.closures import StartErrors, assembled, projected
@@ -287,6 +288,7 @@ def solved_lanes(inputs: Inputs, options: Options, which: Which = None) -> Solut
 def _compiled(inputs: Inputs, options: Options, which: Which = None) -> Solution:
     numbers, rest = eqx.partition((inputs, options), eqx.is_array)
 
+    @compute_once
     def one(numbers):
         inputs, options = eqx.combine(numbers, rest)
         return solved(inputs, options, which, mapped=False)

@@ -1,0 +1,159 @@
+"""A program in which every value is computed once, however many others are made of it.
+
+XLA on the CPU fuses elementwise work into one kernel for each of its results, and computes what they share anew in
+each. In a chain of bodies what is computed anew doubles with every link. So a program is read before it is compiled:
+a value that several others are made of, and that costs more than a load from memory, gets a barrier (`_sharing`) that
+XLA does not fuse across. The derivatives of a program are read as well, for they are part of it by then.
+"""
+
+import functools
+from collections import Counter
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal, Var, jaxpr_as_fun, new_jaxpr_eqn
+
+from clearance_jax._sharing import barrier
+
+# Work that may be repeated rather than kept: an operation or two is cheaper than what keeping it costs a compiler.
+REPEATED = 2
+# Operations that cost nothing, or next to it, in a kernel.
+_FREE = {"broadcast_in_dim", "reshape", "squeeze", "slice", "convert_element_type", "copy", "stop_gradient", "iota"}
+# What XLA itself does not compute twice: it takes these for expensive, or they are kernels of their own.
+_ONCE = {
+    "sqrt",
+    "rsqrt",
+    "exp",
+    "exp2",
+    "expm1",
+    "log",
+    "log1p",
+    "logistic",
+    "pow",
+    "tanh",
+    "sin",
+    "cos",
+    "tan",
+    "atan2",
+}
+_ONCE |= {
+    "rem",
+    "cbrt",
+    "erf",
+    "while",
+    "scan",
+    "cond",
+    "dot_general",
+    "sort",
+    "cholesky",
+    "eigh",
+    "gather",
+    barrier.name,
+}
+# Programs that are called, and become a part of their caller.
+_CALLS = {"jit": "jaxpr", "pjit": "jaxpr", "closed_call": "call_jaxpr", "custom_jvp_call": "call_jaxpr"}
+_CALLS |= {"custom_vjp_call": "call_jaxpr"}
+_LOOPS = {"while": ("cond_jaxpr", "body_jaxpr"), "scan": ("jaxpr",), "cond": ("branches",)}
+
+
+def compute_once(function: Callable) -> Callable:
+    """The same function, whose program computes once what several of its values are made of. Its arguments and results
+    are trees of arrays and of anything else.
+    """
+
+    @functools.wraps(function)
+    def once(*arguments):
+        program, out, rest = eqx.filter_make_jaxpr(function)(*arguments)
+        numbers = jax.tree.leaves(eqx.filter(arguments, eqx.is_array))
+        found = jaxpr_as_fun(_Writer().closed(program))(*numbers)
+        return eqx.combine(jax.tree.unflatten(jax.tree.structure(out), found), rest)
+
+    return once
+
+
+class _Writer:
+    """Writes programs anew; what is called in several places stays one program."""
+
+    def __init__(self):
+        self._known: dict[int, tuple[Any, Any]] = {}
+        self._uses: dict[int, tuple[Any, list[int]]] = {}
+
+    def closed(self, program: ClosedJaxpr) -> ClosedJaxpr:
+        """A program, by what it returns."""
+        if id(program) not in self._known:
+            self._known[id(program)] = program, ClosedJaxpr(self._anew(program.jaxpr), program.consts)
+        return self._known[id(program)][1]
+
+    def _anew(self, program: Jaxpr) -> Jaxpr:
+        uses, prices = self._counted(program), Counter()
+        renamed: dict[Var, Var] = {}
+        equations: list[JaxprEqn] = []
+        for old in program.eqns:
+            price = 0 if _apart(old) else self._own(old) + sum(prices[v] for v in {*_variables(old.invars)})
+            invars = [v if isinstance(v, Literal) else renamed.get(v, v) for v in old.invars]
+            equations.append(old.replace(invars=invars, params=self._params(old)))
+            for v in old.outvars:
+                if price * (uses[v] - 1) > REPEATED and _is_number(v):
+                    renamed[v] = Var(v.aval)
+                    equations.append(new_jaxpr_eqn([v], [renamed[v]], barrier, {}, set(), old.source_info, old.ctx))
+                else:
+                    prices[v] = price
+        outvars = [v if isinstance(v, Literal) else renamed.get(v, v) for v in program.outvars]
+        return program.replace(eqns=equations, outvars=outvars)
+
+    def _params(self, equation: JaxprEqn) -> dict[str, Any]:
+        """With the programs within written anew."""
+        name, params = equation.primitive.name, dict(equation.params)
+        for key in (_CALLS[name],) if name in _CALLS else _LOOPS.get(name, ()):
+            within = params[key]
+            params[key] = tuple(map(self.closed, within)) if isinstance(within, tuple) else self.closed(within)
+        return params
+
+    def _own(self, equation: JaxprEqn) -> int:
+        """How many operations an equation is, whatever it is made of."""
+        if equation.primitive.name in _FREE:
+            return 0
+        called = _called(equation)
+        return 1 if called is None else sum(self._own(one) for one in called.jaxpr.eqns)
+
+    def _counted(self, program: Jaxpr) -> Counter:
+        """How often every value of a program is used: by programs that it calls as often as they use it."""
+        uses: Counter = Counter(_variables(program.outvars))
+        for equation in program.eqns:
+            called = _called(equation)
+            times = [1] * len(equation.invars) if called is None else self._inputs(called)
+            for v, count in zip(equation.invars, times, strict=True):
+                if not isinstance(v, Literal):
+                    uses[v] += count
+        return uses
+
+    def _inputs(self, program: ClosedJaxpr) -> list[int]:
+        """How often a program that is called uses each of its arguments."""
+        if id(program) not in self._uses:
+            uses = self._counted(program.jaxpr)
+            self._uses[id(program)] = program, [uses[v] for v in program.jaxpr.invars]
+        return self._uses[id(program)][1]
+
+
+def _called(equation: JaxprEqn) -> ClosedJaxpr | None:
+    """The program that an equation calls, if it calls one."""
+    key = _CALLS.get(equation.primitive.name)
+    return None if key is None else equation.params[key]
+
+
+def _apart(equation: JaxprEqn) -> bool:
+    """Whether XLA itself computes an equation's values once. (It makes a product of a division by a constant.)"""
+    name = equation.primitive.name
+    return name in _ONCE or (name == "div" and not isinstance(equation.invars[1], Literal))
+
+
+def _variables(atoms: Any) -> Iterator[Var]:
+    return (v for v in atoms if not isinstance(v, Literal))
+
+
+def _is_number(v: Var) -> bool:
+    kind = getattr(v.aval, "dtype", None)
+    return kind is not None and any(jnp.issubdtype(kind, one) for one in (jnp.bool_, jnp.inexact))
