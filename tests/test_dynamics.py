@@ -3,6 +3,7 @@
 import dataclasses
 from pathlib import Path
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,11 +11,12 @@ import pytest
 
 import clearance_jax as cj
 from clearance_jax import laws
+from clearance_jax.dynamics import equations
 from clearance_jax.dynamics.energy import energies
 from clearance_jax.dynamics.field import slope
 from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.dynamics.observe import observe
-from clearance_jax.mechanism.state import layout
+from clearance_jax.mechanism.state import initial_values, layout
 from clearance_jax.solve.flow import closed_start
 
 SCENES = Path(__file__).parents[1] / "experiments" / "scenes"
@@ -105,6 +107,45 @@ def test_velocities_and_accelerations_are_derivatives():
     for quantity, its_rate in (("position", "velocity"), ("velocity", "acceleration"), ("q", "v")):
         expected = np.asarray(seen[its_rate])
         np.testing.assert_allclose(along(quantity), expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+
+
+def through_the_factors(mechanism, motion, pairs, efforts):
+    known = equations._known(mechanism, motion, pairs, efforts)
+    return equations._equations(mechanism, motion).solved(*known)
+
+
+@pytest.mark.parametrize(("scene", "second"), [("tool_changer", False), ("squeezer", True), ("bennett", False)])
+def test_accelerations_have_the_derivatives_that_go_through_the_factors(scene, second, monkeypatch):
+    """A tree in space, ideal closures in the plane, closures that repeat each other: forward and reverse, and twice."""
+    mechanism = cj.load(SCENES / f"{scene}.toml").prepared()
+    rng = np.random.default_rng(1)
+    numbers, rest = eqx.partition(mechanism, eqx.is_inexact_array)
+    y = jnp.asarray(initial_values(mechanism) + 1e-5 * rng.standard_normal(layout(mechanism).size))
+    ways = jax.tree.map(lambda x: jnp.asarray(x * rng.standard_normal(x.shape)), (numbers, y))
+    weights = jnp.asarray(rng.standard_normal(y.shape))
+
+    def all_derivatives():
+        def rates(at):
+            return slope(jnp.asarray(1e-3), at[1], eqx.combine(at[0], rest))
+
+        def along(at):
+            return jax.jvp(rates, (at,), (ways,))[1]
+
+        def twice(at):
+            return jax.jvp(along, (at,), (ways,))[1]
+
+        at = numbers, y
+        pulled = jax.grad(lambda at: weights @ rates(at))(at)
+        # By what each number is moved: so they are of one unit, and of one size as far as they matter.
+        moved = [jnp.ravel(g * way) for g, way in zip(*map(jax.tree.leaves, (pulled, ways)), strict=True)]
+        return rates(at), along(at), twice(at) if second else 0.0, jnp.concatenate(moved)
+
+    ours = jax.jit(all_derivatives)()
+    monkeypatch.setattr(equations, "_solved", through_the_factors)
+    theirs = jax.jit(lambda: all_derivatives())()
+    np.testing.assert_array_equal(ours[0], theirs[0])
+    for a, b in zip(ours[1:], theirs[1:], strict=True):
+        np.testing.assert_allclose(a, b, rtol=0, atol=1e-11 * np.max(np.abs(b)))
 
 
 def test_power_of_the_drives_is_the_rate_of_energy():
