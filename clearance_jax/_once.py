@@ -78,13 +78,17 @@ class _Writer:
     """Writes programs anew; what is called in several places stays one program."""
 
     def __init__(self):
+        # With what they are of, so that no other gets its name meanwhile.
         self._known: dict[int, tuple[Any, Any]] = {}
         self._uses: dict[int, tuple[Any, list[int]]] = {}
+        self._prices: dict[int, tuple[Any, int]] = {}
 
     def closed(self, program: ClosedJaxpr) -> ClosedJaxpr:
         """A program, by what it returns."""
         if id(program) not in self._known:
-            self._known[id(program)] = program, ClosedJaxpr(self._anew(program.jaxpr), program.consts)
+            large = self._price(program) > REPEATED
+            anew = ClosedJaxpr(self._anew(program.jaxpr), program.consts) if large else program
+            self._known[id(program)] = program, anew
         return self._known[id(program)][1]
 
     def _anew(self, program: Jaxpr) -> Jaxpr:
@@ -113,11 +117,18 @@ class _Writer:
         return params
 
     def _own(self, equation: JaxprEqn) -> int:
-        """How many operations an equation is, whatever it is made of."""
+        """How many operations an equation is, whatever it is made of; loops and branches are many."""
         if equation.primitive.name in _FREE:
             return 0
+        if equation.primitive.name in _LOOPS:
+            return REPEATED + 1
         called = _called(equation)
-        return 1 if called is None else sum(self._own(one) for one in called.jaxpr.eqns)
+        return 1 if called is None else self._price(called)
+
+    def _price(self, program: ClosedJaxpr) -> int:
+        if id(program) not in self._prices:
+            self._prices[id(program)] = program, sum(map(self._own, program.jaxpr.eqns))
+        return self._prices[id(program)][1]
 
     def _counted(self, program: Jaxpr) -> Counter:
         """How often every value of a program is used: by programs that it calls as often as they use it."""

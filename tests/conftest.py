@@ -33,15 +33,19 @@ optimised(False)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 mpl.use("Agg")
 
-# Types and shapes are checked in every module but `spatial`. Its functions are called for every scalar of a program
-# that is traced, and their annotations tell nothing apart: checking them took a sixth of all tracing.
+# Types and shapes are checked in every module but these. Their functions are called for every scalar or operation of a
+# program that is traced, and their annotations tell nothing apart: checking `spatial` took a sixth of all tracing.
 PACKAGE = Path(__file__).parents[1] / "clearance_jax"
-CHECKED = [f"clearance_jax.{path.stem}" for path in PACKAGE.iterdir() if path.stem not in ("__pycache__", "spatial")]
+UNCHECKED = ("__pycache__", "spatial", "_once")
+CHECKED = [f"clearance_jax.{path.stem}" for path in PACKAGE.iterdir() if path.stem not in UNCHECKED]
 _hook = install_import_hook(CHECKED, "beartype.beartype")
 _hook.__enter__()
 
 import clearance_jax  # noqa: E402  (the hook must come first)
 
+# The tests' own programs are not kept as executables: to find that a test has patched what a program is made of, all of
+# the library is looked at for each.
+os.environ["CLEARANCE_KEPT"] = "0"
 clearance_jax.configure(cache=True)
 
 # What is imported stays: the collector need not look at it again. Tracing makes many objects that live, so that it

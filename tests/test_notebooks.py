@@ -22,7 +22,8 @@ def pictures(notebook) -> list:
 @pytest.mark.slow
 @pytest.mark.filterwarnings("default")  # the kernel's own machinery warns; the cells run with warnings as they are
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_notebook_runs_in_its_own_folder(path):
+def test_notebook_runs_in_its_own_folder(path, monkeypatch):
+    monkeypatch.delenv("CLEARANCE_KEPT")  # its kernel keeps its programs, as a user's does
     notebook = nbformat.read(path, as_version=4)
     for cell in notebook.cells:
         cell.pop("outputs", None)
