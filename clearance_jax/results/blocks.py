@@ -68,10 +68,12 @@ def _put(whole: np.ndarray, part: slice, block: Array) -> None:
 
 
 def _batched(function):
-    """A jitted program over blocks, of a function of one state and a prepared mechanism."""
+    """A jitted program over blocks, of a function of one state and a prepared mechanism (in space a table, for most of
+    the time goes into compiling).
+    """
 
     def block(mechanism, *arrays):
-        return jax.vmap(partial(function, mechanism.prepared()))(*arrays)
+        return jax.vmap(partial(function, mechanism.prepared().as_small_program()))(*arrays)
 
     return kept_jit(block, jax.jit, (function,))
 

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array
 
 from clearance_jax._kept import kept_jit
+from clearance_jax._once import compute_once
 from clearance_jax._module import Module
 from clearance_jax.dynamics.energy import energy_residual
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -66,6 +67,7 @@ class Steps(NamedTuple):
 
 
 @kept_jit
+@compute_once
 def _block(problem: Problem, allowed: Tolerances, carry: Carry, last, grid, options: Options):
     """At most `BLOCK` steps more: the solve on its way, the ends of the steps, how many, and the samples among them."""
     means = means_of(options, allowed)
