@@ -18,7 +18,9 @@ class Untold(Exception):
 
 
 PACKAGE, PYTHON = Path(__file__).parent, Path(os.__file__).parent
-HEAP_TYPE = 1 << 9  # of a class written in Python
+# Flags of classes: one that is made while Python runs, as are those that are written in Python; one that nobody may
+# change, as are those written in C that are made so too (locks and patterns from Python 3.13 on).
+_MADE_LATER, _UNCHANGEABLE = 1 << 9, 1 << 8
 _IMPORT = dis.opmap["IMPORT_NAME"]
 # What Python or a decorator writes into every class, and nothing depends on.
 MADE = {
@@ -95,9 +97,14 @@ def generated(member: Any) -> bool:
     return isinstance(function, types.FunctionType) and "__create_fn__" in function.__code__.co_qualname
 
 
+def in_python(kind: type) -> bool:
+    """Whether a class is written in Python."""
+    return bool(kind.__flags__ & _MADE_LATER) and not kind.__flags__ & _UNCHANGEABLE
+
+
 def looked_up(kind: type) -> Any:
     """What stands where a class says that it comes from; a class that is not written in Python is itself."""
-    if not kind.__flags__ & HEAP_TYPE:
+    if not in_python(kind):
         return kind
     found: Any = sys.modules.get(kind.__module__)
     for part in kind.__qualname__.split("."):

@@ -27,12 +27,12 @@ import numpy as np
 from jax.core import Tracer
 
 from clearance_jax._code import (
-    HEAP_TYPE,
     MADE,
     Untold,
     content,
     elsewhere,
     generated,
+    in_python,
     inner_of,
     looked_up,
     name_of,
@@ -207,9 +207,7 @@ class Reader:
             return hashed(kind, self.of(value.__func__))
         if isinstance(value, types.BuiltinFunctionType | np.ufunc):
             owner = getattr(value, "__self__", None)
-            if isinstance(owner, types.ModuleType | None) or (
-                isinstance(owner, type) and not owner.__flags__ & HEAP_TYPE
-            ):
+            if isinstance(owner, types.ModuleType | None) or (isinstance(owner, type) and not in_python(owner)):
                 home = getattr(value, "__module__", "") or ""
                 if home != "builtins":
                     self._check_home(home)
@@ -224,7 +222,7 @@ class Reader:
         return self._object(value)
 
     def _object(self, value: Any) -> str:
-        written = all(base.__flags__ & HEAP_TYPE for base in type(value).__mro__[:-1])
+        written = all(map(in_python, type(value).__mro__[:-1]))
         held, slots = variables(value), any("__slots__" in vars(base) for base in type(value).__mro__[:-1])
         if dataclasses.is_dataclass(value):
             names = [field.name for field in dataclasses.fields(value)]
