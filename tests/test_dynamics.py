@@ -110,8 +110,8 @@ def test_velocities_and_accelerations_are_derivatives():
 
 
 def through_the_factors(mechanism, motion, pairs, efforts):
-    known = equations._known(mechanism, motion, pairs, efforts)
-    return equations._equations(mechanism, motion).solved(*known)
+    own = equations._equations(mechanism, motion)
+    return own.solved(*equations._known(mechanism, motion, pairs, efforts, own.held))
 
 
 @pytest.mark.parametrize(("scene", "second"), [("tool_changer", False), ("squeezer", True), ("bennett", False)])

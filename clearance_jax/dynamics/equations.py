@@ -76,7 +76,9 @@ def accelerations(
             f"The ideal loop `{loops[0].name}` joins bodies that are all prescribed: free one of them."
         )
     if isinstance(motion, Table):
-        acceleration, multipliers = _equations(mechanism, motion).solved(*_known(mechanism, motion, pairs, efforts))
+        equations = _equations(mechanism, motion)
+        known = _known(mechanism, motion, pairs, efforts, equations.held)
+        acceleration, multipliers = equations.solved(*known)
     else:
         acceleration, multipliers = _solved(mechanism, motion, pairs, efforts)
     held = [conditions(loop, motion, layout(mechanism).free) for loop in loops]
@@ -113,13 +115,17 @@ def _equations(mechanism: Mechanism, motion: Frames) -> Equations:
 
 
 def _known(
-    mechanism: Mechanism, motion: Frames, pairs: list[Pair], efforts: list[Term], found: tuple | None = None
+    mechanism: Mechanism,
+    motion: Frames,
+    pairs: list[Pair],
+    efforts: list[Term],
+    held: list[Condition],
+    found: tuple | None = None,
 ) -> tuple[list[Term], list[Term]]:
     """The right-hand sides; less the left-hand sides of the accelerations and multipliers that are `found`."""
     extra = None if found is None else Extra(found[0])
     load = generalised_load(mechanism, motion, pairs, extra)
     load = [plus(own, effort) for own, effort in zip(load, efforts, strict=True)]
-    held = _held(mechanism, motion)
     asked = [minus(0.0, now.acceleration) for now in held]
     if found is not None:
         asked = [minus(wanted, now.reached(found[0])) for wanted, now in zip(asked, held, strict=True)]
@@ -143,7 +149,7 @@ def _solved(
     def solution(numbers):
         mechanism, motion, pairs, efforts = rebuilt(numbers)
         equations = _equations(mechanism, motion)
-        return equations, flat(equations.solved(*_known(mechanism, motion, pairs, efforts)))
+        return equations, flat(equations.solved(*_known(mechanism, motion, pairs, efforts, equations.held)))
 
     @jax.custom_jvp
     def solve(numbers):
@@ -159,7 +165,7 @@ def _solved(
             for i, x in zip(varied, some, strict=True):
                 every[i] = x
             mechanism, motion, pairs, efforts = rebuilt(every)
-            return flat(_known(mechanism, motion, pairs, efforts, found))
+            return flat(_known(mechanism, motion, pairs, efforts, _held(mechanism, motion), found))
 
         _, change = jax.jvp(left, ([numbers[i] for i in varied],), ([rates[i] for i in varied],))
         return found, flat(equations.solved(*change))
