@@ -16,11 +16,7 @@ FLAGS |= {"xla_cpu_use_fusion_emitters": "false"} if jax.__version_info__ < (0, 
 for flag, value in FLAGS.items():
     if flag not in os.environ.get("XLA_FLAGS", ""):
         os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --{flag}={value}".strip()
-# But for those that run longer than they compile, and for those that count what the compiler computes twice, which it
-# does where it optimises: what their names contain.
-OPTIMISED = ("docs/wear.md", "own_folder[sweeps]", "own_folder[tolerance_design]", "own_folder[wear]")
-OPTIMISED += ("jumps", "lives_over_numbers", "over_its_life", "over_a_life", "maintenance_interval", "worn_profile")
-OPTIMISED += ("quick_page_of_wear", "yield_over_scattering", "lanes_over_cores", "test_operations", "test_once")
+# But for those marked `optimised`: they run longer than they compile, or count what the compiler computes twice.
 
 
 def optimised(some: bool) -> None:
@@ -91,7 +87,7 @@ def pytest_collection_modifyitems(items):
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item):
-    optimised(any(name in item.nodeid for name in OPTIMISED))
+    optimised(item.get_closest_marker("optimised") is not None)
 
 
 def _resident() -> float:

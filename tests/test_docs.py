@@ -40,8 +40,14 @@ def title(path: Path) -> str:
     return str(path.relative_to(ROOT))
 
 
-def having(*languages: str) -> list[Path]:
-    return [path for path in PAGES if any(blocks(path, language) for language in languages)]
+def having(language: str) -> list[Path]:
+    return [path for path in PAGES if blocks(path, language)]
+
+
+def ran(language: str) -> list:
+    """The pages whose blocks run, those marked that run longer than they compile."""
+    long = {"docs/wear.md": [pytest.mark.optimised]}
+    return [pytest.param(path, id=title(path), marks=long.get(title(path), [])) for path in having(language)]
 
 
 @pytest.fixture
@@ -96,7 +102,7 @@ def test_the_scene_of_the_readme_is_the_one_that_its_examples_load():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("path", having("sh"), ids=title)
+@pytest.mark.parametrize("path", ran("sh"))
 def test_commands_run(path, top):
     shown(path, top)
     for line in "".join(blocks(path, "sh")).splitlines():
@@ -187,7 +193,7 @@ def test_every_command_of_the_help_is_one():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("path", having("python"), ids=title)
+@pytest.mark.parametrize("path", ran("python"))
 def test_python_runs(path, top, capsys):
     names: dict[str, object] = {"__name__": "example"}
     for text in blocks(path, "python"):

@@ -139,6 +139,7 @@ def test_first_results(monkeypatch):
     assert min(cold.memory, kept.memory) > 100
 
 
+@pytest.mark.optimised
 def test_lanes_over_cores():
     found = {(row.lanes, row.order): row.efficiency for row in cores.main(quick=True)}
     for lanes in {lanes for lanes, _ in found}:
@@ -177,6 +178,7 @@ def test_sweeps(monkeypatch):
     assert found.kills == (2, 2, 0, True)
 
 
+@pytest.mark.optimised
 def test_jumps_over_cycles():
     (row,) = wear_jumps.main(quick=True)
     assert row.evaluations < 8

@@ -11,6 +11,14 @@ ROOT = Path(__file__).parents[1]
 NOTEBOOKS = sorted((ROOT / "experiments" / "notebooks").glob("*.ipynb"))
 
 
+# Those whose kernel runs longer than it compiles.
+LONG = {"sweeps", "tolerance_design", "wear"}
+
+
+def ran(path: Path):
+    return pytest.param(path, id=path.stem, marks=[pytest.mark.optimised] if path.stem in LONG else [])
+
+
 def execute(notebook, folder: Path) -> None:
     NotebookClient(notebook, timeout=1200, resources={"metadata": {"path": str(folder)}}).execute()
 
@@ -21,7 +29,7 @@ def pictures(notebook) -> list:
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("default")  # the kernel's own machinery warns; the cells run with warnings as they are
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", [ran(path) for path in NOTEBOOKS])
 def test_notebook_runs_in_its_own_folder(path, monkeypatch):
     monkeypatch.delenv("CLEARANCE_KEPT")  # its kernel keeps its programs, as a user's does
     notebook = nbformat.read(path, as_version=4)

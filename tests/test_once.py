@@ -8,6 +8,9 @@ import pytest
 from clearance_jax._once import compute_once
 from experiments.hlo import busiest_loop
 
+# Only a compiler that optimises computes anything twice.
+pytestmark = pytest.mark.optimised
+
 
 def links(a, b):
     """Each of two numbers is made of both before it: computed anew, the work doubles with every link."""

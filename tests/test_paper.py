@@ -114,6 +114,7 @@ def test_the_quick_page(tmp_path, monkeypatch):
     assert [path.name for path in publish.drawn] == ["paper_6.png", "paper_13.png", "paper_compensation.png"]
 
 
+@pytest.mark.optimised
 @pytest.mark.slow
 def test_the_quick_page_of_wear(tmp_path, monkeypatch):
     """Its claims in the literal reading, and that the volume is k times the impulse times the pin's speed."""

@@ -57,6 +57,7 @@ def test_the_largest_clearance_that_holds_is_the_bound_less_wear(lasting):
     assert slopes[PEAKS:, 1] == pytest.approx(DEPTH / 1.25e-11, rel=1e-2)
 
 
+@pytest.mark.optimised
 def test_a_certificate_over_a_life_is_what_a_life_says(lasting):
     """By finer jumps; a bound 1 % looser gives what the closed form has, bound / clearance."""
     proof = lasting.verify(sweep=2, solver="tsit5")
@@ -69,6 +70,7 @@ def test_a_certificate_over_a_life_is_what_a_life_says(lasting):
     assert direct.end == pytest.approx(CYCLES, rel=1e-3)
 
 
+@pytest.mark.optimised
 def test_a_yield_over_scattering_wear_is_its_closed_form(lasting):
     """Of parts whose coefficient scatters by 50 % those last whose depth is below what the bound leaves."""
     scatter = design.Yield({"wear.coefficient": 0.5})
@@ -109,6 +111,7 @@ def test_an_entry_of_an_array_reaches_a_life_and_no_number_of_another_wear_does(
     assert worth(mechanism, measures, "drive.pin.rise.1") == 0.2
 
 
+@pytest.mark.optimised
 def test_the_maintenance_interval_falls_with_the_clearance(lasting):
     """As (bound - clearance - penetration) over the depth of a cycle; figure and page show it."""
     softer = dataclasses.replace(lasting.specification, conditions={"softer": {"wear.coefficient": 1.25 * 1.25e-11}})

@@ -34,6 +34,7 @@ def exact(cycles):
     return SLOWS * (np.sqrt(1 + 2 * RATE * SHAPE * cycles / SLOWS) - 1)
 
 
+@pytest.mark.optimised
 def test_jumps_follow_the_closed_form_and_their_error_the_tolerance():
     errors, work = [], []
     for tolerance in (1e-1, 1e-2, 1e-3):
@@ -205,6 +206,7 @@ def test_what_cannot_wear():
         wear.march(slowing, np.zeros(20), 10, until=lambda _: -np.inf)
 
 
+@pytest.mark.optimised
 def test_jumps_agree_with_every_cycle_of_a_pin_that_swings():
     """A load that swings to and fro over a sleeve that wears by several times its elastic penetration."""
     sectors, cycles, force, length = 90, 2000, 3000.0, 0.05
@@ -226,6 +228,7 @@ def test_jumps_agree_with_every_cycle_of_a_pin_that_swings():
     assert jumped.evaluations <= cycles / 20
 
 
+@pytest.mark.optimised
 def test_a_joint_wears_over_its_life():
     """A pin that turns under its weight, V = k F s a cycle and more; and its clearance grows where it bears."""
     play = cj.RevoluteClearance(1e-4, 25e-3, laws.HuntCrossley(1e10, 50.0), length=0.05)
@@ -404,6 +407,7 @@ def test_lives_that_end_at_once_or_never():
 # Many lives ----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.optimised
 def test_lives_over_numbers_are_their_closed_forms(tmp_path):
     """Life = 2 a R B h / (k F v T) (R: of the sleeve, pin and play), of coefficients that scatter and of plays."""
     mechanism, law, pressure = turning()

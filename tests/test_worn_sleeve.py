@@ -46,6 +46,7 @@ def test_evenly_worn_it_is_a_larger_round_one(pin):
                 )
 
 
+@pytest.mark.optimised
 @pytest.mark.parametrize("pin", ["through", "inside"])
 def test_power_is_that_of_the_wrench_on_a_worn_profile_too(pin):
     joint = worn_sleeve(sleeve(pin), jnp.asarray(DEPTH))
