@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from clearance_jax.analysis import metrics
     from clearance_jax.analysis.cycle import PeriodicMotion
     from clearance_jax.analysis.measure import AbstractMetric, Reply, Request, measure
+    from clearance_jax.analysis.modes import Mode, seated_modes
     from clearance_jax.analysis.periodic import periodic_motion
     from clearance_jax.analysis.sensitivity import Hessian, Sensitivities, hessian, sensitivities
     from clearance_jax.analysis.signals import AbstractSignal
@@ -32,13 +33,15 @@ if TYPE_CHECKING:
         AbstractClearance,
         AbstractElement,
         GuideClearance,
+        PlayDamper,
+        PreloadedBearing,
         RevoluteClearance,
         SleeveClearance,
         SphericalClearance,
         WornRevoluteClearance,
     )
     from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, AbstractStiffness
-    from clearance_jax.mechanism.actuators import AbstractActuator, ConstantEffort, JointSpring, Servo
+    from clearance_jax.mechanism.actuators import AbstractActuator, ConstantEffort, JointFriction, JointSpring, Servo
     from clearance_jax.mechanism.body import Body, Motion, Point, Spring
     from clearance_jax.mechanism.compounds import Ball, Cylindrical, Free, Planar, Spherical, Spin, Universal
     from clearance_jax.mechanism.controllers import AbstractController, ComputedTorque, Reference
@@ -78,6 +81,7 @@ _MODULES = {
 }
 _NAMES = {
     "analysis.measure": ("AbstractMetric", "Reply", "Request", "measure"),
+    "analysis.modes": ("Mode", "seated_modes"),
     "analysis.cycle": ("PeriodicMotion",),
     "analysis.periodic": ("periodic_motion",),
     "analysis.sensitivity": ("Hessian", "Sensitivities", "hessian", "sensitivities"),
@@ -95,13 +99,15 @@ _NAMES = {
         "AbstractClearance",
         "AbstractElement",
         "GuideClearance",
+        "PlayDamper",
+        "PreloadedBearing",
         "RevoluteClearance",
         "SleeveClearance",
         "SphericalClearance",
         "WornRevoluteClearance",
     ),
     "laws": ("AbstractFrictionLaw", "AbstractNormalLaw", "AbstractStiffness"),
-    "mechanism.actuators": ("AbstractActuator", "ConstantEffort", "JointSpring", "Servo"),
+    "mechanism.actuators": ("AbstractActuator", "ConstantEffort", "JointFriction", "JointSpring", "Servo"),
     "mechanism.body": ("Body", "Motion", "Point", "Spring"),
     "mechanism.compounds": ("Ball", "Cylindrical", "Free", "Planar", "Spherical", "Spin", "Universal"),
     "mechanism.controllers": ("AbstractController", "ComputedTorque", "Reference"),
@@ -166,21 +172,25 @@ __all__ = [
     "Harmonic",
     "Hessian",
     "Inertia",
+    "JointFriction",
     "JointSpring",
     "Limits",
     "Line",
     "LogNormal",
     "Mechanism",
     "Mobility",
+    "Mode",
     "Motion",
     "Normal",
     "Orientation",
     "PeriodicMotion",
     "Planar",
+    "PlayDamper",
     "Point",
     "Pose",
     "Position",
     "Posture",
+    "PreloadedBearing",
     "Prismatic",
     "Quintic",
     "Reference",
@@ -235,6 +245,7 @@ __all__ = [
     "read_trajectory",
     "replace",
     "save",
+    "seated_modes",
     "sensitivities",
     "simulate",
     "sobol_indices",

@@ -55,14 +55,52 @@ def test_what_a_mechanism_is_made_of(written):
     assert float(shoulder.orientation.yaw) == 0.5
     assert elbow.orientation is None
     assert shoulder.motion.limits == cj.Limits(-2, 2.5, 3, 40)
-    (damper,) = shoulder.motion.actuators
+    damper, friction = shoulder.motion.actuators
     assert (float(damper.stiffness), float(damper.damping)) == (0, 0.5)
+    assert isinstance(friction, cj.JointFriction)
+    assert float(friction.effort) == 0.1
     assert elbow.motion.actuators == ()
     assert arm.bodies[1].center_of_mass == cj.Position()
     (tool,) = arm.points
     assert (tool.name, tool.body, tool.orientation) == ("tool", "fore", None)
     assert (float(tool.at.x), tool.at.y, float(tool.at.z)) == (0.3, None, 0.01)
     assert (arm.gravity.x, arm.gravity.y, float(arm.gravity.z)) == (None, None, -9.81)
+
+
+LOOSE = """<robot name="loose"><link name="base"/>
+<link name="disc"><inertial><mass value="2"/>
+<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="ball"><inertial><mass value="3"/>
+<inertia ixx="0.2" iyy="0.2" izz="0.2" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="floor" type="planar"><parent link="base"/><child link="disc"/><axis xyz="0 0 1"/>
+<dynamics damping="0.4"/></joint>
+<joint name="sky" type="floating"><parent link="base"/><child link="ball"/><dynamics damping="0.3"/></joint>
+</robot>"""
+
+
+def test_damping_of_planar_and_floating_joints_is_along_each_of_their_motions(written):
+    """Speeds decay as exp(-d t / m), spins of even bodies as exp(-d t / I)."""
+    m = loaded(written(LOOSE), gravity=(0, 0, 0))
+    start = np.zeros(3 + 7 + 9)
+    start[6] = 1.0
+    start[10:] = [0.5, -0.2, 0.7, 0.3, 0.1, -0.4, 0.2, 0.5, -0.6]
+    t = 0.4
+    found = cj.simulate(m, t, y0=jnp.asarray(start), rtol=1e-9)
+    rates = np.exp(-t * np.array([*[0.4 / 2] * 2, 0.4 / 0.1, *[0.3 / 3] * 3, *[0.3 / 0.2] * 3]))
+    np.testing.assert_allclose(found.final[10:19], start[10:] * rates, rtol=1e-7)
+    assert float(found.energy_residual) < 1e-8
+    path = written(LOOSE.replace('damping="0.3"', 'friction="0.3"'))
+    with pytest.raises(cj.ClearanceError, match="remove its friction"):
+        loaded(path)
+
+
+def test_friction_of_a_joint_slows_it_evenly(written):
+    """A wheel under a constant friction: v = v0 - f t / I, while it turns far faster than the transition."""
+    found = LOOSE.replace('type="planar"', 'type="continuous"').replace('damping="0.4"', 'friction="0.4"')
+    m = loaded(written(found), gravity=(0, 0, 0))
+    y0 = jnp.zeros(1 + 7 + 7).at[4].set(1.0).at[8].set(5.0)
+    s = cj.simulate(m, 0.5, y0=y0, rtol=1e-9)
+    assert float(s.final[8]) == pytest.approx(5.0 - 0.4 * 0.5 / 0.1, rel=1e-9)
 
 
 def test_names_and_starts(written):

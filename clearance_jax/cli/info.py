@@ -10,12 +10,16 @@ from clearance_jax.cli.common import Clearances, Ideal, SceneFile, Settings, cha
 
 # Numbers of one parameter that are listed, at most.
 LISTED = 12
+# Modes that are listed, at most.
+MODES = 6
 
 
 def info(scene_file: SceneFile, settings: Settings = None, clearance: Clearances = None, ideal: Ideal = False) -> None:
     """What a scene contains: states, terms, cost of one vector-field evaluation, every parameter by its name."""
     mechanism = changed(read_scene(scene_file).mechanism, settings, ideal, clearance)
     _print_terms(mechanism)
+    for line in _ringing(mechanism):
+        console.print(line, highlight=False)
     console.print(f"one evaluation of the vector field: {_operations(mechanism)} operations (compiler's count)")
     limits = _limits(mechanism)
     if limits.row_count:
@@ -91,6 +95,29 @@ def _acting_words(mechanism) -> Iterator[str]:
                 if time is not None
             ]
             yield f"payload {body.name}, {', '.join(times)}"
+
+
+def _ringing(mechanism) -> Iterator[str]:
+    """How its pins swing about the pose in which they are settled at t = 0, the slowest modes first."""
+    from clearance_jax.analysis.modes import WEAKLY_DAMPED, seated_modes
+    from clearance_jax.errors import ClearanceError
+
+    if not mechanism.clearance_joints():
+        return
+    try:
+        modes = seated_modes(mechanism)
+    except ClearanceError as error:
+        yield f"modes of the play about its settled pose: none, for it cannot be settled ({escape(str(error))})"
+        return
+    listed = ", ".join(f"{mode.frequency:.4g} Hz (damping ratio {mode.ratio:.2g})" for mode in modes[:MODES])
+    more = f", and {len(modes) - MODES} faster ones" if len(modes) > MODES else ""
+    yield f"modes of the play about its settled pose: {listed}{more}"
+    weak = sum(mode.ratio < WEAKLY_DAMPED for mode in modes[:MODES])
+    if weak:
+        yield (
+            f"warning: {weak} of these have a damping ratio below {100 * WEAKLY_DAMPED:g} %: they ring for long, which "
+            "no real joint does. Give the joint an `element` (a damper, a preloaded bearing), or friction."
+        )
 
 
 def _limits(mechanism) -> Table:

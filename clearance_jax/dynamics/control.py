@@ -9,6 +9,7 @@ from clearance_jax.dynamics.applied import applied_pairs
 from clearance_jax.dynamics.inertia import Extra, generalised_load
 from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.mechanism.actuators import AbstractActuator
+from clearance_jax.mechanism.compounds import Ball
 from clearance_jax.mechanism.controllers import AbstractController, Reference
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.sampling import is_instant
@@ -33,8 +34,12 @@ def measured(mechanism: Mechanism, time: Scalar, state: State) -> Measured:
 
 
 def exerted(mechanism: Mechanism, time: Scalar, state: State) -> list[Term]:
-    """What actuators and controllers exert, by free velocity."""
+    """What actuators, controllers and the dampers of balls exert, by free velocity."""
     efforts: list[Term] = [0.0] * layout(mechanism).free
+    for part in parts(mechanism):
+        motion = part.coordinate.motion
+        if isinstance(motion, Ball) and motion.damping is not None:
+            efforts[part.v] = [-motion.damping * spin for spin in state.v[part.v]]
     every = acting(mechanism)
     if not every:
         return efforts

@@ -62,9 +62,8 @@ def seated_frequency(mechanism: Mechanism, time: Scalar, y: Array) -> Scalar:
     **Arguments:** a prepared mechanism with play; `time` [s]; `y`: the state `[q, v, memory]`, its pins at their walls.
     """
     plan = layout(mechanism)
-    state, ways = plan.split(y), _ways(mechanism, time, y)
-    held = _closing_rows(mechanism, time, y)
-    moves = jnp.linalg.pinv(jnp.concatenate([ways, held]))[:, : len(ways)]
+    state = plan.split(y)
+    ways, moves = play_moves(mechanism, time, y)
 
     def accelerations(change):
         q = as_array(moved(mechanism, state.q, list(moves @ change)))
@@ -114,6 +113,17 @@ def play_mobility(mechanism: Mechanism, time: Scalar, y: Array) -> Square:
         return ways @ as_array(free)
 
     return jax.vmap(accelerations)(ways)
+
+
+def play_moves(
+    mechanism: Mechanism, time: Scalar, y: Array
+) -> tuple[Float[Array, "play free"], Float[Array, "free play"]]:
+    """The rates of the play coordinates by the free velocities, and the least free velocities for given rates of the
+    play, at which ideal loops stay closed.
+    """
+    ways = _ways(mechanism, time, y)
+    rows = jnp.concatenate([ways, _closing_rows(mechanism, time, y)])
+    return ways, jnp.linalg.pinv(rows)[:, : len(ways)]
 
 
 def _ways(mechanism: Mechanism, time: Scalar, y: Array) -> Float[Array, "play free"]:

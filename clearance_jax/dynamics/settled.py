@@ -131,7 +131,9 @@ def _seats(joints: tuple[ClearanceJoint, ...], loads: list, begin: tuple[Array, 
     found: dict[int, Seat] = {}
     alike: dict[Any, list[int]] = {}
     for k, (joint, (force, _)) in enumerate(zip(joints, loads, strict=True)):
-        if len(begin[k]) == 2 and all(one.slides is not None for one in joint.joint.play()):
+        element = joint.clearance.joint.element
+        held = element is not None and element.stiff
+        if len(begin[k]) == 2 and all(one.slides is not None for one in joint.joint.play()) and not held:
             place, pressed = joint.clearance.seat((force[0], force[1]))
             at = as_array(place)
             firm = jnp.where(pressed, stiffness_at(joint.clearance, at), 0.0)

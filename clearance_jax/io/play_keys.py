@@ -14,6 +14,7 @@ from clearance_jax.joints import (
     SphericalClearance,
 )
 from clearance_jax.joints.bearings import GROUPS
+from clearance_jax.joints.elements import ELEMENTS
 from clearance_jax.laws import FRICTION_LAWS, NORMAL_LAWS, InternalHertz
 from clearance_jax.mechanism.tree import Revolute
 
@@ -30,6 +31,12 @@ LAWS = (
         form='table or "none"',
         absent="no friction",
     ),
+)
+ELEMENT = Sub(
+    "element",
+    "what fills the play and acts without touch",
+    '{ type = "damper", radial = "2 kN*s/m", tilt = "0.5 N*m*s/rad" }',
+    absent="nothing",
 )
 
 
@@ -62,6 +69,7 @@ PIN = Keys(
     (
         *_RADII,
         *LAWS,
+        ELEMENT,
         *keys_of(Revolute, "eccentricity"),
         *_optional(*_SLEEVE, length="no tilt"),
         *_FIT,
@@ -77,6 +85,7 @@ SHAFT = Keys(
     (
         *_RADII,
         *LAWS,
+        ELEMENT,
         _start("where the pin's centre starts across the sleeve, in the sleeve's axes"),
         *_optional(*(key for key in _SLEEVE if key.name in ("length", "stations", "pin"))),
         *_FIT,
@@ -90,6 +99,7 @@ BALL = Keys(
     (
         *_optional(*keys_of(SphericalClearance)),
         *LAWS,
+        ELEMENT,
         _start("where the ball's centre starts in the socket"),
     ),
     'type = "spherical"',
@@ -102,6 +112,7 @@ GUIDE = Keys(
     (
         *_optional(*keys_of(GuideClearance)),
         *LAWS,
+        ELEMENT,
         _start("where the block's centre starts across the guide, in the guide's axes"),
     ),
     'type = "prismatic"',
@@ -166,13 +177,19 @@ FRICTION_TABLES = kinds_of(
     Word("law", "the law of friction", '"tanh"', allowed=tuple(FRICTION_LAWS), required=True),
     FRICTION_LAWS,
 )
+ELEMENT_TABLES = kinds_of(
+    "joint.NAME.element",
+    "Filled play",
+    Word("type", "what fills the play", '"damper"', allowed=tuple(ELEMENTS), required=True),
+    ELEMENTS,
+)
 STIFFNESS = Keys(
     "joint.NAME.normal.stiffness",
     "Stiffness from geometry and materials",
     summary(InternalHertz) + " Instead of a quantity.",
     keys_of(InternalHertz),
 )
-PLAY_TABLES = (PIN, SHAFT, BALL, GUIDE, PRESS, BEARING, WORN)
+PLAY_TABLES = (PIN, SHAFT, BALL, GUIDE, PRESS, BEARING, WORN, *ELEMENT_TABLES.values())
 """What makes play, in the order of the reference."""
 LAW_TABLES = (*NORMAL_TABLES.values(), STIFFNESS, *FRICTION_TABLES.values())
 """The laws of contact, in that order."""

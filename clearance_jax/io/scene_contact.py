@@ -1,5 +1,6 @@
 """The clearance of a scene's joint: its geometry, however it is given, and its laws."""
 
+import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple, cast
@@ -10,6 +11,7 @@ from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.io.play_keys import (
     BALL,
     BEARING,
+    ELEMENT_TABLES,
     FRICTION_TABLES,
     GUIDE,
     NORMAL_TABLES,
@@ -31,6 +33,7 @@ from clearance_jax.joints import (
     Tolerance,
     rolling_bearing,
 )
+from clearance_jax.joints.elements import ELEMENTS
 from clearance_jax.joints.presets import flat_contact, round_contact
 from clearance_jax.laws import FRICTION_LAWS, NORMAL_LAWS, AbstractFrictionLaw, AbstractNormalLaw, InternalHertz
 from clearance_jax.mechanism.compounds import Cylindrical, Spherical
@@ -43,7 +46,7 @@ OF_A_SLEEVE = ("axial_clearance", "stations", "pin", "collar_radius", "ring")
 OF_A_FACE = ("collar_radius", "ring")
 OF_A_FIT = ("temperature", "pin_expansion", "sleeve_expansion", "press")
 EXPANSIONS = ("pin_expansion", "sleeve_expansion")
-WITH_A_BEARING = ("bearing", "friction", "eccentricity")
+WITH_A_BEARING = ("bearing", "friction", "element", "eccentricity")
 
 
 def play_of(kind: type, table: Table, path: Path, usual: bool = False) -> dict[str, Any]:
@@ -63,6 +66,9 @@ def play_of(kind: type, table: Table, path: Path, usual: bool = False) -> dict[s
                 )
         return {"clearance": None, "eccentricity": start}
     clearance = play.read(table, usual)
+    if table.has("element"):
+        word, own = table.chosen("element", ELEMENT_TABLES)
+        clearance = dataclasses.replace(clearance, element=ELEMENTS[word](**own.given("type")))
     if play.keys is PIN and table.has("worn"):
         clearance = worn_of(clearance, table, path)
     with naming(table.where):

@@ -5,7 +5,7 @@ from clearance_jax.io.kinds import LONGEST_PATH, Direction, Flag, Names, Place, 
 from clearance_jax.io.play_keys import BALL, GUIDE, LAW_TABLES, PIN, PLAY_TABLES, SHAFT
 from clearance_jax.io.table import Keys
 from clearance_jax.io.urdf import BASES, MIMICS
-from clearance_jax.mechanism.actuators import ConstantEffort, JointSpring, Servo
+from clearance_jax.mechanism.actuators import ConstantEffort, JointFriction, JointSpring, Servo
 from clearance_jax.mechanism.body import Body, Motion, Point, Spring
 from clearance_jax.mechanism.compounds import Ball, Cylindrical, Free, Planar, Spherical, Universal
 from clearance_jax.mechanism.controllers import ComputedTorque
@@ -26,7 +26,7 @@ DRIVES = {
     "quintic": Quintic,
     "spline": Spline,
 }
-ACTUATORS = {"constant": ConstantEffort, "servo": Servo, "spring": JointSpring}
+ACTUATORS = {"constant": ConstantEffort, "servo": Servo, "spring": JointSpring, "friction": JointFriction}
 JOINTS = {"revolute": Revolute, "prismatic": Prismatic, "fixed": Fixed}
 JOINTS |= {
     "spherical": Spherical,

@@ -36,9 +36,9 @@ def load_urdf(
     """The mechanism of a robot's URDF file.
 
     Links that are fixed to one another are one body, with the name of the first of them. Joints keep their names and
-    limits (`Motion.limits`: nothing holds a motion within them), and their damping as an actuator. A coordinate starts
-    at zero, or in the middle of its limits where zero lies outside. Friction of <dynamics> is left out: give a joint's
-    motion an actuator of yours.
+    limits (`Motion.limits`: nothing holds a motion within them), and their damping and friction as actuators (of a
+    planar or floating joint along each of its motions, in N s/m along and N m s/rad about). A coordinate starts at
+    zero, or in the middle of its limits where zero lies outside.
 
     **Arguments:**
 

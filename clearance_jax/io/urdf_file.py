@@ -119,8 +119,8 @@ def _losses(element: Element, kind: str, where: str) -> tuple[float, float]:
     for key, value in zip(("damping", "friction"), found, strict=True):
         if value < 0:
             raise ClearanceError(f"{where}: its {key} must be at least 0, but it is {value:g}. Correct <dynamics>.")
-    if found[0] > 0 and KINDS[kind] > 1:
-        raise ClearanceError(f"{where} is {kind}: which of its motions has the damping {found[0]:g}? Remove it.")
+    if found[1] > 0 and kind == "floating":
+        raise ClearanceError(f"{where} is floating, and turns about no axis of its own: remove its friction.")
     return found
 
 

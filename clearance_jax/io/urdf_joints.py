@@ -1,9 +1,9 @@
 """Joints of a URDF as joints of a mechanism. What is exactly zero there, or along a coordinate axis, stays absent."""
 
 from clearance_jax.io.urdf_parts import NOWHERE, Joint, Triple
-from clearance_jax.mechanism.actuators import JointSpring
+from clearance_jax.mechanism.actuators import AbstractActuator, JointFriction, JointSpring
 from clearance_jax.mechanism.body import Motion
-from clearance_jax.mechanism.compounds import Free, Planar
+from clearance_jax.mechanism.compounds import Ball, Free, Planar
 from clearance_jax.mechanism.limits import Limits
 from clearance_jax.mechanism.placement import ORIGIN, Axis, Orientation, Position, as_axis
 from clearance_jax.mechanism.tree import AbstractJoint, Prismatic, Revolute
@@ -14,16 +14,24 @@ def joint_of(joint: Joint, name: str, parent: str, child: str) -> AbstractJoint:
     ends = {"name": name, "parent": parent, "child": child}
     ends |= {"at_parent": position_of(joint.xyz), "orientation": orientation_of(joint.rpy)}
     if joint.kind == "floating":
-        return Free(**ends)
+        damping = joint.damping if joint.damping > 0 else None
+        slides = {f"slide_{letter}": Motion(actuators=_losses(joint)) for letter in "xyz"}
+        return Free(**ends, **slides, motion=Ball(damping=damping))
     if joint.kind == "planar":
-        return Planar(**ends, axis=axis_of(joint.axis))
+        motions = {name: Motion(actuators=_losses(joint)) for name in ("slide_x", "slide_y", "turn")}
+        return Planar(**ends, **motions, axis=axis_of(joint.axis))
     kind = Prismatic if joint.kind == "prismatic" else Revolute
     return kind(**ends, axis=axis_of(joint.axis), motion=_motion(joint))
 
 
 def _motion(joint: Joint) -> Motion:
+    return Motion(position=_start(joint.limits or Limits()), actuators=_losses(joint), limits=joint.limits)
+
+
+def _losses(joint: Joint) -> tuple[AbstractActuator, ...]:
+    """Its damping and its friction, each along every coordinate of the joint."""
     damper = (JointSpring(0.0, joint.damping),) if joint.damping > 0 else ()
-    return Motion(position=_start(joint.limits or Limits()), actuators=damper, limits=joint.limits)
+    return (*damper, JointFriction(joint.friction)) if joint.friction > 0 else damper
 
 
 def _start(limits: Limits) -> float:

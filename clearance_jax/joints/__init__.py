@@ -12,8 +12,10 @@ from clearance_jax.joints._base import (
 )
 from clearance_jax.joints.ball import SphericalClearance
 from clearance_jax.joints.bearings import rolling_bearing
+from clearance_jax.joints.elements import PlayDamper, PreloadedBearing
 from clearance_jax.joints.fitting import Fitting, PressFit, Tolerance
 from clearance_jax.joints.guide import GuideClearance
+from clearance_jax.joints.preloaded import angular_contact_pair, crossed_roller
 from clearance_jax.joints.presets import BALL, GUIDE, PIN, SHAFT, PlayNumbers, Preset, fitted, guided, shaft, socket
 from clearance_jax.joints.revolute import RevoluteClearance
 from clearance_jax.joints.seating import Load, Seat, posed, relative_at, seat, stiffness_at
@@ -33,7 +35,9 @@ __all__ = [
     "GuideClearance",
     "Load",
     "PlayCoordinate",
+    "PlayDamper",
     "PlayNumbers",
+    "PreloadedBearing",
     "PreparedClearance",
     "Preset",
     "PressFit",
@@ -44,6 +48,8 @@ __all__ = [
     "SphericalClearance",
     "Tolerance",
     "WornRevoluteClearance",
+    "angular_contact_pair",
+    "crossed_roller",
     "each_joint",
     "fitted",
     "guided",

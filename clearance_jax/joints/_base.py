@@ -26,7 +26,7 @@ from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry,
 from clearance_jax.laws._base import Memory, PreparedFriction, PreparedNormal, Slip
 from clearance_jax.laws.geometry import Local
 from clearance_jax.parameters import Parametrised
-from clearance_jax.spatial import ZERO, Matrix, Pair, Term, Vector, Z, add, cross, dot, plus, scale, times
+from clearance_jax.spatial import ZERO, Matrix, Pair, Term, Vector, Z, add, cross, dot, minus, plus, scale, times
 
 
 class Relative(NamedTuple):
@@ -49,6 +49,19 @@ class Relative(NamedTuple):
     def velocity_at(self, arm: Vector) -> Vector:
         """Velocity of the pin's point at an arm from its centre."""
         return add(self.velocity, cross(self.spin, arm))
+
+
+class Offset(NamedTuple):
+    """The part of a pin's motion that is play, in the sleeve's axes, other components absent: place and velocity of its
+    centre; its tilt, as the `sine` of the angle along the axis that it is tilted about, and the angle's `cosine`; its
+    spin.
+    """
+
+    place: Vector
+    velocity: Vector
+    sine: Vector
+    cosine: Term
+    spin: Vector
 
 
 class PlayCoordinate(NamedTuple):
@@ -126,11 +139,18 @@ class Action(NamedTuple):
 
 
 class AbstractElement(Parametrised):
-    """What fills a joint's play and acts without touch: a film, a soft liner."""
+    """What fills a joint's play and acts without touch: grease, a seal, a film, preloaded rolling elements."""
+
+    stiff: ClassVar[bool] = False
+    """Whether it holds its pin, so that the pin rests where the element and the wall bear the load together."""
 
     @abc.abstractmethod
-    def wrench(self, at: Relative, geometry: Geometry) -> tuple[Vector, Vector]:
-        """Force on the pin [N] and torque about its centre [N m], in the sleeve's axes. Its work counts as absorbed."""
+    def wrench(self, offset: "Offset", geometry: Geometry) -> tuple[Vector, Vector]:
+        """Force on the pin [N] and torque about its centre [N m], in the sleeve's axes."""
+
+    def energy(self, offset: "Offset", geometry: Geometry) -> Scalar:
+        """What it holds elastically [J]; what else is done to it is lost. Nothing by default."""
+        return jnp.zeros(())
 
 
 class AbstractClearance(Parametrised):
@@ -174,6 +194,22 @@ class AbstractClearance(Parametrised):
     def pressed(self, along: Vector, depth: Scalar) -> Vector:
         """Where the pin's centre is if a force along a direction (square to the axis) presses it so deep [m]."""
         return scale(self.travel(along) + depth, along)
+
+    def offset(self, at: Relative) -> Offset:
+        """What of a relative motion is play, for an element that fills it."""
+        slides, turns = (
+            tuple(any(axis[i] for axis in axes) for i in range(3))
+            for axes in zip(*((one.slides or ZERO, one.turns or ZERO) for one in self.play()), strict=True)
+        )
+        sine, cosine = ZERO, 1.0
+        if at.rows is not None and turns[2]:
+            (_, a, b), (c, _, d), (e, f, _) = at.rows
+            sine = scale(0.5, (minus(f, d), minus(b, e), minus(c, a)))
+            cosine = 0.5 * (at.rows[0][0] + at.rows[1][1] + at.rows[2][2] - 1)
+        elif at.rows is not None:  # a pin may turn about its axis, and is not tilted by that
+            sine, cosine = cross(Z, at.axis), at.axis[2]
+        across = _only(slides, at.place), _only(slides, at.velocity)
+        return Offset(*across, _only(turns, sine), cosine, _only(turns, at.spin))
 
     def prepared(self) -> "PreparedClearance":
         """The joint with its laws' constants (once a solve)."""
@@ -247,9 +283,10 @@ class PreparedClearance(Module):
             (action.normal_force * action.penetration_rate, rubbed, action.elastic_energy)
         )
         if self.joint.element is not None:
-            push, twist = self.joint.element.wrench(at, self.joint.geometry())
+            push, twist = self.joint.element.wrench(self.joint.offset(at), self.joint.geometry())
             force, torque = add(force, push), add(torque, twist)
             absorbed -= plus(dot(push, at.velocity), dot(twist, at.spin))
+            stored += self._filled(at)
         return Action(force, torque, action, self._by_variable(action.memory_rate), stored, absorbed, rubbed)
 
     def _act_at(self, point: ContactPoint, memory: Memory) -> PointAction:
@@ -341,7 +378,12 @@ class PreparedClearance(Module):
             share = 1.0 if point.share is None else point.share
             return times(share, self.normal.at(point.local).energy(point.penetration))
 
-        return jnp.sum(self._mapped(energy)(self.joint.points(at)))
+        return jnp.sum(self._mapped(energy)(self.joint.points(at))) + self._filled(at)
+
+    def _filled(self, at: Relative) -> Scalar | float:
+        """What fills the play holds elastically [J]."""
+        element = self.joint.element
+        return 0.0 if element is None else element.energy(self.joint.offset(at), self.joint.geometry())
 
     def memory_scale(self) -> Memory:
         """Magnitude of each memory variable for error control; infinite for one that only changes by latching."""
@@ -388,6 +430,12 @@ def each_joint(function: Callable, several: Sequence[tuple]) -> list[Any]:
     alone = [joint.joint.count == 1 for joint, *_ in several]
     beside = iter(side_by_side(function, [one for one, single in zip(several, alone, strict=True) if not single]))
     return [shared(function(*one)) if single else next(beside) for one, single in zip(several, alone, strict=True)]
+
+
+def _only(among: Sequence[bool], vector: Vector) -> Vector:
+    """A vector's components along some of the axes; others are absent."""
+    x, y, z = (component if there else 0.0 for there, component in zip(among, vector, strict=True))
+    return x, y, z
 
 
 def _bare(points: Any) -> Any:

@@ -143,8 +143,12 @@ class Seating(NamedTuple):
         return jnp.where(self.counts, PRESSED * self.asked, LOOSE * jnp.linalg.norm(self.asked))
 
     def wall(self, depth: float) -> Array:
-        """What the joint bears where the pin is pressed along its first slide by a part of its play."""
-        return jnp.abs(self.left((1 + depth) * jnp.eye(len(self.size))[0], 0.0)[0])
+        """What the joint bears where the pin is pressed along its first slide by a part of its play: beyond it, or from
+        the middle where something there holds the pin.
+        """
+        element = self.clearance.joint.element
+        free = 0 if element is not None and element.stiff else 1
+        return jnp.abs(self.left((free + depth) * jnp.eye(len(self.size))[0], 0.0)[0])
 
     def more_than_round_off(self) -> Array:
         """Which parts of the load are more than round-off: of the largest, and of what presses at all."""

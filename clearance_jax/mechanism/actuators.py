@@ -107,3 +107,21 @@ class JointSpring(AbstractActuator):
 
     def __call__(self, time, position, velocity):
         return -self.stiffness * (position - self.rest) - self.damping * velocity
+
+
+class JointFriction(AbstractActuator):
+    """Coulomb's friction in a joint's gears, seals and bearings, smooth where it turns round: -f tanh(q' / v).
+
+    Its work is booked as the actuators'. (Friction in a clearance goes by the force there: give its clearance a law.)
+
+    **Arguments:** `effort` f [N m] (or [N]); `transition_speed` v: at it friction is 76 % of f. Far below the speeds of
+    the motion it is Coulomb's law, and the slower it is, the shorter are the steps that it needs.
+    """
+
+    effort: Scalar = physical("effort", least=0.0, help="friction f", example='"2 N*m"')
+    transition_speed: Scalar = physical(
+        "coordinate/s", above=0.0, default=0.01, help="speed v at which it turns round", example='"0.01 rad/s"'
+    )
+
+    def __call__(self, time, position, velocity):
+        return -self.effort * jnp.tanh(velocity / self.transition_speed)

@@ -83,7 +83,8 @@ class Ball(Module):
     """The motion of a ball: always free. Its positions are a quaternion (w, x, y, z), its velocities the spin in the
     child's axes.
 
-    **Arguments:** `start`: initial orientation of the child's joint frame in the parent's; `spin`: initial spin.
+    **Arguments:** `start`: initial orientation of the child's joint frame in the parent's; `spin`: initial spin;
+    `damping` [N m s/rad]: of its spin. Its work is booked as the actuators'.
     """
 
     start: Orientation = described(
@@ -98,6 +99,7 @@ class Ball(Module):
         "at rest",
         default_factory=Spin,
     )
+    damping: Scalar | None = physical("N*m*s/rad", least=0.0, default=None)
     drive: ClassVar[None] = None
     actuators: ClassVar[tuple] = ()
     limits: ClassVar[None] = None

@@ -1,0 +1,83 @@
+"""How pins ring about a seated pose: frequencies and damping ratios of small motions of the play."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from clearance_jax._kept import kept_jit
+from clearance_jax._types import Scalar
+from clearance_jax.dynamics.closures import StartErrors
+from clearance_jax.dynamics.field import slope
+from clearance_jax.dynamics.seated import play_moves
+from clearance_jax.dynamics.settled import settled_start
+from clearance_jax.errors import ClearanceError
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.state import layout, moved
+from clearance_jax.solve.start import check_start
+from clearance_jax.spatial import as_array
+
+# A mode of a smaller damping ratio rings for more than a hundred radians, sixteen swings.
+WEAKLY_DAMPED = 0.01
+
+
+class Mode(NamedTuple):
+    """A mode of small motions: its undamped natural `frequency` [Hz], and its damping `ratio` (1: it does not swing;
+    below 0: it grows).
+    """
+
+    frequency: float
+    ratio: float
+
+
+def seated_modes(mechanism: Mechanism, time: float = 0.0) -> tuple[Mode, ...]:
+    """The modes of a mechanism's play about its settled pose at a time [s], the lowest first.
+
+    The accelerations of the play coordinates are linearised about the pose, by these coordinates and their rates, with
+    all else moving as it does: x'' = A x + B x'. An eigenvalue s of this has the frequency |s| / 2 pi and the ratio
+    -Re s / |s|; of a motion that does not swing the ratio is 1.
+
+    **Raises:** `ClearanceError` for a mechanism without play, and where it cannot be settled.
+    """
+    if not mechanism.clearance_joints():
+        raise ClearanceError("A mechanism without play has no modes of its play. Give a joint clearance.")
+    stiff, loss, errors = _linearised(jnp.asarray(time, float), mechanism)
+    check_start(mechanism, time, errors)
+    stiff, loss = np.asarray(stiff), np.asarray(loss)
+    count = len(stiff)
+    roots = np.linalg.eigvals(np.block([[np.zeros((count, count)), np.eye(count)], [stiff, loss]]))
+    sizes = np.abs(roots)
+    found = [
+        Mode(float(size / (2 * np.pi)), float(-root.real / size) if size else 0.0)
+        for root, size in zip(roots, sizes, strict=True)
+        if root.imag >= 0
+    ]
+    return tuple(sorted(found))
+
+
+def _linearise(time: Scalar, mechanism: Mechanism) -> tuple[Array, Array, StartErrors]:
+    """The play's accelerations by the play and by its rates, at the settled pose; and how far it is from settled."""
+    mechanism = mechanism.as_small_program().prepared()
+    y, errors = settled_start(time, mechanism)
+    stiff, loss = linearised(time, y, mechanism)
+    return stiff, loss, errors
+
+
+def linearised(time: Scalar, y: Array, mechanism: Mechanism) -> tuple[Float[Array, "play play"], ...]:
+    """The accelerations of the play coordinates of a prepared mechanism by these [1/s^2] and by their rates [1/s]."""
+    plan = layout(mechanism)
+    state = plan.split(y)
+    ways, moves = play_moves(mechanism, time, y)
+    zero = jnp.zeros(len(ways))
+
+    def accelerations(change, rate):
+        q = as_array(moved(mechanism, state.q, list(moves @ change)))
+        there = y.at[plan.q].set(q).at[plan.v].add(moves @ rate)
+        return ways @ slope(time, there, mechanism)[plan.v]
+
+    return jax.jacfwd(accelerations, (0, 1))(zero, zero)
+
+
+_linearised = kept_jit(_linearise)

@@ -1,0 +1,133 @@
+"""What fills a joint's play and acts without touch: grease and seals damp it, preloaded rolling elements close it.
+
+A sleeve without them rings: the modes of a pin along its wall have next to no damping of their own.
+"""
+
+from typing import Any, ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+
+from clearance_jax._types import Scalar
+from clearance_jax.joints._base import AbstractElement, Offset
+from clearance_jax.joints.checks import check_sizes
+from clearance_jax.laws import Geometry
+from clearance_jax.parameters import physical
+from clearance_jax.spatial import Term, Vector, add, dot, plus, scale, times
+
+# Damping of rolling bearings is reckoned as (0.25 to 2.5) 1e-5 s of their stiffness (Krämer, Dynamics of rotors and
+# foundations, Springer 1993).
+ROLLING_DAMPING = 1e-5
+
+
+class PlayDamper(AbstractElement):
+    """A linear damper over the play: -b v on the pin's centre, -b w on its tilt. It bears nothing at rest.
+
+    **Arguments:** `radial` [N s/m], across; `axial` [N s/m], of axial play; `tilt` [N m s/rad]. What a joint has no
+    play in is not damped: a pin turns freely about its axis.
+    """
+
+    radial: Scalar = physical("N*s/m", least=0.0, help="damping of the play across", example='"2 kN*s/m"')
+    axial: Scalar = physical("N*s/m", least=0.0, default=0.0, help="damping of axial play", example='"1 kN*s/m"')
+    tilt: Scalar = physical("N*m*s/rad", least=0.0, default=0.0, help="damping of tilt", example='"0.5 N*m*s/rad"')
+
+    @classmethod
+    def film(cls, viscosity: Any, pin_radius: Any, length: Any, radial_clearance: Any) -> "PlayDamper":
+        """The damping of a film that fills the play, about the pin's middle position: radially pi m r L^3 / c^3, of
+        tilt pi m r L^5 / (60 c^3).
+
+        It holds for small motions of a short pin (L below 2 r) whose film does not cavitate; nearer to the wall a film
+        damps more. Greases' base oils have some 0.1 to 0.5 Pa s when they are warm (ISO VG 100 to 460 at 40 degC).
+
+        **Source:** Reynolds' equation of the short bearing (Ocvirk 1952), integrated for a rate of the film's height
+        that is even along the pin, or grows from its middle.
+
+        **Arguments:** `viscosity` [Pa s]; `pin_radius`, `length`, `radial_clearance` [m].
+        """
+        check_sizes("Pa*s", viscosity=viscosity)
+        check_sizes(pin_radius=pin_radius, length=length, radial_clearance=radial_clearance)
+        radial = np.pi * viscosity * pin_radius * length**3 / radial_clearance**3
+        return cls(radial, 0.0, radial * length**2 / 60)
+
+    def wrench(self, offset: Offset, geometry: Geometry) -> tuple[Vector, Vector]:
+        """The damping force and torque."""
+        return _each(self.radial, self.axial, offset.velocity), scale(-self.tilt, offset.spin)
+
+
+class PreloadedBearing(AbstractElement):
+    """Rolling elements under preload, which close the play up to a load: -k x / sqrt(1 + (k |x| / P)^2).
+
+    Up to about half its preload P it is a spring of the stiffness k; beyond, elements come loose, and it never bears
+    more than P. What the load exceeds it by the walls of the joint's play bear. So play comes back with the load, and
+    with wear that takes the preload away. Its energy is P^2 / k (sqrt(1 + (k |x| / P)^2) - 1).
+
+    **Arguments:**
+
+    - `radial_stiffness` [N/m], > 0; `axial_stiffness` [N/m], of axial play; `tilt_stiffness` [N m/rad].
+    - `radial_preload`, `axial_preload` [N], `tilt_preload` [N m]: the load at which the play opens; `None`: at none.
+    - `damping_time` [s]: damping over stiffness; of rolling bearings it is 0.25e-5 to 2.5e-5 s (Krämer 1993).
+    """
+
+    radial_stiffness: Scalar = physical("N/m", above=0.0, help="stiffness across", example='"200 N/um"')
+    axial_stiffness: Scalar = physical(
+        "N/m", least=0.0, default=0.0, help="stiffness of axial play", example='"300 N/um"'
+    )
+    tilt_stiffness: Scalar = physical(
+        "N*m/rad", least=0.0, default=0.0, help="stiffness against tilt", example='"200 kN*m/rad"'
+    )
+    radial_preload: Scalar | None = physical(
+        "N", above=0.0, default=None, help="force at which the play opens", example='"800 N"', absent="it never opens"
+    )
+    axial_preload: Scalar | None = physical(
+        "N", above=0.0, default=None, help="axial force at which it opens", example='"1 kN"', absent="it never opens"
+    )
+    tilt_preload: Scalar | None = physical(
+        "N*m", above=0.0, default=None, help="moment at which it opens", example='"40 N*m"', absent="it never opens"
+    )
+    damping_time: Scalar = physical(
+        "s", least=0.0, default=ROLLING_DAMPING, help="damping over stiffness", example='"10 us"'
+    )
+    stiff: ClassVar[bool] = True
+
+    def _springs(self, offset: Offset) -> tuple[tuple[Scalar, Scalar | None, Vector], ...]:
+        """Stiffness, preload and deflection across and along the axis, and of the tilt, by the chord of its angle."""
+        x, y, z = offset.place
+        chord = jnp.sqrt(2 / (1 + jnp.asarray(offset.cosine, float)))
+        return (
+            (self.radial_stiffness, self.radial_preload, (x, y, 0.0)),
+            (self.axial_stiffness, self.axial_preload, (0.0, 0.0, z)),
+            (self.tilt_stiffness, self.tilt_preload, scale(chord, offset.sine)),
+        )
+
+    def wrench(self, offset: Offset, geometry: Geometry) -> tuple[Vector, Vector]:
+        """What springs and their damping exert."""
+        radial, axial, tilt = (scale(-k / _opening(k, preload, at), at) for k, preload, at in self._springs(offset))
+        # The moment is the derivative of the tilt's energy by its angle, of which the chord is twice the half's sine.
+        lean = jnp.sqrt((1 + jnp.asarray(offset.cosine, float)) / 2)
+        force = add(add(radial, axial), scale(self.damping_time, self._lost(offset)))
+        spent = scale(-times(self.damping_time, self.tilt_stiffness), offset.spin)
+        return force, add(scale(lean, tilt), spent)
+
+    def _lost(self, offset: Offset) -> Vector:
+        return _each(self.radial_stiffness, self.axial_stiffness, offset.velocity)
+
+    def energy(self, offset: Offset, geometry: Geometry) -> Scalar:
+        """What the springs hold [J]."""
+        held: Term = 0.0
+        for k, preload, at in self._springs(offset):
+            held = plus(held, times(k / (1 + _opening(k, preload, at)), dot(at, at)))
+        return jnp.asarray(held, float)
+
+
+def _each(across: Scalar, along: Scalar, rate: Vector) -> Vector:
+    """What dampers exert."""
+    return times(-across, rate[0]), times(-across, rate[1]), times(-along, rate[2])
+
+
+def _opening(stiffness: Scalar, preload: Scalar | None, at: Vector) -> Scalar | float:
+    """sqrt(1 + (k |x| / P)^2): 1 where nothing is loose."""
+    return 1.0 if preload is None else jnp.sqrt(1 + (stiffness / preload) ** 2 * jnp.asarray(dot(at, at), float))
+
+
+ELEMENTS = {"damper": PlayDamper, "preloaded-bearing": PreloadedBearing}
+"""By their words in scene files."""
