@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, AbstractStiffness
     from clearance_jax.mechanism.actuators import AbstractActuator, ConstantEffort, JointFriction, JointSpring, Servo
     from clearance_jax.mechanism.body import Body, Motion, Point, Spring
+    from clearance_jax.mechanism.compliance import Compliance, with_compliance
     from clearance_jax.mechanism.compounds import Ball, Cylindrical, Free, Planar, Spherical, Spin, Universal
     from clearance_jax.mechanism.controllers import AbstractController, ComputedTorque, Reference
     from clearance_jax.mechanism.drives import AbstractDrive, ConstantSpeed, Harmonic, Spline, Step5Sum, StepSum
@@ -109,6 +110,7 @@ _NAMES = {
     "laws": ("AbstractFrictionLaw", "AbstractNormalLaw", "AbstractStiffness"),
     "mechanism.actuators": ("AbstractActuator", "ConstantEffort", "JointFriction", "JointSpring", "Servo"),
     "mechanism.body": ("Body", "Motion", "Point", "Spring"),
+    "mechanism.compliance": ("Compliance", "with_compliance"),
     "mechanism.compounds": ("Ball", "Cylindrical", "Free", "Planar", "Spherical", "Spin", "Universal"),
     "mechanism.controllers": ("AbstractController", "ComputedTorque", "Reference"),
     "mechanism.drives": ("AbstractDrive", "ConstantSpeed", "Harmonic", "Spline", "Step5Sum", "StepSum"),
@@ -155,6 +157,7 @@ __all__ = [
     "CartesianPath",
     "Choice",
     "ClearanceError",
+    "Compliance",
     "ComputedTorque",
     "Constant",
     "ConstantEffort",
@@ -256,6 +259,7 @@ __all__ = [
     "trace",
     "wear",
     "wear_figures",
+    "with_compliance",
     "write_trajectory",
 ]
 

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from clearance_jax._types import Rows, Scalar
 from clearance_jax.dynamics.applied import load_power
 from clearance_jax.dynamics.equations import Balance
-from clearance_jax.dynamics.inertia import Extra, inertia_of, inertial_wrenches, pair_work
+from clearance_jax.dynamics.inertia import Extra, inertia_of, inertial_wrenches, pair_work, rotors
 from clearance_jax.dynamics.kinematics import Frames, frames, plays, spring_state
 from clearance_jax.dynamics.table import Table
 from clearance_jax.joints import PreparedClearance, each_joint
@@ -150,6 +150,8 @@ def energies(time: Scalar, y: Array, mechanism: Mechanism) -> Energies:
             potential = minus(potential, times(body.mass, dot(mechanism.gravity.vector, centre)))
         if body.inertia is not None:
             kinetic = plus(kinetic, times(0.5, dot(inertia_of(body, frame).apply(frame.spin), frame.spin)))
+    for i, inertia in rotors(mechanism).items():
+        kinetic = plus(kinetic, 0.5 * inertia * state.v[i] ** 2)
     springs: Term = 0.0
     for spring in mechanism.springs:
         springs = plus(springs, 0.5 * spring.stiffness * spring_state(spring, motion).elongation ** 2)

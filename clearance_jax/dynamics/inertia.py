@@ -22,7 +22,7 @@ from clearance_jax.mechanism.body import GROUND, Body, needs_six
 from clearance_jax.mechanism.frame import Column, Frame
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.placement import Inertia
-from clearance_jax.mechanism.state import layout
+from clearance_jax.mechanism.state import layout, parts
 from clearance_jax.spatial import (
     ZERO,
     Term,
@@ -141,12 +141,20 @@ def own_columns(mechanism: Mechanism, motion: Frames) -> dict[str, tuple[Column,
     return {j.child: motion[j.child].free[len(motion[j.parent].free) :] for j in mechanism.joints}
 
 
+def rotors(mechanism: Mechanism) -> dict[int, Term]:
+    """The inertia of motors' rotors, by the free velocity that they turn with."""
+    found = {part.v.start: part.coordinate.motion.rotor_inertia for part in parts(mechanism)}
+    return {i: inertia for i, inertia in found.items() if inertia is not None}
+
+
 def mass_matrix(mechanism: Mechanism, motion: Frames, firm: Mapping[int, Term] | None = None) -> Factored | Dense:
     """The factored mass matrix of the free coordinates (lower triangle, structural zeros absent), with factors on the
     inertia of those that are to stay.
     """
     if isinstance(motion, Table):
         whole = motion.mass_matrix()
+        for i, inertia in rotors(mechanism).items():
+            whole = whole.at[i, i].add(inertia)
         for i, times_as_much in (firm or {}).items():
             whole = whole.at[i, i].multiply(times_as_much)
         return Dense(jnp.linalg.cholesky(whole))
@@ -170,6 +178,8 @@ def mass_matrix(mechanism: Mechanism, motion: Frames, firm: Mapping[int, Term] |
                 if at != GROUND:
                     momentum = once(momentum.moved(subtract(pivot, motion[at].pivot)))
                     pivot = motion[at].pivot
+    for i, inertia in rotors(mechanism).items():
+        matrix[i][i] = plus(matrix[i][i], inertia)
     for i, name in enumerate(names):
         if is_zero(matrix[i][i]):
             raise ClearanceError(
@@ -235,15 +245,18 @@ def generalised_load(mechanism: Mechanism, motion: Frames, pairs: list[Pair], ex
     `extra` also the inertia of free accelerations.
     """
     if isinstance(motion, Table):
-        return _tabled_load(motion, pairs, extra)
-    load: list[Term] = [0.0] * layout(mechanism).free
-    wrenches = inertial_wrenches(mechanism, motion, extra)
-    for name, columns in own_columns(mechanism, motion).items():
-        for column in columns:
-            load[column.index] = wrenches[name].on(column, motion[name].pivot)
-    for pair in pairs:
-        for index, term in pair_load(pair, motion).items():
-            load[index] = plus(load[index], term)
+        load = _tabled_load(motion, pairs, extra)
+    else:
+        load: list[Term] = [0.0] * layout(mechanism).free
+        wrenches = inertial_wrenches(mechanism, motion, extra)
+        for name, columns in own_columns(mechanism, motion).items():
+            for column in columns:
+                load[column.index] = wrenches[name].on(column, motion[name].pivot)
+        for pair in pairs:
+            for index, term in pair_load(pair, motion).items():
+                load[index] = plus(load[index], term)
+    for i, inertia in rotors(mechanism).items() if extra is not None else ():
+        load[i] = minus(load[i], times(inertia, extra.acceleration[i]))
     return load
 
 

@@ -22,6 +22,7 @@ from jaxtyping import Array
 
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.closures import HELD, StartErrors, corrected
+from clearance_jax.dynamics.deflected import deflected
 from clearance_jax.dynamics.equations import balance
 from clearance_jax.dynamics.reactions import held_reactions, held_still
 from clearance_jax.dynamics.seated import Seated, followed, lowest_frequency, play_mobility
@@ -55,7 +56,7 @@ def settled_start(time: Scalar, mechanism: Mechanism) -> tuple[Array, StartError
             '`start = "settled"` puts every pin at its wall, but `assemble = false` asks for exactly the given initial '
             "values. Leave one of them out."
         )
-    mechanism = mechanism.unsampled()  # which acts at the start as it would if it were not
+    mechanism = deflected(time, mechanism.unsampled())  # which acts at the start as it would if it were not sampled
     joints, loops, plan = mechanism.clearance_joints(), mechanism.loops, layout(mechanism.ideal())
     begin = tuple(_middle(joint) for joint in joints)
     sizes = [as_array([one.scale for one in joint.joint.play()]) for joint in joints]

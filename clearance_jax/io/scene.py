@@ -11,18 +11,19 @@ from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.io.files import read_toml
 from clearance_jax.io.plausible import ImplausibleWarning, implausible
 from clearance_jax.io.scene_joint import drive_of, joints_of, read_drive
-from clearance_jax.io.scene_keys import BODY, CONTROLLER, POINT, SCENE, SOLVE, SPRING, WRENCH
+from clearance_jax.io.scene_keys import BODY, COMPLIANCE, CONTROLLER, POINT, SCENE, SOLVE, SPRING, WRENCH
 from clearance_jax.io.scene_robot import NO_ROBOT, body_of, robot_of
 from clearance_jax.io.table import Table, naming
 from clearance_jax.io.trajectory import Trajectory, read_trajectory
 from clearance_jax.io.urdf import read_robot
 from clearance_jax.mechanism.body import Body, Point, Spring
+from clearance_jax.mechanism.compliance import Compliance, with_compliance
 from clearance_jax.mechanism.controllers import ComputedTorque, Reference
 from clearance_jax.mechanism.loads import Force, Torque, Wrench
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.placement import Gravity, Orientation, Position
 from clearance_jax.mechanism.structure import check_model
-from clearance_jax.mechanism.tree import SLIDING, TURNING
+from clearance_jax.mechanism.tree import SLIDING, TURNING, Prismatic
 
 
 class Scene(NamedTuple):
@@ -95,8 +96,20 @@ def _whole(top: Table, path: Path) -> tuple[Mechanism, Trajectory | None]:
                 "away."
             )
         mechanism = mechanism.driven(trajectory.drives)
+    for name, values, where in top.named("compliance"):
+        mechanism = _compliant(mechanism, name, values, where)
     controllers = [_controller(*part, path, mechanism) for part in top.parts("controller")]
     return dataclasses.replace(mechanism, controllers=tuple(controllers)), trajectory
+
+
+def _compliant(mechanism: Mechanism, name: str, values: Any, where: str) -> Mechanism:
+    """The mechanism with a drive that gives way."""
+    with naming(where):
+        words = SLIDING if isinstance(mechanism.joint(name), Prismatic) else TURNING
+    table = Table(values, where, COMPLIANCE, words)
+    table.need("stiffness")
+    with naming(where):
+        return with_compliance(mechanism, name, Compliance(**table.given()))
 
 
 def _solve(table: Table) -> dict[str, Any]:

@@ -112,7 +112,7 @@ def _several(cls: type, table: Table, path: Path) -> dict[str, Any]:
         if field.type is Ball:
             spin = table.get("spin") if table.has("spin") else ()
             start = _orientation(table, "start") or Orientation()
-            out["motion"] = Ball(start, Spin(*(rate or 0.0 for rate in spin)))
+            out["motion"] = Ball(start, Spin(*(rate or 0.0 for rate in spin)), table.get("damping"))
         if field.type in (Slide, Turn) and table.has(field.name):
             words = SLIDING if field.type is Slide else TURNING
             out[field.name] = motion_of(Table(table.get(field.name), table.key(field.name), OF_ONE, words), path)
@@ -128,7 +128,10 @@ def motion_of(table: Table, path: Path) -> Motion:
         _actuator(chosen(values, where, ACTUATOR_TABLES, table.words), path)
         for _, values, where in table.parts("actuator")
     )
-    return Motion(drive, table.get("position"), table.get("velocity"), actuators)
+    rotor = table.get("rotor_inertia")
+    if drive is not None and rotor is not None:
+        raise ClearanceError(f"{table.key('rotor_inertia')} has no effect beside a drive, which is followed exactly.")
+    return Motion(drive, table.get("position"), table.get("velocity"), actuators, rotor_inertia=rotor)
 
 
 def drive_of(table: Table, name: str, path: Path) -> AbstractDrive:

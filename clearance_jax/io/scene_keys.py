@@ -7,6 +7,7 @@ from clearance_jax.io.table import Keys
 from clearance_jax.io.urdf import BASES, MIMICS
 from clearance_jax.mechanism.actuators import ConstantEffort, JointFriction, JointSpring, Servo
 from clearance_jax.mechanism.body import Body, Motion, Point, Spring
+from clearance_jax.mechanism.compliance import Compliance
 from clearance_jax.mechanism.compounds import Ball, Cylindrical, Free, Planar, Spherical, Universal
 from clearance_jax.mechanism.controllers import ComputedTorque
 from clearance_jax.mechanism.drives import ConstantSpeed, Harmonic, Spline, Step5Sum, StepSum
@@ -84,6 +85,13 @@ SCENE = Keys(
             "loads from outside, by name",
             '{ cut = { body = "slider", force = ["-100 N", "0 N"] } }',
             form="tables by name",
+        ),
+        Sub(
+            "compliance",
+            "drives that give way, by the joint that they drive",
+            '{ axis_2 = { stiffness = "50 kN*m/rad" } }',
+            form="tables by name",
+            absent="drives are followed exactly",
         ),
         Sub(
             "controller",
@@ -244,6 +252,13 @@ OF_ONE = Keys(
     "As that of a revolute or prismatic joint.",
     tuple(key for key in MOTION.keys if key.name != "axis"),
 )
+COMPLIANCE = Keys(
+    "compliance.NAME",
+    "Compliance of a drive",
+    "A joint whose drive, or motor under actuators, moves it through a spring and a damper: `NAME_motor` is what the "
+    "drive moves, `NAME` how far the link gives way.",
+    keys_of(Compliance),
+)
 # What each joint of several coordinates has beside what every joint has.
 COMPOUND_TABLES = {
     word: Keys(
@@ -305,6 +320,7 @@ SCENE_TABLES = (
     *PLAY_TABLES,
     *COMPOUND_TABLES.values(),
     OF_ONE,
+    COMPLIANCE,
     *DRIVE_TABLES.values(),
     SPLINE_FILE,
     *ACTUATOR_TABLES.values(),

@@ -126,6 +126,8 @@ class Motion(Module):
     - `position`, `velocity`: initial values of a free coordinate (a first guess where a loop must be assembled).
     - `actuators`: generalised forces along a free coordinate.
     - `limits`: what its drive can do, as a data sheet says; a motion is not held within them.
+    - `rotor_inertia` [kg m^2] (or [kg]): of the motor of a free coordinate, seen through its gears (by the square of
+      their ratio). It resists this coordinate alone: how its carrier turns it otherwise, and its weight, are left out.
     """
 
     drive: AbstractMotionLaw | None = leading(default=None)
@@ -143,6 +145,14 @@ class Motion(Module):
     )
     actuators: tuple[AbstractActuator, ...] = flattened(default=())
     limits: Limits | None = eqx.field(static=True, default=None)
+    rotor_inertia: Scalar | None = physical(
+        "effort*s^2/coordinate",
+        above=0.0,
+        default=None,
+        help="inertia of a free coordinate's motor, seen through its gears",
+        example='"1.5 kg*m^2"',
+        absent="none",
+    )
 
     @property
     def is_free(self) -> bool:

@@ -1,5 +1,6 @@
 """Joints of several coordinates: a ball, and compositions of slides, turns and balls."""
 
+import dataclasses
 from typing import ClassVar
 
 import equinox as eqx
@@ -54,7 +55,7 @@ def _as(cls: type):
     def convert(motion):
         if isinstance(motion, cls) or not isinstance(motion, Motion):
             return motion
-        return cls(motion.drive, motion.position, motion.velocity, motion.actuators, motion.limits)
+        return cls(*(getattr(motion, field.name) for field in dataclasses.fields(motion)))
 
     return convert
 
@@ -99,8 +100,11 @@ class Ball(Module):
         "at rest",
         default_factory=Spin,
     )
-    damping: Scalar | None = physical("N*m*s/rad", least=0.0, default=None)
+    damping: Scalar | None = physical(
+        "N*m*s/rad", least=0.0, default=None, help="damping of its spin", example='"0.1 N*m*s/rad"', absent="none"
+    )
     drive: ClassVar[None] = None
+    rotor_inertia: ClassVar[None] = None
     actuators: ClassVar[tuple] = ()
     limits: ClassVar[None] = None
     is_free: ClassVar[bool] = True

@@ -1,0 +1,57 @@
+"""Drives that give way, at rest under the load that they bear at the start."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from clearance_jax._types import Scalar
+from clearance_jax.dynamics.field import slope
+from clearance_jax.mechanism.body import Motion
+from clearance_jax.mechanism.compliance import DriveSpring
+from clearance_jax.mechanism.driving import with_motions
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.state import initial_values, layout, parts
+from clearance_jax.mechanism.tree import AbstractJoint, Coordinate
+
+# Newton's iterations: what gives way is nearly linear, and so the second is round-off; the last two have derivatives.
+ROUNDS = 4
+
+
+def deflected(time: Scalar, mechanism: Mechanism) -> Mechanism:
+    """The mechanism whose drives that give way begin at rest relative to their motors: deflected so that they do not
+    accelerate, with joints ideal and everything else moving as it does.
+    """
+    springs = [part for part in parts(mechanism.ideal()) if gives_way(part.coordinate.motion)]
+    if not springs:
+        return mechanism
+    ideal = mechanism.ideal().unsampled().prepared().as_small_program()
+    places, speeds = (np.array([getattr(part, which).start for part in springs]) for which in "qv")
+    begin = initial_values(ideal)
+
+    def accelerations(x: Array) -> Array:
+        return slope(time, begin.at[places].set(x), ideal)[layout(ideal).v][speeds]
+
+    def once(_, x):
+        stiff = jax.lax.stop_gradient(jax.jacfwd(accelerations)(jax.lax.stop_gradient(x)))
+        return x - jnp.linalg.solve(stiff, accelerations(x))
+
+    found = jax.lax.fori_loop(0, ROUNDS, once, begin[places])
+    at = {part.coordinate.name: found[i] for i, part in enumerate(springs)}
+
+    def moved(joint: AbstractJoint) -> AbstractJoint:
+        def change(coordinate: Coordinate) -> Motion:
+            if coordinate.name not in at:
+                return coordinate.motion
+            return dataclasses.replace(coordinate.motion, position=at[coordinate.name])
+
+        return with_motions(joint, change)
+
+    return dataclasses.replace(mechanism, joints=tuple(moved(joint) for joint in mechanism.joints))
+
+
+def gives_way(motion: Motion) -> bool:
+    """Whether it is that of a drive's spring."""
+    return any(isinstance(actuator, DriveSpring) for actuator in motion.actuators)

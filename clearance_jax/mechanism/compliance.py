@@ -1,0 +1,71 @@
+"""Drives that give way: a motor turns its link through gears and shafts that are a spring and a damper.
+
+The joint is split. `NAME_motor` moves a rotor, a body without inertia of its own, as the joint's drive or actuators do;
+`NAME`, with the joint's play, is what the link turns on the rotor, held by the spring. A motor that actuators move has
+the inertia of its rotor as seen through its gears, `Motion.rotor_inertia`. (The flexible joint of Spong, Modeling and
+control of elastic joint robots, ASME Journal of Dynamic Systems, Measurement, and Control 109, 1987.)
+"""
+
+import dataclasses
+
+from clearance_jax._types import Scalar
+from clearance_jax.errors import ClearanceError
+from clearance_jax.mechanism.actuators import JointSpring
+from clearance_jax.mechanism.body import Body, Motion
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.placement import ORIGIN
+from clearance_jax.mechanism.tree import AbstractJoint, Prismatic, Revolute
+from clearance_jax.parameters import Parametrised, physical
+
+
+class DriveSpring(JointSpring):
+    """The spring and damper of a drive. A settled start is deflected by the load that it bears."""
+
+
+class Compliance(Parametrised):
+    """What a drive gives way by.
+
+    **Arguments:** `stiffness` [N m/rad] (or [N/m]) and `damping` [N m s/rad], seen from the link; `rotor_inertia` of a
+    motor that actuators move [kg m^2] (or [kg]): the rotor's by the square of the gear ratio.
+    """
+
+    stiffness: Scalar = physical("effort/coordinate", above=0.0, help="stiffness", example='"50 kN*m/rad"')
+    damping: Scalar = physical("effort*s/coordinate", least=0.0, default=0.0, help="damping", example='"20 N*m*s/rad"')
+    rotor_inertia: Scalar | None = physical(
+        "effort*s^2/coordinate",
+        above=0.0,
+        default=None,
+        help="inertia of the motor's rotor, seen through the gears",
+        example='"1.5 kg*m^2"',
+        absent="a drive that is followed exactly",
+    )
+
+
+def with_compliance(mechanism: Mechanism, name: str, compliance: Compliance) -> Mechanism:
+    """The same mechanism with a drive that gives way in the joint `name`: its drive or actuators are those of
+    `NAME_motor` then.
+
+    **Raises:** `ClearanceError` for a joint that is none of the tree, or not revolute or prismatic; for one that
+    nothing drives; for a rotor's inertia where the drive is followed exactly, and its lack where it is not.
+    """
+    joint = mechanism.joint(name)
+    if not isinstance(joint, Revolute | Prismatic) or joint not in mechanism.joints:
+        raise ClearanceError(f"The drive of joint `{name}` cannot give way: only those of pins and slides of the tree.")
+    if joint.motion.is_free and not joint.motion.actuators:
+        raise ClearanceError(f"Nothing drives joint `{name}`: give it a drive or an actuator before it gives way.")
+    if joint.motion.is_free and compliance.rotor_inertia is None:
+        raise ClearanceError(f"The motor of joint `{name}` is moved by actuators: give its `rotor_inertia`.")
+    if not joint.motion.is_free and compliance.rotor_inertia is not None:
+        raise ClearanceError(
+            f"`rotor_inertia` has no effect in joint `{name}`: its drive is followed exactly, whatever its motor is."
+        )
+    rotor = f"{name}_rotor"
+    motion = dataclasses.replace(joint.motion, rotor_inertia=compliance.rotor_inertia)
+    ideal = {"clearance": None, "eccentricity": ORIGIN, "at_child": ORIGIN, "child_orientation": None}
+    motor = dataclasses.replace(joint, name=f"{name}_motor", child=rotor, motion=motion, **ideal)
+    spring = Motion(actuators=(DriveSpring(compliance.stiffness, compliance.damping),))
+    link = dataclasses.replace(joint, parent=rotor, at_parent=ORIGIN, angle=None, orientation=None, motion=spring)
+    joints: list[AbstractJoint] = []
+    for other in mechanism.joints:
+        joints += [motor, link] if other is joint else [other]
+    return dataclasses.replace(mechanism, bodies=(*mechanism.bodies, Body(rotor)), joints=tuple(joints))

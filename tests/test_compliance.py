@@ -1,0 +1,135 @@
+"""Drives that give way: against closed forms of two inertias on a spring, and of a loaded spring; settled starts."""
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+import clearance_jax as cj
+from clearance_jax.dynamics.deflected import deflected
+from clearance_jax.dynamics.energy import energies
+from clearance_jax.dynamics.field import slope
+from clearance_jax.mechanism.state import initial_values, layout
+
+INERTIA, ROTOR, STIFFNESS = 0.03, 0.5, 800.0
+
+
+def wheel(motion, **changes):
+    joint = cj.Revolute("hub", "ground", "wheel", motion=motion, **changes)
+    return cj.Mechanism(bodies=(cj.Body("wheel", 2.0, INERTIA),), joints=(joint,))
+
+
+def test_a_motor_and_its_link_swing_against_each_other():
+    """Under a constant torque T on the rotor: w^2 = k (1 / J + 1 / I), and it is -T / (J w^2) (1 - cos w t)."""
+    torque, t = 3.0, 0.03
+    m = cj.with_compliance(
+        wheel(cj.Motion(actuators=(cj.ConstantEffort(torque),))), "hub", cj.Compliance(STIFFNESS, 0.0, ROTOR)
+    )
+    assert [c.name for c in m.coordinates()] == ["hub_motor", "hub"]
+    s = cj.simulate(m, t, rtol=1e-10)
+    w = np.sqrt(STIFFNESS * (1 / ROTOR + 1 / INERTIA))
+    assert float(s["hub.position"]) == pytest.approx(-torque / (ROTOR * w**2) * (1 - np.cos(w * t)), rel=1e-8)
+    # Both together as one: J motor' + I (motor' + link') = T t.
+    motor, link = (float(s[f"{name}.velocity"]) for name in ("hub_motor", "hub"))
+    assert ROTOR * motor + INERTIA * (motor + link) == pytest.approx(torque * t, rel=1e-9)
+    ready = m.prepared()
+    held = energies(jnp.asarray(t), s.final[:4], ready)
+    assert float(held.kinetic) == pytest.approx(0.5 * ROTOR * motor**2 + 0.5 * INERTIA * (motor + link) ** 2, rel=1e-12)
+    assert float(s.energy_residual) < 1e-8
+
+
+def test_a_rotor_in_space_is_that_in_the_plane_in_every_form():
+    """Unrolled and as arrays: a chain whose motors have rotors, against the same joint by joint."""
+    from clearance_jax.dynamics.control import inverse_dynamics
+
+    robot = cj.load("experiments/scenes/six_axes.urdf").released([f"axis_{i}" for i in range(1, 7)])
+    turns = [joint for joint in robot.joints if isinstance(joint, cj.Revolute)]
+    heavy = robot
+    for i, joint in enumerate(turns):
+        moved = cj.Motion(position=0.1 * (i + 1), velocity=0.3 - 0.1 * i, rotor_inertia=0.2 + 0.1 * i)
+        heavy = heavy.with_joint(cj.Revolute(**{**vars(joint), "motion": moved}))
+    light = heavy
+    for joint in turns:
+        own: Any = heavy.joint(joint.name)
+        still = cj.Motion(position=own.motion.position, velocity=own.motion.velocity)
+        light = light.with_joint(cj.Revolute(**{**vars(own), "motion": still}))
+    y = initial_values(heavy)
+    plan = layout(heavy)
+    found = []
+    for m in (heavy.prepared(), heavy.as_small_program().prepared()):
+        found.append(np.asarray(slope(jnp.zeros(()), y, m)[plan.v]))
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-11, atol=1e-12)
+    # What the arm without rotors needs for these accelerations, plus J a, is nothing.
+    needed = inverse_dynamics(light.prepared(), jnp.zeros(()), plan.split(y), list(found[0]))
+    turning = {joint.name: 0.2 + 0.1 * i for i, joint in enumerate(turns)}
+    rotors = np.array([turning.get(name, 0.0) for name in plan.velocities])
+    balance = np.array([float(x) for x in needed]) + rotors * found[0]
+    np.testing.assert_allclose(balance, 0.0, atol=1e-10)
+    own = inverse_dynamics(heavy.prepared(), jnp.zeros(()), plan.split(y), list(found[0]))
+    np.testing.assert_allclose(np.array([float(x) for x in own]), 0.0, atol=1e-10)
+
+
+def pendulum(stiffness):
+    play = cj.joints.fitted(2e-5, diameter=0.03)
+    arm = cj.Mechanism(
+        bodies=(cj.Body("arm", 4.0, INERTIA, cj.Position(0.3)),),
+        joints=(
+            cj.Revolute("hip", "ground", "arm", motion=cj.Motion(cj.Constant(0.4)), clearance=play),
+        ),
+        gravity=cj.Gravity(0.0, -9.81),
+    )
+    return cj.with_compliance(arm, "hip", cj.Compliance(stiffness, 1.0))
+
+
+def test_a_settled_start_is_deflected_by_its_load():
+    """-k d = m g l cos(angle + d); and there it stays, but for the pin's play."""
+    stiffness = 500.0
+    m = pendulum(stiffness)
+    s = cj.simulate(m, 1e-3, start="settled", rtol=1e-9)
+    load = 4.0 * 9.81 * 0.3
+    found = brentq(lambda d: stiffness * d + load * np.cos(0.4 + d), -1.0, 1.0, xtol=1e-15)
+    positions = layout(m).positions
+    first = {name: float(s.initial[i]) for i, name in enumerate(positions)}
+    assert first["hip"] == pytest.approx(found, abs=1e-4)  # the pin at its wall moves the arm a little
+    hip: Any = deflected(jnp.zeros(()), m.prepared()).joint("hip")
+    assert float(hip.motion.position) == pytest.approx(found, rel=1e-12)
+    # Started without it, it swings by the whole deflection.
+    loose = cj.simulate(m, 1e-2, rtol=1e-8)
+    held = cj.simulate(m, 1e-2, start="settled", rtol=1e-8)
+    assert abs(float(held["hip.velocity"])) < 0.02 * abs(float(loose["hip.velocity"]))
+
+
+SCENE = """
+gravity = ["0 m/s^2", "-9.81 m/s^2"]
+[body.arm]
+mass = "4 kg"
+inertia = "0.03 kg*m^2"
+center_of_mass = ["0.3 m", "0 m"]
+[joint.hip]
+type = "revolute"
+parent = "ground"
+child = "arm"
+drive = "0.4 * time"
+[compliance.hip]
+stiffness = "500 N*m/rad"
+damping = "1 N*m*s/rad"
+"""
+
+
+def test_a_scene_says_which_drive_gives_way(tmp_path):
+    path = tmp_path / "arm.toml"
+    path.write_text(SCENE, encoding="utf-8")
+    m = cj.load(path)
+    assert [joint.name for joint in m.joints] == ["hip_motor", "hip"]
+    assert [c.name for c in m.free_coordinates()] == ["hip"]
+    for wrong, said in (
+        ("[compliance.hip]", "[compliance.knee]"),
+        ('damping = "1 N*m*s/rad"', 'rotor_inertia = "1 kg*m^2"'),
+        ('drive = "0.4 * time"', ""),
+        ('stiffness = "500 N*m/rad"', ""),
+    ):
+        path.write_text(SCENE.replace(wrong, said), encoding="utf-8")
+        with pytest.raises(cj.ClearanceError, match="compliance"):
+            cj.load(path)
