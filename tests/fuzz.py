@@ -24,6 +24,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import jax
+
 from tests.fuzz_cases import CANARY, SCENES, Case, cases
 
 # What no case may take longer than [s].
@@ -44,7 +46,7 @@ class Watch:
     """What is executed, and written outside a folder and those that programs keep for themselves, while it is on."""
 
     def __init__(self, folder: Path):
-        kept = (os.environ.get("JAX_COMPILATION_CACHE_DIR"), "/dev/null", str(folder))
+        kept = (jax.config.jax_compilation_cache_dir, "/dev/null", str(folder))
         self.kept = tuple(os.path.realpath(path) for path in kept if path)
         self.on, self.seen = False, []
         self.asked: tuple[str, ...] = ()

@@ -129,7 +129,7 @@ def scene(body="", kind="revolute", main="", pin=""):
 
 
 def test_examples_of_the_top_a_body_a_spring_and_a_solve_are_read(tmp_path):
-    parts = ("solve", "body", "joint", "spring", "point", "wrench", "controller", "robot")
+    parts = ("solve", "body", "joint", "spring", "point", "wrench", "controller", "robot", "compliance")
     top = lines(example(scene_keys.SCENE, *parts))
     rest = "[spring.coil]\n" + lines(example(scene_keys.SPRING)) + "[solve]\n" + lines(example(scene_keys.SOLVE))
     rest += "[wrench.cut]\n" + lines(example(scene_keys.WRENCH))
@@ -194,6 +194,17 @@ def test_examples_of_friction_laws_are_read(word, tmp_path):
     values = example(play_keys.FRICTION_TABLES[word])
     read = load(tmp_path, scene(pin=lines({**PIN, "normal": HERTZ, "friction": inline(values)})))
     assert {f"pin.friction.{name}" for name in values if name != "law"} <= set(cj.parameters(read.mechanism))
+
+
+def test_examples_of_a_compliance_are_read(tmp_path):
+    rest = "[compliance.main]\n" + lines(example(scene_keys.COMPLIANCE, "rotor_inertia"))
+    read = load(tmp_path, scene(main='drive = "0.4 * time"') + rest)
+    (spring,) = read.mechanism.joint("main").motion.actuators
+    assert float(spring.stiffness) == pytest.approx(50e3)
+    rest = "[compliance.main]\n" + lines(example(scene_keys.COMPLIANCE))
+    torque = 'actuator.motor = { type = "constant", effort = "3 N*m" }'
+    read = load(tmp_path, scene(main=torque) + rest)
+    assert float(read.mechanism.joint("main_motor").motion.rotor_inertia) == 1.5
 
 
 # Of a drive with two sets of keys those of the other one.

@@ -255,8 +255,9 @@ def generalised_load(mechanism: Mechanism, motion: Frames, pairs: list[Pair], ex
         for pair in pairs:
             for index, term in pair_load(pair, motion).items():
                 load[index] = plus(load[index], term)
-    for i, inertia in rotors(mechanism).items() if extra is not None else ():
-        load[i] = minus(load[i], times(inertia, extra.acceleration[i]))
+    if extra is not None:
+        for i, inertia in rotors(mechanism).items():
+            load[i] = minus(load[i], times(inertia, extra.acceleration[i]))
     return load
 
 
