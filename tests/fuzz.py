@@ -46,7 +46,7 @@ class Watch:
     """What is executed, and written outside a folder and those that programs keep for themselves, while it is on."""
 
     def __init__(self, folder: Path):
-        kept = (jax.config.jax_compilation_cache_dir, "/dev/null", str(folder))
+        kept = (jax.config.read("jax_compilation_cache_dir"), "/dev/null", str(folder))
         self.kept = tuple(os.path.realpath(path) for path in kept if path)
         self.on, self.seen = False, []
         self.asked: tuple[str, ...] = ()
