@@ -28,6 +28,8 @@ import jax
 
 from tests.fuzz_cases import CANARY, SCENES, Case, cases
 
+# The setting of JAX that says where it keeps programs.
+CACHE = "jax_compilation_cache_dir"
 # What no case may take longer than [s].
 LONGEST_CASE = 20
 # What Python tells of that nobody who reads a file has to do.
@@ -46,7 +48,7 @@ class Watch:
     """What is executed, and written outside a folder and those that programs keep for themselves, while it is on."""
 
     def __init__(self, folder: Path):
-        kept = (jax.config.read("jax_compilation_cache_dir"), "/dev/null", str(folder))
+        kept = (getattr(jax.config, CACHE), "/dev/null", str(folder))
         self.kept = tuple(os.path.realpath(path) for path in kept if path)
         self.on, self.seen = False, []
         self.asked: tuple[str, ...] = ()

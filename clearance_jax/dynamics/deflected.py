@@ -11,6 +11,7 @@ from clearance_jax._types import Scalar
 from clearance_jax.dynamics.field import slope
 from clearance_jax.mechanism.body import Motion
 from clearance_jax.mechanism.compliance import DriveSpring
+from clearance_jax.mechanism.compounds import Ball
 from clearance_jax.mechanism.driving import with_motions
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import initial_values, layout, parts
@@ -52,6 +53,6 @@ def deflected(time: Scalar, mechanism: Mechanism) -> Mechanism:
     return dataclasses.replace(mechanism, joints=tuple(moved(joint) for joint in mechanism.joints))
 
 
-def gives_way(motion: Motion) -> bool:
+def gives_way(motion: Motion | Ball) -> bool:
     """Whether it is that of a drive's spring."""
     return any(isinstance(actuator, DriveSpring) for actuator in motion.actuators)
