@@ -1,13 +1,11 @@
 """What can be asked of functions, classes and modules: whose they are, and what they name."""
 
 import dataclasses
-import dis
 import functools
 import importlib.util
 import os
 import sys
 import types
-import weakref
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -21,14 +19,13 @@ PACKAGE, PYTHON = Path(__file__).parent, Path(os.__file__).parent
 # Flags of classes: one that is made while Python runs, as are those that are written in Python; one that nobody may
 # change, as are those written in C that are made so too (locks and patterns from Python 3.13 on).
 _MADE_LATER, _UNCHANGEABLE = 1 << 9, 1 << 8
-_IMPORT = dis.opmap["IMPORT_NAME"]
 # What Python or a decorator writes into every class, and nothing depends on.
 MADE = {
     *("__module__", "__qualname__", "__doc__", "__dict__", "__weakref__", "__annotations__", "__annotate__"),
     *("__annotate_func__", "__annotations_cache__", "__firstlineno__", "__static_attributes__", "__parameters__"),
     *("__dataclass_fields__", "__dataclass_params__", "__match_args__", "__orig_bases__", "__slots__"),
     *("__abstractmethods__", "__abstractvars__", "__abstractclassvars__", "_abc_impl", "__classcell__"),
-    *("__signature__", "__slotnames__", "_flatten", "_unflatten"),
+    *("__signature__", "__slotnames__"),
 }
 
 
@@ -107,7 +104,7 @@ def looked_up(kind: type) -> Any:
     if not in_python(kind):
         return kind
     found: Any = sys.modules.get(kind.__module__)
-    for part in kind.__qualname__.split("."):
+    for part in str(kind.__qualname__).split("."):
         found = getattr(found, part, None)
     return found
 
@@ -141,20 +138,6 @@ def names_in(code: types.CodeType) -> Iterator[str]:
         yield from one.co_names
 
 
-# Names of what was altered in this process after it was read. JAX may have traced what it was, and take that for a part
-# of a program.
+# Names of modules of this library that were altered in this process after they were read. JAX may have traced what they
+# were, and take that for a part of a program.
 altered: set[str] = set()
-_first: weakref.WeakKeyDictionary[Any, str] = weakref.WeakKeyDictionary()
-
-
-def note(value: Any, name: str, code: str) -> None:
-    """Remember how a function or class was read first; note where it was read otherwise."""
-    if _first.setdefault(value, code) != code:
-        altered.add(name)
-
-
-def imported(code: types.CodeType) -> Iterator[str]:
-    """The modules that a function imports when it runs."""
-    for one in _codes(code):
-        if _IMPORT in one.co_code[::2]:
-            yield from (step.argval for step in dis.get_instructions(one) if step.opcode == _IMPORT)

@@ -1,9 +1,10 @@
 """Programs that are kept between processes as loadable executables: a second process neither traces nor compiles them.
 
 `configure(cache=...)` switches it on. Whatever is not certain (a structure that cannot be read completely, a file that
-is damaged, an executable that cannot be kept) is a reason to compile as usual, never an error. A file is found by a key
-of all that its program depends on: the functions that are traced, with the library as it stands in memory (`_library`),
-the structure of the arguments with the user's code in it (`_structure`), and what is around (`_surroundings`).
+is damaged, an executable that cannot be kept) is a reason to compile as usual, never an error. A program with code of
+the user's in it is compiled as usual: what such code reads and remembers no key can tell. A file is found by a key of
+all that its program depends on: the functions that are traced, with the library as it stands in memory (`_library`),
+the structure of the arguments (`_structure`), and what is around (`_surroundings`).
 """
 
 import contextlib
@@ -31,7 +32,6 @@ from jax.experimental.compilation_cache import compilation_cache
 from clearance_jax import _folder
 from clearance_jax._code import altered
 from clearance_jax._library import library_text
-from clearance_jax._outside import outside_asked
 from clearance_jax._remembered import remember_in
 from clearance_jax._solo import SOLO, solo_jit
 from clearance_jax._structure import Untold, hashed, text, tree_text
@@ -139,11 +139,10 @@ class kept_jit:
             outside[:] = [eqx.combine(places, left, is_leaf=lambda x: isinstance(x, _Place))]
             return leaves
 
-        with outside_asked() as asked:
-            lowered = jax.jit(flat).lower(*numbers)
+        lowered = jax.jit(flat).lower(*numbers)
         if "callback" in lowered.as_text():  # it would point into this process
             return None, None
-        if asked or altered or not _folder.made(_where[0]):
+        if altered or not _folder.made(_where[0]):
             return lowered.compile(SOLO), outside[0]
         # What JAX's own cache brings back cannot be kept once more: it would lack functions.
         with _jax_cache_off():

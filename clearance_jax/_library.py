@@ -9,19 +9,22 @@ import types
 from collections.abc import Iterable, Iterator
 from typing import Any
 
-from clearance_jax._code import MADE, PACKAGE, Untold, altered, name_of
+from clearance_jax._code import MADE, PACKAGE, Untold, altered, elsewhere, inner_of, name_of
 from clearance_jax._structure import Reader, hashed
 
 _HEAD = PACKAGE.name + "."
 # What these know changes with what a process does, and no program depends on it.
-_STATEFUL = "_kept", "_library", "_remembered", "_folder", "_outside", "_structure", "_code", "configure"
+_STATEFUL = "_kept", "_library", "_remembered", "_folder", "_structure", "_code", "configure"
 _ASIDE = {f"{_HEAD}{name}" for name in _STATEFUL}
 # Of each module what it holds, its text, and the modules that it leads to.
 _read: dict[str, tuple[list, str, set[str]]] = {}
 
 
 def library_text(modules: Iterable[str]) -> str:
-    """What this library is as seen from these modules of it."""
+    """What this library is as seen from these modules of it.
+
+    **Raises:** `Untold` where code of the user's is a part of it.
+    """
     waiting, found = set(modules), {}
     while waiting:
         name = waiting.pop()
@@ -58,13 +61,24 @@ def _held(module: types.ModuleType) -> Iterator[Any]:
             continue
         yield value
         if isinstance(value, types.FunctionType):
-            yield value.__code__
+            yield from _of_function(value)
         elif isinstance(value, dict):
             yield from (*value, *value.values())
         elif isinstance(value, list | tuple | set | frozenset):
             yield from value
         elif isinstance(value, type) and value.__module__ == module.__name__:
-            yield from (member for name, member in vars(value).items() if name not in MADE)
+            for name, member in vars(value).items():
+                if name not in MADE:
+                    yield member
+                    yield from _of_function(member)
+
+
+def _of_function(value: Any) -> Iterator[Any]:
+    """What an editor that reloads writes anew into a function that is there, however often it is wrapped."""
+    while value is not None:
+        if isinstance(value, types.FunctionType):
+            yield from (value.__code__, value.__defaults__, value.__kwdefaults__)
+        value = getattr(value, "__wrapped__", None) or inner_of(value)
 
 
 def _told(value: Any, home: str, reader: Reader) -> str:
@@ -83,7 +97,10 @@ def _told(value: Any, home: str, reader: Reader) -> str:
     except (Untold, RecursionError):  # no number, no word, no function: not what is replaced
         reader.forget()
         if isinstance(value, types.FunctionType):
-            return hashed(value.__qualname__, value.__code__.co_code, repr(value.__code__.co_names))
+            if not elsewhere(value.__globals__.get("__name__")):
+                raise
+            within = "" if inner is None else _told(inner, "", reader)
+            return hashed(value.__qualname__, reader.of(value.__code__), within)
         return name_of(type(value))
 
 

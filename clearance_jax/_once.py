@@ -14,6 +14,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.core import ShapedArray
 from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal, Var, jaxpr_as_fun, new_jaxpr_eqn
 
 from clearance_jax._sharing import barrier
@@ -166,5 +167,6 @@ def _variables(atoms: Any) -> Iterator[Var]:
 
 
 def _is_number(v: Var) -> bool:
-    kind = getattr(v.aval, "dtype", None)
-    return kind is not None and any(jnp.issubdtype(kind, one) for one in (jnp.bool_, jnp.inexact))
+    if type(v.aval) is not ShapedArray:  # a reference, say
+        return False
+    return any(jnp.issubdtype(v.aval.dtype, one) for one in (jnp.bool_, jnp.floating))

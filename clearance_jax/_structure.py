@@ -1,11 +1,10 @@
 """What a value is made of, as a text that is the same in another process: numbers, words, and the user's code.
 
 One reader serves what is kept between processes. Programs (`_kept`) ask it strictly: a text that leaves out anything on
-which a program depends would bring a wrong program back, so it raises `Untold` for what it cannot read completely.
-Questions of sweeps, lives and designs (`identity`) ask for the best text there is.
-
-The user's functions and classes are read by their code: byte code, constants, what they keep of their makers, defaults,
-and the functions and globals that they name. What other packages and this library have counts by its name.
+which a program depends would bring a wrong program back, so it raises `Untold` for what it cannot read completely, and
+for every function and class of the user's. Questions of sweeps, lives and designs (`identity`) ask for the best text
+there is: the user's functions and classes are read by their code (byte code, constants, what they keep of their makers,
+defaults, and the functions and globals that they name). What other packages and this library have counts by its name.
 """
 
 import dataclasses
@@ -21,7 +20,6 @@ from hashlib import blake2b
 from pathlib import Path
 from typing import Any
 
-import equinox as eqx
 import jax
 import numpy as np
 from jax.core import Tracer
@@ -37,11 +35,9 @@ from clearance_jax._code import (
     looked_up,
     name_of,
     names_in,
-    note,
     variables,
     versioned,
 )
-from clearance_jax._outside import check_names, is_changing
 
 _ADDRESS = re.compile(r"0x[0-9a-f]+")
 
@@ -74,8 +70,6 @@ def tree_text(tree: Any) -> str:
         if data is None:
             return "leaf" if not children and node.num_leaves else "nothing"
         kind, held = data
-        if not versioned(kind.__module__) and not issubclass(kind, eqx.Module | tuple):
-            raise Untold(f"a class whose parts other code takes apart: {name_of(kind)}")
         return hashed("node", reader.of(kind), reader.of(held), *map(of, children))
 
     return reader.whole(of(tree))
@@ -180,19 +174,13 @@ class Reader:
     def _module(self, value: types.ModuleType) -> str:
         """A module of the user's by its text."""
         if self._foreign(value.__name__):
-            self._check_home(value.__name__)
             return f"module {value.__name__}"
-        if self._strict:  # what it has now is not what its text says
+        if self._strict:
             raise Untold(f"a module of the user's: {value.__name__}")
         try:
             return hashed(value.__name__, Path(str(value.__file__)).read_bytes())
         except OSError:
             return f"module {value.__name__}"
-
-    def _check_home(self, module: str | None) -> None:
-        """**Raises** `Untold`, if strict, for what is of a module whose answers differ between processes."""
-        if self._strict and is_changing(module):
-            raise Untold(f"what differs between processes: {module}")
 
     def _wrapped(self, value: Any) -> str:
         """What wraps a function, or an object."""
@@ -207,10 +195,10 @@ class Reader:
             return hashed(kind, self.of(value.__func__))
         if isinstance(value, types.BuiltinFunctionType | np.ufunc):
             owner = getattr(value, "__self__", None)
+            if self._strict and not _is_installed(value):
+                raise Untold(f"a function that a package does not have by its name: {value!r}")
             if isinstance(owner, types.ModuleType | None) or (isinstance(owner, type) and not in_python(owner)):
                 home = getattr(value, "__module__", "") or ""
-                if home != "builtins":
-                    self._check_home(home)
                 return f"built in {home}.{getattr(value, '__qualname__', value.__name__)}"
             return self._unknown(value)
         inner = inner_of(value)
@@ -248,8 +236,6 @@ class Reader:
         """A function or class of the user's: by its code where another one has it, else by its name, with its code
         among those found.
         """
-        if self._strict:
-            note(value, name_of(value), code)
         if any(self._is_own(one) for one in self._within[:-1]):
             return hashed(value.__qualname__, code)
         short, count = value.__qualname__, 1
@@ -262,16 +248,21 @@ class Reader:
     def _is_own(self, value: Any) -> bool:
         if isinstance(value, types.FunctionType):
             return not self._foreign(value.__globals__.get("__name__"))
-        return isinstance(value, type) and not self._foreign(value.__module__)
+        # A class that is written in C may say anything.
+        return isinstance(value, type) and isinstance(value.__module__, str) and not self._foreign(value.__module__)
+
+    def _check_own(self, value: Any) -> None:
+        """**Raises** `Untold`, if strict, for the user's code: what it reads, calls and remembers nobody can tell."""
+        if self._strict and self._is_own(value):
+            raise Untold(f"code of the user's: {name_of(value)}")
 
     def _class(self, kind: type) -> str:
+        self._check_own(kind)
         if self._is_own(kind):
             fields = dataclasses.fields(kind) if dataclasses.is_dataclass(kind) else ()
             told = [hashed(one.name, self.of(dict(one.metadata)), self._made_by(one)) for one in fields]
             maker = self.of(type(kind)) if self._is_own(type(kind)) else ""
             return self._own(kind, hashed(maker, *told, "|", *self._members(kind)))
-        if kind.__module__ != "builtins":
-            self._check_home(kind.__module__)
         if self._strict and looked_up(kind) is not kind:
             raise Untold(f"a class that is not found by its name: {name_of(kind)}")
         return f"class {name_of(kind)}"
@@ -292,6 +283,7 @@ class Reader:
                     yield hashed(name, self.of(member))
 
     def _function(self, function: types.FunctionType) -> str:
+        self._check_own(function)
         origin = function.__globals__.get("__name__")  # `functools.wraps` copies every other name
         own = self._is_own(function)
         # A script and the module that it is when it is imported are the same.
@@ -305,11 +297,8 @@ class Reader:
             if name == "__wrapped__" or (own and not name.startswith("__")):
                 parts.append(hashed(name, self.of(one)))
         if not own:
-            self._check_home(origin)
             return hashed("function", *parts)
         known = function.__globals__
-        if self._strict:
-            check_names(function.__code__, known)
         parts += [
             hashed(name, self.of(known[name])) for name in sorted(set(names_in(function.__code__))) if name in known
         ]
@@ -322,3 +311,16 @@ class Reader:
         names = code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars
         numbers = code.co_flags, code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount
         return hashed(code.co_code, code.co_exceptiontable, repr((names, numbers, plain, order)), *others)
+
+
+def _is_installed(value: Any) -> bool:
+    """Whether a function written in C is the one of that name in a package of which keys have the version."""
+    if isinstance(value, np.ufunc):
+        return getattr(np, value.__name__, None) is value
+    home = getattr(value, "__module__", None)
+    owner = getattr(value, "__self__", None)
+    if not isinstance(home, str) and isinstance(owner, types.ModuleType):
+        home = owner.__name__
+    if not isinstance(home, str):
+        return isinstance(owner, type) and not in_python(owner)
+    return versioned(home)

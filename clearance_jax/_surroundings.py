@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+from equinox import _config as equinox_config  # what its checks do where they fail
 from jax._src import compiler  # the flags of XLA as they are in force: the variable may have been set too late
 from jax._src import config as jax_config  # all that a trace depends on
 from jax._src import core as jax_core
@@ -25,10 +26,10 @@ def surroundings() -> str:
 
 
 def settings() -> tuple:
-    """JAX's settings that programs depend on."""
+    """The settings of JAX and Equinox that programs depend on."""
     # Named axes, an object without a text, are there only within a transformation.
     found = (x for x in jax_config.trace_context() if not isinstance(x, jax_core.AxisEnv))
-    return (_jax.jax_enable_x64, *found)
+    return (_jax.jax_enable_x64, equinox_config.EQX_ON_ERROR, *found)
 
 
 def is_plain() -> bool:

@@ -78,3 +78,12 @@ def test_work_does_not_double_with_every_link():
     written = busiest_loop(jax.jit(apart).lower(jnp.ones(2)).as_text(dialect="hlo", debug_info=True))
     assert operations(compute_once(apart)) <= 1.25 * written
     assert operations(apart) > 1.5 * written  # or the test above shows nothing
+
+
+def test_numbers_that_are_not_real_are_left_as_they_are():
+    def impedance(x):
+        z = jnp.sqrt(x * (1 + 2j)) * jnp.exp(1j * x)
+        return jnp.real(z * z + z), jnp.imag(z - 1 / z)
+
+    found = jax.jit(compute_once(impedance))(jnp.asarray([0.3, 2.0]))
+    np.testing.assert_allclose(found, impedance(jnp.asarray([0.3, 2.0])), rtol=1e-15)
