@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from clearance_jax._solo import whole
 from clearance_jax._types import Rows, Scalar
 from clearance_jax.dynamics.applied import load_power
 from clearance_jax.dynamics.equations import Balance
@@ -134,6 +135,7 @@ class Energies(NamedTuple):
         return self.kinetic + self.potential + self.elastic
 
 
+@whole
 def energies(time: Scalar, y: Array, mechanism: Mechanism) -> Energies:
     """The energies of a state."""
     mechanism = mechanism.at(time)

@@ -14,6 +14,7 @@ from jaxtyping import Array, Float
 
 from clearance_jax._module import Module
 from clearance_jax._numerics import sincos
+from clearance_jax._solo import whole
 from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.parameters import described, physical
@@ -75,6 +76,7 @@ class StepSum(AbstractDrive):
     def __check_init__(self):
         _check_steps(self)
 
+    @whole
     def __call__(self, time):
         span = self.end - self.begin
         s = (time - self.begin) / span
@@ -84,6 +86,7 @@ class StepSum(AbstractDrive):
         v = jnp.sum(jnp.where(inside, self.rise * 6 * s * (1 - s) / span, 0.0))
         return q, v, jnp.sum(jnp.where(inside, self.rise * (6 - 12 * s) / span**2, 0.0))
 
+    @whole
     def breaks(self):
         return jnp.concatenate([self.begin, self.end])
 
@@ -99,6 +102,7 @@ class Step5Sum(AbstractDrive):
     def __check_init__(self):
         _check_steps(self)
 
+    @whole
     def __call__(self, time):
         span = self.end - self.begin
         s = jnp.clip((time - self.begin) / span, 0.0, 1.0)
@@ -106,6 +110,7 @@ class Step5Sum(AbstractDrive):
         v = jnp.sum(self.rise * 30 * s * s * (1 - s) ** 2 / span)
         return q, v, jnp.sum(self.rise * 60 * s * (1 - s) * (1 - 2 * s) / span**2)
 
+    @whole
     def breaks(self):
         return jnp.concatenate([self.begin, self.end])
 
@@ -153,9 +158,11 @@ class Spline(AbstractDrive):
         if self.ends not in ("not-a-knot", "natural", "clamped"):
             raise ClearanceError(f"`ends` must be not-a-knot, natural or clamped, but it is {self.ends!r}.")
 
+    @whole
     def prepared(self):
         return PreparedSpline(self.times, self.values, spline_curvature(self.times, self.values, self.ends))
 
+    @whole
     def __call__(self, time):
         return self.prepared()(time)
 

@@ -17,6 +17,7 @@ from jaxtyping import Array, Float
 
 from clearance_jax._module import Module
 from clearance_jax._numerics import safe_sqrt, sincos
+from clearance_jax._solo import whole
 from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.drives import Values, spline_curvature
@@ -304,6 +305,7 @@ class CartesianPath(Module):
             at = own[-1]
         return out
 
+    @whole
     def prepared(self) -> "PreparedPath":
         """The path with what depends only on its numbers computed."""
         made = [one.stretches(own) for one, own in zip(self.segments, self.corners(), strict=True)]
@@ -321,15 +323,18 @@ class CartesianPath(Module):
         inner = tuple(i for i in range(len(every)) if i not in lasts)
         return PreparedPath(stacked, jnp.cumsum(stacked.length), law, self.oriented, inner)
 
+    @whole
     def __call__(self, time: Scalar | float) -> Waypoint:
         """Where it is at a time [s], and how it moves."""
         return self.prepared()(time)
 
+    @whole
     def breaks(self) -> Values:
         """Times at which a derivative jumps [s], increasing: ends of segments, ramps, poses of curves."""
         return self.prepared().breaks()
 
     @property
+    @whole
     def end(self) -> Scalar:
         """When it ends [s]."""
         return self.prepared().law.times[-1]
@@ -359,6 +364,7 @@ class PreparedPath(Module):
         _, x, y, z = hamilton(tuple(change), (q[0], -q[1], -q[2], -q[3]))
         return place, q, velocity, 2 * as_array((x, y, z)) / jnp.sum(q**2)
 
+    @whole
     def __call__(self, time: Scalar | float) -> Waypoint:
         """Where it is at a time [s], and how it moves."""
         at = jnp.asarray(time, float)
@@ -367,6 +373,7 @@ class PreparedPath(Module):
         )
         return Waypoint(place, velocity, acceleration, matrix_of(q), spin, spin_rate)
 
+    @whole
     def breaks(self) -> Values:
         """Times at which a derivative jumps [s], increasing."""
         if not self.inner:

@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from clearance_jax._solo import whole
 from clearance_jax._types import Scalar
 from clearance_jax.mechanism.drives import AbstractMotionLaw, Motion3, Values
 from clearance_jax.parameters import physical
@@ -18,6 +19,7 @@ class Pieces(AbstractMotionLaw):
     coefficients: Float[Array, "pieces powers"]
     times: Values = physical("s")
 
+    @whole
     def __call__(self, time):
         return self.within(time, time)
 

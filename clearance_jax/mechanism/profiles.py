@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
+from clearance_jax._solo import whole
 from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.drives import AbstractDrive, Values
@@ -128,6 +129,7 @@ class Trapezoid(AbstractDrive):
         latest = jax.lax.cummax(self.begin - past)
         return jnp.where(self.begin - past >= latest, self.begin, past + latest)
 
+    @whole
     def prepared(self):
         ramps = self.ramps()
         ramp, cruise, speed = ramps
@@ -145,9 +147,11 @@ class Trapezoid(AbstractDrive):
         before = jnp.zeros((1, 3)).at[0, 0].set(self.offset)
         return Pieces(jnp.concatenate([before, moves]), times.ravel())
 
+    @whole
     def __call__(self, time):
         return self.prepared()(time)
 
+    @whole
     def breaks(self):
         return self.prepared().times
 
@@ -222,6 +226,7 @@ class Quintic(AbstractDrive):
         if not isinstance(self.times, Tracer) and not np.all(np.diff(self.times) > 0):
             raise ClearanceError("The `times` of a quintic drive must increase.")
 
+    @whole
     def prepared(self):
         if self.speeds is None or self.accelerations is None:
             speeds, accelerations = least_jerk(self.times, self.values, self.speeds)
@@ -237,8 +242,10 @@ class Quintic(AbstractDrive):
         first, last = (jnp.zeros(6).at[0].set(self.values[k]).at[1].set(speeds[k])[None] for k in (0, -1))
         return Pieces(jnp.concatenate([first, inner, last]), self.times)
 
+    @whole
     def __call__(self, time):
         return self.prepared()(time)
 
+    @whole
     def breaks(self):
         return self.times

@@ -16,7 +16,7 @@ from jaxtyping import Array
 
 from clearance_jax._kept import kept_jit
 from clearance_jax._once import compute_once
-from clearance_jax._solo import solo_jit
+from clearance_jax._solo import solo_jit, whole
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.closures import StartErrors, assembled, projected
 from clearance_jax.dynamics.control import renewed
@@ -356,6 +356,7 @@ def initial(problem: Problem, t0: Scalar, y0: Array | None, start: str = CENTRE)
     return jnp.concatenate([y0[:size], *books, jnp.zeros(sum(widths(problem)))]), errors
 
 
+@whole
 def initial_state(mechanism: Mechanism, t0: Scalar, start: str = CENTRE) -> Array:
     """The state `[q, v, memory]` at t0 of a prepared mechanism, see `closed_start`."""
     return closed_start(mechanism, t0, start)[0]
