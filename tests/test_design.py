@@ -399,6 +399,7 @@ def test_conditional_value_at_risk():
         design.Yield({NAME: 1.0}).draws((NAME,))
 
 
+@pytest.mark.optimised
 @pytest.mark.slow
 def test_a_yield_is_what_fresh_samples_have(capsys):
     found, fresh = yield_design.main(quick=True)

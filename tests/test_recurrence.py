@@ -127,6 +127,7 @@ def scatter(steps: np.ndarray) -> float:
     return float(steps.std(ddof=1) / np.sqrt(steps.size))
 
 
+@pytest.mark.optimised
 def test_a_chaotic_exponent_is_how_two_trajectories_part(crank, growths):
     mechanism = cj.replace(crank, {CLEARANCE: CHAOTIC})
     apart = 1e-7 * jnp.array([1.0, 0.1, CRANK_SPEED, 0.1 * CRANK_SPEED])

@@ -116,6 +116,7 @@ def test_a_metric_of_several_numbers_is_refused():
         cj.gradient_report(CALM, lambda _, solution: solution.final[:2], [NAME], 0.01)
 
 
+@pytest.mark.optimised
 def test_experiment(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     horizons, verdicts = experiment.main(quick=True)

@@ -42,6 +42,7 @@ def lasting() -> design.Design:
     return design.ToleranceProblem(mechanism, CYCLE, {PLAY: (2e-5, 4e-4)}, [limit], **SOLVE).solve(most=8)
 
 
+@pytest.mark.optimised
 def test_the_largest_clearance_that_holds_is_the_bound_less_wear(lasting):
     assert lasting.feasible
     assert lasting.clearances[PLAY] == pytest.approx(1e-4 - PENETRATION, abs=0.03 * DEPTH)

@@ -258,6 +258,7 @@ until = { metric = "impact-speed", bound = "45 mm/s" }
 """
 
 
+@pytest.mark.optimised
 def test_the_command_lives_until_the_end_and_goes_on_where_it_was_stopped(tmp_path, monkeypatch):
     study, whole, result = (tmp_path / name for name in ("life.toml", "whole.nc", "life.nc"))
     study.write_text(f'scene = "{SCENE}"\n{FALLING}')
