@@ -115,7 +115,7 @@ class Dense(NamedTuple):
 
 
 # From so many rows on a symmetric system is an array.
-MANY = 17
+MANY = 25
 # Over lanes, rows of so many are shared: each is made of all before it.
 DEEP = 5
 

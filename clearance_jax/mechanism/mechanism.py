@@ -15,7 +15,7 @@ from clearance_jax.joints import AbstractClearance, PlayNumbers, PreparedClearan
 from clearance_jax.mechanism.body import Body, Point, Spring
 from clearance_jax.mechanism.controllers import AbstractController, Reference
 from clearance_jax.mechanism.driving import acting_always, check_drives, released, with_drives
-from clearance_jax.mechanism.links import FRAMED, ONCE, UNROLLED, Links, links_of
+from clearance_jax.mechanism.links import FRAMED, ONCE, PLAYED, UNROLLED, Links, links_of
 from clearance_jax.mechanism.loads import Wrench
 from clearance_jax.mechanism.placement import Gravity, Inertia, Position, as_prepared
 from clearance_jax.mechanism.play import played
@@ -301,7 +301,8 @@ class Mechanism(Parametrised):
             return self.links is not None
         free = sum(len(coordinate.velocities) for coordinate in self.free_coordinates())
         held = sum(loop.hold().count for loop in self.closures())
-        return free + held > UNROLLED or len(list(self.coordinates())) > FRAMED
+        most = PLAYED if self.clearance_joints() else UNROLLED
+        return free + held > most or len(list(self.coordinates())) > FRAMED
 
 
 def _without_clearance(joint: AbstractJoint, values: Sequence[Term] | None) -> AbstractJoint:

@@ -288,10 +288,12 @@ def solved_lanes(inputs: Inputs, options: Options, which: Which = None) -> Solut
 def _compiled(inputs: Inputs, options: Options, which: Which = None) -> Solution:
     numbers, rest = eqx.partition((inputs, options), eqx.is_array)
 
-    @compute_once
     def one(numbers):
         inputs, options = eqx.combine(numbers, rest)
         return solved(inputs, options, which, mapped=False)
+
+    # A table is computed in products of arrays, which nothing repeats: barriers would only keep them apart.
+    one = one if inputs.mechanism.is_tabled else compute_once(one)
 
     def mapped(numbers):
         inputs, options = eqx.combine(numbers, rest)

@@ -67,8 +67,13 @@ class Steps(NamedTuple):
 
 
 @kept_jit
-@compute_once
 def _block(problem: Problem, allowed: Tolerances, carry: Carry, last, grid, options: Options):
+    """A block of steps, see `_stepped`. (A table's products of arrays repeat nothing.)"""
+    stepped = _stepped if problem.mechanism.is_tabled else compute_once(_stepped)
+    return stepped(problem, allowed, carry, last, grid, options)
+
+
+def _stepped(problem: Problem, allowed: Tolerances, carry: Carry, last, grid, options: Options):
     """At most `BLOCK` steps more: the solve on its way, the ends of the steps, how many, and the samples among them."""
     means = means_of(options, allowed)
 
