@@ -10,9 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.optimize import brentq
+from typer.testing import CliRunner
 
 import clearance_jax as cj
 from clearance_jax import joints, laws
+from clearance_jax.cli.main import app
 from clearance_jax.joints import relative_at
 from clearance_jax.spatial import as_array
 
@@ -232,3 +234,26 @@ def test_a_scene_says_what_fills_a_play(tmp_path):
     path.write_text(text.replace("preloaded-bearing", "preload"), encoding="utf-8")
     with pytest.raises(cj.ClearanceError, match="preloaded-bearing"):
         cj.load(path)
+
+
+def test_modes_of_a_pin_whose_arm_a_digital_servo_holds_are_those_of_an_analogue_one(tmp_path):
+    """And the command says them, with a warning of those that nothing damps."""
+    play = cj.RevoluteClearance(2e-5, 0.01, laws.HuntCrossley(1e9, 0.0))
+
+    def held(period):
+        servo = cj.Servo(cj.Constant(0.0), 500.0, 20.0, period=period)
+        joint = cj.Revolute("hip", "ground", "arm", motion=cj.Motion(actuators=(servo,)), clearance=play)
+        arm = cj.Body("arm", 2.0, 0.03, cj.Position(0.2))
+        return cj.Mechanism(bodies=(arm,), joints=(joint,), gravity=cj.Gravity(0.0, -GRAVITY))
+
+    found, wanted = (np.array(cj.seated_modes(held(period))) for period in (1e-3, None))
+    np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-12)
+    with pytest.raises(cj.ClearanceError, match="no modes"):
+        cj.seated_modes(held(None).ideal())
+    for element, warns in (("", True), ('element = { type = "damper", radial = "5 kN*s/m" }', False)):
+        path = tmp_path / "arm.toml"
+        top = 'gravity = ["0 m/s^2", "-9.81 m/s^2"]\n'
+        path.write_text(top + SCENE.replace("element = ELEMENT", element), encoding="utf-8")
+        said = CliRunner().invoke(app, ["info", str(path)]).output
+        assert "modes of the play about its settled pose" in said
+        assert ("below 1 %" in " ".join(said.split())) is warns

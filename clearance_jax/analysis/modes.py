@@ -59,7 +59,7 @@ def seated_modes(mechanism: Mechanism, time: float = 0.0) -> tuple[Mode, ...]:
 
 def _linearise(time: Scalar, mechanism: Mechanism) -> tuple[Array, Array, StartErrors]:
     """The play's accelerations by the play and by its rates, at the settled pose; and how far it is from settled."""
-    mechanism = mechanism.as_small_program().prepared()
+    mechanism = mechanism.unsampled().as_small_program().prepared()  # which acts all the time then
     y, errors = settled_start(time, mechanism)
     stiff, loss = linearised(time, y, mechanism)
     return stiff, loss, errors
