@@ -2,7 +2,6 @@
 
 from clearance_jax.joints._base import (
     AbstractClearance,
-    AbstractElement,
     Action,
     ContactPoint,
     PlayCoordinate,
@@ -10,6 +9,7 @@ from clearance_jax.joints._base import (
     Relative,
     each_joint,
 )
+from clearance_jax.joints._element import AbstractElement, Offset
 from clearance_jax.joints.ball import SphericalClearance
 from clearance_jax.joints.bearings import rolling_bearing
 from clearance_jax.joints.elements import PlayDamper, PreloadedBearing
@@ -34,6 +34,7 @@ __all__ = [
     "Fitting",
     "GuideClearance",
     "Load",
+    "Offset",
     "PlayCoordinate",
     "PlayDamper",
     "PlayNumbers",

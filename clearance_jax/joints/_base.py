@@ -22,6 +22,7 @@ from clearance_jax._module import Module
 from clearance_jax._numerics import safe_unit
 from clearance_jax._sharing import kept, shared
 from clearance_jax._types import Flag, Scalar
+from clearance_jax.joints._element import AbstractElement, Offset
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Touch
 from clearance_jax.laws._base import Memory, PreparedFriction, PreparedNormal, Slip
 from clearance_jax.laws.geometry import Local
@@ -49,19 +50,6 @@ class Relative(NamedTuple):
     def velocity_at(self, arm: Vector) -> Vector:
         """Velocity of the pin's point at an arm from its centre."""
         return add(self.velocity, cross(self.spin, arm))
-
-
-class Offset(NamedTuple):
-    """The part of a pin's motion that is play, in the sleeve's axes, other components absent: place and velocity of its
-    centre; its tilt, as the `sine` of the angle along the axis that it is tilted about, and the angle's `cosine`; its
-    spin.
-    """
-
-    place: Vector
-    velocity: Vector
-    sine: Vector
-    cosine: Term
-    spin: Vector
 
 
 class PlayCoordinate(NamedTuple):
@@ -136,21 +124,6 @@ class Action(NamedTuple):
         if not jnp.ndim(self.points.penetration):
             return self.points
         return jax.tree.map(lambda values: values[jnp.argmax(self.points.penetration)], self.points)
-
-
-class AbstractElement(Parametrised):
-    """What fills a joint's play and acts without touch: grease, a seal, a film, preloaded rolling elements."""
-
-    stiff: ClassVar[bool] = False
-    """Whether it holds its pin, so that the pin rests where the element and the wall bear the load together."""
-
-    @abc.abstractmethod
-    def wrench(self, offset: "Offset", geometry: Geometry) -> tuple[Vector, Vector]:
-        """Force on the pin [N] and torque about its centre [N m], in the sleeve's axes."""
-
-    def energy(self, offset: "Offset", geometry: Geometry) -> Scalar:
-        """What it holds elastically [J]; what else is done to it is lost. Nothing by default."""
-        return jnp.zeros(())
 
 
 class AbstractClearance(Parametrised):

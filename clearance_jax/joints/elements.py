@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from clearance_jax._types import Scalar
-from clearance_jax.joints._base import AbstractElement, Offset
+from clearance_jax.joints._element import AbstractElement, Offset
 from clearance_jax.joints.checks import check_sizes
 from clearance_jax.laws import Geometry
 from clearance_jax.parameters import physical

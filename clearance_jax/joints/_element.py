@@ -1,0 +1,39 @@
+"""What an element that fills a joint's play is handed, and what it says."""
+
+import abc
+from typing import ClassVar, NamedTuple
+
+import jax.numpy as jnp
+
+from clearance_jax._types import Scalar
+from clearance_jax.laws import Geometry
+from clearance_jax.parameters import Parametrised
+from clearance_jax.spatial import Term, Vector
+
+
+class Offset(NamedTuple):
+    """The part of a pin's motion that is play, in the sleeve's axes, other components absent: place and velocity of its
+    centre; its tilt, as the `sine` of the angle along the axis that it is tilted about, and the angle's `cosine`; its
+    spin.
+    """
+
+    place: Vector
+    velocity: Vector
+    sine: Vector
+    cosine: Term
+    spin: Vector
+
+
+class AbstractElement(Parametrised):
+    """What fills a joint's play and acts without touch: grease, a seal, a film, preloaded rolling elements."""
+
+    stiff: ClassVar[bool] = False
+    """Whether it holds its pin, so that the pin rests where the element and the wall bear the load together."""
+
+    @abc.abstractmethod
+    def wrench(self, offset: Offset, geometry: Geometry) -> tuple[Vector, Vector]:
+        """Force on the pin [N] and torque about its centre [N m], in the sleeve's axes."""
+
+    def energy(self, offset: Offset, geometry: Geometry) -> Scalar:
+        """What it holds elastically [J]; what else is done to it is lost. Nothing by default."""
+        return jnp.zeros(())
