@@ -104,12 +104,10 @@ class PreloadedBearing(AbstractElement):
         radial, axial, tilt = (scale(-k / _opening(k, preload, at), at) for k, preload, at in self._springs(offset))
         # The moment is the derivative of the tilt's energy by its angle, of which the chord is twice the half's sine.
         lean = jnp.sqrt((1 + jnp.asarray(offset.cosine, float)) / 2)
-        force = add(add(radial, axial), scale(self.damping_time, self._lost(offset)))
+        damping = _each(self.radial_stiffness, self.axial_stiffness, offset.velocity)
+        force = add(add(radial, axial), scale(self.damping_time, damping))
         spent = scale(-times(self.damping_time, self.tilt_stiffness), offset.spin)
         return force, add(scale(lean, tilt), spent)
-
-    def _lost(self, offset: Offset) -> Vector:
-        return _each(self.radial_stiffness, self.axial_stiffness, offset.velocity)
 
     def energy(self, offset: Offset, geometry: Geometry) -> Scalar:
         """What the springs hold [J]."""

@@ -86,7 +86,6 @@ class StepSum(AbstractDrive):
         v = jnp.sum(jnp.where(inside, self.rise * 6 * s * (1 - s) / span, 0.0))
         return q, v, jnp.sum(jnp.where(inside, self.rise * (6 - 12 * s) / span**2, 0.0))
 
-    @whole
     def breaks(self):
         return jnp.concatenate([self.begin, self.end])
 
@@ -110,7 +109,6 @@ class Step5Sum(AbstractDrive):
         v = jnp.sum(self.rise * 30 * s * s * (1 - s) ** 2 / span)
         return q, v, jnp.sum(self.rise * 60 * s * (1 - s) * (1 - 2 * s) / span**2)
 
-    @whole
     def breaks(self):
         return jnp.concatenate([self.begin, self.end])
 

@@ -323,18 +323,15 @@ class CartesianPath(Module):
         inner = tuple(i for i in range(len(every)) if i not in lasts)
         return PreparedPath(stacked, jnp.cumsum(stacked.length), law, self.oriented, inner)
 
-    @whole
     def __call__(self, time: Scalar | float) -> Waypoint:
         """Where it is at a time [s], and how it moves."""
         return self.prepared()(time)
 
-    @whole
     def breaks(self) -> Values:
         """Times at which a derivative jumps [s], increasing: ends of segments, ramps, poses of curves."""
         return self.prepared().breaks()
 
     @property
-    @whole
     def end(self) -> Scalar:
         """When it ends [s]."""
         return self.prepared().law.times[-1]

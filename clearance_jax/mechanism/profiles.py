@@ -147,11 +147,9 @@ class Trapezoid(AbstractDrive):
         before = jnp.zeros((1, 3)).at[0, 0].set(self.offset)
         return Pieces(jnp.concatenate([before, moves]), times.ravel())
 
-    @whole
     def __call__(self, time):
         return self.prepared()(time)
 
-    @whole
     def breaks(self):
         return self.prepared().times
 
@@ -242,10 +240,8 @@ class Quintic(AbstractDrive):
         first, last = (jnp.zeros(6).at[0].set(self.values[k]).at[1].set(speeds[k])[None] for k in (0, -1))
         return Pieces(jnp.concatenate([first, inner, last]), self.times)
 
-    @whole
     def __call__(self, time):
         return self.prepared()(time)
 
-    @whole
     def breaks(self):
         return self.times
