@@ -4,15 +4,17 @@ What one waits for who asks a question for the first time, and again: CPU second
 peak memory of a process, cold (empty cache folders) and with everything kept that the library keeps (the second
 process after it); and how many files its cache folders then hold. `simulate` writes a dataset, `gradient` is that of a
 peak by a clearance, in Python; `optimize` ends with its first evaluation. `--before PATH` measures another checkout
-too, in turn with this one.
+too, in turn with this one; `--repeat N` gives the medians of N such pairs of processes.
 """
 
 import argparse
 import os
+import statistics
 import subprocess
 import sys
 import tempfile
 import time
+from collections import defaultdict
 from pathlib import Path
 from typing import NamedTuple
 
@@ -114,15 +116,25 @@ def measured(checkout: Path, case: Case, task: str, folder: Path, state: str) ->
     return Row(name, case.name, task, state, used.ru_utime + used.ru_stime, wall, used.ru_maxrss / 2**10, len(files))
 
 
-def main(quick: bool = False, before: Path | None = None) -> list[Row]:
+def median(rows: list[Row]) -> Row:
+    """The median of each number of rows of one kind."""
+    numbers = {name: statistics.median(getattr(row, name) for row in rows) for name in ("cpu", "wall", "memory")}
+    return rows[0]._replace(**numbers, files=round(statistics.median(row.files for row in rows)))
+
+
+def main(quick: bool = False, before: Path | None = None, repeat: int = 1) -> list[Row]:
     """Write the table; returns its rows."""
-    rows = []
-    for case in CASES[:1] if quick else CASES:
-        for task in tasks(case)[:1] if quick else tasks(case):
-            for checkout in [*([before.resolve()] if before else []), ROOT]:
+    measurements = defaultdict(list)
+    checkouts = [*([before.resolve()] if before else []), ROOT]
+    asked = [(case, task) for case in CASES for task in tasks(case)]
+    for _ in range(repeat):
+        for case, task in asked[:1] if quick else asked:
+            for checkout in checkouts:
                 with tempfile.TemporaryDirectory() as folder:
                     for state in ("cold", "kept"):
-                        rows.append(measured(checkout, case, task, Path(folder), state))
+                        row = measured(checkout, case, task, Path(folder), state)
+                        measurements[row[:4]].append(row)
+    rows = [median(group) for group in measurements.values()]
     table(
         ("checkout", "mechanism", "task", "caches", "CPU s", "wall s", "peak MiB", "files"),
         [(*r[:4], f"{r.cpu:.1f}", f"{r.wall:.1f}", f"{r.memory:.0f}", r.files) for r in rows],
@@ -135,5 +147,6 @@ if __name__ == "__main__":
     # The command of all experiments knows nothing of another checkout.
     parser = argparse.ArgumentParser(add_help=False)
     parser.add_argument("--before", type=Path)
+    parser.add_argument("--repeat", type=int, default=1)
     given, sys.argv[1:] = parser.parse_known_args()
-    command(lambda quick: main(quick, given.before), __doc__, quick="`simulate` of the slider-crank alone")
+    command(lambda quick: main(quick, given.before, given.repeat), __doc__, quick="`simulate` of the slider-crank alone")
