@@ -149,4 +149,6 @@ if __name__ == "__main__":
     parser.add_argument("--before", type=Path)
     parser.add_argument("--repeat", type=int, default=1)
     given, sys.argv[1:] = parser.parse_known_args()
-    command(lambda quick: main(quick, given.before, given.repeat), __doc__, quick="`simulate` of the slider-crank alone")
+    command(
+        lambda quick: main(quick, given.before, given.repeat), __doc__, quick="`simulate` of the slider-crank alone"
+    )
