@@ -268,6 +268,33 @@ def test_examples_of_fits_and_bearings_are_read(tmp_path):
         assert float(bearing.radial_clearance) == pytest.approx(float(expected.radial_clearance), rel=1e-12)
 
 
+def test_examples_of_an_arms_bearings_are_read(tmp_path):
+    robot = f'[robot]\nfile = "{ROOT / "experiments" / "scenes" / "six_axes.urdf"}"\n[robot.clearance.axis_2]\n'
+    for kind, expected in (
+        ("crossed-roller", cj.joints.crossed_roller(0.1, rollers=60, roller_length=9e-3, radial=5e-6, preload=500.0)),
+        (
+            "angular-contact-pair",
+            cj.joints.angular_contact_pair(
+                0.1,
+                balls=9,
+                ball_diameter=7.94e-3,
+                contact_angle=np.deg2rad(25.0),
+                spread=0.04,
+                radial=5e-6,
+                preload=500.0,
+            ),
+        ),
+    ):
+        given: Any = expected
+        bearing = only(load(tmp_path, f"{robot}bearing = {inline(example(play_keys.BEARINGS[kind]))}\n"))
+        assert type(bearing) is type(given)
+        for word in ("radial_clearance", "pin_radius", "length"):
+            assert float(getattr(bearing, word)) == pytest.approx(float(getattr(given, word)), rel=1e-12)
+        assert float(bearing.element.tilt_stiffness) == pytest.approx(float(given.element.tilt_stiffness), rel=1e-12)
+    with pytest.raises(ClearanceError, match=r"bearing lacks the key `radial_clearance`"):
+        load(tmp_path, robot + 'bearing = { type = "crossed-roller", pitch_diameter = "0.1 m" }\n')
+
+
 STUDY = """
 scene = "{scene}"
 t1 = "105 ms"

@@ -19,6 +19,7 @@ from clearance_jax.cli.main import app, main
 from clearance_jax.cli.posture import HELD, undriven
 from clearance_jax.io.scene import load_scene
 from clearance_jax.mechanism.expressions import read_expression
+from clearance_jax.mechanism.form import Form, form_of
 from clearance_jax.report.figures import overview
 from clearance_jax.results.dataset import to_dataset
 from clearance_jax.results.store import load_dataset, save
@@ -187,6 +188,19 @@ def test_no_legend_covers_anything():
 def test_info_says_how_freely_a_linkage_moves():
     shown = CliRunner().invoke(app, ["info", str(SCENES / "bennett.toml")]).output
     assert "free to move: 1 of 3 free velocities, under 5 conditions, of which 3 only" in " ".join(shown.split())
+    assert "written out number by number (3 free coordinates and 5 conditions" in " ".join(shown.split())
+
+
+def test_a_form_of_the_equations_of_motion_says_why_it_was_chosen():
+    arm = cj.load(SCENES / "arm_with_play.toml").ideal()
+    assert str(form_of(arm)) == "written out number by number (0 free coordinates; a table from 17 on)"
+    small, large = Form(16, 0, 16, False, False), Form(17, 0, 17, False, False)
+    assert not small.is_table
+    assert large.is_table
+    assert not large._replace(has_play=True).is_table
+    assert not large._replace(is_plane=True).is_table
+    assert "17 free coordinates: more than 16; it compiles sooner and runs slower" in str(large)
+    assert "50 coordinates in all, more than 40" in str(small._replace(coordinates=50))
 
 
 def operations(output):

@@ -1,6 +1,9 @@
 """Every key of the play of a scene's joints: its geometry, how it is made, its contact laws."""
 
 import dataclasses
+from typing import Any
+
+import numpy as np
 
 from clearance_jax.io.fields import keys_of, kinds_of, law_class, summary
 from clearance_jax.io.kinds import LONGEST_PATH, Key, Quantities, Quantity, Sub, Text, Whole, Word
@@ -73,7 +76,11 @@ PIN = Keys(
         *keys_of(Revolute, "eccentricity"),
         *_optional(*_SLEEVE, length="no tilt"),
         *_FIT,
-        Sub("bearing", "a rolling bearing, instead", '{ bore = "25 mm", balls = 9, ball_diameter = "7.94 mm" }'),
+        Sub(
+            "bearing",
+            "a rolling bearing, instead: one with radial play, or one of an arm's joint, whose rings tilt too",
+            '{ bore = "25 mm", balls = 9, ball_diameter = "7.94 mm" }',
+        ),
         Sub("worn", "what its sleeve is worn off by", '{ file = "wear.nc" }', absent="round"),
     ),
     'type = "revolute"',
@@ -140,7 +147,6 @@ WORN = Keys(
         Text("unit", "unit of the depths, of a CSV table", '"um"'),
     ),
 )
-_BORE = Quantity("bore", "bore of the bearing", '"25 mm"', unit="m", required=True, bounds={"above": 0.0})
 _INTERNAL = Quantity(
     "internal_clearance",
     "radial internal clearance, at the diameter, as it is when mounted and warm",
@@ -149,21 +155,76 @@ _INTERNAL = Quantity(
     bounds={"above": 0.0},
     absent="the mean of the group",
 )
+_TYPES = ("radial", "crossed-roller", "angular-contact-pair")
+
+
+def _type(word: str) -> Key:
+    return Word("type", "the kind of bearing", f'"{word}"', allowed=_TYPES, default=_TYPES[0])
+
+
+def _size(name: str, help: str, example: str, unit: str = "m", **more: Any) -> Key:
+    return Quantity(name, help, example, unit=unit, bounds={"above": 0.0} | more.pop("bounds", {}), **more)
+
+
+_BALLS = Whole("balls", "how many balls", "9", least=3, most=1000)
+_BALL = _size("ball_diameter", "diameter of a ball", '"7.94 mm"')
+_ROLLER = _size("roller_length", "effective length of a roller", '"9 mm"')
+_OF_AN_ARM = (
+    _size("pitch_diameter", "diameter of the circle of the elements' centres", '"100 mm"', required=True),
+    _size("radial_clearance", "radial play that is left where the preload is overcome", '"5 um"', required=True),
+    _size("preload", "axial force with which the rows press on each other", '"500 N"', "N", absent="none: worn off"),
+)
 BEARING = Keys(
     "joint.NAME.bearing",
     "Rolling bearing",
     "Radial play of a deep-groove ball bearing (`balls`) or a cylindrical roller bearing (`rollers`), with the "
     "stiffness that Palmgren has for it.",
     (
-        _BORE,
+        _type("radial"),
+        _size("bore", "bore of the bearing", '"25 mm"', required=True),
         Word("group", "group of internal clearance of ISO 5753-1", '"C3"', allowed=GROUPS, default="CN"),
         _INTERNAL,
-        Whole("balls", "how many balls", "9", least=3, most=1000),
-        Quantity("ball_diameter", "diameter of a ball", '"7.94 mm"', unit="m", bounds={"above": 0.0}),
+        _BALLS,
+        _BALL,
         Whole("rollers", "how many rollers", "12", least=3, most=1000),
-        Quantity("roller_length", "effective length of a roller", '"9 mm"', unit="m", bounds={"above": 0.0}),
+        _ROLLER,
     ),
 )
+CROSSED_ROLLER = Keys(
+    "joint.NAME.bearing",
+    "Crossed-roller bearing",
+    "The bearing of an industrial arm's joint, as new (with `preload`) or worn: a sleeve whose pin tilts, in space.",
+    (
+        _type("crossed-roller"),
+        *_OF_AN_ARM,
+        Whole("rollers", "how many rollers in all", "60", least=6, most=1000, required=True),
+        dataclasses.replace(_ROLLER, required=True),
+    ),
+    'type = "crossed-roller"',
+)
+ANGULAR_CONTACT_PAIR = Keys(
+    "joint.NAME.bearing",
+    "Pair of angular-contact bearings",
+    "Two angular-contact ball bearings back to back, as new (with `preload`) or worn: a sleeve whose pin tilts, in "
+    "space.",
+    (
+        _type("angular-contact-pair"),
+        *_OF_AN_ARM,
+        dataclasses.replace(_BALLS, help="how many balls in each row", required=True),
+        dataclasses.replace(_BALL, required=True),
+        _size(
+            "contact_angle",
+            "angle of the balls' lines to the plane of the rings",
+            '"25 deg"',
+            "rad",
+            bounds={"below": np.pi / 2},
+            required=True,
+        ),
+        _size("spread", "distance between the two rows of balls", '"40 mm"', required=True),
+    ),
+    'type = "angular-contact-pair"',
+)
+BEARINGS = dict(zip(_TYPES, (BEARING, CROSSED_ROLLER, ANGULAR_CONTACT_PAIR), strict=True))
 NORMAL_TABLES = kinds_of(
     "joint.NAME.normal",
     "Normal law",
@@ -189,7 +250,7 @@ STIFFNESS = Keys(
     summary(InternalHertz) + " Instead of a quantity.",
     keys_of(InternalHertz),
 )
-PLAY_TABLES = (PIN, SHAFT, BALL, GUIDE, PRESS, BEARING, WORN, *ELEMENT_TABLES.values())
+PLAY_TABLES = (PIN, SHAFT, BALL, GUIDE, PRESS, *BEARINGS.values(), WORN, *ELEMENT_TABLES.values())
 """What makes play, in the order of the reference."""
 LAW_TABLES = (*NORMAL_TABLES.values(), STIFFNESS, *FRICTION_TABLES.values())
 """The laws of contact, in that order."""

@@ -11,6 +11,7 @@ from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.io.play_keys import (
     BALL,
     BEARING,
+    BEARINGS,
     ELEMENT_TABLES,
     FRICTION_TABLES,
     GUIDE,
@@ -21,7 +22,7 @@ from clearance_jax.io.play_keys import (
     STIFFNESS,
 )
 from clearance_jax.io.scene_worn import worn_of
-from clearance_jax.io.table import Keys, Table, naming
+from clearance_jax.io.table import Keys, Table, checked_table, naming
 from clearance_jax.joints import (
     AbstractClearance,
     Fitting,
@@ -31,6 +32,8 @@ from clearance_jax.joints import (
     SleeveClearance,
     SphericalClearance,
     Tolerance,
+    angular_contact_pair,
+    crossed_roller,
     rolling_bearing,
 )
 from clearance_jax.joints.elements import ELEMENTS
@@ -122,16 +125,25 @@ def _guide(table: Table, usual: bool) -> GuideClearance:
     )
 
 
-def _bearing(table: Table) -> RevoluteClearance:
+def _bearing(table: Table) -> RevoluteClearance | SleeveClearance:
     for key in PIN.keys:
         if key.name not in WITH_A_BEARING and table.has(key.name):
             raise ClearanceError(f"{table.key(key.name)} has no effect beside a `bearing`, which is a whole joint.")
-    given = table.table("bearing", BEARING)
-    numbers = given.given()
-    if "internal_clearance" in numbers:
-        numbers["internal"] = numbers.pop("internal_clearance")
+    is_of_an_arm = "type" in checked_table(table.values["bearing"], table.key("bearing"))
+    word, given = table.chosen("bearing", BEARINGS) if is_of_an_arm else ("radial", table.table("bearing", BEARING))
+    numbers = given.given("type")
+    for key, name in (("internal_clearance", "internal"), ("radial_clearance", "radial")):
+        if key in numbers:
+            numbers[name] = numbers.pop(key)
     with naming(given.where):
-        return rolling_bearing(**numbers, friction=_friction(table))
+        return BEARINGS_MADE[word](**numbers, friction=_friction(table))
+
+
+BEARINGS_MADE: dict[str, Callable] = {
+    "radial": rolling_bearing,
+    "crossed-roller": crossed_roller,
+    "angular-contact-pair": angular_contact_pair,
+}
 
 
 class Play(NamedTuple):

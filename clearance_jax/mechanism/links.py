@@ -17,13 +17,6 @@ from clearance_jax.mechanism.placement import Inertia
 from clearance_jax.mechanism.tree import AbstractJoint, Coordinate
 from clearance_jax.spatial import IDENTITY, UNIT, ZERO, Rotation, Vector, add, as_array, product, scale, transpose
 
-# More free velocities and conditions of ideal closures than the first, or more coordinates in all than the second, make
-# a table: the mass matrix grows with the square of the free ones, the frames with all. Play makes so many steps that
-# the time of an attempt decides, without it that of compiling. (An arm of 12 free coordinates takes 15 us an attempt
-# unrolled, as a table 109; with a sleeve in each of six axes, 24 free ones, 42 and 453, and its gradient over 3 ms 0.04
-# and 1.2 s: it compiles in 24 s unrolled, in 8 as a table, its gradient in 80 and 14. A Delta robot of 15, closed by 15
-# conditions, takes 33 and 255 us, but 27 attempts for a second, and compiles in 33 and 11 s.)
-UNROLLED, PLAYED, FRAMED = 16, 24, 40
 # More coordinates than this make a table of what is computed once in a solve, where only compiling counts.
 ONCE = 3
 

@@ -15,7 +15,8 @@ from clearance_jax.joints import AbstractClearance, PlayNumbers, PreparedClearan
 from clearance_jax.mechanism.body import Body, Point, Spring
 from clearance_jax.mechanism.controllers import AbstractController, Reference
 from clearance_jax.mechanism.driving import acting_always, check_drives, released, with_drives
-from clearance_jax.mechanism.links import FRAMED, ONCE, PLAYED, UNROLLED, Links, links_of
+from clearance_jax.mechanism.form import form_of
+from clearance_jax.mechanism.links import ONCE, Links, links_of
 from clearance_jax.mechanism.loads import Wrench
 from clearance_jax.mechanism.placement import Gravity, Inertia, Position, as_prepared
 from clearance_jax.mechanism.play import played
@@ -297,12 +298,7 @@ class Mechanism(Parametrised):
     @property
     def is_tabled(self) -> bool:
         """Whether it is so large that its dynamics is a loop over a table of its links."""
-        if self.links is not None or self.is_plane:
-            return self.links is not None
-        free = sum(len(coordinate.velocities) for coordinate in self.free_coordinates())
-        held = sum(loop.hold().count for loop in self.closures())
-        most = PLAYED if self.clearance_joints() else UNROLLED
-        return free + held > most or len(list(self.coordinates())) > FRAMED
+        return self.links is not None or (not self.is_plane and form_of(self).is_table)
 
 
 def _without_clearance(joint: AbstractJoint, values: Sequence[Term] | None) -> AbstractJoint:
