@@ -52,7 +52,7 @@ def crank():
 def test_a_dataset_of_any_length_runs_the_same_programs(crank):
     mechanism, trace = crank
     cj.to_dataset(mechanism, trace)
-    programs: list[Any] = [blocks.observed, blocks.at_step_ends, blocks.contact_inside]
+    programs: list[Any] = [blocks.observed, blocks.observed_with_rates, blocks.contact_inside]
     compiled = [program.plain.alone._cache_size() for program in programs]
     other = cj.replace(mechanism, {"conrod.mass": 0.2})
     for steps, samples in ((100, 5), (trace.time.size // 2, 11)):
@@ -385,7 +385,7 @@ def test_the_force_inside_a_step_ends_as_the_step(long_steps):
     """Also up to a break of the drive and past it, and where the laws' memory is latched as the step begins."""
     mechanism, trace = long_steps
     t, y = trace.time, trace.y
-    seen = in_blocks(blocks.at_step_ends, mechanism, t, y)
+    seen = in_blocks(blocks.observed_with_rates, mechanism, t, y)
     arrays = t[:-1], y[:-1], np.diff(t), np.ones(t.size - 1)
     force, slope, *_ = in_blocks(blocks.contact_inside, mechanism, *arrays, size=blocks.FEW)
     expected = seen["contact_force"][1:]

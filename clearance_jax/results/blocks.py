@@ -30,6 +30,9 @@ from clearance_jax.solve.step import try_step
 BLOCK = 2048
 # Instants inside steps a call: there are few, and each is as much work as a step.
 FEW = 64
+# Up to so many samples, those of a trace are observed by the program that its step ends need anyway: it takes thrice as
+# long a state, and a second one takes seconds to compile.
+SHARED = 20 * BLOCK
 
 Progress = Callable[[float], None]
 
@@ -82,17 +85,14 @@ def _observed(mechanism: Mechanism, time: Scalar, y: Array) -> dict[str, Array]:
     return observe(time, y, mechanism) | {"mark_position": mark_positions(mechanism, time, y)}
 
 
-# What a trace's step ends are asked for; the compiler leaves out what only the other observables need.
-AT_STEP_ENDS = ("eccentricity", "penetration", "penetration_rate", "contact_force", "contact_power")
-IN_SPACE = ("contact_pattern", "pin_tilt")
-
-
-def _at_step_end(mechanism: Mechanism, time: Scalar, y: Array) -> dict[str, Array]:
-    """Of every clearance joint, and the rates of its contact force [N/s] and contact power [W/s] along the motion."""
-    y = y[: layout(mechanism).size]
-    seen, rates = _along(mechanism, time, y, slope(time, y, mechanism))
-    asked = AT_STEP_ENDS if mechanism.is_plane else (*AT_STEP_ENDS, *IN_SPACE)
-    return {name: seen[name] for name in asked} | {"force_rate": rates[0], "power_rate": rates[1]}
+def _observed_with_rates(mechanism: Mechanism, time: Scalar, y: Array) -> dict[str, Array]:
+    """The same, and the rates of every contact force [N/s] and contact power [W/s] along the motion."""
+    # Behind the state stand energy books, on which no contact depends.
+    rate, size = jnp.zeros_like(y), layout(mechanism).size
+    rate = rate.at[:size].set(slope(time, y[:size], mechanism))
+    seen, rates = _along(mechanism, time, y, rate)
+    marked = {"mark_position": mark_positions(mechanism, time, y)}
+    return seen | marked | dict(zip(RATES, rates, strict=True))
 
 
 def _along(mechanism: Mechanism, time: Scalar, y: Array, rate: Array) -> tuple[dict[str, Array], tuple[Array, Array]]:
@@ -121,4 +121,6 @@ def _contact_inside(mechanism: Mechanism, time: Scalar, y: Array, h: Scalar, s: 
 
 
 EXACT = diffrax.Dopri8()
-observed, at_step_ends, contact_inside = _batched(_observed), _batched(_at_step_end), _batched(_contact_inside)
+RATES = ("force_rate", "power_rate")
+observed, observed_with_rates = _batched(_observed), _batched(_observed_with_rates)
+contact_inside = _batched(_contact_inside)

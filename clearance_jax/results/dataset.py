@@ -40,7 +40,9 @@ def to_dataset(
     solved = solution.solution if isinstance(solution, Trace) else solution
     time, y = _samples(solved)
     share = 1.0 if traced is None else _LOOKED_AT * time.size / (time.size + traced.time.size)
-    seen = in_blocks(blocks.observed, mechanism, time, y, progress=_part(progress, 0.0, share))
+    program = blocks.observed if traced is None or time.size > blocks.SHARED else blocks.observed_with_rates
+    seen = in_blocks(program, mechanism, time, y, progress=_part(progress, 0.0, share))
+    seen = {name: values for name, values in seen.items() if name not in blocks.RATES}
     steps, table, impacts = {}, {}, [episodes.NO_IMPACTS] * joints
     if traced is not None:
         steps, table, impacts = _of_trace(mechanism, traced, _part(progress, share, 1.0))
@@ -76,7 +78,7 @@ def _samples(solved: Solution) -> tuple[np.ndarray, np.ndarray]:
 def _of_trace(mechanism: Mechanism, trace: Trace, progress: Progress | None) -> tuple[dict, dict, list]:
     """The variables of the step ends, the table of episodes, and of each joint when its impacts begin and end."""
     t, y = np.asarray(trace.time), np.asarray(trace.y)
-    seen = in_blocks(blocks.at_step_ends, mechanism, t, y, progress=_part(progress, 0.0, _LOOKED_AT))
+    seen = in_blocks(blocks.observed_with_rates, mechanism, t, y, progress=_part(progress, 0.0, _LOOKED_AT))
     names = "penetration", "penetration_rate", "contact_force", "force_rate", "contact_power", "power_rate"
     tables, impacts = [], []
     for joint in range(seen["penetration"].shape[1]):
