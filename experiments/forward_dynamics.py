@@ -1,7 +1,7 @@
 """Composite against articulated bodies: `python -m experiments.forward_dynamics` writes out/forward_dynamics.md.
 
-Accelerations of free arms of 3, 7 and 30 revolute joints, placed and loaded at random, under gravity. Ours are
-composite bodies and a factored mass matrix: number by number up to eight coordinates, arrays above. Articulated bodies
+Accelerations of free arms of 3, 7, 12 and 30 revolute joints, placed and loaded at random, under gravity. Ours are
+composite bodies and a factored mass matrix: number by number up to 16 coordinates, arrays above. Articulated bodies
 (Featherstone 2008, section 7.3) are written here in the world's axes, once, for two carriers: single numbers, as ours,
 and arrays of 3 by 3 in loops over the links. All are given their numbers as arguments. Evaluations are timed in a loop
 of one program, each at the state that the last one leads to, as a solve makes them: *alone*, and as *a lane of N*, one
@@ -378,7 +378,7 @@ def of_others(text: str, n: int) -> list[tuple[str, float, np.ndarray]]:
 def main(quick: bool = False) -> list[Row]:
     """Write the table."""
     batches, rows, cells = (64,) if quick else (64, 4096), [], []
-    for n in (3,) if quick else (3, 7, 30):
+    for n in (3,) if quick else (3, 7, 12, 30):
         text, links = arm(n)
         ready = loaded(text).prepared()
         known = np.stack(over_lanes(by_field)(ready, *(list(part) for part in random_states(n, batches[0]))))

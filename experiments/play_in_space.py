@@ -5,10 +5,15 @@ plane (one contact point) and of the tool changer in space (8 stations and a rin
 play coordinates, 6 driven joints), both with friction; operations as the compiler counts them for one lane before it
 fuses. *A point* is the field over its points; *contact alone* leaves out the equations of motion.
 
-*Arms*: the six axes of six_axes.urdf carry 5 kg along a trajectory, with sleeves (radial 50 um, axial 100 um, 40 mm
-long, 8 stations, 8 points of the faces, steel on bronze, no friction) in one axis or in all. *Program* is tracing and
-compiling what no cache knows [s of a processor], *solve* the second call. MuJoCo steps the ideal arm, falling freely;
-`PINOCCHIO_PYTHON` names an interpreter that has `mujoco` (`python -m venv there; there/bin/pip install mujoco`).
+*Arms*: the six axes of six_axes.urdf carry 5 kg along a trajectory, with sleeves (radial 50 um, 40 mm long, 8 stations,
+steel on bronze, no friction) in one axis, in three or in all six, without axial play and with it (100 um, 8 points of
+the faces). *Form* is that of the equations of motion: written out number by number, or a table. *Program* is tracing
+and compiling what no cache knows [s of a processor], *solve* the second call. MuJoCo steps the ideal arm, falling
+freely; `PINOCCHIO_PYTHON` names an interpreter that has `mujoco`
+(`python -m venv there; there/bin/pip install mujoco`).
+
+*Lanes*: the same arms without axial play, as a batch with radial clearances from half to one and a half times 50 um,
+beside one of them alone; the lanes of a batch go on until the slowest ends.
 
 *To zero*: how far the end is from the ideal arm's, at most over the first 20 ms, with all clearances times a factor f
 and moduli 100 f^-1.5 times those of steel and bronze, so that what contacts give shrinks as the clearances do. (With
@@ -48,7 +53,10 @@ from experiments.publish import command, say
 
 WORKER = Path(__file__).parent / "reference" / "mujoco_steps.py"
 LANES, EVALUATIONS, ROUNDS = 64, 2000, 9
-SLEEVE = {"radial": 5e-5, "axial": 1e-4, "length": 0.04, "diameter": 0.03}
+BARREL = {"radial": 5e-5, "length": 0.04, "diameter": 0.03}
+SLEEVE = BARREL | {"axial": 1e-4}
+AXES = ("5", "235", "123456")
+BATCH, BATCH_END = 256, 0.005
 RTOL = 1e-6
 # A sleeve of 40 mm that holds the weight of an arm by its edges gives by as much as its clearance: as steel and bronze
 # are, what is left without clearance is an elastic arm, not the ideal one.
@@ -67,7 +75,7 @@ def tool_changer() -> cj.Mechanism:
     return cj.load(SCENES / "tool_changer.toml")
 
 
-def arm(axes: str) -> cj.Mechanism:
+def arm(axes: str, sleeve: dict[str, float] = SLEEVE) -> cj.Mechanism:
     """Six axes on their trajectory with 5 kg in the gripper, with sleeves in the axes that are named."""
     robot = cj.load_urdf(SCENES / "six_axes.urdf", end_effector="tcp")
     robot = robot.driven({**cj.read_trajectory(SCENES / "six_axes_turn.csv"), "finger_left": cj.Constant(0.0)})
@@ -78,7 +86,7 @@ def arm(axes: str) -> cj.Mechanism:
         robot, bodies=(*robot.bodies, payload), joints=(*robot.joints, cj.Fixed("held", holder, "payload", place))
     )
     for axis in axes:
-        robot = robot.with_clearance(f"axis_{axis}", **SLEEVE)
+        robot = robot.with_clearance(f"axis_{axis}", **sleeve)
     return robot
 
 
@@ -186,17 +194,33 @@ def solved(mechanism: cj.Mechanism, end: float) -> tuple[cj.Solution, float, flo
     return solution, first, clock
 
 
+def points(mechanism: cj.Mechanism) -> int:
+    """Where its clearance joints may touch."""
+    joints: Any = mechanism.prepared().clearance_joints()
+    return sum(joint.clearance.joint.count for joint in joints)
+
+
+def form(mechanism: cj.Mechanism) -> str:
+    return "table" if mechanism.is_tabled else "written out"
+
+
 def arms(end: float) -> None:
-    rows = []
-    cases = (("tool changer", tool_changer()), ("arm, axis 5", arm("5")), ("arm, all six axes", arm("123456")))
+    rows, with_one = [], 0.0
+    cases = [("tool changer", tool_changer())]
+    for axes in AXES:
+        cases += [(f"arm, {len(axes)} sleeves", arm(axes, BARREL)), (f"arm, {len(axes)} sleeves, axial", arm(axes))]
     for name, mechanism in cases:
         solution, program, again = solved(mechanism, end)
-        free = len(mechanism.free_coordinates())
+        free = len(mechanism.free_coordinates()), points(mechanism), form(mechanism)
         steps = int(solution.steps), int(solution.rejected)
         residual = f"{float(solution.energy_residual):.1e}"
-        rows.append((name, free, f"{program:.0f}", f"{again:.2f}", *steps, f"{1e6 * again / sum(steps):.0f}", residual))
-    head = ("scene", "free coordinates", "program [CPU s]", "solve [s]", "steps", "rejected", "us a try", "residual")
-    table(head, rows, output("play_in_space_arms.md"))
+        rows.append(
+            (name, *free, f"{program:.0f}", f"{again:.2f}", *steps, f"{1e6 * again / sum(steps):.0f}", residual)
+        )
+        print(rows[-1], flush=True)
+        with_one = again if name == "arm, 1 sleeves" else with_one
+    head = ("scene", "free coordinates", "points", "form", "program [CPU s]", "solve [s]", "steps", "rejected")
+    table((*head, "us a try", "residual"), rows, output("play_in_space_arms.md"))
     say(f"Span {end} s, rtol {RTOL}, with energy books.")
     interpreter = os.environ.get("PINOCCHIO_PYTHON")
     if not interpreter:
@@ -209,7 +233,36 @@ def arms(end: float) -> None:
         raise RuntimeError(f"{interpreter} could not step the arm: {ended.stderr[-2000:]}")
     found = json.loads(ended.stdout)
     beside = f"{found['program']} steps the ideal arm ({found['joints']} coordinates) over {end} s at 1e-4 s"
-    say(f"{beside} in {found['seconds']:.4f} s; ours, with play in axis 5, takes {rows[1][3]} s.")
+    say(f"{beside} in {found['seconds']:.4f} s; ours, with play in axis 5, takes {with_one:.2f} s.")
+
+
+def lanes(end: float) -> None:
+    """Batches of arms, beside one alone."""
+    rows = []
+    for axes in AXES:
+        mechanism = arm(axes, BARREL)
+        clearances = [f"axis_{axis}.radial_clearance" for axis in axes]
+
+        def solve(radial, mechanism=mechanism, names=clearances):
+            found = cj.simulate(cj.replace(mechanism, dict.fromkeys(names, radial)), end, rtol=RTOL, books=False)
+            return found.final, found.steps + found.rejected
+
+        alone, batch, given = jax.jit(solve), jax.jit(jax.vmap(solve)), jnp.linspace(0.5, 1.5, BATCH) * BARREL["radial"]
+        middle = given[BATCH // 2]
+        clock = time.process_time()
+        attempts = batch(given)[1]
+        compiled = time.process_time() - clock
+        alone(middle)
+        many, one = (seconds(lambda f=f, x=x: f(x), 3) for f, x in ((batch, given), (alone, middle)))
+        whole = int(attempts.sum())
+        row = f"{len(axes)} sleeves", len(mechanism.free_coordinates()), points(mechanism), f"{compiled:.0f}"
+        rates = f"{BATCH / many:.0f}", f"{1 / one:.0f}", f"{1e6 * many / whole:.2f}"
+        rows.append((*row, *rates, f"{BATCH * int(attempts.max()) / whole:.2f}"))
+        print(rows[-1], flush=True)
+    head = ("arm", "free coordinates", "points", "first call [CPU s]", f"{BATCH} lanes: lanes a second")
+    head = (*head, "alone: solves a second", "us a lane and attempt", "slowest lane over the mean")
+    table(head, rows, output("play_in_space_lanes.md"))
+    say(f"Span {end} s, rtol {RTOL}, without energy books.")
 
 
 def to_zero(axes: str, halvings: int) -> None:
@@ -291,6 +344,7 @@ def main(quick: bool = False) -> None:
         return
     ladder(0.1)
     arms(0.5)
+    lanes(BATCH_END)
     to_zero("123456", 4)
     stations((2, 4, 8, 16), 32)
 
