@@ -19,7 +19,7 @@ from clearance_jax.cli.main import app, main
 from clearance_jax.cli.posture import HELD, undriven
 from clearance_jax.io.scene import load_scene
 from clearance_jax.mechanism.expressions import read_expression
-from clearance_jax.mechanism.form import Form, form_of
+from clearance_jax.mechanism.form import Form
 from clearance_jax.report.figures import overview
 from clearance_jax.results.dataset import to_dataset
 from clearance_jax.results.store import load_dataset, save
@@ -193,7 +193,7 @@ def test_info_says_how_freely_a_linkage_moves():
 
 def test_a_form_of_the_equations_of_motion_says_why_it_was_chosen():
     arm = cj.load(SCENES / "arm_with_play.toml").ideal()
-    assert str(form_of(arm)) == "written out number by number (0 free coordinates; a table from 17 on)"
+    assert str(arm.form) == "written out number by number (0 free coordinates; a table from 17 on)"
     small, large = Form(16, 0, 16, False, False), Form(17, 0, 17, False, False)
     assert not small.is_table
     assert large.is_table

@@ -28,7 +28,6 @@ def info(scene_file: SceneFile, settings: Settings = None, clearance: Clearances
 
 
 def _print_terms(mechanism) -> None:
-    from clearance_jax.mechanism.form import form_of
     from clearance_jax.mechanism.state import layout
 
     plan = layout(mechanism)
@@ -47,7 +46,7 @@ def _print_terms(mechanism) -> None:
         )
     for line in _acting_words(mechanism):
         console.print(line, highlight=False)
-    console.print(f"equations of motion: {form_of(mechanism)}", highlight=False)
+    console.print(f"equations of motion: {mechanism.form}", highlight=False)
     console.print(f"ideal loop closures: {', '.join(j.name for j in mechanism.closures()) or 'none'}")
     if mechanism.closures():
         from clearance_jax.dynamics.mobility import mobility

@@ -1,9 +1,6 @@
 """Which form the equations of motion of a mechanism have: written out number by number, or a loop over a table."""
 
-from typing import TYPE_CHECKING, NamedTuple
-
-if TYPE_CHECKING:
-    from clearance_jax.mechanism.mechanism import Mechanism
+from typing import NamedTuple
 
 # A mechanism in space with more free velocities and conditions of ideal closures than these, without play and with it,
 # or with more coordinates in all than the third, becomes a table: the mass matrix grows with the square of the free
@@ -50,11 +47,3 @@ class Form(NamedTuple):
             )
             return f"a loop over a table of its links ({size}: {why}; it compiles sooner and runs slower)"
         return f"written out number by number ({size}; a table from {self.most + 1} on)"
-
-
-def form_of(mechanism: "Mechanism") -> Form:
-    """The form of a mechanism's equations of motion, and why."""
-    free = sum(len(coordinate.velocities) for coordinate in mechanism.free_coordinates())
-    conditions = sum(loop.hold().count for loop in mechanism.closures())
-    coordinates = len(list(mechanism.coordinates()))
-    return Form(free, conditions, coordinates, bool(mechanism.clearance_joints()), mechanism.is_plane)

@@ -15,7 +15,7 @@ from clearance_jax.joints import AbstractClearance, PlayNumbers, PreparedClearan
 from clearance_jax.mechanism.body import Body, Point, Spring
 from clearance_jax.mechanism.controllers import AbstractController, Reference
 from clearance_jax.mechanism.driving import acting_always, check_drives, released, with_drives
-from clearance_jax.mechanism.form import form_of
+from clearance_jax.mechanism.form import Form
 from clearance_jax.mechanism.links import ONCE, Links, links_of
 from clearance_jax.mechanism.loads import Wrench
 from clearance_jax.mechanism.placement import Gravity, Inertia, Position, as_prepared
@@ -296,9 +296,16 @@ class Mechanism(Parametrised):
         return dataclasses.replace(check_model(controller, model), controllers=()).unsampled()
 
     @property
+    def form(self) -> Form:
+        """Which form its equations of motion have, and why."""
+        free = sum(len(coordinate.velocities) for coordinate in self.free_coordinates())
+        conditions = sum(loop.hold().count for loop in self.closures())
+        return Form(free, conditions, len(list(self.coordinates())), bool(self.clearance_joints()), self.is_plane)
+
+    @property
     def is_tabled(self) -> bool:
         """Whether it is so large that its dynamics is a loop over a table of its links."""
-        return self.links is not None or (not self.is_plane and form_of(self).is_table)
+        return self.links is not None or (not self.is_plane and self.form.is_table)
 
 
 def _without_clearance(joint: AbstractJoint, values: Sequence[Term] | None) -> AbstractJoint:
