@@ -85,8 +85,10 @@ def inertia_tensor(body):
     return jnp.array([[i.xx, xy, xz], [xy, i.yy, yz], [xz, yz, i.zz]])
 
 
-def accelerations(mechanism, time, y):
-    """Accelerations of the free velocities of an open mechanism without springs: M a = dL/dx - d(dL/dx')/dt."""
+def accelerations(mechanism, time, y, forces=0.0):
+    """Accelerations of the free velocities of an open mechanism without springs, under generalised forces:
+    M a = dL/dx - d(dL/dx')/dt + Q.
+    """
     plan = layout(mechanism)
     q, v = y[plan.q], y[plan.v]
     gravity = three(mechanism.gravity)
@@ -113,7 +115,7 @@ def accelerations(mechanism, time, y):
     momentum = jax.grad(lagrangian, 2)
     # Of the momentum with the speeds held: what time and places change in it.
     drift = jax.jvp(lambda t, x: momentum(t, x, v), (t, x), (jnp.ones_like(t), v))[1]
-    return jnp.linalg.solve(mass, jax.grad(lagrangian, 1)(t, x, v) - drift)
+    return jnp.linalg.solve(mass, jax.grad(lagrangian, 1)(t, x, v) - drift + forces)
 
 
 def random_state(mechanism, rng):

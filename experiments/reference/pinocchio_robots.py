@@ -12,6 +12,9 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
+# Pinocchio's accelerations know no friction. The speed at which it turns round is this library's default [rad/s, m/s].
+TURNING = 0.01
+
 
 def located(name):
     if Path(name).is_file():
@@ -34,7 +37,7 @@ def rates_of_base(rotation, n):
 def of_state(model, data, q, v, free, frames):
     """Everything compared, of one state."""
     nv = model.nv
-    effort = -np.asarray(model.damping) * v
+    effort = -np.asarray(model.damping) * v - np.asarray(model.friction) * np.tanh(v / TURNING)
     acceleration = pin.aba(model, data, q, v, effort).copy()
     bias = pin.nonLinearEffects(model, data, q, v).copy()
     gravity = pin.computeGeneralizedGravity(model, data, q).copy()

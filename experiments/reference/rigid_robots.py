@@ -7,6 +7,8 @@ import numpy as np
 from clearance_jax.io.urdf_parts import Robot
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
+# The speed at which a joint's friction turns round: its default [rad/s or m/s].
+TURNING = 0.01
 
 
 def turn(axis, angle):
@@ -87,7 +89,9 @@ def motions(robot: Robot, q, v, free):
 
 
 def of_state(robot: Robot, q, v, free: bool, frames) -> dict:
-    """Mass matrix, terms of gravity and of velocities, accelerations under the joints' damping, poses and Jacobians."""
+    """Mass matrix, terms of gravity and of velocities, accelerations under the joints' damping and friction, poses and
+    Jacobians.
+    """
     links, n = motions(robot, q, v, free), len(v)
     mass, gravity, bias = np.zeros((n, n)), np.zeros(n), np.zeros(n)
     for link in robot.links:
@@ -99,9 +103,11 @@ def of_state(robot: Robot, q, v, free: bool, frames) -> dict:
         gravity -= link.mass * linear.T @ GRAVITY
         bias += link.mass * linear.T @ center.acceleration
         bias += angular.T @ (inertia @ center.spin_rate + np.cross(center.spin, inertia @ center.spin))
-    damping = np.array([*([0.0] * (6 if free else 0)), *(joint.damping for joint in robot.joints if joint.moves)])
+    own = [(joint.damping, joint.friction) for joint in robot.joints if joint.moves]
+    damping, friction = np.array([*([(0.0, 0.0)] * (6 if free else 0)), *own]).T
+    resisted = damping * v + friction * np.tanh(v / TURNING)
     return {
-        "acceleration": np.linalg.solve(mass, -damping * v - bias - gravity),
+        "acceleration": np.linalg.solve(mass, -resisted - bias - gravity),
         "gravity": gravity,
         "coriolis": bias,
         "mass": mass,
