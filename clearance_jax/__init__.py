@@ -12,14 +12,11 @@ from clearance_jax._version import __version__ as __version__
 from clearance_jax.errors import ClearanceError, suggest
 
 if TYPE_CHECKING:
-    from clearance_jax import design, joints, laws, wear
-    from clearance_jax.analysis import metrics
+    from clearance_jax import design, joints, laws, metrics, wear
     from clearance_jax.analysis.cycle import PeriodicMotion
-    from clearance_jax.analysis.measure import AbstractMetric, Reply, Request, measure
     from clearance_jax.analysis.modes import Mode, seated_modes
     from clearance_jax.analysis.periodic import periodic_motion
     from clearance_jax.analysis.sensitivity import Hessian, Sensitivities, hessian, sensitivities
-    from clearance_jax.analysis.signals import AbstractSignal
     from clearance_jax.analysis.trust import GradientReport, TrustThresholds, UntrustedGradient, gradient_report
     from clearance_jax.configure import configure
     from clearance_jax.dynamics.follow import Drives, follow
@@ -54,6 +51,8 @@ if TYPE_CHECKING:
     from clearance_jax.mechanism.placement import Axis, Gravity, Inertia, Orientation, Position
     from clearance_jax.mechanism.profiles import Constant, Quintic, Trapezoid
     from clearance_jax.mechanism.tree import Fixed, Prismatic, Revolute
+    from clearance_jax.metrics.measure import AbstractMetric, Reply, Request, measure
+    from clearance_jax.metrics.signals import AbstractSignal
     from clearance_jax.parameters import parameters, physical, replace
     from clearance_jax.report import sweep_figures, wear_figures
     from clearance_jax.report.animation import Film, animate
@@ -75,18 +74,18 @@ _MODULES = {
     "design": "design",
     "joints": "joints",
     "laws": "laws",
-    "metrics": "analysis.metrics",
+    "metrics": "metrics",
     "sweep_figures": "report.sweep_figures",
     "wear": "wear",
     "wear_figures": "report.wear_figures",
 }
 _NAMES = {
-    "analysis.measure": ("AbstractMetric", "Reply", "Request", "measure"),
+    "metrics.measure": ("AbstractMetric", "Reply", "Request", "measure"),
     "analysis.modes": ("Mode", "seated_modes"),
     "analysis.cycle": ("PeriodicMotion",),
     "analysis.periodic": ("periodic_motion",),
     "analysis.sensitivity": ("Hessian", "Sensitivities", "hessian", "sensitivities"),
-    "analysis.signals": ("AbstractSignal",),
+    "metrics.signals": ("AbstractSignal",),
     "analysis.trust": ("GradientReport", "TrustThresholds", "UntrustedGradient", "gradient_report"),
     "configure": ("configure",),
     "dynamics.follow": ("Drives", "follow"),

@@ -125,14 +125,16 @@ def median(rows: list[Row]) -> Row:
 def main(quick: bool = False, before: Path | None = None, repeat: int = 1) -> list[Row]:
     """Write the table; returns its rows."""
     measurements = defaultdict(list)
-    checkouts = [*([before.resolve()] if before else []), ROOT]
+    if repeat < 1:
+        raise ValueError(f"`repeat` must be at least 1, but it is {repeat}.")
+    checkouts = {**({"before": before.resolve()} if before else {}), "this": ROOT}
     asked = [(case, task) for case in CASES for task in tasks(case)]
     for _ in range(repeat):
         for case, task in asked[:1] if quick else asked:
-            for checkout in checkouts:
+            for name, checkout in checkouts.items():
                 with tempfile.TemporaryDirectory() as folder:
                     for state in ("cold", "kept"):
-                        row = measured(checkout, case, task, Path(folder), state)
+                        row = measured(checkout, case, task, Path(folder), state)._replace(checkout=name)
                         measurements[row[:4]].append(row)
     rows = [median(group) for group in measurements.values()]
     table(

@@ -3,10 +3,11 @@
 Accelerations of free arms of 3, 7, 12 and 30 revolute joints, placed and loaded at random, under gravity. Ours are
 composite bodies and a factored mass matrix: number by number up to 16 coordinates, arrays above. Articulated bodies
 (Featherstone 2008, section 7.3) are written here in the world's axes, once, for two carriers: single numbers, as ours,
-and arrays of 3 by 3 in loops over the links. All are given their numbers as arguments. Evaluations are timed in a loop
-of one program, each at the state that the last one leads to, as a solve makes them: *alone*, and as *a lane of N*, one
-of a batch of N. *Compile* is that of one evaluation of 64 lanes, *operations* are the compiler's count of it for one
-lane, where it has no loops; *error* is the largest difference to ours, relative to the largest acceleration.
+up to eight coordinates, and arrays of 3 by 3 in loops over the links. All are given their numbers as arguments.
+Evaluations are timed in a loop of one program, each at the state that the last one leads to, as a solve makes them:
+*alone*, and as *a lane of N*, one of a batch of N. *Compile* is that of one evaluation of 64 lanes, *operations* are
+the compiler's count of it for one lane, where it has no loops; *error* is the largest difference to ours, relative to
+the largest acceleration.
 
 MuJoCo and pinocchio evaluate the same arm of seven, handed over as URDF text, one state a call from Python.
 `PINOCCHIO_PYTHON` names the interpreter of an environment with the packages `pin` and `mujoco`, which are no

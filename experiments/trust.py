@@ -19,8 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import clearance_jax as cj
-from clearance_jax import laws
-from clearance_jax.analysis import metrics
+from clearance_jax import laws, metrics
 from clearance_jax.analysis.divergence import horizon_of, neighbours
 from clearance_jax.analysis.trust import THRESHOLDS
 from clearance_jax.errors import ClearanceError

@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import clearance_jax as cj
-from clearance_jax.analysis.metrics import Peak, PositionError
 from clearance_jax.design import (
     Certificate,
     Design,
@@ -17,6 +16,7 @@ from clearance_jax.design import (
     responses,
     tradeoff,
 )
+from clearance_jax.metrics import Peak, PositionError
 from clearance_jax.report.design_figures import contributions, trade
 from clearance_jax.report.figures import save_figure
 from experiments.common import output, table

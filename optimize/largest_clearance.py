@@ -5,9 +5,9 @@
 import numpy as np
 
 import clearance_jax as cj
-from clearance_jax.analysis.metrics import Peak, PositionError
 from clearance_jax.design import Design, Limit, ToleranceProblem, time_histories
 from clearance_jax.joints import fits
+from clearance_jax.metrics import Peak, PositionError
 from clearance_jax.report.design_figures import over_time
 from clearance_jax.report.figures import save_figure
 from experiments.common import SCENES, output

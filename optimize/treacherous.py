@@ -7,8 +7,8 @@ that hold come in islands. Rattling: the motion is chaotic, and its derivatives 
 from typing import NamedTuple
 
 import clearance_jax as cj
-from clearance_jax.analysis.metrics import At, Peak, PositionError
 from clearance_jax.design import Certificate, Design, Limit, ToleranceProblem
+from clearance_jax.metrics import At, Peak, PositionError
 from experiments.common import SCENES
 from experiments.publish import command, say
 

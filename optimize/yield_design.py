@@ -5,8 +5,8 @@
 import time
 
 import clearance_jax as cj
-from clearance_jax.analysis.metrics import Peak, PositionError
 from clearance_jax.design import Design, Limit, ToleranceProblem, Yield, YieldEstimate
+from clearance_jax.metrics import Peak, PositionError
 from clearance_jax.report.design_figures import convergence
 from clearance_jax.report.figures import save_figure
 from experiments.common import SCENES, output

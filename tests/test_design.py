@@ -10,15 +10,15 @@ import scipy.stats
 from catalogue import slider_crank
 
 import clearance_jax as cj
-from clearance_jax import design
-from clearance_jax.analysis import metrics
-from clearance_jax.analysis.measure import Request
+from clearance_jax import design, metrics
+from clearance_jax.ask.question import Answer
 from clearance_jax.design import evaluate, manufacture, verify
 from clearance_jax.design.evaluate import simulations_of
 from clearance_jax.design.formulation import _identity
 from clearance_jax.design.record import RecordWarning
 from clearance_jax.errors import ClearanceError
 from clearance_jax.identity import SOURCE, differences
+from clearance_jax.metrics.measure import Request
 from clearance_jax.solve.settings import Settings
 from clearance_jax.sweep.journal import line_of
 from experiments.trust import CHAOTIC, scene
@@ -517,18 +517,18 @@ def test_a_start_that_cannot_be_simulated_is_left():
 
 
 def test_lanes_do_not_mix_conditions(monkeypatch):
-    """Conditions that set different names, one of them twice and apart, more than are solved one by one."""
+    """Conditions that set different names, one of them twice and apart."""
 
-    def solved(lanes, numbers, place):
-        calls.append(set(numbers) - {"x"})
-        return [numbers[name] for name in calls[-1]], []
+    def answers(question, numbers, place):
+        (name,) = set(numbers) - {"x"}
+        calls.append(name)
+        return Answer({"0": numbers[name]}, {}, {})
 
     calls: list = []
-    monkeypatch.setattr(evaluate.Lanes, "solved", solved)
-    monkeypatch.setattr(evaluate, "FEW_SCENARIOS", 4)
+    monkeypatch.setattr(evaluate, "answers", answers)
     rows = [("a", 1.0), ("a", 2.0), ("b", 3.0), ("b", 4.0), ("a", 5.0), ("a", np.nan), ("a", 7.0)]
     scenarios = [evaluate.Scenario("", {name: jnp.asarray(v)}, np.ones(1)) for name, v in rows]
     simulations = evaluate.Simulations(slider_crank(), [PEAK], [2.0], ["x"], 1.0, Settings())
     found = simulations.worst(np.ones(1), scenarios)
     np.testing.assert_allclose(found, [-0.5, 0, 0.5, 1, 1.5, np.inf, 2.5])
-    assert calls == [{"a"}, {"b"}, {"a"}]
+    assert calls == ["a", "b", "a"]

@@ -1,6 +1,7 @@
 """Designs whose simulations are lanes of a sweep: the same numbers as one by one, here and on a cluster."""
 
 import importlib
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,10 @@ from numpy.testing import assert_allclose
 
 import clearance_jax as cj
 from clearance_jax import design
-from clearance_jax.analysis.metrics import Peak, PositionError
+from clearance_jax.ask.place import Place
 from clearance_jax.design import evaluate, formulation
-from clearance_jax.design.lanes import Place
 from clearance_jax.design.scenarios import scenarios_of
+from clearance_jax.metrics import Peak, PositionError
 
 SCENE = Path(__file__).parents[1] / "experiments/scenes/slider_crank.toml"
 CLEARANCE, MASS, T1 = "wrist.radial_clearance", "slider.mass", 2e-3
@@ -46,7 +47,7 @@ def alone(problem):
 
 
 def test_lanes_are_what_single_solves_are(problem, alone, monkeypatch):
-    monkeypatch.setattr(evaluate, "FEW_SCENARIOS", 4)
+    monkeypatch.setattr(sys.modules["clearance_jax.ask.answers"], "FEW", 4)
     simulations = evaluate.simulations_of(problem.specification)
     scenarios = scenarios_of(problem.specification)
     limits, slopes = simulations.together(X, scenarios, True)
@@ -65,7 +66,7 @@ def test_lanes_are_what_single_solves_are(problem, alone, monkeypatch):
 
 @pytest.mark.slow
 def test_a_cluster_gives_the_same(problem, monkeypatch):
-    monkeypatch.setattr(evaluate, "FEW_SCENARIOS", 4)
+    monkeypatch.setattr(sys.modules["clearance_jax.ask.answers"], "FEW", 4)
     specification, scenarios = problem.specification, scenarios_of(problem.specification)
     here = evaluate.simulations_of(specification).together(X, scenarios, False)[0]
     points = [0.9 * X, X, 1.1 * X]
@@ -90,6 +91,6 @@ def test_a_cluster_gives_the_same(problem, monkeypatch):
 
 
 def test_an_unreachable_cluster_is_said_before_anything_runs(problem, monkeypatch):
-    monkeypatch.setattr(importlib.import_module("clearance_jax.sweep.cluster"), "PATIENCE", "1s")
+    monkeypatch.setattr(importlib.import_module("clearance_jax.ask.place"), "PATIENCE", "1s")
     with pytest.raises(cj.ClearanceError, match=r"No scheduler answers at `tcp://127.0.0.1:1`"):
         problem.solve(cluster="tcp://127.0.0.1:1")

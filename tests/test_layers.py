@@ -23,6 +23,8 @@ ORDER = (
     "mechanism",
     "dynamics",
     "solve",
+    "metrics",
+    "ask",
     "analysis",
     "results",
     "sweep",

@@ -8,11 +8,11 @@ import pytest
 from catalogue import playful_servo
 
 import clearance_jax as cj
-from clearance_jax.analysis import metrics
-from clearance_jax.analysis.instants import PeakInstants
-from clearance_jax.analysis.joint_work import JointWork
-from clearance_jax.analysis.measure import _together
+from clearance_jax import metrics
 from clearance_jax.errors import ClearanceError
+from clearance_jax.metrics.instants import PeakInstants
+from clearance_jax.metrics.joint_work import JointWork
+from clearance_jax.metrics.measure import _together
 from experiments.common import slider_crank
 from experiments.reference.make import load_variation
 from experiments.trust import REGULAR, scene

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import clearance_jax as cj
-from clearance_jax.analysis.recurrence import LyapunovExponent, PoincareSection, uncertainty
 from clearance_jax.errors import ClearanceError
+from clearance_jax.metrics.recurrence import LyapunovExponent, PoincareSection, uncertainty
 from experiments.common import CRANK_SPEED, slider_crank
 
 CLEARANCE, SPEED = "wrist.radial_clearance", "drive.main.speed"

@@ -14,9 +14,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 import clearance_jax as cj
-from clearance_jax import design
-from clearance_jax.analysis import metrics
-from clearance_jax.analysis.instants import Instants
+from clearance_jax import design, metrics
 from clearance_jax.design import places
 from clearance_jax.design.drawing import joint_drawings
 from clearance_jax.design.findings import CUT_SHORT
@@ -27,6 +25,7 @@ from clearance_jax.design.outline import outline
 from clearance_jax.design.standings import standings
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import fits
+from clearance_jax.metrics.instants import Instants
 from clearance_jax.report import mechanism_figure, words
 from clearance_jax.report.figures import overview
 from clearance_jax.report.html import render, write_report

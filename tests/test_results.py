@@ -51,7 +51,11 @@ def crank():
 
 def test_a_dataset_of_any_length_runs_the_same_programs(crank):
     mechanism, trace = crank
+    samples: Any = blocks.observed
+    before = samples.plain.alone._cache_size()
     cj.to_dataset(mechanism, trace)
+    # Few samples are observed by the program of the step ends.
+    assert samples.plain.alone._cache_size() == before
     programs: list[Any] = [blocks.observed, blocks.observed_with_rates, blocks.contact_inside]
     compiled = [program.plain.alone._cache_size() for program in programs]
     other = cj.replace(mechanism, {"conrod.mass": 0.2})
@@ -60,6 +64,18 @@ def test_a_dataset_of_any_length_runs_the_same_programs(crank):
         part = eqx.tree_at(lambda t: (t.time, t.y, t.solution.time, t.solution.y), trace, numbers)
         assert cj.to_dataset(other, part).sizes["step"] == steps
     assert [program.plain.alone._cache_size() for program in programs] == compiled
+
+
+def test_many_samples_are_observed_by_a_program_of_their_own(crank, monkeypatch):
+    mechanism, trace = crank
+    few = cj.to_dataset(mechanism, trace)
+    monkeypatch.setattr(blocks, "SHARED", 0)
+    samples: Any = blocks.observed
+    before = samples.plain.alone._cache_size()
+    many = cj.to_dataset(mechanism, trace)
+    assert samples.plain.alone._cache_size() == before + 1
+    for name, values in few.items():
+        np.testing.assert_allclose(many[name], values, rtol=1e-12, atol=1e-15, err_msg=name)
 
 
 def test_a_dataset_is_what_is_observed(crank):

@@ -188,18 +188,18 @@ def test_no_legend_covers_anything():
 def test_info_says_how_freely_a_linkage_moves():
     shown = CliRunner().invoke(app, ["info", str(SCENES / "bennett.toml")]).output
     assert "free to move: 1 of 3 free velocities, under 5 conditions, of which 3 only" in " ".join(shown.split())
-    assert "written out number by number (3 free coordinates and 5 conditions" in " ".join(shown.split())
+    assert "written out number by number (3 free velocities and 5 conditions" in " ".join(shown.split())
 
 
 def test_a_form_of_the_equations_of_motion_says_why_it_was_chosen():
     arm = cj.load(SCENES / "arm_with_play.toml").ideal()
-    assert str(arm.form) == "written out number by number (0 free coordinates; a table from 17 on)"
+    assert str(arm.form) == "written out number by number (0 free velocities; a table from 17 on)"
     small, large = Form(16, 0, 16, False, False), Form(17, 0, 17, False, False)
     assert not small.is_table
     assert large.is_table
     assert not large._replace(has_play=True).is_table
     assert not large._replace(is_plane=True).is_table
-    assert "17 free coordinates: more than 16; it compiles sooner and runs slower" in str(large)
+    assert "17 free velocities: more than 16; it compiles sooner and runs slower" in str(large)
     assert "50 coordinates in all, more than 40" in str(small._replace(coordinates=50))
 
 

@@ -10,10 +10,10 @@ from test_space import arm, bennett, delta, four_bar
 
 import clearance_jax as cj
 from clearance_jax import design, metrics
-from clearance_jax.analysis.ideal import freedom
 from clearance_jax.dynamics.closures import assembled
 from clearance_jax.dynamics.quantities import evaluated
 from clearance_jax.mechanism.state import initial_values
+from clearance_jax.metrics.ideal import freedom
 
 G = 9.81
 DRIVES = [cj.Harmonic(0.3, 4.0, phase=phase, offset=0.1) for phase in (0.0, 1.0, 2.5)]

@@ -10,8 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 import clearance_jax as cj
-from clearance_jax import design
-from clearance_jax.analysis import metrics
+from clearance_jax import design, metrics
 from clearance_jax.cli.main import app, main
 from clearance_jax.design import formulation
 from clearance_jax.errors import ClearanceError

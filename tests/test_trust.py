@@ -23,10 +23,11 @@ def test_of_a_peak_the_second_is_looked_at_in_the_same_part_of_the_motion(monkey
     class Asked(Exception):
         pass
 
-    def lanes(metric, *_):
+    def lanes(question, _):
+        (metric,) = question.metrics.values()
         raise Asked(metric.count, float(metric.since))
 
-    monkeypatch.setattr(scatter, "_lanes", lanes)
+    monkeypatch.setattr(scatter, "lanes", lanes)
     plan = scatter.SamplingPlan((NAME,), np.ones(1), 0.02, 0.01, 4, 1e-8, 0)
     with pytest.raises(Asked, match=r"\(2, 0.125\)"):
         scatter.sample(plan, CALM, cj.metrics.Peak(cj.metrics.Acceleration("pin"), since=0.125), SHORT, Settings())

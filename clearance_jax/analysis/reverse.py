@@ -14,9 +14,9 @@ import numpy as np
 from jaxtyping import Array
 
 from clearance_jax._solo import solo_jit
-from clearance_jax.analysis.measure import Function
 from clearance_jax.mechanism.mechanism import Mechanism, drive_breaks
 from clearance_jax.mechanism.state import layout
+from clearance_jax.metrics.measure import Function
 from clearance_jax.parameters import replace
 from clearance_jax.solve.attempt import Options
 from clearance_jax.solve.codes import Result

@@ -3,15 +3,12 @@
 import dataclasses
 from typing import NamedTuple
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
 
-from clearance_jax.analysis.metrics import Peak
-from clearance_jax.analysis.sensitivity import output
+from clearance_jax.ask.lanes import lanes
+from clearance_jax.ask.question import Question
 from clearance_jax.errors import ClearanceError
-from clearance_jax.parameters import replace
+from clearance_jax.metrics.reductions import Peak
 from clearance_jax.solve.settings import Settings
 
 
@@ -61,15 +58,15 @@ class Samples(NamedTuple):
 
 
 def sample(plan: SamplingPlan, mechanism, metric, t1, options: Settings) -> Samples:
-    """All solves of the metric, in one program."""
+    """All solves of the metric, by one program."""
     p, samples, rtol, moves = len(plan.names), plan.samples, plan.rtol, plan.moves()
     rtols = np.where(np.arange(len(moves)) == 1, rtol / 10, rtol)
     # Of a peak the second highest is looked at too: where they tie, the metric has a kink.
     peak = isinstance(metric, Peak) and metric.count == 1
     asked = dataclasses.replace(metric, count=2) if peak else metric
-    points = jnp.asarray(plan.centre + moves)
-    lanes = _lanes(asked, mechanism, points, jnp.asarray(rtols), plan.names, t1, options)
-    values, slopes = (np.asarray(x) for x in lanes)
+    points = dict(zip(plan.names, (plan.centre + moves).T, strict=True)) | {"rtol": rtols}
+    found = lanes(Question(mechanism, {"": asked}, t1, options, plan.names), points)
+    values, slopes = found.values[""], found.slopes[""]
     if values.ndim > (2 if peak else 1):
         raise ClearanceError("`gradient_report` wants a metric that is one number.")
     second = (values[0, 1], slopes[0, 1]) if peak else None
@@ -80,23 +77,6 @@ def sample(plan: SamplingPlan, mechanism, metric, t1, options: Settings) -> Samp
     up, down = values[2 : 2 + p] - values[0], values[2 + p : 2 + 2 * p] - values[0]
     draws, cloud, over = (x[-samples:][fine[-samples:]] for x in (moves, values, slopes))
     return Samples(values[0], slopes[0], slopes[1], up, down, draws, cloud, over, bool(np.all(fine)), second)
-
-
-@eqx.filter_jit
-def _lanes(metric, mechanism, points, rtols, names, t1, options):
-    """Values and gradients at points (lanes, parameters), each lane with its own tolerance; one solve a lane."""
-
-    def at(point, rtol):
-        def of(p):
-            value = output(
-                metric, replace(mechanism, dict(zip(names, p, strict=True))), t1, options._replace(rtol=rtol)
-            )
-            return value, value
-
-        slopes, value = jax.jacfwd(of, has_aux=True)(point)
-        return value, slopes
-
-    return jax.vmap(at)(points, rtols)
 
 
 class Statistics(NamedTuple):

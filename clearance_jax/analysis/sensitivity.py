@@ -4,21 +4,20 @@ from collections.abc import Callable, Sequence
 from typing import Any, Unpack
 
 import equinox as eqx
-import jax
-import jax.flatten_util
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from clearance_jax._module import Module
-from clearance_jax._solo import solo_jit
-from clearance_jax.analysis.measure import AbstractMetric, Function, as_metric, measured
 from clearance_jax.analysis.reverse import reverse
+from clearance_jax.ask.lanes import answer
+from clearance_jax.ask.question import Question
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism, drive_breaks, sampling_periods
+from clearance_jax.metrics.measure import AbstractMetric, Function, as_metric
 from clearance_jax.parameters import check_values, replace, values_of
 from clearance_jax.solve.problem import depends
-from clearance_jax.solve.settings import Settings, SolveOptions, settings_of
+from clearance_jax.solve.settings import SolveOptions, settings_of
 
 # Options that a reverse sweep knows.
 REVERSIBLE = ("t0", "rtol", "solver", "books")
@@ -46,31 +45,6 @@ class Sensitivities(Module):
         """The Jacobian with the parameters' entries along the last axis, in the order of `names`."""
         n = np.ndim(self.value)
         return jnp.concatenate([jnp.reshape(self.jacobian[k], (*np.shape(self.value), -1)) for k in self.names], n)
-
-
-def output(metric: AbstractMetric | Callable, mechanism: Mechanism, t1: Any, options: Settings) -> Array:
-    """A metric of the motion."""
-    return measured(mechanism, {"metric": metric}, t1, options)["metric"]
-
-
-@solo_jit
-def _value_and_jacobian(metric, mechanism, values, t1, options):
-    def of(values):
-        return output(metric, replace(mechanism, values), t1, options)
-
-    flat, unravel = jax.flatten_util.ravel_pytree(values)
-
-    def along(direction):
-        return jax.jvp(lambda p: of(unravel(p)), (flat,), (direction,))
-
-    # The rule of `flow` makes one solve of this: it sees which numbers vary, not how many directions are asked of it.
-    value, slopes = jax.vmap(along, out_axes=(None, -1))(jnp.eye(flat.size))
-    jacobian, start = {}, 0
-    for name, number in values.items():
-        part = slopes[..., start : start + number.size]
-        jacobian[name] = part.reshape(*value.shape, *number.shape)
-        start += number.size
-    return value, jacobian
 
 
 def sensitivities(
@@ -113,10 +87,21 @@ def sensitivities(
         return Sensitivities(value, jacobian, wrt)
     if mode == "screening":
         settings = settings._replace(derivatives="screening")
-    value, jacobian = _value_and_jacobian(metric, mechanism, values, jnp.asarray(t1, float), settings)
+    found = answer(Question(mechanism, {"": metric}, t1, settings, wrt))
+    value, jacobian = found.values[""], _by_name(found.slopes[""], values)
     if not bool(jnp.all(jnp.isfinite(value))):
         raise RuntimeError("The solve stopped before t1, so there is no value to differentiate. Simulate to see why.")
     return Sensitivities(value, jacobian, wrt, False if mode == "screening" else None)
+
+
+def _by_name(slopes: Array, values: dict[str, Array]) -> dict[str, Array]:
+    """Derivatives, their last axis over the entries of all numbers, number by number."""
+    ends = np.cumsum([number.size for number in values.values()])
+    parts = jnp.split(slopes, ends[:-1], axis=-1)
+    return {
+        name: part.reshape(*slopes.shape[:-1], *number.shape)
+        for part, (name, number) in zip(parts, values.items(), strict=True)
+    }
 
 
 def _not_in_reverse(mechanism, metric, values, options) -> str:

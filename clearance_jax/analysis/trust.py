@@ -18,12 +18,12 @@ from jaxtyping import Array, Float
 
 from clearance_jax._module import Module
 from clearance_jax.analysis.divergence import divergence
-from clearance_jax.analysis.measure import as_metric
-from clearance_jax.analysis.metrics import AbstractMetric
 from clearance_jax.analysis.periodic import periodic_motion
 from clearance_jax.analysis.scatter import Samples, SamplingPlan, Statistics, sample, statistics
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.metrics.measure import as_metric
+from clearance_jax.metrics.reductions import AbstractMetric
 from clearance_jax.parameters import values_of
 from clearance_jax.solve.settings import ALL, SolveOptions, settings_of
 

@@ -32,8 +32,8 @@ def optimize(
     Ctrl-C stops the search and keeps the best design so far.
     """
     set_up()
+    from clearance_jax.ask.place import place_of
     from clearance_jax.design.findings import CUT_SHORT
-    from clearance_jax.design.lanes import place_of
     from clearance_jax.design.record import RecordWarning
     from clearance_jax.io.plausible import ImplausibleWarning
     from clearance_jax.io.study import load_study

@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
+from clearance_jax.ask.place import place_of
 from clearance_jax.design.certificate import Certificate
 from clearance_jax.design.evaluate import fresh_yield
 from clearance_jax.design.evaluation import Evaluation
-from clearance_jax.design.lanes import place_of
 from clearance_jax.design.manufacture import YieldEstimate
 from clearance_jax.design.methods import Method
 from clearance_jax.design.program import Program

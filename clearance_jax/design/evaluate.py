@@ -1,33 +1,31 @@
-"""Designs as simulations: what a design must stand, solved one by one with derivatives, or as lanes without.
+"""Designs as simulations: the limits of a design in scenarios, with derivatives by its variables.
 
 What is to hold while a joint wears is many motions in a row, block by block: it is asked one by one, here, in threads.
 """
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
-from clearance_jax._solo import solo_jit
-from clearance_jax.analysis.measure import AbstractMeasure, measured
-from clearance_jax.design.lanes import HERE, Lanes, Place
+from clearance_jax.ask.answers import answers, as_lanes
+from clearance_jax.ask.lanes import answer
+from clearance_jax.ask.place import HERE, Place
+from clearance_jax.ask.question import Question, shapes_of
 from clearance_jax.design.manufacture import Yield, YieldEstimate, estimate_yield
 from clearance_jax.design.scenarios import Scenario, scenarios_of
 from clearance_jax.design.specification import Specification
-from clearance_jax.design.worn import known_to, moved
+from clearance_jax.design.worn import known_to, own
 from clearance_jax.errors import ClearanceError, Unlivable, WornOut
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.parameters import replace
+from clearance_jax.metrics.measure import AbstractMeasure
 from clearance_jax.solve.batch import cores_here
 from clearance_jax.solve.settings import Settings
 from clearance_jax.wear import AbstractAged
 
-# More scenarios than this are solved as lanes, without derivatives.
-FEW_SCENARIOS = 250
 # Variables up to which derivatives come along with every evaluation.
 FEW = 5
 
@@ -50,11 +48,10 @@ class Simulations:
     ):
         self.metrics, self.bounds, self.names = tuple(metrics), tuple(bounds), tuple(names)
         self.mechanism, self.t1, self.solve, self.place = mechanism, t1, solve, place
-        self._lanes: dict[bool, Lanes] = {}
         self._sizes: dict[int, int] = {}
         # Those of one motion, which one solve has together.
         self._aged = {i: metric for i, metric in enumerate(self.metrics) if isinstance(metric, AbstractAged)}
-        self._plain = tuple(metric.once for i, metric in enumerate(self.metrics) if i not in self._aged)
+        self._plain = {str(i): metric.once for i, metric in enumerate(self.metrics) if i not in self._aged}
 
     def sizes(self) -> list[int]:
         """How many numbers each metric is."""
@@ -62,13 +59,9 @@ class Simulations:
 
     def _size(self, i: int) -> int:
         metric = self.metrics[i]
-
-        def value(t1):
-            return measured(self.mechanism, {"": metric.once}, t1, self.solve)[""]
-
         if i not in self._sizes:
-            shape = jax.eval_shape(value, jnp.asarray(self.t1)).shape
-            self._sizes[i] = len(metric.ages) * int(np.prod(shape))
+            value = shapes_of(Question(self.mechanism, {"": metric.once}, self.t1, self.solve), ()).values[""]
+            self._sizes[i] = len(metric.ages) * int(np.prod(value.shape))
         return self._sizes[i]
 
     def limits(self, x: np.ndarray, scenario: Scenario, gradient: bool) -> tuple[np.ndarray, np.ndarray | None]:
@@ -91,15 +84,15 @@ class Simulations:
         self, x: np.ndarray, scenarios: Sequence[Scenario], gradient: bool
     ) -> tuple[np.ndarray, np.ndarray | None]:
         """`limits` of a design in every scenario, shape (scenarios, m), and derivatives (scenarios, m, n); not a number
-        where there is no motion to the end. Many, and all on a cluster, are solved as lanes, few one by one. Scenarios
-        of one condition must follow each other.
+        where there is no motion to the end. Scenarios of one condition must follow each other.
         """
-        if not self._as_lanes(scenarios):
+        # Of an array entries can be named, one by one; of an array of arrays not.
+        if self._aged or any(np.ndim(value) > 1 for value in scenarios[0].values.values()):
             limits, rows = zip(*self._one_by_one(x, scenarios, gradient), strict=True)
             return np.stack(limits), np.stack(rows) if gradient else None
         # Conditions apart: they may set different names.
         parts = [list(part) for _, part in itertools.groupby(scenarios, lambda one: one.values.keys())]
-        found = [self._lanes_of(x, part, gradient) for part in parts]
+        found = [self._alike(x, part, gradient) for part in parts]
         limits, rows = zip(*found, strict=True)
         return np.concatenate(limits), np.concatenate(rows) if gradient else None
 
@@ -118,19 +111,27 @@ class Simulations:
         motion to the end. Few are solved with derivatives (`exact`) if that program is compiled; lives, which take
         longer than to compile, are not.
         """
-        exact = exact and not self._aged and not self._as_lanes(scenarios)
+        exact = exact and not self._aged and not as_lanes(len(scenarios), self.place)
         found = self.together(x, scenarios, exact)[0].max(axis=1)
         return np.where(np.isfinite(found), found, np.inf)
+
+    def _question(self, gradient: bool) -> Question:
+        """What one motion is asked."""
+        return Question(self.mechanism, self._plain, self.t1, self.solve, self.names if gradient else ())
+
+    def _in_order(self, found: Mapping[str, Any]) -> list:
+        """By the metrics of one motion, in their order; nothing of nothing."""
+        return [np.asarray(found[name]) for name in self._plain] if found else []
 
     def _all(self, x: np.ndarray, scenario: Scenario, gradient: bool) -> tuple[list, list]:
         """The metrics' values and, with a gradient, derivatives by the variables as made (else none)."""
         values, slopes = [], []
         if self._plain:
             # Numbers of wear are no numbers of the mechanism, and move no metric of one motion.
-            mechanism = moved(self.mechanism, self.metrics, scenario.values)
-            call, made = _slopes if gradient else _values, jnp.asarray(x * scenario.factors)
-            asked = mechanism, self._plain, self.names, made, {}, jnp.asarray(self.t1), self.solve
-            values, slopes = call(*asked)
+            numbers = own(self.mechanism, self.metrics, scenario.values)
+            made = dict(zip(self.names, x * scenario.factors, strict=True))
+            found = answer(self._question(gradient), {**numbers, **made})
+            values, slopes = self._in_order(found.values), self._in_order(found.slopes)
         for i in self._aged:
             value, slope = self._worn(i, x, scenario, self.names if gradient else ())
             values.insert(i, value)
@@ -158,51 +159,19 @@ class Simulations:
         values = known_to(metric, self.mechanism, self.metrics, given) | dict(zip(self.names, x, strict=True))
         return metric.of(self.mechanism, values, self.t1, by, **how)
 
-    def _as_lanes(self, scenarios: Sequence[Scenario]) -> bool:
-        if self._aged:
-            return False
-        many = len(scenarios) > FEW_SCENARIOS or (self.place.client is not None and len(scenarios) > 1)
-        # Of an array entries can be named, one by one; of an array of arrays not.
-        return many and all(np.ndim(value) < 2 for value in scenarios[0].values.values())
-
-    def _lanes_of(self, x: np.ndarray, scenarios: list[Scenario], gradient: bool):
-        """`together` of scenarios that set the same names, as lanes."""
+    def _alike(self, x: np.ndarray, scenarios: list[Scenario], gradient: bool):
+        """`together` of scenarios that set the same names, of one motion each."""
         factors = np.stack([scenario.factors for scenario in scenarios])
         numbers = dict(zip(self.names, (x * factors).T, strict=True))
         for name in scenarios[0].values:
             column = np.stack([np.asarray(scenario.values[name]) for scenario in scenarios])
             numbers |= {name: column} if column.ndim == 1 else {f"{name}.{i}": one for i, one in enumerate(column.T)}
-        lanes = self._lanes.setdefault(gradient, self._made(gradient))
-        values, slopes = lanes.solved(numbers, self.place)
-        count = len(scenarios)
+        found, count = answers(self._question(gradient), numbers, self.place), len(scenarios)
+        values, slopes = self._in_order(found.values), self._in_order(found.slopes)
         scaled = [v.reshape(count, -1) / bound - 1 for v, bound in zip(values, self.bounds, strict=True)]
         rows = [s.reshape(count, -1, len(x)) / bound for s, bound in zip(slopes, self.bounds, strict=gradient)]
         limits = np.concatenate(scaled, axis=1)
         return limits, np.concatenate(rows, axis=1) * factors[:, None] if gradient else None
-
-    def _made(self, gradient: bool) -> Lanes:
-        return Lanes(self.mechanism, self._plain, self.t1, self.solve, self.names if gradient else ())
-
-
-def _measured(mechanism, metrics, names, x, given, t1, solve):
-    moved = replace(mechanism, {**given, **dict(zip(names, x, strict=True))})
-    # One solve for all of them.
-    return list(measured(moved, {str(i): metric for i, metric in enumerate(metrics)}, t1, solve).values())
-
-
-@solo_jit
-def _values(*asked):
-    return _measured(*asked), []
-
-
-@solo_jit
-def _slopes(mechanism, metrics, names, x, given, t1, solve):
-    def of(x):
-        out = _measured(mechanism, metrics, names, x, given, t1, solve)
-        return out, out
-
-    slopes, out = jax.jacfwd(of, has_aux=True)(x)
-    return out, slopes
 
 
 def simulations_of(

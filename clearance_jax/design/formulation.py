@@ -6,9 +6,9 @@ from typing import Any
 import jax
 import numpy as np
 
+from clearance_jax.ask.place import HERE, Place
 from clearance_jax.design.evaluate import FEW, Simulations, simulations_of
 from clearance_jax.design.evaluation import Evaluation
-from clearance_jax.design.lanes import HERE, Place
 from clearance_jax.design.manufacture import Yield
 from clearance_jax.design.program import Program
 from clearance_jax.design.scenarios import Scenario, scenarios_of

@@ -5,18 +5,18 @@ time, what its joints bear and lose, and where everything is.
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
-from clearance_jax._solo import solo_jit
-from clearance_jax.analysis.instants import PeakInstants
-from clearance_jax.analysis.joint_work import JointWork
-from clearance_jax.analysis.measure import AbstractMetric, measure
-from clearance_jax.analysis.metrics import At, ContactForce, Impacts, Peak
+from clearance_jax.ask.lanes import answer
+from clearance_jax.ask.question import Question
 from clearance_jax.design.places import PlacesOverTime
 from clearance_jax.design.scenarios import Scenario
 from clearance_jax.design.specification import Specification
-from clearance_jax.parameters import replace
+from clearance_jax.metrics.instants import PeakInstants
+from clearance_jax.metrics.joint_work import JointWork
+from clearance_jax.metrics.measure import AbstractMetric
+from clearance_jax.metrics.reductions import At, Impacts, Peak
+from clearance_jax.metrics.signals import ContactForce
 
 SAMPLES = 2001
 
@@ -46,10 +46,11 @@ def observed(specification: Specification, x: np.ndarray, scenario: Scenario) ->
     """A design (its variables, shape (n,)) in a scenario; `None` where there is no motion to the end."""
     x = specification.values(x) * scenario.factors
     moved = specification.moved(specification.mechanism, scenario.values)
-    moved = replace(moved, dict(zip(specification.variables, x, strict=True)))
-    solve = {**specification.options, "rtol": jnp.asarray(specification.rtol)}
-    found = _measured(moved, _asked(specification), jnp.asarray(specification.t1), solve)
-    found = jax.tree.map(np.asarray, found)
+    metrics, structure = jax.tree.flatten(_asked(specification), is_leaf=lambda m: isinstance(m, AbstractMetric))
+    named = {str(i): metric for i, metric in enumerate(metrics)}
+    question = Question(moved, named, specification.t1, specification.settings())
+    values = answer(question, dict(zip(specification.variables, x, strict=True))).values
+    found = jax.tree.map(np.asarray, jax.tree.unflatten(structure, [values[name] for name in named]))
     return found if all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(found.places)) else None
 
 
@@ -67,10 +68,3 @@ def _asked(specification: Specification) -> Observed:
         tuple(Impacts(name) for name in joints),
         PlacesOverTime(times),
     )
-
-
-@solo_jit
-def _measured(mechanism, asked: Observed, t1, solve: dict[str, Any]):
-    metrics, structure = jax.tree.flatten(asked, is_leaf=lambda m: isinstance(m, AbstractMetric))
-    named = {str(i): metric for i, metric in enumerate(metrics)}
-    return jax.tree.unflatten(structure, measure(mechanism, named, t1, **solve).values())

@@ -8,7 +8,6 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from clearance_jax._types import Scalar
-from clearance_jax.analysis.measure import AbstractMetric, Request
 from clearance_jax.dynamics.kinematics import Frames, frames, plays, sleeve_rotation
 from clearance_jax.dynamics.observe import axes_of
 from clearance_jax.mechanism.body import GROUND, Body, Spring
@@ -16,6 +15,7 @@ from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.placement import Position
 from clearance_jax.mechanism.state import layout
 from clearance_jax.mechanism.tree import Prismatic
+from clearance_jax.metrics.measure import AbstractMetric, Request
 from clearance_jax.results.marks import carried, place
 from clearance_jax.spatial import Vector, as_array
 

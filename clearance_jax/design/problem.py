@@ -4,10 +4,10 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Unpack
 
+from clearance_jax.ask.place import place_of
 from clearance_jax.design.answer import Design
 from clearance_jax.design.costs import AbstractCost
 from clearance_jax.design.evaluation import Evaluation
-from clearance_jax.design.lanes import place_of
 from clearance_jax.design.manufacture import Band, Yield
 from clearance_jax.design.methods import Method
 from clearance_jax.design.search import search

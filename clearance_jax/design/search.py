@@ -8,10 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from clearance_jax.analysis.trust import gradient_report
+from clearance_jax.ask.place import HERE, Place
 from clearance_jax.design.answer import Design
 from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.formulation import formulate
-from clearance_jax.design.lanes import HERE, Place
 from clearance_jax.design.methods import AUTO, Method, method_of
 from clearance_jax.design.run import INTERRUPTED, SPENT, run
 from clearance_jax.design.specification import Specification

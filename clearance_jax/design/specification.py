@@ -9,12 +9,12 @@ import equinox as eqx
 import numpy as np
 
 from clearance_jax._module import Module
-from clearance_jax.analysis.measure import AbstractMeasure, Function, as_measure, begin_of
-from clearance_jax.analysis.metrics import AbstractMetric, At, Peak
 from clearance_jax.design import worn
 from clearance_jax.design.manufacture import Band, Yield
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.metrics.measure import AbstractMeasure, Function, as_measure, begin_of
+from clearance_jax.metrics.reductions import AbstractMetric, At, Peak
 from clearance_jax.parameters import check_values, parameters, replace, units_of
 from clearance_jax.solve.settings import Settings, SolveOptions, settings_of
 from clearance_jax.wear import AbstractAged

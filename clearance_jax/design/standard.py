@@ -6,10 +6,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.stats
 
+from clearance_jax.ask.place import Place, place_of
 from clearance_jax.design.answer import Design
 from clearance_jax.design.evaluate import FEW, simulations_of, yield_of
 from clearance_jax.design.evaluation import SLACK
-from clearance_jax.design.lanes import Place, place_of
 from clearance_jax.design.manufacture import YieldEstimate
 from clearance_jax.design.scenarios import Scenario, scenarios_of
 from clearance_jax.errors import ClearanceError

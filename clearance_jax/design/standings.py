@@ -5,11 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clearance_jax.analysis.instants import Instants
 from clearance_jax.design.answer import Design
 from clearance_jax.design.manufacture import Yield
 from clearance_jax.design.observed import Observed
 from clearance_jax.design.scenarios import Scenario, scenarios_of
+from clearance_jax.metrics.instants import Instants
 
 # Of so many limits, the nearest to their bounds, a reader sees the pattern.
 SHOWN = 12

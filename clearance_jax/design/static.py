@@ -9,7 +9,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from clearance_jax.analysis.ideal import ASSEMBLE, freedom
 from clearance_jax.dynamics.closures import projected
 from clearance_jax.dynamics.mobility import mobility
 from clearance_jax.dynamics.observe import axes_of
@@ -19,6 +18,7 @@ from clearance_jax.joints import AbstractClearance, PlayCoordinate
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.placement import Position
 from clearance_jax.mechanism.tree import AbstractPlayed
+from clearance_jax.metrics.ideal import ASSEMBLE, freedom
 from clearance_jax.solve.settings import settings_of
 from clearance_jax.solve.simulate import run
 

@@ -5,12 +5,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from clearance_jax.analysis.measure import measure
-from clearance_jax.analysis.metrics import At
+from clearance_jax.ask.lanes import answer
+from clearance_jax.ask.question import Question
 from clearance_jax.design.answer import Design
 from clearance_jax.design.observed import sample_times
 from clearance_jax.design.specification import Specification
 from clearance_jax.errors import ClearanceError
+from clearance_jax.metrics.reductions import At
+from clearance_jax.solve.settings import settings_of
 
 
 class TimeHistory(NamedTuple):
@@ -36,7 +38,8 @@ def time_histories(design: Design) -> tuple[TimeHistory, ...]:
     for name, given in specification.conditions.items():
         moved = specification.moved(design.mechanism, given)
         try:
-            seen = measure(moved, asked, specification.t1, **specification.options)
+            settings = settings_of(moved, specification.t1, specification.options)
+            seen = answer(Question(moved, asked, specification.t1, settings)).values
         except (ClearanceError, RuntimeError):
             continue  # a design that could not be simulated is reported as such elsewhere
         found[specification.shown(name)] = [seen.get(str(i)) for i in range(len(signals))]

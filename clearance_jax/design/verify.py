@@ -5,12 +5,11 @@ from collections.abc import Callable
 import numpy as np
 import scipy.optimize
 
-from clearance_jax.analysis.metrics import Peak, PositionError
+from clearance_jax.ask.place import HERE, Place
 from clearance_jax.design.certificate import Certificate
 from clearance_jax.design.evaluate import fresh_yield
 from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.formulation import formulate
-from clearance_jax.design.lanes import HERE, Place
 from clearance_jax.design.manufacture import Yield
 from clearance_jax.design.methods import Method
 from clearance_jax.design.program import Program
@@ -18,6 +17,8 @@ from clearance_jax.design.run import INTERRUPTED, run
 from clearance_jax.design.specification import Specification
 from clearance_jax.design.static import static_error, static_weights
 from clearance_jax.errors import ClearanceError
+from clearance_jax.metrics.reductions import Peak
+from clearance_jax.metrics.signals import PositionError
 from clearance_jax.parameters import replace
 
 # A limit is active within this share of its bound.

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from clearance_jax.analysis.measure import AbstractMeasure
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.metrics.measure import AbstractMeasure
 from clearance_jax.parameters import parameters, replace, values_of
 
 

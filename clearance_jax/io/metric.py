@@ -4,11 +4,11 @@ import dataclasses
 import itertools
 from typing import NamedTuple
 
-from clearance_jax.analysis.measure import AbstractMetric
 from clearance_jax.errors import ClearanceError, quoted, suggest
 from clearance_jax.io.metric_keys import COUNTS, OF, OF_ANY_JOINT, REDUCTIONS, SIGNALS
 from clearance_jax.io.table import Chosen, Table
 from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.metrics.measure import AbstractMetric
 
 
 class Span(NamedTuple):

@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Mapping
 
-from clearance_jax.analysis import metrics
+from clearance_jax import metrics
 from clearance_jax.io.asking_keys import choosing
 from clearance_jax.io.fields import summary
 from clearance_jax.io.kinds import Key, Quantities, Quantity, Text, Word

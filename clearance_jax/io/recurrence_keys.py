@@ -4,11 +4,11 @@ reader.
 
 from typing import Any
 
-from clearance_jax.analysis.recurrence import FEWEST, LyapunovExponent, PoincareSection
 from clearance_jax.errors import ClearanceError
 from clearance_jax.io.fields import summary
 from clearance_jax.io.kinds import Names, Quantity, Text, Whole
 from clearance_jax.io.table import Chosen
+from clearance_jax.metrics.recurrence import FEWEST, LyapunovExponent, PoincareSection
 from clearance_jax.solve.settings import MOST_SAMPLES
 
 SECTION, EXPONENT = "poincare-section", "lyapunov-exponent"

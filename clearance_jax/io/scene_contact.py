@@ -10,7 +10,6 @@ import numpy as np
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.io.play_keys import (
     BALL,
-    BEARING,
     BEARINGS,
     ELEMENT_TABLES,
     FRICTION_TABLES,
@@ -22,7 +21,7 @@ from clearance_jax.io.play_keys import (
     STIFFNESS,
 )
 from clearance_jax.io.scene_worn import worn_of
-from clearance_jax.io.table import Keys, Table, checked_table, naming
+from clearance_jax.io.table import Keys, Table, naming
 from clearance_jax.joints import (
     AbstractClearance,
     Fitting,
@@ -70,6 +69,11 @@ def play_of(kind: type, table: Table, path: Path, usual: bool = False) -> dict[s
         return {"clearance": None, "eccentricity": start}
     clearance = play.read(table, usual)
     if table.has("element"):
+        if clearance.element is not None:
+            raise ClearanceError(
+                f"{table.key('element')} would take the place of the bearing's `preload`, which fills the play "
+                "already. Leave one of them out."
+            )
         word, own = table.chosen("element", ELEMENT_TABLES)
         clearance = dataclasses.replace(clearance, element=ELEMENTS[word](**own.given("type")))
     if play.keys is PIN and table.has("worn"):
@@ -129,8 +133,7 @@ def _bearing(table: Table) -> RevoluteClearance | SleeveClearance:
     for key in PIN.keys:
         if key.name not in WITH_A_BEARING and table.has(key.name):
             raise ClearanceError(f"{table.key(key.name)} has no effect beside a `bearing`, which is a whole joint.")
-    is_of_an_arm = "type" in checked_table(table.values["bearing"], table.key("bearing"))
-    word, given = table.chosen("bearing", BEARINGS) if is_of_an_arm else ("radial", table.table("bearing", BEARING))
+    word, given = table.chosen("bearing", BEARINGS)
     numbers = given.given("type")
     for key, name in (("internal_clearance", "internal"), ("radial_clearance", "radial")):
         if key in numbers:

@@ -5,7 +5,6 @@ import warnings
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from clearance_jax.analysis.measure import AbstractMetric
 from clearance_jax.design.costs import AbstractCost, CostTable, Exponential, ExponentialReciprocal, Reciprocal
 from clearance_jax.design.manufacture import Band, Yield
 from clearance_jax.design.problem import ToleranceProblem
@@ -30,6 +29,7 @@ from clearance_jax.io.study_keys import (
 from clearance_jax.io.table import Chosen, Table, chosen, entries, naming
 from clearance_jax.io.wearing import wearing_of
 from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.metrics.measure import AbstractMetric
 from clearance_jax.parameters import units_of
 from clearance_jax.units import to_si
 from clearance_jax.wear import AfterWear, Wearing

@@ -100,15 +100,27 @@ class Chosen(NamedTuple):
 
 
 def chosen(values: Any, where: str, tables: Mapping[str, Keys], words: Words = NO_WORDS) -> Chosen:
-    """The table of the kind that its own first declared key chooses."""
+    """The table of the kind that its own first declared key chooses, or by default that key's default."""
     head = next(iter(tables.values())).keys[0]
     given = checked_table(values, where)
-    if head.name not in given:
+    if head.name not in given and head.default is None:
         raise ClearanceError(f"{where} lacks the key `{head.name}`. Add it. " + suggest("", tables))
     word = Word(head.name, head.help, head.example, allowed=tuple(tables)).read(
-        given[head.name], below(where, head.name), words
+        given.get(head.name, head.default), below(where, head.name), words
     )
+    if head.name not in given:
+        _check_kind(given, where, tables, word, head.name)
     return Chosen(word, Table(given, where, tables[word], words))
+
+
+def _check_kind(given: Mapping[str, Any], where: str, tables: Mapping[str, Keys], word: str, head: str) -> None:
+    """Raise where keys belong to a kind other than that taken by default."""
+    known = {name: {key.name for key in keys.keys} for name, keys in tables.items()}
+    for key in given:
+        having = [name for name, keys in known.items() if key in keys]
+        if having and key not in known[word]:
+            kinds = " or ".join(f'`{head} = "{name}"`' for name in having)
+            raise ClearanceError(f"{below(where, key)} is no key of {quoted(word)}: add {kinds}.")
 
 
 def entries(values: Any, where: str) -> Iterator[tuple[str, Any, str]]:

@@ -87,6 +87,8 @@ def crossed_roller(
     **Raises:** `ClearanceError` for numbers that make no bearing. **Source:** see the module; Palmgren's line contact.
     """
     count = _counted("rollers", rollers, 6) / 2
+    if rollers % 2:
+        raise ClearanceError(f"`rollers` must be even, one half leaning each way, but there are {rollers}.")
     sizes = _checked(preload, pitch_diameter=pitch_diameter, roller_length=roller_length, radial=radial)
     factor = (sizes["roller_length"] ** 0.8 / ROLLERS) ** (10 / 9)
     rows = Rows(count, factor, 10 / 9, CROSSED, sizes["pitch_diameter"] / 2)
@@ -116,6 +118,12 @@ def angular_contact_pair(
     sizes = _checked(preload, **given)
     if not isinstance(contact_angle, Tracer) and not 0 < contact_angle < np.pi / 2:
         raise ClearanceError(f"`contact_angle` must be above 0 and below pi/2 rad, but it is {contact_angle!r}.")
+    if not any(isinstance(x, Tracer) for x in sizes.values()) and not (
+        count * sizes["ball_diameter"] < np.pi * sizes["pitch_diameter"]
+    ):
+        raise ClearanceError(
+            f"{count} `balls` of {sizes['ball_diameter']:g} m do not fit on a circle of {sizes['pitch_diameter']:g} m."
+        )
     factor = sizes["ball_diameter"] ** 0.5 / BALLS**1.5
     rows = Rows(count, factor, 1.5, contact_angle, sizes["pitch_diameter"] / 2, sizes["spread"] / 2)
     return rows.with_play(radial, preload, friction)
@@ -132,5 +140,3 @@ def _checked(preload: Any, **sizes: Any) -> dict[str, Any]:
     if preload is not None:
         check_sizes("N", preload=preload)
     return sizes
-
-

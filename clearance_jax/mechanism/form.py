@@ -13,8 +13,8 @@ UNROLLED, PLAYED, FRAMED = 16, 24, 40
 
 
 class Form(NamedTuple):
-    """What decides the form: free velocities, conditions of ideal closures, coordinates in all, whether it has play,
-    whether it stays in its plane.
+    """What decides the form: free velocities, conditions of ideal closures (in space), coordinates in all, whether it
+    has play, whether it stays in its plane.
     """
 
     free: int
@@ -35,10 +35,10 @@ class Form(NamedTuple):
         return many and not self.is_plane
 
     def __str__(self) -> str:
-        closed = f" and {self.conditions} conditions of ideal closures" if self.conditions else ""
-        size = f"{self.free} free coordinates{closed}"
         if self.is_plane:
-            return f"written out number by number, as every mechanism in a plane ({size})"
+            return "written out number by number, as every mechanism in a plane"
+        closed = f" and {self.conditions} conditions of ideal closures" if self.conditions else ""
+        size = f"{self.free} free velocities{closed}"
         if self.is_table:
             why = (
                 f"more than {self.most}{' with play' if self.has_play else ''}"

@@ -305,7 +305,7 @@ class Mechanism(Parametrised):
     @property
     def is_tabled(self) -> bool:
         """Whether it is so large that its dynamics is a loop over a table of its links."""
-        return self.links is not None or (not self.is_plane and self.form.is_table)
+        return self.links is not None or self.form.is_table
 
 
 def _without_clearance(joint: AbstractJoint, values: Sequence[Term] | None) -> AbstractJoint:

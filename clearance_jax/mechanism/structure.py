@@ -76,8 +76,9 @@ def check_tilting(bodies: Sequence[Body], joints: Sequence[AbstractJoint]) -> No
         if body.name in tilted and body.inertia is not None and not isinstance(body.inertia, Inertia):
             joint = tilted[body.name]
             key = _tilting(joint)
+            own = " (a bearing of an arm's joint too)" if key == "length" else ""
             raise ClearanceError(
-                f"Joint `{joint.name}` has a `{key}`, so that what it carries may turn out of the plane, but body "
+                f"Joint `{joint.name}` has a `{key}`{own}, so that what it carries may turn out of the plane, but body "
                 f"`{body.name}` has one moment of inertia (about z). Leave `{key}` out, or give the body three or six "
                 "moments (xx, yy, zz, xy, xz, yz)."
             )

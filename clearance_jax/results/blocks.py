@@ -91,15 +91,14 @@ def _observed_with_rates(mechanism: Mechanism, time: Scalar, y: Array) -> dict[s
     rate, size = jnp.zeros_like(y), layout(mechanism).size
     rate = rate.at[:size].set(slope(time, y[:size], mechanism))
     seen, rates = _along(mechanism, time, y, rate)
-    marked = {"mark_position": mark_positions(mechanism, time, y)}
-    return seen | marked | dict(zip(RATES, rates, strict=True))
+    return seen | dict(zip(RATES, rates, strict=True))
 
 
 def _along(mechanism: Mechanism, time: Scalar, y: Array, rate: Array) -> tuple[dict[str, Array], tuple[Array, Array]]:
     """What is observed of a state that moves at the given rate, and the rates of the contact forces and powers."""
 
     def contact(time, y):
-        seen = observe(time, y, mechanism)
+        seen = _observed(mechanism, time, y)
         return (seen["contact_force"], seen["contact_power"]), seen
 
     _, rates, seen = jax.jvp(contact, (time, y), (jnp.ones_like(time), rate), has_aux=True)

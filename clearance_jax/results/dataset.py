@@ -78,8 +78,13 @@ def _samples(solved: Solution) -> tuple[np.ndarray, np.ndarray]:
 def _of_trace(mechanism: Mechanism, trace: Trace, progress: Progress | None) -> tuple[dict, dict, list]:
     """The variables of the step ends, the table of episodes, and of each joint when its impacts begin and end."""
     t, y = np.asarray(trace.time), np.asarray(trace.y)
-    seen = in_blocks(blocks.observed_with_rates, mechanism, t, y, progress=_part(progress, 0.0, _LOOKED_AT))
     names = "penetration", "penetration_rate", "contact_force", "force_rate", "contact_power", "power_rate"
+
+    def program(*given):
+        found = blocks.observed_with_rates(*given)  # far more than is wanted of as many states as there are steps
+        return {name: found[name] for name in (*names, "eccentricity", "contact_pattern", "pin_tilt") if name in found}
+
+    seen = in_blocks(program, mechanism, t, y, progress=_part(progress, 0.0, _LOOKED_AT))
     tables, impacts = [], []
     for joint in range(seen["penetration"].shape[1]):
         ends = episodes.StepEnds(t, *(seen[name][:, joint] for name in names))

@@ -73,7 +73,15 @@ def _check_assembled(mechanism: Mechanism, t0: Any, open_loops: Array) -> None:
         f"The mechanism cannot be assembled: at t = {float(t0):g} s its loop `{mechanism.loops[worst].name}` stays "
         f"open by {float(gaps[worst]) * 1e3:.4g} mm. "
     )
-    repeated = mobility(mechanism, float(t0)).repeated if np.all(np.isfinite(gaps)) else 0
+    finite = np.all(np.isfinite(gaps))
+    if finite and mechanism.clearance_joints() and (repeated := mobility(mechanism.ideal(), float(t0)).repeated):
+        raise ClearanceError(
+            f"The mechanism cannot be settled: without its clearances it is over-constrained ({repeated} of the "
+            "conditions of its loops only repeat others), and with its pins at their walls its loops do not close. "
+            "Where pins rest then depends on how all joints together give way, which a settled start does not find. "
+            'Begin with `start = "centre"`.'
+        )
+    repeated = mobility(mechanism, float(t0)).repeated if finite else 0
     if repeated:
         said += (
             f"It is over-constrained: {repeated} of the conditions of its loops only repeat others, so that it closes "

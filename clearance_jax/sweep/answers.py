@@ -8,8 +8,8 @@ import numpy as np
 import xarray as xr
 
 from clearance_jax.sweep.assemble import dataset_of
+from clearance_jax.sweep.grid import NOT_RUN, Grid, Lanes, failed
 from clearance_jax.sweep.layout import Partition
-from clearance_jax.sweep.question import NOT_RUN, Lanes, Question, failed
 
 Values = dict[str, np.ndarray]
 """Of lanes every variable by its name, shape (lanes, ...)."""
@@ -59,10 +59,10 @@ class InMemory(AbstractAnswers):
 
     on_disk = False
 
-    def __init__(self, question: Question, provenance: Mapping[str, Any]):
-        self.question, self.provenance = question, provenance
-        self.partition = Partition(question.shape, question.shape)
-        self._known, self._values = question.blank(question.count), None
+    def __init__(self, grid: Grid, provenance: Mapping[str, Any]):
+        self.grid, self.provenance = grid, provenance
+        self.partition = Partition(grid.shape, grid.shape)
+        self._known, self._values = grid.blank(grid.count), None
 
     def missing(self):
         return [0] if self._values is None else []
@@ -88,6 +88,6 @@ class InMemory(AbstractAnswers):
         return [0] if np.any(failed(self.read(0)["code"])) else []
 
     def dataset(self):
-        shape = self.question.shape
+        shape = self.grid.shape
         values = {name: one.reshape(*shape, *one.shape[1:]) for name, one in self.read(0).items()}
-        return dataset_of(self.question, values, self.provenance)
+        return dataset_of(self.grid, values, self.provenance)

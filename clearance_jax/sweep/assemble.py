@@ -12,33 +12,33 @@ import xarray as xr
 from clearance_jax._version import __version__
 from clearance_jax.parameters import parameters
 from clearance_jax.solve.codes import Result, words
-from clearance_jax.sweep.question import NOT_RUN, Question
+from clearance_jax.sweep.grid import NOT_RUN, Grid
 
 
-def coordinates(question: Question) -> Iterator[tuple[str, str, Any, dict[str, str]]]:
+def coordinates(grid: Grid) -> Iterator[tuple[str, str, Any, dict[str, str]]]:
     """Of every coordinate its name, dimension, values and attributes."""
-    for dimension in question.dims:
+    for dimension in grid.dims:
         if dimension.models:
             yield dimension.name, dimension.name, dimension.labels, {"long_name": dimension.name}
         elif dimension.name not in dimension.columns:
             yield dimension.name, dimension.name, np.arange(dimension.size), {"long_name": dimension.name, "units": "1"}
         for name, values in dimension.columns.items():
-            yield name, dimension.name, values, {"units": question.units[name], "long_name": name}
-    for name, (dim, values) in question.coordinates.items():
+            yield name, dimension.name, values, {"units": grid.units[name], "long_name": name}
+    for name, (dim, values) in grid.coordinates.items():
         yield name, dim, values, {"units": "s"} if name == "time" else {}
 
 
-def attributes(question: Question) -> dict[str, Any]:
+def attributes(grid: Grid) -> dict[str, Any]:
     """Where the answers come from: versions, model, settings, seeds."""
-    function = question.functions[0]
-    sampled = {f"sampling.{d.name}": repr(d.sampling) for d in question.dims if d.sampling}
-    numbers = {f"parameter.{n}": np.asarray(leaf.value).tolist() for n, leaf in parameters(function.mechanism).items()}
-    settings = {k: v for k, v in function.settings._asdict().items() if v is not None and k != "save_at"}
+    question = grid.questions[0]
+    sampled = {f"sampling.{d.name}": repr(d.sampling) for d in grid.dims if d.sampling}
+    numbers = {f"parameter.{n}": np.asarray(leaf.value).tolist() for n, leaf in parameters(question.model).items()}
+    settings = {k: v for k, v in question.settings._asdict().items() if v is not None and k != "save_at"}
     shown = {k: np.asarray(v).tolist() if isinstance(v, jax.Array) else v for k, v in settings.items()}
     return {
         "software": _software(),
-        "mechanism": function.mechanism.name,
-        "t1": float(function.t1),
+        "mechanism": question.model.name,
+        "t1": float(question.t1),
         "solve": repr(shown),
         **sampled,
         **numbers,
@@ -72,11 +72,9 @@ def counts(endings: Iterable[Mapping[str, int]], lanes: int) -> dict[str, Any]:
     }
 
 
-def dataset_of(question: Question, values: Mapping[str, np.ndarray], provenance: Mapping[str, Any]) -> xr.Dataset:
+def dataset_of(grid: Grid, values: Mapping[str, np.ndarray], provenance: Mapping[str, Any]) -> xr.Dataset:
     """Everything in memory."""
-    names = tuple(dimension.name for dimension in question.dims)
-    data = {name: ((*names, *kind.dims), values[name], kind.attributes) for name, kind in question.kinds.items()}
-    coords = {name: (dim, given, attrs) for name, dim, given, attrs in coordinates(question)}
-    return xr.Dataset(
-        data, coords, {**attributes(question), **counts([ended(values["code"])], question.count), **provenance}
-    )
+    names = tuple(dimension.name for dimension in grid.dims)
+    data = {name: ((*names, *kind.dims), values[name], kind.attributes) for name, kind in grid.kinds.items()}
+    coords = {name: (dim, given, attrs) for name, dim, given, attrs in coordinates(grid)}
+    return xr.Dataset(data, coords, {**attributes(grid), **counts([ended(values["code"])], grid.count), **provenance})

@@ -9,13 +9,12 @@ import scipy.special
 from jaxtyping import Float
 from scipy.stats import qmc
 
+from clearance_jax.ask.question import OPTIONS
 from clearance_jax.errors import ClearanceError, quoted, suggest
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import check_bounds, find, parameters
 from clearance_jax.sweep.distributions import AbstractDistribution
 
-# Options of a solve that are numbers, and may differ from lane to lane beside the parameters.
-OPTIONS = {"t1": "s", "rtol": ""}
 METHODS = ("sobol", "latin-hypercube", "random")
 
 

@@ -6,100 +6,63 @@ is lost, and nothing there twice. The question lies beside the answers, for the 
 """
 
 import functools
-import logging
 import uuid
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from clearance_jax.ask.place import workers_of
 from clearance_jax.errors import ClearanceError, quoted
-from clearance_jax.extras import lacking
-from clearance_jax.solve.batch import cores_here
 from clearance_jax.solve.lanes import LANES
 from clearance_jax.sweep.assemble import ended
+from clearance_jax.sweep.grid import Grid, Lanes, failed
 from clearance_jax.sweep.here import plan_of, rerun, with_options, with_time
 from clearance_jax.sweep.pace import Pace, Tell
 from clearance_jax.sweep.pilot import chosen, keep, timed
 from clearance_jax.sweep.plan import SweepPlan
-from clearance_jax.sweep.question import Lanes, Question, failed
 from clearance_jax.sweep.store import HANDED_OUT, Regions, Store, known
 from clearance_jax.sweep.widen import before_of
 
-# As a cluster: workers on this machine, for a trial.
-LOCAL = "local"
 # Workers on which the expected time is tried.
 PILOTS = 4
 # Tasks that wait at each worker: one is ready when another ends, and the scheduler has few to keep.
 AHEAD = 3
 # How often a region is given to other workers after it took one with it.
 LIVES = 5
-# How long a scheduler may take to answer.
-PATIENCE = "10s"
-
-
-@contextmanager
-def client_of(cluster: Any, cores: int = 1) -> Iterator[Any]:
-    """A client of a cluster; what is made here is closed at the end. `LOCAL`: workers on this machine, of so many cores
-    each. **Raises** `ClearanceError` for a scheduler that cannot be reached.
-    """
-    try:
-        from distributed import Client, LocalCluster
-    except ImportError:
-        raise lacking("A sweep on a cluster", "dask", "sweep") from None
-    if isinstance(cluster, Client):
-        yield cluster
-        return
-    if not isinstance(cluster, str):
-        raise ClearanceError(f"`cluster` must be an address or a dask client, but it is {quoted(cluster)}.")
-    with ExitStack() as made:
-        if cluster == LOCAL:
-            workers = max(1, cores_here() // cores)
-            # Nobody need hear that a worker took its time to end.
-            how = {"threads_per_worker": 1, "dashboard_address": ":0", "silence_logs": logging.ERROR}
-            cluster = made.enter_context(LocalCluster(workers, **how))
-        try:
-            client = made.enter_context(Client(cluster, timeout=PATIENCE))
-        except (OSError, TimeoutError, ValueError) as error:
-            said = str(error).split("\n")[0]
-            raise ClearanceError(
-                f"No scheduler answers at `{cluster}`: {said}. Start it, or mend the address (`{LOCAL}`: workers on "
-                "this machine)."
-            ) from None
-        yield client
 
 
 def run_on(client: Any, store: Store, cores: int, plan: Callable[[SweepPlan], Any] | None, progress: Tell) -> None:
     """Answer what is missing, on the workers of a cluster, `cores` of each a region. Where somebody wants to know the
     `plan` a few lanes are tried on some of the workers at once.
     """
-    missing, workers = store.missing(), len(_workers(client))
-    todo = plan_of(store.question, store, f"{workers} workers ({client.dashboard_link})")
+    missing, workers = store.missing(), len(workers_of(client))
+    todo = plan_of(store.grid, store, f"{workers} workers ({client.dashboard_link})")
     if missing and not workers:
         raise ClearanceError("The cluster has no workers. Start some, and go on with `resume`.")
-    with _handed_out(store, store.question) as question:
+    with _handed_out(store, store.grid) as grid:
         if plan is not None:
-            plan(with_time(todo, _tried(client, store, question, missing, cores)))
-        pace = Pace(store.question, store, progress)
-        for region, (found, endings, new) in _each(client, store, missing, _answer, question, cores):
+            plan(with_time(todo, _tried(client, store, grid, missing, cores)))
+        pace = Pace(store.grid, store, progress)
+        for region, (found, endings, new) in _each(client, store, missing, _answer, grid, cores):
             store.written(region, found, endings)
             pace.ended(region, new, sum(endings.values()) - endings.get("0", 0))
 
 
 def again_on(client: Any, store: Store, options: Mapping[str, Any], cores: int) -> None:
     """Answer lanes that failed by other options of the solves, once; as `run_on`."""
-    question, said = with_options(store.question, options)
+    grid, said = with_options(store.grid, options)
     regions = store.failing(said)
-    with _handed_out(store, question) as name:
+    with _handed_out(store, grid) as name:
         for region, (found, endings, _) in _each(client, store, regions, _answer_again, name, cores):
             store.written(region, found, endings, again=said)
 
 
 def _each(
-    client: Any, store: Store, regions: list[int], task: Callable, question: str, cores: int
+    client: Any, store: Store, regions: list[int], task: Callable, grid: str, cores: int
 ) -> Iterator[tuple[int, Any]]:
     """What a task makes of regions, as they come."""
     from distributed import as_completed
@@ -109,12 +72,12 @@ def _each(
 
     def begin(region: int) -> Any:
         # A name of its own each time: a task that failed is remembered by the scheduler.
-        name = f"sweep-{question}-{region}-{lives[region]}"
-        future = client.submit(task, str(store.path.absolute()), question, region, cores, key=name, pure=False)
+        name = f"sweep-{grid}-{region}-{lives[region]}"
+        future = client.submit(task, str(store.path.absolute()), grid, region, cores, key=name, pure=False)
         running[future] = region
         return future
 
-    ending = as_completed([begin(region) for region in islice(waiting, AHEAD * max(1, len(_workers(client))))])
+    ending = as_completed([begin(region) for region in islice(waiting, AHEAD * max(1, len(workers_of(client))))])
     try:
         for future in ending:
             region = running.pop(future)
@@ -122,7 +85,7 @@ def _each(
             if error is None:
                 yield region, future.result()
                 # As many as the workers that are there by now want: some may have come since.
-                more = islice(waiting, max(0, AHEAD * len(_workers(client)) - len(running)))
+                more = islice(waiting, max(0, AHEAD * len(workers_of(client)) - len(running)))
             else:
                 lives[region] -= 1
                 if type(error).__name__ != "KilledWorker" or lives[region] == 0:
@@ -137,15 +100,15 @@ def _each(
         client.cancel(list(running), force=True)
 
 
-def _tried(client: Any, store: Store, question: str, missing: list[int], cores: int) -> float | None:
+def _tried(client: Any, store: Store, grid: str, missing: list[int], cores: int) -> float | None:
     """How long a lane takes of the time of all workers together [s], by a few on some of these; `None`: not known."""
-    workers = list(_workers(client))
+    workers = list(workers_of(client))
     few = workers[:PILOTS]
     lanes = chosen(store.partition, missing, LANES * cores * len(few))
     if len(lanes) == 0:
         return None
     path = str(store.path.absolute())
-    each = functools.partial(client.submit, _try, path, question, pure=False, allow_other_workers=True)
+    each = functools.partial(client.submit, _try, path, grid, pure=False, allow_other_workers=True)
     tasks = [each(lanes[i :: len(few)], cores, workers=one) for i, one in enumerate(few)]
     try:
         took = client.gather(tasks)
@@ -156,18 +119,14 @@ def _tried(client: Any, store: Store, question: str, missing: list[int], cores: 
     return float(np.mean(took)) / len(workers)
 
 
-def _workers(client: Any) -> dict[str, Any]:
-    return client.scheduler_info(n_workers=-1)["workers"]
-
-
 @contextmanager
-def _handed_out(store: Store, question: Question) -> Iterator[str]:
+def _handed_out(store: Store, grid: Grid) -> Iterator[str]:
     """A question where workers find it, in a file of the store with this name."""
     import cloudpickle
 
     place = store.path / f"{HANDED_OUT}{uuid.uuid4().hex}"
     try:
-        place.write_bytes(cloudpickle.dumps(question))
+        place.write_bytes(cloudpickle.dumps(grid))
         yield place.name
     finally:
         place.unlink(missing_ok=True)
@@ -178,25 +137,25 @@ def _handed_out(store: Store, question: Question) -> Iterator[str]:
 
 def _answer(path: str, name: str, region: int, cores: int) -> tuple[str, dict[str, int], int]:
     """Solve and write a region: the digest of its values, how its lanes ended, and how many were solved."""
-    question, regions, before = _opened(path, name)
-    values = known(question, regions, before, region)
+    grid, regions, before = _opened(path, name)
+    values = known(grid, regions, before, region)
     keep = functools.partial(regions.underway.add, region)
-    new = question.complete(regions.partition.lanes(region), values, keep, cores=cores)
+    new = grid.complete(regions.partition.lanes(region), values, keep, cores=cores)
     return regions.write(region, values), ended(values["code"]), new
 
 
 def _answer_again(path: str, name: str, region: int, cores: int) -> tuple[str, dict[str, int], int]:
     """As `_answer`; those lanes of a region that failed."""
-    question, regions, _ = _opened(path, name)
+    grid, regions, _ = _opened(path, name)
     old = regions.read(region)
-    values = rerun(question, regions.partition.lanes(region), old, cores)
+    values = rerun(grid, regions.partition.lanes(region), old, cores)
     return regions.write(region, values, old), ended(values["code"]), int(failed(old["code"]).sum())
 
 
 def _try(path: str, name: str, lanes: Lanes, cores: int) -> float:
     """How long a lane takes of this worker's time [s], by some whose answers are kept."""
-    question, regions, _ = _opened(path, name)
-    seconds, values = timed(question, lanes, cores)
+    grid, regions, _ = _opened(path, name)
+    seconds, values = timed(grid, lanes, cores)
     keep(regions.partition, regions.underway.add, lanes, values)
     regions.underway.flush()  # another worker may have these regions
     return seconds / len(lanes)
@@ -211,5 +170,5 @@ def _opened(path: str, name: str) -> tuple[Any, Regions, Any]:
 
     with suppress(ClearanceError):  # where the worker has used JAX before, set up for it then
         configure(cache=True)
-    question = cloudpickle.loads((Path(path) / name).read_bytes())
-    return question, Regions(Path(path)), before_of(Path(path), question)
+    grid = cloudpickle.loads((Path(path) / name).read_bytes())
+    return grid, Regions(Path(path)), before_of(Path(path), grid)

@@ -4,33 +4,34 @@ from typing import Any
 
 import numpy as np
 
+from clearance_jax.ask.question import OPTIONS
 from clearance_jax.identity import digest, kept, numbers, versions
 from clearance_jax.identity import settings as settings_in_words
 from clearance_jax.parameters import replace
 from clearance_jax.solve.settings import Settings
 from clearance_jax.sweep.axes import Dimension
-from clearance_jax.sweep.question import Question
+from clearance_jax.sweep.grid import Grid
 
 AXIS = "axis "
 
 
-def description(question: Question) -> dict[str, Any]:
+def description(grid: Grid) -> dict[str, Any]:
     """A question by the names of its parts, each a number or a short text."""
     found: dict[str, Any] = versions()
-    for dimension in question.dims:
+    for dimension in grid.dims:
         found[f"{AXIS}{dimension.name}"] = _axis(dimension)
-    varied = {name: np.nan for dimension in question.dims for name in dimension.columns}
-    for label, function in zip(labels(question), question.functions, strict=True):
-        model = replace(function.mechanism, {k: v for k, v in varied.items() if k not in ("t1", "rtol")})
+    varied = {name: np.nan for dimension in grid.dims for name in dimension.columns}
+    for label, question in zip(labels(grid), grid.questions, strict=True):
+        model = replace(question.model, {k: v for k, v in varied.items() if k not in OPTIONS})
         found |= numbers(model, label)
-    function = question.functions[0]
-    for name, metric in function.metrics.items():
+    question = grid.questions[0]
+    for name, metric in question.metrics.items():
         found |= {f"{what} (output {name})": value for what, value in numbers(metric).items()}
-    found["wrt"] = list(function.wrt)
-    found["derivatives_of"] = list(function.differentiated)
+    found["wrt"] = list(question.by)
+    found["derivatives_of"] = list(question.differentiated)
     if "t1" not in varied:
-        found["t1"] = float(function.t1)
-    found |= {f"option {name}": value for name, value in solving(function.settings).items()}
+        found["t1"] = float(question.t1)
+    found |= {f"option {name}": value for name, value in solving(question.settings).items()}
     return kept(found)
 
 
@@ -39,10 +40,10 @@ def solving(settings: Settings) -> dict[str, Any]:
     return settings_in_words(settings._asdict())
 
 
-def labels(question: Question) -> list[str]:
+def labels(grid: Grid) -> list[str]:
     """What tells the names of several models apart."""
     found = [""]
-    for dimension in question.dims:
+    for dimension in grid.dims:
         if dimension.models:
             found = [f"{before} ({dimension.name}: {label})" for before in found for label in dimension.labels]
     return found

@@ -5,8 +5,8 @@ from collections.abc import Callable
 from typing import Any
 
 from clearance_jax.sweep.answers import AbstractAnswers
+from clearance_jax.sweep.grid import Grid
 from clearance_jax.sweep.plan import SweepProgress
-from clearance_jax.sweep.question import Question
 
 Tell = Callable[[SweepProgress], Any] | None
 
@@ -16,8 +16,8 @@ class Pace:
     nothing of compiling.
     """
 
-    def __init__(self, question: Question, answers: AbstractAnswers, tell: Tell):
-        self._lanes, self._tell, self._sizes = question.count, tell, answers.partition.size
+    def __init__(self, grid: Grid, answers: AbstractAnswers, tell: Tell):
+        self._lanes, self._tell, self._sizes = grid.count, tell, answers.partition.size
         self._kept = answers.kept()  # counted from the start, and not again when their region ends
         self._done = self._lanes - sum(map(self._sizes, answers.missing())) + sum(self._kept.values())
         self._new, self._failed = 0.0, 0

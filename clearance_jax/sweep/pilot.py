@@ -8,8 +8,8 @@ import numpy as np
 from clearance_jax.solve.batch import BatchReport
 from clearance_jax.solve.lanes import LANES, chunk_on
 from clearance_jax.sweep.answers import AbstractAnswers
+from clearance_jax.sweep.grid import Grid, Lanes
 from clearance_jax.sweep.layout import Partition
-from clearance_jax.sweep.question import Lanes, Question
 
 # Of fewer lanes than so many times those of a pilot the whole is soon known.
 SHARE = 4
@@ -27,22 +27,22 @@ def chosen(partition: Partition, missing: list[int], count: int) -> Lanes:
     return np.unique(np.asarray(lanes)[np.linspace(0, len(lanes) - 1, count).astype(int)])
 
 
-def tried(question: Question, answers: AbstractAnswers, missing: list[int], cores: int) -> float | None:
+def tried(grid: Grid, answers: AbstractAnswers, missing: list[int], cores: int) -> float | None:
     """How long a lane takes of the time of all cores together [s], by a few of them, whose answers are kept: a lane
     comes out the same in whatever company. `None`: not known.
     """
     lanes = chosen(answers.partition, missing, chunk_on() * cores)
     if len(lanes) == 0:
         return None
-    seconds, values = timed(question, lanes, cores)
+    seconds, values = timed(grid, lanes, cores)
     keep(answers.partition, answers.keep, lanes, values)
     return seconds / len(lanes)
 
 
-def timed(question: Question, lanes: Lanes, cores: int) -> tuple[float, dict[str, np.ndarray]]:
+def timed(grid: Grid, lanes: Lanes, cores: int) -> tuple[float, dict[str, np.ndarray]]:
     """How long these lanes take [s], without compiling, and their answers."""
     reports: list[BatchReport] = []
-    values = question.answer(lanes, cores, report=reports.append)
+    values = grid.answer(lanes, cores, report=reports.append)
     return sum(report.running for report in reports), values
 
 

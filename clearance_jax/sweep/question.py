@@ -1,195 +1,22 @@
-"""A sweep's question, read and checked: what its answer will look like, and the answer for any of its lanes."""
+"""A sweep's question as it is given, read and checked: the grid of its points."""
 
-import dataclasses
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Int
 
-from clearance_jax.analysis.measure import AbstractMetric, Form, Function, as_metric
+from clearance_jax.ask.question import OPTIONS, Question, shapes_of
 from clearance_jax.dynamics.quantities import OBSERVED, labels, quantities
 from clearance_jax.errors import ClearanceError, quoted, suggest
 from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.metrics.measure import AbstractMetric, Form, Function, as_metric
 from clearance_jax.parameters import find, parameters
-from clearance_jax.solve.batch import BatchReport, batch
-from clearance_jax.solve.codes import Result
-from clearance_jax.solve.lanes import chunk_on
 from clearance_jax.solve.settings import Settings, settings_of
-from clearance_jax.sweep.axes import OPTIONS, Dimension, dimensions, models_of, units_of_columns
-from clearance_jax.sweep.lane import Answer, Lane, shapes_of
-
-Lanes = Int[np.ndarray, " _"]
-# A lane that has not been run; kept as a code of its own, so that a store says what is still missing.
-NOT_RUN = -1
+from clearance_jax.sweep.axes import Dimension, dimensions, models_of, units_of_columns
+from clearance_jax.sweep.grid import ENDINGS, Grid, Kind, slope_name
 
 
-class Kind(NamedTuple):
-    """What a variable of the answer is: dimensions and shape after those of the sweep, type, unit, meaning; the class
-    of the metric that it is.
-    """
-
-    dims: tuple[str, ...]
-    shape: tuple[int, ...]
-    dtype: str
-    unit: str
-    meaning: str
-    metric: str = ""
-
-    @property
-    def attributes(self) -> dict[str, str]:
-        """What the variable says of itself."""
-        said = {"units": self.unit, "long_name": self.meaning}
-        return said | ({"metric": self.metric} if self.metric else {})
-
-    @property
-    def missing(self) -> Any:
-        """What stands where there is no answer yet."""
-        return math.nan if self.dtype.startswith("f") else NOT_RUN
-
-
-ENDINGS = {
-    "code": Kind(
-        (), (), "i1", "1", f"how the solve ended ({', '.join(f'{r.value} {r.name.lower()}' for r in Result)})"
-    ),
-    "steps": Kind((), (), "i4", "1", "integration steps"),
-    "rejected": Kind((), (), "i4", "1", "steps tried in vain"),
-    "energy_residual": Kind((), (), "f8", "1", "energy missing in the books over energy exchanged"),
-    "again": Kind((), (), "i1", "1", "how often the lane was run again with other settings"),
-}
-
-
-@dataclasses.dataclass(frozen=True)
-class Question:
-    """What is asked: the `dims` with what varies along them and its `units`; of each structure (combination of
-    choices) its `lanes` function; what every variable of the answer is (`kinds`); further coordinates, by name their
-    dimension and values.
-    """
-
-    dims: tuple[Dimension, ...]
-    units: dict[str, str]
-    functions: tuple[Lane, ...]
-    kinds: dict[str, Kind]
-    coordinates: dict[str, tuple[str, Any]]
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """The sizes of the sweep's dimensions."""
-        return tuple(dimension.size for dimension in self.dims)
-
-    @property
-    def count(self) -> int:
-        """How many lanes there are."""
-        return math.prod(self.shape)
-
-    @property
-    def bytes_a_lane(self) -> int:
-        """What a lane's answer takes, uncompressed."""
-        return sum(np.dtype(kind.dtype).itemsize * math.prod(kind.shape) for kind in self.kinds.values())
-
-    def numbers(self, lanes: Lanes) -> dict[str, np.ndarray]:
-        """What varies, at lanes by their place in the order of C."""
-        places = np.unravel_index(lanes, self.shape)
-        return {
-            name: values[place]
-            for dimension, place in zip(self.dims, places, strict=True)
-            for name, values in dimension.columns.items()
-        }
-
-    def program(self, lanes: Lanes) -> np.ndarray:
-        """Which of the functions each lane is of."""
-        places, found = np.unravel_index(lanes, self.shape), np.zeros(len(lanes), int)
-        for dimension, place in zip(self.dims, places, strict=True):
-            if dimension.models:
-                found = found * dimension.size + place
-        return found
-
-    def blank(self, count: int) -> dict[str, np.ndarray]:
-        """Every variable of so many lanes that have not been run."""
-        return {name: np.full((count, *kind.shape), kind.missing, kind.dtype) for name, kind in self.kinds.items()}
-
-    def answer(
-        self,
-        lanes: Lanes,
-        cores: int | None = None,
-        progress: Callable[[float], Any] | None = None,
-        ready: Callable[[Lanes, dict[str, np.ndarray]], Any] | None = None,
-        report: Callable[[BatchReport], Any] | None = None,
-    ) -> dict[str, np.ndarray]:
-        """Every variable of these lanes, shape (lanes, ...); what failed is NaN. `cores`, `progress`, `ready`, `report`
-        as those of `batch`, which is called once for each structure.
-        """
-        out = {name: np.full((len(lanes), *kind.shape), kind.missing, kind.dtype) for name, kind in self.kinds.items()}
-        programs, done = self.program(lanes), 0
-
-        for program in np.unique(programs):
-            own = np.flatnonzero(programs == program)
-
-            def part(share, done=done, size=len(own)):
-                if progress is not None:
-                    progress((done + share * size) / len(lanes))
-
-            def some(places, values, own=own):
-                if ready is not None:
-                    ready(own[places], values)
-
-            found = self._solved(self.functions[program], lanes[own], some, cores=cores, progress=part, report=report)
-            for name, values in found.items():
-                out[name][own] = values
-            done += len(own)
-        return out
-
-    def complete(
-        self,
-        lanes: Lanes,
-        values: dict[str, np.ndarray],
-        keep: Callable[[Lanes, dict[str, np.ndarray]], Any],
-        **how: Any,
-    ) -> int:
-        """Answer those of the lanes whose `values` are not known yet, in place; how many. `keep`: called with places
-        among the lanes and their values, chunk by chunk; `how`: as `answer`.
-        """
-        rest = np.flatnonzero(values["code"] == NOT_RUN)
-        if rest.size:
-            answers = self.answer(lanes[rest], ready=lambda places, some: keep(rest[places], some), **how)
-            for name, one in answers.items():
-                values[name][rest] = one
-        return int(rest.size)
-
-    def _solved(self, function: Lane, lanes: Lanes, ready: Callable, **how: Any) -> dict[str, np.ndarray]:
-        numbers = self.numbers(lanes)
-        if not numbers:  # models alone: something must say how many lanes there are
-            numbers = {"rtol": np.full(len(lanes), float(function.settings.rtol))}
-        # As many lanes as a chunk has, or all that the question has of this structure: another number would be another
-        # program, with other last digits.
-        width = min(chunk_on(), self.count // len(self.functions))
-        lacking = max(0, width - len(lanes))
-        numbers = {name: np.pad(values, (0, lacking), mode="edge") for name, values in numbers.items()}
-
-        def chunk(places, answer):
-            wanted = places < len(lanes)
-            ready(places[wanted], self._values(answer, wanted))
-
-        return self._values(batch(function, numbers, ready=chunk, **how), slice(len(lanes)))
-
-    def _values(self, answer: Answer, wanted: Any) -> dict[str, np.ndarray]:
-        """Every variable of the lanes `wanted` of an answer."""
-        found = {**answer.ending, **answer.values, **{_slope(k): v for k, v in answer.slopes.items()}}
-        found = {name: np.array(values[wanted], self.kinds[name].dtype) for name, values in found.items()}
-        for name, values in found.items():
-            if name not in ENDINGS:
-                values[failed(found["code"])] = np.nan
-        return found | {"again": np.zeros(len(found["code"]), "i1")}
-
-
-def failed(codes: np.ndarray) -> np.ndarray:
-    """Which lanes have been run in vain, by their result codes."""
-    return (codes != int(Result.REACHED_END)) & (codes != NOT_RUN)
-
-
-def ask(
+def grid_of(
     mechanism: Mechanism,
     axes: Mapping[str, Any],
     outputs: Mapping[str, Any],
@@ -198,7 +25,7 @@ def ask(
     derivatives_of: Sequence[str] | None = None,
     times: Any = None,
     options: Mapping[str, Any] | None = None,
-) -> Question:
+) -> Grid:
     """A question as it is given to `sweep`, read. **Raises** `ClearanceError` for what cannot be answered."""
     dims = dimensions(axes)
     models = models_of(mechanism, dims)
@@ -208,17 +35,17 @@ def ask(
     t1 = _end(t1, first, times)
     wrt = (wrt,) if isinstance(wrt, str) else tuple(wrt)
     differentiated = _differentiated(outputs, wrt, derivatives_of)
-    functions = []
+    questions = []
     for model in models:
         settings = _settings(model, t1, dims, {**(options or {}), "save_at": times})
         _check_wrt(model, wrt)
         metrics = {str(name): _metric(name, given) for name, given in _outputs(outputs).items()}
-        functions.append(Lane(model, metrics, jnp.asarray(t1, float), settings, wrt, differentiated))
-    shapes = [shapes_of(function, sorted(first)) for function in functions]
+        questions.append(Question(model, metrics, t1, settings, wrt, differentiated))
+    shapes = [shapes_of(question, sorted(first)) for question in questions]
     if any(shape != shapes[0] for shape in shapes):
         raise ClearanceError("The outputs must be alike in all models of a `Choice`, but their shapes differ.")
-    kinds, coordinates = _kinds(models[0], functions[0], outputs, shapes[0], dims)
-    return Question(dims, units, tuple(functions), kinds, coordinates)
+    kinds, coordinates = _kinds(models[0], questions[0], outputs, shapes[0], dims)
+    return Grid(dims, units, tuple(questions), kinds, coordinates)
 
 
 def _end(t1: Any, first: Mapping[str, Any], times: Any) -> float:
@@ -287,17 +114,12 @@ def _differentiated(outputs: Any, wrt: tuple[str, ...], given: Sequence[str] | N
     return tuple(sorted(found))
 
 
-def _slope(name: str) -> str:
-    """What the derivatives of an output are called."""
-    return f"{name}_derivative"
-
-
 def _kinds(
-    model: Mechanism, function: Lane, outputs: Mapping[str, Any], shapes: Any, dims: Sequence[Dimension]
+    model: Mechanism, question: Question, outputs: Mapping[str, Any], shapes: Any, dims: Sequence[Dimension]
 ) -> tuple[dict[str, Kind], dict[str, tuple[str, Any]]]:
     """What every variable is, and the coordinates of dimensions that are not the sweep's."""
     kinds, coordinates = {name: ENDINGS[name] for name in ENDINGS if name in (*shapes.ending, "again")}, {}
-    settings = function.settings
+    settings = question.settings
     if settings.save_at is not None:
         coordinates["time"] = "time", np.asarray(settings.save_at)
     # Looked up where somebody asks: for a small sweep it takes as long as the lanes.
@@ -308,7 +130,7 @@ def _kinds(
     for name, given in outputs.items():
         if not hasattr(shapes.values[name], "shape"):
             raise ClearanceError(f"The output `{name}` must be a number or an array: take one entry of its record.")
-        form = function.metrics[name].form(model)
+        form = question.metrics[name].form(model)
         shape, unit, meaning = shapes.values[name].shape, form.unit or str(getattr(given, "unit", "")), ""
         own = _axes(name, form, shape, along)
         coordinates |= {dim: (dim, list(along[dim][1])) for dim in own if along[dim][1]}
@@ -320,19 +142,19 @@ def _kinds(
             known = known or (labels(model) if own else {})
             coordinates |= {dim: (dim, known[dim][1]) for dim in own if dim in known}
             own = own if len(own) == len(shape) else tuple(f"{name}_{i}" for i in range(len(shape)))
-        kinds[name] = Kind(own, shape, "f8", unit, meaning or _words(given), type(function.metrics[name]).__name__)
-    if function.wrt:
-        units = [find(parameters(model), one)[0].unit for one in function.wrt]
-        coordinates["parameter"] = "parameter", list(function.wrt)
+        kinds[name] = Kind(own, shape, "f8", unit, meaning or _words(given), type(question.metrics[name]).__name__)
+    if question.by:
+        units = [find(parameters(model), one)[0].unit for one in question.by]
+        coordinates["parameter"] = "parameter", list(question.by)
         coordinates["parameter_unit"] = "parameter", units
         by = units[0] if len(set(units)) == 1 else "see parameter_unit"
-        for name in function.differentiated:
+        for name in question.differentiated:
             of = kinds[name]
-            shape, unit = (*of.shape, len(function.wrt)), f"({of.unit or '1'})/({by or '1'})"
-            kinds[_slope(name)] = Kind((*of.dims, "parameter"), shape, "f8", unit, f"derivatives of {name}")
+            shape, unit = (*of.shape, len(question.by)), f"({of.unit or '1'})/({by or '1'})"
+            kinds[slope_name(name)] = Kind((*of.dims, "parameter"), shape, "f8", unit, f"derivatives of {name}")
     taken = {*(name for dimension in dims for name in (dimension.name, *dimension.columns)), *coordinates, *ENDINGS}
     taken |= {dim for kind in kinds.values() for dim in kind.dims}
-    for name in (*outputs, *(_slope(name) for name in function.differentiated)):
+    for name in (*outputs, *(slope_name(name) for name in question.differentiated)):
         if not isinstance(name, str) or not name.isprintable() or "/" in name or not name.strip("."):
             raise ClearanceError(f"An output cannot be called {quoted(name)}: it must be a word. Choose another.")
         if name in taken:

@@ -7,18 +7,19 @@ from typing import Any, Unpack
 
 import xarray as xr
 
+from clearance_jax.ask.place import client_of
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.solve.batch import usual_cores
 from clearance_jax.solve.lanes import LANES, chunk_on
 from clearance_jax.solve.settings import SolveOptions
 from clearance_jax.sweep.answers import InMemory
-from clearance_jax.sweep.cluster import again_on, client_of, run_on
+from clearance_jax.sweep.cluster import again_on, run_on
 from clearance_jax.sweep.here import run_again, run_here
 from clearance_jax.sweep.layout import LEAST
 from clearance_jax.sweep.pace import Tell
 from clearance_jax.sweep.plan import SweepPlan, check_memory, check_room
-from clearance_jax.sweep.question import ask
+from clearance_jax.sweep.question import grid_of
 from clearance_jax.sweep.widen import open_store
 
 # Chunks that a region has for each core at least: where fewer, cores wait at its end for the last one.
@@ -75,17 +76,17 @@ def sweep(
     """
     if "save_at" in options:
         raise ClearanceError("A sweep is given `times` instead of `save_at`.")
-    question = ask(mechanism, axes, outputs, t1, wrt, derivatives_of, times, options)
+    grid = grid_of(mechanism, axes, outputs, t1, wrt, derivatives_of, times, options)
     side_by_side, provenance = cores or usual_cores(), provenance or {}
-    needed = question.count * question.bytes_a_lane
+    needed = grid.count * grid.bytes_a_lane
     if store is None:
         if cluster is not None:
             raise ClearanceError("On a cluster each worker writes its own part: give a `store` that all of them reach.")
         check_memory(2 * needed)
-        answers = InMemory(question, provenance)
-        run_here(question, answers, side_by_side, plan, progress)
+        answers = InMemory(grid, provenance)
+        run_here(grid, answers, side_by_side, plan, progress)
         if again is not None:
-            run_again(question, answers, {**options, **again}, side_by_side)
+            run_again(grid, answers, {**options, **again}, side_by_side)
         return answers.dataset()
     if not Path(store).exists():
         check_room(Path(store), needed)
@@ -95,12 +96,12 @@ def sweep(
         least = max(LEAST, LANES * CHUNKS_A_CORE * cores_of_a_region)
         if client is None:  # what the workers of a cluster have is theirs to know
             least = max(least, chunk_on())
-        answers = open_store(store, question, provenance, resume=resume, least=least)
+        answers = open_store(store, grid, provenance, resume=resume, least=least)
         held.callback(answers.close)
         if client is None:
-            run_here(answers.question, answers, side_by_side, plan, progress)
+            run_here(answers.grid, answers, side_by_side, plan, progress)
             if again is not None:
-                run_again(answers.question, answers, {**options, **again}, side_by_side)
+                run_again(answers.grid, answers, {**options, **again}, side_by_side)
         else:
             run_on(client, answers, cores_of_a_region, plan, progress)
             if again is not None:

@@ -24,11 +24,11 @@ from clearance_jax.results.store import open_sweep
 from clearance_jax.solve.codes import Result
 from clearance_jax.sweep.answers import AbstractAnswers, Values
 from clearance_jax.sweep.assemble import attributes, coordinates, counts, ended
+from clearance_jax.sweep.grid import Grid
 from clearance_jax.sweep.identity import description
 from clearance_jax.sweep.journal import Journal
 from clearance_jax.sweep.layout import Partition, partition
 from clearance_jax.sweep.lock import Lock
-from clearance_jax.sweep.question import Question
 from clearance_jax.sweep.underway import Underway
 
 JOURNAL, LOCK, UNDERWAY = "journal.jsonl", "writer.lock", "underway"
@@ -58,22 +58,22 @@ def zarr_library() -> Any:
     return zarr
 
 
-def create(path: Path, question: Question, provenance: Mapping[str, Any], least: int) -> None:
+def create(path: Path, grid: Grid, provenance: Mapping[str, Any], least: int) -> None:
     """An empty store for a question, whole or not at all."""
-    cut = partition(question.shape, [bool(d.models) for d in question.dims], least)
-    partial = _laid_out(path, question, provenance, cut.chunk)
-    Journal(partial / JOURNAL).add(event="question", fingerprint=fingerprint(description(question)), chunk=cut.chunk)
+    cut = partition(grid.shape, [bool(d.models) for d in grid.dims], least)
+    partial = _laid_out(path, grid, provenance, cut.chunk)
+    Journal(partial / JOURNAL).add(event="question", fingerprint=fingerprint(description(grid)), chunk=cut.chunk)
     partial.rename(path)
 
 
-def remade(path: Path, question: Question, provenance: Mapping[str, Any]) -> bool:
+def remade(path: Path, grid: Grid, provenance: Mapping[str, Any]) -> bool:
     """Write what a store says of itself anew, and say so; not where its journal is not that of this very question."""
     told = next((r for r in Journal(path / JOURNAL).read() if r.get("event") == "question"), {})
-    if told.get("fingerprint") != fingerprint(description(question)) or "chunk" not in told:
+    if told.get("fingerprint") != fingerprint(description(grid)) or "chunk" not in told:
         return False
     held = Lock(path / LOCK)
     try:
-        partial = _laid_out(path, question, provenance, told["chunk"])
+        partial = _laid_out(path, grid, provenance, told["chunk"])
         (partial / ROOT).replace(path / ROOT)
         shutil.rmtree(partial)
     finally:
@@ -82,24 +82,24 @@ def remade(path: Path, question: Question, provenance: Mapping[str, Any]) -> boo
     return True
 
 
-def _laid_out(path: Path, question: Question, provenance: Mapping[str, Any], chunk: Sequence[int]) -> Path:
+def _laid_out(path: Path, grid: Grid, provenance: Mapping[str, Any], chunk: Sequence[int]) -> Path:
     """A group with all arrays of a question, beside a path."""
     zarr = zarr_library()
     from zarr.codecs import Crc32cCodec, ZstdCodec
 
     partial = path.with_name(path.name + ".partial")
     shutil.rmtree(partial, ignore_errors=True)
-    described = description(question)
+    described = description(grid)
     own = {
         CHUNK: list(chunk),
-        VARIABLES: list(question.kinds),
+        VARIABLES: list(grid.kinds),
         DESCRIBED: json.dumps(described),
         "fingerprint": fingerprint(described),
     }
-    found = list(coordinates(question))
+    found = list(coordinates(grid))
     inner = " ".join(name for name, dim, *_ in found if name != dim)
     root = zarr.create_group(
-        partial, attributes={**attributes(question), **provenance, **own, **({"coordinates": inner} if inner else {})}
+        partial, attributes={**attributes(grid), **provenance, **own, **({"coordinates": inner} if inner else {})}
     )
     for name, dim, values, attrs in found:
         values = _stored(values)
@@ -113,11 +113,11 @@ def _laid_out(path: Path, question: Question, provenance: Mapping[str, Any], chu
             compressors=[ZstdCodec(level=1), Crc32cCodec()],
         )
         array[...] = values
-    names = tuple(dimension.name for dimension in question.dims)
-    for name, kind in question.kinds.items():
+    names = tuple(dimension.name for dimension in grid.dims)
+    for name, kind in grid.kinds.items():
         root.create_array(
             name,
-            shape=(*question.shape, *kind.shape),
+            shape=(*grid.shape, *kind.shape),
             chunks=(*chunk, *(max(size, 1) for size in kind.shape)),
             dtype=kind.dtype,
             fill_value=kind.missing,
@@ -176,9 +176,9 @@ class Regions:
                 f"The coordinate `{name}` of `{self.path}` is damaged. Go on with the axes that it had: that mends it."
             ) from None
 
-    def mend(self, question: Question) -> None:
+    def mend(self, grid: Grid) -> None:
         """Write coordinates anew that are not those of the store's own question, and say so."""
-        for name, _, values, _ in coordinates(question):
+        for name, _, values, _ in coordinates(grid):
             with suppress(ClearanceError):
                 if np.array_equal(self.coordinate(name), _stored(values)):
                     continue
@@ -241,8 +241,8 @@ class Store(AbstractAnswers):
 
     on_disk = True
 
-    def __init__(self, path: Path, question: Question, before: Any = None):
-        self.path, self.question, self._before = path, question, before
+    def __init__(self, path: Path, grid: Grid, before: Any = None):
+        self.path, self.grid, self._before = path, grid, before
         self._lock = Lock(path / LOCK)
         self._regions = Regions(path)
         self.partition = self._regions.partition
@@ -253,13 +253,13 @@ class Store(AbstractAnswers):
 
     def mend(self) -> None:
         """See `Regions.mend`."""
-        self._regions.mend(self.question)
+        self._regions.mend(self.grid)
 
     def missing(self):
         return [region for region in range(self.partition.count) if region not in self._regions.records]
 
     def known(self, region):
-        return known(self.question, self._regions, self._before, region)
+        return known(self.grid, self._regions, self._before, region)
 
     def keep(self, region, places, values):
         with self._refused(region):
@@ -314,7 +314,7 @@ class Store(AbstractAnswers):
         found = open_sweep(self.path)
         shown = {k: v for k, v in found.attrs.items() if k not in (CHUNK, DESCRIBED, VARIABLES)}
         endings = [record["ended"] for record in self._regions.records.values()]
-        found.attrs = shown | counts(endings, self.question.count)
+        found.attrs = shown | counts(endings, self.grid.count)
         return found
 
     def close(self) -> None:
@@ -325,10 +325,10 @@ class Store(AbstractAnswers):
         self._lock.release()
 
 
-def known(question: Question, regions: Regions, before: Any, region: int) -> Values:
+def known(grid: Grid, regions: Regions, before: Any, region: int) -> Values:
     """What is known of the lanes of a missing region, from `before` and from what was under way."""
     lanes = regions.partition.lanes(region)
-    values = question.blank(len(lanes)) if before is None else before.known(lanes, question)
+    values = grid.blank(len(lanes)) if before is None else before.known(lanes, grid)
     regions.underway.fill(region, values)
     return values
 

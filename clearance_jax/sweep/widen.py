@@ -12,10 +12,10 @@ import numpy as np
 from clearance_jax.errors import ClearanceError, quoted
 from clearance_jax.identity import VERSIONS, differences, refusal
 from clearance_jax.sweep.assemble import coordinates
+from clearance_jax.sweep.grid import Grid, Lanes
 from clearance_jax.sweep.identity import AXIS, description, labels
 from clearance_jax.sweep.layout import LEAST
 from clearance_jax.sweep.lock import Lock
-from clearance_jax.sweep.question import Lanes, Question
 from clearance_jax.sweep.store import HANDED_OUT, LOCK, OWN_FILES, Regions, Store, create, remade
 
 # The longest name of a folder, with some room for what is made beside it.
@@ -25,7 +25,7 @@ ROUND_OFF = 1e-14
 
 
 def open_store(
-    path: str | Path, question: Question, provenance: Mapping[str, Any], *, resume: bool, least: int = LEAST
+    path: str | Path, grid: Grid, provenance: Mapping[str, Any], *, resume: bool, least: int = LEAST
 ) -> Store:
     """The store at a path, for this question.
 
@@ -34,22 +34,22 @@ def open_store(
     axes that no array of a store can have.
     """
     path = Path(path)
-    _check_names(question)
+    _check_names(grid)
     narrower = _narrower(path)
     try:
         if path.exists() and not resume:
             raise ClearanceError(f"`{path}` exists already. Go on with it by `resume`, or choose another path.")
         if path.exists():
-            question = snapped(question, _regions_of(path, question, provenance))
+            grid = snapped(grid, _regions_of(path, grid, provenance))
         there = path.exists()
-        if there and _differs(path, narrower, question):
+        if there and _differs(path, narrower, grid):
             held = Lock(path / LOCK)
             path.rename(narrower)
-            create(path, question, provenance, least)
+            create(path, grid, provenance, least)
             held.release()
         elif not there:
-            create(path, question, provenance, least)
-        store = Store(path, question, before_of(path, question))
+            create(path, grid, provenance, least)
+        store = Store(path, grid, before_of(path, grid))
         if there:
             store.mend()
         return store
@@ -57,11 +57,11 @@ def open_store(
         raise ClearanceError(f"Cannot write `{path}`: {error.strerror or error}. Choose another path.") from error
 
 
-def _check_names(question: Question) -> None:
+def _check_names(grid: Grid) -> None:
     """Raise for a name that the folder of an array cannot have: the store has a file of that name, or zarr or the disk
     refuses it.
     """
-    for name in (*(found[0] for found in coordinates(question)), *question.kinds):
+    for name in (*(found[0] for found in coordinates(grid)), *grid.kinds):
         low = name.casefold()
         if low in OWN_FILES or low.startswith(HANDED_OUT) or low.startswith("__"):
             why = "a store has something of its own of that name"
@@ -74,28 +74,28 @@ def _check_names(question: Question) -> None:
         raise ClearanceError(f"{quoted(name)} cannot be the name of an output or axis in a store: {why}. Rename it.")
 
 
-def _regions_of(path: Path, question: Question, provenance: Mapping[str, Any]) -> Regions:
+def _regions_of(path: Path, grid: Grid, provenance: Mapping[str, Any]) -> Regions:
     """The regions of the store at a path, which is mended where it does not say what it is."""
     try:
         return Regions(path)
     except ClearanceError:
-        if not remade(path, question, provenance):
+        if not remade(path, grid, provenance):
             raise
         return Regions(path)
 
 
-def _differs(path: Path, narrower: Path, question: Question) -> bool:
+def _differs(path: Path, narrower: Path, grid: Grid) -> bool:
     """Whether the store at a path is that of a narrower question. **Raises** `ClearanceError` where it is another's."""
-    old, new = Regions(path), description(question)
+    old, new = Regions(path), description(grid)
     found = differences(old.described, new, "in the store")
     if not found:
         return False
     grown = {name: words for name, words in found.items() if name.startswith(AXIS) and name in old.described}
     # What the store does not know may belong to a model that is new along a `Choice`; all else is another question.
-    own = tuple(label for label in labels(question) if label)
+    own = tuple(label for label in labels(grid) if label)
     more = {name for name in found if name not in old.described and name not in VERSIONS and name.endswith(own)}
     others = {name: words for name, words in found.items() if name not in grown and name not in more}
-    if others or _places(old, question) is None:
+    if others or _places(old, grid) is None:
         raise ClearanceError(
             refusal(path, others or found, "belongs to another question", "Begin a new store at another path")
         )
@@ -104,18 +104,18 @@ def _differs(path: Path, narrower: Path, question: Question) -> bool:
     return True
 
 
-def snapped(question: Question, old: Regions) -> Question:
+def snapped(grid: Grid, old: Regions) -> Grid:
     """The question with the very numbers of an older store, where its own differ from them by round-off: of axes that
     are calculated (`linspace`) the old places would otherwise be none of the new ones.
     """
     dims = []
-    for dimension in question.dims:
+    for dimension in grid.dims:
         columns = dict(dimension.columns)
         for name in columns:
             with suppress(ClearanceError):  # one that is damaged may be mended, see `Regions.mend`
                 columns[name] = _snapped(columns[name], old.coordinate(name)) if name in old.root else columns[name]
         dims.append(dimension._replace(columns=columns))
-    return dataclasses.replace(question, dims=tuple(dims))
+    return dataclasses.replace(grid, dims=tuple(dims))
 
 
 def _snapped(values: np.ndarray, old: np.ndarray) -> np.ndarray:
@@ -126,14 +126,14 @@ def _snapped(values: np.ndarray, old: np.ndarray) -> np.ndarray:
     return np.where(np.abs(nearest - values) <= ROUND_OFF * np.abs(values), nearest, values)
 
 
-def _places(old: Regions, question: Question) -> list[np.ndarray] | None:
+def _places(old: Regions, grid: Grid) -> list[np.ndarray] | None:
     """Of every place along each dimension where it was in an older store (-1: it was not); `None` where a place of the
     older store is nowhere.
     """
-    if len(old.partition.shape) != len(question.dims):
+    if len(old.partition.shape) != len(grid.dims):
         return None
     found = []
-    for dimension, size in zip(question.dims, old.partition.shape, strict=True):
+    for dimension, size in zip(grid.dims, old.partition.shape, strict=True):
         if any(name not in old.root for name in (dimension.name, *dimension.columns)):
             return None
         columns = {dimension.name: np.asarray(dimension.labels)} if dimension.models else dimension.columns
@@ -147,9 +147,9 @@ def _places(old: Regions, question: Question) -> list[np.ndarray] | None:
     return found
 
 
-def before_of(path: Path, question: Question) -> "Before | None":
+def before_of(path: Path, grid: Grid) -> "Before | None":
     """What is known from the store that the one at a path was before its axes grew, if it did."""
-    return Before(_narrower(path), question) if _narrower(path).exists() else None
+    return Before(_narrower(path), grid) if _narrower(path).exists() else None
 
 
 def _narrower(path: Path) -> Path:
@@ -160,18 +160,18 @@ def _narrower(path: Path) -> Path:
 class Before:
     """What is known of a question's lanes from the store that it was before its axes grew."""
 
-    def __init__(self, path: Path, question: Question):
-        self._old, self._kept, self._blank = Regions(path), {}, question.blank
-        places = _places(self._old, question)
+    def __init__(self, path: Path, grid: Grid):
+        self._old, self._kept, self._blank = Regions(path), {}, grid.blank
+        places = _places(self._old, grid)
         if places is None:
             raise ClearanceError(f"`{path}` does not fit the store beside it. Move it away.")
         self._places = places
         self._old.verified()
 
-    def known(self, lanes: Lanes, question: Question) -> dict[str, np.ndarray]:
+    def known(self, lanes: Lanes, grid: Grid) -> dict[str, np.ndarray]:
         """As `AbstractAnswers.known`."""
-        out, old = question.blank(len(lanes)), self._old
-        there = np.unravel_index(lanes, question.shape)
+        out, old = grid.blank(len(lanes)), self._old
+        there = np.unravel_index(lanes, grid.shape)
         before = [places[at] for places, at in zip(self._places, there, strict=True)]
         some = np.flatnonzero(np.all([at >= 0 for at in before], axis=0))
         flat = np.ravel_multi_index([at[some] for at in before], old.partition.shape)

@@ -6,16 +6,19 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
+from clearance_jax._module import Module
 from clearance_jax._types import Scalar
-from clearance_jax.analysis.measure import AbstractMeasure, AbstractMetric, as_metric, measured
+from clearance_jax.ask.lanes import answer
+from clearance_jax.ask.question import Question
 from clearance_jax.errors import ClearanceError, Unlivable
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.parameters import check_values, physical, replace
-from clearance_jax.solve.settings import Settings, settings_of
+from clearance_jax.metrics.measure import AbstractMeasure, AbstractMetric, as_metric
+from clearance_jax.parameters import check_values, flattened, physical, replace, values_of
+from clearance_jax.solve.settings import settings_of
 from clearance_jax.wear.criteria import Exceeds
 from clearance_jax.wear.laws import AbstractWearLaw
 from clearance_jax.wear.life import march
@@ -123,7 +126,7 @@ class AfterWear(AbstractAged):
             raise Unlivable(error) from None
         names, begin = tuple(by), wearing.begin(self._sectors(mechanism, options))
         stack = np.concatenate([begin[None], np.zeros((len(names), begin.size))])
-        solve = settings_of(wearing.mechanism, t1, options)
+        solve, now = settings_of(wearing.mechanism, t1, options), list(values_of(wearing, names).values())
         found, done = [], 0
         for cycles in self.cycles:
             if cycles > done:
@@ -134,7 +137,10 @@ class AfterWear(AbstractAged):
                 leg = march(rate, stack, cycles - done, tolerance=self.tolerance)
                 assert leg.slopes is not None
                 stack, done = np.concatenate([leg.depth[-1:], leg.slopes[-1]]), cycles
-            found.append(_measured(self.metric, wearing, names, jnp.asarray(stack), jnp.asarray(t1, float), solve))
+            model = Worn(names, jnp.asarray(stack), jnp.asarray(now, float), wearing)
+            one = answer(Question(model, {"": self.metric}, t1, solve, names))
+            value = np.ravel(one.values[""])
+            found.append((value, np.reshape(one.slopes[""], (value.size, -1)) if names else np.zeros((value.size, 0))))
         values_, slopes = zip(*found, strict=True)
         return np.concatenate(values_), np.concatenate(slopes)
 
@@ -145,17 +151,21 @@ class AfterWear(AbstractAged):
         return lives(*given, values, until=until, **how)
 
 
-@eqx.filter_jit
-def _measured(metric: AbstractMetric, wearing: Wearing, names: tuple[str, ...], stack, t1, solve: Settings):
-    """The metric on the worn sleeve, and its derivatives by the numbers."""
+class Worn(Module):
+    """A joint that wears, after so many cycles: a model of the numbers of `wearing`, of which those in `names` move the
+    profile too. `stack`: the profile where these have the values `at`, and below it its derivatives by each.
+    """
 
-    def of(shares):
-        moved = wearing.shifted(names, stack, shares).mechanism if names else wearing.at(stack[0])
-        value = jnp.ravel(measured(moved, {"": metric}, t1, solve)[""])
-        return value, value
+    names: tuple[str, ...] = eqx.field(static=True)
+    stack: Array
+    at: Array
+    wearing: Wearing = flattened()
 
-    if not names:
-        value, _ = of(None)
-        return value, jnp.zeros((value.shape[0], 0))
-    slopes, value = jax.jacfwd(of, has_aux=True)(jnp.zeros(len(names)))
-    return value, slopes / wearing.sizes(names)[None]
+    @property
+    def mechanism(self) -> Mechanism:
+        """With its joint worn."""
+        if not self.names:
+            return self.wearing.at(self.stack[0])
+        sizes = jnp.where(self.at == 0, 1.0, jnp.abs(self.at))
+        shares = (jnp.stack(list(values_of(self.wearing, self.names).values())) - self.at) / sizes
+        return self.wearing.worn_by(self.stack[0], self.stack[1:] * sizes[:, None], shares).mechanism

@@ -11,11 +11,14 @@ from jaxtyping import Array
 
 from clearance_jax._module import Module
 from clearance_jax._types import Scalar
-from clearance_jax.analysis.measure import AbstractMetric, as_metric
+from clearance_jax.ask.lanes import answer
+from clearance_jax.ask.question import Question
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.metrics.measure import AbstractMetric, as_metric
 from clearance_jax.parameters import physical
 from clearance_jax.results.dataset import to_dataset
+from clearance_jax.solve.settings import settings_of
 from clearance_jax.solve.trace import trace
 from clearance_jax.wear.wearing import Wearing
 
@@ -78,12 +81,8 @@ class Exceeds(AbstractCriterion):
         return self.metric.unit
 
     def value(self, mechanism, joint):
-        return _measured(self.metric, mechanism, self.t1, self.options)
-
-
-@eqx.filter_jit
-def _measured(metric: AbstractMetric, mechanism: Mechanism, t1: Scalar, options: dict[str, Any]) -> Array:
-    return jnp.max(metric(mechanism, t1, **options))
+        settings = settings_of(mechanism, self.t1, self.options)
+        return jnp.max(answer(Question(mechanism, {"": self.metric}, self.t1, settings)).values[""])
 
 
 class ImpactSpeed(AbstractCriterion):

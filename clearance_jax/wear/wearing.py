@@ -154,13 +154,16 @@ class Wearing(Module):
             self, {name: old[name] + size * share for name, size, share in zip(names, sizes, shares, strict=False)}
         )
         whole = jnp.concatenate([sizes, jnp.ones(stack.shape[0] - 1 - len(names))])
-        rows = stack[1:] * whole[:, None]
+        return moved.worn_by(stack[0], stack[1:] * whole[:, None], shares)
+
+    def worn_by(self, depth: Array, rows: Array, shares: Array) -> "Wearing":
+        """The same worn off by a depth (sectors,), and by shares of `rows` (shares, sectors) more [m]."""
         # A solve resolves what a number does beside the number's own size: an amount of 1 is a clearance deep.
         size = jnp.max(jnp.abs(rows), axis=1) / jax.lax.stop_gradient(self.clearance.radial_clearance)
         size = jnp.where(size > 0, size, 1.0)
-        shape = worn_sleeve(moved.clearance, stack[0])
+        shape = worn_sleeve(self.clearance, depth)
         shape = dataclasses.replace(shape, modes=rows / size[:, None], amounts=size * shares)
-        return dataclasses.replace(moved, mechanism=moved.mechanism.with_clearance(self.joint, shape))
+        return dataclasses.replace(self, mechanism=self.mechanism.with_clearance(self.joint, shape))
 
     def sizes(self, names: tuple[str, ...]) -> Array:
         """By what the named numbers are moved: themselves, or one."""

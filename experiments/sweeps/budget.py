@@ -9,7 +9,7 @@ import numpy as np
 
 from clearance_jax.solve.lanes import LANES
 from clearance_jax.sweep.layout import LEAST, partition
-from clearance_jax.sweep.question import ask
+from clearance_jax.sweep.question import grid_of
 from clearance_jax.sweep.run import CHUNKS_A_CORE
 from experiments.batches import END
 from experiments.common import peak_memory
@@ -38,7 +38,7 @@ def memory(lanes: int) -> dict[str, float]:
 def large(cpu: float) -> list[tuple[Any, ...]]:
     """A thousand million lanes of so many CPU seconds on workers of some cores each: a row for each kind of worker."""
     rows, count = [], int(np.prod(THOUSAND_MILLION))
-    question = ask(mechanism(), {CLEARANCE: clearances(64)}, METRICS, END)
+    question = grid_of(mechanism(), {CLEARANCE: clearances(64)}, METRICS, END)
     for cores in (1, 16, 64):
         cut = partition(THOUSAND_MILLION, [False] * 3, max(LEAST, LANES * CHUNKS_A_CORE * cores))
         lanes = int(np.prod(cut.chunk))

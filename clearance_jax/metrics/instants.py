@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 from jaxtyping import Array, Float
 
-from clearance_jax.analysis.measure import AbstractMetric
-from clearance_jax.analysis.metrics import Peak
+from clearance_jax.metrics.measure import AbstractMetric
+from clearance_jax.metrics.reductions import Peak
 
 
 class Instants(NamedTuple):

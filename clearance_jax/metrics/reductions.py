@@ -15,23 +15,15 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from clearance_jax._types import Scalar
-from clearance_jax.analysis.measure import AbstractMetric, Function, Reply, Request
-from clearance_jax.analysis.recurrence import LyapunovExponent, PoincareSection
-from clearance_jax.analysis.signals import (
-    AbstractSignal,
-    Acceleration,
-    ContactForce,
-    JointMoment,
-    JointReaction,
-    OrientationError,
-    PathDeviation,
-    PositionError,
-    clearance_index,
-)
 from clearance_jax.dynamics.energy import BOOKS, energies, read_books
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
+from clearance_jax.metrics.measure import AbstractMetric, Reply, Request
+from clearance_jax.metrics.signals import (
+    AbstractSignal,
+    clearance_index,
+)
 from clearance_jax.solve.observers import PeakFinder, Picked, TouchCounter
 from clearance_jax.solve.settings import SolveOptions, evenly, settings_of
 from clearance_jax.solve.simulate import run
@@ -257,29 +249,3 @@ def _counted_jvp(primals, tangents):
         "The number of impacts is a whole number: it has no derivative (zero almost everywhere, infinite where an "
         "impact appears). Use the energy lost or a peak force, or a gradient-free method."
     )
-
-
-__all__ = [
-    "AbstractMetric",
-    "AbstractSignal",
-    "Acceleration",
-    "At",
-    "ContactForce",
-    "EnergyLost",
-    "Function",
-    "Impacts",
-    "JointMoment",
-    "JointReaction",
-    "LyapunovExponent",
-    "Mean",
-    "OrientationError",
-    "PNorm",
-    "PathDeviation",
-    "Peak",
-    "PoincareSection",
-    "PositionError",
-    "Reply",
-    "Request",
-    "Rms",
-    "SoftPeak",
-]

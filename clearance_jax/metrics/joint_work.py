@@ -7,12 +7,12 @@ import jax.numpy as jnp
 
 from clearance_jax._module import Module
 from clearance_jax._types import Scalar
-from clearance_jax.analysis.measure import AbstractMetric, Request
-from clearance_jax.analysis.signals import clearance_index
 from clearance_jax.dynamics.kinematics import relative_motions
 from clearance_jax.joints import Relative
 from clearance_jax.mechanism.mechanism import ClearanceJoint, Mechanism
 from clearance_jax.mechanism.state import State, layout
+from clearance_jax.metrics.measure import AbstractMetric, Request
+from clearance_jax.metrics.signals import clearance_index
 
 
 class Work(NamedTuple):

@@ -12,7 +12,6 @@ from jaxtyping import Array
 from clearance_jax._module import Module
 from clearance_jax._solo import solo_jit
 from clearance_jax._types import Scalar
-from clearance_jax.analysis.ideal import freedom, ideal_state
 from clearance_jax.dynamics.equations import balance
 from clearance_jax.dynamics.field import slope
 from clearance_jax.dynamics.inertia import Extra
@@ -21,6 +20,7 @@ from clearance_jax.dynamics.reactions import reactions
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
+from clearance_jax.metrics.ideal import freedom, ideal_state
 from clearance_jax.solve.interpolate import hermite
 from clearance_jax.solve.settings import Settings, evenly
 from clearance_jax.solve.simulate import run

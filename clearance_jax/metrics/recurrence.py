@@ -16,12 +16,12 @@ from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from clearance_jax._types import Scalar
-from clearance_jax.analysis.measure import AbstractMetric, Form, Request
 from clearance_jax.dynamics.closures import projected
 from clearance_jax.dynamics.quantities import quantities
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism, sampling_periods
 from clearance_jax.mechanism.state import layout
+from clearance_jax.metrics.measure import AbstractMetric, Form, Request
 from clearance_jax.parameters import units_of, values_of
 from clearance_jax.solve.flow import Inputs, flow
 from clearance_jax.solve.problem import Problem

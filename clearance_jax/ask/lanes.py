@@ -1,0 +1,51 @@
+"""A question answered at one point by itself, and at many as lanes, on every core."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import jax
+import numpy as np
+
+from clearance_jax._solo import solo_jit
+from clearance_jax.ask.question import Answer, Question
+from clearance_jax.solve.batch import BatchReport, batch
+
+Columns = Mapping[str, np.ndarray]
+"""The numbers of points by name, shape (points,) each."""
+
+
+def answer(question: Question, numbers: Mapping[str, Any] | None = None) -> Answer:
+    """The answer at one point. Points that set other numbers share a program."""
+    return _program(question.at(numbers) if numbers else question)
+
+
+@solo_jit
+def _program(question: Question) -> Answer:
+    return question()
+
+
+def lanes(
+    question: Question,
+    points: Columns,
+    *,
+    width: int = 1,
+    cores: int | None = None,
+    progress: Callable[[float], Any] | None = None,
+    ready: Callable[[np.ndarray, Answer], Any] | None = None,
+    report: Callable[[BatchReport], Any] | None = None,
+) -> Answer:
+    """The answers at points, as lanes of chunks, on every core.
+
+    **Arguments:** `width`: so many lanes at least, by copies of the last one: a chunk of another width is another
+    program, with other last digits; the others as `batch`'s.
+    """
+    count = len(next(iter(points.values())))
+    filled = {name: np.pad(column, (0, max(0, width - count)), mode="edge") for name, column in points.items()}
+
+    def chunk(places: np.ndarray, found: Answer) -> None:
+        wanted = places < count
+        if ready is not None:
+            ready(places[wanted], jax.tree.map(lambda x: x[wanted], found))
+
+    found = batch(question, filled, cores=cores, progress=progress, ready=chunk, report=report)
+    return jax.tree.map(lambda x: x[:count], found)

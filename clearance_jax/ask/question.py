@@ -1,0 +1,133 @@
+"""A question: metrics of a mechanism's motion, and their derivatives, at points of its numbers."""
+
+import dataclasses
+import functools
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.flatten_util
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from clearance_jax._frame import Frame, frame_of
+from clearance_jax._module import Module
+from clearance_jax.ask.rungs import AbstractRung, Dynamics
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.metrics.measure import AbstractMetric, Reply
+from clearance_jax.parameters import replace, values_of
+from clearance_jax.solve.codes import Result
+from clearance_jax.solve.settings import Settings
+
+# Numbers that a point may have beside the model's, with their units.
+OPTIONS = {"t1": "s", "rtol": ""}
+
+
+# As `differentiated`: whatever is asked.
+ALL = ("*",)
+
+
+class Answer(NamedTuple):
+    """At a point: `values` by metric, `slopes` (derivatives of those that were asked for, with a last axis over the
+    numbers of `by`; empty without), and `ending`: how it ended, "code" among it. Numbers are NaN where the motion did
+    not reach its end. At many points each has a first axis over them.
+    """
+
+    values: dict[str, Any]
+    slopes: dict[str, Any]
+    ending: dict[str, Array]
+
+
+class Question(Module):
+    """What is asked of a model at points. It is a function of the numbers of a point, by name.
+
+    - `model`: a mechanism, or what has one as `mechanism` and numbers of its own.
+    - `metrics` by name, of the motion to `t1` [s], solved as `settings` say.
+    - `by`: numbers of the model by which the metrics `differentiated` have derivatives.
+    - `rung`: by which model of the motion it is answered.
+
+    Other numbers are no other program.
+    """
+
+    model: Any
+    metrics: dict[str, AbstractMetric]
+    t1: Array = eqx.field(converter=lambda t1: jnp.asarray(t1, float))
+    settings: Settings
+    by: tuple[str, ...] = eqx.field(static=True, default=(), converter=tuple)
+    differentiated: tuple[str, ...] = eqx.field(static=True, default=ALL, converter=tuple)
+    rung: AbstractRung = Dynamics()
+
+    def at(self, numbers: Mapping[str, Any]) -> "Question":
+        """The question at a point: with these numbers of the model, "t1" [s] or "rtol" in the place of its own."""
+        own = {name: value for name, value in numbers.items() if name not in OPTIONS}
+        t1, rtol = numbers.get("t1", self.t1), numbers.get("rtol", self.settings.rtol)
+        settings = self.settings._replace(rtol=rtol)
+        return dataclasses.replace(self, model=replace(self.model, own), t1=t1, settings=settings)
+
+    def __call__(self, numbers: Mapping[str, Any] | None = None) -> Answer:
+        question = self.at(numbers) if numbers else self
+        values, slopes, ending = question._differentiated() if self.by else question._valued()
+        reached = ending["code"] == int(Result.REACHED_END)
+        values, slopes = jax.tree.map(lambda x: _known(x, reached), (values, slopes))
+        return Answer(values, slopes, ending)
+
+    def _valued(self) -> tuple[dict[str, Any], dict[str, Any], dict[str, Array]]:
+        values, ending = self._measured(self.model, self.metrics)
+        return values, {}, ending
+
+    def _differentiated(self) -> tuple[dict[str, Any], dict[str, Any], dict[str, Array]]:
+        wanted = tuple(self.metrics) if self.differentiated == ALL else self.differentiated
+        metrics = {n: metric if n in wanted else Undifferentiated(metric) for n, metric in self.metrics.items()}
+        centre, unravel = jax.flatten_util.ravel_pytree(list(values_of(self.model, self.by).values()))
+
+        def at(point):
+            return self._measured(replace(self.model, dict(zip(self.by, unravel(point), strict=True))), metrics)
+
+        def along(direction):
+            return jax.jvp(at, (centre,), (direction,), has_aux=True)
+
+        # The rule of `flow` makes one solve of this: it sees which numbers vary, not how many directions are asked.
+        values, slopes, ending = jax.vmap(along, out_axes=(None, -1, None))(jnp.eye(centre.size))
+        return values, {name: slopes[name] for name in wanted}, ending
+
+    def _measured(self, model: Any, metrics: Mapping[str, AbstractMetric]) -> tuple[dict, dict]:
+        mechanism = model if isinstance(model, Mechanism) else model.mechanism
+        return self.rung.measured(mechanism, metrics, self.t1, self.settings)
+
+
+def _known(number: Any, reached: Array) -> Any:
+    """What was computed, where the motion reached its end; whole numbers as they are."""
+    return jnp.where(reached, number, jnp.nan) if jnp.issubdtype(jnp.result_type(number), jnp.inexact) else number
+
+
+class Undifferentiated(AbstractMetric):
+    """A metric whose derivative is not asked for, and which may have none."""
+
+    metric: AbstractMetric
+
+    def request(self, mechanism, t1, options):
+        return self.metric.request(mechanism, t1, options)
+
+    def value(self, reply):
+        return self.metric.value(_fixed(reply))
+
+
+def _fixed(reply: Reply) -> Reply:
+    arrays, others = eqx.partition(reply, eqx.is_array)
+    return eqx.combine(jax.tree.map(jax.lax.stop_gradient, arrays), others)
+
+
+def shapes_of(question: Question, names: Sequence[str]) -> Answer:
+    """What the answer at a point of such numbers is, without computing it; a question of another that has been asked
+    before is not traced again.
+    """
+    return _shapes(frame_of(question), tuple(names))
+
+
+@functools.lru_cache(maxsize=256)
+def _shapes(frame: Frame, names: tuple[str, ...]) -> Answer:
+    def answer(arrays, numbers):
+        return frame.filled(arrays)(numbers)
+
+    return jax.eval_shape(answer, frame.shapes, {name: jax.ShapeDtypeStruct((), float) for name in names})

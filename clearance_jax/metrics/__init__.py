@@ -1,0 +1,40 @@
+"""What is asked of a motion: a reduction over time (`Peak`, `Rms`, `At`, ...) of a signal (`PositionError`, ...)."""
+
+from clearance_jax.metrics.measure import AbstractMetric, Function, Reply, Request
+from clearance_jax.metrics.recurrence import LyapunovExponent, PoincareSection
+from clearance_jax.metrics.reductions import At, EnergyLost, Impacts, Mean, Peak, PNorm, Rms, SoftPeak
+from clearance_jax.metrics.signals import (
+    AbstractSignal,
+    Acceleration,
+    ContactForce,
+    JointMoment,
+    JointReaction,
+    OrientationError,
+    PathDeviation,
+    PositionError,
+)
+
+__all__ = [
+    "AbstractMetric",
+    "AbstractSignal",
+    "Acceleration",
+    "At",
+    "ContactForce",
+    "EnergyLost",
+    "Function",
+    "Impacts",
+    "JointMoment",
+    "JointReaction",
+    "LyapunovExponent",
+    "Mean",
+    "OrientationError",
+    "PNorm",
+    "PathDeviation",
+    "Peak",
+    "PoincareSection",
+    "PositionError",
+    "Reply",
+    "Request",
+    "Rms",
+    "SoftPeak",
+]
