@@ -65,9 +65,9 @@ if TYPE_CHECKING:
     from clearance_jax.solve.solution import Solution
     from clearance_jax.solve.trace import Trace, trace
     from clearance_jax.sweep.axes import Choice, Sampled, Zipped
-    from clearance_jax.sweep.distributions import LogNormal, Normal, TruncatedNormal, Uniform
     from clearance_jax.sweep.run import sweep
     from clearance_jax.sweep.saltelli import sobol_samples
+    from clearance_jax.sweep.scatter import scatter
 
 # The same once more, for the interpreter (a test compares the two): modules as they are, and what is in which module.
 _MODULES = {
@@ -131,9 +131,9 @@ _NAMES = {
     "solve.solution": ("Solution",),
     "solve.trace": ("Trace", "trace"),
     "sweep.axes": ("Choice", "Sampled", "Zipped"),
-    "sweep.distributions": ("LogNormal", "Normal", "TruncatedNormal", "Uniform"),
     "sweep.run": ("sweep",),
     "sweep.saltelli": ("sobol_samples",),
+    "sweep.scatter": ("scatter",),
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names}
 
@@ -178,12 +178,10 @@ __all__ = [
     "JointSpring",
     "Limits",
     "Line",
-    "LogNormal",
     "Mechanism",
     "Mobility",
     "Mode",
     "Motion",
-    "Normal",
     "Orientation",
     "PeriodicMotion",
     "Planar",
@@ -216,9 +214,7 @@ __all__ = [
     "Torque",
     "Trace",
     "Trapezoid",
-    "TruncatedNormal",
     "TrustThresholds",
-    "Uniform",
     "Universal",
     "UntrustedGradient",
     "Waypoint",
@@ -247,6 +243,7 @@ __all__ = [
     "read_trajectory",
     "replace",
     "save",
+    "scatter",
     "seated_modes",
     "sensitivities",
     "simulate",

@@ -1,4 +1,4 @@
-"""The pages that are made from the code: every key of scene, study, sweep and wear files, every public name.
+"""The pages that are made from the code: every key of scene and study files, every public name.
 
 `python docs/generate.py` (`make reference`) writes them to docs/reference; a test compares them with the code.
 """
@@ -21,22 +21,9 @@ one. A number without dimension is bare. A key that is not here is refused, with
 """
 STUDY_HEAD = """# Study files: every key
 
-A study asks a question of a scene: which clearances, so that limits hold. `clearance optimize STUDY` answers it;
-[Tolerance design](../design.md) says what the words mean.
-
-*This page is generated from the reader's own declarations.*
-"""
-SWEEP_HEAD = """# Sweep files: every key
-
-A sweep asks one question of many mechanisms: outputs over axes. `clearance sweep FILE` answers it;
-[Sweeps](../sweeps.md) says what the words mean.
-
-*This page is generated from the reader's own declarations.*
-"""
-WEAR_HEAD = """# Wear files: every key
-
-A study of wear asks how a sleeve wears over its life, and how long it lasts. `clearance wear FILE` answers it;
-[Wear](../wear.md) says what the words mean.
+A study asks something of a scene: metrics over numbers that vary (`sweep`), the largest clearances with which limits
+hold (`design`), how a joint wears and how long it lasts (`wear`). `clearance run STUDY` does what it says.
+[Sweeps](../sweeps.md), [Tolerance design](../design.md) and [Wear](../wear.md) say what the words mean.
 
 *This page is generated from the reader's own declarations.*
 """
@@ -132,8 +119,6 @@ def pages() -> dict[str, str]:
     return {
         "scene.md": keys_page(SCENE_HEAD, "scene"),
         "study.md": keys_page(STUDY_HEAD, "study"),
-        "sweep.md": keys_page(SWEEP_HEAD, "sweep"),
-        "wear.md": keys_page(WEAR_HEAD, "wear"),
         "python.md": names_page(),
     }
 

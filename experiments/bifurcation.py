@@ -1,7 +1,7 @@
 """Bifurcations: `python -m experiments.bifurcation` writes out/bifurcation.nc and its pictures.
 
 The slider-crank at 5000 rpm against its clearance, 200 revolutions each: the sweep of the file
-`experiments/sweeps/bifurcation.toml`, which `clearance sweep` runs and draws alone. The piston's velocity is taken once
+`experiments/studies/bifurcation.toml`, which `clearance run` runs and draws alone. The piston's velocity is taken once
 a revolution, at the dead centre where an ideal piston stands still, over the last half of them (a Poincare section),
 and over the same half the largest Lyapunov exponent is computed by the variational equations. A run that is broken off
 goes on when it is started again.
@@ -24,10 +24,10 @@ from matplotlib.figure import Figure
 from scipy.stats import ks_2samp
 
 import clearance_jax as cj
-from clearance_jax.io.sweep_file import load_sweep
+from clearance_jax.io.study import load_study
 from clearance_jax.report.recurrence_figures import bifurcation, sections
 from clearance_jax.report.sweep_axes import Exponent, exponent_of
-from experiments.common import CRANK_SPEED, SWEEPS, compact, output, swept, table
+from experiments.common import CRANK_SPEED, STUDIES, compact, output, swept, table
 from experiments.publish import command, picture
 
 CLEARANCE = "wrist.radial_clearance"
@@ -54,7 +54,8 @@ QUICK = Size(4, 6, 4, 2, 8)
 
 def question(size: Size) -> dict[str, Any]:
     """The arguments of the sweep, by its file; of another size."""
-    asked = load_sweep(SWEEPS / "bifurcation.toml").arguments
+    asked = load_study(STUDIES / "bifurcation.toml").sweep
+    assert asked is not None
     clearances = asked["axes"][CLEARANCE]
     return asked | {
         "axes": {CLEARANCE: np.linspace(clearances[0], clearances[-1], size.values)},

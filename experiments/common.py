@@ -18,7 +18,7 @@ import clearance_jax as cj
 from experiments.publish import keep, say
 
 SCENES = Path(__file__).parent / "scenes"
-SWEEPS = Path(__file__).parent / "sweeps"
+STUDIES = Path(__file__).parent / "studies"
 CRANK_SPEED = 5000 * 2 * np.pi / 60
 
 

@@ -66,7 +66,7 @@ print(jax.grad(lambda x: peak(cj.replace(mechanism, {{{clearance!r}: x}}), {t1},
 # The first evaluation ends the process, as a Ctrl-C would, but without another evaluation on the way.
 OPTIMIZE = """
 import os, sys
-import clearance_jax.cli.optimize as command
+import clearance_jax.cli.design as command
 command.Pace.tick = lambda self: (print("evaluated", flush=True), os._exit(0))
 from clearance_jax.cli import main
 sys.argv[0] = "clearance"
@@ -83,7 +83,7 @@ def arguments(case: Case, task: str, folder: Path) -> list[str]:
         scene = str(SCENES / case.scene)
         given = {"scene": scene, "signal": case.signal, "clearance": case.clearance, "t1": case.t1, "rtol": RTOL}
         return ["-c", GRADIENT.format(**given)]
-    return ["-c", OPTIMIZE, "optimize", str(ROOT / "optimize" / "studies" / f"{case.study}.toml")]
+    return ["-c", OPTIMIZE, "run", str(ROOT / "optimize" / "studies" / f"{case.study}.toml")]
 
 
 def tasks(case: Case) -> list[str]:

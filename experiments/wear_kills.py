@@ -1,6 +1,6 @@
 """Lives that are killed: `python -m experiments.wear_kills` writes out/wear_kills.md.
 
-`clearance wear` in a process of its own, killed by SIGKILL and resumed with `--resume`, again and again; begun anew
+`clearance run` in a process of its own, killed by SIGKILL and resumed with `--resume`, again and again; begun anew
 whenever it is done, until so many kills have been survived. Moments are random: one kill in four at any of the time in
 which a run starts and compiles, the others at any from its first new block on, for as long as a run goes on then which
 nobody kills. Whenever it is done: is the dataset that of the run which nobody killed, every number of it to the bit?
@@ -25,14 +25,16 @@ from experiments.publish import command
 
 STUDY = """
 scene = "{scene}"
+
+[wear]
 joint = "pin"
 length = "50 mm"
 cycles = {cycles}
 sectors = 90
 tolerance = {tolerance}
-wear = {{ law = "archard", coefficient = "6e-5 mm^3/(N*m)" }}
+law = {{ kind = "archard", coefficient = "6e-5 mm^3/(N*m)" }}
 pressure = {{ kind = "foundation", stiffness = "2e13 Pa/m" }}
-until = {{ metric = "depth", bound = "{bound} um" }}
+until = {{ kind = "depth", bound = "{bound} um" }}
 """
 
 
@@ -54,7 +56,7 @@ def life(study: Path, result: Path, *options: str) -> subprocess.Popen:
     """The command, on its way."""
     run = "from clearance_jax.cli.main import main; main()"
     return subprocess.Popen(
-        [sys.executable, "-c", run, "wear", str(study), "-o", str(result), *options],
+        [sys.executable, "-c", run, "run", str(study), "-o", str(result), *options],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
     )

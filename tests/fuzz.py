@@ -108,7 +108,7 @@ def tried(case: Case, folder: Path) -> tuple[str, Any]:
 def _file_name(case: Case) -> str:
     if case.kind in ("urdf", "trajectory"):
         return {"urdf": "robot.urdf", "trajectory": "trajectory.csv"}[case.kind]
-    return "study.toml" if case.kind == "study" or "optimize" in case.arguments else "scene.toml"
+    return "study.toml" if case.kind == "study" or "run" in case.arguments else "scene.toml"
 
 
 def laid_out(kind: str, path: Path) -> Any:
@@ -123,8 +123,9 @@ def laid_out(kind: str, path: Path) -> Any:
         return driven(path)
     if kind == "study":
         study = load_study(path)
-        specification = study.problem.specification
-        assert len(specification.bounds[0]) == len(specification.names)
+        if study.design is not None:
+            specification = study.design.problem.specification
+            assert len(specification.bounds[0]) == len(specification.names)
         return study
     if kind == "urdf":
         return _robot(path)

@@ -232,12 +232,12 @@ def _with_scene(tree: dict[str, Any], path: Path) -> dict[str, Any]:
 
 def command_case(rng: random.Random) -> Case:
     """A command on a shipped scene or study, under the name `scene.toml` or `study.toml`."""
-    command = rng.choice(("simulate", "simulate", "info", "optimize", "plot", rng.choice(TEXTS)))
-    source = rng.choice(STUDIES if command == "optimize" else SCENES)
+    command = rng.choice(("simulate", "simulate", "info", "run", "plot", rng.choice(TEXTS)))
+    source = rng.choice(STUDIES if command == "run" else SCENES)
     text = _with_scene(tomllib.loads(source.read_text()), source)
     given = [
         command,
-        rng.choice(("study.toml" if command == "optimize" else "scene.toml", "scene.toml", odd_path(rng))),
+        rng.choice(("study.toml" if command == "run" else "scene.toml", "scene.toml", odd_path(rng))),
     ]
     for _ in range(rng.choice((0, 1, 1, 2, 4))):
         given += rng.choice(OPTIONS)(rng)

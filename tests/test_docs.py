@@ -17,15 +17,11 @@ from clearance_jax.cli.main import UsageError, app
 from clearance_jax.io.keys import reference
 from clearance_jax.io.scene import load_scene
 from clearance_jax.io.study import load_study
-from clearance_jax.io.sweep_file import load_sweep
-from clearance_jax.io.wear_file import load_wear
 from clearance_jax.laws import FRICTION_LAWS, NORMAL_LAWS
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 GENERATED = DOCS / "reference"
-# What a file is, by the first of these keys that it has.
-READERS = {"axis": load_sweep, "wear": load_wear, "scene": load_study}
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
 PAGES += sorted(p for p in DOCS.rglob("*.md") if "notebooks" not in p.parts)
 ARM = ROOT / "experiments" / "scenes" / "arm.toml"
@@ -84,8 +80,7 @@ def shown(path: Path, folder: Path) -> None:
         keys = tomllib.loads(text)
         file = folder / named(text)
         file.write_text(text if keys.keys() & {"body", "robot", "scene"} else completed(text), encoding="utf-8")
-        load = next((READERS[key] for key in READERS if key in keys), load_scene)
-        load(file)
+        (load_study if "scene" in keys else load_scene)(file)
 
 
 @pytest.mark.parametrize("path", having("toml"), ids=title)

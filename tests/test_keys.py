@@ -10,7 +10,7 @@ import pytest
 
 import clearance_jax as cj
 from clearance_jax.errors import ClearanceError
-from clearance_jax.io import metric_keys, play_keys, scene_keys, study_keys, sweep_keys, wear_keys
+from clearance_jax.io import design_keys, metric_keys, play_keys, scene_keys, study_keys, sweep_keys, wear_keys
 from clearance_jax.io.keys import example, reference
 from clearance_jax.io.scene import load_scene
 from clearance_jax.io.study import load_study
@@ -25,9 +25,10 @@ READERS = (
     "study",
     "metric",
     "asking",
-    "sweep_file",
+    "sweep_section",
+    "design_section",
+    "wear_section",
     "scene_worn",
-    "wear_file",
     "wearing",
 )
 
@@ -55,8 +56,10 @@ def test_every_declaration_is_in_the_reference():
         ("scene", scene_keys),
         ("scene", play_keys),
         ("study", study_keys),
-        ("sweep", sweep_keys),
-        ("wear", wear_keys),
+        ("study", sweep_keys),
+        ("study", design_keys),
+        ("study", metric_keys),
+        ("study", wear_keys),
     ):
         for table in tables_of(module):
             for key in table.keys:
@@ -298,38 +301,37 @@ def test_examples_of_an_arms_bearings_are_read(tmp_path):
 STUDY = """
 scene = "{scene}"
 t1 = "105 ms"
-[variable."wrist.radial_clearance"]
-least = "10 um"
-greatest = "1 mm"
+[metric.piston]
+{metric}
+[design.variable."wrist.radial_clearance"]
+lower = "10 um"
+upper = "1 mm"
 cost = {cost}
-[limit.piston]
+[design.limit.piston]
 {limit}
 """
-COST = inline(example(study_keys.COST_TABLES["reciprocal"]))
-PEAK = lines(example(study_keys.LIMIT_TABLES["peak"], "body", "joint", "cycles"))
-LIFE = "[life]\n" + lines(example(study_keys.LIFE))
+COST = inline(example(design_keys.COST_TABLES["reciprocal"]))
+PEAK = lines(example(metric_keys.METRIC_KINDS["peak"], "body", "joint", "times", "since"))
+LIMIT = lines(example(design_keys.LIMIT, "cycles"))
+WEAR = "[wear]\n" + lines(example(wear_keys.WEAR, "cycles", "longest", "until", "journal"))
 
 
-def study(tmp_path, rest="", cost=COST, limit=PEAK) -> Any:
+def study(tmp_path, rest="", cost=COST, metric=PEAK, limit=LIMIT) -> Any:
     path = tmp_path / "study.toml"
     crank = ROOT / "experiments" / "scenes" / "slider_crank.toml"
-    path.write_text(STUDY.format(scene=crank, cost=cost, limit=limit) + rest)
-    return load_study(path)
+    path.write_text(STUDY.format(scene=crank, cost=cost, metric=metric, limit=limit) + rest)
+    return load_study(path).design
 
 
-@pytest.mark.parametrize("word", study_keys.COST_TABLES)
+@pytest.mark.parametrize("word", design_keys.COST_TABLES)
 def test_examples_of_costs_are_read(word, tmp_path):
-    values = example(study_keys.COST_TABLES[word])
+    values = example(design_keys.COST_TABLES[word])
     (cost,) = study(tmp_path, cost=inline(values)).problem.specification.costs
     assert float(cost(1e-4)) < float(cost(2e-5))
 
 
-@pytest.mark.parametrize("word", study_keys.LIMIT_TABLES)
-def test_examples_of_limits_are_read(word, tmp_path):
-    values = example(study_keys.LIMIT_TABLES[word], "body", "joint")
-    if word == "impacts":
-        values["joint"] = '"wrist"'
-    asked = study(tmp_path, LIFE, limit=lines(values)).problem.specification
+def test_the_example_of_a_limit_is_read(tmp_path):
+    asked = study(tmp_path, WEAR, limit=lines(example(design_keys.LIMIT))).problem.specification
     (limit,) = asked.limits
     assert limit.title == "piston"
     assert limit.metric.ages == (", after 0 cycles of wear", ", after 20000 cycles of wear")
@@ -338,20 +340,24 @@ def test_examples_of_limits_are_read(word, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("cycles", "life", "words"),
+    ("cycles", "wear", "words"),
     [
-        ("[0, 100]", "", "limit.piston.cycles has no effect without a table `life`"),
-        ("", LIFE, "life has no effect: no limit has `cycles`"),
-        ("[100, 100]", LIFE, "limit.piston.cycles must be a list of whole numbers that grow, such as"),
-        ("[0, 100]", LIFE.replace('"wrist"', '"rist"'), "life.joint: no joint with clearance has this name. Did you"),
-        ("[0, 100]", LIFE.replace('"12 ms"', '"-1 ms"'), "life.cycle must be greater than the scene's t0"),
-        ("[0, 100]", LIFE + "until = 3\n", "life.until is not a known key"),
-        ("[0, 100]", LIFE + '[condition.a]\n"wear.coefficient" = "1 m"\n', "condition.a.wear.coefficient must be in"),
+        ("[0, 100]", "", "limit.piston.cycles has no effect without a section `wear`"),
+        ("", WEAR, "wear has no effect: it lacks the key `cycles`, how many it lives, and no limit"),
+        ("[100, 100]", WEAR, "limit.piston.cycles must be a list of whole numbers that grow, such as"),
+        ("[0, 100]", WEAR.replace('"wrist"', '"rist"'), "wear.joint: no joint with clearance has this name. Did you"),
+        ("[0, 100]", WEAR.replace('"12 ms"', '"-1 ms"'), "wear.cycle must be greater than the scene's t0"),
+        ("[0, 100]", WEAR + "until = 3\n", "wear.until has no effect without `cycles`"),
+        (
+            "[0, 100]",
+            WEAR + '[design.condition.a]\n"wear.coefficient" = "1 m"\n',
+            "condition.a.wear.coefficient must be in",
+        ),
     ],
 )
-def test_a_wrong_life_of_a_study_is_said(cycles, life, words, tmp_path):
+def test_a_wrong_wear_of_a_design_is_said(cycles, wear, words, tmp_path):
     with pytest.raises(ClearanceError, match=words):
-        study(tmp_path, life, limit=PEAK + (f"cycles = {cycles}\n" if cycles else ""))
+        study(tmp_path, wear, limit=LIMIT + (f"cycles = {cycles}\n" if cycles else ""))
 
 
 @pytest.mark.parametrize("word", metric_keys.SIGNALS)
@@ -360,19 +366,37 @@ def test_a_signal_says_what_it_is_of(word, tmp_path):
     name = {"body": "slider", "joint": "wrist", "point": "piston"}[of]
     bounds = {"rad": '"1 deg"', "N": '"1 kN"', "N m": '"1 N*m"', "m/s^2": '"5 m/s^2"'}
     bound = bounds.get(metric_keys.SIGNALS[word].unit, '"1 mm"')
-    limit = f'metric = "peak"\nsignal = "{word}"\n{of} = "{name}"\nbound = {bound}\n'
-    assert getattr(study(tmp_path, limit=limit).problem.specification.limits[0].metric.signal, of) == name
+    limit = f"bound = {bound}\n"
+    metric = f'kind = "peak"\nsignal = "{word}"\n{of} = "{name}"\n'
+    (asked,) = study(tmp_path, metric=metric, limit=limit).problem.specification.limits
+    assert getattr(asked.metric.signal, of) == name
     other = "body" if of != "body" else "joint"
-    with pytest.raises(ClearanceError, match=f"limit.piston.{other} has no effect"):
-        study(tmp_path, limit=limit + f'{other} = "slider"\n')
+    with pytest.raises(ClearanceError, match=f"metric.piston.{other} has no effect"):
+        study(tmp_path, metric=metric + f'{other} = "slider"\n', limit=limit)
 
 
-def test_examples_of_the_rest_of_a_study_are_read(tmp_path):
-    rest = "[solve]\n" + lines(example(study_keys.SOLVE)) + "[verify]\n" + lines(example(study_keys.VERIFY))
-    for word, values in study_keys.MANUFACTURE_TABLES.items():
-        read = study(tmp_path, rest + "[manufacture]\n" + lines(example(values)))
+@pytest.mark.parametrize(
+    ("metric", "words"),
+    [
+        (PEAK + 'times = ["1 ms"]\n', 'metric.piston.times belongs to the kind "at"'),
+        (PEAK.replace('"peak"', '"at"'), "lacks the key `times`"),
+        (PEAK.replace('"peak"', '"at"') + 'times = ["1 ms"]\nsince = "0 s"\n', "since has no effect: `times` say when"),
+    ],
+)
+def test_times_belong_to_values_at_them(metric, words, tmp_path):
+    with pytest.raises(ClearanceError, match=words):
+        study(tmp_path, metric=metric)
+
+
+def test_examples_of_the_rest_of_a_design_are_read(tmp_path):
+    skip = "variable", "limit", "condition", "manufacture", "verify"
+    rest = "[solve]\n" + lines(example(study_keys.SOLVE)) + "[design]\n" + lines(example(design_keys.DESIGN, *skip))
+    rest += '[scatter."slider.mass"]\ndeviation = "2 percent"\n[design.verify]\n' + lines(example(design_keys.VERIFY))
+    for word, values in design_keys.MANUFACTURE_TABLES.items():
+        read = study(tmp_path, rest + "[design.manufacture]\n" + lines(example(values)))
         assert type(read.problem.specification.manufacture).__name__.lower() == word
         assert set(read.solve) == {"method", "starts", "most"}
-        assert set(read.verify) == {key.name for key in study_keys.VERIFY.keys}
-    slow = study(tmp_path, '[condition.slow]\n"drive.main.speed" = "3000 rpm"\n[set]\n"slider.mass" = "0.2 kg"\n')
+        assert set(read.verify) == {key.name for key in design_keys.VERIFY.keys}
+    given = '[design.condition.slow]\n"drive.main.speed" = "3000 rpm"\n[set]\n"slider.mass" = "0.2 kg"\n'
+    slow = study(tmp_path, given)
     assert slow.problem.specification.conditions["slow"] == {"drive.main.speed": pytest.approx(314.159265)}

@@ -1,9 +1,10 @@
-"""Study files, the command `clearance optimize` and its report."""
+"""Studies of designs, `clearance run` of them, and the report."""
 
 import re
 import signal
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,28 +22,32 @@ ROOT = Path(__file__).parents[1]
 SCENE = ROOT / "experiments" / "scenes" / "slider_crank.toml"
 STUDY = f"""
 name = "Wrist <pin>"
-cost_unit = "EUR"
 scene = "{SCENE}"
 t1 = "1 ms"
 
 [solve]
 rtol = 1e-7
 
-[verify]
-sweep = 3
-
-[variable."wrist.radial_clearance"]
-least = "20 um"
-greatest = "0.5 mm"
-cost = {{ law = "reciprocal", factor = "0.1 mm" }}
-
-[limit.piston]
-metric = "peak"
+[metric.piston]
+kind = "peak"
 signal = "position-error"
 point = "piston"
+
+[design]
+cost_unit = "EUR"
+
+[design.verify]
+sweep = 3
+
+[design.variable."wrist.radial_clearance"]
+lower = "20 um"
+upper = "0.5 mm"
+cost = {{ law = "reciprocal", factor = "0.1 mm" }}
+
+[design.limit.piston]
 bound = "0.1 mm"
 
-[condition.slow]
+[design.condition.slow]
 "drive.main.speed" = "3000 rpm"
 """
 
@@ -55,7 +60,8 @@ def study(tmp_path):
 
 
 def test_a_study_is_the_problem_it_says(study):
-    loaded = load_study(study)
+    loaded = load_study(study).design
+    assert loaded is not None
     problem = loaded.problem.specification
     assert problem.variables == {"wrist.radial_clearance": (pytest.approx(2e-5), pytest.approx(5e-4))}
     (limit,) = problem.limits
@@ -71,46 +77,52 @@ def test_a_study_is_the_problem_it_says(study):
     assert loaded.verify == {"sweep": 3}
 
 
+def specified(path: Path) -> Any:
+    """What the design of a study is to be."""
+    asked = load_study(path).design
+    assert asked is not None
+    return asked.problem.specification
+
+
 def test_costs_limits_and_manufacture_of_a_study(tmp_path):
-    def loaded(old, new):
-        path = tmp_path / "s.toml"
-        path.write_text(STUDY.replace(old, new))
-        return load_study(path).problem.specification
+    def loaded(*changes: tuple[str, str]):
+        path, text = tmp_path / "s.toml", STUDY
+        for old, new in changes:
+            assert old in text
+            text = text.replace(old, new)
+        path.write_text(text)
+        return specified(path)
 
     reciprocal = 'law = "reciprocal", factor = "0.1 mm"'
-    squared = loaded(reciprocal, 'law = "reciprocal", factor = "4 mm^2", power = 2, fixed = 1')
+    squared = loaded((reciprocal, 'law = "reciprocal", factor = "4 mm^2", power = 2, fixed = 1'))
     np.testing.assert_allclose(squared.costs[0](1e-3), 5.0)
-    exponential = loaded(reciprocal, 'law = "exponential", factor = 3, rate = "1 / (10 um)"')
+    exponential = loaded((reciprocal, 'law = "exponential", factor = 3, rate = "1 / (10 um)"'))
     np.testing.assert_allclose(exponential.costs[0](1e-5), 3 / np.e)
-    both = loaded(reciprocal, 'law = "exponential-reciprocal", factor = "1 mm", rate = "1 / mm"')
+    both = loaded((reciprocal, 'law = "exponential-reciprocal", factor = "1 mm", rate = "1 / mm"'))
     np.testing.assert_allclose(both.costs[0](1e-3), 1 / np.e)
-    table = loaded(reciprocal, 'law = "table", clearances = ["10 um", "40 um"], costs = [9, 4]')
+    table = loaded((reciprocal, 'law = "table", clearances = ["10 um", "40 um"], costs = [9, 4]'))
     np.testing.assert_allclose(table.costs[0](4e-5), 4)
-    force = loaded(
-        'metric = "peak"\nsignal = "position-error"\npoint = "piston"\nbound = "0.1 mm"',
-        'metric = "rms"\nsignal = "contact-force"\njoint = "wrist"\nbound = "1 kN"',
-    )
-    assert isinstance(force.limits[0].metric, metrics.Rms)
-    assert force.limits[0].bound == 1000
-    reaction = loaded(
-        'metric = "peak"\nsignal = "position-error"\npoint = "piston"\nbound = "0.1 mm"',
-        'metric = "peak"\nsignal = "joint-reaction"\njoint = "main"\nbound = "1 kN"',
-    )
-    assert isinstance(reaction.limits[0].metric, metrics.Peak)
-    assert reaction.limits[0].metric.signal == metrics.JointReaction("main")
-    instant = loaded('metric = "peak"', 'metric = "at"\ntimes = ["0.5 ms", "1 ms"]')
-    assert isinstance(instant.limits[0].metric, metrics.At)
-    np.testing.assert_allclose(instant.limits[0].metric.times, [5e-4, 1e-3])
-    lost = loaded(
-        'metric = "peak"\nsignal = "position-error"\npoint = "piston"\nbound = "0.1 mm"',
-        'metric = "energy-lost"\nbound = "1 J"',
-    )
-    assert lost.limits[0].metric.unit == "J"
-    band = loaded("[condition.slow]", '[manufacture]\nkind = "band"\nleast = 0.8\n[condition.slow]')
+    metric = 'kind = "peak"\nsignal = "position-error"\npoint = "piston"'
+
+    def limited(new, bound):
+        (limit,) = loaded((metric, new), ('bound = "0.1 mm"', f"bound = {bound}")).limits
+        return limit
+
+    force = limited('kind = "rms"\nsignal = "contact-force"\njoint = "wrist"', '"1 kN"')
+    assert isinstance(force.metric, metrics.Rms)
+    assert force.bound == 1000
+    reaction = limited('kind = "peak"\nsignal = "joint-reaction"\njoint = "main"', '"1 kN"')
+    assert isinstance(reaction.metric, metrics.Peak)
+    assert reaction.metric.signal == metrics.JointReaction("main")
+    instant = limited(metric.replace('"peak"', '"at"\ntimes = ["0.5 ms", "1 ms"]'), '"0.1 mm"')
+    assert isinstance(instant.metric, metrics.At)
+    np.testing.assert_allclose(instant.metric.times, [5e-4, 1e-3])
+    assert limited('kind = "energy-lost"', '"1 J"').metric.unit == "J"
+    band = loaded(("[design.verify]", '[design.manufacture]\nkind = "band"\nleast = 0.8\n[design.verify]'))
     assert band.manufacture == design.Band(0.8)
-    scattered = '[manufacture]\nkind = "yield"\ntarget = 0.95\nsamples = 8\n'
-    scattered += '[manufacture.scatter]\n"slider.mass" = "2 percent"\n[condition.slow]'
-    asked = loaded("[condition.slow]", scattered).manufacture
+    scattered = '[scatter."slider.mass"]\ndeviation = "2 percent"\n[design.manufacture]\nkind = "yield"\n'
+    scattered += "target = 0.95\nsamples = 8\n[design.condition.slow]"
+    asked = loaded(("[design.condition.slow]", scattered)).manufacture
     assert isinstance(asked, design.Yield)
     assert (asked.scatter, asked.target, asked.samples) == ({"slider.mass": 0.02}, 0.95, 8)
 
@@ -121,23 +133,29 @@ def test_costs_limits_and_manufacture_of_a_study(tmp_path):
         ('cost_unit = "EUR"', "cost_unit = 3", "cost_unit must be a text in quotes"),
         ('bound = "0.1 mm"', 'bound = "0.1 kg"', "limit.piston.bound must be in m"),
         ('bound = "0.1 mm"', 'bound = "0.1 mm"\nbond = 1', "limit.piston.bond is not a known key"),
-        ('metric = "peak"', 'metric = "peek"', "Did you mean `peak`"),
-        ('signal = "position-error"', 'signal = "speed"', "limit.piston.signal must be one of"),
-        ('least = "20 um"', 'least = "1 mm"', "contradict"),
+        ('kind = "peak"', 'kind = "peek"', "Did you mean `peak`"),
+        ('kind = "peak"', 'metric = "peak"', "metric.piston.metric is called `kind` now"),
+        ('signal = "position-error"', 'signal = "speed"', "metric.piston.signal must be one of"),
+        ("[metric.piston]", "[metric.pistn]", "the study has no metric `piston`. Did you mean `pistn`"),
+        ('lower = "20 um"', 'lower = "1 mm"', "contradict"),
         ("wrist.radial_clearance", "wrist.radial_clearence", "Did you mean `wrist.radial_clearance`"),
         ('"drive.main.speed"', '"drive.main.sped"', "drive.main.sped"),
         ('"3000 rpm"', '"nan rpm"', "finite"),
         ("sweep = 3", "sweep = 0.5", "whole number"),
         ('law = "reciprocal"', 'law = "linear"', "variable.wrist.radial_clearance.cost.law"),
-        ("[solve]", '[solve]\nmethod = "newton"', "solve.method must be one of"),
+        ("[design]", '[design]\nmethod = "newton"', "design.method must be one of"),
+        ("[solve]", '[solve]\nmethod = "slsqp"', "solve.method is called `design.method` now"),
         (f'scene = "{SCENE}"', 'scene = "no.toml"', "Cannot read the scene file"),
-        ("[verify]", '[manufacture]\nkind = "yield"\n[manufacture.scatter]\n"no" = "1 percent"\n[verify]', "`no`"),
-        ("[verify]", '[made]\nkind = "band"\nleast = 0.8\n[verify]', "made is called `manufacture` now"),
+        ("[design]", '[design.manufacture]\nkind = "yield"\nof = ["no"]\n[design]', "`no` does not scatter"),
+        ("[design]", '[manufacture]\nkind = "band"\nleast = 0.8\n[design]', "is called `design.manufacture` now"),
+        ("[design]", '[limit.piston]\nbound = "1 mm"\n[design]', "limit is called `design.limit` now"),
+        ("[design]", '[axis."slider.mass"]\nkind = "values"\n[design]', "axis is called `sweep.axis` now"),
+        ("[design.verify]", "until = 3\n[design.verify]", "design.until is not a known key"),
     ],
 )  # fmt: skip
 def test_a_wrong_study_ends_with_one_sentence_and_code_2(old, new, words, study, monkeypatch, capsys):
     study.write_text(STUDY.replace(old, new))
-    monkeypatch.setattr(sys, "argv", ["clearance", "optimize", str(study)])
+    monkeypatch.setattr(sys, "argv", ["clearance", "run", str(study)])
     with pytest.raises(SystemExit) as ended:
         main()
     assert ended.value.code == 2
@@ -150,14 +168,14 @@ def test_every_study_of_the_repository_loads():
     studies = sorted((ROOT / "optimize" / "studies").glob("*.toml"))
     assert studies
     for path in studies:
-        assert load_study(path).problem.specification.limits
+        assert specified(path).limits
 
 
 @pytest.mark.slow
 def test_optimize_command(study, tmp_path):
     """Answer, certificate, report and record; a second run goes on from the record."""
     report, record = tmp_path / "r.html", tmp_path / "p.jsonl"
-    arguments = ["optimize", str(study), "--report", str(report), "--record", str(record)]
+    arguments = ["run", str(study), "--report", str(report), "--record", str(record)]
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 0, result.output
     assert "decided by: piston: position error, peak" in result.output
@@ -178,7 +196,7 @@ def test_optimize_command(study, tmp_path):
     )
     error = metrics.Peak(metrics.PositionError("piston"))(mechanism, 1e-3, rtol=1e-7)
     np.testing.assert_allclose(error, 1e-4, rtol=1e-4)
-    again = ["optimize", str(study), "--record", str(record), "--no-verify", "--cluster", "local"]
+    again = ["run", str(study), "--record", str(record), "--no-verify", "--cluster", "local"]
     again = CliRunner().invoke(app, again)
     assert again.exit_code == 0, again.output
     assert "0 evaluations with gradients, 0 without" in again.output
@@ -193,7 +211,7 @@ def test_an_interrupted_search_keeps_its_best(study, monkeypatch):
 
     calls: list = []
     monkeypatch.setattr(formulation, "_evaluate", interrupted)
-    result = CliRunner().invoke(app, ["optimize", str(study)])
+    result = CliRunner().invoke(app, ["run", str(study)])
     assert result.exit_code == 130
     assert "interrupted" in result.output
     assert "wrist.radial_clearance = " in result.output
@@ -216,7 +234,7 @@ def test_an_interruption_that_python_forgets_is_not_lost(study, monkeypatch):
     calls: list = []
     monkeypatch.setattr(formulation, "_evaluate", evaluated)
     before = signal.getsignal(signal.SIGINT), sys.unraisablehook
-    result = CliRunner().invoke(app, ["optimize", str(study)])
+    result = CliRunner().invoke(app, ["run", str(study)])
     assert result.exit_code == 130
     assert "interrupted" in result.output
     assert len(calls) == 2
@@ -228,13 +246,13 @@ def test_an_interruption_before_the_first_design_is_said(study, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(formulation, "_evaluate", interrupted)
-    result = CliRunner().invoke(app, ["optimize", str(study)])
+    result = CliRunner().invoke(app, ["run", str(study)])
     assert result.exit_code == 130
     assert "nothing to keep" in result.output
 
 
 def test_infeasible_designs_report_what_is_violated(study, tmp_path):
-    asked = load_study(study).problem.specification
+    asked = specified(study)
 
     def evaluate(x, gradient):
         return design.Evaluation(x, 1.0, np.array([0.5]), np.zeros(1), np.zeros((1, 1)))

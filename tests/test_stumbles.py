@@ -38,16 +38,23 @@ scene = "{SCENE}"
 t1 = "1 ms"
 [solve]
 rtol = 1e-7
-[variable."wrist.radial_clearance"]
-least = "20 um"
-greatest = "0.5 mm"
-cost = {{ law = "reciprocal", factor = "0.1 mm" }}
-[limit.piston]
-metric = "at"
+[metric.piston]
+kind = "at"
 times = ["0.5 ms", "1 ms"]
 signal = "position-error"
 point = "piston"
+[design.variable."wrist.radial_clearance"]
+lower = "20 um"
+upper = "0.5 mm"
+cost = {{ law = "reciprocal", factor = "0.1 mm" }}
+[design.limit.piston]
 bound = "0.1 mm"
+"""
+SWEEP = f"""
+scene = "{SCENE}"
+[sweep]
+quantities = ["piston.position"]
+axis."slider.mass" = {{ kind = "values", values = ["0.1 kg"] }}
 """
 
 
@@ -125,15 +132,16 @@ def test_what_is_no_scene_file_is_not_read(kind, tmp_path):
         load_scene(path)
 
 
-BOUNDS = 'least = "20 um"\ngreatest = "0.5 mm"'
+BOUNDS = 'lower = "20 um"\nupper = "0.5 mm"'
 COST = 'law = "reciprocal", factor = "0.1 mm"'
 TIMES = 'times = ["0.5 ms", "1 ms"]'
-YIELD = '[manufacture]\nkind = "yield"\n{}\n[manufacture.scatter]\n"slider.mass" = "{}"\n[limit.piston]'
+YIELD = '[design.manufacture]\nkind = "yield"\n{}\n[scatter."slider.mass"]\ndeviation = "{}"\n[design.limit.piston]'
+LIMIT = "[design.limit.piston]"
 BAD_STUDIES = {
     "a word for rtol": ("rtol = 1e-7", 'rtol = "abc"', "solve.rtol must be a bare number"),
     "a list for rtol": ("rtol = 1e-7", "rtol = [1]", "solve.rtol must be one quantity"),
-    "one time": (TIMES, "times = 5", "limit.piston.times must be a list"),
-    "no times": (TIMES, "times = []", "limit.piston.times must be a list"),
+    "one time": (TIMES, "times = 5", "metric.piston.times must be a list"),
+    "no times": (TIMES, "times = []", "metric.piston.times must be a list"),
     "times beyond the end": (TIMES, 'times = ["0.5 ms", "2 ms"]', "must increase from t0 = 0 s to t1 = 0.001 s"),
     "times that fall": (TIMES, 'times = ["1 ms", "0.5 ms"]', "must increase"),
     "one clearance": (COST, 'law = "table", clearances = 3, costs = [1]', "clearances must be a list"),
@@ -143,15 +151,17 @@ BAD_STUDIES = {
     "a negative factor": (COST, 'law = "reciprocal", factor = "-0.1 mm"', "factor must be greater than 0"),
     "a negative power": (COST, 'law = "reciprocal", factor = "1 1/mm", power = -1', "power must be greater than 0"),
     "a negative rate": (COST, 'law = "exponential", factor = 1, rate = "-1 / mm"', "rate must be greater than 0"),
-    "bounds upside down": (BOUNDS, 'least = "1 mm"\ngreatest = "20 um"', "contradict each other"),
-    "a lower bound of zero": (BOUNDS, 'least = "0 mm"\ngreatest = "20 um"', "contradict each other"),
+    "bounds upside down": (BOUNDS, 'lower = "1 mm"\nupper = "20 um"', "contradict each other"),
+    "a lower bound of zero": (BOUNDS, 'lower = "0 mm"\nupper = "20 um"', "contradict each other"),
     "an unknown point": ('point = "piston"', 'point = "pistn"', "no point 'pistn'. Did you mean `piston`"),
     "a negative bound": ('bound = "0.1 mm"', 'bound = "-1 mm"', "bound must be greater than 0"),
-    "a share above 1": ("[limit.piston]", YIELD.format("target = 1.2", "1 percent"), "target must be between 0 and 1"),
-    "a negative scatter": ("[limit.piston]", YIELD.format("", "-1 percent"), "The scatter of `slider.mass`"),
-    "a scatter above all": ("[limit.piston]", YIELD.format("", "120 percent"), "The scatter of `slider.mass`"),
-    "a scatter without unit": ("[limit.piston]", YIELD.format("", "x"), "it lacks a number"),
-    "a set that is a number": ("[limit.piston]", '[set]\n"slider.mass" = [1]\n[limit.piston]', "needs a unit"),
+    "a share above 1": (LIMIT, YIELD.format("target = 1.2", "1 percent"), "target must be between 0 and 1"),
+    "a negative scatter": (LIMIT, YIELD.format("", "-1 percent"), "deviation must be above 0 percent"),
+    "a scatter above all": (LIMIT, YIELD.format("", "120 percent"), "The scatter of `slider.mass`"),
+    "a scatter without unit": (LIMIT, YIELD.format("", "x"), "it lacks a number"),
+    "a scatter of a yield in grams": (LIMIT, YIELD.format("", "1 g"), "give a `deviation` in percent"),
+    "a uniform yield": (LIMIT, YIELD.format("", '1 percent"\ndistribution = "uniform'), "not uniform"),
+    "a set that is a number": (LIMIT, '[set]\n"slider.mass" = [1]\n[design.limit.piston]', "needs a unit"),
     "nested 3000 deep": ("[solve]", DEEP + "[solve]", "nested too deep"),
 }
 
@@ -167,7 +177,9 @@ def test_a_study_honours_its_scenes_start(tmp_path):
     (tmp_path / "s.toml").write_text(TEXT.replace("[solve]", '[solve]\nt0 = "0.2 ms"'))
     path = tmp_path / "study.toml"
     path.write_text(STUDY.replace(str(SCENE), "s.toml"))
-    asked = load_study(path).problem.specification
+    study = load_study(path).design
+    assert study is not None
+    asked = study.problem.specification
     assert asked.t0 == pytest.approx(2e-4)
     assert (asked.rtol, asked.solver) == (1e-7, "tsit5")
     refused(load_study, path, STUDY.replace(str(SCENE), "s.toml").replace("0.5 ms", "0.1 ms"), "from t0 = 0.0002 s")
@@ -200,7 +212,7 @@ def test_a_study_warns_of_its_sizes_aloud(tmp_path, monkeypatch):
         raise ClearanceError("as far as the search")
 
     monkeypatch.setattr("clearance_jax.design.problem.search", search)
-    result = CliRunner().invoke(app, ["optimize", str(path)])
+    result = CliRunner().invoke(app, ["run", str(path)])
     assert "as far as the search" in str(result.exception)
     assert "hardly meant: slider.mass = 1e-20 kg" in " ".join(result.output.split())
 
@@ -230,14 +242,16 @@ def test_settings_are_given_once_and_in_bounds():
         (["simulate", "{scene}", "--plot", "a" * 300 + ".png"], "File name too long"),
         (["simulate", "{scene}", "-o", "/dev/null"], "a folder or a device"),
         (["simulate", "{scene}", "-o", "o.csv"], "must end in .nc"),
-        (["sweep", "{study}", "-o", "o.csv"], "Give it a name that ends in .zarr"),
+        (["run", "{sweep}", "-o", "o.csv"], "Give it a name that ends in .zarr"),
+        (["run", "{sweep}", "--report", "a.html"], "`--report` has no effect: the study has no section `design`"),
+        (["run", "{study}", "-o", "a.zarr"], "`--output` has no effect: the study has no section `sweep` or `wear`"),
         (["simulate", "{scene}", "-o", "/proc/1/o.nc"], "Cannot write"),
         (["simulate", "{scene}", "--samples", str(10**12)], f"between 2 and {MOST_SAMPLES}"),
         (["simulate", "{scene}", "--set", "slider.mass=1kg", "--set", "slider.mass=2kg"], "a second time"),
         (["simulate", "{scene}", "--t1", "mm"], "it lacks a number"),
         (["plot", "."], "Cannot read `.` as a store of a sweep"),
-        (["optimize", "{study}", "--record", "{study}"], "are the same file"),
-        (["optimize", "{study}", "--report", "missing/a.html"], "its folder does not exist"),
+        (["run", "{study}", "--record", "{study}"], "are the same file"),
+        (["run", "{study}", "--report", "missing/a.html"], "its folder does not exist"),
     ],
 )
 def test_bad_commands_are_refused_before_anything_is_solved(arguments, words, tmp_path, monkeypatch):
@@ -249,11 +263,12 @@ def test_bad_commands_are_refused_before_anything_is_solved(arguments, words, tm
     monkeypatch.setattr("clearance_jax.design.problem.search", solve)
     (tmp_path / "s.toml").write_text(TEXT)
     (tmp_path / "study.toml").write_text(STUDY)
-    given = [a.format(scene="s.toml", study="study.toml") for a in arguments]
+    (tmp_path / "sweep.toml").write_text(SWEEP)
+    given = [a.format(scene="s.toml", study="study.toml", sweep="sweep.toml") for a in arguments]
     result = CliRunner().invoke(app, given)
     assert isinstance(result.exception, ClearanceError)
     assert words in str(result.exception)
-    assert {path.name for path in tmp_path.iterdir()} == {"s.toml", "study.toml"}
+    assert {path.name for path in tmp_path.iterdir()} == {"s.toml", "study.toml", "sweep.toml"}
 
 
 def test_a_length_in_a_plane_scene_is_named(tmp_path):
@@ -282,12 +297,13 @@ def test_what_is_not_installed_is_said_before_anything_is_solved(tmp_path, monke
         raise AssertionError("work was begun")
 
     monkeypatch.setattr("clearance_jax.extras.importlib.util.find_spec", lambda _: None)
-    monkeypatch.setattr("clearance_jax.cli.sweep.set_up", solve)
+    monkeypatch.setattr(sys.modules["clearance_jax.cli.sweep"], "Interruption", solve)
     monkeypatch.setattr("clearance_jax.design.search.formulate", solve)
     (tmp_path / "study.toml").write_text(STUDY)
+    (tmp_path / "sweep.toml").write_text(SWEEP)
     for arguments, extra in (
-        (["sweep", "any.toml"], "sweep"),
-        (["optimize", str(tmp_path / "study.toml"), "--method", "cma-es"], "cma"),
+        (["run", str(tmp_path / "sweep.toml")], "sweep"),
+        (["run", str(tmp_path / "study.toml"), "--method", "cma-es"], "cma"),
     ):
         result = CliRunner().invoke(app, arguments)
         assert isinstance(result.exception, ClearanceError)

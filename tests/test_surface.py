@@ -57,7 +57,7 @@ import sys
 import clearance_jax
 from clearance_jax.cli.main import app
 from typer.testing import CliRunner
-assert "optimize" in CliRunner().invoke(app, ["--help"]).output
+assert "simulate" in CliRunner().invoke(app, ["--help"]).output
 print(sorted({"jax", "numpy", "equinox", "diffrax", "xarray"} & set(sys.modules)))
 clearance_jax.ClearanceError
 """

@@ -10,6 +10,7 @@ import pytest
 import scipy.stats
 import sweeping
 import xarray as xr
+from scipy import stats
 from sweeping import CLEARANCES, SCENE, SPEEDS, swept
 
 import clearance_jax as cj
@@ -91,8 +92,8 @@ def test_models_scatter_and_samples_in_time():
         return cj.replace(mechanism, {"wrist.friction.coefficient": 0.3})
 
     scatter = {
-        "slider.mass": cj.Normal(0.14, 1e-3),
-        "wrist.radial_clearance": cj.TruncatedNormal(2e-4, 1e-5, 1.9e-4, 2e-4),
+        "slider.mass": cj.scatter(0.14, 1e-3),
+        "wrist.radial_clearance": cj.scatter(2e-4, 1e-5, 1.9e-4, 2e-4),
     }
     sampled = cj.Sampled(scatter, 6, seed=3)
     axes = {"part": sampled, "friction": cj.Choice({"usual": MECHANISM, "rough": rough})}
@@ -202,7 +203,7 @@ def test_a_region_whose_lanes_are_run_again_is_kept_meanwhile(tmp_path, limited,
             "varied by the axes `slider.mass` and `a`",
         ),
         ({"a": cj.Choice({"b": 3})}, {}, "`b` of the axis `a` must be a mechanism"),
-        ({"a": cj.Sampled({"slider.mass": cj.Normal(0.1, 0.0)}, 4)}, {}, "deviation of `slider.mass` must be greater"),
+        ({"a": cj.Sampled({"slider.mass": 0.1}, 4)}, {}, "`slider.mass` must scatter by `cj.scatter"),
         ({"t1": [1e-3]}, {}, "`t1` is an axis and an argument"),
         (
             {"slider.mass": np.linspace(0.1, 0.2, 100_000), "conrod.mass": np.linspace(0.1, 0.2, 100_000)},
@@ -254,8 +255,8 @@ def test_large_regions_whatever_the_chunks():
 
 @pytest.mark.parametrize("method", ["sobol", "latin-hypercube", "random"])
 def test_samples_have_their_distributions(method):
-    laws = {"a": cj.Normal(3.0, 0.5), "b": cj.Uniform(-1.0, 4.0), "c": cj.TruncatedNormal(0.0, 1.0, -0.5, 2.0)}
-    laws["d"] = cj.LogNormal(2.0, 1.0)
+    laws = {"a": cj.scatter(3.0, 0.5), "b": stats.uniform(-1.0, 5.0), "c": cj.scatter(0.0, 1.0, -0.5, 2.0)}
+    laws["d"] = cj.scatter(2.0, 1.0, distribution="log-normal")
     drawn = cj.Sampled(laws, 1024, method=method, seed=2).draw()
     cdfs = scipy.stats.norm(3.0, 0.5), scipy.stats.uniform(-1.0, 5.0), scipy.stats.truncnorm(-0.5, 2.0)
     # Of log-normal numbers the logarithms scatter by ln(1 + (deviation / mean)^2), about a mean of that much less.
@@ -270,12 +271,12 @@ def test_samples_have_their_distributions(method):
 
 
 def test_a_longer_sobol_sequence_begins_with_the_shorter():
-    short, long = (cj.Sampled({"a": cj.Uniform(0.0, 1.0), "b": cj.Normal(0.0, 1.0)}, n).draw() for n in (100, 300))
+    short, long = (cj.Sampled({"a": stats.uniform(0.0, 1.0), "b": cj.scatter(0.0, 1.0)}, n).draw() for n in (100, 300))
     np.testing.assert_array_equal(short["b"], long["b"][:100])
 
 
 def test_correlation_of_normal_numbers_is_theirs():
-    laws = {"a": cj.Normal(1.0, 2.0), "b": cj.Normal(0.0, 1e-3), "c": cj.Normal(0.0, 1.0)}
+    laws = {"a": cj.scatter(1.0, 2.0), "b": cj.scatter(0.0, 1e-3), "c": cj.scatter(0.0, 1.0)}
     drawn = cj.Sampled(laws, 4096, correlation={("a", "b"): 0.8, ("b", "c"): -0.4}).draw()
     found = np.corrcoef(list(drawn.values()))
     np.testing.assert_allclose(found, [[1, 0.8, 0], [0.8, 1, -0.4], [0, -0.4, 1]], atol=0.02)

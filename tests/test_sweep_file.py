@@ -1,4 +1,4 @@
-"""Sweep files, and the command `clearance sweep`."""
+"""Studies of sweeps, scatter and metrics in studies, and `clearance run` of a sweep."""
 
 import importlib
 import tomllib
@@ -12,9 +12,9 @@ from typer.testing import CliRunner
 
 import clearance_jax as cj
 from clearance_jax.cli.main import app
-from clearance_jax.io import sweep_keys
+from clearance_jax.io import metric_keys, study_keys, sweep_keys
 from clearance_jax.io.keys import example
-from clearance_jax.io.sweep_file import load_sweep
+from clearance_jax.io.study import load_study
 
 ROOT = Path(__file__).parents[1]
 SCENE = ROOT / "experiments/scenes/slider_crank.toml"
@@ -24,36 +24,33 @@ def lines(values: dict[str, str]) -> str:
     return "".join(f"{name} = {value}\n" for name, value in values.items())
 
 
-def inline(values: dict[str, str]) -> str:
-    return "{ " + ", ".join(f"{name} = {value}" for name, value in values.items()) + " }"
+AXIS = '[sweep.axis."wrist.radial_clearance"]\n' + lines(example(sweep_keys.AXIS_TABLES["range"]))
+METRIC = "[metric.peak]\n" + lines(example(metric_keys.METRIC_KINDS["peak"], "body", "joint", "times"))
 
 
-AXIS = '[axis."wrist.radial_clearance"]\n' + lines(example(sweep_keys.AXIS_TABLES["range"]))
-OUTPUT = "[output.peak]\n" + lines(example(sweep_keys.OUTPUT_TABLES["peak"], "body", "joint"))
+SECTION = '[metric.section]\nkind = "poincare-section"\nquantities = ["guide.velocty"]\n'
+SENSITIVITY = '[scatter."slider.mass"]\ndeviation = "1 g"\n[sweep.axis.part]\nkind = "sensitivity"\nsamples = 64\n'
 
 
-SECTION = '[output.section]\nmetric = "poincare-section"\nquantities = ["guide.velocty"]\n'
-SENSITIVITY = (
-    '[axis.part]\nkind = "sensitivity"\nsamples = 64\n'
-    'scatter = { "slider.mass" = { law = "normal", mean = "0.14 kg", deviation = "1 g" } }\n'
-)
-
-
-def load(tmp_path, top="", axis=AXIS, output=OUTPUT, rest="") -> dict[str, Any]:
+def load(tmp_path, top="", axis=AXIS, metric=METRIC, rest="") -> dict[str, Any]:
     path = tmp_path / "sweep.toml"
-    path.write_text(f'scene = "{SCENE}"\n{top}{axis}{output}{rest}')
-    return load_sweep(path).arguments
+    path.write_text(f'scene = "{SCENE}"\n{top}{axis}{metric}{rest}')
+    asked = load_study(path).sweep
+    assert asked is not None
+    return asked
 
 
-def test_examples_of_the_top_are_read(tmp_path):
-    parts = ("scene", "solve", "again", "set", "axis", "output")
-    top = lines(example(sweep_keys.SWEEP, *parts))
+def test_examples_of_the_section_are_read(tmp_path):
     rest = "".join(
-        f"[{name}]\n{lines(example(table))}"
-        for name, table in {"solve": sweep_keys.SOLVE, "again": sweep_keys.AGAIN}.items()
+        f"[{name}]\n{lines(example(table, *skip))}"
+        for name, table, skip in (
+            ("solve", study_keys.SOLVE, ()),
+            ("sweep", sweep_keys.SWEEP, ("axis", "again", "quantities")),
+            ("sweep.again", sweep_keys.AGAIN, ()),
+        )
     )
     rest += '[set]\n"slider.mass" = "0.2 kg"\n'
-    read = load(tmp_path, top, rest=rest)
+    read = load(tmp_path, 't1 = "12 ms"\n', rest=rest)
     assert (read["t1"], read["times"], read["wrt"]) == (0.012, 101, ("wrist.radial_clearance",))
     assert read["start"] == "settled"
     assert read["again"] == {"rtol": 1e-8, "solver": "dopri8", "max_steps": 100000}
@@ -67,13 +64,9 @@ def test_examples_of_the_top_are_read(tmp_path):
 def test_examples_of_axes_are_read(word, tmp_path):
     (tmp_path / "rough.toml").write_text(SCENE.read_text())
     name = {"values": "wrist.radial_clearance", "range": "wrist.radial_clearance"}.get(word, "mine")
-    values = example(sweep_keys.AXIS_TABLES[word])
-    if word in ("sampled", "sensitivity"):
-        both = {
-            name: inline(example(sweep_keys.SCATTER_TABLES["normal"])) for name in ('"slider.mass"', '"conrod.mass"')
-        }
-        values["scatter"] = inline(both)
-    given = load(tmp_path, axis=f'[axis."{name}"]\n{lines(values)}')["axes"][name]
+    values = example(sweep_keys.AXIS_TABLES[word], "of")
+    both = "".join(f'[scatter."{body}.mass"]\ndeviation = "1 percent"\n' for body in ("slider", "conrod"))
+    given = load(tmp_path, axis=f'[sweep.axis."{name}"]\n{lines(values)}', rest=both)["axes"][name]
     kinds = {
         "zipped": cj.Zipped,
         "sampled": cj.Sampled,
@@ -90,41 +83,73 @@ def test_examples_of_axes_are_read(word, tmp_path):
         assert len(given.values["slider.mass"]) == 256 * 4
 
 
-@pytest.mark.parametrize("word", sweep_keys.SCATTER_TABLES)
-def test_examples_of_scatter_are_read(word, tmp_path):
-    law = inline(example(sweep_keys.SCATTER_TABLES[word]))
-    axis = f'[axis.part]\nkind = "sampled"\ncount = 16\nscatter = {{ "slider.mass" = {law} }}\n'
-    drawn = load(tmp_path, axis=axis)["axes"]["part"].draw()["slider.mass"]
+@pytest.mark.parametrize(
+    ("given", "mean", "deviation"),
+    [
+        ('deviation = "2 percent"', 0.14, 0.0028),
+        ('mean = "0.2 kg"\ndeviation = "1 g"', 0.2, 1e-3),
+        ('distribution = "log-normal"\nmean = "0.2 kg"\ndeviation = "60 g"', 0.2, 0.06),
+        ('distribution = "uniform"\nlower = "0.1 kg"\nupper = "0.4 kg"', 0.25, 0.3 / np.sqrt(12)),
+        # Half of a normal one: sqrt(2 / pi) above its mean, and sqrt(1 - 2 / pi) wide.
+        ('deviation = "1 g"\nlower = "0.14 kg"', 0.14 + 1e-3 * np.sqrt(2 / np.pi), 1e-3 * np.sqrt(1 - 2 / np.pi)),
+    ],
+)
+def test_a_number_scatters_as_its_table_says(given, mean, deviation, tmp_path):
+    axis = '[sweep.axis.part]\nkind = "sampled"\ncount = 4096\n'
+    drawn = load(tmp_path, axis=axis, rest=f'[scatter."slider.mass"]\n{given}\n')["axes"]["part"].draw()["slider.mass"]
+    assert np.mean(drawn) == pytest.approx(mean, rel=2e-3)
+    assert np.std(drawn) == pytest.approx(deviation, rel=2e-2)
+
+
+def test_the_example_of_scatter_is_read(tmp_path):
+    axis = '[sweep.axis.part]\nkind = "sampled"\ncount = 16\n'
+    table = '[scatter."slider.mass"]\n' + lines(example(study_keys.SCATTER))
+    drawn = load(tmp_path, axis=axis, rest=table)["axes"]["part"].draw()["slider.mass"]
     assert 0.13 < drawn.min() < drawn.max() < 0.15
 
 
-@pytest.mark.parametrize("word", sweep_keys.OUTPUT_TABLES)
-def test_examples_of_outputs_are_read(word, tmp_path):
-    values = example(sweep_keys.OUTPUT_TABLES[word], "body", "joint", "speed")
+@pytest.mark.parametrize("word", metric_keys.METRIC_KINDS)
+def test_examples_of_metrics_are_read(word, tmp_path):
+    skip = ("since",) if word == "at" else ("times",)
+    values = example(metric_keys.METRIC_KINDS[word], "body", "joint", "speed", *skip) | {"kind": f'"{word}"'}
     values |= {"joint": '"wrist"'} if word == "impacts" else {}
-    found = load(tmp_path, output="[output.x]\n" + lines(values))["outputs"]["x"]
-    assert found == "piston.position" if word == "quantity" else isinstance(found, cj.AbstractMetric)
+    found = load(tmp_path, metric="[metric.x]\n" + lines(values))["outputs"]["x"]
+    assert isinstance(found, cj.AbstractMetric)
+
+
+def test_quantities_are_asked_by_their_names(tmp_path):
+    given = '[sweep]\nquantities = ["piston.position"]\n'
+    assert load(tmp_path, axis=given + AXIS)["outputs"].keys() == {"peak", "piston.position"}
+    given = '[sweep]\nmetrics = ["peak"]\n'
+    assert load(tmp_path, axis=given + AXIS, rest=METRIC.replace("peak]", "other]"))["outputs"].keys() == {"peak"}
 
 
 @pytest.mark.parametrize(
     ("parts", "words"),
     [
-        ({"axis": ""}, "lacks the key `axis`"),
-        ({"axis": '[axis."wrist.gap"]\nkind = "values"\nvalues = ["1 mm"]\n'}, "no parameter `wrist.gap`"),
-        ({"axis": '[axis."wrist.radial_clearance"]\nkind = "values"\nvalues = ["1 kg"]\n'}, "must be in m or a unit"),
+        ({"axis": "[sweep]\n"}, "sweep lacks the key `axis`"),
+        ({"axis": ""}, "asks for nothing. Add a section `sweep`, `design` or `wear`"),
+        ({"metric": ""}, "asks for nothing: add a table `.metric.NAME.`, or `quantities`"),
+        ({"axis": '[sweep]\nmetrics = ["peek"]\n' + AXIS}, "sweep.metrics: the study has no metric `peek`. Did you"),
+        ({"axis": '[sweep.axis."wrist.gap"]\nkind = "values"\nvalues = ["1 mm"]\n'}, "no parameter `wrist.gap`"),
+        ({"axis": AXIS.replace('"0.1 mm"', '"1 kg"')}, "must be in m or a unit"),
         ({"axis": AXIS.replace('"range"', '"line"')}, "must be one of the allowed words"),
         ({"axis": AXIS.replace('"0.1 mm"', '"0 mm"')}, "equal ratios need"),
-        ({"output": OUTPUT.replace('"piston"', '"pistn"')}, "no point 'pistn'"),
+        ({"metric": METRIC.replace('"piston"', '"pistn"')}, "no point 'pistn'"),
         ({"top": "lanes = 4\n"}, "lanes is not a known key"),
-        ({"axis": '[axis."wrist.radial_clearance"]\nkind = "values"\nvalues = []\n'}, "must be a list such as"),
+        ({"top": 'wrt = ["slider.mass"]\n'}, "wrt is called `sweep.by` now"),
+        ({"axis": SENSITIVITY.replace("[scatter", "[scattr")}, "scattr is not a known key. Did you mean `scatter`"),
+        ({"axis": SENSITIVITY.replace('deviation = "1 g"', "")}, "needs `mean` and `deviation`"),
+        ({"axis": SENSITIVITY.replace("1 g", "-1 g")}, "must be greater than zero"),
+        ({"axis": '[sweep.axis."wrist.radial_clearance"]\nkind = "values"\nvalues = []\n'}, "must be a list such as"),
         (
-            {"output": SECTION + 'period = "12 ms"\nspeed = "drive.main.speed"\n'},
+            {"metric": SECTION + 'period = "12 ms"\nspeed = "drive.main.speed"\n'},
             "one of the keys `period` and `speed`",
         ),
-        ({"output": SECTION}, "one of the keys `period` and `speed`"),
-        ({"output": SECTION + 'speed = "drive.main.sped"\n'}, "no parameter `drive.main.sped`"),
-        ({"output": SECTION + 'period = "12 ms"\ncount = 3\n'}, "no quantity `guide.velocty`"),
-        ({"output": SECTION.replace("poincare-section", "poincare")}, "Did you mean `poincare-section`"),
+        ({"metric": SECTION}, "one of the keys `period` and `speed`"),
+        ({"metric": SECTION + 'speed = "drive.main.sped"\n'}, "no parameter `drive.main.sped`"),
+        ({"metric": SECTION + 'period = "12 ms"\ncount = 3\n'}, "no quantity `guide.velocty`"),
+        ({"metric": SECTION.replace("poincare-section", "poincare")}, "Did you mean `poincare-section`"),
         ({"axis": SENSITIVITY.replace("64", "100")}, "must be a power of two"),
     ],
 )
@@ -139,14 +164,14 @@ def test_the_command_writes_a_store_that_can_grow(tmp_path):
 scene = "{SCENE}"
 t1 = "0.5 ms"
 solve = {{ rtol = 1e-6, max_steps = 82 }}
-output.end = {{ metric = "quantity", of = "guide.velocity" }}
-axis."wrist.radial_clearance" = {{ kind = "values", values = ["0.1 mm", "0.2 mm", "0.4 mm", "0.5 mm"] }}
+sweep.quantities = ["guide.velocity"]
+sweep.axis."wrist.radial_clearance" = {{ kind = "values", values = ["0.1 mm", "0.2 mm", "0.4 mm", "0.5 mm"] }}
 """
     assert tomllib.loads(text)
 
     def run(*arguments, said=text):
         path.write_text(said)
-        return CliRunner().invoke(app, ["sweep", str(path), "-o", str(store), "--cores", "1", *arguments])
+        return CliRunner().invoke(app, ["run", str(path), "-o", str(store), "--cores", "1", *arguments])
 
     pictures = tmp_path / "pictures"
     pictures.write_text("a file")
@@ -155,19 +180,19 @@ axis."wrist.radial_clearance" = {{ kind = "values", values = ["0.1 mm", "0.2 mm"
     pictures.unlink()
     first = run("--plot", str(pictures))
     assert first.exit_code == 0, first.output
-    assert {path.name for path in pictures.iterdir()} == {"end_over_wrist.radial_clearance.png"}
+    assert {path.name for path in pictures.iterdir()} == {"guide.velocity_over_wrist.radial_clearance.png"}
     assert "4 lanes in 1 regions, 1 programs, on 1 cores" in first.output
     assert "4 lanes, 2 failed: 2 the largest number of steps was reached" in first.output
     assert "exists already" in str(run().exception)
     grown = run("--resume", said=text.replace('"0.5 mm"]', '"0.5 mm", "0.55 mm"]'))
     assert "5 lanes, 2 failed" in grown.output
     found = xr.open_zarr(store)
-    assert found.attrs["sweep"] == path.read_text()
+    assert found.attrs["study"] == path.read_text()
     assert found["wrist.radial_clearance"].attrs["units"] == "m"
     assert int(found["code"].isnull().sum()) == 0
     drawn = CliRunner().invoke(app, ["plot", str(store)])
     assert drawn.exit_code == 0, drawn.output
-    assert (tmp_path / "out_pictures" / "end_over_wrist.radial_clearance.png").exists()
+    assert (tmp_path / "out_pictures" / "guide.velocity_over_wrist.radial_clearance.png").exists()
     assert "no motion is in it" in str(CliRunner().invoke(app, ["plot", str(store), "--play"]).exception)
     assert "as a store of a sweep" in str(CliRunner().invoke(app, ["plot", str(tmp_path)]).exception)
 
@@ -179,8 +204,8 @@ def test_what_cannot_be_done_is_said_before_anything_is(tmp_path, monkeypatch):
     def said(count: int, *arguments: str) -> str:
         second = AXIS.replace("wrist.radial_clearance", "drive.main.speed").replace('"0.1 mm"', '"400 rad/s"')
         second = second.replace('"0.5 mm"', '"500 rad/s"').replace("200", str(count))
-        path.write_text(f'scene = "{SCENE}"\n{AXIS.replace("200", str(count))}{second}{OUTPUT}')
-        error = CliRunner().invoke(app, ["sweep", str(path), *arguments]).exception
+        path.write_text(f'scene = "{SCENE}"\n{AXIS.replace("200", str(count))}{second}{METRIC}')
+        error = CliRunner().invoke(app, ["run", str(path), *arguments]).exception
         assert isinstance(error, cj.ClearanceError)
         assert not path.with_suffix(".zarr").exists()
         return str(error)

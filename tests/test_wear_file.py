@@ -1,4 +1,4 @@
-"""Wear files, worn sleeves in scenes, and the command `clearance wear`."""
+"""Studies of wear, worn sleeves in scenes, and `clearance run` of a life."""
 
 import json
 import signal
@@ -14,10 +14,11 @@ from typer.testing import CliRunner
 import clearance_jax as cj
 from clearance_jax import wear
 from clearance_jax.cli.main import app
-from clearance_jax.io import play_keys, wear_keys
+from clearance_jax.io import play_keys, study_keys, wear_keys
 from clearance_jax.io.keys import example
 from clearance_jax.io.scene import load_scene
-from clearance_jax.io.wear_file import WearFile, load_wear
+from clearance_jax.io.study import load_study
+from clearance_jax.io.wear_section import WearAsked
 from clearance_jax.results.bearing import outline
 from clearance_jax.sweep.journal import Journal
 
@@ -34,33 +35,35 @@ def inline(values: dict[str, str]) -> str:
 
 
 TOP = lines({"joint": '"pin"', "length": '"50 mm"', "cycles": "100"})
-WEAR = '[wear]\nlaw = "archard"\ncoefficient = "6e-14 1/Pa"\n'
-PRESSURE = '[pressure]\nkind = "foundation"\nstiffness = "2e13 Pa/m"\n'
+LAW = '[wear.law]\nkind = "archard"\ncoefficient = "6e-14 1/Pa"\n'
+PRESSURE = '[wear.pressure]\nkind = "foundation"\nstiffness = "2e13 Pa/m"\n'
 
 
-def load(tmp_path, top=TOP, wear=WEAR, pressure=PRESSURE, rest="") -> WearFile:
+def load(tmp_path, top=TOP, law=LAW, pressure=PRESSURE, rest="") -> WearAsked:
     path = tmp_path / "life.toml"
-    path.write_text(f'scene = "{SCENE}"\n{top}{wear}{pressure}{rest}')
-    return load_wear(path)
+    path.write_text(f'scene = "{SCENE}"\n[wear]\n{top}{law}{pressure}{rest}')
+    asked = load_study(path).wear
+    assert asked is not None
+    return asked
 
 
-# Wear files ----------------------------------------------------------------------------------------------------------
+# The section ----------------------------------------------------------------------------------------------------------
 
 
-def test_examples_of_the_top_are_read(tmp_path):
-    values = example(wear_keys.WEAR, "scene", "solve", "set", "wear", "pressure", "until")
-    rest = "[solve]\n" + lines(example(wear_keys.SOLVE)) + '[set]\n"disc.mass" = "5 kg"\n'
+def test_examples_of_the_section_are_read(tmp_path):
+    values = example(wear_keys.WEAR, "law", "pressure", "until")
+    rest = "[solve]\n" + lines(example(study_keys.SOLVE)) + '[set]\n"disc.mass" = "5 kg"\n'
     read = load(tmp_path, lines(values | {"joint": '"pin"'}), rest=rest)
     clearance: Any = read.mechanism.joint("pin")
     assert float(clearance.clearance.length) == pytest.approx(0.02)
     assert float(clearance.clearance.sleeve_material.modulus) == pytest.approx(110e9)
-    assert (read.cycle, read.cycles, read.joint) == (0.012, 100000, "pin")
+    assert (read.model.cycle, read.cycles, read.model.joint) == (0.012, 100000, "pin")
     assert read.options == {"sectors": 720, "tolerance": 0.01, "longest": 1000}
     assert read.solve == {"rtol": 1e-8, "solver": "dopri8", "start": "settled", "max_steps": 100000}
     assert float(read.mechanism.bodies[0].mass) == 5
     assert read.journal == tmp_path / "wear.journal"
     # What is said nowhere is the scene's.
-    assert (load(tmp_path).cycle, load(tmp_path).solve) == (0.05, {"rtol": 1e-6, "start": "settled"})
+    assert (load(tmp_path).model.cycle, load(tmp_path).solve) == (0.05, {"rtol": 1e-6, "start": "settled"})
 
 
 @pytest.mark.parametrize("word", wear_keys.LAW_TABLES)
@@ -69,15 +72,15 @@ def test_examples_of_laws_are_read(word, tmp_path):
     changes |= {name: inline(example(getattr(wear_keys, name.upper()))) for name in ("graded", "running_in")}
     values = example(wear_keys.LAW_TABLES[word], *changes, "hardness")
     at = wear.Rubbing(jnp.asarray(3e6), jnp.asarray(0.2), jnp.asarray(0.3), jnp.asarray(3600.0))
-    plain = load(tmp_path, wear="[wear]\n" + lines(values)).law
+    plain = load(tmp_path, law="[wear.law]\n" + lines(values)).model.wear
     assert float(plain.rate(at)) == pytest.approx({"archard": 6e-14, "reye": 0.3 * 1e-13}[word] * 3e6 * 0.2)
-    changed = load(tmp_path, wear="[wear]\n" + lines(values | changes)).law
+    changed = load(tmp_path, law="[wear.law]\n" + lines(values | changes)).model.wear
     graded = (2e6 / 10e6) ** 0.5 * (0.2 / 0.1) ** -0.25
     assert float(changed.rate(at)) == pytest.approx(float(plain.rate(at)) * 2 / 3 * graded * (1 + 4 / np.e))
 
 
 def test_archard_s_number_stands_beside_a_hardness(tmp_path):
-    law: Any = load(tmp_path, wear='wear = { law = "archard", coefficient = 7.8e-5, hardness = "1.3 GPa" }\n').law
+    law: Any = load(tmp_path, law='law = { kind = "archard", coefficient = 7.8e-5, hardness = "1.3 GPa" }\n').model.wear
     assert float(law.coefficient) == pytest.approx(6e-14)
 
 
@@ -85,22 +88,24 @@ def test_archard_s_number_stands_beside_a_hardness(tmp_path):
 def test_examples_of_pressures_are_read(word, tmp_path):
     materials = "".join(f"{which}_material = {inline(example(wear_keys.MATERIAL))}\n" for which in ("pin", "sleeve"))
     layer = ("thickness", "material")
-    read = load(
-        tmp_path, TOP + materials, pressure="[pressure]\n" + lines(example(wear_keys.PRESSURE_TABLES[word], *layer))
-    )
+    pressure = "[wear.pressure]\n" + lines(example(wear_keys.PRESSURE_TABLES[word], *layer))
+    read = load(tmp_path, TOP + materials, pressure=pressure)
     kinds = {"foundation": wear.Foundation, "hertz": wear.HertzLine, "uniform": wear.Uniform}
-    assert isinstance(read.pressure, kinds[word])
+    assert isinstance(read.model.pressure, kinds[word])
     if word == "foundation":
         values = example(wear_keys.PRESSURE_TABLES[word], "stiffness")
-        found: Any = load(tmp_path, pressure="[pressure]\n" + lines(values)).pressure
+        found: Any = load(tmp_path, pressure="[wear.pressure]\n" + lines(values)).model.pressure
         assert float(found.stiffness) == pytest.approx(0.6 * 3e9 / (1.4 * 0.2 * 2e-3))
+
+
+RIM = '[metric.rim]\nkind = "peak"\nsignal = "position-error"\npoint = "rim"\n'
 
 
 @pytest.mark.parametrize("word", wear_keys.UNTIL_TABLES)
 def test_examples_of_ends_are_read(word, tmp_path):
-    values = example(wear_keys.UNTIL_TABLES[word], "body", "joint")
-    values |= {"point": '"rim"'} if "point" in values else {"joint": '"pin"'} if word == "impacts" else {}
-    read = load(tmp_path, rest="[until]\n" + lines(values))
+    values = example(wear_keys.UNTIL_TABLES[word])
+    values |= {"metric": '"rim"'} if word == "metric" else {}
+    read = load(tmp_path, rest="[wear.until]\n" + lines(values) + RIM)
     assert isinstance(read.until, wear.AbstractCriterion)
     assert read.until.bound > 0
     assert read.words
@@ -109,19 +114,22 @@ def test_examples_of_ends_are_read(word, tmp_path):
 @pytest.mark.parametrize(
     ("parts", "words"),
     [
-        ({"wear": ""}, "lacks the key `wear`"),
-        ({"wear": WEAR.replace("archard", "archad")}, "wear.law must be one of the allowed words.* `archard`"),
-        ({"wear": WEAR.replace('"6e-14 1/Pa"', "6e-14")}, r"wear.coefficient needs a unit.* \"6e-14 1/Pa\""),
-        ({"wear": WEAR.replace("1/Pa", "m")}, "wear.coefficient must be in 1/Pa or a unit of that dimension"),
-        ({"wear": WEAR + 'hardness = "1 GPa"\n'}, "wear.coefficient must be a bare number"),
-        ({"wear": WEAR.replace("coefficient", "coeficient")}, "wear.coeficient is not a known key.* `coefficient`"),
-        ({"pressure": '[pressure]\nkind = "hertz"\n'}, "pressure: Hertz's line contact needs `pin_material`"),
+        ({"law": ""}, "wear lacks the key `law`"),
+        ({"law": LAW.replace("archard", "archad")}, "wear.law.kind must be one of the allowed words.* `archard`"),
+        ({"law": LAW.replace('"6e-14 1/Pa"', "6e-14")}, r"wear.law.coefficient needs a unit.* \"6e-14 1/Pa\""),
+        ({"law": LAW.replace("1/Pa", "m")}, "wear.law.coefficient must be in 1/Pa or a unit of that dimension"),
+        ({"law": LAW + 'hardness = "1 GPa"\n'}, "wear.law.coefficient must be a bare number"),
+        ({"law": LAW.replace("coefficient", "coeficient")}, "wear.law.coeficient is not a known key.* `coefficient`"),
+        ({"pressure": '[wear.pressure]\nkind = "hertz"\n'}, "pressure: Hertz's line contact needs `pin_material`"),
         ({"pressure": PRESSURE + 'thickness = "1 mm"\n'}, "must have a `stiffness`, or `thickness` and `material`"),
         ({"top": TOP.replace('"pin"', '"pni"')}, "joint: no joint with clearance has this name.* `pin`"),
         ({"top": TOP.replace('length = "50 mm"\n', "")}, "lacks the key `length`"),
         ({"top": TOP + 'cycle = "-1 s"\n'}, "cycle must be greater than the scene's t0"),
         ({"top": TOP + "sectors = 8\n"}, "sectors must be"),
-        ({"rest": '[until]\nmetric = "depth"\nbound = "1 s"\n'}, "until.bound must be in m"),
+        ({"rest": '[wear.until]\nkind = "depth"\nbound = "1 s"\n'}, "until.bound must be in m"),
+        ({"rest": '[wear.until]\nkind = "metric"\nmetric = "rm"\nbound = "1 mm"\n' + RIM}, "no metric `rm`. Did you"),
+        ({"top": TOP.replace("cycles = 100\n", "")}, "wear has no effect: it lacks the key `cycles`"),
+        ({"top": TOP.replace("cycles = 100\n", "longest = 3\n")}, "longest has no effect without `cycles`"),
     ],
 )
 def test_what_a_wear_file_cannot_say(parts, words, tmp_path):
@@ -235,7 +243,7 @@ def test_figures_and_films_of_a_life(dataset, tmp_path):
     film.show(2)
     np.testing.assert_allclose(film._curve.get_ydata(), 1e6 * 1.5 * DEPTH)
     assert film.save(tmp_path / "life.gif").stat().st_size > 10_000
-    with pytest.raises(cj.ClearanceError, match="no result of `clearance wear`"):
+    with pytest.raises(cj.ClearanceError, match="no result of a study of wear"):
         cj.wear_figures.overview(dataset.drop_vars("depth"))
     with pytest.raises(cj.ClearanceError, match="at least 2 frames"):
         cj.wear_figures.animate(dataset, frames=1)
@@ -245,16 +253,18 @@ def test_figures_and_films_of_a_life(dataset, tmp_path):
 
 # The disc falls from the middle of its sleeve in every cycle: it meets the wall at sqrt(2 g (c + h)).
 FALLING = """
+solve = { start = "centre", rtol = 1e-9 }
+
+[wear]
 joint = "pin"
 length = "50 mm"
 cycle = "8 ms"
 cycles = 100000
 sectors = 88
 tolerance = 0.3
-solve = { start = "centre", rtol = 1e-9 }
-wear = { law = "archard", coefficient = "1e-12 1/Pa" }
+law = { kind = "archard", coefficient = "1e-12 1/Pa" }
 pressure = { kind = "foundation", stiffness = "2e13 Pa/m" }
-until = { metric = "impact-speed", bound = "45 mm/s" }
+until = { kind = "impact-speed", bound = "45 mm/s" }
 """
 
 
@@ -264,7 +274,7 @@ def test_the_command_lives_until_the_end_and_goes_on_where_it_was_stopped(tmp_pa
     study.write_text(f'scene = "{SCENE}"\n{FALLING}')
 
     def run(*arguments, out=result):
-        return RUN.invoke(app, ["wear", str(study), "-o", str(out), *arguments])
+        return RUN.invoke(app, ["run", str(study), "-o", str(out), *arguments])
 
     first = run("--plot", str(tmp_path / "life.png"), out=whole)
     assert first.exit_code == 0, first.output

@@ -413,7 +413,7 @@ def test_lives_over_numbers_are_their_closed_forms(tmp_path):
     mechanism, law, pressure = turning()
     given = mechanism, "pin", law, pressure, 0.05, 30_000
     asked: Any = {"until": wear.Deepest(1e-6), "sectors": 90, "start": "settled"}
-    coefficients = cj.Sampled({"wear.coefficient": cj.LogNormal(1e-13, 5e-14)}, 8)
+    coefficients = cj.Sampled({"wear.coefficient": cj.scatter(1e-13, 5e-14, distribution="log-normal")}, 8)
     found = wear.lives(*given, coefficients, journal=tmp_path / "lives", **asked)
     again = wear.lives(*given, coefficients, journal=tmp_path / "lives", **asked)
     np.testing.assert_array_equal(found.end, again.end)

@@ -13,11 +13,9 @@ from clearance_jax.cli.animate import animate
 from clearance_jax.cli.cache import cache
 from clearance_jax.cli.common import console, errors
 from clearance_jax.cli.info import info
-from clearance_jax.cli.optimize import optimize
 from clearance_jax.cli.plot import plot
+from clearance_jax.cli.run import run
 from clearance_jax.cli.simulate import simulate
-from clearance_jax.cli.sweep import sweep
-from clearance_jax.cli.wear import wear
 from clearance_jax.errors import LONGEST, ClearanceError, cut
 
 app = typer.Typer(
@@ -31,10 +29,10 @@ app = typer.Typer(
     "clearance info experiments/scenes/four_bar.toml\n\n"
     "clearance plot out.nc -o out.png\n\n"
     "clearance animate out.nc -o out.gif --magnify joint5\n\n"
-    "clearance optimize optimize/studies/slider_crank.toml --report out.html\n\n"
-    "clearance sweep experiments/sweeps/slider_crank.toml -o out.zarr --plot pictures\n\n"
     "clearance simulate experiments/scenes/six_axes.urdf --clearance axis_5:radial=0.05mm,length=40mm\n\n"
-    "clearance wear experiments/wear/disc.toml -o out.nc --plot out.png",
+    "clearance run optimize/studies/slider_crank.toml --report out.html\n\n"
+    "clearance run experiments/studies/slider_crank.toml -o out.zarr --plot pictures\n\n"
+    "clearance run experiments/studies/disc.toml -o out.nc --plot out.png",
 )
 
 
@@ -54,7 +52,7 @@ def about(
     """What stands before any command."""
 
 
-for command in (simulate, info, plot, animate, optimize, sweep, wear, cache):
+for command in (simulate, run, info, plot, animate, cache):
     app.command()(command)
 
 

@@ -1,60 +1,27 @@
-"""`clearance wear`: a wear file to a life: profiles, clearance and criterion over cycles, figures, a film."""
+"""`clearance run` of a life: a study to profiles, clearance and criterion over cycles, figures, a film."""
 
 import time
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn
 
-from clearance_jax.cli.animate import check_film, write_film
-from clearance_jax.cli.common import (
-    DATASETS,
-    FIGURES,
-    aloud,
-    check_distinct,
-    check_writable,
-    console,
-    errors,
-    say,
-    say_written,
-    set_up,
-    warn,
-)
+from clearance_jax.cli.animate import write_film
+from clearance_jax.cli.common import aloud, console, errors, say, say_written
 from clearance_jax.cli.interruption import Interruption
 from clearance_jax.cli.pace import shown_duration
 from clearance_jax.errors import ClearanceError
 
 
-def wear(
-    wear_file: Annotated[Path, typer.Argument(metavar="STUDY", help="A wear file (TOML with units).")],
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="Result file, NetCDF (default: STUDY with .nc).")
-    ] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on with a life that was interrupted.")] = False,
-    plot: Annotated[Path | None, typer.Option(help="Figure of the life (.png, .pdf).")] = None,
-    movie: Annotated[Path | None, typer.Option(help="Film of the profile over the life (.gif, or .mp4).")] = None,
-) -> None:
-    """How a sleeve wears over its life, and how long it lasts.
-
-    Ctrl-C, or whatever else ends it, leaves a journal that `--resume` goes on with, to the same answer.
-    """
-    set_up()
-    from clearance_jax.io.plausible import implausible
-    from clearance_jax.io.wear_file import load_wear
+def run_wear(study: Any, file: Path, output: Path, *, resume: bool, plot: Path | None, movie: Path | None) -> None:
+    """The life of a study. Ctrl-C, or whatever else ends it, leaves a journal with which it goes on."""
     from clearance_jax.results.store import save
     from clearance_jax.wear.journal import JournalWarning
     from clearance_jax.wear.sectors import SectorsWarning
 
-    output = wear_file.with_suffix(".nc") if output is None else output
-    check_distinct(study=wear_file, output=output, plot=plot, movie=movie)
-    check_writable(output, DATASETS)
-    check_writable(plot, FIGURES)
-    check_film(movie)
-    study = load_wear(wear_file)
-    warn(implausible(study.mechanism))
-    journal = study.journal or output.with_suffix(".journal")
+    journal = study.wear.journal or output.with_suffix(".journal")
     if journal.exists() and not resume:
         raise ClearanceError(
             f"`{journal}` keeps a life that has begun. Go on with it by `--resume`, or delete it, or give another `-o`."
@@ -63,11 +30,11 @@ def wear(
     with _bar() as bar, Interruption() as asked:
         try:
             with aloud(SectorsWarning), aloud(JournalWarning):
-                dataset = _lived(study, journal, resume, _Told(bar, asked, study.cycles))
+                dataset = _lived(study, journal, resume, _Told(bar, asked, study.wear.cycles))
         except (KeyboardInterrupt, ClearanceError):
             if not asked.heard:
                 raise
-            say(f"Interrupted. What is done is kept: clearance wear {wear_file} -o {output} --resume")
+            say(f"Interrupted. What is done is kept: clearance run {file} -o {output} --resume")
             raise typer.Exit(130) from None
     for line in _words(dataset):
         say(line)
@@ -91,26 +58,27 @@ def _lived(study: Any, journal: Path, resume: bool, told: "_Told") -> Any:
     from clearance_jax.wear.life import life
     from clearance_jax.wear.record import to_dataset
 
-    model = study.mechanism, study.law, study.pressure
-    rest = {"joint": study.joint, "cycle": study.cycle, "cycles": study.cycles}
-    question = described(*model, study.until, **rest, **study.options, **study.solve)
-    words = {} if study.until is None else {"watched": study.words}
+    given, model = study.wear, study.wear.model
+    how = {"joint": model.joint, "cycle": float(model.cycle), "cycles": given.cycles, **given.options, **given.solve}
+    question = described(model.mechanism, model.wear, model.pressure, given.until, **how)
+    words = {} if given.until is None else {"watched": given.words}
     with folder(journal, question, resume) as blocks:
         found = life(
-            study.mechanism,
-            study.joint,
-            study.law,
-            study.pressure,
-            study.cycle,
-            study.cycles,
-            **study.options,
-            until=study.until,
+            model.mechanism,
+            model.joint,
+            model.wear,
+            model.pressure,
+            float(model.cycle),
+            given.cycles,
+            **given.options,
+            until=given.until,
             journal=blocks,
             progress=told,
-            **study.solve,
+            **given.solve,
         )
         told.say("reading off")
-        return to_dataset(found, study.mechanism, study.joint, name=study.name, **words, **study.texts)
+        texts = {"scene": study.scene_text, "study": study.text}
+        return to_dataset(found, model.mechanism, model.joint, name=study.name, **words, **texts)
 
 
 def _bar() -> Progress:

@@ -1,51 +1,134 @@
-"""What a file says first that asks something of a scene (a study, a sweep, a life): which scene, changed how, until
-when.
-"""
+"""What a study says of all its sections: which scene, changed how, until when, which metrics, what scatters."""
 
+from collections.abc import Iterable
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from clearance_jax.errors import ClearanceError
+import numpy as np
+
+from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.io.asking_keys import PARAMETER
 from clearance_jax.io.files import read_toml
-from clearance_jax.io.metric import Span
+from clearance_jax.io.metric import Span, metric_of
+from clearance_jax.io.metric_keys import METRIC_KINDS
 from clearance_jax.io.scene import Scene, read_scene
 from clearance_jax.io.settings import values_by_name
-from clearance_jax.io.table import Keys, Table
+from clearance_jax.io.study_keys import SCATTER, SOLVE, STUDY
+from clearance_jax.io.table import Table, chosen, naming
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.parameters import replace
+from clearance_jax.metrics.measure import AbstractMetric
+from clearance_jax.parameters import replace, units_of, values_of
+from clearance_jax.sweep.scatter import scatter
+from clearance_jax.units import to_si
+
+# What a scene says of how it is solved that its studies take from it.
+OF_THE_SCENE = ("t0", "rtol", "solver", "start")
 
 
-class Asked(NamedTuple):
-    """The file's `path`, `text` and `name`, its top `table`, the scene, and its `mechanism` with the numbers set."""
+class Scatter(NamedTuple):
+    """How a number scatters, as it was given [SI]; `relative`: its deviation over its mean, where it was given so."""
 
-    path: Path
-    text: str
-    name: str
-    table: Table
-    scene: Scene
-    mechanism: Mechanism
+    distribution: str
+    mean: float | None
+    deviation: float | None
+    relative: float | None
+    lower: float | None
+    upper: float | None
+    where: str
 
-    def span(self, key: str = "t1") -> Span:
-        """From the scene's t0 to the time that a key says, or else to the scene's t1."""
-        t0, t1 = self.scene.solve.get("t0", 0.0), self.table.get(key)
+
+class Asked:
+    """A study file: its `path`, `text` and `name`, its top `table`, the `scene`, and its `mechanism` with the numbers
+    set; how it is solved (`options`).
+    """
+
+    def __init__(self, path: Path):
+        self.path = path
+        self.text, values = read_toml(path, "study file")
+        self.table = Table(values, f"{path}:", STUDY)
+        self.name = self.table.get("name") or path.stem
+        self.scene: Scene = read_scene(path.parent / self.table.get("scene"))
+        given = values_by_name(self.table.named("set"), self.scene.mechanism)
+        self.mechanism: Mechanism = replace(self.scene.mechanism, given)
+        usual = {name: value for name, value in self.scene.solve.items() if name in OF_THE_SCENE}
+        self.options: dict[str, Any] = usual | self.table.table("solve", SOLVE).given()
+
+    @property
+    def t0(self) -> float:
+        """Where motions start [s]."""
+        return self.options.get("t0", 0.0)
+
+    @cached_property
+    def span(self) -> Span:
+        """From the scene's t0 to the study's t1, or else to the scene's."""
+        t1 = self.table.get("t1")
         t1 = self.scene.solve.get("t1") if t1 is None else t1
         if t1 is None:
-            raise ClearanceError(f"{self.table.where} lacks the key `{key}`, and the scene has no `t1`. Add it.")
-        if t1 <= t0:
-            raise ClearanceError(
-                f"{self.table.key(key)} must be greater than the scene's t0 = {t0:g} s, but it is {t1:g} s."
-            )
-        return Span(t0, t1)
+            raise ClearanceError(f"{self.table.where} lacks the key `t1`, and the scene has none. Add it.")
+        return self.span_to(t1, self.table.key("t1"))
 
-    def usual(self, *names: str) -> dict[str, Any]:
-        """What the scene says of how to solve it, of these options."""
-        return {name: value for name, value in self.scene.solve.items() if name in names}
+    def span_to(self, t1: float, where: str) -> Span:
+        """From the scene's t0 to a time that stands somewhere."""
+        if t1 <= self.t0:
+            raise ClearanceError(f"{where} must be greater than the scene's t0 = {self.t0:g} s, but it is {t1:g} s.")
+        return Span(self.t0, t1)
+
+    @property
+    def metric_names(self) -> list[str]:
+        """The metrics of the study."""
+        return [name for name, _, _ in self.table.named("metric")]
+
+    def metric(self, name: str, span: Span, where: str) -> AbstractMetric:
+        """A metric of the study by its name, of a motion of that span; `where` it is asked for."""
+        for own, values, there in self.table.named("metric"):
+            if own == name:
+                return metric_of(chosen(values, there, METRIC_KINDS), self.mechanism, span)
+        raise ClearanceError(f"{where}: the study has no metric `{name}`. {suggest(name, self.metric_names)}")
+
+    def scatter(self, names: Iterable[str] | None, model: Any, where: str) -> dict[str, Scatter]:
+        """How numbers of a model scatter (`None`: all that scatter); `where` it is asked for."""
+        tables = {name: (values, there) for name, values, there in self.table.named("scatter")}
+        wanted = tuple(tables) if names is None else tuple(names)
+        if not wanted:
+            raise ClearanceError(f"{where}: nothing scatters. Say how, by tables `[scatter.NAME]`.")
+        found = {}
+        for name in wanted:
+            if name not in tables:
+                raise ClearanceError(f"{where}: `{name}` does not scatter. {suggest(name, tables)}")
+            values, there = tables[name]
+            with naming(there):
+                unit = units_of(model, [name])[name]
+            found[name] = _scatter(Table(values, there, SCATTER, {PARAMETER: unit}))
+        return found
+
+    def distributions(self, names: Iterable[str] | None, where: str) -> dict[str, Any]:
+        """The same, of the mechanism's numbers, as distributions."""
+        return {
+            name: _distribution(name, given, self.mechanism)
+            for name, given in self.scatter(names, self.mechanism, where).items()
+        }
 
 
-def asked(path: Path, what: str, keys: Keys) -> Asked:
-    """The beginning of such a file; `what` it is, for messages."""
-    text, values = read_toml(path, f"{what} file")
-    top = Table(values, f"{path}:", keys)
-    scene = read_scene(path.parent / top.get("scene"))
-    mechanism = replace(scene.mechanism, values_by_name(top.named("set"), scene.mechanism))
-    return Asked(path, text, top.get("name") or path.stem, top, scene, mechanism)
+def _scatter(table: Table) -> Scatter:
+    given, relative = table.values.get("deviation"), None
+    deviation = None
+    if isinstance(given, str) and given.split()[-1:] in (["percent"], ["%"]):
+        relative = to_si(given.replace("%", "percent"), "percent", table.key("deviation")) / 100
+        if not 0 < relative < 10:
+            raise ClearanceError(f"{table.key('deviation')} must be above 0 percent, but it is {given}.")
+    else:
+        deviation = table.get("deviation")
+    lower, upper = table.get("lower"), table.get("upper")
+    return Scatter(table.get("distribution"), table.get("mean"), deviation, relative, lower, upper, table.where)
+
+
+def _distribution(name: str, given: Scatter, mechanism: Mechanism) -> Any:
+    mean, deviation = given.mean, given.deviation
+    if given.distribution != "uniform":
+        mean = float(np.asarray(values_of(mechanism, [name])[name])) if mean is None else mean
+        deviation = abs(mean) * given.relative if given.relative is not None else deviation
+    elif given.relative is not None:
+        deviation = given.relative
+    with naming(given.where):
+        return scatter(mean, deviation, given.lower, given.upper, given.distribution)  # pyright: ignore

@@ -1,6 +1,4 @@
-"""What files have in common that ask something of a scene (studies, sweeps, lives): which scene, how it is changed,
-how it is solved.
-"""
+"""What the modules of keys of a study share: which scene, how it is changed, how it is solved."""
 
 import dataclasses
 
@@ -10,6 +8,8 @@ from clearance_jax.solve.settings import SOLVERS
 
 PARAMETER = "the parameter's"
 """The unit of a number, which the parameter's name decides."""
+METRIC = "the metric's"
+"""The unit of a bound, which the metric decides."""
 _SOLVING = {
     "rtol": Quantity(
         "rtol",
@@ -27,13 +27,13 @@ SET = Sub(
 )
 
 
-def heading(what: str, title: str) -> tuple[Key, ...]:
-    """The name and the scene of a file that is such a thing, with a name for example."""
+def heading(title: str) -> tuple[Key, ...]:
+    """The name and the scene of a study, with a name for example."""
     return (
-        Text("name", f"name of the {what}", f'"{title}"', absent="the file's name"),
+        Text("name", "name of the study", f'"{title}"', absent="the file's name"),
         Text(
             "scene",
-            f"the scene file, from where the {what} is",
+            "the scene file, from where the study is",
             '"slider_crank.toml"',
             required=True,
             longest=LONGEST_PATH,

@@ -1,4 +1,4 @@
-"""The reference of every key that scene, study, sweep and wear files may have, as plain data: what the docs are made
+"""The reference of every key that scenes and studies may have, as plain data: what the docs are made
 of.
 
 It is made from the declarations by which the readers read, which know no other key.
@@ -10,18 +10,14 @@ from typing import Any, Literal, NamedTuple
 from clearance_jax.io.kinds import Key
 from clearance_jax.io.scene_keys import SCENE_TABLES
 from clearance_jax.io.study_keys import STUDY_TABLES
-from clearance_jax.io.sweep_keys import SWEEP_TABLES
 from clearance_jax.io.table import Keys
-from clearance_jax.io.wear_keys import WEAR_TABLES
 from clearance_jax.mechanism.tree import SLIDING, TURNING
 from clearance_jax.parameters import BOUNDS, resolved_unit
 
-File = Literal["scene", "study", "sweep", "wear"]
+File = Literal["scene", "study"]
 FILES: dict[File, tuple[Keys, ...]] = {
     "scene": SCENE_TABLES,
     "study": STUDY_TABLES,
-    "sweep": SWEEP_TABLES,
-    "wear": WEAR_TABLES,
 }
 
 
@@ -41,7 +37,7 @@ class KeyReference(NamedTuple):
 
 
 class TableReference(NamedTuple):
-    """A table of a `file` ("scene", "study", "sweep", "wear"): its `name` in the file (`body.NAME`; the file's for the
+    """A table of a `file` ("scene", "study"): its `name` in the file (`body.NAME`; the file's for the
     top), the `choice` among tables of that name, if any (`law = "hertz"`), a `title`, a `help` and its keys.
     """
 

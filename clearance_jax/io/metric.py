@@ -5,7 +5,8 @@ import itertools
 from typing import NamedTuple
 
 from clearance_jax.errors import ClearanceError, quoted, suggest
-from clearance_jax.io.metric_keys import COUNTS, OF, OF_ANY_JOINT, REDUCTIONS, SIGNALS
+from clearance_jax.io.metric_keys import COUNTS, OF, OF_ANY_JOINT, RECURRENCES, REDUCTIONS, SIGNALS
+from clearance_jax.io.recurrence_keys import recurrence_of
 from clearance_jax.io.table import Chosen, Table
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMetric
@@ -19,8 +20,18 @@ class Span(NamedTuple):
 
 
 def metric_of(read: Chosen, mechanism: Mechanism, span: Span) -> AbstractMetric:
-    """`metric` over a `signal` of a `point`, `body` or `joint` ("at" given `times`); or a count of a `joint`."""
+    """A metric of a `kind`: of a `signal` of a `point`, `body` or `joint` ("at" given `times`); a count of a `joint`;
+    or what repeats with the drive.
+    """
     kind, table = read
+    if kind in RECURRENCES:
+        return recurrence_of(read)
+    if kind in REDUCTIONS and kind != "at" and table.has("times"):
+        raise ClearanceError(f'{table.key("times")} belongs to the kind "at". Remove it.')
+    if kind == "at":
+        table.need("times")
+        if table.has("since"):
+            raise ClearanceError(f"{table.key('since')} has no effect: `times` say when. Remove it.")
     if kind in COUNTS:
         metric = COUNTS[kind](**_of(COUNTS[kind], kind, table, mechanism))
     else:

@@ -1,12 +1,12 @@
-"""The keys of metrics, as every file has them that asks something of a motion."""
+"""The keys of metrics."""
 
 import dataclasses
-from collections.abc import Mapping
 
 from clearance_jax import metrics
 from clearance_jax.io.asking_keys import choosing
 from clearance_jax.io.fields import summary
 from clearance_jax.io.kinds import Key, Quantities, Quantity, Text, Word
+from clearance_jax.io.recurrence_keys import RECURRENCE_KEYS, RECURRENCES
 from clearance_jax.io.table import Keys
 
 SIGNALS = {
@@ -23,10 +23,11 @@ OF_ANY_JOINT = metrics.JointReaction, metrics.JointMoment
 REDUCTIONS = {"peak": metrics.Peak, "rms": metrics.Rms, "mean": metrics.Mean, "at": metrics.At}
 COUNTS = {"energy-lost": metrics.EnergyLost, "impacts": metrics.Impacts}
 
-METRIC = "the metric's"
-"""The unit of a bound, which the metric decides."""
-_SIGNAL = Word("signal", "the signal that it is of", '"position-error"', allowed=tuple(SIGNALS), required=True)
-_TIMES = Quantities("times", "the times, increasing, from t0 to t1", '["0.5 ms", "1 ms"]', unit="s", required=True)
+# What keys were called before studies had one form.
+RENAMED = {"metric": "kind", "bound": "design.limit.NAME.bound"}
+_KIND = Word(
+    "kind", "what is asked of the motion", '"peak"', allowed=(*REDUCTIONS, *COUNTS, *RECURRENCES), required=True
+)
 _SINCE = Quantity("since", "only what comes later counts", '"4 ms"', unit="s", absent="the start")
 # What a signal or a count is of; which of them it wants, its class says.
 OF = {
@@ -36,33 +37,38 @@ OF = {
         "joint", "the joint: with clearance, of contact-force; any, of joint-reaction and joint-moment", '"wrist"'
     ),
 }
-# Of each metric what it is and what it is of.
-METRIC_KEYS = {
-    **{
-        name: (summary(reduction), (_SIGNAL, *OF.values(), _TIMES if name == "at" else _SINCE))
-        for name, reduction in REDUCTIONS.items()
-    },
-    "energy-lost": (summary(metrics.EnergyLost), (_SINCE,)),
-    "impacts": (
-        summary(metrics.Impacts),
-        (dataclasses.replace(OF["joint"], help="the joint with clearance", required=True), _SINCE),
+_REDUCED = Keys(
+    "metric.NAME",
+    "Metric of a signal",
+    "`peak`: the largest value of a signal over time; `rms`: the root of its mean square; `mean`: its mean; `at`: its "
+    "values at given times.",
+    (
+        choosing(_KIND, "peak"),
+        Word("signal", "the signal that it is of", '"position-error"', allowed=tuple(SIGNALS), required=True),
+        *OF.values(),
+        _SINCE,
+        Quantities("times", "of `at`: the times, increasing, from t0 to t1", '["0.5 ms", "1 ms"]', unit="s"),
     ),
+    'kind = "peak", "rms", "mean" or "at"',
+    RENAMED,
+)
+
+
+def _table(kind: str, title: str, metric: type, *keys: Key) -> Keys:
+    return Keys("metric.NAME", title, summary(metric), (choosing(_KIND, kind), *keys), f'kind = "{kind}"', RENAMED)
+
+
+METRIC_KINDS = {
+    **dict.fromkeys(REDUCTIONS, _REDUCED),
+    "energy-lost": _table("energy-lost", "Metric `energy-lost`", metrics.EnergyLost, _SINCE),
+    "impacts": _table(
+        "impacts",
+        "Metric `impacts`",
+        metrics.Impacts,
+        dataclasses.replace(OF["joint"], help="the joint with clearance", required=True),
+        _SINCE,
+    ),
+    **{kind: _table(kind, f"Metric `{kind}`", cls, *RECURRENCE_KEYS[kind]) for kind, cls in RECURRENCES.items()},
 }
-_BOUND = Quantity("bound", "what it must not exceed", '"0.2 mm"', unit=METRIC, bounds={"above": 0.0}, required=True)
-_BOUNDS = {"energy-lost": '"1 J"', "impacts": "3"}
-
-
-def metric_tables(
-    name: str,
-    title: str,
-    head: Word,
-    metrics: Mapping[str, tuple[str, tuple[Key, ...]]] = METRIC_KEYS,
-    bounded: bool = False,
-) -> dict[str, Keys]:
-    """Of each metric its table, which its word chooses by the key `head`; `bounded`: with a `bound` beside it."""
-    found = {}
-    for metric, (help, keys) in metrics.items():
-        bound: tuple[Key, ...] = (dataclasses.replace(_BOUND, example=_BOUNDS.get(metric, _BOUND.example)),)
-        keys = (choosing(head, metric), *keys, *(bound if bounded else ()))
-        found[metric] = Keys(name, f"{title} `{metric}`", help, keys, f'{head.name} = "{metric}"')
-    return found
+"""Of each kind of metric its table."""
+METRIC_TABLES = {table.title: table for table in METRIC_KINDS.values()}

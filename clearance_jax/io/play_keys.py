@@ -139,11 +139,11 @@ WORN = Keys(
         Quantities("depth", "the depths, at least 16 of them", '["1 um", "3 um", "2 um"]', unit="m"),
         Text(
             "file",
-            "what `clearance wear` has written (.nc), or a CSV table of angle [deg] and depth, beside the scene",
+            "what a study of wear has written (.nc), or a CSV table of angle [deg] and depth, beside the scene",
             '"wear.nc"',
             longest=LONGEST_PATH,
         ),
-        Quantity("cycles", "the age in cycles, of a file of `clearance wear`", "20000", absent="the last one in it"),
+        Quantity("cycles", "the age in cycles, of the file of a study", "20000", absent="the last one in it"),
         Text("unit", "unit of the depths, of a CSV table", '"um"'),
     ),
 )

@@ -1,11 +1,10 @@
-"""The keys of what repeats with the drive: Poincare sections and Lyapunov exponents as outputs of a sweep, and their
+"""The keys of what repeats with the drive: Poincare sections and Lyapunov exponents and their
 reader.
 """
 
 from typing import Any
 
 from clearance_jax.errors import ClearanceError
-from clearance_jax.io.fields import summary
 from clearance_jax.io.kinds import Names, Quantity, Text, Whole
 from clearance_jax.io.table import Chosen
 from clearance_jax.metrics.recurrence import FEWEST, LyapunovExponent, PoincareSection
@@ -21,30 +20,25 @@ _PERIOD = (
         absent="`period`",
     ),
 )
+RECURRENCES = {SECTION: PoincareSection, EXPONENT: LyapunovExponent}
 RECURRENCE_KEYS = {
     SECTION: (
-        summary(PoincareSection),
-        (
-            Names(
-                "quantities",
-                "what is looked at once a period: numbers that a solution gives by name",
-                '["piston.velocity.x", "wrist.eccentricity.x"]',
-                required=True,
-            ),
-            *_PERIOD,
-            Whole("count", "how many instants, the last ones", "100", least=1, most=MOST_SAMPLES, default=64),
-            Quantity("phase", "after the beginning of a period", '"3 ms"', unit="s", absent="at the beginning"),
+        Names(
+            "quantities",
+            "what is looked at once a period: numbers that a solution gives by name",
+            '["piston.velocity.x", "wrist.eccentricity.x"]',
+            required=True,
         ),
+        *_PERIOD,
+        Whole("count", "how many instants, the last ones", "100", least=1, most=MOST_SAMPLES, default=64),
+        Quantity("phase", "after the beginning of a period", '"3 ms"', unit="s", absent="at the beginning"),
     ),
     EXPONENT: (
-        summary(LyapunovExponent),
-        (
-            *_PERIOD,
-            Whole("count", "over how many periods, the last ones", "100", least=FEWEST, most=MOST_SAMPLES, default=50),
-        ),
+        *_PERIOD,
+        Whole("count", "over how many periods, the last ones", "100", least=FEWEST, most=MOST_SAMPLES, default=50),
     ),
 }
-"""Of each metric what it is, and its keys."""
+"""Of each metric its keys."""
 
 
 def recurrence_of(read: Chosen) -> PoincareSection | LyapunovExponent:

@@ -48,7 +48,7 @@ def _of_life(table: Table, file: Path) -> np.ndarray:
 
     dataset = load_dataset(file)
     if "depth" not in dataset or dataset["depth"].dims != ("cycle", "sector"):
-        raise ClearanceError(f"{where}: `{file}` is not the result of `clearance wear`.")
+        raise ClearanceError(f"{where}: `{file}` is not the result of a study of wear.")
     lived = dataset["cycle"].values
     age = float(lived[-1]) if table.get("cycles") is None else table.get("cycles")
     if not lived[0] <= age <= lived[-1]:

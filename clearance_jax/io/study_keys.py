@@ -1,230 +1,75 @@
-"""Every key of a study file. A new key is a line here, and its use."""
+"""The keys of a study file: what stands at its top, its metrics, its scatter, and its sections. A new key is a line in
+one of the modules of keys, and its use.
+"""
 
-import dataclasses
-
-from clearance_jax.design.methods import METHOD_CHOICES
-from clearance_jax.io.asking_keys import PARAMETER, SET, choosing, heading, solving
-from clearance_jax.io.kinds import Flag, Quantities, Quantity, Sub, Text, Whole, Wholes, Word
-from clearance_jax.io.metric_keys import METRIC_KEYS, metric_tables
+from clearance_jax.io.asking_keys import PARAMETER, SET, heading, solving
+from clearance_jax.io.design_keys import DESIGN_TABLES
+from clearance_jax.io.kinds import Quantity, Sub, Word
+from clearance_jax.io.metric_keys import METRIC_TABLES
+from clearance_jax.io.sweep_keys import SWEEP_TABLES
 from clearance_jax.io.table import Keys
-from clearance_jax.io.wear_keys import CYCLE, WEARING, WEARING_TABLES
-from clearance_jax.solve.settings import MOST_SAMPLES
+from clearance_jax.io.wear_keys import WEAR_TABLES
+from clearance_jax.sweep.scatter import DISTRIBUTIONS
 
 STUDY = Keys(
     "study",
     "Top of a study",
     "What stands in a study file before its first table.",
     (
-        *heading("study", "Slider-crank under load"),
+        *heading("Slider-crank under load"),
         Quantity("t1", "end of the motion", '"105 ms"', unit="s", absent="the scene's"),
-        Text("cost_unit", "what costs are counted in", '"EUR"', absent="cost units", longest=20),
-        Sub("solve", "how the problem is solved", '{ method = "slsqp" }'),
-        Sub("verify", "how the answer is proved", "{ sweep = 40 }"),
         SET,
+        Sub("solve", "how motions are solved", "{ rtol = 1e-6 }"),
         Sub(
-            "variable",
-            "the clearances (or other numbers) that are looked for, by name",
-            '{ "wrist.radial_clearance" = { least = "10 um", greatest = "1 mm" } }',
+            "metric",
+            "what is asked of every motion, by a name of yours",
+            '{ peak = { kind = "peak", signal = "position-error", point = "piston" } }',
             form="tables by name",
-            required=True,
         ),
         Sub(
-            "limit",
-            "what must hold, by a name of yours",
-            '{ piston = { metric = "peak", signal = "position-error", point = "piston", bound = "0.2 mm" } }',
+            "scatter",
+            "how numbers scatter, by their names",
+            '{ "slider.mass" = { deviation = "2 percent" } }',
             form="tables by name",
-            required=True,
         ),
-        Sub(
-            "condition",
-            "in which every limit must hold: parameters by name, for each condition by a name of yours",
-            '{ slow = { "drive.main.speed" = "3000 rpm" } }',
-            form="tables of values by name",
-            absent="the scene as it is",
-        ),
-        Sub("manufacture", "how parts come out of manufacture", '{ kind = "band", least = 0.8 }', absent="as designed"),
-        Sub(
-            "life",
-            "how a joint wears, where limits have `cycles`",
-            '{ joint = "wrist", wear = { law = "reye", coefficient = "1e-13 1/Pa" }, pressure = { kind = "hertz" } }',
-            absent="nothing wears",
-        ),
+        Sub("sweep", "metrics over numbers that vary", '{ metrics = ["peak"] }', absent="nothing is swept"),
+        Sub("design", "numbers that are looked for, so that limits hold", '{ method = "slsqp" }', absent="no design"),
+        Sub("wear", "how a joint wears over its life", '{ joint = "wrist" }', absent="nothing wears"),
     ),
-    renamed={"made": "manufacture"},
+    renamed={
+        "output": "metric",
+        "wrt": "sweep.by",
+        "life": "wear",
+        **{key: f"sweep.{key}" for key in ("axis", "again", "samples", "derivatives_of")},
+        **{key: f"design.{key}" for key in ("variable", "limit", "condition", "manufacture", "verify", "cost_unit")},
+        **{key: f"wear.{key}" for key in ("joint", "cycle", "cycles", "pressure", "until", "length", "sectors")},
+    },
 )
-
 SOLVE = Keys(
     "solve",
-    "How a study is solved",
-    "The solves and the search.",
+    "How motions are solved",
+    "All of them.",
+    solving("rtol", "solver", "start", "max_steps"),
+    renamed={key: f"design.{key}" for key in ("method", "starts", "most")},
+)
+SCATTER = Keys(
+    'scatter."NAME"',
+    "Scatter",
+    "How a number scatters, by its dotted name: normal, and with `lower` or `upper` normal with what lies beyond "
+    "sorted out; or of another distribution. Samples of a sweep and yields of a design ask for it.",
     (
-        *solving("rtol", "solver", "start"),
-        Word("method", "the method of the search", '"slsqp"', allowed=METHOD_CHOICES, default="slsqp"),
-        Whole(
-            "starts", "number of starts, the first in the middle of the bounds", "3", least=1, most=10_000, absent="1"
+        Word("distribution", "how it scatters", '"normal"', allowed=DISTRIBUTIONS, default="normal"),
+        Quantity("mean", "its mean", '"0.14 kg"', unit=PARAMETER, absent="the scene's value, or the design's"),
+        Quantity(
+            "deviation",
+            "its standard deviation, as a quantity or in percent of the mean",
+            '"2 percent"',
+            unit=PARAMETER,
+            absent="none of a uniform one; of others it must be there",
         ),
-        Whole("most", "evaluations after which the search stops", "500", least=1, absent="1000000"),
+        Quantity("lower", "its least value", '"0.13 kg"', unit=PARAMETER, absent="none"),
+        Quantity("upper", "its greatest value", '"0.15 kg"', unit=PARAMETER, absent="none"),
     ),
 )
-
-VERIFY = Keys(
-    "verify",
-    "How an answer is proved",
-    "By another solver, at a tenth of the tolerance.",
-    (
-        Whole(
-            "sweep",
-            "scalings of the design at which the limits are looked at",
-            "40",
-            least=2,
-            most=100_000,
-            absent="40",
-        ),
-        Whole("starts", "random starts of the same method", "3", most=10_000, absent="0"),
-        Whole(
-            "samples", "fresh samples, where manufacture is a yield", "1000", least=1, most=MOST_SAMPLES, absent="1000"
-        ),
-        Flag("reoptimise", "whether the prices of the limits are checked by solving again", "true", absent="false"),
-    ),
-)
-
-VARIABLE = Keys(
-    'variable."NAME"',
-    "Variables",
-    "A number that is looked for, by its dotted name; its unit is the parameter's.",
-    (
-        Quantity("least", "its lower bound, above zero", '"10 um"', unit=PARAMETER, required=True),
-        Quantity("greatest", "its upper bound", '"1 mm"', unit=PARAMETER, required=True),
-        Sub(
-            "cost",
-            "what it costs to make; for all variables or for none",
-            '{ law = "reciprocal", factor = "0.2 mm" }',
-            absent="the largest clearance is wanted",
-        ),
-    ),
-)
-
-_LAW = Word(
-    "law",
-    "the law of the cost",
-    '"reciprocal"',
-    allowed=("reciprocal", "exponential", "exponential-reciprocal", "table"),
-    required=True,
-)
-_POSITIVE = {"above": 0.0}
-_FIXED = Quantity("fixed", "cost that no clearance saves", "1.0", default=0.0)
-_POWER = Quantity("power", "power of the clearance", "2", default=1.0, bounds=_POSITIVE)
-_RATE = Quantity(
-    "rate", "rate at which the cost falls", '"1 / (10 um)"', unit=f"1/{PARAMETER}", bounds=_POSITIVE, required=True
-)
-_FACTOR = Quantity(
-    "factor",
-    "factor of the clearance-dependent part",
-    '"0.04 mm^2"',
-    unit=f"{PARAMETER} to the power",
-    bounds=_POSITIVE,
-    required=True,
-)
-
-
-def _cost(law: str, help: str, *keys) -> Keys:
-    return Keys('variable."NAME".cost', f"Cost `{law}`", help, (choosing(_LAW, law), *keys), f'law = "{law}"')
-
-
-COST_TABLES = {
-    "reciprocal": _cost("reciprocal", "fixed + factor / clearance^power.", _FACTOR, _POWER, _FIXED),
-    "exponential": _cost(
-        "exponential",
-        "fixed + factor exp(-rate clearance).",
-        dataclasses.replace(_FACTOR, unit="", example="3.0"),
-        _RATE,
-        _FIXED,
-    ),
-    "exponential-reciprocal": _cost(
-        "exponential-reciprocal",
-        "fixed + factor exp(-rate clearance) / clearance^power.",
-        _FACTOR,
-        _RATE,
-        _POWER,
-        _FIXED,
-    ),
-    "table": _cost(
-        "table",
-        "Costs quoted at some clearances, and in between a curve that does not overshoot.",
-        Quantities("clearances", "at least two, increasing", '["10 um", "40 um"]', unit=PARAMETER, required=True),
-        Quantities("costs", "a cost for each, falling", "[9, 4]", required=True),
-    ),
-}
-
-_METRIC = Word("metric", "what of the motion is bounded", '"peak"', allowed=tuple(METRIC_KEYS), required=True)
-_CYCLES = Wholes(
-    "cycles",
-    "after how many cycles of wear it must hold, with a table `life`; 0: as new too",
-    "[0, 20000]",
-    absent="as new only",
-)
-LIMIT_TABLES = {
-    word: table._replace(keys=(*table.keys, _CYCLES))
-    for word, table in metric_tables("limit.NAME", "Limit on", _METRIC, bounded=True).items()
-}
-LIFE = Keys(
-    "life",
-    "Wear over the life",
-    "How a joint wears, by the keys of a [wear file](wear.md). Numbers of wear (`wear.coefficient`) may be set in "
-    "conditions and scatter in manufacture.",
-    (dataclasses.replace(CYCLE, absent="the study's t1"), *WEARING),
-)
-
-_KIND = Word("kind", "how parts come out of manufacture", '"band"', allowed=("band", "yield"), required=True)
-MANUFACTURE_TABLES = {
-    "band": Keys(
-        "manufacture",
-        "Manufacture `band`",
-        "Made clearances lie between `least` times the designed one and the designed one.",
-        (
-            choosing(_KIND, "band"),
-            Quantity(
-                "least",
-                "the least share of the designed clearance",
-                "0.8",
-                bounds={"above": 0.0, "below": 1.0},
-                required=True,
-            ),
-            Whole("points", "values between, all joints alike", "3", least=2, most=1000, absent="3"),
-            Whole("corners", "joints up to whose number every corner is looked at", "3", most=12, absent="3"),
-        ),
-        'kind = "band"',
-    ),
-    "yield": Keys(
-        "manufacture",
-        "Manufacture `yield`",
-        "Numbers scatter; a share of what is made must hold every limit.",
-        (
-            choosing(_KIND, "yield"),
-            Sub(
-                "scatter",
-                "relative standard deviations by the numbers' names, below 100 percent; log-normal from 20 percent on",
-                '{ "slider.mass" = "2 percent" }',
-                form="values by name",
-                required=True,
-            ),
-            Quantity("target", "the share", "0.95", bounds={"above": 0.0, "below": 1.0}, absent="0.99"),
-            Whole("samples", "samples of a Sobol sequence", "256", least=1, most=1_000_000, absent="256"),
-            Whole("seed", "its seed", "1", absent="0"),
-        ),
-        'kind = "yield"',
-    ),
-}
-
-STUDY_TABLES = (
-    STUDY,
-    SOLVE,
-    VERIFY,
-    VARIABLE,
-    *COST_TABLES.values(),
-    *LIMIT_TABLES.values(),
-    *MANUFACTURE_TABLES.values(),
-    LIFE,
-    *(table._replace(name=f"life.{table.name}") for table in WEARING_TABLES),
-)
+STUDY_TABLES = (STUDY, SOLVE, *METRIC_TABLES.values(), SCATTER, *SWEEP_TABLES, *DESIGN_TABLES, *WEAR_TABLES)
 """Every table of a study, in the order of the reference."""

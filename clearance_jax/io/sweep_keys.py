@@ -1,20 +1,31 @@
-"""Every key of a sweep file. A new key is a line here, and its use."""
+"""Every key of a study's section `sweep`. A new key is a line here, and its use."""
 
-from clearance_jax.io.asking_keys import PARAMETER, SET, choosing, heading, solving
-from clearance_jax.io.kinds import Names, Quantities, Quantity, Sub, Text, Whole, Word
-from clearance_jax.io.metric_keys import METRIC_KEYS, metric_tables
-from clearance_jax.io.recurrence_keys import RECURRENCE_KEYS
+from clearance_jax.io.asking_keys import PARAMETER, choosing, solving
+from clearance_jax.io.kinds import Names, Quantities, Quantity, Sub, Whole, Word
 from clearance_jax.io.table import Keys
 from clearance_jax.solve.settings import MOST_SAMPLES
 from clearance_jax.sweep.axes import METHODS
 
 SWEEP = Keys(
     "sweep",
-    "Top of a sweep",
-    "What stands in a sweep file before its first table.",
+    "Sweep",
+    "Metrics of many motions, over axes.",
     (
-        *heading("sweep", "Clearance and speed"),
-        Quantity("t1", "end of the motion, unless it is an axis", '"12 ms"', unit="s", absent="the scene's"),
+        Sub(
+            "axis",
+            "the dimensions, by the name of what is varied (`t1` and `rtol` too); along `zipped`, `sampled`, "
+            "`sensitivity` and `scenes` by a name of yours",
+            '{ "slider.mass" = { kind = "values", values = ["0.1 kg", "0.2 kg"] } }',
+            form="tables by name",
+            required=True,
+        ),
+        Names("metrics", "those that are asked", '["peak"]', absent="all of the study"),
+        Names(
+            "quantities",
+            "numbers that a solution gives by name, at the end or at the samples",
+            '["piston.position"]',
+            absent="none",
+        ),
         Whole(
             "samples",
             "samples in time that quantities are given at, both ends included",
@@ -23,39 +34,16 @@ SWEEP = Keys(
             most=MOST_SAMPLES,
             absent="the end alone",
         ),
-        Names(
-            "wrt",
-            "parameters by which outputs are differentiated",
-            '["wrist.radial_clearance"]',
-            absent="no derivatives",
-        ),
-        Names("derivatives_of", "the outputs that are differentiated", '["peak"]', absent="all of them"),
-        Sub("solve", "how the lanes are solved", "{ rtol = 1e-6 }"),
+        Names("by", "numbers by which answers are differentiated", '["wrist.radial_clearance"]', absent="none"),
+        Names("derivatives_of", "the metrics and quantities that are differentiated", '["peak"]', absent="all of them"),
         Sub("again", "how lanes that failed are solved once more", '{ solver = "dopri8" }', absent="they are not"),
-        SET,
-        Sub(
-            "axis",
-            "the dimensions, by the name of what is varied; along `zipped`, `sampled`, `sensitivity` and `scenes` by a "
-            "name of yours",
-            '{ "slider.mass" = { kind = "values", values = ["0.1 kg", "0.2 kg"] } }',
-            form="tables by name",
-            required=True,
-        ),
-        Sub(
-            "output",
-            "what is asked of every motion, by a name of yours",
-            '{ peak = { metric = "peak", signal = "position-error", point = "piston" } }',
-            form="tables by name",
-            required=True,
-        ),
     ),
 )
-
-
-_HOW = solving("rtol", "solver", "max_steps")
-SOLVE = Keys("solve", "How lanes are solved", "All of them, at first.", (*_HOW, *solving("start")))
 AGAIN = Keys(
-    "again", "How lanes that failed are solved once more", "Those alone; what is absent is as in `solve`.", _HOW
+    "sweep.again",
+    "How lanes that failed are solved once more",
+    "Those alone; what is absent is as in `solve`.",
+    solving("rtol", "solver", "max_steps"),
 )
 
 _KIND = Word(
@@ -68,16 +56,10 @@ _KIND = Word(
 
 
 def _axis(kind: str, help: str, *keys) -> Keys:
-    return Keys('axis."NAME"', f"Axis `{kind}`", help, (choosing(_KIND, kind), *keys), f'kind = "{kind}"')
+    return Keys('sweep.axis."NAME"', f"Axis `{kind}`", help, (choosing(_KIND, kind), *keys), f'kind = "{kind}"')
 
 
-_SCATTER = Sub(
-    "scatter",
-    "how each scatters, by the parameters' names",
-    '{ "slider.mass" = { law = "normal", mean = "0.14 kg", deviation = "1 g" } }',
-    form="tables by name",
-    required=True,
-)
+_OF = Names("of", "the numbers, which scatter as `scatter` says", '["slider.mass"]', absent="all that scatter")
 AXIS_TABLES = {
     "range": _axis(
         "range",
@@ -106,7 +88,7 @@ AXIS_TABLES = {
     "sampled": _axis(
         "sampled",
         "Parameters that scatter.",
-        _SCATTER,
+        _OF,
         Whole("count", "how many samples", "1024", least=1, most=MOST_SAMPLES, required=True),
         Word("method", "how they are drawn", '"random"', allowed=METHODS, default="sobol"),
         Whole("seed", "of the drawing", "1", default=0),
@@ -122,7 +104,7 @@ AXIS_TABLES = {
         "sensitivity",
         "Parameters that scatter independently, drawn so that Sobol's sensitivity indices follow: for d of them there "
         "are `samples` (d + 2) lanes.",
-        _SCATTER,
+        _OF,
         Whole("samples", "how many, a power of two", "256", least=2, most=MOST_SAMPLES, required=True),
         Whole("seed", "of the drawing", "1", default=0),
     ),
@@ -134,31 +116,8 @@ AXIS_TABLES = {
         ),
     ),
 }
-_LAWS = "normal", "log-normal", "uniform", "truncated-normal"
-_LAW = Word("law", "how it scatters", '"normal"', allowed=_LAWS, required=True)
-_MEAN = Quantity("mean", "its mean", '"0.14 kg"', unit=PARAMETER, required=True)
-_DEVIATION = Quantity(
-    "deviation", "its standard deviation", '"1 g"', unit=PARAMETER, bounds={"above": 0.0}, required=True
-)
-_LEAST = Quantity("least", "its least value", '"0.13 kg"', unit=PARAMETER, required=True)
-_GREATEST = Quantity("greatest", "its greatest value", '"0.15 kg"', unit=PARAMETER, required=True)
-
-
-def _scatter(law: str, help: str, *keys) -> Keys:
-    name = 'axis."NAME".scatter."NAME"'
-    return Keys(name, f"Scatter `{law}`", help, (choosing(_LAW, law), *keys), f'law = "{law}"')
-
-
-SCATTER_TABLES = {
-    "normal": _scatter("normal", "Normal.", _MEAN, _DEVIATION),
-    "log-normal": _scatter("log-normal", "Log-normal: never negative, however wide.", _MEAN, _DEVIATION),
-    "uniform": _scatter("uniform", "Uniform from the least to the greatest.", _LEAST, _GREATEST),
-    "truncated-normal": _scatter(
-        "truncated-normal", "Normal, of which what lies outside is sorted out.", _MEAN, _DEVIATION, _LEAST, _GREATEST
-    ),
-}
 CORRELATION = Keys(
-    'axis."NAME".correlation.NAME',
+    'sweep.axis."NAME".correlation.NAME',
     "Correlations",
     "Of the normal scores of two numbers that scatter: of normal ones it is their own.",
     (
@@ -167,24 +126,5 @@ CORRELATION = Keys(
     ),
 )
 
-_METRIC = Word("metric", "what is asked", '"peak"', allowed=(*METRIC_KEYS, *RECURRENCE_KEYS, "quantity"), required=True)
-OUTPUT_TABLES = {
-    **metric_tables("output.NAME", "Output", _METRIC, {**METRIC_KEYS, **RECURRENCE_KEYS}),
-    "quantity": Keys(
-        "output.NAME",
-        "Output `quantity`",
-        "Whatever a solution gives by name, at the end or at the samples.",
-        (choosing(_METRIC, "quantity"), Text("of", "its name", '"piston.position"', required=True)),
-        'metric = "quantity"',
-    ),
-}
-SWEEP_TABLES = (
-    SWEEP,
-    SOLVE,
-    AGAIN,
-    *AXIS_TABLES.values(),
-    *SCATTER_TABLES.values(),
-    CORRELATION,
-    *OUTPUT_TABLES.values(),
-)
-"""Every table of a sweep, in the order of the reference."""
+SWEEP_TABLES = (SWEEP, AGAIN, *AXIS_TABLES.values(), CORRELATION)
+"""Every table of the section, in the order of the reference."""

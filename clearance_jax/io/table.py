@@ -41,8 +41,7 @@ class Table:
         self.values, self.where, self.words = checked_table(values, where), where, words
         self._keys = {key.name: key for key in keys.keys}
         for name in self.values:
-            if name in keys.renamed:
-                raise ClearanceError(f"{self.key(name)} is called `{keys.renamed[name]}` now. Rename it.")
+            check_renamed(name, self.where, keys)
             if name not in self._keys:
                 raise ClearanceError(f"{self.key(name)} is not a known key. " + suggest(name[:200], self._keys))
 
@@ -74,6 +73,10 @@ class Table:
         keys = (key for key in self._keys.values() if key.name not in skip)
         return {key.name: self.get(key.name) for key in keys if key.required or self.has(key.name)}
 
+    def only(self, *names: str) -> dict[str, Any]:
+        """Those of the keys that are there."""
+        return {name: self.get(name) for name in names if self.has(name)}
+
     def table(self, name: str, keys: Keys, words: Words = NO_WORDS) -> "Table":
         """The key's sub-table (empty where absent)."""
         return Table(self.values[name] if self.has(name) else {}, self.key(name), keys, {**self.words, **words})
@@ -101,9 +104,11 @@ class Chosen(NamedTuple):
 
 def chosen(values: Any, where: str, tables: Mapping[str, Keys], words: Words = NO_WORDS) -> Chosen:
     """The table of the kind that its own first declared key chooses, or by default that key's default."""
-    head = next(iter(tables.values())).keys[0]
-    given = checked_table(values, where)
+    first = next(iter(tables.values()))
+    head, given = first.keys[0], checked_table(values, where)
     if head.name not in given and head.default is None:
+        for name in given:
+            check_renamed(name, where, first)
         raise ClearanceError(f"{where} lacks the key `{head.name}`. Add it. " + suggest("", tables))
     word = Word(head.name, head.help, head.example, allowed=tuple(tables)).read(
         given.get(head.name, head.default), below(where, head.name), words
@@ -121,6 +126,12 @@ def _check_kind(given: Mapping[str, Any], where: str, tables: Mapping[str, Keys]
         if having and key not in known[word]:
             kinds = " or ".join(f'`{head} = "{name}"`' for name in having)
             raise ClearanceError(f"{below(where, key)} is no key of {quoted(word)}: add {kinds}.")
+
+
+def check_renamed(name: str, where: str, keys: Keys) -> None:
+    """Raise for a key by what it was called once."""
+    if name in keys.renamed:
+        raise ClearanceError(f"{below(where, name)} is called `{keys.renamed[name]}` now. Rename it.")
 
 
 def entries(values: Any, where: str) -> Iterator[tuple[str, Any, str]]:

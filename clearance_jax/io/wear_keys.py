@@ -1,11 +1,10 @@
-"""Every key of a wear file. A new key is a line here, and its use."""
+"""Every key of a study's section `wear`. A new key is a line here, and its use."""
 
 import dataclasses
 
-from clearance_jax.io.asking_keys import SET, choosing, heading, solving
+from clearance_jax.io.asking_keys import METRIC, choosing
 from clearance_jax.io.fields import keys_of, summary
 from clearance_jax.io.kinds import LONGEST_PATH, Quantity, Sub, Text, Whole, Word
-from clearance_jax.io.metric_keys import METRIC_KEYS, metric_tables
 from clearance_jax.io.table import Keys
 from clearance_jax.joints.worn import FEWEST
 from clearance_jax.laws import Material
@@ -13,60 +12,60 @@ from clearance_jax.wear.laws import COEFFICIENT, Archard, Graded, Reye, RunningI
 from clearance_jax.wear.pressure import Foundation, HertzLine, Uniform
 from clearance_jax.wear.sectors import MOST
 
-CYCLE = Quantity("cycle", "when a cycle ends, from the scene's t0 on", '"12 ms"', unit="s", absent="the scene's t1")
-WEARING = (
-    Text("joint", "the joint that wears: a revolute joint with clearance, in the plane", '"wrist"', required=True),
-    Quantity(
-        "length",
-        "length of the contact along the pin",
-        '"20 mm"',
-        unit="m",
-        bounds={"above": 0.0},
-        absent="the joint's own",
-    ),
-    Sub("pin_material", "for Hertz's width", '{ modulus = "206 GPa" }', absent="the joint's own"),
-    Sub("sleeve_material", "for Hertz's width", '{ modulus = "110 GPa" }', absent="the joint's own"),
-    Sub("wear", "the law of wear", '{ law = "archard", coefficient = "6e-5 mm^3/(N*m)" }', required=True),
-    Sub(
-        "pressure",
-        "how a force spreads over the sleeve",
-        '{ kind = "foundation", stiffness = "2e13 Pa/m" }',
-        required=True,
-    ),
-    Whole(
-        "sectors",
-        "of the sleeve, around it",
-        "720",
-        least=FEWEST,
-        most=MOST,
-        absent="as many as the patch needs, at least 360; in a design that of the scene's own numbers",
-    ),
-    Quantity(
-        "tolerance",
-        "what a block of cycles may be off by, as a part of the largest depth",
-        "1e-2",
-        bounds={"above": 0.0, "below": 1.0},
-        default=1e-3,
-    ),
-)
-"""How a joint wears, in every file that asks for it."""
 WEAR = Keys(
     "wear",
-    "Top of a study of wear",
-    "What stands in a wear file before its first table.",
+    "Wear",
+    "How a joint wears, cycle by cycle, and how long it lasts. Limits of a design that have `cycles` hold as it wears.",
     (
-        *heading("study", "Piston pin"),
-        CYCLE,
-        Whole("cycles", "how many cycles it lives, if nothing ends its life before", "100000", least=1, required=True),
-        *WEARING,
+        Text("joint", "the joint that wears: a revolute joint with clearance, in the plane", '"wrist"', required=True),
+        Sub("law", "the law of wear", '{ kind = "archard", coefficient = "6e-5 mm^3/(N*m)" }', required=True),
         Sub(
-            "until",
-            "what ends its life: a metric of a cycle on the worn sleeve, a depth, a speed of impact",
-            '{ metric = "depth", bound = "50 um" }',
-            absent="it lives all its cycles",
+            "pressure",
+            "how a force spreads over the sleeve",
+            '{ kind = "foundation", stiffness = "2e13 Pa/m" }',
+            required=True,
+        ),
+        Quantity("cycle", "when a cycle ends, from the scene's t0 on", '"12 ms"', unit="s", absent="the study's t1"),
+        Whole(
+            "cycles",
+            "how many cycles it lives, if nothing ends its life before",
+            "100000",
+            least=1,
+            absent="no life is asked for: the section says how limits wear",
+        ),
+        Quantity(
+            "length",
+            "length of the contact along the pin",
+            '"20 mm"',
+            unit="m",
+            bounds={"above": 0.0},
+            absent="the joint's own",
+        ),
+        Sub("pin_material", "for Hertz's width", '{ modulus = "206 GPa" }', absent="the joint's own"),
+        Sub("sleeve_material", "for Hertz's width", '{ modulus = "110 GPa" }', absent="the joint's own"),
+        Whole(
+            "sectors",
+            "of the sleeve, around it",
+            "720",
+            least=FEWEST,
+            most=MOST,
+            absent="as many as the patch needs, at least 360; in a design that of the scene's own numbers",
+        ),
+        Quantity(
+            "tolerance",
+            "what a block of cycles may be off by, as a part of the largest depth",
+            "1e-2",
+            bounds={"above": 0.0, "below": 1.0},
+            default=1e-3,
         ),
         Whole(
             "longest", "the most cycles that are jumped over at once", "1000", least=1, absent="as the tolerance has it"
+        ),
+        Sub(
+            "until",
+            "what ends its life: a bound on a metric of a cycle, on the depth, on the speed of impacts",
+            '{ kind = "depth", bound = "50 um" }',
+            absent="it lives all its cycles",
         ),
         Text(
             "journal",
@@ -75,14 +74,11 @@ WEAR = Keys(
             longest=LONGEST_PATH,
             absent="beside the result, with its name",
         ),
-        Sub("solve", "how cycles are solved", '{ rtol = 1e-6, start = "settled" }'),
-        SET,
     ),
 )
-SOLVE = Keys("solve", "How cycles are solved", "Each of them.", solving("rtol", "solver", "start", "max_steps"))
 
 COEFFICIENT_UNIT = f"{COEFFICIENT}, or none beside a hardness"
-_LAW = Word("law", "the law of wear", '"archard"', allowed=("archard", "reye"), required=True)
+_LAW = Word("kind", "the law of wear", '"archard"', allowed=("archard", "reye"), required=True)
 _CHANGES = (
     dataclasses.replace(keys_of(Threshold, "least")[0], name="least_pressure", required=False, absent="none"),
     Sub(
@@ -103,7 +99,7 @@ _COEFFICIENT = Quantity(
 )
 LAW_TABLES = {
     "archard": Keys(
-        "wear",
+        "wear.law",
         "Law `archard`",
         summary(Archard),
         (
@@ -119,24 +115,24 @@ LAW_TABLES = {
             ),
             *_CHANGES,
         ),
-        'law = "archard"',
+        'kind = "archard"',
     ),
     "reye": Keys(
-        "wear",
+        "wear.law",
         "Law `reye`",
         summary(Reye),
         (choosing(_LAW, "reye"), *keys_of(Reye, "coefficient"), *_CHANGES),
-        'law = "reye"',
+        'kind = "reye"',
     ),
 }
-GRADED = Keys("wear.graded", "Graded coefficient", summary(Graded), keys_of(Graded))
-RUNNING_IN = Keys("wear.running_in", "Running in", summary(RunningIn), keys_of(RunningIn))
+GRADED = Keys("wear.law.graded", "Graded coefficient", summary(Graded), keys_of(Graded))
+RUNNING_IN = Keys("wear.law.running_in", "Running in", summary(RunningIn), keys_of(RunningIn))
 
 _KIND = Word("kind", "how a force spreads", '"hertz"', allowed=("foundation", "hertz", "uniform"), required=True)
 _LAYER = "of the layer that the foundation is, instead of the stiffness"
 PRESSURE_TABLES = {
     "foundation": Keys(
-        "pressure",
+        "wear.pressure",
         "Pressure `foundation`",
         summary(Foundation),
         (
@@ -147,40 +143,47 @@ PRESSURE_TABLES = {
         ),
         'kind = "foundation"',
     ),
-    "hertz": Keys("pressure", "Pressure `hertz`", summary(HertzLine), (choosing(_KIND, "hertz"),), 'kind = "hertz"'),
+    "hertz": Keys(
+        "wear.pressure", "Pressure `hertz`", summary(HertzLine), (choosing(_KIND, "hertz"),), 'kind = "hertz"'
+    ),
     "uniform": Keys(
-        "pressure",
+        "wear.pressure",
         "Pressure `uniform`",
         summary(Uniform),
         (choosing(_KIND, "uniform"), *keys_of(Uniform)),
         'kind = "uniform"',
     ),
 }
-MATERIAL = Keys("pin_material", "Materials", "Of pin, sleeve or layer: elastic.", keys_of(Material))
+MATERIAL = Keys("wear.pin_material", "Materials", "Of pin, sleeve or layer: elastic.", keys_of(Material))
 
-_WATCHED = Word(
-    "metric",
-    "what ends its life",
-    '"depth"',
-    allowed=("depth", "impact-speed", *(word for word in METRIC_KEYS if word != "at")),
-    required=True,
-)
+_END = Word("kind", "what ends its life", '"depth"', allowed=("metric", "depth", "impact-speed"), required=True)
 
 
-def _until(metric: str, help: str, unit: str, example: str) -> Keys:
+def _until(kind: str, help: str, unit: str, example: str, *keys) -> Keys:
     bound = Quantity("bound", "where it ends", example, unit=unit, bounds={"above": 0.0}, required=True)
-    return Keys("until", f"End at `{metric}`", help, (choosing(_WATCHED, metric), bound), f'metric = "{metric}"')
+    return Keys("wear.until", f"End by `{kind}`", help, (choosing(_END, kind), *keys, bound), f'kind = "{kind}"')
 
 
 UNTIL_TABLES = {
+    "metric": _until(
+        "metric",
+        "A metric of the study, of the motion of a cycle, on the worn sleeve.",
+        METRIC,
+        '"0.2 mm"',
+        Text("metric", "its name", '"piston"', required=True),
+    ),
     "depth": _until("depth", "The largest depth of wear.", "m", '"50 um"'),
     "impact-speed": _until(
         "impact-speed", "The largest speed at which the joint's surfaces meet in a cycle.", "m/s", '"0.2 m/s"'
     ),
-    # A metric of several numbers has no one to end at.
-    **{word: table for word, table in metric_tables("until", "End at", _WATCHED, bounded=True).items() if word != "at"},
 }
-WEARING_TABLES = (*LAW_TABLES.values(), GRADED, RUNNING_IN, *PRESSURE_TABLES.values(), MATERIAL)
-"""Every table within those of how a joint wears."""
-WEAR_TABLES = (WEAR, SOLVE, *WEARING_TABLES, *UNTIL_TABLES.values())
-"""Every table of a wear file, in the order of the reference."""
+WEAR_TABLES = (
+    WEAR,
+    *LAW_TABLES.values(),
+    GRADED,
+    RUNNING_IN,
+    *PRESSURE_TABLES.values(),
+    MATERIAL,
+    *UNTIL_TABLES.values(),
+)
+"""Every table of the section, in the order of the reference."""

@@ -1,4 +1,4 @@
-"""How a joint wears, as wear files and studies describe it: which joint, by which law, under which pressure."""
+"""How a joint wears, as a study describes it: which joint, by which law, under which pressure."""
 
 import dataclasses
 from typing import NamedTuple
@@ -29,11 +29,11 @@ class JointThatWears(NamedTuple):
 
 
 def wearing_of(top: Table, mechanism: Mechanism) -> JointThatWears:
-    """What a table with the keys `WEARING` says. **Raises:** `ClearanceError` naming the key and the fix."""
+    """What a section `wear` says. **Raises:** `ClearanceError` naming the key and the fix."""
     mechanism, joint = _jointed(top, mechanism)
-    for key in ("wear", "pressure"):
+    for key in ("law", "pressure"):
         top.need(key)
-    law = _law(top.chosen("wear", LAW_TABLES, _coefficient(top)))
+    law = _law(top.chosen("law", LAW_TABLES, _coefficient(top)))
     pressure = _pressure(top.chosen("pressure", PRESSURE_TABLES))
     if not isinstance(pressure, Foundation):
         with naming(top.key("pressure")):
@@ -64,7 +64,7 @@ def _material(table: Table, key: str) -> Material:
 
 def _coefficient(top: Table) -> Words:
     """In which unit the coefficient is: beside a hardness in none."""
-    given = top.values.get("wear")
+    given = top.values.get("law")
     return {COEFFICIENT_UNIT: "" if isinstance(given, dict) and "hardness" in given else COEFFICIENT}
 
 

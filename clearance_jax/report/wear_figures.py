@@ -79,7 +79,7 @@ def failures(found: Any) -> Figure:
 def check(dataset: xr.Dataset) -> None:
     """Raise `ClearanceError` for a dataset that is no life."""
     if not is_life(dataset):
-        raise ClearanceError("There is nothing to draw: this is no result of `clearance wear`.")
+        raise ClearanceError("There is nothing to draw: this is no result of a study of wear.")
 
 
 def is_life(dataset: xr.Dataset) -> bool:

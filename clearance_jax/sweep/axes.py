@@ -13,7 +13,7 @@ from clearance_jax.ask.question import OPTIONS
 from clearance_jax.errors import ClearanceError, quoted, suggest
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import check_bounds, find, parameters
-from clearance_jax.sweep.distributions import AbstractDistribution
+from clearance_jax.sweep.scatter import check_scatter, in_words
 
 METHODS = ("sobol", "latin-hypercube", "random")
 
@@ -35,7 +35,7 @@ class Choice(NamedTuple):
 class Sampled(NamedTuple):
     """Numbers that scatter, drawn together along one dimension.
 
-    - `scatter`: name -> `Normal`, `LogNormal`, `Uniform` or `TruncatedNormal`.
+    - `scatter`: name -> how it scatters: `cj.scatter(...)`, or a frozen distribution of `scipy.stats`.
     - `count`: how many samples.
     - `method`: "sobol" (scrambled; a longer sequence begins with the shorter one), "latin-hypercube" or "random".
     - `seed`: of the scrambling or the draws; it is recorded.
@@ -43,7 +43,7 @@ class Sampled(NamedTuple):
       it is their own.
     """
 
-    scatter: Mapping[str, AbstractDistribution]
+    scatter: Mapping[str, Any]
     count: int
     method: Literal["sobol", "latin-hypercube", "random"] = "sobol"
     seed: int = 0
@@ -52,16 +52,11 @@ class Sampled(NamedTuple):
     def draw(self) -> dict[str, Float[np.ndarray, " count"]]:
         """The numbers, by name. **Raises** `ClearanceError` for what nothing can be drawn from."""
         for name, distribution in self.scatter.items():
-            if not isinstance(distribution, AbstractDistribution):
-                raise ClearanceError(
-                    f"`{name}` must scatter as `Normal`, `LogNormal`, `Uniform` or `TruncatedNormal`, not "
-                    f"{quoted(distribution)}."
-                )
-            distribution.check(name)
+            check_scatter(name, distribution)
         if not self.scatter or isinstance(self.count, bool) or not isinstance(self.count, int) or self.count < 1:
             raise ClearanceError("`Sampled` wants numbers that scatter, and a count of at least 1.")
         shares = correlated(_points(self.method, len(self.scatter), self.count, self.seed), self._root())
-        return {name: law.quantile(shares[:, i]) for i, (name, law) in enumerate(self.scatter.items())}
+        return {name: law.ppf(shares[:, i]) for i, (name, law) in enumerate(self.scatter.items())}
 
     def _root(self) -> np.ndarray | None:
         """A root of the matrix of correlations; `None` where there are none."""
@@ -145,7 +140,7 @@ def _dimension(name: str, given: Any) -> Dimension:
         return Dimension(name, len(models), {}, models, {})
     if isinstance(given, Sampled):
         columns = given.draw()
-        laws = {k: [type(law).__name__, *map(float, law)] for k, law in given.scatter.items()}  # pyright: ignore
+        laws = {name: in_words(law) for name, law in given.scatter.items()}
         pairs = {" ".join(pair): float(value) for pair, value in (given.correlation or {}).items()}
         sampling = {"method": given.method, "seed": int(given.seed), "scatter": laws, "correlation": pairs}
         return Dimension(name, given.count, columns, {}, sampling)

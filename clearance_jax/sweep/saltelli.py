@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import qmc
 
-from clearance_jax.errors import ClearanceError, quoted
-from clearance_jax.sweep.distributions import AbstractDistribution
+from clearance_jax.errors import ClearanceError
+from clearance_jax.sweep.scatter import check_scatter
 
 
 def sobol_samples(scatter: Mapping[str, Any], samples: int, seed: int = 0) -> dict[str, Float[np.ndarray, " lanes"]]:
@@ -18,7 +18,8 @@ def sobol_samples(scatter: Mapping[str, Any], samples: int, seed: int = 0) -> di
 
     **Arguments:**
 
-    - `scatter`: dotted name -> `Normal`, `LogNormal`, `Uniform` or `TruncatedNormal`; they scatter independently.
+    - `scatter`: dotted name -> `cj.scatter(...)` or a frozen distribution of `scipy.stats`; they scatter
+      independently.
     - `samples`: a power of two. `seed`: of the scrambled Sobol sequence.
 
     **Raises:** `ClearanceError` where `samples` is no power of two, or there is nothing to scatter.
@@ -28,17 +29,13 @@ def sobol_samples(scatter: Mapping[str, Any], samples: int, seed: int = 0) -> di
     if not scatter:
         raise ClearanceError("There is nothing to scatter: give at least one number by its name.")
     for name, law in scatter.items():
-        if not isinstance(law, AbstractDistribution):
-            raise ClearanceError(
-                f"`{name}` must scatter as `Normal`, `LogNormal`, `Uniform` or `TruncatedNormal`, not {quoted(law)}."
-            )
-        law.check(name)
+        check_scatter(name, law)
     count = len(scatter)
     unit = qmc.Sobol(2 * count, rng=np.random.default_rng(seed)).random(samples)
     # A quantile of 0 would be minus infinity.
     unit = np.clip(unit, 2.0**-53, 1 - 2.0**-53)
     ours, others = (
-        np.stack([law.quantile(half[:, i]) for i, law in enumerate(scatter.values())], axis=1)
+        np.stack([law.ppf(half[:, i]) for i, law in enumerate(scatter.values())], axis=1)
         for half in (unit[:, :count], unit[:, count:])
     )
     mixed = [np.where(np.arange(count) == i, others, ours) for i in range(count)]

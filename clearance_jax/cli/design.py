@@ -1,59 +1,36 @@
-"""`clearance optimize`: a study to clearances, their proof and a report."""
+"""`clearance run` of a design: a study to clearances, their proof and a report."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 from rich.markup import escape
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-from clearance_jax.cli.common import aloud, check_distinct, check_writable, console, errors, say, say_written, set_up
+from clearance_jax.cli.common import aloud, console, errors, say, say_written
 from clearance_jax.cli.interruption import Interruption
 from clearance_jax.cli.pace import Pace, shown_duration
 from clearance_jax.errors import ClearanceError
 
 
-def optimize(
-    study_file: Annotated[Path, typer.Argument(metavar="STUDY", help="A study file (TOML with units).")],
-    report: Annotated[Path | None, typer.Option(help="Report with figures and certificate (.html).")] = None,
-    record: Annotated[
-        Path | None, typer.Option(help="Keep every evaluated design in this file; go on from it if it exists.")
-    ] = None,
-    method: Annotated[str | None, typer.Option(help="Solver (default: the study's, or slsqp).")] = None,
-    starts: Annotated[int | None, typer.Option(help="Number of starts, the first in the middle.", min=1)] = None,
-    verify: Annotated[bool, typer.Option(help="Prove the answer by another solver (takes a while).")] = True,
-    cluster: Annotated[
-        str | None,
-        typer.Option(help='Solve many simulations by the dask scheduler at this address ("local": processes here).'),
-    ] = None,
+def run_design(
+    study: Any, *, report: Path | None, verify: bool, cluster: str | None, record: Path | None, **search: Any
 ) -> None:
-    """Find the largest, or the cheapest, clearances that keep every limit of a study, and prove them.
-
-    Ctrl-C stops the search and keeps the best design so far.
-    """
-    set_up()
+    """The design of a study, its proof and its report. Ctrl-C stops the search and keeps the best design so far."""
     from clearance_jax.ask.place import place_of
     from clearance_jax.design.findings import CUT_SHORT
     from clearance_jax.design.record import RecordWarning
-    from clearance_jax.io.plausible import ImplausibleWarning
-    from clearance_jax.io.study import load_study
     from clearance_jax.report.html import write_report
 
-    method = _known(method)
-    check_writable(report, (".html", ".htm"))
-    check_writable(record)
-    check_distinct(study=study_file, report=report, record=record)
-    with aloud(ImplausibleWarning):
-        study = load_study(study_file)
     doubts = aloud(RecordWarning)
     with doubts, place_of(cluster) as place, _bar() as bar, Interruption() as asked:  # one cluster for all that follows
         pace, client = Pace(asked.check), place.client
-        say(_compiling(study.problem.specification.mechanism))
-        given = {"method": method, "starts": starts, "record": record, "cluster": client}
-        design = _search(study, {k: v for k, v in given.items() if v is not None}, bar, pace)
+        say(_compiling(study.design.problem.specification.mechanism))
+        given = {**search, "record": record, "cluster": client}
+        design = _search(study.design, {k: v for k, v in given.items() if v is not None}, bar, pace)
         console.print(f"[bold]{escape(study.name)}[/bold]")
         say(str(design))
-        found = _explain(study, design, verify, client, report is not None, bar, pace)
+        found = _explain(study.design, design, verify, client, report is not None, bar, pace)
     for text in found.notes:
         say(text)
     if found.fits is not None:
@@ -72,7 +49,8 @@ def _bar() -> Progress:
     return Progress(SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), console=errors)
 
 
-def _known(method: str | None) -> str | None:
+def known_method(method: str | None) -> str | None:
+    """A method of the search. **Raises** `ClearanceError` for another word."""
     from clearance_jax.design import METHOD_CHOICES
 
     if method is not None and method not in METHOD_CHOICES:

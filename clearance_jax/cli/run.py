@@ -1,0 +1,125 @@
+"""`clearance run`: whatever a study asks."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from clearance_jax.cli.animate import check_film
+from clearance_jax.cli.common import DATASETS, FIGURES, aloud, check_distinct, check_writable, set_up
+from clearance_jax.cli.design import known_method, run_design
+from clearance_jax.cli.pictures import check_folder
+from clearance_jax.cli.sweep import check_sweep, run_sweep
+from clearance_jax.cli.wear import run_wear
+from clearance_jax.errors import ClearanceError
+
+# Which sections of a study an option is for.
+FOR = {
+    "--output": ("sweep", "wear"),
+    "--resume": ("sweep", "wear"),
+    "--plot": ("sweep", "wear"),
+    "--movie": ("wear",),
+    "--cores": ("sweep",),
+    "--cluster": ("sweep", "design"),
+    "--report": ("design",),
+    "--record": ("design",),
+    "--method": ("design",),
+    "--starts": ("design",),
+    "--no-verify": ("design",),
+}
+
+
+def run(
+    study_file: Annotated[Path, typer.Argument(metavar="STUDY", help="A study file (TOML with units).")],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--output", help="Store of a sweep, or dataset of a life (default: STUDY with .zarr, or .nc)."
+        ),
+    ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with a sweep, whose axes may have grown, or with a life.")
+    ] = False,
+    plot: Annotated[
+        Path | None, typer.Option("--plot", help="Folder for the pictures of a sweep; figure of a life (.png, .pdf).")
+    ] = None,
+    movie: Annotated[Path | None, typer.Option(help="Film of a life (.gif, or .mp4).")] = None,
+    report: Annotated[Path | None, typer.Option(help="Report of a design, with certificate (.html).")] = None,
+    record: Annotated[
+        Path | None, typer.Option(help="Keep every evaluated design in this file; go on from it if it exists.")
+    ] = None,
+    method: Annotated[str | None, typer.Option(help="Solver of a design (default: the study's, or slsqp).")] = None,
+    starts: Annotated[int | None, typer.Option(help="Number of starts, the first in the middle.", min=1)] = None,
+    verify: Annotated[bool, typer.Option(help="Prove a design by another solver (takes a while).")] = True,
+    cores: Annotated[int | None, typer.Option(help="How many cores a sweep takes (default: all).", min=1)] = None,
+    cluster: Annotated[
+        str | None,
+        typer.Option(help='Solve by the dask scheduler at this address, tcp://node1:8786 ("local": processes here).'),
+    ] = None,
+) -> None:
+    """Do what a study asks: a sweep, a design, the life of a joint that wears.
+
+    Ctrl-C keeps what is done: the best design so far; a store or a journal that `--resume` goes on with.
+    """
+    given = {
+        "--output": output,
+        "--resume": resume or None,
+        "--plot": plot,
+        "--movie": movie,
+        "--cores": cores,
+        "--cluster": cluster,
+        "--report": report,
+        "--record": record,
+        "--method": method,
+        "--starts": starts,
+        "--no-verify": None if verify else True,
+    }
+    method = known_method(method)
+    check_writable(report, (".html", ".htm"))
+    check_writable(record)
+    check_film(movie)
+    check_distinct(study=study_file, output=output, plot=plot, movie=movie, report=report, record=record)
+    set_up()
+    study = _loaded(study_file)
+    asked = _asked(study)
+    _check_options(given, asked)
+    if "sweep" in asked:
+        store = study_file.with_suffix(".zarr") if output is None else output
+        check_sweep(store, cluster)
+        check_folder(plot)
+        run_sweep(study, study_file, store, resume=resume, cores=cores, cluster=cluster, plot=plot)
+    if "wear" in asked:
+        dataset = study_file.with_suffix(".nc") if output is None else output
+        check_writable(dataset, DATASETS)
+        check_writable(plot, FIGURES)
+        run_wear(study, study_file, dataset, resume=resume, plot=plot, movie=movie)
+    if "design" in asked:
+        run_design(study, report=report, verify=verify, cluster=cluster, record=record, method=method, starts=starts)
+
+
+def _loaded(path: Path) -> Any:
+    from clearance_jax.io.plausible import ImplausibleWarning
+    from clearance_jax.io.study import load_study
+
+    with aloud(ImplausibleWarning):
+        return load_study(path)
+
+
+def _asked(study: Any) -> list[str]:
+    """The sections that ask for something."""
+    lives = study.wear is not None and study.wear.cycles is not None
+    asks = {"sweep": study.sweep is not None, "design": study.design is not None, "wear": lives}
+    return [section for section, is_asked in asks.items() if is_asked]
+
+
+def _check_options(given: dict[str, Any], asked: list[str]) -> None:
+    """Raise for options that nothing in the study asks for, or that two sections would take."""
+    for option, value in given.items():
+        sections = [section for section in asked if section in FOR[option]]
+        if value is None:
+            continue
+        if not sections:
+            wanted = " or ".join(f"`{section}`" for section in FOR[option])
+            raise ClearanceError(f"`{option}` has no effect: the study has no section {wanted}. Leave it out.")
+        if len(sections) > 1 and option in ("--output", "--plot"):
+            raise ClearanceError(f"`{option}` is for one result, but the study asks for {' and '.join(sections)}.")

@@ -1,0 +1,199 @@
+"""Every key of a study's section `design`. A new key is a line here, and its use."""
+
+import dataclasses
+
+from clearance_jax.design.methods import METHOD_CHOICES
+from clearance_jax.io.asking_keys import METRIC, PARAMETER, choosing
+from clearance_jax.io.kinds import Flag, Names, Quantities, Quantity, Sub, Text, Whole, Wholes, Word
+from clearance_jax.io.table import Keys
+from clearance_jax.solve.settings import MOST_SAMPLES
+
+DESIGN = Keys(
+    "design",
+    "Design",
+    "The largest, or the cheapest, values of numbers that keep every limit.",
+    (
+        Sub(
+            "variable",
+            "the clearances (or other numbers) that are looked for, by name",
+            '{ "wrist.radial_clearance" = { lower = "10 um", upper = "1 mm" } }',
+            form="tables by name",
+            required=True,
+        ),
+        Sub(
+            "limit",
+            "bounds on metrics, by their names",
+            '{ piston = { bound = "0.2 mm" } }',
+            form="tables by name",
+            required=True,
+        ),
+        Sub(
+            "condition",
+            "in which every limit must hold: numbers by name, for each condition by a name of yours",
+            '{ slow = { "drive.main.speed" = "3000 rpm" } }',
+            form="tables of values by name",
+            absent="the scene as it is",
+        ),
+        Sub("manufacture", "how parts come out of manufacture", '{ kind = "band", least = 0.8 }', absent="as designed"),
+        Sub("verify", "how the answer is proved", "{ sweep = 40 }"),
+        Text("cost_unit", "what costs are counted in", '"EUR"', absent="cost units", longest=20),
+        Word("method", "the method of the search", '"slsqp"', allowed=METHOD_CHOICES, default="slsqp"),
+        Whole(
+            "starts", "number of starts, the first in the middle of the bounds", "3", least=1, most=10_000, absent="1"
+        ),
+        Whole("most", "evaluations after which the search stops", "500", least=1, absent="1000000"),
+    ),
+)
+LIMIT = Keys(
+    "design.limit.NAME",
+    "Limits",
+    "What a metric of the study must not exceed, by the metric's name.",
+    (
+        Quantity("bound", "the bound", '"0.2 mm"', unit=METRIC, bounds={"above": 0.0}, required=True),
+        Wholes(
+            "cycles",
+            "after how many cycles of wear it must hold, with a section `wear`; 0: as new too",
+            "[0, 20000]",
+            absent="as new only",
+        ),
+    ),
+)
+
+VERIFY = Keys(
+    "design.verify",
+    "How an answer is proved",
+    "By another solver, at a tenth of the tolerance.",
+    (
+        Whole(
+            "sweep",
+            "scalings of the design at which the limits are looked at",
+            "40",
+            least=2,
+            most=100_000,
+            absent="40",
+        ),
+        Whole("starts", "random starts of the same method", "3", most=10_000, absent="0"),
+        Whole(
+            "samples", "fresh samples, where manufacture is a yield", "1000", least=1, most=MOST_SAMPLES, absent="1000"
+        ),
+        Flag("reoptimise", "whether the prices of the limits are checked by solving again", "true", absent="false"),
+    ),
+)
+
+VARIABLE = Keys(
+    'design.variable."NAME"',
+    "Variables",
+    "A number that is looked for, by its dotted name; its unit is the parameter's.",
+    (
+        Quantity("lower", "its lower bound, above zero", '"10 um"', unit=PARAMETER, required=True),
+        Quantity("upper", "its upper bound", '"1 mm"', unit=PARAMETER, required=True),
+        Sub(
+            "cost",
+            "what it costs to make; for all variables or for none",
+            '{ law = "reciprocal", factor = "0.2 mm" }',
+            absent="the largest clearance is wanted",
+        ),
+    ),
+)
+
+_LAW = Word(
+    "law",
+    "the law of the cost",
+    '"reciprocal"',
+    allowed=("reciprocal", "exponential", "exponential-reciprocal", "table"),
+    required=True,
+)
+_POSITIVE = {"above": 0.0}
+_FIXED = Quantity("fixed", "cost that no clearance saves", "1.0", default=0.0)
+_POWER = Quantity("power", "power of the clearance", "2", default=1.0, bounds=_POSITIVE)
+_RATE = Quantity(
+    "rate", "rate at which the cost falls", '"1 / (10 um)"', unit=f"1/{PARAMETER}", bounds=_POSITIVE, required=True
+)
+_FACTOR = Quantity(
+    "factor",
+    "factor of the clearance-dependent part",
+    '"0.04 mm^2"',
+    unit=f"{PARAMETER} to the power",
+    bounds=_POSITIVE,
+    required=True,
+)
+
+
+def _cost(law: str, help: str, *keys) -> Keys:
+    return Keys('design.variable."NAME".cost', f"Cost `{law}`", help, (choosing(_LAW, law), *keys), f'law = "{law}"')
+
+
+COST_TABLES = {
+    "reciprocal": _cost("reciprocal", "fixed + factor / clearance^power.", _FACTOR, _POWER, _FIXED),
+    "exponential": _cost(
+        "exponential",
+        "fixed + factor exp(-rate clearance).",
+        dataclasses.replace(_FACTOR, unit="", example="3.0"),
+        _RATE,
+        _FIXED,
+    ),
+    "exponential-reciprocal": _cost(
+        "exponential-reciprocal",
+        "fixed + factor exp(-rate clearance) / clearance^power.",
+        _FACTOR,
+        _RATE,
+        _POWER,
+        _FIXED,
+    ),
+    "table": _cost(
+        "table",
+        "Costs quoted at some clearances, and in between a curve that does not overshoot.",
+        Quantities("clearances", "at least two, increasing", '["10 um", "40 um"]', unit=PARAMETER, required=True),
+        Quantities("costs", "a cost for each, falling", "[9, 4]", required=True),
+    ),
+}
+
+_KIND = Word("kind", "how parts come out of manufacture", '"band"', allowed=("band", "yield"), required=True)
+MANUFACTURE_TABLES = {
+    "band": Keys(
+        "design.manufacture",
+        "Manufacture `band`",
+        "Made clearances lie between `least` times the designed one and the designed one.",
+        (
+            choosing(_KIND, "band"),
+            Quantity(
+                "least",
+                "the least share of the designed clearance",
+                "0.8",
+                bounds={"above": 0.0, "below": 1.0},
+                required=True,
+            ),
+            Whole("points", "values between, all joints alike", "3", least=2, most=1000, absent="3"),
+            Whole("corners", "joints up to whose number every corner is looked at", "3", most=12, absent="3"),
+        ),
+        'kind = "band"',
+    ),
+    "yield": Keys(
+        "design.manufacture",
+        "Manufacture `yield`",
+        "Numbers scatter; a share of what is made must hold every limit.",
+        (
+            choosing(_KIND, "yield"),
+            Names(
+                "of",
+                "the numbers, which scatter as `scatter` says: normal, log-normal from 20 percent on",
+                '["slider.mass"]',
+                absent="all that scatter",
+            ),
+            Quantity("target", "the share", "0.95", bounds={"above": 0.0, "below": 1.0}, absent="0.99"),
+            Whole("samples", "samples of a Sobol sequence", "256", least=1, most=1_000_000, absent="256"),
+            Whole("seed", "its seed", "1", absent="0"),
+        ),
+        'kind = "yield"',
+    ),
+}
+
+DESIGN_TABLES = (
+    DESIGN,
+    VARIABLE,
+    *COST_TABLES.values(),
+    LIMIT,
+    *MANUFACTURE_TABLES.values(),
+    VERIFY,
+)
+"""Every table of the section, in the order of the reference."""

@@ -1,0 +1,117 @@
+"""The section `sweep` of a study: the arguments of `sweep`."""
+
+from typing import Any
+
+import numpy as np
+
+from clearance_jax.ask.question import OPTIONS
+from clearance_jax.errors import ClearanceError
+from clearance_jax.io.asking import Asked
+from clearance_jax.io.asking_keys import PARAMETER
+from clearance_jax.io.metric import Span
+from clearance_jax.io.scene import read_scene
+from clearance_jax.io.sweep_keys import AGAIN, AXIS_TABLES, CORRELATION, SWEEP
+from clearance_jax.io.table import Chosen, Table, chosen, naming
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.parameters import units_of
+from clearance_jax.sweep.axes import Choice, Sampled, Zipped
+from clearance_jax.sweep.saltelli import sobol_samples
+
+
+def sweep_of(study: Asked) -> dict[str, Any]:
+    """The arguments of `sweep` by name."""
+    table = study.table.table("sweep", SWEEP)
+    table.need("axis")
+    axes = {name: _axis(chosen(values, where, AXIS_TABLES), name, study) for name, values, where in table.named("axis")}
+    varied = {name for given in axes.values() for name in (given.values if isinstance(given, Zipped) else ())}
+    ends_vary = "t1" in axes.keys() | varied
+    if ends_vary and study.table.has("t1"):
+        raise ClearanceError(f"{study.table.key('t1')} is an axis of the sweep too. Take one of the two away.")
+    span = Span(study.t0, np.inf) if ends_vary else study.span
+    arguments: dict[str, Any] = {
+        "mechanism": study.mechanism,
+        "axes": axes,
+        "outputs": _outputs(table, study, span),
+        "t1": None if ends_vary else span.t1,
+        "times": table.get("samples"),
+        "wrt": table.get("by") or (),
+        "derivatives_of": table.get("derivatives_of"),
+        **study.options,
+    }
+    if table.has("again"):
+        arguments["again"] = table.table("again", AGAIN).given()
+    arguments["provenance"] = {"scene": study.scene.text, "study": study.text}
+    return arguments
+
+
+def _outputs(table: Table, study: Asked, span: Span) -> dict[str, Any]:
+    """Metrics, and quantities by their names."""
+    names, quantities = table.get("metrics"), table.get("quantities") or ()
+    names = study.metric_names if names is None else names
+    if not (names or quantities):
+        raise ClearanceError(f"{table.where} asks for nothing: add a table `[metric.NAME]`, or `quantities`.")
+    found: dict[str, Any] = {name: study.metric(name, span, table.key("metrics")) for name in names}
+    for name in quantities:
+        if name in found:
+            raise ClearanceError(f"{table.key('quantities')}: `{name}` is a metric's name too. Rename the metric.")
+        found[name] = name
+    return found
+
+
+def _unit(name: str, mechanism: Mechanism, where: str) -> dict[str, str]:
+    """The unit of what an axis varies, by the word that its keys have for it."""
+    with naming(where):
+        return {PARAMETER: OPTIONS[name] if name in OPTIONS else units_of(mechanism, [name])[name]}
+
+
+def _axis(read: Chosen, name: str, study: Asked) -> Any:
+    kind, table = read
+    mechanism, where = study.mechanism, table.where
+    if kind == "values":
+        return table.get("values", _unit(name, mechanism, where))
+    if kind == "range":
+        return _range(table, _unit(name, mechanism, where))
+    if kind == "zipped":
+        table.need("values")
+        lists = AXIS_TABLES["values"]
+        return Zipped(
+            {
+                inner: Table({"values": given, "kind": "values"}, there, lists, _unit(inner, mechanism, there)).get(
+                    "values"
+                )
+                for inner, given, there in table.named("values")
+            }
+        )
+    if kind in ("sampled", "sensitivity"):
+        scatter = study.distributions(table.get("of"), where)
+        if kind == "sampled":
+            how = table.given("kind", "of", "correlation")
+            return Sampled(scatter, **how, correlation=_correlation(table) or None)
+        with naming(where):
+            return Zipped(sobol_samples(scatter, **table.given("kind", "of")))
+    table.need("scenes")
+    files = {label: (given, there) for label, given, there in table.named("scenes")}
+    for given, there in files.values():
+        if not isinstance(given, str):
+            raise ClearanceError(f"{there} must be the path of a scene file, in quotes.")
+    return Choice({label: read_scene(study.path.parent / given).mechanism for label, (given, _) in files.items()})
+
+
+def _range(table: Table, unit: dict[str, str]) -> np.ndarray:
+    first, last = table.get("from", unit), table.get("to", unit)
+    if table.get("spacing") == "linear":
+        return np.linspace(first, last, table.get("count"))
+    if not first * last > 0:
+        raise ClearanceError(f"{table.key('spacing')}: equal ratios need a first and a last value of one sign.")
+    return np.geomspace(first, last, table.get("count"))
+
+
+def _correlation(table: Table) -> dict[tuple[str, ...], float]:
+    pairs = {}
+    for _, values, where in table.named("correlation"):
+        own = Table(values, where, CORRELATION)
+        names = own.get("between")
+        if len(names) != 2:
+            raise ClearanceError(f"{own.key('between')} must be two names, but there are {len(names)}.")
+        pairs[names] = own.get("value")
+    return pairs

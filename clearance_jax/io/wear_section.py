@@ -1,0 +1,78 @@
+"""The section `wear` of a study: how a joint wears, and the life that is asked for."""
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from clearance_jax.errors import ClearanceError
+from clearance_jax.io.asking import Asked
+from clearance_jax.io.asking_keys import METRIC
+from clearance_jax.io.metric import Span
+from clearance_jax.io.table import Chosen, Table
+from clearance_jax.io.wear_keys import UNTIL_TABLES, WEAR
+from clearance_jax.io.wearing import wearing_of
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.wear import Wearing
+from clearance_jax.wear.criteria import AbstractCriterion, Deepest, Exceeds, ImpactSpeed
+
+# Keys that only a life asks for.
+OF_A_LIFE = ("until", "longest", "journal")
+
+
+class WearAsked(NamedTuple):
+    """What the section says: the `model` of the joint that wears; `cycles` of its life (`None`: none is asked for) and
+    its `options`, those of the solves (`solve`) beside; what ends the life, and that in words, if anything; the
+    journal's folder, if it is named.
+    """
+
+    model: Wearing
+    cycles: int | None
+    options: dict[str, Any]
+    solve: dict[str, Any]
+    until: AbstractCriterion | None
+    words: str
+    journal: Path | None
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """The mechanism, whose joint knows the length and the materials that the section gives it."""
+        return self.model.mechanism
+
+
+def wear_of(study: Asked) -> WearAsked:
+    """What the section says. **Raises:** `ClearanceError` naming the key and the fix."""
+    table = study.table.table("wear", WEAR)
+    span = study.span_to(table.get("cycle"), table.key("cycle")) if table.has("cycle") else study.span
+    mechanism, joint, law, pressure = wearing_of(table, study.mechanism)
+    if not table.has("cycles"):
+        for key in OF_A_LIFE:
+            if table.has(key):
+                raise ClearanceError(f"{table.key(key)} has no effect without `cycles`, how many it lives. Add it.")
+    until, words = None, ""
+    if table.has("until"):
+        until, words = _until(table.chosen("until", UNTIL_TABLES), study, span)
+    return WearAsked(
+        Wearing(law, pressure, joint, span.t1, mechanism),
+        table.get("cycles"),
+        {name: table.get(name) for name in ("sectors", "tolerance", "longest")},
+        study.options,
+        until,
+        words,
+        study.path.parent / table.get("journal") if table.has("journal") else None,
+    )
+
+
+def _until(read: Chosen, study: Asked, span: Span) -> tuple[AbstractCriterion, str]:
+    kind, table = read
+    if kind == "depth":
+        return Deepest(table.get("bound")), "largest depth of wear"
+    if kind == "impact-speed":
+        return ImpactSpeed(table.get("bound"), span.t1, study.options), "largest speed of impact"
+    name = table.get("metric")
+    metric = study.metric(name, span, table.key("metric"))
+    if not _is_one_number(table, metric):
+        raise ClearanceError(f"{table.key('metric')}: `{name}` is several numbers, of which none ends a life.")
+    return Exceeds(metric, table.get("bound", {METRIC: metric.unit}), span.t1, study.options), name
+
+
+def _is_one_number(table: Table, metric: Any) -> bool:
+    return getattr(metric, "times", None) is None or callable(metric.times)

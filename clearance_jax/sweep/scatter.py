@@ -1,0 +1,84 @@
+"""How a number scatters: one of scipy's frozen distributions, as it is given or by mean, deviation and bounds."""
+
+import math
+from typing import Any, Literal
+
+import numpy as np
+import scipy.stats
+
+from clearance_jax.errors import ClearanceError, quoted
+
+Distribution = Literal["normal", "log-normal", "uniform"]
+DISTRIBUTIONS: tuple[Distribution, ...] = ("normal", "log-normal", "uniform")
+
+
+def scatter(
+    mean: float | None = None,
+    deviation: float | None = None,
+    lower: float | None = None,
+    upper: float | None = None,
+    distribution: Distribution = "normal",
+) -> Any:
+    """A number that scatters, as a frozen distribution of `scipy.stats`; whatever that has may be given in its place.
+
+    **Arguments:**
+
+    - `mean`, `deviation`: mean and standard deviation [SI]; of one that is sorted those before sorting.
+    - `lower`, `upper`: only what lies between is there: parts that were measured and sorted. (`None`: no bound.)
+    - `distribution`: "normal"; "log-normal", for what scatters widely and is never negative, as coefficients of wear;
+      "uniform", from `lower` to `upper`.
+
+    **Raises:** `ClearanceError` for numbers that make no distribution.
+    """
+    if distribution not in DISTRIBUTIONS:
+        raise ClearanceError(f"`distribution` must be {', '.join(DISTRIBUTIONS)}, but it is {quoted(distribution)}.")
+    if distribution == "uniform":
+        if mean is not None or deviation is not None:
+            raise ClearanceError(
+                "A uniform scatter has a `lower` and an `upper` bound: leave `mean` and `deviation` out."
+            )
+        if lower is None or upper is None:
+            raise ClearanceError("A uniform scatter needs a `lower` and an `upper` bound.")
+        _check_bounds(lower, upper)
+        return scipy.stats.uniform(lower, upper - lower)
+    if mean is None or deviation is None:
+        raise ClearanceError(f"A {distribution} scatter needs `mean` and `deviation`.")
+    if not (math.isfinite(mean) and 0 < deviation < math.inf):
+        raise ClearanceError(f"`deviation` must be greater than zero and finite, but it is {deviation:g}.")
+    if distribution == "log-normal":
+        if lower is not None or upper is not None:
+            raise ClearanceError("A log-normal scatter has no bounds: leave `lower` and `upper` out.")
+        if mean <= 0:
+            raise ClearanceError(f"The mean of a log-normal scatter must be above zero, but it is {mean:g}.")
+        wide = math.log1p((deviation / mean) ** 2)
+        return scipy.stats.lognorm(math.sqrt(wide), scale=mean * math.exp(-0.5 * wide))
+    if lower is None and upper is None:
+        return scipy.stats.norm(mean, deviation)
+    ends = -math.inf if lower is None else lower, math.inf if upper is None else upper
+    _check_bounds(*ends)
+    low, high = ((end - mean) / deviation for end in ends)
+    return scipy.stats.truncnorm(low, high, loc=mean, scale=deviation)
+
+
+def check_scatter(name: str, given: Any) -> None:
+    """Raise for what is no frozen distribution of numbers; `name`: of the number that is to scatter so."""
+    if not callable(getattr(given, "ppf", None)):
+        raise ClearanceError(
+            f"`{name}` must scatter by `cj.scatter(...)` or by a frozen distribution of `scipy.stats`, not by "
+            f"{quoted(given)}."
+        )
+    if not np.all(np.isfinite(given.ppf(np.array([0.1, 0.9])))):
+        raise ClearanceError(f"The distribution by which `{name}` is to scatter has no finite numbers.")
+
+
+def in_words(given: Any) -> list[Any]:
+    """A distribution as its name and its numbers, which are kept with what was sampled by it."""
+    dist = getattr(given, "dist", None)
+    if dist is None:  # of scipy's newer kind, which says itself what it is
+        return [repr(given)]
+    return [dist.name, *map(float, given.args), *(f"{key}={float(value)!r}" for key, value in given.kwds.items())]
+
+
+def _check_bounds(lower: float, upper: float) -> None:
+    if not lower < upper:
+        raise ClearanceError(f"`lower` must be below `upper`, but they are {lower:g} and {upper:g}.")
