@@ -1,0 +1,2 @@
+from . import sweep_figures as sweep_figures
+from . import wear_figures as wear_figures
