@@ -4,6 +4,7 @@
 """
 
 import inspect
+import json
 import sys
 from collections.abc import Iterable
 from pathlib import Path
@@ -17,6 +18,9 @@ A scene is a TOML file: bodies, joints, points, and how to solve. Quantities car
 one. A number without dimension is bare. A key that is not here is refused, with the nearest one that is.
 [Getting started](../getting_started.md) builds a scene step by step; `experiments/scenes/` has more of them.
 
+Editors with a TOML language server (Taplo, Even Better TOML) complete keys and check values by the schema
+`docs/reference/scene.schema.json`: write `#:schema PATH` in the first line of the file.
+
 *This page is generated from the reader's own declarations.*
 """
 STUDY_HEAD = """# Study files: every key
@@ -24,6 +28,7 @@ STUDY_HEAD = """# Study files: every key
 A study asks something of a scene: metrics over numbers that vary (`sweep`), the largest clearances with which limits
 hold (`design`), how a joint wears and how long it lasts (`wear`). `clearance run STUDY` does what it says.
 [Sweeps](../sweeps.md), [Tolerance design](../design.md) and [Wear](../wear.md) say what the words mean.
+The schema for editors is `docs/reference/study.schema.json`.
 
 *This page is generated from the reader's own declarations.*
 """
@@ -115,8 +120,11 @@ def names_page() -> str:
 
 
 def pages() -> dict[str, str]:
-    """Every generated page by its file's name."""
+    """Every generated file by its name."""
+    from clearance_jax.io.schema import schema
+
     return {
+        **{f"{file}.schema.json": json.dumps(schema(file), indent=1) + "\n" for file in ("scene", "study")},
         "scene.md": keys_page(SCENE_HEAD, "scene"),
         "study.md": keys_page(STUDY_HEAD, "study"),
         "python.md": names_page(),

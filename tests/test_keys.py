@@ -5,6 +5,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+import jsonschema
 import numpy as np
 import pytest
 
@@ -13,6 +14,7 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.io import design_keys, metric_keys, play_keys, scene_keys, study_keys, sweep_keys, wear_keys
 from clearance_jax.io.keys import example, reference
 from clearance_jax.io.scene import load_scene
+from clearance_jax.io.schema import schema
 from clearance_jax.io.study import load_study
 from clearance_jax.io.table import Keys, Table
 
@@ -400,3 +402,21 @@ def test_examples_of_the_rest_of_a_design_are_read(tmp_path):
     given = '[design.condition.slow]\n"drive.main.speed" = "3000 rpm"\n[set]\n"slider.mass" = "0.2 kg"\n'
     slow = study(tmp_path, given)
     assert slow.problem.specification.conditions["slow"] == {"drive.main.speed": pytest.approx(314.159265)}
+
+
+# Schema --------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("file", ["scene", "study"])
+def test_every_file_of_the_repository_is_what_the_schema_says(file):
+    paths = sorted((ROOT / "experiments" / "scenes").glob("*.toml"))
+    if file == "study":
+        paths = sorted(ROOT.glob("*/studies/*.toml"))
+    assert len(paths) > 5
+    validator = jsonschema.Draft202012Validator(schema(file))
+    for path in paths:
+        text = path.read_text(encoding="utf-8")
+        assert [error.message for error in validator.iter_errors(tomllib.loads(text))] == [], path.name
+        wrong = tomllib.loads(text)
+        wrong["solve"] = {"tolerance": 1e-6}
+        assert any("'tolerance' was unexpected" in error.message for error in validator.iter_errors(wrong))

@@ -1,0 +1,106 @@
+"""A JSON Schema of scene and study files, by which editors complete keys and check values.
+
+It is made from the declarations by which the readers read. It knows every key, what its values are, and what they mean;
+not which keys of a table go together, which the reader says.
+"""
+
+from typing import Any
+
+from clearance_jax.io.keys import FILES, File
+from clearance_jax.io.kinds import (
+    Direction,
+    Flag,
+    Key,
+    Moments,
+    Names,
+    Place,
+    Quantities,
+    Quantity,
+    Sub,
+    Text,
+    Triple,
+    Whole,
+    Wholes,
+    Word,
+)
+
+DRAFT = "https://json-schema.org/draft/2020-12/schema"
+_NUMBER = {"type": ["string", "number"]}
+_SEVERAL = {"type": "array", "items": _NUMBER}
+# What says of a value how it may look.
+_SHAPE = ("type", "items", "minItems", "maxItems", "enum", "minimum", "maximum")
+# Of each kind of key what its values may be in TOML; a table of its own stands where it is declared.
+_VALUES: dict[type[Key], dict[str, Any]] = {
+    Quantity: _NUMBER,
+    Quantities: _SEVERAL | {"minItems": 1},
+    Place: _SEVERAL | {"minItems": 2, "maxItems": 3},
+    Triple: _SEVERAL | {"minItems": 3, "maxItems": 3},
+    Direction: {"type": ["string", "array"]},
+    Moments: {"type": ["string", "number", "array"]},
+    Wholes: {"type": "array", "items": {"type": "integer"}},
+    Flag: {"type": "boolean"},
+    Text: {"type": "string"},
+    Names: {"type": "array", "items": {"type": "string"}},
+    Sub: {},
+}
+
+
+def schema(file: File) -> dict[str, Any]:
+    """The schema of a scene or a study, as JSON has it."""
+    root: dict[str, Any] = {"$schema": DRAFT, "title": f"clearance_jax {file}", "type": "object"}
+    for table in FILES[file]:
+        for path in _paths(table.name, file):
+            at = _table(root, path)
+            for key in table.keys:
+                _merge(at["properties"], key)
+    return root
+
+
+def _paths(name: str, file: File) -> list[list[str]]:
+    """Where a table of that name stands, key by key; `NAME` for a name of the user's."""
+    if name == file:
+        return [[]]
+    first, *others = name.replace('"', "").split(", ")
+    head = first.split(".")
+    return [head, *([*head[:-1], one.lstrip(".")] for one in others if one != "...")]
+
+
+def _table(root: dict[str, Any], path: list[str]) -> dict[str, Any]:
+    """The schema of the table at a path, made where there is none yet."""
+    at = root
+    for name in path:
+        if name == "NAME":
+            at = at.setdefault("additionalProperties", {})
+        else:
+            # What may be a table may be a value too.
+            inside = at.setdefault("properties", {})
+            inside[name] = at = _unshaped(inside.get(name, {}))
+    at.setdefault("properties", {})
+    if "additionalProperties" not in at:
+        at["additionalProperties"] = False
+    return at
+
+
+def _merge(properties: dict[str, Any], key: Key) -> None:
+    """Add a key to those of a table; what another kind of the table has by that name may stand there too."""
+    new, old = _of(key), properties.get(key.name)
+    if old is None or "description" not in old:  # nothing, or what stands in a table of that name
+        properties[key.name] = {**(_unshaped(new) if old else new), **(old or {})}
+    elif "enum" in new and "enum" in old:
+        old["enum"] += [word for word in new["enum"] if word not in old["enum"]]
+    elif any(new.get(name) != old.get(name) for name in _SHAPE):
+        properties[key.name] = _unshaped(old)  # the reader knows which it is
+
+
+def _unshaped(given: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in given.items() if name not in _SHAPE}
+
+
+def _of(key: Key) -> dict[str, Any]:
+    default = "" if key.required or not key.absent else f" Without it: {key.absent}."
+    said = {"description": f"{key.help[:1].upper()}{key.help[1:]}.{default}"}
+    if isinstance(key, Word):
+        return {"enum": list(key.allowed)} | said
+    if isinstance(key, Whole):
+        return {"type": "integer", "minimum": key.least, "maximum": key.most} | said
+    return dict(_VALUES[type(key)]) | said
