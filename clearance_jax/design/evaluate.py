@@ -51,7 +51,7 @@ class Simulations:
         self._sizes: dict[int, int] = {}
         # Those of one motion, which one solve has together.
         self._aged = {i: metric for i, metric in enumerate(self.metrics) if isinstance(metric, AbstractAged)}
-        self._plain = {str(i): metric.once for i, metric in enumerate(self.metrics) if i not in self._aged}
+        self._plain = {str(i): metric.base_metric for i, metric in enumerate(self.metrics) if i not in self._aged}
 
     def sizes(self) -> list[int]:
         """How many numbers each metric is."""
@@ -60,7 +60,7 @@ class Simulations:
     def _size(self, i: int) -> int:
         metric = self.metrics[i]
         if i not in self._sizes:
-            value = shapes_of(Question(self.mechanism, {"": metric.once}, self.t1, self.solve), ()).values[""]
+            value = shapes_of(Question(self.mechanism, {"": metric.base_metric}, self.t1, self.solve), ()).values[""]
             self._sizes[i] = len(metric.ages) * int(np.prod(value.shape))
         return self._sizes[i]
 

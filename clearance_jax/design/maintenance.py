@@ -56,8 +56,8 @@ def _of(design: Design, limit: Limit, metric: AbstractAged) -> Maintenance:
 def _shares(design: Design, limit: Limit) -> np.ndarray:
     """Shares of the designed clearances, from that one down at which there would be little left for wear."""
     parts, x = design.specification.as_designed(), design.specification.values(design.evaluation.x)
-    asked = parts.mechanism, [limit.metric.once], [limit.bound], tuple(parts.variables), parts.t1, parts.settings()
-    simulations = Simulations(*asked)
+    names, metrics = tuple(parts.variables), [limit.metric.base_metric]
+    simulations = Simulations(parts.mechanism, metrics, [limit.bound], names, parts.t1, parts.settings())
 
     def left(scenario: Scenario) -> float:
         """By which share of themselves clearances could grow until the limit is met as new."""

@@ -58,7 +58,7 @@ def _asked(specification: Specification) -> Observed:
     joints = [joint.name for joint in specification.mechanism.clearance_joints()]
     times = sample_times(specification)
     # What will be once parts are worn is not seen in one motion: it is seen as new.
-    metrics = [limit.simulation_metric.once for limit in specification.limits]
+    metrics = [limit.simulation_metric.base_metric for limit in specification.limits]
     signals = [getattr(metric, "signal", None) for metric in metrics]
     return Observed(
         tuple(PeakInstants(metric) if isinstance(metric, Peak) else metric for metric in metrics),

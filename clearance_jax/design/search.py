@@ -66,7 +66,7 @@ def _check_derivatives(specification: Specification, x: np.ndarray) -> None:
     values = specification.clearances(x)
     for limit in specification.limits:
 
-        def of(c, metric=limit.simulation_metric.once):
+        def of(c, metric=limit.simulation_metric.base_metric):
             moved = replace(specification.mechanism, {name: c * v for name, v in values.items()})
             return metric(moved, jnp.asarray(specification.t1), **specification.options)
 
@@ -85,7 +85,7 @@ def _distrust(specification: Specification, x: np.ndarray) -> str:
             try:
                 report = gradient_report(
                     moved,
-                    limit.metric.once,
+                    limit.metric.base_metric,
                     names,
                     specification.t1,
                     samples=max(16, len(names) + 3),

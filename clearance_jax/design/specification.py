@@ -41,29 +41,29 @@ class Limit(Module):
     @property
     def title(self) -> str:
         """The given name, or the metric's."""
-        metric = self.metric.once
+        metric = self.metric.base_metric
         signal = getattr(metric, "signal", None)
         own = metric.called if isinstance(metric, Function) else type(metric).__name__
         parts = [own] + ([] if signal is None else [type(signal).__name__])
         of = next((getattr(signal, n) for n in ("point", "joint", "body") if hasattr(signal, n)), None)
-        return self.name or " ".join(parts) + ("" if of is None else f" of {of}") + self.metric.beside
+        return self.name or " ".join(parts) + ("" if of is None else f" of {of}") + self.metric.title_suffix
 
     @property
     def label(self) -> str:
         """What is bounded, in words: "piston: position error"; a name other than the part's stands beside it."""
-        return self._labelled(_quantity(self.metric.once))
+        return self._labelled(_quantity(self.metric.base_metric))
 
     @property
     def signal_label(self) -> str:
         """The signal that it is about, in words; the label of a metric that has none. It is seen over one motion."""
-        signal = getattr(self.metric.once, "signal", None)
+        signal = getattr(self.metric.base_metric, "signal", None)
         of = self.label if signal is None else self._labelled(_words(type(signal).__name__))
         return of + " as new" * self.ages
 
     @property
     def reduction(self) -> str:
         """What of its signal is bounded, in words; nothing where that is every value."""
-        return _reduction(self.metric.once).strip()
+        return _reduction(self.metric.base_metric).strip()
 
     @property
     def ages(self) -> bool:
@@ -73,11 +73,11 @@ class Limit(Module):
     @property
     def since(self) -> float | None:
         """From when on it counts [s]; `None`: from the start."""
-        since = getattr(self.metric.once, "since", None)
+        since = getattr(self.metric.base_metric, "since", None)
         return None if since is None else float(since)
 
     def _labelled(self, what: str) -> str:
-        part = _part(self.metric.once)
+        part = _part(self.metric.base_metric)
         name = self.name or part
         whole = what if part in ("", name) else f"{what} of {part}"
         return f"{name}: {whole}" if name else whole
@@ -89,7 +89,7 @@ class Limit(Module):
 
     def _labels_once(self, count: int) -> list[str]:
         """Of one motion."""
-        metric = self.metric.once
+        metric = self.metric.base_metric
         if isinstance(metric, At):
             return [f"{self.label}, at {1e3 * float(time):.6g} ms" for time in metric.times]
         word = "peak" if isinstance(metric, Peak) else "value"
@@ -98,9 +98,9 @@ class Limit(Module):
     @property
     def simulation_metric(self) -> AbstractMeasure:
         """The metric that is solved for: of a peak some more peaks too."""
-        metric = self.metric.once
+        metric = self.metric.base_metric
         if isinstance(metric, Peak) and metric.count == 1:
-            return self.metric.about(dataclasses.replace(metric, count=PEAKS))
+            return self.metric.with_metric(dataclasses.replace(metric, count=PEAKS))
         return self.metric
 
 
@@ -150,7 +150,7 @@ class Specification:
     def __post_init__(self):
         settings = self.settings()
         for limit in self.limits:
-            begin_of(getattr(limit.metric.once, "since", None), self.t1, settings)
+            begin_of(getattr(limit.metric.base_metric, "since", None), self.t1, settings)
         if self.manufacture is not None:
             self.manufacture.check()
         if not self.variables or not self.limits:

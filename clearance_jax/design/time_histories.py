@@ -67,4 +67,4 @@ def histories_of(
 
 
 def _signals(specification: Specification) -> list[Any]:
-    return [getattr(limit.metric.once, "signal", None) for limit in specification.limits]
+    return [getattr(limit.metric.base_metric, "signal", None) for limit in specification.limits]

@@ -79,11 +79,11 @@ class AbstractMeasure(Module):
 
     @property
     @abc.abstractmethod
-    def once(self) -> "AbstractMetric":
+    def base_metric(self) -> "AbstractMetric":
         """The metric of one motion."""
 
     @abc.abstractmethod
-    def about(self, metric: "AbstractMetric") -> "AbstractMeasure":
+    def with_metric(self, metric: "AbstractMetric") -> "AbstractMeasure":
         """The same of another metric of one motion."""
 
     @property
@@ -93,11 +93,11 @@ class AbstractMeasure(Module):
 
     @property
     def ages(self) -> tuple[str, ...]:
-        """What a label says of each age at which it has all values of `once`: by default there is one, as it is."""
+        """What a label says of each age at which it has the values of `base_metric`: by default one, as it is."""
         return ("",)
 
     @property
-    def beside(self) -> str:
+    def title_suffix(self) -> str:
         """What a title says behind the metric, with a space before. Nothing by default."""
         return ""
 
@@ -115,10 +115,10 @@ class AbstractMetric(AbstractMeasure):
     """A number, or a few, of a motion."""
 
     @property
-    def once(self) -> "AbstractMetric":
+    def base_metric(self) -> "AbstractMetric":
         return self
 
-    def about(self, metric: "AbstractMetric") -> "AbstractMetric":
+    def with_metric(self, metric: "AbstractMetric") -> "AbstractMetric":
         return metric
 
     @property

@@ -33,7 +33,7 @@ from clearance_jax.solve.driver import integrate
 from clearance_jax.solve.lane_axis import from_lanes, to_lanes
 from clearance_jax.solve.lanes import batched
 from clearance_jax.solve.outcome import Outcome, Task
-from clearance_jax.solve.problem import Problem, basis, field, lift, motion, moved_by, moves, push, widths
+from clearance_jax.solve.problem import Problem, basis, field, lift, motion, moves, push, sparsity, widths
 from clearance_jax.solve.solution import Solution
 from clearance_jax.solve.start import is_possible
 from clearance_jax.solve.tolerances import Tolerances, floors, tolerances
@@ -330,7 +330,7 @@ def problem_of(
         start = first
     else:
         (model, first, errors), (slopes, moved, _), (movers, *_) = push(begin, inputs.varied, directions)
-        problem = Problem(model[0], model[1], slopes, options.books, moved_by(movers, directions))
+        problem = Problem(model[0], model[1], slopes, options.books, sparsity(movers, directions))
         count = jax.tree.leaves(directions)[0].shape[0]
         start = jnp.concatenate([first[None], jnp.zeros((count, *first.shape)) if moved is None else moved])
     allowed = tolerances(problem, first, inputs.t0, inputs.t1, inputs.rtol, inputs.atol)

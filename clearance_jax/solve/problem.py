@@ -35,7 +35,7 @@ class Problem(Module):
     `integrands` are functions of (time, state, mechanism), of any shape, whose integrals follow the state; `books`:
     whether the energy books do, before them. `directions` is a tree like `model`: with a leading axis (one entry a
     direction) for a number that is varied, `None` for one that is not; altogether `None` where nothing is
-    differentiated: then a state is a flat vector, not a stack. `moved_by`: for each of these numbers the directions
+    differentiated: then a state is a flat vector, not a stack. `sparsity`: for each of these numbers the directions
     that move it at all, few of many as a rule.
     """
 
@@ -43,7 +43,7 @@ class Problem(Module):
     integrands: tuple = ()
     directions: Any = None
     books: bool = eqx.field(static=True, default=False)
-    moved_by: tuple[tuple[int, ...], ...] = eqx.field(static=True, default=())
+    sparsity: tuple[tuple[int, ...], ...] = eqx.field(static=True, default=())
 
     @property
     def varies(self) -> bool:
@@ -122,19 +122,19 @@ def field(time: Each, y: Array, problem: Problem, counts: Flag | None = None) ->
     count = y.shape[0] - 1
     outputs = jax.eval_shape(rates, problem.model, tuple(stack[0] for stack in stacks))
     speeds = problem.speeds.stop - problem.speeds.start
-    push = lift if len(outputs) - speeds > count else pulled
+    push = lift if len(outputs) - speeds > count else vjp_rows
     with sharing_lanes(time):
         return by_component(push(rates, problem, stacks), time)
 
 
-def pulled(function, problem: Problem, stacks: Rows) -> Rows:
+def vjp_rows(function, problem: Problem, stacks: Rows) -> Rows:
     """`function(model, rows)` of a motion and its derivatives, by reverse mode: each row of the answer is pulled back
     once, and what comes of it is applied to all directions; cheaper than a push of each direction where these are more
     than the rows.
     """
     varied, fixed = split(problem.model, problem.directions)
     leaves, tree = jax.tree.flatten(varied)
-    numbers = list(zip(jax.tree.leaves(problem.directions), problem.moved_by, strict=True))
+    numbers = list(zip(jax.tree.leaves(problem.directions), problem.sparsity, strict=True))
 
     def flat(*inputs):
         model = eqx.combine(jax.tree.unflatten(tree, inputs[: len(leaves)]), fixed)
@@ -235,7 +235,7 @@ def push(function, tree: Any, directions: Any) -> tuple[Any, Any, Any]:
     )
 
 
-def moved_by(movers: Any, directions: Any) -> tuple[tuple[int, ...], ...]:
+def sparsity(movers: Any, directions: Any) -> tuple[tuple[int, ...], ...]:
     """For every number that moves, the directions that move it at all; `movers`: the leaves that each follows from."""
 
     def of(direction) -> frozenset[int]:

@@ -85,7 +85,7 @@ class AfterWear(AbstractAged):
             raise ClearanceError(f"`cycles` must be at least 0 and ascending, but they are {self.cycles}.")
 
     @property
-    def once(self) -> AbstractMetric:
+    def base_metric(self) -> AbstractMetric:
         return self.metric
 
     @property
@@ -101,10 +101,10 @@ class AfterWear(AbstractAged):
         return self.cycles[-1]
 
     @property
-    def beside(self) -> str:
+    def title_suffix(self) -> str:
         return f" worn at {self.joint}"
 
-    def about(self, metric: AbstractMetric) -> "AfterWear":
+    def with_metric(self, metric: AbstractMetric) -> "AfterWear":
         return dataclasses.replace(self, metric=metric)
 
     def finer(self, factor: float) -> "AfterWear":
