@@ -50,12 +50,30 @@ class TableReference(NamedTuple):
 
 
 def reference() -> list[TableReference]:
-    """Every table that the readers know, scenes first, each with every key."""
-    return [
-        TableReference(file, table.name, table.choice, table.title, table.help, [_key(key) for key in table.keys])
-        for file, tables in FILES.items()
-        for table in tables
-    ]
+    """Every table that the readers know, scenes first, each with every key. Kinds that have the same keys are one."""
+    return [_table(file, several) for file, tables in FILES.items() for several in _alike(tables)]
+
+
+def _alike(tables: tuple[Keys, ...]) -> list[list[Keys]]:
+    """Tables that differ by the word that chooses them alone, together."""
+    found: dict[Any, list[Keys]] = {}
+    for i, table in enumerate(tables):
+        first, *others = map(_key, table.keys)
+        same = table.choice and (table.name, first.name, tuple(others))
+        found.setdefault(same or i, []).append(table)
+    return list(found.values())
+
+
+def _table(file: File, several: list[Keys]) -> TableReference:
+    first, *others = several
+    keys = [_key(key) for key in first.keys]
+    if not others:
+        return TableReference(file, first.name, first.choice, first.title, first.help, keys)
+    titles = [table.title.partition("`") for table in several]
+    words = [f"`{words.rstrip('`')}`" for _, _, words in titles]
+    help = " ".join(f"{word}: {table.help}" for word, table in zip(words, several, strict=True))
+    choice = first.choice + "".join(f" or {table.choice.partition(' = ')[2]}" for table in others)
+    return TableReference(file, first.name, choice, titles[0][0] + ", ".join(words), help, keys)
 
 
 def example(table: Keys, *skip: str) -> dict[str, str]:
