@@ -22,8 +22,12 @@ def small_regions(patch=None, least=64) -> None:
     or as long as a pytest's `patch`.
     """
     change = setattr if patch is None else patch.setattr
-    for module, name, value in (("run", "LEAST", least), ("run", "CHUNKS_A_CORE", 0), ("underway", "PATIENCE", 0.0)):
-        change(importlib.import_module(f"clearance_jax.sweep.{module}"), name, value)
+    for module, name, value in (
+        ("sweep.run", "LEAST", least),
+        ("sweep.run", "CHUNKS_A_CORE", 0),
+        ("runs.partial", "PATIENCE", 0.0),
+    ):
+        change(importlib.import_module(f"clearance_jax.{module}"), name, value)
 
 
 def swept(store=None, clearances=CLEARANCES, speeds=SPEEDS, t1=5e-4, **options):

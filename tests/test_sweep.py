@@ -13,7 +13,7 @@ import xarray as xr
 from sweeping import CLEARANCES, SCENE, SPEEDS, swept
 
 import clearance_jax as cj
-from clearance_jax.sweep.journal import Journal
+from clearance_jax.runs.journal import Journal
 from clearance_jax.sweep.layout import Partition, partition
 
 MECHANISM = cj.load(SCENE)
@@ -181,7 +181,7 @@ def test_a_region_whose_lanes_are_run_again_is_kept_meanwhile(tmp_path, limited,
     assert [p.new for p in seen] == [0.0]
     assert found.attrs["failed"] == 1
     np.testing.assert_array_equal(found["again"], [1, 1, 0, 0])
-    assert not (path / "underway").exists()
+    assert not (path / "partial").exists()
 
 
 # What is refused -----------------------------------------------------------------------------------------------------

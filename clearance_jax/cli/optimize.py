@@ -34,10 +34,10 @@ def optimize(
     set_up()
     from clearance_jax.ask.place import place_of
     from clearance_jax.design.findings import CUT_SHORT
-    from clearance_jax.design.record import RecordWarning
     from clearance_jax.io.plausible import ImplausibleWarning
     from clearance_jax.io.study import load_study
     from clearance_jax.report.html import write_report
+    from clearance_jax.runs.journal import RunWarning
 
     method = _known(method)
     check_writable(report, (".html", ".htm"))
@@ -45,7 +45,7 @@ def optimize(
     check_distinct(study=study_file, report=report, record=record)
     with aloud(ImplausibleWarning):
         study = load_study(study_file)
-    doubts = aloud(RecordWarning)
+    doubts = aloud(RunWarning)
     with doubts, place_of(cluster) as place, _bar() as bar, Interruption() as asked:  # one cluster for all that follows
         pace, client = Pace(asked.check), place.client
         say(_compiling(study.problem.specification.mechanism))

@@ -46,14 +46,14 @@ def sweep(
         raise ClearanceError(f"Cannot write a store to `{output}`: it is a folder. Give it a name that ends in .zarr.")
     set_up()
     from clearance_jax.io.sweep_file import load_sweep
+    from clearance_jax.runs.journal import RunWarning
     from clearance_jax.sweep.run import sweep as swept
-    from clearance_jax.sweep.store import StoreWarning
 
     asked_for = load_sweep(sweep_file)
     check_folder(plot)
     check_distinct(store=output, pictures=plot)
     console.print(f"[bold]{escape(asked_for.name)}[/bold]")
-    with aloud(StoreWarning), _bar() as bar, Interruption() as asked:
+    with aloud(RunWarning), _bar() as bar, Interruption() as asked:
         task = bar.add_task("", total=None, said="compiling")
 
         def progress(now: Any) -> None:

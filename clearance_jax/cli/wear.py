@@ -44,7 +44,7 @@ def wear(
     from clearance_jax.io.plausible import implausible
     from clearance_jax.io.wear_file import load_wear
     from clearance_jax.results.store import save
-    from clearance_jax.wear.journal import JournalWarning
+    from clearance_jax.runs.journal import RunWarning
     from clearance_jax.wear.sectors import SectorsWarning
 
     output = wear_file.with_suffix(".nc") if output is None else output
@@ -62,8 +62,8 @@ def wear(
     console.print(f"[bold]{escape(study.name)}[/bold]")
     with _bar() as bar, Interruption() as asked:
         try:
-            with aloud(SectorsWarning), aloud(JournalWarning):
-                dataset = _lived(study, journal, resume, _Told(bar, asked, study.cycles))
+            with aloud(SectorsWarning), aloud(RunWarning):
+                dataset = _lived(study, journal, _Told(bar, asked, study.cycles))
         except (KeyboardInterrupt, ClearanceError):
             if not asked.heard:
                 raise
@@ -85,32 +85,27 @@ def wear(
         write_film(animate(dataset), movie)
 
 
-def _lived(study: Any, journal: Path, resume: bool, told: "_Told") -> Any:
+def _lived(study: Any, journal: Path, told: "_Told") -> Any:
     """The life as a dataset."""
-    from clearance_jax.wear.folder import described, folder
     from clearance_jax.wear.life import life
     from clearance_jax.wear.record import to_dataset
 
-    model = study.mechanism, study.law, study.pressure
-    rest = {"joint": study.joint, "cycle": study.cycle, "cycles": study.cycles}
-    question = described(*model, study.until, **rest, **study.options, **study.solve)
+    found = life(
+        study.mechanism,
+        study.joint,
+        study.law,
+        study.pressure,
+        study.cycle,
+        study.cycles,
+        **study.options,
+        until=study.until,
+        journal=journal,
+        progress=told,
+        **study.solve,
+    )
+    told.say("reading off")
     words = {} if study.until is None else {"watched": study.words}
-    with folder(journal, question, resume) as blocks:
-        found = life(
-            study.mechanism,
-            study.joint,
-            study.law,
-            study.pressure,
-            study.cycle,
-            study.cycles,
-            **study.options,
-            until=study.until,
-            journal=blocks,
-            progress=told,
-            **study.solve,
-        )
-        told.say("reading off")
-        return to_dataset(found, study.mechanism, study.joint, name=study.name, **words, **study.texts)
+    return to_dataset(found, study.mechanism, study.joint, name=study.name, **words, **study.texts)
 
 
 def _bar() -> Progress:
