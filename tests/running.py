@@ -1,6 +1,10 @@
 """Three small runs that go on after a kill: a sweep into a store, a life with its journal, a search with its record."""
 
+import contextlib
 import importlib
+import os
+import resource
+import stat
 from collections.abc import Callable, Mapping
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -48,7 +52,8 @@ def swept(
     pivot = cj.Revolute("pivot", "ground", "rod", motion=cj.Motion(position=1.0))
     pendulum = cj.Mechanism((rod,), (pivot,), gravity=cj.Gravity(0.0, gravity))
     masses = np.linspace(1.0, 2.0, LANES // 16)
-    axes = {"rod.mass": [*masses, *(3.0 + np.arange(grown))], "rod.inertia": np.linspace(0.1, 0.2, 16)}
+    between = 0.5 * (masses[:-1] + masses[1:])
+    axes = {"rod.mass": np.union1d(masses, between[:grown]), "rod.inertia": np.linspace(0.1, 0.2, 16)}
     outputs = {"angle": function, "force": metric(cj.metrics.JointReaction("pivot"))}
     progress = None if told is None else lambda found: told(found.done)
     asked: Any = {"rtol": 1e-6, **options}
@@ -56,11 +61,11 @@ def swept(
     return {name: found[name].values for name in ("angle", "force", "code", "steps")}
 
 
-def lanes_kept(path: Path) -> int:
+def lanes_kept(path: Path) -> tuple[int, int]:
     """Lanes of a store's journal, and of its partial results."""
     found = Regions(path)
     partial = sum(found.partial.count(region) for region in found.partial.parts() if region not in found.records)
-    return sum(map(found.partition.size, found.records)) + partial
+    return sum(map(found.partition.size, found.records)), partial
 
 
 # A disc that turns under its weight, and how many cycles are computed of its life.
@@ -137,6 +142,7 @@ def searched(
         "x": np.array([one.x for one in found]),
         "objective": np.array([one.objective for one in found]),
         "limits": np.array([one.limits for one in found]),
+        "jacobian": np.array([one.jacobian for one in found]),
     }
 
 
@@ -146,23 +152,25 @@ def _evaluated(specification: Any, x: np.ndarray, *_: Any) -> design.Evaluation:
 
 
 class Run(NamedTuple):
-    """One of the three: `ask` runs it at a path; where its `journal` lies; how much is `kept`; whether it has one
-    `writer` at a time; how it `changes` by each kind of difference, with the words of the refusal; how it is asked
-    first where it grows `grown` later, and how many steps that takes.
+    """One of the three: `ask` runs it at a path; where its `journal` lies; how many lanes, cycles or designs it has in
+    all, and how many of them are `kept`; whether it has one `writer` at a time; how it `changes` by each kind of
+    difference, with the words of the refusal; how it is asked where it is `small` and `grown`, and by how much.
     """
 
     ask: Callable[..., Answer]
     journal: Callable[[Path], Path]
+    every: int
     kept: Callable[[Path], int]
     writer: bool
     changes: Mapping[str, tuple[dict[str, Any], str]]
     small: dict[str, Any]
     grown: dict[str, Any]
-    steps: int
+    more: int
 
 
-def _records(path: Path) -> int:
-    return len(Journal(path).records)
+def _computed(path: Path) -> int:
+    records = Journal(path).records
+    return records[-1]["evaluations"] if records else 0
 
 
 OPTION = {"rtol": 1e-7}
@@ -170,7 +178,8 @@ RUNS = {
     "sweep": Run(
         swept,
         lambda path: path / "journal.jsonl",
-        lanes_kept,
+        LANES,
+        lambda path: sum(lanes_kept(path)),
         True,
         {
             "a number": ({"gravity": -9.0}, r"`gravity\.y` is -9\.0 here and -9\.81 there"),
@@ -185,7 +194,8 @@ RUNS = {
     "life": Run(
         lived,
         lambda path: path,
-        _records,
+        CYCLES,
+        _computed,
         True,
         {
             "a number": ({"play": 2e-4}, r"`pin\.radial_clearance` is 0\.0002 here and 0\.0001 there"),
@@ -200,7 +210,8 @@ RUNS = {
     "search": Run(
         searched,
         lambda path: path,
-        _records,
+        len(DESIGNS),
+        lambda path: len(Journal(path).records),
         False,
         {
             "a number": ({"bound": 2e-4}, r"`bound \(.*\)` is 0\.0002 here and 0\.0001 there"),
@@ -236,6 +247,37 @@ def install(change: Callable[[Any, str, Any], None] = setattr) -> list[int]:
     change(importlib.import_module("clearance_jax.sweep.run"), "CHUNKS_A_CORE", 0)
     change(importlib.import_module("clearance_jax.runs.partial"), "PATIENCE", 0.0)
     return work
+
+
+@contextlib.contextmanager
+def no_longer_than(size):
+    """The system refuses longer files."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@contextlib.contextmanager
+def somebody():
+    """As one whom the system may refuse to write: not as root."""
+    root = os.geteuid() == 0
+    if root:
+        os.seteuid(65534)
+    try:
+        yield
+    finally:
+        if root:
+            os.seteuid(0)
+
+
+def allow(path, writable):
+    """Everybody to read what is at a path; to write it or not."""
+    for one in (path, *path.rglob("*")):
+        own = stat.S_IXUSR | stat.S_IXGRP | stat.S_IXOTH if one.is_dir() else 0
+        one.chmod((0o666 if writable else 0o444) | own)
 
 
 # What a process of its own takes most of its time to import. One server of processes has it, and they begin with it.

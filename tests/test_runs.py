@@ -4,13 +4,10 @@ It goes on after a kill to the same bytes; another question is refused in words;
 again; what the disk refuses is one sentence.
 """
 
-import contextlib
 import multiprocessing
 import os
 import re
-import resource
 import signal
-import stat
 import sys
 import tempfile
 from pathlib import Path
@@ -18,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import running
-from running import RUNS
+from running import RUNS, allow, no_longer_than, somebody
 
 from clearance_jax.errors import ClearanceError
 from clearance_jax.runs.journal import BEGIN, Journal, RunWarning, line_of
@@ -86,7 +83,8 @@ def test_growing_computes_only_what_is_new(name, tmp_path, work):
     run.ask(path, **run.small)
     done = sum(work)
     grown = run.ask(path, **run.grown)
-    assert sum(work) - done == run.steps
+    assert sum(work) - done == run.more
+    assert [one.name for one in tmp_path.iterdir()] == ["run"]
     same(grown, run.ask(tmp_path / "new", **run.grown))
 
 
@@ -121,6 +119,11 @@ def test_a_torn_end_is_as_if_it_had_never_been(name, tmp_path, whole):
         run.journal(path).write_bytes(b"".join(lines[:-1]) + torn)
         same(run.ask(path), answer)
         assert run.journal(path).read_bytes() == journal
+    if name != "sweep":  # whose store is there with its question, or not at all
+        for torn in (b"", lines[0][:50], lines[0][:5]):
+            path.write_bytes(torn)
+            same(run.ask(path), answer)
+            assert path.read_bytes() == journal
 
 
 @EACH
@@ -130,22 +133,35 @@ def test_what_is_damaged_is_said_and_computed_again(name, tmp_path, whole):
     path, run = tmp_path / "run", RUNS[name]
     run.ask(path)
     lines = journal.splitlines(keepends=True)
-    at = lines[4].index(b'"', 60)  # still JSON, or not: the checksum tells
-    bad = lines[4][:at] + b"?" + lines[4][at + 1 :]
+    at = re.search(rb"[1-8]", lines[4][60:])  # another number, and still JSON
+    assert at is not None
+    bad = lines[4][: 60 + at.start()] + b"9" + lines[4][60 + at.end() :]
     run.journal(path).write_bytes(b"".join([*lines[:4], bad, *lines[5:]]))
     said = "line 5 is damaged; it and what follows are" if name == "life" else "1 line is damaged; what it held is"
     with pytest.warns(RunWarning, match=f"`{run.journal(path)}`: {said} computed again"):
         same(run.ask(path), answer)
     found = run.journal(path).read_bytes()
     assert found == (journal if name == "life" else b"".join([*lines[:4], bad, *lines[5:], lines[4]]))
-    run.journal(path).write_bytes(lines[0][:40] + b"?" + lines[0][41:] + b"".join(lines[1:]))
+
+
+@EACH
+def test_a_question_that_is_damaged(name, tmp_path, whole):
+    """Where records follow from each other nothing is left. Else the fingerprint tells, and it is written anew."""
+    answer, journal = whole[name]
+    path, run = tmp_path / "run", RUNS[name]
+    run.ask(path)
+    lines = journal.splitlines(keepends=True)
+    damaged = lines[0][:40] + b"?" + lines[0][41:]
     if name == "life":
-        with pytest.raises(ClearanceError, match=r"is no journal of a run, .* or damaged at its begin"):
-            run.ask(path)
+        for left in (damaged, damaged + b"".join(lines[1:]), b"".join(lines[1:])):
+            path.write_bytes(left)
+            with pytest.raises(ClearanceError, match=r"is no journal of a run, .* or damaged at its begin"):
+                run.ask(path)
+            assert path.read_bytes() == left
         return
-    with pytest.warns(RunWarning, match="1 line is damaged"):
+    run.journal(path).write_bytes(damaged + b"a letter\n" + b"".join(lines[1:]))
+    with pytest.warns(RunWarning, match="2 lines are damaged; what they held is computed again"):
         same(run.ask(path), answer)
-    # Its fingerprint told what it was asked, and now it stands there in words again.
     assert Journal(run.journal(path)).question is not None
     changes, words = run.changes["a number"]
     with pytest.raises(ClearanceError, match=words):
@@ -160,6 +176,8 @@ OTHERS = (
     b"a letter",
     b"a letter\n",
     b'{"a": 1}\n',
+    b"5\n",
+    b"[1]\n",
     b"\0",
     BEGIN + b'00000000","a":1}\n',
     line_of({"question": {"t1": 1.0}, "begin": [0.0]}),
@@ -207,19 +225,8 @@ def test_a_path_that_is_none(name, tmp_path):
 # Disks ---------------------------------------------------------------------------------------------------------------
 
 
-@contextlib.contextmanager
-def no_longer_than(size):
-    """The system refuses longer files."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-
-
 @EACH
-def test_a_full_disk(name, tmp_path, whole):
+def test_a_full_disk(name, tmp_path, whole, monkeypatch):
     answer, journal = whole[name]
     path, run = tmp_path / "run", RUNS[name]
     stopped(name, path, 6)
@@ -228,28 +235,20 @@ def test_a_full_disk(name, tmp_path, whole):
         run.ask(path)
     assert re.search(r"Cannot write .*(File too large|No space left).*make room, and go on", str(refused.value))
     assert run.journal(path).read_bytes() == before
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(
+        ClearanceError, match=r"Cannot write .*No space left on device\. What was .*make room, and go on"
+    ):
+        run.ask(path)
+    monkeypatch.undo()
+    running.install(monkeypatch.setattr)
+    assert run.journal(path).read_bytes() == before
     same(run.ask(path), answer)
     assert run.journal(path).read_bytes() == journal
 
 
-@contextlib.contextmanager
-def somebody():
-    """As one whom the system may refuse to write: not as root."""
-    root = os.geteuid() == 0
-    if root:
-        os.seteuid(65534)
-    try:
-        yield
-    finally:
-        if root:
-            os.seteuid(0)
-
-
-def allow(path, writable):
-    """Everybody to read what is at a path; to write it or not."""
-    for one in (path, *path.rglob("*")):
-        own = stat.S_IXUSR | stat.S_IXGRP | stat.S_IXOTH if one.is_dir() else 0
-        one.chmod((0o666 if writable else 0o444) | own)
+def full(_):
+    raise OSError(28, "No space left on device")
 
 
 @EACH
@@ -273,7 +272,7 @@ def test_where_nothing_can_be_written(name, whole):
 
 
 @EACH
-def test_killed_at_random_moments(name, tmp_path, whole):
+def test_killed_at_random_moments(name, tmp_path, whole, work):
     """Nothing that was said to be done is lost, nothing is there twice, and the answer is that of a run which nobody
     killed. While it lives nobody else writes; to the record of a search several may.
     """
@@ -281,6 +280,7 @@ def test_killed_at_random_moments(name, tmp_path, whole):
     path, run, random = tmp_path / "run", RUNS[name], np.random.default_rng(1)
     processes = multiprocessing.get_context("forkserver")
     processes.set_forkserver_preload(running.IMPORTED)
+    done = 0
     for count in (2, 3):
         ours, theirs = processes.Pipe()
         plain = os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] == "1"
@@ -302,7 +302,9 @@ def test_killed_at_random_moments(name, tmp_path, whole):
             process.kill()
             process.join()
         assert run.kept(path) >= done
+    kept = run.kept(path)
     same(run.ask(path), answer)
+    assert sum(work) == run.every - kept
     assert run.journal(path).read_bytes() == journal
 
 

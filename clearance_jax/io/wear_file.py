@@ -17,8 +17,7 @@ from clearance_jax.wear.pressure import AbstractPressure
 
 class WearFile(NamedTuple):
     """What a wear file says: the positional arguments of `wear.life` and its `options`, those of the solves among
-    them; what ends the life, and that in words, if anything; the journal's folder, if it is named; name and
-    texts.
+    them; what ends the life, and that in words, if anything; the journal, if it is named; name and texts.
     """
 
     mechanism: Mechanism

@@ -150,8 +150,9 @@ def _march(rate, stack, cycles, tolerance, longest, until, journal, progress) ->
     """The blocks, from those that the journal has."""
     first = Block(0, 1, stack.tolist(), 0)
     if until is not None:
-        first = first._replace(beyond=_beyond(until, stack, 0))
-        if not first.beyond < 0:
+        beyond = _beyond(until, stack, 0)
+        first = first._replace(beyond=beyond)
+        if not beyond < 0:
             return [first._replace(end=0.0)]
     blocks = [first, *(Block(**record) for record in (() if journal is None else journal.records))]
     while blocks[-1].cycles < cycles and blocks[-1].end is None:
