@@ -1,6 +1,5 @@
 """Tolerance design: against closed forms, with its messages, its memory and its certificate."""
 
-
 import jax.numpy as jnp
 import numpy as np
 import pytest
