@@ -1,6 +1,7 @@
 """All that a compiled program depends on outside of the question: sources, versions, JAX's settings, the processor."""
 
 import functools
+import hashlib
 import platform
 import sys
 from importlib.metadata import PackageNotFoundError, version
@@ -13,9 +14,8 @@ from jax._src import compiler  # the flags of XLA as they are in force: the vari
 from jax._src import config as jax_config  # all that a trace depends on
 from jax._src import core as jax_core
 
-from clearance_jax._code import VERSIONED
+from clearance_jax._code import PACKAGE, VERSIONED
 from clearance_jax._structure import hashed
-from clearance_jax.identity import source_digest
 
 _jax: Any = jax.config  # whose settings have no types
 
@@ -41,6 +41,17 @@ def is_plain() -> bool:
         and not (_jax.jax_debug_nans or _jax.jax_debug_infs or _jax.jax_disable_jit)
         and processor() != ""
     )
+
+
+@functools.cache
+def source_digest() -> str:
+    """All Python sources of this library as one short text, read once a process: the version's number alone does not
+    tell two states of a working copy apart.
+    """
+    found = hashlib.blake2b(digest_size=8)
+    for path in sorted(PACKAGE.rglob("*.py")):
+        found.update(path.relative_to(PACKAGE).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+    return found.hexdigest()
 
 
 @functools.cache

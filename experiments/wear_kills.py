@@ -7,7 +7,6 @@ nobody kills. Whenever it is done: is the dataset that of the run which nobody k
 And is each block that was in the journal when it was killed still in it?
 """
 
-import shutil
 import signal
 import subprocess
 import sys
@@ -18,8 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 import clearance_jax as cj
-from clearance_jax.sweep.journal import Journal
-from clearance_jax.wear.folder import BLOCKS
+from clearance_jax.runs.journal import Journal
 from experiments.common import SCENES, output, table
 from experiments.publish import command
 
@@ -63,12 +61,12 @@ def life(study: Path, result: Path, *options: str) -> subprocess.Popen:
 
 
 def journal(result: Path) -> list[dict]:
-    return Journal(result.with_suffix(".journal") / BLOCKS).read()
+    return Journal(result.with_suffix(".journal")).records
 
 
 def grown(process: subprocess.Popen, result: Path, count: int) -> None:
-    """Wait until there are more records than that, or the process has ended."""
-    while process.poll() is None and len(journal(result)) <= max(count, 1):
+    """Wait until there are more blocks than that, or the process has ended."""
+    while process.poll() is None and len(journal(result)) <= count:
         time.sleep(0.01)
 
 
@@ -89,18 +87,18 @@ def kills(wanted: int, cycles: int, bound: float, tolerance: float, warm: bool =
 
     def anew(path: Path) -> None:
         path.unlink(missing_ok=True)
-        shutil.rmtree(path.with_suffix(".journal"), ignore_errors=True)
+        path.with_suffix(".journal").unlink(missing_ok=True)
 
     first = lasts = 0.0
     for _ in range(1 + warm):
         anew(whole)
         begin = time.perf_counter()
         process = life(study, whole)
-        grown(process, whole, 1)
+        grown(process, whole, 0)
         first = time.perf_counter() - begin
         finished(process)
         lasts = time.perf_counter() - begin
-    expected, blocks = cj.load_dataset(whole), len(journal(whole)) - 1
+    expected, blocks = cj.load_dataset(whole), len(journal(whole))
     survived, amidst, ended, kept, same = 0, 0, 0, True, True
     anew(result)
     while survived < wanted:

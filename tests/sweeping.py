@@ -1,7 +1,6 @@
-"""A sweep in a process of its own, to be killed: `python tests/sweeping.py STORE LANES_A_REGION`."""
+"""A small sweep of a slider-crank, into small regions."""
 
 import importlib
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -17,13 +16,16 @@ OUTPUTS = {
 }
 
 
-def small_regions(patch=None, least=64) -> None:
-    """Regions of few lanes, so that few lanes make many regions, and chunks that do not wait to be written; for good,
-    or as long as a pytest's `patch`.
+def small_regions(patch, least=64) -> None:
+    """Regions of few lanes, so that few lanes make many regions, and chunks that do not wait to be written, as long
+    as a pytest's `patch`.
     """
-    change = setattr if patch is None else patch.setattr
-    for module, name, value in (("run", "LEAST", least), ("run", "CHUNKS_A_CORE", 0), ("underway", "PATIENCE", 0.0)):
-        change(importlib.import_module(f"clearance_jax.sweep.{module}"), name, value)
+    for module, name, value in (
+        ("sweep.run", "LEAST", least),
+        ("sweep.run", "CHUNKS_A_CORE", 0),
+        ("runs.partial", "PATIENCE", 0.0),
+    ):
+        patch.setattr(importlib.import_module(f"clearance_jax.{module}"), name, value)
 
 
 def swept(store=None, clearances=CLEARANCES, speeds=SPEEDS, t1=5e-4, **options):
@@ -35,17 +37,3 @@ def swept(store=None, clearances=CLEARANCES, speeds=SPEEDS, t1=5e-4, **options):
 def same(found, expected):
     """Bit by bit, coordinates too."""
     xr.testing.assert_identical(found.load().drop_attrs(), expected.drop_attrs()[list(found.data_vars)])
-
-
-if __name__ == "__main__":
-    cj.configure(cache=True)
-    small_regions(least=int(sys.argv[2]))
-    print("ready", flush=True)
-
-    def in_step(progress):
-        """Say how far it is, and wait for a line, so that it is not done before anyone has killed it."""
-        print(progress.done, flush=True)
-        sys.stdin.readline()
-
-    swept(Path(sys.argv[1]), resume=True, progress=in_step)
-    print("done", flush=True)

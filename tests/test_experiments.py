@@ -167,8 +167,8 @@ def test_sweeps(monkeypatch):
     run = importlib.import_module("clearance_jax.sweep.run")
     monkeypatch.setattr(run, "LEAST", run.LEAST)  # the experiment makes regions small, for itself
     monkeypatch.setattr(run, "CHUNKS_A_CORE", run.CHUNKS_A_CORE)
-    underway = importlib.import_module("clearance_jax.sweep.underway")
-    monkeypatch.setattr(underway, "PATIENCE", underway.PATIENCE)
+    partial = importlib.import_module("clearance_jax.runs.partial")
+    monkeypatch.setattr(partial, "PATIENCE", partial.PATIENCE)
     found = sweeps.main(quick=True)
     assert {row.way for row in found.rates} == {"`batch`", "`sweep`", "`sweep`, one core", "`sweep` into a store"}
     assert all(duel.sweep.error <= duel.error and duel.rival.error <= duel.error for duel in found.duels)

@@ -14,7 +14,6 @@ import pytest
 from typer.testing import CliRunner
 
 import clearance_jax as cj
-from clearance_jax import design
 from clearance_jax.cli.common import check_writable
 from clearance_jax.cli.interruption import Interruption
 from clearance_jax.cli.main import app
@@ -345,15 +344,6 @@ def test_outputs_are_tried_without_a_trace(tmp_path):
     check_writable(old)
     assert [path.name for path in tmp_path.iterdir()] == ["old.nc"]
     assert old.read_text() == "kept"
-
-
-def test_a_record_that_is_none_is_left_alone(tmp_path):
-    file = tmp_path / "notes.txt"
-    for text in ("my notes", "5\n", "[1]\n", '{"a": 1}\n', "\x00"):
-        file.write_text(text)
-        with pytest.raises(ClearanceError, match="no record of designs"):
-            design.Program(lambda x, gradient: None, ["a"], np.ones(1), 2 * np.ones(1), ["l"], record=file)  # type: ignore[arg-type]
-        assert file.read_text() == text
 
 
 def test_units_of_a_dataset_are_those_of_what_it_holds():

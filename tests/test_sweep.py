@@ -2,7 +2,6 @@
 
 import functools
 import importlib
-import json
 
 import jax
 import numpy as np
@@ -14,7 +13,6 @@ from scipy import stats
 from sweeping import CLEARANCES, SCENE, SPEEDS, swept
 
 import clearance_jax as cj
-from clearance_jax.sweep.journal import Journal
 from clearance_jax.sweep.layout import Partition, partition
 
 MECHANISM = cj.load(SCENE)
@@ -182,7 +180,7 @@ def test_a_region_whose_lanes_are_run_again_is_kept_meanwhile(tmp_path, limited,
     assert [p.new for p in seen] == [0.0]
     assert found.attrs["failed"] == 1
     np.testing.assert_array_equal(found["again"], [1, 1, 0, 0])
-    assert not (path / "underway").exists()
+    assert not (path / "partial").exists()
 
 
 # What is refused -----------------------------------------------------------------------------------------------------
@@ -282,16 +280,3 @@ def test_correlation_of_normal_numbers_is_theirs():
     np.testing.assert_allclose(found, [[1, 0.8, 0], [0.8, 1, -0.4], [0, -0.4, 1]], atol=0.02)
     with pytest.raises(cj.ClearanceError, match="positive definite"):
         cj.Sampled(laws, 8, correlation={("a", "b"): 0.9, ("b", "c"): 0.9, ("a", "c"): -0.9}).draw()
-
-
-def test_a_journal_forgets_only_what_was_torn(tmp_path):
-    journal = Journal(tmp_path / "j")
-    assert journal.read() == []
-    journal.add(a=1)
-    journal.add(a=2)
-    with (tmp_path / "j").open("ab") as file:
-        file.write(json.dumps({"a": 3}).encode()[:-2])
-    assert Journal(tmp_path / "j").read() == [{"a": 1}, {"a": 2}]
-    after = Journal(tmp_path / "j")
-    after.add(a=4)
-    assert after.read() == [{"a": 1}, {"a": 2}, {"a": 4}]

@@ -14,7 +14,7 @@ from distributed import Client, LocalCluster
 from sweeping import CLEARANCES, SCENE, same, small_regions, swept
 
 import clearance_jax as cj
-from clearance_jax.sweep.journal import Journal
+from clearance_jax.runs.journal import Journal
 
 
 @pytest.fixture(autouse=True)
@@ -33,7 +33,7 @@ def wait_for(client, workers):
 
 def times_written(path):
     """How often each region is in a store's journal."""
-    return Counter(r["region"] for r in Journal(path / "journal.jsonl").read() if r["event"] == "region")
+    return Counter(r["region"] for r in Journal(path / "journal.jsonl").records if "region" in r)
 
 
 @pytest.mark.slow

@@ -1,29 +1,21 @@
 """A sweep's store: whoever dies, writes beside it, fills the disk or damages it, it goes on, to the same answers."""
 
-import contextlib
-import os
-import resource
-import signal
-import stat
-import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 import sweeping
 import xarray as xr
+from running import allow, lanes_kept, no_longer_than, somebody
 from sweeping import CLEARANCES, SPEEDS, same, swept
 
 import clearance_jax as cj
-from clearance_jax.sweep.journal import Journal
-from clearance_jax.sweep.store import StoreWarning
+from clearance_jax.runs.journal import RunWarning
 
 LANES = 512
-IDENTITY = sys.modules["clearance_jax.identity"]
-STORE, UNDERWAY = sys.modules["clearance_jax.sweep.store"], sys.modules["clearance_jax.sweep.underway"]
+STORE, PARTIAL = sys.modules["clearance_jax.sweep.store"], sys.modules["clearance_jax.runs.partial"]
 
 
 @pytest.fixture(autouse=True)
@@ -37,11 +29,6 @@ def whole():
     return swept()
 
 
-def regions_of(path):
-    """The regions of a store's journal, as they were written."""
-    return [record["region"] for record in Journal(path / "journal.jsonl").read() if record["event"] == "region"]
-
-
 def stopped(path, done, **options):
     """A sweep into a store, stopped once so many lanes are done."""
 
@@ -51,15 +38,6 @@ def stopped(path, done, **options):
 
     with pytest.raises(KeyboardInterrupt):
         swept(path, progress=stop, **options)
-
-
-def lanes_kept(path):
-    """Lanes of a store's journal, and of its regions under way."""
-    found = STORE.Regions(path)
-    written = set(regions_of(path))
-    return sum(map(found.partition.size, written)), sum(
-        found.underway.count(region) for region in found.underway.regions() if region not in written
-    )
 
 
 def test_a_store_holds_the_same(tmp_path, whole):
@@ -93,17 +71,7 @@ def test_resuming_runs_only_what_is_missing(tmp_path, whole):
     assert np.isnan(part["peak"].values).sum() == 512 - 192
     same(swept(path, resume=True, progress=calls.append), whole)
     assert min(call.done for call in calls) > 192
-    lines = [line["region"] for line in Journal(path / "journal.jsonl").read() if line["event"] == "region"]
-    assert sorted(lines) == list(range(8))
-
-
-def test_widening_runs_only_what_is_new(tmp_path, whole):
-    path = tmp_path / "a.zarr"
-    swept(path, clearances=CLEARANCES[::2])
-    seen = []
-    same(swept(path, resume=True, progress=seen.append), whole)
-    assert max(p.new for p in seen) <= 256
-    assert [p.name for p in tmp_path.iterdir()] == ["a.zarr"]
+    assert sorted(STORE.Regions(path).records) == list(range(8))
 
 
 def test_another_question_is_refused_in_words(tmp_path, monkeypatch):
@@ -111,22 +79,14 @@ def test_another_question_is_refused_in_words(tmp_path, monkeypatch):
     swept(path)
     with pytest.raises(cj.ClearanceError, match=r"exists already\. Go on with it by `resume`"):
         swept(path)
-    with pytest.raises(cj.ClearanceError, match=r"another question: `t1` is 0\.0006 here and 0\.0005 in the store"):
-        swept(path, resume=True, t1=6e-4)
     with pytest.raises(cj.ClearanceError, match=r"`axis drive.main.speed` is .*15 from .* here and .*16 from"):
         swept(path, resume=True, speeds=SPEEDS[:15])
     with pytest.raises(cj.ClearanceError, match="is no store of a sweep"):
         swept(tmp_path, resume=True)
-    # The library itself: one that computes otherwise, and a store that does not say by which it was written.
-    digest = IDENTITY.source_digest()
-    with monkeypatch.context() as patch:
-        patch.setattr(IDENTITY, "source_digest", lambda: "another")
-        with pytest.raises(cj.ClearanceError, match=rf"another version of the library: .*another here and {digest} in"):
-            swept(path, resume=True)
     # More outputs than the store has would stay empty there.
     with monkeypatch.context() as patch:
         patch.setattr(sweeping, "OUTPUTS", {**sweeping.OUTPUTS, "more": "piston.position"})
-        with pytest.raises(cj.ClearanceError, match=r"question: .*\(output more\)` is .* here and absent in the"):
+        with pytest.raises(cj.ClearanceError, match=r"question: .*\(output more\)` is .* here and absent there"):
             swept(path, resume=True)
 
 
@@ -142,10 +102,10 @@ def test_a_function_of_the_users_is_part_of_the_question(tmp_path, monkeypatch):
 
     first = asked(2.0).load()
     same(asked(2.0, resume=True), first)
-    with pytest.raises(cj.ClearanceError, match=r"`code of .*asked.*end .* here and .* in the store"):
+    with pytest.raises(cj.ClearanceError, match=r"`code of .*asked.*end .* here and .* there"):
         asked(3.0, resume=True)
     monkeypatch.setitem(globals(), "helped", lambda value: 2 * value)
-    with pytest.raises(cj.ClearanceError, match=r"`code of .*asked.*end .* here and .* in the store"):
+    with pytest.raises(cj.ClearanceError, match=r"`code of .*asked.*end .* here and .* there"):
         asked(2.0, resume=True)
 
 
@@ -159,7 +119,7 @@ def test_an_output_may_be_called_as_a_store_calls_things_inside(tmp_path, monkey
     monkeypatch.setattr(sweeping, "OUTPUTS", dict.fromkeys(names, "piston.position"))
     few = {"clearances": CLEARANCES[:2], "speeds": SPEEDS[:2]}
     same(swept(tmp_path / "a.zarr", **few), swept(**few))
-    own = "zarr.json", "Journal.jsonl", "writer.lock", "underway", "question.1"
+    own = "zarr.json", "Journal.jsonl", "writer.lock", "partial", "question.1"
     for name in (*own, "__a", "a" * 201, "..", "a/b", ""):
         monkeypatch.setattr(sweeping, "OUTPUTS", {name: "piston.position"})
         with pytest.raises(cj.ClearanceError, match="cannot be"):
@@ -167,59 +127,27 @@ def test_an_output_may_be_called_as_a_store_calls_things_inside(tmp_path, monkey
     assert not (tmp_path / "b.zarr").exists()
 
 
-def test_killed_at_random_moments(tmp_path, whole, monkeypatch):
-    """Nothing that was said to be done is lost, nothing is there twice; the answer of one that nobody killed. While it
-    lives nobody else writes.
-    """
-    sweeping.small_regions(monkeypatch, LANES // 2)
-    path, random = tmp_path / "a.zarr", np.random.default_rng(1)
-    command = [sys.executable, sweeping.__file__, str(path), str(LANES // 2)]
-    for _ in range(2):
-        with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
-            assert process.stdout is not None
-            assert process.stdin is not None
-            assert process.stdout.readline() == "ready\n"
-            done = 0
-            for _ in range(3):
-                done = int(process.stdout.readline())
-                process.stdin.write("\n")
-                process.stdin.flush()
-            time.sleep(random.uniform(0.0, 0.02))
-            process.send_signal(signal.SIGSTOP)
-            try:
-                with pytest.raises(cj.ClearanceError, match=f"is being written by process {process.pid} on "):
-                    swept(path, resume=True)
-            finally:  # one that is stopped would be waited for without end
-                process.send_signal(signal.SIGKILL)
-        assert sum(lanes_kept(path)) >= done
-    assert lanes_kept(path)[1] > 0
-    kept, seen = sum(lanes_kept(path)), []
-    same(swept(path, resume=True, progress=seen.append), whole)
-    assert min(p.done for p in seen) > kept
-    assert sorted(regions_of(path)) == [0, 1]
+# Partial results -----------------------------------------------------------------------------------------------------
 
 
-# Under way -----------------------------------------------------------------------------------------------------------
-
-
-def test_what_is_under_way_is_not_solved_again(tmp_path, whole, monkeypatch):
+def test_partial_results_are_not_solved_again(tmp_path, whole, monkeypatch):
     """Stopped within a region; what was torn then, or damaged since, is solved again, the rest is not."""
     sweeping.small_regions(monkeypatch, LANES)
     path, seen = tmp_path / "a.zarr", []
     stopped(path, 300)
     assert lanes_kept(path) == (0, 320)
-    (file,) = (path / "underway").iterdir()
+    (file,) = (path / "partial").iterdir()
     file.write_bytes(file.read_bytes()[:-1])
     stopped(path, 400, resume=True)
     assert lanes_kept(path) == (0, 448)
-    (later,) = set((path / "underway").iterdir()) - {file}
+    (later,) = set((path / "partial").iterdir()) - {file}
     data = bytearray(later.read_bytes())
     data[30] ^= 1
     later.write_bytes(bytes(data))
     assert lanes_kept(path) == (0, 256)
     same(swept(path, resume=True, progress=seen.append), whole)
     assert {p.done for p in seen} == {320, 384, 448, 512}
-    assert not (path / "underway").exists()
+    assert not (path / "partial").exists()
 
 
 def test_a_pilots_lanes_are_kept(tmp_path, whole):
@@ -236,7 +164,7 @@ def test_a_pilots_lanes_are_kept(tmp_path, whole):
     same(swept(path, resume=True), whole)
 
 
-def test_widening_takes_over_what_was_under_way(tmp_path, whole, monkeypatch):
+def test_widening_takes_over_partial_results(tmp_path, whole, monkeypatch):
     sweeping.small_regions(monkeypatch, LANES)
     path, seen = tmp_path / "a.zarr", []
     stopped(path, 100, clearances=CLEARANCES[::2])
@@ -260,7 +188,7 @@ def test_a_damaged_chunk_is_said_and_computed_again(tmp_path, whole):
     (path / "steps/c/6/0").write_bytes((path / "steps/c/7/0").read_bytes())
     with pytest.raises(ValueError, match="checksum"):
         xr.open_zarr(path)["peak"].load()
-    with pytest.warns(StoreWarning, match=r"3 of its regions are damaged \(3, 5, 6\); they are computed again"):
+    with pytest.warns(RunWarning, match=r"3 of its regions are damaged \(3, 5, 6\); they are computed again"):
         found = swept(path, resume=True)
     same(found, whole)
 
@@ -273,21 +201,9 @@ def test_a_damaged_coordinate_is_mended(tmp_path, whole):
     with pytest.raises(cj.ClearanceError, match=r"`drive.main.speed` of .* is damaged\. Go on with the axes"):
         swept(path, resume=True, speeds=np.append(SPEEDS, 600.0))
     (path / "wrist.radial_clearance/c/0").unlink()
-    with pytest.warns(StoreWarning, match="the coordinate .* is damaged; it is mended"):
+    with pytest.warns(RunWarning, match="the coordinate .* is damaged; it is mended"):
         found = swept(path, resume=True)
     same(found, whole)
-
-
-def test_a_damaged_journal_costs_its_line(tmp_path, whole):
-    path = tmp_path / "a.zarr"
-    swept(path)
-    lines = (path / "journal.jsonl").read_bytes().splitlines(keepends=True)
-    lines[3] = b"\0" * (len(lines[3]) - 1) + b"\n"
-    (path / "journal.jsonl").write_bytes(b"".join(lines))
-    seen = []
-    same(swept(path, resume=True, progress=seen.append), whole)
-    assert {p.done for p in seen} == {LANES}
-    assert sorted(regions_of(path)) == list(range(8))
 
 
 def test_a_store_that_does_not_say_what_it_is_is_mended_by_its_own_question(tmp_path, whole):
@@ -296,7 +212,7 @@ def test_a_store_that_does_not_say_what_it_is_is_mended_by_its_own_question(tmp_
     (path / "zarr.json").write_text("{")
     with pytest.raises(cj.ClearanceError, match=r"is no store of a sweep.*the very question that it had"):
         swept(path, resume=True, t1=6e-4)
-    with pytest.warns(StoreWarning, match=r"its `zarr.json` is damaged; it is mended"):
+    with pytest.warns(RunWarning, match=r"its `zarr.json` is damaged; it is mended"):
         found = swept(path, resume=True, progress=seen.append)
     same(found, whole)
     assert seen == []
@@ -306,9 +222,9 @@ def test_chunks_wait_for_each_other_before_they_are_written(tmp_path, monkeypatc
     """Written when the first has waited long enough, or nothing follows; or not at all, where their region is."""
     clock = [0.0]
     monkeypatch.setattr("time.monotonic", lambda: clock[0])
-    folder = tmp_path / "underway"
-    kept = UNDERWAY.Underway(folder, {"x": (np.dtype("f8"), ())})
-    monkeypatch.setattr(UNDERWAY, "PATIENCE", 1.0)
+    folder = tmp_path / "partial"
+    kept = PARTIAL.PartialResults(folder, {"x": (np.dtype("f8"), ())})
+    monkeypatch.setattr(PARTIAL, "PATIENCE", 1.0)
 
     def add(region, place):
         kept.add(region, np.array([place]), {"x": np.array([float(place)])})
@@ -323,32 +239,21 @@ def test_chunks_wait_for_each_other_before_they_are_written(tmp_path, monkeypatc
     add(1, 4)
     kept.close()
     found = {"x": np.zeros(5)}
-    UNDERWAY.Underway(folder, {"x": (np.dtype("f8"), ())}).fill(1, found)
+    PARTIAL.PartialResults(folder, {"x": (np.dtype("f8"), ())}).fill(1, found)
     np.testing.assert_array_equal(found["x"], [0, 0, 2, 3, 4])
 
 
 # Disks ---------------------------------------------------------------------------------------------------------------
 
 
-@contextlib.contextmanager
-def no_longer_than(size):
-    """The system refuses longer files."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-
-
 @pytest.mark.parametrize("done", [100, LANES])
 def test_no_more_room(tmp_path, whole, monkeypatch, done):
-    """For what is under way; for a chunk of the region."""
+    """For partial results; for a chunk of the region."""
     sweeping.small_regions(monkeypatch, LANES)
     path, seen = tmp_path / "a.zarr", []
     stopped(path, done)
     before = lanes_kept(path)
-    (file,) = (path / "underway").iterdir()
+    (file,) = (path / "partial").iterdir()
     room = 3000 if done == LANES else file.stat().st_size + 100
     with no_longer_than(room), pytest.raises(cj.ClearanceError, match=r"Cannot write region 0.*make room, and go on"):
         swept(path, resume=True)
@@ -357,17 +262,6 @@ def test_no_more_room(tmp_path, whole, monkeypatch, done):
     assert kept[0] == 0
     same(swept(path, resume=True, progress=seen.append), whole)
     assert min(p.done for p in seen) >= kept[1]
-
-
-def test_a_journal_without_room_is_as_before(tmp_path):
-    journal = Journal(tmp_path / "j")
-    journal.add(a=1)
-    before = (tmp_path / "j").read_bytes()
-    with no_longer_than(len(before) + 4), pytest.raises(OSError, match="No space left"):
-        journal.add(a=2)
-    assert (tmp_path / "j").read_bytes() == before
-    journal.add(a=3)
-    assert Journal(tmp_path / "j").read() == [{"a": 1}, {"a": 3}]
 
 
 def test_a_disk_full_while_a_region_is_written(tmp_path, monkeypatch, whole):
@@ -381,42 +275,18 @@ def test_a_disk_full_while_a_region_is_written(tmp_path, monkeypatch, whole):
 
     with monkeypatch.context() as patch:
         patch.setattr(STORE, "put", full)
-        with pytest.raises(cj.ClearanceError, match=r"Cannot write region 3 of .*No space left.*go on with `resume`"):
+        with pytest.raises(cj.ClearanceError, match=r"Cannot write region 3 of .*No space left.*make room, and go on"):
             swept(path)
     assert lanes_kept(path) == (192, 64)
     same(swept(path, resume=True), whole)
 
 
-@contextlib.contextmanager
-def somebody():
-    """As one whom the system may refuse to write: not as root."""
-    root = os.geteuid() == 0
-    if root:
-        os.seteuid(65534)
-    try:
-        yield
-    finally:
-        if root:
-            os.seteuid(0)
-
-
-def allow(path, writable):
-    """Everybody to read what is at a path; to write it or not."""
-    for one in (path, *path.rglob("*")):
-        own = stat.S_IXUSR | stat.S_IXGRP | stat.S_IXOTH if one.is_dir() else 0
-        one.chmod((0o666 if writable else 0o444) | own)
-
-
-def test_where_nothing_can_be_written(whole):
+def test_a_region_that_cannot_be_written(whole):
     with tempfile.TemporaryDirectory() as name:  # not below a folder that is one user's
         folder, path = Path(name), Path(name) / "a.zarr"
         stopped(path, 100)
         allow(folder, writable=False)
         with somebody():
-            with pytest.raises(cj.ClearanceError, match=r"Cannot write .*Permission denied\. Choose another path"):
-                swept(path, resume=True)
-            with pytest.raises(cj.ClearanceError, match=r"Cannot write .*Permission denied\. Choose another path"):
-                swept(folder / "b.zarr")
             assert int((xr.open_zarr(path)["code"] == 0).sum()) == 64
         allow(folder, writable=True)
         allow(path / "peak", writable=False)

@@ -19,10 +19,10 @@ def run_design(
     """The design of a study, its proof and its report. Ctrl-C stops the search and keeps the best design so far."""
     from clearance_jax.ask.place import place_of
     from clearance_jax.design.findings import CUT_SHORT
-    from clearance_jax.design.record import RecordWarning
     from clearance_jax.report.html import write_report
+    from clearance_jax.runs.journal import RunWarning
 
-    doubts = aloud(RecordWarning)
+    doubts = aloud(RunWarning)
     with doubts, place_of(cluster) as place, _bar() as bar, Interruption() as asked:  # one cluster for all that follows
         pace, client = Pace(asked.check), place.client
         say(_compiling(study.design.problem.specification.mechanism))

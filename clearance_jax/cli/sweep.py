@@ -30,11 +30,11 @@ def run_sweep(
     study: Any, file: Path, output: Path, *, resume: bool, cores: int | None, cluster: str | None, plot: Path | None
 ) -> None:
     """The sweep of a study, into a zarr store. Ctrl-C, or whatever else ends it, leaves a store that can be resumed."""
+    from clearance_jax.runs.journal import RunWarning
     from clearance_jax.sweep.run import sweep as swept
-    from clearance_jax.sweep.store import StoreWarning
 
     console.print(f"[bold]{escape(study.name)}[/bold]")
-    with aloud(StoreWarning), _bar() as bar, Interruption() as asked:
+    with aloud(RunWarning), _bar() as bar, Interruption() as asked:
         task = bar.add_task("", total=None, said="compiling")
 
         def progress(now: Any) -> None:

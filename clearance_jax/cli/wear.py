@@ -18,7 +18,7 @@ from clearance_jax.errors import ClearanceError
 def run_wear(study: Any, file: Path, output: Path, *, resume: bool, plot: Path | None, movie: Path | None) -> None:
     """The life of a study. Ctrl-C, or whatever else ends it, leaves a journal with which it goes on."""
     from clearance_jax.results.store import save
-    from clearance_jax.wear.journal import JournalWarning
+    from clearance_jax.runs.journal import RunWarning
     from clearance_jax.wear.sectors import SectorsWarning
 
     journal = study.wear.journal or output.with_suffix(".journal")
@@ -29,8 +29,8 @@ def run_wear(study: Any, file: Path, output: Path, *, resume: bool, plot: Path |
     console.print(f"[bold]{escape(study.name)}[/bold]")
     with _bar() as bar, Interruption() as asked:
         try:
-            with aloud(SectorsWarning), aloud(JournalWarning):
-                dataset = _lived(study, journal, resume, _Told(bar, asked, study.wear.cycles))
+            with aloud(SectorsWarning), aloud(RunWarning):
+                dataset = _lived(study, journal, _Told(bar, asked, study.wear.cycles))
         except (KeyboardInterrupt, ClearanceError):
             if not asked.heard:
                 raise
@@ -52,33 +52,29 @@ def run_wear(study: Any, file: Path, output: Path, *, resume: bool, plot: Path |
         write_film(animate(dataset), movie)
 
 
-def _lived(study: Any, journal: Path, resume: bool, told: "_Told") -> Any:
+def _lived(study: Any, journal: Path, told: "_Told") -> Any:
     """The life as a dataset."""
-    from clearance_jax.wear.folder import described, folder
     from clearance_jax.wear.life import life
     from clearance_jax.wear.record import to_dataset
 
     given, model = study.wear, study.wear.model
-    how = {"joint": model.joint, "cycle": float(model.cycle), "cycles": given.cycles, **given.options, **given.solve}
-    question = described(model.mechanism, model.wear, model.pressure, given.until, **how)
+    found = life(
+        model.mechanism,
+        model.joint,
+        model.wear,
+        model.pressure,
+        float(model.cycle),
+        given.cycles,
+        **given.options,
+        until=given.until,
+        journal=journal,
+        progress=told,
+        **given.solve,
+    )
+    told.say("reading off")
     words = {} if given.until is None else {"watched": given.words}
-    with folder(journal, question, resume) as blocks:
-        found = life(
-            model.mechanism,
-            model.joint,
-            model.wear,
-            model.pressure,
-            float(model.cycle),
-            given.cycles,
-            **given.options,
-            until=given.until,
-            journal=blocks,
-            progress=told,
-            **given.solve,
-        )
-        told.say("reading off")
-        texts = {"scene": study.scene_text, "study": study.text}
-        return to_dataset(found, model.mechanism, model.joint, name=study.name, **words, **texts)
+    texts = {"scene": study.scene_text, "study": study.text}
+    return to_dataset(found, model.mechanism, model.joint, name=study.name, **words, **texts)
 
 
 def _bar() -> Progress:

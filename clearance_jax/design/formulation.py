@@ -13,8 +13,8 @@ from clearance_jax.design.manufacture import Yield
 from clearance_jax.design.program import Program
 from clearance_jax.design.scenarios import Scenario, scenarios_of
 from clearance_jax.design.specification import Specification
-from clearance_jax.identity import kept, numbers, shown, versions
-from clearance_jax.identity import settings as in_words
+from clearance_jax.runs.identity import numbers, shown, versions
+from clearance_jax.runs.identity import settings as in_words
 
 
 def formulate(
@@ -80,7 +80,7 @@ def _identity(specification: Specification, simulations: Simulations) -> dict[st
     found |= {f"between ({name})": shown(between) for name, between in specification.variables.items()}
     found |= {f"condition {name or 'as given'}": shown(of) for name, of in specification.conditions.items()}
     asked = {"t1": specification.t1, "manufacture": specification.manufacture, "common": specification.common}
-    return kept(found | in_words(asked) | {f"option {k}": v for k, v in in_words(simulations.solve._asdict()).items()})
+    return found | in_words(asked) | {f"option {k}": v for k, v in in_words(simulations.solve._asdict()).items()}
 
 
 def _evaluate(

@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from clearance_jax.design.evaluation import Evaluation
-from clearance_jax.design.record import Record
+from clearance_jax.design.record import evaluation_of, record_of
 from clearance_jax.errors import ClearanceError
+from clearance_jax.runs.journal import Journal
 
 
 class BudgetSpent(Exception):
@@ -28,8 +29,8 @@ class Program:
     - `evaluate`: `(x, with_gradient) -> Evaluation`.
     - `names`, `lower`, `upper`: of the variables, positive; `limit_names`: of the limits.
     - `groups`: of each limit, which of the designer's limits it belongs to (default: itself).
-    - `record`: a file (JSON lines with checksums) to which every point is added, and from which a run that was stopped
-      goes on, if the `identity` recorded in it (the problem by names) is the same.
+    - `record`: a file (a `Journal`) to which every point is added, and from which a run that was stopped goes on if the
+      problem is the same (`identity`: by names). Two runs may add to one record at a time.
     - `most`: evaluations after which a solver is stopped with the best so far.
     - `progress`: called with each new point.
     - `known`: points evaluated before.
@@ -61,11 +62,13 @@ class Program:
                 raise ClearanceError(f"The bounds of `{name}` contradict each other: 0 < {low:g} < {high:g} must hold.")
         self._evaluate, self._fresh, self._several = evaluate, fresh, several
         self._most, self._progress = most, progress
-        self._record = None if record is None else Record(record, names, identity or {}, len(self.limit_names))
+        self._record = None if record is None else Journal(record)
+        if self._record is not None:
+            self._record.ask({**(identity or {}), "variables": list(names), "limits": list(limit_names)})
         self.history: list[Evaluation] = []
         self._known: dict[bytes, Evaluation] = {}
         self.evaluations = self.gradients = 0
-        for point in (*known, *(() if self._record is None else self._record.read())):
+        for point in (*known, *map(evaluation_of, () if self._record is None else self._record.records)):
             self._keep(point)
 
     def at(self, x: np.ndarray, gradient: bool = False) -> Evaluation:
@@ -93,7 +96,7 @@ class Program:
         self.evaluations += point.gradient is None
         self._keep(point)
         if self._record is not None:
-            self._record.add(point)
+            self._record.add(**record_of(point))
         if self._progress is not None:
             self._progress(point)
         return point

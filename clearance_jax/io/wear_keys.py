@@ -69,7 +69,7 @@ WEAR = Keys(
         ),
         Text(
             "journal",
-            "the folder that keeps what is done, from where the study is",
+            "the file that keeps what is done, from where the study is",
             '"wear.journal"',
             longest=LONGEST_PATH,
             absent="beside the result, with its name",

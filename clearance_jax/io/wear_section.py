@@ -21,7 +21,7 @@ OF_A_LIFE = ("until", "longest", "journal")
 class WearAsked(NamedTuple):
     """What the section says: the `model` of the joint that wears; `cycles` of its life (`None`: none is asked for) and
     its `options`, those of the solves (`solve`) beside; what ends the life, and that in words, if anything; the
-    journal's folder, if it is named.
+    journal's file, if it is named.
     """
 
     model: Wearing

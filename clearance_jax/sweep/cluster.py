@@ -139,7 +139,7 @@ def _answer(path: str, name: str, region: int, cores: int) -> tuple[str, dict[st
     """Solve and write a region: the digest of its values, how its lanes ended, and how many were solved."""
     grid, regions, before = _opened(path, name)
     values = known(grid, regions, before, region)
-    keep = functools.partial(regions.underway.add, region)
+    keep = functools.partial(regions.partial.add, region)
     new = grid.complete(regions.partition.lanes(region), values, keep, cores=cores)
     return regions.write(region, values), ended(values["code"]), new
 
@@ -156,8 +156,8 @@ def _try(path: str, name: str, lanes: Lanes, cores: int) -> float:
     """How long a lane takes of this worker's time [s], by some whose answers are kept."""
     grid, regions, _ = _opened(path, name)
     seconds, values = timed(grid, lanes, cores)
-    keep(regions.partition, regions.underway.add, lanes, values)
-    regions.underway.flush()  # another worker may have these regions
+    keep(regions.partition, regions.partial.add, lanes, values)
+    regions.partial.flush()  # another worker may have these regions
     return seconds / len(lanes)
 
 

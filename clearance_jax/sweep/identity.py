@@ -1,13 +1,13 @@
-"""What makes one sweep another, by names (see `clearance_jax.identity`)."""
+"""What makes one sweep another, by names (see `clearance_jax.runs.identity`)."""
 
 from typing import Any
 
 import numpy as np
 
 from clearance_jax.ask.question import OPTIONS
-from clearance_jax.identity import digest, kept, numbers, versions
-from clearance_jax.identity import settings as settings_in_words
 from clearance_jax.parameters import replace
+from clearance_jax.runs.identity import digest, numbers, versions
+from clearance_jax.runs.identity import settings as settings_in_words
 from clearance_jax.solve.settings import Settings
 from clearance_jax.sweep.axes import Dimension
 from clearance_jax.sweep.grid import Grid
@@ -32,7 +32,7 @@ def description(grid: Grid) -> dict[str, Any]:
     if "t1" not in varied:
         found["t1"] = float(question.t1)
     found |= {f"option {name}": value for name, value in solving(question.settings).items()}
-    return kept(found)
+    return found
 
 
 def solving(settings: Settings) -> dict[str, Any]:

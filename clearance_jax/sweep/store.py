@@ -2,16 +2,14 @@
 
 A region is one chunk of every variable. zarr gives a chunk its name only when it is whole; a region counts once the
 journal says so, with a digest of its chunks. So whatever dies, and whenever: the regions of the journal are there; of
-the others what was under way is (`underway`), and the rest is computed again, and comes out the same to the last bit.
+the others the partial results are, and the rest is computed again, and comes out the same to the last bit.
 """
 
-import errno
 import hashlib
-import json
 import shutil
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -19,34 +17,30 @@ import numpy as np
 
 from clearance_jax.errors import ClearanceError
 from clearance_jax.extras import lacking
-from clearance_jax.identity import fingerprint
 from clearance_jax.results.store import open_sweep
+from clearance_jax.runs.disk import refused_in_words
+from clearance_jax.runs.journal import Journal, RunWarning
+from clearance_jax.runs.lock import Lock
+from clearance_jax.runs.partial import PartialResults
 from clearance_jax.solve.codes import Result
 from clearance_jax.sweep.answers import AbstractAnswers, Values
 from clearance_jax.sweep.assemble import attributes, coordinates, counts, ended
 from clearance_jax.sweep.grid import Grid
 from clearance_jax.sweep.identity import description
-from clearance_jax.sweep.journal import Journal
 from clearance_jax.sweep.layout import Partition, partition
-from clearance_jax.sweep.lock import Lock
-from clearance_jax.sweep.underway import Underway
 
-JOURNAL, LOCK, UNDERWAY = "journal.jsonl", "writer.lock", "underway"
+JOURNAL, LOCK, PARTIAL = "journal.jsonl", "writer.lock", "partial"
 # What zarr calls the file in which a group says of itself and, by us, of its arrays all that readers must know.
 ROOT = "zarr.json"
 # Beside these, while a cluster answers it, the question in a file whose name begins so.
 HANDED_OUT = "question."
-OWN_FILES = JOURNAL, LOCK, UNDERWAY, ROOT
+OWN_FILES = JOURNAL, LOCK, PARTIAL, ROOT
 # What a store says of its layout, among its attributes.
-CHUNK, DESCRIBED, VARIABLES = "region", "question", "variables"
+CHUNK, VARIABLES = "region", "variables"
 
 
 # What reading raises of a chunk that is damaged: a file, a checksum, a codec.
 UNREADABLE = OSError, ValueError, RuntimeError, KeyError
-
-
-class StoreWarning(UserWarning):
-    """Something in a store was not as it was written."""
 
 
 def zarr_library() -> Any:
@@ -62,23 +56,26 @@ def create(path: Path, grid: Grid, provenance: Mapping[str, Any], least: int) ->
     """An empty store for a question, whole or not at all."""
     cut = partition(grid.shape, [bool(d.models) for d in grid.dims], least)
     partial = _laid_out(path, grid, provenance, cut.chunk)
-    Journal(partial / JOURNAL).add(event="question", fingerprint=fingerprint(description(grid)), chunk=cut.chunk)
+    journal = Journal(partial / JOURNAL)
+    journal.ask(description(grid))
+    journal.add(chunk=cut.chunk)
     partial.rename(path)
 
 
 def remade(path: Path, grid: Grid, provenance: Mapping[str, Any]) -> bool:
     """Write what a store says of itself anew, and say so; not where its journal is not that of this very question."""
-    told = next((r for r in Journal(path / JOURNAL).read() if r.get("event") == "question"), {})
-    if told.get("fingerprint") != fingerprint(description(grid)) or "chunk" not in told:
+    journal = Journal(path / JOURNAL)
+    chunk = next((record["chunk"] for record in journal.records if "chunk" in record), None)
+    if chunk is None or journal.differences(description(grid)):
         return False
     held = Lock(path / LOCK)
     try:
-        partial = _laid_out(path, grid, provenance, told["chunk"])
+        partial = _laid_out(path, grid, provenance, chunk)
         (partial / ROOT).replace(path / ROOT)
         shutil.rmtree(partial)
     finally:
         held.release()
-    warnings.warn(f"`{path}`: its `{ROOT}` is damaged; it is mended.", StoreWarning, stacklevel=2)
+    warnings.warn(f"`{path}`: its `{ROOT}` is damaged; it is mended.", RunWarning, stacklevel=2)
     return True
 
 
@@ -89,13 +86,7 @@ def _laid_out(path: Path, grid: Grid, provenance: Mapping[str, Any], chunk: Sequ
 
     partial = path.with_name(path.name + ".partial")
     shutil.rmtree(partial, ignore_errors=True)
-    described = description(grid)
-    own = {
-        CHUNK: list(chunk),
-        VARIABLES: list(grid.kinds),
-        DESCRIBED: json.dumps(described),
-        "fingerprint": fingerprint(described),
-    }
+    own = {CHUNK: list(chunk), VARIABLES: list(grid.kinds)}
     found = list(coordinates(grid))
     inner = " ".join(name for name, dim, *_ in found if name != dim)
     root = zarr.create_group(
@@ -151,7 +142,6 @@ class Regions:
         try:
             self.root = zarr.open_group(path, mode="r+")
             self.partition = Partition(self.root["code"].shape, tuple(self.root.attrs[CHUNK]))
-            self.described = json.loads(self.root.attrs[DESCRIBED])
         except (OSError, KeyError, ValueError, TypeError) as error:
             raise ClearanceError(
                 f"`{path}` is no store of a sweep ({error!r}). Choose another path; or, where it was one, go on with "
@@ -159,13 +149,13 @@ class Regions:
             ) from None
         self.names = list(self.root.attrs[VARIABLES])
         self.journal = Journal(path / JOURNAL)
-        self.records = {r["region"]: r for r in self.journal.read() if r.get("event") == "region"}
+        self.records = {record["region"]: record for record in self.journal.records if "region" in record}
         # Once: to open an array takes as long as to read a region of it.
         # Chunks of missing values are written like any other: a region is there when its files are.
         self.arrays = {name: self.root[name].with_config({"write_empty_chunks": True}) for name in self.names}
         lead = len(self.partition.shape)
         kinds = {name: (array.dtype, array.shape[lead:]) for name, array in self.arrays.items()}
-        self.underway = Underway(path / UNDERWAY, kinds)
+        self.partial = PartialResults(path / PARTIAL, kinds)
 
     def coordinate(self, name: str) -> np.ndarray:
         """The values of a coordinate. **Raises** `ClearanceError` where they cannot be read."""
@@ -184,7 +174,7 @@ class Regions:
                     continue
             self.root[name][...] = _stored(values)
             said = f"`{self.path}`: the coordinate `{name}` is damaged; it is mended."
-            warnings.warn(said, StoreWarning, stacklevel=2)
+            warnings.warn(said, RunWarning, stacklevel=2)
 
     def verified(self) -> None:
         """Forget the regions that are not as they were written, and say so."""
@@ -195,7 +185,7 @@ class Regions:
             shown = ", ".join(map(str, bad[:10])) + (" ..." if len(bad) > 10 else "")
             warnings.warn(
                 f"`{self.path}`: {len(bad)} of its regions are damaged ({shown}); they are computed again.",
-                StoreWarning,
+                RunWarning,
                 stacklevel=2,
             )
 
@@ -229,10 +219,10 @@ class Regions:
         it was nor what it is to be: the `old` values, where it had any, are kept meanwhile.
         """
         if old is not None:
-            self.underway.add(region, np.arange(self.partition.size(region)), old)
-            self.underway.flush()
+            self.partial.add(region, np.arange(self.partition.size(region)), old)
+            self.partial.flush()
         put(self.arrays, self.partition, region, values)
-        self.underway.forget(region)
+        self.partial.forget(region)
         return self._digest(region)
 
 
@@ -244,16 +234,18 @@ class Store(AbstractAnswers):
     def __init__(self, path: Path, grid: Grid, before: Any = None):
         self.path, self.grid, self._before = path, grid, before
         self._lock = Lock(path / LOCK)
-        self._regions = Regions(path)
+        try:
+            self._regions = Regions(path)
+            self._regions.journal.ask(description(grid))
+            self._regions.mend(grid)
+        except BaseException:
+            self._lock.release()
+            raise
         self.partition = self._regions.partition
         self._regions.verified()
-        for region in self._regions.underway.regions():
+        for region in self._regions.partial.parts():
             if region in self._regions.records:
-                self._regions.underway.remove(region)
-
-    def mend(self) -> None:
-        """See `Regions.mend`."""
-        self._regions.mend(self.grid)
+                self._regions.partial.remove(region)
 
     def missing(self):
         return [region for region in range(self.partition.count) if region not in self._regions.records]
@@ -263,11 +255,11 @@ class Store(AbstractAnswers):
 
     def keep(self, region, places, values):
         with self._refused(region):
-            self._regions.underway.add(region, places, values)
+            self._regions.partial.add(region, places, values)
 
     def kept(self):
-        found = self._regions.underway
-        return {region: found.count(region) for region in found.regions()}
+        found = self._regions.partial
+        return {region: found.count(region) for region in found.parts()}
 
     def read(self, region):
         return self._regions.read(region)
@@ -282,22 +274,13 @@ class Store(AbstractAnswers):
         """Somebody has written a region with this digest, whose lanes ended so."""
         record = {"region": region, "digest": found, "ended": dict(endings), **said}
         with self._refused(region):
-            self._regions.journal.add(event="region", **record)
-            self._regions.underway.remove(region)
+            self._regions.journal.add(**record)
+            self._regions.partial.remove(region)
         self._regions.records[region] = record
 
-    @contextmanager
-    def _refused(self, region: int) -> Iterator[None]:
+    def _refused(self, region: int) -> AbstractContextManager[None]:
         """What the disk refuses, in words."""
-        try:
-            yield
-        except OSError as error:
-            full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-            mend = "make room" if full else "see to that"
-            raise ClearanceError(
-                f"Cannot write region {region} of `{self.path}`: {error.strerror or error}. What was written before is "
-                f"kept: {mend}, and go on with `resume`."
-            ) from error
+        return refused_in_words(f"region {region} of `{self.path}`", begun=True)
 
     def failing(self, settings):
         def wrong(record: Mapping[str, Any]) -> bool:
@@ -312,7 +295,7 @@ class Store(AbstractAnswers):
     def dataset(self):
         """Lazily, with how lanes ended among its attributes."""
         found = open_sweep(self.path)
-        shown = {k: v for k, v in found.attrs.items() if k not in (CHUNK, DESCRIBED, VARIABLES)}
+        shown = {k: v for k, v in found.attrs.items() if k not in (CHUNK, VARIABLES)}
         endings = [record["ended"] for record in self._regions.records.values()]
         found.attrs = shown | counts(endings, self.grid.count)
         return found
@@ -321,15 +304,15 @@ class Store(AbstractAnswers):
         """Others may write; what the store was before it grew goes once nothing is missing."""
         if self._before is not None and not self.missing():
             self._before.remove()
-        self._regions.underway.close()
+        self._regions.partial.close()
         self._lock.release()
 
 
 def known(grid: Grid, regions: Regions, before: Any, region: int) -> Values:
-    """What is known of the lanes of a missing region, from `before` and from what was under way."""
+    """What is known of the lanes of a missing region, from `before` and from partial results."""
     lanes = regions.partition.lanes(region)
     values = grid.blank(len(lanes)) if before is None else before.known(lanes, grid)
-    regions.underway.fill(region, values)
+    regions.partial.fill(region, values)
     return values
 
 

@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 
 from clearance_jax.errors import ClearanceError, quoted
-from clearance_jax.identity import VERSIONS, differences, refusal
+from clearance_jax.runs.disk import refused_in_words
+from clearance_jax.runs.identity import VERSIONS, refusal
+from clearance_jax.runs.lock import Lock
 from clearance_jax.sweep.assemble import coordinates
 from clearance_jax.sweep.grid import Grid, Lanes
 from clearance_jax.sweep.identity import AXIS, description, labels
 from clearance_jax.sweep.layout import LEAST
-from clearance_jax.sweep.lock import Lock
 from clearance_jax.sweep.store import HANDED_OUT, LOCK, OWN_FILES, Regions, Store, create, remade
 
 # The longest name of a folder, with some room for what is made beside it.
@@ -36,25 +37,19 @@ def open_store(
     path = Path(path)
     _check_names(grid)
     narrower = _narrower(path)
-    try:
+    with refused_in_words(f"`{path}`"):
         if path.exists() and not resume:
             raise ClearanceError(f"`{path}` exists already. Go on with it by `resume`, or choose another path.")
         if path.exists():
             grid = snapped(grid, _regions_of(path, grid, provenance))
-        there = path.exists()
-        if there and _differs(path, narrower, grid):
+        if not path.exists():
+            create(path, grid, provenance, least)
+        elif _differs(path, narrower, grid):
             held = Lock(path / LOCK)
             path.rename(narrower)
             create(path, grid, provenance, least)
             held.release()
-        elif not there:
-            create(path, grid, provenance, least)
-        store = Store(path, grid, before_of(path, grid))
-        if there:
-            store.mend()
-        return store
-    except OSError as error:
-        raise ClearanceError(f"Cannot write `{path}`: {error.strerror or error}. Choose another path.") from error
+        return Store(path, grid, before_of(path, grid))
 
 
 def _check_names(grid: Grid) -> None:
@@ -86,19 +81,17 @@ def _regions_of(path: Path, grid: Grid, provenance: Mapping[str, Any]) -> Region
 
 def _differs(path: Path, narrower: Path, grid: Grid) -> bool:
     """Whether the store at a path is that of a narrower question. **Raises** `ClearanceError` where it is another's."""
-    old, new = Regions(path), description(grid)
-    found = differences(old.described, new, "in the store")
+    old = Regions(path)
+    found, described = old.journal.differences(description(grid)), old.journal.question or {}
     if not found:
         return False
-    grown = {name: words for name, words in found.items() if name.startswith(AXIS) and name in old.described}
+    grown = {name: words for name, words in found.items() if name.startswith(AXIS) and name in described}
     # What the store does not know may belong to a model that is new along a `Choice`; all else is another question.
     own = tuple(label for label in labels(grid) if label)
-    more = {name for name in found if name not in old.described and name not in VERSIONS and name.endswith(own)}
+    more = {name for name in found if name not in described and name not in VERSIONS and name.endswith(own)}
     others = {name: words for name, words in found.items() if name not in grown and name not in more}
     if others or _places(old, grid) is None:
-        raise ClearanceError(
-            refusal(path, others or found, "belongs to another question", "Begin a new store at another path")
-        )
+        raise ClearanceError(refusal(path, others or found))
     if narrower.exists():
         raise ClearanceError(f"`{path}` is being widened already: finish that with its own axes, and then go on.")
     return True
@@ -191,7 +184,7 @@ class Before:
         if region in self._old.records:
             return self._old.read(region)
         values = self._blank(self._old.partition.size(region))
-        self._old.underway.fill(region, values)
+        self._old.partial.fill(region, values)
         return values
 
     def remove(self) -> None:

@@ -11,7 +11,7 @@ themselves. (An integral's h + 2 A f(h1) is off by half of what a cycle's wear c
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, closing, nullcontext
 from pathlib import Path
 from typing import Any, NamedTuple, Unpack
 
@@ -21,14 +21,14 @@ import scipy.optimize
 from jaxtyping import Float
 
 from clearance_jax.errors import ClearanceError, WornOut
-from clearance_jax.identity import numbers, versions
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import values_of
+from clearance_jax.runs.identity import numbers, settings, versions
+from clearance_jax.runs.journal import Journal
 from clearance_jax.solve.settings import SolveOptions
 from clearance_jax.units import shown
 from clearance_jax.wear.criteria import AbstractCriterion, criterion_of, end_slopes
-from clearance_jax.wear.folder import described
-from clearance_jax.wear.journal import LifeJournal
+from clearance_jax.wear.identity import description
 from clearance_jax.wear.laws import AbstractWearLaw
 from clearance_jax.wear.pressure import AbstractPressure
 from clearance_jax.wear.wearing import Wearing
@@ -127,33 +127,40 @@ def march(
     **Raises:** `ClearanceError` for a rate that is negative or not finite, an `until` that is not finite, and for a
     journal of another question, in words, or that cannot be read, written, or is being written.
     """
-    asked = {} if journal is None else versions() | numbers(rate, " (rate)") | numbers(until, " (until)")
-    return _life(_march(rate, depth, cycles, tolerance, longest, until, journal, progress, asked))
+    stack = np.asarray(depth, float)
+    rest = {"profile": stack, "cycles": _lived(cycles), "tolerance": tolerance, "longest": longest}
+    with _journal(journal) as kept:
+        if kept is not None:
+            kept.ask(versions() | numbers(rate, " (rate)") | numbers(until, " (until)") | settings(rest))
+        return _life(_march(rate, stack, cycles, tolerance, longest, until, kept, progress))
 
 
-def _march(rate, depth, cycles, tolerance, longest, until, journal, progress, question) -> list[Block]:
-    """The blocks; the `question` is what a journal compares beside the march's own numbers."""
+def _lived(cycles: int) -> int:
     if cycles < 1:
         raise ClearanceError(f"`cycles` must be at least 1, but it is {cycles}.")
-    first = Block(0, 1, np.asarray(depth, float).tolist(), 0)
-    stack = np.asarray(first.depth)
-    asked = {"sectors": stack.shape[-1], "cycles": cycles, "tolerance": tolerance, "longest": longest}
-    with ExitStack() as held:
-        kept = None if journal is None else LifeJournal(journal, {**question, **asked}, first.depth)
-        if kept is not None:
-            held.callback(kept.release)
-        if until is not None:
-            beyond = _beyond(until, stack, 0)
-            first = first._replace(beyond=beyond)
-            if not beyond < 0:
-                return [first._replace(end=0.0)]
-        blocks = [first, *(Block(**record) for record in (() if kept is None else kept.records))]
-        while blocks[-1].cycles < cycles and blocks[-1].end is None:
-            blocks.append(_block(rate, blocks[-1], cycles, tolerance, longest, until))
-            if kept is not None:
-                kept.add(blocks[-1]._asdict())
-            if progress is not None:
-                progress(blocks[-1].cycles / cycles)
+    return cycles
+
+
+def _journal(path: str | Path | None) -> AbstractContextManager[Journal | None]:
+    """The journal of a life, if it has one: blocks follow from each other."""
+    return nullcontext() if path is None else closing(Journal(path, ordered=True))
+
+
+def _march(rate, stack, cycles, tolerance, longest, until, journal, progress) -> list[Block]:
+    """The blocks, from those that the journal has."""
+    first = Block(0, 1, stack.tolist(), 0)
+    if until is not None:
+        beyond = _beyond(until, stack, 0)
+        first = first._replace(beyond=beyond)
+        if not beyond < 0:
+            return [first._replace(end=0.0)]
+    blocks = [first, *(Block(**record) for record in (() if journal is None else journal.records))]
+    while blocks[-1].cycles < cycles and blocks[-1].end is None:
+        blocks.append(_block(rate, blocks[-1], cycles, tolerance, longest, until))
+        if journal is not None:
+            journal.add(**blocks[-1]._asdict())
+        if progress is not None:
+            progress(blocks[-1].cycles / cycles)
     return blocks
 
 
@@ -276,8 +283,6 @@ def life(
         raise ClearanceError(
             f"A life until `{type(criterion).__name__}` has no derivatives: leave out `by`, or take another `until`."
         )
-    begin = wearing.begin(sectors or wearing.sectors(dict(options)))
-    stack = begin if not names else np.concatenate([begin[None], np.zeros((len(names), begin.size))])
 
     def rate(depth: Profile, after: int) -> np.ndarray:
         found = wearing.cycle_wears(np.atleast_2d(depth), names, after, dict(options))
@@ -287,10 +292,15 @@ def life(
         assert criterion is not None
         return float(criterion.beyond(wearing.at(depth), joint))
 
-    how = {"joint": joint, "cycle": float(wearing.cycle), "by": list(names), **options}
-    asked = {} if journal is None else described(mechanism, law, pressure, criterion, **how)
-    ends = None if criterion is None else beyond
-    blocks = _march(rate, stack, cycles, tolerance, longest, ends, journal, progress, asked)
+    how = {"joint": joint, "cycle": float(wearing.cycle), "cycles": _lived(cycles), "sectors": sectors}
+    how |= {"tolerance": tolerance, "longest": longest, "by": list(names), **options}
+    with _journal(journal) as kept:
+        if kept is not None:
+            kept.ask(description(mechanism, law, pressure, criterion, **how))
+        begin = wearing.begin(sectors or wearing.sectors(dict(options)))
+        stack = begin if not names else np.concatenate([begin[None], np.zeros((len(names), begin.size))])
+        ends = None if criterion is None else beyond
+        blocks = _march(rate, stack, cycles, tolerance, longest, ends, kept, progress)
     found = _life(blocks)._replace(names=names, until=criterion)
     if not names or criterion is None or blocks[-1].ending is None:
         return found

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import nullcontext
 from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple, Unpack
@@ -14,12 +13,12 @@ import xarray as xr
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import check_values, replace, units_of
+from clearance_jax.runs.disk import refused_in_words
 from clearance_jax.solve.batch import cores_here
 from clearance_jax.solve.settings import SolveOptions
 from clearance_jax.sweep.axes import Sampled
 from clearance_jax.units import shown
-from clearance_jax.wear.criteria import AbstractCriterion, criterion_of
-from clearance_jax.wear.folder import described, folder
+from clearance_jax.wear.criteria import AbstractCriterion
 from clearance_jax.wear.laws import AbstractWearLaw
 from clearance_jax.wear.life import Profile, life
 from clearance_jax.wear.pressure import AbstractPressure
@@ -116,7 +115,7 @@ def lives(
       Clearances give the maintenance interval against clearance; numbers that scatter give the probability of failure
       over the life.
     - `journal`: a folder, made where there is none, that keeps every life on its way: a run that was killed goes on
-      from there.
+      from there. Each life compares its own question; values may have been added behind those before.
     - `cores`: how many lives side by side; by default as many as there are cores.
     - `progress`: called with the part of the lives that is done.
 
@@ -132,15 +131,13 @@ def lives(
     rows = [replace(wearing, {name: float(column[i]) for name, column in columns.items()}) for i in range(*count)]
     for row in rows:
         check_values(row)
+    if journal is not None:
+        with refused_in_words(f"`{journal}`"):
+            Path(journal).mkdir(exist_ok=True)
     if sectors is None:
         sectors = max(row.sectors(dict(options)) for row in rows)
-    rest = {"sectors": sectors, "cycle": float(wearing.cycle), "cycles": cycles, "tolerance": tolerance}
-    rest |= {"longest": longest, **{name: column.tolist() for name, column in columns.items()}}
-    how = {"joint": joint, **rest, **options}
-    asked = {} if journal is None else described(mechanism, law, pressure, criterion_of(until), **how)
-    kept = nullcontext() if journal is None else folder(journal, asked, resume=True)
 
-    def one(i: int, place: Path | None):
+    def one(i: int):
         row = rows[i]
         return life(
             row.mechanism,
@@ -153,14 +150,14 @@ def lives(
             tolerance=tolerance,
             longest=longest,
             until=until,
-            journal=None if place is None else place.with_name(f"{i}.jsonl"),
+            journal=None if journal is None else Path(journal) / f"{i}.jsonl",
             **options,
         )
 
     found = []
-    with kept as place, ThreadPoolExecutor(cores or cores_here()) as pool:
+    with ThreadPoolExecutor(cores or cores_here()) as pool:
         # The first compiles for all.
-        for ended in chain([one(0, place)], pool.map(lambda i: one(i, place), range(1, *count))):
+        for ended in chain([one(0)], pool.map(one, range(1, *count))):
             found.append(ended)
             if progress is not None:
                 progress(len(found) / len(rows))

@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 
 import clearance_jax as cj
-from clearance_jax.sweep.journal import Journal
+from clearance_jax.runs.journal import Journal
 from experiments.common import output
 
 # Regions of few chunks, so that few lanes make many, and kills fall within them too. What is killed must first be
@@ -53,11 +53,11 @@ def swept(lanes: int, **options: Any) -> xr.Dataset:
 
 def small_regions() -> None:
     for module, name, value in (
-        ("run", "LEAST", REGION),
-        ("run", "CHUNKS_A_CORE", 0),
-        ("underway", "PATIENCE", PATIENCE),
+        ("sweep.run", "LEAST", REGION),
+        ("sweep.run", "CHUNKS_A_CORE", 0),
+        ("runs.partial", "PATIENCE", PATIENCE),
     ):
-        setattr(importlib.import_module(f"clearance_jax.sweep.{module}"), name, value)
+        setattr(importlib.import_module(f"clearance_jax.{module}"), name, value)
 
 
 def victim(path: Path, lanes: int, begun: Connection) -> None:
@@ -96,7 +96,7 @@ def killed(wanted: int, lanes: int, seed: int = 0) -> Kills:
         if ended and process.exitcode:
             raise RuntimeError("The sweep that was to be killed ended by itself; what it said is above.")
         survived += not ended
-        regions = [r["region"] for r in Journal(path / "journal.jsonl").read() if r["event"] == "region"]
+        regions = [record["region"] for record in Journal(path / "journal.jsonl").records if "region" in record]
         twice += len(regions) - len(set(regions))
         same &= kept <= set(regions)  # what was there is there
         kept = set(regions)

@@ -1,8 +1,9 @@
-"""Lanes of regions that are under way, in files beside the answers: who dies loses what it was at, and a second.
+"""Partial results: answers of parts that are not whole yet, in files of their own. A kill costs what it was at, and a
+second.
 
-A file is blocks of rows, a row a lane, each block with a digest. It only grows, one process alone writes it, and what
-is torn at its end is no block. It goes when the journal has its region: the journal says what is there, this only
-saves solves. To write a chunk takes some hundredths of what it takes to solve it, so they wait for each other a while.
+A part has places, each with a row of variables. A file is blocks of rows, each block with a digest. It only grows, one
+process alone writes it, and what is torn at its end is no block. It is removed when the journal has its part: the
+journal says what is there, these files only save work. Rows wait for each other a while before they are written.
 """
 
 import hashlib
@@ -16,29 +17,29 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Int
 
-# A row has the lane's place in its region, and the variables by their order: they may be called anything.
+# A row has its place in its part, and the variables by their order: they may be called anything.
 PLACE = "place"
-# How long lanes may wait until they are written [s].
+# How long rows may wait until they are written [s].
 PATIENCE = 1.0
 # Of a block: the digest of its rows, and how many they are.
 DIGEST, COUNT = 16, 8
 
 
-class Underway:
-    """The files of a store; threads may share it. `kinds`: of every variable its type and shape."""
+class PartialResults:
+    """The files of one folder; threads may share it. `kinds`: of every variable its type and shape."""
 
     def __init__(self, folder: Path, kinds: Mapping[str, tuple[np.dtype, tuple[int, ...]]]):
         self._folder, self._names = folder, list(kinds)
         columns = ((str(i), dtype, shape) for i, (dtype, shape) in enumerate(kinds.values()))
         self._row = np.dtype([(PLACE, "<i8"), *columns])
-        # A process that comes later, or does the same region elsewhere, has files of its own.
+        # A process that comes later, or does the same part elsewhere, has files of its own.
         self._own = uuid.uuid4().hex
         self._waiting: dict[int, list[np.ndarray]] = {}
         self._turn = threading.Lock()
         self._written = time.monotonic()
 
-    def add(self, region: int, places: Int[np.ndarray, " n"], values: Mapping[str, np.ndarray]) -> None:
-        """Keep the values of lanes at these places of a region; on the disk by the first call that comes `PATIENCE`
+    def add(self, part: int, places: Int[np.ndarray, " n"], values: Mapping[str, np.ndarray]) -> None:
+        """Keep the values at these places of a part; on the disk by the first call that comes `PATIENCE`
         after the last writing. **Raises** `OSError` where the disk refuses it.
         """
         rows = np.zeros(len(places), self._row)
@@ -46,7 +47,7 @@ class Underway:
         for i, name in enumerate(self._names):
             rows[str(i)] = values[name]
         with self._turn:
-            self._waiting.setdefault(region, []).append(rows)
+            self._waiting.setdefault(part, []).append(rows)
         if time.monotonic() - self._written >= PATIENCE:
             self.flush()
 
@@ -54,39 +55,39 @@ class Underway:
         """Write what waits. **Raises** `OSError` where the disk refuses it: then that is solved again."""
         with self._turn:
             waiting, self._waiting = self._waiting, {}
-            for region, parts in waiting.items():
-                rows = np.concatenate(parts)
+            for part, blocks in waiting.items():
+                rows = np.concatenate(blocks)
                 data = rows.tobytes()
                 self._folder.mkdir(exist_ok=True)
-                with (self._folder / f"{region}.{self._own}").open("ab") as file:
+                with (self._folder / f"{part}.{self._own}").open("ab") as file:
                     file.write(_digest(data) + len(rows).to_bytes(COUNT, "little") + data)
             self._written = time.monotonic()
 
-    def forget(self, region: int) -> None:
-        """All of the region is where it belongs: what waits of it need not be written."""
+    def forget(self, part: int) -> None:
+        """All of the part is where it belongs: what waits of it need not be written."""
         with self._turn:
-            self._waiting.pop(region, None)
+            self._waiting.pop(part, None)
 
-    def fill(self, region: int, values: Mapping[str, np.ndarray]) -> None:
-        """Put what has been kept of a region among its lanes' values."""
-        for rows in self._blocks(region):
+    def fill(self, part: int, values: Mapping[str, np.ndarray]) -> None:
+        """Put what has been kept of a part among its values."""
+        for rows in self._blocks(part):
             for i, name in enumerate(self._names):
                 values[name][rows[PLACE]] = rows[str(i)]
 
-    def regions(self) -> list[int]:
-        """The regions of which something has been kept."""
+    def parts(self) -> list[int]:
+        """The parts of which something has been kept."""
         self.flush()
         files = self._folder.iterdir() if self._folder.is_dir() else ()
         return sorted({int(name) for file in files if (name := file.name.split(".")[0]).isdigit()})
 
-    def count(self, region: int) -> int:
-        """Of how many lanes of a region something has been kept."""
-        return len(np.unique(np.concatenate([np.zeros(0, "<i8"), *(rows[PLACE] for rows in self._blocks(region))])))
+    def count(self, part: int) -> int:
+        """Of how many places of a part something has been kept."""
+        return len(np.unique(np.concatenate([np.zeros(0, "<i8"), *(rows[PLACE] for rows in self._blocks(part))])))
 
-    def remove(self, region: int) -> None:
-        """The journal has the region."""
-        self.forget(region)
-        for file in self._folder.glob(f"{region}.*"):
+    def remove(self, part: int) -> None:
+        """The journal has the part."""
+        self.forget(part)
+        for file in self._folder.glob(f"{part}.*"):
             file.unlink(missing_ok=True)
 
     def close(self) -> None:
@@ -96,9 +97,9 @@ class Underway:
         with suppress(OSError):
             self._folder.rmdir()
 
-    def _blocks(self, region: int) -> Iterator[np.ndarray]:
+    def _blocks(self, part: int) -> Iterator[np.ndarray]:
         self.flush()
-        for file in sorted(self._folder.glob(f"{region}.*")):
+        for file in sorted(self._folder.glob(f"{part}.*")):
             yield from self._read(file.read_bytes())
 
     def _read(self, data: bytes) -> Iterator[np.ndarray]:

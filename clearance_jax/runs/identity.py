@@ -1,12 +1,11 @@
 """What makes one question another: a description by names that can be kept, compared, and told apart in words.
 
-A sweep's store, a life's journal and a record of designs keep the description of their question and refuse others.
+Every run that is kept on disk has the description of its question in its journal, and refuses others.
 A description has every number of the models by its name, the settings, the versions with a digest of this library's
 source, and a digest of every function and class of the user's that takes part. The code of other packages counts by its
 name only.
 """
 
-import functools
 import hashlib
 import json
 from collections.abc import Mapping
@@ -17,24 +16,13 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from clearance_jax._code import PACKAGE
 from clearance_jax._structure import Reader
+from clearance_jax._surroundings import source_digest
 from clearance_jax.parameters import parameters
 
 SOURCE, STRUCTURE = "source of clearance_jax", "structure of the model"
 # What computes an answer, beside the question itself.
 VERSIONS = ("clearance_jax", SOURCE, "jax")
-
-
-@functools.cache
-def source_digest() -> str:
-    """All Python sources of this library as one short text, read once a process: the version's number alone does not
-    tell two states of a working copy apart.
-    """
-    found = hashlib.blake2b(digest_size=8)
-    for path in sorted(PACKAGE.rglob("*.py")):
-        found.update(path.relative_to(PACKAGE).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
-    return found.hexdigest()
 
 
 def versions() -> dict[str, str]:
@@ -79,32 +67,30 @@ def fingerprint(described: Mapping[str, Any]) -> str:
     return hashlib.blake2b(json.dumps(described, sort_keys=True).encode(), digest_size=16).hexdigest()
 
 
-def differences(old: Mapping[str, Any], new: Mapping[str, Any], where: str) -> dict[str, str]:
-    """What the `new` question has otherwise than the `old`, which is kept somewhere (`where`: "in the store"): by name,
-    in words; what computes it comes last.
+def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, str]:
+    """What the `new` question has otherwise than the `old`, which is kept somewhere: by name, in words; what computes
+    it comes last.
     """
     names = sorted({**old, **new}, key=lambda name: name in VERSIONS)
     return {
-        name: f"`{name}` is {_put(new.get(name))} here and {_put(old.get(name))} {where}"
+        name: f"`{name}` is {_put(new.get(name))} here and {_put(old.get(name))} there"
         for name in names
         if old.get(name) != new.get(name)
     }
 
 
-def refusal(path: Any, found: Mapping[str, str], what: str, fix: str) -> str:
-    """Why a file of another question is not gone on with, by the `differences` that were found, and what to do.
-    `what`: what it is then ("belongs to another question").
-    """
+def refusal(path: Any, found: Mapping[str, str]) -> str:
+    """Why a run that is kept at a path is not gone on with, by the `differences` that were found, and what to do."""
     computes = [name for name in found if name in VERSIONS]
     # Another state of the library may be made of other parts.
     asked = [name for name in found if name not in VERSIONS and not (computes and name.startswith(STRUCTURE))]
     names = [*asked, *(name for name in found if name not in asked)] if asked else computes or list(found)
     said = "; ".join(found[name] for name in names[:3]) + (f"; and {len(names) - 3} more" if len(names) > 3 else "")
     if asked or not computes:
-        return f"`{path}` {what}: {said}. {fix}."
+        return f"`{path}` belongs to another question: {said}. Choose another path."
     return (
-        f"`{path}` was begun by another version of the library: {said}. The digits of its answers may differ. {fix}, "
-        "or go on with the version that began it."
+        f"`{path}` was begun by another version of the library: {said}. The digits of its answers may differ. Choose "
+        "another path, or go on with the version that began it."
     )
 
 

@@ -1,0 +1,160 @@
+"""The journal of a run: a question in words, and below it, line by line, what is done. A killed run goes on from it.
+
+A line is a record in JSON, with a checksum in front and the fingerprint of the question that it belongs to. It counts
+once it ends, and as long as it is as it was written. A kill tears at most the last line, and that line does not count.
+"""
+
+import errno
+import json
+import os
+import warnings
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from clearance_jax.errors import ClearanceError
+from clearance_jax.runs.disk import refused_in_words
+from clearance_jax.runs.identity import differences, fingerprint, kept, refusal
+from clearance_jax.runs.lock import Lock
+
+BEGIN = b'{"check":"'
+# A checksum has eight digits, after which the record goes on.
+CHECKED = len(BEGIN) + 8 + len(b'",')
+# What a line has beside its record: the fingerprint of its question. The first line has the question in words.
+OF, QUESTION = "of", "question"
+
+
+class RunWarning(UserWarning):
+    """Something that a run keeps on disk was not as it was written."""
+
+
+class Journal:
+    """The records of one question in a file that only grows.
+
+    What is there is read at once: `question` in words (`None`: no line says it), the `records` in their order, and how
+    many lines are `damaged`. `ask` must come before the first `add`.
+
+    **Arguments:** `ordered`: records follow from each other, so that a damaged one is written over, with those behind
+    it. Such a file has one writer, from here to `close`. Otherwise a damaged line costs its own record, and stays,
+    and several processes may add to the file.
+
+    **Raises:** `ClearanceError` where the file cannot be opened, or is being written by another process.
+    """
+
+    def __init__(self, path: str | Path, *, ordered: bool = False):
+        self.path, self._ordered = Path(path), ordered
+        self._lock, self._own = None, ""
+        try:
+            if ordered:
+                self._lock = Lock(self.path, itself=True)
+            self._read()
+        except OSError as error:
+            self.close()
+            said = f"Cannot open `{self.path}`: {error.strerror or error}. Choose another path."
+            raise ClearanceError(said) from error
+
+    def _read(self) -> None:
+        text = self.path.read_bytes() if self.path.exists() else b""
+        lines = text.split(b"\n")[:-1]
+        entries = [record_of(line) for line in lines]
+        if self._ordered and None in entries:
+            entries = entries[: entries.index(None)]
+        whole = [entry for entry in entries if entry is not None]
+        self.damaged, self._end = len(lines) - len(whole), _end(text)
+        if self._ordered:
+            self._end = sum(len(line) + 1 for line in lines[: len(whole)])
+        # A file that has no line, or the torn begin of its first one, may be begun anew.
+        self._new = not lines and (text.startswith(BEGIN) or BEGIN.startswith(text))
+        self.fingerprints = {entry.pop(OF) for entry in whole}
+        self.question = next((entry[QUESTION] for entry in whole if QUESTION in entry), None)
+        self.records = [entry for entry in whole if QUESTION not in entry]
+
+    def differences(self, question: Mapping[str, Any]) -> dict[str, str]:
+        """What a question has otherwise than that of the file, by name, in words; empty where they are the same."""
+        if self.fingerprints == {fingerprint(kept(question))}:
+            return {}
+        lost = {QUESTION: "its own words are lost"}
+        return lost if self.question is None else differences(self.question, kept(question)) or lost
+
+    def ask(self, question: Mapping[str, Any]) -> None:
+        """Go on with a question, or begin it where nothing is there. What is damaged is warned of (`RunWarning`).
+
+        **Raises:** `ClearanceError` where the file keeps another question (with the differences) or is no journal, and
+        where it cannot be written; it is then as before.
+        """
+        if not self._new:
+            self._check(question)
+        if self.damaged:
+            first = len(self.records) + 2  # below the question, counted from 1
+            said = f"line {first} is damaged; it and what follows are" if self._ordered else _damaged(self.damaged)
+            warnings.warn(f"`{self.path}`: {said} computed again.", RunWarning, stacklevel=2)
+        self._own = fingerprint(kept(question))
+        if self.question is None:
+            self.add(**{QUESTION: kept(question)})
+
+    def _check(self, question: Mapping[str, Any]) -> None:
+        if not self.fingerprints or (self._ordered and self.question is None):
+            raise ClearanceError(
+                f"`{self.path}` is no journal of a run, one of an earlier form, or damaged at its begin. "
+                "Choose another path, or delete it."
+            )
+        found = self.differences(question)
+        if found:
+            raise ClearanceError(refusal(self.path, found))
+
+    def add(self, **record: Any) -> None:
+        """Write a record, and see it on the disk before returning. **Raises** `ClearanceError` where the disk refuses
+        it; the file is then as before.
+        """
+        line = line_of({OF: self._own, **record})
+        with refused_in_words(f"`{self.path}`", begun=QUESTION not in record):
+            lock = self._lock or Lock(self.path, itself=True, wait=True)
+            try:
+                self._append(lock.place, line)
+            finally:
+                if lock is not self._lock:
+                    lock.release()
+
+    def _append(self, place: int, line: bytes) -> None:
+        if not self._ordered and os.fstat(place).st_size != self._end:  # another has added, or died while it did
+            self._end = _end(self.path.read_bytes())
+        os.ftruncate(place, self._end)  # what was torn would swallow this line
+        try:
+            os.lseek(place, self._end, os.SEEK_SET)
+            if os.write(place, line) != len(line):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            os.fsync(place)
+        except OSError:
+            os.ftruncate(place, self._end)
+            raise
+        self._end += len(line)
+
+    def close(self) -> None:
+        """Another may write."""
+        if self._lock is not None:
+            self._lock.release()
+
+
+def _end(text: bytes) -> int:
+    """Where the last line ends that has ended."""
+    return text.rfind(b"\n") + 1
+
+
+def _damaged(count: int) -> str:
+    return "1 line is damaged; what it held is" if count == 1 else f"{count} lines are damaged; what they held is"
+
+
+def line_of(record: Mapping[str, Any]) -> bytes:
+    """A record as it stands in a file."""
+    text = json.dumps(record, separators=(",", ":"), allow_nan=False).encode()
+    return BEGIN + f"{zlib.crc32(text):08x}".encode() + b'",' + text[1:] + b"\n"
+
+
+def record_of(line: bytes) -> dict[str, Any] | None:
+    """The record of a line; `None` where it is not as it was written, or belongs to no question."""
+    text = b"{" + line[CHECKED:]
+    if not line.startswith(BEGIN) or line[len(BEGIN) : len(BEGIN) + 8] != f"{zlib.crc32(text):08x}".encode():
+        return None
+    record = json.loads(text)
+    return record if OF in record else None
