@@ -35,7 +35,6 @@ if TYPE_CHECKING:
         RevoluteClearance,
         SleeveClearance,
         SphericalClearance,
-        WornRevoluteClearance,
     )
     from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, AbstractStiffness
     from clearance_jax.mechanism.actuators import AbstractActuator, ConstantEffort, JointFriction, JointSpring, Servo
@@ -104,7 +103,6 @@ _NAMES = {
         "RevoluteClearance",
         "SleeveClearance",
         "SphericalClearance",
-        "WornRevoluteClearance",
     ),
     "laws": ("AbstractFrictionLaw", "AbstractNormalLaw", "AbstractStiffness"),
     "mechanism.actuators": ("AbstractActuator", "ConstantEffort", "JointFriction", "JointSpring", "Servo"),
@@ -222,7 +220,6 @@ __all__ = [
     "Universal",
     "UntrustedGradient",
     "Waypoint",
-    "WornRevoluteClearance",
     "Wrench",
     "Zipped",
     "animate",

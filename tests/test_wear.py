@@ -7,8 +7,9 @@ import pytest
 import clearance_jax as cj
 from clearance_jax import laws, wear
 from clearance_jax.errors import ClearanceError
+from clearance_jax.joints import Sections
 from clearance_jax.laws import Geometry, Material
-from clearance_jax.wear import Contacts, Pressed, Rubbing, Section, Sleeve
+from clearance_jax.wear import Contacts, Pressed, Rubbing, Section
 
 PIN, CLEARANCE, LENGTH = 25e-3, 1e-4, 50e-3
 STEEL = Material(2.06e11)
@@ -20,7 +21,7 @@ def geometry(pin, clearance, *materials):
 
 
 GEOMETRY = geometry(PIN, CLEARANCE, STEEL, STEEL)
-SLEEVE = Sleeve(GEOMETRY, jnp.zeros(1), jnp.asarray([LENGTH]))
+SLEEVE = Sections(GEOMETRY, jnp.zeros(1), jnp.asarray([LENGTH]))
 FORCE, K = 3000.0, 6e-14
 STIFFNESS = 2e13
 PRESSURES = {"hertz": wear.HertzLine(), "uniform": wear.Uniform(), "foundation": wear.Foundation(STIFFNESS)}
@@ -151,7 +152,7 @@ def test_what_does_not_wear_and_what_cannot():
     assert float(apart.volume) == float(apart.sliding) == 0
     with pytest.raises(ClearanceError, match="further than a flat patch"):
         wear.worn(pressing(1e9), SLEEVE, wear.Archard(K), wear.HertzLine(), depth=depths(90))
-    soft = Sleeve(GEOMETRY._replace(pin_material=None), SLEEVE.heights, SLEEVE.lengths)
+    soft = Sections(GEOMETRY._replace(pin_material=None), SLEEVE.heights, SLEEVE.lengths)
     with pytest.raises(ClearanceError, match="needs `pin_material`"):
         wear.worn(pressing(FORCE), soft, wear.Archard(K), wear.HertzLine(), depth=depths(90))
 

@@ -164,7 +164,7 @@ def test_a_worn_sleeve_is_listed_or_read_from_a_file(tmp_path, dataset):
         ('{ file = "wear.nc", cycles = 250 }', 1.5),
     ):
         found = worn(tmp_path, table).joint("pin").clearance
-        assert isinstance(found, cj.WornRevoluteClearance)
+        assert isinstance(found, cj.RevoluteClearance)
         np.testing.assert_allclose(found.depth, factor * DEPTH, rtol=1e-12)
     assert set(example(play_keys.WORN)) == {"depth", "file", "cycles", "unit"}
 

@@ -13,10 +13,10 @@ import scipy.stats
 import clearance_jax as cj
 from clearance_jax import laws, wear
 from clearance_jax.errors import ClearanceError, Unlivable
-from clearance_jax.joints import worn_sleeve
+from clearance_jax.joints import Sections
 from clearance_jax.laws import Geometry
 from clearance_jax.report import wear_figures
-from clearance_jax.wear import Contacts, Sleeve, sectors
+from clearance_jax.wear import Contacts, sectors
 from clearance_jax.wear.journal import JournalWarning
 
 LIFE = sys.modules["clearance_jax.wear.life"]
@@ -211,7 +211,7 @@ def test_jumps_agree_with_every_cycle_of_a_pin_that_swings():
     """A load that swings to and fro over a sleeve that wears by several times its elastic penetration."""
     sectors, cycles, force, length = 90, 2000, 3000.0, 0.05
     geometry = Geometry(*map(jnp.asarray, (25e-3, 25.1e-3, 1e-4, length)))
-    sleeve = Sleeve(geometry, jnp.zeros(1), jnp.asarray([length]))
+    sleeve = Sections(geometry, jnp.zeros(1), jnp.asarray([length]))
     angle = 0.3 * jnp.sin(2 * jnp.pi * (jnp.arange(12) + 0.5) / 12)[:, None]
     ones = jnp.ones((12, 1))
     seen = Contacts(ones[:, 0], ones[:, 0] / 12, force * ones, angle, 5e-3 * ones, 0 * ones, jnp.zeros((12, 1, 2)))
@@ -252,7 +252,7 @@ def test_a_joint_wears_over_its_life():
 def test_sectors_follow_from_the_patch():
     """Of a parabolic patch that stands still, a to either side, the largest mean lacks (w / a)^2 / 3 at worst."""
     geometry = Geometry(*map(jnp.asarray, (25e-3, 25.1e-3, 1e-4, 0.05)))
-    sleeve, ones = Sleeve(geometry, jnp.zeros(1), jnp.asarray([0.05])), jnp.ones((3, 1))
+    sleeve, ones = Sections(geometry, jnp.zeros(1), jnp.asarray([0.05])), jnp.ones((3, 1))
     law, foundation = wear.Archard(6e-14), wear.Foundation(2e13)
 
     def seen(force, angle):
@@ -383,7 +383,7 @@ def test_lives_that_end_at_once_or_never():
     assert "nothing worn off" in str(none)
     apart = wear.life(mechanism, "pin", law, pressure, 1e-4, 100, sectors=90)
     assert apart.depth.max() == 0
-    worn = mechanism.with_clearance("pin", worn_sleeve(play, jnp.full(90, 3e-6)))
+    worn = mechanism.with_clearance("pin", play.worn(jnp.full(90, 3e-6)))
     assert wear.life(worn, "pin", law, pressure, 0.05, 10, until=wear.Deepest(2e-6), start="settled").end == 0
     with pytest.raises(ClearanceError, match="Check the unit of the law's coefficient"):
         wear.life(mechanism, "pin", wear.Archard(1e-6), pressure, 0.05, 10, **still)
@@ -395,7 +395,7 @@ def test_lives_that_end_at_once_or_never():
         wear.life(mechanism, "pin", wear.Archard(3 / (2e12 * far)), wear.Foundation(2e12), 0.05, 10, **still)
     # Deeper than the clearance, and on from there.
     pocket = 3e-4 * np.maximum(-np.sin(2 * np.pi * np.arange(90) / 90), 0.0) ** 4
-    sleeve = worn_sleeve(play, jnp.asarray(pocket))
+    sleeve = play.worn(pocket)
     worn = mechanism.with_clearance("pin", sleeve)
     deep = wear.life(worn, "pin", law, wear.Foundation(2e12), 0.05, 20, tolerance=0.1, start="settled")
     volume = np.sum(deep.depth[-1] - pocket) * 2 * np.pi / 90 * 25.1e-3 * 0.05

@@ -24,6 +24,7 @@ from clearance_jax.io.scene_worn import worn_of
 from clearance_jax.io.table import Keys, Table, naming
 from clearance_jax.joints import (
     AbstractClearance,
+    AbstractPin,
     Fitting,
     GuideClearance,
     PressFit,
@@ -76,7 +77,7 @@ def play_of(kind: type, table: Table, path: Path, usual: bool = False) -> dict[s
             )
         word, own = table.chosen("element", ELEMENT_TABLES)
         clearance = dataclasses.replace(clearance, element=ELEMENTS[word](**own.given("type")))
-    if play.keys is PIN and table.has("worn"):
+    if play.keys is PIN and isinstance(clearance, AbstractPin) and table.has("worn"):
         clearance = worn_of(clearance, table, path)
     with naming(table.where):
         check_demands(clearance)

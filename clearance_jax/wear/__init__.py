@@ -1,7 +1,7 @@
 """Wear of pins and sleeves: laws, pressures, what wears off along a motion and over a life."""
 
 from clearance_jax.wear.after import AbstractAged, AfterWear
-from clearance_jax.wear.contacts import Contacts, Sleeve, contacts, sleeve_of
+from clearance_jax.wear.contacts import Contacts, contacts, sections_of
 from clearance_jax.wear.criteria import AbstractCriterion, Deepest, Exceeds, ImpactSpeed
 from clearance_jax.wear.laws import (
     AbstractWearLaw,
@@ -45,7 +45,6 @@ __all__ = [
     "RunningIn",
     "Section",
     "SectorsWarning",
-    "Sleeve",
     "Threshold",
     "Uniform",
     "Wear",
@@ -57,7 +56,7 @@ __all__ = [
     "lives",
     "march",
     "reye",
-    "sleeve_of",
+    "sections_of",
     "to_dataset",
     "wear",
     "worn",

@@ -20,6 +20,7 @@ from clearance_jax.parameters import physical
 from clearance_jax.results.dataset import to_dataset
 from clearance_jax.solve.settings import settings_of
 from clearance_jax.solve.trace import trace
+from clearance_jax.wear.contacts import pin_of
 from clearance_jax.wear.wearing import Wearing
 
 
@@ -62,8 +63,7 @@ class Deepest(AbstractCriterion):
         return "m"
 
     def value(self, mechanism, joint):
-        clearance: Any = mechanism.joint(joint)
-        return jnp.max(clearance.clearance.profile)
+        return jnp.max(pin_of(mechanism, joint).profile)
 
 
 class Exceeds(AbstractCriterion):
@@ -126,8 +126,7 @@ class Of(AbstractCriterion):
         return "function of the profile"
 
     def value(self, mechanism, joint):
-        clearance: Any = mechanism.joint(joint)
-        return jnp.asarray(self.function(clearance.clearance.profile), float)
+        return jnp.asarray(self.function(pin_of(mechanism, joint).profile), float)
 
 
 def criterion_of(until: Any) -> AbstractCriterion | None:

@@ -10,10 +10,10 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float
 
-from clearance_jax.joints import worn_sleeve
+from clearance_jax.joints import AbstractPin
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import parameters
-from clearance_jax.wear.contacts import sleeve_of
+from clearance_jax.wear.contacts import pin_of, sections_of
 from clearance_jax.wear.life import Life
 
 
@@ -29,11 +29,10 @@ def to_dataset(life: Life, mechanism: Mechanism, joint: str, **provenance: Any) 
 
     Attributes say how much was lived and computed, and the `life` in cycles where the bound was reached.
     """
-    play: Any = mechanism.joint(joint)
-    sleeve, depth = sleeve_of(mechanism, joint), np.asarray(life.depth)
+    pin, sleeve, depth = pin_of(mechanism, joint), sections_of(mechanism, joint), np.asarray(life.depth)
     count = depth.shape[1]
-    angle, clearance = 2 * np.pi * np.arange(count) / count, play.clearance.radial_clearance
-    room = np.asarray(rooms(play.clearance, jnp.asarray(depth)))
+    angle, clearance = 2 * np.pi * np.arange(count) / count, pin.radial_clearance
+    room = np.asarray(rooms(pin, jnp.asarray(depth)))
     across = 0.5 * (room + _opposite(room))
     area = float(jnp.sum(sleeve.lengths) * sleeve.geometry.sleeve_radius) * 2 * np.pi / count
     data: dict[str, Any] = {
@@ -79,13 +78,13 @@ def _opposite(room: np.ndarray) -> np.ndarray:
 
 
 @eqx.filter_jit
-def rooms(clearance: Any, depth: Float[Array, "cycle sector"]) -> Float[Array, "cycle sector"]:
+def rooms(pin: AbstractPin, depth: Float[Array, "cycle sector"]) -> Float[Array, "cycle sector"]:
     """How far the pin of a joint can go from the middle of its sleeve when that is worn so [m], towards each sector."""
     angle = 2 * np.pi * np.arange(depth.shape[1]) / depth.shape[1]
     ahead = jnp.asarray(np.cos(angle)), jnp.asarray(np.sin(angle))
 
     def of_one(profile):
-        worn = worn_sleeve(clearance, profile)
+        worn = pin.worn(profile)
         return jax.lax.map(lambda n: worn.travel((*n, 0.0)), ahead)
 
     return jax.lax.map(of_one, depth)
