@@ -27,7 +27,7 @@ from clearance_jax import laws, wear
 from clearance_jax.joints import Sections
 from clearance_jax.laws import Geometry, Material
 from clearance_jax.report.wear_maps import wear_map
-from clearance_jax.wear import Contacts, Pressed, Section
+from clearance_jax.wear import Contacts, Section, SectionLoad
 from experiments.common import SCENES, compact, slider_crank, table
 from experiments.publish import command, picture, write
 
@@ -75,7 +75,7 @@ def over_sectors() -> Resolved:
     for count in SECTORS:
         spread = wear.Foundation(STIFFNESS).prepared(Section(geometry(), jnp.zeros(count)))
         means = np.asarray(
-            jax.vmap(lambda f, a, spread=spread: spread(Pressed(f, a, (0 * f, 0 * f))).means)(
+            jax.vmap(lambda f, a, spread=spread: spread(SectionLoad(f, a, (0 * f, 0 * f))).means)(
                 jnp.asarray(forces), jnp.asarray(middles)
             )
         )

@@ -28,7 +28,7 @@ READERS = (
     "sweep_file",
     "scene_worn",
     "wear_file",
-    "wearing",
+    "wear_model",
 )
 
 

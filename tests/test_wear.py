@@ -9,7 +9,7 @@ from clearance_jax import laws, wear
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import Sections
 from clearance_jax.laws import Geometry, Material
-from clearance_jax.wear import Contacts, Pressed, Rubbing, Section
+from clearance_jax.wear import Contacts, Section, SectionLoad, SlidingState
 
 PIN, CLEARANCE, LENGTH = 25e-3, 1e-4, 50e-3
 STEEL = Material(2.06e11)
@@ -38,7 +38,7 @@ def pressing(force, angle=-0.7):
 
 def pressed(force, angle=0.0):
     zero = jnp.zeros(())
-    return Pressed(jnp.asarray(force), jnp.asarray(angle), (zero, zero))
+    return SectionLoad(jnp.asarray(force), jnp.asarray(angle), (zero, zero))
 
 
 def depths(sectors):
@@ -118,7 +118,7 @@ def test_the_paper_s_numbers():
     spread = wear.HertzLine().prepared(Section(paper, depths(7200)))(pressed(FORCE / LENGTH))
     assert float(spread.means.max()) == pytest.approx(13.06e6, rel=1e-3)
     law = wear.archard("6e-5 mm^3/(N*m)")
-    depth = law.rate(Rubbing(spread.means.max(), jnp.asarray(39.3e-3), jnp.zeros(()), jnp.zeros(())))
+    depth = law.rate(SlidingState(spread.means.max(), jnp.asarray(39.3e-3), jnp.zeros(()), jnp.zeros(())))
     assert float(depth) == pytest.approx(3.1e-8, rel=1e-2)
 
 
@@ -134,7 +134,7 @@ def test_coefficients_have_units():
 
 
 def test_other_laws():
-    at = Rubbing(jnp.asarray([0.0, 1e6, 3e6]), jnp.asarray(0.5), jnp.asarray(0.3), jnp.asarray(2.0))
+    at = SlidingState(jnp.asarray([0.0, 1e6, 3e6]), jnp.asarray(0.5), jnp.asarray(0.3), jnp.asarray(2.0))
     archard = wear.Archard(K)
     plain = archard.rate(at)
     assert plain == pytest.approx(K * 0.5 * np.array([0, 1e6, 3e6]))

@@ -53,7 +53,7 @@ def wear(
     check_writable(plot, FIGURES)
     check_film(movie)
     study = load_wear(wear_file)
-    warn(implausible(study.mechanism))
+    warn(implausible(study.model.mechanism))
     journal = study.journal or output.with_suffix(".journal")
     if journal.exists() and not resume:
         raise ClearanceError(
@@ -88,29 +88,16 @@ def wear(
 def _lived(study: Any, journal: Path, resume: bool, told: "_Told") -> Any:
     """The life as a dataset."""
     from clearance_jax.wear.folder import described, folder
-    from clearance_jax.wear.life import life
+    from clearance_jax.wear.history import simulate_wear
     from clearance_jax.wear.record import to_dataset
 
-    model = study.mechanism, study.law, study.pressure
-    rest = {"joint": study.joint, "cycle": study.cycle, "cycles": study.cycles}
-    question = described(*model, study.until, **rest, **study.options, **study.solve)
+    question = described(study.model, study.until, cycles=study.cycles, **study.options, **study.solve)
     words = {} if study.until is None else {"watched": study.words}
     with folder(journal, question, resume) as blocks:
-        found = life(
-            study.mechanism,
-            study.joint,
-            study.law,
-            study.pressure,
-            study.cycle,
-            study.cycles,
-            **study.options,
-            until=study.until,
-            journal=blocks,
-            progress=told,
-            **study.solve,
-        )
+        how = {**study.options, **study.solve, "until": study.until, "journal": blocks, "progress": told}
+        found = simulate_wear(study.model, study.cycles, **how)
         told.say("reading off")
-        return to_dataset(found, study.mechanism, study.joint, name=study.name, **words, **study.texts)
+        return to_dataset(found, study.model, name=study.name, **words, **study.texts)
 
 
 def _bar() -> Progress:

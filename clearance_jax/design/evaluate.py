@@ -19,7 +19,7 @@ from clearance_jax.design.manufacture import Yield, YieldEstimate, estimate_yiel
 from clearance_jax.design.scenarios import Scenario, scenarios_of
 from clearance_jax.design.specification import Specification
 from clearance_jax.design.worn import known_to, own
-from clearance_jax.errors import ClearanceError, Unlivable, WornOut
+from clearance_jax.errors import ClearanceError, WearFailure, WornThrough
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMeasure
 from clearance_jax.solve.batch import cores_here
@@ -141,13 +141,13 @@ class Simulations:
     def _worn(self, i: int, x: np.ndarray, scenario: Scenario, by: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
         try:
             return self._lived(i, x * scenario.factors, scenario.values, by)
-        except WornOut:
+        except WornThrough:
             pass
-        except Unlivable:
+        except WearFailure:
             if scenario.designed is None:
                 raise
             # Is it this part, or the design, of which no part says what is wrong? The design itself does, here.
-            with suppress(WornOut):
+            with suppress(WornThrough):
                 self._lived(i, x, scenario.designed, ())
         count = self._size(i)
         return np.full(count, np.nan), np.full((count, len(by)), np.nan)

@@ -27,12 +27,12 @@ from clearance_jax.io.study_keys import (
     VERIFY,
 )
 from clearance_jax.io.table import Chosen, Table, chosen, entries, naming
-from clearance_jax.io.wearing import wearing_of
+from clearance_jax.io.wear_model import wear_model
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMetric
 from clearance_jax.parameters import units_of
 from clearance_jax.units import to_si
-from clearance_jax.wear import AfterWear, Wearing
+from clearance_jax.wear import AfterWear, WearModel
 
 
 class Study(NamedTuple):
@@ -137,7 +137,7 @@ def _cost_table(table: Table) -> CostTable:
 class _Life(NamedTuple):
     """What a table `life` says."""
 
-    model: Wearing
+    model: WearModel
     sectors: int | None
     tolerance: float
 
@@ -150,12 +150,12 @@ class _Life(NamedTuple):
 
 def _life(top: Table, mechanism: Mechanism, span: Span) -> _Life:
     table = top.table("life", LIFE)
-    worn, cycle = wearing_of(table, mechanism), table.get("cycle")
+    cycle = table.get("cycle")
     if cycle is not None and cycle <= span.t0:
         raise ClearanceError(
             f"{table.key('cycle')} must be greater than the scene's t0 = {span.t0:g} s, but it is {cycle:g} s."
         )
-    model = Wearing(worn.law, worn.pressure, worn.joint, span.t1 if cycle is None else cycle, worn.mechanism)
+    model = wear_model(table, mechanism, span.t1 if cycle is None else cycle)
     return _Life(model, table.get("sectors"), table.get("tolerance"))
 
 

@@ -1,4 +1,4 @@
-"""Wear files: TOML with units to the arguments of `wear.life`, on top of a scene. Keys are strict, as a scene's."""
+"""Wear files: TOML with units to a model of wear and how it is simulated, on top of a scene. Keys are strict."""
 
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -8,24 +8,18 @@ from clearance_jax.io.metric import Span, metric_of
 from clearance_jax.io.metric_keys import METRIC
 from clearance_jax.io.table import Chosen, naming
 from clearance_jax.io.wear_keys import SOLVE, UNTIL_TABLES, WEAR
-from clearance_jax.io.wearing import wearing_of
+from clearance_jax.io.wear_model import wear_model
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.wear.criteria import AbstractCriterion, Deepest, Exceeds, ImpactSpeed
-from clearance_jax.wear.laws import AbstractWearLaw
-from clearance_jax.wear.pressure import AbstractPressure
+from clearance_jax.wear.model import WearModel
 
 
 class WearFile(NamedTuple):
-    """What a wear file says: the positional arguments of `wear.life` and its `options`, those of the solves among
-    them; what ends the life, and that in words, if anything; the journal's folder, if it is named; name and
-    texts.
+    """What a wear file says: the arguments of `wear.simulate_wear`, `options` and those of the solves among them; what
+    ends the life, and that in words, if anything; the journal's folder, if it is named; name and texts.
     """
 
-    mechanism: Mechanism
-    joint: str
-    law: AbstractWearLaw
-    pressure: AbstractPressure
-    cycle: float
+    model: WearModel
     cycles: int
     options: dict[str, Any]
     solve: dict[str, Any]
@@ -45,17 +39,13 @@ def load_wear(path: str | Path) -> WearFile:
 
 def _wear(study: Asked) -> WearFile:
     top, span = study.table, study.span("cycle")
-    mechanism, joint, law, pressure = wearing_of(top, study.mechanism)
+    model = wear_model(top, study.mechanism, span.t1)
     solve = study.usual("t0", "rtol", "solver", "start") | top.table("solve", SOLVE).given()
     until, words = None, ""
     if top.has("until"):
-        until, words = _until(top.chosen("until", UNTIL_TABLES), mechanism, span, solve)
+        until, words = _until(top.chosen("until", UNTIL_TABLES), model.mechanism, span, solve)
     return WearFile(
-        mechanism,
-        joint,
-        law,
-        pressure,
-        span.t1,
+        model,
         top.get("cycles"),
         {name: top.get(name) for name in ("sectors", "tolerance", "longest")},
         solve,

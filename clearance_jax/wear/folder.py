@@ -12,32 +12,26 @@ from typing import Any
 
 from clearance_jax.errors import ClearanceError
 from clearance_jax.identity import differences, kept, numbers, refusal, settings, versions
-from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.sweep.lock import Lock
 from clearance_jax.wear.criteria import AbstractCriterion
 from clearance_jax.wear.journal import JournalWarning
-from clearance_jax.wear.laws import AbstractWearLaw
-from clearance_jax.wear.pressure import AbstractPressure
+from clearance_jax.wear.model import WearModel
 
 ASKED, BLOCKS, LOCK = "asked.json", "blocks.jsonl", "lock"
 
 
-def described(
-    mechanism: Mechanism,
-    law: AbstractWearLaw,
-    pressure: AbstractPressure,
-    until: AbstractCriterion | None = None,
-    **rest: Any,
-) -> dict[str, Any]:
+def described(model: WearModel, until: AbstractCriterion | None = None, **rest: Any) -> dict[str, Any]:
     """What makes another life, by names, each a number or a short text; `rest`: its other arguments."""
-    models = {"law of wear": law, "pressure": pressure, "until": until}
-    own = [numbers(model, f" ({what})") for what, model in models.items() if model is not None]
-    return kept({**versions(), **numbers(mechanism), **{k: v for one in own for k, v in one.items()}, **settings(rest)})
+    parts = {"law of wear": model.wear, "pressure": model.pressure, "until": until}
+    own = [numbers(part, f" ({what})") for what, part in parts.items() if part is not None]
+    rest = {"joint": model.joint, "cycle": float(model.cycle), **rest}
+    named = {k: v for one in (numbers(model.mechanism), *own) for k, v in one.items()}
+    return kept({**versions(), **named, **settings(rest)})
 
 
 @contextmanager
 def folder(path: str | Path, asked: Mapping[str, Any], resume: bool = False) -> Iterator[Path]:
-    """The journal for `wear.life`, in a folder that no other process writes meanwhile.
+    """The journal for `wear.simulate_wear`, in a folder that no other process writes meanwhile.
 
     **Raises:** `ClearanceError` where the folder is there and is not to be gone on with, is one of another question,
     is written by another process, or cannot be written.

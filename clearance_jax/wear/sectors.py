@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from clearance_jax.joints import Sections
 from clearance_jax.wear.contacts import Contacts
-from clearance_jax.wear.laws import AbstractWearLaw, Rubbing
+from clearance_jax.wear.laws import AbstractWearLaw, SlidingState
 from clearance_jax.wear.pressure import AbstractPressure
 
 # By how much, as a part of it, the largest depth that one cycle wears off may be off. A given number is doubted a
@@ -54,7 +54,7 @@ def worn_round(
             # That the pressures bear the force, but for a factor, which a law that is not linear sees.
             high = load[some] / (half[some] * float(sleeve.geometry.sleeve_radius))
             columns = (np.asarray(v)[some, section, None] for v in (seen.speed, seen.traction))
-            at = Rubbing(*map(jnp.asarray, (high[:, None] * shape, *columns, np.asarray(seen.time)[some, None])))
+            at = SlidingState(*map(jnp.asarray, (high[:, None] * shape, *columns, np.asarray(seen.time)[some, None])))
             found[section] += weight @ np.where(shape > 0, np.asarray(law.rate(at)), 0.0)
     return found
 

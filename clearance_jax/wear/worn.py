@@ -11,13 +11,13 @@ from jaxtyping import Array, Float
 
 from clearance_jax._module import Module
 from clearance_jax._types import Scalar
-from clearance_jax.errors import ClearanceError, Unlivable, quoted
+from clearance_jax.errors import ClearanceError, WearFailure, quoted
 from clearance_jax.joints import Sections
 from clearance_jax.solve.trace import Trace
 from clearance_jax.units import shown
 from clearance_jax.wear.contacts import Contacts, contacts, largest_swing, pin_of, sections_of
-from clearance_jax.wear.laws import AbstractWearLaw, Rubbing
-from clearance_jax.wear.pressure import AbstractPressure, HertzLine, Pressed, Section
+from clearance_jax.wear.laws import AbstractWearLaw, SlidingState
+from clearance_jax.wear.pressure import AbstractPressure, HertzLine, Section, SectionLoad
 from clearance_jax.wear.sectors import USUAL, SectorsWarning, doubt, fewest, worn_round
 
 # Of the force: what the pressures of the sectors may miss, which round-off and a search that ends leave.
@@ -160,12 +160,12 @@ class Found(NamedTuple):
 def _check(found: Found, law: AbstractWearLaw, pressure: AbstractPressure) -> None:
     """Raise where pressures are not the force's, or the volume not the law's."""
     if pressure.is_narrow and found.half_angle > WIDEST:
-        raise Unlivable(
+        raise WearFailure(
             f"The patch of the largest force spreads {np.degrees(found.half_angle):.0f} deg to either side, further "
             "than a flat patch can. Use a `Foundation`, or look at the force: an impact that no sleeve survives?"
         )
     if not found.missed <= MISSED:
-        raise Unlivable(
+        raise WearFailure(
             f"The pressures miss {found.missed:.1e} of the normal force. A foundation that is too soft lets the pin "
             "through its sleeve: check its `stiffness` [Pa/m]."
         )
@@ -199,12 +199,12 @@ def accumulated(
         def add(carry, now):
             depth, relief, missed = carry
             weight, time, turn, force, angle, speed, traction, place = now
-            found = spread(Pressed(force / length, angle, (place[0], place[1])))
+            found = spread(SectionLoad(force / length, angle, (place[0], place[1])))
             # The pin bears the same force on a little less of surface.
             means = _turned(found.means, -turn) * (sleeve.geometry.sleeve_radius / radius) if inner else found.means
 
             def off(pressure):
-                return law.rate(Rubbing(pressure, speed, traction, before + time))
+                return law.rate(SlidingState(pressure, speed, traction, before + time))
 
             rate, rises = jax.jvp(off, (means,), (jnp.where(means > 0, 1.0, 0.0),))
             lacks = jnp.abs(found.borne * length - force)
@@ -223,7 +223,7 @@ def accumulated(
     sliding = seen.weight @ jnp.where(seen.force > 0, seen.speed, 0.0) @ shares
     time = jnp.broadcast_to((seen.time + before)[:, None], seen.force.shape)
     # Of a linear law the volume is its rate of the force in the place of a pressure.
-    flat = jnp.sum(seen.weight[:, None] * law.rate(Rubbing(seen.force, seen.speed, seen.traction, time)))
+    flat = jnp.sum(seen.weight[:, None] * law.rate(SlidingState(seen.force, seen.speed, seen.traction, time)))
     largest = jnp.max(seen.force / sleeve.lengths[None, :], initial=0.0)
     half = pressure.half_angle(sleeve.geometry, largest)
     return Found(new, volume, flat, sliding, half, jnp.max(relief), jnp.max(missed))

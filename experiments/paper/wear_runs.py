@@ -76,10 +76,10 @@ def foundation(reading: Reading) -> wear.Foundation:
 
 
 @functools.cache
-def lived(reading: Reading) -> wear.Life:
+def lived(reading: Reading) -> wear.WearHistory:
     """As many runs one after another as the paper amplifies one by, each on the sleeve as it is by then."""
     law, told = wear.archard(COEFFICIENT), {"sectors": SECTORS, "tolerance": TOLERANCE, "rtol": RTOL}
-    return wear.life(rig(reading), JOINT, law, foundation(reading), LAST, RUNS, **told)
+    return wear.simulate_wear(wear.WearModel(rig(reading), JOINT, law, foundation(reading), LAST), RUNS, **told)
 
 
 @functools.cache

@@ -1,7 +1,6 @@
 """How a joint wears, as wear files and studies describe it: which joint, by which law, under which pressure."""
 
 import dataclasses
-from typing import NamedTuple
 
 import jax.numpy as jnp
 
@@ -14,22 +13,14 @@ from clearance_jax.laws import Material
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.wear.contacts import sections_of
 from clearance_jax.wear.laws import COEFFICIENT, AbstractWearLaw, Archard, Graded, Reye, RunningIn, Threshold
+from clearance_jax.wear.model import WearModel
 from clearance_jax.wear.pressure import AbstractPressure, Foundation, HertzLine, Uniform, foundation
 
 
-class JointThatWears(NamedTuple):
-    """The first arguments of `wear.life`: the `mechanism`, whose joint has the length and the materials that were given
-    it.
+def wear_model(top: Table, mechanism: Mechanism, cycle: float) -> WearModel:
+    """What a table with the keys `WEARING` says, of cycles that end at `cycle` [s]; the joint has the length and the
+    materials that the table gives it. **Raises:** `ClearanceError` naming the key and the fix.
     """
-
-    mechanism: Mechanism
-    joint: str
-    law: AbstractWearLaw
-    pressure: AbstractPressure
-
-
-def wearing_of(top: Table, mechanism: Mechanism) -> JointThatWears:
-    """What a table with the keys `WEARING` says. **Raises:** `ClearanceError` naming the key and the fix."""
     mechanism, joint = _jointed(top, mechanism)
     for key in ("wear", "pressure"):
         top.need(key)
@@ -38,7 +29,7 @@ def wearing_of(top: Table, mechanism: Mechanism) -> JointThatWears:
     if not isinstance(pressure, Foundation):
         with naming(top.key("pressure")):
             pressure.half_angle(sections_of(mechanism, joint).geometry, jnp.ones(()))  # whether it knows what it needs
-    return JointThatWears(mechanism, joint, law, pressure)
+    return WearModel(mechanism, joint, law, pressure, cycle)
 
 
 def _jointed(top: Table, mechanism: Mechanism) -> tuple[Mechanism, str]:
