@@ -33,7 +33,7 @@ app = typer.Typer(
     "clearance animate out.nc -o out.gif --magnify joint5\n\n"
     "clearance optimize optimize/studies/slider_crank.toml --report out.html\n\n"
     "clearance sweep experiments/sweeps/slider_crank.toml -o out.zarr --plot pictures\n\n"
-    "clearance simulate experiments/scenes/six_axes.urdf --clearance axis_5:radial=0.05mm,length=40mm\n\n"
+    "clearance simulate experiments/scenes/six_axes.urdf --clearance axis_5:radial_clearance=0.05mm,pin_radius=20mm\n\n"
     "clearance wear experiments/wear/disc.toml -o out.nc --plot out.png",
 )
 

@@ -58,6 +58,7 @@ class RevoluteClearance(AbstractPin):
     tolerance: Tolerance | None = None
     depth: Float[Array, "*batch sectors"] | None = physical("m", least=0.0, default=None)
     modes: Modes | None = None
+    kind: ClassVar[str] = "pin"
     tangents: ClassVar[int] = 1
 
     def __check_init__(self):

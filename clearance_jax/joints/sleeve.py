@@ -68,7 +68,7 @@ class SleeveClearance(AbstractPin):
 
     radial_clearance: Scalar = physical("m", above=0.0, help="sleeve radius minus pin radius", example='"0.1 mm"')
     pin_radius: Scalar = physical("m", above=0.0, help="radius of the pin", example='"10 mm"')
-    length: Scalar = physical("m", above=0.0, help="length of the sleeve", example='"40 mm"')
+    length: Scalar = physical("m", above=0.0, help="length of the contact along the sleeve", example='"40 mm"')
     normal: AbstractNormalLaw
     friction: AbstractFrictionLaw | None = None
     axial_clearance: Scalar | None = physical(
@@ -95,6 +95,7 @@ class SleeveClearance(AbstractPin):
     sleeve_material: Material | None = None
     tolerance: Tolerance | None = None
     depth: Float[Array, "*batch stations sectors"] | None = physical("m", least=0.0, default=None)
+    kind: ClassVar[str] = "sleeve"
     tangents: ClassVar[int] = 2
 
     def __check_init__(self):
