@@ -15,7 +15,7 @@ from clearance_jax.ask.answers import answers, as_lanes
 from clearance_jax.ask.lanes import answer
 from clearance_jax.ask.place import HERE, Place
 from clearance_jax.ask.question import Question, shapes_of
-from clearance_jax.design.manufacture import Yield, YieldEstimate, estimate_yield
+from clearance_jax.design.manufacture import YieldEstimate, estimate_yield
 from clearance_jax.design.scenarios import Scenario, scenarios_of
 from clearance_jax.design.specification import Specification
 from clearance_jax.design.worn import known_to, own
@@ -210,6 +210,6 @@ def fresh_yield(
     specification: Specification, x: np.ndarray, samples: int = 10_000, seed: int = 12345, place: Place = HERE
 ) -> YieldEstimate:
     """The yield of a design (its variables, shape (n,)) on fresh samples; the worst condition's."""
-    if not isinstance(specification.manufacture, Yield):
+    if not specification.manufacture.is_sampled:
         raise ClearanceError("Only a problem with `manufacture=Yield(...)` has a yield.")
     return yield_of(specification, x, scenarios_of(specification, samples, seed), place=place)

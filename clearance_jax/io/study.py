@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from clearance_jax.design.costs import AbstractCost, CostTable, Exponential, ExponentialReciprocal, Reciprocal
-from clearance_jax.design.manufacture import Band, Yield
+from clearance_jax.design.manufacture import MANUFACTURE, AbstractManufacture
 from clearance_jax.design.problem import ToleranceProblem
 from clearance_jax.design.specification import Limit
 from clearance_jax.errors import ClearanceError, quoted
@@ -181,11 +181,10 @@ def _limit(name: str, read: Chosen, mechanism: Mechanism, span: Span, life: _Lif
 # Manufacture ---------------------------------------------------------------------------------------------------------
 
 
-def _manufacture(read: Chosen) -> Band | Yield:
-    """`least`, the share of a clearance that a band goes down to; or the scatter, and the share that must hold."""
+def _manufacture(read: Chosen) -> AbstractManufacture:
     kind, table = read
-    if kind == "band":
-        return Band(**table.given("kind"))
-    # Percentages are read as such, which pint takes for a unit.
-    scatter = {name: to_si(value, "percent", where) / 100 for name, value, where in table.named("scatter")}
-    return Yield(scatter, **table.given("kind", "scatter"))
+    given = table.given("kind")
+    for key in (key for key, value in given.items() if isinstance(value, dict)):
+        # Percentages are read as such, which pint takes for a unit.
+        given[key] = {name: to_si(value, "percent", where) / 100 for name, value, where in table.named(key)}
+    return MANUFACTURE[kind](**given)

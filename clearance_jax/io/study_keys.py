@@ -2,8 +2,10 @@
 
 import dataclasses
 
+from clearance_jax.design.manufacture import MANUFACTURE
 from clearance_jax.design.methods import METHOD_CHOICES
 from clearance_jax.io.asking_keys import PARAMETER, SET, choosing, heading, solving
+from clearance_jax.io.fields import kinds_of
 from clearance_jax.io.kinds import Flag, Quantities, Quantity, Sub, Text, Whole, Wholes, Word
 from clearance_jax.io.metric_keys import METRIC_KEYS, metric_tables
 from clearance_jax.io.table import Keys
@@ -175,46 +177,8 @@ LIFE = Keys(
     (dataclasses.replace(CYCLE, absent="the study's t1"), *WEARING),
 )
 
-_KIND = Word("kind", "how parts come out of manufacture", '"band"', allowed=("band", "yield"), required=True)
-MANUFACTURE_TABLES = {
-    "band": Keys(
-        "manufacture",
-        "Manufacture `band`",
-        "Made clearances lie between `least` times the designed one and the designed one.",
-        (
-            choosing(_KIND, "band"),
-            Quantity(
-                "least",
-                "the least share of the designed clearance",
-                "0.8",
-                bounds={"above": 0.0, "below": 1.0},
-                required=True,
-            ),
-            Whole("points", "values between, all joints alike", "3", least=2, most=1000, absent="3"),
-            Whole("corners", "joints up to whose number every corner is looked at", "3", most=12, absent="3"),
-        ),
-        'kind = "band"',
-    ),
-    "yield": Keys(
-        "manufacture",
-        "Manufacture `yield`",
-        "Numbers scatter; a share of what is made must hold every limit.",
-        (
-            choosing(_KIND, "yield"),
-            Sub(
-                "scatter",
-                "relative standard deviations by the numbers' names, below 100 percent; log-normal from 20 percent on",
-                '{ "slider.mass" = "2 percent" }',
-                form="values by name",
-                required=True,
-            ),
-            Quantity("target", "the share", "0.95", bounds={"above": 0.0, "below": 1.0}, absent="0.99"),
-            Whole("samples", "samples of a Sobol sequence", "256", least=1, most=1_000_000, absent="256"),
-            Whole("seed", "its seed", "1", absent="0"),
-        ),
-        'kind = "yield"',
-    ),
-}
+_KIND = Word("kind", "how parts come out of manufacture", '"band"', allowed=tuple(MANUFACTURE), required=True)
+MANUFACTURE_TABLES = kinds_of("manufacture", "Manufacture", _KIND, MANUFACTURE)
 
 STUDY_TABLES = (
     STUDY,
