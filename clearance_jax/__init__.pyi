@@ -54,9 +54,6 @@ from .joints import (
 from .joints import (
     SphericalClearance as SphericalClearance,
 )
-from .joints import (
-    WornRevoluteClearance as WornRevoluteClearance,
-)
 from .laws import AbstractFrictionLaw as AbstractFrictionLaw
 from .laws import AbstractNormalLaw as AbstractNormalLaw
 from .laws import AbstractStiffness as AbstractStiffness

@@ -13,13 +13,13 @@ class ClearanceError(ValueError):
         super().__init__(cut(str(message), LONGEST))
 
 
-class Unlivable(ClearanceError):
+class WearFailure(ClearanceError):
     """A part whose wear cannot be followed: a number out of its bounds, depths that run away, pressures that miss the
     force. Of a part that scattered there it is a failure, of a design itself a mistake of who asks.
     """
 
 
-class WornOut(Unlivable):
+class WornThrough(WearFailure):
     """A part that does not live as long as it was asked to: no mistake of who asks, where parts scatter."""
 
 

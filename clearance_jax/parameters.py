@@ -80,9 +80,12 @@ def physical(
     return eqx.field(**({"converter": as_leaf, "metadata": metadata} | field))
 
 
-def described(help: str, example: str, absent: str = "", **field):
-    """A field that is no number, with what the reference of scene files says of it (see `physical`)."""
-    return eqx.field(metadata={"help": help, "example": example, "absent": absent}, **field)
+def described(help: str, example: str, absent: str = "", *, least: int = 0, most: int = 10**9, **field):
+    """A field that is no physical number, with what the reference of scene files says of it (see `physical`); of a
+    whole number from `least` to `most`.
+    """
+    metadata = {"help": help, "example": example, "absent": absent, "least": least, "most": most}
+    return eqx.field(metadata=metadata, **field)
 
 
 def flattened(**field):

@@ -213,7 +213,9 @@ def front() -> None:
 def rattling() -> xr.Dataset:
     """A robot of six axes whose fifth has play, from the middle of its sleeve on."""
     robot = cj.load_urdf(SCENES / "six_axes.urdf", end_effector="tcp")
-    loose = robot.with_clearance("axis_5", radial=5e-5, axial=1e-4, length=0.04, diameter=0.03)
+    loose = robot.with_clearance(
+        "axis_5", kind="sleeve", radial_clearance=5e-5, axial_clearance=1e-4, length=0.04, pin_radius=0.015
+    )
     mechanism = loose.driven(cj.read_trajectory(SCENES / "six_axes_turn.csv", loose))
     return cj.to_dataset(mechanism, cj.trace(mechanism, 0.05, rtol=1e-6, save_at=1001))
 

@@ -54,8 +54,8 @@ from experiments.publish import command, say
 
 WORKER = Path(__file__).parent / "reference" / "mujoco_steps.py"
 LANES, EVALUATIONS, ROUNDS = 64, 2000, 9
-BARREL = {"radial": 5e-5, "length": 0.04, "diameter": 0.03}
-SLEEVE = BARREL | {"axial": 1e-4}
+BARREL = {"kind": "sleeve", "radial_clearance": 5e-5, "length": 0.04, "pin_radius": 0.015}
+SLEEVE = BARREL | {"axial_clearance": 1e-4}
 AXES = ("5", "235", "123456")
 BATCH, BATCH_END = 256, 0.005
 RTOL = 1e-6

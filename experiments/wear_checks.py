@@ -24,9 +24,10 @@ from matplotlib.figure import Figure
 
 import clearance_jax as cj
 from clearance_jax import laws, wear
+from clearance_jax.joints import Sections
 from clearance_jax.laws import Geometry, Material
 from clearance_jax.report.wear_maps import wear_map
-from clearance_jax.wear import Contacts, Pressed, Section, Sleeve
+from clearance_jax.wear import Contacts, Section, SectionLoad
 from experiments.common import SCENES, compact, slider_crank, table
 from experiments.publish import command, picture, write
 
@@ -74,7 +75,7 @@ def over_sectors() -> Resolved:
     for count in SECTORS:
         spread = wear.Foundation(STIFFNESS).prepared(Section(geometry(), jnp.zeros(count)))
         means = np.asarray(
-            jax.vmap(lambda f, a, spread=spread: spread(Pressed(f, a, (0 * f, 0 * f))).means)(
+            jax.vmap(lambda f, a, spread=spread: spread(SectionLoad(f, a, (0 * f, 0 * f))).means)(
                 jnp.asarray(forces), jnp.asarray(middles)
             )
         )
@@ -136,7 +137,7 @@ def slid_by(deep: np.ndarray, force: float, coefficient: float) -> np.ndarray:
 
 def running_in(stiffness: float, steps: int, force: float = 3000.0, coefficient: float = 1e-13) -> Run:
     """So many stretches, each half as long as depths would need to run away from one sector to the next."""
-    sleeve, one = Sleeve(geometry(), jnp.zeros(1), jnp.asarray([LENGTH])), jnp.ones((1, 1))
+    sleeve, one = Sections(geometry(), jnp.zeros(1), jnp.asarray([LENGTH])), jnp.ones((1, 1))
     stretch = 0.5 / (coefficient * stiffness)
     seen = Contacts(one[0], stretch * one[0], force * one, 0.7 * one, one, 0 * one, jnp.zeros((1, 1, 2)))
     law, foundation, depth, deep = wear.Archard(coefficient), wear.Foundation(stiffness), jnp.zeros(360), []

@@ -65,16 +65,16 @@ def swing() -> cj.Mechanism:
     )
 
 
-def lived(cycles: int, **how) -> wear.Life:
+def lived(cycles: int, **how) -> wear.WearHistory:
     told = {"sectors": SECTORS, "rtol": RTOL, "start": "settled"} | how
-    given = swing(), "pin", wear.archard(COEFFICIENT), wear.Foundation(STIFFNESS), PERIOD, cycles
+    model = wear.WearModel(swing(), "pin", wear.archard(COEFFICIENT), wear.Foundation(STIFFNESS), PERIOD)
     with warnings.catch_warnings():
         # Jumps and every cycle have the same sectors, whose width is not what is measured here.
         warnings.simplefilter("ignore", wear.SectorsWarning)
-        return wear.life(*given, **told)
+        return wear.simulate_wear(model, cycles, **told)
 
 
-def ended(every: wear.Life, depth: float) -> tuple[float, np.ndarray | None]:
+def ended(every: wear.WearHistory, depth: float) -> tuple[float, np.ndarray | None]:
     """When every cycle's largest depth is so much, and its derivatives, straight from the depths."""
     block = int(np.argmax(every.depth.max(axis=1) >= depth))
     sector = int(every.depth[block].argmax())

@@ -20,7 +20,7 @@ from clearance_jax.design.costs import AbstractCost
 from clearance_jax.runs.journal import Journal
 from clearance_jax.sweep.grid import Grid
 from clearance_jax.sweep.store import Regions
-from clearance_jax.wear.wearing import Wearing
+from clearance_jax.wear.model import WearModel
 
 Told = Callable[[int], None] | None
 """Called with how much is done after each step of a run, or of a life with how many steps it has gone."""
@@ -95,15 +95,15 @@ def lived(
     disc = cj.Mechanism(bodies=(cj.Body("disc", 20.0, 0.1),), joints=(pin,), gravity=cj.Gravity(y=-9.81))
     blocks = iter(range(1, 1000))
     progress = None if told is None else lambda _: told(next(blocks))
-    given = disc, "pin", law(1e-13), wear.Uniform(0.2), 0.05, 10**6
+    given = wear.WearModel(disc, "pin", law(1e-13), wear.Uniform(0.2), 0.05), 10**6
     asked: Any = {"tolerance": 1e-2, "rtol": 1e-6, "until": function, "sectors": 20, "journal": path, **options}
     if values is not None:
-        return {"end": wear.lives(*given, {"wear.coefficient": values}, **asked).end}
-    found = wear.life(*given, progress=progress, **asked)
+        return {"end": wear.service_lives(*given, {"wear.coefficient": values}, **asked).end}
+    found = wear.simulate_wear(*given, progress=progress, **asked)
     return {"cycles": found.cycles, "depth": found.depth, "end": np.array(found.end)}
 
 
-def _worn(self: Wearing, stack: np.ndarray, *_: Any) -> np.ndarray:
+def _worn(self: WearModel, stack: np.ndarray, *_: Any) -> np.ndarray:
     return 1e-9 * np.cos(np.linspace(-1, 1, stack.shape[1])) / (1 + stack / 2e-6)
 
 
@@ -240,7 +240,7 @@ def install(change: Callable[[Any, str, Any], None] = setattr) -> list[int]:
 
         return computed
 
-    change(Wearing, "cycle_wears", counted(_worn))
+    change(WearModel, "cycle_wears", counted(_worn))
     change(formulation, "_evaluate", counted(_evaluated))
     change(Grid, "answer", counted(answer, lambda _, lanes, *rest: len(lanes)))
     change(importlib.import_module("clearance_jax.sweep.run"), "LEAST", LANES // REGIONS)

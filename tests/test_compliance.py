@@ -72,7 +72,7 @@ def test_a_rotor_in_space_is_that_in_the_plane_in_every_form():
 
 
 def pendulum(stiffness):
-    play = cj.joints.fitted(2e-5, diameter=0.03)
+    play = cj.joints.fitted(2e-5, pin_radius=0.015)
     arm = cj.Mechanism(
         bodies=(cj.Body("arm", 4.0, INERTIA, cj.Position(0.3)),),
         joints=(

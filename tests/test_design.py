@@ -12,6 +12,7 @@ from clearance_jax.ask.question import Answer
 from clearance_jax.design import evaluate, manufacture, verify
 from clearance_jax.design.evaluate import simulations_of
 from clearance_jax.design.formulation import _identity
+from clearance_jax.design.scenarios import scenarios_of
 from clearance_jax.errors import ClearanceError
 from clearance_jax.metrics.measure import Request
 from clearance_jax.runs.identity import differences
@@ -115,6 +116,31 @@ def test_an_interrupted_stochastic_approximation_has_its_mean_so_far():
     assert design.run(program, "stochastic-approximation", np.array([0.05])) == "interrupted"
     assert program.best is not None
     assert 0.1 < program.best.x[0] < 0.3
+
+
+def test_a_model_of_manufacture_is_one_class():
+    """Parts with their titles and numbers, and what of all limits of them is judged, come from the class alone."""
+
+    class Ends(design.AbstractManufacture):
+        title = "of both ends"  # pyright: ignore[reportAssignmentType]
+        scattered = ("slider.mass",)  # pyright: ignore[reportAssignmentType]
+
+        def parts(self, names, fresh=0, seed=None):
+            return [design.Part(f", at {f:g}", np.full(len(names), f), {"slider.mass": f}) for f in (0.5, 1.0)]
+
+        def judged(self, values, slopes):
+            return np.max(values).reshape(1), None
+
+    specification = asked(manufacture=Ends()).specification
+    found = scenarios_of(specification)
+    mass = float(cj.parameters(slider_crank())["slider.mass"].value)
+    assert [one.title for one in found] == [", at 0.5", ", at 1"]
+    assert [float(one.values["slider.mass"]) for one in found] == [0.5 * mass, mass]
+    assert [one.factors.tolist() for one in found] == [[0.5], [1.0]]
+    assert design.formulate(specification).limit_names == ("of both ends",)
+    assert [part.is_design for part in design.AsDesigned().parts((NAME,))] == [True]
+    with pytest.raises(ClearanceError, match="`no`"):
+        asked(manufacture=design.Yield({"no": 0.1}))
 
 
 @pytest.mark.slow

@@ -162,7 +162,7 @@ def test_presets_are_sums_over_their_elements():
         ball_diameter=10e-3,
         contact_angle=angle,
         spread=2 * half,
-        radial=5e-6,
+        radial_clearance=5e-6,
         preload=preload,
     )
     found = new.element
@@ -181,14 +181,14 @@ def test_presets_are_sums_over_their_elements():
     assert float(found.axial_preload) == pytest.approx(3 * preload, rel=1e-9)
     # As the play ends along an element's line, across and tilted.
     assert float(new.largest_tilt) == pytest.approx(5e-6 * np.cos(angle) / lever, rel=1e-9)
-    rolled: Any = joints.crossed_roller(0.1, rollers=60, roller_length=6e-3, radial=5e-6, preload=preload)
+    rolled: Any = joints.crossed_roller(0.1, rollers=60, roller_length=6e-3, radial_clearance=5e-6, preload=preload)
     per = preload / (30 * np.sin(np.pi / 4))
     line = 7.68e-5 * per**0.9 / 6**0.8 * 1e-3
     assert float(rolled.element.radial_stiffness) == pytest.approx(30 * per / 0.9 / line * 0.5, rel=1e-9)
-    assert joints.crossed_roller(0.1, rollers=60, roller_length=6e-3, radial=2e-5).element is None
-    for wrong in ({"rollers": 5}, {"radial": -1e-6}, {"preload": 0.0}):
+    assert joints.crossed_roller(0.1, rollers=60, roller_length=6e-3, radial_clearance=2e-5).element is None
+    for wrong in ({"rollers": 5}, {"radial_clearance": -1e-6}, {"preload": 0.0}):
         with pytest.raises(cj.ClearanceError):
-            joints.crossed_roller(0.1, **({"rollers": 60, "roller_length": 6e-3, "radial": 5e-6} | wrong))
+            joints.crossed_roller(0.1, **({"rollers": 60, "roller_length": 6e-3, "radial_clearance": 5e-6} | wrong))
 
 
 def test_a_film_damps_as_the_short_bearing_does():

@@ -31,7 +31,7 @@ READERS = (
     "design_section",
     "wear_section",
     "scene_worn",
-    "wearing",
+    "wear_model",
 )
 
 
@@ -171,7 +171,7 @@ def test_examples_of_a_robot_and_of_a_controller_are_read(tmp_path):
     few = load(tmp_path, few + control)
     assert few.mechanism.clearance_joints()[0].clearance.count == 12
     with pytest.raises(cj.ClearanceError, match=r"robot.clearance.axis_7: the robot has no joint of this name"):
-        load(tmp_path, robot.replace("axis_5 = { radial", "axis_7 = { radial") + control)
+        load(tmp_path, robot.replace("axis_5 = { kind", "axis_7 = { kind") + control)
     with pytest.raises(cj.ClearanceError, match="has the free coordinate `axis_2`"):
         load(tmp_path, robot + payload + control.replace('axis_2 = "0.2 * time"\n', ""))
     with pytest.raises(cj.ClearanceError, match=r"robot.payload.cutter.on must name a body or a point .* `tpc`"):
@@ -264,7 +264,7 @@ def test_examples_of_fits_and_bearings_are_read(tmp_path):
     # Of the two sets of keys that a bearing may have one each.
     for skip, own in (
         (("rollers", "roller_length", "internal_clearance"), {"group": "C3", "balls": 9, "ball_diameter": 0.00794}),
-        (("balls", "ball_diameter", "group"), {"internal": 1e-5, "rollers": 12, "roller_length": 0.009}),
+        (("balls", "ball_diameter", "group"), {"internal_clearance": 1e-5, "rollers": 12, "roller_length": 0.009}),
     ):
         values = {"bearing": inline(example(play_keys.BEARING, *skip))}
         bearing = only(load(tmp_path, scene(pin=lines(values))))
@@ -276,7 +276,10 @@ def test_examples_of_fits_and_bearings_are_read(tmp_path):
 def test_examples_of_an_arms_bearings_are_read(tmp_path):
     robot = f'[robot]\nfile = "{ROOT / "experiments" / "scenes" / "six_axes.urdf"}"\n[robot.clearance.axis_2]\n'
     for kind, expected in (
-        ("crossed-roller", cj.joints.crossed_roller(0.1, rollers=60, roller_length=9e-3, radial=5e-6, preload=500.0)),
+        (
+            "crossed-roller",
+            cj.joints.crossed_roller(0.1, rollers=60, roller_length=9e-3, radial_clearance=5e-6, preload=500.0),
+        ),
         (
             "angular-contact-pair",
             cj.joints.angular_contact_pair(
@@ -285,7 +288,7 @@ def test_examples_of_an_arms_bearings_are_read(tmp_path):
                 ball_diameter=7.94e-3,
                 contact_angle=np.deg2rad(25.0),
                 spread=0.04,
-                radial=5e-6,
+                radial_clearance=5e-6,
                 preload=500.0,
             ),
         ),

@@ -1,5 +1,6 @@
 """Play that is no play, in Python, in scenes and on the command line: a message in words, and nothing is loaded."""
 
+import re
 from typing import Any
 
 import jax
@@ -23,57 +24,95 @@ def alone(kind, **options) -> Any:
 @pytest.mark.parametrize(
     ("kind", "numbers", "words"),
     [
-        (cj.Fixed, {"radial": 1e-4}, r"`hip` is of a kind that has no play \(fixed\). These have: revolute, prismatic"),
-        (cj.Universal, {"radial": 1e-4}, r"no play \(universal\)"),
-        (cj.Revolute, {}, "is ideal: give its whole clearance, or its numbers: radial, diameter, length, axial, fit"),
-        (cj.Revolute, {"radial": 1e-4}, "needs the `diameter` of its pin, or the `length`"),
-        (cj.Revolute, {"diameter": 0.02}, "needs its `radial` clearance, or a `fit`"),
-        (cj.Revolute, {"radial": 1e-4, "diameter": 0.02, "axial": 1e-4}, "Axial play needs the `length`"),
         (
-            cj.Revolute,
-            {"radial": 1e-4, "length": 0.04, "axial": -1e-4},
-            "`axial` must be greater than 0 m, .* -0.0001",
+            cj.Fixed,
+            {"radial_clearance": 1e-4},
+            r"`hip` is of a kind that has no play \(fixed\). These have: revolute, prismatic",
         ),
-        (cj.Revolute, {"radial": NAN, "length": 0.04}, "`radial` must be finite, but it is nan"),
-        (cj.Revolute, {"radial": 1e-4, "length": 0.0}, "`length` must be greater than 0 m"),
-        (cj.Revolute, {"radial": "0.1 mm", "length": 0.04}, "`radial` must be a number in m, but it is '0.1 mm'"),
-        (cj.Revolute, {"radial": 0.02, "diameter": 0.03}, "`diameter` must be greater than twice the radial clearance"),
-        (cj.Revolute, {"radial": 1e-3, "diameter": 0.03, "length": 0.01}, "`hip.length` must be greater than 0.0173 m"),
-        (cj.Revolute, {"fit": "H7/s6", "diameter": 0.02}, "`fit` H7/s6 leaves no play"),
-        (cj.Revolute, {"fit": "H7/g6", "radial": 1e-4, "diameter": 0.02}, "by `radial` or by a `fit`"),
-        (cj.Revolute, {"temperature": 350.0, "radial": 1e-4, "diameter": 0.02}, "`temperature` is that of a `fit`"),
+        (cj.Universal, {"radial_clearance": 1e-4}, r"no play \(universal\)"),
         (
             cj.Revolute,
-            {"fit": "H7/g6", "diameter": 0.02, "temperature": -80.0},
+            {},
+            "is ideal: give its whole clearance, or its numbers: radial_clearance, pin_radius, length, axial_",
+        ),
+        (cj.Revolute, {"radial_clearance": 1e-4}, "needs the `pin_radius`, or the `length`"),
+        (cj.Revolute, {"pin_radius": 0.01}, "needs its `radial_clearance`, or a `fit`"),
+        (
+            cj.Revolute,
+            {"radial_clearance": 1e-4, "pin_radius": 0.01, "axial_clearance": 1e-4},
+            "is that of a sleeve: give `kind`",
+        ),
+        (
+            cj.Revolute,
+            {"radial_clearance": 1e-4, "length": 0.04, "axial_clearance": -1e-4},
+            "`axial_clearance` must be greater than 0 m, .* -0.0001",
+        ),
+        (cj.Revolute, {"radial_clearance": NAN, "length": 0.04}, "`radial_clearance` must be finite, but it is nan"),
+        (cj.Revolute, {"radial_clearance": 1e-4, "length": 0.0}, "`length` must be greater than 0 m"),
+        (
+            cj.Revolute,
+            {"radial_clearance": "0.1 mm", "length": 0.04},
+            "`radial_clearance` must be a number in m, but it is '0.1 mm'",
+        ),
+        (
+            cj.Revolute,
+            {"radial_clearance": 0.02, "pin_radius": 0.015},
+            "`pin_radius` must be greater than the radial clearance",
+        ),
+        (
+            cj.Revolute,
+            {"radial_clearance": 1e-3, "pin_radius": 0.015, "length": 0.01, "kind": "sleeve"},
+            "`hip.length` must be greater than 0.0173 m",
+        ),
+        (cj.Revolute, {"fit": "H7/s6", "pin_radius": 0.01}, "`fit` H7/s6 leaves no play"),
+        (
+            cj.Revolute,
+            {"fit": "H7/g6", "radial_clearance": 1e-4, "pin_radius": 0.01},
+            "by `radial_clearance` or by a `fit`",
+        ),
+        (
+            cj.Revolute,
+            {"temperature": 350.0, "radial_clearance": 1e-4, "pin_radius": 0.01},
+            "`temperature` is that of a `fit`",
+        ),
+        (
+            cj.Revolute,
+            {"fit": "H7/g6", "pin_radius": 0.01, "temperature": -80.0},
             "`temperature` must be greater than 0 K",
         ),
         (
             cj.Revolute,
-            {"side": 1e-4, "length": 0.04},
-            "`hip` has no number `side`. Allowed: axial, diameter, fit",
+            {"side_clearance": 1e-4, "length": 0.04},
+            "`hip` has no number `side_clearance`. Did you mean `axial_clearance`",
         ),
-        (cj.Cylindrical, {"radial": 1e-4, "diameter": 0.02}, "needs the `length` of its sleeve"),
-        (cj.Cylindrical, {"radial": 1e-4, "length": 0.02, "axial": 1e-4}, "has no number `axial`"),
-        (cj.Spherical, {"radial": 1e-4}, "needs its `radial` clearance and its `diameter`"),
+        (cj.Revolute, {"kind": "sleeve", "radial_clearance": 1e-4, "pin_radius": 0.01}, "A sleeve needs its `length`"),
+        (cj.Revolute, {"kind": "bush", "radial_clearance": 1e-4, "pin_radius": 0.01}, "`kind` must be pin or sleeve"),
+        (cj.Cylindrical, {"radial_clearance": 1e-4, "pin_radius": 0.01}, "A sleeve needs its `length`"),
+        (
+            cj.Cylindrical,
+            {"radial_clearance": 1e-4, "length": 0.02, "axial_clearance": 1e-4},
+            "has no number `axial_clearance`",
+        ),
+        (cj.Spherical, {"radial_clearance": 1e-4}, "needs its `radial_clearance` and its `ball_radius`"),
         (
             cj.Spherical,
-            {"radial": 0.01, "diameter": 0.02},
-            "`diameter` must be greater than twice the radial clearance",
+            {"radial_clearance": 0.01, "ball_radius": 0.01},
+            "`ball_radius` must be greater than the radial clearance",
         ),
-        (cj.Prismatic, {"side": 1e-4}, "needs its `side` clearance and its `length`"),
+        (cj.Prismatic, {"side_clearance": 1e-4}, "needs its `side_clearance` and its `length`"),
         (
             cj.Prismatic,
-            {"side": 1e-4, "length": 0.3, "guide_length": 0.2},
+            {"side_clearance": 1e-4, "length": 0.3, "guide_length": 0.2},
             "`hip.length` must be no greater than .* 0.2",
         ),
         (
             cj.Prismatic,
-            {"side": 5e-3, "length": 0.01, "height": 0.03},
+            {"side_clearance": 5e-3, "length": 0.01, "height": 0.03},
             "`hip.length` must be greater than 0.0265 m",
         ),
         (
             cj.Prismatic,
-            {"side": 0.02, "length": 0.1, "height": 0.03},
+            {"side_clearance": 0.02, "length": 0.1, "height": 0.03},
             "`hip.height` must be greater than twice",
         ),
     ],
@@ -81,6 +120,28 @@ def alone(kind, **options) -> Any:
 def test_python_refuses(kind, numbers, words):
     with pytest.raises(cj.ClearanceError, match=words):
         alone(kind).with_clearance("hip", **numbers)
+
+
+def test_former_names_are_told_apart_from_what_there_never_was():
+    for kind, name, words in (
+        (cj.Revolute, "radial", "no number `radial`. It is called `radial_clearance` now."),
+        (cj.Revolute, "diameter", "no number `diameter`. It is called `pin_radius` now, half of it."),
+        (cj.Spherical, "diameter", "It is called `ball_radius` now, half of it."),
+        (cj.Prismatic, "side", "It is called `side_clearance` now."),
+        (cj.Prismatic, "radial", "no number `radial`. Allowed: "),
+    ):
+        numbers: Any = {name: 1e-4}
+        with pytest.raises(cj.ClearanceError, match=re.escape(words)):
+            alone(kind).with_clearance("hip", **numbers)
+
+
+def test_a_length_alone_makes_no_sleeve():
+    """It is that of the contact; which kind of joint it is, is said."""
+    pin = alone(cj.Revolute).with_clearance("hip", radial_clearance=1e-4, length=0.04).joint("hip").clearance
+    assert isinstance(pin, cj.RevoluteClearance)
+    assert (float(pin.length), float(pin.pin_radius)) == (0.04, 0.02)
+    with pytest.raises(cj.ClearanceError, match="`hip` has play of another kind, `pin`"):
+        alone(cj.Revolute, clearance=pin).with_clearance("hip", kind="sleeve", length=0.05)
 
 
 def test_a_whole_clearance_must_be_of_the_joints_kind():
@@ -100,13 +161,13 @@ def test_a_whole_clearance_must_be_of_the_joints_kind():
     with pytest.raises(cj.ClearanceError, match=r"`hip.length` must be greater than"):
         alone(cj.Revolute).with_clearance("hip", short)
     with pytest.raises(cj.ClearanceError, match="a whole clearance and numbers of one"):
-        alone(cj.Revolute).with_clearance("hip", axial, radial=1e-4)
+        alone(cj.Revolute).with_clearance("hip", axial, radial_clearance=1e-4)
     socket = alone(cj.Revolute, clearance=cj.SphericalClearance(1e-4, 0.01, LAW))
     with pytest.raises(cj.ClearanceError, match="of a kind that has no `fit`"):
         socket.with_clearance("hip", fit="H7/g6")
-    with pytest.raises(cj.ClearanceError, match="has no `axial` to be replaced"):
+    with pytest.raises(cj.ClearanceError, match="has no `axial_clearance` to be replaced"):
         alone(cj.Revolute).with_clearance("hip", cj.RevoluteClearance(1e-4, 0.01, LAW)).with_clearance(
-            "hip", axial=1e-4
+            "hip", axial_clearance=1e-4
         )
 
 
@@ -127,7 +188,7 @@ def test_what_would_have_no_effect_is_refused():
 
 def test_the_door_of_a_solve_knows_what_numbers_must_be_for_one_another():
     """Also of numbers that were replaced, and of traced ones (then a flag)."""
-    loose = alone(cj.Revolute).with_clearance("hip", radial=1e-4, length=0.04)
+    loose = alone(cj.Revolute).with_clearance("hip", kind="sleeve", radial_clearance=1e-4, length=0.04)
     check_values(loose)
     # The least length is sqrt(20 r c) = 6.32 mm: the section of the pin is an ellipse, longer by r (2c/L)^2 / 2.
     short = cj.replace(loose, {"hip.length": 0.0063})
@@ -160,7 +221,7 @@ parent = "ground"
 child = "arm"
 normal = {{ law = "hertz", stiffness = "1e9 N/m^1.5" }}
 """
-SLEEVE = {"radial_clearance": '"0.1 mm"', "pin_radius": '"10 mm"', "length": '"40 mm"'}
+SLEEVE = {"radial_clearance": '"0.1 mm"', "pin_radius": '"10 mm"', "length": '"40 mm"', "kind": '"sleeve"'}
 GUIDE = {"side_clearance": '"0.1 mm"', "length": '"60 mm"', "height": '"30 mm"'}
 BALL = {"radial_clearance": '"0.1 mm"', "ball_radius": '"10 mm"'}
 FIT = {"fit": '"H7/g6"', "pin_radius": '"10 mm"'}
@@ -207,6 +268,12 @@ BEARING = '{ bore = "25 mm", balls = 9, ball_diameter = "8 mm"'
         ("revolute", {**SLEEVE, "temperature": '"80 degC"'}, r"joint.hip.temperature belongs to a fit: add `fit`"),
         ("revolute", {"bearing": BEARING + " }"}, r"joint.hip.normal has no effect beside a `bearing`"),
         ("revolute", SLEEVE | {"collar_radius": '"9 mm"'}, "hip.collar_radius has no effect without `axial_clearance`"),
+        (
+            "revolute",
+            SLEEVE | {"kind": '"pin"', "stations": "8"},
+            'hip.stations belongs to a sleeve: add `kind = "sleeve"`',
+        ),
+        ("revolute", SLEEVE | {"kind": '"bush"'}, "joint.hip.kind must be"),
         ("revolute", SLEEVE | {"ring": "8"}, "joint.hip.ring has no effect without `axial_clearance`"),
         ("revolute", FIT | {"pin_expansion": '"1e-5 1/K"'}, "hip.pin_expansion has no effect without `temperature`"),
         ("revolute", FIT | {"sleeve_expansion": '"1e-5 1/K"'}, "sleeve_expansion has no effect without `temperature`"),
@@ -217,7 +284,7 @@ BEARING = '{ bore = "25 mm", balls = 9, ball_diameter = "8 mm"'
         ),
         ("prismatic", GUIDE | {"eccentricity": '["0 mm", "0.1 mm"]'}, "`hip` along y of its sleeve has no effect"),
         ("cylindrical", {**FIT}, r"joint.hip lacks the key `length`"),
-        ("cylindrical", {**SLEEVE, "axial_clearance": '"1 mm"'}, r"joint.hip.axial_clearance is not a known key"),
+        ("cylindrical", {"axial_clearance": '"1 mm"', **SLEEVE}, r"joint.hip.axial_clearance is not a known key"),
         ("spherical", {"radial_clearance": '"0.1 mm"'}, r"joint.hip lacks the key `ball_radius`"),
         (
             "spherical",
@@ -280,19 +347,26 @@ def test_scenes_refuse_for_robots(name, keys, words, robot):
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ("foot:radial=0.1mm,length=40mm", "`foot` is of a kind that has no play (planar)"),
-        ("hop:radial=0.1mm", "There is no joint `hop`. Did you mean `hip`"),
-        ("hip:radial=0.1mm,length=40mm,axial=-0.1mm", "`axial` must be greater than 0 m"),
-        ("hip:radial=nan mm,length=40mm", "radial must be finite"),
-        ("hip:radial=0.1mm,length=0mm", "`length` must be greater than 0 m"),
-        ("hip:radial=1mm,length=5mm,diameter=20mm", "`hip.length` must be greater than 0.0141 m"),
-        ("hip:radial=1mm,diameter=1mm", "`diameter` must be greater than twice the radial clearance"),
-        ("hip:fit=H7/s6,diameter=20mm", "`fit` H7/s6 leaves no play"),
-        ("hip:fit=H7/g6,diameter=20mm,temperature=80mm", "temperature must be in K"),
-        ("hip:side=0.1mm,length=60mm", "is no NUMBER=VALUE. Allowed: axial, diameter, fit"),
-        ("slide:radial=0.1mm", "is no NUMBER=VALUE. Allowed: guide_length, height, length, side, width"),
-        ("slide:side=0.1mm,length=60mm,guide_length=50mm", "`slide.length` must be no greater than the guide's 0.05 m"),
-        ("slide:side=20mm,length=60mm,height=30mm", "`slide.height` must be greater than twice the play"),
+        ("foot:radial_clearance=0.1mm,length=40mm", "`foot` is of a kind that has no play (planar)"),
+        ("hop:radial_clearance=0.1mm", "There is no joint `hop`. Did you mean `hip`"),
+        ("hip:radial_clearance=0.1mm,length=40mm,axial_clearance=-0.1mm", "`axial_clearance` must be greater than 0 m"),
+        ("hip:radial_clearance=nan mm,length=40mm", "radial_clearance must be finite"),
+        ("hip:radial_clearance=0.1mm,length=0mm", "`length` must be greater than 0 m"),
+        (
+            "hip:radial_clearance=1mm,length=5mm,pin_radius=10mm,kind=sleeve",
+            "`hip.length` must be greater than 0.0141 m",
+        ),
+        ("hip:radial_clearance=1mm,pin_radius=0.5mm", "`pin_radius` must be greater than the radial clearance"),
+        ("hip:fit=H7/s6,pin_radius=10mm", "`fit` H7/s6 leaves no play"),
+        ("hip:fit=H7/g6,pin_radius=10mm,temperature=80mm", "temperature must be in K"),
+        ("hip:side_clearance=0.1mm,length=60mm", "is no NUMBER=VALUE. Did you mean `axial_clearance`"),
+        ("hip:radial=0.1mm", "'radial=0.1mm' is no NUMBER=VALUE. It is called `radial_clearance` now."),
+        ("slide:radial_clearance=0.1mm", "is no NUMBER=VALUE. Did you mean `side_clearance`"),
+        (
+            "slide:side_clearance=0.1mm,length=60mm,guide_length=50mm",
+            "`slide.length` must be no greater than the guide's 0.05 m",
+        ),
+        ("slide:side_clearance=20mm,length=60mm,height=30mm", "`slide.height` must be greater than twice the play"),
     ],
 )
 def test_the_command_line_refuses(given, words, robot):

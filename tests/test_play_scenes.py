@@ -198,7 +198,7 @@ def test_a_robots_slide_gets_play_by_a_scene_a_command_and_python(written, tmp_p
     robot = written(urdf, "lift.urdf")
     scene = written('[robot]\nfile = "lift.urdf"\n[robot.clearance.slide]\nside_clearance = "0.05 mm"\n'
                     'length = "60 mm"\nheight = "30 mm"\nwidth = "30 mm"\n')  # fmt: skip
-    numbers: Any = {"side": 5e-5, "length": 0.06, "height": 0.03, "width": 0.03}
+    numbers: Any = {"side_clearance": 5e-5, "length": 0.06, "height": 0.03, "width": 0.03}
     python = cj.load(robot).with_clearance("slide", **numbers)
     (read,), (made,) = cj.load(scene).clearance_joints(), python.clearance_joints()
     assert jax.tree.structure(read.clearance) == jax.tree.structure(made.clearance)
@@ -206,7 +206,7 @@ def test_a_robots_slide_gets_play_by_a_scene_a_command_and_python(written, tmp_p
     # Four corners of a side bear together as a flat punch does: E* sqrt(60 mm x 30 mm) / 0.95.
     modulus = 1 / ((1 - 0.29**2) / 207e9 + (1 - 0.34**2) / 103e9)
     assert 4 * float(made.clearance.normal.stiffness) == pytest.approx(modulus * np.sqrt(0.0018) / 0.95, rel=1e-12)
-    given = "slide:side=0.05mm,length=60mm,height=30mm,width=30mm"
+    given = "slide:side_clearance=0.05mm,length=60mm,height=30mm,width=30mm"
     said = CliRunner().invoke(app, ["info", str(robot), "--clearance", given])
     assert said.exit_code == 0
     assert "slide.side_clearance │ 5e-05 │ m" in " ".join(said.output.split())
@@ -218,25 +218,27 @@ def test_a_designers_numbers_make_play_of_every_kind_and_change_it():
     def alone(joint) -> Any:
         return cj.Mechanism(bodies, (joint("j", "ground", "block"),))
 
-    pin = alone(cj.Revolute).with_clearance("j", fit="H7/g6", diameter=0.02, length=0.03, temperature=353.15)
+    pin = alone(cj.Revolute).with_clearance(
+        "j", kind="sleeve", fit="H7/g6", pin_radius=0.01, length=0.03, temperature=353.15
+    )
     assert isinstance(pin.joint("j").clearance, cj.SleeveClearance)
     wide = pin.with_clearance("j", fit="H8/e8").joint("j").clearance
     assert (float(wide.radial_clearance), float(wide.tolerance.greatest)) == pytest.approx((36.5e-6, 53e-6))
     # A tolerance is that of the fit: other radii have none, another length changes nothing of it.
-    for radii in ({"radial": 2e-5}, {"diameter": 0.03}):
+    for radii in ({"radial_clearance": 2e-5}, {"pin_radius": 0.015}):
         assert pin.with_clearance("j", **radii).joint("j").clearance.tolerance is None
     assert pin.with_clearance("j", length=0.04).joint("j").clearance.tolerance is not None
-    ball = alone(cj.Spherical).with_clearance("j", radial=1e-4, diameter=0.02)
-    assert float(ball.with_clearance("j", diameter=0.03).joint("j").clearance.ball_radius) == pytest.approx(0.015)
-    shaft = alone(cj.Cylindrical).with_clearance("j", radial=1e-4, length=0.04).joint("j").clearance
+    ball = alone(cj.Spherical).with_clearance("j", radial_clearance=1e-4, ball_radius=0.01)
+    assert float(ball.with_clearance("j", ball_radius=0.015).joint("j").clearance.ball_radius) == pytest.approx(0.015)
+    shaft = alone(cj.Cylindrical).with_clearance("j", radial_clearance=1e-4, length=0.04).joint("j").clearance
     assert float(shaft.pin_radius) == pytest.approx(0.02)
-    guide = ARM.with_clearance("slide", side=1e-4, length=0.06).with_clearance("slide", side=2e-4)
+    guide = ARM.with_clearance("slide", side_clearance=1e-4, length=0.06).with_clearance("slide", side_clearance=2e-4)
     play = guide.joint("slide").clearance
     assert (float(play.side_clearance), float(play.height), play.width) == (2e-4, 0.06, None)
     warm = jax.grad(
         lambda t: (
             alone(cj.Revolute)
-            .with_clearance("j", fit="H7/g6", diameter=0.02, temperature=t)
+            .with_clearance("j", fit="H7/g6", pin_radius=0.01, temperature=t)
             .joint("j")
             .clearance.radial_clearance
         )

@@ -258,7 +258,9 @@ def test_a_robot_settles_with_play_in_all_its_joints():
     moves = {f"axis_{i}": cj.Quintic([0.0, 0.5, 1.0], [0.0, 0.1 * i, 0.0]) for i in range(1, 7)}
     loose = robot.driven(moves | {"finger_left": cj.Constant(0.02), "finger_right": cj.Constant(0.02)})
     for name in moves:
-        loose = loose.with_clearance(name, radial=5e-5, axial=1e-4, length=0.04, diameter=0.03)
+        loose = loose.with_clearance(
+            name, kind="sleeve", radial_clearance=5e-5, axial_clearance=1e-4, length=0.04, pin_radius=0.015
+        )
     now = jnp.asarray(0.1)
     left, fallen = (
         np.abs(accelerations(loose, now, initial_state(loose.prepared(), now, word)).reshape(6, 5)[:, :3]).max()
@@ -329,12 +331,12 @@ def test_lightly_loaded_sleeves_of_a_robot_begin_at_relative_rest():
         by = at + np.radians(rng.uniform(-15, 15, 6))
         moves = {f"axis_{i + 1}": cj.Quintic([0.0, 0.25], [at[i], by[i]]) for i in range(6)}
         loose = robot.driven(moves | {"finger_left": cj.Constant(0.02), "finger_right": cj.Constant(0.02)})
-        for name, radial, length, diameter in (
-            ("axis_2", 3e-5, 0.08, 0.06),
-            ("axis_3", 3e-5, 0.06, 0.05),
-            ("axis_5", 2e-5, 0.04, 0.03),
+        for name, radial, length, pin in (
+            ("axis_2", 3e-5, 0.08, 0.03),
+            ("axis_3", 3e-5, 0.06, 0.025),
+            ("axis_5", 2e-5, 0.04, 0.015),
         ):
-            loose = loose.with_clearance(name, radial=radial, length=length, diameter=diameter)
+            loose = loose.with_clearance(name, kind="sleeve", radial_clearance=radial, length=length, pin_radius=pin)
         seated, exact, speed, reach = begun(loose)
         assert float(speed) <= min(0.05, 2 * np.pi * float(exact) * float(reach))
         # The start leaves out what weight adds to the stiffness of contacts: a pendulum's g / l, of 0.85 m of reach.

@@ -273,26 +273,26 @@ def test_a_solve_of_a_loop_in_space_is_that_of_the_tree():
 
 def test_the_command_line_gives_a_robots_joint_play():
     robot = "experiments/scenes/six_axes.urdf"
-    given = "axis_5:radial=0.05mm,axial=0.1mm,length=40mm"
+    given = "axis_5:kind=sleeve,radial_clearance=0.05mm,axial_clearance=0.1mm,length=40mm"
     said = CliRunner().invoke(app, ["info", robot, "--clearance", given])
     assert said.exit_code == 0
     for name, value in (("axis_5.radial_clearance", "5e-05"), ("axis_5.length", "0.04"), ("axis_5.pin_radius", "0.02")):
         assert name in said.output
         assert value in said.output
     for wrong, words in {
-        "axis_9:radial=0.1mm,length=40mm": "There is no joint `axis_9`",
-        "axis_5:radial=0.1mm": "needs the `diameter` of its pin, or the `length`",
-        "axis_5:radial=0.1,length=40mm": "must be in m or a unit of that dimension",
-        "axis_5:axial=-0.1mm,radial=0.1mm,length=1cm": "`axial` must be greater than 0",
+        "axis_9:radial_clearance=0.1mm,length=40mm": "There is no joint `axis_9`",
+        "axis_5:radial_clearance=0.1mm": "needs the `pin_radius`, or the `length`",
+        "axis_5:radial_clearance=0.1,length=40mm": "must be in m or a unit of that dimension",
+        "axis_5:kind=sleeve,axial_clearance=-0.1mm,radial_clearance=0.1mm,length=1cm": "`axial_clearance` must be",
         "axis_5:play=0.1mm": "is no NUMBER=VALUE",
-        "axis_5": "must read JOINT:radial=0.1mm",
+        "axis_5": "must read JOINT:radial_clearance=0.1mm",
     }.items():
         failed = CliRunner().invoke(app, ["info", robot, "--clearance", wrong])
         assert failed.exit_code != 0
         assert words in str(failed.exception) + failed.output, wrong
     fixed = cj.Mechanism((cj.Body("b", 1.0, 0.1),), (cj.Fixed("weld", "ground", "b"),))
     with pytest.raises(cj.ClearanceError, match="`weld` is of a kind that has no play"):
-        fixed.with_clearance("weld", radial=1e-4)
+        fixed.with_clearance("weld", radial_clearance=1e-4)
 
 
 @pytest.mark.parametrize(

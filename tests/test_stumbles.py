@@ -8,6 +8,7 @@ import time
 import warnings
 from importlib import metadata
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -101,7 +102,11 @@ BAD_SCENES = {
         "at most 20000 characters",
     ),
     "a negative clearance": ('radial_clearance = "0.5 mm"', 'radial_clearance = "-30 um"', "0 m, but it is -30 um"),
-    "a length in the plane that closes a loop": ('"0.5 mm"\npin', '"0.5 mm"\nlength = "40 mm"\npin', "`length` out"),
+    "a sleeve in the plane that closes a loop": (
+        '"0.5 mm"\npin',
+        '"0.5 mm"\nkind = "sleeve"\nlength = "40 mm"\npin',
+        "`kind` out",
+    ),
     "an endless step": ('{ type = "constant-speed", speed = "5000 rpm" }', '"1e999 * time"', "finite"),
 }
 
@@ -270,23 +275,27 @@ def test_bad_commands_are_refused_before_anything_is_solved(arguments, words, tm
     assert {path.name for path in tmp_path.iterdir()} == {"s.toml", "study.toml", "sweep.toml"}
 
 
-def test_a_length_in_a_plane_scene_is_named(tmp_path):
+def test_a_sleeve_in_a_plane_scene_is_named(tmp_path):
     """A sleeve of some length may tilt: its joint is named, and not only the body that it carries."""
     arm = (ROOT / "experiments" / "scenes" / "arm.toml").read_text()
     path = tmp_path / "long.toml"
-    words = r"Joint `hip` has a `length`.*body `arm` has one moment of inertia.*Leave `length` out"
-    refused(load_scene, path, arm.replace("pin_radius", 'length = "40 mm"\npin_radius'), words)
+    words = r"Joint `hip` is a sleeve.*body `arm` has one moment of inertia.*Leave `kind` out"
+    refused(load_scene, path, arm.replace("pin_radius", 'kind = "sleeve"\nlength = "40 mm"\npin_radius'), words)
     spatial = arm.replace('"0.03 kg*m^2"', '["1e-4 kg*m^2", "0.03 kg*m^2", "0.03 kg*m^2"]')
-    path.write_text(spatial.replace("pin_radius", 'length = "40 mm"\npin_radius'))
+    path.write_text(spatial.replace("pin_radius", 'kind = "sleeve"\nlength = "40 mm"\npin_radius'))
     assert not load_scene(path).mechanism.is_plane
+    # A length alone is that of the contact.
+    path.write_text(arm.replace("pin_radius", 'length = "40 mm"\npin_radius'))
+    hip: Any = load_scene(path).mechanism.joint("hip")
+    assert float(hip.clearance.length) == 0.04
 
 
 def test_numbers_out_of_bounds_are_shown_as_they_were_given():
     mechanism = cj.load(SCENE)
     with pytest.raises(ClearanceError, match=r"but it is -30 um\."):
         parse_settings(["wrist.radial_clearance=-30 um"], mechanism)
-    with pytest.raises(ClearanceError, match=r"`radial` must be greater than 0 m, but it is -3e-05 m"):
-        with_play(mechanism, ["wrist:radial=-30um"])
+    with pytest.raises(ClearanceError, match=r"`radial_clearance` must be greater than 0 m, but it is -3e-05 m"):
+        with_play(mechanism, ["wrist:radial_clearance=-30um"])
 
 
 def test_what_is_not_installed_is_said_before_anything_is_solved(tmp_path, monkeypatch):

@@ -7,8 +7,9 @@ import pytest
 import clearance_jax as cj
 from clearance_jax import laws, wear
 from clearance_jax.errors import ClearanceError
+from clearance_jax.joints import Sections
 from clearance_jax.laws import Geometry, Material
-from clearance_jax.wear import Contacts, Pressed, Rubbing, Section, Sleeve
+from clearance_jax.wear import Contacts, Section, SectionLoad, SlidingState
 
 PIN, CLEARANCE, LENGTH = 25e-3, 1e-4, 50e-3
 STEEL = Material(2.06e11)
@@ -20,7 +21,7 @@ def geometry(pin, clearance, *materials):
 
 
 GEOMETRY = geometry(PIN, CLEARANCE, STEEL, STEEL)
-SLEEVE = Sleeve(GEOMETRY, jnp.zeros(1), jnp.asarray([LENGTH]))
+SLEEVE = Sections(GEOMETRY, jnp.zeros(1), jnp.asarray([LENGTH]))
 FORCE, K = 3000.0, 6e-14
 STIFFNESS = 2e13
 PRESSURES = {"hertz": wear.HertzLine(), "uniform": wear.Uniform(), "foundation": wear.Foundation(STIFFNESS)}
@@ -37,7 +38,7 @@ def pressing(force, angle=-0.7):
 
 def pressed(force, angle=0.0):
     zero = jnp.zeros(())
-    return Pressed(jnp.asarray(force), jnp.asarray(angle), (zero, zero))
+    return SectionLoad(jnp.asarray(force), jnp.asarray(angle), (zero, zero))
 
 
 def depths(sectors):
@@ -117,7 +118,7 @@ def test_the_paper_s_numbers():
     spread = wear.HertzLine().prepared(Section(paper, depths(7200)))(pressed(FORCE / LENGTH))
     assert float(spread.means.max()) == pytest.approx(13.06e6, rel=1e-3)
     law = wear.archard("6e-5 mm^3/(N*m)")
-    depth = law.rate(Rubbing(spread.means.max(), jnp.asarray(39.3e-3), jnp.zeros(()), jnp.zeros(())))
+    depth = law.rate(SlidingState(spread.means.max(), jnp.asarray(39.3e-3), jnp.zeros(()), jnp.zeros(())))
     assert float(depth) == pytest.approx(3.1e-8, rel=1e-2)
 
 
@@ -133,7 +134,7 @@ def test_coefficients_have_units():
 
 
 def test_other_laws():
-    at = Rubbing(jnp.asarray([0.0, 1e6, 3e6]), jnp.asarray(0.5), jnp.asarray(0.3), jnp.asarray(2.0))
+    at = SlidingState(jnp.asarray([0.0, 1e6, 3e6]), jnp.asarray(0.5), jnp.asarray(0.3), jnp.asarray(2.0))
     archard = wear.Archard(K)
     plain = archard.rate(at)
     assert plain == pytest.approx(K * 0.5 * np.array([0, 1e6, 3e6]))
@@ -151,7 +152,7 @@ def test_what_does_not_wear_and_what_cannot():
     assert float(apart.volume) == float(apart.sliding) == 0
     with pytest.raises(ClearanceError, match="further than a flat patch"):
         wear.worn(pressing(1e9), SLEEVE, wear.Archard(K), wear.HertzLine(), depth=depths(90))
-    soft = Sleeve(GEOMETRY._replace(pin_material=None), SLEEVE.heights, SLEEVE.lengths)
+    soft = Sections(GEOMETRY._replace(pin_material=None), SLEEVE.heights, SLEEVE.lengths)
     with pytest.raises(ClearanceError, match="needs `pin_material`"):
         wear.worn(pressing(FORCE), soft, wear.Archard(K), wear.HertzLine(), depth=depths(90))
 

@@ -2,7 +2,6 @@
 
 import dataclasses
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.stats
@@ -67,7 +66,8 @@ def test_a_certificate_over_a_life_is_what_a_life_says(lasting):
     (price,) = proof.prices.values()
     assert price == pytest.approx(BOUND / lasting.clearances[PLAY], rel=1e-2)
     until = wear.Exceeds(SUNK, BOUND, CYCLE, SOLVE)
-    direct = wear.life(lasting.mechanism, "pin", LAW, PRESSURE, CYCLE, 3 * CYCLES, until=until, **SOLVE)
+    model = wear.WearModel(lasting.mechanism, "pin", LAW, PRESSURE, CYCLE)
+    direct = wear.simulate_wear(model, 3 * CYCLES, until=until, **SOLVE)
     assert direct.end == pytest.approx(CYCLES, rel=1e-3)
 
 
@@ -132,10 +132,10 @@ def test_sectors_of_all_designs_follow_from_the_mechanism(lasting, monkeypatch):
     """A patch of a stiff foundation is too narrow for 360 sectors: more are taken, and as many for other numbers."""
     (limit,) = lasting.specification.limits
     taken = []
-    begin = wear.Wearing.begin
-    monkeypatch.setattr(wear.Wearing, "begin", lambda self, count: (taken.append(count), begin(self, count))[1])
+    begin = wear.WearModel.begin
+    monkeypatch.setattr(wear.WearModel, "begin", lambda self, count: (taken.append(count), begin(self, count))[1])
     given, law, stiff = lasting.specification.mechanism, wear.Archard(6e-14), wear.Foundation(2e13)
-    needed = wear.Wearing(law, stiff, "pin", jnp.asarray(CYCLE), given).sectors(dict(SOLVE))
+    needed = wear.WearModel(given, "pin", law, stiff, CYCLE).sectors(dict(SOLVE))
     assert needed > 360
     narrow = dataclasses.replace(limit.metric, wear=law, pressure=stiff, cycles=(0, 3))
     taken.clear()

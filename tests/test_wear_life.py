@@ -1,5 +1,7 @@
 """Cycle jumps against closed forms and against every cycle; resuming; life."""
 
+import dataclasses
+import sys
 from typing import Any
 
 import jax.numpy as jnp
@@ -9,11 +11,13 @@ import scipy.stats
 
 import clearance_jax as cj
 from clearance_jax import laws, wear
-from clearance_jax.errors import ClearanceError, Unlivable
-from clearance_jax.joints import worn_sleeve
+from clearance_jax.errors import ClearanceError, WearFailure
+from clearance_jax.joints import Sections
 from clearance_jax.laws import Geometry
 from clearance_jax.report import wear_figures
-from clearance_jax.wear import Contacts, Sleeve, sectors
+from clearance_jax.wear import Contacts, sectors
+
+LIFE = sys.modules["clearance_jax.wear.history"]
 
 SHAPE = np.cos(np.linspace(-1, 1, 20))
 RATE, SLOWS = 1e-9, 2e-6
@@ -124,7 +128,7 @@ def test_jumps_agree_with_every_cycle_of_a_pin_that_swings():
     """A load that swings to and fro over a sleeve that wears by several times its elastic penetration."""
     sectors, cycles, force, length = 90, 2000, 3000.0, 0.05
     geometry = Geometry(*map(jnp.asarray, (25e-3, 25.1e-3, 1e-4, length)))
-    sleeve = Sleeve(geometry, jnp.zeros(1), jnp.asarray([length]))
+    sleeve = Sections(geometry, jnp.zeros(1), jnp.asarray([length]))
     angle = 0.3 * jnp.sin(2 * jnp.pi * (jnp.arange(12) + 0.5) / 12)[:, None]
     ones = jnp.ones((12, 1))
     seen = Contacts(ones[:, 0], ones[:, 0] / 12, force * ones, angle, 5e-3 * ones, 0 * ones, jnp.zeros((12, 1, 2)))
@@ -151,9 +155,8 @@ def test_a_joint_wears_over_its_life():
         gravity=cj.Gravity(y=-9.81),
     )
     k, cycles = 1e-13, 4000
-    found = wear.life(
-        mechanism, "pin", wear.Archard(k), wear.Foundation(2e13), 0.05, cycles, start="settled", tolerance=0.1
-    )
+    model = wear.WearModel(mechanism, "pin", wear.Archard(k), wear.Foundation(2e13), 0.05)
+    found = wear.simulate_wear(model, cycles, start="settled", tolerance=0.1)
     count = found.depth.shape[1]
     volume = np.sum(found.depth[-1]) * 2 * np.pi / count * 25.1e-3 * 0.05
     flat = k * 196.2 * 25e-3 * 3.0 * 0.05 * cycles
@@ -165,7 +168,7 @@ def test_a_joint_wears_over_its_life():
 def test_sectors_follow_from_the_patch():
     """Of a parabolic patch that stands still, a to either side, the largest mean lacks (w / a)^2 / 3 at worst."""
     geometry = Geometry(*map(jnp.asarray, (25e-3, 25.1e-3, 1e-4, 0.05)))
-    sleeve, ones = Sleeve(geometry, jnp.zeros(1), jnp.asarray([0.05])), jnp.ones((3, 1))
+    sleeve, ones = Sections(geometry, jnp.zeros(1), jnp.asarray([0.05])), jnp.ones((3, 1))
     law, foundation = wear.Archard(6e-14), wear.Foundation(2e13)
 
     def seen(force, angle):
@@ -230,15 +233,15 @@ def turning(k=1e-13, play=1e-4, friction=None):
         gravity=cj.Gravity(y=-9.81),
         points=(cj.Point("axis", "disc"),),
     )
-    return mechanism, wear.Archard(k), wear.Uniform(0.2)
+    return wear.WearModel(mechanism, "pin", wear.Archard(k), wear.Uniform(0.2), 0.05)
 
 
 def test_life_and_its_derivatives_of_a_pin_that_turns_under_its_weight():
     """A uniform patch of fixed width wears at k F v / (2 a R B) for ever: life = 2 a R B h / (k F v T)."""
-    mechanism, law, pressure = turning()
+    model = turning()
     names = ("wear.coefficient", "gravity.y", "pressure.spread", "pin.radial_clearance")
     asked = {"sectors": 90, "start": "settled", "tolerance": 1e-3, "by": names}
-    found = wear.life(mechanism, "pin", law, pressure, 0.05, 10_000, until=wear.Deepest(1e-6), **asked)
+    found = wear.simulate_wear(model, 10_000, until=wear.Deepest(1e-6), **asked)
     reach = 25e-3 - (196.2 / 1e10) ** (2 / 3)
     life = 2 * 0.2 * 25.1e-3 * 0.05 * 1e-6 / (1e-13 * 196.2 * 3.0 * reach * 0.05)
     assert found.end == pytest.approx(life, rel=1e-5)
@@ -247,23 +250,25 @@ def test_life_and_its_derivatives_of_a_pin_that_turns_under_its_weight():
     assert found.by["pressure.spread"] == pytest.approx(life / 0.2, rel=1e-3)
     assert found.by["pin.radial_clearance"] == pytest.approx(life / 25.1e-3, rel=1e-3)
     assert "d life / d wear.coefficient" in str(found)
-    watched = wear.to_dataset(found, mechanism, "pin")["watched"]
+    watched = wear.to_dataset(found, model)["watched"]
     np.testing.assert_allclose(watched, found.depth.max(axis=1), rtol=1e-12)
     assert (watched.attrs["units"], watched.attrs["bound"]) == ("m", 1e-6)
 
 
 def test_a_life_of_another_question_is_not_gone_on_with(tmp_path):
     """Coefficient, pressure, criterion, derivatives: nothing is read before all are compared."""
-    mechanism, law, pressure = turning()
+    model = turning()
     path, asked = tmp_path / "journal", {"sectors": 90, "start": "settled", "tolerance": 1e-2}
     until: Any = wear.Deepest(1e-7)
 
-    def lived(law=law, pressure=pressure, until=until, **other):
-        given = {**asked, "journal": path, **other}
-        return wear.life(mechanism, "pin", law, pressure, 0.05, 10_000, until=until, **given)
+    def lived(model=model, until=until, **other):
+        return wear.simulate_wear(model, 10_000, until=until, **{**asked, "journal": path, **other})
+
+    def of(**parts):
+        return {"model": dataclasses.replace(model, **parts)}
 
     first, before = lived(), path.read_bytes()
-    whole = wear.life(mechanism, "pin", law, pressure, 0.05, 10_000, until=until, **asked)
+    whole = wear.simulate_wear(model, 10_000, until=until, **asked)
     path.write_bytes(b"".join(before.splitlines(keepends=True)[:3]))
     again = lived()
     for found in (first, again):
@@ -271,9 +276,9 @@ def test_a_life_of_another_question_is_not_gone_on_with(tmp_path):
         assert np.array_equal(found.depth, whole.depth)
     assert path.read_bytes() == before
     for words, other in (
-        (r"`coefficient \(law of wear\)` is 2e-13 here and 1e-13 there", {"law": wear.Archard(2e-13)}),
-        (r"`spread \(pressure\)` is 0.1 here and 0.2 there", {"pressure": wear.Uniform(0.1)}),
-        (r"`stiffness \(pressure\)` is .* here and absent there", {"pressure": wear.Foundation(2e13)}),
+        (r"`coefficient \(law of wear\)` is 2e-13 here and 1e-13 there", of(wear=wear.Archard(2e-13))),
+        (r"`spread \(pressure\)` is 0.1 here and 0.2 there", of(pressure=wear.Uniform(0.1))),
+        (r"`stiffness \(pressure\)` is .* here and absent there", of(pressure=wear.Foundation(2e13))),
         (r"`bound \(until\)` is 2e-07 here and 1e-07 there", {"until": wear.Deepest(2e-7)}),
         (r"`code of test.*<lambda> \(until\)` is .* here and absent there", {"until": lambda depth: depth[0] - 1e-7}),
         (r"`by` is \[.wear.coefficient.\] here and \[\] there", {"by": ("wear.coefficient",)}),
@@ -285,29 +290,34 @@ def test_a_life_of_another_question_is_not_gone_on_with(tmp_path):
 
 @pytest.mark.filterwarnings("ignore::clearance_jax.wear.SectorsWarning")
 def test_lives_that_end_at_once_or_never():
-    mechanism, law, pressure = turning()
-    play: Any = getattr(mechanism.joint("pin"), "clearance", None)
+    model = turning()
+    mechanism, play = model.mechanism, model.clearance
+
+    def other(**parts):
+        return dataclasses.replace(model, **parts)
+
     still = {"sectors": 90, "start": "settled"}
-    none = wear.life(mechanism, "pin", wear.Archard(0.0), pressure, 0.05, 10**6, until=wear.Deepest(1e-6), **still)
+    none = wear.simulate_wear(other(wear=wear.Archard(0.0)), 10**6, until=wear.Deepest(1e-6), **still)
     assert none.end is None
     assert "nothing worn off" in str(none)
-    apart = wear.life(mechanism, "pin", law, pressure, 1e-4, 100, sectors=90)
+    apart = wear.simulate_wear(other(cycle=1e-4), 100, sectors=90)
     assert apart.depth.max() == 0
-    worn = mechanism.with_clearance("pin", worn_sleeve(play, jnp.full(90, 3e-6)))
-    assert wear.life(worn, "pin", law, pressure, 0.05, 10, until=wear.Deepest(2e-6), start="settled").end == 0
+    worn = other(mechanism=mechanism.with_clearance("pin", play.worn(jnp.full(90, 3e-6))))
+    assert wear.simulate_wear(worn, 10, until=wear.Deepest(2e-6), start="settled").end == 0
     with pytest.raises(ClearanceError, match="Check the unit of the law's coefficient"):
-        wear.life(mechanism, "pin", wear.Archard(1e-6), pressure, 0.05, 10, **still)
+        wear.simulate_wear(other(wear=wear.Archard(1e-6)), 10, **still)
     with pytest.raises(ClearanceError, match="There is no parameter `wear"):
-        wear.life(mechanism, "pin", law, pressure, 0.05, 10, by=("wear.coeficient",))
+        wear.simulate_wear(model, 10, by=("wear.coeficient",))
     # 0.4 um off, but 3 times what the pin stands in its sleeve: sectors that stood highest would stand lowest, by more.
     far = 3.0 * 0.05 * 25e-3
-    with pytest.raises(Unlivable, match="depths run away from one sector to the next"):
-        wear.life(mechanism, "pin", wear.Archard(3 / (2e12 * far)), wear.Foundation(2e12), 0.05, 10, **still)
+    soft = other(wear=wear.Archard(3 / (2e12 * far)), pressure=wear.Foundation(2e12))
+    with pytest.raises(WearFailure, match="depths run away from one sector to the next"):
+        wear.simulate_wear(soft, 10, **still)
     # Deeper than the clearance, and on from there.
     pocket = 3e-4 * np.maximum(-np.sin(2 * np.pi * np.arange(90) / 90), 0.0) ** 4
-    sleeve = worn_sleeve(play, jnp.asarray(pocket))
-    worn = mechanism.with_clearance("pin", sleeve)
-    deep = wear.life(worn, "pin", law, wear.Foundation(2e12), 0.05, 20, tolerance=0.1, start="settled")
+    sleeve = play.worn(pocket)
+    worn = other(mechanism=mechanism.with_clearance("pin", sleeve), pressure=wear.Foundation(2e12))
+    deep = wear.simulate_wear(worn, 20, tolerance=0.1, start="settled")
     volume = np.sum(deep.depth[-1] - pocket) * 2 * np.pi / 90 * 25.1e-3 * 0.05
     # Walls that lean press with more than their part of the force.
     assert volume > 1e-13 * 196.2 * 25e-3 * 3.0 * 0.05 * 20
@@ -320,12 +330,11 @@ def test_lives_that_end_at_once_or_never():
 @pytest.mark.optimised
 def test_lives_over_numbers_are_their_closed_forms(tmp_path):
     """Life = 2 a R B h / (k F v T) (R: of the sleeve, pin and play), of coefficients that scatter and of plays."""
-    mechanism, law, pressure = turning()
-    given = mechanism, "pin", law, pressure, 0.05, 30_000
+    given = turning(), 30_000
     asked: Any = {"until": wear.Deepest(1e-6), "sectors": 90, "start": "settled"}
     coefficients = cj.Sampled({"wear.coefficient": cj.scatter(1e-13, 5e-14, distribution="log-normal")}, 8)
-    found = wear.lives(*given, coefficients, journal=tmp_path / "lives", **asked)
-    again = wear.lives(*given, coefficients, journal=tmp_path / "lives", **asked)
+    found = wear.service_lives(*given, coefficients, journal=tmp_path / "lives", **asked)
+    again = wear.service_lives(*given, coefficients, journal=tmp_path / "lives", **asked)
     np.testing.assert_array_equal(found.end, again.end)
     drawn = coefficients.draw()["wear.coefficient"]
     reach = 25e-3 - (196.2 / 1e10) ** (2 / 3)
@@ -333,14 +342,14 @@ def test_lives_over_numbers_are_their_closed_forms(tmp_path):
     assert found.interval(0.0) == found.end.min()
     assert found.interval(0.25) == np.sort(found.end)[2]
     with pytest.raises(ClearanceError, match=r"`coefficient \(law of wear\)` is 2e-13 here and .* there"):
-        wear.lives(*given, {"wear.coefficient": [2e-13]}, journal=tmp_path / "lives", **asked)
+        wear.service_lives(*given, {"wear.coefficient": [2e-13]}, journal=tmp_path / "lives", **asked)
     for bound in (1e-6, 2e-6):
         other = {**asked, "until": lambda depth, bound=bound: jnp.max(depth) - bound}
         with pytest.raises(ClearanceError, match=r"another question: .*\(until\)` is .* here and .* there"):
-            wear.lives(*given, coefficients, journal=tmp_path / "lives", **other)
+            wear.service_lives(*given, coefficients, journal=tmp_path / "lives", **other)
     plays = {"pin.radial_clearance": np.array([1e-4, 4e-4])}
     told: list[float] = []
-    chosen = wear.lives(*given, plays, progress=told.append, **asked)
+    chosen = wear.service_lives(*given, plays, progress=told.append, **asked)
     assert told == [0.5, 1.0]
     assert chosen.end[1] / chosen.end[0] == pytest.approx(25.4 / 25.1, rel=1e-4)
     assert "2 lives over pin.radial_clearance 100 um to 400 um: 2 ended within 30000 cycles" in str(chosen)
@@ -353,7 +362,7 @@ def test_lives_over_numbers_are_their_closed_forms(tmp_path):
 def test_failures_are_shares_of_the_samples():
     """Of ten lives three have ended: bands are those of binomial shares, and what is left is not known to fail."""
     end = np.array([3e3, np.inf, 1e3, np.inf, 2e3, np.inf, np.inf, np.inf, np.inf, np.inf])
-    lives = wear.Lives({"k": np.arange(10.0)}, end, 5000, 0, {"k": ""})
+    lives = wear.ServiceLives({"k": np.arange(10.0)}, end, 5000, 0, {"k": ""})
     found = lives.failures(0.9)
     assert found.cycles.tolist() == [0, 1e3, 2e3, 3e3]
     np.testing.assert_allclose(found.probability, [0, 0.1, 0.2, 0.3])

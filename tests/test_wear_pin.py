@@ -7,8 +7,9 @@ import pytest
 import clearance_jax as cj
 from clearance_jax import laws, wear
 from clearance_jax.errors import ClearanceError
+from clearance_jax.joints import Sections
 from clearance_jax.laws import Geometry, Material
-from clearance_jax.wear import Contacts, Sleeve
+from clearance_jax.wear import Contacts
 
 PIN, CLEARANCE, LENGTH, K = 25e-3, 1e-4, 50e-3, 6e-14
 STEEL = Material(2.06e11)
@@ -60,7 +61,7 @@ def test_a_pin_that_turns_by_part_of_a_sector_loses_nothing():
     """Of one press each: what the sleeve has at an angle, the pin has where it was turned there."""
     pin, bore, clearance, length = (jnp.asarray(x) for x in (PIN, PIN + CLEARANCE, CLEARANCE, LENGTH))
     play = Geometry(pin, bore, clearance, length, STEEL, STEEL, "line")
-    sleeve = Sleeve(play, jnp.zeros(1), jnp.asarray([LENGTH]))
+    sleeve = Sections(play, jnp.zeros(1), jnp.asarray([LENGTH]))
     one = jnp.ones((1, 1))
     for turn in (0.0, 1.234, -7.7):
         place = CLEARANCE * jnp.asarray([[[np.cos(2.0), np.sin(2.0)]]])

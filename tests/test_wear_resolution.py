@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from clearance_jax import wear
-from clearance_jax.wear import Contacts, Sleeve
+from clearance_jax.joints import Sections
+from clearance_jax.wear import Contacts
 from experiments import wear_checks
 from experiments.wear_checks import CLEARANCE, LENGTH, SECTORS, STEPS, geometry, order
 
@@ -31,7 +32,7 @@ def test_orders_and_running_in(tmp_path):
 def test_a_profile_that_wears_converges_with_its_sectors():
     """A pin held by a force wears its way in, its foundation on the worn profile: against four times the sectors."""
     foundation, law, force = wear.Foundation(2e12), wear.Archard(1e-13), 3000.0
-    sleeve = Sleeve(geometry(), jnp.zeros(1), jnp.asarray([LENGTH]))
+    sleeve = Sections(geometry(), jnp.zeros(1), jnp.asarray([LENGTH]))
     one = jnp.ones((1, 1))
     # So far that k s times the stiffness is half of one: beyond two, depths run away from one sector to the next.
     seen = Contacts(one[0], 2.5 * one[0], force * one, 0.7 * one, one, 0 * one, jnp.zeros((1, 1, 2)))

@@ -8,8 +8,7 @@ import pytest
 import clearance_jax as cj
 from clearance_jax import laws
 from clearance_jax.errors import ClearanceError
-from clearance_jax.joints import worn_sleeve
-from clearance_jax.joints.worn import Bore
+from clearance_jax.joints.bore import Bore
 
 C, PIN = 1e-4, 25e-3
 ANGLES = 2 * np.pi * np.arange(360) / 360
@@ -78,7 +77,7 @@ def rotor(depth):
                 "ground",
                 "disc",
                 motion=cj.Motion(cj.Harmonic(0.6, 4 * np.pi)),
-                clearance=worn_sleeve(play, jnp.asarray(depth)),
+                clearance=play.worn(depth),
             ),
         ),
         gravity=cj.Gravity(y=-9.81),

@@ -13,7 +13,6 @@ import clearance_jax as cj
 from clearance_jax import laws, wear
 from clearance_jax._numerics import safe_unit
 from clearance_jax.errors import ClearanceError
-from clearance_jax.joints import worn_sleeve
 from clearance_jax.joints.sleeve import Meeting
 from clearance_jax.laws import Material
 from clearance_jax.report.wear_maps import wear_map
@@ -33,7 +32,7 @@ DEPTH = DEPTH + 3e-5 * np.exp(-(((ANGLES - 4.1) / 0.5) ** 2)) * np.maximum(-HEIG
 def test_evenly_worn_it_is_a_larger_round_one(pin):
     """To 1e-4 of the clearance, which a smooth largest of sectors is off."""
     for worn in (0.0, 3e-5):
-        even = worn_sleeve(sleeve(pin), jnp.full(360, worn))
+        even = sleeve(pin).worn(jnp.full(360, worn))
         larger = dataclasses.replace(sleeve(pin), radial_clearance=RADIAL + worn)
         for at in (relative((1.3e-4, 0.4e-4, 0.0), (2e-3, -1e-3, 0.0)), relative((0, 0, 2 * AXIAL), (4e-3, 3e-3, 0.0))):
             ours, theirs = even.points(at), larger.points(at)
@@ -49,7 +48,7 @@ def test_evenly_worn_it_is_a_larger_round_one(pin):
 @pytest.mark.optimised
 @pytest.mark.parametrize("pin", ["through", "inside"])
 def test_power_is_that_of_the_wrench_on_a_worn_profile_too(pin):
-    joint = worn_sleeve(sleeve(pin), jnp.asarray(DEPTH))
+    joint = sleeve(pin).worn(DEPTH)
     for at in random_states(10):
         assert float(checked(joint, at).friction_power) >= 0
 
@@ -90,7 +89,7 @@ def test_a_round_sleeve_costs_nothing_more(pin):
     numbers = {f.name: getattr(sleeve(pin), f.name) for f in dataclasses.fields(sleeve(pin))}
     assert program(sleeve(pin)) == program(Formula(**numbers))
     assert " exp " not in program(sleeve(pin))
-    assert " exp " in program(worn_sleeve(sleeve(pin), jnp.asarray(DEPTH)))
+    assert " exp " in program(sleeve(pin).worn(DEPTH))
 
 
 def rotor(depth):
@@ -120,7 +119,7 @@ def test_what_wears_at_edges_bears_further_in():
         # Beyond k F s by what leans; a worn profile is in the pressures of what wears next.
         assert found.flat_volume is not None
         assert 1 <= float(found.volume / found.flat_volume) < 1.1
-        volumes = np.asarray(found.depth).sum(axis=1) * np.asarray(wear.sleeve_of(rotor(depth), "pin").lengths)
+        volumes = np.asarray(found.depth).sum(axis=1) * np.asarray(wear.sections_of(rotor(depth), "pin").lengths)
         inner.append(volumes[1:-1].sum() / volumes.sum())
         assert found.depth[0].max() > found.depth[2].max()
         depth = depth + 2e-6 * np.asarray(found.depth) / float(found.deepest)
@@ -136,7 +135,7 @@ def test_what_wears_at_edges_bears_further_in():
 
 def test_datasets_know_how_deep_a_pin_stands_in_every_bore():
     """As the joint has it, but for the smooth largest of sectors."""
-    joint: Any = worn_sleeve(sleeve(axial=None), jnp.asarray(DEPTH))
+    joint: Any = sleeve(axial=None).worn(DEPTH)
     at = relative((9e-5, 3e-5, 0.0), (2e-3, -1e-3, 0.0))
     numbers = {"parameter.hip.radial_clearance": RADIAL, "parameter.hip.depth": DEPTH}
     found = bearing.penetration(xr.Dataset(attrs=numbers), "hip", np.asarray(joint.centres(at)))
@@ -161,6 +160,6 @@ def test_depths_that_are_none():
     with pytest.raises(ClearanceError, match="one number a station and sector, 8 stations"):
         dataclasses.replace(sleeve(), depth=jnp.zeros((6, 120)))
     with pytest.raises(ClearanceError, match="at least 16"):
-        worn_sleeve(sleeve(), jnp.zeros(12))
+        sleeve().worn(jnp.zeros(12))
     with pytest.raises(ClearanceError, match="must be below the pin's radius"):
         cj.simulate(rotor(np.full((6, 16), 1.0)), 0.01)

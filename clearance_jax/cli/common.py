@@ -30,8 +30,8 @@ Clearances = Annotated[
     typer.Option(
         "--clearance",
         metavar="JOINT:NUMBERS",
-        help="Give a joint play, e.g. axis_5:radial=0.05mm,axial=0.1mm,length=40mm,diameter=20mm or "
-        "slide:side=0.1mm,length=60mm.",
+        help="Give a joint play, e.g. axis_5:kind=sleeve,radial_clearance=0.05mm,length=40mm,"
+        "pin_radius=10mm or slide:side_clearance=0.1mm,length=60mm.",
     ),
 ]
 Ideal = Annotated[bool, typer.Option("--ideal", help="Take every clearance away.")]

@@ -29,7 +29,7 @@ app = typer.Typer(
     "clearance info experiments/scenes/four_bar.toml\n\n"
     "clearance plot out.nc -o out.png\n\n"
     "clearance animate out.nc -o out.gif --magnify joint5\n\n"
-    "clearance simulate experiments/scenes/six_axes.urdf --clearance axis_5:radial=0.05mm,length=40mm\n\n"
+    "clearance simulate experiments/scenes/six_axes.urdf --clearance axis_5:radial_clearance=0.05mm,pin_radius=20mm\n\n"
     "clearance run optimize/studies/slider_crank.toml --report out.html\n\n"
     "clearance run experiments/studies/slider_crank.toml -o out.zarr --plot pictures\n\n"
     "clearance run experiments/studies/disc.toml -o out.nc --plot out.png",

@@ -54,27 +54,17 @@ def run_wear(study: Any, file: Path, output: Path, *, resume: bool, plot: Path |
 
 def _lived(study: Any, journal: Path, told: "_Told") -> Any:
     """The life as a dataset."""
-    from clearance_jax.wear.life import life
+    from clearance_jax.wear.history import simulate_wear
     from clearance_jax.wear.record import to_dataset
 
-    given, model = study.wear, study.wear.model
-    found = life(
-        model.mechanism,
-        model.joint,
-        model.wear,
-        model.pressure,
-        float(model.cycle),
-        given.cycles,
-        **given.options,
-        until=given.until,
-        journal=journal,
-        progress=told,
-        **given.solve,
+    given = study.wear
+    found = simulate_wear(
+        given.model, given.cycles, **given.options, until=given.until, journal=journal, progress=told, **given.solve
     )
     told.say("reading off")
     words = {} if given.until is None else {"watched": given.words}
     texts = {"scene": study.scene_text, "study": study.text}
-    return to_dataset(found, model.mechanism, model.joint, name=study.name, **words, **texts)
+    return to_dataset(found, given.model, name=study.name, **words, **texts)
 
 
 def _bar() -> Progress:

@@ -10,7 +10,7 @@ from clearance_jax.design.findings import Findings, findings, known
 from clearance_jax.design.formulation import formulate
 from clearance_jax.design.loads import JointLoad, PinPath
 from clearance_jax.design.maintenance import Maintenance, maintenances
-from clearance_jax.design.manufacture import Band, Yield, YieldEstimate
+from clearance_jax.design.manufacture import AbstractManufacture, AsDesigned, Band, Part, Yield, YieldEstimate
 from clearance_jax.design.methods import METHOD_CHOICES, METHODS, Method
 from clearance_jax.design.outline import Outline
 from clearance_jax.design.problem import ToleranceProblem
@@ -28,6 +28,8 @@ __all__ = [
     "METHODS",
     "METHOD_CHOICES",
     "AbstractCost",
+    "AbstractManufacture",
+    "AsDesigned",
     "Band",
     "Certificate",
     "CostTable",
@@ -42,6 +44,7 @@ __all__ = [
     "Maintenance",
     "Method",
     "Outline",
+    "Part",
     "PinPath",
     "Program",
     "Reciprocal",

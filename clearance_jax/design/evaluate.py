@@ -15,11 +15,11 @@ from clearance_jax.ask.answers import answers, as_lanes
 from clearance_jax.ask.lanes import answer
 from clearance_jax.ask.place import HERE, Place
 from clearance_jax.ask.question import Question, shapes_of
-from clearance_jax.design.manufacture import Yield, YieldEstimate, estimate_yield
+from clearance_jax.design.manufacture import YieldEstimate, estimate_yield
 from clearance_jax.design.scenarios import Scenario, scenarios_of
 from clearance_jax.design.specification import Specification
 from clearance_jax.design.worn import known_to, own
-from clearance_jax.errors import ClearanceError, Unlivable, WornOut
+from clearance_jax.errors import ClearanceError, WearFailure, WornThrough
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMeasure
 from clearance_jax.solve.batch import cores_here
@@ -141,13 +141,13 @@ class Simulations:
     def _worn(self, i: int, x: np.ndarray, scenario: Scenario, by: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
         try:
             return self._lived(i, x * scenario.factors, scenario.values, by)
-        except WornOut:
+        except WornThrough:
             pass
-        except Unlivable:
+        except WearFailure:
             if scenario.designed is None:
                 raise
             # Is it this part, or the design, of which no part says what is wrong? The design itself does, here.
-            with suppress(WornOut):
+            with suppress(WornThrough):
                 self._lived(i, x, scenario.designed, ())
         count = self._size(i)
         return np.full(count, np.nan), np.full((count, len(by)), np.nan)
@@ -210,6 +210,6 @@ def fresh_yield(
     specification: Specification, x: np.ndarray, samples: int = 10_000, seed: int = 12345, place: Place = HERE
 ) -> YieldEstimate:
     """The yield of a design (its variables, shape (n,)) on fresh samples; the worst condition's."""
-    if not isinstance(specification.manufacture, Yield):
+    if not specification.manufacture.is_sampled:
         raise ClearanceError("Only a problem with `manufacture=Yield(...)` has a yield.")
     return yield_of(specification, x, scenarios_of(specification, samples, seed), place=place)

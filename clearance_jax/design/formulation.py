@@ -9,7 +9,6 @@ import numpy as np
 from clearance_jax.ask.place import HERE, Place
 from clearance_jax.design.evaluate import FEW, Simulations, simulations_of
 from clearance_jax.design.evaluation import Evaluation
-from clearance_jax.design.manufacture import Yield
 from clearance_jax.design.program import Program
 from clearance_jax.design.scenarios import Scenario, scenarios_of
 from clearance_jax.design.specification import Specification
@@ -49,7 +48,7 @@ def formulate(
         titles,
         groups=groups,
         identity=_identity(specification, simulations),
-        fresh=fresh if isinstance(specification.manufacture, Yield) else None,
+        fresh=fresh if specification.manufacture.is_sampled else None,
         several=None if place.client is None else several,
         **options,
     )
@@ -60,9 +59,8 @@ def _titles(
     specification: Specification, simulations: Simulations, scenarios: Sequence[Scenario]
 ) -> tuple[list[str], list[str]]:
     """Of every limit of the program its title, and the designer's limit that it belongs to."""
-    if isinstance(specification.manufacture, Yield):
-        target = f"yield of {specification.manufacture.target:.4g}"
-        titles = [target + specification.suffix(condition) for condition in specification.conditions]
+    if of_all := specification.manufacture.title:
+        titles = [of_all + specification.suffix(condition) for condition in specification.conditions]
         return titles, titles
     pairs = list(zip(specification.limits, simulations.sizes(), strict=True))
     titles = [label + scenario.title for scenario in scenarios for limit, size in pairs for label in limit.labels(size)]
@@ -105,29 +103,15 @@ def _evaluated(
 def _point(specification: Specification, x: np.ndarray, values: np.ndarray, jacobian: np.ndarray | None) -> Evaluation:
     """The point at `x` from its scaled limits in every scenario (scenarios, m), and their slopes (scenarios, m, n)."""
     clearances, gradient = specification.values(x), jacobian is not None
-    if isinstance(specification.manufacture, Yield):
-        values, jacobian = _at_risk(specification.manufacture, len(specification.conditions), values, jacobian)
-    else:
-        values = values.ravel()
-        jacobian = None if jacobian is None else jacobian.reshape(-1, len(clearances))
+    count = len(specification.conditions)
+    slopes = [None] * count if jacobian is None else np.split(jacobian, count)
+    pairs = zip(np.split(values, count), slopes, strict=True)
+    judged, rows = zip(*(specification.manufacture.judged(*pair) for pair in pairs), strict=True)
+    values, jacobian = np.concatenate(judged), None if jacobian is None else np.concatenate(rows)
     objective, slope = _objective(specification, clearances)
     if len(x) < len(clearances):
         slope, jacobian = slope.sum(keepdims=True), jacobian if jacobian is None else jacobian.sum(1, keepdims=True)
     return Evaluation(np.array(x), objective, values, slope if gradient else None, jacobian)
-
-
-def _at_risk(manufacture: Yield, conditions: int, values: np.ndarray, jacobian: np.ndarray | None):
-    """Of scaled limits (scenarios, m) and slopes (scenarios, m, n): conditional values at risk, one a condition."""
-    risks, slopes, samples = [], [], len(values) // conditions
-    for k in range(conditions):
-        part = slice(k * samples, (k + 1) * samples)
-        which = np.argmax(values[part], axis=1)
-        worst = np.take_along_axis(values[part], which[:, None], 1)[:, 0]
-        weights = manufacture.weights(worst)
-        risks.append(float(weights @ worst))
-        if jacobian is not None:
-            slopes.append(weights @ np.take_along_axis(jacobian[part], which[:, None, None], 1)[:, 0])
-    return np.array(risks), None if jacobian is None else np.stack(slopes)
 
 
 def _objective(specification: Specification, x: np.ndarray) -> tuple[float, np.ndarray]:

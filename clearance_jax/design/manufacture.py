@@ -1,33 +1,102 @@
-"""How parts come out of manufacture: over a band below the designed clearance, or scattered about what was designed."""
+"""How parts come out of manufacture: as designed, over a band below the designed clearance, or scattered about it.
 
+A model of your own is a subclass of `AbstractManufacture`. With a line in `MANUFACTURE` studies have it too.
+"""
+
+import abc
+import dataclasses
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import scipy.stats
 
 from clearance_jax.errors import ClearanceError
+from clearance_jax.parameters import described, physical
 
 # Relative standard deviation from which on a number scatters log-normally.
 WIDE = 0.2
 
 
-class Band(NamedTuple):
+class Part(NamedTuple):
+    """A part as it is made: what its title adds to that of the condition, factors on the design's variables (n,), and
+    factors on other numbers by name; whether it is the design itself.
+    """
+
+    title: str
+    factors: np.ndarray
+    others: Mapping[str, float] = {}
+    is_design: bool = False
+
+
+class AbstractManufacture(abc.ABC):
+    """How parts come out of manufacture."""
+
+    is_sampled: ClassVar[bool] = False
+    """Whether parts are samples: then a design has a yield, and fresh samples can be drawn."""
+
+    @property
+    def title(self) -> str:
+        """What the one number is called that the limits of all parts in a condition become; empty: each stands for
+        itself.
+        """
+        return ""
+
+    @property
+    def scattered(self) -> tuple[str, ...]:
+        """Names of the numbers that scatter."""
+        return ()
+
+    def check(self) -> None:
+        """Raise `ClearanceError` for numbers that say nothing."""
+        return
+
+    @abc.abstractmethod
+    def parts(self, names: tuple[str, ...], fresh: int = 0, seed: int | None = None) -> list[Part]:
+        """The parts that must hold the limits, of a design with variables of these names; of samples so many `fresh`
+        ones, by `seed`, if they are asked for.
+        """
+
+    def judged(self, values: np.ndarray, slopes: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None]:
+        """What a design must keep below 0 in one condition, (k,), and its slopes (k, n); by default every limit of
+        every part.
+
+        **Arguments:** scaled limits of all parts (parts, m), and their slopes (parts, m, n).
+        """
+        return values.ravel(), None if slopes is None else slopes.reshape(-1, slopes.shape[-1])
+
+
+@dataclasses.dataclass(frozen=True)
+class AsDesigned(AbstractManufacture):
+    """Parts come out exactly as designed."""
+
+    def parts(self, names, fresh=0, seed=None):
+        return [Part("", np.ones(len(names)), is_design=True)]
+
+    def __str__(self) -> str:
+        return "as designed"
+
+
+@dataclasses.dataclass(frozen=True)
+class Band(AbstractManufacture):
     """Made clearances lie between `least` times the designed one and the designed one, which is their upper limit: the
     limits must hold on `points` values between, all joints alike, and at every corner for up to `corners` joints.
     """
 
-    least: float
-    points: int = 3
-    corners: int = 3
+    least: float = physical("", above=0.0, below=1.0, help="the least share of the designed clearance", example="0.8")
+    points: int = described("values between, all joints alike", "3", least=2, most=1000, default=3)
+    corners: int = described("joints up to whose number every corner is looked at", "3", most=12, default=3)
 
-    def check(self) -> None:
-        """Raise for numbers that say nothing."""
+    def check(self):
         if not 0 < self.least < 1:
             raise ClearanceError(f"`Band.least` must be between 0 and 1, but it is {self.least}.")
 
+    def parts(self, names, fresh=0, seed=None):
+        rows = self.factors(len(names))
+        return [Part(f", clearances times {' '.join(f'{f:g}' for f in row)}", row) for row in rows]
+
     def factors(self, count: int) -> np.ndarray:
-        """Factors on the designed clearances, shape (scenarios, count)."""
+        """Factors on the designed clearances, shape (parts, count)."""
         self.check()
         along = np.append(np.linspace(self.least, 1.0, self.points), 1.0)[:, None] * np.ones(count)
         if 1 < count <= self.corners:
@@ -36,7 +105,8 @@ class Band(NamedTuple):
         return np.unique(along, axis=0)
 
 
-class Yield(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class Yield(AbstractManufacture):
     """A share `target` of what is made holds all limits, in every condition.
 
     **Arguments:** `scatter`: name -> relative standard deviation, of variables and of any other number, also of wear
@@ -49,13 +119,24 @@ class Yield(NamedTuple):
     derivative. Samples fewer than 1 / (1 - target) leave one of them to decide.
     """
 
-    scatter: Mapping[str, float]
-    target: float = 0.99
-    samples: int = 256
-    seed: int = 0
+    scatter: Mapping[str, float] = described(
+        "relative standard deviations by the numbers' names, below 100 percent; log-normal from 20 percent on",
+        '{ "slider.mass" = "2 percent" }',
+    )
+    target: float = physical("", above=0.0, below=1.0, default=0.99, help="the share", example="0.95")
+    samples: int = described("samples of a Sobol sequence", "256", least=1, most=1_000_000, default=256)
+    seed: int = described("its seed", "1", default=0)
+    is_sampled: ClassVar[bool] = True
 
-    def check(self) -> None:
-        """Raise for numbers that say nothing."""
+    @property
+    def title(self):
+        return f"yield of {self.target:.4g}"
+
+    @property
+    def scattered(self):
+        return tuple(self.scatter)
+
+    def check(self):
         if not 0 < self.target < 1 or self.samples < 1:
             raise ClearanceError(
                 f"`Yield` wants a target between 0 and 1, and at least one sample, but they are {self.target} and "
@@ -67,6 +148,15 @@ class Yield(NamedTuple):
                     f"The scatter of `{name}` must be relative, not negative and below 1 (100 %), but it is "
                     f"{deviation:g}."
                 )
+
+    def parts(self, names, fresh=0, seed=None):
+        draws = self.draws(names, fresh, seed)
+        rows = np.stack([draws[name] for name in names], axis=1)
+        others = {name: column for name, column in draws.items() if name not in names}
+        return [
+            Part(f", sample {i + 1}", row, {name: column[i] for name, column in others.items()})
+            for i, row in enumerate(rows)
+        ]
 
     def draws(self, names: tuple[str, ...], fresh: int = 0, seed: int | None = None) -> dict[str, np.ndarray]:
         """Factors on each scattered number, shape (samples,); of `names` all, 1 where one does not scatter. Of `fresh`
@@ -86,6 +176,15 @@ class Yield(NamedTuple):
             found[name] = 1 + deviation * column if deviation < WIDE else np.exp(wide * column - 0.5 * wide**2)
         return found
 
+    def judged(self, values, slopes):
+        which = np.argmax(values, axis=1)
+        worst = np.take_along_axis(values, which[:, None], 1)[:, 0]
+        weights = self.weights(worst)
+        risk = np.array([float(weights @ worst)])
+        return risk, None if slopes is None else (weights @ np.take_along_axis(slopes, which[:, None, None], 1)[:, 0])[
+            None
+        ]
+
     def weights(self, worst: np.ndarray) -> np.ndarray:
         """Of each sample (its worst scaled limit) in the conditional value at risk; they add up to 1."""
         tail = max((1 - self.target) * len(worst), 1.0)
@@ -93,6 +192,10 @@ class Yield(NamedTuple):
         weights = np.zeros(len(worst))
         weights[order] = np.clip(tail - np.arange(len(worst)), 0.0, 1.0) / tail
         return weights
+
+
+MANUFACTURE: Mapping[str, type[AbstractManufacture]] = {"band": Band, "yield": Yield}
+"""By the word of a study."""
 
 
 class YieldEstimate(NamedTuple):

@@ -8,7 +8,7 @@ from clearance_jax.ask.place import place_of
 from clearance_jax.design.answer import Design
 from clearance_jax.design.costs import AbstractCost
 from clearance_jax.design.evaluation import Evaluation
-from clearance_jax.design.manufacture import Band, Yield
+from clearance_jax.design.manufacture import AbstractManufacture, AsDesigned
 from clearance_jax.design.methods import Method
 from clearance_jax.design.search import search
 from clearance_jax.design.specification import Limit, Specification
@@ -29,7 +29,7 @@ class ToleranceProblem:
       common to all variables where there are several.
     - `conditions`: name of the condition -> values by parameter name (speeds, loads, friction, phases), or a sequence
       of such values; every limit must hold in each. None: the mechanism as it is.
-    - `manufacture`: how parts come out of manufacture, a `Band` or a `Yield`; None: as designed.
+    - `manufacture`: how parts come out of manufacture, a `Band`, a `Yield` or a model of your own; None: as designed.
     - `options`: `simulate`'s `t0`, `rtol`, `solver`, `start`, `max_steps`.
     - `cost_unit`: what costs are counted in, such as "EUR".
 
@@ -47,7 +47,7 @@ class ToleranceProblem:
         limits: Sequence[Limit],
         cost: AbstractCost | Mapping[str, AbstractCost] | None = None,
         conditions: Mapping[str, Mapping[str, Any]] | Sequence[Mapping[str, Any]] | None = None,
-        manufacture: Band | Yield | None = None,
+        manufacture: AbstractManufacture | None = None,
         cost_unit: str = "cost units",
         **options: Unpack[SolveOptions],
     ):
@@ -58,7 +58,7 @@ class ToleranceProblem:
             tuple(limits),
             _costs(cost, tuple(variables)),
             _conditions(conditions),
-            manufacture,
+            manufacture or AsDesigned(),
             options,
             cost_unit,
         )

@@ -7,7 +7,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from clearance_jax.design.manufacture import Band, Yield
 from clearance_jax.design.specification import Specification
 
 
@@ -23,24 +22,17 @@ class Scenario(NamedTuple):
 
 
 def scenarios_of(specification: Specification, fresh: int = 0, seed: int | None = None) -> list[Scenario]:
-    """What a design is simulated in, condition by condition; of a `Yield` its samples, or so many fresh ones."""
-    names, found = tuple(specification.variables), []
+    """What a design is simulated in, condition by condition; of samples so many fresh ones, if they are asked for."""
+    names, manufacture, found = tuple(specification.variables), specification.manufacture, []
+    parts = manufacture.parts(names, fresh, seed)
     for condition, values in specification.conditions.items():
         given = {name: jnp.asarray(value, float) for name, value in values.items()}
-        where = specification.suffix(condition)
-        if isinstance(specification.manufacture, Yield):
-            draws = specification.manufacture.draws(names, fresh, seed)
-            others = {n: _worth(specification, values, n) * f for n, f in draws.items() if n not in names}
-            for i in range(fresh or specification.manufacture.samples):
-                moved = {n: jnp.asarray(f[i], float) for n, f in others.items()}
-                row = np.array([draws[n][i] for n in names])
-                found.append(Scenario(f"{where}, sample {i + 1}", {**given, **moved}, row, given))
-        elif isinstance(specification.manufacture, Band):
-            for row in specification.manufacture.factors(len(names)):
-                shares = " ".join(f"{f:g}" for f in row)
-                found.append(Scenario(f"{where}, clearances times {shares}", given, row, given))
-        else:
-            found.append(Scenario(where, given, np.ones(len(names))))
+        worth = {n: _worth(specification, values, n) for n in manufacture.scattered if n not in names}
+        for part in parts:
+            moved = {n: jnp.asarray(worth[n] * factor, float) for n, factor in part.others.items()}
+            title = specification.suffix(condition) + part.title
+            designed = None if part.is_design else given
+            found.append(Scenario(title, {**given, **moved}, part.factors, designed))
     return found
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from clearance_jax._module import Module
 from clearance_jax.design import worn
-from clearance_jax.design.manufacture import Band, Yield
+from clearance_jax.design.manufacture import AbstractManufacture, AsDesigned
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMeasure, Function, as_measure, begin_of
@@ -143,7 +143,7 @@ class Specification:
     limits: tuple[Limit, ...]
     costs: tuple[Callable, ...]
     conditions: dict[str, dict[str, Any]]
-    manufacture: Band | Yield | None
+    manufacture: AbstractManufacture
     options: SolveOptions
     cost_unit: str = "cost units"
 
@@ -151,8 +151,7 @@ class Specification:
         settings = self.settings()
         for limit in self.limits:
             begin_of(getattr(limit.metric.base_metric, "since", None), self.t1, settings)
-        if self.manufacture is not None:
-            self.manufacture.check()
+        self.manufacture.check()
         if not self.variables or not self.limits:
             raise ClearanceError("A design problem wants at least one variable and one limit.")
         called = [limit.title for limit in self.limits]
@@ -172,9 +171,8 @@ class Specification:
             metrics = [limit.metric for limit in self.limits]
             for metric in metrics:
                 check_values(replace(metric.model(now), worn.known_to(metric, now, metrics, values)))
-            if isinstance(self.manufacture, Yield):
-                for scattered in self.manufacture.scatter:
-                    self.worth(scattered)
+            for scattered in self.manufacture.scattered:
+                self.worth(scattered)
             known = parameters(now)
         except ClearanceError as error:
             raise ClearanceError(f"In `{name}`: {error}") from None
@@ -255,4 +253,4 @@ class Specification:
 
     def as_designed(self) -> "Specification":
         """The same for parts that come out exactly as designed."""
-        return dataclasses.replace(self, manufacture=None)
+        return dataclasses.replace(self, manufacture=AsDesigned())

@@ -6,7 +6,6 @@ from typing import NamedTuple
 import numpy as np
 
 from clearance_jax.design.answer import Design
-from clearance_jax.design.manufacture import Yield
 from clearance_jax.design.observed import Observed
 from clearance_jax.design.scenarios import Scenario, scenarios_of
 from clearance_jax.metrics.instants import Instants
@@ -35,7 +34,7 @@ def standings(design: Design, look: Callable[[Scenario], Observed | None] | None
     """
     program, limits = design.program, design.evaluation.limits
     order = np.argsort(-np.nan_to_num(limits, nan=np.inf))[:SHOWN]
-    if isinstance(design.specification.manufacture, Yield):
+    if design.specification.manufacture.title:
         return tuple(Standing(program.limit_names[k], "", None, None, float(1 + limits[k]), None) for k in order)
     scenarios = scenarios_of(design.specification)
     rows = _rows(design, len(scenarios))

@@ -10,7 +10,6 @@ from clearance_jax.design.certificate import Certificate
 from clearance_jax.design.evaluate import fresh_yield
 from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.formulation import formulate
-from clearance_jax.design.manufacture import Yield
 from clearance_jax.design.methods import Method
 from clearance_jax.design.program import Program
 from clearance_jax.design.run import INTERRUPTED, run
@@ -59,7 +58,6 @@ def certify(
         prices[fresh.groups[k]] = prices.get(fresh.groups[k], 0.0) + float(multipliers[k])
     checked = prices if reoptimise else {}
     checks = {n: (p, _price_check(specification, method, point, n, place, progress)) for n, p in checked.items()}
-    sampled = isinstance(specification.manufacture, Yield)
     return Certificate(
         names=dict(zip(fresh.names, specification.units.values(), strict=False)),  # a common one has the first's
         x=point.x,
@@ -73,7 +71,9 @@ def certify(
         starts=_others(specification, method, starts, seed, place, progress),
         objective=at.objective,
         goal="enlarges the clearance" if specification.common else "lowers the cost",
-        yield_estimate=fresh_yield(specification, point.x, samples, place=place) if sampled else None,
+        yield_estimate=fresh_yield(specification, point.x, samples, place=place)
+        if specification.manufacture.is_sampled
+        else None,
         static=_static(specification, point.x),
         solver=solver,
         rtol=rtol,

@@ -2,8 +2,10 @@
 
 import dataclasses
 
+from clearance_jax.design.manufacture import MANUFACTURE
 from clearance_jax.design.methods import METHOD_CHOICES
 from clearance_jax.io.asking_keys import METRIC, PARAMETER, choosing
+from clearance_jax.io.fields import kinds_of
 from clearance_jax.io.kinds import Flag, Names, Quantities, Quantity, Sub, Text, Whole, Wholes, Word
 from clearance_jax.io.table import Keys
 from clearance_jax.solve.settings import MOST_SAMPLES
@@ -148,46 +150,18 @@ COST_TABLES = {
     ),
 }
 
-_KIND = Word("kind", "how parts come out of manufacture", '"band"', allowed=("band", "yield"), required=True)
+_KIND = Word("kind", "how parts come out of manufacture", '"band"', allowed=tuple(MANUFACTURE), required=True)
+# What scatters is said once, for all that asks: here only which numbers.
+_OF = Names(
+    "of",
+    "the numbers, which scatter as `scatter` says: normal, log-normal from 20 percent on",
+    '["slider.mass"]',
+    absent="all that scatter",
+)
 MANUFACTURE_TABLES = {
-    "band": Keys(
-        "design.manufacture",
-        "Manufacture `band`",
-        "Made clearances lie between `least` times the designed one and the designed one.",
-        (
-            choosing(_KIND, "band"),
-            Quantity(
-                "least",
-                "the least share of the designed clearance",
-                "0.8",
-                bounds={"above": 0.0, "below": 1.0},
-                required=True,
-            ),
-            Whole("points", "values between, all joints alike", "3", least=2, most=1000, absent="3"),
-            Whole("corners", "joints up to whose number every corner is looked at", "3", most=12, absent="3"),
-        ),
-        'kind = "band"',
-    ),
-    "yield": Keys(
-        "design.manufacture",
-        "Manufacture `yield`",
-        "Numbers scatter; a share of what is made must hold every limit.",
-        (
-            choosing(_KIND, "yield"),
-            Names(
-                "of",
-                "the numbers, which scatter as `scatter` says: normal, log-normal from 20 percent on",
-                '["slider.mass"]',
-                absent="all that scatter",
-            ),
-            Quantity("target", "the share", "0.95", bounds={"above": 0.0, "below": 1.0}, absent="0.99"),
-            Whole("samples", "samples of a Sobol sequence", "256", least=1, most=1_000_000, absent="256"),
-            Whole("seed", "its seed", "1", absent="0"),
-        ),
-        'kind = "yield"',
-    ),
+    word: table._replace(keys=tuple(_OF if key.name == "scatter" else key for key in table.keys))
+    for word, table in kinds_of("design.manufacture", "Manufacture", _KIND, MANUFACTURE).items()
 }
-
 DESIGN_TABLES = (
     DESIGN,
     VARIABLE,

@@ -1,14 +1,15 @@
 """The section `design` of a study: a tolerance problem, how it is solved, and how its answer is proved."""
 
 import itertools
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from clearance_jax.design.costs import AbstractCost, CostTable, Exponential, ExponentialReciprocal, Reciprocal
-from clearance_jax.design.manufacture import Band, Yield
+from clearance_jax.design.manufacture import MANUFACTURE, AbstractManufacture
 from clearance_jax.design.problem import ToleranceProblem
 from clearance_jax.design.specification import Limit
 from clearance_jax.errors import ClearanceError, quoted
-from clearance_jax.io.asking import Asked
+from clearance_jax.io.asking import Asked, Scatter
 from clearance_jax.io.asking_keys import METRIC, PARAMETER
 from clearance_jax.io.design_keys import COST_TABLES, DESIGN, LIMIT, MANUFACTURE_TABLES, VARIABLE, VERIFY
 from clearance_jax.io.settings import values_by_name
@@ -30,7 +31,7 @@ class DesignAsked(NamedTuple):
 def design_of(study: Asked, wear: WearAsked | None) -> DesignAsked:
     """What the section says. **Raises:** `ClearanceError` naming the key and the fix."""
     table = study.table.table("design", DESIGN)
-    mechanism, model = (study.mechanism,) * 2 if wear is None else (wear.mechanism, wear.model)
+    mechanism, model = (study.mechanism,) * 2 if wear is None else (wear.model.mechanism, wear.model)
     variables, costs = _variables(table, mechanism)
     limits = [_limit(name, Table(values, where, LIMIT), study, wear) for name, values, where in table.named("limit")]
     problem = ToleranceProblem(
@@ -40,7 +41,7 @@ def design_of(study: Asked, wear: WearAsked | None) -> DesignAsked:
         limits,
         cost=costs or None,
         conditions=_conditions(table, model),
-        manufacture=_manufacture(table, study, model, variables),
+        manufacture=_manufacture(table, study, model),
         cost_unit=table.get("cost_unit") or "cost units",
         **study.options,
     )
@@ -120,21 +121,26 @@ def _limit(name: str, table: Table, study: Asked, wear: WearAsked | None) -> Lim
 # Manufacture ---------------------------------------------------------------------------------------------------------
 
 
-def _manufacture(top: Table, study: Asked, model: Any, variables: dict[str, Any]) -> Band | Yield | None:
-    """`least`, the share of a clearance that a band goes down to; or what scatters, and the share that must hold."""
+def _manufacture(top: Table, study: Asked, model: Any) -> AbstractManufacture | None:
     if not top.has("manufacture"):
         return None
     kind, table = top.chosen("manufacture", MANUFACTURE_TABLES)
-    if kind == "band":
-        return Band(**table.given("kind"))
-    relative = {}
-    for name, given in study.scatter(table.get("of"), model, table.where).items():
-        if given.relative is None or given.mean is not None or given.lower is not None or given.upper is not None:
+    given = table.given("kind", "of")
+    if "of" in [key.name for key in MANUFACTURE_TABLES[kind].keys]:
+        given["scatter"] = _relative(study.scatter(table.get("of"), model, table.where))
+    return MANUFACTURE[kind](**given)
+
+
+def _relative(scatter: Mapping[str, Scatter]) -> dict[str, float]:
+    """Relative deviations of numbers that scatter about what is designed."""
+    found = {}
+    for name, given in scatter.items():
+        if given.relative is None or any(number is not None for number in (given.mean, given.lower, given.upper)):
             raise ClearanceError(
                 f"{given.where}: of a yield a number scatters about what is designed, or what the scene has: give a "
                 "`deviation` in percent, and nothing else."
             )
         if given.distribution == "uniform":
             raise ClearanceError(f"{given.where}: of a yield a number scatters normal or log-normal, not uniform.")
-        relative[name] = given.relative
-    return Yield(relative, **table.given("kind", "of"))
+        found[name] = given.relative
+    return found

@@ -64,7 +64,9 @@ def _key(field: dataclasses.Field) -> Key:
     if field.type == tuple[str, ...]:
         return Names(*words, **common)
     if field.type is int:
-        return Whole(*words, **common)
+        return Whole(*words, least=about["least"], most=about["most"], **common)
+    if get_origin(field.type) is Mapping:
+        return Sub(*words, form="values by name", **common)
     if get_origin(field.type) is Literal:
         return Word(*words, allowed=get_args(field.type), **common)
     return (Flag if field.type is bool else Text)(*words, **common)

@@ -1,10 +1,11 @@
-"""Play by the command line: `--clearance JOINT:radial=0.1mm,axial=0.1mm,length=40mm,diameter=20mm`."""
+"""Play by the command line: `--clearance JOINT:radial_clearance=0.1mm,kind=sleeve,length=40mm,pin_radius=10mm`."""
 
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 from typing import Any
 
-from clearance_jax.errors import ClearanceError, quoted, suggest
+from clearance_jax.errors import ClearanceError, quoted
 from clearance_jax.io.table import naming
+from clearance_jax.joints import Preset
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.play import PRESETS, unplayed
 from clearance_jax.units import to_si
@@ -22,7 +23,7 @@ def with_play(mechanism: Mechanism, texts: Iterable[str]) -> Mechanism:
         name, colon, rest = text.partition(":")
         name = name.strip()
         if not colon:
-            raise ClearanceError(f"{where} must read JOINT:radial=0.1mm, with more numbers after commas.")
+            raise ClearanceError(f"{where} must read JOINT:radial_clearance=0.1mm, with more numbers after commas.")
         if name in given:
             raise ClearanceError(f"{where} gives joint `{name}` play a second time. Give it once.")
         given.add(name)
@@ -30,18 +31,18 @@ def with_play(mechanism: Mechanism, texts: Iterable[str]) -> Mechanism:
             joint = mechanism.joint(name)
             if type(joint) not in PRESETS:
                 raise unplayed(joint)
-            mechanism = mechanism.with_clearance(name, **_numbers(rest, PRESETS[type(joint)].numbers, where))
+            mechanism = mechanism.with_clearance(name, **_numbers(rest, PRESETS[type(joint)], where))
     return mechanism
 
 
-def _numbers(text: str, known: Collection[str], where: str) -> Any:
+def _numbers(text: str, preset: Preset, where: str) -> Any:
     numbers: dict[str, float | str] = {}
     for part in text.split(","):
         key, equals, value = (piece.strip() for piece in part.partition("="))
-        if not equals or key not in known:
-            raise ClearanceError(f"{where}: {quoted(part)} is no NUMBER=VALUE. " + suggest(key, known))
+        if not equals or key not in preset.numbers:
+            raise ClearanceError(f"{where}: {quoted(part)} is no NUMBER=VALUE. " + preset.instead(key))
         if key in numbers:
             raise ClearanceError(f"{where} gives `{key}` twice. Give it once.")
-        unit = {"fit": "", "temperature": "K"}.get(key, "m")
+        unit = {"fit": "", "kind": "", "temperature": "K"}.get(key, "m")
         numbers[key] = to_si(value, unit, f"{where}, {key}") if unit else value
     return numbers

@@ -18,6 +18,7 @@ from clearance_jax.joints import (
 )
 from clearance_jax.joints.bearings import GROUPS
 from clearance_jax.joints.elements import ELEMENTS
+from clearance_jax.joints.presets import KINDS
 from clearance_jax.laws import FRICTION_LAWS, NORMAL_LAWS, InternalHertz
 from clearance_jax.mechanism.tree import Revolute
 
@@ -67,14 +68,21 @@ PIN = Keys(
     "joint.NAME",
     "Clearance of a revolute joint",
     "Two of radial (or diametral) clearance, pin radius and sleeve radius, or a pin radius and a `fit`, or a "
-    "`bearing`; and the laws of contact. With a `length` the pin may tilt, in space, and slide along its axis where it "
-    "has axial play too.",
+    "`bearing`; and the laws of contact. In a joint of the kind `sleeve` the pin may tilt, in space, and slide along "
+    "its axis where it has axial play too. Wear and line contacts spread their force over the `length`.",
     (
         *_RADII,
         *LAWS,
         ELEMENT,
         *keys_of(Revolute, "eccentricity"),
-        *_optional(*_SLEEVE, length="no tilt"),
+        Word(
+            "kind",
+            "what the pin may do: turn (`pin`), or tilt in a sleeve too",
+            '"sleeve"',
+            allowed=KINDS,
+            default="pin",
+        ),
+        *_optional(*_SLEEVE, length="not known"),
         *_FIT,
         Sub(
             "bearing",
@@ -88,7 +96,7 @@ PIN = Keys(
 SHAFT = Keys(
     "joint.NAME",
     "Clearance of a cylindrical joint",
-    "As of a revolute joint with a `length`, without axial play: the pin slides.",
+    "As of a revolute joint of the kind `sleeve`, without axial play: the pin slides.",
     (
         *_RADII,
         *LAWS,

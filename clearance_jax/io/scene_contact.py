@@ -24,6 +24,7 @@ from clearance_jax.io.scene_worn import worn_of
 from clearance_jax.io.table import Keys, Table, naming
 from clearance_jax.joints import (
     AbstractClearance,
+    AbstractPin,
     Fitting,
     GuideClearance,
     PressFit,
@@ -76,7 +77,7 @@ def play_of(kind: type, table: Table, path: Path, usual: bool = False) -> dict[s
             )
         word, own = table.chosen("element", ELEMENT_TABLES)
         clearance = dataclasses.replace(clearance, element=ELEMENTS[word](**own.given("type")))
-    if play.keys is PIN and table.has("worn"):
+    if play.keys is PIN and isinstance(clearance, AbstractPin) and table.has("worn"):
         clearance = worn_of(clearance, table, path)
     with naming(table.where):
         check_demands(clearance)
@@ -86,14 +87,14 @@ def play_of(kind: type, table: Table, path: Path, usual: bool = False) -> dict[s
 def _pin(table: Table, usual: bool) -> RevoluteClearance | SleeveClearance:
     if table.has("bearing"):
         return _bearing(table)
-    if table.has("length"):
+    if table.get("kind") == "sleeve":
         return _sleeve(table, usual)
     for key in OF_A_SLEEVE:
         if table.has(key):
-            raise ClearanceError(f"{table.key(key)} belongs to a sleeve of some length: add `length` too.")
+            raise ClearanceError(f'{table.key(key)} belongs to a sleeve: add `kind = "sleeve"` too.')
     clearance, pin, tolerance = _radii(table, usual)
     laws = _laws(table, round_contact(clearance) if usual else None)
-    return RevoluteClearance(clearance, pin, *laws, tolerance=tolerance)
+    return RevoluteClearance(clearance, pin, *laws, length=table.get("length"), tolerance=tolerance)
 
 
 def _sleeve(table: Table, usual: bool) -> SleeveClearance:
@@ -134,12 +135,8 @@ def _bearing(table: Table) -> RevoluteClearance | SleeveClearance:
         if key.name not in WITH_A_BEARING and table.has(key.name):
             raise ClearanceError(f"{table.key(key.name)} has no effect beside a `bearing`, which is a whole joint.")
     word, given = table.chosen("bearing", BEARINGS)
-    numbers = given.given("type")
-    for key, name in (("internal_clearance", "internal"), ("radial_clearance", "radial")):
-        if key in numbers:
-            numbers[name] = numbers.pop(key)
     with naming(given.where):
-        return BEARINGS_MADE[word](**numbers, friction=_friction(table))
+        return BEARINGS_MADE[word](**given.given("type"), friction=_friction(table))
 
 
 BEARINGS_MADE: dict[str, Callable] = {

@@ -165,7 +165,7 @@ ROBOT = Keys(
         Sub(
             "clearance",
             "play of its joints, by their names: as of a joint of that kind; without `normal` of steel in bronze",
-            '{ axis_5 = { radial_clearance = "0.05 mm", axial_clearance = "0.1 mm", length = "40 mm" } }',
+            '{ axis_5 = { kind = "sleeve", radial_clearance = "50 um", axial_clearance = "1 mm", length = "40 mm" } }',
             form="tables by name",
         ),
         Sub(

@@ -2,26 +2,24 @@
 
 from pathlib import Path
 
-import jax.numpy as jnp
 import numpy as np
 
 from clearance_jax.errors import ClearanceError
 from clearance_jax.io.files import read_table
 from clearance_jax.io.play_keys import WORN
 from clearance_jax.io.table import Table, naming
-from clearance_jax.joints import AbstractClearance, RevoluteClearance, SleeveClearance, worn_sleeve
+from clearance_jax.joints import AbstractPin
 from clearance_jax.units import to_si
 
 # By how much an angle of a table may be off its sector [deg]: what is written with two decimals is.
 OFF = 0.01
 
 
-def worn_of(clearance: AbstractClearance, joint: Table, path: Path) -> AbstractClearance:
+def worn_of(clearance: AbstractPin, joint: Table, path: Path) -> AbstractPin:
     """The clearance of a joint with its sleeve worn as the table says, of one that has a length all along it; `path`:
     the scene's.
     """
     where = joint.key("worn")
-    assert isinstance(clearance, RevoluteClearance | SleeveClearance)
     table = joint.table("worn", WORN)
     if table.has("depth") == table.has("file"):
         raise ClearanceError(f"{where} must have `depth` or `file`, and not both.")
@@ -35,7 +33,7 @@ def worn_of(clearance: AbstractClearance, joint: Table, path: Path) -> AbstractC
     if np.any(depth < 0):
         raise ClearanceError(f"{where} must have depths of at least 0, but one is {depth.min():g} m.")
     with naming(where):
-        return worn_sleeve(clearance, jnp.asarray(depth))
+        return clearance.worn(depth)
 
 
 def _of_life(table: Table, file: Path) -> np.ndarray:

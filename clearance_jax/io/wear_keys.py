@@ -6,7 +6,7 @@ from clearance_jax.io.asking_keys import METRIC, choosing
 from clearance_jax.io.fields import keys_of, summary
 from clearance_jax.io.kinds import LONGEST_PATH, Quantity, Sub, Text, Whole, Word
 from clearance_jax.io.table import Keys
-from clearance_jax.joints.worn import FEWEST
+from clearance_jax.joints.bore import FEWEST
 from clearance_jax.laws import Material
 from clearance_jax.wear.laws import COEFFICIENT, Archard, Graded, Reye, RunningIn, Threshold
 from clearance_jax.wear.pressure import Foundation, HertzLine, Uniform

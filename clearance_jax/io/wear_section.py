@@ -9,9 +9,8 @@ from clearance_jax.io.asking_keys import METRIC
 from clearance_jax.io.metric import Span
 from clearance_jax.io.table import Chosen, Table
 from clearance_jax.io.wear_keys import UNTIL_TABLES, WEAR
-from clearance_jax.io.wearing import wearing_of
-from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.wear import Wearing
+from clearance_jax.io.wear_model import wear_model
+from clearance_jax.wear import WearModel
 from clearance_jax.wear.criteria import AbstractCriterion, Deepest, Exceeds, ImpactSpeed
 
 # Keys that only a life asks for.
@@ -24,7 +23,7 @@ class WearAsked(NamedTuple):
     journal's file, if it is named.
     """
 
-    model: Wearing
+    model: WearModel
     cycles: int | None
     options: dict[str, Any]
     solve: dict[str, Any]
@@ -32,17 +31,12 @@ class WearAsked(NamedTuple):
     words: str
     journal: Path | None
 
-    @property
-    def mechanism(self) -> Mechanism:
-        """The mechanism, whose joint knows the length and the materials that the section gives it."""
-        return self.model.mechanism
-
 
 def wear_of(study: Asked) -> WearAsked:
     """What the section says. **Raises:** `ClearanceError` naming the key and the fix."""
     table = study.table.table("wear", WEAR)
     span = study.span_to(table.get("cycle"), table.key("cycle")) if table.has("cycle") else study.span
-    mechanism, joint, law, pressure = wearing_of(table, study.mechanism)
+    model = wear_model(table, study.mechanism, span.t1)
     if not table.has("cycles"):
         for key in OF_A_LIFE:
             if table.has(key):
@@ -51,7 +45,7 @@ def wear_of(study: Asked) -> WearAsked:
     if table.has("until"):
         until, words = _until(table.chosen("until", UNTIL_TABLES), study, span)
     return WearAsked(
-        Wearing(law, pressure, joint, span.t1, mechanism),
+        model,
         table.get("cycles"),
         {name: table.get(name) for name in ("sectors", "tolerance", "longest")},
         study.options,

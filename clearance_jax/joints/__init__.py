@@ -12,15 +12,16 @@ from clearance_jax.joints._base import (
 from clearance_jax.joints._element import AbstractElement, Offset
 from clearance_jax.joints.ball import SphericalClearance
 from clearance_jax.joints.bearings import rolling_bearing
+from clearance_jax.joints.bore import Modes
 from clearance_jax.joints.elements import PlayDamper, PreloadedBearing
 from clearance_jax.joints.fitting import Fitting, PressFit, Tolerance
 from clearance_jax.joints.guide import GuideClearance
+from clearance_jax.joints.pin import AbstractPin, Sections
 from clearance_jax.joints.preloaded import angular_contact_pair, crossed_roller
 from clearance_jax.joints.presets import BALL, GUIDE, PIN, SHAFT, PlayNumbers, Preset, fitted, guided, shaft, socket
 from clearance_jax.joints.revolute import RevoluteClearance
 from clearance_jax.joints.seating import Load, Seat, posed, relative_at, seat, stiffness_at
 from clearance_jax.joints.sleeve import SleeveClearance
-from clearance_jax.joints.worn import WornRevoluteClearance, worn_sleeve
 
 __all__ = [
     "BALL",
@@ -29,11 +30,13 @@ __all__ = [
     "SHAFT",
     "AbstractClearance",
     "AbstractElement",
+    "AbstractPin",
     "Action",
     "ContactPoint",
     "Fitting",
     "GuideClearance",
     "Load",
+    "Modes",
     "Offset",
     "PlayCoordinate",
     "PlayDamper",
@@ -45,10 +48,10 @@ __all__ = [
     "Relative",
     "RevoluteClearance",
     "Seat",
+    "Sections",
     "SleeveClearance",
     "SphericalClearance",
     "Tolerance",
-    "WornRevoluteClearance",
     "angular_contact_pair",
     "crossed_roller",
     "each_joint",
@@ -61,5 +64,4 @@ __all__ = [
     "shaft",
     "socket",
     "stiffness_at",
-    "worn_sleeve",
 ]

@@ -51,7 +51,7 @@ ROLLERS = 7.68e-5 * 1e-3 / 1e3**0.8
 MOST_LOADED = 5.0
 
 
-def internal_clearance(bore: Any, group: str = "CN", rollers: bool = False) -> tuple[float, float]:
+def tabulated_clearance(bore: Any, group: str = "CN", rollers: bool = False) -> tuple[float, float]:
     """Least and greatest radial internal clearance [m], at the diameter, of a deep-groove ball bearing, or of a
     cylindrical roller bearing (`rollers`).
 
@@ -82,7 +82,7 @@ def rolling_bearing(
     bore: Any,
     group: str | None = None,
     *,
-    internal: Any = None,
+    internal_clearance: Any = None,
     balls: int | None = None,
     ball_diameter: Any = None,
     rollers: int | None = None,
@@ -98,21 +98,23 @@ def rolling_bearing(
 
     **Arguments:**
 
-    - `bore` [m]; `group` of ISO 5753-1, by default CN, whose mean is the play; or `internal`: the radial internal
-      clearance [m], at the diameter: mounting and warmth make it smaller than that of a new bearing.
+    - `bore` [m]; `group` of ISO 5753-1, by default CN, whose mean is the play; or `internal_clearance`: the radial
+      one [m], at the diameter: mounting and warmth make it smaller than that of a new bearing.
     - `balls` and `ball_diameter` [m]; or `rollers` and `roller_length` [m].
     - `friction`: by default none.
 
     **Raises:** `ClearanceError` for what is missing, given twice, or not in the table.
     """
-    if group is not None and internal is not None:
+    if group is not None and internal_clearance is not None:
         raise ClearanceError("`group` has no effect beside the internal clearance itself. Give one of them.")
     of_balls, of_rollers = (balls, ball_diameter), (rollers, roller_length)
     if [None in of_balls, None in of_rollers].count(False) != 1 or (*of_balls, *of_rollers).count(None) != 2:
         raise ClearanceError(
             "A rolling bearing needs either `balls` (how many) and `ball_diameter`, or `rollers` and `roller_length`."
         )
-    check_sizes(bore=bore, internal=internal, ball_diameter=ball_diameter, roller_length=roller_length)
+    check_sizes(
+        bore=bore, internal_clearance=internal_clearance, ball_diameter=ball_diameter, roller_length=roller_length
+    )
     count = balls if balls is not None else rollers
     if isinstance(count, bool) or not isinstance(count, int) or count < 3:
         raise ClearanceError(f"A rolling bearing has at least 3 `balls` or `rollers`, but it is {count!r}.")
@@ -121,8 +123,8 @@ def rolling_bearing(
     else:
         stiffness, exponent = (roller_length**0.8 / ROLLERS) ** (10 / 9), 10 / 9
     tolerance = None
-    if internal is None:
-        least, greatest = internal_clearance(bore, group or "CN", rollers is not None)
-        internal, tolerance = (least + greatest) / 2, Tolerance(least / 2, greatest / 2)
+    if internal_clearance is None:
+        least, greatest = tabulated_clearance(bore, group or "CN", rollers is not None)
+        internal_clearance, tolerance = (least + greatest) / 2, Tolerance(least / 2, greatest / 2)
     law = HuntCrossley(count / MOST_LOADED * stiffness, DAMPING, exponent)
-    return RevoluteClearance(internal / 2, bore / 2, law, friction, tolerance=tolerance)
+    return RevoluteClearance(internal_clearance / 2, bore / 2, law, friction, tolerance=tolerance)

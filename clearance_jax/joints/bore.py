@@ -20,6 +20,7 @@ from jaxtyping import Array, Float
 
 from clearance_jax._sharing import kept
 from clearance_jax._types import Scalar
+from clearance_jax.parameters import Parametrised, physical
 from clearance_jax.spatial import Vector
 
 # Sectors below which a sleeve is a polygon rather than a profile.
@@ -27,6 +28,15 @@ FEWEST = 16
 # Newton iterations for a distance to the wall, which begin at it but for the blend; halvings for where on it a force
 # holds the pin.
 ITERATIONS, HALVINGS = 6, 44
+
+
+class Modes(Parametrised):
+    """Shapes that are worn off a sleeve too [m], (count, sectors), each so many times: `amounts` (count,). What is
+    looked for in a profile, a derivative say, is then a few numbers and not one a sector.
+    """
+
+    shapes: Float[Array, "*batch count sectors"] = physical("m")
+    amounts: Float[Array, "*batch count"] = physical("")
 
 
 class Depth(NamedTuple):

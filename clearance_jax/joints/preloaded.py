@@ -1,7 +1,7 @@
 """Bearings of a robot's joint as makers build them, under preload and worn: crossed rollers, pairs of ball bearings.
 
-    crossed_roller(0.1, rollers=60, roller_length=6e-3, radial=5e-6, preload=500)   # as new
-    crossed_roller(0.1, rollers=60, roller_length=6e-3, radial=20e-6)               # worn: the preload is gone
+    crossed_roller(0.1, rollers=60, roller_length=6e-3, radial_clearance=5e-6, preload=500)  # as new
+    crossed_roller(0.1, rollers=60, roller_length=6e-3, radial_clearance=20e-6)  # worn: the preload is gone
 
 Elements bear along lines at the contact angle a to the plane of the rings. Rings are rigid. Each of two rows of N
 elements that hold each other under the axial preload P presses its elements with Q = P / (N sin a), which give way by d
@@ -54,7 +54,7 @@ class Rows(NamedTuple):
         loose = radial * deep / across, axial * deep / along, tilt * deep / self.lever
         return PreloadedBearing(radial, axial, tilt, *loose, damping_time)
 
-    def with_play(self, radial: Any, preload: Any, friction: AbstractFrictionLaw | None) -> SleeveClearance:
+    def with_play(self, radial_clearance: Any, preload: Any, friction: AbstractFrictionLaw | None) -> SleeveClearance:
         """The joint: a sleeve that is so long that its tilt ends where the elements' own play does."""
         across = jnp.cos(self.angle)
         # Both rows bear a radial load, each element along its line.
@@ -62,7 +62,7 @@ class Rows(NamedTuple):
         length = 2 * self.lever / across
         element = None if preload is None else self.preloaded(preload, ROLLING_DAMPING)
         numbers: Any = {"pin_radius": self.radius, "length": length, "element": element}
-        return SleeveClearance(radial_clearance=radial, normal=law, friction=friction, **numbers)
+        return SleeveClearance(radial_clearance=radial_clearance, normal=law, friction=friction, **numbers)
 
 
 def crossed_roller(
@@ -70,7 +70,7 @@ def crossed_roller(
     *,
     rollers: int,
     roller_length: Any,
-    radial: Any,
+    radial_clearance: Any,
     preload: Any = None,
     friction: AbstractFrictionLaw | None = None,
 ) -> SleeveClearance:
@@ -80,7 +80,8 @@ def crossed_roller(
     **Arguments:**
 
     - `pitch_diameter`, `roller_length` [m]; `rollers`: how many in all.
-    - `radial`: the radial play [m] that is left where the preload is overcome, and the whole play where there is none.
+    - `radial_clearance`: the radial play [m] that is left where the preload is overcome, and the whole play where there
+      is none.
     - `preload`: the axial force [N] with which one half of the rollers presses on the other, as new; `None`: worn off.
     - `friction`: of the rollers where they bear; by default none.
 
@@ -89,10 +90,12 @@ def crossed_roller(
     count = _counted("rollers", rollers, 6) / 2
     if rollers % 2:
         raise ClearanceError(f"`rollers` must be even, one half leaning each way, but there are {rollers}.")
-    sizes = _checked(preload, pitch_diameter=pitch_diameter, roller_length=roller_length, radial=radial)
+    sizes = _checked(
+        preload, pitch_diameter=pitch_diameter, roller_length=roller_length, radial_clearance=radial_clearance
+    )
     factor = (sizes["roller_length"] ** 0.8 / ROLLERS) ** (10 / 9)
     rows = Rows(count, factor, 10 / 9, CROSSED, sizes["pitch_diameter"] / 2)
-    return rows.with_play(radial, preload, friction)
+    return rows.with_play(radial_clearance, preload, friction)
 
 
 def angular_contact_pair(
@@ -102,7 +105,7 @@ def angular_contact_pair(
     ball_diameter: Any,
     contact_angle: Any,
     spread: Any,
-    radial: Any,
+    radial_clearance: Any,
     preload: Any = None,
     friction: AbstractFrictionLaw | None = None,
 ) -> SleeveClearance:
@@ -114,8 +117,8 @@ def angular_contact_pair(
     **Raises:** `ClearanceError` for numbers that make no bearing. **Source:** see the module; Palmgren's point contact.
     """
     count = _counted("balls", balls, 3)
-    given = {"pitch_diameter": pitch_diameter, "ball_diameter": ball_diameter, "spread": spread, "radial": radial}
-    sizes = _checked(preload, **given)
+    given = {"pitch_diameter": pitch_diameter, "ball_diameter": ball_diameter, "spread": spread}
+    sizes = _checked(preload, **given, radial_clearance=radial_clearance)
     if not isinstance(contact_angle, Tracer) and not 0 < contact_angle < np.pi / 2:
         raise ClearanceError(f"`contact_angle` must be above 0 and below pi/2 rad, but it is {contact_angle!r}.")
     if not any(isinstance(x, Tracer) for x in sizes.values()) and not (
@@ -126,7 +129,7 @@ def angular_contact_pair(
         )
     factor = sizes["ball_diameter"] ** 0.5 / BALLS**1.5
     rows = Rows(count, factor, 1.5, contact_angle, sizes["pitch_diameter"] / 2, sizes["spread"] / 2)
-    return rows.with_play(radial, preload, friction)
+    return rows.with_play(radial_clearance, preload, friction)
 
 
 def _counted(name: str, count: Any, least: int) -> int:

@@ -1,11 +1,11 @@
-"""Joints with play as a designer first thinks of them: a clearance, a length, a diameter; the rest as is usual."""
+"""Joints with play as a designer first thinks of them: a clearance, a radius, a length; the rest as is usual."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any, NamedTuple, TypedDict
 
 import jax.numpy as jnp
 
-from clearance_jax.errors import ClearanceError
+from clearance_jax.errors import ClearanceError, quoted, suggest
 from clearance_jax.joints._base import AbstractClearance
 from clearance_jax.joints.ball import SphericalClearance
 from clearance_jax.joints.checks import check_larger, check_sizes
@@ -15,6 +15,7 @@ from clearance_jax.joints.revolute import RevoluteClearance
 from clearance_jax.joints.sleeve import SleeveClearance
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, HuntCrossley, InternalHertz, Material
 
+KINDS = ("pin", "sleeve")
 # Assumed damping factor of Hunt and Crossley's law [s/m]: at 0.1 m/s an impact loses some 2 % of its speed. Give a law
 # where damping matters.
 DAMPING = 0.3
@@ -22,13 +23,13 @@ DAMPING = 0.3
 PUNCH = 0.95
 
 
-def round_contact(radial: Any) -> HuntCrossley:
+def round_contact(radial_clearance: Any) -> HuntCrossley:
     """Hunt and Crossley's law of a steel pin in a bronze bush (or ball in a socket), with the stiffness that Hertz has
-    for a `radial` clearance [m].
+    for a `radial_clearance` [m].
     """
     steel, bronze = STEEL, BRONZE
     stiffness = InternalHertz(
-        steel.modulus, bronze.modulus, steel.poisson_ratio, bronze.poisson_ratio, reference_clearance=radial
+        steel.modulus, bronze.modulus, steel.poisson_ratio, bronze.poisson_ratio, reference_clearance=radial_clearance
     )
     return HuntCrossley(stiffness, DAMPING)
 
@@ -43,11 +44,12 @@ def flat_contact(length: Any, breadth: Any, corners: int) -> HuntCrossley:
 
 
 def fitted(
-    radial: Any = None,
+    radial_clearance: Any = None,
     *,
-    axial: Any = None,
+    kind: str = "pin",
+    pin_radius: Any = None,
     length: Any = None,
-    diameter: Any = None,
+    axial_clearance: Any = None,
     fit: str | Fitting | None = None,
     temperature: Any = None,
     normal: AbstractNormalLaw | None = None,
@@ -57,88 +59,96 @@ def fitted(
 
     **Arguments:**
 
-    - `radial` clearance [m]; `axial` [m]: to either side, by default none.
-    - `length` of the sleeve [m]: with it the pin may tilt. `diameter` of the pin [m]: as long as the sleeve by default.
-    - `fit`: instead of `radial`, an ISO 286 fit such as "H7/g6" at the nominal `diameter`, of which the clearance of
-      mean sizes is taken; a `Fitting` says more. `temperature` at which it runs [K], by default 20 degC.
+    - `radial_clearance` [m].
+    - `kind`: "pin", of the plane; or "sleeve", in which the pin may tilt too.
+    - `pin_radius` [m]: by default half the length. `length` of the contact [m], of a sleeve its own.
+    - `axial_clearance` of a sleeve [m]: to either side, by default none.
+    - `fit`: instead of `radial_clearance`, an ISO 286 fit such as "H7/g6" at the nominal diameter, twice the
+      `pin_radius`, of which the clearance of mean sizes is taken; a `Fitting` says more. `temperature` at which it runs
+      [K], by default 20 degC.
     - `normal`: by default Hunt and Crossley's law for a steel pin in a bronze bush, with the stiffness that Hertz has
       for this clearance; `friction`: by default none.
 
-    **Raises:** `ClearanceError` where neither length nor diameter is given, for axial play without a length, for a fit
-    that leaves no play, and for numbers that make no joint.
+    **Raises:** `ClearanceError` where neither length nor pin radius is given, for a sleeve without a length, for axial
+    play of a pin in the plane, for a fit that leaves no play, and for numbers that make no joint.
     """
-    check_sizes(radial=radial, axial=axial, length=length, diameter=diameter)
-    if diameter is None and length is None:
-        raise ClearanceError("Play needs the `diameter` of its pin, or the `length` of its sleeve. Give one of them.")
-    if axial is not None and length is None:
-        raise ClearanceError("Axial play needs the `length` of its sleeve too. Give it.")
-    diameter = length if diameter is None else diameter
+    check_sizes(
+        radial_clearance=radial_clearance, axial_clearance=axial_clearance, length=length, pin_radius=pin_radius
+    )
+    if kind not in KINDS:
+        raise ClearanceError(f"`kind` must be {' or '.join(KINDS)}, but it is {quoted(kind)}.")
+    if kind == "sleeve" and length is None:
+        raise ClearanceError("A sleeve needs its `length`. Give it.")
+    if kind == "pin" and axial_clearance is not None:
+        raise ClearanceError("An `axial_clearance` is that of a sleeve: give `kind` sleeve, and its `length`, too.")
+    if pin_radius is None and length is None:
+        raise ClearanceError("Play needs the `pin_radius`, or the `length` of the contact. Give one of them.")
+    pin_radius = length / 2 if pin_radius is None else pin_radius
     tolerance = None
     if fit is not None or temperature is not None:
-        radial, tolerance = made(radial, diameter, fit, temperature)
-    if radial is None:
-        raise ClearanceError("Play needs its `radial` clearance, or a `fit`. Give one of them.")
-    check_larger("diameter", diameter, "twice the radial clearance", 2 * radial, "or there is no pin")
-    normal = round_contact(radial) if normal is None else normal
-    if length is None:
-        return RevoluteClearance(radial, diameter / 2, normal, friction, tolerance=tolerance)
-    return SleeveClearance(radial, diameter / 2, length, normal, friction, axial, tolerance=tolerance)
+        radial_clearance, tolerance = made(radial_clearance, pin_radius, fit, temperature)
+    if radial_clearance is None:
+        raise ClearanceError("Play needs its `radial_clearance`, or a `fit`. Give one of them.")
+    check_larger("pin_radius", pin_radius, "the radial clearance", radial_clearance, "or there is no pin")
+    normal = round_contact(radial_clearance) if normal is None else normal
+    if kind == "pin":
+        return RevoluteClearance(radial_clearance, pin_radius, normal, friction, length=length, tolerance=tolerance)
+    return SleeveClearance(radial_clearance, pin_radius, length, normal, friction, axial_clearance, tolerance=tolerance)
 
 
-def made(radial: Any, diameter: Any, fit: str | Fitting | None, temperature: Any):
+def made(radial_clearance: Any, pin_radius: Any, fit: str | Fitting | None, temperature: Any):
     """Radial clearance [m] of a fit and its tolerance. **Raises** `ClearanceError` for what contradicts it."""
     if fit is None:
         raise ClearanceError("A `temperature` is that of a `fit`: a clearance that is given is as warm as it is meant.")
-    if radial is not None:
-        raise ClearanceError("A clearance is given by `radial` or by a `fit`. Give one of them.")
+    if radial_clearance is not None:
+        raise ClearanceError("A clearance is given by `radial_clearance` or by a `fit`. Give one of them.")
     check_sizes("K", temperature=temperature)
     if isinstance(fit, Fitting):
         if temperature is not None:
             raise ClearanceError("The `Fitting` has its own temperature: leave the other one out.")
-        return fit.radial_clearance(diameter)
+        return fit.radial_clearance(2 * pin_radius)
     warm = {} if temperature is None else {"temperature": temperature}
-    return Fitting(fit, **warm).radial_clearance(diameter)
+    return Fitting(fit, **warm).radial_clearance(2 * pin_radius)
 
 
 def shaft(
-    radial: Any = None,
+    radial_clearance: Any = None,
     *,
+    pin_radius: Any = None,
     length: Any = None,
-    diameter: Any = None,
     fit: str | Fitting | None = None,
     temperature: Any = None,
     normal: AbstractNormalLaw | None = None,
     friction: AbstractFrictionLaw | None = None,
 ) -> SleeveClearance:
-    """The play of a pin that slides in its sleeve: as `fitted`, with a `length` and without axial play."""
-    if length is None:
-        raise ClearanceError("A shaft that slides needs the `length` of its sleeve. Give it.")
-    numbers: Any = {"length": length, "diameter": diameter, "fit": fit, "temperature": temperature}
-    sleeve = fitted(radial, **numbers, normal=normal, friction=friction)
+    """The play of a pin that slides in its sleeve: as `fitted` of the kind "sleeve", without axial play."""
+    numbers: Any = {"length": length, "pin_radius": pin_radius, "fit": fit, "temperature": temperature}
+    sleeve = fitted(radial_clearance, kind="sleeve", **numbers, normal=normal, friction=friction)
     assert isinstance(sleeve, SleeveClearance)
     return sleeve
 
 
 def socket(
-    radial: Any = None,
+    radial_clearance: Any = None,
     *,
-    diameter: Any = None,
+    ball_radius: Any = None,
     normal: AbstractNormalLaw | None = None,
     friction: AbstractFrictionLaw | None = None,
 ) -> SphericalClearance:
-    """The play of a ball: its `radial` clearance and `diameter` [m], and laws as `fitted` has them.
+    """The play of a ball: its `radial_clearance` and `ball_radius` [m], and laws as `fitted` has them.
 
     **Raises:** `ClearanceError` for what is missing, and for numbers that make no joint.
     """
-    check_sizes(radial=radial, diameter=diameter)
-    if radial is None or diameter is None:
-        raise ClearanceError("The play of a ball needs its `radial` clearance and its `diameter`. Give both.")
-    check_larger("diameter", diameter, "twice the radial clearance", 2 * radial, "or there is no ball")
-    return SphericalClearance(radial, diameter / 2, round_contact(radial) if normal is None else normal, friction)
+    check_sizes(radial_clearance=radial_clearance, ball_radius=ball_radius)
+    if radial_clearance is None or ball_radius is None:
+        raise ClearanceError("The play of a ball needs its `radial_clearance` and its `ball_radius`. Give both.")
+    check_larger("ball_radius", ball_radius, "the radial clearance", radial_clearance, "or there is no ball")
+    normal = round_contact(radial_clearance) if normal is None else normal
+    return SphericalClearance(radial_clearance, ball_radius, normal, friction)
 
 
 def guided(
-    side: Any = None,
+    side_clearance: Any = None,
     *,
     length: Any = None,
     height: Any = None,
@@ -151,59 +161,71 @@ def guided(
 
     **Arguments:**
 
-    - `side` clearance [m], to either side; `length` of the block, its `height` [m], by default as long; `width` [m]: by
+    - `side_clearance` [m], to either side; `length` of the block, its `height` [m], by default as long; `width` [m]: by
       default the guide holds it there. `guide_length`: what the block must fit in.
     - `normal`: by default the law of a corner of a steel block on a bronze guide, on whose sides all corners together
       have the stiffness of a flat punch; `friction`: by default none.
 
     **Raises:** `ClearanceError` for what is missing, and for numbers that make no joint.
     """
-    check_sizes(side=side, length=length, height=height, width=width, guide_length=guide_length)
-    if side is None or length is None:
-        raise ClearanceError("The play of a block needs its `side` clearance and its `length`. Give both.")
+    check_sizes(side_clearance=side_clearance, length=length, height=height, width=width, guide_length=guide_length)
+    if side_clearance is None or length is None:
+        raise ClearanceError("The play of a block needs its `side_clearance` and its `length`. Give both.")
     height = length if height is None else height
     if normal is None:
         breadth = height if width is None else width
         normal = flat_contact(length, breadth, 2 if width is None else 4)
-    return GuideClearance(side, length, height, normal, friction, width, guide_length=guide_length)
+    return GuideClearance(side_clearance, length, height, normal, friction, width, guide_length=guide_length)
 
 
 class PlayNumbers(TypedDict, total=False):
     """What a designer says of a play; a kind of joint takes some of it (`fitted`, `shaft`, `socket`, `guided`)."""
 
-    radial: Any
-    axial: Any
+    kind: str
+    radial_clearance: Any
+    axial_clearance: Any
+    pin_radius: Any
+    ball_radius: Any
     length: Any
-    diameter: Any
     fit: str | Fitting
     temperature: Any
-    side: Any
+    side_clearance: Any
     height: Any
     width: Any
     guide_length: Any
 
 
 class Preset(NamedTuple):
-    """How a kind of play is made of a designer's numbers, and which numbers of the joint these are: its field, and a
-    factor.
-    """
+    """How a kind of play is made of a designer's numbers: those that are `fields` of the joint, and further `words`."""
 
     make: Callable[..., AbstractClearance]
-    fields: Mapping[str, tuple[str, float]]
-    fits: bool = False
+    fields: tuple[str, ...]
+    words: tuple[str, ...] = ()
 
     @property
     def numbers(self) -> tuple[str, ...]:
         """What it takes."""
-        return (*self.fields, "fit", "temperature") if self.fits else tuple(self.fields)
+        return self.fields + self.words
+
+    def instead(self, name: str) -> str:
+        """What is to be given in the place of a number that it does not have."""
+        new = next((new for old, new in RENAMED if old == name and new in self.fields), None)
+        if new is None:
+            return suggest(name, self.numbers)
+        return f"It is called `{new}` now" + (", half of it." if name == "diameter" else ".")
 
 
-_ROUND = {"radial": ("radial_clearance", 1.0), "diameter": ("pin_radius", 0.5)}
-_LONG = _ROUND | {"length": ("length", 1.0)}
-PIN = Preset(fitted, _LONG | {"axial": ("axial_clearance", 1.0)}, fits=True)
-SHAFT = Preset(shaft, _LONG, fits=True)
-BALL = Preset(socket, _ROUND | {"diameter": ("ball_radius", 0.5)})
-GUIDE = Preset(
-    guided,
-    {"side": ("side_clearance", 1.0)} | {name: (name, 1.0) for name in ("length", "height", "width", "guide_length")},
+RENAMED = (
+    ("radial", "radial_clearance"),
+    ("axial", "axial_clearance"),
+    ("side", "side_clearance"),
+    ("diameter", "pin_radius"),
+    ("diameter", "ball_radius"),
 )
+"""Former names of numbers."""
+FIT = ("fit", "temperature")
+_ROUND = ("radial_clearance", "pin_radius", "length")
+PIN = Preset(fitted, (*_ROUND, "axial_clearance"), (*FIT, "kind"))
+SHAFT = Preset(shaft, _ROUND, FIT)
+BALL = Preset(socket, ("radial_clearance", "ball_radius"))
+GUIDE = Preset(guided, ("side_clearance", "length", "height", "width", "guide_length"))

@@ -1,43 +1,31 @@
-"""The plane revolute clearance joint: a pin in a round sleeve.
+"""The plane revolute clearance joint: a pin in a round sleeve, or in a worn one.
 
 The contact point lies on the sleeve's surface, P = R n with n = e/|e|; both wrenches act there, so momentum and power
-balance exactly. (Formulas that use the pin's own radius as its arm differ from this by the penetration.)
+balance exactly. (Formulas that use the pin's own radius as its arm differ from this by the penetration.) The bore of a
+worn sleeve is no circle (see `joints.bore`).
 """
 
+import dataclasses
 from typing import Any, ClassVar
 
 import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
 
 from clearance_jax._numerics import safe_unit
 from clearance_jax._types import Scalar
-from clearance_jax.joints._base import AbstractClearance, AbstractElement, ContactPoint, PlayCoordinate
+from clearance_jax.errors import ClearanceError
+from clearance_jax.joints._base import AbstractElement, ContactPoint, PlayCoordinate
+from clearance_jax.joints.bore import FEWEST, Bore, Modes
 from clearance_jax.joints.checks import warn_of_pin
 from clearance_jax.joints.fitting import Tolerance
+from clearance_jax.joints.pin import AbstractPin, depth_demand
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Material
 from clearance_jax.parameters import physical
 from clearance_jax.spatial import Vector, X, Y, dot, plus, scale, times
 
 
-def round_play(radial_clearance: Any) -> tuple[PlayCoordinate, PlayCoordinate]:
-    """The eccentricity of a pin: two slides along the sleeve's axes, of the scale of the radial clearance [m], of
-    whatever numbers these are.
-    """
-    return PlayCoordinate(".play_x", radial_clearance, slides=X), PlayCoordinate(".play_y", radial_clearance, slides=Y)
-
-
-def round_geometry(clearance: Any) -> Geometry:
-    """What laws may know of a round pin in a sleeve that was made round."""
-    return Geometry(
-        clearance.pin_radius,
-        clearance.sleeve_radius,
-        clearance.radial_clearance,
-        clearance.length,
-        clearance.pin_material,
-        clearance.sleeve_material,
-    )
-
-
-class RevoluteClearance(AbstractClearance):
+class RevoluteClearance(AbstractPin):
     """Radial play of a pin in a sleeve.
 
     **Arguments:**
@@ -47,8 +35,14 @@ class RevoluteClearance(AbstractClearance):
     - `normal`: the normal law.
     - `friction`: the friction law, or `None`: then no friction code is compiled.
     - `element`: what acts without touch (a film), or `None`.
-    - `length` of the contact [m], `pin_material`, `sleeve_material`: for laws that ask for them.
+    - `length` of the contact [m], over which wear and line contacts spread their force; `pin_material`,
+      `sleeve_material`: for laws that ask for them.
     - `tolerance`: between what the clearance lies as it is made, for who reads it.
+    - `depth`: by how much the sleeve is worn off [m], shape (sectors,), at least 16 of them: the first in the direction
+      of the sleeve's x, then around it evenly. `None`: the sleeve is round, and costs nothing more.
+    - `modes`: what is worn off too, by few numbers.
+
+    **Raises:** `ClearanceError` for depths or modes of other shapes.
     """
 
     radial_clearance: Scalar = physical(
@@ -62,35 +56,80 @@ class RevoluteClearance(AbstractClearance):
     pin_material: Material | None = None
     sleeve_material: Material | None = None
     tolerance: Tolerance | None = None
+    depth: Float[Array, "*batch sectors"] | None = physical("m", least=0.0, default=None)
+    modes: Modes | None = None
+    kind: ClassVar[str] = "pin"
     tangents: ClassVar[int] = 1
 
     def __check_init__(self):
-        warn_of_pin(self.radial_clearance, self.pin_radius)
+        if self.depth is None:
+            warn_of_pin(self.radial_clearance, self.pin_radius)
+        shape = () if self.depth is None else np.shape(self.depth)
+        if self.depth is not None and (len(shape) != 1 or shape[-1] < FEWEST):
+            raise ClearanceError(f"`depth` must be one number a sector, at least {FEWEST}, but it has shape {shape}.")
+        if self.modes is not None and np.shape(self.modes.shapes) != (*np.shape(self.modes.amounts), *shape):
+            raise ClearanceError("`modes` must have one number a sector of `depth` for each of their amounts.")
+
+    def demands(self):
+        return depth_demand(self)
 
     @property
-    def sleeve_radius(self) -> Scalar:
-        """Pin radius plus radial clearance [m]."""
-        return self.pin_radius + self.radial_clearance
+    def profile(self):
+        if self.depth is None or self.modes is None:
+            return self.depth
+        return self.depth + self.modes.amounts @ self.modes.shapes
 
     def play(self):
-        return round_play(self.radial_clearance)
+        """The eccentricity of the pin: two slides along the sleeve's axes."""
+        radial = self.radial_clearance
+        return PlayCoordinate(".play_x", radial, slides=X), PlayCoordinate(".play_y", radial, slides=Y)
 
     def geometry(self):
-        return round_geometry(self)
+        return Geometry(
+            self.pin_radius,
+            self.sleeve_radius,
+            self.radial_clearance,
+            self.length,
+            self.pin_material,
+            self.sleeve_material,
+        )
 
     def points(self, at):
-        distance, nx, ny = safe_unit(jnp.asarray(at.place[0], float), jnp.asarray(at.place[1], float))
-        normal: Vector = (nx, ny, 0.0)
+        x, y = (jnp.asarray(c, float) for c in at.place[:2])
+        if self.depth is None:
+            distance, nx, ny = safe_unit(x, y)
+            depth, normal = distance - self.radial_clearance, (nx, ny, 0.0)
+            reach = self.sleeve_radius - distance
+        else:
+            depth, gx, gy = self._bore.depth_at(x, y)
+            _, nx, ny = safe_unit(gx, gy)
+            normal = (gx, gy, 0.0)
+            # From the pin's centre along the force: it has no moment about a round pin.
+            reach = self.pin_radius - depth
         tangent: Vector = (-ny, nx, 0.0)
-        reach = self.sleeve_radius - distance
         return ContactPoint(
-            penetration=distance - self.radial_clearance,
+            penetration=depth,
             penetration_rate=jnp.asarray(dot(normal, at.velocity)),
             slip=(jnp.asarray(plus(dot(tangent, at.velocity), times(reach, at.spin[2]))),),
             normal=normal,
             tangents=(tangent,),
-            arm=scale(reach, normal),
+            arm=scale(reach, (nx, ny, 0.0)),
         )
 
     def travel(self, along):
-        return self.radial_clearance
+        if self.depth is None:
+            return self.radial_clearance
+        x, y = (jnp.asarray(c, float) for c in along[:2])
+        return self._bore.distance(x, y, jnp.zeros(()))
+
+    def pressed(self, along, depth):
+        if self.depth is None:
+            return scale(self.radial_clearance + depth, along)
+        return (*self._bore.seat(along, depth), 0.0)
+
+    @property
+    def _bore(self) -> Bore:
+        return Bore(self.radial_clearance, self.profile)
+
+    def worn(self, depth: Any) -> "RevoluteClearance":
+        return dataclasses.replace(self, depth=jnp.asarray(depth, float), modes=None)

@@ -10,6 +10,7 @@ exactly, tilted too. What is left out is of second order in the tilt: a tilted p
 A worn sleeve has a bore of its own at every station (see `joints.bore`).
 """
 
+import dataclasses
 from typing import Any, ClassVar, Literal, NamedTuple
 
 import jax
@@ -21,9 +22,10 @@ from clearance_jax._numerics import safe_unit
 from clearance_jax._sharing import kept
 from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError, quoted
-from clearance_jax.joints._base import AbstractClearance, AbstractElement, ContactPoint, PlayCoordinate, Relative
+from clearance_jax.joints._base import AbstractElement, ContactPoint, PlayCoordinate, Relative
 from clearance_jax.joints.bore import FEWEST, Bore
 from clearance_jax.joints.fitting import Tolerance
+from clearance_jax.joints.pin import AbstractPin, Sections, depth_demand
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Material
 from clearance_jax.parameters import Demand, described, physical
 from clearance_jax.spatial import Vector, X, Y, Z, add, dot, is_zero, minus, plus, scale, subtract, times
@@ -43,7 +45,7 @@ class Meeting(NamedTuple):
     arm: Vector
 
 
-class SleeveClearance(AbstractClearance):
+class SleeveClearance(AbstractPin):
     """Radial play, tilt and axial play of a pin in a sleeve.
 
     **Arguments:**
@@ -66,7 +68,7 @@ class SleeveClearance(AbstractClearance):
 
     radial_clearance: Scalar = physical("m", above=0.0, help="sleeve radius minus pin radius", example='"0.1 mm"')
     pin_radius: Scalar = physical("m", above=0.0, help="radius of the pin", example='"10 mm"')
-    length: Scalar = physical("m", above=0.0, help="length of the sleeve", example='"40 mm"')
+    length: Scalar = physical("m", above=0.0, help="length of the contact along the sleeve", example='"40 mm"')
     normal: AbstractNormalLaw
     friction: AbstractFrictionLaw | None = None
     axial_clearance: Scalar | None = physical(
@@ -93,6 +95,7 @@ class SleeveClearance(AbstractClearance):
     sleeve_material: Material | None = None
     tolerance: Tolerance | None = None
     depth: Float[Array, "*batch stations sectors"] | None = physical("m", least=0.0, default=None)
+    kind: ClassVar[str] = "sleeve"
     tangents: ClassVar[int] = 2
 
     def __check_init__(self):
@@ -120,8 +123,7 @@ class SleeveClearance(AbstractClearance):
         why = "a shorter sleeve lets its pin tilt so far that its section is not round"
         holds = self.length**2 > square
         yield Demand("length", holds, lambda: f"must be greater than {np.sqrt(square):.3g} m: {why}")
-        if self.depth is not None:
-            yield Demand("depth", (self.depth < radius).all(), lambda: f"must be below the pin's radius, {radius:g} m")
+        yield from depth_demand(self)
         if self.collar_radius is not None:
             bore = radius + clearance
             yield Demand("collar_radius", self.collar_radius > bore, lambda: f"must be above the bore's {bore:g} m")
@@ -129,11 +131,6 @@ class SleeveClearance(AbstractClearance):
     @property
     def count(self) -> int:
         return self.stations + (0 if self.axial_clearance is None else self.ring)
-
-    @property
-    def sleeve_radius(self) -> Scalar:
-        """Pin radius plus radial clearance [m]."""
-        return self.pin_radius + self.radial_clearance
 
     @property
     def largest_tilt(self) -> Any:
@@ -200,8 +197,20 @@ class SleeveClearance(AbstractClearance):
         slope = self._slope(at)
         return scale(heights - jnp.asarray(at.place[2], float), slope), slope
 
-    def centres(self, at: Relative) -> Float[Array, "stations 2"]:
-        """Where the pin's centre is in the section of every station [m]."""
+    @property
+    def section_count(self):
+        return self.stations
+
+    def sections(self):
+        """The stations, each with its share of the length."""
+        places, weights = lobatto(self.stations)
+        return Sections(self.geometry(), 0.5 * self.length * places, self.length * jnp.asarray(weights))
+
+    def worn(self, depth: Any) -> "SleeveClearance":
+        depth = jnp.asarray(depth, float)
+        return dataclasses.replace(self, depth=depth if depth.ndim > 1 else jnp.tile(depth, (self.stations, 1)))
+
+    def centres(self, at):
         places, _ = lobatto(self.stations)
         x, y, _ = add(at.place, self._axis(at, places)[0])
         return jnp.stack([jnp.broadcast_to(jnp.asarray(c, float), places.shape) for c in (x, y)], axis=-1)

@@ -212,10 +212,11 @@ class Mechanism(Parametrised):
         **Arguments:** the whole `clearance`; or of an ideal joint a designer's numbers [m, K], with laws as usual (of
         a steel pin, ball or block in bronze):
 
-        - of a revolute joint `radial` (or a `fit` such as "H7/g6", and the `temperature` at which it runs), `diameter`,
-          `length` and `axial` (see `joints.fitted`); of a cylindrical one the same without `axial` (`joints.shaft`);
-        - of a spherical one `radial` and `diameter` (`joints.socket`);
-        - of a prismatic one `side`, `length`, `height`, `width` and `guide_length` (`joints.guided`);
+        - of a revolute joint `radial_clearance` (or a `fit` such as "H7/g6", and the `temperature` at which it runs),
+          `pin_radius`, `length`, and of the `kind` "sleeve" `axial_clearance` (see `joints.fitted`); of a cylindrical
+          one a sleeve's without `axial_clearance` (`joints.shaft`);
+        - of a spherical one `radial_clearance` and `ball_radius` (`joints.socket`);
+        - of a prismatic one `side_clearance`, `length`, `height`, `width` and `guide_length` (`joints.guided`);
 
         or, of a joint that has clearance, those of its numbers that are to be others.
 

@@ -6,20 +6,19 @@ from typing import Any
 
 import equinox as eqx
 
-from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import (
     BALL,
     GUIDE,
     PIN,
     SHAFT,
     AbstractClearance,
+    AbstractPin,
     Preset,
-    RevoluteClearance,
-    SleeveClearance,
     Tolerance,
 )
 from clearance_jax.joints.checks import check_sizes
-from clearance_jax.joints.presets import made
+from clearance_jax.joints.presets import FIT, made
 from clearance_jax.mechanism.compounds import Cylindrical, Spherical
 from clearance_jax.mechanism.tree import AbstractJoint, AbstractPlayed, Prismatic, Revolute
 from clearance_jax.parameters import check_demands, replace
@@ -60,9 +59,7 @@ def _made(joint: AbstractPlayed, numbers: Mapping[str, Any]) -> Any:
         raise ClearanceError(f"Joint `{joint.name}` is of a kind that is given its whole clearance only.")
     for name in numbers:
         if name not in preset.numbers:
-            raise ClearanceError(
-                f"The play of joint `{joint.name}` has no number `{name}`. " + suggest(name, preset.numbers)
-            )
+            raise ClearanceError(f"The play of joint `{joint.name}` has no number `{name}`. " + preset.instead(name))
     if joint.clearance is not None:
         return _changed(joint, preset, numbers)
     if not numbers:
@@ -74,23 +71,26 @@ def _made(joint: AbstractPlayed, numbers: Mapping[str, Any]) -> Any:
 def _changed(joint: AbstractPlayed, preset: Preset, numbers: Mapping[str, Any]) -> Any:
     """The joint's own clearance with other numbers."""
     own: Any = joint.clearance
-    sizes = {name: value for name, value in numbers.items() if name not in ("fit", "temperature")}
+    sizes = {name: value for name, value in numbers.items() if name in preset.fields}
     check_sizes(**sizes)
-    if len(sizes) < len(numbers):
-        if not isinstance(own, RevoluteClearance | SleeveClearance):
+    kind = getattr(own, "kind", type(own).__name__)
+    if numbers.get("kind", kind) != kind:
+        raise ClearanceError(f"Joint `{joint.name}` has play of another kind, `{kind}`. Give it a whole clearance.")
+    if any(word in numbers for word in FIT):
+        if not isinstance(own, AbstractPin):
             raise ClearanceError(f"The clearance of joint `{joint.name}` is of a kind that has no `fit`.")
-        diameter = sizes.get("diameter", 2 * own.pin_radius)
-        sizes["radial"], tolerance = made(sizes.get("radial"), diameter, numbers.get("fit"), numbers.get("temperature"))
+        fit = numbers.get("fit"), numbers.get("temperature")
+        radius = sizes.get("pin_radius", own.pin_radius)
+        sizes["radial_clearance"], tolerance = made(sizes.get("radial_clearance"), radius, *fit)
         own = _made_between(own, tolerance)
-    elif {"radial", "diameter"} & sizes.keys() and getattr(own, "tolerance", None) is not None:
+    elif {"radial_clearance", "pin_radius"} & sizes.keys() and getattr(own, "tolerance", None) is not None:
         own = _made_between(own, None)  # of a fit that these numbers are not of any more
     for name in sizes:
-        if getattr(own, preset.fields[name][0], None) is None:
+        if getattr(own, name, None) is None:
             raise ClearanceError(
                 f"The clearance of joint `{joint.name}` has no `{name}` to be replaced. Give it a whole clearance."
             )
-    fields = {field: value * factor for name, value in sizes.items() for field, factor in [preset.fields[name]]}
-    return replace(own, fields)
+    return replace(own, sizes)
 
 
 def _made_between(clearance: Any, tolerance: Tolerance | None) -> Any:

@@ -76,9 +76,9 @@ def check_tilting(bodies: Sequence[Body], joints: Sequence[AbstractJoint]) -> No
         if body.name in tilted and body.inertia is not None and not isinstance(body.inertia, Inertia):
             joint = tilted[body.name]
             key = _tilting(joint)
-            own = " (a bearing of an arm's joint too)" if key == "length" else ""
+            what = "has a `width`" if key == "width" else "is a sleeve (a bearing of an arm's joint too)"
             raise ClearanceError(
-                f"Joint `{joint.name}` has a `{key}`{own}, so that what it carries may turn out of the plane, but body "
+                f"Joint `{joint.name}` {what}, so that what it carries may turn out of the plane, but body "
                 f"`{body.name}` has one moment of inertia (about z). Leave `{key}` out, or give the body three or six "
                 "moments (xx, yy, zz, xy, xz, yz)."
             )
@@ -88,7 +88,7 @@ def _tilting(joint: AbstractJoint) -> str | None:
     """The number of a joint's play by which it leaves the plane, where it stays there without play."""
     if not isinstance(joint, AbstractPlayed) or joint.clearance is None or joint.is_plane:
         return None
-    key = "width" if isinstance(joint, Prismatic) else "length"
+    key = "width" if isinstance(joint, Prismatic) else "kind"
     ideal: Any = dataclasses.replace(joint, clearance=None, eccentricity=Position())
     return key if ideal.is_plane and getattr(joint.clearance, key, None) is not None else None
 

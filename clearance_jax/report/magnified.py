@@ -22,7 +22,6 @@ HALF_ANGLE, TRAIL = 0.35, 150
 # Of a joint's class the numbers that say how large it is, and how much play it has.
 SIZES = {
     "RevoluteClearance": ("pin_radius", "radial_clearance"),
-    "WornRevoluteClearance": ("pin_radius", "radial_clearance"),
     "SleeveClearance": ("pin_radius", "radial_clearance"),
     "SphericalClearance": ("ball_radius", "radial_clearance"),
     "GuideClearance": ("height", "side_clearance"),
@@ -92,7 +91,7 @@ def joint_of(dataset: xr.Dataset, name: str, factor: float | None = None) -> Joi
     turn = dataset["q"].sel(coordinate=name).values if name in drawn and not block else None
     factor = factor or round_factor(SHOWN * radius / clearance)
     found = Joint(here["eccentricity"].values, tilt, turn, radius, clearance, factor)
-    if kind(dataset, name) == "WornRevoluteClearance":
+    if kind(dataset, name) == "RevoluteClearance" and worn_depth(dataset, name).any():
         return found._replace(depth=worn_depth(dataset, name)[0], outline=outline(dataset, name))
     if kind(dataset, name) == "SleeveClearance":
         return found._replace(

@@ -41,7 +41,7 @@ def play(dataset: xr.Dataset, edges: bool = False) -> Figure:
     joints = [str(name) for name in dataset["joint"].values] if "joint" in dataset.coords else []
     if not joints:
         raise ClearanceError("There is nothing to draw: no joint of this result has clearance.")
-    plane = [joint for joint in joints if kind(dataset, joint) in PLANE]
+    plane = [joint for joint in joints if kind(dataset, joint) == PLANE]
     orbits_of = [_stations(dataset, joint, edges) for joint in joints if kind(dataset, joint) == SLEEVE]
     orbits_of += [[orbit for joint in plane for orbit in _stations(dataset, joint)]] if plane else []
     heights = [0.9 + 0.55 * len(joints), *(0.7 + 2.8 * -(-len(group) // ROW) for group in orbits_of)]

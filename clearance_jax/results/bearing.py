@@ -28,7 +28,7 @@ class Spans(NamedTuple):
         return float(np.sum(lasts[chosen]) / np.sum(lasts))
 
 
-PLANE = "RevoluteClearance", "WornRevoluteClearance"
+PLANE = "RevoluteClearance"
 """What a pin in a plane sleeve is."""
 
 
@@ -116,7 +116,7 @@ def stations(dataset: xr.Dataset, joint: str) -> Stations:
 
     **Raises** `ClearanceError` of a joint that is no pin in a sleeve.
     """
-    if kind(dataset, require_joint(dataset, joint)) not in (*PLANE, "SleeveClearance"):
+    if kind(dataset, require_joint(dataset, joint)) not in (PLANE, "SleeveClearance"):
         raise ClearanceError(f"`{joint}` has no pin in a sleeve: it is a {kind(dataset, joint) or 'joint unknown'}.")
     names = [("time", "eccentricity", "pin_tilt")]
     if "step_time" in dataset:

@@ -1,25 +1,33 @@
 """Wear of pins and sleeves: laws, pressures, what wears off along a motion and over a life."""
 
 from clearance_jax.wear.after import AbstractAged, AfterWear
-from clearance_jax.wear.contacts import Contacts, Sleeve, contacts, sleeve_of
+from clearance_jax.wear.contacts import Contacts, contacts, sections_of
 from clearance_jax.wear.criteria import AbstractCriterion, Deepest, Exceeds, ImpactSpeed
+from clearance_jax.wear.history import WearHistory, march, simulate_wear
 from clearance_jax.wear.laws import (
     AbstractWearLaw,
     Archard,
     Graded,
     Reye,
-    Rubbing,
     RunningIn,
+    SlidingState,
     Threshold,
     archard,
     reye,
 )
-from clearance_jax.wear.life import Life, life, march
-from clearance_jax.wear.lives import Failures, Lives, lives
-from clearance_jax.wear.pressure import AbstractPressure, Foundation, HertzLine, Pressed, Section, Uniform, foundation
+from clearance_jax.wear.model import WearModel
+from clearance_jax.wear.pressure import (
+    AbstractPressure,
+    Foundation,
+    HertzLine,
+    Section,
+    SectionLoad,
+    Uniform,
+    foundation,
+)
 from clearance_jax.wear.record import to_dataset
 from clearance_jax.wear.sectors import SectorsWarning
-from clearance_jax.wear.wearing import Wearing
+from clearance_jax.wear.service import Failures, ServiceLives, service_lives
 from clearance_jax.wear.worn import Wear, wear, worn
 
 __all__ = [
@@ -37,27 +45,26 @@ __all__ = [
     "Graded",
     "HertzLine",
     "ImpactSpeed",
-    "Life",
-    "Lives",
-    "Pressed",
     "Reye",
-    "Rubbing",
     "RunningIn",
     "Section",
+    "SectionLoad",
     "SectorsWarning",
-    "Sleeve",
+    "ServiceLives",
+    "SlidingState",
     "Threshold",
     "Uniform",
     "Wear",
-    "Wearing",
+    "WearHistory",
+    "WearModel",
     "archard",
     "contacts",
     "foundation",
-    "life",
-    "lives",
     "march",
     "reye",
-    "sleeve_of",
+    "sections_of",
+    "service_lives",
+    "simulate_wear",
     "to_dataset",
     "wear",
     "worn",

@@ -14,17 +14,17 @@ from clearance_jax._module import Module
 from clearance_jax._types import Scalar
 from clearance_jax.ask.lanes import answer
 from clearance_jax.ask.question import Question
-from clearance_jax.errors import ClearanceError, Unlivable
+from clearance_jax.errors import ClearanceError, WearFailure
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMeasure, AbstractMetric, as_metric
 from clearance_jax.parameters import check_values, flattened, physical, replace, values_of
 from clearance_jax.solve.settings import settings_of
 from clearance_jax.wear.criteria import Exceeds
+from clearance_jax.wear.history import march
 from clearance_jax.wear.laws import AbstractWearLaw
-from clearance_jax.wear.life import march
-from clearance_jax.wear.lives import Lives, lives
+from clearance_jax.wear.model import WearModel
 from clearance_jax.wear.pressure import AbstractPressure
-from clearance_jax.wear.wearing import Wearing
+from clearance_jax.wear.service import ServiceLives, service_lives
 
 
 class AbstractAged(AbstractMeasure):
@@ -45,14 +45,14 @@ class AbstractAged(AbstractMeasure):
         **Arguments:** `values`: of the numbers of its `model`, by name; `by`: names; `options` as `simulate`'s, without
         `save_at`.
 
-        **Raises:** `WornOut` for parts that do not come to such an age, `Unlivable` for those whose numbers are out of
-        bounds or whose wear cannot be followed.
+        **Raises:** `WornThrough` for parts that do not come to such an age, `WearFailure` for those whose numbers are
+        out of bounds or whose wear cannot be followed.
         """
 
     @abc.abstractmethod
     def lives(
         self, mechanism: Mechanism, values: Mapping[str, Any], t1: float, bound: float, most: int, **options: Any
-    ) -> Lives:
+    ) -> ServiceLives:
         """After how many cycles, of at most so many, the metric of the motion to `t1` [s] has come to the bound, of
         each of the `values` by name, (n,).
         """
@@ -64,9 +64,9 @@ class AfterWear(AbstractAged):
     A `design.Limit` on it holds as new and worn: `cycles=(0, 1000, 2000)`. It is no metric of one motion: it is asked
     by `of`, and has its derivatives from there.
 
-    **Arguments:** `joint`, `wear` (the law), `pressure` and `cycle` [s] as of `life`; `cycles`: at least 0, ascending;
-    `sectors`: the same for all designs, by default as many as the patch of the first cycle of the mechanism that is
-    designed needs, and warned of where a design needs more; `tolerance`: of the march.
+    **Arguments:** `joint`, `wear` (the law), `pressure` and `cycle` [s] as of a `WearModel`; `cycles`: at least 0,
+    ascending; `sectors`: the same for all designs, by default as many as the patch of the first cycle of the mechanism
+    that is designed needs, and warned of where a design needs more; `tolerance`: of the march.
 
     **Raises:** `ClearanceError` for cycles in another order.
     """
@@ -110,35 +110,35 @@ class AfterWear(AbstractAged):
     def finer(self, factor: float) -> "AfterWear":
         return dataclasses.replace(self, tolerance=self.tolerance / factor)
 
-    def model(self, mechanism: Mechanism) -> Wearing:
+    def model(self, mechanism: Mechanism) -> WearModel:
         """The joint that wears, whose numbers have names: "wear.coefficient" of the law, "pressure.stiffness"."""
-        return Wearing(self.wear, self.pressure, self.joint, self.cycle, mechanism)
+        return WearModel(mechanism, self.joint, self.wear, self.pressure, self.cycle)
 
     def _sectors(self, mechanism: Mechanism, options: Mapping[str, Any]) -> int:
         """The number for all values of the mechanism's numbers: by those that it has itself."""
         return self.sectors or self.model(mechanism).sectors(dict(options))
 
     def of(self, mechanism, values, t1, by=(), **options):
-        wearing: Wearing = replace(self.model(mechanism), values)
+        model: WearModel = replace(self.model(mechanism), values)
         try:
-            check_values(wearing)
+            check_values(model)
         except ClearanceError as error:
-            raise Unlivable(error) from None
-        names, begin = tuple(by), wearing.begin(self._sectors(mechanism, options))
+            raise WearFailure(error) from None
+        names, begin = tuple(by), model.begin(self._sectors(mechanism, options))
         stack = np.concatenate([begin[None], np.zeros((len(names), begin.size))])
-        solve, now = settings_of(wearing.mechanism, t1, options), list(values_of(wearing, names).values())
+        solve, now = settings_of(model.mechanism, t1, options), list(values_of(model, names).values())
         found, done = [], 0
         for cycles in self.cycles:
             if cycles > done:
 
                 def rate(stack, after, done=done):
-                    return wearing.cycle_wears(stack, names, done + after, dict(options))
+                    return model.cycle_wears(stack, names, done + after, dict(options))
 
                 leg = march(rate, stack, cycles - done, tolerance=self.tolerance)
                 assert leg.slopes is not None
                 stack, done = np.concatenate([leg.depth[-1:], leg.slopes[-1]]), cycles
-            model = Worn(names, jnp.asarray(stack), jnp.asarray(now, float), wearing)
-            one = answer(Question(model, {"": self.metric}, t1, solve, names))
+            worn = Worn(names, jnp.asarray(stack), jnp.asarray(now, float), model)
+            one = answer(Question(worn, {"": self.metric}, t1, solve, names))
             value = np.ravel(one.values[""])
             found.append((value, np.reshape(one.slopes[""], (value.size, -1)) if names else np.zeros((value.size, 0))))
         values_, slopes = zip(*found, strict=True)
@@ -147,25 +147,24 @@ class AfterWear(AbstractAged):
     def lives(self, mechanism, values, t1, bound, most, **options):
         until = Exceeds(self.metric, bound, t1, dict(options))
         how = {"sectors": self._sectors(mechanism, options), "tolerance": self.tolerance, **options}
-        given = mechanism, self.joint, self.wear, self.pressure, float(self.cycle), most
-        return lives(*given, values, until=until, **how)
+        return service_lives(self.model(mechanism), most, values, until=until, **how)
 
 
 class Worn(Module):
-    """A joint that wears, after so many cycles: a model of the numbers of `wearing`, of which those in `names` move the
+    """A joint that wears, after so many cycles: a model of the numbers of `model`, of which those in `names` move the
     profile too. `stack`: the profile where these have the values `at`, and below it its derivatives by each.
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
     stack: Array
     at: Array
-    wearing: Wearing = flattened()
+    model: WearModel = flattened()
 
     @property
     def mechanism(self) -> Mechanism:
         """With its joint worn."""
         if not self.names:
-            return self.wearing.at(self.stack[0])
+            return self.model.at(self.stack[0])
         sizes = jnp.where(self.at == 0, 1.0, jnp.abs(self.at))
-        shares = (jnp.stack(list(values_of(self.wearing, self.names).values())) - self.at) / sizes
-        return self.wearing.worn_by(self.stack[0], self.stack[1:] * sizes[:, None], shares).mechanism
+        shares = (jnp.stack(list(values_of(self.model, self.names).values())) - self.at) / sizes
+        return self.model.worn_by(self.stack[0], self.stack[1:] * sizes[:, None], shares).mechanism

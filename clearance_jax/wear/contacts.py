@@ -19,9 +19,7 @@ from clearance_jax._types import Scalar
 from clearance_jax.dynamics.field import slope
 from clearance_jax.dynamics.kinematics import relative_motions
 from clearance_jax.errors import ClearanceError, suggest
-from clearance_jax.joints import AbstractClearance, Relative, SleeveClearance
-from clearance_jax.joints.sleeve import lobatto
-from clearance_jax.laws import Geometry
+from clearance_jax.joints import AbstractPin, Relative, Sections
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.solve.interpolate import between
@@ -36,52 +34,39 @@ CHUNK = 64
 
 class Contacts(NamedTuple):
     """What rubs when: nodes in `time` [s] with the time each stands for, `weight` [s], shape (times,); and there, of
-    every station along the sleeve, the normal `force` [N], at least 0, the `angle` of its direction around the sleeve
+    every section of the sleeve, the normal `force` [N], at least 0, the `angle` of its direction around the sleeve
     [rad], the `speed` of the pin's surface on the sleeve's [m/s], the `traction` ratio |T| / N and the `place` of the
-    pin's centre [m], shape (times, stations), a place one axis more; and by how much the pin is turned in its sleeve,
+    pin's centre [m], shape (times, sections), a place one axis more; and by how much the pin is turned in its sleeve,
     `turn` [rad], shape (times,) (`None`: not at all).
     """
 
     time: Float[Array, " times"]
     weight: Float[Array, " times"]
-    force: Float[Array, "times stations"]
-    angle: Float[Array, "times stations"]
-    speed: Float[Array, "times stations"]
-    traction: Float[Array, "times stations"]
-    place: Float[Array, "times stations 2"]
+    force: Float[Array, "times sections"]
+    angle: Float[Array, "times sections"]
+    speed: Float[Array, "times sections"]
+    traction: Float[Array, "times sections"]
+    place: Float[Array, "times sections 2"]
     turn: Float[Array, " times"] | None = None
 
 
-class Sleeve(NamedTuple):
-    """A sleeve that wears: what laws know of it, with the length of the whole; its stations' `heights` along its axis
-    [m] and `lengths` [m], shape (stations,).
-    """
-
-    geometry: Geometry
-    heights: Array
-    lengths: Array
-
-
-def sleeve_of(mechanism: Mechanism, joint: str) -> Sleeve:
+def sections_of(mechanism: Mechanism, joint: str) -> Sections:
     """What of a joint wears. **Raises** `ClearanceError` for a joint that is no pin in a sleeve, or has no length."""
-    clearance = _clearance(mechanism, joint).clearance.joint
-    if isinstance(clearance, SleeveClearance):
-        places, weights = lobatto(clearance.stations)
-        return Sleeve(clearance.geometry(), 0.5 * clearance.length * places, clearance.length * jnp.asarray(weights))
-    geometry = clearance.geometry()
-    if geometry.length is None:
-        raise ClearanceError(f"The depth of wear in `{joint}` depends on the length of its contact: give it `length`.")
-    return Sleeve(geometry, jnp.zeros(1), jnp.reshape(geometry.length, (1,)))
+    pin = pin_of(mechanism, joint)
+    try:
+        return pin.sections()
+    except ClearanceError as error:
+        raise ClearanceError(f"Joint `{joint}`: {error}") from None
 
 
-def _clearance(mechanism: Mechanism, name: str):
-    mechanism = mechanism.prepared()
-    known = {joint.name: joint for joint in mechanism.clearance_joints()}
+def pin_of(mechanism: Mechanism, name: str) -> AbstractPin:
+    """The clearance of a joint. **Raises** `ClearanceError` for a joint that is no pin in a sleeve."""
+    known = {joint.name: joint.clearance for joint in mechanism.clearance_joints()}
     if name not in known:
         raise ClearanceError(f"There is no clearance joint `{name}`. {suggest(name, known)}")
-    if known[name].clearance.joint.play()[0].suffix != ".play_x":
+    if not isinstance(pin := known[name], AbstractPin):
         raise ClearanceError(f"`{name}` is no pin in a sleeve: its wear is not known.")
-    return known[name]
+    return pin
 
 
 def contacts(trace: Trace, joint: str, parts: int = 1) -> Contacts:
@@ -90,7 +75,7 @@ def contacts(trace: Trace, joint: str, parts: int = 1) -> Contacts:
     **Raises:** `ClearanceError` for a joint that is no pin in a sleeve.
     """
     mechanism = trace.solution.mechanism
-    _clearance(mechanism, joint)
+    pin_of(mechanism, joint)
     size, count = layout(mechanism).size, trace.time.size - 1
     time, y = np.asarray(trace.time), np.asarray(trace.y)[:, :size]
     found = []
@@ -116,7 +101,7 @@ def looked(mechanism: Mechanism, joint: str, times: Array, states: Array) -> Con
 
 def largest_swing(seen: Contacts, angle: Array, allowed: Array, parts: int) -> Array:
     """By how much, at most, a patch at an angle moves from one node to the next of its step, over what is allowed at
-    the one or the other; shape (times, stations) each.
+    the one or the other; shape (times, sections) each.
     """
 
     def by_step(values):
@@ -144,7 +129,7 @@ def _look(mechanism: Mechanism, name: str, times: Array, states: Array, parts: i
     plan, joints = layout(mechanism), ready.clearance_joints()
     index = [joint.name for joint in joints].index(name)
     clearance = joints[index].clearance
-    stations = clearance.joint.stations if isinstance(clearance.joint, SleeveClearance) else 1
+    pin = clearance.joint
 
     def of_step(t0: Scalar, t1: Scalar, y0: Array, y1: Array):
         h = t1 - t0
@@ -162,7 +147,7 @@ def _look(mechanism: Mechanism, name: str, times: Array, states: Array, parts: i
 
         def slip(x):
             here, _ = at(x)
-            return jnp.ravel(jnp.asarray(clearance.joint.points(here).slip[0]))[0]
+            return pin.by_section(pin.points(here).slip[0])[0]
 
         def halved(_, bracket):
             low, high = bracket
@@ -179,11 +164,9 @@ def _look(mechanism: Mechanism, name: str, times: Array, states: Array, parts: i
 
         def node(x, weight):
             here, memory = at(x)
-            points, points_do = clearance.joint.points(here), clearance.act(here, memory).points
-            normal, force, traction, slips = jax.tree.map(
-                lambda z: jnp.ravel(jnp.asarray(z, float))[:stations],
-                (points.normal[:2], points_do.normal_force, points_do.traction, points_do.slip),
-            )
+            points, points_do = pin.points(here), clearance.act(here, memory).points
+            numbers = points.normal[:2], points_do.normal_force, points_do.traction, points_do.slip
+            normal, force, traction, slips = pin.by_section(numbers)
             pressed = force > 0
             rubs = safe_sqrt(sum(z * z for z in traction)) / jnp.where(pressed, force, 1.0)
             # The gradient of a penetration is shorter than one where a profile is rounded over its sectors.
@@ -191,19 +174,12 @@ def _look(mechanism: Mechanism, name: str, times: Array, states: Array, parts: i
             angle = jnp.where(pressed, jnp.arctan2(normal[1], normal[0]), 0.0)
             speed = safe_sqrt(sum(z * z for z in slips))
             rubs = jnp.where(pressed, rubs, 0.0)
-            return Contacts(t0 + x * h, weight, borne, angle, speed, rubs, _places(here, clearance.joint), _turn(here))
+            return Contacts(t0 + x * h, weight, borne, angle, speed, rubs, pin.centres(here), _turn(here))
 
         return jax.vmap(node)(places, weights)
 
     seen = jax.vmap(of_step)(times[:-1], times[1:], states[:-1], states[1:])
     return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), seen)
-
-
-def _places(here: Relative, joint: AbstractClearance) -> Array:
-    """Where the pin's centre is in each station's section."""
-    if isinstance(joint, SleeveClearance):
-        return joint.centres(here)
-    return jnp.stack([jnp.asarray(c, float) for c in here.place[:2]])[None]
 
 
 def _turn(here: Relative) -> Array:

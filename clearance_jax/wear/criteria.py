@@ -20,7 +20,8 @@ from clearance_jax.parameters import physical
 from clearance_jax.results.dataset import to_dataset
 from clearance_jax.solve.settings import settings_of
 from clearance_jax.solve.trace import trace
-from clearance_jax.wear.wearing import Wearing
+from clearance_jax.wear.contacts import pin_of
+from clearance_jax.wear.model import WearModel
 
 
 class AbstractCriterion(Module):
@@ -62,8 +63,7 @@ class Deepest(AbstractCriterion):
         return "m"
 
     def value(self, mechanism, joint):
-        clearance: Any = mechanism.joint(joint)
-        return jnp.max(clearance.clearance.profile)
+        return jnp.max(pin_of(mechanism, joint).profile)
 
 
 class Exceeds(AbstractCriterion):
@@ -126,8 +126,7 @@ class Of(AbstractCriterion):
         return "function of the profile"
 
     def value(self, mechanism, joint):
-        clearance: Any = mechanism.joint(joint)
-        return jnp.asarray(self.function(clearance.clearance.profile), float)
+        return jnp.asarray(self.function(pin_of(mechanism, joint).profile), float)
 
 
 def criterion_of(until: Any) -> AbstractCriterion | None:
@@ -135,19 +134,19 @@ def criterion_of(until: Any) -> AbstractCriterion | None:
     return until if until is None or isinstance(until, AbstractCriterion) else Of(function=until)
 
 
-def end_slopes(criterion: AbstractCriterion, wearing: Wearing, names: tuple[str, ...], stack: Array) -> Array:
+def end_slopes(criterion: AbstractCriterion, model: WearModel, names: tuple[str, ...], stack: Array) -> Array:
     """Derivatives of the cycle at which a criterion is reached by the named numbers, shape (names,).
 
     Where g(h(n, a), a) = 0 stays so, dn/da = -(dg/da) / (dg/dn); stack: the profile there, its derivatives by each of
     the numbers, and by n.
     """
-    *slopes, grows = _slopes(criterion, wearing, names, stack)
-    return -jnp.asarray(slopes) / wearing.sizes(names) / grows
+    *slopes, grows = _slopes(criterion, model, names, stack)
+    return -jnp.asarray(slopes) / model.sizes(names) / grows
 
 
 @eqx.filter_jit
-def _slopes(criterion: AbstractCriterion, wearing: Wearing, names: tuple[str, ...], stack: Array) -> Array:
+def _slopes(criterion: AbstractCriterion, model: WearModel, names: tuple[str, ...], stack: Array) -> Array:
     def of(shares):
-        return criterion.beyond(wearing.shifted(names, stack, shares).mechanism, wearing.joint)
+        return criterion.beyond(model.shifted(names, stack, shares).mechanism, model.joint)
 
     return jax.jacfwd(of)(jnp.zeros(len(names) + 1))

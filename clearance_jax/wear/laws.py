@@ -20,7 +20,7 @@ from clearance_jax.units import to_si
 COEFFICIENT = "1/Pa"
 
 
-class Rubbing(NamedTuple):
+class SlidingState(NamedTuple):
     """What happens at places of a surface, arrays of one shape or numbers: `pressure` [Pa], at least 0, `speed` of the
     other surface on it [m/s], at least 0, the `traction` ratio |T| / N there, `time` that the joint has run [s].
     """
@@ -35,7 +35,7 @@ class AbstractWearLaw(Parametrised):
     """A law of wear."""
 
     @abc.abstractmethod
-    def rate(self, at: Rubbing) -> Array:
+    def rate(self, at: SlidingState) -> Array:
         """The rate at which the surface wears off [m/s], at least 0."""
 
     @property

@@ -48,7 +48,7 @@ class Section(NamedTuple):
         return self.geometry.sleeve_radius * (2 * np.pi / self.sectors)
 
 
-class Pressed(NamedTuple):
+class SectionLoad(NamedTuple):
     """A normal force per length [N/m] on the sleeve, its direction [rad], and where the pin's centre is [m]."""
 
     force: Scalar
@@ -56,7 +56,7 @@ class Pressed(NamedTuple):
     place: tuple[Scalar, Scalar]
 
 
-class Spread(NamedTuple):
+class PressureField(NamedTuple):
     """Mean pressures of the sectors [Pa], and the force per length that they bear [N/m]."""
 
     means: Float[Array, " sectors"]
@@ -67,7 +67,7 @@ class AbstractPressure(Parametrised):
     """How a normal force spreads over the sleeve."""
 
     @abc.abstractmethod
-    def prepared(self, section: Section) -> Callable[[Pressed], Spread]:
+    def prepared(self, section: Section) -> Callable[[SectionLoad], PressureField]:
         """The pressures on a section, as a function of what presses on it."""
 
     @abc.abstractmethod
@@ -110,7 +110,9 @@ def hertz_half_angle(geometry: Geometry, force: Scalar) -> Scalar:
     return 2 * safe_sqrt(force * radius * (pin.compliance + sleeve.compliance) / np.pi) / geometry.sleeve_radius
 
 
-def _spread(section: Section, force: Scalar, angle: Scalar, half: Scalar, part: Callable[[Array], Array]) -> Spread:
+def _spread(
+    section: Section, force: Scalar, angle: Scalar, half: Scalar, part: Callable[[Array], Array]
+) -> PressureField:
     """A force spread over a patch: exact for every sector, however narrow the patch. `part`: of the force
     that which lies below a place from -1 to 1 of it.
     """
@@ -119,7 +121,7 @@ def _spread(section: Section, force: Scalar, angle: Scalar, half: Scalar, part: 
     wide, edge = jnp.where(half > 0, half, 1.0), np.pi / section.sectors
     ends = (part(jnp.clip((beside + side * edge) / wide, -1.0, 1.0)) for side in (1, -1))
     means = jnp.where(half > 0, force / section.arc * (next(ends) - next(ends)), 0.0)
-    return Spread(means, jnp.sum(means) * section.arc)
+    return PressureField(means, jnp.sum(means) * section.arc)
 
 
 class HertzLine(AbstractPressure):
@@ -193,7 +195,7 @@ class Foundation(AbstractPressure):
         fine = 2 * np.pi * ((np.arange(count) + 0.5) / count - 0.5 / section.sectors)
         cosines, sines, width = jnp.asarray(np.cos(fine)), jnp.asarray(np.sin(fine)), section.arc / PARTS
 
-        def means(at: Pressed):
+        def means(at: SectionLoad):
             along = cosines * jnp.cos(at.angle) + sines * jnp.sin(at.angle)
             ahead = along > 0
             along = jnp.where(ahead, along, 1.0)
@@ -229,7 +231,7 @@ class Foundation(AbstractPressure):
             for _ in range(2):
                 shift = newton(shift, *asked)
             pressure = jnp.where(at.force > 0, self.stiffness * depth(shift, gap), 0.0)
-            return Spread(jnp.mean(pressure.reshape(-1, PARTS), axis=1), width * jnp.sum(pressure * along))
+            return PressureField(jnp.mean(pressure.reshape(-1, PARTS), axis=1), width * jnp.sum(pressure * along))
 
         return means
 

@@ -10,15 +10,15 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float
 
-from clearance_jax.joints import worn_sleeve
-from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.joints import AbstractPin
 from clearance_jax.parameters import parameters
-from clearance_jax.wear.contacts import sleeve_of
-from clearance_jax.wear.life import Life
+from clearance_jax.wear.contacts import sections_of
+from clearance_jax.wear.history import WearHistory
+from clearance_jax.wear.model import WearModel
 
 
-def to_dataset(life: Life, mechanism: Mechanism, joint: str, **provenance: Any) -> xr.Dataset:
-    """What `wear.life` found of a joint, over the `cycle`s lived and the `sector`s of its sleeve.
+def to_dataset(history: WearHistory, model: WearModel, **provenance: Any) -> xr.Dataset:
+    """What `wear.simulate_wear` found of a model's joint, over the `cycle`s lived and the `sector`s of its sleeve.
 
     - `depth` (cycle, sector) [m], with the `angle` of each sector [rad];
     - `deepest`, `mean_depth` (cycle,) [m], `volume` (cycle,) [m^3];
@@ -29,11 +29,10 @@ def to_dataset(life: Life, mechanism: Mechanism, joint: str, **provenance: Any) 
 
     Attributes say how much was lived and computed, and the `life` in cycles where the bound was reached.
     """
-    play: Any = mechanism.joint(joint)
-    sleeve, depth = sleeve_of(mechanism, joint), np.asarray(life.depth)
+    pin, sleeve, depth = model.clearance, sections_of(model.mechanism, model.joint), np.asarray(history.depth)
     count = depth.shape[1]
-    angle, clearance = 2 * np.pi * np.arange(count) / count, play.clearance.radial_clearance
-    room = np.asarray(rooms(play.clearance, jnp.asarray(depth)))
+    angle, clearance = 2 * np.pi * np.arange(count) / count, pin.radial_clearance
+    room = np.asarray(rooms(pin, jnp.asarray(depth)))
     across = 0.5 * (room + _opposite(room))
     area = float(jnp.sum(sleeve.lengths) * sleeve.geometry.sleeve_radius) * 2 * np.pi / count
     data: dict[str, Any] = {
@@ -48,25 +47,25 @@ def to_dataset(life: Life, mechanism: Mechanism, joint: str, **provenance: Any) 
             {"units": "m", "long_name": "radial clearance, at its widest"},
         ),
     }
-    until = life.until
-    if until is not None and life.beyond is not None:
+    until = history.until
+    if until is not None and history.beyond is not None:
         words = {"units": until.unit, "bound": float(until.bound)}
         said = provenance.pop("watched", until.label)
-        data["watched"] = "cycle", life.beyond + float(until.bound), {"long_name": said, **words}
+        data["watched"] = "cycle", history.beyond + float(until.bound), {"long_name": said, **words}
     coords = {
-        "cycle": ("cycle", life.cycles, {"units": "1", "long_name": "cycles lived"}),
+        "cycle": ("cycle", history.cycles, {"units": "1", "long_name": "cycles lived"}),
         "angle": ("sector", angle, {"units": "rad", "long_name": "angle around the sleeve"}),
     }
-    numbers = {f"parameter.{n}": np.asarray(leaf.value) for n, leaf in parameters(mechanism).items()}
+    numbers = {f"parameter.{n}": np.asarray(leaf.value) for n, leaf in parameters(model.mechanism).items()}
     attributes = {
         "software": f"clearance_jax {version('clearance-jax')}, jax {jax.__version__}, numpy {np.__version__}",
-        "mechanism": mechanism.name,
-        "joint": joint,
+        "mechanism": model.mechanism.name,
+        "joint": model.joint,
         "pin_radius": float(sleeve.geometry.pin_radius),
         "unworn_clearance": float(clearance),
-        "cycles_lived": int(life.cycles[-1]),
-        "cycles_computed": int(life.evaluations),
-        **({} if life.end is None else {"life": float(life.end)}),
+        "cycles_lived": int(history.cycles[-1]),
+        "cycles_computed": int(history.evaluations),
+        **({} if history.end is None else {"life": float(history.end)}),
     }
     return xr.Dataset(data, coords, attributes | numbers | provenance)
 
@@ -79,13 +78,13 @@ def _opposite(room: np.ndarray) -> np.ndarray:
 
 
 @eqx.filter_jit
-def rooms(clearance: Any, depth: Float[Array, "cycle sector"]) -> Float[Array, "cycle sector"]:
+def rooms(pin: AbstractPin, depth: Float[Array, "cycle sector"]) -> Float[Array, "cycle sector"]:
     """How far the pin of a joint can go from the middle of its sleeve when that is worn so [m], towards each sector."""
     angle = 2 * np.pi * np.arange(depth.shape[1]) / depth.shape[1]
     ahead = jnp.asarray(np.cos(angle)), jnp.asarray(np.sin(angle))
 
     def of_one(profile):
-        worn = worn_sleeve(clearance, profile)
+        worn = pin.worn(profile)
         return jax.lax.map(lambda n: worn.travel((*n, 0.0)), ahead)
 
     return jax.lax.map(of_one, depth)

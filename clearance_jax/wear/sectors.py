@@ -11,8 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from clearance_jax.wear.contacts import Contacts, Sleeve
-from clearance_jax.wear.laws import AbstractWearLaw, Rubbing
+from clearance_jax.joints import Sections
+from clearance_jax.wear.contacts import Contacts
+from clearance_jax.wear.laws import AbstractWearLaw, SlidingState
 from clearance_jax.wear.pressure import AbstractPressure
 
 # By how much, as a part of it, the largest depth that one cycle wears off may be off. A given number is doubted a
@@ -32,47 +33,47 @@ class SectorsWarning(UserWarning):
 
 
 def worn_round(
-    seen: Contacts, sleeve: Sleeve, law: AbstractWearLaw, pressure: AbstractPressure, of: str = "sleeve"
-) -> Float[np.ndarray, "stations places"]:
+    seen: Contacts, sleeve: Sections, law: AbstractWearLaw, pressure: AbstractPressure, of: str = "sleeve"
+) -> Float[np.ndarray, "sections places"]:
     """What these contacts would wear off a round sleeve, or its pin, at `PLACES` around it [m], up to a factor."""
     turn = 0.0 if of == "sleeve" or seen.turn is None else np.asarray(seen.turn)[:, None]
     loads, halves = _patches(seen, sleeve, pressure)
     angles = np.asarray(seen.angle) - turn
     place, found = 2 * np.pi * (np.arange(PLACES) + 0.5) / PLACES, np.zeros((loads.shape[1], PLACES))
-    for station in range(loads.shape[1]):
+    for section in range(loads.shape[1]):
         # A patch between two places would be overlooked. Widened to this, it is still too narrow for any sectors.
-        load, half = loads[:, station], np.maximum(halves[:, station], NARROW)
+        load, half = loads[:, section], np.maximum(halves[:, section], NARROW)
         rubs = np.flatnonzero(load > 0)
         # Filled up with the last one at no weight: one shape for all.
         for first in range(0, len(rubs), TOGETHER):
             some = np.pad(rubs[first : first + TOGETHER], (0, max(0, first + TOGETHER - len(rubs))), mode="edge")
             weight = np.asarray(seen.weight)[some] * (np.arange(TOGETHER) < len(rubs) - first)
-            beside = place[None] - angles[some, station, None]
+            beside = place[None] - angles[some, section, None]
             x = (beside - 2 * np.pi * np.round(beside / (2 * np.pi))) / half[some, None]
             shape = np.where(np.abs(x) < 1, np.asarray(pressure.shape(np.clip(x, -1, 1))), 0.0)
             # That the pressures bear the force, but for a factor, which a law that is not linear sees.
             high = load[some] / (half[some] * float(sleeve.geometry.sleeve_radius))
-            columns = (np.asarray(v)[some, station, None] for v in (seen.speed, seen.traction))
-            at = Rubbing(*map(jnp.asarray, (high[:, None] * shape, *columns, np.asarray(seen.time)[some, None])))
-            found[station] += weight @ np.where(shape > 0, np.asarray(law.rate(at)), 0.0)
+            columns = (np.asarray(v)[some, section, None] for v in (seen.speed, seen.traction))
+            at = SlidingState(*map(jnp.asarray, (high[:, None] * shape, *columns, np.asarray(seen.time)[some, None])))
+            found[section] += weight @ np.where(shape > 0, np.asarray(law.rate(at)), 0.0)
     return found
 
 
-def surely_fine(seen: Contacts, sleeve: Sleeve, pressure: AbstractPressure, sectors: int) -> bool:
+def surely_fine(seen: Contacts, sleeve: Sections, pressure: AbstractPressure, sectors: int) -> bool:
     """Whether so many sectors do even for the narrowest patch that stands still: much sooner known than the rest."""
     loads, halves = _patches(seen, sleeve, pressure)
     narrowest = halves[loads > 0].min(initial=np.inf)
     return bool((2 * np.pi / sectors / narrowest) ** 2 / 3 <= OFF) if narrowest > 0 else False
 
 
-def _patches(seen: Contacts, sleeve: Sleeve, pressure: AbstractPressure) -> tuple[np.ndarray, np.ndarray]:
-    """Forces per length [N/m], and to how far beside its middle each spreads [rad], (times, stations)."""
+def _patches(seen: Contacts, sleeve: Sections, pressure: AbstractPressure) -> tuple[np.ndarray, np.ndarray]:
+    """Forces per length [N/m], and to how far beside its middle each spreads [rad], (times, sections)."""
     loads = np.asarray(seen.force) / np.asarray(sleeve.lengths)
     halves = jax.vmap(jax.vmap(lambda load: pressure.half_angle(sleeve.geometry, load)))(jnp.asarray(loads))
     return loads, np.asarray(halves)
 
 
-def missed(worn: Float[np.ndarray, "stations places"], sectors: int) -> float:
+def missed(worn: Float[np.ndarray, "sections places"], sectors: int) -> float:
     """The part of the largest depth that so many sectors do not have, wherever their grid begins."""
     worst, width = 0.0, PLACES / sectors
     for profile in worn:
@@ -87,12 +88,12 @@ def missed(worn: Float[np.ndarray, "stations places"], sectors: int) -> float:
     return worst
 
 
-def fewest(worn: Float[np.ndarray, "stations places"], least: int = USUAL) -> int:
+def fewest(worn: Float[np.ndarray, "sections places"], least: int = USUAL) -> int:
     """How many sectors, at `least` so many, have the largest depth within `OFF`; or `MOST`."""
     return next((n for n in range(least, MOST, STEP) if missed(worn, n) <= OFF), MOST)
 
 
-def doubt(worn: Float[np.ndarray, "stations places"], sectors: int, joint: str) -> str:
+def doubt(worn: Float[np.ndarray, "sections places"], sectors: int, joint: str) -> str:
     """What is to be said of so many sectors, if anything is."""
     off = missed(worn, sectors)
     if off <= DOUBTED:

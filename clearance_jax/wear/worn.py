@@ -1,4 +1,4 @@
-"""What wears off a sleeve, or its pin, along a motion: depths by sector and station, with the volume checked."""
+"""What wears off a sleeve, or its pin, along a motion: depths by section and sector, with the volume checked."""
 
 import warnings
 from typing import Any, NamedTuple
@@ -11,12 +11,13 @@ from jaxtyping import Array, Float
 
 from clearance_jax._module import Module
 from clearance_jax._types import Scalar
-from clearance_jax.errors import ClearanceError, Unlivable, quoted
+from clearance_jax.errors import ClearanceError, WearFailure, quoted
+from clearance_jax.joints import Sections
 from clearance_jax.solve.trace import Trace
 from clearance_jax.units import shown
-from clearance_jax.wear.contacts import Contacts, Sleeve, contacts, largest_swing, sleeve_of
-from clearance_jax.wear.laws import AbstractWearLaw, Rubbing
-from clearance_jax.wear.pressure import AbstractPressure, HertzLine, Pressed, Section
+from clearance_jax.wear.contacts import Contacts, contacts, largest_swing, pin_of, sections_of
+from clearance_jax.wear.laws import AbstractWearLaw, SlidingState
+from clearance_jax.wear.pressure import AbstractPressure, HertzLine, Section, SectionLoad
 from clearance_jax.wear.sectors import USUAL, SectorsWarning, doubt, fewest, worn_round
 
 # Of the force: what the pressures of the sectors may miss, which round-off and a search that ends leave.
@@ -32,8 +33,8 @@ WIDEST = 0.5 * np.pi
 class Wear(Module):
     """What has worn off a sleeve, or its pin.
 
-    - `angle` (sectors,) [rad] in the sleeve's axes, of a pin in its own; `heights` (stations,) along the sleeve's [m];
-    - `depth` (stations, sectors) [m], by which the sleeve's radius grows, or the pin's shrinks;
+    - `angle` (sectors,) [rad] in the sleeve's axes, of a pin in its own; `heights` (sections,) along the sleeve's [m];
+    - `depth` (sections, sectors) [m], by which the sleeve's radius grows, or the pin's shrinks;
     - `volume` [m^3]; `flat_volume` [m^3]: what the law gives for pressures that add up to the normal force, as in a
       narrow patch (k F s); `None` for a law that is not linear in pressure: there the volume depends on the patch;
     - `sliding` [m]: by how much the pin has slid while it was pressed; `half_angle` [rad]: the widest patch;
@@ -42,8 +43,8 @@ class Wear(Module):
     """
 
     angle: Float[Array, " sectors"]
-    heights: Float[Array, " stations"]
-    depth: Float[Array, "stations sectors"]
+    heights: Float[Array, " sections"]
+    depth: Float[Array, "sections sectors"]
     volume: Float[Array, ""]
     flat_volume: Float[Array, ""] | None
     sliding: Float[Array, ""]
@@ -79,8 +80,8 @@ def wear(
     - `pressure`: how a force spreads; by default Hertz's line contact, which is for a round sleeve: a worn one needs a
       `Foundation`.
     - `of`: whose surface wears, "sleeve" or "pin". Each has its own law; a pin turns below its pressures, and wears in
-      its own axes, at the sleeve's stations. That it is no circle any more changes neither pressures nor motion.
-    - `depth` (sectors,) or (stations, sectors) [m]: what has worn off the sleeve before, which a `Foundation` stands
+      its own axes, in the sleeve's sections. That it is no circle any more changes neither pressures nor motion.
+    - `depth` (sectors,) or (sections, sectors) [m]: what has worn off the sleeve before, which a `Foundation` stands
       on; by default what the joint has, or nothing, in so many `sectors` (by default as many as its patches need for a
       largest depth within 1 %, at least 360; fewer, if given, are warned of).
     - `before`: how long the joint has run before [s], for laws that know it.
@@ -89,8 +90,7 @@ def wear(
     wide for a flat one, and where pressures do not add up to the force.
     """
     mechanism = trace.solution.mechanism
-    sleeve = sleeve_of(mechanism, joint)
-    own = getattr(getattr(mechanism.joint(joint), "clearance", None), "depth", None)
+    sleeve, own = sections_of(mechanism, joint), pin_of(mechanism, joint).profile
     if pressure is None and (depth is not None or own is not None):
         raise ClearanceError(f"`{joint}` is worn: say how a force spreads, by a `Foundation` on the worn profile.")
     if depth is None:
@@ -107,7 +107,9 @@ def wear(
     return worn(seen, sleeve, law, pressure, of=of, depth=given, before=before)
 
 
-def _followed(trace: Trace, joint: str, sleeve: Sleeve, pressure: AbstractPressure, of: str, sectors: int) -> Contacts:
+def _followed(
+    trace: Trace, joint: str, sleeve: Sections, pressure: AbstractPressure, of: str, sectors: int
+) -> Contacts:
     """Contacts so near one another that a patch does not jump over sectors."""
     parts = 1
     while True:
@@ -123,7 +125,7 @@ def _followed(trace: Trace, joint: str, sleeve: Sleeve, pressure: AbstractPressu
 
 def worn(
     seen: Contacts,
-    sleeve: Sleeve,
+    sleeve: Sections,
     law: AbstractWearLaw,
     pressure: AbstractPressure,
     *,
@@ -131,11 +133,10 @@ def worn(
     depth: Array,
     before: Any = 0.0,
 ) -> Wear:
-    """The same of contacts that are known. `depth`: (sectors,) or (stations, sectors) [m]."""
+    """The same of contacts that are known. `depth`: (sectors,) or (sections, sectors) [m]."""
     if of not in SURFACES:
         raise ClearanceError(f"`of` must be {' or '.join(SURFACES)}, but it is {quoted(of)}.")
-    stations = sleeve.lengths.shape[0]
-    depth = jnp.broadcast_to(jnp.atleast_2d(depth), (stations, depth.shape[-1]))
+    depth = jnp.broadcast_to(jnp.atleast_2d(depth), (sleeve.lengths.shape[0], depth.shape[-1]))
     found = accumulated(seen, sleeve, law, pressure, of, depth, jnp.asarray(before, float))
     _check(jax.tree.map(float, found._replace(depth=0.0)), law, pressure)
     angle = jnp.asarray(2 * np.pi * np.arange(depth.shape[1]) / depth.shape[1])
@@ -159,12 +160,12 @@ class Found(NamedTuple):
 def _check(found: Found, law: AbstractWearLaw, pressure: AbstractPressure) -> None:
     """Raise where pressures are not the force's, or the volume not the law's."""
     if pressure.is_narrow and found.half_angle > WIDEST:
-        raise Unlivable(
+        raise WearFailure(
             f"The patch of the largest force spreads {np.degrees(found.half_angle):.0f} deg to either side, further "
             "than a flat patch can. Use a `Foundation`, or look at the force: an impact that no sleeve survives?"
         )
     if not found.missed <= MISSED:
-        raise Unlivable(
+        raise WearFailure(
             f"The pressures miss {found.missed:.1e} of the normal force. A foundation that is too soft lets the pin "
             "through its sleeve: check its `stiffness` [Pa/m]."
         )
@@ -181,7 +182,7 @@ def _check(found: Found, law: AbstractWearLaw, pressure: AbstractPressure) -> No
 @eqx.filter_jit
 def accumulated(
     seen: Contacts,
-    sleeve: Sleeve,
+    sleeve: Sections,
     law: AbstractWearLaw,
     pressure: AbstractPressure,
     of: str,
@@ -192,18 +193,18 @@ def accumulated(
     inner, turn = of == "pin", jnp.zeros_like(seen.time) if seen.turn is None else seen.turn
     radius = sleeve.geometry.pin_radius if inner else sleeve.geometry.sleeve_radius
 
-    def station(worn, length, force, angle, speed, traction, place):
+    def section(worn, length, force, angle, speed, traction, place):
         spread = pressure.prepared(Section(sleeve.geometry, worn))
 
         def add(carry, now):
             depth, relief, missed = carry
             weight, time, turn, force, angle, speed, traction, place = now
-            found = spread(Pressed(force / length, angle, (place[0], place[1])))
+            found = spread(SectionLoad(force / length, angle, (place[0], place[1])))
             # The pin bears the same force on a little less of surface.
             means = _turned(found.means, -turn) * (sleeve.geometry.sleeve_radius / radius) if inner else found.means
 
             def off(pressure):
-                return law.rate(Rubbing(pressure, speed, traction, before + time))
+                return law.rate(SlidingState(pressure, speed, traction, before + time))
 
             rate, rises = jax.jvp(off, (means,), (jnp.where(means > 0, 1.0, 0.0),))
             lacks = jnp.abs(found.borne * length - force)
@@ -216,13 +217,13 @@ def accumulated(
         return jax.lax.scan(add, (jnp.zeros_like(worn), jnp.zeros_like(worn), jnp.zeros(())), nodes)[0]
 
     columns = [jnp.moveaxis(x, 1, 0) for x in (seen.force, seen.angle, seen.speed, seen.traction, seen.place)]
-    new, relief, missed = jax.lax.map(lambda one: station(*one), (depth, sleeve.lengths, *columns))
+    new, relief, missed = jax.lax.map(lambda one: section(*one), (depth, sleeve.lengths, *columns))
     volume = jnp.sum(new * sleeve.lengths[:, None]) * (2 * np.pi / depth.shape[1] * radius)
     shares = sleeve.lengths / jnp.sum(sleeve.lengths)
     sliding = seen.weight @ jnp.where(seen.force > 0, seen.speed, 0.0) @ shares
     time = jnp.broadcast_to((seen.time + before)[:, None], seen.force.shape)
     # Of a linear law the volume is its rate of the force in the place of a pressure.
-    flat = jnp.sum(seen.weight[:, None] * law.rate(Rubbing(seen.force, seen.speed, seen.traction, time)))
+    flat = jnp.sum(seen.weight[:, None] * law.rate(SlidingState(seen.force, seen.speed, seen.traction, time)))
     largest = jnp.max(seen.force / sleeve.lengths[None, :], initial=0.0)
     half = pressure.half_angle(sleeve.geometry, largest)
     return Found(new, volume, flat, sliding, half, jnp.max(relief), jnp.max(missed))

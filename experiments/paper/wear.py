@@ -77,7 +77,7 @@ def where_force_slides(reading: Reading) -> Finding:
     """Largest in which sector: the depth; and force times slip, of all that lies within a patch of the mean force."""
     seen, one = first(reading).seen, first(reading).wear
     rubbed = np.asarray(seen.weight[:, None] * seen.force * seen.speed)[:, 0]
-    geometry = wear.sleeve_of(rig(reading), JOINT).geometry
+    geometry = wear.sections_of(rig(reading), JOINT).geometry
     usual = float(wear.HertzLine().half_angle(geometry, jnp.asarray(seen.weight @ seen.force[:, 0] / LAST / LENGTH)))
     angle = np.asarray(one.angle)
     beside = np.asarray(seen.angle[:, 0])[:, None] - angle

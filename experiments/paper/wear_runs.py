@@ -8,7 +8,6 @@ import numpy as np
 
 import clearance_jax as cj
 from clearance_jax import wear
-from clearance_jax.joints import worn_sleeve
 from clearance_jax.laws import Material
 from experiments.paper.judges import START
 from experiments.paper.runs import CLEARANCE, DIAMETRAL, EQ7, JOINT, PLANE, RADIAL, RTOL, SIZES, TABLE1, Reading, scene
@@ -51,7 +50,7 @@ def run(mechanism: cj.Mechanism, pressure: wear.AbstractPressure) -> Worn:
     trace = cj.trace(mechanism, LAST, rtol=RTOL, save_at=STEPS + 1)
     if trace.message:
         raise RuntimeError(trace.message)
-    seen, sleeve = wear.contacts(trace, JOINT), wear.sleeve_of(mechanism, JOINT)
+    seen, sleeve = wear.contacts(trace, JOINT), wear.sections_of(mechanism, JOINT)
     depth = getattr(mechanism.joint(JOINT).clearance, "depth", jnp.zeros(SECTORS))
     law = wear.archard(COEFFICIENT)
     found = wear.worn(seen, sleeve, law, pressure, depth=depth)
@@ -77,10 +76,10 @@ def foundation(reading: Reading) -> wear.Foundation:
 
 
 @functools.cache
-def lived(reading: Reading) -> wear.Life:
+def lived(reading: Reading) -> wear.WearHistory:
     """As many runs one after another as the paper amplifies one by, each on the sleeve as it is by then."""
     law, told = wear.archard(COEFFICIENT), {"sectors": SECTORS, "tolerance": TOLERANCE, "rtol": RTOL}
-    return wear.life(rig(reading), JOINT, law, foundation(reading), LAST, RUNS, **told)
+    return wear.simulate_wear(wear.WearModel(rig(reading), JOINT, law, foundation(reading), LAST), RUNS, **told)
 
 
 @functools.cache
@@ -89,7 +88,7 @@ def aged(reading: Reading) -> list[Worn]:
     m, depths = rig(reading), lived(reading).depth
     half = np.argmin(np.abs(lived(reading).cycles - RUNS / 2))
     play: Any = m.joint(JOINT).clearance
-    sleeves = [worn_sleeve(play, jnp.asarray(depth)) for depth in (depths[0], depths[half], depths[-1])]
+    sleeves = [play.worn(depth) for depth in (depths[0], depths[half], depths[-1])]
     return [run(m.with_clearance(JOINT, sleeve), foundation(reading)) for sleeve in sleeves]
 
 
@@ -98,7 +97,7 @@ def until(reading: Reading, part: float) -> np.ndarray:
     m, seen = rig(reading), first(reading).seen
     kept = jnp.where(seen.time <= part * LAST, seen.weight, 0.0)
     part_of_it, law = seen._replace(weight=kept), wear.archard(COEFFICIENT)
-    found = wear.worn(part_of_it, wear.sleeve_of(m, JOINT), law, wear.HertzLine(), depth=jnp.zeros(SECTORS))
+    found = wear.worn(part_of_it, wear.sections_of(m, JOINT), law, wear.HertzLine(), depth=jnp.zeros(SECTORS))
     return np.asarray(found.depth[0])
 
 

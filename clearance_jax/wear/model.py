@@ -1,7 +1,7 @@
-"""A joint that wears, as one model whose numbers have names: what a cycle wears off it, with derivatives by them.
+"""The model of a joint's wear, whose numbers have names: what a cycle wears off, with derivatives by them.
 
 A profile has as many numbers as sectors, of which a derivative along a life needs few combinations: those along which
-the profile moves with the numbers asked for. They go to the joint as `modes`, so that a solve carries as many
+the profile moves with the numbers asked for. They go to the joint as `Modes`, so that a solve carries as many
 derivatives as were asked for and not one a sector.
 
 The nodes in time of what rubs stand still while numbers vary. That is the whole derivative: forces and speeds of
@@ -21,8 +21,8 @@ from jaxtyping import Array, Float
 
 from clearance_jax._module import Module
 from clearance_jax._types import Scalar
-from clearance_jax.errors import ClearanceError, Unlivable, WornOut
-from clearance_jax.joints import RevoluteClearance, WornRevoluteClearance, worn_sleeve
+from clearance_jax.errors import ClearanceError, WearFailure, WornThrough
+from clearance_jax.joints import AbstractPin, Modes
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.parameters import flattened, physical, replace, values_of
@@ -30,7 +30,7 @@ from clearance_jax.solve.settings import Settings, settings_of
 from clearance_jax.solve.simulate import run
 from clearance_jax.solve.trace import trace
 from clearance_jax.units import shown
-from clearance_jax.wear.contacts import CHUNK, Contacts, contacts, looked, sleeve_of
+from clearance_jax.wear.contacts import CHUNK, Contacts, contacts, looked, pin_of, sections_of
 from clearance_jax.wear.laws import AbstractWearLaw
 from clearance_jax.wear.pressure import AbstractPressure
 from clearance_jax.wear.sectors import USUAL, SectorsWarning, doubt, fewest, surely_fine, worn_round
@@ -43,8 +43,11 @@ OWN = ("save_at", "books", "derivatives")
 MOST_RELIEF = 2.0
 
 
-class Wearing(Module):
-    """A plane revolute joint that wears, cycle by cycle of a motion from t0 to `cycle` [s].
+class WearModel(Module):
+    """How a plane revolute joint wears, cycle by cycle of a motion from t0 to `cycle` [s].
+
+    **Arguments:** `mechanism`; `joint`: its name; `wear`: the law of wear; `pressure`: how a force spreads, a
+    `Foundation` where it is to know the worn profile; `cycle`.
 
     Its numbers have the mechanism's names; those of the law begin with `wear.`, those of the pressure with `pressure.`:
     "crank.radial_clearance", "wear.coefficient", "pressure.stiffness".
@@ -52,46 +55,45 @@ class Wearing(Module):
     **Raises:** `ClearanceError` for a joint of another kind.
     """
 
-    wear: AbstractWearLaw
-    pressure: AbstractPressure
-    joint: str = eqx.field(static=True)
-    cycle: Scalar = physical("s", above=0.0)
     mechanism: Mechanism = flattened()
+    joint: str = eqx.field(static=True)  # pyright: ignore[reportGeneralTypeIssues]
+    wear: AbstractWearLaw  # pyright: ignore[reportGeneralTypeIssues]
+    pressure: AbstractPressure  # pyright: ignore[reportGeneralTypeIssues]
+    cycle: Scalar = physical("s", above=0.0)
 
     def __check_init__(self):
-        clearance = getattr(self.mechanism.joint(self.joint), "clearance", None)
-        if not isinstance(clearance, RevoluteClearance | WornRevoluteClearance):
+        if self.clearance.section_count > 1:
             raise ClearanceError(
                 f"`{self.joint}` is no revolute joint with clearance in a plane: its life is not known."
             )
 
     @property
-    def clearance(self) -> Any:
+    def clearance(self) -> AbstractPin:
         """The joint's clearance."""
-        return getattr(self.mechanism.joint(self.joint), "clearance")  # noqa: B009
+        return pin_of(self.mechanism, self.joint)
 
     def begin(self, sectors: int) -> np.ndarray:
         """The profile at first [m]: what the joint has, or nothing, in so many sectors."""
-        clearance = self.clearance
-        return np.asarray(clearance.profile if isinstance(clearance, WornRevoluteClearance) else np.zeros(sectors))
+        profile = self.clearance.profile
+        return np.zeros(sectors) if profile is None else np.asarray(profile)
 
     def at(self, depth: Any) -> Mechanism:
         """The mechanism with its joint worn off by so much [m], shape (sectors,)."""
-        return self.mechanism.with_clearance(self.joint, worn_sleeve(self.clearance, jnp.asarray(depth, float)))
+        return self.mechanism.with_clearance(self.joint, self.clearance.worn(depth))
 
     def cycle_wears(self, stack: np.ndarray, names: Sequence[str], after: int, options: dict[str, Any]) -> np.ndarray:
         """What one cycle wears off [m] after so many, with its derivatives; stack: the profile, and below it its
         derivatives by each of the named numbers, (1 + names, sectors).
 
-        **Raises:** `WornOut` where the motion stops, and where a cycle wears off more than the clearance;
-        `Unlivable` where it wears off so much of what the pin stands in a foundation that depths run away.
+        **Raises:** `WornThrough` where the motion stops, and where a cycle wears off more than the clearance;
+        `WearFailure` where it wears off so much of what the pin stands in a foundation that depths run away.
         """
         now = self.at(stack[0])
         motion = trace(now, float(self.cycle), **{"save_at": None, **options})
         if motion.message:
-            raise WornOut(f"After {after} cycles the motion stopped: {motion.message}")
+            raise WornThrough(f"After {after} cycles the motion stopped: {motion.message}")
         before = jnp.asarray(after * self.cycle, float)
-        sleeve, seen = sleeve_of(now, self.joint), contacts(motion, self.joint)
+        sleeve, seen = sections_of(now, self.joint), contacts(motion, self.joint)
         profile = jnp.asarray(stack[0])
         if after == 0:
             self._doubt(seen, stack.shape[-1])
@@ -108,7 +110,7 @@ class Wearing(Module):
 
     def sectors(self, options: dict[str, Any]) -> int:
         """How many sectors its sleeve needs for the motion of its first cycle; where it is worn, those it has."""
-        if isinstance(self.clearance, WornRevoluteClearance):
+        if self.clearance.depth is not None:
             return self.begin(USUAL).size
         motion = trace(self.at(self.begin(USUAL)), float(self.cycle), **{"save_at": None, **options})
         if motion.message:
@@ -116,11 +118,11 @@ class Wearing(Module):
         return fewest(self._worn_round(contacts(motion, self.joint)))
 
     def _worn_round(self, seen: Contacts) -> np.ndarray:
-        return worn_round(seen, sleeve_of(self.mechanism, self.joint), self.wear, self.pressure)
+        return worn_round(seen, sections_of(self.mechanism, self.joint), self.wear, self.pressure)
 
     def _doubt(self, seen: Contacts, sectors: int) -> None:
         """Warn of sectors that are too wide for the patch."""
-        if surely_fine(seen, sleeve_of(self.mechanism, self.joint), self.pressure, sectors):
+        if surely_fine(seen, sections_of(self.mechanism, self.joint), self.pressure, sectors):
             return
         if said := doubt(self._worn_round(seen), sectors, self.joint):
             warnings.warn(said, SectorsWarning, stacklevel=4)
@@ -133,37 +135,36 @@ class Wearing(Module):
             "shorter cycle"
         )
         if not deepest <= play:
-            raise WornOut(
+            raise WornThrough(
                 f"{wears} {shown(deepest, 'm')}, more than the radial clearance of `{self.joint}`, "
                 f"{shown(float(play), 'm')}; {fix}."
             )
         if not relief <= MOST_RELIEF:
-            raise Unlivable(
+            raise WearFailure(
                 f"{wears} {relief:.3g} times what the pin stands in the foundation of `{self.joint}`: beyond "
                 f"{MOST_RELIEF:g} depths run away from one sector to the next, cycle by cycle; {fix}, or a softer "
                 "foundation."
             )
 
-    def shifted(self, names: tuple[str, ...], stack: Array, shares: Array) -> "Wearing":
+    def shifted(self, names: tuple[str, ...], stack: Array, shares: Array) -> "WearModel":
         """The same with the named numbers moved by shares of themselves (of one, where they are 0), each with the row
         of the stack that goes with it; further rows have no number.
         """
         sizes = self.sizes(names)
         old = values_of(self, names)
-        moved: Wearing = replace(
+        moved: WearModel = replace(
             self, {name: old[name] + size * share for name, size, share in zip(names, sizes, shares, strict=False)}
         )
         whole = jnp.concatenate([sizes, jnp.ones(stack.shape[0] - 1 - len(names))])
         return moved.worn_by(stack[0], stack[1:] * whole[:, None], shares)
 
-    def worn_by(self, depth: Array, rows: Array, shares: Array) -> "Wearing":
+    def worn_by(self, depth: Array, rows: Array, shares: Array) -> "WearModel":
         """The same worn off by a depth (sectors,), and by shares of `rows` (shares, sectors) more [m]."""
         # A solve resolves what a number does beside the number's own size: an amount of 1 is a clearance deep.
         size = jnp.max(jnp.abs(rows), axis=1) / jax.lax.stop_gradient(self.clearance.radial_clearance)
         size = jnp.where(size > 0, size, 1.0)
-        shape = worn_sleeve(self.clearance, depth)
-        shape = dataclasses.replace(shape, modes=rows / size[:, None], amounts=size * shares)
-        return dataclasses.replace(self, mechanism=self.mechanism.with_clearance(self.joint, shape))
+        worn = dataclasses.replace(self.clearance.worn(depth), modes=Modes(rows / size[:, None], size * shares))
+        return dataclasses.replace(self, mechanism=self.mechanism.with_clearance(self.joint, worn))
 
     def sizes(self, names: tuple[str, ...]) -> Array:
         """By what the named numbers are moved: themselves, or one."""
@@ -173,17 +174,17 @@ class Wearing(Module):
 
 @eqx.filter_jit
 def _cycle_slopes(
-    wearing: Wearing, names: tuple[str, ...], stack: Array, ends: Array, before: Array, solve: Settings
+    model: WearModel, names: tuple[str, ...], stack: Array, ends: Array, before: Array, solve: Settings
 ) -> Float[Array, "names sectors"]:
     """Derivatives of what a cycle wears off by the named numbers, of a motion with these ends of steps."""
 
     def of(shares):
-        now = wearing.shifted(names, stack, shares)
+        now = model.shifted(names, stack, shares)
         solution = run(now.mechanism, now.cycle, solve._replace(save_at=ends))
         seen = looked(now.mechanism, now.joint, ends, solution.y[:, : layout(now.mechanism).size])
         depth = now.clearance.profile
-        sleeve = sleeve_of(now.mechanism, now.joint)
+        sleeve = sections_of(now.mechanism, now.joint)
         return accumulated(seen, sleeve, now.wear, now.pressure, "sleeve", depth[None], before).depth[0]
 
     slopes = jax.jacfwd(of)(jnp.zeros(len(names)))
-    return slopes.T / wearing.sizes(names)[:, None]
+    return slopes.T / model.sizes(names)[:, None]

@@ -11,7 +11,6 @@ import scipy.stats
 import xarray as xr
 
 from clearance_jax.errors import ClearanceError
-from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import check_values, replace, units_of
 from clearance_jax.runs.disk import refused_in_words
 from clearance_jax.solve.batch import cores_here
@@ -19,10 +18,8 @@ from clearance_jax.solve.settings import SolveOptions
 from clearance_jax.sweep.axes import Sampled
 from clearance_jax.units import shown
 from clearance_jax.wear.criteria import AbstractCriterion
-from clearance_jax.wear.laws import AbstractWearLaw
-from clearance_jax.wear.life import Profile, life
-from clearance_jax.wear.pressure import AbstractPressure
-from clearance_jax.wear.wearing import Wearing
+from clearance_jax.wear.history import Profile, simulate_wear
+from clearance_jax.wear.model import WearModel
 
 
 class Failures(NamedTuple):
@@ -37,7 +34,7 @@ class Failures(NamedTuple):
     confidence: float
 
 
-class Lives(NamedTuple):
+class ServiceLives(NamedTuple):
     """Lives of a joint: `values` by name, each (n,); the `end` of each life [cycles] (n,), infinite where the bound was
     not reached within `cycles`; `evaluations`: cycles that were computed, of all; the `units` of the values.
     """
@@ -88,12 +85,8 @@ class Lives(NamedTuple):
         return f"{len(self.end)} lives over {ranges}: {ended} ended within {self.cycles} cycles{shortest}"
 
 
-def lives(
-    mechanism: Mechanism,
-    joint: str,
-    law: AbstractWearLaw,
-    pressure: AbstractPressure,
-    cycle: float,
+def service_lives(
+    model: WearModel,
     cycles: int,
     values: Mapping[str, Any] | Sampled,
     *,
@@ -105,10 +98,10 @@ def lives(
     cores: int | None = None,
     progress: Callable[[float], None] | None = None,
     **options: Unpack[SolveOptions],
-) -> Lives:
-    """Wear a plane revolute joint once for each of the values, side by side.
+) -> ServiceLives:
+    """Wear the joint of a model once for each of the values, side by side.
 
-    **Arguments** as `life`'s.
+    **Arguments** as `simulate_wear`'s.
 
     - `sectors`: by default one number for all, the largest that one of them needs.
     - `values`: name -> numbers (n,), or a `Sampled`: of the mechanism, the law ("wear.coefficient") and the pressure.
@@ -119,16 +112,15 @@ def lives(
     - `cores`: how many lives side by side; by default as many as there are cores.
     - `progress`: called with the part of the lives that is done.
 
-    **Raises:** `ClearanceError` as `life`, for unknown names, and for values of different lengths.
+    **Raises:** `ClearanceError` as `simulate_wear`, for unknown names, and for values of different lengths.
     """
     drawn = values.draw() if isinstance(values, Sampled) else values
     columns = {name: np.atleast_1d(np.asarray(column, float)) for name, column in drawn.items()}
     counts = {column.shape for column in columns.values()}
     if len(counts) != 1 or len(count := counts.pop()) != 1 or count[0] == 0:
         raise ClearanceError("`values` must be numbers by name, of each name as many, and at least one.")
-    wearing: Any = Wearing(law, pressure, joint, cycle, mechanism)
-    units = units_of(wearing, list(columns))
-    rows = [replace(wearing, {name: float(column[i]) for name, column in columns.items()}) for i in range(*count)]
+    units = units_of(model, list(columns))
+    rows = [replace(model, {name: float(column[i]) for name, column in columns.items()}) for i in range(*count)]
     for row in rows:
         check_values(row)
     if journal is not None:
@@ -138,13 +130,8 @@ def lives(
         sectors = max(row.sectors(dict(options)) for row in rows)
 
     def one(i: int):
-        row = rows[i]
-        return life(
-            row.mechanism,
-            joint,
-            row.wear,
-            row.pressure,
-            float(row.cycle),
+        return simulate_wear(
+            rows[i],
             cycles,
             sectors=sectors,
             tolerance=tolerance,
@@ -162,4 +149,4 @@ def lives(
             if progress is not None:
                 progress(len(found) / len(rows))
     end = np.array([np.inf if one.end is None else one.end for one in found])
-    return Lives(columns, end, cycles, sum(one.evaluations for one in found), units)
+    return ServiceLives(columns, end, cycles, sum(one.evaluations for one in found), units)

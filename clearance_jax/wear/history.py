@@ -20,8 +20,7 @@ import numpy as np
 import scipy.optimize
 from jaxtyping import Float
 
-from clearance_jax.errors import ClearanceError, WornOut
-from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.errors import ClearanceError, WornThrough
 from clearance_jax.parameters import values_of
 from clearance_jax.runs.identity import numbers, settings, versions
 from clearance_jax.runs.journal import Journal
@@ -29,9 +28,7 @@ from clearance_jax.solve.settings import SolveOptions
 from clearance_jax.units import shown
 from clearance_jax.wear.criteria import AbstractCriterion, criterion_of, end_slopes
 from clearance_jax.wear.identity import description
-from clearance_jax.wear.laws import AbstractWearLaw
-from clearance_jax.wear.pressure import AbstractPressure
-from clearance_jax.wear.wearing import Wearing
+from clearance_jax.wear.model import WearModel
 
 Profile = Float[np.ndarray, "*stack sectors"]
 Rate = Callable[[Profile, int], Profile]
@@ -41,7 +38,7 @@ Rate = Callable[[Profile, int], Profile]
 GROWS, SHRINKS, USED = 4.0, 0.1, 0.8
 
 
-class Life(NamedTuple):
+class WearHistory(NamedTuple):
     """How a profile wore: `cycles` (blocks + 1,) with the depths then, `depth` (blocks + 1, sectors) [m];
     `evaluations`: cycles that were computed; `end`: the cycle at which the criterion was reached, `None` where it was
     not; `beyond` (blocks + 1,): how far beyond its bound the criterion was then (`None`: there was none); `until`: the
@@ -108,7 +105,7 @@ def march(
     until: Callable[[Profile], float] | None = None,
     journal: str | Path | None = None,
     progress: Callable[[float], None] | None = None,
-) -> Life:
+) -> WearHistory:
     """Wear a profile for so many cycles.
 
     **Arguments:**
@@ -132,7 +129,7 @@ def march(
     with _journal(journal) as kept:
         if kept is not None:
             kept.ask(versions() | numbers(rate, " (rate)") | numbers(until, " (until)") | settings(rest))
-        return _life(_march(rate, stack, cycles, tolerance, longest, until, kept, progress))
+        return _history(_march(rate, stack, cycles, tolerance, longest, until, kept, progress))
 
 
 def _lived(cycles: int) -> int:
@@ -164,12 +161,12 @@ def _march(rate, stack, cycles, tolerance, longest, until, journal, progress) ->
     return blocks
 
 
-def _life(blocks: list[Block]) -> Life:
+def _history(blocks: list[Block]) -> WearHistory:
     every = np.array([block.depth for block in blocks])
     depth, slopes = (every, None) if every.ndim == 2 else (every[:, 0], every[:, 1:])
     cycles = np.array([block.cycles for block in blocks])
     beyond = None if blocks[0].beyond is None else np.array([block.beyond for block in blocks], float)
-    return Life(cycles, depth, blocks[-1].evaluations, blocks[-1].end, beyond, slopes=slopes)
+    return WearHistory(cycles, depth, blocks[-1].evaluations, blocks[-1].end, beyond, slopes=slopes)
 
 
 def _block(rate: Rate, now: Block, cycles: int, tolerance: float, longest: int | None, until: Any) -> Block:
@@ -236,7 +233,7 @@ def _beyond(until: Callable[[Profile], float], stack: np.ndarray, cycles: int) -
 def _checked(worn: Any, cycles: int) -> Profile:
     worn = np.asarray(worn, float)
     if not np.all(_profile(worn) >= 0):
-        raise WornOut(
+        raise WornThrough(
             f"What a cycle wears off must be at least 0, but after {cycles} cycles it is {_profile(worn).min()} m."
         )
     if not np.all(np.isfinite(worn)):
@@ -244,12 +241,8 @@ def _checked(worn: Any, cycles: int) -> Profile:
     return worn
 
 
-def life(
-    mechanism: Mechanism,
-    joint: str,
-    law: AbstractWearLaw,
-    pressure: AbstractPressure,
-    cycle: float,
+def simulate_wear(
+    model: WearModel,
     cycles: int,
     *,
     sectors: int | None = None,
@@ -260,11 +253,10 @@ def life(
     journal: str | Path | None = None,
     progress: Callable[[float], None] | None = None,
     **options: Unpack[SolveOptions],
-) -> Life:
-    """Wear a plane revolute joint for so many cycles: each the motion from t0 to `cycle` [s] on the profile as worn.
+) -> WearHistory:
+    """Wear the joint of a model for so many cycles: each the motion from t0 to its `cycle` on the profile as worn.
 
-    **Arguments** as `wear`'s, `march`'s and `trace`'s (`options`: `start`, `rtol`, ...). A `pressure` that knows the
-    worn profile is a `Foundation`.
+    **Arguments** as `march`'s and `trace`'s (`options`: `start`, `rtol`, ...).
 
     - `sectors`: by default as many as the patch of the first cycle needs for a largest depth within 1 %, at least 360.
       Fewer than that, if given, are warned of (`SectorsWarning`), with the number that would do.
@@ -273,36 +265,34 @@ def life(
       every jump as it was.
     - `until`: `Deepest`, `Exceeds`, `ImpactSpeed`, or a function of the profile (for derivatives in `jax.numpy`).
 
-    **Raises:** `ClearanceError` as these do, for a joint of another kind, an unknown name, derivatives of a criterion
-    that has none, and where a cycle wears off too much to be taken at one profile (`Wearing.cycle_wears`).
+    **Raises:** `ClearanceError` as these do, for an unknown name, derivatives of a criterion that has none, and where a
+    cycle wears off too much to be taken at one profile (`WearModel.cycle_wears`).
     """
-    wearing, names = Wearing(law, pressure, joint, cycle, mechanism), tuple(by)
-    criterion = criterion_of(until)
-    values_of(wearing, names)  # an unknown name raises here
+    names, criterion = tuple(by), criterion_of(until)
+    values_of(model, names)  # an unknown name raises here
     if names and criterion is not None and not criterion.has_derivatives:
         raise ClearanceError(
             f"A life until `{type(criterion).__name__}` has no derivatives: leave out `by`, or take another `until`."
         )
 
     def rate(depth: Profile, after: int) -> np.ndarray:
-        found = wearing.cycle_wears(np.atleast_2d(depth), names, after, dict(options))
+        found = model.cycle_wears(np.atleast_2d(depth), names, after, dict(options))
         return found if names else found[0]
 
     def beyond(depth: Profile) -> float:
         assert criterion is not None
-        return float(criterion.beyond(wearing.at(depth), joint))
+        return float(criterion.beyond(model.at(depth), model.joint))
 
-    how = {"joint": joint, "cycle": float(wearing.cycle), "cycles": _lived(cycles), "sectors": sectors}
-    how |= {"tolerance": tolerance, "longest": longest, "by": list(names), **options}
+    how = {"cycles": _lived(cycles), "sectors": sectors, "tolerance": tolerance, "longest": longest, "by": list(names)}
     with _journal(journal) as kept:
         if kept is not None:
-            kept.ask(description(mechanism, law, pressure, criterion, **how))
-        begin = wearing.begin(sectors or wearing.sectors(dict(options)))
+            kept.ask(description(model, criterion, **how, **options))
+        begin = model.begin(sectors or model.sectors(dict(options)))
         stack = begin if not names else np.concatenate([begin[None], np.zeros((len(names), begin.size))])
         ends = None if criterion is None else beyond
         blocks = _march(rate, stack, cycles, tolerance, longest, ends, kept, progress)
-    found = _life(blocks)._replace(names=names, until=criterion)
+    found = _history(blocks)._replace(names=names, until=criterion)
     if not names or criterion is None or blocks[-1].ending is None:
         return found
     ending = jnp.asarray(blocks[-1].ending)
-    return found._replace(end_slopes=np.asarray(end_slopes(criterion, wearing, names, ending)))
+    return found._replace(end_slopes=np.asarray(end_slopes(criterion, model, names, ending)))

@@ -1,7 +1,6 @@
 """How a joint wears, as a study describes it: which joint, by which law, under which pressure."""
 
 import dataclasses
-from typing import NamedTuple
 
 import jax.numpy as jnp
 
@@ -9,27 +8,19 @@ from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.io.kinds import Words
 from clearance_jax.io.table import Chosen, Table, naming
 from clearance_jax.io.wear_keys import COEFFICIENT_UNIT, GRADED, LAW_TABLES, MATERIAL, PRESSURE_TABLES, RUNNING_IN
-from clearance_jax.joints import RevoluteClearance, WornRevoluteClearance
+from clearance_jax.joints import AbstractPin
 from clearance_jax.laws import Material
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.wear.contacts import sleeve_of
+from clearance_jax.wear.contacts import sections_of
 from clearance_jax.wear.laws import COEFFICIENT, AbstractWearLaw, Archard, Graded, Reye, RunningIn, Threshold
+from clearance_jax.wear.model import WearModel
 from clearance_jax.wear.pressure import AbstractPressure, Foundation, HertzLine, Uniform, foundation
 
 
-class JointThatWears(NamedTuple):
-    """The first arguments of `wear.life`: the `mechanism`, whose joint has the length and the materials that were given
-    it.
+def wear_model(top: Table, mechanism: Mechanism, cycle: float) -> WearModel:
+    """What a table with the keys `WEARING` says, of cycles that end at `cycle` [s]; the joint has the length and the
+    materials that the table gives it. **Raises:** `ClearanceError` naming the key and the fix.
     """
-
-    mechanism: Mechanism
-    joint: str
-    law: AbstractWearLaw
-    pressure: AbstractPressure
-
-
-def wearing_of(top: Table, mechanism: Mechanism) -> JointThatWears:
-    """What a section `wear` says. **Raises:** `ClearanceError` naming the key and the fix."""
     mechanism, joint = _jointed(top, mechanism)
     for key in ("law", "pressure"):
         top.need(key)
@@ -37,8 +28,8 @@ def wearing_of(top: Table, mechanism: Mechanism) -> JointThatWears:
     pressure = _pressure(top.chosen("pressure", PRESSURE_TABLES))
     if not isinstance(pressure, Foundation):
         with naming(top.key("pressure")):
-            pressure.half_angle(sleeve_of(mechanism, joint).geometry, jnp.ones(()))  # whether it knows what it needs
-    return JointThatWears(mechanism, joint, law, pressure)
+            pressure.half_angle(sections_of(mechanism, joint).geometry, jnp.ones(()))  # whether it knows what it needs
+    return WearModel(mechanism, joint, law, pressure, cycle)
 
 
 def _jointed(top: Table, mechanism: Mechanism) -> tuple[Mechanism, str]:
@@ -46,7 +37,7 @@ def _jointed(top: Table, mechanism: Mechanism) -> tuple[Mechanism, str]:
     name, known = top.get("joint"), {joint.name: joint.clearance for joint in mechanism.clearance_joints()}
     if name not in known:
         raise ClearanceError(f"{top.key('joint')}: no joint with clearance has this name. {suggest(name, known)}")
-    if not isinstance(known[name], RevoluteClearance | WornRevoluteClearance):
+    if not isinstance(known[name], AbstractPin) or known[name].section_count > 1:
         raise ClearanceError(
             f"{top.key('joint')} must be a pin in a plane sleeve, but `{name}` is another kind of joint."
         )

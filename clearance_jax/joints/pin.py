@@ -1,0 +1,84 @@
+"""What every joint with a pin in a sleeve has: radii, a profile of wear, and the sections in which the pin bears."""
+
+import abc
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from clearance_jax._types import Scalar
+from clearance_jax.errors import ClearanceError
+from clearance_jax.joints._base import AbstractClearance, Relative
+from clearance_jax.joints.fitting import Tolerance
+from clearance_jax.laws import Geometry, Material
+from clearance_jax.parameters import Demand
+
+
+class Sections(NamedTuple):
+    """The sections of a sleeve in which its pin bears: what laws know of the whole `geometry`; of every section its
+    height along the sleeve's axis [m] and the length that it stands for [m], `heights` and `lengths` (sections,).
+    """
+
+    geometry: Geometry
+    heights: Float[Array, " sections"]
+    lengths: Float[Array, " sections"]
+
+
+class AbstractPin(AbstractClearance):
+    """A pin in a sleeve, which may be worn."""
+
+    kind: eqx.AbstractClassVar[str]
+    """What a scene calls it."""
+    radial_clearance: eqx.AbstractVar[Scalar]
+    pin_radius: eqx.AbstractVar[Scalar]
+    pin_material: eqx.AbstractVar[Material | None]
+    sleeve_material: eqx.AbstractVar[Material | None]
+    tolerance: eqx.AbstractVar[Tolerance | None]
+    depth: eqx.AbstractVar[Array | None]
+    """By how much the sleeve is worn off [m]; `None`: it is round, which costs nothing more."""
+
+    @property
+    def sleeve_radius(self) -> Scalar:
+        """Pin radius plus radial clearance, as it was before it wore [m]."""
+        return self.pin_radius + self.radial_clearance
+
+    @property
+    def profile(self) -> Any:
+        """By how much the sleeve is worn off in all [m], of the shape of `depth`; `None`: it is round."""
+        return self.depth
+
+    @property
+    def section_count(self) -> int:
+        """How many sections there are. Those of them are the first of the contact points."""
+        return 1
+
+    def sections(self) -> Sections:
+        """Its sections. **Raises:** `ClearanceError` where the length of the contact is not known."""
+        geometry = self.geometry()
+        if geometry.length is None:
+            raise ClearanceError("The depth of wear depends on the length of the contact: give the joint its `length`.")
+        return Sections(geometry, jnp.zeros(1), jnp.reshape(geometry.length, (1,)))
+
+    def centres(self, at: Relative) -> Float[Array, "sections 2"]:
+        """Where the pin's centre is in every section [m]."""
+        return jnp.stack([jnp.asarray(c, float) for c in at.place[:2]])[None]
+
+    def by_section(self, numbers: Any) -> Any:
+        """Of a tree of numbers of every contact point those of the sections, (sections,) each."""
+        return jax.tree.map(lambda each: jnp.ravel(jnp.asarray(each, float))[: self.section_count], numbers)
+
+    @abc.abstractmethod
+    def worn(self, depth: Any) -> "AbstractPin":
+        """The same joint with its sleeve worn off by so much [m] in all, of the shape of `depth`, or (sectors,) for the
+        same in every section. **Raises:** `ClearanceError` for other shapes.
+        """
+
+
+def depth_demand(pin: AbstractPin) -> Iterator[Demand]:
+    """That it is not worn off deeper than is computed right."""
+    radius = pin.pin_radius
+    if pin.depth is not None:
+        yield Demand("depth", (pin.profile < radius).all(), lambda: f"must be below the pin's radius, {radius:g} m")
