@@ -122,8 +122,13 @@ def test_a_model_of_manufacture_is_one_class():
     """Parts with their titles and numbers, and what of all limits of them is judged, come from the class alone."""
 
     class Ends(design.AbstractManufacture):
-        title = "of both ends"  # pyright: ignore[reportAssignmentType]
-        scattered = ("slider.mass",)  # pyright: ignore[reportAssignmentType]
+        @property
+        def title(self):
+            return "of both ends"
+
+        @property
+        def scattered(self):
+            return ("slider.mass",)
 
         def parts(self, names, fresh=0, seed=None):
             return [design.Part(f", at {f:g}", np.full(len(names), f), {"slider.mass": f}) for f in (0.5, 1.0)]

@@ -167,7 +167,10 @@ def test_a_bearing_gives_way_as_iso_16281_has_it(internal, expected):
         ({"balls": 9, "ball_diameter": 0.008, "rollers": 9}, "needs either `balls`"),
         ({"balls": 2, "ball_diameter": 0.008}, "at least 3 `balls`"),
         ({"balls": 9, "ball_diameter": float("nan")}, "`ball_diameter` must be finite"),
-        ({"balls": 9, "ball_diameter": 0.008, "internal_clearance": -1e-6}, "`internal_clearance` must be greater"),
+        (
+            {"balls": 9, "ball_diameter": 0.008, "internal_clearance": -1e-6},
+            "`internal_clearance` must be greater than 0 m",
+        ),
         (
             {"balls": 9, "ball_diameter": 0.008, "group": "CN", "internal_clearance": 1e-5},
             "`group` has no effect beside the",
