@@ -1,8 +1,8 @@
 """What acts on bodies beside their joints: springs, and loads from outside."""
 
 from clearance_jax._types import Scalar
-from clearance_jax.dynamics.inertia import Pair
-from clearance_jax.dynamics.kinematics import Frames, spring_state
+from clearance_jax.dynamics.frames import Frames, Pair
+from clearance_jax.dynamics.kinematics import spring_state
 from clearance_jax.mechanism.body import GROUND
 from clearance_jax.mechanism.loads import Wrench
 from clearance_jax.mechanism.mechanism import Mechanism

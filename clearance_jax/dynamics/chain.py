@@ -7,7 +7,7 @@ sought too.
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -19,7 +19,6 @@ from clearance_jax._module import Module
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.conditions import conditions, wrong_way
 from clearance_jax.dynamics.kinematics import frames
-from clearance_jax.dynamics.table import Columns, Table
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.mechanism.body import GROUND, Body, Point
 from clearance_jax.mechanism.driving import drivable
@@ -172,20 +171,21 @@ def looked(chain: Chain, aim: Aim | None, time: Scalar, q: Float[Array, " positi
     mechanism, size = chain.mechanism, chain.size
     plan = layout(mechanism)
     state = State(tuple(q), (0.0,) * plan.free, {})
-    motion = frames(mechanism, time, state) if mechanism.links is None else Table(mechanism, time, state)
+    motion = frames(mechanism, time, state)
     gaps: list[Term] = []
     rows: list[Array] = []
     drifts: list[Term] = []
     if aim is not None:
         point, frame = chain.frame, motion[chain.frame.body]
         at = frame.point(point.at.vector)
-        linear, angular = _columns(frame.free, at, plan.free)
+        linear = motion.velocities(chain.frame.body, at).array
         flat = mechanism.is_plane
         for k in (0, 1) if flat else (0, 1, 2):
             gaps.append((at[k] - aim.place[k]) / size)
             rows.append(linear[:, k] / size)
             drifts.append(frame.velocity_at(at)[k] / size)
         if aim.rotation is not None:
+            angular = motion.spins(chain.frame.body).array
             turned = frame.rotation if point.orientation is None else frame.rotated(point.orientation.rotation).rotation
             wanted = tuple((row[0], row[1], row[2]) for row in aim.rotation)
             off = rotation_between(IDENTITY.followed(wanted), IDENTITY.followed(turned.rows))  # pyright: ignore
@@ -195,22 +195,12 @@ def looked(chain: Chain, aim: Aim | None, time: Scalar, q: Float[Array, " positi
                 drifts.append(frame.spin[k])
     closed = jnp.asarray(True)
     for loop in mechanism.closures():
-        for now in conditions(loop, motion, plan.free):
+        for now in conditions(loop, motion):
             unit = size if absent(now.torque) else 1.0
             gaps.append(now.gap / unit)
-            rows.append(as_array(now.row) / unit)
+            rows.append(now.row.array / unit)
             drifts.append(now.rate / unit)
         for cosine in wrong_way(loop, motion):
             closed &= jnp.asarray(cosine) > 0
     jacobian = jnp.stack(rows)[:, np.array(chain.sought)] * chain.units[None]
     return Look(as_array(gaps), jacobian, as_array(drifts), closed)
-
-
-def _columns(free: Any, at: Any, count: int) -> tuple[Array, Array]:
-    """The velocity of a body's point and its spin by every free coordinate, (count, 3) each."""
-    if isinstance(free, Columns):
-        return free.velocity_at(at), free.spin
-    linear, angular = [jnp.zeros(3)] * count, [jnp.zeros(3)] * count
-    for column in free:
-        linear[column.index], angular[column.index] = as_array(column.velocity_at(at)), as_array(column.spin)
-    return jnp.stack(linear), jnp.stack(angular)

@@ -10,8 +10,8 @@ from jaxtyping import Array, Float
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.conditions import conditions, wrong_way
 from clearance_jax.dynamics.constraint import constraint
-from clearance_jax.dynamics.inertia import mass_matrix
-from clearance_jax.dynamics.kinematics import Frames, frames, sleeve_axes
+from clearance_jax.dynamics.frames import Frames
+from clearance_jax.dynamics.kinematics import frames, sleeve_axes
 from clearance_jax.dynamics.seated import Seated
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout, moved, parts
@@ -63,7 +63,7 @@ def corrected(
         offset = initial_offset(loop, motion)
         turning = cross(motion[loop.parent].spin, offset)
         errors = []
-        for now in conditions(loop, motion, plan.free):
+        for now in conditions(loop, motion):
             errors.append(minus(now.gap, dot(now.force, offset)))
             gaps.append(minus(0.0, errors[-1]))
             rates.append(minus(0.0, minus(now.rate, dot(now.force, turning))))
@@ -71,7 +71,7 @@ def corrected(
         opened.append(_openness(errors, wrong_way(loop, motion)))
     if not held:
         return y, jnp.stack(opened)
-    asked = constraint(mass_matrix(mechanism, motion, firm), held, mechanism)
+    asked = constraint(motion.mass_matrix(firm), held, mechanism)
     place, speed = asked.closing(gaps)[0], asked.closing(rates)[0]
     q = moved(mechanism, state.q, place)
     v = [plus(v, times(settle, s)) for v, s in zip(state.v, speed, strict=True)]

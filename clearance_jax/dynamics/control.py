@@ -6,7 +6,6 @@ import jax.numpy as jnp
 
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.applied import applied_pairs
-from clearance_jax.dynamics.inertia import Extra, generalised_load
 from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.mechanism.actuators import AbstractActuator
 from clearance_jax.mechanism.compounds import Ball
@@ -100,6 +99,6 @@ def inverse_dynamics(mechanism: Mechanism, time: Scalar, state: State, accelerat
     """The efforts that give a tree's free velocities these rates, beside what its own actuators exert."""
     mechanism = mechanism.at(time)
     motion = frames(mechanism, time, state)
-    missing = generalised_load(mechanism, motion, applied_pairs(mechanism, time, motion), Extra(acceleration))
+    missing = motion.load(applied_pairs(mechanism, time, motion), acceleration)
     own = exerted(mechanism, time, state)
     return [minus(0.0, plus(load, effort)) for load, effort in zip(missing, own, strict=True)]

@@ -7,7 +7,6 @@ from clearance_jax._numerics import safe_norm
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.energy import BOOKS, driving, energies, read_books
 from clearance_jax.dynamics.equations import Balance, balance
-from clearance_jax.dynamics.inertia import Extra
 from clearance_jax.dynamics.reactions import reactions
 from clearance_jax.joints import Action
 from clearance_jax.mechanism.mechanism import ClearanceJoint, Mechanism
@@ -86,13 +85,13 @@ def point_motions(mechanism: Mechanism, now: Balance) -> dict[str, Array]:
     """Position, velocity and acceleration of every named point, shape (points, 2), in space (points, 3)."""
     if not mechanism.points:
         return {}
-    extra, axes, places, speeds, rates = Extra(now.acceleration), len(axes_of(mechanism)), [], [], []
+    extra, axes, places, speeds, rates = now.motion.extra(now.acceleration), len(axes_of(mechanism)), [], [], []
     for point in mechanism.points:
         frame = now.motion[point.body]
         at = frame.point(point.at.vector)
         places.append(as_array(at[:axes]))
         speeds.append(as_array(frame.velocity_at(at)[:axes]))
-        rates.append(as_array(add(frame.acceleration_at(at), extra.at(frame, at))[:axes]))
+        rates.append(as_array(add(frame.acceleration_at(at), extra.at(point.body, at))[:axes]))
     return {"position": jnp.stack(places), "velocity": jnp.stack(speeds), "acceleration": jnp.stack(rates)}
 
 

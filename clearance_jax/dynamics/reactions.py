@@ -7,7 +7,7 @@ from jaxtyping import Array
 
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.equations import Balance, balance
-from clearance_jax.dynamics.inertia import Extra, Wrench, inertial_wrenches
+from clearance_jax.dynamics.frames import Wrench
 from clearance_jax.dynamics.kinematics import sleeve_axes
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -75,7 +75,7 @@ def reactions(mechanism: Mechanism, now: Balance) -> list[Wrench]:
     on it. The moment is that about the joint's place on the child; of a driven or actuated joint the effort is in it,
     of one with clearance what its contacts do, and what it holds beside them.
     """
-    wrenches = inertial_wrenches(mechanism, now.motion, Extra(now.acceleration), every=True)
+    wrenches = now.motion.wrenches(now.acceleration)
     by_name = dict(zip(now.actions, now.pairs, strict=False))
     by_name |= dict(zip([j.name for j in mechanism.closures()], now.closing, strict=True))
     out: list[Wrench] = []

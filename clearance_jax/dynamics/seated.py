@@ -19,7 +19,6 @@ from clearance_jax._types import Scalar
 from clearance_jax.dynamics.conditions import conditions
 from clearance_jax.dynamics.constraint import constraint
 from clearance_jax.dynamics.field import slope
-from clearance_jax.dynamics.inertia import mass_matrix
 from clearance_jax.dynamics.kinematics import frames, relative_motions
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout, moved, parts
@@ -101,14 +100,14 @@ def play_mobility(mechanism: Mechanism, time: Scalar, y: Array) -> Square:
     """
     at, plan = mechanism.at(time), layout(mechanism)
     motion = frames(at, time, plan.split(y))
-    inertia, loops, ways = mass_matrix(at, motion), at.closures(), _ways(mechanism, time, y)
-    every = [condition for loop in loops for condition in conditions(loop, motion, plan.free)]
+    inertia, loops, ways = motion.mass_matrix(), at.closures(), _ways(mechanism, time, y)
+    every = [condition for loop in loops for condition in conditions(loop, motion)]
     asked = constraint(inertia, every, at) if every else None
 
     def accelerations(force):
         free = inertia.solve([force[i] for i in range(plan.free)])
         if asked is not None:
-            change, _ = asked.closing([minus(0.0, now.reached(free)) for now in every])
+            change, _ = asked.closing([minus(0.0, now.row.dot(free)) for now in every])
             free = [plus(a, b) for a, b in zip(free, change, strict=True)]
         return ways @ as_array(free)
 
@@ -151,5 +150,5 @@ def _closing_rows(mechanism: Mechanism, time: Scalar, y: Array) -> Float[Array, 
     """The conditions of ideal loops, by the free velocities."""
     at, plan = mechanism.at(time), layout(mechanism)
     motion = frames(at, time, plan.split(y))
-    rows = [now.row for loop in at.closures() for now in conditions(loop, motion, plan.free)]
-    return jnp.stack([as_array(row) for row in rows]) if rows else jnp.zeros((0, plan.free))
+    rows = [now.row.array for loop in at.closures() for now in conditions(loop, motion)]
+    return jnp.stack(rows) if rows else jnp.zeros((0, plan.free))

@@ -14,7 +14,6 @@ from clearance_jax._solo import solo_jit
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.equations import balance
 from clearance_jax.dynamics.field import slope
-from clearance_jax.dynamics.inertia import Extra
 from clearance_jax.dynamics.kinematics import Frames, frames, relative_motions
 from clearance_jax.dynamics.reactions import reactions
 from clearance_jax.errors import ClearanceError, suggest
@@ -259,7 +258,7 @@ class Acceleration(AbstractSignal):
         now = balance(mechanism, time, layout(mechanism).split(y))
         frame = now.motion[point.body]
         at = frame.point(point.at.vector)
-        return length_of(add(frame.acceleration_at(at), Extra(now.acceleration).at(frame, at)))
+        return length_of(add(frame.acceleration_at(at), now.motion.extra(now.acceleration).at(point.body, at)))
 
 
 def _reaction(mechanism: Mechanism, name: str, time, y):

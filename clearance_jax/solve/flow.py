@@ -15,7 +15,6 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from clearance_jax._kept import kept_jit
-from clearance_jax._once import compute_once
 from clearance_jax._solo import solo_jit, whole
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.closures import StartErrors, assembled, projected
@@ -292,9 +291,6 @@ def _compiled(inputs: Inputs, options: Options, which: Which = None) -> Solution
         inputs, options = eqx.combine(numbers, rest)
         return solved(inputs, options, which, mapped=False)
 
-    # A table is computed in products of arrays, which nothing repeats: barriers would only keep them apart.
-    one = one if inputs.mechanism.is_tabled else compute_once(one)
-
     def mapped(numbers):
         inputs, options = eqx.combine(numbers, rest)
         return solved(inputs, options, which)
@@ -306,7 +302,7 @@ def _compiled(inputs: Inputs, options: Options, which: Which = None) -> Solution
         inputs, options = eqx.combine(batch, rest)
         return solved_lanes(inputs, options, which)
 
-    return batched(one, together)(numbers)
+    return batched(inputs.mechanism.form.once(one), together)(numbers)
 
 
 # Differentiated as it stands, and so without a rule of batching.

@@ -21,13 +21,12 @@ from clearance_jax._sharing import shared
 from clearance_jax._types import Each, EachFlag, Rows
 from clearance_jax.dynamics.kinematics import relative_accelerations, relative_motions
 from clearance_jax.dynamics.own_motion import turning_rows
-from clearance_jax.dynamics.table import three
 from clearance_jax.joints import ContactPoint, PreparedClearance, Relative
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.solve.interpolate import between, polynomial, quintic_coefficients, rising, tops
 from clearance_jax.solve.lane_axis import each_lane, together
-from clearance_jax.spatial import add, dot, subtract
+from clearance_jax.spatial import add, dot, subtract, three
 
 # Samples of a step.
 SAMPLES = 4
