@@ -13,6 +13,7 @@ force is found by projecting the same balance on its own column, where it is wan
 from collections.abc import Iterator
 from typing import ClassVar
 
+import equinox as eqx
 import jax.numpy as jnp
 
 from clearance_jax._module import Module
@@ -103,10 +104,11 @@ class Extra(AbstractExtra):
 
 
 class WrittenOut(Module, Frames):
-    """The frames of all bodies by name, and the mechanism."""
+    """The frames of all bodies by name; `count`: how many free velocities there are."""
 
     mechanism: Mechanism
     bodies: dict[str, Frame]
+    count: int = eqx.field(static=True)
 
     is_solved_implicitly: ClassVar[bool] = True
 
@@ -122,7 +124,7 @@ class WrittenOut(Module, Frames):
         return self._moves(body, base, lambda column: column.spin, lambda column: column.spin)
 
     def _moves(self, body, base, of_body, of_base) -> Moves:
-        moves = [ZERO] * layout(self.mechanism).free
+        moves = [ZERO] * self.count
         for column in self[body].free:
             moves[column.index] = of_body(column)
         for column in () if base is None else self[base].free:
@@ -154,8 +156,7 @@ class WrittenOut(Module, Frames):
 
     def mass_matrix(self, firm=None):
         mechanism = self.mechanism
-        names = layout(mechanism).velocities
-        matrix: list[list[Term]] = [[0.0] * (i + 1) for i in range(len(names))]
+        matrix: list[list[Term]] = [[0.0] * (i + 1) for i in range(self.count)]
         whole, columns = self.composites(), self.own_columns()
         parents = {joint.child: joint.parent for joint in mechanism.joints}
         # A chain in space is deep: what one link does is made of what the others do.
@@ -176,11 +177,11 @@ class WrittenOut(Module, Frames):
                         pivot = self[at].pivot
         for i, inertia in rotors(mechanism).items():
             matrix[i][i] = plus(matrix[i][i], inertia)
-        for i, name in enumerate(names):
-            if is_zero(matrix[i][i]):
+        for i, row in enumerate(matrix):
+            if is_zero(row[i]):
                 raise ClearanceError(
-                    f"Nothing with inertia moves with the free coordinate `{name}`: give a body beyond it a mass "
-                    "(where it turns, an inertia), or prescribe it with a drive."
+                    f"Nothing with inertia moves with the free coordinate `{layout(mechanism).velocities[i]}`: give a "
+                    "body beyond it a mass (where it turns, an inertia), or prescribe it with a drive."
                 )
         for i, times_as_much in (firm or {}).items():
             matrix[i][i] = times(times_as_much, matrix[i][i])
@@ -224,7 +225,7 @@ class WrittenOut(Module, Frames):
         return Wrench(force, moment)
 
     def load_without_rotors(self, pairs, acceleration):
-        load: list[Term] = [0.0] * layout(self.mechanism).free
+        load: list[Term] = [0.0] * self.count
         wrenches = self._wrenches(None if acceleration is None else self.extra(acceleration))
         for name, columns in self.own_columns().items():
             for column in columns:
@@ -318,7 +319,7 @@ def written_out(mechanism: Mechanism, time: Scalar, state: State) -> WrittenOut:
     for joint in mechanism.joints:
         frame = place(joint, out[joint.parent], time, values)
         out[joint.child] = frame if mechanism.is_plane else kept(frame)
-    return WrittenOut(mechanism, out)
+    return WrittenOut(mechanism, out, len(state.v))
 
 
 def pair_work(pair: Pair, column: Column) -> Term:
