@@ -7,7 +7,6 @@ import abc
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import equinox as eqx
 import jax.numpy as jnp
 from jax.scipy.linalg import cho_solve
 from jaxtyping import Array
@@ -166,9 +165,12 @@ class AbstractConstraint(Module):
 
 
 class AbstractFactors(Module):
-    """A symmetric positive matrix M, factored; `inverse_diagonal`: one over the pivots."""
+    """A symmetric positive matrix M, factored."""
 
-    inverse_diagonal: eqx.AbstractVar[Any]
+    @property
+    @abc.abstractmethod
+    def inverse_diagonal(self) -> Any:
+        """One over the pivots, by row."""
 
     @abc.abstractmethod
     def solve(self, right: list[Term]) -> list[Term]:
@@ -222,13 +224,17 @@ class DenseConstraint(AbstractConstraint):
 
 
 class Factored(AbstractFactors):
-    """L D L^T of a symmetric positive matrix, `lower[i][j]` for j < i."""
+    """L D L^T of a symmetric positive matrix, `lower[i][j]` for j < i, and the `inverse` of D."""
 
     lower: list[list[Term]]
-    inverse_diagonal: list[Term]
+    inverse: list[Term]
+
+    @property
+    def inverse_diagonal(self):
+        return self.inverse
 
     def solve(self, right):
-        lower, inverse = self.lower, self.inverse_diagonal
+        lower, inverse = self.lower, self.inverse
         n = len(right)
         x, once = list(right), _links(n)
         for i in range(n):

@@ -94,8 +94,9 @@ def by_newton_euler(path: Path, base: str, states: int) -> Known:
     return Known(path, [joint.name for joint in robot.joints if joint.moves], links, {"q": q, "rate": rate} | values)
 
 
-def dynamics(mechanism: cj.Mechanism, undamped: cj.Mechanism, q: Any, v: Any) -> dict[str, Any]:
-    """Everything that is compared, of one state."""
+def dynamics(robot: cj.Mechanism, without: cj.Mechanism, q: Any, v: Any) -> dict[str, Any]:
+    """Everything that is compared, of one state; `without`: the robot without its dampers."""
+    mechanism, undamped = robot.prepared(), without.prepared()
     time, y = jnp.zeros(()), jnp.concatenate([q, v])
     state, still = State(tuple(q), tuple(v), {}), State(tuple(q), tuple(jnp.zeros_like(v)), {})
     motion = frames(mechanism, time, state)

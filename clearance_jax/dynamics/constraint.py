@@ -10,7 +10,7 @@ from clearance_jax._types import Scalar
 from clearance_jax.dynamics.conditions import Condition, conditions
 from clearance_jax.dynamics.frames import Frames, Pair
 from clearance_jax.dynamics.kinematics import frames
-from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.mechanism.tree import AbstractJoint
 from clearance_jax.spatial import ZERO, absent, add, as_array, scale
@@ -21,7 +21,7 @@ from clearance_jax.symmetric import AbstractConstraint, AbstractFactors
 REPEATED = 1e-6
 
 
-def constraint(inertia: AbstractFactors, held: Sequence[Condition], mechanism: Mechanism) -> AbstractConstraint:
+def constraint(inertia: AbstractFactors, held: Sequence[Condition], mechanism: PreparedMechanism) -> AbstractConstraint:
     """What conditions ask of the inertia."""
 
     def choose(matrix: Callable[[], Array]) -> Array | None:
@@ -59,7 +59,7 @@ def independent(matrix: Array, held: Sequence[Condition], inertia: AbstractFacto
     return jax.lax.fori_loop(0, min(count, held[0].moves.count), once, begin)[1]
 
 
-def choice(time: Scalar, y: Array, mechanism: Mechanism) -> Float[Array, " conditions"]:
+def choice(time: Scalar, y: Array, mechanism: PreparedMechanism) -> Float[Array, " conditions"]:
     """Which conditions of the closures to ask for at a state, see `independent`."""
     mechanism, plan = mechanism.at(time), layout(mechanism)
     motion = frames(mechanism, time, plan.split(y))

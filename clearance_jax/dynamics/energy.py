@@ -14,7 +14,7 @@ from clearance_jax.dynamics.equations import Balance
 from clearance_jax.dynamics.frames import Frames, rotors
 from clearance_jax.dynamics.kinematics import frames, plays, spring_state
 from clearance_jax.joints import PreparedClearance, each_joint
-from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, layout
 from clearance_jax.spatial import Term, plus, times, total
 
@@ -27,7 +27,7 @@ RESTING = 1e6 * float(np.finfo(np.float64).eps)
 HAIR = 16 * float(np.finfo(np.float64).eps)
 
 
-def powers(mechanism: Mechanism, time: Scalar, state: State, now: Balance) -> Rows:
+def powers(mechanism: PreparedMechanism, time: Scalar, state: State, now: Balance) -> Rows:
     """Rates of the books: work of drives, actuators and loads, work absorbed by normal forces and dampers, loss in
     friction, and the sum of the absolute powers (the energy exchanged, against which a residual is judged).
     """
@@ -43,7 +43,7 @@ def powers(mechanism: Mechanism, time: Scalar, state: State, now: Balance) -> Ro
     return tuple(jnp.asarray(power, float) for power in (drive, absorbed, friction, exchanged))
 
 
-def driving(mechanism: Mechanism, now: Balance) -> list[tuple[Term, Term]]:
+def driving(mechanism: PreparedMechanism, now: Balance) -> list[tuple[Term, Term]]:
     """Driving force and speed of every prescribed coordinate."""
     if all(coordinate.motion.is_free for coordinate in mechanism.coordinates()):
         return []
@@ -70,7 +70,7 @@ class Energies(NamedTuple):
 
 
 @whole
-def energies(time: Scalar, y: Array, mechanism: Mechanism) -> Energies:
+def energies(time: Scalar, y: Array, mechanism: PreparedMechanism) -> Energies:
     """The energies of a state."""
     mechanism = mechanism.at(time)
     state = layout(mechanism).split(y)
@@ -85,21 +85,21 @@ def energies(time: Scalar, y: Array, mechanism: Mechanism) -> Energies:
     return Energies(*(jnp.asarray(energy, float) for energy in (kinetic, potential, springs, held)))
 
 
-def contact_energy(mechanism: Mechanism, time: Scalar, motion: Frames, state: State) -> Term:
+def contact_energy(mechanism: PreparedMechanism, time: Scalar, motion: Frames, state: State) -> Term:
     """Elastic energy of the contacts [J]."""
     found, joints = plays(mechanism, time, state, motion), mechanism.clearance_joints()
     stored = [(joint.clearance, found[joint.name].relative) for joint in joints]
     return total(each_joint(PreparedClearance.stored, stored))
 
 
-def opened_books(time: Scalar, y: Array, mechanism: Mechanism) -> Float[Array, " books"]:
+def opened_books(time: Scalar, y: Array, mechanism: PreparedMechanism) -> Float[Array, " books"]:
     """Books as at the start of a solve from a state."""
     state = layout(mechanism).split(y)
     held = jnp.asarray(contact_energy(mechanism, time, frames(mechanism, time, state), state), float)
     return jnp.stack([held if name == "absorbed_work" else jnp.zeros(()) for name in BOOKS])
 
 
-def handed_over(time: Scalar, y: Array, mechanism: Mechanism) -> Array:
+def handed_over(time: Scalar, y: Array, mechanism: PreparedMechanism) -> Array:
     """A state with books, in which the energy of payloads that came or went just before `time` is booked as work."""
     brought = energies(time, y, mechanism).total - energies(time, y, just_before(mechanism, time)).total
     first = layout(mechanism).size
@@ -108,7 +108,7 @@ def handed_over(time: Scalar, y: Array, mechanism: Mechanism) -> Array:
     )
 
 
-def just_before(mechanism: Mechanism, time: Scalar) -> Mechanism:
+def just_before(mechanism: PreparedMechanism, time: Scalar) -> PreparedMechanism:
     """The mechanism with the payloads that it has just before a time."""
     return mechanism.at(time - HAIR * jnp.abs(time))
 
@@ -120,7 +120,7 @@ def read_books(books: Float[Array, " books"], contact: Scalar) -> dict[str, Arra
     return out
 
 
-def energy_residual(mechanism: Mechanism, times: tuple, states: tuple) -> Scalar:
+def energy_residual(mechanism: PreparedMechanism, times: tuple, states: tuple) -> Scalar:
     """|energy gained - work of drives + losses| / energy exchanged, between two states with books.
 
     A mechanism at rest exchanges nothing, and round-off is not to be judged against that: what contacts hold at either

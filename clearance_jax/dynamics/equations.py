@@ -18,7 +18,7 @@ from clearance_jax.dynamics.frames import Frames, Pair
 from clearance_jax.dynamics.kinematics import Play, frames, plays
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import Action, PreparedClearance, each_joint
-from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, layout
 from clearance_jax.spatial import Term, minus, plus, times
 from clearance_jax.symmetric import AbstractConstraint, AbstractFactors
@@ -39,7 +39,7 @@ class Balance(NamedTuple):
     closing: list[Pair]
 
 
-def balance(mechanism: Mechanism, time: Scalar, state: State) -> Balance:
+def balance(mechanism: PreparedMechanism, time: Scalar, state: State) -> Balance:
     """Where everything is, what the joints exert, the equations of motion."""
     mechanism = mechanism.at(time)
     motion = frames(mechanism, time, state)
@@ -52,7 +52,7 @@ def balance(mechanism: Mechanism, time: Scalar, state: State) -> Balance:
     return Balance(motion, found, actions, pairs, efforts, shared(acceleration), closing)
 
 
-def contact_pairs(mechanism: Mechanism, plays: dict[str, Play], actions: dict[str, Action]) -> list[Pair]:
+def contact_pairs(mechanism: PreparedMechanism, plays: dict[str, Play], actions: dict[str, Action]) -> list[Pair]:
     """Wrench pairs of the clearance joints."""
     pairs = []
     for joint in mechanism.clearance_joints():

@@ -12,7 +12,7 @@ from typing import ClassVar, NamedTuple
 from jaxtyping import Array, Float
 
 from clearance_jax.mechanism.frame import Column, Frame
-from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import parts
 from clearance_jax.spatial import ZERO, Term, Vector, add, cross, dot, minus, subtract, times
 from clearance_jax.symmetric import AbstractFactors, AbstractRow
@@ -90,7 +90,7 @@ class Frames(abc.ABC):
     accelerations are those with all of them left out, as in `Frame`.
     """
 
-    mechanism: Mechanism
+    mechanism: PreparedMechanism
     is_solved_implicitly: ClassVar[bool]
     """Whether accelerations are differentiated by what they leave over in the equations, not as they are computed."""
 
@@ -151,7 +151,7 @@ class Frames(abc.ABC):
         return load
 
 
-def rotors(mechanism: Mechanism) -> dict[int, Term]:
+def rotors(mechanism: PreparedMechanism) -> dict[int, Term]:
     """The inertia of motors' rotors, by the free velocity that they turn with."""
     found = {part.v.start: part.coordinate.motion.rotor_inertia for part in parts(mechanism)}
     return {i: inertia for i, inertia in found.items() if inertia is not None}

@@ -13,8 +13,9 @@ from clearance_jax.dynamics.own_motion import as_numbers, coordinate_values, own
 from clearance_jax.dynamics.table import Table
 from clearance_jax.dynamics.written_out import written_out
 from clearance_jax.joints import Relative
+from clearance_jax.mechanism._base import ClearanceJoint
 from clearance_jax.mechanism.body import Spring
-from clearance_jax.mechanism.mechanism import ClearanceJoint, Mechanism
+from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, layout
 from clearance_jax.mechanism.tree import AbstractJoint, AbstractPlayed
 from clearance_jax.spatial import (
@@ -33,7 +34,7 @@ from clearance_jax.spatial import (
 )
 
 
-def frames(mechanism: Mechanism, time: Scalar, state: State) -> Frames:
+def frames(mechanism: PreparedMechanism, time: Scalar, state: State) -> Frames:
     """Pose and motion of every body, in the form that the mechanism's equations have."""
     form = Table if mechanism.is_tabled else written_out
     return form(mechanism, time, state)
@@ -49,7 +50,7 @@ class Play(NamedTuple):
     pin: Vector
 
 
-def plays(mechanism: Mechanism, time: Scalar, state: State, motion: Frames) -> dict[str, Play]:
+def plays(mechanism: PreparedMechanism, time: Scalar, state: State, motion: Frames) -> dict[str, Play]:
     """Kinematics of every clearance joint: in the tree by its coordinates, which keep the digits of a small play on a
     large machine; in a loop a difference of positions.
     """
@@ -101,7 +102,7 @@ def sleeve_rotation(joint: AbstractJoint, motion: Frames) -> Rotation:
     return motion[joint.parent].rotated(joint.turned).rotation
 
 
-def relative_motions(time: Scalar, y: Array | Rows, mechanism: Mechanism) -> list[Relative]:
+def relative_motions(time: Scalar, y: Array | Rows, mechanism: PreparedMechanism) -> list[Relative]:
     """The relative motion in every clearance joint."""
     state = layout(mechanism).split(y)
     own = own_motions(mechanism, time, coordinate_values(mechanism, state))
@@ -110,7 +111,7 @@ def relative_motions(time: Scalar, y: Array | Rows, mechanism: Mechanism) -> lis
     return [as_numbers(found[joint.name]) for joint in mechanism.clearance_joints()]
 
 
-def loop_plays(mechanism: Mechanism, time: Scalar, state: State) -> dict[str, tuple[Play, Frames]]:
+def loop_plays(mechanism: PreparedMechanism, time: Scalar, state: State) -> dict[str, tuple[Play, Frames]]:
     """Kinematics of the clearance joints that close loops, and where everything is."""
     loops, out = [joint for joint in mechanism.clearance_joints() if not joint.in_tree], {}
     if not loops:
@@ -123,7 +124,7 @@ def loop_plays(mechanism: Mechanism, time: Scalar, state: State) -> dict[str, tu
 
 
 def relative_accelerations(
-    time: Scalar, y: Array, slope: Array, mechanism: Mechanism
+    time: Scalar, y: Array, slope: Array, mechanism: PreparedMechanism
 ) -> list[tuple[Relative, Relative]]:
     """The relative motion in every clearance joint, and its rate along the motion, for a state and its slope."""
     plan = layout(mechanism)

@@ -10,7 +10,7 @@ from jaxtyping import Array
 from clearance_jax._numerics import sincos
 from clearance_jax._types import Scalar
 from clearance_jax.mechanism.links import Links, Order, rodrigues
-from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, parts
 from clearance_jax.spatial import Term, as_array, of_quaternion
 
@@ -38,7 +38,7 @@ class Given(NamedTuple):
     spins: list[Array]
 
 
-def given_motion(mechanism: Mechanism, plan: Order, time: Scalar, state: State) -> Given:
+def given_motion(mechanism: PreparedMechanism, plan: Order, time: Scalar, state: State) -> Given:
     """What drives and the state say of the links' coordinates."""
     own = {part.coordinate.name: part for part in parts(mechanism)}
     out = Given([], [], [], {}, [])
@@ -59,7 +59,9 @@ def given_motion(mechanism: Mechanism, plan: Order, time: Scalar, state: State) 
     return out
 
 
-def sweep(mechanism: Mechanism, plan: Order, links: Links, time: Scalar, state: State) -> tuple[list[Term], Motions]:
+def sweep(
+    mechanism: PreparedMechanism, plan: Order, links: Links, time: Scalar, state: State
+) -> tuple[list[Term], Motions]:
     """Rates of the links' coordinates (of a ball zero), and the motion of every link and, behind them, of the
     ground.
     """

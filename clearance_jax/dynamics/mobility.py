@@ -13,6 +13,7 @@ from clearance_jax.dynamics.conditions import conditions
 from clearance_jax.dynamics.constraint import independent
 from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import initial_values, layout
 from clearance_jax.spatial import as_array
 
@@ -58,7 +59,7 @@ def mobility(mechanism: Mechanism, time: float = 0.0) -> Mobility:
 
 
 @jax.jit
-def _kept(ready: Mechanism, time: Scalar) -> Array:
+def _kept(ready: PreparedMechanism, time: Scalar) -> Array:
     """Of each condition of the closures whether it says something of its own (1) or not (0)."""
     plan = layout(ready)
     y = assembled(time, jnp.concatenate([initial_values(ready), jnp.zeros(plan.remembered)]), ready)[0]

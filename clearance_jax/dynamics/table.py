@@ -16,7 +16,7 @@ from clearance_jax.dynamics.link_motion import sweep
 from clearance_jax.mechanism.body import GROUND
 from clearance_jax.mechanism.frame import Column, Frame
 from clearance_jax.mechanism.links import Masks, Order, links_of, masks, order
-from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State
 from clearance_jax.spatial import IDENTITY, ZERO, Term, Vector, as_array, subtract, three
 from clearance_jax.symmetric import ArrayRow, Dense
@@ -82,7 +82,7 @@ class Table(Frames):
 
     is_solved_implicitly: ClassVar[bool] = False
 
-    def __init__(self, mechanism: Mechanism, time: Scalar, state: State):
+    def __init__(self, mechanism: PreparedMechanism, time: Scalar, state: State):
         self.mechanism = mechanism
         self.plan: Order = order(mechanism.joints)
         self.masks: Masks = masks(self.plan, mechanism.bodies)

@@ -25,8 +25,8 @@ from clearance_jax.dynamics.own_motion import coordinate_values
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.body import GROUND, Body
 from clearance_jax.mechanism.frame import Column, Frame
-from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.moved import place
+from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, layout
 from clearance_jax.spatial import (
     ZERO,
@@ -106,7 +106,7 @@ class Extra(AbstractExtra):
 class WrittenOut(Module, Frames):
     """The frames of all bodies by name; `count`: how many free velocities there are."""
 
-    mechanism: Mechanism
+    mechanism: PreparedMechanism
     bodies: dict[str, Frame]
     count: int = eqx.field(static=True)
 
@@ -312,7 +312,7 @@ class WrittenOut(Module, Frames):
             yield tuple(times(t, w) for t, w in zip(turning, frame.spin, strict=True))
 
 
-def written_out(mechanism: Mechanism, time: Scalar, state: State) -> WrittenOut:
+def written_out(mechanism: PreparedMechanism, time: Scalar, state: State) -> WrittenOut:
     """Pose and motion of every body: one sweep from the ground."""
     values = coordinate_values(mechanism, state)
     out = {GROUND: Frame()}

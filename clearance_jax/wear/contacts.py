@@ -75,8 +75,7 @@ def sleeve_of(mechanism: Mechanism, joint: str) -> Sleeve:
 
 
 def _clearance(mechanism: Mechanism, name: str):
-    mechanism = mechanism.prepared()
-    known = {joint.name: joint for joint in mechanism.clearance_joints()}
+    known = {joint.name: joint for joint in mechanism.prepared().clearance_joints()}
     if name not in known:
         raise ClearanceError(f"There is no clearance joint `{name}`. {suggest(name, known)}")
     if known[name].clearance.joint.play()[0].suffix != ".play_x":
