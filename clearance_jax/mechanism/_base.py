@@ -3,7 +3,7 @@
 import abc
 import functools
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple, TypeVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -20,6 +20,8 @@ from clearance_jax.mechanism.play import without_play
 from clearance_jax.mechanism.tree import SLIDING, TURNING, AbstractJoint, AbstractPlayed, Coordinate
 from clearance_jax.parameters import Parametrised
 from clearance_jax.spatial import Term
+
+Kind = TypeVar("Kind", bound="AbstractMechanism")
 
 
 class ClearanceJoint(NamedTuple):
@@ -154,16 +156,16 @@ class AbstractMechanism(Parametrised):
         conditions = sum(loop.hold().count for loop in self.closures())
         return Form(free, conditions, len(list(self.coordinates())), bool(self.clearance_joints()), self.is_plane)
 
-    def ideal(self) -> Self:
+    def ideal(self: Kind) -> Kind:
         """The same mechanism with every clearance taken away."""
         return self.held({})
 
-    def held(self, play: Mapping[str, Sequence[Term]]) -> Self:
+    def held(self: Kind, play: Mapping[str, Sequence[Term]]) -> Kind:
         """The ideal mechanism whose pins are held in their sleeves, by the name of each joint at given values of its
         play coordinates [m or rad] (one that is not named: in the middle).
         """
         return self._with_joints(lambda joint: without_play(joint, play.get(joint.name)))
 
     @abc.abstractmethod
-    def _with_joints(self, change: Callable[[AbstractJoint], AbstractJoint]) -> Self:
+    def _with_joints(self: Kind, change: Callable[[AbstractJoint], AbstractJoint]) -> Kind:
         """The same mechanism with every joint changed."""
