@@ -278,6 +278,11 @@ def quaternion_rate(q: tuple[Term, ...], spin: Vector) -> tuple[Term, ...]:
     return scale(0.5, hamilton(q, (0.0, *spin)))
 
 
+def three(a: Array) -> Vector:
+    """An array of three as a vector."""
+    return a[0], a[1], a[2]
+
+
 def as_array(terms) -> Array:
     """Stack terms into one array, absent ones as zeros; an array is one already."""
     if isinstance(terms, jax.Array):

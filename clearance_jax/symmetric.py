@@ -1,14 +1,19 @@
-"""Symmetric systems in the words of `spatial`: mass matrices factored entry by entry, inertias as six numbers."""
+"""Symmetric systems in the words of `spatial`: mass matrices factored entry by entry, inertias as six numbers.
 
-from collections.abc import Callable
-from typing import NamedTuple
+A system of many rows is an array instead. Both forms have one interface: rows, factors, constraints.
+"""
+
+import abc
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import jax.numpy as jnp
 from jax.scipy.linalg import cho_solve
 from jaxtyping import Array
 
+from clearance_jax._module import Module
 from clearance_jax._sharing import shared
-from clearance_jax.spatial import Rotation, Term, Vector, as_array, dot, is_zero, minus, plus, times, total
+from clearance_jax.spatial import Rotation, Term, Vector, absent, as_array, dot, is_zero, minus, plus, times, total
 
 
 class Symmetric:
@@ -77,15 +82,159 @@ def shifted(inertia: Symmetric, by: Vector, old: Vector, new: Vector) -> Symmetr
     return Symmetric(entry)
 
 
-class Factored(NamedTuple):
-    """L D L^T of a symmetric positive matrix, `lower[i][j]` for j < i."""
+class AbstractRow(Module):
+    """One number for each unknown: a row of a Jacobian."""
 
-    lower: list[list[Term]]
-    inverse_diagonal: list[Term]
+    @property
+    @abc.abstractmethod
+    def terms(self) -> list[Term]:
+        """The numbers one by one."""
 
+    @property
+    @abc.abstractmethod
+    def array(self) -> Array:
+        """The numbers as one array."""
+
+    @property
+    @abc.abstractmethod
+    def is_absent(self) -> bool:
+        """Whether all of them are absent from the program."""
+
+    @abc.abstractmethod
+    def dot(self, values: list[Term]) -> Term:
+        """The row times values of the unknowns."""
+
+
+class TermRow(AbstractRow):
+    """A row of single numbers."""
+
+    every: list[Term]
+
+    @property
+    def terms(self):
+        return self.every
+
+    @property
+    def array(self):
+        return as_array(self.every)
+
+    @property
+    def is_absent(self):
+        return absent(tuple(self.every))
+
+    def dot(self, values):
+        return total(times(r, value) for r, value in zip(self.every, values, strict=True))
+
+
+class ArrayRow(AbstractRow):
+    """A row that is an array."""
+
+    whole: Array
+
+    @property
+    def terms(self):
+        return [self.whole[i] for i in range(self.whole.shape[0])]
+
+    @property
+    def array(self):
+        return self.whole
+
+    @property
+    def is_absent(self):
+        return False
+
+    def dot(self, values):
+        return self.whole @ as_array(values)
+
+
+Choice = Callable[[Callable[[], Array]], Array | None]
+"""Which conditions are asked for (1) and which repeat others (0), `None` for all; from what makes J M^-1 J^T."""
+
+
+class AbstractConstraint(Module):
+    """Conditions J x = c on a symmetric system M, of which some may be left out."""
+
+    @property
+    @abc.abstractmethod
+    def asked(self) -> Array:
+        """Which conditions are asked for (1) and which are left out (0), where a choice was made."""
+
+    @abc.abstractmethod
+    def closing(self, right: list[Term]) -> tuple[list[Term], list[Term]]:
+        """The smallest change x (in the norm of M) with J x = right, and the multipliers that make it."""
+
+
+class AbstractFactors(Module):
+    """A symmetric positive matrix M, factored."""
+
+    @property
+    @abc.abstractmethod
+    def inverse_diagonal(self) -> Any:
+        """One over the pivots, by row."""
+
+    @abc.abstractmethod
     def solve(self, right: list[Term]) -> list[Term]:
         """The solution for one right-hand side."""
-        lower, inverse = self
+
+    @abc.abstractmethod
+    def constraint(self, rows: Sequence[AbstractRow], choose: Choice) -> AbstractConstraint:
+        """What conditions, by the rows of their Jacobian J, ask of the unknowns."""
+
+
+class Constraint(AbstractConstraint):
+    """The changes M^-1 J^T that a unit multiplier makes, and J M^-1 J^T factored; `kept`: which conditions are asked
+    for (1) and which repeat others (0), `None` where all are.
+    """
+
+    spread: list[list[Term]]
+    factored: AbstractFactors
+    kept: list[Term] | None
+
+    @property
+    def asked(self):
+        assert self.kept is not None
+        return as_array(self.kept)
+
+    def closing(self, right):
+        if self.kept is not None:
+            right = [times(k, r) for k, r in zip(self.kept, right, strict=True)]
+        multipliers = self.factored.solve(right)
+        count = len(self.spread[0])
+        change = [total(times(m, s[k]) for m, s in zip(multipliers, self.spread, strict=True)) for k in range(count)]
+        return change, multipliers
+
+
+class DenseConstraint(AbstractConstraint):
+    """The same of many conditions or unknowns, as arrays (see `Dense`)."""
+
+    spread: Array
+    lower: Array
+    kept: Array | None
+
+    @property
+    def asked(self):
+        assert self.kept is not None
+        return self.kept
+
+    def closing(self, right):
+        asked = as_array(right) if self.kept is None else self.kept * as_array(right)
+        multipliers = cho_solve((self.lower, True), asked)
+        change = self.spread @ multipliers
+        return [change[i] for i in range(change.shape[0])], [multipliers[i] for i in range(multipliers.shape[0])]
+
+
+class Factored(AbstractFactors):
+    """L D L^T of a symmetric positive matrix, `lower[i][j]` for j < i, and the `inverse` of D."""
+
+    lower: list[list[Term]]
+    inverse: list[Term]
+
+    @property
+    def inverse_diagonal(self):
+        return self.inverse
+
+    def solve(self, right):
+        lower, inverse = self.lower, self.inverse
         n = len(right)
         x, once = list(right), _links(n)
         for i in range(n):
@@ -95,8 +244,23 @@ class Factored(NamedTuple):
             x[i] = once(minus(x[i], total(times(lower[j][i], x[j]) for j in range(i + 1, n))))
         return x
 
+    def constraint(self, rows, choose):
+        spread = [self.solve(row.terms) for row in rows]
+        compliance = [
+            [total(times(p, q) for p, q in zip(row.terms, spread[j], strict=True)) for j in range(i + 1)]
+            for i, row in enumerate(rows)
+        ]
+        chosen = choose(lambda: dense(compliance))
+        if chosen is None:
+            return Constraint(spread, factor(compliance), None)
+        kept: list[Term] = [chosen[i] for i in range(len(rows))]
+        for i, row in enumerate(compliance):
+            row[:i] = [times(times(kept[i], kept[j]), row[j]) for j in range(i)]
+            row[i] = jnp.where(kept[i] > 0, row[i], 1.0)
+        return Constraint(spread, factor(compliance), kept)
 
-class Dense(NamedTuple):
+
+class Dense(AbstractFactors):
     """The same of many rows as one array, by a library (lower Cholesky factor): a call costs some microseconds, but the
     program stays small, where one of single numbers takes minutes to compile.
     """
@@ -104,14 +268,21 @@ class Dense(NamedTuple):
     lower: Array
 
     @property
-    def inverse_diagonal(self) -> Array:
-        """One over the pivots."""
+    def inverse_diagonal(self):
         return 1.0 / jnp.diagonal(self.lower) ** 2
 
-    def solve(self, right: list[Term]) -> list[Term]:
-        """The solution for one right-hand side."""
+    def solve(self, right):
         found = cho_solve((self.lower, True), as_array(right))
         return [found[i] for i in range(len(right))]
+
+    def constraint(self, rows, choose):
+        jacobian = jnp.stack([row.array for row in rows])
+        spread = cho_solve((self.lower, True), jacobian.T)
+        compliance = jacobian @ spread
+        asked = choose(lambda: compliance)
+        if asked is not None:
+            compliance = compliance * asked[:, None] * asked[None, :] + jnp.diag(1 - asked)
+        return DenseConstraint(spread, jnp.linalg.cholesky(compliance), asked)
 
 
 # From so many rows on a symmetric system is an array.
@@ -131,7 +302,7 @@ def dense(matrix: list[list[Term]]) -> Array:
     return jnp.stack([as_array(matrix[max(i, j)][min(i, j)] for j in range(n)) for i in range(n)])
 
 
-def factor(matrix: list[list[Term]]) -> Factored | Dense:
+def factor(matrix: list[list[Term]]) -> AbstractFactors:
     """Factor a symmetric positive definite matrix given by its lower triangle (structural zeros stay absent).
 
     Of a handful of rows the loops are unrolled into the program.

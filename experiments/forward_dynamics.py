@@ -32,6 +32,7 @@ from jax.experimental.compilation_cache import compilation_cache
 import clearance_jax as cj
 from clearance_jax._sharing import kept, sharing
 from clearance_jax.dynamics.field import rate
+from clearance_jax.mechanism.prepared import PreparedMechanism
 from experiments.common import output, seconds, table
 from experiments.publish import command, say
 
@@ -289,7 +290,7 @@ def by_arrays(links: Link, q, v):
 # Measured -------------------------------------------------------------------------------------------------------------
 
 
-def by_field(mechanism: cj.Mechanism, q, v):
+def by_field(mechanism: PreparedMechanism, q, v):
     """Ours."""
     return list(rate(jnp.zeros(()), (*q, *v), mechanism)[len(q) :])
 

@@ -208,7 +208,7 @@ def points(mechanism: cj.Mechanism) -> int:
 
 
 def form(mechanism: cj.Mechanism) -> str:
-    return "table" if mechanism.is_tabled else "written out"
+    return "table" if mechanism.form.is_table else "written out"
 
 
 def arms(end: float) -> None:

@@ -23,9 +23,8 @@ import numpy as np
 
 import clearance_jax as cj
 from clearance_jax.dynamics.field import slope
-from clearance_jax.dynamics.inertia import generalised_load, mass_matrix
+from clearance_jax.dynamics.frames import Frames
 from clearance_jax.dynamics.kinematics import frames
-from clearance_jax.dynamics.table import Columns
 from clearance_jax.io.urdf_file import read_urdf
 from clearance_jax.io.urdf_merge import merged
 from clearance_jax.mechanism.state import State
@@ -95,21 +94,22 @@ def by_newton_euler(path: Path, base: str, states: int) -> Known:
     return Known(path, [joint.name for joint in robot.joints if joint.moves], links, {"q": q, "rate": rate} | values)
 
 
-def dynamics(mechanism: cj.Mechanism, undamped: cj.Mechanism, q: Any, v: Any) -> dict[str, Any]:
-    """Everything that is compared, of one state."""
+def dynamics(robot: cj.Mechanism, without: cj.Mechanism, q: Any, v: Any) -> dict[str, Any]:
+    """Everything that is compared, of one state; `without`: the robot without its dampers."""
+    mechanism, undamped = robot.prepared(), without.prepared()
     time, y = jnp.zeros(()), jnp.concatenate([q, v])
     state, still = State(tuple(q), tuple(v), {}), State(tuple(q), tuple(jnp.zeros_like(v)), {})
     motion = frames(mechanism, time, state)
     # A load is what stands on the other side of the equations.
-    load = numbers(generalised_load(undamped, motion, []))
-    weight = numbers(generalised_load(undamped, frames(undamped, time, still), []))
+    load = numbers(motion.load([]))
+    weight = numbers(frames(undamped, time, still).load([]))
     return {
         "acceleration": slope(time, y, mechanism)[len(q) :],
-        "mass": whole(mass_matrix(mechanism, motion)),
+        "mass": whole(motion.mass_matrix()),
         "gravity": -weight,
         "coriolis": weight - load,
         "poses": jnp.stack([pose(point, motion[point.body]) for point in mechanism.points]),
-        "jacobians": jnp.stack([jacobian(point, motion[point.body], len(v)) for point in mechanism.points]),
+        "jacobians": jnp.stack([jacobian(point, motion) for point in mechanism.points]),
     }
 
 
@@ -133,15 +133,10 @@ def pose(point: cj.Point, frame: Any) -> Any:
     return jnp.stack([numbers([*row, x]) for row, x in zip(rotation.rows, at.position, strict=True)])
 
 
-def jacobian(point: cj.Point, frame: Any, n: int) -> Any:
+def jacobian(point: cj.Point, motion: Frames) -> Any:
     """Velocity of a named frame's origin, and its spin, by the rates of the free coordinates, shape (6, n)."""
-    at = frame.point(point.at.vector)
-    if isinstance(frame.free, Columns):
-        return jnp.concatenate([frame.free.velocity_at(at), frame.free.spin], axis=1).T
-    out = [jnp.zeros(6)] * n
-    for column in frame.free:
-        out[column.index] = numbers([*column.velocity_at(at), *column.spin])
-    return jnp.stack(out, axis=1)
+    at = motion[point.body].point(point.at.vector)
+    return jnp.concatenate([motion.velocities(point.body, at).array, motion.spins(point.body).array], axis=1).T
 
 
 def in_our_order(known: Known, base: str) -> tuple[np.ndarray, np.ndarray]:

@@ -58,7 +58,7 @@ def test_a_rotor_in_space_is_that_in_the_plane_in_every_form():
     y = initial_values(heavy)
     plan = layout(heavy)
     found = []
-    for m in (heavy.prepared(), heavy.as_small_program().prepared()):
+    for m in (heavy.prepared(), heavy.prepared().as_small_program()):
         found.append(np.asarray(slope(jnp.zeros(()), y, m)[plan.v]))
     np.testing.assert_allclose(found[1], found[0], rtol=1e-11, atol=1e-12)
     # What the arm without rotors needs for these accelerations, plus J a, is nothing.
@@ -75,9 +75,7 @@ def pendulum(stiffness):
     play = cj.joints.fitted(2e-5, pin_radius=0.015)
     arm = cj.Mechanism(
         bodies=(cj.Body("arm", 4.0, INERTIA, cj.Position(0.3)),),
-        joints=(
-            cj.Revolute("hip", "ground", "arm", motion=cj.Motion(cj.Constant(0.4)), clearance=play),
-        ),
+        joints=(cj.Revolute("hip", "ground", "arm", motion=cj.Motion(cj.Constant(0.4)), clearance=play),),
         gravity=cj.Gravity(0.0, -9.81),
     )
     return cj.with_compliance(arm, "hip", cj.Compliance(stiffness, 1.0))

@@ -14,7 +14,7 @@ import clearance_jax as cj
 from clearance_jax import metrics
 from clearance_jax.cli.main import app
 from clearance_jax.dynamics.observe import observe
-from clearance_jax.mechanism.mechanism import breaks_near, sampling_periods
+from clearance_jax.mechanism.breaks import breaks_near, sampling_periods
 
 # Two carts on a line: a motor, and a link on it behind a spring.
 MOTOR, LINK, SPRING, DAMPING = 2.0, 1.0, 400.0, 3.0
@@ -145,7 +145,7 @@ def test_a_sampled_computed_torque_of_a_large_mechanism_errs_by_its_period():
         for i in range(count)
     )
     chain = cj.Mechanism(bodies, joints, gravity=cj.Gravity(z=-9.81))
-    assert chain.is_tabled
+    assert chain.form.is_table
     targets = tuple(
         cj.Reference(f"j{i}", cj.Harmonic(0.3, 2.0, phase=0.3 * i, offset=-0.3 * np.sin(0.3 * i))) for i in range(count)
     )

@@ -12,9 +12,9 @@ from scipy.interpolate import CubicSpline
 import clearance_jax as cj
 from clearance_jax._types import Scalar
 from clearance_jax.mechanism.actuators import AbstractActuator
+from clearance_jax.mechanism.breaks import drive_breaks
 from clearance_jax.mechanism.drives import AbstractDrive, DriveSum, PreparedSpline, spline_curvature
 from clearance_jax.mechanism.expressions import read_expression
-from clearance_jax.mechanism.mechanism import drive_breaks
 from clearance_jax.parameters import physical
 
 KNOTS = np.array([0.1, 0.35, 0.5, 0.9, 1.0, 1.45, 1.7])

@@ -51,7 +51,7 @@ def framed(n, seed=1):
 
 def forward(mechanism, q):
     """Place and matrix of the frame at the end of an arm, by the kinematics of its free coordinates."""
-    free = chain_of(mechanism, "tip", None).mechanism
+    free = chain_of(mechanism, "tip", None).mechanism.prepared()
     point = mechanism.points[0]
     at = frames(free, jnp.zeros(()), State(tuple(jnp.asarray(q)), (0.0,) * len(q), {}))[point.body]
     turned = at.rotated(point.orientation.rotation).rotation

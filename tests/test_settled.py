@@ -76,7 +76,7 @@ def test_a_payload_that_has_not_come_presses_no_pin():
     load, grip = cj.Body("load", 1.0, picked_up=0.5), cj.Fixed("grip", "bob", "load")
     mechanism = cj.Mechanism((*bare.bodies, load), (*bare.joints, grip), gravity=bare.gravity)
     for time, mass in ((0.0, MASS), (1.0, MASS + 1.0)):
-        force = joint_reactions(mechanism, jnp.asarray(time), jnp.asarray([-np.pi / 2, 0.0]))["hip"].force
+        force = joint_reactions(mechanism.prepared(), jnp.asarray(time), jnp.asarray([-np.pi / 2, 0.0]))["hip"].force
         np.testing.assert_allclose(np.asarray(force[:2], float), [0.0, mass * GRAVITY], atol=1e-12)
 
 
@@ -84,12 +84,12 @@ def test_the_moving_reaction_of_the_slider_crank():
     """At the dead centre the slider is braked with r w^2 (1 + r/l), by the wrist alone."""
     mechanism = slider_crank()
     y = jnp.asarray([0.0, 0.17, -SPEED * (1 + 0.05 / 0.12), 0.0])
-    reaction = joint_reactions(mechanism, jnp.zeros(()), y)["wrist"]
+    reaction = joint_reactions(mechanism.prepared(), jnp.zeros(()), y)["wrist"]
     braking = 0.05 * SPEED**2 * (1 + 0.05 / 0.12)
     np.testing.assert_allclose(np.asarray(reaction.force), [-0.14 * braking, 0.0, 0.0], rtol=1e-12, atol=1e-9)
     np.testing.assert_allclose(np.asarray(reaction.at), [0.17, 0.0, 0.0], rtol=1e-14, atol=1e-14)
     # Held off the middle, the pin is where it is held, in the axes of the conrod.
-    held = joint_reactions(mechanism, jnp.zeros(()), y, {"wrist": (jnp.asarray(5e-4), jnp.asarray(0.0))})
+    held = joint_reactions(mechanism.prepared(), jnp.zeros(()), y, {"wrist": (jnp.asarray(5e-4), jnp.asarray(0.0))})
     np.testing.assert_allclose(np.asarray(held["wrist"].on_pin), [-0.14 * braking, 0.0, 0.0], rtol=1e-2, atol=1e-9)
 
 
@@ -104,7 +104,9 @@ def test_a_settled_loop_presses_with_its_reaction_and_rides_along():
     np.testing.assert_allclose((later - now)[:2] / 1e-7, 0.5 * (now + later)[2:], rtol=1e-5)
     solution = cj.simulate(mechanism, 1e-3 + 2e-6, t0=1e-3, save_at=3, rtol=1e-8, start="settled")
     seen = cj.to_dataset(mechanism, solution)
-    reaction = joint_reactions(mechanism, jnp.asarray(1e-3), closed_start(mechanism.ideal(), jnp.asarray(1e-3))[0])
+    reaction = joint_reactions(
+        mechanism.prepared(), jnp.asarray(1e-3), closed_start(mechanism.ideal().prepared(), jnp.asarray(1e-3))[0]
+    )
     assert float(seen.contact_force[0, 0]) == pytest.approx(float(np.hypot(*reaction["wrist"].force[:2])), rel=2e-2)
     assert abs(float(seen.penetration_rate[0, 0])) < 1e-2 * 5e-4 * SPEED
 
@@ -142,7 +144,7 @@ def test_derivatives_of_a_settled_start_and_of_a_motion_from_it(t0):
 
 def test_a_vanishing_clearance_starts_as_the_ideal_mechanism():
     mechanism, t0 = slider_crank(), jnp.asarray(1e-3)
-    ideal = closed_start(mechanism.ideal(), t0)[0]
+    ideal = closed_start(mechanism.ideal().prepared(), t0)[0]
     off = []
     for c in (1e-5, 1e-6, 1e-7):
         # Of a wall so stiff that the penetration vanishes with the clearance.

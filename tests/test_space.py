@@ -193,7 +193,7 @@ def gaps(mechanism, solution):
 
     def at(t, y):
         motion = frames(ready, t, plan.split(y))
-        held = [c for loop in ready.closures() for c in conditions(loop, motion, plan.free)]
+        held = [c for loop in ready.closures() for c in conditions(loop, motion)]
         return jnp.stack([jnp.asarray(c.gap, float) for c in held])
 
     return np.abs(jax.vmap(at)(solution.time, solution.y))

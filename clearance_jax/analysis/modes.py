@@ -15,6 +15,7 @@ from clearance_jax.dynamics.seated import play_moves
 from clearance_jax.dynamics.settled import settled_start
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout, moved
 from clearance_jax.solve.start import check_start
 from clearance_jax.spatial import as_array
@@ -59,14 +60,14 @@ def seated_modes(mechanism: Mechanism, time: float = 0.0) -> tuple[Mode, ...]:
 
 def _linearise(time: Scalar, mechanism: Mechanism) -> tuple[Array, Array, StartErrors]:
     """The play's accelerations by the play and by its rates, at the settled pose; and how far it is from settled."""
-    mechanism = mechanism.unsampled().as_small_program().prepared()  # which acts all the time then
-    y, errors = settled_start(time, mechanism)
-    stiff, loss = linearised(time, y, mechanism)
+    ready = mechanism.prepared().unsampled().as_small_program()  # which acts all the time then
+    y, errors = settled_start(time, ready)
+    stiff, loss = linearised(time, y, ready)
     return stiff, loss, errors
 
 
-def linearised(time: Scalar, y: Array, mechanism: Mechanism) -> tuple[Float[Array, "play play"], ...]:
-    """The accelerations of the play coordinates of a prepared mechanism by these [1/s^2] and by their rates [1/s]."""
+def linearised(time: Scalar, y: Array, mechanism: PreparedMechanism) -> tuple[Float[Array, "play play"], ...]:
+    """The accelerations of the play coordinates by these [1/s^2] and by their rates [1/s]."""
     plan = layout(mechanism)
     state = plan.split(y)
     ways, moves = play_moves(mechanism, time, y)

@@ -14,7 +14,8 @@ import numpy as np
 from jaxtyping import Array
 
 from clearance_jax._solo import solo_jit
-from clearance_jax.mechanism.mechanism import Mechanism, drive_breaks
+from clearance_jax.mechanism.breaks import drive_breaks
+from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.metrics.measure import Function
 from clearance_jax.parameters import replace

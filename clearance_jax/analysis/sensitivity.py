@@ -13,7 +13,8 @@ from clearance_jax.analysis.reverse import reverse
 from clearance_jax.ask.lanes import answer
 from clearance_jax.ask.question import Question
 from clearance_jax.errors import ClearanceError
-from clearance_jax.mechanism.mechanism import Mechanism, drive_breaks, sampling_periods
+from clearance_jax.mechanism.breaks import drive_breaks, sampling_periods
+from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMetric, Function, as_metric
 from clearance_jax.parameters import check_values, replace, values_of
 from clearance_jax.solve.problem import depends

@@ -6,7 +6,8 @@ import numpy as np
 
 from clearance_jax.design.observed import Observed
 from clearance_jax.design.places import Pin
-from clearance_jax.mechanism.mechanism import ClearanceJoint, Mechanism
+from clearance_jax.mechanism._base import ClearanceJoint
+from clearance_jax.mechanism.mechanism import Mechanism
 
 
 class JointLoad(NamedTuple):

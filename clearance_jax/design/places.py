@@ -13,6 +13,7 @@ from clearance_jax.dynamics.observe import axes_of
 from clearance_jax.mechanism.body import GROUND, Body, Spring
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.placement import Position
+from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.mechanism.tree import Prismatic
 from clearance_jax.metrics.measure import AbstractMetric, Request
@@ -64,8 +65,8 @@ class PlacesOverTime(AbstractMetric):
         return jax.vmap(lambda time, y: places_at(time, y, ready))(self.times, reply.solution.y)
 
 
-def places_at(time: Scalar, y: Array, mechanism: Mechanism) -> Places:
-    """Of one state of a prepared mechanism."""
+def places_at(time: Scalar, y: Array, mechanism: PreparedMechanism) -> Places:
+    """Of one state."""
     state = layout(mechanism).split(y)
     motion, axes = frames(mechanism, time, state), len(axes_of(mechanism))
 
@@ -97,13 +98,13 @@ def grounded(mechanism: Mechanism) -> frozenset[str]:
     return frozenset(j.name for j in mechanism.all_joints() if GROUND in (j.parent, j.child))
 
 
-def _carried(mechanism: Mechanism, body: Body, motion: Frames) -> list[Vector]:
+def _carried(mechanism: PreparedMechanism, body: Body, motion: Frames) -> list[Vector]:
     """Where what a body carries is, sliders on it too."""
     found = [place(mark, motion) for mark in carried(mechanism, body.name)]
     return found + [motion[j.child].point(j.at_child.vector) for j in _slides(mechanism) if j.parent == body.name]
 
 
-def _slides(mechanism: Mechanism) -> list[Prismatic]:
+def _slides(mechanism: PreparedMechanism) -> list[Prismatic]:
     return [joint for joint in mechanism.joints if isinstance(joint, Prismatic)]
 
 

@@ -1,15 +1,15 @@
 """What acts on bodies beside their joints: springs, and loads from outside."""
 
 from clearance_jax._types import Scalar
-from clearance_jax.dynamics.inertia import Pair
-from clearance_jax.dynamics.kinematics import Frames, spring_state
+from clearance_jax.dynamics.frames import Frames, Pair
+from clearance_jax.dynamics.kinematics import spring_state
 from clearance_jax.mechanism.body import GROUND
 from clearance_jax.mechanism.loads import Wrench
-from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.spatial import ZERO, Term, dot, plus, scale, total
 
 
-def applied_pairs(mechanism: Mechanism, time: Scalar, motion: Frames) -> list[Pair]:
+def applied_pairs(mechanism: PreparedMechanism, time: Scalar, motion: Frames) -> list[Pair]:
     """Wrench pairs of springs and loads."""
     pairs = []
     for spring in mechanism.springs:
@@ -29,7 +29,7 @@ def load_pair(wrench: Wrench, time: Scalar, motion: Frames) -> Pair:
     return Pair(GROUND, wrench.body, force, torque, frame.point(wrench.at.vector))
 
 
-def load_power(mechanism: Mechanism, time: Scalar, motion: Frames) -> Term:
+def load_power(mechanism: PreparedMechanism, time: Scalar, motion: Frames) -> Term:
     """Power of the loads from outside [W]."""
     powers = []
     for wrench in mechanism.wrenches:

@@ -7,7 +7,7 @@ sought too.
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -19,13 +19,13 @@ from clearance_jax._module import Module
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.conditions import conditions, wrong_way
 from clearance_jax.dynamics.kinematics import frames
-from clearance_jax.dynamics.table import Columns, Table
 from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.body import GROUND, Body, Point
 from clearance_jax.mechanism.driving import drivable
 from clearance_jax.mechanism.limits import Limits
-from clearance_jax.mechanism.links import links_of
 from clearance_jax.mechanism.mechanism import NO_GRAVITY, Mechanism
+from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, initial_values, layout, parts
 from clearance_jax.mechanism.tree import AbstractJoint, Coordinate
 from clearance_jax.spatial import IDENTITY, Term, absent, as_array, length_of, rotation_between
@@ -52,15 +52,15 @@ class Look(NamedTuple):
     closed: Array
 
 
-class Chain(Module):
+class AbstractChain(Module):
     """An ideal mechanism whose `joints` (coordinates, by name) are free, a point of it, and `sought`: which of its free
     velocities move it, those of passive coordinates among them. Its bodies weigh nothing: masses do not matter here.
     """
 
-    mechanism: Mechanism
-    point: str = eqx.field(static=True)
-    joints: tuple[str, ...] = eqx.field(static=True)
-    sought: tuple[int, ...] = eqx.field(static=True)
+    mechanism: eqx.AbstractVar[AbstractMechanism]
+    point: eqx.AbstractVar[str]
+    joints: eqx.AbstractVar[tuple[str, ...]]
+    sought: eqx.AbstractVar[tuple[int, ...]]
 
     @property
     def frame(self) -> Point:
@@ -92,17 +92,33 @@ class Chain(Module):
         every, size = self.coordinates, self.size
         return jnp.stack([jnp.ones(()) if every[i].slides is None else size for i in self.sought])
 
-    def prepared(self) -> "Chain":
-        """The same with what depends only on its numbers computed. In space it is a table, however short it is: its
-        program is small, and compiles in seconds.
-        """
-        ready = self.mechanism.prepared()
-        links = None if ready.is_plane else links_of(ready.bodies, ready.joints)
-        return dataclasses.replace(self, mechanism=dataclasses.replace(ready, links=links))
-
     def places(self, names: Sequence[str]) -> np.ndarray:
         """Where named coordinates are among the positions."""
         return np.array([layout(self.mechanism).positions.index(name) for name in names], int)
+
+
+class PreparedChain(AbstractChain):
+    """A chain of a prepared mechanism."""
+
+    mechanism: PreparedMechanism
+    point: str = eqx.field(static=True)
+    joints: tuple[str, ...] = eqx.field(static=True)
+    sought: tuple[int, ...] = eqx.field(static=True)
+
+
+class Chain(AbstractChain):
+    """A chain as it is given."""
+
+    mechanism: Mechanism
+    point: str = eqx.field(static=True)
+    joints: tuple[str, ...] = eqx.field(static=True)
+    sought: tuple[int, ...] = eqx.field(static=True)
+
+    def prepared(self) -> PreparedChain:
+        """The same with what depends only on its numbers computed. In space it is a table, however short it is: its
+        program is small, and compiles in seconds.
+        """
+        return PreparedChain(self.mechanism.prepared().as_table(), self.point, self.joints, self.sought)
 
 
 def chain_of(mechanism: Mechanism, point: str, joints: Sequence[str] | None) -> Chain:
@@ -136,7 +152,7 @@ def chain_of(mechanism: Mechanism, point: str, joints: Sequence[str] | None) -> 
     return Chain(free, point, tuple(joints), tuple(sought))
 
 
-def _towards_ground(mechanism: Mechanism, body: str) -> list[AbstractJoint]:
+def _towards_ground(mechanism: AbstractMechanism, body: str) -> list[AbstractJoint]:
     """The joints of the tree that carry a body, from it to the ground."""
     carriers, out = {joint.child: joint for joint in mechanism.joints}, []
     while body != GROUND:
@@ -164,28 +180,26 @@ def start_of(mechanism: Mechanism, chain: Chain, time: Scalar) -> Float[Array, "
     return given
 
 
-def looked(chain: Chain, aim: Aim | None, time: Scalar, q: Float[Array, " positions"]) -> Look:
-    """A chain at positions, with nothing moving but what is driven; without an `aim` only closures count.
-
-    `chain` is prepared.
-    """
+def looked(chain: PreparedChain, aim: Aim | None, time: Scalar, q: Float[Array, " positions"]) -> Look:
+    """A chain at positions, with nothing moving but what is driven; without an `aim` only closures count."""
     mechanism, size = chain.mechanism, chain.size
     plan = layout(mechanism)
     state = State(tuple(q), (0.0,) * plan.free, {})
-    motion = frames(mechanism, time, state) if mechanism.links is None else Table(mechanism, time, state)
+    motion = frames(mechanism, time, state)
     gaps: list[Term] = []
     rows: list[Array] = []
     drifts: list[Term] = []
     if aim is not None:
         point, frame = chain.frame, motion[chain.frame.body]
         at = frame.point(point.at.vector)
-        linear, angular = _columns(frame.free, at, plan.free)
+        linear = motion.velocities(chain.frame.body, at).array
         flat = mechanism.is_plane
         for k in (0, 1) if flat else (0, 1, 2):
             gaps.append((at[k] - aim.place[k]) / size)
             rows.append(linear[:, k] / size)
             drifts.append(frame.velocity_at(at)[k] / size)
         if aim.rotation is not None:
+            angular = motion.spins(chain.frame.body).array
             turned = frame.rotation if point.orientation is None else frame.rotated(point.orientation.rotation).rotation
             wanted = tuple((row[0], row[1], row[2]) for row in aim.rotation)
             off = rotation_between(IDENTITY.followed(wanted), IDENTITY.followed(turned.rows))  # pyright: ignore
@@ -195,22 +209,12 @@ def looked(chain: Chain, aim: Aim | None, time: Scalar, q: Float[Array, " positi
                 drifts.append(frame.spin[k])
     closed = jnp.asarray(True)
     for loop in mechanism.closures():
-        for now in conditions(loop, motion, plan.free):
+        for now in conditions(loop, motion):
             unit = size if absent(now.torque) else 1.0
             gaps.append(now.gap / unit)
-            rows.append(as_array(now.row) / unit)
+            rows.append(now.row.array / unit)
             drifts.append(now.rate / unit)
         for cosine in wrong_way(loop, motion):
             closed &= jnp.asarray(cosine) > 0
     jacobian = jnp.stack(rows)[:, np.array(chain.sought)] * chain.units[None]
     return Look(as_array(gaps), jacobian, as_array(drifts), closed)
-
-
-def _columns(free: Any, at: Any, count: int) -> tuple[Array, Array]:
-    """The velocity of a body's point and its spin by every free coordinate, (count, 3) each."""
-    if isinstance(free, Columns):
-        return free.velocity_at(at), free.spin
-    linear, angular = [jnp.zeros(3)] * count, [jnp.zeros(3)] * count
-    for column in free:
-        linear[column.index], angular[column.index] = as_array(column.velocity_at(at)), as_array(column.spin)
-    return jnp.stack(linear), jnp.stack(angular)

@@ -10,10 +10,10 @@ from jaxtyping import Array, Float
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.conditions import conditions, wrong_way
 from clearance_jax.dynamics.constraint import constraint
-from clearance_jax.dynamics.inertia import mass_matrix
-from clearance_jax.dynamics.kinematics import Frames, frames, sleeve_axes
+from clearance_jax.dynamics.frames import Frames
+from clearance_jax.dynamics.kinematics import frames, sleeve_axes
 from clearance_jax.dynamics.seated import Seated
-from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout, moved, parts
 from clearance_jax.mechanism.tree import AbstractJoint, AbstractPlayed
 from clearance_jax.spatial import ZERO, Term, Vector, as_array, cross, dot, minus, plus, times
@@ -45,7 +45,7 @@ class StartErrors(NamedTuple):
 def corrected(
     time: Scalar,
     y: Array,
-    mechanism: Mechanism,
+    mechanism: PreparedMechanism,
     loops: Sequence[AbstractJoint],
     firm: Mapping[int, Term] | None = None,
     settle: Term = 1.0,
@@ -63,7 +63,7 @@ def corrected(
         offset = initial_offset(loop, motion)
         turning = cross(motion[loop.parent].spin, offset)
         errors = []
-        for now in conditions(loop, motion, plan.free):
+        for now in conditions(loop, motion):
             errors.append(minus(now.gap, dot(now.force, offset)))
             gaps.append(minus(0.0, errors[-1]))
             rates.append(minus(0.0, minus(now.rate, dot(now.force, turning))))
@@ -71,7 +71,7 @@ def corrected(
         opened.append(_openness(errors, wrong_way(loop, motion)))
     if not held:
         return y, jnp.stack(opened)
-    asked = constraint(mass_matrix(mechanism, motion, firm), held, mechanism)
+    asked = constraint(motion.mass_matrix(firm), held, mechanism)
     place, speed = asked.closing(gaps)[0], asked.closing(rates)[0]
     q = moved(mechanism, state.q, place)
     v = [plus(v, times(settle, s)) for v, s in zip(state.v, speed, strict=True)]
@@ -88,7 +88,7 @@ def _openness(errors: list[Term], cosines: list[Term]) -> Array:
     return size
 
 
-def projected(time: Scalar, y: Array, mechanism: Mechanism, iterations: int = 1) -> Array:
+def projected(time: Scalar, y: Array, mechanism: PreparedMechanism, iterations: int = 1) -> Array:
     """The nearest state (in the kinetic norm) whose ideal loops are closed in position and velocity.
 
     A step leaves a loop open by its own error, of which one iteration leaves the square; further from closed take more.
@@ -101,14 +101,14 @@ def projected(time: Scalar, y: Array, mechanism: Mechanism, iterations: int = 1)
     return jax.lax.fori_loop(0, iterations, lambda _, y: corrected(time, y, mechanism, loops)[0], y)
 
 
-def of_unit_length(y: Array, mechanism: Mechanism) -> Array:
+def of_unit_length(y: Array, mechanism: PreparedMechanism) -> Array:
     """The same state with its orientations of unit length."""
     plan = layout(mechanism)
     still = (0.0,) * plan.free
     return jnp.concatenate([as_array(moved(mechanism, plan.split(y).q, still)), y[plan.v.start :]])
 
 
-def assembled(time: Scalar, y: Array, mechanism: Mechanism) -> tuple[Array, Float[Array, " loops"]]:
+def assembled(time: Scalar, y: Array, mechanism: PreparedMechanism) -> tuple[Array, Float[Array, " loops"]]:
     """The nearest state whose loops all are closed, ideal ones and those with clearance (their pins where
     `eccentricity` has them, at rest there); and how far each is open still [m].
 

@@ -1,12 +1,9 @@
 """What an ideal joint that closes a loop asks for: its conditions, each with its Jacobian and what it exerts."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import jax
-
-from clearance_jax.dynamics.kinematics import Frames, sleeve_rotation
-from clearance_jax.dynamics.table import Columns
-from clearance_jax.mechanism.frame import Frame
+from clearance_jax.dynamics.frames import AbstractMoves, Frames
+from clearance_jax.dynamics.kinematics import sleeve_rotation
 from clearance_jax.mechanism.tree import AbstractJoint
 from clearance_jax.spatial import (
     UNIT,
@@ -15,15 +12,13 @@ from clearance_jax.spatial import (
     Vector,
     absent,
     add,
-    as_array,
     cross,
     dot,
     plus,
     scale,
     subtract,
-    times,
-    total,
 )
+from clearance_jax.symmetric import AbstractRow
 
 
 class Condition(NamedTuple):
@@ -35,89 +30,65 @@ class Condition(NamedTuple):
     gap: Term
     rate: Term
     acceleration: Term
-    row: Any
+    row: AbstractRow
     force: Vector
     torque: Vector
-    moves: Any
+    moves: AbstractMoves
 
     @property
     def is_met(self) -> bool:
         """Whether it is met by structure."""
-        row = (1.0,) if isinstance(self.row, jax.Array) else self.row
-        return absent((*row, self.gap, self.rate, self.acceleration))
-
-    def reached(self, values: list[Term]) -> Term:
-        """Its row times values of the free velocities."""
-        if isinstance(self.row, jax.Array):
-            return self.row @ as_array(values)
-        return total(times(r, value) for r, value in zip(self.row, values, strict=True))
+        return self.row.is_absent and absent((self.gap, self.rate, self.acceleration))
 
 
-def conditions(loop: AbstractJoint, motion: Frames, count: int) -> list[Condition]:
-    """The conditions of an ideal joint that closes a loop, of a mechanism with `count` free velocities. One that is
-    met by structure, as those out of its plane by a plane mechanism, is left out.
+def conditions(loop: AbstractJoint, motion: Frames) -> list[Condition]:
+    """The conditions of an ideal joint that closes a loop. One that is met by structure, as those out of its plane by a
+    plane mechanism, is left out.
     """
     hold = loop.hold()
     a, b = motion[loop.parent], motion[loop.child]
     here, there = a.point(loop.at_parent.vector), b.point(loop.at_child.vector)
     sleeve = sleeve_rotation(loop, motion)
     if hold.along is None:
-        found = _held(a, here, b, there, count)
+        found = _held(loop, motion, here, there)
     else:
-        found = _held_along([sleeve.apply(along) for along in hold.along], a, here, b, there, count)
+        found = _held_along([sleeve.apply(along) for along in hold.along], loop, motion, here, there)
     if hold.square:
         pin = loop.on_child(b)
-        found += _square([(sleeve.apply(e), pin.apply(f)) for e, f in hold.square], a, b, count)
+        found += _square([(sleeve.apply(e), pin.apply(f)) for e, f in hold.square], loop, motion)
     return [c for c in found if not c.is_met]
 
 
-def _moves(a: Frame, b: Frame, count: int, of_a, of_b) -> Any:
-    """Of every free coordinate what it does to b, seen from a; by what each column of the two bodies does."""
-    if isinstance(b.free, Columns):
-        return of_b(b.free) - of_a(a.free)
-    moves = [ZERO] * count
-    for column in b.free:
-        moves[column.index] = of_b(column)
-    for column in a.free:
-        moves[column.index] = subtract(moves[column.index], of_a(column))
-    return moves
-
-
-def _along(direction: Vector, moves: Any) -> Any:
-    """A component of what the free coordinates do."""
-    if isinstance(moves, jax.Array):
-        return moves @ as_array(direction)
-    return [dot(direction, move) for move in moves]
-
-
-def _held(a: Frame, here: Vector, b: Frame, there: Vector, count: int) -> list[Condition]:
-    """A point of b stays at a point of a."""
+def _held(loop: AbstractJoint, motion: Frames, here: Vector, there: Vector) -> list[Condition]:
+    """A point of the child b stays at a point of the parent a."""
+    a, b = motion[loop.parent], motion[loop.child]
     gap = subtract(there, here)
     rate = subtract(b.velocity_at(there), a.velocity_at(here))
     acceleration = subtract(b.acceleration_at(there), a.acceleration_at(here))
-    moves = _moves(a, b, count, lambda c: c.velocity_at(here), lambda c: c.velocity_at(there))
+    moves = motion.velocities(loop.child, there, loop.parent, here)
     return [
-        Condition(gap[k], rate[k], acceleration[k], _along(along, moves), along, ZERO, moves)
+        Condition(gap[k], rate[k], acceleration[k], moves.along(along), along, ZERO, moves)
         for k, along in enumerate(UNIT)
     ]
 
 
 def _held_along(
-    directions: list[Vector], a: Frame, here: Vector, b: Frame, there: Vector, count: int
+    directions: list[Vector], loop: AbstractJoint, motion: Frames, here: Vector, there: Vector
 ) -> list[Condition]:
-    """A point of b stays in planes through a point of a that are square to directions of a. (Seen from a: what moves is
-    the point of b over the point of a that it is at.)
+    """A point of the child b stays in planes through a point of the parent a that are square to directions of a. (Seen
+    from a: what moves is the point of b over the point of a that it is at.)
     """
+    a, b = motion[loop.parent], motion[loop.child]
     velocity = subtract(b.velocity_at(there), a.velocity_at(there))
     coriolis = cross(scale(2.0, a.spin), velocity)
     acceleration = subtract(subtract(b.acceleration_at(there), a.acceleration_at(there)), coriolis)
-    moves = _moves(a, b, count, lambda c: c.velocity_at(there), lambda c: c.velocity_at(there))
+    moves = motion.velocities(loop.child, there, loop.parent, there)
     return [
         Condition(
             dot(along, subtract(there, here)),
             dot(along, velocity),
             dot(along, acceleration),
-            _along(along, moves),
+            moves.along(along),
             along,
             ZERO,
             moves,
@@ -126,15 +97,16 @@ def _held_along(
     ]
 
 
-def _square(pairs: list[tuple[Vector, Vector]], a: Frame, b: Frame, count: int) -> list[Condition]:
-    """Axes of a and of b stay perpendicular."""
+def _square(pairs: list[tuple[Vector, Vector]], loop: AbstractJoint, motion: Frames) -> list[Condition]:
+    """Axes of the parent a and of the child b stay perpendicular."""
+    a, b = motion[loop.parent], motion[loop.child]
     spin, spin_rate = subtract(b.spin, a.spin), subtract(b.spin_rate, a.spin_rate)
-    moves, found = _moves(a, b, count, lambda c: c.spin, lambda c: c.spin), []
+    moves, found = motion.spins(loop.child, loop.parent), []
     for e, f in pairs:
         normal = cross(f, e)
         change = add(cross(cross(b.spin, f), e), cross(f, cross(a.spin, e)))
         acceleration = plus(dot(spin_rate, normal), dot(spin, change))
-        row = _along(normal, moves)
+        row = moves.along(normal)
         found.append(Condition(dot(e, f), dot(spin, normal), acceleration, row, ZERO, normal, moves))
     return found
 

@@ -6,12 +6,11 @@ import jax.numpy as jnp
 
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.applied import applied_pairs
-from clearance_jax.dynamics.inertia import Extra, generalised_load
 from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.mechanism.actuators import AbstractActuator
 from clearance_jax.mechanism.compounds import Ball
 from clearance_jax.mechanism.controllers import AbstractController, Reference
-from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.sampling import is_instant
 from clearance_jax.mechanism.state import Acting, State, acting, layout, parts
 from clearance_jax.spatial import Term, minus, plus, total
@@ -20,7 +19,7 @@ Measured = dict[str, tuple[Term, Term]]
 """Position and velocity by coordinate, balls aside."""
 
 
-def measured(mechanism: Mechanism, time: Scalar, state: State) -> Measured:
+def measured(mechanism: PreparedMechanism, time: Scalar, state: State) -> Measured:
     """What encoders can see."""
     free = {part.coordinate.name: part for part in parts(mechanism)}
     out: Measured = {}
@@ -33,7 +32,7 @@ def measured(mechanism: Mechanism, time: Scalar, state: State) -> Measured:
     return out
 
 
-def exerted(mechanism: Mechanism, time: Scalar, state: State) -> list[Term]:
+def exerted(mechanism: PreparedMechanism, time: Scalar, state: State) -> list[Term]:
     """What actuators, controllers and the dampers of balls exert, by free velocity."""
     efforts: list[Term] = [0.0] * layout(mechanism).free
     for part in parts(mechanism):
@@ -52,7 +51,7 @@ def exerted(mechanism: Mechanism, time: Scalar, state: State) -> list[Term]:
     return efforts
 
 
-def renewed(mechanism: Mechanism, time: Scalar, state: State, starts: bool = False) -> list[Term]:
+def renewed(mechanism: PreparedMechanism, time: Scalar, state: State, starts: bool = False) -> list[Term]:
     """What everything that is sampled holds: anew where the time is one of its instants, or where a solve starts."""
     seen, out = measured(mechanism, time, state), []
     for one in acting(mechanism):
@@ -79,7 +78,7 @@ def _read(encoder: Sequence[str], seen: Measured) -> tuple[Term, Term]:
 
 def _computed(controller: AbstractController, time: Scalar, seen: Measured) -> list[Term]:
     """Efforts by the inverse dynamics of the controller's model, in the order of its references."""
-    model: Mechanism = controller.model
+    model: PreparedMechanism = controller.model
     read = {reference.name: _read(_encoder(reference), seen) for reference in controller.references}
     names = [part.coordinate.name for part in parts(model)]
     wanted = dict(zip(read, controller.wanted(time, *zip(*read.values(), strict=True)), strict=True))
@@ -96,10 +95,10 @@ def _encoder(reference: Reference) -> tuple[str, ...]:
     return reference.encoder or (reference.name,)
 
 
-def inverse_dynamics(mechanism: Mechanism, time: Scalar, state: State, acceleration: list[Term]) -> list[Term]:
+def inverse_dynamics(mechanism: PreparedMechanism, time: Scalar, state: State, acceleration: list[Term]) -> list[Term]:
     """The efforts that give a tree's free velocities these rates, beside what its own actuators exert."""
     mechanism = mechanism.at(time)
     motion = frames(mechanism, time, state)
-    missing = generalised_load(mechanism, motion, applied_pairs(mechanism, time, motion), Extra(acceleration))
+    missing = motion.load(applied_pairs(mechanism, time, motion), acceleration)
     own = exerted(mechanism, time, state)
     return [minus(0.0, plus(load, effort)) for load, effort in zip(missing, own, strict=True)]

@@ -13,7 +13,7 @@ from clearance_jax.mechanism.body import Motion
 from clearance_jax.mechanism.compliance import DriveSpring
 from clearance_jax.mechanism.compounds import Ball
 from clearance_jax.mechanism.driving import with_motions
-from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import initial_values, layout, parts
 from clearance_jax.mechanism.tree import AbstractJoint, Coordinate
 
@@ -21,14 +21,14 @@ from clearance_jax.mechanism.tree import AbstractJoint, Coordinate
 ROUNDS = 4
 
 
-def deflected(time: Scalar, mechanism: Mechanism) -> Mechanism:
+def deflected(time: Scalar, mechanism: PreparedMechanism) -> PreparedMechanism:
     """The mechanism whose drives that give way begin at rest relative to their motors: deflected so that they do not
     accelerate, with joints ideal and everything else moving as it does.
     """
     springs = [part for part in parts(mechanism.ideal()) if gives_way(part.coordinate.motion)]
     if not springs:
         return mechanism
-    ideal = mechanism.ideal().unsampled().prepared().as_small_program()
+    ideal = mechanism.ideal().unsampled().as_small_program()
     places, speeds = (np.array([getattr(part, which).start for part in springs]) for which in "qv")
     begin = initial_values(ideal)
 

@@ -1,6 +1,5 @@
 """Driving forces, the energies, and the books of work and losses that are integrated along with the motion."""
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import jax
@@ -12,14 +11,12 @@ from clearance_jax._solo import whole
 from clearance_jax._types import Rows, Scalar
 from clearance_jax.dynamics.applied import load_power
 from clearance_jax.dynamics.equations import Balance
-from clearance_jax.dynamics.inertia import Extra, inertia_of, inertial_wrenches, pair_work, rotors
-from clearance_jax.dynamics.kinematics import Frames, frames, plays, spring_state
-from clearance_jax.dynamics.table import Table
+from clearance_jax.dynamics.frames import Frames, rotors
+from clearance_jax.dynamics.kinematics import frames, plays, spring_state
 from clearance_jax.joints import PreparedClearance, each_joint
-from clearance_jax.mechanism.body import GROUND, Body
-from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, layout
-from clearance_jax.spatial import Term, add, as_array, dot, minus, plus, times, total
+from clearance_jax.spatial import Term, plus, times, total
 
 # Quadratures beside the state. What contacts and dampers absorb, minus what contacts hold elastically, is the damping
 # loss: a book of the loss itself would have to follow an elastic energy that a clipped force no longer feels.
@@ -30,7 +27,7 @@ RESTING = 1e6 * float(np.finfo(np.float64).eps)
 HAIR = 16 * float(np.finfo(np.float64).eps)
 
 
-def powers(mechanism: Mechanism, time: Scalar, state: State, now: Balance) -> Rows:
+def powers(mechanism: PreparedMechanism, time: Scalar, state: State, now: Balance) -> Rows:
     """Rates of the books: work of drives, actuators and loads, work absorbed by normal forces and dampers, loss in
     friction, and the sum of the absolute powers (the energy exchanged, against which a residual is judged).
     """
@@ -42,78 +39,15 @@ def powers(mechanism: Mechanism, time: Scalar, state: State, now: Balance) -> Ro
     friction: Term = total(action.friction_power for action in now.actions.values())
     for spring in mechanism.springs:
         absorbed = plus(absorbed, spring.damping * spring_state(spring, now.motion).rate ** 2)
-    exchanged = jnp.abs(jnp.asarray(drive)) + kinetic_exchange(mechanism, now)
+    exchanged = jnp.abs(jnp.asarray(drive)) + now.motion.kinetic_exchange(now.acceleration)
     return tuple(jnp.asarray(power, float) for power in (drive, absorbed, friction, exchanged))
 
 
-def driving(mechanism: Mechanism, now: Balance) -> list[tuple[Term, Term]]:
-    """Driving force and speed of every prescribed coordinate, by d'Alembert on its own column."""
-    motion, owners = now.motion, prescribed_owners(mechanism)
-    if not any(owners.values()):
+def driving(mechanism: PreparedMechanism, now: Balance) -> list[tuple[Term, Term]]:
+    """Driving force and speed of every prescribed coordinate."""
+    if all(coordinate.motion.is_free for coordinate in mechanism.coordinates()):
         return []
-    if isinstance(motion, Table):
-        return _tabled_driving(mechanism, motion, now)
-    wrenches = inertial_wrenches(mechanism, motion, Extra(now.acceleration), every=True)
-    found: dict[str, list[Term]] = {}
-    for joint in mechanism.joints:
-        frame, known = motion[joint.child], len(owners[joint.parent])
-        own = zip(owners[joint.child][known:], frame.prescribed[known:], strict=True)
-        for key, (column, speed) in own:
-            found[key] = [minus(0.0, wrenches[joint.child].on(column, frame.pivot)), speed]
-    for pair in (*now.pairs, *now.closing):
-        for name, sign in ((pair.child, 1.0), (pair.parent, -1.0)):
-            other = pair.parent if sign > 0 else pair.child
-            if name == GROUND:
-                continue
-            for key, (column, _) in zip(owners[name], motion[name].prescribed, strict=True):
-                if key in owners.get(other, ()):
-                    continue
-                found[key][0] = minus(found[key][0], times(sign, pair_work(pair, column)))
-    # In the order of the coordinates, whatever the order of the bodies.
-    return [(found[c.name][0], found[c.name][1]) for c in mechanism.coordinates() if c.name in found]
-
-
-def _tabled_driving(mechanism: Mechanism, motion: Table, now: Balance) -> list[tuple[Term, Term]]:
-    exerted = -motion.projected(*motion.wrenches(as_array(now.acceleration)))
-    for pair in (*now.pairs, *now.closing):
-        exerted = exerted - motion.pair(*pair)
-    links = motion.masks.links
-    return [(exerted[i], motion.rates[links[i]]) for i in range(motion.count, len(links))]
-
-
-def prescribed_owners(mechanism: Mechanism) -> dict[str, tuple[str, ...]]:
-    """Names of the prescribed coordinates that move each body, in order from the ground."""
-    owners: dict[str, tuple[str, ...]] = {GROUND: ()}
-    for joint in mechanism.joints:
-        own = tuple(c.name for c in joint.own_coordinates() if not c.motion.is_free)
-        owners[joint.child] = owners[joint.parent] + own
-    return owners
-
-
-def kinetic_exchange(mechanism: Mechanism, now: Balance) -> Array:
-    """Rate at which kinetic energy is exchanged [W]: of a plane mechanism the rate of the whole. What flies in space
-    without weight keeps the whole, and exchanges it between its bodies and axes: there each of these counts.
-    """
-    if isinstance(now.motion, Table):
-        return now.motion.kinetic_exchange(as_array(now.acceleration))
-    powers = [power for body in mechanism.bodies for power in _inertial_powers(body, now)]
-    if mechanism.is_plane:
-        return jnp.abs(jnp.asarray(total(total(by_axis) for by_axis in powers)))
-    every = [jnp.abs(jnp.asarray(power)) for by_axis in powers for power in by_axis]
-    return sum(every, jnp.zeros(()))
-
-
-def _inertial_powers(body: Body, now: Balance) -> Iterator[tuple[Term, ...]]:
-    """Rates of a body's kinetic energy along and about each axis of the world."""
-    extra, frame = Extra(now.acceleration), now.motion[body.name]
-    centre = frame.point(body.center_of_mass.vector)
-    if body.mass is not None:
-        acceleration = add(frame.acceleration_at(centre), extra.at(frame, centre))
-        velocity = frame.velocity_at(centre)
-        yield tuple(times(body.mass, times(a, v)) for a, v in zip(acceleration, velocity, strict=True))
-    if body.inertia is not None:
-        turning = inertia_of(body, frame).apply(add(frame.spin_rate, extra.spin_rate(frame)))
-        yield tuple(times(t, w) for t, w in zip(turning, frame.spin, strict=True))
+    return now.motion.driving([*now.pairs, *now.closing], now.acceleration)
 
 
 class Energies(NamedTuple):
@@ -136,22 +70,12 @@ class Energies(NamedTuple):
 
 
 @whole
-def energies(time: Scalar, y: Array, mechanism: Mechanism) -> Energies:
+def energies(time: Scalar, y: Array, mechanism: PreparedMechanism) -> Energies:
     """The energies of a state."""
     mechanism = mechanism.at(time)
     state = layout(mechanism).split(y)
     motion = frames(mechanism, time, state)
-    kinetic: Term = motion.kinetic() if isinstance(motion, Table) else 0.0
-    potential: Term = motion.potential() if isinstance(motion, Table) else 0.0
-    for body in () if isinstance(motion, Table) else mechanism.bodies:
-        frame = motion[body.name]
-        centre = frame.point(body.center_of_mass.vector)
-        if body.mass is not None:
-            velocity = frame.velocity_at(centre)
-            kinetic = plus(kinetic, times(0.5 * body.mass, dot(velocity, velocity)))
-            potential = minus(potential, times(body.mass, dot(mechanism.gravity.vector, centre)))
-        if body.inertia is not None:
-            kinetic = plus(kinetic, times(0.5, dot(inertia_of(body, frame).apply(frame.spin), frame.spin)))
+    kinetic, potential = motion.energies()
     for i, inertia in rotors(mechanism).items():
         kinetic = plus(kinetic, 0.5 * inertia * state.v[i] ** 2)
     springs: Term = 0.0
@@ -161,21 +85,21 @@ def energies(time: Scalar, y: Array, mechanism: Mechanism) -> Energies:
     return Energies(*(jnp.asarray(energy, float) for energy in (kinetic, potential, springs, held)))
 
 
-def contact_energy(mechanism: Mechanism, time: Scalar, motion: Frames, state: State) -> Term:
+def contact_energy(mechanism: PreparedMechanism, time: Scalar, motion: Frames, state: State) -> Term:
     """Elastic energy of the contacts [J]."""
     found, joints = plays(mechanism, time, state, motion), mechanism.clearance_joints()
     stored = [(joint.clearance, found[joint.name].relative) for joint in joints]
     return total(each_joint(PreparedClearance.stored, stored))
 
 
-def opened_books(time: Scalar, y: Array, mechanism: Mechanism) -> Float[Array, " books"]:
+def opened_books(time: Scalar, y: Array, mechanism: PreparedMechanism) -> Float[Array, " books"]:
     """Books as at the start of a solve from a state."""
     state = layout(mechanism).split(y)
     held = jnp.asarray(contact_energy(mechanism, time, frames(mechanism, time, state), state), float)
     return jnp.stack([held if name == "absorbed_work" else jnp.zeros(()) for name in BOOKS])
 
 
-def handed_over(time: Scalar, y: Array, mechanism: Mechanism) -> Array:
+def handed_over(time: Scalar, y: Array, mechanism: PreparedMechanism) -> Array:
     """A state with books, in which the energy of payloads that came or went just before `time` is booked as work."""
     brought = energies(time, y, mechanism).total - energies(time, y, just_before(mechanism, time)).total
     first = layout(mechanism).size
@@ -184,7 +108,7 @@ def handed_over(time: Scalar, y: Array, mechanism: Mechanism) -> Array:
     )
 
 
-def just_before(mechanism: Mechanism, time: Scalar) -> Mechanism:
+def just_before(mechanism: PreparedMechanism, time: Scalar) -> PreparedMechanism:
     """The mechanism with the payloads that it has just before a time."""
     return mechanism.at(time - HAIR * jnp.abs(time))
 
@@ -196,7 +120,7 @@ def read_books(books: Float[Array, " books"], contact: Scalar) -> dict[str, Arra
     return out
 
 
-def energy_residual(mechanism: Mechanism, times: tuple, states: tuple) -> Scalar:
+def energy_residual(mechanism: PreparedMechanism, times: tuple, states: tuple) -> Scalar:
     """|energy gained - work of drives + losses| / energy exchanged, between two states with books.
 
     A mechanism at rest exchanges nothing, and round-off is not to be judged against that: what contacts hold at either

@@ -12,17 +12,16 @@ from clearance_jax._sharing import shared
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.applied import applied_pairs
 from clearance_jax.dynamics.conditions import Condition, conditions
-from clearance_jax.dynamics.constraint import Constraint, DenseConstraint, closing_pairs, constraint
+from clearance_jax.dynamics.constraint import closing_pairs, constraint
 from clearance_jax.dynamics.control import exerted
-from clearance_jax.dynamics.inertia import Pair, generalised_load, mass_matrix
-from clearance_jax.dynamics.kinematics import Extra, Frames, Play, frames, plays
-from clearance_jax.dynamics.table import Table
+from clearance_jax.dynamics.frames import Frames, Pair
+from clearance_jax.dynamics.kinematics import Play, frames, plays
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import Action, PreparedClearance, each_joint
-from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, layout
 from clearance_jax.spatial import Term, minus, plus, times
-from clearance_jax.symmetric import Dense, Factored
+from clearance_jax.symmetric import AbstractConstraint, AbstractFactors
 
 
 class Balance(NamedTuple):
@@ -40,7 +39,7 @@ class Balance(NamedTuple):
     closing: list[Pair]
 
 
-def balance(mechanism: Mechanism, time: Scalar, state: State) -> Balance:
+def balance(mechanism: PreparedMechanism, time: Scalar, state: State) -> Balance:
     """Where everything is, what the joints exert, the equations of motion."""
     mechanism = mechanism.at(time)
     motion = frames(mechanism, time, state)
@@ -49,11 +48,11 @@ def balance(mechanism: Mechanism, time: Scalar, state: State) -> Balance:
     actions = dict(zip([joint.name for joint in joints], each_joint(PreparedClearance.act, acting), strict=True))
     pairs = contact_pairs(mechanism, found, actions) + applied_pairs(mechanism, time, motion)
     efforts = exerted(mechanism, time, state)
-    acceleration, closing = accelerations(mechanism, motion, pairs, efforts)
+    acceleration, closing = accelerations(motion, pairs, efforts)
     return Balance(motion, found, actions, pairs, efforts, shared(acceleration), closing)
 
 
-def contact_pairs(mechanism: Mechanism, plays: dict[str, Play], actions: dict[str, Action]) -> list[Pair]:
+def contact_pairs(mechanism: PreparedMechanism, plays: dict[str, Play], actions: dict[str, Action]) -> list[Pair]:
     """Wrench pairs of the clearance joints."""
     pairs = []
     for joint in mechanism.clearance_joints():
@@ -64,24 +63,21 @@ def contact_pairs(mechanism: Mechanism, plays: dict[str, Play], actions: dict[st
     return pairs
 
 
-def accelerations(
-    mechanism: Mechanism, motion: Frames, pairs: list[Pair], efforts: list[Term]
-) -> tuple[list[Term], list[Pair]]:
+def accelerations(motion: Frames, pairs: list[Pair], efforts: list[Term]) -> tuple[list[Term], list[Pair]]:
     """Accelerations of the free coordinates under wrenches between bodies and efforts of actuators, and the closures'
     wrenches.
     """
-    loops = mechanism.closures()
-    if loops and not layout(mechanism).free:
+    loops = motion.mechanism.closures()
+    if loops and not layout(motion.mechanism).free:
         raise ClearanceError(
             f"The ideal loop `{loops[0].name}` joins bodies that are all prescribed: free one of them."
         )
-    if isinstance(motion, Table):
-        equations = _equations(mechanism, motion)
-        known = _known(mechanism, motion, pairs, efforts, equations.held)
-        acceleration, multipliers = equations.solved(*known)
+    if motion.is_solved_implicitly:
+        acceleration, multipliers = _solved(motion, pairs, efforts)
     else:
-        acceleration, multipliers = _solved(mechanism, motion, pairs, efforts)
-    held = [conditions(loop, motion, layout(mechanism).free) for loop in loops]
+        equations = _equations(motion)
+        acceleration, multipliers = equations.solved(*_known(motion, pairs, efforts, equations.held))
+    held = [conditions(loop, motion) for loop in loops]
     return acceleration, closing_pairs(loops, motion, held, multipliers)
 
 
@@ -90,66 +86,57 @@ class Equations(NamedTuple):
     ask of it.
     """
 
-    inertia: Factored | Dense
+    inertia: AbstractFactors
     held: list[Condition]
-    closed: Constraint | DenseConstraint | None
+    closed: AbstractConstraint | None
 
     def solved(self, load: list[Term], asked: list[Term]) -> tuple[list[Term], list[Term]]:
         """The accelerations and the multipliers of the conditions."""
         free = self.inertia.solve(load)
         if self.closed is None:
             return free, []
-        lag = [minus(wanted, now.reached(free)) for now, wanted in zip(self.held, asked, strict=True)]
+        lag = [minus(wanted, now.row.dot(free)) for now, wanted in zip(self.held, asked, strict=True)]
         correction, multipliers = self.closed.closing(lag)
         return [plus(a, b) for a, b in zip(free, correction, strict=True)], multipliers
 
 
-def _held(mechanism: Mechanism, motion: Frames) -> list[Condition]:
-    free = layout(mechanism).free
-    return [condition for loop in mechanism.closures() for condition in conditions(loop, motion, free)]
+def _held(motion: Frames) -> list[Condition]:
+    return [condition for loop in motion.mechanism.closures() for condition in conditions(loop, motion)]
 
 
-def _equations(mechanism: Mechanism, motion: Frames) -> Equations:
-    inertia, held = mass_matrix(mechanism, motion), _held(mechanism, motion)
-    return Equations(inertia, held, constraint(inertia, held, mechanism) if held else None)
+def _equations(motion: Frames) -> Equations:
+    inertia, held = motion.mass_matrix(), _held(motion)
+    return Equations(inertia, held, constraint(inertia, held, motion.mechanism) if held else None)
 
 
 def _known(
-    mechanism: Mechanism,
-    motion: Frames,
-    pairs: list[Pair],
-    efforts: list[Term],
-    held: list[Condition],
-    found: tuple | None = None,
+    motion: Frames, pairs: list[Pair], efforts: list[Term], held: list[Condition], found: tuple | None = None
 ) -> tuple[list[Term], list[Term]]:
     """The right-hand sides; less the left-hand sides of the accelerations and multipliers that are `found`."""
-    extra = None if found is None else Extra(found[0])
-    load = generalised_load(mechanism, motion, pairs, extra)
+    load = motion.load(pairs, None if found is None else found[0])
     load = [plus(own, effort) for own, effort in zip(load, efforts, strict=True)]
     asked = [minus(0.0, now.acceleration) for now in held]
     if found is not None:
-        asked = [minus(wanted, now.reached(found[0])) for wanted, now in zip(asked, held, strict=True)]
+        asked = [minus(wanted, now.row.dot(found[0])) for wanted, now in zip(asked, held, strict=True)]
         for multiplier, now in zip(found[1], held, strict=True):
-            load = [plus(own, times(multiplier, r)) for own, r in zip(load, now.row, strict=True)]
+            load = [plus(own, times(multiplier, r)) for own, r in zip(load, now.row.terms, strict=True)]
     return load, asked
 
 
-def _solved(
-    mechanism: Mechanism, motion: Frames, pairs: list[Pair], efforts: list[Term]
-) -> tuple[list[Term], list[Term]]:
+def _solved(motion: Frames, pairs: list[Pair], efforts: list[Term]) -> tuple[list[Term], list[Term]]:
     """The equations of motion, solved. Their derivative is that of what they leave over at the accelerations that are
     found, solved by the factors that are known: neither the mass matrix nor its factors are differentiated.
     """
-    numbers, rebuilt = numbers_of((mechanism, motion, pairs, efforts))
+    numbers, rebuilt = numbers_of((motion, pairs, efforts))
 
     def flat(answer: tuple[list[Term], list[Term]]) -> tuple[list[Array], list[Array]]:
         first, second = ([jnp.asarray(x, float) for x in part] for part in answer)
         return first, second
 
     def solution(numbers):
-        mechanism, motion, pairs, efforts = rebuilt(numbers)
-        equations = _equations(mechanism, motion)
-        return equations, flat(equations.solved(*_known(mechanism, motion, pairs, efforts, equations.held)))
+        motion, pairs, efforts = rebuilt(numbers)
+        equations = _equations(motion)
+        return equations, flat(equations.solved(*_known(motion, pairs, efforts, equations.held)))
 
     @jax.custom_jvp
     def solve(numbers):
@@ -164,8 +151,8 @@ def _solved(
             every = list(numbers)
             for i, x in zip(varied, some, strict=True):
                 every[i] = x
-            mechanism, motion, pairs, efforts = rebuilt(every)
-            return flat(_known(mechanism, motion, pairs, efforts, _held(mechanism, motion), found))
+            motion, pairs, efforts = rebuilt(every)
+            return flat(_known(motion, pairs, efforts, _held(motion), found))
 
         _, change = jax.jvp(left, ([numbers[i] for i in varied],), ([rates[i] for i in varied],))
         return found, flat(equations.solved(*change))

@@ -13,11 +13,11 @@ from jaxtyping import Array
 from clearance_jax._types import Flag, Rows, Scalar
 from clearance_jax.dynamics.energy import powers
 from clearance_jax.dynamics.equations import balance
-from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout, position_rates, vector
 
 
-def rate(time: Scalar, y: Rows, mechanism: Mechanism, books: bool = False, counts: Flag | None = None) -> Rows:
+def rate(time: Scalar, y: Rows, mechanism: PreparedMechanism, books: bool = False, counts: Flag | None = None) -> Rows:
     """Time derivative of the state `[q, v, memory]`, and of the books if they are kept (zeros where a flag says that
     they do not count).
     """
@@ -40,6 +40,6 @@ def where_it_counts(counts: Flag | None, rows: Callable[[], Rows]) -> Rows:
     return jax.lax.cond(counts, rows, lambda: tuple(jnp.zeros(x.shape, x.dtype) for x in shapes))
 
 
-def slope(time: Scalar, y: Array, mechanism: Mechanism) -> Array:
+def slope(time: Scalar, y: Array, mechanism: PreparedMechanism) -> Array:
     """Time derivative of a state given as one vector `[q, v, memory]`."""
     return vector(rate(time, tuple(y[i] for i in range(layout(mechanism).size)), mechanism))

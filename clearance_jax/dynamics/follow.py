@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from clearance_jax._types import Scalar
-from clearance_jax.dynamics.chain import Aim, Chain, chain_of, looked
+from clearance_jax.dynamics.chain import AbstractChain, Aim, Chain, PreparedChain, chain_of, looked
 from clearance_jax.dynamics.inverse import Posture, begin_of, best, met, off, shown_length, unreached
 from clearance_jax.dynamics.posture import Found, aim_at, changed, find, rates, sought_values
 from clearance_jax.errors import ClearanceError
@@ -65,9 +65,9 @@ class Block(NamedTuple):
 
 
 @eqx.filter_jit
-def followed(chain: Chain, path: PreparedPath, edges: Float[Array, " edges"], start: Array) -> Block:
+def followed(given: Chain, path: PreparedPath, edges: Float[Array, " edges"], start: Array) -> Block:
     """Follow a path from edge to edge, from the posture at the first."""
-    chain = chain.prepared()
+    chain = given.prepared()
 
     def interval(q, ends):
         begin, end = ends
@@ -121,15 +121,15 @@ def _hermite(h: Scalar, values: Array, speeds: Array, accelerations: Array, part
     return powers @ part ** jnp.arange(6)
 
 
-def _driven(chain: Chain) -> np.ndarray:
+def _driven(chain: AbstractChain) -> np.ndarray:
     """Which of what is sought are joints."""
     return np.array([chain.coordinates[i].name in chain.joints for i in chain.sought])
 
 
-def _passive(chain: Chain) -> Chain:
+def _passive(chain: PreparedChain) -> PreparedChain:
     """The chain whose joints stay."""
     sought = tuple(i for i, driven in zip(chain.sought, _driven(chain), strict=True) if not driven)
-    return Chain(chain.mechanism, chain.point, chain.joints, sought)
+    return PreparedChain(chain.mechanism, chain.point, chain.joints, sought)
 
 
 def follow(

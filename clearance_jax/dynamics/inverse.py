@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 
 from clearance_jax._module import Module
 from clearance_jax._types import Scalar
-from clearance_jax.dynamics.chain import Aim, Chain, chain_of, start_of
+from clearance_jax.dynamics.chain import AbstractChain, Aim, Chain, chain_of, start_of
 from clearance_jax.dynamics.posture import Found, bounds, solve, sought_values
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -153,7 +153,7 @@ def other_starts(chain: Chain, begin: Array) -> Array:
     return jnp.asarray(starts)
 
 
-def off(chain: Chain, aim: Aim, gap: Array) -> tuple[Array, Array]:
+def off(chain: AbstractChain, aim: Aim, gap: Array) -> tuple[Array, Array]:
     """How far the frame is from its aim [m], and by what angle [rad]."""
     flat = chain.mechanism.is_plane
     places, turns = (2, 1) if flat else (3, 3)

@@ -1,6 +1,5 @@
 """Where everything is and how it moves: poses of the bodies, relative motion in the joints, springs."""
 
-from collections.abc import Mapping
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -9,23 +8,21 @@ from jaxtyping import Array
 from clearance_jax._numerics import safe_sqrt, safe_unit
 from clearance_jax._sharing import kept, shared
 from clearance_jax._types import Rows, Scalar
+from clearance_jax.dynamics.frames import AbstractExtra, Frames
 from clearance_jax.dynamics.own_motion import as_numbers, coordinate_values, own_motions, rate_of
-from clearance_jax.dynamics.table import Columns, Table, three
+from clearance_jax.dynamics.table import Table
+from clearance_jax.dynamics.written_out import written_out
 from clearance_jax.joints import Relative
-from clearance_jax.mechanism.body import GROUND, Spring
-from clearance_jax.mechanism.frame import Column, Frame
-from clearance_jax.mechanism.mechanism import ClearanceJoint, Mechanism
-from clearance_jax.mechanism.moved import place
+from clearance_jax.mechanism._base import ClearanceJoint
+from clearance_jax.mechanism.body import Spring
+from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, layout
 from clearance_jax.mechanism.tree import AbstractJoint, AbstractPlayed
 from clearance_jax.spatial import (
     UNIT,
-    ZERO,
     Rotation,
-    Term,
     Vector,
     add,
-    as_array,
     cross,
     dot,
     is_zero,
@@ -36,20 +33,11 @@ from clearance_jax.spatial import (
     transpose,
 )
 
-Frames = Mapping[str, Frame]
-"""The frames of all bodies by name: a dictionary, or of a large mechanism a `Table`."""
 
-
-def frames(mechanism: Mechanism, time: Scalar, state: State) -> Frames:
-    """Pose and motion of every body: one sweep from the ground."""
-    if mechanism.is_tabled:
-        return Table(mechanism, time, state)
-    values = coordinate_values(mechanism, state)
-    out = {GROUND: Frame()}
-    for joint in mechanism.joints:
-        frame = place(joint, out[joint.parent], time, values)
-        out[joint.child] = frame if mechanism.is_plane else kept(frame)
-    return out
+def frames(mechanism: PreparedMechanism, time: Scalar, state: State) -> Frames:
+    """Pose and motion of every body, in the form that the mechanism's equations have."""
+    form = Table if mechanism.is_tabled else written_out
+    return form(mechanism, time, state)
 
 
 class Play(NamedTuple):
@@ -62,7 +50,7 @@ class Play(NamedTuple):
     pin: Vector
 
 
-def plays(mechanism: Mechanism, time: Scalar, state: State, motion: Frames) -> dict[str, Play]:
+def plays(mechanism: PreparedMechanism, time: Scalar, state: State, motion: Frames) -> dict[str, Play]:
     """Kinematics of every clearance joint: in the tree by its coordinates, which keep the digits of a small play on a
     large machine; in a loop a difference of positions.
     """
@@ -114,86 +102,47 @@ def sleeve_rotation(joint: AbstractJoint, motion: Frames) -> Rotation:
     return motion[joint.parent].rotated(joint.turned).rotation
 
 
-def relative_motions(time: Scalar, y: Array | Rows, mechanism: Mechanism) -> list[Relative]:
+def relative_motions(time: Scalar, y: Array | Rows, mechanism: PreparedMechanism) -> list[Relative]:
     """The relative motion in every clearance joint."""
     state = layout(mechanism).split(y)
     own = own_motions(mechanism, time, coordinate_values(mechanism, state))
-    found = {name: at.now for name, at in own.items()} | {
-        name: at.relative for name, at in loop_plays(mechanism, time, state)[0].items()
-    }
+    loops = loop_plays(mechanism, time, state)
+    found = {name: at.now for name, at in own.items()} | {name: at.relative for name, (at, _) in loops.items()}
     return [as_numbers(found[joint.name]) for joint in mechanism.clearance_joints()]
 
 
-def loop_plays(mechanism: Mechanism, time: Scalar, state: State) -> tuple[dict[str, Play], Frames]:
-    """Kinematics of the clearance joints that close loops, and where everything is, as far as they ask."""
-    loops = [joint for joint in mechanism.clearance_joints() if not joint.in_tree]
-    motion, out = frames(mechanism, time, state) if loops else {}, {}
+def loop_plays(mechanism: PreparedMechanism, time: Scalar, state: State) -> dict[str, tuple[Play, Frames]]:
+    """Kinematics of the clearance joints that close loops, and where everything is."""
+    loops, out = [joint for joint in mechanism.clearance_joints() if not joint.in_tree], {}
+    if not loops:
+        return out
+    motion = frames(mechanism, time, state)
     for joint in loops:
         pin, rotation = pin_and_axes(joint, motion)
-        out[joint.name] = Play(across_loop(joint, pin, rotation, motion), rotation, pin)
-    return out, motion
-
-
-class Extra:
-    """What the free coordinates' accelerations add to the accelerations of `Frame`. (Ask in the trace that made it.)
-
-    What moves a body moves all that hangs on it: so the sum over its columns is that of its parent and its own ones.
-    """
-
-    def __init__(self, acceleration: list[Term]):
-        self.acceleration = acceleration
-        self._known: dict[tuple[int, ...], tuple[Vector, Vector, Vector]] = {}
-
-    def _turned(self, columns: tuple[Column, ...]) -> tuple[Vector, Vector, Vector]:
-        """The spin rate by some columns, a place on the axis of the last that turns, and the acceleration there."""
-        if not columns:
-            return ZERO, ZERO, ZERO
-        key = tuple(column.index for column in columns)
-        if key not in self._known:
-            last = columns[-1]
-            by, (spin_rate, place, at) = self.acceleration[last.index], self._turned(columns[:-1])
-            if last.pivot is None:
-                at = add(at, scale(by, last.axis))
-            else:
-                at = add(at, cross(spin_rate, subtract(last.pivot, place)))
-                spin_rate, place = add(spin_rate, scale(by, last.axis)), last.pivot
-            self._known[key] = spin_rate, place, at
-        return self._known[key]
-
-    def at(self, frame: Frame, point: Vector) -> Vector:
-        """Extra acceleration of a body's point."""
-        if isinstance(frame.free, Columns):
-            return three(as_array(self.acceleration) @ frame.free.velocity_at(point))
-        spin_rate, place, at = self._turned(frame.free)
-        return add(at, cross(spin_rate, subtract(point, place)))
-
-    def spin_rate(self, frame: Frame) -> Vector:
-        """Extra spin rate of a body."""
-        if isinstance(frame.free, Columns):
-            return three(as_array(self.acceleration) @ frame.free.spin)
-        return self._turned(frame.free)[0]
+        out[joint.name] = Play(across_loop(joint, pin, rotation, motion), rotation, pin), motion
+    return out
 
 
 def relative_accelerations(
-    time: Scalar, y: Array, slope: Array, mechanism: Mechanism
+    time: Scalar, y: Array, slope: Array, mechanism: PreparedMechanism
 ) -> list[tuple[Relative, Relative]]:
     """The relative motion in every clearance joint, and its rate along the motion, for a state and its slope."""
     plan = layout(mechanism)
     state, speeds = plan.split(y), tuple(slope[i] for i in range(plan.v.start, plan.v.stop))
     found = own_motions(mechanism, time, coordinate_values(mechanism, state, speeds))
-    loops, motion = loop_plays(mechanism, time, state)
+    loops = loop_plays(mechanism, time, state)
     out = []
     for joint in mechanism.clearance_joints():
         if joint.in_tree:
             now, rate = found[joint.name]
         else:
-            now = loops[joint.name].relative
-            rate = loop_rate(joint, loops[joint.name], motion, Extra(list(speeds)))
+            at, motion = loops[joint.name]
+            now, rate = at.relative, loop_rate(joint, at, motion, motion.extra(list(speeds)))
         out.append((as_numbers(now), shared(as_numbers(rate))))
     return out
 
 
-def loop_rate(joint: ClearanceJoint, at: Play, motion: Frames, extra: Extra) -> Relative:
+def loop_rate(joint: ClearanceJoint, at: Play, motion: Frames, extra: AbstractExtra) -> Relative:
     """The rate of the relative motion in a joint that closes a loop.
 
     With u the pin's place in the sleeve's axes, R these axes, w the sleeve's spin: u'' = R^T (a_pin - a_sleeve) - 2 w
@@ -201,12 +150,14 @@ def loop_rate(joint: ClearanceJoint, at: Play, motion: Frames, extra: Extra) -> 
     """
     now, sleeve, pin = at.relative, motion[joint.parent], motion[joint.child]
     apart = subtract(
-        add(pin.acceleration_at(at.pin), extra.at(pin, at.pin)),
-        add(sleeve.acceleration_at(at.pin), extra.at(sleeve, at.pin)),
+        add(pin.acceleration_at(at.pin), extra.at(joint.child, at.pin)),
+        add(sleeve.acceleration_at(at.pin), extra.at(joint.parent, at.pin)),
     )
     turning = cross(scale(2.0, at.rotation.undo(sleeve.spin)), now.velocity)
     gain = subtract(at.rotation.undo(shared(apart)), turning)
-    spin_rate = subtract(add(pin.spin_rate, extra.spin_rate(pin)), add(sleeve.spin_rate, extra.spin_rate(sleeve)))
+    spin_rate = subtract(
+        add(pin.spin_rate, extra.spin_rate(joint.child)), add(sleeve.spin_rate, extra.spin_rate(joint.parent))
+    )
     if now.rows is not None:
         spin_rate = subtract(spin_rate, cross(sleeve.spin, subtract(pin.spin, sleeve.spin)))
         spin_rate = at.rotation.undo(spin_rate)

@@ -11,9 +11,9 @@ from clearance_jax._types import Scalar
 from clearance_jax.dynamics.closures import assembled
 from clearance_jax.dynamics.conditions import conditions
 from clearance_jax.dynamics.constraint import independent
-from clearance_jax.dynamics.inertia import mass_matrix
 from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import initial_values, layout
 from clearance_jax.spatial import as_array
 
@@ -59,15 +59,15 @@ def mobility(mechanism: Mechanism, time: float = 0.0) -> Mobility:
 
 
 @jax.jit
-def _kept(ready: Mechanism, time: Scalar) -> Array:
+def _kept(ready: PreparedMechanism, time: Scalar) -> Array:
     """Of each condition of the closures whether it says something of its own (1) or not (0)."""
     plan = layout(ready)
     y = assembled(time, jnp.concatenate([initial_values(ready), jnp.zeros(plan.remembered)]), ready)[0]
     motion = frames(ready, time, plan.split(y))
-    held = [now for loop in ready.closures() for now in conditions(loop, motion, plan.free)]
+    held = [now for loop in ready.closures() for now in conditions(loop, motion)]
     if not held or plan.free == 0:
         return jnp.zeros(len(held))
-    inertia = mass_matrix(ready, motion)
-    rows = jnp.stack([as_array(now.row) for now in held])
+    inertia = motion.mass_matrix()
+    rows = jnp.stack([now.row.array for now in held])
     spread = jnp.stack([as_array(inertia.solve(list(row))) for row in rows])
     return independent(rows @ spread.T, held, inertia)

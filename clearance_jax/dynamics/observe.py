@@ -7,15 +7,15 @@ from clearance_jax._numerics import safe_norm
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.energy import BOOKS, driving, energies, read_books
 from clearance_jax.dynamics.equations import Balance, balance
-from clearance_jax.dynamics.inertia import Extra
 from clearance_jax.dynamics.reactions import reactions
 from clearance_jax.joints import Action
-from clearance_jax.mechanism.mechanism import ClearanceJoint, Mechanism
+from clearance_jax.mechanism._base import AbstractMechanism, ClearanceJoint
+from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, actuated, layout, parts
 from clearance_jax.spatial import Term, Vector, add, as_array, length_of, rotation_vector, scale
 
 
-def observe(time: Scalar, y: Array, mechanism: Mechanism) -> dict[str, Array]:
+def observe(time: Scalar, y: Array, mechanism: PreparedMechanism) -> dict[str, Array]:
     """Everything reported of one state. Rows follow the mechanism's own order of coordinates, joints and points."""
     mechanism, plan = mechanism.at(time), layout(mechanism)
     state = plan.split(y)
@@ -39,7 +39,7 @@ def observe(time: Scalar, y: Array, mechanism: Mechanism) -> dict[str, Array]:
     return out
 
 
-def contacts(mechanism: Mechanism, now: Balance) -> dict[str, Array]:
+def contacts(mechanism: PreparedMechanism, now: Balance) -> dict[str, Array]:
     """What happens in every clearance joint: place of the pin, shape (joints, 2), its normal force, and what there is
     at the contact point (of several the deepest).
     """
@@ -69,7 +69,7 @@ def _power(action: Action) -> Array:
     return jnp.sum(action.points.normal_force * action.points.penetration_rate)
 
 
-def _friction(mechanism: Mechanism, now: Balance, joint: ClearanceJoint) -> Array:
+def _friction(mechanism: PreparedMechanism, now: Balance, joint: ClearanceJoint) -> Array:
     """Friction in a joint [N]: with its sign where it has one direction, else the magnitude of all points' together."""
     acted = now.actions[joint.name].points
     if len(acted.traction) == 1:
@@ -82,21 +82,21 @@ def _friction(mechanism: Mechanism, now: Balance, joint: ClearanceJoint) -> Arra
     return length_of((x, y, z))
 
 
-def point_motions(mechanism: Mechanism, now: Balance) -> dict[str, Array]:
+def point_motions(mechanism: PreparedMechanism, now: Balance) -> dict[str, Array]:
     """Position, velocity and acceleration of every named point, shape (points, 2), in space (points, 3)."""
     if not mechanism.points:
         return {}
-    extra, axes, places, speeds, rates = Extra(now.acceleration), len(axes_of(mechanism)), [], [], []
+    extra, axes, places, speeds, rates = now.motion.extra(now.acceleration), len(axes_of(mechanism)), [], [], []
     for point in mechanism.points:
         frame = now.motion[point.body]
         at = frame.point(point.at.vector)
         places.append(as_array(at[:axes]))
         speeds.append(as_array(frame.velocity_at(at)[:axes]))
-        rates.append(as_array(add(frame.acceleration_at(at), extra.at(frame, at))[:axes]))
+        rates.append(as_array(add(frame.acceleration_at(at), extra.at(point.body, at))[:axes]))
     return {"position": jnp.stack(places), "velocity": jnp.stack(speeds), "acceleration": jnp.stack(rates)}
 
 
-def coordinate_values(mechanism: Mechanism, time: Scalar, state: State) -> dict[str, Array]:
+def coordinate_values(mechanism: PreparedMechanism, time: Scalar, state: State) -> dict[str, Array]:
     """Position and velocity of every elementary coordinate, prescribed ones too; of an orientation its rotation vector
     and its spin.
     """
@@ -115,6 +115,6 @@ def coordinate_values(mechanism: Mechanism, time: Scalar, state: State) -> dict[
     return {"q": as_array(q), "v": as_array(v)}
 
 
-def axes_of(mechanism: Mechanism) -> tuple[str, ...]:
+def axes_of(mechanism: AbstractMechanism) -> tuple[str, ...]:
     """The axes along which a mechanism's vectors are reported."""
     return ("x", "y") if mechanism.is_plane else ("x", "y", "z")

@@ -12,8 +12,8 @@ from clearance_jax._sharing import kept
 from clearance_jax._types import Rows, Scalar
 from clearance_jax.joints import Relative
 from clearance_jax.mechanism.frame import Frame
-from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.moved import Moved, Values, carried, given
+from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, parts
 from clearance_jax.spatial import Matrix, Vector, is_zero, minus, product
 
@@ -25,7 +25,7 @@ class OwnMotion(NamedTuple):
     rate: Relative
 
 
-def coordinate_values(mechanism: Mechanism, state: State, accelerations: Rows | None = None) -> Values:
+def coordinate_values(mechanism: PreparedMechanism, state: State, accelerations: Rows | None = None) -> Values:
     """Of every free coordinate by its name how it moves, by default without acceleration."""
     out = {}
     for c, q, v in parts(mechanism):
@@ -34,7 +34,7 @@ def coordinate_values(mechanism: Mechanism, state: State, accelerations: Rows | 
     return out
 
 
-def own_motions(mechanism: Mechanism, time: Scalar, values: Values) -> dict[str, OwnMotion]:
+def own_motions(mechanism: PreparedMechanism, time: Scalar, values: Values) -> dict[str, OwnMotion]:
     """Of every clearance joint of the tree, by its name."""
     joints = [joint for joint in mechanism.clearance_joints() if joint.in_tree]
     several = []

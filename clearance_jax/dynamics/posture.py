@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from clearance_jax._types import Scalar
-from clearance_jax.dynamics.chain import Aim, Chain, looked
+from clearance_jax.dynamics.chain import AbstractChain, Aim, PreparedChain, looked
 from clearance_jax.mechanism.paths import PreparedPath, matrix_of
 from clearance_jax.mechanism.state import layout, moved, parts, position_rates
 from clearance_jax.spatial import as_array
@@ -56,7 +56,7 @@ class Found(NamedTuple):
         return (self.left < SOLVED) & self.closed
 
 
-def sought_values(chain: Chain, q: Positions) -> Sought:
+def sought_values(chain: AbstractChain, q: Positions) -> Sought:
     """The values of what is sought; of a ball, which has no limits, zeros."""
     values = []
     for part in parts(chain.mechanism):
@@ -64,14 +64,14 @@ def sought_values(chain: Chain, q: Positions) -> Sought:
     return jnp.stack(values)[np.array(chain.sought)]
 
 
-def bounds(chain: Chain) -> tuple[np.ndarray, np.ndarray]:
+def bounds(chain: AbstractChain) -> tuple[np.ndarray, np.ndarray]:
     """Least and largest values of what is sought."""
     limits = chain.limits
     lower = [-np.inf if one.lower is None else one.lower for one in limits]
     return np.array(lower), np.array([np.inf if one.upper is None else one.upper for one in limits])
 
 
-def changed(chain: Chain, q: Positions, change: Sought) -> Positions:
+def changed(chain: AbstractChain, q: Positions, change: Sought) -> Positions:
     """Positions after a change of what is sought."""
     whole = jnp.zeros(layout(chain.mechanism).free).at[np.array(chain.sought)].set(change)
     return as_array(moved(chain.mechanism, tuple(q), tuple(whole)))
@@ -84,7 +84,7 @@ def _damped(jacobian: Array, gap: Array, damping: Array) -> Sought:
     return -((factor * (u.T @ gap)) @ v)
 
 
-def find(chain: Chain, aim: Aim | None, time: Scalar, start: Positions) -> Found:
+def find(chain: PreparedChain, aim: Aim | None, time: Scalar, start: Positions) -> Found:
     """Search from a start, from which a coordinate outside its limits is brought to them first."""
     lower, upper = bounds(chain)
     limited = bool(np.any(np.isfinite(lower)) or np.any(np.isfinite(upper)))
@@ -132,7 +132,7 @@ def find(chain: Chain, aim: Aim | None, time: Scalar, start: Positions) -> Found
     return found
 
 
-def pulled(chain: Chain, aim: Aim | None, time: Scalar, found: Found) -> Positions:
+def pulled(chain: PreparedChain, aim: Aim | None, time: Scalar, found: Found) -> Positions:
     """The positions found, with the derivatives of the function that the conditions define: those of one more Newton
     step.
     """
@@ -142,7 +142,7 @@ def pulled(chain: Chain, aim: Aim | None, time: Scalar, found: Found) -> Positio
     return changed(chain, still.q, _damped(jacobian, gap - still.gap, jnp.zeros(())) * chain.units)
 
 
-def solve(chain: Chain, aim: Aim | None, time: Scalar, start: Positions) -> Found:
+def solve(chain: PreparedChain, aim: Aim | None, time: Scalar, start: Positions) -> Found:
     """`find` with derivatives by the mechanism's numbers, the aim and the time (not by the start)."""
     still = jax.lax.stop_gradient((chain, aim, time, start))
     found = find(*still)
@@ -158,7 +158,9 @@ def aim_at(path: PreparedPath, time: Scalar, beside: Scalar) -> Aim:
     return Aim(place, matrix_of(quaternion) if path.oriented else None)
 
 
-def rates(chain: Chain, path: PreparedPath, time: Scalar, beside: Scalar, q: Positions) -> tuple[Sought, Sought]:
+def rates(
+    chain: PreparedChain, path: PreparedPath, time: Scalar, beside: Scalar, q: Positions
+) -> tuple[Sought, Sought]:
     """First and second rates of what is sought, on the path at a time: the least rates of all that follow it.
 
     The second ones are the exact derivative of the first along the motion.

@@ -18,7 +18,8 @@ from clearance_jax._types import Scalar
 from clearance_jax.dynamics.energy import energies
 from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.dynamics.observe import axes_of, coordinate_values, observe
-from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism._base import AbstractMechanism
+from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import actuated, layout, parts
 from clearance_jax.spatial import as_array
 
@@ -77,7 +78,7 @@ BOOKED = ("drive_work", "damping_loss", "friction_loss", "exchanged")
 OF_COORDINATES = {"q": "position", "v": "velocity"}
 
 
-def labels(mechanism: Mechanism) -> dict[str, tuple[str, list[str]]]:
+def labels(mechanism: AbstractMechanism) -> dict[str, tuple[str, list[str]]]:
     """What labels the entries of every dimension: by name its dimension and its values."""
     coordinates = list(mechanism.coordinates())
     driven = [c for c in coordinates if not c.motion.is_free]
@@ -108,7 +109,7 @@ class Quantity(NamedTuple):
     place: int | None = None
 
 
-def quantities(mechanism: Mechanism, books: bool) -> Mapping[str, Quantity]:
+def quantities(mechanism: AbstractMechanism, books: bool) -> Mapping[str, Quantity]:
     """Every quantity that has a name; `books`: whether states have energy books."""
     # Names follow from the structure, and looking them up costs more than some solves: what has been asked is known.
     return _quantities(frame_of(mechanism), books)
@@ -146,7 +147,7 @@ def _entries(variable: str, described: Variable, labelled: dict) -> Iterator[tup
             yield f"{name}.{axis}", Quantity(variable, (i, k), unit)
 
 
-def _states(mechanism: Mechanism) -> Iterator[tuple[str, Quantity]]:
+def _states(mechanism: AbstractMechanism) -> Iterator[tuple[str, Quantity]]:
     """What is read off a state as it is: free coordinates, their rates, and the laws' memory."""
     plan = layout(mechanism)
     for c, q, v in parts(mechanism):
@@ -165,8 +166,8 @@ def _states(mechanism: Mechanism) -> Iterator[tuple[str, Quantity]]:
             yield f"{holder}.{name}", Quantity("state", (), kinds[name], plan.index(holder, name))
 
 
-def evaluated(variable: str, time: Scalar, y: Array, mechanism: Mechanism) -> Array:
-    """One variable of `OBSERVED`, of one state of a prepared mechanism, at no more cost than it takes."""
+def evaluated(variable: str, time: Scalar, y: Array, mechanism: PreparedMechanism) -> Array:
+    """One variable of `OBSERVED`, of one state, at no more cost than it takes."""
     if variable in ("position", "velocity"):
         motion, axes, out = frames(mechanism, time, layout(mechanism).split(y)), len(axes_of(mechanism)), []
         for point in mechanism.points:

@@ -7,10 +7,10 @@ from jaxtyping import Array
 
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.equations import Balance, balance
-from clearance_jax.dynamics.inertia import Extra, Wrench, inertial_wrenches
+from clearance_jax.dynamics.frames import Wrench
 from clearance_jax.dynamics.kinematics import sleeve_axes
 from clearance_jax.errors import ClearanceError
-from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.spatial import Term, Vector, add, cross, scale, subtract
 
@@ -28,7 +28,7 @@ class Reaction(NamedTuple):
 
 
 def joint_reactions(
-    mechanism: Mechanism, time: Scalar, y: Array, play: Mapping[str, Sequence[Term]] | None = None
+    mechanism: PreparedMechanism, time: Scalar, y: Array, play: Mapping[str, Sequence[Term]] | None = None
 ) -> dict[str, Reaction]:
     """What each joint with clearance would exert if it were ideal, by name: by the accelerations that drives, weight,
     springs and actuators give the ideal mechanism, without any contact law.
@@ -42,12 +42,12 @@ def joint_reactions(
     return held_reactions(mechanism, time, balance(held, time, layout(held).split(y)))
 
 
-def held_still(mechanism: Mechanism, play: Mapping[str, Sequence[Term]]) -> Mechanism:
-    """The prepared mechanism with its pins held, see `joint_reactions`."""
-    return determined(mechanism.held(play).unsampled()).prepared().as_small_program()
+def held_still(mechanism: PreparedMechanism, play: Mapping[str, Sequence[Term]]) -> PreparedMechanism:
+    """The mechanism with its pins held, see `joint_reactions`."""
+    return determined(mechanism.held(play).unsampled()).as_small_program()
 
 
-def held_reactions(mechanism: Mechanism, time: Scalar, now: Balance) -> dict[str, Reaction]:
+def held_reactions(mechanism: PreparedMechanism, time: Scalar, now: Balance) -> dict[str, Reaction]:
     """The reactions in the joints with clearance, of a balance of the mechanism with its pins held."""
     ideal = mechanism.ideal().at(time)
     exerted = dict(zip([j.name for j in ideal.all_joints()], reactions(ideal, now), strict=True))
@@ -60,7 +60,7 @@ def held_reactions(mechanism: Mechanism, time: Scalar, now: Balance) -> dict[str
     return out
 
 
-def determined(ideal: Mechanism) -> Mechanism:
+def determined(ideal: PreparedMechanism) -> PreparedMechanism:
     """The ideal mechanism, if its loops demand no more than its joints can give; else raises `ClearanceError`."""
     if ideal.is_plane and 2 * len(ideal.closures()) > layout(ideal).free:
         raise ClearanceError(
@@ -70,12 +70,12 @@ def determined(ideal: Mechanism) -> Mechanism:
     return ideal
 
 
-def reactions(mechanism: Mechanism, now: Balance) -> list[Wrench]:
+def reactions(mechanism: PreparedMechanism, now: Balance) -> list[Wrench]:
     """Force and moment on the child in every joint, tree then loops, in the world's axes: by the momentum of what hangs
     on it. The moment is that about the joint's place on the child; of a driven or actuated joint the effort is in it,
     of one with clearance what its contacts do, and what it holds beside them.
     """
-    wrenches = inertial_wrenches(mechanism, now.motion, Extra(now.acceleration), every=True)
+    wrenches = now.motion.wrenches(now.acceleration)
     by_name = dict(zip(now.actions, now.pairs, strict=False))
     by_name |= dict(zip([j.name for j in mechanism.closures()], now.closing, strict=True))
     out: list[Wrench] = []

@@ -19,9 +19,8 @@ from clearance_jax._types import Scalar
 from clearance_jax.dynamics.conditions import conditions
 from clearance_jax.dynamics.constraint import constraint
 from clearance_jax.dynamics.field import slope
-from clearance_jax.dynamics.inertia import mass_matrix
 from clearance_jax.dynamics.kinematics import frames, relative_motions
-from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout, moved, parts
 from clearance_jax.spatial import as_array, dot, minus, plus
 
@@ -54,12 +53,12 @@ def followed(pace: Float[Array, " joints"], frequency: Scalar, together: bool) -
     return jnp.where(jnp.any(rest) if together else rest, jnp.ones(len(pace)), 0.0)
 
 
-def seated_frequency(mechanism: Mechanism, time: Scalar, y: Array) -> Scalar:
+def seated_frequency(mechanism: PreparedMechanism, time: Scalar, y: Array) -> Scalar:
     """The lowest frequency of a seated pose [Hz]: the root of the least eigenvalue of -A over 2 pi, where A is the
     derivative of the play coordinates' accelerations by the play coordinates, with everything else that the mechanism
     has (weight, springs, its own motion). 0 where the pose is not stable. A coordinate that nothing holds is one, too.
 
-    **Arguments:** a prepared mechanism with play; `time` [s]; `y`: the state `[q, v, memory]`, its pins at their walls.
+    **Arguments:** a mechanism with play; `time` [s]; `y`: the state `[q, v, memory]`, its pins at their walls.
     """
     plan = layout(mechanism)
     state = plan.split(y)
@@ -95,20 +94,20 @@ def _frequency(square: Scalar) -> Scalar:
     return jnp.sqrt(jnp.maximum(square, 0.0)) / (2 * jnp.pi)
 
 
-def play_mobility(mechanism: Mechanism, time: Scalar, y: Array) -> Square:
+def play_mobility(mechanism: PreparedMechanism, time: Scalar, y: Array) -> Square:
     """The accelerations of the play coordinates by forces along them, M^-1, with ideal loops closed: [1/kg] for slides,
     [1/(kg m^2)] for turns.
     """
     at, plan = mechanism.at(time), layout(mechanism)
     motion = frames(at, time, plan.split(y))
-    inertia, loops, ways = mass_matrix(at, motion), at.closures(), _ways(mechanism, time, y)
-    every = [condition for loop in loops for condition in conditions(loop, motion, plan.free)]
+    inertia, loops, ways = motion.mass_matrix(), at.closures(), _ways(mechanism, time, y)
+    every = [condition for loop in loops for condition in conditions(loop, motion)]
     asked = constraint(inertia, every, at) if every else None
 
     def accelerations(force):
         free = inertia.solve([force[i] for i in range(plan.free)])
         if asked is not None:
-            change, _ = asked.closing([minus(0.0, now.reached(free)) for now in every])
+            change, _ = asked.closing([minus(0.0, now.row.dot(free)) for now in every])
             free = [plus(a, b) for a, b in zip(free, change, strict=True)]
         return ways @ as_array(free)
 
@@ -116,7 +115,7 @@ def play_mobility(mechanism: Mechanism, time: Scalar, y: Array) -> Square:
 
 
 def play_moves(
-    mechanism: Mechanism, time: Scalar, y: Array
+    mechanism: PreparedMechanism, time: Scalar, y: Array
 ) -> tuple[Float[Array, "play free"], Float[Array, "free play"]]:
     """The rates of the play coordinates by the free velocities, and the least free velocities for given rates of the
     play, at which ideal loops stay closed.
@@ -126,7 +125,7 @@ def play_moves(
     return ways, jnp.linalg.pinv(rows)[:, : len(ways)]
 
 
-def _ways(mechanism: Mechanism, time: Scalar, y: Array) -> Float[Array, "play free"]:
+def _ways(mechanism: PreparedMechanism, time: Scalar, y: Array) -> Float[Array, "play free"]:
     """The rates of the play coordinates by the free velocities: of joints in the tree these are among them."""
     plan, joints = layout(mechanism), mechanism.clearance_joints()
     if all(joint.in_tree for joint in joints):
@@ -147,9 +146,9 @@ def _ways(mechanism: Mechanism, time: Scalar, y: Array) -> Float[Array, "play fr
     return jax.jacfwd(rates)(jnp.zeros(plan.free))
 
 
-def _closing_rows(mechanism: Mechanism, time: Scalar, y: Array) -> Float[Array, "conditions free"]:
+def _closing_rows(mechanism: PreparedMechanism, time: Scalar, y: Array) -> Float[Array, "conditions free"]:
     """The conditions of ideal loops, by the free velocities."""
     at, plan = mechanism.at(time), layout(mechanism)
     motion = frames(at, time, plan.split(y))
-    rows = [now.row for loop in at.closures() for now in conditions(loop, motion, plan.free)]
-    return jnp.stack([as_array(row) for row in rows]) if rows else jnp.zeros((0, plan.free))
+    rows = [now.row.array for loop in at.closures() for now in conditions(loop, motion)]
+    return jnp.stack(rows) if rows else jnp.zeros((0, plan.free))

@@ -28,7 +28,8 @@ from clearance_jax.dynamics.reactions import held_reactions, held_still
 from clearance_jax.dynamics.seated import Seated, followed, lowest_frequency, play_mobility
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import Load, Seat, relative_at, seat, stiffness_at
-from clearance_jax.mechanism.mechanism import ClearanceJoint, Mechanism
+from clearance_jax.mechanism._base import ClearanceJoint
+from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import initial_values, layout, parts, position_rates
 from clearance_jax.spatial import as_array, dot, hamilton, scale
 
@@ -43,8 +44,8 @@ class Seats(NamedTuple):
     play: tuple[Array, ...]
 
 
-def settled_start(time: Scalar, mechanism: Mechanism) -> tuple[Array, StartErrors]:
-    """The state `[q, v, memory]` of a prepared mechanism in which every pin is pressed at its wall and rides along it,
+def settled_start(time: Scalar, mechanism: PreparedMechanism) -> tuple[Array, StartErrors]:
+    """The state `[q, v, memory]` in which every pin is pressed at its wall and rides along it,
     or is at relative rest there where it could not follow; and how far it is from that still.
 
     A pin that nothing presses starts at its `eccentricity`, as it does without this.
@@ -107,7 +108,9 @@ def settled_start(time: Scalar, mechanism: Mechanism) -> tuple[Array, StartError
     return _whole(mechanism, now, Seats(y, rates), pressed), errors._replace(seated=seated)
 
 
-def _paced(mechanism: Mechanism, time: Scalar, y: Array, rates: list[Array], firm: tuple, sizes: list[Array]) -> Seated:
+def _paced(
+    mechanism: PreparedMechanism, time: Scalar, y: Array, rates: list[Array], firm: tuple, sizes: list[Array]
+) -> Seated:
     """Which pins can follow where they are pressed, by rates of that in units of their play."""
     numbers, rest = eqx.partition((mechanism, time, y, rates, firm, sizes), eqx.is_array)
     mechanism, time, y, rates, firm, sizes = eqx.combine(jax.lax.stop_gradient(numbers), rest)
@@ -151,7 +154,7 @@ def _seats(joints: tuple[ClearanceJoint, ...], loads: list, begin: tuple[Array, 
     return [found[k] for k in range(len(joints))]
 
 
-def _whole(mechanism: Mechanism, now: Seats, rate: Seats, pressed: tuple[Array, ...]) -> Array:
+def _whole(mechanism: PreparedMechanism, now: Seats, rate: Seats, pressed: tuple[Array, ...]) -> Array:
     """The state of the mechanism with its play; what is pressed has been touching."""
     found: dict[str, tuple[Any, Any]] = {}
     for c, q, _ in parts(mechanism.ideal()):

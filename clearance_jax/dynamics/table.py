@@ -1,26 +1,25 @@
 """The dynamics of a large mechanism as products of arrays: a loop over its links says where everything is; composite
 bodies are sums by masks that say which column moves which body.
 
-It answers as the frames of a small mechanism do (`kinematics.frames`), for whom asks for one body or point; moments are
-taken about the centre of mass of the whole.
+Moments are taken about the centre of mass of the whole.
 """
 
-from collections.abc import Mapping
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from clearance_jax._numerics import sincos
 from clearance_jax._types import Scalar
+from clearance_jax.dynamics.frames import AbstractExtra, AbstractMoves, Frames, Wrench, rotors
+from clearance_jax.dynamics.link_motion import sweep
 from clearance_jax.mechanism.body import GROUND
 from clearance_jax.mechanism.frame import Column, Frame
-from clearance_jax.mechanism.links import Links, Masks, Order, links_of, masks, order, rodrigues
-from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.mechanism.state import State, parts
-from clearance_jax.spatial import IDENTITY, Term, Vector, as_array, of_quaternion
+from clearance_jax.mechanism.links import Masks, Order, links_of, masks, order
+from clearance_jax.mechanism.prepared import PreparedMechanism
+from clearance_jax.mechanism.state import State
+from clearance_jax.spatial import IDENTITY, ZERO, Term, Vector, as_array, subtract, three
+from clearance_jax.symmetric import ArrayRow, Dense
 
 
 class Columns(NamedTuple):
@@ -44,28 +43,53 @@ class Columns(NamedTuple):
         return jnp.asarray(self.moves)[:, None] * self.spins
 
 
-class Motions(NamedTuple):
-    """Of every link: rotation, place, spin, velocity, and their rates without the free accelerations."""
+class Moves(AbstractMoves):
+    """What the free coordinates move, as one array."""
 
-    rotation: Array
-    place: Array
-    spin: Array
-    velocity: Array
-    spin_rate: Array
-    acceleration: Array
+    def __init__(self, whole: Float[Array, "free 3"]):
+        self.whole = whole
+
+    @property
+    def array(self):
+        return self.whole
+
+    @property
+    def count(self):
+        return self.whole.shape[0]
+
+    def along(self, direction):
+        return ArrayRow(self.whole @ as_array(direction))
+
+    def square(self, weights):
+        return jnp.sum(self.whole**2, axis=1) @ as_array(weights)
 
 
-class Table(Mapping):
-    """Where everything of a large mechanism is and how it moves: a mapping of names to frames, as for a small one."""
+class Extra(AbstractExtra):
+    """What free accelerations add, by products with the columns."""
 
-    def __init__(self, mechanism: Mechanism, time: Scalar, state: State):
+    def __init__(self, motion: "Table", acceleration: list[Term]):
+        self._motion, self._acceleration = motion, acceleration
+
+    def at(self, body, point):
+        return three(as_array(self._acceleration) @ self._motion.columns(body).velocity_at(point))
+
+    def spin_rate(self, body):
+        return three(as_array(self._acceleration) @ self._motion.columns(body).spin)
+
+
+class Table(Frames):
+    """Where everything of a large mechanism is and how it moves."""
+
+    is_solved_implicitly: ClassVar[bool] = False
+
+    def __init__(self, mechanism: PreparedMechanism, time: Scalar, state: State):
         self.mechanism = mechanism
         self.plan: Order = order(mechanism.joints)
         self.masks: Masks = masks(self.plan, mechanism.bodies)
         links = mechanism.links or links_of(mechanism.bodies, mechanism.joints)
         self.links = links
         self.rates, self.motions = sweep(mechanism, self.plan, links, time, state)
-        self._frames: dict[str, Frame] = {}
+        self._frames: dict[str, tuple[Frame, Columns]] = {}
         carriers = np.array([self.plan.carriers[body.name] for body in mechanism.bodies])
         # Of what is fixed to the ground nothing moves: its carrier is the ground, behind all links.
         self.carriers = np.where(carriers < 0, len(self.plan.coordinates), carriers)
@@ -75,7 +99,7 @@ class Table(Mapping):
         spin, spin_rate = m.spin[self.carriers], m.spin_rate[self.carriers]
         self.spin, self.spin_rate = spin, spin_rate
         self.centres = m.place[self.carriers] + arms
-        self.velocities = m.velocity[self.carriers] + jnp.cross(spin, arms)
+        self.speeds = m.velocity[self.carriers] + jnp.cross(spin, arms)
         swing = jnp.cross(spin_rate, arms) + jnp.cross(spin, jnp.cross(spin, arms))
         self.accelerations = m.acceleration[self.carriers] + swing
         self.inertias = self.turned @ links.inertia @ jnp.swapaxes(self.turned, 1, 2)
@@ -85,30 +109,42 @@ class Table(Mapping):
         local = links.axis[where] + self.masks.local
         axes = jnp.einsum("cij,cj->ci", m.rotation[where], local)
         turns = self.masks.turns[:, None]
-        self.spins = turns * axes
-        self.slides = turns * jnp.cross(axes, self.origin[None] - m.place[where]) + (1 - turns) * axes
+        self.column_spins = turns * axes
+        self.column_slides = turns * jnp.cross(axes, self.origin[None] - m.place[where]) + (1 - turns) * axes
         self.count = len(where) - sum(not c.motion.is_free for c in self.plan.coordinates)
 
-    # As a mapping ---------------------------------------------------------------------------------------------------
+    # Frames and what moves them -------------------------------------------------------------------------------------
 
-    def __iter__(self):
-        return iter(self.plan.carriers)
+    def __getitem__(self, body):
+        return self._at(body)[0]
 
-    def __len__(self) -> int:
-        return len(self.plan.carriers)
+    def columns(self, body: str) -> Columns:
+        """The free columns, and which of them move a body."""
+        return self._at(body)[1]
 
-    def __getitem__(self, name: str) -> Frame:
-        """The frame of a body."""
-        if name not in self._frames:
-            self._frames[name] = self._frame(name)
-        return self._frames[name]
+    def velocities(self, body, point, base=None, beside=ZERO):
+        own = self.columns(body).velocity_at(point)
+        return Moves(own if base is None else own - self.columns(base).velocity_at(beside))
 
-    def _frame(self, name: str) -> Frame:
-        moves = self._moved_by(self.plan.carriers[name])
-        free = Columns(self.spins[: self.count], self.slides[: self.count], self.origin, moves[: self.count])
-        if name == GROUND:
-            return Frame(free=free)
-        m, i = self.motions, [body.name for body in self.mechanism.bodies].index(name)
+    def spins(self, body, base=None):
+        own = self.columns(body).spin
+        return Moves(own if base is None else own - self.columns(base).spin)
+
+    def extra(self, acceleration):
+        return Extra(self, acceleration)
+
+    def _at(self, body: str) -> tuple[Frame, Columns]:
+        if body not in self._frames:
+            moves = self._moved_by(self.plan.carriers[body])
+            n = self.count
+            free = Columns(self.column_spins[:n], self.column_slides[:n], self.origin, moves[:n])
+            self._frames[body] = self._frame(body, moves), free
+        return self._frames[body]
+
+    def _frame(self, body: str, moves: np.ndarray) -> Frame:
+        if body == GROUND:
+            return Frame()
+        m, i = self.motions, [other.name for other in self.mechanism.bodies].index(body)
         link = int(self.carriers[i])
         turned = m.rotation[link] @ self.links.body_turned[i]
         arm = m.rotation[link] @ self.links.body_offset[i]
@@ -122,7 +158,6 @@ class Table(Mapping):
             spin_rate=three(spin_rate),
             acceleration=three(m.acceleration[link] + jnp.cross(spin_rate, arm) + jnp.cross(spin, swing)),
             pivot=three(m.place[link]),
-            free=free,
             prescribed=tuple(self._prescribed(int(k)) for k in np.flatnonzero(moves[self.count :]) + self.count),
         )
 
@@ -132,16 +167,24 @@ class Table(Mapping):
 
     def _prescribed(self, column: int) -> tuple[Column, Term]:
         link = self.masks.links[column]
-        axis = three(self.spins[column] if self.masks.turns[column] else self.slides[column])
+        axis = three(self.column_spins[column] if self.masks.turns[column] else self.column_slides[column])
         pivot = three(self.motions.place[link]) if self.masks.turns[column] else None
         return Column(-1, axis, pivot), self.rates[link]
 
     # Inertia and loads ----------------------------------------------------------------------------------------------
 
-    def mass_matrix(self) -> Array:
-        """Of the free velocities, whole."""
+    def mass_matrix(self, firm=None):
+        whole = self.inertia_matrix()
+        for i, inertia in rotors(self.mechanism).items():
+            whole = whole.at[i, i].add(inertia)
+        for i, times_as_much in (firm or {}).items():
+            whole = whole.at[i, i].multiply(times_as_much)
+        return Dense(jnp.linalg.cholesky(whole))
+
+    def inertia_matrix(self) -> Array:
+        """That of the free velocities, of bodies alone."""
         n, carried = self.count, jnp.asarray(self.masks.bodies[: self.count])
-        spins, slides = self.spins[:n], self.slides[:n]
+        spins, slides = self.column_spins[:n], self.column_slides[:n]
         mass, arms = self.links.mass, self.centres - self.origin[None]
         moments = mass[:, None] * arms
         square = jnp.einsum("bi,bi->b", moments, arms)
@@ -156,34 +199,52 @@ class Table(Mapping):
         both = self.masks.columns[:n, :n] * self.masks.columns[:n, :n].T
         return lower + jnp.where(both > 0, 0.0, lower.T)
 
-    def wrenches(self, acceleration: Array | None = None) -> tuple[Array, Array]:
+    def deficits(self, acceleration: list[Term] | None = None) -> tuple[Array, Array]:
         """Weight minus inertia forces of every body, and their moments about the origin, (bodies, 3) each; with the
         free accelerations where they are given.
         """
         at, spin_rate = self.accelerations, self.spin_rate
         if acceleration is not None:
-            more, more_spin = self.extra(acceleration)
+            more, more_spin = self.added(as_array(acceleration))
             at, spin_rate = at + more, spin_rate + more_spin
         force = self.links.mass[:, None] * (as_array(self.mechanism.gravity.vector)[None] - at)
         momentum = jnp.einsum("bij,bj->bi", self.inertias, self.spin)
         turning = jnp.einsum("bij,bj->bi", self.inertias, spin_rate) + jnp.cross(self.spin, momentum)
         return force, jnp.cross(self.centres - self.origin[None], force) - turning
 
-    def extra(self, acceleration: Array) -> tuple[Array, Array]:
+    def added(self, acceleration: Array) -> tuple[Array, Array]:
         """What free accelerations add to the accelerations of the centres of mass, and to the spin rates, of bodies."""
         n, carried = self.count, jnp.asarray(self.masks.bodies[: self.count])
-        spin = jnp.einsum("cb,ci->bi", carried * acceleration[:, None], self.spins[:n])
-        slide = jnp.einsum("cb,ci->bi", carried * acceleration[:, None], self.slides[:n])
+        spin = jnp.einsum("cb,ci->bi", carried * acceleration[:, None], self.column_spins[:n])
+        slide = jnp.einsum("cb,ci->bi", carried * acceleration[:, None], self.column_slides[:n])
         return slide + jnp.cross(spin, self.centres - self.origin[None]), spin
 
-    def load(self, acceleration: Array | None = None) -> Array:
-        """Weight and inertia forces by free velocity; with the free accelerations where they are given."""
-        return self.projected(*self.wrenches(acceleration))[: self.count]
+    def wrenches(self, acceleration):
+        force, moment = self.deficits(acceleration)
+        out = {}
+        for joint in self.mechanism.joints:
+            hanging = self.hanging_on(joint.child)
+            whole = Wrench(three(hanging @ force), three(hanging @ moment))
+            out[joint.child] = whole.moved(subtract(three(self.origin), self[joint.child].pivot))
+        return out
+
+    def load_without_rotors(self, pairs, acceleration):
+        load = self.projected(*self.deficits(acceleration))[: self.count]
+        for pair in pairs:
+            load = load + self.pair(*pair)[: self.count]
+        return [load[i] for i in range(self.count)]
+
+    def driving(self, pairs, acceleration):
+        exerted = -self.projected(*self.deficits(acceleration))
+        for pair in pairs:
+            exerted = exerted - self.pair(*pair)
+        links = self.masks.links
+        return [(exerted[i], self.rates[links[i]]) for i in range(self.count, len(links))]
 
     def projected(self, force: Array, moment: Array) -> Array:
         """The bodies' wrenches by column, free ones first."""
         carried = self.masks.bodies
-        return jnp.sum(self.slides * (carried @ force) + self.spins * (carried @ moment), axis=1)
+        return jnp.sum(self.column_slides * (carried @ force) + self.column_spins * (carried @ moment), axis=1)
 
     def pair(self, parent: str, child: str, force: Vector, torque: Vector, at: Vector) -> Array:
         """A wrench pair by column."""
@@ -191,115 +252,23 @@ class Table(Mapping):
         moves = np.subtract(*(self._moved_by(link) for link in links))
         push, arm = as_array(force), as_array(at) - self.origin
         turning = as_array(torque) + jnp.cross(arm, push)
-        return jnp.asarray(moves) * (self.slides @ push + self.spins @ turning)
+        return jnp.asarray(moves) * (self.column_slides @ push + self.column_spins @ turning)
 
     # Energies -------------------------------------------------------------------------------------------------------
 
-    def kinetic(self) -> Array:
-        """Kinetic energy [J]."""
-        sliding = self.links.mass @ jnp.sum(self.velocities**2, axis=1)
-        return 0.5 * (sliding + jnp.einsum("bi,bij,bj->", self.spin, self.inertias, self.spin))
+    def energies(self):
+        sliding = self.links.mass @ jnp.sum(self.speeds**2, axis=1)
+        kinetic = 0.5 * (sliding + jnp.einsum("bi,bij,bj->", self.spin, self.inertias, self.spin))
+        return kinetic, -self.links.mass @ (self.centres @ as_array(self.mechanism.gravity.vector))
 
-    def potential(self) -> Array:
-        """Potential energy of weight [J]."""
-        return -self.links.mass @ (self.centres @ as_array(self.mechanism.gravity.vector))
-
-    def kinetic_exchange(self, acceleration: Array) -> Array:
-        """Rate at which kinetic energy is exchanged between bodies and axes [W]."""
-        at, spin_rate = self.extra(acceleration)
+    def kinetic_exchange(self, acceleration):
+        at, spin_rate = self.added(as_array(acceleration))
         at, spin_rate = self.accelerations + at, self.spin_rate + spin_rate
         turning = jnp.einsum("bij,bj->bi", self.inertias, spin_rate)
-        sliding = self.links.mass @ jnp.sum(jnp.abs(self.velocities * at), axis=1)
+        sliding = self.links.mass @ jnp.sum(jnp.abs(self.speeds * at), axis=1)
         return sliding + jnp.sum(jnp.abs(self.spin * turning))
 
     def hanging_on(self, body: str) -> np.ndarray:
         """Which bodies hang on a body, itself among them, as zeros and ones."""
         beyond = self.mechanism.beyond(body)
         return np.array([float(other.name in beyond) for other in self.mechanism.bodies])
-
-
-def three(a: Array) -> Vector:
-    """An array of three as a vector."""
-    return a[0], a[1], a[2]
-
-
-class Given(NamedTuple):
-    """Of every link's coordinate its value, rate and prescribed acceleration; of balls instead (zeros there) the matrix
-    by its link, and of every link the spin of a ball in its own axes.
-    """
-
-    values: list[Term]
-    rates: list[Term]
-    accelerations: list[Term]
-    turned: dict[int, Array]
-    spins: list[Array]
-
-
-def given_motion(mechanism: Mechanism, plan: Order, time: Scalar, state: State) -> Given:
-    """What drives and the state say of the links' coordinates."""
-    own = {part.coordinate.name: part for part in parts(mechanism)}
-    out = Given([], [], [], {}, [])
-    for i, c in enumerate(plan.coordinates):
-        part, spin = own.get(c.name), jnp.zeros(3)
-        if part is None:
-            assert c.motion.drive is not None
-            q, v, a = c.motion.drive(time)
-        elif c.is_ball:
-            w, x, y, z = state.q[part.q]
-            out.turned[i] = jnp.stack([as_array(row) for row in of_quaternion(w, x, y, z)])
-            spin = as_array(state.v[part.v])
-            q = v = a = 0.0
-        else:
-            q, v, a = state.q[part.q.start], state.v[part.v.start], 0.0
-        for values, value in zip((out.values, out.rates, out.accelerations, out.spins), (q, v, a, spin), strict=True):
-            values.append(value)
-    return out
-
-
-def sweep(mechanism: Mechanism, plan: Order, links: Links, time: Scalar, state: State) -> tuple[list[Term], Motions]:
-    """Rates of the links' coordinates (of a ball zero), and the motion of every link and, behind them, of the
-    ground.
-    """
-    count, now = len(plan.coordinates), given_motion(mechanism, plan, time, state)
-    turning = np.array([float(c.turns is not None) for c in plan.coordinates])
-    sliding = np.array([float(c.slides is not None) for c in plan.coordinates])
-    q, v, a = as_array(now.values), as_array(now.rates), as_array(now.accelerations)
-    sine, cosine = sincos(turning * q)
-    inner = rodrigues(links.axis, sine, cosine)
-    for i, rows in now.turned.items():
-        inner = inner.at[i].set(rows)
-    given = (
-        np.array([parent if parent >= 0 else count for parent in plan.parents]),
-        np.arange(count),
-        links.turned @ inner,
-        links.offset,
-        (sliding * q)[:, None] * links.axis,
-        (sliding * v)[:, None] * links.axis,
-        (sliding * a)[:, None] * links.axis,
-        (turning * v)[:, None] * links.axis + jnp.stack(now.spins),
-        (turning * a)[:, None] * links.axis,
-    )
-    still = jnp.zeros((count + 1, 3))
-    begin = Motions(jnp.broadcast_to(jnp.eye(3), (count + 1, 3, 3)), *[still] * 5)
-
-    def once(motions: Motions, link):
-        parent, i, rows, offset, slid, slides, sped, spun, spun_up = link
-        at = jax.tree.map(lambda x: x[parent], motions)
-        rotation = at.rotation @ rows
-        slide, step = rotation @ slides, rotation @ slid
-        arm = at.rotation @ offset + step
-        spin = rotation @ spun
-        new = Motions(
-            rotation,
-            at.place + arm,
-            at.spin + spin,
-            at.velocity + jnp.cross(at.spin, arm) + slide,
-            at.spin_rate + jnp.cross(at.spin, spin) + rotation @ spun_up,
-            at.acceleration
-            + jnp.cross(at.spin_rate, arm)
-            + jnp.cross(at.spin, jnp.cross(at.spin, arm) + 2 * slide)
-            + rotation @ sped,
-        )
-        return jax.tree.map(lambda x, y: jax.lax.dynamic_update_index_in_dim(x, y, i, 0), motions, new), None
-
-    return now.rates, jax.lax.scan(once, begin, given)[0]

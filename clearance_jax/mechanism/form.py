@@ -1,6 +1,9 @@
 """Which form the equations of motion of a mechanism have: written out number by number, or a loop over a table."""
 
+from collections.abc import Callable
 from typing import NamedTuple
+
+from clearance_jax._once import compute_once
 
 # A mechanism in space with more free velocities and conditions of ideal closures than these, without play and with it,
 # or with more coordinates in all than the third, becomes a table: the mass matrix grows with the square of the free
@@ -33,6 +36,12 @@ class Form(NamedTuple):
         """Whether it is a loop over a table of links."""
         many = self.free + self.conditions > self.most or self.coordinates > FRAMED
         return many and not self.is_plane
+
+    def once(self, program: Callable) -> Callable:
+        """A program of it that computes each number once. (A table is computed in products of arrays, which nothing
+        repeats: barriers would only keep them apart.)
+        """
+        return program if self.is_table else compute_once(program)
 
     def __str__(self) -> str:
         if self.is_plane:

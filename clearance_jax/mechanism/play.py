@@ -1,7 +1,7 @@
-"""Play given to a joint: whole, or by a designer's numbers, of which each kind of joint takes its own."""
+"""Play given to a joint, whole or by a designer's numbers (each kind of joint takes its own), and taken away."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -16,12 +16,15 @@ from clearance_jax.joints import (
     AbstractPin,
     Preset,
     Tolerance,
+    posed,
 )
 from clearance_jax.joints.checks import check_sizes
 from clearance_jax.joints.presets import FIT, made
 from clearance_jax.mechanism.compounds import Cylindrical, Spherical
+from clearance_jax.mechanism.placement import Position, as_prepared
 from clearance_jax.mechanism.tree import AbstractJoint, AbstractPlayed, Prismatic, Revolute
 from clearance_jax.parameters import check_demands, replace
+from clearance_jax.spatial import IDENTITY, UNIT, Term, add, is_zero, product, transpose
 
 PRESETS: Mapping[type[AbstractPlayed], Preset] = {Revolute: PIN, Prismatic: GUIDE, Spherical: BALL, Cylindrical: SHAFT}
 """How play is made, by the kind of joint."""
@@ -96,3 +99,25 @@ def _changed(joint: AbstractPlayed, preset: Preset, numbers: Mapping[str, Any]) 
 def _made_between(clearance: Any, tolerance: Tolerance | None) -> Any:
     """The clearance with another tolerance."""
     return eqx.tree_at(lambda c: c.tolerance, clearance, tolerance, is_leaf=lambda x: x is None)
+
+
+def without_play(joint: AbstractJoint, values: Sequence[Term] | None) -> AbstractJoint:
+    """The ideal joint, its pin held at values of its play coordinates [m or rad] (`None`: in the middle)."""
+    if not isinstance(joint, AbstractPlayed) or joint.clearance is None:
+        return joint
+    ideal = eqx.tree_at(lambda j: j.clearance, joint, None)
+    if values is None:
+        return ideal
+    pose = posed(joint.play(), values)
+    # The sleeve's axes are the parent's, turned by the joint's own angle.
+    turned = joint.turned if joint.sleeve is UNIT else joint.turned.followed(joint.sleeve)
+    x, y, z = add(joint.at_parent.vector, turned.apply(pose.place))
+    changed: dict[str, Any] = {"at_parent": Position(x, y, joint.at_parent.z if is_zero(z) else z)}
+    if pose.rotation.rows is not UNIT:
+        tilt = product(joint.sleeve, product(pose.rotation.rows, transpose(joint.sleeve)))
+        if joint.own_coordinates()[0].play is None:  # it slides before it has play
+            own = IDENTITY if joint.child_orientation is None else joint.child_orientation.rotation
+            changed["child_orientation"] = as_prepared(product(own.rows, transpose(tilt)))
+        else:
+            changed |= {"angle": None, "orientation": as_prepared(product(joint.turned.rows, tilt))}
+    return dataclasses.replace(ideal, **changed)

@@ -10,9 +10,9 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from clearance_jax._types import Rows
+from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.actuators import AbstractActuator
 from clearance_jax.mechanism.controllers import AbstractController
-from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.tree import Coordinate
 from clearance_jax.spatial import Term, add, dot, plus, quaternion_rate, scale
 
@@ -40,7 +40,7 @@ class Acting(NamedTuple):
         return self.part.sampled_every() if isinstance(self.part, AbstractActuator) else self.part.period
 
 
-def acting(mechanism: Mechanism) -> tuple[Acting, ...]:
+def acting(mechanism: AbstractMechanism) -> tuple[Acting, ...]:
     """Everything that exerts efforts."""
     out = [
         Acting(f"{c.name}.actuator{i}", (c.name,), actuator)
@@ -51,7 +51,7 @@ def acting(mechanism: Mechanism) -> tuple[Acting, ...]:
     return (*out, *controlled)
 
 
-def actuated(mechanism: Mechanism) -> "tuple[Part, ...]":
+def actuated(mechanism: AbstractMechanism) -> "tuple[Part, ...]":
     """The free coordinates on which something exerts efforts."""
     names = {name for one in acting(mechanism) for name in one.coordinates}
     return tuple(part for part in parts(mechanism) if part.coordinate.name in names)
@@ -121,7 +121,7 @@ class Layout(NamedTuple):
         raise KeyError(f"{joint}.{memory}")
 
 
-def layout(mechanism: Mechanism) -> Layout:
+def layout(mechanism: AbstractMechanism) -> Layout:
     """The state layout of a mechanism."""
     memories = tuple((j.name, j.clearance.remembers) for j in mechanism.clearance_joints())
     free = mechanism.free_coordinates()
@@ -130,7 +130,7 @@ def layout(mechanism: Mechanism) -> Layout:
     return Layout(positions, tuple(name for c in free for name in c.velocities), memories, efforts)
 
 
-def initial_values(mechanism: Mechanism) -> Array:
+def initial_values(mechanism: AbstractMechanism) -> Array:
     """The given initial positions and velocities of the free coordinates."""
     starts = [c.motion.initial() for c in mechanism.free_coordinates()]
     places = [jnp.asarray(x, float) for q, _ in starts for x in q]
@@ -145,7 +145,7 @@ class Part(NamedTuple):
     v: slice
 
 
-def parts(mechanism: Mechanism) -> tuple[Part, ...]:
+def parts(mechanism: AbstractMechanism) -> tuple[Part, ...]:
     """Every free coordinate with its place in a state."""
     out, q, v = [], 0, 0
     for c in mechanism.free_coordinates():
@@ -154,7 +154,7 @@ def parts(mechanism: Mechanism) -> tuple[Part, ...]:
     return tuple(out)
 
 
-def position_rates(mechanism: Mechanism, q: Rows, v: Rows) -> Rows:
+def position_rates(mechanism: AbstractMechanism, q: Rows, v: Rows) -> Rows:
     """Rates of the positions: the velocities, but for an orientation."""
     if len(q) == len(v):
         return tuple(v)
@@ -165,7 +165,7 @@ def position_rates(mechanism: Mechanism, q: Rows, v: Rows) -> Rows:
     return tuple(jnp.asarray(rate, float) for rate in rates)
 
 
-def moved(mechanism: Mechanism, q: Rows, change: Sequence[Term]) -> tuple[Term, ...]:
+def moved(mechanism: AbstractMechanism, q: Rows, change: Sequence[Term]) -> tuple[Term, ...]:
     """Positions after a small change, given like velocities; orientations of unit length."""
     out = []
     for part in parts(mechanism):

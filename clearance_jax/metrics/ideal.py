@@ -10,6 +10,7 @@ from clearance_jax.dynamics.closures import projected
 from clearance_jax.dynamics.mobility import mobility
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout
 
 # Newton steps from a pin's place in its sleeve to the ideal mechanism: each squares the error, some 1e-3 at first.
@@ -48,7 +49,7 @@ def _held(loop) -> int:
     return (3 if hold.along is None else len(hold.along)) + len(hold.square)
 
 
-def ideal_state(time: Scalar, y: Array, mechanism: Mechanism) -> Array:
+def ideal_state(time: Scalar, y: Array, mechanism: PreparedMechanism) -> Array:
     """The state of the ideal mechanism, where drives and closures determine it: the actual one's, loops closed."""
     ideal = mechanism.ideal()
     plan, own = layout(mechanism), layout(ideal)

@@ -9,7 +9,8 @@ from clearance_jax._module import Module
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.kinematics import relative_motions
 from clearance_jax.joints import Relative
-from clearance_jax.mechanism.mechanism import ClearanceJoint, Mechanism
+from clearance_jax.mechanism._base import ClearanceJoint
+from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, layout
 from clearance_jax.metrics.measure import AbstractMetric, Request
 from clearance_jax.metrics.signals import clearance_index
@@ -58,13 +59,13 @@ class Powers(Module):
         return jnp.asarray(jnp.inf)
 
 
-def _play(mechanism: Mechanism, name: str, time, y) -> tuple[ClearanceJoint, Relative, State]:
+def _play(mechanism: PreparedMechanism, name: str, time, y) -> tuple[ClearanceJoint, Relative, State]:
     index = clearance_index(mechanism, name)
     at = relative_motions(time, y, mechanism)[index]
     return mechanism.clearance_joints()[index], at, layout(mechanism).split(y)
 
 
-def _held(mechanism: Mechanism, name: str, time, y) -> Scalar:
+def _held(mechanism: PreparedMechanism, name: str, time, y) -> Scalar:
     """What a joint's contact holds elastically [J]."""
     joint, at, _ = _play(mechanism, name, jnp.asarray(time, float), y)
     return joint.clearance.stored(at)

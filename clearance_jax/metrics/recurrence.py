@@ -19,7 +19,8 @@ from clearance_jax._types import Scalar
 from clearance_jax.dynamics.closures import projected
 from clearance_jax.dynamics.quantities import quantities
 from clearance_jax.errors import ClearanceError
-from clearance_jax.mechanism.mechanism import Mechanism, sampling_periods
+from clearance_jax.mechanism.breaks import sampling_periods
+from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.metrics.measure import AbstractMetric, Form, Request
 from clearance_jax.parameters import units_of, values_of

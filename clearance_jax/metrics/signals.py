@@ -14,11 +14,12 @@ from clearance_jax._solo import solo_jit
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.equations import balance
 from clearance_jax.dynamics.field import slope
-from clearance_jax.dynamics.inertia import Extra
 from clearance_jax.dynamics.kinematics import Frames, frames, relative_motions
 from clearance_jax.dynamics.reactions import reactions
 from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.metrics.ideal import freedom, ideal_state
 from clearance_jax.solve.interpolate import hermite
@@ -39,10 +40,10 @@ class AbstractSignal(Module):
     needs_ideal: ClassVar[bool] = False
 
     @abc.abstractmethod
-    def value(self, time: Scalar, y: Array, mechanism: Mechanism, reference: Array | None) -> Scalar:
+    def value(self, time: Scalar, y: Array, mechanism: PreparedMechanism, reference: Array | None) -> Scalar:
         """The signal of one state; `reference` is the ideal mechanism's state."""
 
-    def scale(self, mechanism: Mechanism) -> Scalar:
+    def scale(self, mechanism: PreparedMechanism) -> Scalar:
         """Magnitude of the signal, where an integral of it must itself be watched; infinite (the default): its kinks,
         if any, are the laws' switches, at which steps end anyway.
         """
@@ -142,7 +143,7 @@ class Integrand(Module):
 # Signals -------------------------------------------------------------------------------------------------------------
 
 
-def play_size(mechanism: Mechanism) -> Scalar:
+def play_size(mechanism: AbstractMechanism) -> Scalar:
     """The largest clearance [m]."""
     sizes = [joint.size for joint in mechanism.clearance_joints()]
     return jnp.max(jnp.stack(sizes)) if sizes else jnp.asarray(jnp.inf)
@@ -155,16 +156,16 @@ def known(kind: str, name: str, names: list[str]) -> int:
     return names.index(name)
 
 
-def clearance_index(mechanism: Mechanism, name: str) -> int:
+def clearance_index(mechanism: AbstractMechanism, name: str) -> int:
     """The place of a joint among those with clearance."""
     return known("clearance joint", name, [joint.name for joint in mechanism.clearance_joints()])
 
 
-def _named_point(mechanism: Mechanism, name: str):
+def _named_point(mechanism: AbstractMechanism, name: str):
     return mechanism.points[known("point", name, [point.name for point in mechanism.points])]
 
 
-def _frames(mechanism: Mechanism, time, y) -> Frames:
+def _frames(mechanism: PreparedMechanism, time, y) -> Frames:
     return frames(mechanism, time, layout(mechanism).split(y))
 
 
@@ -259,10 +260,10 @@ class Acceleration(AbstractSignal):
         now = balance(mechanism, time, layout(mechanism).split(y))
         frame = now.motion[point.body]
         at = frame.point(point.at.vector)
-        return length_of(add(frame.acceleration_at(at), Extra(now.acceleration).at(frame, at)))
+        return length_of(add(frame.acceleration_at(at), now.motion.extra(now.acceleration).at(point.body, at)))
 
 
-def _reaction(mechanism: Mechanism, name: str, time, y):
+def _reaction(mechanism: PreparedMechanism, name: str, time, y):
     """Force and moment on the child in a joint of any kind."""
     index = known("joint", name, [joint.name for joint in mechanism.all_joints()])
     mechanism = mechanism.at(time)

@@ -19,6 +19,7 @@ from clearance_jax._types import Scalar
 from clearance_jax.dynamics.field import slope
 from clearance_jax.dynamics.observe import observe
 from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.results.episodes import Inside
 from clearance_jax.results.marks import mark_positions
@@ -81,11 +82,11 @@ def _batched(function):
     return kept_jit(block, jax.jit, (function,))
 
 
-def _observed(mechanism: Mechanism, time: Scalar, y: Array) -> dict[str, Array]:
+def _observed(mechanism: PreparedMechanism, time: Scalar, y: Array) -> dict[str, Array]:
     return observe(time, y, mechanism) | {"mark_position": mark_positions(mechanism, time, y)}
 
 
-def _observed_with_rates(mechanism: Mechanism, time: Scalar, y: Array) -> dict[str, Array]:
+def _observed_with_rates(mechanism: PreparedMechanism, time: Scalar, y: Array) -> dict[str, Array]:
     """The same, and the rates of every contact force [N/s] and contact power [W/s] along the motion."""
     # Behind the state stand energy books, on which no contact depends.
     rate, size = jnp.zeros_like(y), layout(mechanism).size
@@ -94,7 +95,9 @@ def _observed_with_rates(mechanism: Mechanism, time: Scalar, y: Array) -> dict[s
     return seen | dict(zip(RATES, rates, strict=True))
 
 
-def _along(mechanism: Mechanism, time: Scalar, y: Array, rate: Array) -> tuple[dict[str, Array], tuple[Array, Array]]:
+def _along(
+    mechanism: PreparedMechanism, time: Scalar, y: Array, rate: Array
+) -> tuple[dict[str, Array], tuple[Array, Array]]:
     """What is observed of a state that moves at the given rate, and the rates of the contact forces and powers."""
 
     def contact(time, y):
@@ -105,7 +108,7 @@ def _along(mechanism: Mechanism, time: Scalar, y: Array, rate: Array) -> tuple[d
     return seen, rates
 
 
-def _contact_inside(mechanism: Mechanism, time: Scalar, y: Array, h: Scalar, s: Scalar) -> Inside:
+def _contact_inside(mechanism: PreparedMechanism, time: Scalar, y: Array, h: Scalar, s: Scalar) -> Inside:
     """The contacts at a fraction s of the step of size h that starts at a step end.
 
     One step of the eighth order leads there, whatever the solve's own solver: between the ends of its long steps an

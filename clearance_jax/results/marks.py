@@ -9,9 +9,11 @@ from jaxtyping import Array, Float
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.kinematics import Frames, frames
 from clearance_jax.dynamics.observe import axes_of
+from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.body import GROUND
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.placement import Position
+from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.spatial import as_array
 
@@ -26,7 +28,7 @@ class Mark(NamedTuple):
     at: Position
 
 
-def carried(mechanism: Mechanism, body: str) -> list[Mark]:
+def carried(mechanism: AbstractMechanism, body: str) -> list[Mark]:
     """What a body carries; a body that carries one thing only has its centre of mass beside it."""
     joints, springs = mechanism.all_joints(), mechanism.springs
     found = [Mark(j.name, body, j.at_child) for j in joints if j.child == body]
@@ -39,7 +41,7 @@ def carried(mechanism: Mechanism, body: str) -> list[Mark]:
     return found
 
 
-def marks(mechanism: Mechanism) -> Iterator[Mark]:
+def marks(mechanism: AbstractMechanism) -> Iterator[Mark]:
     """Those of the ground, and of every body."""
     for body in (GROUND, *(b.name for b in mechanism.bodies)):
         yield from carried(mechanism, body)
@@ -51,7 +53,7 @@ def labels(mechanism: Mechanism) -> dict[str, tuple[str, list[str]]]:
     return {"mark": ("mark", [m.name for m in found]), "mark_body": ("mark", [m.body for m in found])}
 
 
-def mark_positions(mechanism: Mechanism, time: Scalar, y: Array) -> Float[Array, "marks axes"]:
+def mark_positions(mechanism: PreparedMechanism, time: Scalar, y: Array) -> Float[Array, "marks axes"]:
     """World places of all marks [m] at one state."""
     mechanism = mechanism.at(time)
     motion = frames(mechanism, time, layout(mechanism).split(y))

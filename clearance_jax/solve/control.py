@@ -14,7 +14,7 @@ from jaxtyping import Array
 
 from clearance_jax._sharing import shared
 from clearance_jax._types import Each, EachFlag, Scalar
-from clearance_jax.mechanism.mechanism import breaks_near
+from clearance_jax.mechanism.breaks import breaks_near
 from clearance_jax.solve.lane_axis import component_axis, each_lane, summed
 from clearance_jax.solve.problem import Problem, motion
 from clearance_jax.solve.step import Trial

@@ -15,7 +15,6 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from clearance_jax._kept import kept_jit
-from clearance_jax._once import compute_once
 from clearance_jax._solo import solo_jit, whole
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.closures import StartErrors, assembled, projected
@@ -23,7 +22,9 @@ from clearance_jax.dynamics.control import renewed
 from clearance_jax.dynamics.energy import energy_residual, opened_books
 from clearance_jax.dynamics.settled import settled_start
 from clearance_jax.errors import ClearanceError
-from clearance_jax.mechanism.mechanism import Mechanism, drive_breaks
+from clearance_jax.mechanism.breaks import drive_breaks
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import initial_values, layout
 from clearance_jax.parameters import bounds_hold
 from clearance_jax.solve import lanes
@@ -292,9 +293,6 @@ def _compiled(inputs: Inputs, options: Options, which: Which = None) -> Solution
         inputs, options = eqx.combine(numbers, rest)
         return solved(inputs, options, which, mapped=False)
 
-    # A table is computed in products of arrays, which nothing repeats: barriers would only keep them apart.
-    one = one if inputs.mechanism.is_tabled else compute_once(one)
-
     def mapped(numbers):
         inputs, options = eqx.combine(numbers, rest)
         return solved(inputs, options, which)
@@ -306,7 +304,7 @@ def _compiled(inputs: Inputs, options: Options, which: Which = None) -> Solution
         inputs, options = eqx.combine(batch, rest)
         return solved_lanes(inputs, options, which)
 
-    return batched(one, together)(numbers)
+    return batched(inputs.mechanism.form.once(one), together)(numbers)
 
 
 # Differentiated as it stands, and so without a rule of batching.
@@ -359,12 +357,12 @@ def initial(problem: Problem, t0: Scalar, y0: Array | None, start: str = CENTRE)
 
 
 @whole
-def initial_state(mechanism: Mechanism, t0: Scalar, start: str = CENTRE) -> Array:
-    """The state `[q, v, memory]` at t0 of a prepared mechanism, see `closed_start`."""
+def initial_state(mechanism: PreparedMechanism, t0: Scalar, start: str = CENTRE) -> Array:
+    """The state `[q, v, memory]` at t0, see `closed_start`."""
     return closed_start(mechanism, t0, start)[0]
 
 
-def closed_start(mechanism: Mechanism, t0: Scalar, start: str = CENTRE) -> tuple[Array, StartErrors]:
+def closed_start(mechanism: PreparedMechanism, t0: Scalar, start: str = CENTRE) -> tuple[Array, StartErrors]:
     """The state at t0: the given initial values, then the nearest ones at which every loop is assembled; and how far
     it is from what it is to be (of a mechanism that is not to be assembled, no loop is).
 
@@ -383,7 +381,7 @@ def closed_start(mechanism: Mechanism, t0: Scalar, start: str = CENTRE) -> tuple
     return measured_first(t0, y, mechanism), errors
 
 
-def measured_first(t0: Scalar, y: Array, mechanism: Mechanism) -> Array:
+def measured_first(t0: Scalar, y: Array, mechanism: PreparedMechanism) -> Array:
     """The state with what everything that is sampled commands at the start."""
     plan = layout(mechanism)
     if not plan.held:

@@ -21,7 +21,7 @@ from clearance_jax._module import Module
 from clearance_jax._sharing import shared
 from clearance_jax._types import Each, Flag, Rows
 from clearance_jax.dynamics.field import rate, where_it_counts
-from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout, position_rates, vector
 from clearance_jax.solve.lane_axis import by_component, each_lane, sharing_lanes
 
@@ -39,7 +39,7 @@ class Problem(Module):
     that move it at all, few of many as a rule.
     """
 
-    mechanism: Mechanism
+    mechanism: PreparedMechanism
     integrands: tuple = ()
     directions: Any = None
     books: bool = eqx.field(static=True, default=False)

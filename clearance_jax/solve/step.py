@@ -16,7 +16,7 @@ from clearance_jax.dynamics.constraint import choice
 from clearance_jax.dynamics.control import renewed
 from clearance_jax.dynamics.energy import handed_over
 from clearance_jax.dynamics.kinematics import relative_accelerations
-from clearance_jax.mechanism.mechanism import drive_breaks
+from clearance_jax.mechanism.breaks import drive_breaks
 from clearance_jax.mechanism.state import layout
 from clearance_jax.solve.lane_axis import component_axis, components, each_lane, sharing_lanes
 from clearance_jax.solve.problem import Problem, field, lift, motion, split, with_model

@@ -21,13 +21,12 @@ from clearance_jax._sharing import shared
 from clearance_jax._types import Each, EachFlag, Rows
 from clearance_jax.dynamics.kinematics import relative_accelerations, relative_motions
 from clearance_jax.dynamics.own_motion import turning_rows
-from clearance_jax.dynamics.table import three
 from clearance_jax.joints import ContactPoint, PreparedClearance, Relative
-from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.solve.interpolate import between, polynomial, quintic_coefficients, rising, tops
 from clearance_jax.solve.lane_axis import each_lane, together
-from clearance_jax.spatial import add, dot, subtract
+from clearance_jax.spatial import add, dot, subtract, three
 
 # Samples of a step.
 SAMPLES = 4
@@ -88,7 +87,7 @@ def pose_rates(at: Relative, rate: Relative) -> tuple[tuple[Any, ...], tuple[Any
     )
 
 
-def curves(times, ends, mechanism: Mechanism) -> tuple[list[Curve], Each]:
+def curves(times, ends, mechanism: PreparedMechanism) -> tuple[list[Curve], Each]:
     """The relative motion of every clearance joint along a step, and how far it is inside the step from where the
     surfaces truly are, over the clearance: the largest. `ends` (y0, y1, slope0, slope1).
 
@@ -116,7 +115,7 @@ def curves(times, ends, mechanism: Mechanism) -> tuple[list[Curve], Each]:
     return found, jnp.sqrt(worst)
 
 
-def at_both_ends(times, y0, y1, slope0, slope1, mechanism: Mechanism) -> tuple[list, list]:
+def at_both_ends(times, y0, y1, slope0, slope1, mechanism: PreparedMechanism) -> tuple[list, list]:
     """The relative motions and their rates where a step starts and where it ends."""
     if mechanism.is_plane:
         motions = each_lane(relative_accelerations, times[0])
@@ -152,7 +151,7 @@ class Watched(NamedTuple):
         return self.clearance.joint.count > 1
 
 
-def watched(curve_of: list[Curve], memory: dict[str, Rows], mechanism: Mechanism) -> list[Watched]:
+def watched(curve_of: list[Curve], memory: dict[str, Rows], mechanism: PreparedMechanism) -> list[Watched]:
     """The joints by what is watched together."""
     joints = mechanism.clearance_joints()
     each = [Watched(j.clearance, curve, memory[j.name]) for j, curve in zip(joints, curve_of, strict=True)]
@@ -168,7 +167,7 @@ def watched(curve_of: list[Curve], memory: dict[str, Rows], mechanism: Mechanism
     return alone
 
 
-def first_switch(curve_of: list[Curve], y: Array, mechanism: Mechanism, begin: Each) -> tuple[EachFlag, Each]:
+def first_switch(curve_of: list[Curve], y: Array, mechanism: PreparedMechanism, begin: Each) -> tuple[EachFlag, Each]:
     """Whether any law changes regime inside a step, and the fraction of the step at which the first one just has.
 
     **Arguments:** `y`: the state that has the laws' memory; `begin`: the fraction just after the start, at which the

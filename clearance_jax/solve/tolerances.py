@@ -10,8 +10,9 @@ from jaxtyping import Array, Float
 
 from clearance_jax._types import Each, Scalar
 from clearance_jax.dynamics.energy import BOOKS
-from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.placement import Inertia
+from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout, parts
 from clearance_jax.parameters import parameters
 from clearance_jax.solve.problem import Problem, widths
@@ -58,7 +59,7 @@ class Tolerances(NamedTuple):
     floor: Array | None = None
 
 
-def largest_length(mechanism: Mechanism, of: Any = jnp) -> Any:
+def largest_length(mechanism: AbstractMechanism, of: Any = jnp) -> Any:
     """The largest length among the mechanism's numbers [m], clearances and points aside; 1 where there is none. `of`:
     NumPy where numbers are known and nothing is to be compiled.
     """
@@ -71,7 +72,7 @@ def largest_length(mechanism: Mechanism, of: Any = jnp) -> Any:
     return of.where(length > 0, length, 1.0)
 
 
-def scales(mechanism: Mechanism, y0: Array, t0: Scalar, t1: Scalar) -> Scales:
+def scales(mechanism: PreparedMechanism, y0: Array, t0: Scalar, t1: Scalar) -> Scales:
     """Largest length of the bodies, fastest spin of drives, start and pendulum, and what follows from them."""
     length = largest_length(mechanism)
     gravity = _size(mechanism.gravity.vector)
@@ -124,7 +125,7 @@ def floors(varied: Any, directions: Any, unit: Array) -> Float[Array, " directio
     return FLOOR * total
 
 
-def switch_margin(mechanism: Mechanism, rtol: Scalar, varied: bool = False) -> Scalar:
+def switch_margin(mechanism: PreparedMechanism, rtol: Scalar, varied: bool = False) -> Scalar:
     """How far past a switch a cut step may end. What is left of the switch inside the step costs an error of second
     order in the margin; of first order where a force jumps, and in derivatives where its slope jumps.
     """

@@ -17,7 +17,6 @@ from jaxtyping import Array
 
 from clearance_jax._kept import kept_jit
 from clearance_jax._module import Module
-from clearance_jax._once import compute_once
 from clearance_jax.dynamics.energy import energy_residual
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.solve.attempt import Carry, Options, attempt, dense, means_of, start_carry
@@ -68,9 +67,8 @@ class Steps(NamedTuple):
 
 @kept_jit
 def _block(problem: Problem, allowed: Tolerances, carry: Carry, last, grid, options: Options):
-    """A block of steps, see `_stepped`. (A table's products of arrays repeat nothing.)"""
-    stepped = _stepped if problem.mechanism.is_tabled else compute_once(_stepped)
-    return stepped(problem, allowed, carry, last, grid, options)
+    """A block of steps, see `_stepped`."""
+    return problem.mechanism.form.once(_stepped)(problem, allowed, carry, last, grid, options)
 
 
 def _stepped(problem: Problem, allowed: Tolerances, carry: Carry, last, grid, options: Options):

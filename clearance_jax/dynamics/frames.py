@@ -1,0 +1,157 @@
+"""Where everything is, and the dynamics of it: one interface to both forms that the equations of motion have.
+
+A small mechanism is written out number by number (`written_out`), a large one is a loop over a table of its links
+(`table`). `kinematics.frames` takes the form that the mechanism has; what asks a state for frames, loads or energies
+does not know which it is.
+"""
+
+import abc
+from collections.abc import Mapping
+from typing import ClassVar, NamedTuple
+
+from jaxtyping import Array, Float
+
+from clearance_jax.mechanism.frame import Column, Frame
+from clearance_jax.mechanism.prepared import PreparedMechanism
+from clearance_jax.mechanism.state import parts
+from clearance_jax.spatial import ZERO, Term, Vector, add, cross, dot, minus, subtract, times
+from clearance_jax.symmetric import AbstractFactors, AbstractRow
+
+
+class Pair(NamedTuple):
+    """Equal and opposite wrenches between two bodies: force and torque on `child` at the world point `at`."""
+
+    parent: str
+    child: str
+    force: Vector
+    torque: Vector
+    at: Vector
+
+
+class Wrench(NamedTuple):
+    """A force and a moment about a pivot (or a momentum, and an angular momentum about it)."""
+
+    force: Vector = ZERO
+    moment: Vector = ZERO
+
+    def moved(self, by: Vector) -> "Wrench":
+        """The same about another pivot, from which `by` leads to its own."""
+        return Wrench(self.force, add(self.moment, cross(by, self.force)))
+
+    def on(self, column: Column, pivot: Vector) -> Term:
+        """Projected on a column."""
+        if column.pivot is None:
+            return dot(column.axis, self.force)
+        return dot(column.axis, self.moved(subtract(pivot, column.pivot)).moment)
+
+    def __add__(self, other) -> "Wrench":
+        return Wrench(add(self.force, other.force), add(self.moment, other.moment))
+
+
+class AbstractMoves(abc.ABC):
+    """A velocity or a spin that each free coordinate makes per unit of its rate."""
+
+    @property
+    @abc.abstractmethod
+    def array(self) -> Float[Array, "free 3"]:
+        """All of them."""
+
+    @property
+    @abc.abstractmethod
+    def count(self) -> int:
+        """How many free velocities there are."""
+
+    @abc.abstractmethod
+    def along(self, direction: Vector) -> AbstractRow:
+        """Their components along a direction."""
+
+    @abc.abstractmethod
+    def square(self, weights) -> Term:
+        """The sum of their squares times a weight for each."""
+
+
+class AbstractExtra(abc.ABC):
+    """What the free coordinates' accelerations add to the accelerations of `Frame`. (Ask in the trace that made it.)"""
+
+    @abc.abstractmethod
+    def at(self, body: str, point: Vector) -> Vector:
+        """Extra acceleration of a body's point."""
+
+    @abc.abstractmethod
+    def spin_rate(self, body: str) -> Vector:
+        """Extra spin rate of a body."""
+
+
+class Frames(abc.ABC):
+    """The frame of every body of a mechanism in one state, by its name, and the mechanism's inertia, loads and energies
+    there.
+
+    Coordinates are counted by free velocities. `acceleration` is that of each of them; where it is `None`, the
+    accelerations are those with all of them left out, as in `Frame`.
+    """
+
+    mechanism: PreparedMechanism
+    is_solved_implicitly: ClassVar[bool]
+    """Whether accelerations are differentiated by what they leave over in the equations, not as they are computed."""
+
+    @abc.abstractmethod
+    def __getitem__(self, body: str) -> Frame:
+        """The frame of a body."""
+
+    @abc.abstractmethod
+    def velocities(self, body: str, point: Vector, base: str | None = None, beside: Vector = ZERO) -> AbstractMoves:
+        """What velocity each free coordinate gives to the point of a body that is at `point`, less that of the point of
+        a base that is at `beside`.
+        """
+
+    @abc.abstractmethod
+    def spins(self, body: str, base: str | None = None) -> AbstractMoves:
+        """What spin each free coordinate gives to a body, less that of a base."""
+
+    @abc.abstractmethod
+    def extra(self, acceleration: list[Term]) -> AbstractExtra:
+        """What free accelerations add."""
+
+    @abc.abstractmethod
+    def mass_matrix(self, firm: Mapping[int, Term] | None = None) -> AbstractFactors:
+        """The factored mass matrix of the free coordinates, with factors on the inertia of those that are to stay."""
+
+    @abc.abstractmethod
+    def wrenches(self, acceleration: list[Term]) -> dict[str, Wrench]:
+        """By each body weight minus inertia forces of it and all that hangs on it, about its pivot."""
+
+    @abc.abstractmethod
+    def load_without_rotors(self, pairs: list[Pair], acceleration: list[Term] | None) -> list[Term]:
+        """`load` without the inertia of rotors."""
+
+    @abc.abstractmethod
+    def driving(self, pairs: list[Pair], acceleration: list[Term]) -> list[tuple[Term, Term]]:
+        """Driving force and speed of every prescribed coordinate under wrenches between bodies, by d'Alembert on its
+        own column.
+        """
+
+    @abc.abstractmethod
+    def kinetic_exchange(self, acceleration: list[Term]) -> Array:
+        """Rate at which kinetic energy is exchanged [W]: of a plane mechanism the rate of the whole. What flies in
+        space without weight keeps the whole, and exchanges it between its bodies and axes: there each of these counts.
+        """
+
+    @abc.abstractmethod
+    def energies(self) -> tuple[Term, Term]:
+        """Kinetic energy, without rotors, and potential energy of weight [J]."""
+
+    def load(self, pairs: list[Pair], acceleration: list[Term] | None = None) -> list[Term]:
+        """Weight, inertia of the prescribed and centripetal motion, and wrenches between bodies, by free coordinate;
+        with accelerations also the inertia of these.
+        """
+        load = self.load_without_rotors(pairs, acceleration)
+        if acceleration is not None:
+            for i, inertia in rotors(self.mechanism).items():
+                load[i] = minus(load[i], times(inertia, acceleration[i]))
+        return load
+
+
+def rotors(mechanism: PreparedMechanism) -> dict[int, Term]:
+    """The inertia of motors' rotors, by the free velocity that they turn with."""
+    found = {part.v.start: part.coordinate.motion.rotor_inertia for part in parts(mechanism)}
+    return {i: inertia for i, inertia in found.items() if inertia is not None}

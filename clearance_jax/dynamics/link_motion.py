@@ -1,0 +1,110 @@
+"""Where the links of a table are and how they move: a loop over them, from the ground on."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from clearance_jax._numerics import sincos
+from clearance_jax._types import Scalar
+from clearance_jax.mechanism.links import Links, Order, rodrigues
+from clearance_jax.mechanism.prepared import PreparedMechanism
+from clearance_jax.mechanism.state import State, parts
+from clearance_jax.spatial import Term, as_array, of_quaternion
+
+
+class Motions(NamedTuple):
+    """Of every link: rotation, place, spin, velocity, and their rates without the free accelerations."""
+
+    rotation: Array
+    place: Array
+    spin: Array
+    velocity: Array
+    spin_rate: Array
+    acceleration: Array
+
+
+class Given(NamedTuple):
+    """Of every link's coordinate its value, rate and prescribed acceleration; of balls instead (zeros there) the matrix
+    by its link, and of every link the spin of a ball in its own axes.
+    """
+
+    values: list[Term]
+    rates: list[Term]
+    accelerations: list[Term]
+    turned: dict[int, Array]
+    spins: list[Array]
+
+
+def given_motion(mechanism: PreparedMechanism, plan: Order, time: Scalar, state: State) -> Given:
+    """What drives and the state say of the links' coordinates."""
+    own = {part.coordinate.name: part for part in parts(mechanism)}
+    out = Given([], [], [], {}, [])
+    for i, c in enumerate(plan.coordinates):
+        part, spin = own.get(c.name), jnp.zeros(3)
+        if part is None:
+            assert c.motion.drive is not None
+            q, v, a = c.motion.drive(time)
+        elif c.is_ball:
+            w, x, y, z = state.q[part.q]
+            out.turned[i] = jnp.stack([as_array(row) for row in of_quaternion(w, x, y, z)])
+            spin = as_array(state.v[part.v])
+            q = v = a = 0.0
+        else:
+            q, v, a = state.q[part.q.start], state.v[part.v.start], 0.0
+        for values, value in zip((out.values, out.rates, out.accelerations, out.spins), (q, v, a, spin), strict=True):
+            values.append(value)
+    return out
+
+
+def sweep(
+    mechanism: PreparedMechanism, plan: Order, links: Links, time: Scalar, state: State
+) -> tuple[list[Term], Motions]:
+    """Rates of the links' coordinates (of a ball zero), and the motion of every link and, behind them, of the
+    ground.
+    """
+    count, now = len(plan.coordinates), given_motion(mechanism, plan, time, state)
+    turning = np.array([float(c.turns is not None) for c in plan.coordinates])
+    sliding = np.array([float(c.slides is not None) for c in plan.coordinates])
+    q, v, a = as_array(now.values), as_array(now.rates), as_array(now.accelerations)
+    sine, cosine = sincos(turning * q)
+    inner = rodrigues(links.axis, sine, cosine)
+    for i, rows in now.turned.items():
+        inner = inner.at[i].set(rows)
+    given = (
+        np.array([parent if parent >= 0 else count for parent in plan.parents]),
+        np.arange(count),
+        links.turned @ inner,
+        links.offset,
+        (sliding * q)[:, None] * links.axis,
+        (sliding * v)[:, None] * links.axis,
+        (sliding * a)[:, None] * links.axis,
+        (turning * v)[:, None] * links.axis + jnp.stack(now.spins),
+        (turning * a)[:, None] * links.axis,
+    )
+    still = jnp.zeros((count + 1, 3))
+    begin = Motions(jnp.broadcast_to(jnp.eye(3), (count + 1, 3, 3)), *[still] * 5)
+
+    def once(motions: Motions, link):
+        parent, i, rows, offset, slid, slides, sped, spun, spun_up = link
+        at = jax.tree.map(lambda x: x[parent], motions)
+        rotation = at.rotation @ rows
+        slide, step = rotation @ slides, rotation @ slid
+        arm = at.rotation @ offset + step
+        spin = rotation @ spun
+        new = Motions(
+            rotation,
+            at.place + arm,
+            at.spin + spin,
+            at.velocity + jnp.cross(at.spin, arm) + slide,
+            at.spin_rate + jnp.cross(at.spin, spin) + rotation @ spun_up,
+            at.acceleration
+            + jnp.cross(at.spin_rate, arm)
+            + jnp.cross(at.spin, jnp.cross(at.spin, arm) + 2 * slide)
+            + rotation @ sped,
+        )
+        return jax.tree.map(lambda x, y: jax.lax.dynamic_update_index_in_dim(x, y, i, 0), motions, new), None
+
+    return now.rates, jax.lax.scan(once, begin, given)[0]

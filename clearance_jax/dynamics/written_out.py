@@ -1,0 +1,327 @@
+"""The dynamics of a small mechanism, written out number by number: the frames of its bodies, and the columns that say
+which coordinates move them.
+
+Kane's equations by composite bodies: what hangs on a joint moves as one body where only the joint's own coordinates
+move, so its mass, its centre and its inertia, summed from the leaves to the root, give a row of the mass matrix; and
+the sum of its weights and inertia forces, projected on the joint's columns, gives the load.
+
+Moments of what hangs on a joint are taken about the joint's own place, not about the world's origin: so nothing is lost
+on a mechanism that stands far from it. Only coordinates that are states have rows; a prescribed coordinate's driving
+force is found by projecting the same balance on its own column, where it is wanted (`driving`).
+"""
+
+from collections.abc import Iterator
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from clearance_jax._module import Module
+from clearance_jax._sharing import kept
+from clearance_jax._types import Scalar
+from clearance_jax.dynamics.frames import AbstractExtra, AbstractMoves, Frames, Pair, Wrench, rotors
+from clearance_jax.dynamics.inertia import Composite, composite_of, inertia_of
+from clearance_jax.dynamics.own_motion import coordinate_values
+from clearance_jax.errors import ClearanceError
+from clearance_jax.mechanism.body import GROUND, Body
+from clearance_jax.mechanism.frame import Column, Frame
+from clearance_jax.mechanism.moved import place
+from clearance_jax.mechanism.prepared import PreparedMechanism
+from clearance_jax.mechanism.state import State, layout
+from clearance_jax.spatial import (
+    ZERO,
+    Term,
+    Vector,
+    absent,
+    add,
+    as_array,
+    cross,
+    dot,
+    is_zero,
+    minus,
+    plus,
+    scale,
+    subtract,
+    times,
+    total,
+)
+from clearance_jax.symmetric import TermRow, factor
+
+
+class Moves(AbstractMoves):
+    """What the free coordinates move, one by one; of those that do not, zero."""
+
+    def __init__(self, every: list[Vector]):
+        self.every = every
+
+    @property
+    def array(self):
+        return jnp.stack([jnp.zeros(3) if absent(move) else as_array(move) for move in self.every])
+
+    @property
+    def count(self):
+        return len(self.every)
+
+    def along(self, direction):
+        return TermRow([dot(direction, move) for move in self.every])
+
+    def square(self, weights):
+        squares = [dot(move, move) for move in self.every]
+        return total(times(weights[i], one) for i, one in enumerate(squares) if not is_zero(one))
+
+
+class Extra(AbstractExtra):
+    """What moves a body moves all that hangs on it: so the sum over its columns is that of its parent and its own
+    ones.
+    """
+
+    def __init__(self, motion: "WrittenOut", acceleration: list[Term]):
+        self._motion, self._acceleration = motion, acceleration
+        self._known: dict[tuple[int, ...], tuple[Vector, Vector, Vector]] = {}
+
+    def _turned(self, columns: tuple[Column, ...]) -> tuple[Vector, Vector, Vector]:
+        """The spin rate by some columns, a place on the axis of the last that turns, and the acceleration there."""
+        if not columns:
+            return ZERO, ZERO, ZERO
+        key = tuple(column.index for column in columns)
+        if key not in self._known:
+            last = columns[-1]
+            by, (spin_rate, place, at) = self._acceleration[last.index], self._turned(columns[:-1])
+            if last.pivot is None:
+                at = add(at, scale(by, last.axis))
+            else:
+                at = add(at, cross(spin_rate, subtract(last.pivot, place)))
+                spin_rate, place = add(spin_rate, scale(by, last.axis)), last.pivot
+            self._known[key] = spin_rate, place, at
+        return self._known[key]
+
+    def at(self, body, point):
+        spin_rate, place, at = self._turned(self._motion[body].free)
+        return add(at, cross(spin_rate, subtract(point, place)))
+
+    def spin_rate(self, body):
+        return self._turned(self._motion[body].free)[0]
+
+
+class WrittenOut(Module, Frames):
+    """The frames of all bodies by name; `count`: how many free velocities there are."""
+
+    mechanism: PreparedMechanism
+    bodies: dict[str, Frame]
+    count: int = eqx.field(static=True)
+
+    is_solved_implicitly: ClassVar[bool] = True
+
+    def __getitem__(self, body):
+        return self.bodies[body]
+
+    # What moves -----------------------------------------------------------------------------------------------------
+
+    def velocities(self, body, point, base=None, beside=ZERO):
+        return self._moves(body, base, lambda column: column.velocity_at(point), lambda c: c.velocity_at(beside))
+
+    def spins(self, body, base=None):
+        return self._moves(body, base, lambda column: column.spin, lambda column: column.spin)
+
+    def _moves(self, body, base, of_body, of_base) -> Moves:
+        moves = [ZERO] * self.count
+        for column in self[body].free:
+            moves[column.index] = of_body(column)
+        for column in () if base is None else self[base].free:
+            moves[column.index] = subtract(moves[column.index], of_base(column))
+        return Moves(moves)
+
+    def extra(self, acceleration):
+        return Extra(self, acceleration)
+
+    def own_columns(self) -> dict[str, tuple[Column, ...]]:
+        """By each body the free columns of the joint that carries it."""
+        return {j.child: self[j.child].free[len(self[j.parent].free) :] for j in self.mechanism.joints}
+
+    # Inertia --------------------------------------------------------------------------------------------------------
+
+    def composites(self) -> dict[str, Composite]:
+        """Of every body that a free coordinate moves, with all that hangs on it."""
+        bodies, out = {body.name: body for body in self.mechanism.bodies}, {}
+        for joint in reversed(self.mechanism.joints):
+            frame = self[joint.child]
+            if not frame.free:
+                continue
+            whole = composite_of(bodies[joint.child], frame)
+            for other in self.mechanism.joints:
+                if other.parent == joint.child:
+                    whole += out[other.child].moved(subtract(self[other.child].pivot, frame.pivot))
+            out[joint.child] = whole if self.mechanism.is_plane else whole.kept()
+        return out
+
+    def mass_matrix(self, firm=None):
+        mechanism = self.mechanism
+        matrix: list[list[Term]] = [[0.0] * (i + 1) for i in range(self.count)]
+        whole, columns = self.composites(), self.own_columns()
+        parents = {joint.child: joint.parent for joint in mechanism.joints}
+        # A chain in space is deep: what one link does is made of what the others do.
+        once = (lambda momentum: momentum) if mechanism.is_plane else kept
+        for joint in mechanism.joints:
+            for column in columns[joint.child]:
+                at = joint.child
+                pivot = self[at].pivot
+                momentum = once(whole[at].momentum(column, pivot))
+                while at != GROUND and self[at].free:
+                    for other in columns[at]:
+                        row, entry = max(column.index, other.index), min(column.index, other.index)
+                        if at != joint.child or other.index <= column.index:
+                            matrix[row][entry] = momentum.on(other, pivot)
+                    at = parents[at]
+                    if at != GROUND:
+                        momentum = once(momentum.moved(subtract(pivot, self[at].pivot)))
+                        pivot = self[at].pivot
+        for i, inertia in rotors(mechanism).items():
+            matrix[i][i] = plus(matrix[i][i], inertia)
+        for i, row in enumerate(matrix):
+            if is_zero(row[i]):
+                raise ClearanceError(
+                    f"Nothing with inertia moves with the free coordinate `{layout(mechanism).velocities[i]}`: give a "
+                    "body beyond it a mass (where it turns, an inertia), or prescribe it with a drive."
+                )
+        for i, times_as_much in (firm or {}).items():
+            matrix[i][i] = times(times_as_much, matrix[i][i])
+        return factor(matrix)
+
+    # Loads ----------------------------------------------------------------------------------------------------------
+
+    def wrenches(self, acceleration):
+        return self._wrenches(self.extra(acceleration), every=True)
+
+    def _wrenches(self, extra: Extra | None, every: bool = False) -> dict[str, Wrench]:
+        """`wrenches` of bodies that a free coordinate moves, or of `every` one."""
+        bodies, out = {body.name: body for body in self.mechanism.bodies}, {}
+        for joint in reversed(self.mechanism.joints):
+            frame = self[joint.child]
+            if not (frame.free or every):
+                continue
+            whole = self._deficit(bodies[joint.child], extra)
+            for other in self.mechanism.joints:
+                if other.parent == joint.child:
+                    whole += out[other.child].moved(subtract(self[other.child].pivot, frame.pivot))
+            out[joint.child] = whole if self.mechanism.is_plane else kept(whole)
+        return out
+
+    def _deficit(self, body: Body, extra: Extra | None) -> Wrench:
+        """A body's weight minus its inertia forces, about its pivot."""
+        frame = self[body.name]
+        centre = frame.point(body.center_of_mass.vector)
+        force = moment = ZERO
+        if body.mass is not None:
+            acceleration = frame.acceleration_at(centre)
+            if extra is not None:
+                acceleration = add(acceleration, extra.at(body.name, centre))
+            force = scale(body.mass, subtract(self.mechanism.gravity.vector, acceleration))
+            moment = cross(subtract(centre, frame.pivot), force)
+        if body.inertia is not None:
+            inertia = inertia_of(body, frame)
+            spin_rate = frame.spin_rate if extra is None else add(frame.spin_rate, extra.spin_rate(body.name))
+            gyroscopic = cross(frame.spin, inertia.apply(frame.spin))
+            moment = subtract(moment, add(inertia.apply(spin_rate), gyroscopic))
+        return Wrench(force, moment)
+
+    def load_without_rotors(self, pairs, acceleration):
+        load: list[Term] = [0.0] * self.count
+        wrenches = self._wrenches(None if acceleration is None else self.extra(acceleration))
+        for name, columns in self.own_columns().items():
+            for column in columns:
+                load[column.index] = wrenches[name].on(column, self[name].pivot)
+        for pair in pairs:
+            for index, term in self._pair_load(pair).items():
+                load[index] = plus(load[index], term)
+        return load
+
+    def _pair_load(self, pair: Pair) -> dict[int, Term]:
+        """Projection of a wrench pair on the free columns that move only one of its bodies (the others cancel)."""
+        child = {column.index: column for column in self[pair.child].free}
+        parent = {column.index: column for column in self[pair.parent].free}
+        out: dict[int, Term] = {}
+        for index in sorted(child.keys() ^ parent.keys()):
+            column = child[index] if index in child else parent[index]
+            work = pair_work(pair, column)
+            out[index] = work if index in child else minus(0.0, work)
+        return out
+
+    def driving(self, pairs, acceleration):
+        owners = self._prescribed_owners()
+        wrenches = self.wrenches(acceleration)
+        found: dict[str, list[Term]] = {}
+        for joint in self.mechanism.joints:
+            frame, known = self[joint.child], len(owners[joint.parent])
+            own = zip(owners[joint.child][known:], frame.prescribed[known:], strict=True)
+            for key, (column, speed) in own:
+                found[key] = [minus(0.0, wrenches[joint.child].on(column, frame.pivot)), speed]
+        for pair in pairs:
+            for name, sign in ((pair.child, 1.0), (pair.parent, -1.0)):
+                other = pair.parent if sign > 0 else pair.child
+                if name == GROUND:
+                    continue
+                for key, (column, _) in zip(owners[name], self[name].prescribed, strict=True):
+                    if key in owners.get(other, ()):
+                        continue
+                    found[key][0] = minus(found[key][0], times(sign, pair_work(pair, column)))
+        # In the order of the coordinates, whatever the order of the bodies.
+        return [(found[c.name][0], found[c.name][1]) for c in self.mechanism.coordinates() if c.name in found]
+
+    def _prescribed_owners(self) -> dict[str, tuple[str, ...]]:
+        """Names of the prescribed coordinates that move each body, in order from the ground."""
+        owners: dict[str, tuple[str, ...]] = {GROUND: ()}
+        for joint in self.mechanism.joints:
+            own = tuple(c.name for c in joint.own_coordinates() if not c.motion.is_free)
+            owners[joint.child] = owners[joint.parent] + own
+        return owners
+
+    # Energies -------------------------------------------------------------------------------------------------------
+
+    def energies(self):
+        kinetic: Term = 0.0
+        potential: Term = 0.0
+        for body in self.mechanism.bodies:
+            frame = self[body.name]
+            centre = frame.point(body.center_of_mass.vector)
+            if body.mass is not None:
+                velocity = frame.velocity_at(centre)
+                kinetic = plus(kinetic, times(0.5 * body.mass, dot(velocity, velocity)))
+                potential = minus(potential, times(body.mass, dot(self.mechanism.gravity.vector, centre)))
+            if body.inertia is not None:
+                kinetic = plus(kinetic, times(0.5, dot(inertia_of(body, frame).apply(frame.spin), frame.spin)))
+        return kinetic, potential
+
+    def kinetic_exchange(self, acceleration):
+        bodies = self.mechanism.bodies
+        powers = [power for body in bodies for power in self._inertial_powers(body, self.extra(acceleration))]
+        if self.mechanism.is_plane:
+            return jnp.abs(jnp.asarray(total(total(by_axis) for by_axis in powers)))
+        every = [jnp.abs(jnp.asarray(power)) for by_axis in powers for power in by_axis]
+        return sum(every, jnp.zeros(()))
+
+    def _inertial_powers(self, body: Body, extra: Extra) -> Iterator[tuple[Term, ...]]:
+        """Rates of a body's kinetic energy along and about each axis of the world."""
+        frame = self[body.name]
+        centre = frame.point(body.center_of_mass.vector)
+        if body.mass is not None:
+            acceleration = add(frame.acceleration_at(centre), extra.at(body.name, centre))
+            velocity = frame.velocity_at(centre)
+            yield tuple(times(body.mass, times(a, v)) for a, v in zip(acceleration, velocity, strict=True))
+        if body.inertia is not None:
+            turning = inertia_of(body, frame).apply(add(frame.spin_rate, extra.spin_rate(body.name)))
+            yield tuple(times(t, w) for t, w in zip(turning, frame.spin, strict=True))
+
+
+def written_out(mechanism: PreparedMechanism, time: Scalar, state: State) -> WrittenOut:
+    """Pose and motion of every body: one sweep from the ground."""
+    values = coordinate_values(mechanism, state)
+    out = {GROUND: Frame()}
+    for joint in mechanism.joints:
+        frame = place(joint, out[joint.parent], time, values)
+        out[joint.child] = frame if mechanism.is_plane else kept(frame)
+    return WrittenOut(mechanism, out, len(state.v))
+
+
+def pair_work(pair: Pair, column: Column) -> Term:
+    """Work of a pair's wrench on its child per unit rate of a column that moves the child only."""
+    return plus(dot(column.velocity_at(pair.at), pair.force), dot(column.spin, pair.torque))

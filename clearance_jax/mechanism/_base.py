@@ -1,0 +1,171 @@
+"""What both kinds of mechanism have, the user's and the one that is prepared for a solve, and their structure."""
+
+import abc
+import functools
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple, TypeVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.joints import PreparedClearance
+from clearance_jax.mechanism.body import Body, Point, Spring
+from clearance_jax.mechanism.controllers import AbstractController, Reference
+from clearance_jax.mechanism.form import Form
+from clearance_jax.mechanism.loads import Wrench
+from clearance_jax.mechanism.placement import Gravity, Inertia
+from clearance_jax.mechanism.play import without_play
+from clearance_jax.mechanism.tree import SLIDING, TURNING, AbstractJoint, AbstractPlayed, Coordinate
+from clearance_jax.parameters import Parametrised
+from clearance_jax.spatial import Term
+
+Kind = TypeVar("Kind", bound="AbstractMechanism")
+
+
+class ClearanceJoint(NamedTuple):
+    """A joint whose clearance is there; `in_tree`: whether play is coordinates of it (else it closes a loop)."""
+
+    joint: AbstractPlayed
+    clearance: Any
+    in_tree: bool
+
+    @property
+    def name(self) -> str:
+        """The joint's."""
+        return self.joint.name
+
+    @property
+    def parent(self) -> str:
+        """The body that the sleeve is on."""
+        return self.joint.parent
+
+    @property
+    def child(self) -> str:
+        """The body that the pin is on."""
+        return self.joint.child
+
+    @property
+    def laws(self) -> tuple[Any, ...]:
+        """Its contact laws, as the user gave them."""
+        joint = self.clearance.joint if isinstance(self.clearance, PreparedClearance) else self.clearance
+        return (joint.normal,) if joint.friction is None else (joint.normal, joint.friction)
+
+    @property
+    def size(self) -> Array:
+        """Its largest clearance [m]."""
+        return jnp.max(jnp.stack([play.scale for play in self.joint.play() if play.slides is not None]))
+
+
+class AbstractMechanism(Parametrised):
+    """Bodies, the tree of joints, loops and what acts on them (see `Mechanism`), with what follows from them by
+    structure.
+    """
+
+    bodies: eqx.AbstractVar[tuple[Body, ...]]
+    joints: eqx.AbstractVar[tuple[AbstractJoint, ...]]
+    loops: eqx.AbstractVar[tuple[AbstractJoint, ...]]
+    springs: eqx.AbstractVar[tuple[Spring, ...]]
+    points: eqx.AbstractVar[tuple[Point, ...]]
+    gravity: eqx.AbstractVar[Gravity]
+    assemble: eqx.AbstractVar[bool]
+    wrenches: eqx.AbstractVar[tuple[Wrench, ...]]
+    controllers: eqx.AbstractVar[tuple[AbstractController, ...]]
+
+    def units_within(self, member):
+        if not isinstance(member, Reference):
+            return {}
+        return next(TURNING if c.slides is None else SLIDING for c in self.coordinates() if c.name == member.name)
+
+    def coordinates(self) -> Iterator[Coordinate]:
+        """Every elementary coordinate of the tree, in order, with axes of its joint's own."""
+        for joint in self.joints:
+            yield from joint.own_coordinates()
+
+    def free_coordinates(self) -> tuple[Coordinate, ...]:
+        """The coordinates that are states."""
+        return tuple(c for c in self.coordinates() if c.motion.is_free)
+
+    def clearance_joints(self) -> tuple[ClearanceJoint, ...]:
+        """Every joint with clearance, those of the tree first."""
+        return tuple(
+            ClearanceJoint(joint, joint.clearance, group is self.joints)
+            for group in (self.joints, self.loops)
+            for joint in group
+            if isinstance(joint, AbstractPlayed) and joint.clearance is not None
+        )
+
+    def closures(self) -> tuple[AbstractJoint, ...]:
+        """The loops without clearance: ideal constraints."""
+        return tuple(loop for loop in self.loops if getattr(loop, "clearance", None) is None)
+
+    # By structure alone, and asked some hundred times while a solve is traced.
+    @functools.cached_property
+    def is_plane(self) -> bool:
+        """Whether nothing in it leaves the plane z = 0, by its structure."""
+        places = [part.center_of_mass for part in self.bodies] + [point.at for point in self.points]
+        places += [at for joint in self.all_joints() for at in (joint.at_parent, joint.at_child)]
+        places += [at for spring in self.springs for at in (spring.at_a, spring.at_b)]
+        return (
+            all(place.z is None for place in (*places, self.gravity))
+            and all(point.orientation is None or point.orientation.is_plane for point in self.points)
+            and not any(isinstance(body.inertia, Inertia) for body in self.bodies)
+            and all(wrench.is_plane for wrench in self.wrenches)
+            and all(joint.is_plane for joint in self.all_joints())
+        )
+
+    @property
+    def may_repeat(self) -> bool:
+        """Whether conditions of its closures may follow from others, as those of loops in space do."""
+        return bool(self.closures()) and not self.is_plane
+
+    @property
+    def has_payloads(self) -> bool:
+        """Whether a body comes or goes."""
+        return not all(body.is_always_there for body in self.bodies)
+
+    @property
+    def has_manifold(self) -> bool:
+        """Whether states lie on a manifold that steps are projected to: loops closed, quaternions of unit length."""
+        return bool(self.closures()) or any(coordinate.is_ball for coordinate in self.free_coordinates())
+
+    def beyond(self, body: str) -> set[str]:
+        """A body and every body that hangs on it."""
+        found = {body}
+        for joint in self.joints:
+            if joint.parent in found:
+                found.add(joint.child)
+        return found
+
+    def joint(self, name: str) -> AbstractJoint:
+        """The joint of that name. **Raises** `ClearanceError` for an unknown one."""
+        for joint in (*self.joints, *self.loops):
+            if joint.name == name:
+                return joint
+        raise ClearanceError(f"There is no joint `{name}`. " + suggest(name, [j.name for j in self.all_joints()]))
+
+    def all_joints(self) -> tuple[AbstractJoint, ...]:
+        """Joints of the tree, then loops."""
+        return (*self.joints, *self.loops)
+
+    @property
+    def form(self) -> Form:
+        """Which form its equations of motion have, and why."""
+        free = sum(len(coordinate.velocities) for coordinate in self.free_coordinates())
+        conditions = sum(loop.hold().count for loop in self.closures())
+        return Form(free, conditions, len(list(self.coordinates())), bool(self.clearance_joints()), self.is_plane)
+
+    def ideal(self: Kind) -> Kind:
+        """The same mechanism with every clearance taken away."""
+        return self.held({})
+
+    def held(self: Kind, play: Mapping[str, Sequence[Term]]) -> Kind:
+        """The ideal mechanism whose pins are held in their sleeves, by the name of each joint at given values of its
+        play coordinates [m or rad] (one that is not named: in the middle).
+        """
+        return self._with_joints(lambda joint: without_play(joint, play.get(joint.name)))
+
+    @abc.abstractmethod
+    def _with_joints(self: Kind, change: Callable[[AbstractJoint], AbstractJoint]) -> Kind:
+        """The same mechanism with every joint changed."""

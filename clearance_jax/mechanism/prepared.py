@@ -1,0 +1,80 @@
+"""What a solve makes of a mechanism, once."""
+
+import dataclasses
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from clearance_jax._types import Scalar
+from clearance_jax.mechanism._base import AbstractMechanism
+from clearance_jax.mechanism.body import Body, Point, Spring
+from clearance_jax.mechanism.breaks import sampling_periods
+from clearance_jax.mechanism.controllers import AbstractController
+from clearance_jax.mechanism.driving import acting_always
+from clearance_jax.mechanism.links import ONCE, Links, links_of
+from clearance_jax.mechanism.loads import Wrench
+from clearance_jax.mechanism.placement import Gravity, Inertia
+from clearance_jax.mechanism.tree import AbstractJoint
+
+
+class PreparedMechanism(AbstractMechanism):
+    """A mechanism with everything that depends only on its numbers computed (once a solve, not once a step): its
+    drives, actuators, loads, controllers and clearances are of the types that a step evaluates.
+
+    It is made by `Mechanism.prepared`, whose parts it has under the same names, and is what all dynamics is of.
+
+    - `chosen`: while it is being solved, which conditions of its closures a step asks for (`constraint.choice`).
+    - `links`: of a large one its table.
+    """
+
+    bodies: tuple[Body, ...]
+    joints: tuple[AbstractJoint, ...]
+    loops: tuple[AbstractJoint, ...]
+    springs: tuple[Spring, ...]
+    points: tuple[Point, ...]
+    gravity: Gravity
+    assemble: bool = eqx.field(static=True)
+    wrenches: tuple[Wrench, ...]
+    controllers: tuple[AbstractController, ...]
+    chosen: Array | None = None
+    links: Links | None = None
+
+    @property
+    def is_tabled(self) -> bool:
+        """Whether its dynamics is a loop over a table of its links."""
+        return self.links is not None or self.form.is_table
+
+    def _with_joints(self, change):
+        joints, loops = (tuple(change(joint) for joint in group) for group in (self.joints, self.loops))
+        return dataclasses.replace(self, joints=joints, loops=loops, chosen=None, links=None)
+
+    def at(self, time: Scalar) -> "PreparedMechanism":
+        """The mechanism with the payloads that it has at a time."""
+        if not self.has_payloads:
+            return self
+        links = self.links
+        if links is not None:
+            there = jnp.stack([body.presence(time) for body in self.bodies])
+            links = dataclasses.replace(links, mass=there * links.mass, inertia=there[:, None, None] * links.inertia)
+        return dataclasses.replace(self, bodies=tuple(body.at(time) for body in self.bodies), links=links)
+
+    def unsampled(self) -> "PreparedMechanism":
+        """The same mechanism with everything digital acting all the time."""
+        if not sampling_periods(self):
+            return self
+        controllers = tuple(dataclasses.replace(controller, period=None) for controller in self.controllers)
+        joints, loops = (tuple(acting_always(joint) for joint in group) for group in (self.joints, self.loops))
+        return dataclasses.replace(self, joints=joints, loops=loops, controllers=controllers)
+
+    def as_table(self) -> "PreparedMechanism":
+        """The same mechanism as a table, however small; in the plane as it is."""
+        if self.is_plane:
+            return self
+        return dataclasses.replace(self, links=self.links or links_of(self.bodies, self.joints))
+
+    def as_small_program(self) -> "PreparedMechanism":
+        """The same mechanism for what is computed once: in space, unless small, a table compiles sooner."""
+        # A body that stays in its plane may have one moment of inertia: a table asks for six.
+        whole = all(body.inertia is None or isinstance(body.inertia, Inertia) for body in self.bodies)
+        return self.as_table() if whole and len(list(self.coordinates())) > ONCE else self
