@@ -18,6 +18,8 @@ TICKS, COLUMNS = 6, 500
 SHORT = 0.2
 # More curves than this are not told apart by a legend.
 MOST_NAMED = 10
+# Of the size of what is shown in space or in the plane: the room around it, and half the least extent of an axis.
+ROOM, LEAST = 0.12, 0.3
 
 
 class Panel(NamedTuple):
@@ -34,6 +36,19 @@ def time_axis(axis: Axes, last: float) -> float:
     axis.xaxis.set_major_locator(MaxNLocator(nbins=TICKS - 1, steps=[1, 2, 2.5, 5, 10]))
     axis.set_xlabel(f"time, {unit}")
     return factor
+
+
+def length_unit(largest: float) -> tuple[float, str]:
+    """What lengths [m] are to be multiplied by so that the largest has one to three digits before the point, and the
+    unit then.
+    """
+    return (1e9, "nm") if largest < 1e-6 else (1e6, "µm") if largest < 1e-3 else (1e3, "mm")
+
+
+def round_down(value: float) -> float:
+    """The largest of ..., 0.1, 0.2, 0.5, 1, 2, 5, ... that is not above a value."""
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(f"{power * max(k for k in (1, 2, 5) if k * power <= value):.1g}")
 
 
 def curve(axis, time: np.ndarray, values: np.ndarray, label: str) -> Any:
@@ -120,23 +135,24 @@ def _path(axis: Any, dataset: xr.Dataset) -> None:
         places = dataset["position"].sel(point=name).values.T
         colour = axis.plot(*places, lw=0.8, label=str(name))[0].get_color()
         axis.plot(*places[:, :1], "o", ms=3, color=colour)
-    axis.set(xlabel="x, m", ylabel="y, m")
-    if _projection(dataset) is None:
-        axis.set_aspect("equal", adjustable="datalim")
-    else:
-        axis.set_zlabel("z, m")
-        _cube(axis, dataset["position"].values.reshape(-1, 3))
+    same_scale(axis, dataset["position"].values)
     if 1 < dataset.sizes["point"] <= MOST_NAMED:
         legend_below(axis, fontsize=7)
 
 
-def _cube(axis: Any, places: np.ndarray) -> None:
-    """The same scale along all three axes, about what is shown."""
-    least, greatest = np.nanmin(places, 0), np.nanmax(places, 0)
-    # What stands still has a cube too, of a size that needs no powers of ten beside its numbers.
-    half = 0.55 * max(float(np.max(greatest - least)), 0.02 * float(np.nanmax(np.abs(places))), 1e-9)
-    for k, name in enumerate("xyz"):
-        middle = float(least[k] + greatest[k]) / 2
-        getattr(axis, f"set_{name}lim")(middle - half, middle + half)
-        getattr(axis, f"{name}axis").set_major_locator(MaxNLocator(nbins=4))
-    axis.set_box_aspect((1, 1, 1))
+def same_scale(axis: Any, places: np.ndarray) -> np.ndarray:
+    """Axes of one scale around places (..., 2 or 3) [m]; their lowest corner."""
+    every = places.reshape(-1, places.shape[-1])
+    low, high = np.nanmin(every, 0), np.nanmax(every, 0)
+    # What stands still has axes too, of a size that needs no powers of ten beside its numbers.
+    size = max(float(np.max(high - low)), 0.02 * float(np.nanmax(np.abs(every))), 1e-9)
+    middle, half = 0.5 * (low + high), np.maximum(0.5 * (high - low) + ROOM * size, LEAST * size)
+    for name, centre, reach in zip("xyz", middle, half, strict=False):
+        getattr(axis, f"set_{name}lim")(centre - reach, centre + reach)
+        getattr(axis, f"set_{name}label")(f"{name}, m", labelpad=8 if len(half) == 3 else None)
+        getattr(axis, f"{name}axis").set_major_locator(MaxNLocator(nbins=3 if reach < 0.7 * half.max() else 5))
+    if len(half) == 3:
+        axis.set_box_aspect(tuple(half), zoom=0.93)
+    else:
+        axis.set_aspect("equal", adjustable="box")
+    return middle - half
