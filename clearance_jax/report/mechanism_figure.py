@@ -11,7 +11,7 @@ from matplotlib.transforms import Bbox
 from clearance_jax.report.design_figures import STYLED, WIDTH, drawn
 from clearance_jax.report.panels import round_down
 from clearance_jax.report.skeleton import Skeleton
-from clearance_jax.results.places import Outline
+from clearance_jax.results.places import Outline, bounds
 
 # Heights of the picture, whatever the mechanism's shape [inch].
 LOW, HIGH = 1.5, 4.2
@@ -26,7 +26,8 @@ SIDES = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, 1), (1, -1), (-1, -1))
 @STYLED
 def mechanism(found: Outline) -> Figure:
     """The mechanism at one instant."""
-    (low, high), size = found.places.bounds, found.places.size
+    low, high = bounds(found.shown)
+    size = float(max(high - low))
     width, height = high - low + 2 * ROOM * size
     figure, axes = drawn(float(np.clip(WIDTH * height / width, LOW, HIGH)))
     # The whole page is the axes': names are placed in points, which no layout may move afterwards.
@@ -38,17 +39,16 @@ def mechanism(found: Outline) -> Figure:
     page = float(max(width / WIDTH, height / figure.get_figheight())) * figure.get_size_inches()
     left, bottom = 0.5 * (low + high - page)
     axes.set(xlim=(left, left + page[0]), ylim=(bottom, bottom + page[1]))
-    _names(figure, axes, found)
+    _names(figure, axes, found, SAME * size)
     _scale(axes, size)
     return figure
 
 
-def _names(figure: Figure, axes: Axes, found: Outline) -> None:
+def _names(figure: Figure, axes: Axes, found: Outline, same: float) -> None:
     """A name beside each place, those of one place together, where they hide least."""
     groups: list[tuple[np.ndarray, list[str]]] = []
     places = found.places.at[found.sample]
     for name, mark in {**found.places.joints, **found.places.points}.items():
-        same = SAME * found.places.size
         near = next((names for at, names in groups if np.hypot(*(at - places[mark])) < same), None)
         if near is None:
             groups.append((places[mark], [name]))

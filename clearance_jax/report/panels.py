@@ -11,6 +11,7 @@ from matplotlib.ticker import MaxNLocator
 
 from clearance_jax.report.curves import envelope
 from clearance_jax.report.legends import legend_below
+from clearance_jax.results.places import bounds
 
 # Ticks of a time axis at most; columns of a picture in which a curve is no longer told from its envelope.
 TICKS, COLUMNS = 6, 500
@@ -142,10 +143,9 @@ def _path(axis: Any, dataset: xr.Dataset) -> None:
 
 def same_scale(axis: Any, places: np.ndarray) -> np.ndarray:
     """Axes of one scale around places (..., 2 or 3) [m]; their lowest corner."""
-    every = places.reshape(-1, places.shape[-1])
-    low, high = np.nanmin(every, 0), np.nanmax(every, 0)
+    low, high = bounds(places)
     # What stands still has axes too, of a size that needs no powers of ten beside its numbers.
-    size = max(float(np.max(high - low)), 0.02 * float(np.nanmax(np.abs(every))), 1e-9)
+    size = max(float(np.max(high - low)), 0.02 * float(np.max(np.abs([low, high]))), 1e-9)
     middle, half = 0.5 * (low + high), np.maximum(0.5 * (high - low) + ROOM * size, LEAST * size)
     for name, centre, reach in zip("xyz", middle, half, strict=False):
         getattr(axis, f"set_{name}lim")(centre - reach, centre + reach)

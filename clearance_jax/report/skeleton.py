@@ -2,6 +2,7 @@
 still picture shows one sample.
 """
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,8 @@ ELEVATION, AZIMUTH = 22.0, -58.0
 # Corners of a slider, and two rails beside it: along, across.
 CORNERS = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)]) * (SLIDER, BREADTH)
 RAILS = np.array([(-1, 1), (1, 1), (np.nan, 1), (-1, -1), (1, -1)]) * (GUIDE, BREADTH)
+# Of bodies; not red, which is that of joints with clearance.
+COLOURS = ("C1", "C2", "C0", "C4", "C5", "C6", "C8", "C9")
 LINK: Any = {"lw": 4, "solid_capstyle": "round", "solid_joinstyle": "round", "zorder": 2, "alpha": 0.9}
 
 
@@ -37,8 +40,8 @@ class Skeleton:
             axis.view_init(ELEVATION, AZIMUTH)
         for mark in places.ground:
             self._support(places.at[0, mark], floor)
-        for k, marks in enumerate(places.bodies.values(), 1):
-            self._body(marks, f"C{k % 10}")
+        for marks, colour in zip(places.bodies.values(), itertools.cycle(COLOURS), strict=False):
+            self._body(marks, colour)
         for name, pair in places.pairs.items():
             self._pair(name, pair)
         for name, mark in places.joints.items():

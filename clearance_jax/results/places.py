@@ -33,15 +33,9 @@ class Places(NamedTuple):
     loose: frozenset[str]
 
     @property
-    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """The least and the greatest coordinates of all places [m], (axes,)."""
-        every = self.at.reshape(-1, self.at.shape[-1])
-        return np.nanmin(every, 0), np.nanmax(every, 0)
-
-    @property
     def size(self) -> float:
         """The largest extent along an axis [m]."""
-        low, high = self.bounds
+        low, high = bounds(self.at)
         return float(max(np.max(high - low), 1e-9))
 
 
@@ -58,6 +52,18 @@ class Outline(NamedTuple):
     def time(self) -> float:
         """When it is there [s]."""
         return float(self.places.time[self.sample])
+
+    @property
+    def shown(self) -> np.ndarray:
+        """The places that are shown [m], (n, 2): all at the sample, of points all over time."""
+        at = self.places.at
+        return np.concatenate([at[self.sample], *(at[:, mark] for mark in self.places.points.values())])
+
+
+def bounds(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The least and the greatest coordinates of places (..., axes) [m], (axes,)."""
+    every = at.reshape(-1, at.shape[-1])
+    return np.nanmin(every, 0), np.nanmax(every, 0)
 
 
 def places(dataset: xr.Dataset) -> Places:
@@ -116,7 +122,7 @@ def outline(dataset: xr.Dataset) -> Outline:
     """
     found, axes, seen = places(dataset), [0, 1], ""
     if found.at.shape[-1] == 3:
-        low, high = found.bounds
+        low, high = bounds(found.at)
         along = int(np.argmin(high - low))
         axes, seen = [k for k in range(3) if k != along], "xyz"[along]
     flat = places(dataset.isel(axis=axes))
