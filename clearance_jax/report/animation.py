@@ -12,9 +12,10 @@ from matplotlib.figure import Figure
 from clearance_jax.errors import ClearanceError
 from clearance_jax.report.film import DPI, FPS, STYLE, AbstractFilm
 from clearance_jax.report.magnified import Section, Side, magnified
-from clearance_jax.report.panels import SHORT, curve, round_down, time_axis
+from clearance_jax.report.panels import SHORT, curve, time_axis
 from clearance_jax.report.play_figures import timeline
 from clearance_jax.report.skeleton import Skeleton
+from clearance_jax.report.style import round_down
 from clearance_jax.results.bearing import require_joint
 from clearance_jax.results.places import places
 from clearance_jax.results.play import Play

@@ -14,9 +14,9 @@ from clearance_jax.design.answer import Design
 from clearance_jax.design.explain import Response, Tradeoff
 from clearance_jax.design.maintenance import Maintenance
 from clearance_jax.design.time_histories import TimeHistory
-from clearance_jax.report.legends import legend_below
 from clearance_jax.report.panels import time_axis
 from clearance_jax.report.play_figures import draw_path
+from clearance_jax.report.style import legend_below
 from clearance_jax.report.wear_figures import draw_lives
 from clearance_jax.results.play import middle_path, play
 

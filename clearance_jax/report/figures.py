@@ -4,15 +4,14 @@ from pathlib import Path
 from string import ascii_lowercase
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
 from clearance_jax.errors import ClearanceError
-from clearance_jax.report.legends import legend_below
 from clearance_jax.report.panels import Panel, curve, of_points, panels, time_axis
 from clearance_jax.report.play_figures import draw_path, with_share
+from clearance_jax.report.style import STYLED, legend_below
 from clearance_jax.results.bearing import at_steps
 from clearance_jax.results.first_fall import seconds
 from clearance_jax.results.play import middle_path
@@ -21,6 +20,7 @@ ECCENTRICITY = "pin from sleeve centre (dashed: clearance)"
 STATES = (("free", "tab:blue"), ("contact", "tab:green"), ("impact", "tab:red"))
 
 
+@STYLED
 def overview(dataset: xr.Dataset) -> Figure:
     """Of a mechanism with clearances eccentricity, contact force, speed and acceleration of the named points, and the
     pins' paths; of another one its coordinates, points, drives or reactions.
@@ -39,18 +39,17 @@ def overview(dataset: xr.Dataset) -> Figure:
         )
     columns = 2 if len(shown) <= 4 else 3 if len(shown) <= 6 else 4
     rows = -(-len(shown) // columns)
-    with mpl.rc_context({"axes.grid": True, "grid.alpha": 0.3, "font.size": 9}):
-        figure = Figure(figsize=(13, 7.5) if joints else (4.5 * columns, 3.5 * rows), layout="constrained")
-        parts: Any = figure.subfigures(1, 2, width_ratios=(2, 1)) if joints else (figure, None)
-        left, right = parts
-        for i, (panel, letter) in enumerate(zip(shown, ascii_lowercase, strict=False)):
-            axis = left.add_subplot(rows, columns, i + 1, projection=panel.projection)
-            panel.draw(axis, dataset)
-            axis.set_title(f"({letter}) {panel.title}")
-        if joints:
-            for axis, joint in zip(np.atleast_1d(right.subplots(len(joints), 1)), joints, strict=True):
-                pin_path(axis, dataset, joint)
-        figure.suptitle(f"{dataset.attrs.get('mechanism', '')}   ({dataset.attrs.get('result', '')})")
+    figure = Figure(figsize=(13, 7.5) if joints else (4.5 * columns, 3.5 * rows), layout="constrained")
+    parts: Any = figure.subfigures(1, 2, width_ratios=(2, 1)) if joints else (figure, None)
+    left, right = parts
+    for i, (panel, letter) in enumerate(zip(shown, ascii_lowercase, strict=False)):
+        axis = left.add_subplot(rows, columns, i + 1, projection=panel.projection)
+        panel.draw(axis, dataset)
+        axis.set_title(f"({letter}) {panel.title}")
+    if joints:
+        for axis, joint in zip(np.atleast_1d(right.subplots(len(joints), 1)), joints, strict=True):
+            pin_path(axis, dataset, joint)
+    figure.suptitle(f"{dataset.attrs.get('mechanism', '')}   ({dataset.attrs.get('result', '')})")
     return figure
 
 

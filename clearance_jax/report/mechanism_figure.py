@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
 
 from clearance_jax.report.design_figures import STYLED, WIDTH, drawn
-from clearance_jax.report.panels import round_down
 from clearance_jax.report.skeleton import Skeleton
+from clearance_jax.report.style import round_down
 from clearance_jax.results.places import Outline, bounds
 
 # Heights of the picture, whatever the mechanism's shape [inch].

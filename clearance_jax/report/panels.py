@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from clearance_jax.report.curves import envelope
-from clearance_jax.report.legends import legend_below
+from clearance_jax.report.style import legend_below
 from clearance_jax.results.places import bounds
 
 # Ticks of a time axis at most; columns of a picture in which a curve is no longer told from its envelope.
@@ -37,19 +37,6 @@ def time_axis(axis: Axes, last: float) -> float:
     axis.xaxis.set_major_locator(MaxNLocator(nbins=TICKS - 1, steps=[1, 2, 2.5, 5, 10]))
     axis.set_xlabel(f"time, {unit}")
     return factor
-
-
-def length_unit(largest: float) -> tuple[float, str]:
-    """What lengths [m] are to be multiplied by so that the largest has one to three digits before the point, and the
-    unit then.
-    """
-    return (1e9, "nm") if largest < 1e-6 else (1e6, "µm") if largest < 1e-3 else (1e3, "mm")
-
-
-def round_down(value: float) -> float:
-    """The largest of ..., 0.1, 0.2, 0.5, 1, 2, 5, ... that is not above a value."""
-    power = 10.0 ** np.floor(np.log10(value))
-    return float(f"{power * max(k for k in (1, 2, 5) if k * power <= value):.1g}")
 
 
 def curve(axis, time: np.ndarray, values: np.ndarray, label: str) -> Any:

@@ -5,7 +5,6 @@ out.
 from collections.abc import Mapping
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
@@ -14,6 +13,7 @@ from matplotlib.ticker import MaxNLocator
 from clearance_jax.errors import ClearanceError
 from clearance_jax.report.curves import flights
 from clearance_jax.report.panels import time_axis
+from clearance_jax.report.style import STYLED
 from clearance_jax.results.bearing import FACE, PLANE, SLEEVE, Spans, kind, spans
 from clearance_jax.results.play import PinPath, station_paths
 
@@ -33,6 +33,7 @@ ROW, TOLD = 4, 0.005
 BEARING = {0: ("apart", "tab:blue"), 1: ("bears here", "tab:red")}
 
 
+@STYLED
 def play(dataset: xr.Dataset, edges: bool = False) -> Figure:
     """When each clearance joint bears how, and below it the orbits of its pin at every station of its sleeve.
 
@@ -47,13 +48,12 @@ def play(dataset: xr.Dataset, edges: bool = False) -> Figure:
     orbits_of = [_paths(dataset, joint, edges) for joint in joints if kind(dataset, joint) == SLEEVE]
     orbits_of += [[path for joint in plane for path in station_paths(dataset, joint)]] if plane else []
     heights = [0.9 + 0.55 * len(joints), *(0.7 + 2.8 * -(-len(group) // ROW) for group in orbits_of)]
-    with mpl.rc_context({"axes.grid": True, "grid.alpha": 0.3, "font.size": 9}):
-        figure = Figure(figsize=(11, sum(heights)), layout="constrained")
-        parts: Any = figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
-        timeline(parts[0].subplots(), dataset)
-        for part, group in zip(parts[1:], orbits_of, strict=True):
-            _drawn(part, group)
-        figure.suptitle(f"{dataset.attrs.get('mechanism', '')}: where pins bear")
+    figure = Figure(figsize=(11, sum(heights)), layout="constrained")
+    parts: Any = figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
+    timeline(parts[0].subplots(), dataset)
+    for part, group in zip(parts[1:], orbits_of, strict=True):
+        _drawn(part, group)
+    figure.suptitle(f"{dataset.attrs.get('mechanism', '')}: where pins bear")
     return figure
 
 
@@ -95,15 +95,6 @@ def _bars(axis: Any, factor: float, found: Spans, chosen, where: tuple[float, fl
 def with_share(words: str, share: float) -> str:
     """Words, and in which part of the time it is so."""
     return f"{words} ({share:.0%})" if share >= TOLD else f"{words} (< 1%)"
-
-
-def orbits(figure: Any, dataset: xr.Dataset, joint: str, edges: bool = False) -> None:
-    """The paths of a pin's centre inside the clearance circle at every station of its sleeve, or at its edges only, and
-    where along them the pin bears there; on a figure, or part of one.
-
-    **Raises:** `ClearanceError` of a joint that is no pin in a sleeve.
-    """
-    _drawn(figure, _paths(dataset, joint, edges))
 
 
 def _paths(dataset: xr.Dataset, joint: str, edges: bool) -> list[PinPath]:

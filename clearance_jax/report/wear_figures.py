@@ -13,37 +13,36 @@ from matplotlib.ticker import MaxNLocator
 
 from clearance_jax.errors import ClearanceError
 from clearance_jax.report.film import DPI, FPS, STYLE, AbstractFilm
-from clearance_jax.report.legends import legend_below
 from clearance_jax.report.magnified import EDGE, SHOWN, WALL, bushing, round_factor
-from clearance_jax.report.panels import length_unit
+from clearance_jax.report.style import STYLED, legend_below, length_unit
 from clearance_jax.report.sweep_axes import shown
 
-STYLED: Any = {"axes.grid": True, "grid.alpha": 0.3, "font.size": 9, "axes.axisbelow": True}
 # Ages at which profiles are drawn; frames of a film, and how many a second.
 AGES, FRAMES, SLOW = 6, 80, FPS / 2
 PALE, MARK = "0.75", "tab:red"
 
 
+@STYLED
 def overview(dataset: xr.Dataset) -> Figure:
     """Profiles over the angle, the bore magnified, growth over the life, and what was watched, or the volume.
 
     **Raises:** `ClearanceError` for a dataset that is no life.
     """
     check(dataset)
-    with mpl.rc_context(STYLED):
-        figure = Figure(figsize=(12, 7.5), layout="constrained")
-        grid = figure.add_gridspec(2, 5)
-        profiles(figure.add_subplot(grid[0, :3]), dataset)
-        bore(figure.add_subplot(grid[0, 3:]), dataset)
-        rest: Any = figure.add_subplot(grid[1, :3]), figure.add_subplot(grid[1, 3:])
-        one, other = rest
-        growth(one, dataset)
-        watched(other, dataset) if "watched" in dataset else volume(other, dataset)
-        end = f", life {dataset.attrs['life']:.6g} cycles" if "life" in dataset.attrs else ""
-        figure.suptitle(f"{dataset.attrs.get('name', dataset.attrs['mechanism'])}: joint {dataset.attrs['joint']}{end}")
+    figure = Figure(figsize=(12, 7.5), layout="constrained")
+    grid = figure.add_gridspec(2, 5)
+    profiles(figure.add_subplot(grid[0, :3]), dataset)
+    bore(figure.add_subplot(grid[0, 3:]), dataset)
+    rest: Any = figure.add_subplot(grid[1, :3]), figure.add_subplot(grid[1, 3:])
+    one, other = rest
+    growth(one, dataset)
+    watched(other, dataset) if "watched" in dataset else volume(other, dataset)
+    end = f", life {dataset.attrs['life']:.6g} cycles" if "life" in dataset.attrs else ""
+    figure.suptitle(f"{dataset.attrs.get('name', dataset.attrs['mechanism'])}: joint {dataset.attrs['joint']}{end}")
     return figure
 
 
+@STYLED
 def intervals(dataset: xr.Dataset, name: str) -> Figure:
     """How long parts last against a number of theirs: the maintenance interval (`Lives.to_dataset`)."""
     if name not in dataset or "life" not in dataset:
@@ -51,13 +50,12 @@ def intervals(dataset: xr.Dataset, name: str) -> Figure:
     order = np.argsort(dataset[name].values, kind="stable")
     told = shown(dataset[name], name)
     x, y = told.factor * dataset[name].values[order], dataset["life"].values[order]
-    with mpl.rc_context(STYLED):
-        figure = Figure(figsize=(6.5, 4), layout="constrained")
-        axis = figure.add_subplot()
-        draw_lives(axis, x, y, dataset.attrs["cycles"])
-        if not np.isfinite(y).all():
-            legend_below(axis, fontsize=8)
-        axis.set(xlabel=f"{name}, {told.unit}" if told.unit else name, ylabel="life, cycles", ylim=(0, None))
+    figure = Figure(figsize=(6.5, 4), layout="constrained")
+    axis = figure.add_subplot()
+    draw_lives(axis, x, y, dataset.attrs["cycles"])
+    if not np.isfinite(y).all():
+        legend_below(axis, fontsize=8)
+    axis.set(xlabel=f"{name}, {told.unit}" if told.unit else name, ylabel="life, cycles", ylim=(0, None))
     return figure
 
 
@@ -70,16 +68,16 @@ def draw_lives(axis: Any, x: np.ndarray, lives: np.ndarray, most: int, name: str
         axis.plot(x[~ended], np.full(np.sum(~ended), most), "^", color=line.get_color(), label=longer)
 
 
+@STYLED
 def failures(found: Any) -> Figure:
     """The probability of failure over the life, with its confidence band (`wear.Failures`)."""
-    with mpl.rc_context(STYLED):
-        figure = Figure(figsize=(6.5, 4), layout="constrained")
-        axis = figure.add_subplot()
-        band = f"{100 * found.confidence:g} % confidence"
-        axis.fill_between(found.cycles, found.low, found.high, step="post", color=PALE, lw=0, label=band)
-        axis.step(found.cycles, found.probability, where="post", lw=1.4, label="of the samples")
-        axis.set(xlabel="cycles", ylabel="probability of failure", ylim=(0, 1), xlim=(0, None))
-        legend_below(axis, fontsize=8)
+    figure = Figure(figsize=(6.5, 4), layout="constrained")
+    axis = figure.add_subplot()
+    band = f"{100 * found.confidence:g} % confidence"
+    axis.fill_between(found.cycles, found.low, found.high, step="post", color=PALE, lw=0, label=band)
+    axis.step(found.cycles, found.probability, where="post", lw=1.4, label="of the samples")
+    axis.set(xlabel="cycles", ylabel="probability of failure", ylim=(0, 1), xlim=(0, None))
+    legend_below(axis, fontsize=8)
     return figure
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from clearance_jax.errors import ClearanceError
-from clearance_jax.report.panels import length_unit
+from clearance_jax.report.style import length_unit
 
 
 def wear_map(worn: Any, title: str = "") -> Figure:
