@@ -1,12 +1,10 @@
 """A still picture of a mechanism: its joints and points by name, and how large it is."""
 
 import itertools
-from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.transforms import Bbox
 
 from clearance_jax.report.design_figures import STYLED, WIDTH, drawn
 from clearance_jax.report.skeleton import Skeleton
@@ -19,8 +17,9 @@ LOW, HIGH = 1.5, 4.2
 SAME, ROOM = 0.02, 0.2
 # Of a label: the height of a line and the width of a character, and how far it stands off [point].
 LINE, CHARACTER, OFF = 11.0, 5.6, 9.0
-# Where a label may stand, the best place first.
-SIDES = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, 1), (1, -1), (-1, -1))
+# Where a label may stand, the best place first; half the size of a joint's mark [point]; points all over a label.
+SIDES = np.array([(0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, 1), (1, -1), (-1, -1)])
+MARK, SPREAD = 8.0, np.stack(np.meshgrid(np.linspace(-1, 1, 9), np.linspace(-1, 1, 5)), -1).reshape(-1, 2)
 
 
 @STYLED
@@ -55,40 +54,22 @@ def _names(figure: Figure, axes: Axes, found: Outline, same: float) -> None:
         else:
             near.append(name)
     figure.draw_without_rendering()  # from here on the axes know where they are
-    scale = 72 / figure.dpi
+    scale, page, along = 72 / figure.dpi, 72 * figure.get_size_inches(), np.linspace(0, 1, 25)[:, None]
     at = [scale * axes.transData.transform(where) for where, _ in groups]
-    taken = [_box(x, y, 8.0, 8.0) for x, y in at]
-    along = np.linspace(0, 1, 25)[:, None]
+    # Points of the page that names would hide: of joints, bodies, other names.
+    taken = [middle + MARK * SPREAD for middle in at]
     for marks in found.places.bodies.values():
-        for a, b in itertools.pairwise(scale * axes.transData.transform(places[marks])):
-            taken += [_box(x, y, 2.0, 2.0) for x, y in a + along * (b - a)]
-    page = 72 * figure.get_size_inches()
-    for (x, y), (where, names) in zip(at, groups, strict=True):
-        box = min(_boxes(x, y, names, page), key=lambda box: sum(_overlap(box, other) for other in taken))
-        taken.append(box)
+        taken += [a + along * (b - a) for a, b in itertools.pairwise(scale * axes.transData.transform(places[marks]))]
+    for middle, (where, names) in zip(at, groups, strict=True):
+        half = np.array([CHARACTER * max(map(len, names)), LINE * len(names)]) / 2
+        sides = [np.clip(middle + side * (OFF + half), half, page - half) for side in SIDES]
+        hidden = [np.sum(np.all(np.abs(np.concatenate(taken) - side) < half, axis=1)) for side in sides]
+        best = sides[int(np.argmin(hidden))]
+        taken.append(best + half * SPREAD)
         axes.annotate(
-            "\n".join(names), where, np.mean(box.get_points(), axis=0) - (x, y), textcoords="offset points",
-            ha="center", va="center", zorder=5, linespacing=1.1,
-            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.5},
+            "\n".join(names), where, best - middle, textcoords="offset points", ha="center", va="center", zorder=5,
+            linespacing=1.1, bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.5},
         )  # fmt: skip
-
-
-def _boxes(x: float, y: float, names: Sequence[str], page: np.ndarray) -> list[Bbox]:
-    """Where on the page [point] the names of a place may stand."""
-    half = np.array([CHARACTER * max(map(len, names)), LINE * len(names)]) / 2
-    middles = [np.clip((x, y) + np.array(side) * (OFF + half), half, page - half) for side in SIDES]
-    return [_box(*middle, *half) for middle in middles]
-
-
-def _box(x: float, y: float, width: float, height: float) -> Bbox:
-    """About a middle, with half its sides [point]."""
-    return Bbox.from_extents(x - width, y - height, x + width, y + height)
-
-
-def _overlap(box: Bbox, other: Bbox) -> float:
-    """How much of one another one covers [square point]."""
-    common = Bbox.intersection(box, other)
-    return 0.0 if common is None else common.width * common.height
 
 
 def _scale(axes: Axes, size: float) -> None:

@@ -61,9 +61,11 @@ def panels(dataset: xr.Dataset) -> list[Panel]:
     efforts += _of_each_unit(dataset, "actuator_effort", "actuated", titles)
     if not efforts and "joint_reaction" in dataset:
         names = [str(name) for name in dataset["any_joint"].values]
-        efforts = [Panel("reactions in joints", partial(_sizes, "joint_reaction", "any_joint", names, "force, N"))]
-    paths = [Panel(f"path of {_listed(dataset)}", _path, _projection(dataset))] if "position" in dataset else []
-    return found + efforts + paths
+        efforts = [Panel("reactions in joints", partial(_curves, "joint_reaction", "any_joint", names, "force, N"))]
+    if "position" not in dataset:
+        return found + efforts
+    projection = "3d" if dataset.sizes["axis"] == 3 else None
+    return [*found, *efforts, Panel(f"path of {_listed(dataset)}", _path, projection)]
 
 
 def of_points(dataset: xr.Dataset) -> list[Panel]:
@@ -72,7 +74,7 @@ def of_points(dataset: xr.Dataset) -> list[Panel]:
         return []
     names, listed = [str(name) for name in dataset["point"].values], _listed(dataset)
     return [
-        Panel(f"{name} of {listed}", partial(_sizes, name, "point", names, label))
+        Panel(f"{name} of {listed}", partial(_curves, name, "point", names, label))
         for name, label in (("velocity", "speed, m/s"), ("acceleration", "acceleration, m/s²"))
     ]
 
@@ -90,31 +92,20 @@ def _of_each_unit(dataset: xr.Dataset, variable: str, dim: str, titles: dict[str
     for unit, title in titles.items():
         own = [str(name) for name in names[units == unit]]
         if own:
-            found.append(Panel(title, partial(_values, variable, dim, own, unit)))
+            found.append(Panel(title, partial(_curves, variable, dim, own, unit)))
     return found
 
 
-def _values(variable: str, dim: str, names: list[str], unit: str, axis: Any, dataset: xr.Dataset) -> None:
-    _curves(axis, dataset, names, lambda name: dataset[variable].sel({dim: name}).values)
-    axis.set_ylabel(unit)
-
-
-def _sizes(variable: str, dim: str, names: list[str], label: str, axis: Any, dataset: xr.Dataset) -> None:
-    _curves(axis, dataset, names, lambda name: np.linalg.norm(dataset[variable].sel({dim: name}).values, axis=-1))
-    axis.set_ylabel(label)
-
-
-def _curves(axis: Any, dataset: xr.Dataset, names: list[str], values: Callable[[str], np.ndarray]) -> None:
-    """Over time, with a legend where it tells several apart."""
+def _curves(variable: str, dim: str, names: list[str], label: str, axis: Any, dataset: xr.Dataset) -> None:
+    """Over time, of vectors their lengths, with a legend where it tells several apart."""
     factor = time_axis(axis, float(dataset["time"][-1]))
     for name in names:
-        curve(axis, factor * dataset["time"].values, values(name), name)
+        values = dataset[variable].sel({dim: name}).values
+        values = np.linalg.norm(values, axis=-1) if values.ndim > 1 else values
+        curve(axis, factor * dataset["time"].values, values, name)
+    axis.set_ylabel(label)
     if 1 < len(names) <= MOST_NAMED:
         legend_below(axis, fontsize=7)
-
-
-def _projection(dataset: xr.Dataset) -> str | None:
-    return "3d" if dataset.sizes["axis"] == 3 else None
 
 
 def _path(axis: Any, dataset: xr.Dataset) -> None:

@@ -67,7 +67,9 @@ def timeline(axis: Any, dataset: xr.Dataset, joints: list[str] | None = None) ->
         for words, colour, chosen in _told(dataset, joint, found):
             # One joint's shares of the time stand in the legend; of several they would not be the same.
             label = words if len(joints) > 1 else with_share(words, found.share(chosen))
-            _bars(axis, factor, found, chosen, (row - BAR / 2, BAR), colour, label if label not in labelled else None)
+            where = (row + BAR / 2, FACE_BAR) if words == FACES[0] else (row - BAR / 2, BAR)
+            bars = factor * np.stack([found.begin, found.end - found.begin], axis=1)[chosen]
+            axis.broken_barh(bars, where, facecolors=colour, lw=0, label=None if label in labelled else label)
             labelled.add(label)
     axis.set(ylim=(len(joints) - 0.4, -0.6), yticks=range(len(joints)), yticklabels=joints)
     axis.set_xlim(factor * float(dataset["time"][0]), factor * float(dataset["time"][-1]))
@@ -82,14 +84,6 @@ def _told(dataset: xr.Dataset, joint: str, found: Spans) -> list[tuple[str, str,
     told = [(words, colour, radial == code) for code, (words, colour) in enumerate(names)]
     told.append((*FACES, found.pattern >= FACE))
     return [entry for entry in told if np.any(entry[2])]
-
-
-def _bars(axis: Any, factor: float, found: Spans, chosen, where: tuple[float, float], colour: str, label) -> None:
-    low, height = where
-    if colour == FACES[1]:
-        low, height = low + height, FACE_BAR
-    bars = np.stack([found.begin, found.end - found.begin], axis=1)[chosen]
-    axis.broken_barh(factor * bars, (low, height), facecolors=colour, lw=0, label=label)
 
 
 def with_share(words: str, share: float) -> str:
