@@ -14,8 +14,8 @@ from clearance_jax.design.observed import pin_wrenches
 from clearance_jax.design.static import _both_ends, static_error
 from clearance_jax.joints import AbstractClearance
 from clearance_jax.report.html import render
-from clearance_jax.results.dataset import drawn_dataset
-from clearance_jax.results.marks import drawn
+from clearance_jax.results.dataset import picture_dataset
+from clearance_jax.results.marks import picture
 from clearance_jax.results.places import outline, places
 from clearance_jax.results.play import play
 from optimize import tool_changer
@@ -96,7 +96,7 @@ def seen(function: Any, mechanism: cj.Mechanism, *play: float) -> Any:
 def leaning() -> xr.Dataset:
     """The arm with its pin down and leaning in its sleeve."""
     mechanism = arm(SLEEVE, x=0.4)
-    return drawn_dataset(mechanism, np.array([0.0, 0.05]), seen(drawn, mechanism, *LEANING))
+    return picture_dataset(mechanism, np.array([0.0, 0.05]), seen(picture, mechanism, *LEANING))
 
 
 def test_what_is_seen_of_a_design_in_space():

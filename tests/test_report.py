@@ -30,8 +30,8 @@ from clearance_jax.report import mechanism_figure, words
 from clearance_jax.report.figures import overview
 from clearance_jax.report.html import render, write_report
 from clearance_jax.report.panels import time_axis
-from clearance_jax.results.dataset import drawn_dataset
-from clearance_jax.results.marks import drawn
+from clearance_jax.results.dataset import picture_dataset
+from clearance_jax.results.marks import picture
 from clearance_jax.results.places import outline, places
 
 CLEARANCE = "wrist.radial_clearance"
@@ -76,8 +76,8 @@ def crank_motion(count: int = 50) -> xr.Dataset:
     slider = 0.05 * np.cos(angle) + 0.12 * np.cos(rod) - far * np.cos(turn)
     y = jnp.asarray(np.stack([rod - angle, slider, 0 * angle, 0 * angle], 1))
     mechanism, times = slider_crank(), angle / (5000 * np.pi / 30)
-    at = jax.jit(jax.vmap(lambda t, y: drawn(mechanism.prepared(), t, y)))(times, y)
-    return drawn_dataset(mechanism, times, jax.tree.map(np.asarray, at))
+    at = jax.jit(jax.vmap(lambda t, y: picture(mechanism.prepared(), t, y)))(times, y)
+    return picture_dataset(mechanism, times, jax.tree.map(np.asarray, at))
 
 
 def made(found: design.Design, length: float | None = 0.02) -> design.Findings:
@@ -322,8 +322,8 @@ def test_the_places_of_a_state_are_those_of_its_mechanism():
     # The conrod turned by -90 degrees from a crank at 90: its end is below; the slider at x = 0.17.
     y = jnp.array([-np.pi / 2, 0.17, 0.0, 0.0])
     quarter = jnp.asarray(np.pi / 2 / (5000 * np.pi / 30))
-    at = jax.jit(lambda t, y: drawn(mechanism, t, y))(quarter, y)
-    found = places(drawn_dataset(slider_crank(), np.array([float(quarter)]), {n: x[None] for n, x in at.items()}))
+    at = jax.jit(lambda t, y: picture(mechanism, t, y))(quarter, y)
+    found = places(picture_dataset(slider_crank(), np.array([float(quarter)]), {n: x[None] for n, x in at.items()}))
     np.testing.assert_allclose(found.at[0, found.joints["crankpin"]], [0.0, 0.05], atol=1e-12)
     np.testing.assert_allclose(found.at[0, found.bodies["conrod"]], [[0.0, 0.05], [0.12, 0.05]], atol=1e-12)
     np.testing.assert_allclose(found.at[0, found.points["piston"]], [0.17, 0.0], atol=1e-12)

@@ -21,7 +21,7 @@ from clearance_jax.design.standard import StandardFits, nearest_fits
 from clearance_jax.design.standings import Standing, standings
 from clearance_jax.design.time_histories import TimeHistory, histories_of
 from clearance_jax.errors import ClearanceError
-from clearance_jax.results.dataset import drawn_dataset
+from clearance_jax.results.dataset import picture_dataset
 from clearance_jax.results.places import Outline, outline
 
 CUT_SHORT = "Interrupted before every statement was made."
@@ -146,7 +146,7 @@ def _seen(found: Findings) -> Findings:
         condition = parts.shown(name)
         seen[condition] = now
         loads += joint_loads(mechanism, condition, times, now)
-        motions[condition] = drawn_dataset(mechanism, times, now.drawn)
+        motions[condition] = picture_dataset(mechanism, times, now.picture)
 
     def look(scenario: Scenario) -> Observed | None:
         return observed(specification, design.evaluation.x, scenario)

@@ -24,7 +24,7 @@ from clearance_jax.metrics.joint_work import JointWork
 from clearance_jax.metrics.measure import AbstractMetric, Request
 from clearance_jax.metrics.reductions import At, Impacts, Peak
 from clearance_jax.metrics.signals import ContactForce
-from clearance_jax.results.marks import drawn
+from clearance_jax.results.marks import picture
 from clearance_jax.spatial import as_array
 
 SAMPLES = 2001
@@ -35,7 +35,7 @@ class Observed(NamedTuple):
 
     - by limit, `limits` (`Instants` of a peak, else the values) and `signals` over time (`None`: it has none);
     - by clearance joint, `forces` (`Instants` of the largest), `works` (`Work`) and `impacts`;
-    - over time, `drawn`: what a picture shows (`results.marks.drawn`), and in space `wrenches` on the pins.
+    - over time, `picture`: what one shows (`results.marks.picture`), and in space `wrenches` on the pins.
     """
 
     limits: tuple[Any, ...]
@@ -43,11 +43,11 @@ class Observed(NamedTuple):
     forces: tuple[Any, ...]
     works: tuple[Any, ...]
     impacts: tuple[Any, ...]
-    drawn: Any
+    picture: Any
     wrenches: Any = ()
 
 
-class Sampled(AbstractMetric):
+class Samples(AbstractMetric):
     """A function of a prepared mechanism, a time [s] and the state then, at given times [s], increasing."""
 
     function: Callable = eqx.field(static=True)
@@ -81,7 +81,7 @@ def observed(specification: Specification, x: np.ndarray, scenario: Scenario) ->
     question = Question(moved, named, specification.t1, specification.settings())
     values = answer(question, dict(zip(specification.variables, x, strict=True))).values
     found = jax.tree.map(np.asarray, jax.tree.unflatten(structure, [values[name] for name in named]))
-    return found if all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(found.drawn)) else None
+    return found if all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(found.picture)) else None
 
 
 def _asked(specification: Specification) -> Observed:
@@ -96,6 +96,6 @@ def _asked(specification: Specification) -> Observed:
         tuple(PeakInstants(Peak(ContactForce(name))) for name in joints),
         tuple(JointWork(name) for name in joints),
         tuple(Impacts(name) for name in joints),
-        Sampled(drawn, times),
-        () if specification.mechanism.is_plane else Sampled(pin_wrenches, times),
+        Samples(picture, times),
+        () if specification.mechanism.is_plane else Samples(pin_wrenches, times),
     )

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from clearance_jax.errors import ClearanceError
 from clearance_jax.report.film import DPI, FPS, STYLE, AbstractFilm
-from clearance_jax.report.magnified import Section, Side, magnified
+from clearance_jax.report.magnified import Section, Side, magnify
 from clearance_jax.report.panels import SHORT, curve, time_axis
 from clearance_jax.report.play_figures import timeline
 from clearance_jax.report.skeleton import Skeleton
@@ -43,7 +43,7 @@ class Film(AbstractFilm):
     ):
         self.frames, self.fps, self.slowdown, self.joint = frames, fps, slowdown, joint
         self.time, self.name = dataset["time"].values, str(dataset.attrs.get("mechanism", ""))
-        enlarged = None if joint is None else magnified(dataset, joint, factor)
+        enlarged = None if joint is None else magnify(dataset, joint, factor)
         self.exaggeration = 1.0 if enlarged is None else enlarged.factor
         with mpl.rc_context(STYLE):
             self.figure = Figure(figsize=(11, 6.2) if enlarged is not None else (7, 6), dpi=DPI, layout="constrained")

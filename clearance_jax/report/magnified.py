@@ -29,7 +29,7 @@ def round_factor(value: float) -> float:
     return float(power * np.floor(max(value, 1.0) / power))
 
 
-def magnified(dataset: xr.Dataset, name: str, factor: float | None = None) -> Play:
+def magnify(dataset: xr.Dataset, name: str, factor: float | None = None) -> Play:
     """A joint with its play exaggerated, by default so that it is seen. **Raises** `ClearanceError` for a joint of
     which there is no view.
     """
@@ -59,7 +59,7 @@ class Section:
     """
 
     def __init__(self, axis: Any, joint: Play, station: int = 0, axes: tuple[int, int] = (0, 1)):
-        self.joint, self.station, depth = joint, station, joint.worn(station)
+        self.joint, self.station, depth = joint, station, joint.wear_depth(station)
         ball = joint.place.shape[1] == 3 and joint.length is None
         across = joint.place[:, list(axes)] if ball else joint.centres(joint.heights)[:, station]
         self.places = joint.factor * across

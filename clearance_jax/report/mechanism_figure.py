@@ -25,7 +25,7 @@ MARK, SPREAD = 8.0, np.stack(np.meshgrid(np.linspace(-1, 1, 9), np.linspace(-1, 
 @STYLED
 def mechanism(found: Outline) -> Figure:
     """The mechanism at one instant."""
-    low, high = bounds(found.shown)
+    low, high = bounds(found.visible)
     size = float(max(high - low))
     width, height = high - low + 2 * ROOM * size
     figure, axes = drawn(float(np.clip(WIDTH * height / width, LOW, HIGH)))

@@ -48,7 +48,7 @@ class Skeleton:
             edge, size, width = ("tab:red", 8, 1.3) if name in places.loose else ("k", 5, 1.3)
             size, width = (12, 2.2) if name == joint else (size, width)
             self._line([mark], marker="o", ms=size, mfc="white", mec=edge, mew=width, zorder=5)
-        self._trails = [(self._drawn(color="0.5", lw=0.9, zorder=0.8), mark) for mark in places.points.values()]
+        self._trails = [(self._plot(color="0.5", lw=0.9, zorder=0.8), mark) for mark in places.points.values()]
         self._label = None if joint is None else (self._called(joint), places.joints[joint])
         self.show(0)
 
@@ -75,23 +75,23 @@ class Skeleton:
             text, mark = self._label
             text.xy = self._on_page(at[mark])
 
-    def _drawn(self, places: np.ndarray | None = None, **style: Any) -> Any:
+    def _plot(self, places: np.ndarray | None = None, **style: Any) -> Any:
         """A line through places, or one that has none yet."""
         none = np.zeros((0, self.places.at.shape[-1]))
         return self.axis.plot(*(none if places is None else places).T, **style)[0]
 
     def _line(self, marks: list[int], **style: Any) -> None:
         """A line through marks that moves with them."""
-        self._lines.append((self._drawn(self.places.at[0, marks], **style), marks))
+        self._lines.append((self._plot(self.places.at[0, marks], **style), marks))
 
     def _support(self, at: np.ndarray, floor: float) -> None:
         """What the ground carries: a triangle, in space a post on the floor."""
         if self.in_space:
             foot = np.array([*at[:2], min(floor, at[2])])
-            self._drawn(np.stack([foot, at]), color="0.6", lw=5, solid_capstyle="butt")
-            self._drawn(foot[None], marker="s", ms=12, mfc="0.75", mec="0.5")
+            self._plot(np.stack([foot, at]), color="0.6", lw=5, solid_capstyle="butt")
+            self._plot(foot[None], marker="s", ms=12, mfc="0.75", mec="0.5")
         else:
-            self._drawn(at[None], marker="^", ms=14, mfc="0.85", mec="0.4", zorder=0.5)
+            self._plot(at[None], marker="^", ms=14, mfc="0.85", mec="0.4", zorder=0.5)
 
     def _body(self, marks: list[int], colour: str) -> None:
         """A plate that its marks span, or a star: from its own joint to whatever else it carries."""
@@ -109,7 +109,7 @@ class Skeleton:
             self._line(pair[1:], marker="s", ms=15, mfc="0.85", mec="0.4", zorder=1.5)
         elif name in self.places.slides:
             block = self.axis.add_patch(Polygon(CORNERS, closed=True, fc="0.85", ec="0.4", zorder=1.5))
-            self._sliders.append((block, self._drawn(color="0.4", lw=1.5, zorder=0.6), name, pair[1]))
+            self._sliders.append((block, self._plot(color="0.4", lw=1.5, zorder=0.6), name, pair[1]))
 
     def _called(self, joint: str) -> Any:
         """The name of a joint beside it."""

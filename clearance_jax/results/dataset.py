@@ -63,15 +63,14 @@ def to_dataset(
     return xr.Dataset(data, coords, said | provenance)
 
 
-def drawn_dataset(mechanism: Mechanism, time: np.ndarray, drawn: dict[str, Any]) -> xr.Dataset:
-    """What a picture shows of a motion (`marks.drawn`, at times [s]), as a dataset of which that can be drawn."""
+def picture_dataset(mechanism: Mechanism, time: np.ndarray, picture: dict[str, Any]) -> xr.Dataset:
+    """What a picture shows of a motion (`marks.picture`, at times [s]), as a dataset of which that can be drawn."""
     labelled = labels(mechanism) | marks.labels(mechanism)
-    if "penetration" in drawn:
-        touching = drawn["penetration"] > 0
-        drawn = drawn | {"contact_state": touching.astype(int)}
+    if "penetration" in picture:
+        picture = picture | {"contact_state": (picture["penetration"] > 0).astype(int)}
     coords: dict[str, Any] = {name: label for name, label in labelled.items() if label[1]}
     coords["time"] = ("time", time, {"units": "s"})
-    return xr.Dataset(_variables("time", drawn, VARIABLES, labelled), coords, _numbers(mechanism))
+    return xr.Dataset(_variables("time", picture, VARIABLES, labelled), coords, _numbers(mechanism))
 
 
 def _samples(solved: Solution) -> tuple[np.ndarray, np.ndarray]:

@@ -57,7 +57,7 @@ def mark_positions(mechanism: Mechanism, time: Scalar, y: Array) -> Float[Array,
     return jnp.stack([as_array(motion[m.body].point(m.at.vector)[:axes]) for m in marks(mechanism)])
 
 
-def drawn(mechanism: Mechanism, time: Scalar, y: Array) -> dict[str, Array]:
+def picture(mechanism: Mechanism, time: Scalar, y: Array) -> dict[str, Array]:
     """What a picture shows of one state of a prepared mechanism, by the names of a dataset."""
     seen = observe(time, y[: layout(mechanism).size], mechanism)
     found = {name: seen[name] for name in SHOWN if name in seen}

@@ -54,8 +54,8 @@ class Outline(NamedTuple):
         return float(self.places.time[self.sample])
 
     @property
-    def shown(self) -> np.ndarray:
-        """The places that are shown [m], (n, 2): all at the sample, of points all over time."""
+    def visible(self) -> np.ndarray:
+        """The places that are visible [m], (n, 2): all at the sample, of points all over time."""
         at = self.places.at
         return np.concatenate([at[self.sample], *(at[:, mark] for mark in self.places.points.values())])
 

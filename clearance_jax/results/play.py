@@ -50,12 +50,12 @@ class Play(NamedTuple):
 
     def around(self, angle: np.ndarray, station: int = 0) -> np.ndarray:
         """The wall at angles, at one of its heights, as it is drawn [m], (2, angles)."""
-        depth = self.worn(station)
+        depth = self.wear_depth(station)
         sectors = 2 * np.pi * np.arange(depth.size) / depth.size
         far = self.wall + self.factor * np.interp(angle, sectors, depth, period=2 * np.pi)
         return far * np.stack([np.cos(angle), np.sin(angle)])
 
-    def worn(self, station: int) -> np.ndarray:
+    def wear_depth(self, station: int) -> np.ndarray:
         """How deep its sleeve is worn off at one of its heights [m], (sectors,)."""
         return self.depth[station % len(self.depth)]
 
@@ -151,7 +151,7 @@ class PinPath(NamedTuple):
         return float(np.sum(lasts[self.state[:-1] == state]) / max(np.sum(lasts), np.finfo(float).tiny))
 
 
-def _sampled(dataset: xr.Dataset, joint: str, *names: str) -> tuple[np.ndarray, ...]:
+def _series(dataset: xr.Dataset, joint: str, *names: str) -> tuple[np.ndarray, ...]:
     """Times and values of variables in a joint: at the samples and, where these are known, at the step ends (an impact
     may be shorter than the time between samples, a flight's step longer).
     """
@@ -165,7 +165,7 @@ def _sampled(dataset: xr.Dataset, joint: str, *names: str) -> tuple[np.ndarray, 
 
 def middle_path(dataset: xr.Dataset, joint: str) -> PinPath:
     """The path in the middle of the sleeve, with the contact state of the whole joint."""
-    time, places, state = _sampled(dataset, require_joint(dataset, joint), "eccentricity", "contact_state")
+    time, places, state = _series(dataset, require_joint(dataset, joint), "eccentricity", "contact_state")
     clearance, side, travel = number(dataset, joint, "radial_clearance"), number(dataset, joint, "side_clearance"), None
     if clearance is not None:
         travel = pin_travel(clearance, worn_depth(dataset, joint)[0])
@@ -182,11 +182,11 @@ def station_paths(dataset: xr.Dataset, joint: str) -> list[PinPath]:
     found = play(dataset, require_joint(dataset, joint))
     if found is None or kind(dataset, joint) not in (*PLANE, SLEEVE):
         raise ClearanceError(f"`{joint}` has no pin in a sleeve: it is a {kind(dataset, joint) or 'joint unknown'}.")
-    time, *at = _sampled(dataset, joint, "eccentricity", *(["pin_tilt"] if found.length is not None else []))
+    time, *at = _series(dataset, joint, "eccentricity", *(["pin_tilt"] if found.length is not None else []))
     centres = found._replace(**dict(zip(("place", "tilt"), at, strict=False))).centres(found.heights)
     out = []
     for k, height in enumerate(found.heights):
-        places, wall = centres[:, k], (found.clearance, found.worn(k))
+        places, wall = centres[:, k], (found.clearance, found.wear_depth(k))
         state = (penetration(places, *wall) > 0).astype(int)
         out.append(PinPath(joint, float(height), time, places, state, pin_travel(*wall)))
     return out
