@@ -11,8 +11,10 @@ import catalogue
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import xarray as xr
 from matplotlib.animation import FFMpegWriter
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from matplotlib.text import Text
 from PIL import Image
 from scipy.spatial import KDTree
@@ -28,6 +30,7 @@ from clearance_jax.report import magnified, play_figures
 from clearance_jax.report.magnified import Section, Side
 from clearance_jax.report.skeleton import Skeleton
 from clearance_jax.results.bearing import FACE, spans
+from clearance_jax.results.places import outline, places
 from clearance_jax.results.play import along_sleeve, station_paths
 
 RADIAL, AXIAL, RADIUS, LENGTH = 1e-4, 5e-5, 0.01, 0.04
@@ -141,6 +144,43 @@ def test_samples_have_to_do_where_steps_are_not_known(arm):
     found = spans(bare, "hip")
     codes = found.pattern[np.searchsorted(found.begin, arm["time"].values[:-1], side="right") - 1]
     np.testing.assert_array_equal(codes, arm["contact_pattern"].values[:-1, 0])
+
+
+def swinging() -> xr.Dataset:
+    """A lever that swings by 0.4 rad and has a corner out of its line; a block slides on it through its middle mark."""
+    time = np.linspace(0.0, 1.0, 41)
+    along = np.stack([np.cos(0.4 * time), np.sin(0.4 * time)], 1)
+    across, far = np.stack([-along[:, 1], along[:, 0]], 1), (time - 0.5)[:, None]
+    middle = 1.0 * along
+    block = middle + far * along
+    at = np.stack([0 * along, 0 * along, middle, middle + across, block, block], 1)
+    marks = {"mark": ["pivot", "pivot", "guide", "corner", "guide", "block"],
+             "mark_body": ["ground", "lever", "lever", "lever", "block", "block"]}  # fmt: skip
+    coords = {name: ("mark", values) for name, values in marks.items()}
+    return xr.Dataset(
+        {"mark_position": (("time", "mark", "axis"), at)},
+        coords | {"time": time, "any_joint": ["pivot", "guide"], "point": ["corner"]},
+    )
+
+
+def test_a_slider_lies_along_its_guide_and_a_broad_body_is_a_plate():
+    """Where the slider is in the middle, its two marks in one place, it has the direction that it had just before."""
+    found = places(swinging())
+    assert (set(found.pairs), set(found.bodies), found.ground) == ({"guide"}, {"lever", "block"}, [0])
+    lever = found.at[:, 2]
+    along = np.abs(np.sum(found.slides["guide"] * lever, axis=1))
+    np.testing.assert_allclose(along, 1.0, atol=2e-3)
+    skeleton = Skeleton(Figure().subplots(), found)
+    ((plate, marks),) = skeleton._plates
+    ((block, rails, name, mark),) = skeleton._sliders
+    for i in (0, 20, 40):
+        skeleton.show(i)
+        corners = plate.get_xy()[:-1]  # closed
+        assert {tuple(corner) for corner in corners} == {tuple(at) for at in found.at[i, marks]}
+        np.testing.assert_allclose(block.get_xy()[:-1].mean(axis=0), found.at[i, mark], atol=1e-12)
+        run = np.diff(rails.get_xydata()[:2], axis=0)[0]
+        np.testing.assert_allclose(np.abs(run @ found.slides[name][i]), np.linalg.norm(run), rtol=1e-12)
+    assert outline(swinging()).seen == ""
 
 
 # Figures ------------------------------------------------------------------------------------------------------------
