@@ -47,7 +47,7 @@ def main(quick: bool = False) -> Design:
         say(found.fits)
     write_report(found, output("tool_changer.html"), study.name, study.text)
     save_figure(over_time(found.time_histories[0]), output("tool_changer_error.png"))
-    save_figure(pin_in_sleeve(found.paths[0]), output("tool_changer_pin.png"))
+    save_figure(pin_in_sleeve(found.motions[""], "joint5"), output("tool_changer_pin.png"))
     return design
 
 

@@ -1,25 +1,31 @@
 """Tolerance design in space: what tilt does to the end of an arm, what is seen of a design."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import xarray as xr
 
 import clearance_jax as cj
 from clearance_jax import design, laws
-from clearance_jax.design.loads import pin_paths
-from clearance_jax.design.observed import Observed
-from clearance_jax.design.outline import outline
-from clearance_jax.design.places import Places, places_at
+from clearance_jax.design.observed import pin_wrenches
 from clearance_jax.design.static import _both_ends, static_error
 from clearance_jax.joints import AbstractClearance
 from clearance_jax.report.html import render
+from clearance_jax.results.dataset import picture_dataset
+from clearance_jax.results.marks import picture
+from clearance_jax.results.places import outline, places
+from clearance_jax.results.play import play
 from optimize import tool_changer
 from tests.test_report import answer, made, piston_limit, rows_of, text_of
 
 RADIAL, AXIAL, RADIUS, LENGTH = 1e-4, 5e-5, 0.01, 0.04
 LAW = laws.HuntCrossley(1e9, 0.5)
 SLEEVE = cj.SleeveClearance(RADIAL, RADIUS, LENGTH, LAW, axial_clearance=AXIAL)
+# Of a pin: its place, and how it leans.
+LEANING = (2e-5, -1.2e-4, 1e-5, 0.0, 3e-3)
 
 
 def arm(clearance: AbstractClearance, **end) -> cj.Mechanism:
@@ -81,53 +87,53 @@ def test_a_block_may_be_in_a_corner_of_its_guide():
     assert design.static_weights(block, "aside", 0.1, 3) == pytest.approx({"guide": tilted + rolled}, rel=1e-9)
 
 
-def seen(mechanism: cj.Mechanism, *play: float) -> Places:
-    """Of two instants, with the play in the joint as given, at rest."""
-    prepared, times = mechanism.prepared(), jnp.asarray([0.0, 0.05])
-    state = jnp.asarray([*play, *(0.0 for _ in play)])
-    return jax.tree.map(np.asarray, jax.vmap(lambda t: places_at(t, state, prepared))(times))
+def seen(function: Any, mechanism: cj.Mechanism, *play: float) -> Any:
+    """A function of two instants, with the play in the joint as given, at rest."""
+    prepared, state = mechanism.prepared(), jnp.asarray([*play, *(0.0 for _ in play)])
+    return jax.tree.map(np.asarray, jax.vmap(lambda t: function(prepared, t, state))(jnp.asarray([0.0, 0.05])))
+
+
+def leaning() -> xr.Dataset:
+    """The arm with its pin down and leaning in its sleeve."""
+    mechanism = arm(SLEEVE, x=0.4)
+    return picture_dataset(mechanism, np.array([0.0, 0.05]), seen(picture, mechanism, *LEANING))
 
 
 def test_what_is_seen_of_a_design_in_space():
-    mechanism = arm(SLEEVE, x=0.4)
-    lean = 3e-3
-    at = seen(mechanism, 2e-5, -1.2e-4, 1e-5, 0.0, lean)
+    motion, lean = leaning(), LEANING[-1]
+    at = places(motion)
     turned = 0.35 * np.sin(30.0 * 0.05)
     # From the pin's centre along the arm, down by how its axis leans (to second order in that).
     tip = [2e-5 + 0.4 * np.cos(turned), -1.2e-4 + 0.4 * np.sin(turned), 1e-5 - 0.4 * lean * np.cos(turned)]
-    np.testing.assert_allclose(at.points["tip"][1], tip, atol=2e-6)
-    assert at.bodies["arm"].shape == (2, 2, 3)
-    (path,) = pin_paths(mechanism, "", np.array([0.0, 0.05]), Observed((), (), (), (), (), at))
-    assert path.ends is not None
-    assert path.axial is not None
-    # The sleeve's axes stand still: both ends of the axis lie half a length up and down it.
-    np.testing.assert_allclose(path.ends[:, 0, 0], [2e-5 - LENGTH / 2 * lean, 2e-5 + LENGTH / 2 * lean], rtol=1e-5)
-    np.testing.assert_allclose(path.ends[:, 0, 1], -1.2e-4, rtol=1e-9)
-    assert path.clearance == pytest.approx(RADIAL)
-    assert path.axial_clearance == pytest.approx(AXIAL)
-    np.testing.assert_allclose(path.axial, 1e-5)
-    pin = at.pins["hip"]
-    assert pin.force[0, 1] > 0  # the wall below pushes up
-    drawn = outline(mechanism, np.array([0.0, 0.05]), at)
+    np.testing.assert_allclose(at.at[1, at.points["tip"]], tip, atol=2e-6)
+    assert len(at.bodies["arm"]) == 2
+    pin = play(motion, "hip")
+    assert pin is not None
+    # The sleeve's axes stand still: the axis comes by both ends of the sleeve half a length up and down it.
+    ends = pin.centres(pin.heights[[0, -1]])
+    middle = 2e-5 - 1e-5 * lean
+    np.testing.assert_allclose(ends[0, :, 0], [middle - LENGTH / 2 * lean, middle + LENGTH / 2 * lean], rtol=1e-5)
+    np.testing.assert_allclose(ends[0, :, 1], -1.2e-4, rtol=1e-9)
+    assert (pin.clearance, pin.axial) == pytest.approx((RADIAL, AXIAL))
+    np.testing.assert_allclose(pin.place[:, 2], 1e-5)
+    force, moment = seen(pin_wrenches, arm(SLEEVE, x=0.4), *LEANING)["hip"]
+    assert force[0, 1] > 0  # the wall below pushes up
+    assert moment.shape == (2, 3)
+    found = outline(motion)
     # It swings about z: seen from there nothing hides.
-    assert drawn.seen == "z"
-    np.testing.assert_allclose(drawn.points["tip"], at.points["tip"][1, :2])
+    assert found.seen == "z"
+    np.testing.assert_array_equal(found.places.at, at.at[..., :2])
 
 
 def test_the_report_of_a_design_in_space():
-    mechanism = arm(SLEEVE, x=0.4)
-    at, times = seen(mechanism, 2e-5, -1.2e-4, 1e-5, 0.0, 3e-3), np.array([0.0, 0.05])
     load = design.JointLoad("hip", "", 50.0, 0.05, 40.0, 1, 0.1, 0.2, 0.02, LENGTH, (1.0, -2.0, 48.0), 3.5)
-    found = made(answer([piston_limit()]))._replace(
-        loads=(load,),
-        paths=pin_paths(mechanism, "", times, Observed((), (), (), (), (), at)),
-        outline=outline(mechanism, times, at),
-    )
+    found = made(answer([piston_limit()]))._replace(loads=(load,), motions={"": leaning()})
     page = render(found, "An arm")
     (row,) = [row for row in rows_of(page, "largest force") if "50 N" in row]
     assert row[-4:] == ["1 N", "-2 N", "48 N", "3.5 N m"]
     assert "Seen along z." in text_of(page)
-    assert "Paths of both ends of the pin" in text_of(page)
+    assert "Path of the pin in the sleeve of hip" in text_of(page)
+    assert "end at +z" in page
 
 
 @pytest.mark.slow

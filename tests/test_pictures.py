@@ -11,8 +11,10 @@ import catalogue
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import xarray as xr
 from matplotlib.animation import FFMpegWriter
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from matplotlib.text import Text
 from PIL import Image
 from scipy.spatial import KDTree
@@ -27,7 +29,9 @@ from clearance_jax.joints.sleeve import lobatto
 from clearance_jax.report import magnified, play_figures
 from clearance_jax.report.magnified import Section, Side
 from clearance_jax.report.skeleton import Skeleton
-from clearance_jax.results.bearing import FACE, along_sleeve, spans, stations
+from clearance_jax.results.bearing import FACE, spans
+from clearance_jax.results.places import outline, places
+from clearance_jax.results.play import along_sleeve, station_paths
 
 RADIAL, AXIAL, RADIUS, LENGTH = 1e-4, 5e-5, 0.01, 0.04
 LAW = laws.HuntCrossley(1e9, 0.5)
@@ -142,6 +146,43 @@ def test_samples_have_to_do_where_steps_are_not_known(arm):
     np.testing.assert_array_equal(codes, arm["contact_pattern"].values[:-1, 0])
 
 
+def swinging() -> xr.Dataset:
+    """A lever that swings by 0.4 rad and has a corner out of its line; a block slides on it through its middle mark."""
+    time = np.linspace(0.0, 1.0, 41)
+    along = np.stack([np.cos(0.4 * time), np.sin(0.4 * time)], 1)
+    across, far = np.stack([-along[:, 1], along[:, 0]], 1), (time - 0.5)[:, None]
+    middle = 1.0 * along
+    block = middle + far * along
+    at = np.stack([0 * along, 0 * along, middle, middle + across, block, block], 1)
+    marks = {"mark": ["pivot", "pivot", "guide", "corner", "guide", "block"],
+             "mark_body": ["ground", "lever", "lever", "lever", "block", "block"]}  # fmt: skip
+    coords = {name: ("mark", values) for name, values in marks.items()}
+    return xr.Dataset(
+        {"mark_position": (("time", "mark", "axis"), at)},
+        coords | {"time": time, "any_joint": ["pivot", "guide"], "point": ["corner"]},
+    )
+
+
+def test_a_slider_lies_along_its_guide_and_a_broad_body_is_a_plate():
+    """Where the slider is in the middle, its two marks in one place, it has the direction that it had just before."""
+    found = places(swinging())
+    assert (set(found.pairs), set(found.bodies), found.ground) == ({"guide"}, {"lever", "block"}, [0])
+    lever = found.at[:, 2]
+    along = np.abs(np.sum(found.slides["guide"] * lever, axis=1))
+    np.testing.assert_allclose(along, 1.0, atol=2e-3)
+    skeleton = Skeleton(Figure().subplots(), found)
+    ((plate, marks),) = skeleton._plates
+    ((block, rails, name, mark),) = skeleton._sliders
+    for i in (0, 20, 40):
+        skeleton.show(i)
+        corners = plate.get_xy()[:-1]  # closed
+        assert {tuple(corner) for corner in corners} == {tuple(at) for at in found.at[i, marks]}
+        np.testing.assert_allclose(block.get_xy()[:-1].mean(axis=0), found.at[i, mark], atol=1e-12)
+        run = np.diff(rails.get_xydata()[:2], axis=0)[0]
+        np.testing.assert_allclose(np.abs(run @ found.slides[name][i]), np.linalg.norm(run), rtol=1e-12)
+    assert outline(swinging()).seen == ""
+
+
 # Figures ------------------------------------------------------------------------------------------------------------
 
 
@@ -175,18 +216,18 @@ def test_the_timeline_has_a_bar_for_every_span(arm):
 def test_orbits_are_the_pins_places_at_every_station(arm):
     figure = play_figures.play(arm)
     orbits = [axis for axis in figure.axes if axis.get_title().startswith("z = ")]
-    found = stations(arm, "hip")
-    assert len(orbits) == 5
-    assert found.time.size > arm.sizes["time"]
-    for k, axis in enumerate(orbits):
-        path, touching, circle = axis.lines
-        bears = found.penetration[:, k] > 0
-        np.testing.assert_array_equal(np.stack(touching.get_data(), 1), 1e6 * found.places[bears, k])
+    found = station_paths(arm, "hip")
+    assert len(orbits) == len(found) == 5
+    assert found[0].time.size > arm.sizes["time"]
+    for path, axis in zip(found, orbits, strict=True):
+        flight, touching, circle = axis.lines
+        bears = path.state > 0
+        np.testing.assert_array_equal(np.stack(touching.get_data(), 1), 1e6 * path.places[bears])
         # Flights are smooth curves through the places that are known, within the clearance.
-        drawn = np.stack(path.get_data(), 1)
-        near, _ = KDTree(drawn[np.isfinite(drawn[:, 0])]).query(1e6 * found.places[~bears, k])
+        drawn = np.stack(flight.get_data(), 1)
+        near, _ = KDTree(drawn[np.isfinite(drawn[:, 0])]).query(1e6 * path.places[~bears])
         assert near.max() < 0.01 * 1e6 * RADIAL
-        assert np.nanmax(np.hypot(*drawn.T)) < max(1.01 * 1e6 * RADIAL, 1e6 * np.hypot(*found.places[:, k].T).max())
+        assert np.nanmax(np.hypot(*drawn.T)) < max(1.01 * 1e6 * RADIAL, 1e6 * np.hypot(*path.places.T).max())
         reach = np.hypot(*touching.get_data())
         assert np.all(reach > 1e6 * RADIAL)
         assert len(reach) == np.sum(bears)
@@ -198,11 +239,11 @@ def test_orbits_are_the_pins_places_at_every_station(arm):
     only = [axis for axis in play_figures.play(arm, edges=True).axes if axis.get_title().startswith("z = ")]
     assert [axis.get_title() for axis in only] == [orbits[0].get_title(), orbits[-1].get_title()]
     # At the middle station the pin's centre is where the dataset says.
-    middle = np.isin(found.time, arm["time"].values)
+    middle = np.isin(found[2].time, arm["time"].values)
     place = arm["eccentricity"].values[:, 0]
     slope = arm["pin_tilt"].values[:, 0]
     expected = place[:, :2] - place[:, 2:] * slope / np.sqrt(1 - np.sum(slope**2, 1, keepdims=True))
-    np.testing.assert_allclose(found.places[middle, 2], expected, atol=1e-18)
+    np.testing.assert_allclose(found[2].places[middle], expected, atol=1e-18)
 
 
 def test_joints_of_the_plane_stand_side_by_side(crank):
@@ -221,7 +262,7 @@ def test_what_is_no_play_is_refused(crank, lift):
     with pytest.raises(ClearanceError, match=r"no clearance joint `wirst`.*Did you mean `wrist`"):
         spans(crank, "wirst")
     with pytest.raises(ClearanceError, match="no pin in a sleeve"):
-        stations(crank.assign_attrs({"clearance.wrist": "GuideClearance"}), "wrist")
+        station_paths(crank.assign_attrs({"clearance.wrist": "GuideClearance"}), "wrist")
 
 
 def frames_of(gif: Any) -> int:
@@ -262,16 +303,17 @@ def test_a_magnified_pin_is_its_eccentricity_times_the_factor(crank):
 def test_a_leaning_pin_is_seen_from_the_side_and_at_both_edges(arm):
     film = cj.animate(arm)
     assert film.joint == "hip"
-    sides, sections, found = views(film, Side), views(film, Section), stations(arm, "hip")
-    at_samples = np.isin(found.time, arm["time"].values)
-    places, depth = found.places[at_samples], found.penetration[at_samples]
+    sides, sections, found = views(film, Side), views(film, Section), station_paths(arm, "hip")
+    at_samples = np.isin(found[0].time, arm["time"].values)
+    places = np.stack([path.places[at_samples] for path in found], 1)
+    bearing = np.stack([path.state[at_samples] > 0 for path in found], 1)
     k, edges = film.exaggeration, np.array([[-LENGTH / 2, 0.0], [LENGTH / 2, 0.0]])
     marked = on_faces = 0
     for frame, i in enumerate(film.frames.tolist()):
         film.show(frame)
         for section, end in zip(sections, (0, -1), strict=True):
             np.testing.assert_allclose(section.pin.center, k * places[i, end], atol=1e-12)
-            assert (len(section.mark.get_xdata()) > 0) == (depth[i, end] > 0)
+            assert (len(section.mark.get_xdata()) > 0) == bearing[i, end]
         for up, side in enumerate(sides):
             # The axis of the pin, drawn: at the edges where the sections have it, and shifted along as it slid.
             moved = side.moved(edges, i)
@@ -282,7 +324,7 @@ def test_a_leaning_pin_is_seen_from_the_side_and_at_both_edges(arm):
             assert (len(side.faces.get_xdata()) > 0) == bears
             on_faces += bears
     # Every station that bears is marked in the view in which it bears at the edge of the picture.
-    assert marked == np.sum(depth[film.frames] > 0) > 0
+    assert marked == np.sum(bearing[film.frames]) > 0
     assert on_faces > 0
 
 

@@ -1,6 +1,7 @@
 """The report of a design, from findings made by hand: what it says, in which words, and that names stay text."""
 
 import dataclasses
+import functools
 import itertools
 import re
 import sys
@@ -9,19 +10,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import xarray as xr
 from catalogue import slider_crank
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 import clearance_jax as cj
 from clearance_jax import design, metrics
-from clearance_jax.design import places
 from clearance_jax.design.drawing import joint_drawings
 from clearance_jax.design.findings import CUT_SHORT
 from clearance_jax.design.loads import pin_size
 from clearance_jax.design.manufacture import YieldEstimate
 from clearance_jax.design.observed import Observed
-from clearance_jax.design.outline import outline
 from clearance_jax.design.standings import standings
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import fits
@@ -30,6 +30,9 @@ from clearance_jax.report import mechanism_figure, words
 from clearance_jax.report.figures import overview
 from clearance_jax.report.html import render, write_report
 from clearance_jax.report.panels import time_axis
+from clearance_jax.results.dataset import picture_dataset
+from clearance_jax.results.marks import picture
+from clearance_jax.results.places import outline, places
 
 CLEARANCE = "wrist.radial_clearance"
 TIMES = np.linspace(0.0, 0.012, 50)
@@ -64,24 +67,17 @@ def piston_limit(name: str = "piston") -> design.Limit:
     return design.Limit(metrics.Peak(metrics.PositionError("piston")), 2e-4, name)
 
 
-def crank_places(count: int = 5) -> places.Places:
-    """Of a crank that turns from its dead centre, and of a pin half way out."""
-    angle = np.linspace(0.0, np.pi / 2, count)
-    pin = 0.05 * np.stack([np.cos(angle), np.sin(angle)], 1)
-    slider = np.stack([pin[:, 0] + np.sqrt(0.12**2 - pin[:, 1] ** 2), 0 * angle], 1)
-    origin, along, out = np.zeros((count, 2)), np.tile([1.0, 0.0], (count, 1)), np.tile([1.0, 0.0, 0.0], (count, 1))
-    return places.Places(
-        {
-            "crank": np.stack([origin, pin], 1),
-            "conrod": np.stack([pin, slider], 1),
-            "slider": np.stack([slider, slider], 1),
-        },
-        {"main": origin, "crankpin": pin, "guide": slider, "wrist": slider},
-        {"guide": along},
-        {"piston": slider},
-        {},
-        {"wrist": places.Pin(4e-5 * out, 0 * along, 0 * out, 0 * out, np.linspace(0.0, 5.0, count))},
-    )
+@functools.cache
+def crank_motion(count: int = 50) -> xr.Dataset:
+    """Of a crank that turns from its dead centre, and of a pin that circles in its sleeve, out to the wall half way."""
+    angle, turn = np.linspace(0.0, np.pi / 2, count), np.linspace(0, 2 * np.pi, count)
+    rod = -np.arcsin(0.05 * np.sin(angle) / 0.12)
+    far = np.where(turn > np.pi, 5.1e-4, 4e-4)
+    slider = 0.05 * np.cos(angle) + 0.12 * np.cos(rod) - far * np.cos(turn)
+    y = jnp.asarray(np.stack([rod - angle, slider, 0 * angle, 0 * angle], 1))
+    mechanism, times = slider_crank(), angle / (5000 * np.pi / 30)
+    at = jax.jit(jax.vmap(lambda t, y: picture(mechanism.prepared(), t, y)))(times, y)
+    return picture_dataset(mechanism, times, jax.tree.map(np.asarray, at))
 
 
 def made(found: design.Design, length: float | None = 0.02) -> design.Findings:
@@ -91,7 +87,6 @@ def made(found: design.Design, length: float | None = 0.02) -> design.Findings:
     standard = design.StandardFits({CLEARANCE: fit}, -0.02, -0.6, YieldEstimate(1.0, 0.985, 200))
     drawn = joint_drawings(found, standard.fits)
     values = {"": 1e-4 * np.abs(np.sin(600 * TIMES))}
-    path = design.PinPath("wrist", "", 8e-5, 8e-5 * np.stack([np.cos(TIMES), np.sin(TIMES)], 1), TIMES > 0.006)
     return design.Findings(
         found,
         responses=(
@@ -108,8 +103,7 @@ def made(found: design.Design, length: float | None = 0.02) -> design.Findings:
         standings=(design.Standing(limit.labels(3)[0], "m", 1.9998e-4, 2e-4, 0.9999, 0.0034),),
         drawings=drawn,
         loads=(design.JointLoad("wrist", "", 2449.0, 0.0004285, 156.2, 7, 0.26, 0.0104, 0.02, length),),
-        paths=(path,),
-        outline=outline(found.specification.mechanism, TIMES[:5], crank_places()),
+        motions={"": crank_motion()},
         software="clearance_jax 0.1.0",
     )  # fmt: skip
 
@@ -220,10 +214,12 @@ def test_figures_are_readable_on_a_phone():
 
 
 def test_a_mechanism_is_drawn_where_its_joints_are_apart_and_says_their_names():
-    found = outline(slider_crank(), TIMES[:5], crank_places())
-    assert found.joints["crankpin"][1] > 0.04  # at the start all is in one line
-    assert found.loose == {"wrist"}
-    assert found.grounded == {"main", "guide"}
+    found = outline(crank_motion())
+    at = found.places.at[found.sample]
+    assert at[found.places.joints["crankpin"]][1] > 0.04  # at the start all is in one line
+    assert found.places.loose == {"wrist"}
+    assert set(found.places.slides) == set(found.places.pairs) == {"guide"}
+    np.testing.assert_allclose(np.abs(found.places.slides["guide"]), [[1.0, 0.0]] * 50, atol=1e-12)
     figure = mechanism_figure.mechanism(found)
     FigureCanvasAgg(figure)
     figure.draw_without_rendering()
@@ -326,12 +322,13 @@ def test_the_places_of_a_state_are_those_of_its_mechanism():
     # The conrod turned by -90 degrees from a crank at 90: its end is below; the slider at x = 0.17.
     y = jnp.array([-np.pi / 2, 0.17, 0.0, 0.0])
     quarter = jnp.asarray(np.pi / 2 / (5000 * np.pi / 30))
-    at = jax.jit(lambda t, y: places.places_at(t, y, mechanism))(quarter, y)
-    np.testing.assert_allclose(at.joints["crankpin"], [0.0, 0.05], atol=1e-12)
-    np.testing.assert_allclose(at.bodies["conrod"], [[0.0, 0.05], [0.12, 0.05]], atol=1e-12)
-    np.testing.assert_allclose(at.points["piston"], [0.17, 0.0], atol=1e-12)
-    np.testing.assert_allclose(at.slides["guide"], [1.0, 0.0], atol=1e-12)
-    np.testing.assert_allclose(at.pins["wrist"].place, [0.05, -0.05, 0.0], atol=1e-12)
+    at = jax.jit(lambda t, y: picture(mechanism, t, y))(quarter, y)
+    found = places(picture_dataset(slider_crank(), np.array([float(quarter)]), {n: x[None] for n, x in at.items()}))
+    np.testing.assert_allclose(found.at[0, found.joints["crankpin"]], [0.0, 0.05], atol=1e-12)
+    np.testing.assert_allclose(found.at[0, found.bodies["conrod"]], [[0.0, 0.05], [0.12, 0.05]], atol=1e-12)
+    np.testing.assert_allclose(found.at[0, found.points["piston"]], [0.17, 0.0], atol=1e-12)
+    np.testing.assert_allclose(found.slides["guide"], [[1.0, 0.0]], atol=1e-12)
+    np.testing.assert_allclose(at["eccentricity"][0], [0.05, -0.05], atol=1e-12)
     assert cj.parameters(slider_crank())["wrist.pin_radius"].value == 0.01
 
 

@@ -19,7 +19,7 @@ from clearance_jax.io.keys import example
 from clearance_jax.io.scene import load_scene
 from clearance_jax.io.study import load_study
 from clearance_jax.io.wear_section import WearAsked
-from clearance_jax.results.bearing import outline
+from clearance_jax.results.play import pin_travel
 from clearance_jax.runs.journal import Journal
 
 SCENE = Path(__file__).parents[1] / "experiments/scenes/disc.toml"
@@ -222,10 +222,9 @@ def test_a_dataset_says_how_far_the_pin_can_go(dataset):
     assert (dataset.attrs["cycles_lived"], dataset.attrs["cycles_computed"]) == (400, 12)
 
 
-def test_the_outline_of_a_worn_bore_is_the_room_of_the_pin_s_centre(dataset):
+def test_the_travel_of_a_pin_in_a_worn_bore_is_the_room_of_its_centre(dataset):
     """Half-planes, drawn, against the smooth wall that the dynamics knows."""
-    told = dataset.assign_attrs({"parameter.pin.radial_clearance": 1e-4, "parameter.pin.depth": 2 * DEPTH})
-    far = np.hypot(*outline(told, "pin"))[:-1:2]
+    far = np.hypot(*pin_travel(1e-4, 2 * DEPTH))[:-1:2]
     np.testing.assert_allclose(far, dataset["room"][-1], atol=BLEND)
 
 

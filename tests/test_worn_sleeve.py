@@ -7,7 +7,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-import xarray as xr
 
 import clearance_jax as cj
 from clearance_jax import laws, wear
@@ -16,7 +15,7 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.joints.sleeve import Meeting
 from clearance_jax.laws import Material
 from clearance_jax.report.wear_maps import wear_map
-from clearance_jax.results import bearing
+from clearance_jax.results import play
 from clearance_jax.spatial import Z, add, minus, plus, scale, times
 from tests.test_sleeve import AXIAL, RADIAL, checked, random_states, relative, sleeve
 
@@ -137,10 +136,9 @@ def test_datasets_know_how_deep_a_pin_stands_in_every_bore():
     """As the joint has it, but for the smooth largest of sectors."""
     joint: Any = sleeve(axial=None).worn(DEPTH)
     at = relative((9e-5, 3e-5, 0.0), (2e-3, -1e-3, 0.0))
-    numbers = {"parameter.hip.radial_clearance": RADIAL, "parameter.hip.depth": DEPTH}
-    found = bearing.penetration(xr.Dataset(attrs=numbers), "hip", np.asarray(joint.centres(at)))
+    found = play.penetration(np.asarray(joint.centres(at)), RADIAL, DEPTH)
     np.testing.assert_allclose(found, joint.points(at).penetration, rtol=0, atol=3e-3 * RADIAL)
-    assert bearing.outline(xr.Dataset(attrs=numbers), "hip").shape == (2, 361)
+    assert play.pin_travel(RADIAL, DEPTH[0]).shape == (2, 361)
 
 
 def test_a_map_of_what_has_worn_off(tmp_path):

@@ -8,11 +8,10 @@ from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.explain import Response, Tradeoff, responses, tradeoff
 from clearance_jax.design.findings import Findings, findings, known
 from clearance_jax.design.formulation import formulate
-from clearance_jax.design.loads import JointLoad, PinPath
+from clearance_jax.design.loads import JointLoad
 from clearance_jax.design.maintenance import Maintenance, maintenances
 from clearance_jax.design.manufacture import AbstractManufacture, AsDesigned, Band, Part, Yield, YieldEstimate
 from clearance_jax.design.methods import METHOD_CHOICES, METHODS, Method
-from clearance_jax.design.outline import Outline
 from clearance_jax.design.problem import ToleranceProblem
 from clearance_jax.design.program import Program
 from clearance_jax.design.run import run
@@ -43,9 +42,7 @@ __all__ = [
     "Limit",
     "Maintenance",
     "Method",
-    "Outline",
     "Part",
-    "PinPath",
     "Program",
     "Reciprocal",
     "Response",

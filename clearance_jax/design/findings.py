@@ -1,24 +1,28 @@
 """All that can be said of a design, for a report."""
 
 import platform
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from importlib.metadata import version
+from types import MappingProxyType
 from typing import Any, NamedTuple
+
+import xarray as xr
 
 from clearance_jax._version import __version__
 from clearance_jax.design.answer import Design
 from clearance_jax.design.certificate import Certificate
 from clearance_jax.design.drawing import JointDrawing, joint_drawings
 from clearance_jax.design.explain import Response, Tradeoff, responses, tradeoff
-from clearance_jax.design.loads import JointLoad, PinPath, joint_loads, pin_paths
+from clearance_jax.design.loads import JointLoad, joint_loads
 from clearance_jax.design.maintenance import Maintenance, maintenances
 from clearance_jax.design.observed import Observed, observed, sample_times
-from clearance_jax.design.outline import Outline, outline
 from clearance_jax.design.scenarios import Scenario, scenarios_of
 from clearance_jax.design.standard import StandardFits, nearest_fits
 from clearance_jax.design.standings import Standing, standings
 from clearance_jax.design.time_histories import TimeHistory, histories_of
 from clearance_jax.errors import ClearanceError
+from clearance_jax.results.dataset import picture_dataset
+from clearance_jax.results.places import Outline, outline
 
 CUT_SHORT = "Interrupted before every statement was made."
 INFEASIBLE = "No design holds every limit, so there is nothing to explain or to verify."
@@ -31,7 +35,7 @@ class Findings(NamedTuple):
     """What a report tells of a design; `None`, or nothing, where it was not asked for, or cannot be had.
 
     `standings` are the limits', `drawings` what a drawing says of each clearance joint, `loads` one a joint and
-    condition, `paths` one a joint, in the condition of its largest force.
+    condition, `motions` what a picture shows, a dataset by condition.
     """
 
     design: Design
@@ -44,8 +48,7 @@ class Findings(NamedTuple):
     standings: tuple[Standing, ...] = ()
     drawings: tuple[JointDrawing, ...] = ()
     loads: tuple[JointLoad, ...] = ()
-    paths: tuple[PinPath, ...] = ()
-    outline: Outline | None = None
+    motions: Mapping[str, xr.Dataset] = MappingProxyType({})
     maintenance: tuple[Maintenance, ...] = ()
     software: str = ""
 
@@ -53,6 +56,18 @@ class Findings(NamedTuple):
     def good(self) -> bool:
         """Whether the limits are held, for all that is known."""
         return self.design.feasible and (self.certificate is None or self.certificate.holds)
+
+    @property
+    def outline(self) -> Outline | None:
+        """How the mechanism is drawn, in the first condition."""
+        return next((outline(motion) for motion in self.motions.values()), None)
+
+    @property
+    def worst(self) -> dict[str, str]:
+        """By joint the condition in which its force is largest."""
+        rising = sorted(self.loads, key=lambda load: load.largest)
+        found = {load.joint: load.condition for load in rising}
+        return {load.joint: found[load.joint] for load in self.loads}
 
     @property
     def verdict(self) -> str:
@@ -122,7 +137,7 @@ def _seen(found: Findings) -> Findings:
     parts, times = specification.as_designed(), sample_times(specification)
     seen: dict[str, Observed] = {}
     loads: list[JointLoad] = []
-    paths: list[PinPath] = []
+    motions: dict[str, xr.Dataset] = {}
     for name, scenario in zip(parts.conditions, scenarios_of(parts), strict=True):
         now = observed(specification, design.evaluation.x, scenario)
         if now is None:
@@ -131,7 +146,7 @@ def _seen(found: Findings) -> Findings:
         condition = parts.shown(name)
         seen[condition] = now
         loads += joint_loads(mechanism, condition, times, now)
-        paths += pin_paths(mechanism, condition, times, now)
+        motions[condition] = picture_dataset(mechanism, times, now.picture)
 
     def look(scenario: Scenario) -> Observed | None:
         return observed(specification, design.evaluation.x, scenario)
@@ -140,16 +155,8 @@ def _seen(found: Findings) -> Findings:
         standings=standings(design, look),
         time_histories=histories_of(specification, times, {name: now.signals for name, now in seen.items()}),
         loads=tuple(loads),
-        paths=tuple(_of_largest_force(paths, loads)),
-        outline=next((outline(design.mechanism, times, now.places) for now in seen.values()), None),
+        motions=motions,
     )
-
-
-def _of_largest_force(paths: list[PinPath], loads: list[JointLoad]) -> Iterator[PinPath]:
-    """Of each joint the path in the condition in which its force is largest."""
-    for joint in dict.fromkeys(load.joint for load in loads):
-        worst = max((load for load in loads if load.joint == joint), key=lambda load: load.largest)
-        yield next(path for path in paths if (path.joint, path.condition) == (joint, worst.condition))
 
 
 def _explained(found: Findings) -> Findings:

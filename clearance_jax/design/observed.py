@@ -1,22 +1,31 @@
 """What a designed mechanism does in one scenario, seen in one solve: its limits and when they peak, its signals over
-time, what its joints bear and lose, and where everything is.
+time, what its joints bear and lose, and what a picture shows of it.
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
+from clearance_jax._types import Scalar
 from clearance_jax.ask.lanes import answer
 from clearance_jax.ask.question import Question
-from clearance_jax.design.places import PlacesOverTime
 from clearance_jax.design.scenarios import Scenario
 from clearance_jax.design.specification import Specification
+from clearance_jax.dynamics.equations import balance
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.state import layout
 from clearance_jax.metrics.instants import PeakInstants
 from clearance_jax.metrics.joint_work import JointWork
-from clearance_jax.metrics.measure import AbstractMetric
+from clearance_jax.metrics.measure import AbstractMetric, Request
 from clearance_jax.metrics.reductions import At, Impacts, Peak
 from clearance_jax.metrics.signals import ContactForce
+from clearance_jax.results.marks import picture
+from clearance_jax.spatial import as_array
 
 SAMPLES = 2001
 
@@ -26,7 +35,7 @@ class Observed(NamedTuple):
 
     - by limit, `limits` (`Instants` of a peak, else the values) and `signals` over time (`None`: it has none);
     - by clearance joint, `forces` (`Instants` of the largest), `works` (`Work`) and `impacts`;
-    - `places` (`Places`) over time.
+    - over time, `picture`: what one shows (`results.marks.picture`), and in space `wrenches` on the pins.
     """
 
     limits: tuple[Any, ...]
@@ -34,11 +43,32 @@ class Observed(NamedTuple):
     forces: tuple[Any, ...]
     works: tuple[Any, ...]
     impacts: tuple[Any, ...]
-    places: Any
+    picture: Any
+    wrenches: Any = ()
+
+
+class Samples(AbstractMetric):
+    """A function of a prepared mechanism, a time [s] and the state then, at given times [s], increasing."""
+
+    function: Callable = eqx.field(static=True)
+    times: Float[Array, " times"] = eqx.field(converter=lambda t: jnp.asarray(t, float))
+
+    def request(self, mechanism, t1, options):
+        return Request(times=self.times)
+
+    def value(self, reply):
+        ready = reply.mechanism.prepared()
+        return jax.vmap(lambda time, y: self.function(ready, time, y))(self.times, reply.solution.y)
+
+
+def pin_wrenches(mechanism: Mechanism, time: Scalar, y: Array) -> dict[str, tuple[Array, Array]]:
+    """What each clearance joint exerts on its pin, in the sleeve's axes: force [N], moment on it [N m]."""
+    actions = balance(mechanism, time, layout(mechanism).split(y)).actions
+    return {name: (as_array(action.force), as_array(action.torque)) for name, action in actions.items()}
 
 
 def sample_times(specification: Specification) -> np.ndarray:
-    """When signals and places are looked at [s]."""
+    """When signals and pictures are looked at [s]."""
     return np.linspace(specification.t0, specification.t1, SAMPLES)
 
 
@@ -51,7 +81,7 @@ def observed(specification: Specification, x: np.ndarray, scenario: Scenario) ->
     question = Question(moved, named, specification.t1, specification.settings())
     values = answer(question, dict(zip(specification.variables, x, strict=True))).values
     found = jax.tree.map(np.asarray, jax.tree.unflatten(structure, [values[name] for name in named]))
-    return found if all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(found.places)) else None
+    return found if all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(found.picture)) else None
 
 
 def _asked(specification: Specification) -> Observed:
@@ -66,5 +96,6 @@ def _asked(specification: Specification) -> Observed:
         tuple(PeakInstants(Peak(ContactForce(name))) for name in joints),
         tuple(JointWork(name) for name in joints),
         tuple(Impacts(name) for name in joints),
-        PlacesOverTime(times),
+        Samples(picture, times),
+        () if specification.mechanism.is_plane else Samples(pin_wrenches, times),
     )

@@ -11,11 +11,14 @@ from matplotlib.figure import Figure
 
 from clearance_jax.errors import ClearanceError
 from clearance_jax.report.film import DPI, FPS, STYLE, AbstractFilm
-from clearance_jax.report.magnified import Joint, Section, Side, joint_of
+from clearance_jax.report.magnified import Section, Side, magnify
 from clearance_jax.report.panels import SHORT, curve, time_axis
 from clearance_jax.report.play_figures import timeline
 from clearance_jax.report.skeleton import Skeleton
+from clearance_jax.report.style import round_down
 from clearance_jax.results.bearing import require_joint
+from clearance_jax.results.places import places
+from clearance_jax.results.play import Play
 
 # How long a film lasts if nothing is said [s]: slowed by the roundest factor that makes it no longer.
 LASTS = 10.0
@@ -40,16 +43,13 @@ class Film(AbstractFilm):
     ):
         self.frames, self.fps, self.slowdown, self.joint = frames, fps, slowdown, joint
         self.time, self.name = dataset["time"].values, str(dataset.attrs.get("mechanism", ""))
-        enlarged = None if joint is None else joint_of(dataset, joint, factor)
+        enlarged = None if joint is None else magnify(dataset, joint, factor)
         self.exaggeration = 1.0 if enlarged is None else enlarged.factor
         with mpl.rc_context(STYLE):
             self.figure = Figure(figsize=(11, 6.2) if enlarged is not None else (7, 6), dpi=DPI, layout="constrained")
             self._views, self._cursors = self._laid_out(dataset, enlarged)
             self._clock = self.figure.suptitle("", fontsize=11)
-            self.show(0)
-            # Laid out once: no frame moves what another one has put in its place.
-            self.figure.draw_without_rendering()
-        self.figure.set_layout_engine("none")
+            self.settle()
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -71,15 +71,18 @@ class Film(AbstractFilm):
         of = f", {self.joint} with its play x {self.exaggeration:g}" if self.joint else ""
         return f"Film of {self.name}{of}: {len(self)} frames, {self.fps:.3g} a second"
 
-    def _laid_out(self, dataset: xr.Dataset, enlarged: Joint | None) -> tuple[list, list]:
+    def _laid_out(self, dataset: xr.Dataset, enlarged: Play | None) -> tuple[list, list]:
         """Draw what stays; the views that follow the motion, and the cursors on time axes."""
         projection = "3d" if dataset.sizes["axis"] == 3 else None
         if enlarged is None:
-            return [Skeleton(self.figure.add_subplot(projection=projection), dataset)], []
+            return [Skeleton(self.figure.add_subplot(projection=projection), places(dataset))], []
         parts: Any = self.figure.subfigures(2, 1, height_ratios=(4.6, 1.6))
         upper, lower = parts
         left, right = upper.subfigures(1, 2, width_ratios=(1.1, 1.0))
-        views = [Skeleton(left.add_subplot(projection=projection), dataset, self.joint), *_views(right, enlarged)]
+        views = [
+            Skeleton(left.add_subplot(projection=projection), places(dataset), self.joint),
+            *_views(right, enlarged),
+        ]
         right.suptitle(f"{self.joint}: {_scale(enlarged)}", color="tab:red", fontsize=10)
         force, bar = lower.subplots(2, 1, sharex=True, height_ratios=(2, 1))
         factor = time_axis(bar, float(self.time[-1]))
@@ -90,14 +93,14 @@ class Film(AbstractFilm):
         return views, [axis.axvline(0.0, color="k", lw=1.2, zorder=9) for axis in (force, bar)]
 
 
-def _scale(joint: Joint) -> str:
+def _scale(joint: Play) -> str:
     """How large the play is drawn, and how large it is."""
     size = f"{1e6 * joint.clearance:g} µm"
     known = f"{size} to either side" if joint.block is not None else f"dashed: clearance {size}"
     return f"play × {joint.factor:g} ({known})"
 
 
-def _views(figure: Any, joint: Joint) -> list:
+def _views(figure: Any, joint: Play) -> list:
     """What is seen of a joint: of a pin without tilt one section, of a ball two, of a sleeve both ends and both sides,
     of a block its sides.
     """
@@ -111,9 +114,9 @@ def _views(figure: Any, joint: Joint) -> list:
     if joint.length is not None:
         sides, ends = figure.subplots(2, 2)
         found: list = [Side(_titled(axis, f"from the side, {'xy'[up]} up"), joint, up) for up, axis in enumerate(sides)]
-        for axis, height in zip(ends, joint.heights[[0, -1]], strict=True):
-            place = f"{1e3 * height:+.3g} mm".replace("-", "−")
-            found.append(Section(_titled(axis, f"across the edge at z = {place}"), joint, height))
+        for axis, station in zip(ends, (0, -1), strict=True):
+            place = f"{1e3 * joint.heights[station]:+.3g} mm".replace("-", "−")
+            found.append(Section(_titled(axis, f"across the edge at z = {place}"), joint, station))
         return found
     if joint.place.shape[1] == 3:
         views = []
@@ -161,7 +164,7 @@ def animate(
     name = _most_loaded(dataset) if joint is None else require_joint(dataset, joint)
     chosen = _within(dataset["time"].values, span)
     lasts = float(np.ptp(dataset["time"].values[chosen]))
-    slowdown = slowdown or _round_down(LASTS / lasts)
+    slowdown = slowdown or round_down(LASTS / lasts)
     count = min(round(slowdown * lasts * fps) + 1, len(chosen))
     frames = chosen[np.round(np.linspace(0, len(chosen) - 1, max(count, 2))).astype(int)]
     return Film(dataset, name, frames, (len(frames) - 1) / (slowdown * lasts), slowdown, exaggeration)
@@ -183,12 +186,6 @@ def _within(time: np.ndarray, span: tuple[float, float] | None) -> np.ndarray:
             f"The result has {len(time)}, from {time[0]:g} s to {time[-1]:g} s."
         )
     return chosen
-
-
-def _round_down(value: float) -> float:
-    """The largest of ..., 0.1, 0.2, 0.5, 1, 2, 5, ... that is not above a value."""
-    power = 10.0 ** np.floor(np.log10(value))
-    return float(f"{power * max(k for k in (1, 2, 5) if k * power <= value):.1g}")
 
 
 def _digits(last: float) -> int:

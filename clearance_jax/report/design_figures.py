@@ -5,17 +5,20 @@ from collections.abc import Sequence
 
 import matplotlib as mpl
 import numpy as np
+import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from clearance_jax.design.answer import Design
 from clearance_jax.design.explain import Response, Tradeoff
-from clearance_jax.design.loads import PinPath
 from clearance_jax.design.maintenance import Maintenance
 from clearance_jax.design.time_histories import TimeHistory
-from clearance_jax.report.legends import legend_below
 from clearance_jax.report.panels import time_axis
+from clearance_jax.report.play_figures import draw_path
+from clearance_jax.report.style import legend_below
+from clearance_jax.report.wear_figures import draw_lives
+from clearance_jax.results.play import middle_path, play
 
 # As wide as a phone shows it: text of 9 points is then 12 pixels high, and of the same size in every figure.
 WIDTH, HEIGHT = 3.6, 2.6
@@ -109,11 +112,7 @@ def intervals(found: Maintenance, design: Design) -> Figure:
         places = factor * found.shares * next(iter(design.clearances.values()))
         label = f"clearance, {unit}" if unit == "µm" else f"{design.specification.names[0]}, {unit}"
     for name, lives in found.lives.items():
-        ended = np.isfinite(lives)
-        (line,) = axes.plot(places[ended], lives[ended], "o-", lw=1, ms=4, label=name or "until the bound is met")
-        if not np.all(ended):
-            longer = f"more than {found.most} cycles" + (f" ({name})" if name else "")
-            axes.plot(places[~ended], np.full(np.sum(~ended), found.most), "^", color=line.get_color(), label=longer)
+        draw_lives(axes, places, lives, found.most, name)
     axes.axhline(found.asked, color="k", ls="--", lw=0.8, label="asked for")
     axes.set(xlabel=label, ylabel="cycles of wear", ylim=(0, None))
     figure.legend(loc="outside lower center", ncol=2)
@@ -140,29 +139,25 @@ def convergence(design: Design) -> Figure:
 
 
 @STYLED
-def pin_in_sleeve(path: PinPath) -> Figure:
+def pin_in_sleeve(dataset: xr.Dataset, joint: str) -> Figure:
     """The path of a pin's centre inside the clearance circle, and where the surfaces touch; or where it tilts the paths
     of both ends of its axis; and where it slides along the sleeve, how far over time.
     """
-    if path.axial is None or path.times is None:
+    found, path = play(dataset, joint), middle_path(dataset, joint)
+    if found is None or found.axial is None:
         figure, axes = drawn(3.6)
     else:
         figure = Figure(figsize=(WIDTH, 4.9), layout="constrained")
         axes, below = figure.subplots(2, height_ratios=(3, 1))
-        _along_the_sleeve(below, path.times, path.axial, path.axial_clearance)
-    if path.ends is None:
-        x, y = 1e6 * path.places.T
-        axes.plot(x, y, lw=0.5, color="0.6", zorder=1, label="path")
-        axes.plot(x[path.touching], y[path.touching], ".", ms=3, color="tab:red", zorder=2, label="in contact")
-    else:  # an end beyond the circle is in contact
-        for end, name in zip(path.ends, ("end at −z", "end at +z"), strict=True):
-            axes.plot(*(1e6 * end.T), lw=0.8, label=name)
-    angle, radius = np.linspace(0, 2 * np.pi, 361), 1e6 * path.clearance
-    axes.plot(radius * np.cos(angle), radius * np.sin(angle), "k--", lw=0.8, label="clearance")
-    axes.set_aspect("equal", adjustable="box")
+        _along_the_sleeve(below, path.time, found.place[:, 2], found.axial)
+    states = {0: ("path", "0.6"), 1: ("in contact", "tab:red")}
+    if found is not None and found.length is not None:  # an end beyond the circle is in contact
+        states = {}
+        ends = found.centres(found.heights[[0, -1]])
+        for k, name in enumerate(("end at −z", "end at +z")):
+            axes.plot(*(1e6 * ends[:, k].T), lw=0.8, label=name)
+    draw_path(axes, path, states)
     axes.set(xlabel="along the sleeve's x, µm", ylabel="along its y, µm")
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(MaxNLocator(nbins=5))
     figure.legend(loc="outside lower center", ncol=3, columnspacing=1, handlelength=1.2)
     return figure
 

@@ -4,22 +4,23 @@ from pathlib import Path
 from string import ascii_lowercase
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
 from clearance_jax.errors import ClearanceError
-from clearance_jax.report.curves import flights
-from clearance_jax.report.legends import legend_below
 from clearance_jax.report.panels import Panel, curve, of_points, panels, time_axis
-from clearance_jax.results.bearing import number, outline, worn_depth
+from clearance_jax.report.play_figures import draw_path, with_share
+from clearance_jax.report.style import STYLED, legend_below
+from clearance_jax.results.bearing import at_steps
 from clearance_jax.results.first_fall import seconds
+from clearance_jax.results.play import middle_path
 
 ECCENTRICITY = "pin from sleeve centre (dashed: clearance)"
 STATES = (("free", "tab:blue"), ("contact", "tab:green"), ("impact", "tab:red"))
 
 
+@STYLED
 def overview(dataset: xr.Dataset) -> Figure:
     """Of a mechanism with clearances eccentricity, contact force, speed and acceleration of the named points, and the
     pins' paths; of another one its coordinates, points, drives or reactions.
@@ -38,32 +39,24 @@ def overview(dataset: xr.Dataset) -> Figure:
         )
     columns = 2 if len(shown) <= 4 else 3 if len(shown) <= 6 else 4
     rows = -(-len(shown) // columns)
-    with mpl.rc_context({"axes.grid": True, "grid.alpha": 0.3, "font.size": 9}):
-        figure = Figure(figsize=(13, 7.5) if joints else (4.5 * columns, 3.5 * rows), layout="constrained")
-        parts: Any = figure.subfigures(1, 2, width_ratios=(2, 1)) if joints else (figure, None)
-        left, right = parts
-        for i, (panel, letter) in enumerate(zip(shown, ascii_lowercase, strict=False)):
-            axis = left.add_subplot(rows, columns, i + 1, projection=panel.projection)
-            panel.draw(axis, dataset)
-            axis.set_title(f"({letter}) {panel.title}")
-        if joints:
-            for axis, joint in zip(np.atleast_1d(right.subplots(len(joints), 1)), joints, strict=True):
-                pin_path(axis, dataset, joint)
-        figure.suptitle(f"{dataset.attrs.get('mechanism', '')}   ({dataset.attrs.get('result', '')})")
+    figure = Figure(figsize=(13, 7.5) if joints else (4.5 * columns, 3.5 * rows), layout="constrained")
+    parts: Any = figure.subfigures(1, 2, width_ratios=(2, 1)) if joints else (figure, None)
+    left, right = parts
+    for i, (panel, letter) in enumerate(zip(shown, ascii_lowercase, strict=False)):
+        axis = left.add_subplot(rows, columns, i + 1, projection=panel.projection)
+        panel.draw(axis, dataset)
+        axis.set_title(f"({letter}) {panel.title}")
+    if joints:
+        for axis, joint in zip(np.atleast_1d(right.subplots(len(joints), 1)), joints, strict=True):
+            pin_path(axis, dataset, joint)
+    figure.suptitle(f"{dataset.attrs.get('mechanism', '')}   ({dataset.attrs.get('result', '')})")
     return figure
-
-
-def _of_joint(dataset: xr.Dataset, joint: str, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Times and values in a joint: at the step ends where these are known, which no oscillation escapes."""
-    step = f"step_{name.removeprefix('contact_')}"
-    time, known = ("step_time", step) if step in dataset else ("time", name)
-    return dataset[time].values, dataset[known].sel(joint=joint).values
 
 
 def _eccentricity(axis, dataset: xr.Dataset) -> None:
     factor = time_axis(axis, float(dataset["time"][-1]))
     for joint in dataset["joint"].values:
-        time, places = _of_joint(dataset, joint, "eccentricity")
+        time, places = at_steps(dataset, joint, "eccentricity")
         places = places[:, :2]  # across the sleeve
         colour = curve(axis, factor * time, np.hypot(*places.T) * 1e3, str(joint))
         clearance = dataset.attrs.get(f"parameter.{joint}.radial_clearance")
@@ -77,7 +70,7 @@ def _eccentricity(axis, dataset: xr.Dataset) -> None:
 def _force(axis, dataset: xr.Dataset) -> None:
     factor = time_axis(axis, float(dataset["time"][-1]))
     for index, joint in enumerate(dataset["joint"].values):
-        time, force = _of_joint(dataset, joint, "contact_force")
+        time, force = at_steps(dataset, joint, "contact_force")
         colour = curve(axis, factor * time, force, str(joint))
         if "peak_force" in dataset:
             own = dataset["episode_joint"].values == index
@@ -117,39 +110,15 @@ def _fit_peaks(axis, dataset: xr.Dataset) -> None:
 
 def pin_path(axis, dataset: xr.Dataset, joint: str) -> None:
     """The pin centre's path inside the clearance circle, coloured by contact state."""
-    here = dataset.sel(joint=joint)
-    time, places, states = _path(here)
-    x, y = places.T * 1e6
-    for code, (name, colour) in enumerate(STATES):
-        chosen = states == code
-        if np.any(chosen):
-            share = np.mean(here["contact_state"].values == code)
-            label = f"{name} ({share:.0%})" if share >= 0.005 else f"{name} (< 1%)"
-            if name == "free":
-                axis.plot(*flights(time, places, chosen).T * 1e6, lw=0.6, color=colour, label=label, zorder=1)
-            else:
-                axis.plot(x[chosen], y[chosen], ".", ms=3, color=colour, label=label, zorder=2 + code)
-    if number(dataset, joint, "radial_clearance") is not None:
-        worn = np.any(worn_depth(dataset, joint) > 0)
-        label = "clearance, worn" if worn else "clearance circle"
-        axis.plot(*1e6 * outline(dataset, joint), "k--", lw=0.8, label=label)
-    axis.set_aspect("equal", adjustable="box")
+    path = middle_path(dataset, joint)
+    states = {
+        code: (with_share(name, path.share(code)), colour)
+        for code, (name, colour) in enumerate(STATES)
+        if np.any(path.state == code)
+    }
+    draw_path(axis, path, states)
     axis.set(xlabel="e_x, µm", ylabel="e_y, µm", title=f"pin centre in the sleeve of {joint}")
     legend_below(axis, 2, fontsize=8)
-
-
-def _path(here: xr.Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Times, places and contact states of one joint: at the samples, and at the step ends where these are known (an
-    impact may be shorter than the time between samples, a flight's step longer).
-    """
-    names = [("time", "eccentricity", "contact_state")]
-    if "step_state" in here:
-        names.append(("step_time", "step_eccentricity", "step_state"))
-    columns = zip(*names, strict=True)
-    time, places, states = (np.concatenate([here[name].values for name in column]) for column in columns)
-    places = places[:, :2]  # across the sleeve
-    time, order = np.unique(time, return_index=True)
-    return time, places[order], states[order]
 
 
 def save_figure(figure: Figure, path) -> None:

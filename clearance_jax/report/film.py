@@ -34,6 +34,15 @@ class AbstractFilm(abc.ABC):
     def show(self, k: int) -> Figure:
         """Draw frame `k`."""
 
+    def settle(self) -> None:
+        """Draw the first frame and lay the figure out, once: no frame moves what another one has put in its place."""
+        self.show(0)
+        self.figure.draw_without_rendering()
+        self.figure.set_layout_engine("none")
+
+    def __repr__(self) -> str:
+        return f"Film of {self.name}: {len(self)} frames, {self.fps:.3g} a second"
+
     def save(self, path: str | Path, progress: Callable[[float], None] | None = None) -> Path:
         """Write a GIF, or an MP4 where the program ffmpeg is there; whole or not at all, interrupted too.
 

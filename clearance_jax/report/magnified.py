@@ -3,71 +3,24 @@ stated factor. Bodies have their true size; how far a pin is from the middle of 
 times as much as it is.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
 from matplotlib.patches import Circle, Polygon, Rectangle
 
 from clearance_jax.errors import ClearanceError
-from clearance_jax.results.bearing import along_sleeve, is_through, kind, number, outline, sleeve_heights, worn_depth
+from clearance_jax.results.bearing import kind
+from clearance_jax.results.play import Play, penetration, pin_travel, play
 
 # What the play is exaggerated to if nothing is said: this part of the pin's radius, or a little less.
 SHOWN = 0.35
-# Of the pin's radius: the sleeve's wall, how far the longer of the two comes out, the collar's thickness, its radius by
-# default, and the radius of what joins it to a shorter pin.
-WALL, OUT, COLLAR, COLLAR_RADIUS, NECK = 0.3, 0.35, 0.25, 1.5, 0.6
+# Of the pin's radius: the sleeve's wall, how far the longer of the two comes out, the collar's thickness, and the
+# radius of what joins it to a shorter pin.
+WALL, OUT, COLLAR, NECK = 0.3, 0.35, 0.25, 0.6
 # Of a touch in a section: half the angle that is marked [rad]; samples of the trail that the pin's centre leaves.
 HALF_ANGLE, TRAIL = 0.35, 150
-# Of a joint's class the numbers that say how large it is, and how much play it has.
-SIZES = {
-    "RevoluteClearance": ("pin_radius", "radial_clearance"),
-    "SleeveClearance": ("pin_radius", "radial_clearance"),
-    "SphericalClearance": ("ball_radius", "radial_clearance"),
-    "GuideClearance": ("height", "side_clearance"),
-}
 SLEEVE, PIN, EDGE, CONTACT, PATH = "#c3d3e6", "0.82", "0.35", "tab:red", "tab:blue"
-
-
-class Joint(NamedTuple):
-    """What of a joint is drawn, at every sample: the pin's place in its sleeve [m], (times, 2 or 3), what its axis has
-    across, (times, 2), its turn (times,) [rad] if that is known; its size, its play and the factor on it; of what has a
-    length more sizes [m], the heights at which it may touch, and of a block its height and width; of a worn sleeve how
-    deep it is worn off, (sectors,), and how far the pin's centre can go [m], (2, points).
-    """
-
-    place: np.ndarray
-    tilt: np.ndarray
-    turn: np.ndarray | None
-    radius: float
-    clearance: float
-    factor: float
-    length: float | None = None
-    axial: float | None = None
-    collar: float = 0.0
-    ring: int = 0
-    through: bool = True
-    heights: np.ndarray = np.zeros(1)
-    block: tuple[float, float | None] | None = None
-    depth: np.ndarray = np.zeros(1)
-    outline: np.ndarray | None = None
-
-    @property
-    def wall(self) -> float:
-        """The radius of the sleeve as it is drawn [m]."""
-        return self.radius + self.factor * self.clearance
-
-    def around(self, angle: np.ndarray) -> np.ndarray:
-        """The wall at angles, as it is drawn [m], (2, angles)."""
-        sectors = 2 * np.pi * np.arange(self.depth.size) / self.depth.size
-        far = self.wall + self.factor * np.interp(angle, sectors, self.depth, period=2 * np.pi)
-        return far * np.stack([np.cos(angle), np.sin(angle)])
-
-    def centres(self, heights: np.ndarray) -> np.ndarray:
-        """Where the pin's centre is at heights along the sleeve [m], (times, heights, 2)."""
-        if self.length is None:
-            return np.repeat(self.place[:, None, :2], len(heights), axis=1)
-        return along_sleeve(self.place, self.tilt, heights, self.through)
 
 
 def round_factor(value: float) -> float:
@@ -76,82 +29,50 @@ def round_factor(value: float) -> float:
     return float(power * np.floor(max(value, 1.0) / power))
 
 
-def joint_of(dataset: xr.Dataset, name: str, factor: float | None = None) -> Joint:
-    """What of a joint is drawn. **Raises** `ClearanceError` for a joint of which there is no view."""
-    size, play = SIZES.get(kind(dataset, name), ("", ""))
-    radius, clearance, tilt = number(dataset, name, size), number(dataset, name, play), _tilt(dataset, name)
-    if radius is None or clearance is None or tilt is None:
+def magnify(dataset: xr.Dataset, name: str, factor: float | None = None) -> Play:
+    """A joint with its play exaggerated, by default so that it is seen. **Raises** `ClearanceError` for a joint of
+    which there is no view.
+    """
+    found = play(dataset, name)
+    if found is None:
         raise ClearanceError(
             f"`{name}` cannot be magnified: of what it is ({kind(dataset, name) or 'an older result does not say'}) "
             "there is no view, or not all is known. Choose a joint with a pin, a ball, or a block in the tree."
         )
-    here, drawn = dataset.sel(joint=name), list(dataset["coordinate"].values)
-    block = kind(dataset, name) == "GuideClearance"
-    radius = radius / 2 if block else radius
-    turn = dataset["q"].sel(coordinate=name).values if name in drawn and not block else None
-    factor = factor or round_factor(SHOWN * radius / clearance)
-    found = Joint(here["eccentricity"].values, tilt, turn, radius, clearance, factor)
-    if kind(dataset, name) == "RevoluteClearance" and worn_depth(dataset, name).any():
-        return found._replace(depth=worn_depth(dataset, name)[0], outline=outline(dataset, name))
-    if kind(dataset, name) == "SleeveClearance":
-        return found._replace(
-            length=number(dataset, name, "length"),
-            axial=number(dataset, name, "axial_clearance"),
-            collar=number(dataset, name, "collar_radius") or COLLAR_RADIUS * radius,
-            ring=int(dataset.attrs[f"clearance.{name}.ring"]),
-            through=is_through(dataset, name),
-            heights=sleeve_heights(dataset, name),
-        )
-    if block:
-        length, width = number(dataset, name, "length") or 0.0, number(dataset, name, "width")
-        ends = np.array([-0.5, 0.5]) * length
-        return found._replace(length=length, through=False, heights=ends, block=(2 * radius, width))
-    return found
+    return found._replace(factor=factor or round_factor(SHOWN * found.radius / found.clearance))
 
 
-def _tilt(dataset: xr.Dataset, name: str) -> np.ndarray | None:
-    """How a pin leans; of a block in the plane that closes a loop nothing says it."""
-    if "pin_tilt" in dataset:
-        return dataset["pin_tilt"].sel(joint=name).values
-    tilt, turn = np.zeros((dataset.sizes["time"], 2)), f"{name}.tilt_y"
-    if kind(dataset, name) == "GuideClearance":
-        if turn not in dataset["coordinate"].values:
-            return None
-        tilt[:, 0] = np.sin(dataset["q"].sel(coordinate=turn).values)
-    return tilt
+def bushing(axis: Any, bore: np.ndarray, radius: float, outside: float) -> tuple[Polygon, Circle]:
+    """A sleeve cut across, with its bore (2, points) and a pin of a radius in it; the bore and the pin, to be moved."""
+    axis.add_patch(Circle((0, 0), outside, fc=SLEEVE, ec="none", zorder=0))
+    wall = axis.add_patch(Polygon(bore.T, closed=True, fc="white", ec=EDGE, lw=1.2, zorder=1))
+    pin = axis.add_patch(Circle((0, 0), radius, fc=PIN, ec=EDGE, lw=1.2, alpha=0.9, zorder=2))
+    axis.set(xlim=(-1.06 * outside, 1.06 * outside), ylim=(-1.06 * outside, 1.06 * outside))
+    _bare(axis)
+    return wall, pin
 
 
 class Section:
-    """The joint cut across at a height [m]: the sleeve's circle, the pin's, and the pin's centre's path so far.
+    """The joint cut across: the sleeve's circle, the pin's, and the pin's centre's path so far.
 
-    **Arguments:** `axes`: which two of the sleeve's axes to look at.
+    **Arguments:** `station`: at which of its heights; `axes`: which two of the sleeve's axes to look at.
     """
 
-    def __init__(self, axis: Any, joint: Joint, height: float = 0.0, axes: tuple[int, int] = (0, 1)):
-        self.joint = joint
+    def __init__(self, axis: Any, joint: Play, station: int = 0, axes: tuple[int, int] = (0, 1)):
+        self.joint, self.station, depth = joint, station, joint.wear_depth(station)
         ball = joint.place.shape[1] == 3 and joint.length is None
-        across = joint.place[:, list(axes)] if ball else joint.centres(np.array([height]))[:, 0]
+        across = joint.place[:, list(axes)] if ball else joint.centres(joint.heights)[:, station]
         self.places = joint.factor * across
-        distance = np.linalg.norm(joint.place, axis=1) if ball else np.hypot(*across.T)
-        self.touching = distance > joint.clearance
-        wall, radius = joint.wall, joint.radius
-        outside = wall + WALL * radius + joint.factor * float(joint.depth.max())
-        axis.add_patch(Circle((0, 0), outside, fc=SLEEVE, ec="none", zorder=0))
-        bore = joint.around(np.linspace(0, 2 * np.pi, max(181, joint.depth.size + 1)))
-        axis.add_patch(Polygon(bore.T, closed=True, fc="white", ec=EDGE, lw=1.2, zorder=1))
-        self.pin = axis.add_patch(Circle((0, 0), radius, fc=PIN, ec=EDGE, lw=1.2, alpha=0.9, zorder=2))
+        deep = penetration(across, joint.clearance, depth)
+        self.touching = (np.linalg.norm(joint.place, axis=1) > joint.clearance) if ball else deep > 0
+        outside = joint.wall + WALL * joint.radius + joint.factor * float(depth.max())
+        bore = joint.around(np.linspace(0, 2 * np.pi, max(181, depth.size + 1)), station)
+        _, self.pin = bushing(axis, bore, joint.radius, outside)
         self.spoke = axis.plot([], [], color=EDGE, lw=1.0, zorder=2.5)[0]
-        if joint.outline is None:
-            axis.add_patch(Circle((0, 0), wall - radius, fill=False, ec="k", lw=0.7, ls="--", zorder=4))
-        else:
-            axis.plot(*joint.factor * joint.outline, color="k", lw=0.7, ls="--", zorder=4)
-            angle = 2 * np.pi * np.arange(joint.depth.size) / joint.depth.size
-            deep = across @ np.stack([np.cos(angle), np.sin(angle)]) - joint.depth
-            self.touching = deep.max(axis=1) > joint.clearance
+        axis.plot(*joint.factor * pin_travel(joint.clearance, depth), color="k", lw=0.7, ls="--", zorder=4)
         self.trail = axis.plot([], [], color=PATH, lw=0.8, zorder=5)[0]
         self.centre = axis.plot([], [], "o", ms=4, color=PATH, zorder=6)[0]
         self.mark = axis.plot([], [], color=CONTACT, lw=5, solid_capstyle="butt", zorder=7)[0]
-        _framed(axis, 1.06 * outside)
 
     def show(self, i: int) -> None:
         """Draw sample `i`."""
@@ -163,7 +84,7 @@ class Section:
             turn = self.joint.turn[i] + np.array([0.0, np.pi])
             self.spoke.set_data(x + self.joint.radius * np.cos(turn), y + self.joint.radius * np.sin(turn))
         around = np.arctan2(y, x) + np.linspace(-HALF_ANGLE, HALF_ANGLE, 15)
-        shown = self.joint.around(around)
+        shown = self.joint.around(around, self.station)
         self.mark.set_data(*(shown if self.touching[i] else ([], [])))
 
 
@@ -173,7 +94,7 @@ class Side:
     **Arguments:** `up`: which of the sleeve's axes across is upright, 0 or 1.
     """
 
-    def __init__(self, axis: Any, joint: Joint, up: int):
+    def __init__(self, axis: Any, joint: Play, up: int):
         if joint.block is not None:
             joint = joint._replace(radius=(joint.block[up] or 0.0) / 2)
         self.joint, self.up, half = joint, up, (joint.length or 0.0) / 2
@@ -258,11 +179,6 @@ class Side:
 
 def _box(left: float, right: float, half: float) -> np.ndarray:
     return np.array([[left, -half], [right, -half], [right, half], [left, half]])
-
-
-def _framed(axis: Any, reach: float) -> None:
-    axis.set(xlim=(-reach, reach), ylim=(-reach, reach))
-    _bare(axis)
 
 
 def _bare(axis: Any) -> None:

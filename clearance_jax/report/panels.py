@@ -10,7 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from clearance_jax.report.curves import envelope
-from clearance_jax.report.legends import legend_below
+from clearance_jax.report.style import legend_below
+from clearance_jax.results.places import bounds
 
 # Ticks of a time axis at most; columns of a picture in which a curve is no longer told from its envelope.
 TICKS, COLUMNS = 6, 500
@@ -18,6 +19,8 @@ TICKS, COLUMNS = 6, 500
 SHORT = 0.2
 # More curves than this are not told apart by a legend.
 MOST_NAMED = 10
+# Of the size of what is shown in space or in the plane: the room around it, and half the least extent of an axis.
+ROOM, LEAST = 0.12, 0.3
 
 
 class Panel(NamedTuple):
@@ -58,9 +61,11 @@ def panels(dataset: xr.Dataset) -> list[Panel]:
     efforts += _of_each_unit(dataset, "actuator_effort", "actuated", titles)
     if not efforts and "joint_reaction" in dataset:
         names = [str(name) for name in dataset["any_joint"].values]
-        efforts = [Panel("reactions in joints", partial(_sizes, "joint_reaction", "any_joint", names, "force, N"))]
-    paths = [Panel(f"path of {_listed(dataset)}", _path, _projection(dataset))] if "position" in dataset else []
-    return found + efforts + paths
+        efforts = [Panel("reactions in joints", partial(_curves, "joint_reaction", "any_joint", names, "force, N"))]
+    if "position" not in dataset:
+        return found + efforts
+    projection = "3d" if dataset.sizes["axis"] == 3 else None
+    return [*found, *efforts, Panel(f"path of {_listed(dataset)}", _path, projection)]
 
 
 def of_points(dataset: xr.Dataset) -> list[Panel]:
@@ -69,7 +74,7 @@ def of_points(dataset: xr.Dataset) -> list[Panel]:
         return []
     names, listed = [str(name) for name in dataset["point"].values], _listed(dataset)
     return [
-        Panel(f"{name} of {listed}", partial(_sizes, name, "point", names, label))
+        Panel(f"{name} of {listed}", partial(_curves, name, "point", names, label))
         for name, label in (("velocity", "speed, m/s"), ("acceleration", "acceleration, m/s²"))
     ]
 
@@ -87,31 +92,20 @@ def _of_each_unit(dataset: xr.Dataset, variable: str, dim: str, titles: dict[str
     for unit, title in titles.items():
         own = [str(name) for name in names[units == unit]]
         if own:
-            found.append(Panel(title, partial(_values, variable, dim, own, unit)))
+            found.append(Panel(title, partial(_curves, variable, dim, own, unit)))
     return found
 
 
-def _values(variable: str, dim: str, names: list[str], unit: str, axis: Any, dataset: xr.Dataset) -> None:
-    _curves(axis, dataset, names, lambda name: dataset[variable].sel({dim: name}).values)
-    axis.set_ylabel(unit)
-
-
-def _sizes(variable: str, dim: str, names: list[str], label: str, axis: Any, dataset: xr.Dataset) -> None:
-    _curves(axis, dataset, names, lambda name: np.linalg.norm(dataset[variable].sel({dim: name}).values, axis=-1))
-    axis.set_ylabel(label)
-
-
-def _curves(axis: Any, dataset: xr.Dataset, names: list[str], values: Callable[[str], np.ndarray]) -> None:
-    """Over time, with a legend where it tells several apart."""
+def _curves(variable: str, dim: str, names: list[str], label: str, axis: Any, dataset: xr.Dataset) -> None:
+    """Over time, of vectors their lengths, with a legend where it tells several apart."""
     factor = time_axis(axis, float(dataset["time"][-1]))
     for name in names:
-        curve(axis, factor * dataset["time"].values, values(name), name)
+        values = dataset[variable].sel({dim: name}).values
+        values = np.linalg.norm(values, axis=-1) if values.ndim > 1 else values
+        curve(axis, factor * dataset["time"].values, values, name)
+    axis.set_ylabel(label)
     if 1 < len(names) <= MOST_NAMED:
         legend_below(axis, fontsize=7)
-
-
-def _projection(dataset: xr.Dataset) -> str | None:
-    return "3d" if dataset.sizes["axis"] == 3 else None
 
 
 def _path(axis: Any, dataset: xr.Dataset) -> None:
@@ -120,23 +114,23 @@ def _path(axis: Any, dataset: xr.Dataset) -> None:
         places = dataset["position"].sel(point=name).values.T
         colour = axis.plot(*places, lw=0.8, label=str(name))[0].get_color()
         axis.plot(*places[:, :1], "o", ms=3, color=colour)
-    axis.set(xlabel="x, m", ylabel="y, m")
-    if _projection(dataset) is None:
-        axis.set_aspect("equal", adjustable="datalim")
-    else:
-        axis.set_zlabel("z, m")
-        _cube(axis, dataset["position"].values.reshape(-1, 3))
+    same_scale(axis, dataset["position"].values)
     if 1 < dataset.sizes["point"] <= MOST_NAMED:
         legend_below(axis, fontsize=7)
 
 
-def _cube(axis: Any, places: np.ndarray) -> None:
-    """The same scale along all three axes, about what is shown."""
-    least, greatest = np.nanmin(places, 0), np.nanmax(places, 0)
-    # What stands still has a cube too, of a size that needs no powers of ten beside its numbers.
-    half = 0.55 * max(float(np.max(greatest - least)), 0.02 * float(np.nanmax(np.abs(places))), 1e-9)
-    for k, name in enumerate("xyz"):
-        middle = float(least[k] + greatest[k]) / 2
-        getattr(axis, f"set_{name}lim")(middle - half, middle + half)
-        getattr(axis, f"{name}axis").set_major_locator(MaxNLocator(nbins=4))
-    axis.set_box_aspect((1, 1, 1))
+def same_scale(axis: Any, places: np.ndarray) -> np.ndarray:
+    """Axes of one scale around places (..., 2 or 3) [m]; their lowest corner."""
+    low, high = bounds(places)
+    # What stands still has axes too, of a size that needs no powers of ten beside its numbers.
+    size = max(float(np.max(high - low)), 0.02 * float(np.max(np.abs([low, high]))), 1e-9)
+    middle, half = 0.5 * (low + high), np.maximum(0.5 * (high - low) + ROOM * size, LEAST * size)
+    for name, centre, reach in zip("xyz", middle, half, strict=False):
+        getattr(axis, f"set_{name}lim")(centre - reach, centre + reach)
+        getattr(axis, f"set_{name}label")(f"{name}, m", labelpad=8 if len(half) == 3 else None)
+        getattr(axis, f"{name}axis").set_major_locator(MaxNLocator(nbins=3 if reach < 0.7 * half.max() else 5))
+    if len(half) == 3:
+        axis.set_box_aspect(tuple(half), zoom=0.93)
+    else:
+        axis.set_aspect("equal", adjustable="box")
+    return middle - half

@@ -4,7 +4,6 @@ exponents. Dataset of a sweep in, Figure out.
 
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
@@ -12,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from clearance_jax.errors import ClearanceError
-from clearance_jax.report.legends import legend_below
+from clearance_jax.report.style import STYLED, legend_below
 from clearance_jax.report.sweep_axes import (
     CODE,
     Exponent,
@@ -30,7 +29,6 @@ from clearance_jax.report.sweep_axes import (
     words,
 )
 
-STYLED = mpl.rc_context({"axes.grid": True, "grid.alpha": 0.3, "font.size": 9, "axes.axisbelow": True})
 # A diagram of more points than this is drawn with smaller ones; areas of both [pt^2].
 MANY, LARGE, SMALL = 20_000, 4.0, 0.5
 # Sections drawn at most; of how few points one is drawn with larger ones; how much a panel shows of all there is.

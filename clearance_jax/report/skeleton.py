@@ -1,60 +1,121 @@
-"""A mechanism as it moves, in the plane or in space, by a dataset's marks: bodies as lines between their joints."""
+"""A mechanism on axes, in the plane or in space: bodies, joints, springs, the paths of its points. A film moves it, a
+still picture shows one sample.
+"""
 
+import itertools
 from typing import Any
 
 import numpy as np
-import xarray as xr
-from matplotlib.ticker import MaxNLocator
+from matplotlib.patches import Polygon
 from mpl_toolkits.mplot3d.proj3d import proj_transform
 
-from clearance_jax.errors import ClearanceError
+from clearance_jax.report.panels import same_scale
+from clearance_jax.results.places import Places
 
-GROUND = "ground"
-# Of the size of the mechanism: the room around it, and half the least extent that is drawn.
-ROOM, LEAST = 0.12, 0.3
-# A joint whose two places are further from each other than this part of the size is one that slides.
-APART = 0.02
+# Of the size of the mechanism: how broad a body is that is drawn as a plate; half a slider's length and breadth, half
+# the length of its guide.
+PLATE, SLIDER, BREADTH, GUIDE = 0.02, 0.045, 0.027, 0.13
 # From where space is looked at [degree].
 ELEVATION, AZIMUTH = 22.0, -58.0
+# Corners of a slider, and two rails beside it: along, across.
+CORNERS = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)]) * (SLIDER, BREADTH)
+RAILS = np.array([(-1, 1), (1, 1), (np.nan, 1), (-1, -1), (1, -1)]) * (GUIDE, BREADTH)
+# Of bodies; not red, which is that of joints with clearance.
+COLOURS = ("C1", "C2", "C0", "C4", "C5", "C6", "C8", "C9")
+LINK: Any = {"lw": 4, "solid_capstyle": "round", "solid_joinstyle": "round", "zorder": 2, "alpha": 0.9}
 
 
 class Skeleton:
-    """Axes with the mechanism on it; `show(i)` puts it where it is at sample `i`.
+    """Axes with a mechanism on it; `show(i)` puts it where it is at sample `i`.
 
-    **Arguments:** `axis`: axes, of projection "3d" where the dataset has three; `joint`: the joint to point at.
+    **Arguments:** `axis`: axes, of projection "3d" where places have three; `joint`: the joint to point at; `whole`:
+    whether the paths of points are drawn from the first sample to the last, not so far.
     """
 
-    def __init__(self, axis: Any, dataset: xr.Dataset, joint: str | None = None):
-        if "mark_position" not in dataset:
-            raise ClearanceError(
-                "This result does not say where the mechanism's parts are: it was written by an older version. "
-                "Simulate again."
-            )
-        self.axis, self.places = axis, dataset["mark_position"].values
-        self._names = [str(name) for name in dataset["mark"].values]
-        self._bodies = [str(name) for name in dataset["mark_body"].values]
-        self._joined = [str(name) for name in dataset["any_joint"].values]
-        self._limit(axis)
-        self._ground(axis)
-        self._lines = self._links(axis) + self._pairs(axis)
-        self._trails = self._points(axis, dataset)
-        self._joints(axis, dataset, joint)
+    def __init__(self, axis: Any, places: Places, joint: str | None = None, whole: bool = False):
+        self.axis, self.places, self.size, self.whole = axis, places, places.size, whole
+        self._lines, self._plates, self._sliders = [], [], []
+        floor = same_scale(axis, places.at)[-1]
+        if self.in_space:
+            axis.view_init(ELEVATION, AZIMUTH)
+        for mark in places.ground:
+            self._support(places.at[0, mark], floor)
+        for marks, colour in zip(places.bodies.values(), itertools.cycle(COLOURS), strict=False):
+            self._body(marks, colour)
+        for name, pair in places.pairs.items():
+            self._pair(name, pair)
+        for name, mark in places.joints.items():
+            edge, size, width = ("tab:red", 8, 1.3) if name in places.loose else ("k", 5, 1.3)
+            size, width = (12, 2.2) if name == joint else (size, width)
+            self._line([mark], marker="o", ms=size, mfc="white", mec=edge, mew=width, zorder=5)
+        self._trails = [(self._plot(color="0.5", lw=0.9, zorder=0.8), mark) for mark in places.points.values()]
+        self._label = None if joint is None else (self._called(joint), places.joints[joint])
         self.show(0)
 
     @property
     def in_space(self) -> bool:
         """Whether it has a third axis."""
-        return self.places.shape[-1] == 3
+        return self.places.at.shape[-1] == 3
 
     def show(self, i: int) -> None:
         """Draw sample `i`."""
-        for line, chosen in self._lines:
-            _put(line, self.places[i, chosen])
+        at = self.places.at[i]
+        for line, marks in self._lines:
+            _put(line, at[marks])
+        for plate, marks in self._plates:
+            plate.set_xy(_around(at[marks]))
+        for block, guide, name, mark in self._sliders:
+            x, y = self.places.slides[name][i]
+            turned = self.size * np.array([[x, y], [-y, x]])
+            block.set_xy(at[mark] + CORNERS @ turned)
+            _put(guide, at[mark] + RAILS @ turned)
         for line, mark in self._trails:
-            _put(line, self.places[: i + 1, mark])
+            _put(line, self.places.at[: None if self.whole else i + 1, mark])
         if self._label is not None:
             text, mark = self._label
-            text.xy = self._on_page(self.places[i, mark])
+            text.xy = self._on_page(at[mark])
+
+    def _plot(self, places: np.ndarray | None = None, **style: Any) -> Any:
+        """A line through places, or one that has none yet."""
+        none = np.zeros((0, self.places.at.shape[-1]))
+        return self.axis.plot(*(none if places is None else places).T, **style)[0]
+
+    def _line(self, marks: list[int], **style: Any) -> None:
+        """A line through marks that moves with them."""
+        self._lines.append((self._plot(self.places.at[0, marks], **style), marks))
+
+    def _support(self, at: np.ndarray, floor: float) -> None:
+        """What the ground carries: a triangle, in space a post on the floor."""
+        if self.in_space:
+            foot = np.array([*at[:2], min(floor, at[2])])
+            self._plot(np.stack([foot, at]), color="0.6", lw=5, solid_capstyle="butt")
+            self._plot(foot[None], marker="s", ms=12, mfc="0.75", mec="0.5")
+        else:
+            self._plot(at[None], marker="^", ms=14, mfc="0.85", mec="0.4", zorder=0.5)
+
+    def _body(self, marks: list[int], colour: str) -> None:
+        """A plate that its marks span, or a star: from its own joint to whatever else it carries."""
+        at = self.places.at[0, marks]
+        if not self.in_space and np.linalg.svd(at - at.mean(axis=0), compute_uv=False)[1] > PLATE * self.size:
+            plate = Polygon(at, closed=True, fc=colour, ec=colour, alpha=0.4, lw=2, zorder=1)
+            self._plates.append((self.axis.add_patch(plate), marks))
+        else:
+            self._line([mark for other in marks[1:] for mark in (marks[0], other)], color=colour, **LINK)
+
+    def _pair(self, name: str, pair: list[int]) -> None:
+        """A spring, or what slides: with a block between rails where it is."""
+        self._line(pair, color="0.45", lw=1.2, ls=(0, (4, 2)), zorder=1)
+        if name in self.places.slides and self.in_space:
+            self._line(pair[1:], marker="s", ms=15, mfc="0.85", mec="0.4", zorder=1.5)
+        elif name in self.places.slides:
+            block = self.axis.add_patch(Polygon(CORNERS, closed=True, fc="0.85", ec="0.4", zorder=1.5))
+            self._sliders.append((block, self._plot(color="0.4", lw=1.5, zorder=0.6), name, pair[1]))
+
+    def _called(self, joint: str) -> Any:
+        """The name of a joint beside it."""
+        style: Any = {"xytext": (9, 9), "textcoords": "offset points", "fontsize": 11, "zorder": 6, "color": "tab:red"}
+        style |= {"bbox": {"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.5}}
+        return self.axis.annotate(joint, self._on_page(self.places.at[0, self.places.joints[joint]]), **style)
 
     def _on_page(self, place: np.ndarray) -> tuple[float, float]:
         """Where a place is in the axes' own plane."""
@@ -62,88 +123,15 @@ class Skeleton:
             return float(place[0]), float(place[1])
         return proj_transform(place[0], place[1], place[2], self.axis.get_proj())[:2]
 
-    def _limit(self, axis: Any) -> None:
-        """One scale along all axes, for the whole motion."""
-        every = self.places.reshape(-1, self.places.shape[-1])
-        low, high = np.nanmin(every, 0), np.nanmax(every, 0)
-        size = self.size = float(max(np.max(high - low), 1e-9))
-        half = np.maximum(0.5 * (high - low) + ROOM * size, LEAST * size)
-        for name, middle, reach in zip("xyz", 0.5 * (low + high), half, strict=False):
-            getattr(axis, f"set_{name}lim")(middle - reach, middle + reach)
-            getattr(axis, f"set_{name}label")(f"{name}, m", labelpad=8 if self.in_space else None)
-            getattr(axis, f"{name}axis").set_major_locator(MaxNLocator(nbins=3 if reach < 0.7 * half.max() else 5))
-        if self.in_space:
-            axis.set_box_aspect(tuple(half), zoom=0.93)
-            axis.view_init(ELEVATION, AZIMUTH)
-            self.low = float((0.5 * (low + high) - half)[2])
-        else:
-            axis.set_aspect("equal", adjustable="box")
-
-    def _ground(self, axis: Any) -> None:
-        """What the ground carries: triangles, in space posts on a floor."""
-        for mark in self._of(GROUND):
-            at = self.places[0, mark]
-            if self.in_space:
-                foot = np.array([*at[:2], min(self.low, at[2])])
-                axis.plot(*np.stack([foot, at]).T, color="0.6", lw=5, solid_capstyle="butt")
-                axis.plot(*foot[:, None], marker="s", ms=12, mfc="0.75", mec="0.5")
-            else:
-                axis.plot(*at, marker="^", ms=14, mfc="0.85", mec="0.4", zorder=0.5)
-
-    def _links(self, axis: Any) -> list:
-        """Every body as a star: from its own joint to whatever else it carries."""
-        found = []
-        for k, body in enumerate(dict.fromkeys(self._bodies)):
-            if body == GROUND:
-                continue
-            first, *rest = self._of(body)
-            path = [mark for other in rest for mark in (first, other)]
-            style = {"lw": 4, "solid_capstyle": "round", "solid_joinstyle": "round", "zorder": 2, "alpha": 0.9}
-            found.append((axis.plot(*self.places[0, path].T, color=f"C{k % 10}", **style)[0], path))
-        return found
-
-    def _pairs(self, axis: Any) -> list:
-        """What slides, with a block where it is, and springs: whatever has its two ends apart."""
-        found = []
-        for name in dict.fromkeys(self._names):
-            pair = [mark for mark, other in enumerate(self._names) if other == name][:2]
-            if len(pair) == 2 and np.ptp(self.places[:, pair], axis=1).max() > APART * self.size:
-                line = axis.plot(*self.places[0, pair].T, color="0.45", lw=1.2, ls=(0, (4, 2)), zorder=1)[0]
-                found.append((line, pair))
-                if name in self._joined:
-                    block = axis.plot(*self.places[0, pair[1:]].T, "s", ms=15, mfc="0.85", mec="0.4", zorder=1.5)[0]
-                    found.append((block, pair[1:]))
-        return found
-
-    def _points(self, axis: Any, dataset: xr.Dataset) -> list:
-        """The paths of the named points so far."""
-        named = [str(name) for name in dataset["point"].values] if "point" in dataset.coords else []
-        marks = [self._names.index(name) for name in named]
-        return [(axis.plot([], [], *([[]] if self.in_space else []), color="0.5", lw=0.9)[0], m) for m in marks]
-
-    def _joints(self, axis: Any, dataset: xr.Dataset, joint: str | None) -> None:
-        """A ring at every joint, red where it has play; the one pointed at is called by its name."""
-        loose = [str(name) for name in dataset["joint"].values] if "joint" in dataset.coords else []
-        self._label = None
-        for name in self._joined:
-            # The place on the child, which the joint's own name labels last.
-            mark = len(self._names) - 1 - self._names[::-1].index(name)
-            edge, size = ("tab:red", 8) if name in loose else ("k", 5)
-            ring = axis.plot(*self.places[0, mark][:, None], "o", ms=size, mfc="white", mec=edge, mew=1.3, zorder=5)[0]
-            self._lines.append((ring, [mark]))
-            if name == joint:
-                ring.set(markersize=12, markeredgewidth=2.2)
-                style = {"xytext": (9, 9), "textcoords": "offset points", "fontsize": 11, "zorder": 6}
-                style |= {"bbox": {"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.5}}
-                text = axis.annotate(name, self._on_page(self.places[0, mark]), color="tab:red", **style)
-                self._label = text, mark
-
-    def _of(self, body: str) -> list[int]:
-        return [mark for mark, other in enumerate(self._bodies) if other == body]
-
 
 def _put(line: Any, places: np.ndarray) -> None:
     if places.shape[-1] == 3:
         line.set_data_3d(*places.T)
     else:
         line.set_data(*places.T)
+
+
+def _around(places: np.ndarray) -> np.ndarray:
+    """Places (k, 2) in the order in which they lie around their middle."""
+    away = places - places.mean(axis=0)
+    return places[np.argsort(np.arctan2(away[:, 1], away[:, 0]))]

@@ -5,7 +5,6 @@ and those that fit a dataset. Dataset in, Figure out.
 from collections.abc import Mapping
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 import xarray as xr
 from matplotlib.cm import ScalarMappable
@@ -15,8 +14,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from clearance_jax.errors import ClearanceError
-from clearance_jax.report.legends import legend_below
 from clearance_jax.report.recurrence_figures import bifurcation, exponents, section, sections
+from clearance_jax.report.style import STYLED, legend_below
 from clearance_jax.report.sweep_axes import (
     CODE,
     Shown,
@@ -37,7 +36,6 @@ from clearance_jax.report.sweep_axes import (
 )
 from clearance_jax.results.sobol import Indices
 
-STYLED = mpl.rc_context({"axes.grid": True, "grid.alpha": 0.3, "font.size": 9, "axes.axisbelow": True})
 COLOURS, FAILED = "viridis", "0.8"
 # Panels of a heat map, curves told apart by colour, bins of a scattered axis, lines of parallel coordinates, at most.
 PANELS, CURVES, BINS, LINES = 6, 6, 24, 2000

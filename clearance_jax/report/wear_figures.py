@@ -8,41 +8,41 @@ import matplotlib as mpl
 import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Polygon
+from matplotlib.patches import Circle
 from matplotlib.ticker import MaxNLocator
 
 from clearance_jax.errors import ClearanceError
 from clearance_jax.report.film import DPI, FPS, STYLE, AbstractFilm
-from clearance_jax.report.legends import legend_below
-from clearance_jax.report.magnified import SHOWN, SLEEVE, WALL, round_factor
+from clearance_jax.report.magnified import EDGE, SHOWN, WALL, bushing, round_factor
+from clearance_jax.report.style import STYLED, legend_below, length_unit
 from clearance_jax.report.sweep_axes import shown
 
-STYLED: Any = {"axes.grid": True, "grid.alpha": 0.3, "font.size": 9, "axes.axisbelow": True}
 # Ages at which profiles are drawn; frames of a film, and how many a second.
 AGES, FRAMES, SLOW = 6, 80, FPS / 2
 PALE, MARK = "0.75", "tab:red"
 
 
+@STYLED
 def overview(dataset: xr.Dataset) -> Figure:
     """Profiles over the angle, the bore magnified, growth over the life, and what was watched, or the volume.
 
     **Raises:** `ClearanceError` for a dataset that is no life.
     """
     check(dataset)
-    with mpl.rc_context(STYLED):
-        figure = Figure(figsize=(12, 7.5), layout="constrained")
-        grid = figure.add_gridspec(2, 5)
-        profiles(figure.add_subplot(grid[0, :3]), dataset)
-        bore(figure.add_subplot(grid[0, 3:]), dataset)
-        rest: Any = figure.add_subplot(grid[1, :3]), figure.add_subplot(grid[1, 3:])
-        one, other = rest
-        growth(one, dataset)
-        watched(other, dataset) if "watched" in dataset else volume(other, dataset)
-        end = f", life {dataset.attrs['life']:.6g} cycles" if "life" in dataset.attrs else ""
-        figure.suptitle(f"{dataset.attrs.get('name', dataset.attrs['mechanism'])}: joint {dataset.attrs['joint']}{end}")
+    figure = Figure(figsize=(12, 7.5), layout="constrained")
+    grid = figure.add_gridspec(2, 5)
+    profiles(figure.add_subplot(grid[0, :3]), dataset)
+    bore(figure.add_subplot(grid[0, 3:]), dataset)
+    rest: Any = figure.add_subplot(grid[1, :3]), figure.add_subplot(grid[1, 3:])
+    one, other = rest
+    growth(one, dataset)
+    watched(other, dataset) if "watched" in dataset else volume(other, dataset)
+    end = f", life {dataset.attrs['life']:.6g} cycles" if "life" in dataset.attrs else ""
+    figure.suptitle(f"{dataset.attrs.get('name', dataset.attrs['mechanism'])}: joint {dataset.attrs['joint']}{end}")
     return figure
 
 
+@STYLED
 def intervals(dataset: xr.Dataset, name: str) -> Figure:
     """How long parts last against a number of theirs: the maintenance interval (`Lives.to_dataset`)."""
     if name not in dataset or "life" not in dataset:
@@ -50,29 +50,34 @@ def intervals(dataset: xr.Dataset, name: str) -> Figure:
     order = np.argsort(dataset[name].values, kind="stable")
     told = shown(dataset[name], name)
     x, y = told.factor * dataset[name].values[order], dataset["life"].values[order]
-    with mpl.rc_context(STYLED):
-        figure = Figure(figsize=(6.5, 4), layout="constrained")
-        axis = figure.add_subplot()
-        ended = np.isfinite(y)
-        axis.plot(x[ended], y[ended], "o-", ms=3.5, lw=1.2)
-        if not ended.all():
-            most = dataset.attrs["cycles"]
-            axis.plot(x[~ended], np.full(np.sum(~ended), most), "^", color=MARK, label=f"more than {most} cycles")
-            legend_below(axis, fontsize=8)
-        axis.set(xlabel=f"{name}, {told.unit}" if told.unit else name, ylabel="life, cycles", ylim=(0, None))
+    figure = Figure(figsize=(6.5, 4), layout="constrained")
+    axis = figure.add_subplot()
+    draw_lives(axis, x, y, dataset.attrs["cycles"])
+    if not np.isfinite(y).all():
+        legend_below(axis, fontsize=8)
+    axis.set(xlabel=f"{name}, {told.unit}" if told.unit else name, ylabel="life, cycles", ylim=(0, None))
     return figure
 
 
+def draw_lives(axis: Any, x: np.ndarray, lives: np.ndarray, most: int, name: str = "") -> None:
+    """Lives over a number; of those that have not ended after `most` cycles, that many."""
+    ended = np.isfinite(lives)
+    (line,) = axis.plot(x[ended], lives[ended], "o-", ms=4, lw=1, label=name or "until the bound is met")
+    if not ended.all():
+        longer = f"more than {most} cycles" + (f" ({name})" if name else "")
+        axis.plot(x[~ended], np.full(np.sum(~ended), most), "^", color=line.get_color(), label=longer)
+
+
+@STYLED
 def failures(found: Any) -> Figure:
     """The probability of failure over the life, with its confidence band (`wear.Failures`)."""
-    with mpl.rc_context(STYLED):
-        figure = Figure(figsize=(6.5, 4), layout="constrained")
-        axis = figure.add_subplot()
-        band = f"{100 * found.confidence:g} % confidence"
-        axis.fill_between(found.cycles, found.low, found.high, step="post", color=PALE, lw=0, label=band)
-        axis.step(found.cycles, found.probability, where="post", lw=1.4, label="of the samples")
-        axis.set(xlabel="cycles", ylabel="probability of failure", ylim=(0, 1), xlim=(0, None))
-        legend_below(axis, fontsize=8)
+    figure = Figure(figsize=(6.5, 4), layout="constrained")
+    axis = figure.add_subplot()
+    band = f"{100 * found.confidence:g} % confidence"
+    axis.fill_between(found.cycles, found.low, found.high, step="post", color=PALE, lw=0, label=band)
+    axis.step(found.cycles, found.probability, where="post", lw=1.4, label="of the samples")
+    axis.set(xlabel="cycles", ylabel="probability of failure", ylim=(0, 1), xlim=(0, None))
+    legend_below(axis, fontsize=8)
     return figure
 
 
@@ -90,9 +95,9 @@ def is_life(dataset: xr.Dataset) -> bool:
 def profiles(axis: Any, dataset: xr.Dataset) -> None:
     """Depths over the angle at several ages, evenly over the life."""
     angle = np.degrees(dataset["angle"].values)
-    factor, unit = _scaled(float(dataset["deepest"].max()))
+    factor, unit = length_unit(float(dataset["deepest"].max()))
     for age, colour in _aged(dataset):
-        axis.plot(angle, factor * _at(dataset, "depth", age), color=colour, lw=1.2, label=f"{age:.0f} cycles")
+        axis.plot(angle, factor * _depth(dataset, age), color=colour, lw=1.2, label=f"{age:.0f} cycles")
     axis.set(xlabel="angle around the sleeve, deg", ylabel=f"depth of wear, {unit}", xlim=(0, 360), ylim=(0, None))
     axis.set_xticks(np.arange(0, 361, 45))
     axis.set_title("profile")
@@ -113,7 +118,7 @@ def bore(axis: Any, dataset: xr.Dataset) -> None:
 def growth(axis: Any, dataset: xr.Dataset) -> None:
     """How far depth and clearance have grown."""
     cycle, clearance = dataset["cycle"].values, dataset["radial_clearance"].values
-    factor, unit = _scaled(float(dataset["deepest"].max()))
+    factor, unit = length_unit(float(dataset["deepest"].max()))
     for name, values in (
         ("largest depth", dataset["deepest"].values),
         ("mean depth", dataset["mean_depth"].values),
@@ -151,11 +156,6 @@ def _over_life(axis: Any, dataset: xr.Dataset) -> None:
     axis.xaxis.set_major_locator(MaxNLocator(nbins=6))
 
 
-def _scaled(largest: float) -> tuple[float, str]:
-    """By what lengths are multiplied to be drawn, and in which unit."""
-    return (1e9, "nm") if largest < 1e-6 else (1e6, "µm") if largest < 1e-3 else (1e3, "mm")
-
-
 def _last(dataset: xr.Dataset) -> float:
     """The age at which it ends: what the last block went beyond it has not been lived."""
     return float(dataset.attrs.get("life", dataset["cycle"][-1]))
@@ -167,20 +167,15 @@ def _aged(dataset: xr.Dataset) -> list[tuple[float, Any]]:
     return list(zip(ages, mpl.colormaps["viridis"](np.linspace(0.9, 0.0, AGES)), strict=True))
 
 
-def _at(dataset: xr.Dataset, name: str, age: float) -> np.ndarray:
-    """A variable at an age, between blocks by interpolation."""
-    cycle, values = dataset["cycle"].values, dataset[name].values
-    k = int(np.clip(np.searchsorted(cycle, age) - 1, 0, len(cycle) - 2)) if len(cycle) > 1 else 0
-    if len(cycle) == 1:
-        return values[0]
-    part = (age - cycle[k]) / (cycle[k + 1] - cycle[k])
-    return (1 - part) * values[k] + part * values[k + 1]
+def _depth(dataset: xr.Dataset, age: float) -> np.ndarray:
+    """Depths at an age [m], (sectors,), between blocks by interpolation."""
+    return np.array([np.interp(age, dataset["cycle"].values, depths) for depths in dataset["depth"].values.T])
 
 
 def _factors(dataset: xr.Dataset) -> tuple[float, float]:
     """How many times clearance and wear are magnified beside the pin: alike, or wear more, so that it is seen."""
     reach = SHOWN * float(dataset.attrs["pin_radius"])
-    gap = round_factor(reach / _gap(dataset))
+    gap = round_factor(reach / float(dataset.attrs["unworn_clearance"]))
     return gap, max(gap, round_factor(reach / max(float(dataset["deepest"].max()), 1e-12)))
 
 
@@ -189,16 +184,11 @@ def _magnified(factors: tuple[float, float]) -> str:
     return f"clearance and wear × {gap}" if gap == worn else f"clearance × {gap}, wear × {worn}"
 
 
-def _gap(dataset: xr.Dataset) -> float:
-    """The radial clearance of the sleeve before it wore [m]."""
-    return float(dataset.attrs["unworn_clearance"])
-
-
 def _bore(dataset: xr.Dataset, age: float, factors: tuple[float, float]) -> np.ndarray:
     """The outline of the bore, (2, sectors + 1), closed."""
-    angle, depth = dataset["angle"].values, _at(dataset, "depth", age)
-    radius = float(dataset.attrs["pin_radius"]) + factors[0] * _gap(dataset) + factors[1] * depth
-    outline = radius * np.stack([np.cos(angle), np.sin(angle)])
+    angle, depth = dataset["angle"].values, _depth(dataset, age)
+    radius, clearance = float(dataset.attrs["pin_radius"]), float(dataset.attrs["unworn_clearance"])
+    outline = (radius + factors[0] * clearance + factors[1] * depth) * np.stack([np.cos(angle), np.sin(angle)])
     return np.concatenate([outline, outline[:, :1]], axis=1)
 
 
@@ -209,7 +199,7 @@ class WearFilm(AbstractFilm):
         check(dataset)
         self.dataset, self.fps, self.name = dataset, fps, str(dataset.attrs.get("name", dataset.attrs["joint"]))
         self.ages = np.linspace(0.0, _last(dataset), frames)
-        self._factors, (self._micro, unit) = _factors(dataset), _scaled(float(dataset["deepest"].max()))
+        self._factors, (self._micro, unit) = _factors(dataset), length_unit(float(dataset["deepest"].max()))
         with mpl.rc_context(STYLE):
             self.figure = Figure(figsize=(9, 5), dpi=DPI, layout="constrained")
             parts: Any = self.figure.subfigures(1, 2, width_ratios=(1.0, 1.1))
@@ -220,10 +210,7 @@ class WearFilm(AbstractFilm):
             growth(lower, dataset)
             self._cursor = lower.axvline(0.0, color="k", lw=1.2)
             self._clock = self.figure.suptitle("", fontsize=11)
-            self.show(0)
-            # Laid out once: no frame moves what another one has put in its place.
-            self.figure.draw_without_rendering()
-        self.figure.set_layout_engine("none")
+            self.settle()
 
     def __len__(self) -> int:
         return len(self.ages)
@@ -232,28 +219,22 @@ class WearFilm(AbstractFilm):
         """Draw frame `k`."""
         age = float(self.ages[k])
         self._wall.set_xy(_bore(self.dataset, age, self._factors).T)
-        self._curve.set_ydata(self._micro * _at(self.dataset, "depth", age))
+        self._curve.set_ydata(self._micro * _depth(self.dataset, age))
         self._cursor.set_xdata([age, age])
         self._clock.set_text(f"{self.name}   {age:.0f} cycles")
         return self.figure
-
-    def __repr__(self) -> str:
-        return f"Film of {self.name}: {len(self)} frames, {self.fps:.3g} a second"
 
     def _ring(self, axis: Any) -> None:
         """The pin, its sleeve cut across, and its bore before it wore."""
         radius, last = float(self.dataset.attrs["pin_radius"]), _last(self.dataset)
         far = float(np.hypot(*_bore(self.dataset, last, self._factors)).max()) + WALL * radius
-        axis.add_patch(Circle((0, 0), far, fc=SLEEVE, ec="0.35", lw=1.0))
-        self._wall = axis.add_patch(Polygon(np.zeros((1, 2)), closed=True, fc="white", ec="0.35", lw=1.0))
-        axis.add_patch(Circle((0, 0), radius, fc="0.82", ec="0.35", lw=1.0))
-        axis.plot(*_bore(self.dataset, 0.0, self._factors), color="0.35", lw=0.8, ls="--")
-        axis.set(xlim=(-1.05 * far, 1.05 * far), ylim=(-1.05 * far, 1.05 * far), aspect="equal")
-        axis.set_axis_off()
+        new = _bore(self.dataset, 0.0, self._factors)
+        self._wall, _ = bushing(axis, new, radius, far)
+        axis.plot(*new, color=EDGE, lw=0.8, ls="--")
         axis.set_title(_magnified(self._factors), fontsize=9)
 
     def _over_angle(self, axis: Any, unit: str) -> Any:
-        angle, last = np.degrees(self.dataset["angle"].values), _at(self.dataset, "depth", _last(self.dataset))
+        angle, last = np.degrees(self.dataset["angle"].values), _depth(self.dataset, _last(self.dataset))
         axis.plot(angle, self._micro * last, color=PALE, lw=1)
         axis.set(xlabel="angle around the sleeve, deg", ylabel=f"depth, {unit}", xlim=(0, 360), ylim=(0, None))
         axis.set_xticks(np.arange(0, 361, 90))

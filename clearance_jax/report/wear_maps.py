@@ -7,9 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from clearance_jax.errors import ClearanceError
-
-# The largest depth is written with one to three digits before the point.
-UNITS = ((1e-3, "mm", 1e3), (1e-6, "µm", 1e6), (0.0, "nm", 1e9))
+from clearance_jax.report.style import length_unit
 
 
 def wear_map(worn: Any, title: str = "") -> Figure:
@@ -23,7 +21,7 @@ def wear_map(worn: Any, title: str = "") -> Figure:
     angle, heights, depth = (np.asarray(x) for x in (worn.angle, worn.heights, worn.depth))
     if len(heights) < 2:
         raise ClearanceError("A wear map needs a joint with stations along its sleeve, but this one wears evenly.")
-    unit, factor = next((name, factor) for least, name, factor in UNITS if depth.max() >= least)
+    factor, unit = length_unit(float(depth.max()))
     # A station's strip ends halfway to the next.
     edges = 1e3 * np.concatenate([heights[:1], 0.5 * (heights[1:] + heights[:-1]), heights[-1:]])
     across = np.degrees(np.append(angle, 2 * np.pi) - 0.5 * (angle[1] - angle[0]))

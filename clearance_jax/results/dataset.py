@@ -63,6 +63,16 @@ def to_dataset(
     return xr.Dataset(data, coords, said | provenance)
 
 
+def picture_dataset(mechanism: Mechanism, time: np.ndarray, picture: dict[str, Any]) -> xr.Dataset:
+    """What a picture shows of a motion (`marks.picture`, at times [s]), as a dataset of which that can be drawn."""
+    labelled = labels(mechanism) | marks.labels(mechanism)
+    if "penetration" in picture:
+        picture = picture | {"contact_state": (picture["penetration"] > 0).astype(int)}
+    coords: dict[str, Any] = {name: label for name, label in labelled.items() if label[1]}
+    coords["time"] = ("time", time, {"units": "s"})
+    return xr.Dataset(_variables("time", picture, VARIABLES, labelled), coords, _numbers(mechanism))
+
+
 def _samples(solved: Solution) -> tuple[np.ndarray, np.ndarray]:
     """Times and states that the solve reached."""
     if solved.time.ndim != 1:
@@ -136,14 +146,15 @@ def _attributes(mechanism: Mechanism, solved: Solution, message: str) -> dict[st
         "accepted_steps": int(solved.steps),
         "rejected_steps": int(solved.rejected),
         "energy_residual": float(solved.energy_residual),
-        **{f"parameter.{n}": np.asarray(leaf.value) for n, leaf in parameters(mechanism).items()},
-        **_kinds(mechanism),
+        **_numbers(mechanism),
     }
 
 
-def _kinds(mechanism: Mechanism) -> dict[str, Any]:
-    """Of every clearance joint what it is, `clearance.NAME`, and what of it is no number but chosen."""
-    found: dict[str, Any] = {}
+def _numbers(mechanism: Mechanism) -> dict[str, Any]:
+    """Every number of the mechanism, and of every clearance joint what it is, `clearance.NAME`, and what of it is no
+    number but chosen.
+    """
+    found: dict[str, Any] = {f"parameter.{n}": np.asarray(leaf.value) for n, leaf in parameters(mechanism).items()}
     for joint in mechanism.clearance_joints():
         found[f"clearance.{joint.name}"] = type(joint.clearance).__name__
         for field in dataclasses.fields(joint.clearance):

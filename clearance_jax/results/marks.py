@@ -7,8 +7,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from clearance_jax._types import Scalar
-from clearance_jax.dynamics.kinematics import Frames, frames
-from clearance_jax.dynamics.observe import axes_of
+from clearance_jax.dynamics.kinematics import frames
+from clearance_jax.dynamics.observe import axes_of, observe
 from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.body import GROUND
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -16,6 +16,9 @@ from clearance_jax.mechanism.placement import Position
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.spatial import as_array
+
+# What a picture shows of a mechanism beside the places of its marks: variables of a dataset.
+SHOWN = "q", "eccentricity", "penetration", "pin_tilt"
 
 
 class Mark(NamedTuple):
@@ -28,23 +31,18 @@ class Mark(NamedTuple):
     at: Position
 
 
-def carried(mechanism: AbstractMechanism, body: str) -> list[Mark]:
-    """What a body carries; a body that carries one thing only has its centre of mass beside it."""
-    joints, springs = mechanism.all_joints(), mechanism.springs
-    found = [Mark(j.name, body, j.at_child) for j in joints if j.child == body]
-    found += [Mark(j.name, body, j.at_parent) for j in joints if j.parent == body]
-    found += [Mark(p.name, body, p.at) for p in mechanism.points if p.body == body]
-    found += [Mark(s.name, body, s.at_a) for s in springs if s.body_a == body]
-    found += [Mark(s.name, body, s.at_b) for s in springs if s.body_b == body]
-    if len(found) == 1:
-        found += [Mark(body, body, b.center_of_mass) for b in mechanism.bodies if b.name == body]
-    return found
-
-
 def marks(mechanism: AbstractMechanism) -> Iterator[Mark]:
-    """Those of the ground, and of every body."""
+    """What the ground carries, and every body; one that carries one thing only has its centre of mass beside it."""
+    joints, springs = mechanism.all_joints(), mechanism.springs
     for body in (GROUND, *(b.name for b in mechanism.bodies)):
-        yield from carried(mechanism, body)
+        found = [Mark(j.name, body, j.at_child) for j in joints if j.child == body]
+        found += [Mark(j.name, body, j.at_parent) for j in joints if j.parent == body]
+        found += [Mark(p.name, body, p.at) for p in mechanism.points if p.body == body]
+        found += [Mark(s.name, body, s.at_a) for s in springs if s.body_a == body]
+        found += [Mark(s.name, body, s.at_b) for s in springs if s.body_b == body]
+        if len(found) == 1:
+            found += [Mark(body, body, b.center_of_mass) for b in mechanism.bodies if b.name == body]
+        yield from found
 
 
 def labels(mechanism: Mechanism) -> dict[str, tuple[str, list[str]]]:
@@ -58,9 +56,11 @@ def mark_positions(mechanism: PreparedMechanism, time: Scalar, y: Array) -> Floa
     mechanism = mechanism.at(time)
     motion = frames(mechanism, time, layout(mechanism).split(y))
     axes = len(axes_of(mechanism))
-    return jnp.stack([as_array(place(mark, motion)[:axes]) for mark in marks(mechanism)])
+    return jnp.stack([as_array(motion[m.body].point(m.at.vector)[:axes]) for m in marks(mechanism)])
 
 
-def place(mark: Mark, motion: Frames) -> tuple:
-    """World place of a mark [m]."""
-    return motion[mark.body].point(mark.at.vector)
+def picture(mechanism: PreparedMechanism, time: Scalar, y: Array) -> dict[str, Array]:
+    """What a picture shows of one state of a prepared mechanism, by the names of a dataset."""
+    seen = observe(time, y[: layout(mechanism).size], mechanism)
+    found = {name: seen[name] for name in SHOWN if name in seen}
+    return found | {"mark_position": mark_positions(mechanism, time, y)}

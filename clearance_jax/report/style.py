@@ -1,0 +1,34 @@
+"""How figures look: grid and text, legends that cover nothing (below their axes), round numbers."""
+
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.transforms import ScaledTranslation
+
+STYLED = mpl.rc_context({"axes.grid": True, "grid.alpha": 0.3, "font.size": 9, "axes.axisbelow": True})
+# From the axes' lower edge down past numbers and label [inch].
+BELOW = 0.45
+
+
+def legend_below(axis: Any, columns: int = 3, **how: Any) -> None:
+    """A legend of at most so many columns below the axes, for which a constrained layout makes room; `how`: as
+    `Axes.legend`'s.
+    """
+    handles, _ = axis.get_legend_handles_labels()
+    down = axis.transAxes + ScaledTranslation(0.0, -BELOW, axis.figure.dpi_scale_trans)
+    where = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "bbox_transform": down, "borderaxespad": 0.0}
+    axis.legend(**where, ncols=min(columns, max(len(handles), 1)), **how)
+
+
+def length_unit(largest: float) -> tuple[float, str]:
+    """What lengths [m] are to be multiplied by so that the largest has one to three digits before the point, and the
+    unit then.
+    """
+    return (1e9, "nm") if largest < 1e-6 else (1e6, "µm") if largest < 1e-3 else (1e3, "mm")
+
+
+def round_down(value: float) -> float:
+    """The largest of ..., 0.1, 0.2, 0.5, 1, 2, 5, ... that is not above a value."""
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(f"{power * max(k for k in (1, 2, 5) if k * power <= value):.1g}")

@@ -1,0 +1,202 @@
+"""A clearance joint as it moves, from a dataset: where its pin is in its sleeve, and how large both are."""
+
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from clearance_jax.errors import ClearanceError
+from clearance_jax.joints.sleeve import lobatto
+from clearance_jax.results.bearing import PLANE, SLEEVE, at_step, kind, number, require_joint
+
+# Of the pin's radius: that of a collar whose size is not given.
+COLLAR_RADIUS = 1.5
+# Of a joint's class the numbers that say how large it is, and how much play it has.
+SIZES = {
+    "RevoluteClearance": ("pin_radius", "radial_clearance"),
+    "SleeveClearance": ("pin_radius", "radial_clearance"),
+    "SphericalClearance": ("ball_radius", "radial_clearance"),
+    "GuideClearance": ("height", "side_clearance"),
+}
+
+
+class Play(NamedTuple):
+    """What of a joint is drawn, at every sample: the pin's place in its sleeve [m], (times, 2 or 3), what its axis has
+    across, (times, 2), its turn (times,) [rad] if that is known; its size and its play; of what has a length more
+    sizes [m], the heights at which it may touch, and of a block its height and width; how deep its sleeve is worn off,
+    (1 or heights, sectors). `factor`: how many times as large the play is drawn.
+    """
+
+    place: np.ndarray
+    tilt: np.ndarray
+    turn: np.ndarray | None
+    radius: float
+    clearance: float
+    length: float | None = None
+    axial: float | None = None
+    collar: float = 0.0
+    ring: int = 0
+    through: bool = True
+    heights: np.ndarray = np.zeros(1)
+    block: tuple[float, float | None] | None = None
+    depth: np.ndarray = np.zeros((1, 1))
+    factor: float = 1.0
+
+    @property
+    def wall(self) -> float:
+        """The radius of the sleeve as it is drawn [m]."""
+        return self.radius + self.factor * self.clearance
+
+    def around(self, angle: np.ndarray, station: int = 0) -> np.ndarray:
+        """The wall at angles, at one of its heights, as it is drawn [m], (2, angles)."""
+        depth = self.wear_depth(station)
+        sectors = 2 * np.pi * np.arange(depth.size) / depth.size
+        far = self.wall + self.factor * np.interp(angle, sectors, depth, period=2 * np.pi)
+        return far * np.stack([np.cos(angle), np.sin(angle)])
+
+    def wear_depth(self, station: int) -> np.ndarray:
+        """How deep its sleeve is worn off at one of its heights [m], (sectors,)."""
+        return self.depth[station % len(self.depth)]
+
+    def centres(self, heights: np.ndarray) -> np.ndarray:
+        """Where the pin's centre is at heights along the sleeve [m], (times, heights, 2)."""
+        if self.length is None:
+            return np.repeat(self.place[:, None, :2], len(heights), axis=1)
+        return along_sleeve(self.place, self.tilt, heights, self.through)
+
+
+def worn_depth(dataset: xr.Dataset, joint: str) -> np.ndarray:
+    """By how much a sleeve is worn off [m], (1 or stations, sectors); of a round one by nothing."""
+    return np.atleast_2d(np.asarray(dataset.attrs.get(f"parameter.{joint}.depth", np.zeros(1)), float))
+
+
+def pin_travel(clearance: float, depth: np.ndarray) -> np.ndarray:
+    """How far a pin's centre can go in its sleeve [m], all around, (2, points): a circle, or what wear makes of it that
+    is so deep (sectors,) [m].
+    """
+    around = np.linspace(0, 2 * np.pi, max(361, depth.size + 1))
+    far = np.full(around.shape, clearance)
+    if np.any(depth > 0):
+        # The wall of each sector is a half-plane to the centre of a round pin.
+        ahead = np.cos(around[:, None] - 2 * np.pi * np.arange(depth.size) / depth.size)
+        far = np.where(ahead > 0, (clearance + depth) / np.where(ahead > 0, ahead, 1.0), np.inf).min(axis=1)
+    return far * np.stack([np.cos(around), np.sin(around)])
+
+
+def penetration(places: np.ndarray, clearance: float, depth: np.ndarray) -> np.ndarray:
+    """How deep a pin stands in the wall [m] whose centre is at places (..., 2), of a sleeve with so much clearance [m],
+    worn off so deep (..., sectors) [m].
+    """
+    if not np.any(depth > 0):
+        return np.hypot(places[..., 0], places[..., 1]) - clearance
+    angle = 2 * np.pi * np.arange(depth.shape[-1]) / depth.shape[-1]
+    return np.max(places @ np.stack([np.cos(angle), np.sin(angle)]) - depth, axis=-1) - clearance
+
+
+def play(dataset: xr.Dataset, joint: str) -> Play | None:
+    """Of a clearance joint; `None` of one of a user's own class, or of which not all is known."""
+    of = kind(dataset, joint)
+    radius, clearance = (number(dataset, joint, name) for name in SIZES.get(of, ("", "")))
+    tilt, length = _tilt(dataset, joint), number(dataset, joint, "length")
+    if radius is None or clearance is None or tilt is None:
+        return None
+    place = dataset["eccentricity"].sel(joint=joint).values
+    if of == "GuideClearance":
+        block, ends = (radius, number(dataset, joint, "width")), np.array([-0.5, 0.5]) * (length or 0.0)
+        return Play(place, tilt, None, radius / 2, clearance, length or 0.0, through=False, heights=ends, block=block)
+    turn = dataset["q"].sel(coordinate=joint).values if joint in dataset["coordinate"].values else None
+    found = Play(place, tilt, turn, radius, clearance, depth=worn_depth(dataset, joint))
+    if of != SLEEVE:
+        return found
+    said = f"clearance.{joint}"
+    return found._replace(
+        length=length,
+        axial=number(dataset, joint, "axial_clearance"),
+        collar=number(dataset, joint, "collar_radius") or COLLAR_RADIUS * radius,
+        ring=int(dataset.attrs[f"{said}.ring"]),
+        through=dataset.attrs[f"{said}.pin"] == "through",
+        heights=0.5 * (length or 0.0) * lobatto(int(dataset.attrs[f"{said}.stations"]))[0],
+    )
+
+
+def _tilt(dataset: xr.Dataset, joint: str) -> np.ndarray | None:
+    """How a pin leans; of a block in the plane that closes a loop nothing says it."""
+    if "pin_tilt" in dataset:
+        return dataset["pin_tilt"].sel(joint=joint).values
+    tilt, turn = np.zeros((dataset.sizes["time"], 2)), f"{joint}.tilt_y"
+    if kind(dataset, joint) == "GuideClearance":
+        if turn not in dataset["coordinate"].values:
+            return None
+        tilt[:, 0] = np.sin(dataset["q"].sel(coordinate=turn).values)
+    return tilt
+
+
+class PinPath(NamedTuple):
+    """The path of a pin's centre in its sleeve, in the sleeve's axes [m]: its `places` (times, 2) at `time` [s], there
+    the contact `state` (0 free, 1 contact, 2 impact), how far it can go (`travel`, (2, points), where that is known),
+    and at which `height` along the sleeve.
+    """
+
+    joint: str
+    height: float
+    time: np.ndarray
+    places: np.ndarray
+    state: np.ndarray
+    travel: np.ndarray | None
+
+    def share(self, state: int) -> float:
+        """The part of the time in a contact state; what is known at an instant holds until the next."""
+        lasts = np.diff(self.time)
+        return float(np.sum(lasts[self.state[:-1] == state]) / max(np.sum(lasts), np.finfo(float).tiny))
+
+
+def _series(dataset: xr.Dataset, joint: str, *names: str) -> tuple[np.ndarray, ...]:
+    """Times and values of variables in a joint: at the samples and, where these are known, at the step ends (an impact
+    may be shorter than the time between samples, a flight's step longer).
+    """
+    here, rows = dataset.sel(joint=joint), [("time", *names)]
+    if "step_time" in dataset:
+        rows.append(("step_time", *(at_step(name) for name in names)))
+    time, *values = (np.concatenate([here[name].values for name in column]) for column in zip(*rows, strict=True))
+    time, order = np.unique(time, return_index=True)
+    return time, *(value[order] for value in values)
+
+
+def middle_path(dataset: xr.Dataset, joint: str) -> PinPath:
+    """The path in the middle of the sleeve, with the contact state of the whole joint."""
+    time, places, state = _series(dataset, require_joint(dataset, joint), "eccentricity", "contact_state")
+    clearance, side, travel = number(dataset, joint, "radial_clearance"), number(dataset, joint, "side_clearance"), None
+    if clearance is not None:
+        travel = pin_travel(clearance, worn_depth(dataset, joint)[0])
+    elif side is not None:
+        travel = side * np.array([[-1, 1, 1, -1, -1], [-1, -1, 1, 1, -1]])
+    return PinPath(joint, 0.0, time, places[:, :2], state, travel)
+
+
+def station_paths(dataset: xr.Dataset, joint: str) -> list[PinPath]:
+    """The path at every station of a sleeve, with free and contact there; of a pin that cannot tilt there is one.
+
+    **Raises** `ClearanceError` of a joint that is no pin in a sleeve.
+    """
+    found = play(dataset, require_joint(dataset, joint))
+    if found is None or kind(dataset, joint) not in (PLANE, SLEEVE):
+        raise ClearanceError(f"`{joint}` has no pin in a sleeve: it is a {kind(dataset, joint) or 'joint unknown'}.")
+    time, *at = _series(dataset, joint, "eccentricity", *(["pin_tilt"] if found.length is not None else []))
+    centres = found._replace(**dict(zip(("place", "tilt"), at, strict=False))).centres(found.heights)
+    out = []
+    for k, height in enumerate(found.heights):
+        places, wall = centres[:, k], (found.clearance, found.wear_depth(k))
+        state = (penetration(places, *wall) > 0).astype(int)
+        out.append(PinPath(joint, float(height), time, places, state, pin_travel(*wall)))
+    return out
+
+
+def along_sleeve(place: np.ndarray, tilt: np.ndarray, heights: np.ndarray, through: bool) -> np.ndarray:
+    """The pin's centre at heights along the sleeve [m], (times, heights, 2), from its middle's place (times, 3) and the
+    components of its axis across (times, 2): of a longer pin where its axis comes by a height of the sleeve, of a
+    shorter one so far along its own.
+    """
+    if not through:
+        return place[:, None, :2] + tilt[:, None] * heights[:, None]
+    slope = tilt / np.sqrt(1 - np.sum(tilt**2, axis=1, keepdims=True))
+    return place[:, None, :2] + slope[:, None] * (heights - place[:, 2:])[..., None]
