@@ -17,7 +17,7 @@ from clearance_jax.ask.question import Question
 from clearance_jax.design.scenarios import Scenario
 from clearance_jax.design.specification import Specification
 from clearance_jax.dynamics.equations import balance
-from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.metrics.instants import PeakInstants
 from clearance_jax.metrics.joint_work import JointWork
@@ -61,7 +61,7 @@ class Samples(AbstractMetric):
         return jax.vmap(lambda time, y: self.function(ready, time, y))(self.times, reply.solution.y)
 
 
-def pin_wrenches(mechanism: Mechanism, time: Scalar, y: Array) -> dict[str, tuple[Array, Array]]:
+def pin_wrenches(mechanism: PreparedMechanism, time: Scalar, y: Array) -> dict[str, tuple[Array, Array]]:
     """What each clearance joint exerts on its pin, in the sleeve's axes: force [N], moment on it [N m]."""
     actions = balance(mechanism, time, layout(mechanism).split(y)).actions
     return {name: (as_array(action.force), as_array(action.torque)) for name, action in actions.items()}
