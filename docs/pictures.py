@@ -1,12 +1,13 @@
 """The pictures of README and docs: `python docs/pictures.py` writes them to docs/images (`make pictures`)."""
 
+import itertools
 from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, FancyArrowPatch
+from matplotlib.patches import Circle, FancyArrowPatch, Rectangle
 from scipy.integrate import solve_ivp
 
 import clearance_jax as cj
@@ -229,11 +230,61 @@ def play_in_space() -> None:
     saved(film.show(int(np.argmin(np.abs(when - BEARING)))), "film.png", dpi=100)
 
 
+# The folders of the library, each floor on those below it.
+FLOORS = (
+    ("cli", "report", "io"),
+    ("design", "wear", "sweep"),
+    ("runs", "results", "analysis"),
+    ("ask", "metrics"),
+    ("solve",),
+    ("dynamics",),
+    ("mechanism",),
+    ("joints", "laws"),
+    ("spatial", "symmetric", "parameters, units"),
+)
+# Where a clearance goes, and the floor of it from the top.
+WAY = (
+    (0, "a scene file: radial_clearance = 0.1 mm"),
+    (6, "a Mechanism, then a PreparedMechanism"),
+    (5, "the vector field: poses, contacts, accelerations"),
+    (4, "steps, events, derivatives"),
+    (3, "a question and its answer"),
+    (1, "samples, limits, cycles of wear"),
+    (0, "figures, reports, datasets"),
+)
+
+
+def floors() -> None:
+    """The folders as floors, and the way of a clearance through them."""
+    figure = Figure(figsize=(9.5, 5.6), layout="constrained")
+    axis = figure.add_subplot()
+    axis.set(xlim=(0, 19), ylim=(-len(FLOORS), 0.1))
+    axis.axis("off")
+    for floor, names in enumerate(FLOORS):
+        width = 10 / len(names)
+        for k, name in enumerate(names):
+            corner = k * width + 0.05, -floor - 0.85
+            axis.add_patch(Rectangle(corner, width - 0.1, 0.75, fc="#e9eff7", ec="#5b7ba3"))
+            axis.text(corner[0] + width / 2 - 0.05, corner[1] + 0.38, name, ha="center", va="center")
+    heights = [-floor - (0.3 if i < len(WAY) - 1 else 0.65) for i, (floor, _) in enumerate(WAY)]
+    for i, (height, (_, said)) in enumerate(zip(heights, WAY, strict=True)):
+        axis.text(11.3, height, f"{i + 1}  {said}", va="center")
+    for begin, end in itertools.pairwise(heights):
+        bend = -0.35 if begin < end else 0.22
+        axis.annotate(
+            "",
+            (11.1, end),
+            (11.1, begin),
+            arrowprops={"arrowstyle": "->", "color": "tab:red", "connectionstyle": f"arc3,rad={bend}"},
+        )
+    saved(figure, "architecture.png")
+
+
 def main() -> None:
     """Draw every picture."""
     cj.configure(cache=True)
     with mpl.rc_context({"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}):
-        for draw in (normal_laws, friction_laws, drives, sleeve, front, play_in_space):
+        for draw in (normal_laws, friction_laws, drives, sleeve, front, play_in_space, floors):
             draw()
 
 
