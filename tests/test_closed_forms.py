@@ -516,7 +516,7 @@ def test_slider_follows_the_play():
         values = {"wrist.eccentricity.x": x, "wrist.eccentricity.y": y}
         # The rod is level at first, so that it is found on the slider's side of the crank.
         values |= {"drive.main.start": theta, "crankpin.position": -theta}
-        return initial_state(cj.replace(m, values), jnp.asarray(0.0))[:2]
+        return initial_state(cj.replace(m, values).prepared(), jnp.asarray(0.0))[:2]
 
     x, y = c * np.cos(psi + beta), c * np.sin(psi + beta)
     y0 = np.asarray(assembled(x.ravel(), y.ravel(), np.tile(theta, 5))).reshape(5, 200, 2)

@@ -51,7 +51,8 @@ def run(mechanism: cj.Mechanism, pressure: wear.AbstractPressure) -> Worn:
     if trace.message:
         raise RuntimeError(trace.message)
     seen, sleeve = wear.contacts(trace, JOINT), wear.sections_of(mechanism, JOINT)
-    depth = getattr(mechanism.joint(JOINT).clearance, "depth", jnp.zeros(SECTORS))
+    pin: Any = mechanism.joint(JOINT).clearance
+    depth = jnp.zeros(SECTORS) if pin.depth is None else pin.depth
     law = wear.archard(COEFFICIENT)
     found = wear.worn(seen, sleeve, law, pressure, depth=depth)
     force, slip = (np.asarray(trace[f"{JOINT}.{name}"]) for name in ("contact_force", "slip_velocity"))
