@@ -138,6 +138,7 @@ def test_costs_limits_and_manufacture_of_a_study(tmp_path):
         ('signal = "position-error"', 'signal = "speed"', "metric.piston.signal must be one of"),
         ("[metric.piston]", "[metric.pistn]", "the study has no metric `piston`. Did you mean `pistn`"),
         ('lower = "20 um"', 'lower = "1 mm"', "contradict"),
+        ('lower = "20 um"', 'least = "20 um"', "least is called `lower` now"),
         ("wrist.radial_clearance", "wrist.radial_clearence", "Did you mean `wrist.radial_clearance`"),
         ('"drive.main.speed"', '"drive.main.sped"', "drive.main.sped"),
         ('"3000 rpm"', '"nan rpm"', "finite"),

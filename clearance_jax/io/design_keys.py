@@ -96,6 +96,7 @@ VARIABLE = Keys(
             absent="the largest clearance is wanted",
         ),
     ),
+    renamed={"least": "lower", "greatest": "upper"},
 )
 
 _LAW = Word(

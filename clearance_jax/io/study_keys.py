@@ -70,6 +70,7 @@ SCATTER = Keys(
         Quantity("lower", "its least value", '"0.13 kg"', unit=PARAMETER, absent="none"),
         Quantity("upper", "its greatest value", '"0.15 kg"', unit=PARAMETER, absent="none"),
     ),
+    renamed={"law": "distribution", "least": "lower", "greatest": "upper"},
 )
 STUDY_TABLES = (STUDY, SOLVE, *METRIC_TABLES.values(), SCATTER, *SWEEP_TABLES, *DESIGN_TABLES, *WEAR_TABLES)
 """Every table of a study, in the order of the reference."""
