@@ -27,6 +27,8 @@ from .dynamics.mobility import Mobility as Mobility
 from .dynamics.mobility import mobility as mobility
 from .errors import ClearanceError as ClearanceError
 from .io.scene import load as load
+from .io.study import Study as Study
+from .io.study import load_study as load_study
 from .io.trajectory import read_trajectory as read_trajectory
 from .io.trajectory_writer import write_trajectory as write_trajectory
 from .io.urdf import load_urdf as load_urdf
