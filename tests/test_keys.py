@@ -303,6 +303,25 @@ def test_examples_of_an_arms_bearings_are_read(tmp_path):
         load(tmp_path, robot + 'bearing = { type = "crossed-roller", pitch_diameter = "0.1 m" }\n')
 
 
+def test_an_arms_bearing_that_cannot_be_meant_is_refused(tmp_path):
+    """A damper in the place of the preload, a forgotten type, bearings that cannot be built."""
+    robot = f'[robot]\nfile = "{ROOT / "experiments" / "scenes" / "six_axes.urdf"}"\n[robot.clearance.axis_2]\n'
+    crossed = example(play_keys.BEARINGS["crossed-roller"])
+    pair = example(play_keys.BEARINGS["angular-contact-pair"])
+    damper = 'element = { type = "damper", radial = "2 kN*s/m" }\n'
+    worn = {key: value for key, value in crossed.items() if key != "preload"}
+    assert type(only(load(tmp_path, f"{robot}bearing = {inline(worn)}\n{damper}")).element) is cj.PlayDamper
+    untyped = {key: value for key, value in crossed.items() if key != "type"}
+    for values, rest, words in (
+        (crossed, damper, "element would take the place of the bearing's `preload`"),
+        (untyped, "", r'bearing\.\w+ is no key of .radial.: add `type = "crossed-roller"`'),
+        (crossed | {"rollers": "61"}, "", "`rollers` must be even"),
+        (pair | {"ball_diameter": '"80 mm"'}, "", "do not fit on a circle"),
+    ):
+        with pytest.raises(ClearanceError, match=words):
+            load(tmp_path, f"{robot}bearing = {inline(values)}\n{rest}")
+
+
 STUDY = """
 scene = "{scene}"
 t1 = "105 ms"

@@ -194,6 +194,8 @@ def test_info_says_how_freely_a_linkage_moves():
 def test_a_form_of_the_equations_of_motion_says_why_it_was_chosen():
     arm = cj.load(SCENES / "arm_with_play.toml").ideal()
     assert str(arm.form) == "written out number by number (0 free velocities; a table from 17 on)"
+    plane = cj.load(SCENES / "squeezer.toml")
+    assert str(plane.form) == "written out number by number, as every mechanism in a plane"
     small, large = Form(16, 0, 16, False, False), Form(17, 0, 17, False, False)
     assert not small.is_table
     assert large.is_table
