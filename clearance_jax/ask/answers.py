@@ -19,7 +19,8 @@ def answers(question: Question, points: Columns, place: Place = HERE) -> Answer:
         if place.client is None:
             return lanes(question, points, cores=place.cores)
         return lanes_on(place.client, question, points, place.cores or 1)
-    found = [answer(question, {name: column[i] for name, column in points.items()}) for i in range(count)]
+    # Points of other names share the program of these.
+    found = [answer(question.at({name: column[i] for name, column in points.items()})) for i in range(count)]
     return jax.tree.map(lambda *one: np.stack([np.asarray(x) for x in one]), *found)
 
 

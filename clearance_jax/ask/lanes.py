@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from clearance_jax._solo import solo_jit
@@ -15,13 +16,13 @@ Columns = Mapping[str, np.ndarray]
 
 
 def answer(question: Question, numbers: Mapping[str, Any] | None = None) -> Answer:
-    """The answer at one point. Points that set other numbers share a program."""
-    return _program(question.at(numbers) if numbers else question)
+    """The answer at one point. Other numbers are no other program, other names are; `Question.at` before shares one."""
+    return _program(question, {name: jnp.asarray(value, float) for name, value in (numbers or {}).items()})
 
 
 @solo_jit
-def _program(question: Question) -> Answer:
-    return question()
+def _program(question: Question, numbers: dict[str, Any]) -> Answer:
+    return question(numbers)
 
 
 def lanes(

@@ -128,9 +128,10 @@ class Simulations:
         values, slopes = [], []
         if self._plain:
             # Numbers of wear are no numbers of the mechanism, and move no metric of one motion.
-            numbers = own(self.mechanism, self.metrics, scenario.values)
+            given = own(self.mechanism, self.metrics, scenario.values)
+            question = self._question(gradient)
             made = dict(zip(self.names, x * scenario.factors, strict=True))
-            found = answer(self._question(gradient), {**numbers, **made})
+            found = answer(question.at(given) if given else question, made)
             values, slopes = self._in_order(found.values), self._in_order(found.slopes)
         for i in self._aged:
             value, slope = self._worn(i, x, scenario, self.names if gradient else ())

@@ -13,6 +13,8 @@ from clearance_jax.parameters import parameters, replace, values_of
 
 def own(mechanism: Mechanism, measures: Iterable[AbstractMeasure], values: Mapping[str, Any]) -> dict[str, Any]:
     """Those of the values that are not of wear: the mechanism's, and those that nothing knows."""
+    if not values:
+        return {}
     known = parameters(mechanism)
     models = [parameters(measure.model(mechanism)) for measure in measures]
 
