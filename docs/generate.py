@@ -5,7 +5,6 @@
 
 import inspect
 import json
-import sys
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -39,13 +38,6 @@ and shapes, what is raised, sources.
 
 *This page is generated from the code.*
 """
-MODULES = (
-    "clearance_jax",
-    *(
-        f"clearance_jax.{name}"
-        for name in ("metrics", "design", "joints", "laws", "sweep_figures", "wear", "wear_figures")
-    ),
-)
 
 
 def cell(text: str) -> str:
@@ -99,15 +91,9 @@ def names_page() -> str:
     """Every public name."""
     import clearance_jax as cj
 
-    known = {
-        "clearance_jax": cj,
-        **{f"clearance_jax.{name}": getattr(cj, name) for name in ("metrics", "sweep_figures", "wear_figures")},
-    }
+    modules = {f"clearance_jax.{name}": thing for name in cj.__all__ if inspect.ismodule(thing := getattr(cj, name))}
     parts = [NAMES_HEAD]
-    for name in MODULES:
-        if name not in known:
-            __import__(name)
-        module = known.get(name, sys.modules.get(name))
+    for name, module in {"clearance_jax": cj, **modules}.items():
         things = [(one, getattr(module, one)) for one in sorted(module.__all__, key=str.lower)]
         rows = [
             (code(one), first_sentence(thing))

@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 import clearance_jax as cj
 from clearance_jax import laws
 from clearance_jax.laws import Geometry
-from clearance_jax.mechanism.drives import Harmonic, Spline, Step5Sum, StepSum
+from clearance_jax.mechanism.motion_laws import Harmonic, Spline, Step5Sum, StepSum
 from clearance_jax.report import play_figures
 from clearance_jax.report.figures import pin_path
 
@@ -136,12 +136,12 @@ def drives() -> None:
     step = ([0.1], [0.5], [1.0])
     knots = np.linspace(0, 0.6, 7)
     kinds = {
-        "constant-speed": cj.ConstantSpeed(1.5),
+        "constant-speed": cj.drives.ConstantSpeed(1.5),
         "step": StepSum(*step),
         "step5": Step5Sum(*step),
         "harmonic": Harmonic(0.5, 12.0),
-        "trapezoid": cj.Trapezoid([0.1], [1.0], 4.0, 40.0),
-        "quintic": cj.Quintic([0.05, 0.3, 0.55], [0.0, 0.8, 1.0]),
+        "trapezoid": cj.drives.Trapezoid([0.1], [1.0], 4.0, 40.0),
+        "quintic": cj.drives.Quintic([0.05, 0.3, 0.55], [0.0, 0.8, 1.0]),
         "spline": Spline(knots, [0.0, 0.1, 0.5, 0.9, 0.8, 0.85, 1.0]),
     }
     times = np.linspace(0, 0.6, 601)

@@ -160,7 +160,7 @@ def friction_corner(quick: bool) -> Row:
 def pin(law, clearance: float, mass: float = 0.14, friction=None) -> cj.Mechanism:
     """A pin that falls in a sleeve at rest."""
     joint = cj.RevoluteClearance(clearance, 0.01, law, friction)
-    motion = cj.Motion(cj.ConstantSpeed(0.0))
+    motion = cj.Motion(cj.drives.ConstantSpeed(0.0))
     return cj.Mechanism(
         bodies=(cj.Body("pin", mass),),
         joints=(cj.Revolute("joint", "ground", "pin", motion=motion, clearance=joint),),

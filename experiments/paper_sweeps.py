@@ -55,7 +55,7 @@ SCALING = 50e-6
 """From where on a power law is looked for [m]."""
 
 
-class Fluctuation(cj.AbstractSignal):
+class Fluctuation(cj.metrics.AbstractSignal):
     """The speed of a point less that of the ideal mechanism at the same time [m/s]."""
 
     unit: ClassVar[str] = "m/s"

@@ -84,7 +84,7 @@ def sleeves(axes: str) -> str:
 def arm(axes: str, sleeve: dict[str, float] = SLEEVE) -> cj.Mechanism:
     """Six axes on their trajectory with 5 kg in the gripper, with sleeves in the axes that are named."""
     robot = cj.load_urdf(SCENES / "six_axes.urdf", end_effector="tcp")
-    robot = robot.driven({**cj.read_trajectory(SCENES / "six_axes_turn.csv"), "finger_left": cj.Constant(0.0)})
+    robot = robot.driven({**cj.read_trajectory(SCENES / "six_axes_turn.csv"), "finger_left": cj.drives.Constant(0.0)})
     holder = next(point.body for point in robot.points if point.name == "tcp")
     place = next(point.at for point in robot.points if point.name == "tcp")
     payload = cj.Body("payload", 5.0, cj.Inertia(0.01, 0.01, 0.01))

@@ -62,21 +62,21 @@ class Move(NamedTuple):
     via: tuple[float, float]
 
 
-def quintic(move: Move) -> cj.Quintic:
-    return cj.Quintic([move.begin, move.begin + move.took], [move.at, move.at + move.rise])
+def quintic(move: Move) -> cj.drives.Quintic:
+    return cj.drives.Quintic([move.begin, move.begin + move.took], [move.at, move.at + move.rise])
 
 
-def trapezoid(move: Move) -> cj.Trapezoid:
-    return cj.Trapezoid([move.begin], [move.rise], duration=[move.took], offset=move.at)
+def trapezoid(move: Move) -> cj.drives.Trapezoid:
+    return cj.drives.Trapezoid([move.begin], [move.rise], duration=[move.took], offset=move.at)
 
 
-def spline(move: Move) -> cj.Spline:
+def spline(move: Move) -> cj.drives.Spline:
     times = move.begin + move.took * np.array([0, 1 / 3, 2 / 3, 1])
-    return cj.Spline(times, move.at + move.rise * np.array([0, *move.via, 1]), ends="clamped")
+    return cj.drives.Spline(times, move.at + move.rise * np.array([0, *move.via, 1]), ends="clamped")
 
 
-def five_step(move: Move) -> cj.Step5Sum:
-    return cj.Step5Sum([move.begin], [move.begin + move.took], [move.rise], move.at)
+def five_step(move: Move) -> cj.drives.Step5Sum:
+    return cj.drives.Step5Sum([move.begin], [move.begin + move.took], [move.rise], move.at)
 
 
 DRIVES: dict[str, Callable] = {"quintic": quintic, "trapezoid": trapezoid, "spline": spline, "five-step": five_step}
@@ -157,7 +157,7 @@ def cases(drive: str, count: int, play: tuple[str, ...]) -> list[Case]:
         begin = -took * rng.uniform(0.05, 0.9) if k % 2 else 0.0
         mass = float(10 ** rng.uniform(-1, np.log10(5)))
         moves = {f"axis_{i + 1}": Move(begin, took, at[i], rise[i], tuple(via[i])) for i in range(6)}
-        fingers = {"finger_left": cj.Constant(0.02), "finger_right": cj.Constant(0.02)}
+        fingers = {"finger_left": cj.drives.Constant(0.02), "finger_right": cj.drives.Constant(0.02)}
         mechanism = arm.driven({name: DRIVES[drive](move) for name, move in moves.items()} | fingers)
         for name in play:
             mechanism = mechanism.with_clearance(name, clearances[name])

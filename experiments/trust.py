@@ -48,7 +48,7 @@ class Numbers(NamedTuple):
 
 def scene(n: Numbers, law: Callable = laws.HuntCrossley) -> cj.Mechanism:
     play = cj.RevoluteClearance(n.clearance, PIN_RADIUS, law(STIFFNESS, n.damping))
-    shaker = cj.Motion(cj.Harmonic(n.amplitude, 2 * np.pi * n.frequency))
+    shaker = cj.Motion(cj.drives.Harmonic(n.amplitude, 2 * np.pi * n.frequency))
     return cj.Mechanism(
         bodies=(cj.Body("sleeve", 1.0), cj.Body("pin", PIN_MASS)),
         joints=(

@@ -92,7 +92,9 @@ def rotor() -> cj.Mechanism:
     play = cj.RevoluteClearance(CLEARANCE, PIN, laws.HuntCrossley(1e9, 1.0), length=LENGTH)
     return cj.Mechanism(
         bodies=(cj.Body("disc", 20.0, 0.1, cj.Position(0.05)),),
-        joints=(cj.Revolute("pin", "ground", "disc", motion=cj.Motion(cj.Harmonic(0.6, 4 * np.pi)), clearance=play),),
+        joints=(
+            cj.Revolute("pin", "ground", "disc", motion=cj.Motion(cj.drives.Harmonic(0.6, 4 * np.pi)), clearance=play),
+        ),
         gravity=cj.Gravity(y=-9.81),
     )
 

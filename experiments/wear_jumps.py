@@ -57,7 +57,7 @@ def swing() -> cj.Mechanism:
                 "pin",
                 "ground",
                 "disc",
-                motion=cj.Motion(cj.Harmonic(SWING, 2 * np.pi / PERIOD)),
+                motion=cj.Motion(cj.drives.Harmonic(SWING, 2 * np.pi / PERIOD)),
                 clearance=play,
             ),
         ),

@@ -26,7 +26,7 @@ def arm(joints: int) -> cj.Mechanism:
     bodies, chain, parent, at = [], [], "ground", 0.0
     for i, (length, mass) in enumerate(zip(lengths.tolist(), masses.tolist(), strict=True)):
         play = cj.RevoluteClearance(5e-5, 0.01, laws.HuntCrossley(4e9, 20.0), laws.TanhCoulomb(0.1, 0.01))
-        drive = cj.Step5Sum([0.1], [0.9], [TO[i] - FROM[i]], FROM[i])
+        drive = cj.drives.Step5Sum([0.1], [0.9], [TO[i] - FROM[i]], FROM[i])
         bodies.append(cj.Body(f"link{i + 1}", mass, mass * length**2 / 12, cj.Position(length / 2)))
         joint = cj.Revolute(
             f"joint{i + 1}", parent, f"link{i + 1}", at_parent=cj.Position(at), motion=cj.Motion(drive), clearance=play

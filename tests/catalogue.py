@@ -41,7 +41,7 @@ def slider_crank(clearance: float = 5e-4, **changes) -> cj.Mechanism:
             cj.Body("slider", 0.14),
         ),
         joints=(
-            cj.Revolute("main", "ground", "crank", motion=cj.Motion(cj.ConstantSpeed(5000 * np.pi / 30))),
+            cj.Revolute("main", "ground", "crank", motion=cj.Motion(cj.drives.ConstantSpeed(5000 * np.pi / 30))),
             cj.Revolute("crankpin", "crank", "conrod", at_parent=cj.Position(0.05)),
             cj.Prismatic("guide", "ground", "slider", motion=cj.Motion(position=0.17)),
         ),
@@ -52,7 +52,7 @@ def slider_crank(clearance: float = 5e-4, **changes) -> cj.Mechanism:
 
 def playful_servo() -> cj.Mechanism:
     """An arm on a servo whose joint has play: without it the arm still moves freely."""
-    motion = cj.Motion(actuators=(cj.Servo(cj.Harmonic(0.3, 10.0), 50.0, 5.0),))
+    motion = cj.Motion(actuators=(cj.actuators.Servo(cj.drives.Harmonic(0.3, 10.0), 50.0, 5.0),))
     play = cj.RevoluteClearance(1e-4, 0.01, laws.HuntCrossley(1e9, 0.5))
     return cj.Mechanism(
         bodies=(cj.Body("arm", 1.0, 0.01, cj.Position(0.1)),),

@@ -91,7 +91,7 @@ def lived(
 ) -> Answer:
     """A life whose every cycle wears off what a closed form says (see `install`), or one for each of the values."""
     clearance = cj.RevoluteClearance(play, 25e-3, laws.HuntCrossley(1e10, 50.0), length=0.05)
-    pin = cj.Revolute("pin", "ground", "disc", motion=cj.Motion(cj.ConstantSpeed(3.0)), clearance=clearance)
+    pin = cj.Revolute("pin", "ground", "disc", motion=cj.Motion(cj.drives.ConstantSpeed(3.0)), clearance=clearance)
     disc = cj.Mechanism(bodies=(cj.Body("disc", 20.0, 0.1),), joints=(pin,), gravity=cj.Gravity(y=-9.81))
     blocks = iter(range(1, 1000))
     progress = None if told is None else lambda _: told(next(blocks))

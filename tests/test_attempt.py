@@ -33,7 +33,9 @@ def playful(normal, friction=None, drive=None):
     return cj.Mechanism(
         bodies=(cj.Body("arm", 1.0, 0.01, cj.Position(0.1)),),
         joints=(
-            cj.Revolute("hip", "ground", "arm", motion=cj.Motion(drive or cj.ConstantSpeed(20.0)), clearance=play),
+            cj.Revolute(
+                "hip", "ground", "arm", motion=cj.Motion(drive or cj.drives.ConstantSpeed(20.0)), clearance=play
+            ),
         ),
         gravity=cj.Gravity(y=-9.81),
     )
@@ -42,7 +44,7 @@ def playful(normal, friction=None, drive=None):
 CASES = {
     "contact in a loop": (catalogue.slider_crank(), 6e-3),
     "memory of a normal law, breaks of a drive": (
-        playful(laws.flores(1e9, 0.6), None, cj.StepSum([0.0, 0.013], [0.013, 0.031], [0.4, -0.3])),
+        playful(laws.flores(1e9, 0.6), None, cj.drives.StepSum([0.0, 0.013], [0.013, 0.031], [0.4, -0.3])),
         0.03,
     ),
     "memory of friction": (playful(laws.HuntCrossley(1e9, 0.5), catalogue.FRICTION["lugre"]), 0.01),
@@ -189,7 +191,7 @@ def test_an_element_acts_without_touch():
         play = cj.RevoluteClearance(1e-2, 0.01, laws.Hertz(1e9), None, Film(jnp.asarray(3.0)))
     m = cj.Mechanism(
         bodies=(cj.Body("pin", 0.5),),
-        joints=(cj.Revolute("j", "ground", "pin", motion=cj.Motion(cj.ConstantSpeed(0.0)), clearance=play),),
+        joints=(cj.Revolute("j", "ground", "pin", motion=cj.Motion(cj.drives.ConstantSpeed(0.0)), clearance=play),),
     )
     s = cj.simulate(m, 0.3, y0=jnp.array([0.0, 0.0, 0.02, 0.01]), rtol=1e-9)
     decay = np.exp(-3.0 * 0.3 / 0.5)

@@ -108,7 +108,7 @@ LINEAR, PULL = 1e7, -2e6
 
 def pulled(normal) -> cj.Mechanism:
     """The thrown pin under a load that begins with nothing and pulls it back from the wall, more and more [N/s]."""
-    load = cj.Wrench("pull", "pin0", force=cj.Force(x=PULL), course=cj.ConstantSpeed(1.0))
+    load = cj.Wrench("pull", "pin0", force=cj.Force(x=PULL), course=cj.drives.ConstantSpeed(1.0))
     return dataclasses.replace(thrown(normal), wrenches=(load,))
 
 
@@ -180,7 +180,10 @@ def test_a_drive_that_stands_still_bears_an_impact():
     m = dataclasses.replace(
         made,
         bodies=(*made.bodies, cj.Body("carriage", 5.0)),
-        joints=(*made.joints, cj.Prismatic("slide", "ground", "carriage", motion=cj.Motion(drive=cj.Constant(0.0)))),
+        joints=(
+            *made.joints,
+            cj.Prismatic("slide", "ground", "carriage", motion=cj.Motion(drive=cj.drives.Constant(0.0))),
+        ),
         loops=(dataclasses.replace(made.loops[0], parent="carriage"),),
     )
     table = cj.to_dataset(m, cj.trace(m, 2e-4, save_at=4001, rtol=1e-8))
@@ -359,7 +362,7 @@ def spun() -> cj.Mechanism:
     joint = cj.RevoluteClearance(CLEARANCE, RADIUS, laws.HuntCrossley(SOFT, 1.0, 1.5), laws.TanhCoulomb(0.3, 1e-3))
     return cj.Mechanism(
         bodies=(cj.Body("pin", MASS, None, cj.Position(0.0)),),
-        joints=(cj.Revolute("j", "ground", "pin", motion=cj.Motion(cj.ConstantSpeed(1.0)), clearance=joint),),
+        joints=(cj.Revolute("j", "ground", "pin", motion=cj.Motion(cj.drives.ConstantSpeed(1.0)), clearance=joint),),
         springs=(cj.Spring("damper", "ground", "pin", 0.0, 1.0, 0.0, cj.Position(0.1)),),
         gravity=cj.Gravity(y=-GRAVITY),
     )
@@ -469,7 +472,7 @@ def test_lugre_in_a_solve(spin, end):
     clearance, depth = 3e-4, (MASS * GRAVITY / SOFT) ** (1 / 1.5)
     friction = laws.LuGre(0.4, 0.3, 1e-3, 1e5, 100.0, 0.0)
     joint = cj.RevoluteClearance(clearance, RADIUS, laws.HuntCrossley(SOFT, 39.0), friction)
-    drive = cj.Motion(cj.ConstantSpeed(spin))
+    drive = cj.Motion(cj.drives.ConstantSpeed(spin))
     start = cj.Position(0.0, -clearance - depth)
     m = cj.Mechanism(
         bodies=(cj.Body("pin", MASS),),

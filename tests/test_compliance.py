@@ -25,7 +25,7 @@ def test_a_motor_and_its_link_swing_against_each_other():
     """Under a constant torque T on the rotor: w^2 = k (1 / J + 1 / I), and it is -T / (J w^2) (1 - cos w t)."""
     torque, t = 3.0, 0.03
     m = cj.with_compliance(
-        wheel(cj.Motion(actuators=(cj.ConstantEffort(torque),))), "hub", cj.Compliance(STIFFNESS, 0.0, ROTOR)
+        wheel(cj.Motion(actuators=(cj.actuators.ConstantEffort(torque),))), "hub", cj.Compliance(STIFFNESS, 0.0, ROTOR)
     )
     assert [c.name for c in m.coordinates()] == ["hub_motor", "hub"]
     s = cj.simulate(m, t, rtol=1e-10)
@@ -75,7 +75,7 @@ def pendulum(stiffness):
     play = cj.joints.fitted(2e-5, pin_radius=0.015)
     arm = cj.Mechanism(
         bodies=(cj.Body("arm", 4.0, INERTIA, cj.Position(0.3)),),
-        joints=(cj.Revolute("hip", "ground", "arm", motion=cj.Motion(cj.Constant(0.4)), clearance=play),),
+        joints=(cj.Revolute("hip", "ground", "arm", motion=cj.Motion(cj.drives.Constant(0.4)), clearance=play),),
         gravity=cj.Gravity(0.0, -9.81),
     )
     return cj.with_compliance(arm, "hip", cj.Compliance(stiffness, 1.0))

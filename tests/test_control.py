@@ -23,9 +23,9 @@ GAIN, RATE_GAIN, GOAL, PERIOD, END = 150.0, 25.0, 0.1, 0.013, 0.5
 
 def carts(encoder=(), period=None, stiffness=GAIN):
     """The motor's cart under a servo, the link's cart on it."""
-    servo = cj.Servo(cj.Constant(GOAL), stiffness, RATE_GAIN, encoder=encoder, period=period)
+    servo = cj.actuators.Servo(cj.drives.Constant(GOAL), stiffness, RATE_GAIN, encoder=encoder, period=period)
     motor = cj.Prismatic("motor", "ground", "rotor", motion=cj.Motion(actuators=(servo,)))
-    spring = cj.JointSpring(SPRING, DAMPING)
+    spring = cj.actuators.JointSpring(SPRING, DAMPING)
     link = cj.Prismatic("link", "rotor", "arm", motion=cj.Motion(velocity=0.2, actuators=(spring,)))
     return cj.Mechanism((cj.Body("rotor", MOTOR), cj.Body("arm", LINK)), (motor, link))
 
@@ -112,12 +112,15 @@ def arm(*motions, **more):
     return cj.Mechanism(bodies, joints, points=points, gravity=cj.Gravity(z=-9.81), **more)
 
 
-TARGETS = (cj.Reference("shoulder", cj.Harmonic(0.5, 3.0)), cj.Reference("elbow", cj.Harmonic(0.8, 2.0)))
+TARGETS = (
+    cj.controllers.Reference("shoulder", cj.drives.Harmonic(0.5, 3.0)),
+    cj.controllers.Reference("elbow", cj.drives.Harmonic(0.8, 2.0)),
+)
 
 
 def test_computed_torque_makes_every_error_an_oscillator_of_its_own():
     w, d = 12.0, 0.6
-    controlled = arm().with_controllers(cj.ComputedTorque("control", TARGETS, frequency=w, damping=d))
+    controlled = arm().with_controllers(cj.controllers.ComputedTorque("control", TARGETS, frequency=w, damping=d))
     s = cj.simulate(controlled, 1.0, rtol=1e-10, save_at=41)
     assert float(s.energy_residual) < 1e-9
     t, damped = np.asarray(s.time), w * np.sqrt(1 - d * d)
@@ -127,7 +130,9 @@ def test_computed_torque_makes_every_error_an_oscillator_of_its_own():
         np.testing.assert_allclose(np.asarray(s[name]), goal - error, rtol=0, atol=2e-10)
     # A controller that believes in another mass is off; its beliefs are numbers of their own.
     light = cj.replace(arm(), {"upper.mass": 1.6, "lower.mass": 0.8})
-    wrong = arm().with_controllers(cj.ComputedTorque("control", TARGETS, frequency=w, damping=d, model=light))
+    wrong = arm().with_controllers(
+        cj.controllers.ComputedTorque("control", TARGETS, frequency=w, damping=d, model=light)
+    )
     assert float(cj.parameters(wrong)["control.model.upper.mass"].value) == pytest.approx(1.6)
     assert float(cj.parameters(wrong)["upper.mass"].value) == 2.0
     off = cj.simulate(wrong, 1.0, rtol=1e-6).final[0] - s.final[0]
@@ -147,11 +152,14 @@ def test_a_sampled_computed_torque_of_a_large_mechanism_errs_by_its_period():
     chain = cj.Mechanism(bodies, joints, gravity=cj.Gravity(z=-9.81))
     assert chain.form.is_table
     targets = tuple(
-        cj.Reference(f"j{i}", cj.Harmonic(0.3, 2.0, phase=0.3 * i, offset=-0.3 * np.sin(0.3 * i))) for i in range(count)
+        cj.controllers.Reference(f"j{i}", cj.drives.Harmonic(0.3, 2.0, phase=0.3 * i, offset=-0.3 * np.sin(0.3 * i)))
+        for i in range(count)
     )
     errors = []
     for period in (4e-3, 2e-3):
-        controlled = chain.with_controllers(cj.ComputedTorque("control", targets, frequency=40.0, period=period))
+        controlled = chain.with_controllers(
+            cj.controllers.ComputedTorque("control", targets, frequency=40.0, period=period)
+        )
         s = cj.simulate(controlled, 0.2, rtol=1e-8, books=False)
         goal = np.array([float(r.target(s.time[-1])[0]) for r in targets])
         errors.append(np.abs(np.asarray(s.final[:count]) - goal).max())
@@ -217,11 +225,11 @@ def test_the_work_of_a_payload_has_derivatives_by_when_it_is_handed_over():
 
 
 def test_a_controller_knows_when_a_payload_comes_and_what_it_believes_of_that_has_derivatives():
-    target = cj.Reference("hip", cj.Harmonic(0.3, 5.0))
+    target = cj.controllers.Reference("hip", cj.drives.Harmonic(0.3, 5.0))
     start = {"hip.position": 0.0, "hip.velocity": 1.5}
 
     def controlled(model):
-        control = cj.ComputedTorque("control", (target,), frequency=40.0, model=model)
+        control = cj.controllers.ComputedTorque("control", (target,), frequency=40.0, model=model)
         return cj.replace(lifting(0.1, 0.16), start).with_controllers(control)
 
     s = cj.simulate(controlled(None), 0.2, rtol=1e-9, save_at=9)
@@ -238,7 +246,7 @@ def test_a_load_that_has_not_come_weighs_on_no_joint():
     """On a link that is held level the joint bears the weight of what is there."""
     load = cj.Body("load", 1.0, picked_up=0.1)
     joints = (
-        cj.Revolute("hip", "ground", "arm", motion=cj.Motion(drive=cj.Constant(0.0))),
+        cj.Revolute("hip", "ground", "arm", motion=cj.Motion(drive=cj.drives.Constant(0.0))),
         cj.Fixed("grip", "arm", "load", cj.Position(0.4)),
     )
     m = cj.Mechanism((cj.Body("arm", 2.0, 0.03), load), joints, gravity=cj.Gravity(0.0, -10.0))
@@ -250,7 +258,7 @@ def test_a_load_that_has_not_come_weighs_on_no_joint():
 def test_a_load_from_outside_pushes_in_the_world_or_with_its_body():
     """A disc that spins evenly, under a thrust that turns with it; a brick under a force that is switched on."""
     thrust = cj.Wrench("thrust", "disc", force=cj.Force(x=2.0), axes="body")
-    wind = cj.Wrench("wind", "disc", force=cj.Force(y=3.0), course=cj.StepSum([0.2], [0.5], [1.0]))
+    wind = cj.Wrench("wind", "disc", force=cj.Force(y=3.0), course=cj.drives.StepSum([0.2], [0.5], [1.0]))
     brake = cj.Wrench("brake", "disc", torque=cj.Torque(z=-0.5))
     planar = cj.Planar("floor", "ground", "disc", turn=cj.Motion(velocity=4.0))
     m = cj.Mechanism((cj.Body("disc", 0.5, 0.1),), (planar,), wrenches=(thrust, wind))
@@ -269,8 +277,8 @@ def test_a_load_from_outside_pushes_in_the_world_or_with_its_body():
 
 
 def steered(mechanism, *names):
-    references = tuple(cj.Reference(name, cj.Constant(0.0)) for name in names)
-    return dataclasses.replace(mechanism, controllers=(cj.ComputedTorque("c", references, frequency=9.0),))
+    references = tuple(cj.controllers.Reference(name, cj.drives.Constant(0.0)) for name in names)
+    return dataclasses.replace(mechanism, controllers=(cj.controllers.ComputedTorque("c", references, frequency=9.0),))
 
 
 def twice(mechanism):
@@ -285,10 +293,10 @@ def swinging_load():
 
 def test_the_targets_of_a_controller_have_the_units_of_what_they_steer():
     slid = dataclasses.replace(steered(carts(), "motor", "link"), name="slides")
-    turned = arm().with_controllers(cj.ComputedTorque("control", TARGETS, frequency=9.0, model=arm()))
+    turned = arm().with_controllers(cj.controllers.ComputedTorque("control", TARGETS, frequency=9.0, model=arm()))
     assert cj.parameters(slid)["target.motor.value"].unit == "m"
     assert cj.parameters(turned)["target.elbow.amplitude"].unit == "rad"
-    inside = arm().with_controllers(cj.ComputedTorque("control", TARGETS, frequency=9.0, model=turned))
+    inside = arm().with_controllers(cj.controllers.ComputedTorque("control", TARGETS, frequency=9.0, model=turned))
     assert cj.parameters(inside)["control.model.target.elbow.amplitude"].unit == "rad"
     known = (*cj.parameters(slid).values(), *cj.parameters(inside).values())
     assert not any("coordinate" in leaf.unit or "effort" in leaf.unit for leaf in known)
@@ -298,7 +306,9 @@ WRONG = {
     "Load `push` acts on the ground, which nothing moves": lambda: cj.Wrench("push", "ground"),
     "measures `lnk`, but there is no such coordinate": lambda: carts("lnk"),
     "commands `motor`, which controller `c` commands already": lambda: steered(carts(), "motor", "motor"),
-    "A servo must have a `period` greater than zero": lambda: cj.Servo(cj.Constant(0.0), 1.0, 1.0, period=0.0),
+    "A servo must have a `period` greater than zero": lambda: cj.actuators.Servo(
+        cj.drives.Constant(0.0), 1.0, 1.0, period=0.0
+    ),
     "measures `lnk`, but there is no such coordinate. Did you mean `link`": lambda: carts(("motor", "lnk")),
     "commands `moto`, which is no free coordinate. Did you mean `motor`": lambda: steered(carts(), "moto"),
     "commands `motor`, which controller `b` commands already": lambda: twice(carts()),

@@ -90,7 +90,7 @@ def test_time_of_a_drive_against_differences():
 def pin() -> cj.Mechanism:
     """A pin that falls through its sleeve, touches and slips."""
     joint = cj.RevoluteClearance(1e-3, 0.01, laws.HuntCrossley(1e6, 0.5), laws.TanhCoulomb(0.3, 0.01))
-    motion = cj.Motion(cj.ConstantSpeed(3.0))
+    motion = cj.Motion(cj.drives.ConstantSpeed(3.0))
     return cj.Mechanism(
         bodies=(cj.Body("pin", 0.14),),
         joints=(cj.Revolute("joint", "ground", "pin", motion=motion, clearance=joint),),

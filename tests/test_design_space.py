@@ -31,7 +31,7 @@ LEANING = (2e-5, -1.2e-4, 1e-5, 0.0, 3e-3)
 def arm(clearance: AbstractClearance, **end) -> cj.Mechanism:
     """A driven arm on a pin about z."""
     body = cj.Body("arm", 2.0, cj.Inertia(2e-3, 0.03, 0.03), cj.Position(0.2, None, 0.02))
-    hip = cj.Revolute("hip", "ground", "arm", motion=cj.Motion(cj.Harmonic(0.35, 30.0)), clearance=clearance)
+    hip = cj.Revolute("hip", "ground", "arm", motion=cj.Motion(cj.drives.Harmonic(0.35, 30.0)), clearance=clearance)
     point = cj.Point("tip", "arm", cj.Position(**end))
     return cj.Mechanism((body,), (hip,), points=(point,), gravity=cj.Gravity(z=-9.81))
 
@@ -75,7 +75,9 @@ def test_a_block_may_be_in_a_corner_of_its_guide():
     across it by turning too, about the guide's axis by at most 2 c / 30 mm.
     """
     box = cj.GuideClearance(RADIAL, LENGTH, 0.03, LAW, width=0.02)
-    slide = cj.Prismatic("guide", "ground", "block", axis="z", motion=cj.Motion(cj.Harmonic(0.1, 30.0)), clearance=box)
+    slide = cj.Prismatic(
+        "guide", "ground", "block", axis="z", motion=cj.Motion(cj.drives.Harmonic(0.1, 30.0)), clearance=box
+    )
     body = cj.Body("block", 1.0, cj.Inertia(2e-3, 2e-3, 2e-3))
     points = (cj.Point("far", "block", cj.Position(z=0.1)), cj.Point("aside", "block", cj.Position(0.3)))
     block = cj.Mechanism((body,), (slide,), points=points)

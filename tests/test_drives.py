@@ -13,8 +13,8 @@ import clearance_jax as cj
 from clearance_jax._types import Scalar
 from clearance_jax.mechanism.actuators import AbstractActuator
 from clearance_jax.mechanism.breaks import drive_breaks
-from clearance_jax.mechanism.drives import AbstractDrive, DriveSum, PreparedSpline, spline_curvature
 from clearance_jax.mechanism.expressions import read_expression
+from clearance_jax.mechanism.motion_laws import AbstractDrive, DriveSum, PreparedSpline, spline_curvature
 from clearance_jax.parameters import physical
 
 KNOTS = np.array([0.1, 0.35, 0.5, 0.9, 1.0, 1.45, 1.7])
@@ -26,21 +26,30 @@ MOVE_TIMES = [0.125, 0.375, 0.625, 0.875, 1.0, 1.125, 1.25]
 TIMED_TIMES = [0.125, 0.5, 0.875, 1.125, 1.375]
 # One example of every concrete drive, and the times at which its q'' or q''' jumps.
 DRIVES: dict[str, tuple[AbstractDrive, list[float]]] = {
-    "constant-speed": (cj.ConstantSpeed(-2.0, 0.3), []),
-    "step": (cj.StepSum(*STEPS, 0.1), STEP_TIMES),
-    "step5": (cj.Step5Sum(*STEPS, 0.1), STEP_TIMES),
-    "harmonic": (cj.Harmonic(0.4, 7.0, 0.3, -0.2), []),
-    "constant": (cj.Constant(0.7), []),
-    "trapezoid": (cj.Trapezoid([0.125, 1.0], [1.0, -0.125], 2.0, 8.0, offset=0.1), MOVE_TIMES),
-    "trapezoid-timed": (cj.Trapezoid([0.125, 0.875], [1.0, -0.5], duration=[0.75, 0.5], cruise=0.0), TIMED_TIMES),
-    "quintic": (cj.Quintic(KNOTS, TABLE), [KNOTS[0], KNOTS[-1]]),
-    "quintic-speeds": (cj.Quintic(KNOTS, TABLE, -TABLE), [KNOTS[0], KNOTS[-1]]),
-    "quintic-all": (cj.Quintic(KNOTS, 0 * TABLE, 0 * TABLE, 1.0 + TABLE), KNOTS.tolist()),
-    "spline-not-a-knot": (cj.Spline(KNOTS, TABLE), KNOTS[2:-2].tolist()),
-    "spline-natural": (cj.Spline(KNOTS, TABLE, "natural"), KNOTS[1:-1].tolist()),
-    "spline-clamped": (cj.Spline(KNOTS, TABLE, "clamped"), KNOTS[1:-1].tolist()),
+    "constant-speed": (cj.drives.ConstantSpeed(-2.0, 0.3), []),
+    "step": (cj.drives.StepSum(*STEPS, 0.1), STEP_TIMES),
+    "step5": (cj.drives.Step5Sum(*STEPS, 0.1), STEP_TIMES),
+    "harmonic": (cj.drives.Harmonic(0.4, 7.0, 0.3, -0.2), []),
+    "constant": (cj.drives.Constant(0.7), []),
+    "trapezoid": (cj.drives.Trapezoid([0.125, 1.0], [1.0, -0.125], 2.0, 8.0, offset=0.1), MOVE_TIMES),
+    "trapezoid-timed": (
+        cj.drives.Trapezoid([0.125, 0.875], [1.0, -0.5], duration=[0.75, 0.5], cruise=0.0),
+        TIMED_TIMES,
+    ),
+    "quintic": (cj.drives.Quintic(KNOTS, TABLE), [KNOTS[0], KNOTS[-1]]),
+    "quintic-speeds": (cj.drives.Quintic(KNOTS, TABLE, -TABLE), [KNOTS[0], KNOTS[-1]]),
+    "quintic-all": (cj.drives.Quintic(KNOTS, 0 * TABLE, 0 * TABLE, 1.0 + TABLE), KNOTS.tolist()),
+    "spline-not-a-knot": (cj.drives.Spline(KNOTS, TABLE), KNOTS[2:-2].tolist()),
+    "spline-natural": (cj.drives.Spline(KNOTS, TABLE, "natural"), KNOTS[1:-1].tolist()),
+    "spline-clamped": (cj.drives.Spline(KNOTS, TABLE, "clamped"), KNOTS[1:-1].tolist()),
     "sum": (
-        DriveSum((cj.StepSum([0.3], [0.8], [1.0]), cj.Step5Sum([0.6], [1.2], [2.0]), cj.Harmonic(0.1, 5.0))),
+        DriveSum(
+            (
+                cj.drives.StepSum([0.3], [0.8], [1.0]),
+                cj.drives.Step5Sum([0.6], [1.2], [2.0]),
+                cj.drives.Harmonic(0.1, 5.0),
+            )
+        ),
         [0.3, 0.6, 0.8, 1.2],
     ),
 }
@@ -100,7 +109,7 @@ class TestContract:
         drive, jumps = DRIVES[name]
         # A table's times are its breaks: a spline's end pieces (and with not-a-knot the next) go on without a jump, and
         # a curve of least jerk jumps at its ends only.
-        expected = KNOTS.tolist() if isinstance(drive, cj.Spline | cj.Quintic) else jumps
+        expected = KNOTS.tolist() if isinstance(drive, cj.drives.Spline | cj.drives.Quintic) else jumps
         assert set(np.asarray(drive.breaks()).tolist()) == set(expected)
         assert set(jumps) <= set(expected)
 
@@ -116,7 +125,7 @@ class TestContract:
 class TestSpline:
     def test_against_scipy_inside_at_the_ends_and_beyond(self, ends):
         t = np.concatenate([np.linspace(-0.3, 2.1, 241), KNOTS, KNOTS - 1e-12])
-        got = jax.jit(jax.vmap(cj.Spline(KNOTS, TABLE, ends)))(jnp.asarray(t))
+        got = jax.jit(jax.vmap(cj.drives.Spline(KNOTS, TABLE, ends)))(jnp.asarray(t))
         reference = CubicSpline(KNOTS, TABLE, bc_type=ends)
         for order in range(3):
             expected = reference(t, order)
@@ -124,14 +133,14 @@ class TestSpline:
 
     def test_shortest_table(self, ends):
         t = np.linspace(0.1, 0.9, 33)
-        got = jax.vmap(cj.Spline(KNOTS[:4], TABLE[:4], ends).prepared())(jnp.asarray(t))
+        got = jax.vmap(cj.drives.Spline(KNOTS[:4], TABLE[:4], ends).prepared())(jnp.asarray(t))
         reference = CubicSpline(KNOTS[:4], TABLE[:4], bc_type=ends)
         for order in range(3):
             np.testing.assert_allclose(got[order], reference(t, order), rtol=0, atol=1e-11)
 
     def test_derivative_by_the_table(self, ends):
         t = 1.2
-        slopes = jax.grad(lambda values: cj.Spline(KNOTS, values, ends).prepared()(jnp.asarray(t))[0])(
+        slopes = jax.grad(lambda values: cj.drives.Spline(KNOTS, values, ends).prepared()(jnp.asarray(t))[0])(
             jnp.asarray(TABLE)
         )
         basis = CubicSpline(KNOTS, np.eye(KNOTS.size), bc_type=ends)
@@ -143,7 +152,7 @@ class TestSpline:
 
         def ours(table):
             return jnp.stack(
-                jax.vmap(cj.Spline(table[: KNOTS.size], table[KNOTS.size :], ends).prepared())(jnp.asarray(t))
+                jax.vmap(cj.drives.Spline(table[: KNOTS.size], table[KNOTS.size :], ends).prepared())(jnp.asarray(t))
             )
 
         def theirs(table):
@@ -201,7 +210,7 @@ def test_the_largest_array_is_found_inside_calls_too():
 def test_a_spline_needs_four_values_of_one_length():
     for times, values in ((KNOTS[:3], TABLE[:3]), (KNOTS, TABLE[:-1])):
         with pytest.raises(ValueError, match="at least 4"):
-            cj.Spline(times, values)
+            cj.drives.Spline(times, values)
 
 
 def step(t, t0, h0, t1, h1):
@@ -217,7 +226,7 @@ def step5(t, t0, h0, t1, h1):
 TIMES = np.linspace(-0.5, 9.5, 401)
 
 
-@pytest.mark.parametrize(("cls", "formula"), [(cj.StepSum, step), (cj.Step5Sum, step5)])
+@pytest.mark.parametrize(("cls", "formula"), [(cj.drives.StepSum, step), (cj.drives.Step5Sum, step5)])
 def test_step_sums_are_the_adams_formulas(cls, formula):
     drive = cls([0.0, 1.0], [2.0, 9.0], [1.5, -4.0], 0.25)
     expected = 0.25 + formula(TIMES, 0, 0, 2, 1.5) + formula(TIMES, 1, 0, 9, -4.0)
@@ -229,21 +238,21 @@ def test_step_sums_are_the_adams_formulas(cls, formula):
 
 
 def test_step_jumps_by_six_rises_over_the_square_of_its_span():
-    drive = cj.StepSum([0.5], [2.5], [1.2])
+    drive = cj.drives.StepSum([0.5], [2.5], [1.2])
     a = [float(drive(jnp.asarray(t))[2]) for t in (0.5 - 1e-12, 0.5, 2.5 - 1e-12, 2.5)]
     np.testing.assert_allclose(a, [0.0, 6 * 1.2 / 4, -6 * 1.2 / 4, 0.0], rtol=1e-10)
 
 
 def test_harmonic_against_numpy():
     t = np.linspace(0, 4, 101)
-    q, v, a = jax.vmap(cj.Harmonic(0.4, 7.0, 0.3, -0.2))(jnp.asarray(t))
+    q, v, a = jax.vmap(cj.drives.Harmonic(0.4, 7.0, 0.3, -0.2))(jnp.asarray(t))
     np.testing.assert_allclose(q, -0.2 + 0.4 * np.sin(7 * t + 0.3), rtol=0, atol=1e-15)
     np.testing.assert_allclose(v, 0.4 * 7 * np.cos(7 * t + 0.3), rtol=0, atol=1e-14)
     np.testing.assert_allclose(a, -0.4 * 49 * np.sin(7 * t + 0.3), rtol=0, atol=1e-13)
 
 
 def test_a_sum_adds_its_terms_and_their_breaks():
-    terms = (cj.StepSum([0.3], [0.8], [1.0]), cj.Spline(KNOTS, TABLE), cj.ConstantSpeed(3.0, -1.0))
+    terms = (cj.drives.StepSum([0.3], [0.8], [1.0]), cj.drives.Spline(KNOTS, TABLE), cj.drives.ConstantSpeed(3.0, -1.0))
     drive = DriveSum(terms)
     for t in (0.0, 0.4, 1.6):
         parts = [term(jnp.asarray(t)) for term in terms]
@@ -274,12 +283,12 @@ def block(*actuators):
 
 
 def test_drive_breaks_are_those_of_drives_and_actuators():
-    target = cj.Spline(KNOTS, TABLE)
-    servo = cj.Servo(target, 10.0, 1.0)
-    m = block(servo, Push(3.0, 0.62), cj.ConstantEffort(1.0))
+    target = cj.drives.Spline(KNOTS, TABLE)
+    servo = cj.actuators.Servo(target, 10.0, 1.0)
+    m = block(servo, Push(3.0, 0.62), cj.actuators.ConstantEffort(1.0))
     for mechanism in (m, m.prepared()):
         assert sorted(np.asarray(drive_breaks(mechanism)).tolist()) == sorted([0.62, *KNOTS.tolist()])
-    driven = cj.Prismatic("guide", "ground", "block", motion=cj.Motion(cj.StepSum([0.3], [0.8], [1.0])))
+    driven = cj.Prismatic("guide", "ground", "block", motion=cj.Motion(cj.drives.StepSum([0.3], [0.8], [1.0])))
     assert np.asarray(drive_breaks(cj.Mechanism((cj.Body("block"),), (driven,)))).tolist() == [0.3, 0.8]
     assert drive_breaks(block()).shape == (0,)
 
@@ -292,7 +301,7 @@ def test_a_force_with_a_break_is_integrated_on_both_sides_of_it():
 
 
 def test_a_solve_is_differentiable_by_a_spline_and_its_times():
-    m = block(cj.Servo(cj.Spline(KNOTS, TABLE), 50.0, 5.0))
+    m = block(cj.actuators.Servo(cj.drives.Spline(KNOTS, TABLE), 50.0, 5.0))
 
     def end(values, times):
         table = {"guide.0.target.values": values, "guide.0.target.times": times}
@@ -308,8 +317,8 @@ def test_a_solve_is_differentiable_by_a_spline_and_its_times():
 
 def test_what_vanishes_identically_is_absent_from_the_program():
     t = jnp.asarray(1.0)
-    assert isinstance(cj.ConstantSpeed(2.0)(t)[2], float)
-    assert isinstance(DriveSum((cj.ConstantSpeed(2.0), cj.ConstantSpeed(1.0)))(t)[2], float)
+    assert isinstance(cj.drives.ConstantSpeed(2.0)(t)[2], float)
+    assert isinstance(DriveSum((cj.drives.ConstantSpeed(2.0), cj.drives.ConstantSpeed(1.0)))(t)[2], float)
 
 
 # Table 2 of the paper but its first row: ends of the three steps, speed in the middle of the first, start acceleration.

@@ -39,9 +39,9 @@ def tree() -> cj.Mechanism:
             cj.Body("tip", 0.2, 0.001, at(0.05, 0.0)),
         ),
         joints=(
-            cj.Revolute("shoulder", "ground", "arm", at(0.1, 0.2), motion=cj.Motion(cj.Harmonic(0.6, 5.0, 0.3))),
+            cj.Revolute("shoulder", "ground", "arm", at(0.1, 0.2), motion=cj.Motion(cj.drives.Harmonic(0.6, 5.0, 0.3))),
             cj.Prismatic("slide", "arm", "carriage", at(0.5, 0.0), at(0.02, -0.03), jnp.asarray(0.4)),
-            cj.Prismatic("press", "carriage", "ram", at(0.0, 0.1), motion=cj.Motion(cj.Harmonic(0.05, 9.0))),
+            cj.Prismatic("press", "carriage", "ram", at(0.0, 0.1), motion=cj.Motion(cj.drives.Harmonic(0.05, 9.0))),
             cj.Revolute("pin", "carriage", "rod", at(0.1, 0.05), at(0.01, 0.02), jnp.asarray(-0.7), clearance=hertz),
             cj.Fixed("weld", "rod", "tip", at(0.4, 0.1), at(0.0, 0.01), jnp.asarray(1.1)),
         ),
@@ -263,7 +263,7 @@ def test_two_million_times_smaller_play_has_the_same_mass(values):
 def two_arms(*order):
     bodies = {"light": cj.Body("light", None, 1.0), "heavy": cj.Body("heavy", None, 100.0)}
     joints = tuple(
-        cj.Revolute(f"to_{name}", "ground", name, motion=cj.Motion(cj.Harmonic(1.0, 2.0))) for name in bodies
+        cj.Revolute(f"to_{name}", "ground", name, motion=cj.Motion(cj.drives.Harmonic(1.0, 2.0))) for name in bodies
     )
     return cj.Mechanism(tuple(bodies[name] for name in order), joints)
 
@@ -316,7 +316,9 @@ def test_assembly_leaves_pins_in_their_sleeves(too_short):
     (loop,) = mechanism.loops
     if too_short:
         # A slider that is held where it is: only the play can give.
-        guide = dataclasses.replace(mechanism.joint("guide"), motion=cj.Motion(cj.ConstantSpeed(0.0, 0.17 + too_short)))
+        guide = dataclasses.replace(
+            mechanism.joint("guide"), motion=cj.Motion(cj.drives.ConstantSpeed(0.0, 0.17 + too_short))
+        )
         joints = tuple(guide if joint.name == "guide" else joint for joint in mechanism.joints)
         mechanism = dataclasses.replace(mechanism, joints=joints)
     y, errors = closed_start(mechanism.prepared(), jnp.asarray(0.0))

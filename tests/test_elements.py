@@ -15,11 +15,11 @@ from typer.testing import CliRunner
 import clearance_jax as cj
 from clearance_jax import joints, laws
 from clearance_jax.cli.main import app
-from clearance_jax.joints import relative_at
+from clearance_jax.joints.seating import relative_at
 from clearance_jax.spatial import as_array
 
 MASS, GRAVITY = 2.0, 9.81
-PAIR = cj.PreloadedBearing(2e6, 1e6, 800.0, 60.0, 40.0, 0.5, 1e-5)
+PAIR = cj.joints.PreloadedBearing(2e6, 1e6, 800.0, 60.0, 40.0, 0.5, 1e-5)
 
 
 def held_pin(element, gravity=None):
@@ -27,7 +27,7 @@ def held_pin(element, gravity=None):
     play = cj.RevoluteClearance(1e-4, 0.01, laws.Hertz(1e10), None, element)
     return cj.Mechanism(
         bodies=(cj.Body("pin", MASS, inertia=1e-3),),
-        joints=(cj.Revolute("j", "ground", "pin", motion=cj.Motion(cj.ConstantSpeed(0.0)), clearance=play),),
+        joints=(cj.Revolute("j", "ground", "pin", motion=cj.Motion(cj.drives.ConstantSpeed(0.0)), clearance=play),),
         gravity=cj.Gravity(0.0, -gravity) if gravity else cj.Gravity(),
     )
 
@@ -42,19 +42,21 @@ def sleeve(element):
 
 
 def test_a_damper_takes_its_work_and_bears_nothing_at_rest():
-    m = held_pin(cj.PlayDamper(30.0))
+    m = held_pin(cj.joints.PlayDamper(30.0))
     s = cj.simulate(m, 0.2, y0=jnp.array([0.0, 0.0, 3e-4, -2e-4]), rtol=1e-9)
     decay = np.exp(-30.0 * 0.2 / MASS)
     np.testing.assert_allclose(s.final[2:4], decay * np.array([3e-4, -2e-4]), rtol=1e-8)
     assert float(s.energy_residual) < 1e-8
-    still = sleeve(cj.PlayDamper(1e3, 2e3, 3.0)).prepared().act(relative_at(sleeve(None).play(), jnp.zeros(5)), ())
+    still = (
+        sleeve(cj.joints.PlayDamper(1e3, 2e3, 3.0)).prepared().act(relative_at(sleeve(None).play(), jnp.zeros(5)), ())
+    )
     assert not np.any(as_array((*still.force, *still.torque)))
 
 
 def test_a_preloaded_pin_rings_as_a_spring_and_damper():
     """Small motions: x = x0 exp(-z w t) (cos w' t + ...), w^2 = k / m, 2 z w = k T / m."""
     k, time = 2e6, 4e-5
-    m = held_pin(cj.PreloadedBearing(k, damping_time=time))
+    m = held_pin(cj.joints.PreloadedBearing(k, damping_time=time))
     x0, t = 1e-6, 0.013
     w = np.sqrt(k / MASS)
     z = 0.5 * w * time
@@ -71,7 +73,7 @@ def test_a_preloaded_pin_rings_as_a_spring_and_damper():
 
 def test_preload_closes_the_play_up_to_its_load():
     """At rest under a weight W < P: r = W / (k sqrt(1 - (W / P)^2)); beyond P the wall bears the rest."""
-    element = cj.PreloadedBearing(2e6, radial_preload=50.0)
+    element = cj.joints.PreloadedBearing(2e6, radial_preload=50.0)
     for weight in (5.0, 19.62, 45.0):
         m = held_pin(element, weight / MASS)
         final = cj.simulate(m, 1e-6, start="settled", rtol=1e-9).final
@@ -121,11 +123,13 @@ def test_what_it_exerts_is_the_slope_of_its_energy_and_its_loss_is_that_of_its_d
 
 def test_a_sleeve_on_preloaded_rollers_keeps_its_books_and_settles_where_it_bears():
     """An arm in space on it: at rest it sags as its springs say, and its motion balances."""
-    element = cj.PreloadedBearing(2e6, 1e6, 4e3, 60.0, 40.0, 30.0, 2e-4)
+    element = cj.joints.PreloadedBearing(2e6, 1e6, 4e3, 60.0, 40.0, 30.0, 2e-4)
     arm = cj.Mechanism(
         bodies=(cj.Body("arm", MASS, cj.Inertia(2e-2, 2e-2, 1e-3), cj.Position(z=0.1)),),
         joints=(
-            cj.Revolute("j", "ground", "arm", motion=cj.Motion(cj.ConstantSpeed(0.0)), clearance=sleeve(element)),
+            cj.Revolute(
+                "j", "ground", "arm", motion=cj.Motion(cj.drives.ConstantSpeed(0.0)), clearance=sleeve(element)
+            ),
         ),
         gravity=cj.Gravity(0.0, -GRAVITY),
     )
@@ -194,7 +198,7 @@ def test_presets_are_sums_over_their_elements():
 def test_a_film_damps_as_the_short_bearing_does():
     """Against Reynolds' equation of the short bearing, integrated over a pin's film by numbers."""
     viscosity, radius, length, play = 0.1, 0.01, 0.012, 5e-5
-    found = cj.PlayDamper.film(viscosity, radius, length, play)
+    found = cj.joints.PlayDamper.film(viscosity, radius, length, play)
     z, turn = (np.linspace(-0.5, 0.5, 2001) * length, np.linspace(0, 2 * np.pi, 2001))
     # h^3 p'' = 12 m dh/dt; of a speed across dh/dt = -cos(turn), of a spin -z cos(turn).
     p = 6 * viscosity / play**3 * (length**2 / 4 - z**2)
@@ -241,7 +245,7 @@ def test_modes_of_a_pin_whose_arm_a_digital_servo_holds_are_those_of_an_analogue
     play = cj.RevoluteClearance(2e-5, 0.01, laws.HuntCrossley(1e9, 0.0))
 
     def held(period):
-        servo = cj.Servo(cj.Constant(0.0), 500.0, 20.0, period=period)
+        servo = cj.actuators.Servo(cj.drives.Constant(0.0), 500.0, 20.0, period=period)
         joint = cj.Revolute("hip", "ground", "arm", motion=cj.Motion(actuators=(servo,)), clearance=play)
         arm = cj.Body("arm", 2.0, 0.03, cj.Position(0.2))
         return cj.Mechanism(bodies=(arm,), joints=(joint,), gravity=cj.Gravity(0.0, -GRAVITY))

@@ -310,7 +310,7 @@ def test_an_arms_bearing_that_cannot_be_meant_is_refused(tmp_path):
     pair = example(play_keys.BEARINGS["angular-contact-pair"])
     damper = 'element = { type = "damper", radial = "2 kN*s/m" }\n'
     worn = {key: value for key, value in crossed.items() if key != "preload"}
-    assert type(only(load(tmp_path, f"{robot}bearing = {inline(worn)}\n{damper}")).element) is cj.PlayDamper
+    assert type(only(load(tmp_path, f"{robot}bearing = {inline(worn)}\n{damper}")).element) is cj.joints.PlayDamper
     untyped = {key: value for key, value in crossed.items() if key != "type"}
     for values, rest, words in (
         (crossed, damper, "element would take the place of the bearing's `preload`"),

@@ -160,7 +160,7 @@ def test_the_end_moves_a_peak_that_lies_there():
     """A mass on a spring, x = 1 - cos(w t): the acceleration w^2 cos(w t) is highest at the start. Let go from the
     middle at speed v it is v w sin(w t), highest at the end.
     """
-    motion = cj.Motion(actuators=(cj.JointSpring(40.0, 0.0, 1.0),))
+    motion = cj.Motion(actuators=(cj.actuators.JointSpring(40.0, 0.0, 1.0),))
     swing = cj.Mechanism(
         bodies=(cj.Body("mass", 1.0),),
         joints=(cj.Prismatic("slide", "ground", "mass", motion=motion),),
@@ -175,7 +175,7 @@ def test_the_end_moves_a_peak_that_lies_there():
 
 def test_peaks_of_a_driven_point_beside_a_free_mass():
     """Nothing in the state moves as the drive does: amplitude w^2, twice a period."""
-    driven, free = cj.Motion(cj.Harmonic(0.1, 60.0)), cj.Motion(velocity=1.0)
+    driven, free = cj.Motion(cj.drives.Harmonic(0.1, 60.0)), cj.Motion(velocity=1.0)
     mechanism = cj.Mechanism(
         bodies=(cj.Body("a", 1.0), cj.Body("b", 1.0)),
         joints=(
@@ -227,7 +227,7 @@ def test_modes_agree_and_screening_says_what_it_is(mechanism):
 
 
 def oscillator():
-    motion = cj.Motion(position=0.0, velocity=0.3, actuators=(cj.JointSpring(40.0),))
+    motion = cj.Motion(position=0.0, velocity=0.3, actuators=(cj.actuators.JointSpring(40.0),))
     return cj.Mechanism(
         bodies=(cj.Body("mass", mass=2.0),),
         joints=(cj.Prismatic("slide", "ground", "mass", motion=motion),),

@@ -98,7 +98,7 @@ def _hat(spin):
 
 def test_two_links_stand_as_the_law_of_cosines_says():
     """Many poses by one program, driven joints alike, and from another posture."""
-    mechanism = two_links(drives=(cj.Constant(0.1), cj.Constant(0.7)))
+    mechanism = two_links(drives=(cj.drives.Constant(0.1), cj.drives.Constant(0.7)))
     angle, radius = np.meshgrid(np.linspace(-1.0, 1.5, 7), np.linspace(0.2, 0.68, 5))
     x, y = (radius * np.cos(angle)).ravel(), (radius * np.sin(angle)).ravel()
     traced = []
@@ -164,7 +164,7 @@ def test_a_posture_is_found_from_anywhere():
 
 def test_a_delta_stands_as_its_spheres_say():
     """Closed loops: its motors are sought, what is passive follows."""
-    mechanism = delta([cj.Constant(value) for value in (0.1, 0.2, 0.3)])
+    mechanism = delta([cj.drives.Constant(value) for value in (0.1, 0.2, 0.3)])
     angles = np.array([0.35, 0.15, 0.25])
     found = cj.inverse_kinematics(mechanism, "centre", cj.Pose(platform(angles)))
     assert list(found.coordinates) == ["motor0", "motor1", "motor2"]
@@ -205,9 +205,9 @@ def test_unknown_names_are_refused():
 
 def round_trip(**profile):
     segments = [
-        cj.Line(cj.Pose((1.0, 0.0, 0.0), cj.Orientation(roll=0.5))),
-        cj.Arc((1.5, 0.5, 0.0), cj.Pose((1.0, 1.0, 0.0))),
-        cj.Curve(
+        cj.paths.Line(cj.Pose((1.0, 0.0, 0.0), cj.Orientation(roll=0.5))),
+        cj.paths.Arc((1.5, 0.5, 0.0), cj.Pose((1.0, 1.0, 0.0))),
+        cj.paths.Curve(
             [
                 cj.Pose((1.0, 1.0, 1.0), cj.Orientation(pitch=0.3)),
                 cj.Pose((0.0, 1.0, 1.0)),
@@ -215,7 +215,7 @@ def round_trip(**profile):
             ]
         ),
     ]
-    return cj.CartesianPath(cj.Pose((0.0, 0.0, 0.0), cj.Orientation(yaw=0.1)), segments, **profile)
+    return cj.paths.CartesianPath(cj.Pose((0.0, 0.0, 0.0), cj.Orientation(yaw=0.1)), segments, **profile)
 
 
 def test_a_path_is_what_its_segments_are():
@@ -258,21 +258,23 @@ def test_rates_of_a_path_are_its_derivatives(profile):
 
 
 BAD_PATHS = {
-    "Segment 1 of the path, Arc: its begin": lambda: cj.CartesianPath(
-        cj.Pose((0.0, 0.0)), [cj.Arc((1.0, 0.0), cj.Pose((2.0, 0.0)))], durations=[1.0]
+    "Segment 1 of the path, Arc: its begin": lambda: cj.paths.CartesianPath(
+        cj.Pose((0.0, 0.0)), [cj.paths.Arc((1.0, 0.0), cj.Pose((2.0, 0.0)))], durations=[1.0]
     ),
-    "Segment 1 of the path, Curve: it needs two": lambda: cj.CartesianPath(
-        cj.Pose((0.0, 0.0)), [cj.Curve([cj.Pose((2.0, 0.0))])], durations=[1.0]
+    "Segment 1 of the path, Curve: it needs two": lambda: cj.paths.CartesianPath(
+        cj.Pose((0.0, 0.0)), [cj.paths.Curve([cj.Pose((2.0, 0.0))])], durations=[1.0]
     ),
-    "stays at its place": lambda: cj.CartesianPath(
-        cj.Pose((0.0, 0.0)), [cj.Line(cj.Pose((0.0, 0.0)))], speed=1.0, acceleration=1.0
+    "stays at its place": lambda: cj.paths.CartesianPath(
+        cj.Pose((0.0, 0.0)), [cj.paths.Line(cj.Pose((0.0, 0.0)))], speed=1.0, acceleration=1.0
     ),
-    "needs `durations`": lambda: cj.CartesianPath(cj.Pose((0.0, 0.0)), [cj.Line(cj.Pose((1.0, 0.0)))], speed=1.0),
-    "one number for each of its 1": lambda: cj.CartesianPath(
-        cj.Pose((0.0, 0.0)), [cj.Line(cj.Pose((1.0, 0.0)))], durations=[1.0, 2.0]
+    "needs `durations`": lambda: cj.paths.CartesianPath(
+        cj.Pose((0.0, 0.0)), [cj.paths.Line(cj.Pose((1.0, 0.0)))], speed=1.0
     ),
-    "its `start` has none": lambda: cj.CartesianPath(
-        cj.Pose((0.0, 0.0)), [cj.Line(cj.Pose((1.0, 0.0), cj.Orientation(yaw=1.0)))], durations=[1.0]
+    "one number for each of its 1": lambda: cj.paths.CartesianPath(
+        cj.Pose((0.0, 0.0)), [cj.paths.Line(cj.Pose((1.0, 0.0)))], durations=[1.0, 2.0]
+    ),
+    "its `start` has none": lambda: cj.paths.CartesianPath(
+        cj.Pose((0.0, 0.0)), [cj.paths.Line(cj.Pose((1.0, 0.0), cj.Orientation(yaw=1.0)))], durations=[1.0]
     ),
 }
 
@@ -287,8 +289,8 @@ def test_paths_that_there_are_not_are_refused(words):
 
 
 def corner(**profile):
-    segments = [cj.Line(cj.Pose((0.3, 0.4))), cj.Arc((0.2, 0.5), cj.Pose((0.1, 0.4)))]
-    return cj.CartesianPath(cj.Pose((0.5, 0.2)), segments, **profile)
+    segments = [cj.paths.Line(cj.Pose((0.3, 0.4))), cj.paths.Arc((0.2, 0.5), cj.Pose((0.1, 0.4)))]
+    return cj.paths.CartesianPath(cj.Pose((0.5, 0.2)), segments, **profile)
 
 
 @pytest.mark.parametrize("profile", [{"durations": [1.0, 1.5]}, {"speed": 0.4, "acceleration": 2.0}])
@@ -313,7 +315,7 @@ def test_the_error_falls_with_the_sixth_power():
     mechanism = framed(7)
     home = 0.3 * (-1.0) ** np.arange(7)
     start, end = (pose_of(*forward(mechanism, q)) for q in (home, home + 0.3 * np.cos(np.arange(7))))
-    path = cj.CartesianPath(start, [cj.Line(end)], durations=[1.0]).prepared()
+    path = cj.paths.CartesianPath(start, [cj.paths.Line(end)], durations=[1.0]).prepared()
     chain = chain_of(mechanism, "tip", None)
     # In the middle of the path: where it begins and ends, and the path's own derivatives change most, later.
     runs = [_run(chain, path, np.linspace(0, 1, n + 1), jnp.asarray(home)) for n in (8, 16, 32)]
@@ -327,11 +329,11 @@ def test_a_robot_moves_as_its_path_says(tmp_path):
     robot = cj.load_urdf("experiments/scenes/six_axes.urdf", end_effector="tcp")
     turned = cj.Orientation(0.1, 1.5, 0.3)
     there = cj.Pose((0.5, 0.1, 0.6), cj.Orientation(0.1, 1.4, 0.4))
-    path = cj.CartesianPath(cj.Pose((0.5, 0.2, 0.5), turned), [cj.Line(there)], durations=[1.0])
+    path = cj.paths.CartesianPath(cj.Pose((0.5, 0.2, 0.5), turned), [cj.paths.Line(there)], durations=[1.0])
     drives = cj.follow(robot, "tcp", path)
     assert list(drives) == [f"axis_{i}" for i in range(1, 7)]
     assert max(drives.deviation, drives.angle) < 1e-6
-    fingers = {"finger_left": cj.Constant(0.02), "finger_right": cj.Constant(0.02)}
+    fingers = {"finger_left": cj.drives.Constant(0.02), "finger_right": cj.drives.Constant(0.02)}
     driven = robot.driven(drives | fingers)
     assert "drive.axis_1.values" in cj.parameters(driven)
     solution = cj.simulate(driven, 1.0, save_at=21)
@@ -346,9 +348,11 @@ def test_a_robot_moves_as_its_path_says(tmp_path):
 
 @pytest.mark.slow
 def test_a_delta_follows_a_path():
-    mechanism = delta([cj.Constant(value) for value in (0.1, 0.2, 0.3)])
+    mechanism = delta([cj.drives.Constant(value) for value in (0.1, 0.2, 0.3)])
     begin = platform(np.array([0.35, 0.15, 0.25]))
-    path = cj.CartesianPath(cj.Pose(begin), [cj.Line(cj.Pose(np.add(begin, [0.05, 0.0, -0.05])))], durations=[0.3])
+    path = cj.paths.CartesianPath(
+        cj.Pose(begin), [cj.paths.Line(cj.Pose(np.add(begin, [0.05, 0.0, -0.05])))], durations=[0.3]
+    )
     drives = cj.follow(mechanism, "centre", path)
     times = np.linspace(0, 0.3, 41)
     angles = np.stack([along(drives[f"motor{i}"], times) for i in range(3)], 1)
@@ -361,7 +365,7 @@ def test_a_delta_follows_a_path():
 def test_what_is_driven_otherwise_is_reckoned_with():
     """A cart that carries the arm away: the arm makes up for it, and its masses do not matter."""
     plain, speed = two_links(), 0.1
-    cart = cj.Prismatic("rail", "ground", "cart", motion=cj.Motion(cj.ConstantSpeed(speed)))
+    cart = cj.Prismatic("rail", "ground", "cart", motion=cj.Motion(cj.drives.ConstantSpeed(speed)))
     shoulder = cj.Revolute("shoulder", "cart", "upper")
     mechanism = cj.Mechanism((cj.Body("cart"), *plain.bodies), (cart, shoulder, plain.joints[1]), points=plain.points)
     path = corner(durations=[1.0, 1.0])
@@ -375,7 +379,7 @@ def test_what_is_driven_otherwise_is_reckoned_with():
 
 def test_jumps_of_a_quintic_are_where_it_says():
     times, jumps = np.array([0.0, 1.0, 2.5]), np.array([0.5, -2.0, 1.5])
-    drive = cj.Quintic(times, [0.0, 1.0, 0.5], [0.0, 0.3, 0.0], [0.5, 0.7, 0.0], jumps).prepared()
+    drive = cj.drives.Quintic(times, [0.0, 1.0, 0.5], [0.0, 0.3, 0.0], [0.5, 0.7, 0.0], jumps).prepared()
     after, before = (
         [[float(x) for x in drive.within(jnp.asarray(t), jnp.asarray(t + beside))] for t in times]
         for beside in (1e-3, -1e-3)
@@ -383,11 +387,11 @@ def test_jumps_of_a_quintic_are_where_it_says():
     np.testing.assert_allclose(np.subtract(after, before)[:, :2], 0, atol=1e-13)
     np.testing.assert_allclose(np.subtract(after, before)[1, 2], jumps[1], atol=1e-12)
     with pytest.raises(cj.ClearanceError, match="needs `accelerations`"):
-        cj.Quintic(times, times, times, jumps=jumps)
+        cj.drives.Quintic(times, times, times, jumps=jumps)
 
 
 def straight(begin, end, duration=1.0):
-    return cj.CartesianPath(cj.Pose(begin), [cj.Line(cj.Pose(end))], durations=[duration])
+    return cj.paths.CartesianPath(cj.Pose(begin), [cj.paths.Line(cj.Pose(end))], durations=[duration])
 
 
 ASTRAY = {

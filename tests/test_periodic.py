@@ -20,11 +20,11 @@ TURN = 2 * np.pi
 def shaken(numbers):
     """A mass on a spring and damper in a shaken frame, started far from its cycle. **Arguments:** k, c, omega."""
     stiffness, damping, omega = numbers
-    spring = cj.JointSpring(stiffness, damping)
+    spring = cj.actuators.JointSpring(stiffness, damping)
     return cj.Mechanism(
         bodies=(cj.Body("frame", mass=1.0), cj.Body("body", mass=MASS)),
         joints=(
-            cj.Prismatic("shaker", "ground", "frame", motion=cj.Motion(cj.Harmonic(AMPLITUDE, omega))),
+            cj.Prismatic("shaker", "ground", "frame", motion=cj.Motion(cj.drives.Harmonic(AMPLITUDE, omega))),
             cj.Prismatic("slide", "frame", "body", motion=cj.Motion(None, 30.0, -50.0, (spring,))),
         ),
     )
@@ -117,7 +117,7 @@ def test_what_cannot_be_searched_raises():
         periodic_motion(mechanism, 1.5)
     with pytest.raises(ClearanceError, match=r"`turns` must have shape \(1,\)"):
         periodic_motion(mechanism, TURN / 4.0, turns=[0, 0])
-    driven = cj.Motion(cj.ConstantSpeed(1.0))
+    driven = cj.Motion(cj.drives.ConstantSpeed(1.0))
     pivot = cj.Revolute("pivot", "ground", "wheel", motion=driven)
     wheel = cj.Mechanism(bodies=(cj.Body("wheel", inertia=1.0),), joints=(pivot,))
     with pytest.raises(ClearanceError, match="needs a free coordinate"):

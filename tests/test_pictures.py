@@ -51,7 +51,7 @@ def crank():
 def arm():
     """An arm in space that is shaken on its pin, with its centre of mass out of the middle."""
     body = cj.Body("arm", 2.0, cj.Inertia(2e-3, 0.03, 0.03), cj.Position(0.2, None, 0.02))
-    hip = cj.Revolute("hip", "ground", "arm", motion=cj.Motion(cj.Harmonic(0.35, 30.0)), clearance=sleeve())
+    hip = cj.Revolute("hip", "ground", "arm", motion=cj.Motion(cj.drives.Harmonic(0.35, 30.0)), clearance=sleeve())
     tip = cj.Point("tip", "arm", cj.Position(0.4))
     mechanism = cj.Mechanism((body,), (hip,), points=(tip,), gravity=cj.Gravity(0.0, -3.0, -9.81))
     return cj.to_dataset(mechanism, cj.trace(mechanism, 0.03, rtol=1e-5, save_at=121))
@@ -60,7 +60,7 @@ def arm():
 @pytest.fixture(scope="module")
 def lift():
     """A robot without play."""
-    motion, inertia = cj.Motion(cj.Harmonic(0.1, 3.0)), (0.1, 0.1, 0.1)
+    motion, inertia = cj.Motion(cj.drives.Harmonic(0.1, 3.0)), (0.1, 0.1, 0.1)
     joints = (
         cj.Prismatic("lift", "ground", "column", axis="z", motion=motion),
         cj.Revolute("turn", "column", "link", motion=cj.Motion(velocity=2.0)),

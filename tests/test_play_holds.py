@@ -18,7 +18,7 @@ def test_what_a_pin_without_axial_play_holds_is_in_its_reaction():
     """An arm on an upright pin in mid-play: its weight, and the weight's moment, as of the ideal joint."""
     play = cj.RevoluteClearance(1e-4, 0.01, HERTZ)
     body = cj.Body("arm", 2.0, cj.Inertia(2e-3, 0.03, 0.03), cj.Position(0.2))
-    hip = cj.Revolute("hip", "ground", "arm", motion=cj.Motion(cj.Constant(0.0)), clearance=play)
+    hip = cj.Revolute("hip", "ground", "arm", motion=cj.Motion(cj.drives.Constant(0.0)), clearance=play)
     m = cj.Mechanism((body,), (hip,), gravity=cj.Gravity(z=-9.81)).prepared()
     pressed = jnp.array([-1.02e-4, 0.0, 0.0, 0.0])
     seen = jax.jit(lambda y: observe(jnp.zeros(()), y, m))(pressed)
@@ -31,7 +31,7 @@ def test_friction_and_slip_of_a_shaft_that_slides_are_along_it():
     """A pin pressed to its sleeve all along, sliding at 0.3 m/s: its normal force times mu, whatever the direction."""
     sleeve = cj.SleeveClearance(1e-4, 0.01, 0.04, HERTZ, RUBBING)
     body = cj.Body("pin", 2.0, cj.Inertia(2e-3, 0.03, 0.03))
-    shaft = cj.Cylindrical("shaft", "ground", "pin", turn=cj.Motion(cj.Constant(0.0)), clearance=sleeve)
+    shaft = cj.Cylindrical("shaft", "ground", "pin", turn=cj.Motion(cj.drives.Constant(0.0)), clearance=sleeve)
     m = cj.Mechanism((body,), (shaft,)).prepared()
     names = [c.name for c in m.free_coordinates()]
     y = np.zeros(2 * len(names))

@@ -24,11 +24,11 @@ def crank():
 
 def oscillator(stiffness: float, damping: float) -> cj.Mechanism:
     """A mass of 2 kg on a spring and damper, in a shaken frame."""
-    slide = cj.Motion(None, 0.3, -0.5, (cj.JointSpring(stiffness, damping),))
+    slide = cj.Motion(None, 0.3, -0.5, (cj.actuators.JointSpring(stiffness, damping),))
     return cj.Mechanism(
         bodies=(cj.Body("frame", mass=1.0), cj.Body("body", mass=2.0)),
         joints=(
-            cj.Prismatic("shaker", "ground", "frame", motion=cj.Motion(cj.Harmonic(0.1, 4.0))),
+            cj.Prismatic("shaker", "ground", "frame", motion=cj.Motion(cj.drives.Harmonic(0.1, 4.0))),
             cj.Prismatic("slide", "frame", "body", motion=slide),
         ),
     )

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 import clearance_jax as cj
 from clearance_jax import design, metrics
 from clearance_jax.design.drawing import joint_drawings
-from clearance_jax.design.findings import CUT_SHORT
+from clearance_jax.design.findings import CUT_SHORT, known_findings
 from clearance_jax.design.loads import pin_size
 from clearance_jax.design.manufacture import YieldEstimate
 from clearance_jax.design.observed import Observed
@@ -283,7 +283,7 @@ def test_standings_know_which_limit_and_condition_a_row_is_of():
 
 
 def test_without_a_solve_the_limits_and_the_drawing_are_known():
-    found = design.known(answer([piston_limit()], held=False))
+    found = known_findings(answer([piston_limit()], held=False))
     assert not found.good
     page = text_of(render(found))
     assert "No feasible design: piston: position error, peak 1 is 1.5 times its bound." in page
@@ -334,13 +334,13 @@ def test_the_places_of_a_state_are_those_of_its_mechanism():
 
 def test_a_path_that_cannot_be_written_is_one_sentence(tmp_path):
     with pytest.raises(ClearanceError, match="Cannot write the report"):
-        write_report(design.known(answer([piston_limit()])), tmp_path / "missing" / "r.html")
+        write_report(known_findings(answer([piston_limit()])), tmp_path / "missing" / "r.html")
 
 
 def test_a_robots_figure_shows_coordinates_points_and_drives():
     """Panels are lettered from (a); speeds count all three axes."""
     body = cj.Body("link", 1.0, (0.1, 0.1, 0.1), cj.Position(0.2))
-    lift = cj.Prismatic("lift", "ground", "column", axis="z", motion=cj.Motion(cj.Harmonic(0.1, 3.0)))
+    lift = cj.Prismatic("lift", "ground", "column", axis="z", motion=cj.Motion(cj.drives.Harmonic(0.1, 3.0)))
     turn = cj.Revolute("turn", "column", "link", motion=cj.Motion(velocity=2.0))
     column, tip = cj.Body("column", 1.0, (0.1, 0.1, 0.1)), cj.Point("tip", "link", cj.Position(0.3))
     robot = cj.Mechanism((column, body), (lift, turn), points=(tip,), gravity=cj.Gravity(z=-9.81))

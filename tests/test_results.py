@@ -184,7 +184,7 @@ def test_every_coordinate_has_its_own_unit(tmp_path, crank):
 
 
 def test_one_unit_for_all_is_said_at_the_variable():
-    motion = cj.Motion(cj.Harmonic(0.1, 10.0))
+    motion = cj.Motion(cj.drives.Harmonic(0.1, 10.0))
     pushed = cj.Mechanism(
         bodies=(cj.Body("cart", 1.0), cj.Body("block", 1.0)),
         joints=(
@@ -375,7 +375,7 @@ def test_largest_force_of_a_hertz_impact(exponent, stiffness, solver):
 def flores_on_a_drive() -> cj.Mechanism:
     """A law that remembers its impact speed, and a drive whose acceleration jumps."""
     play = cj.RevoluteClearance(1e-4, 0.01, laws.flores(1e9, 0.6), laws.TanhCoulomb(0.1, 1e-2))
-    drive = cj.StepSum([0.0, 0.013], [0.013, 0.031], [0.4, -0.3])
+    drive = cj.drives.StepSum([0.0, 0.013], [0.013, 0.031], [0.4, -0.3])
     return cj.Mechanism(
         bodies=(cj.Body("arm", 1.0, 0.01, cj.Position(0.1)),),
         joints=(cj.Revolute("hip", "ground", "arm", motion=cj.Motion(drive), clearance=play),),

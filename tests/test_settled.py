@@ -193,7 +193,7 @@ def test_a_start_says_which_joints_begin_at_relative_rest():
 def test_lanes_of_a_batch_start_as_single_solves_do():
     """A driven pendulum from rest: its load turns by r J / g for a jerk J, and its pin swings with sqrt(g / c)."""
     play = cj.RevoluteClearance(1e-4, 0.01, laws.HuntCrossley(STIFFNESS, 0.5))
-    drive = cj.Motion(cj.Quintic([0.0, 0.1], [0.0, 0.1]))
+    drive = cj.Motion(cj.drives.Quintic([0.0, 0.1], [0.0, 0.1]))
     hip = cj.Revolute("hip", "ground", "bob", motion=drive, clearance=play)
     bob = cj.Body("bob", MASS, 0.01, cj.Position(y=-0.3))
     mechanism = cj.Mechanism((bob,), (hip,), gravity=cj.Gravity(y=-GRAVITY))
@@ -201,7 +201,7 @@ def test_lanes_of_a_batch_start_as_single_solves_do():
     rises = fastest * 0.1**3 / 60 * np.array([0.2, 0.9, 1.1, 1.5, 3.0])
 
     def started(rise):
-        moved = mechanism.driven({"hip": cj.Quintic([0.0, 0.1], jnp.stack([0.0 * rise, rise]))})
+        moved = mechanism.driven({"hip": cj.drives.Quintic([0.0, 0.1], jnp.stack([0.0 * rise, rise]))})
         return cj.simulate(moved, 1e-5, rtol=1e-6, books=False, start="settled")
 
     single = jax.jit(started)

@@ -15,7 +15,7 @@ from clearance_jax.dynamics.quantities import evaluated
 from clearance_jax.dynamics.reactions import joint_reactions
 from clearance_jax.dynamics.seated import seated_frequency
 from clearance_jax.dynamics.settled import settled_start
-from clearance_jax.joints import Load, posed, relative_at, seat
+from clearance_jax.joints.seating import Load, posed, relative_at, seat
 from clearance_jax.joints.sleeve import lobatto
 from clearance_jax.mechanism.state import layout
 from clearance_jax.solve.flow import initial_state
@@ -136,7 +136,7 @@ def test_a_start_that_cannot_be_settled_is_refused():
     """
     box = cj.GuideClearance(1e-3, 0.1, 0.05, laws.HuntCrossley(1e7, 0.0, 1.0), width=0.06)
     body = cj.Body("block", 1.0, cj.Inertia(9.0, 9.0, 9.0), cj.Position(y=0.7))
-    slide = cj.Prismatic("guide", "ground", "block", axis="z", motion=cj.Motion(cj.Constant(0.0)), clearance=box)
+    slide = cj.Prismatic("guide", "ground", "block", axis="z", motion=cj.Motion(cj.drives.Constant(0.0)), clearance=box)
     light = cj.Mechanism((body,), (slide,), gravity=cj.Gravity(x=-9.81))
     assert bool(cj.simulate(light, 1e-6, start="settled").succeeded)
     for mass in (2e3, 7e3):
@@ -149,7 +149,7 @@ def test_a_start_that_cannot_be_settled_is_refused():
 def arm(clearance, drive=None, **changed) -> cj.Mechanism:
     """An arm on a level pin, its centre of mass beside the sleeve."""
     body = cj.Body("arm", 2.0, cj.Inertia(2e-3, 0.03, 0.03), cj.Position(0.2, 0.02))
-    motion = cj.Motion(cj.Harmonic(0.35, 30.0) if drive is None else drive)
+    motion = cj.Motion(cj.drives.Harmonic(0.35, 30.0) if drive is None else drive)
     hip = cj.Revolute("hip", "ground", "arm", motion=motion, clearance=clearance, axis="y")
     gravity = cj.Gravity(**({"x": 1.0, "y": 2.0, "z": -9.81} | changed))
     return cj.Mechanism((body,), (hip,), points=(cj.Point("tip", "arm", cj.Position(0.4)),), gravity=gravity)
@@ -166,7 +166,7 @@ def accelerations(mechanism, time, y):
 def test_an_arm_starts_at_rest_where_its_weight_presses_it():
     """Still, of a law with memory and friction with bristles: all forces balance, and what bears is said to touch."""
     law, friction = laws.exact_restitution(1e9, 0.7), laws.LuGre(0.4, 0.3, 1e-3, 1e5, 1e-2, 0.0)
-    m = arm(sleeve(normal=law, friction=friction), cj.Constant(0.0))
+    m = arm(sleeve(normal=law, friction=friction), cj.drives.Constant(0.0))
     y = initial_state(m.prepared(), jnp.zeros(()), "settled")
     np.testing.assert_allclose(accelerations(m, 0.0, y), 0.0, atol=1e-9)
     np.testing.assert_allclose(y[5:10], 0.0, atol=1e-12)
@@ -201,7 +201,7 @@ def test_a_moving_arm_rides_along_the_walls_and_has_derivatives():
 @pytest.mark.slow
 def test_a_pin_that_starts_at_its_wall_hits_nothing():
     """It bears from the first instant what it bears a moment later; one that falls hits twice as hard."""
-    m = arm(sleeve(normal=SOFT), cj.StepSum([0.0], [0.5], [0.35]))
+    m = arm(sleeve(normal=SOFT), cj.drives.StepSum([0.0], [0.5], [0.35]))
     prepared, forces = m.prepared(), {}
     for word in ("centre", "settled"):
         y = initial_state(prepared, jnp.zeros(()), word)
@@ -231,7 +231,7 @@ def test_the_tool_changer_starts_settled():
 def test_a_loop_settles_as_the_tree_does():
     """A plate that carries an arm on a sleeve: by the sleeve's own coordinates, or by those of a floating body."""
     tree = arm(sleeve(normal=SOFT))
-    motor = cj.Revolute("motor", "ground", "plate", axis="x", motion=cj.Motion(cj.StepSum([0.0], [0.1], [0.35])))
+    motor = cj.Revolute("motor", "ground", "plate", axis="x", motion=cj.Motion(cj.drives.StepSum([0.0], [0.1], [0.35])))
     hip = cj.Revolute("hip", "plate", "arm", clearance=sleeve(normal=SOFT))
     bodies = (cj.Body("plate"), *tree.bodies)
     one = cj.Mechanism(bodies, (motor, hip), points=tree.points, gravity=tree.gravity)
@@ -255,8 +255,8 @@ def test_a_loop_settles_as_the_tree_does():
 def test_a_robot_settles_with_play_in_all_its_joints():
     """Thirty coordinates of play: what is left accelerates a thousand times less than what falls."""
     robot = cj.load_urdf("experiments/scenes/six_axes.urdf", end_effector="tcp")
-    moves = {f"axis_{i}": cj.Quintic([0.0, 0.5, 1.0], [0.0, 0.1 * i, 0.0]) for i in range(1, 7)}
-    loose = robot.driven(moves | {"finger_left": cj.Constant(0.02), "finger_right": cj.Constant(0.02)})
+    moves = {f"axis_{i}": cj.drives.Quintic([0.0, 0.5, 1.0], [0.0, 0.1 * i, 0.0]) for i in range(1, 7)}
+    loose = robot.driven(moves | {"finger_left": cj.drives.Constant(0.02), "finger_right": cj.drives.Constant(0.02)})
     for name in moves:
         loose = loose.with_clearance(
             name, kind="sleeve", radial_clearance=5e-5, axial_clearance=1e-4, length=0.04, pin_radius=0.015
@@ -329,8 +329,10 @@ def test_lightly_loaded_sleeves_of_a_robot_begin_at_relative_rest():
     for _ in range(8):
         at = np.radians(rng.uniform(-1, 1, 6) * [170, 60, 120, 180, 110, 180])
         by = at + np.radians(rng.uniform(-15, 15, 6))
-        moves = {f"axis_{i + 1}": cj.Quintic([0.0, 0.25], [at[i], by[i]]) for i in range(6)}
-        loose = robot.driven(moves | {"finger_left": cj.Constant(0.02), "finger_right": cj.Constant(0.02)})
+        moves = {f"axis_{i + 1}": cj.drives.Quintic([0.0, 0.25], [at[i], by[i]]) for i in range(6)}
+        loose = robot.driven(
+            moves | {"finger_left": cj.drives.Constant(0.02), "finger_right": cj.drives.Constant(0.02)}
+        )
         for name, radial, length, pin in (
             ("axis_2", 3e-5, 0.08, 0.03),
             ("axis_3", 3e-5, 0.06, 0.025),
@@ -349,10 +351,10 @@ def test_lightly_loaded_sleeves_of_a_robot_begin_at_relative_rest():
 
 def test_lanes_of_settled_starts_in_space_are_those_alone():
     """The search for tilted pins, over lanes; quintics from rest, of which the faster ones leave the pin at rest."""
-    m = arm(dataclasses.replace(sleeve(normal=SOFT), stations=2), cj.Quintic([0.0, 0.1], [0.0, 0.1]))
+    m = arm(dataclasses.replace(sleeve(normal=SOFT), stations=2), cj.drives.Quintic([0.0, 0.1], [0.0, 0.1]))
 
     def start(rise):
-        moved = m.driven({"hip": cj.Quintic([0.0, 0.1], jnp.stack([0.0 * rise, rise]))})
+        moved = m.driven({"hip": cj.drives.Quintic([0.0, 0.1], jnp.stack([0.0 * rise, rise]))})
         return settled_start(jnp.zeros(()), moved.prepared())
 
     rises = jnp.asarray([0.0, 1e-3, 1e-2, 0.1, 1.0])

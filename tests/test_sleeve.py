@@ -155,7 +155,7 @@ def test_what_all_stations_bear_converges_with_their_number():
 def arm(clearance, axis="z", gravity=(0.0, -3.0, -9.81), off=0.02):
     """An arm that swings on its pin, its centre of mass out of the middle."""
     body = cj.Body("arm", 2.0, cj.Inertia(2e-3, 0.03, 0.03), cj.Position(0.2, None, off or None))
-    motion = cj.Motion(cj.Harmonic(0.35, 30.0))
+    motion = cj.Motion(cj.drives.Harmonic(0.35, 30.0))
     hip = cj.Revolute("hip", "ground", "arm", motion=motion, clearance=clearance, axis=axis)
     x, y, z = gravity
     return cj.Mechanism(
@@ -206,7 +206,7 @@ def test_radial_play_only_in_space_is_the_plane_scene():
     play = cj.RevoluteClearance(RADIAL, RADIUS, HERTZ, FRICTION)
     flat = cj.Mechanism(
         (cj.Body("arm", 2.0, 0.03, cj.Position(0.2)),),
-        (cj.Revolute("hip", "ground", "arm", motion=cj.Motion(cj.Harmonic(0.35, 30.0)), clearance=play),),
+        (cj.Revolute("hip", "ground", "arm", motion=cj.Motion(cj.drives.Harmonic(0.35, 30.0)), clearance=play),),
         gravity=cj.Gravity(y=-3.0),
     )
     space = arm(play, gravity=(None, -3.0, None), off=0.0)
@@ -216,7 +216,9 @@ def test_radial_play_only_in_space_is_the_plane_scene():
     np.testing.assert_allclose(cj.simulate(space, 0.05, rtol=1e-11).final[:4], best[:4], rtol=0, atol=1e-9 * RADIAL)
     # About x: what was x is y, what was y is z. The sleeve's own axes say it all.
     body = cj.Body("arm", 2.0, cj.Inertia(0.03, 0.03, 2e-3), cj.Position(None, 0.2))
-    hip = cj.Revolute("hip", "ground", "arm", motion=cj.Motion(cj.Harmonic(0.35, 30.0)), clearance=play, axis="x")
+    hip = cj.Revolute(
+        "hip", "ground", "arm", motion=cj.Motion(cj.drives.Harmonic(0.35, 30.0)), clearance=play, axis="x"
+    )
     turned = cj.Mechanism((body,), (hip,), gravity=cj.Gravity(z=-3.0))
     np.testing.assert_allclose(cj.simulate(turned, 0.05, rtol=1e-11).final[:4], best[:4], rtol=0, atol=1e-9 * RADIAL)
 
@@ -225,7 +227,7 @@ def test_a_sleeve_closes_a_loop_as_it_does_in_a_tree():
     """A pin that is free in space on the one hand, on the joint's own play coordinates on the other: one field."""
     clearance = sleeve()
     tree = arm(clearance)
-    driven = cj.Revolute("motor", "ground", "sleeve", motion=cj.Motion(cj.Harmonic(0.35, 30.0)))
+    driven = cj.Revolute("motor", "ground", "sleeve", motion=cj.Motion(cj.drives.Harmonic(0.35, 30.0)))
     loop = cj.Mechanism(
         (cj.Body("sleeve"), *tree.bodies),
         (driven, cj.Free("float", "ground", "arm")),
@@ -256,7 +258,7 @@ def test_a_sleeve_closes_a_loop_as_it_does_in_a_tree():
 
 def test_a_solve_of_a_loop_in_space_is_that_of_the_tree():
     """On a plate that tumbles: what a loop's watch interpolates, with the sleeve's own turning, is what a tree's is."""
-    motor = cj.Revolute("motor", "ground", "plate", axis="x", motion=cj.Motion(cj.Harmonic(0.35, 30.0)))
+    motor = cj.Revolute("motor", "ground", "plate", axis="x", motion=cj.Motion(cj.drives.Harmonic(0.35, 30.0)))
     hip = cj.Revolute("hip", "plate", "arm", clearance=sleeve())
     floats = cj.Free("float", "ground", "arm", motion=cj.Ball(spin=cj.Spin(x=0.35 * 30.0)))
     one = arm(sleeve())

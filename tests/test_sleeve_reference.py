@@ -78,7 +78,7 @@ def arm_on_a_plate():
     """A plate that tumbles carries an upper arm, which carries a forearm: both pins held axially in their sleeves."""
 
     def harmonic(speed):
-        return cj.Motion(cj.Harmonic(0.35, speed))
+        return cj.Motion(cj.drives.Harmonic(0.35, speed))
 
     bodies = (
         cj.Body("plate"),
@@ -107,7 +107,7 @@ def loose_bennett():
     """
     exact, _ = bennett()
     loose = [dataclasses.replace(joint, clearance=play(axial=AXIAL)) for joint in (*exact.joints, *exact.loops)]
-    loose[0] = dataclasses.replace(loose[0], motion=cj.Motion(cj.ConstantSpeed(2.0, 0.7)))
+    loose[0] = dataclasses.replace(loose[0], motion=cj.Motion(cj.drives.ConstantSpeed(2.0, 0.7)))
     return dataclasses.replace(exact, joints=tuple(loose[:3]), loops=tuple(loose[3:]))
 
 

@@ -48,7 +48,9 @@ def test_a_free_pin_does_not_swing_past_the_contacts_of_a_driven_sleeve():
     m = cj.Mechanism(
         bodies=(cj.Body("sleeve", 1.0), cj.Body("pin", 0.1)),
         joints=(
-            cj.Prismatic("shaker", "ground", "sleeve", motion=cj.Motion(cj.Harmonic(amplitude, 2 * np.pi * frequency))),
+            cj.Prismatic(
+                "shaker", "ground", "sleeve", motion=cj.Motion(cj.drives.Harmonic(amplitude, 2 * np.pi * frequency))
+            ),
             cj.Prismatic("guide", "ground", "pin", motion=cj.Motion(velocity=v0)),
         ),
         loops=(cj.Revolute("play", "sleeve", "pin", clearance=pin),),
@@ -151,7 +153,7 @@ def drop(law, clearance=1e-3, friction=None, gravity=9.81, mass=0.14):
     joint = cj.RevoluteClearance(clearance, 0.01, law, friction)
     return cj.Mechanism(
         bodies=(cj.Body("pin", mass),),
-        joints=(cj.Revolute("j", "ground", "pin", motion=cj.Motion(cj.ConstantSpeed(0.0)), clearance=joint),),
+        joints=(cj.Revolute("j", "ground", "pin", motion=cj.Motion(cj.drives.ConstantSpeed(0.0)), clearance=joint),),
         gravity=cj.Gravity(y=-gravity),
     )
 
@@ -269,13 +271,13 @@ def test_energy_books_with_gravity_springs_and_actuators():
     m = cj.Mechanism(
         bodies=(cj.Body("arm", 1.0, 0.05, cj.Position(0.3, 0.01)), cj.Body("tip", 0.5, 0.01, cj.Position(0.1))),
         joints=(
-            cj.Revolute("shoulder", "ground", "arm", motion=cj.Motion(cj.Harmonic(0.5, 3.0))),
+            cj.Revolute("shoulder", "ground", "arm", motion=cj.Motion(cj.drives.Harmonic(0.5, 3.0))),
             cj.Revolute(
                 "elbow",
                 "arm",
                 "tip",
                 at_parent=cj.Position(0.6),
-                motion=cj.Motion(position=0.4, actuators=(cj.JointSpring(5.0, 0.1),)),
+                motion=cj.Motion(position=0.4, actuators=(cj.actuators.JointSpring(5.0, 0.1),)),
             ),
         ),
         springs=(cj.Spring("s", "ground", "tip", 20.0, 0.5, 0.2, cj.Position(0.2, -0.5)),),

@@ -62,7 +62,7 @@ def zoo():
         cj.Cylindrical("sleeve", "cardan", "drill", at(), at(), orientation=turned(), axis="-y"),
         cj.Planar("floor", "lift", "foot", at(), at(), orientation=turned(), axis="x"),
         cj.Free("air", "ground", "drone", at(), at(), orientation=turned()),
-        cj.Revolute("bent", "ball", "twig", at(), motion=cj.Motion(cj.Harmonic(0.7, 3.0)), axis=(0.3, 0.2, 1.0)),
+        cj.Revolute("bent", "ball", "twig", at(), motion=cj.Motion(cj.drives.Harmonic(0.7, 3.0)), axis=(0.3, 0.2, 1.0)),
         cj.Revolute("last", "twig", "rod", at(), at(), orientation=turned(), axis="x"),
     )
     return cj.Mechanism(bodies, joints, gravity=cj.Gravity(0.3, -1.0, -9.81))
@@ -330,7 +330,7 @@ def platform(angles):
 
 
 def test_delta_robot_is_where_its_spheres_meet():
-    drives = [cj.Harmonic(0.3, 4.0, phase=phase, offset=0.1) for phase in (0.0, 1.0, 2.5)]
+    drives = [cj.drives.Harmonic(0.3, 4.0, phase=phase, offset=0.1) for phase in (0.0, 1.0, 2.5)]
     mechanism = delta(drives)
     solution = cj.simulate(mechanism, 1.0, save_at=11, rtol=1e-9)
     assert np.max(gaps(mechanism, solution)) < 1e-12
@@ -472,6 +472,6 @@ def test_books_close_where_a_drive_breaks_at_the_end():
     bob, cart = cj.Body("bob", 1.0, (0.1, 0.1, 0.1), cj.Position(0.3)), cj.Body("cart", 1.0, (0.1, 0.1, 0.1))
     ball = cj.Spherical("ball", "cart", "bob")
     for end in (0.3, 0.45):
-        slide = cj.Prismatic("slide", "ground", "cart", motion=cj.Motion(cj.StepSum([0.0], [end], [0.2])))
+        slide = cj.Prismatic("slide", "ground", "cart", motion=cj.Motion(cj.drives.StepSum([0.0], [end], [0.2])))
         mechanism = cj.Mechanism((cart, bob), (slide, ball), gravity=cj.Gravity(z=-9.81))
         assert float(cj.simulate(mechanism, end, rtol=1e-9).energy_residual) < 3e-10

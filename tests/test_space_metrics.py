@@ -16,7 +16,7 @@ from clearance_jax.mechanism.state import initial_values
 from clearance_jax.metrics.ideal import freedom
 
 G = 9.81
-DRIVES = [cj.Harmonic(0.3, 4.0, phase=phase, offset=0.1) for phase in (0.0, 1.0, 2.5)]
+DRIVES = [cj.drives.Harmonic(0.3, 4.0, phase=phase, offset=0.1) for phase in (0.0, 1.0, 2.5)]
 
 
 def test_a_pendulums_bearing_bears_most_at_the_bottom():
@@ -42,7 +42,7 @@ def test_a_shaft_bears_the_moment_of_what_turns_with_it():
     """A mass at radius a and height h turns evenly: m a (g + h w^2), by weight and by centrifugal force."""
     m, a, h, w = 2.0, 0.3, 0.5, 7.0
     body = cj.Body("rotor", m, (0.02, 0.03, 0.04), cj.Position(a, 0.0, h))
-    shaft = cj.Revolute("shaft", "ground", "rotor", motion=cj.Motion(cj.ConstantSpeed(w)))
+    shaft = cj.Revolute("shaft", "ground", "rotor", motion=cj.Motion(cj.drives.ConstantSpeed(w)))
     rotor = cj.Mechanism((body,), (shaft,), gravity=cj.Gravity(z=-G))
     metric = metrics.At(metrics.JointMoment("shaft"), [0.1, 0.3])
     value, slope = jax.jvp(lambda z: metric(cj.replace(rotor, {"rotor.center_of_mass.z": z}), 0.4), (h,), (1.0,))
@@ -58,7 +58,7 @@ def test_freedom_is_counted_in_space():
     """Repeated conditions count once; a mechanism's own error is nothing, however it closes."""
     linkage, _ = bennett()
     assert freedom(linkage) == 1
-    assert freedom(linkage.driven({"j1": cj.ConstantSpeed(2.0)})) == 0
+    assert freedom(linkage.driven({"j1": cj.drives.ConstantSpeed(2.0)})) == 0
     assert freedom(delta(DRIVES)) == 0
     assert freedom(arm(3)) == 3
     assert freedom(four_bar(cj.Revolute, False)) == freedom(four_bar(cj.Spherical, True)) == 1
@@ -75,7 +75,7 @@ def test_errors_of_a_closed_linkage_without_play_are_nothing():
     linkage, _ = bennett()
     driven = cj.Mechanism(
         linkage.bodies, linkage.joints, linkage.loops, points=(cj.Point("knee", "l2"),), gravity=linkage.gravity
-    ).driven({"j1": cj.Harmonic(0.3, 2.0, offset=0.7)})
+    ).driven({"j1": cj.drives.Harmonic(0.3, 2.0, offset=0.7)})
     asked = {"place": metrics.Rms(metrics.PositionError("knee")), "turn": metrics.Rms(metrics.OrientationError("l2"))}
     found = cj.measure(driven, asked, 0.2)
     assert max(map(float, found.values())) < 1e-9
@@ -83,7 +83,7 @@ def test_errors_of_a_closed_linkage_without_play_are_nothing():
 
 def test_static_weights_of_an_arm_are_one():
     """An offset in a joint of a driven arm moves its end by itself, whatever the arm's shape."""
-    drives = {f"joint{i}": cj.Harmonic(0.5, 2.0 + i) for i in range(3)}
+    drives = {f"joint{i}": cj.drives.Harmonic(0.5, 2.0 + i) for i in range(3)}
     weights = design.static_weights(arm(3).driven(drives), "tip", 1.0, 11, joints=("joint2", "joint0"))
     assert list(weights) == ["joint2", "joint0"]
     np.testing.assert_allclose(list(weights.values()), 1.0, rtol=1e-12)
@@ -112,7 +112,7 @@ def rssr(drive):
 
 def test_static_weights_of_a_closed_loop_are_those_of_its_assembly():
     """Against differences of the rocker's place, each variant assembled from the same guess."""
-    linkage, asked = rssr(cj.Harmonic(0.8, 20.0, phase=0.3)), ("hub", "cardan", "pivot", "ball")
+    linkage, asked = rssr(cj.drives.Harmonic(0.8, 20.0, phase=0.3)), ("hub", "cardan", "pivot", "ball")
     weights = design.static_weights(linkage, "tip", 0.1, 3, joints=asked)
 
     def moved(name, offset):
@@ -146,6 +146,6 @@ def test_static_weights_of_a_closed_loop_are_those_of_its_assembly():
 
 def test_an_over_constrained_mechanism_has_no_static_bound():
     linkage, _ = bennett()
-    driven = linkage.driven({"j1": cj.ConstantSpeed(2.0)})
+    driven = linkage.driven({"j1": cj.drives.ConstantSpeed(2.0)})
     with pytest.raises(cj.ClearanceError, match="3 of the conditions"):
         design.static_weights(driven, "any", 1.0, joints=["j2"])

@@ -58,10 +58,32 @@ clearance_jax.ClearanceError
 
 
 def test_what_to_extend_is_there():
-    bases = "NormalLaw", "FrictionLaw", "Clearance", "Element", "Drive", "Actuator", "Metric", "Signal"
-    for base in bases:
-        assert inspect.isabstract(getattr(cj, f"Abstract{base}"))
-    assert inspect.isabstract(cj.design.AbstractCost)
+    bases = (
+        cj.laws.AbstractNormalLaw,
+        cj.laws.AbstractFrictionLaw,
+        cj.joints.AbstractClearance,
+        cj.joints.AbstractElement,
+        cj.drives.AbstractDrive,
+        cj.actuators.AbstractActuator,
+        cj.controllers.AbstractController,
+        cj.metrics.AbstractMetric,
+        cj.metrics.AbstractSignal,
+        cj.design.AbstractCost,
+        cj.wear.AbstractWearLaw,
+    )
+    assert all(inspect.isabstract(base) for base in bases)
+
+
+def test_public_modules_list_their_names():
+    modules = [thing for name in cj.__all__ if inspect.ismodule(thing := getattr(cj, name))]
+    assert cj.drives in modules
+    for module in modules:
+        assert module.__all__
+        assert all(getattr(module, name) is not None for name in module.__all__)
+
+
+def test_the_root_lists_what_scripts_use():
+    assert len(cj.__all__) <= 90
 
 
 # Options -------------------------------------------------------------------------------------------------------------
@@ -162,7 +184,7 @@ def test_every_quantity_has_a_name(solution):
     play = cj.RevoluteClearance(1e-4, 0.01, cj.laws.flores(1e9, 0.6))
     arm = cj.Mechanism(
         bodies=(cj.Body("arm", 1.0, 0.01, cj.Position(0.1)),),
-        joints=(cj.Revolute("hip", "ground", "arm", motion=cj.Motion(cj.ConstantSpeed(20.0)), clearance=play),),
+        joints=(cj.Revolute("hip", "ground", "arm", motion=cj.Motion(cj.drives.ConstantSpeed(20.0)), clearance=play),),
     )
     names = cj.simulate(arm, 1e-5, rtol=1e-4).names
     assert {"hip.play_x", "hip.play_y.velocity", "hip.impact_speed", "hip", "hip.eccentricity.y"} <= set(names)
@@ -206,7 +228,7 @@ def test_where_a_point_is_depends_on_the_mechanisms_numbers_too():
     np.testing.assert_allclose(end, (1.5, 1.0))
 
 
-class Own(cj.AbstractNormalLaw):
+class Own(cj.laws.AbstractNormalLaw):
     """A law with a function of its own, which no compiled program can return."""
 
     stiffness: jax.Array
@@ -244,7 +266,7 @@ def test_it_prints_itself(solution):
 
 
 def test_sensitivities_print_themselves():
-    found = cj.Sensitivities(jnp.asarray(2e-4), {NAME: jnp.asarray(1.25)}, (NAME,))
+    found = cj.analysis.Sensitivities(jnp.asarray(2e-4), {NAME: jnp.asarray(1.25)}, (NAME,))
     assert str(found).splitlines() == ["value 0.0002", f"  d/d {NAME} = 1.25"]
 
 

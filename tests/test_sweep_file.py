@@ -114,7 +114,7 @@ def test_examples_of_metrics_are_read(word, tmp_path):
     values = example(metric_keys.METRIC_KINDS[word], "body", "joint", "speed", *skip) | {"kind": f'"{word}"'}
     values |= {"joint": '"wrist"'} if word == "impacts" else {}
     found = load(tmp_path, metric="[metric.x]\n" + lines(values))["outputs"]["x"]
-    assert isinstance(found, cj.AbstractMetric)
+    assert isinstance(found, cj.metrics.AbstractMetric)
 
 
 def test_quantities_are_asked_by_their_names(tmp_path):

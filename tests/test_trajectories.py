@@ -26,7 +26,7 @@ RNG = np.random.default_rng(0)
 RISES = np.concatenate([RNG.uniform(-3, 3, 20), RNG.uniform(-0.1, 0.1, 20), [0.0]])
 BEGINS = np.concatenate([np.cumsum(RNG.uniform(0, 4, 20)), np.zeros(20), [200.0]])
 SPEED, ACCELERATION = 1.3, 4.1
-LIMITED = cj.Trapezoid(BEGINS, RISES, SPEED, ACCELERATION, offset=0.7)
+LIMITED = cj.drives.Trapezoid(BEGINS, RISES, SPEED, ACCELERATION, offset=0.7)
 
 
 def along(drive, times):
@@ -83,13 +83,13 @@ def test_a_move_waits_for_the_one_before():
 def test_durations_are_taken_and_coordinates_are_synchronous():
     durations = np.array([0.5, 2.0, 0.25])
     first, second = (
-        cj.Trapezoid([0.0, 1.0, 4.0], np.array([1.0, -0.4, 0.3]) * k, duration=durations) for k in (1.0, -2.5)
+        cj.drives.Trapezoid([0.0, 1.0, 4.0], np.array([1.0, -0.4, 0.3]) * k, duration=durations) for k in (1.0, -2.5)
     )
     times = np.asarray(first.breaks()).reshape(-1, 4)
     np.testing.assert_allclose(np.diff(times, axis=1), durations[:, None] / 3 * np.ones((1, 3)), rtol=1e-14)
     t = np.linspace(-1, 5, 601)
     np.testing.assert_allclose(along(second, t), -2.5 * along(first, t), rtol=0, atol=1e-13)
-    slow = cj.Trapezoid([0.0], [1.0], duration=[2.0], cruise=0.5)
+    slow = cj.drives.Trapezoid([0.0], [1.0], duration=[2.0], cruise=0.5)
     np.testing.assert_allclose(slow.breaks(), [0.0, 0.5, 1.5, 2.0], rtol=1e-15)
     assert float(slow(jnp.asarray(1.0))[1]) == pytest.approx(2 / 3, rel=1e-14)
 
@@ -102,16 +102,16 @@ def differences(function, point, step=1e-6):
 T = jnp.linspace(-0.2137, 4.0411, 64)  # none at a break
 BY_NUMBERS = {
     "limits": (
-        lambda x: cj.Trapezoid(x[:3], x[3:6], x[6], x[7], offset=x[8]),
+        lambda x: cj.drives.Trapezoid(x[:3], x[3:6], x[6], x[7], offset=x[8]),
         [0.1, 0.5, 2.2, 1.5, -0.2, 0.6, 2.0, 6.0, 0.4],
     ),
     "durations": (
-        lambda x: cj.Trapezoid(x[:2], x[2:4], duration=x[4:6], cruise=x[6]),
+        lambda x: cj.drives.Trapezoid(x[:2], x[2:4], duration=x[4:6], cruise=x[6]),
         [0.1, 0.5, 1.5, -0.2, 0.9, 0.6, 0.4],
     ),
-    "least jerk": (lambda x: cj.Quintic(x[:4], x[4:]), [0.1, 0.5, 1.9, 2.2, 1.5, -0.2, 0.6, 2.0]),
-    "speeds": (lambda x: cj.Quintic(x[:3], x[3:6], x[6:9]), [0.1, 0.5, 1.9, 2.2, 1.5, -0.2, 0.6, 2.0, -1.0]),
-    "all": (lambda x: cj.Quintic(x[:2], x[2:4], x[4:6], x[6:8]), [0.1, 1.9, 2.2, 1.5, -0.2, 0.6, 2.0, -1.0]),
+    "least jerk": (lambda x: cj.drives.Quintic(x[:4], x[4:]), [0.1, 0.5, 1.9, 2.2, 1.5, -0.2, 0.6, 2.0]),
+    "speeds": (lambda x: cj.drives.Quintic(x[:3], x[3:6], x[6:9]), [0.1, 0.5, 1.9, 2.2, 1.5, -0.2, 0.6, 2.0, -1.0]),
+    "all": (lambda x: cj.drives.Quintic(x[:2], x[2:4], x[4:6], x[6:8]), [0.1, 1.9, 2.2, 1.5, -0.2, 0.6, 2.0, -1.0]),
 }
 
 
@@ -130,15 +130,15 @@ def test_derivatives_by_every_number(name):
         slopes = jax.jit(jacobian(places))(point)
         np.testing.assert_allclose(slopes, expected, rtol=0, atol=1e-7 * np.max(np.abs(expected)))
     # All count, but when a move should have begun that has to wait: the second of each trapezoid.
-    idle = [1] if isinstance(make(point), cj.Trapezoid) else []
+    idle = [1] if isinstance(make(point), cj.drives.Trapezoid) else []
     assert np.flatnonzero(np.max(np.abs(expected), axis=(0, 1)) == 0).tolist() == idle
 
 
 def test_breaks_are_differentiable():
-    ends = jax.jacfwd(lambda v: cj.Trapezoid([0.0], [1.0], v, 4.0).breaks())(jnp.asarray(1.0))
+    ends = jax.jacfwd(lambda v: cj.drives.Trapezoid([0.0], [1.0], v, 4.0).breaks())(jnp.asarray(1.0))
     # v / a, d / v and their sum.
     np.testing.assert_allclose(ends, [0.0, 0.25, -1.0, -0.75], rtol=1e-14)
-    still = jax.jacrev(lambda rise: jnp.stack(cj.Trapezoid([1.0], rise, 2.0, 4.0)(jnp.asarray(3.0))))
+    still = jax.jacrev(lambda rise: jnp.stack(cj.drives.Trapezoid([1.0], rise, 2.0, 4.0)(jnp.asarray(3.0))))
     np.testing.assert_array_equal(still(jnp.zeros(1)), [[1.0], [0.0], [0.0]])
 
 
@@ -160,12 +160,12 @@ def test_breaks_are_differentiable():
 )
 def test_wrong_moves_are_refused(arguments, given, words):
     with pytest.raises(cj.ClearanceError, match=words):
-        cj.Trapezoid(*arguments, **given)
+        cj.drives.Trapezoid(*arguments, **given)
 
 
 def test_a_solve_is_differentiable_by_limits_and_rises():
     """A pendulum on a carriage: its swing feels every ramp, whose ends move with these numbers."""
-    moves = cj.Trapezoid([0.1, 0.2], [0.5, -0.3], 1.0, 8.0)
+    moves = cj.drives.Trapezoid([0.1, 0.2], [0.5, -0.3], 1.0, 8.0)
     mechanism = cj.Mechanism(
         bodies=(cj.Body("carriage"), cj.Body("bob", 1.0)),
         joints=(
@@ -193,8 +193,8 @@ VALUES = np.array([0.2, -0.4, 0.1, 0.9, 0.3, -1.1, 0.4])
 REST = [(1, 0.0), (2, 0.0)]
 
 
-def quintics(speeds: bool, accelerations: bool) -> cj.Quintic:
-    return cj.Quintic(TIMES, VALUES, -VALUES if speeds else None, 3 * VALUES if accelerations else None)
+def quintics(speeds: bool, accelerations: bool) -> cj.drives.Quintic:
+    return cj.drives.Quintic(TIMES, VALUES, -VALUES if speeds else None, 3 * VALUES if accelerations else None)
 
 
 @pytest.mark.parametrize("given", [(False, False), (True, False), (True, True)])
@@ -223,7 +223,7 @@ def test_least_jerk_is_the_quintic_spline_at_rest():
     """The curve of least jerk is the spline of degree five, four times differentiable."""
     t = np.linspace(0.1, 1.7, 400)[:-1]
     spline = make_interp_spline(TIMES, VALUES, k=5, bc_type=(REST, REST))
-    found = along(cj.Quintic(TIMES, VALUES), t)
+    found = along(cj.drives.Quintic(TIMES, VALUES), t)
     for order in range(3):
         expected = spline(t, nu=order)
         np.testing.assert_allclose(found[order], expected, rtol=0, atol=1e-11 * np.max(np.abs(expected)))
@@ -233,7 +233,7 @@ def test_least_jerk_by_given_speeds():
     """Nothing else of the kind has less: the jerk's integral over curves with these speeds is stationary."""
 
     def jerk(accelerations):
-        pieces = cj.Quintic(TIMES, VALUES, -VALUES, accelerations).prepared().coefficients[1:-1]
+        pieces = cj.drives.Quintic(TIMES, VALUES, -VALUES, accelerations).prepared().coefficients[1:-1]
         third = pieces[:, 3:] * jnp.array([[6.0, 24.0, 60.0]])
         h = jnp.diff(TIMES)[:, None, None]
         i = jnp.arange(3)
@@ -250,8 +250,8 @@ def test_least_jerk_by_given_speeds():
 
 def test_two_points_are_a_step5():
     t = np.linspace(-0.5, 2.5, 301)
-    expected = along(cj.Step5Sum([0.2], [1.7], [2.5], 0.4), t)
-    np.testing.assert_allclose(along(cj.Quintic([0.2, 1.7], [0.4, 2.9]), t), expected, rtol=0, atol=1e-13 * 10)
+    expected = along(cj.drives.Step5Sum([0.2], [1.7], [2.5], 0.4), t)
+    np.testing.assert_allclose(along(cj.drives.Quintic([0.2, 1.7], [0.4, 2.9]), t), expected, rtol=0, atol=1e-13 * 10)
 
 
 def test_outside_its_points_it_goes_straight_on():
@@ -267,7 +267,7 @@ def test_a_long_table_of_via_points():
     times, values = np.cumsum(rng.uniform(0.5, 1.5, 3000)), rng.standard_normal(3000)
     spline = make_interp_spline(times, values, k=5, bc_type=(REST, REST))
     t = rng.uniform(times[0], times[-1], 500)
-    np.testing.assert_allclose(along(cj.Quintic(times, values), t)[0], spline(t), rtol=0, atol=1e-10)
+    np.testing.assert_allclose(along(cj.drives.Quintic(times, values), t)[0], spline(t), rtol=0, atol=1e-10)
 
 
 @pytest.mark.parametrize(
@@ -282,7 +282,7 @@ def test_a_long_table_of_via_points():
 )
 def test_wrong_via_points_are_refused(arguments, words):
     with pytest.raises(cj.ClearanceError, match=words):
-        cj.Quintic(*arguments)
+        cj.drives.Quintic(*arguments)
 
 
 # Mechanisms driven otherwise -----------------------------------------------------------------------------------------
@@ -295,7 +295,7 @@ def drive_of(mechanism: cj.Mechanism, name: str) -> Any:
 
 def test_a_driven_mechanism_is_the_one_built_by_hand():
     """Both moved, and solved to the last digit alike."""
-    drive = cj.Trapezoid([0.0], [0.2], 40.0, 4e4)
+    drive = cj.drives.Trapezoid([0.0], [0.2], 40.0, 4e4)
     servo = playful_servo()
     (hip,) = servo.joints
     by_hand = cj.Mechanism(
@@ -316,18 +316,18 @@ def test_what_is_not_named_stays():
     crank = slider_crank()
     assert crank.driven({}) is not crank
     assert jax.tree.structure(crank.driven({})) == jax.tree.structure(crank)
-    held = crank.driven({"main": cj.Constant(0.3)})
+    held = crank.driven({"main": cj.drives.Constant(0.3)})
     assert held.loops[0] is crank.loops[0]
     assert held.joints[1:] == crank.joints[1:]
-    assert isinstance(drive_of(held, "main"), cj.Constant)
-    assert isinstance(drive_of(crank, "main"), cj.ConstantSpeed)
+    assert isinstance(drive_of(held, "main"), cj.drives.Constant)
+    assert isinstance(drive_of(crank, "main"), cj.drives.ConstantSpeed)
 
 
 def test_a_held_crank_is_one_at_no_speed():
     crank = slider_crank()
     held, slow = (
         cj.simulate(crank.driven({"main": drive}), 1e-3, rtol=1e-6)
-        for drive in (cj.Constant(0.3), cj.ConstantSpeed(0.0, 0.3))
+        for drive in (cj.drives.Constant(0.3), cj.drives.ConstantSpeed(0.0, 0.3))
     )
     np.testing.assert_allclose(held.final, slow.final, rtol=1e-12, atol=1e-12)
     assert float(held["main"]) == 0.3
@@ -337,8 +337,8 @@ def test_a_held_crank_is_one_at_no_speed():
 @pytest.mark.parametrize(
     ("drives", "words"),
     [
-        ({"hpi": cj.Constant(0.0)}, "no coordinate `hpi` to drive. Did you mean `hip`"),
-        ({"hip.play_x": cj.Constant(0.0)}, "no coordinate `hip.play_x` to drive. .*Allowed: hip"),
+        ({"hpi": cj.drives.Constant(0.0)}, "no coordinate `hpi` to drive. Did you mean `hip`"),
+        ({"hip.play_x": cj.drives.Constant(0.0)}, "no coordinate `hip.play_x` to drive. .*Allowed: hip"),
         ({"hip": 1.0}, r"`hip` must be driven by a drive, for instance `Constant\(0.5\)`, but it was given 1.0"),
     ],
 )
@@ -349,7 +349,7 @@ def test_what_cannot_be_driven_is_refused(drives, words):
 
 def test_a_joint_that_closes_a_loop_is_not_driven():
     with pytest.raises(cj.ClearanceError, match="no coordinate `wrist` to drive"):
-        slider_crank().driven({"wrist": cj.Constant(0.0)})
+        slider_crank().driven({"wrist": cj.drives.Constant(0.0)})
 
 
 def drill() -> cj.Mechanism:
@@ -358,7 +358,7 @@ def drill() -> cj.Mechanism:
         "drill",
         "head",
         "bit",
-        slide=cj.Motion(actuators=(cj.ConstantEffort(-3.0),), limits=cj.Limits(0.0, 0.2)),
+        slide=cj.Motion(actuators=(cj.actuators.ConstantEffort(-3.0),), limits=cj.Limits(0.0, 0.2)),
         orientation=cj.Orientation(0.3, -0.2, 0.1),
     )
     bodies = cj.Body("head", 2.0, (0.02, 0.03, 0.04)), cj.Body("bit", 0.5, (2e-3, 2e-3, 1e-3))
@@ -366,7 +366,7 @@ def drill() -> cj.Mechanism:
 
 
 def test_each_coordinate_of_a_joint_is_driven_by_its_own_name():
-    feed, turn = cj.Trapezoid([0.0], [0.1], 1.0, 10.0), cj.ConstantSpeed(100.0)
+    feed, turn = cj.drives.Trapezoid([0.0], [0.1], 1.0, 10.0), cj.drives.ConstantSpeed(100.0)
     driven = drill().driven({"drill.slide": feed, "drill.turn": turn})
     joint: Any = driven.joint("drill")
     assert joint.slide.limits == cj.Limits(0.0, 0.2)
@@ -379,7 +379,7 @@ def test_each_coordinate_of_a_joint_is_driven_by_its_own_name():
 
 def test_an_orientation_in_space_is_not_driven():
     with pytest.raises(cj.ClearanceError, match=r"no coordinate `ball` to drive. .*Allowed: drill.slide, drill.turn"):
-        drill().driven({"ball": cj.Constant(0.0)})
+        drill().driven({"ball": cj.drives.Constant(0.0)})
 
 
 def test_columns_are_coordinates(tmp_path):

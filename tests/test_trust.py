@@ -106,7 +106,7 @@ def test_messages():
         cj.gradient_report(CALM, place, [NAME], SHORT, samples=3)
     with pytest.raises(ClearanceError, match="C-1"):
         cj.gradient_report(scene(REGULAR["R1, periodic"], laws.LinearKelvinVoigt), place, [NAME], SHORT)
-    drive = cj.Motion(cj.StepSum([0.0, 1.0], [0.5, 1.5], [0.1, 0.1]))
+    drive = cj.Motion(cj.drives.StepSum([0.0, 1.0], [0.5, 1.5], [0.1, 0.1]))
     driven = cj.Mechanism((cj.Body("a"),), (cj.Prismatic("slide", "ground", "a", motion=drive),))
     with pytest.raises(ClearanceError, match="entries of an array"):
         cj.gradient_report(driven, place, ["drive.slide.rise"], 1.0)

@@ -57,7 +57,7 @@ def test_what_a_mechanism_is_made_of(written):
     assert shoulder.motion.limits == cj.Limits(-2, 2.5, 3, 40)
     damper, friction = shoulder.motion.actuators
     assert (float(damper.stiffness), float(damper.damping)) == (0, 0.5)
-    assert isinstance(friction, cj.JointFriction)
+    assert isinstance(friction, cj.actuators.JointFriction)
     assert float(friction.effort) == 0.1
     assert elbow.motion.actuators == ()
     assert arm.bodies[1].center_of_mass == cj.Position()

@@ -175,10 +175,10 @@ def test_a_pin_that_turns_and_one_that_swings():
     """V = k F R w t of a pin that turns, 4 k F R a a cycle of one that swings: R the radius at which it rubs."""
     penetration = (196.2 / 1e10) ** (2 / 3)
     reach, law = PIN - penetration, wear.Archard(K)
-    turning = wear.wear(cj.trace(rotor(cj.ConstantSpeed(3.0)), 0.5, rtol=1e-8, start="settled"), "pin", law)
+    turning = wear.wear(cj.trace(rotor(cj.drives.ConstantSpeed(3.0)), 0.5, rtol=1e-8, start="settled"), "pin", law)
     assert float(turning.volume) == pytest.approx(K * 196.2 * reach * 3.0 * 0.5, rel=1e-6)
     assert turning.angle[int(jnp.argmax(turning.depth[0]))] == pytest.approx(1.5 * np.pi)
-    swinging = cj.trace(rotor(cj.Harmonic(0.2, 4 * np.pi)), 1.0, rtol=1e-8, start="settled")
+    swinging = cj.trace(rotor(cj.drives.Harmonic(0.2, 4 * np.pi)), 1.0, rtol=1e-8, start="settled")
     found = wear.wear(swinging, "pin", law)
     assert float(found.volume) == pytest.approx(2 * 4 * K * 196.2 * reach * 0.2, rel=1e-6)
 
@@ -190,7 +190,7 @@ def test_a_tilted_pin_wears_its_sleeve_most_at_the_edges():
     )
     mechanism = cj.Mechanism(
         bodies=(cj.Body("disc", 20.0, cj.Inertia(0.1, 0.1, 0.1), cj.Position(0, 0, 0.05)),),
-        joints=(cj.Revolute("pin", "ground", "disc", motion=cj.Motion(cj.ConstantSpeed(3.0)), clearance=play),),
+        joints=(cj.Revolute("pin", "ground", "disc", motion=cj.Motion(cj.drives.ConstantSpeed(3.0)), clearance=play),),
         gravity=cj.Gravity(y=-9.81),
     )
     trace = cj.trace(mechanism, 0.02, rtol=1e-6, start="settled", save_at=None)

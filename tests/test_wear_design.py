@@ -9,6 +9,7 @@ import scipy.stats
 import clearance_jax as cj
 from clearance_jax import design, laws, wear
 from clearance_jax.design.evaluate import simulations_of
+from clearance_jax.design.findings import known_findings
 from clearance_jax.design.scenarios import Scenario
 from clearance_jax.design.specification import PEAKS
 from clearance_jax.design.worn import known_to, own, worth
@@ -32,7 +33,9 @@ def lasting() -> design.Design:
     clearance = cj.RevoluteClearance(1e-4, 25e-3, laws.HuntCrossley(1e10, 50.0), length=0.05)
     mechanism = cj.Mechanism(
         bodies=(cj.Body("disc", 20.0, 0.1),),
-        joints=(cj.Revolute("pin", "ground", "disc", motion=cj.Motion(cj.ConstantSpeed(3.0)), clearance=clearance),),
+        joints=(
+            cj.Revolute("pin", "ground", "disc", motion=cj.Motion(cj.drives.ConstantSpeed(3.0)), clearance=clearance),
+        ),
         gravity=cj.Gravity(y=-9.81),
         points=(cj.Point("axis", "disc"),),
     )
@@ -102,7 +105,7 @@ def test_an_entry_of_an_array_reaches_a_life_and_no_number_of_another_wear_does(
     aged = limit.metric
     other = dataclasses.replace(aged, pressure=wear.Foundation(2e13))
     given = lasting.specification.mechanism
-    steps = cj.Motion(cj.StepSum([0.0, 0.01], [0.01, 0.02], [0.1, 0.2]))
+    steps = cj.Motion(cj.drives.StepSum([0.0, 0.01], [0.01, 0.02], [0.1, 0.2]))
     mechanism = given.with_joint(dataclasses.replace(given.joint("pin"), motion=steps))
     values = {"drive.pin.rise.1": 0.3, "wear.coefficient": 1e-12, "pressure.stiffness": 1e13, "pressure.spread": 0.1}
     measures = [SUNK, aged, other]
@@ -123,7 +126,7 @@ def test_the_maintenance_interval_falls_with_the_clearance(lasting):
     assert found.lives[""].min() < CYCLES < 5 * CYCLES < found.lives[""].max()
     axes = design_figures.intervals(found, lasting).axes[0]
     np.testing.assert_allclose(np.asarray(axes.lines[0].get_xydata()), np.stack([1e6 * clearances, found.lives[""]], 1))
-    page = render(design.known(lasting)._replace(maintenance=(found,)))
+    page = render(known_findings(lasting)._replace(maintenance=(found,)))
     assert f"Asked for: {CYCLES}" in page
     assert all(f">{life:.4g}<" in page for life in found.lives[""])
 

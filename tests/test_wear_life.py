@@ -151,7 +151,7 @@ def test_a_joint_wears_over_its_life():
     play = cj.RevoluteClearance(1e-4, 25e-3, laws.HuntCrossley(1e10, 50.0), length=0.05)
     mechanism = cj.Mechanism(
         bodies=(cj.Body("disc", 20.0, 0.1),),
-        joints=(cj.Revolute("pin", "ground", "disc", motion=cj.Motion(cj.ConstantSpeed(3.0)), clearance=play),),
+        joints=(cj.Revolute("pin", "ground", "disc", motion=cj.Motion(cj.drives.ConstantSpeed(3.0)), clearance=play),),
         gravity=cj.Gravity(y=-9.81),
     )
     k, cycles = 1e-13, 4000
@@ -229,7 +229,9 @@ def turning(k=1e-13, play=1e-4, friction=None):
     clearance = cj.RevoluteClearance(play, 25e-3, laws.HuntCrossley(1e10, 50.0), friction, length=0.05)
     mechanism = cj.Mechanism(
         bodies=(cj.Body("disc", 20.0, 0.1),),
-        joints=(cj.Revolute("pin", "ground", "disc", motion=cj.Motion(cj.ConstantSpeed(3.0)), clearance=clearance),),
+        joints=(
+            cj.Revolute("pin", "ground", "disc", motion=cj.Motion(cj.drives.ConstantSpeed(3.0)), clearance=clearance),
+        ),
         gravity=cj.Gravity(y=-9.81),
         points=(cj.Point("axis", "disc"),),
     )

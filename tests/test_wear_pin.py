@@ -27,7 +27,7 @@ def rotor(off, gravity):
         pin_material=STEEL,
         sleeve_material=STEEL,
     )
-    motion = cj.Motion(cj.ConstantSpeed(SPEED))
+    motion = cj.Motion(cj.drives.ConstantSpeed(SPEED))
     return cj.Mechanism(
         bodies=(cj.Body("disc", 20.0, 0.1, cj.Position(off)),),
         joints=(cj.Revolute("pin", "ground", "disc", motion=motion, clearance=play),),

@@ -76,7 +76,7 @@ def rotor(depth):
                 "pin",
                 "ground",
                 "disc",
-                motion=cj.Motion(cj.Harmonic(0.6, 4 * np.pi)),
+                motion=cj.Motion(cj.drives.Harmonic(0.6, 4 * np.pi)),
                 clearance=play.worn(depth),
             ),
         ),

@@ -98,7 +98,7 @@ def rotor(depth):
         pin_material=STEEL, sleeve_material=STEEL, depth=jnp.asarray(depth),
     )  # fmt: skip
     body = cj.Body("disc", 20.0, cj.Inertia(0.1, 0.1, 0.1), cj.Position(0, 0, 0.05))
-    motion = cj.Motion(cj.ConstantSpeed(3.0))
+    motion = cj.Motion(cj.drives.ConstantSpeed(3.0))
     return cj.Mechanism(
         (body,), (cj.Revolute("pin", "ground", "disc", motion=motion, clearance=play),), gravity=cj.Gravity(y=-9.81)
     )

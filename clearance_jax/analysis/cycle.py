@@ -20,8 +20,8 @@ from clearance_jax._types import Scalar
 from clearance_jax.dynamics.closures import projected
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.actuators import ConstantEffort, Servo
-from clearance_jax.mechanism.drives import AbstractDrive
 from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.motion_laws import AbstractDrive
 from clearance_jax.mechanism.state import layout
 from clearance_jax.solve.attempt import Options
 from clearance_jax.solve.codes import Result, words

@@ -51,7 +51,7 @@ def _bar() -> Progress:
 
 def known_method(method: str | None) -> str | None:
     """A method of the search. **Raises** `ClearanceError` for another word."""
-    from clearance_jax.design import METHOD_CHOICES
+    from clearance_jax.design.methods import METHOD_CHOICES
 
     if method is not None and method not in METHOD_CHOICES:
         raise ClearanceError(f"`--method` must be {', '.join(METHOD_CHOICES)}, but it is {method!r}.")
@@ -96,7 +96,7 @@ def _interrupted(design) -> bool:
 
 def _verify(study, design, client: Any, bar: Progress, pace: Pace):
     """The certificate, with how long it will take said before and how far it has come said on the way."""
-    from clearance_jax.design import expected_evaluations
+    from clearance_jax.design.verify import expected_evaluations
 
     count = expected_evaluations(pace.count, **study.verify)
     seconds, done = pace.expected(count), Pace(pace.check)
@@ -115,11 +115,11 @@ def _explain(study, design, verify: bool, client: Any, report: bool, bar: Progre
 
     An interruption keeps what is known by then.
     """
-    from clearance_jax.design import findings, known
-    from clearance_jax.design.findings import CUT_SHORT
+    from clearance_jax.design import findings
+    from clearance_jax.design.findings import CUT_SHORT, known_findings
 
     if _interrupted(design):
-        return known(design)
+        return known_findings(design)
     task, certificate = bar.task_ids[0], None
 
     def progress(name):
@@ -131,8 +131,8 @@ def _explain(study, design, verify: bool, client: Any, report: bool, bar: Progre
             certificate = _verify(study, design, client, bar, pace)
             say(str(certificate))
     except KeyboardInterrupt:
-        found = known(design)
+        found = known_findings(design)
         return found._replace(notes=(*found.notes, CUT_SHORT))
     if not report:
-        return known(design, certificate)
+        return known_findings(design, certificate)
     return findings(design, certificate, progress, client)

@@ -6,12 +6,12 @@ from clearance_jax.design.costs import AbstractCost, CostTable, Exponential, Exp
 from clearance_jax.design.drawing import JointDrawing
 from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.explain import Response, Tradeoff, responses, tradeoff
-from clearance_jax.design.findings import Findings, findings, known
+from clearance_jax.design.findings import Findings, findings
 from clearance_jax.design.formulation import formulate
 from clearance_jax.design.loads import JointLoad
 from clearance_jax.design.maintenance import Maintenance, maintenances
 from clearance_jax.design.manufacture import AbstractManufacture, AsDesigned, Band, Part, Yield, YieldEstimate
-from clearance_jax.design.methods import METHOD_CHOICES, METHODS, Method
+from clearance_jax.design.methods import METHODS, Method
 from clearance_jax.design.problem import ToleranceProblem
 from clearance_jax.design.program import Program
 from clearance_jax.design.run import run
@@ -21,11 +21,9 @@ from clearance_jax.design.standard import StandardFits, nearest_fits
 from clearance_jax.design.standings import Standing
 from clearance_jax.design.static import static_weights
 from clearance_jax.design.time_histories import TimeHistory, time_histories
-from clearance_jax.design.verify import expected_evaluations
 
 __all__ = [
     "METHODS",
-    "METHOD_CHOICES",
     "AbstractCost",
     "AbstractManufacture",
     "AsDesigned",
@@ -55,10 +53,8 @@ __all__ = [
     "Tradeoff",
     "Yield",
     "YieldEstimate",
-    "expected_evaluations",
     "findings",
     "formulate",
-    "known",
     "maintenances",
     "nearest_fits",
     "responses",

@@ -81,7 +81,7 @@ class Findings(NamedTuple):
         return f"The limits {held} in a fresh simulation by another solver ({self.certificate.solver})."
 
 
-def known(design: Design, certificate: Certificate | None = None) -> Findings:
+def known_findings(design: Design, certificate: Certificate | None = None) -> Findings:
     """What can be said without another solve."""
     software = f"clearance_jax {__version__}, jax {version('jax')}, Python {platform.python_version()}"
     return Findings(
@@ -105,7 +105,7 @@ def findings(
     An interruption keeps what has been found until then, with the note `CUT_SHORT`. `progress` is told what comes next;
     `cluster`: as `ToleranceProblem.solve`'s, for the samples of fits.
     """
-    found = known(design, certificate)
+    found = known_findings(design, certificate)
     try:
         for name, step in _steps(design, cluster):
             if progress is not None:

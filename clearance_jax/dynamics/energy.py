@@ -13,7 +13,8 @@ from clearance_jax.dynamics.applied import load_power
 from clearance_jax.dynamics.equations import Balance
 from clearance_jax.dynamics.frames import Frames, rotors
 from clearance_jax.dynamics.kinematics import frames, plays, spring_state
-from clearance_jax.joints import PreparedClearance, each_joint
+from clearance_jax.joints import PreparedClearance
+from clearance_jax.joints._base import each_joint
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, layout
 from clearance_jax.spatial import Term, plus, times, total

@@ -17,7 +17,8 @@ from clearance_jax.dynamics.control import exerted
 from clearance_jax.dynamics.frames import Frames, Pair
 from clearance_jax.dynamics.kinematics import Play, frames, plays
 from clearance_jax.errors import ClearanceError
-from clearance_jax.joints import Action, PreparedClearance, each_joint
+from clearance_jax.joints import Action, PreparedClearance
+from clearance_jax.joints._base import each_joint
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, layout
 from clearance_jax.spatial import Term, minus, plus, times

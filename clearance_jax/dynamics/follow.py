@@ -38,7 +38,7 @@ SHORTEST, MOST_KNOTS, PASSES = 1e-6, 20_000, 30
 JUMP = 1e-9
 
 
-class Drives(dict[str, Quintic]):
+class PathDrives(dict[str, Quintic]):
     """Drives by the names of their coordinates, as `mechanism.driven` takes them.
 
     - `deviation` [m], `angle` [rad]: by how much the point leaves the path, and its orientation that of the path, at
@@ -140,7 +140,7 @@ def follow(
     joints: Sequence[str] | None = None,
     tolerance: float = 1e-6,
     start: Mapping[str, Any] | Posture | None = None,
-) -> Drives:
+) -> PathDrives:
     """Drives of the joints that lead a point of the ideal mechanism along a path; give them to `mechanism.driven`.
 
     Where joints are more than enough, their rates are the least ones (of slides measured by the size of the chain).
@@ -176,7 +176,7 @@ def follow(
     )
     own = [(k, chain.coordinates[i].name) for k, i in enumerate(chain.sought)]
     drives = {name: _drive(knots, blocks, k) for k, name in own if name in chain.joints}
-    return Drives(drives, float(np.max(blocks.deviation)), float(np.max(blocks.angle)), posture)
+    return PathDrives(drives, float(np.max(blocks.deviation)), float(np.max(blocks.angle)), posture)
 
 
 def _edges(breaks: np.ndarray) -> np.ndarray:

@@ -31,7 +31,7 @@ class Posture(Module):
     """A posture with a point where it should be.
 
     - `coordinates`: values [rad or m] of the coordinates that were sought, by name; give them to `mechanism.driven` as
-      `cj.Constant`, or as the `start` of another search.
+      `cj.drives.Constant`, or as the `start` of another search.
     - `distance` [m], `angle` [rad]: how far the point's place and orientation are from the pose: round-off.
     - `iterations`: of Newton's method.
     - `positions`: all positions of the mechanism with these coordinates free, those of balls among them.

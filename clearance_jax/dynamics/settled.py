@@ -27,7 +27,7 @@ from clearance_jax.dynamics.equations import balance
 from clearance_jax.dynamics.reactions import held_reactions, held_still
 from clearance_jax.dynamics.seated import Seated, followed, lowest_frequency, play_mobility
 from clearance_jax.errors import ClearanceError
-from clearance_jax.joints import Load, Seat, relative_at, seat, stiffness_at
+from clearance_jax.joints.seating import Load, Seat, relative_at, seat, stiffness_at
 from clearance_jax.mechanism._base import ClearanceJoint
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import initial_values, layout, parts, position_rates

@@ -5,7 +5,7 @@ from typing import Any
 
 from clearance_jax.errors import ClearanceError, quoted
 from clearance_jax.io.table import naming
-from clearance_jax.joints import Preset
+from clearance_jax.joints.presets import Preset
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.play import PRESETS, unplayed
 from clearance_jax.units import to_si

@@ -23,8 +23,8 @@ from clearance_jax.io.table import Chosen, Table, checked_table, chosen, naming
 from clearance_jax.mechanism.actuators import AbstractActuator, Servo
 from clearance_jax.mechanism.body import GROUND, Motion
 from clearance_jax.mechanism.compounds import Ball, Free, Slide, Spin, Turn
-from clearance_jax.mechanism.drives import AbstractDrive, Spline
 from clearance_jax.mechanism.expressions import read_expression
+from clearance_jax.mechanism.motion_laws import AbstractDrive, Spline
 from clearance_jax.mechanism.placement import Axis, Orientation, Position
 from clearance_jax.mechanism.tree import SLIDING, TURNING, AbstractJoint, Fixed, Prismatic, Revolute
 from clearance_jax.units import to_si

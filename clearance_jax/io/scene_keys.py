@@ -10,8 +10,8 @@ from clearance_jax.mechanism.body import Body, Motion, Point, Spring
 from clearance_jax.mechanism.compliance import Compliance
 from clearance_jax.mechanism.compounds import Ball, Cylindrical, Free, Planar, Spherical, Universal
 from clearance_jax.mechanism.controllers import ComputedTorque
-from clearance_jax.mechanism.drives import ConstantSpeed, Harmonic, Spline, Step5Sum, StepSum
 from clearance_jax.mechanism.loads import Wrench
+from clearance_jax.mechanism.motion_laws import ConstantSpeed, Harmonic, Spline, Step5Sum, StepSum
 from clearance_jax.mechanism.profiles import Constant, Quintic, Trapezoid
 from clearance_jax.mechanism.tree import Fixed, Prismatic, Revolute
 from clearance_jax.solve.attempt import STARTS

@@ -13,9 +13,9 @@ import numpy as np
 from clearance_jax.errors import ClearanceError, quoted, suggest
 from clearance_jax.io.files import LARGEST_TABLE, read_text
 from clearance_jax.io.kinds import checked_text
-from clearance_jax.mechanism.drives import Spline
 from clearance_jax.mechanism.driving import drivable
 from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.motion_laws import Spline
 from clearance_jax.units import to_si
 
 TIME = "time"

@@ -10,7 +10,7 @@ import numpy as np
 
 from clearance_jax.errors import ClearanceError
 from clearance_jax.io.trajectory import LEAST_ROWS, MOST_ROWS, TIME
-from clearance_jax.mechanism.drives import AbstractMotionLaw
+from clearance_jax.mechanism.motion_laws import AbstractMotionLaw
 
 
 def write_trajectory(

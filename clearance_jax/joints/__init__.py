@@ -7,7 +7,6 @@ from clearance_jax.joints._base import (
     PlayCoordinate,
     PreparedClearance,
     Relative,
-    each_joint,
 )
 from clearance_jax.joints._element import AbstractElement, Offset
 from clearance_jax.joints.ball import SphericalClearance
@@ -18,16 +17,11 @@ from clearance_jax.joints.fitting import Fitting, PressFit, Tolerance
 from clearance_jax.joints.guide import GuideClearance
 from clearance_jax.joints.pin import AbstractPin, Sections
 from clearance_jax.joints.preloaded import angular_contact_pair, crossed_roller
-from clearance_jax.joints.presets import BALL, GUIDE, PIN, SHAFT, PlayNumbers, Preset, fitted, guided, shaft, socket
+from clearance_jax.joints.presets import fitted, guided, shaft, socket
 from clearance_jax.joints.revolute import RevoluteClearance
-from clearance_jax.joints.seating import Load, Seat, posed, relative_at, seat, stiffness_at
 from clearance_jax.joints.sleeve import SleeveClearance
 
 __all__ = [
-    "BALL",
-    "GUIDE",
-    "PIN",
-    "SHAFT",
     "AbstractClearance",
     "AbstractElement",
     "AbstractPin",
@@ -35,33 +29,24 @@ __all__ = [
     "ContactPoint",
     "Fitting",
     "GuideClearance",
-    "Load",
     "Modes",
     "Offset",
     "PlayCoordinate",
     "PlayDamper",
-    "PlayNumbers",
     "PreloadedBearing",
     "PreparedClearance",
-    "Preset",
     "PressFit",
     "Relative",
     "RevoluteClearance",
-    "Seat",
     "Sections",
     "SleeveClearance",
     "SphericalClearance",
     "Tolerance",
     "angular_contact_pair",
     "crossed_roller",
-    "each_joint",
     "fitted",
     "guided",
-    "posed",
-    "relative_at",
     "rolling_bearing",
-    "seat",
     "shaft",
     "socket",
-    "stiffness_at",
 ]

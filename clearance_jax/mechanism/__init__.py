@@ -1,1 +1,5 @@
 """Mechanisms: bodies, joints of the tree, loops, drives, and the layout of their states."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -7,9 +7,11 @@ import jax.numpy as jnp
 
 from clearance_jax._module import Module
 from clearance_jax._types import Scalar
-from clearance_jax.mechanism.drives import AbstractMotionLaw, Values
+from clearance_jax.mechanism.motion_laws import AbstractMotionLaw, Values
 from clearance_jax.mechanism.sampling import check_period, names_key, period_key
 from clearance_jax.parameters import physical
+
+__all__ = ["AbstractActuator", "ConstantEffort", "JointFriction", "JointSpring", "Servo"]
 
 
 class AbstractActuator(Module):

@@ -11,8 +11,8 @@ from clearance_jax._module import Module
 from clearance_jax._types import Rows, Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.actuators import AbstractActuator
-from clearance_jax.mechanism.drives import AbstractMotionLaw
 from clearance_jax.mechanism.limits import Limits
+from clearance_jax.mechanism.motion_laws import AbstractMotionLaw
 from clearance_jax.mechanism.placement import ORIGIN, Inertia, Orientation, Position, as_inertia
 from clearance_jax.parameters import described, flattened, leading, physical
 

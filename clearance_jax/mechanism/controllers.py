@@ -10,10 +10,12 @@ import equinox as eqx
 from clearance_jax._module import Module
 from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError, quoted
-from clearance_jax.mechanism.drives import AbstractMotionLaw
+from clearance_jax.mechanism.motion_laws import AbstractMotionLaw
 from clearance_jax.mechanism.sampling import check_period, names_key, period_key
 from clearance_jax.parameters import apart, leading, physical
 from clearance_jax.spatial import Term
+
+__all__ = ["AbstractController", "ComputedTorque", "Reference"]
 
 
 class Reference(Module):

@@ -5,7 +5,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 
 from clearance_jax.errors import ClearanceError, quoted, suggest
 from clearance_jax.mechanism.body import Motion
-from clearance_jax.mechanism.drives import AbstractMotionLaw
+from clearance_jax.mechanism.motion_laws import AbstractMotionLaw
 from clearance_jax.mechanism.tree import AbstractJoint, Coordinate
 
 

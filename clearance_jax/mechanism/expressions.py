@@ -8,7 +8,7 @@ import re
 from typing import NamedTuple
 
 from clearance_jax.errors import ClearanceError
-from clearance_jax.mechanism.drives import AbstractDrive, ConstantSpeed, DriveSum, Step5Sum, StepSum
+from clearance_jax.mechanism.motion_laws import AbstractDrive, ConstantSpeed, DriveSum, Step5Sum, StepSum
 
 _TOKEN = re.compile(
     r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<word>[A-Za-z_]\w*)|(?P<sign>[-+*(),]))"

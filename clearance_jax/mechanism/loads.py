@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError, quoted
 from clearance_jax.mechanism.body import GROUND
-from clearance_jax.mechanism.drives import AbstractMotionLaw, Values
+from clearance_jax.mechanism.motion_laws import AbstractMotionLaw, Values
 from clearance_jax.mechanism.placement import ORIGIN, Components, Position
 from clearance_jax.parameters import Parametrised, described, physical
 from clearance_jax.spatial import Term, Vector, scale
@@ -37,7 +37,8 @@ class Wrench(Parametrised):
     drives.
 
     **Arguments:** `body`; `at`: the point, in the body's frame; `force` [N], `torque` [N m]; `course`: a factor on both
-    as a function of time, given as a drive without unit (`cj.StepSum([0.1], [0.2], [1.0])`: nothing, then all of it);
+    as a function of time, given as a drive without unit (`cj.drives.StepSum([0.1], [0.2], [1.0])`: nothing, then
+    all of it);
     `axes`: whose axes force and torque are in: the world's, or the body's (a thrust, which turns with it).
     """
 

@@ -6,7 +6,8 @@ from typing import Any, Unpack
 
 import equinox as eqx
 
-from clearance_jax.joints import AbstractClearance, PlayNumbers
+from clearance_jax.joints import AbstractClearance
+from clearance_jax.joints.presets import PlayNumbers
 from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.body import Body, Point, Spring
 from clearance_jax.mechanism.controllers import AbstractController
@@ -92,7 +93,7 @@ class Mechanism(AbstractMechanism):
         return self.with_joint(played(self.joint(name), clearance, dict(numbers)))
 
     def driven(self, drives: Mapping[str, Any]) -> "Mechanism":
-        """The same mechanism with other drives (`cj.Trapezoid`, `cj.read_trajectory`, ...) of the named coordinates.
+        """The same mechanism with other drives (`cj.drives.Trapezoid`, `cj.read_trajectory`, ...) of named coordinates.
 
         A coordinate that was free is no state any more, and loses its actuators; limits are kept.
 

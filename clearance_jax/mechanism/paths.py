@@ -20,12 +20,14 @@ from clearance_jax._numerics import safe_sqrt, sincos
 from clearance_jax._solo import whole
 from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError
-from clearance_jax.mechanism.drives import Values, spline_curvature
+from clearance_jax.mechanism.motion_laws import Values, spline_curvature
 from clearance_jax.mechanism.pieces import Pieces
 from clearance_jax.mechanism.placement import Orientation, Position, PreparedOrientation
 from clearance_jax.mechanism.profiles import Quintic, Trapezoid
 from clearance_jax.parameters import physical
 from clearance_jax.spatial import about, as_array, hamilton, of_quaternion, quaternion_of_matrix, rotation_vector
+
+__all__ = ["AbstractSegment", "Arc", "CartesianPath", "Curve", "Line", "Waypoint"]
 
 Triple = Float[Array, "3"]
 Quadruple = Float[Array, "4"]

@@ -5,7 +5,7 @@ from jaxtyping import Array, Float
 
 from clearance_jax._solo import whole
 from clearance_jax._types import Scalar
-from clearance_jax.mechanism.drives import AbstractMotionLaw, Motion3, Values
+from clearance_jax.mechanism.motion_laws import AbstractMotionLaw, Motion3, Values
 from clearance_jax.parameters import physical
 
 

@@ -7,19 +7,10 @@ from typing import Any
 import equinox as eqx
 
 from clearance_jax.errors import ClearanceError
-from clearance_jax.joints import (
-    BALL,
-    GUIDE,
-    PIN,
-    SHAFT,
-    AbstractClearance,
-    AbstractPin,
-    Preset,
-    Tolerance,
-    posed,
-)
+from clearance_jax.joints import AbstractClearance, AbstractPin, Tolerance
 from clearance_jax.joints.checks import check_sizes
-from clearance_jax.joints.presets import FIT, made
+from clearance_jax.joints.presets import BALL, FIT, GUIDE, PIN, SHAFT, Preset, made
+from clearance_jax.joints.seating import posed
 from clearance_jax.mechanism.compounds import Cylindrical, Spherical
 from clearance_jax.mechanism.placement import Position, as_prepared
 from clearance_jax.mechanism.tree import AbstractJoint, AbstractPlayed, Prismatic, Revolute

@@ -13,8 +13,8 @@ from jax.core import Tracer
 from clearance_jax._solo import whole
 from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError
-from clearance_jax.mechanism.drives import AbstractDrive, Values
 from clearance_jax.mechanism.minimum_jerk import HERMITE, least_jerk
+from clearance_jax.mechanism.motion_laws import AbstractDrive, Values
 from clearance_jax.mechanism.pieces import Pieces
 from clearance_jax.parameters import physical
 

@@ -72,7 +72,7 @@ FREQUENCY, TRAP_END, REST = 3.0, 2.0, 0.25
 
 def oscillator() -> cj.Mechanism:
     """A body of 1 kg on a spring, started at rest where the spring pulls nothing: no error estimate, no small steps."""
-    spring = cj.JointSpring(FREQUENCY**2, 0.0, REST)
+    spring = cj.actuators.JointSpring(FREQUENCY**2, 0.0, REST)
     motion = cj.Motion(position=REST, actuators=(spring,))
     return cj.Mechanism(bodies=(cj.Body("bob", 1.0),), joints=(cj.Prismatic("slide", "ground", "bob", motion=motion),))
 
@@ -160,8 +160,8 @@ TIMING_END = 1.3
 
 def shaken(begin, stop) -> cj.Mechanism:
     """A body on a spring on a carriage that a sum of two STEPs moves."""
-    drive = cj.StepSum(list(begin), list(stop), list(RISE))
-    spring = cj.JointSpring(FREQUENCY**2)
+    drive = cj.drives.StepSum(list(begin), list(stop), list(RISE))
+    spring = cj.actuators.JointSpring(FREQUENCY**2)
     return cj.Mechanism(
         bodies=(cj.Body("carriage"), cj.Body("bob", 1.0)),
         joints=(

@@ -98,7 +98,9 @@ def pin(friction) -> cj.Mechanism:
     joint = cj.RevoluteClearance(1e-4, RADIUS, laws.Hertz(K, 1.5), friction)
     return cj.Mechanism(
         bodies=(cj.Body("pin", 0.14),),
-        joints=(cj.Revolute("joint", "ground", "pin", motion=cj.Motion(cj.ConstantSpeed(0.0)), clearance=joint),),
+        joints=(
+            cj.Revolute("joint", "ground", "pin", motion=cj.Motion(cj.drives.ConstantSpeed(0.0)), clearance=joint),
+        ),
         gravity=cj.Gravity(y=-9.81),
     )
 

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import clearance_jax as cj
-from clearance_jax.mechanism.drives import DriveSum
+from clearance_jax.mechanism.motion_laws import DriveSum
 from experiments.paper.runs import (
     BEGIN,
     CLEARANCE,
@@ -81,7 +81,7 @@ class Compensation(NamedTuple):
 def corrected(mechanism: cj.Mechanism, knots: Signal, corrections: dict[str, Signal]) -> cj.Mechanism:
     """The robot with a spline through its corrections added to each drive."""
     own = {c.name: c.motion.drive for c in mechanism.coordinates() if c.name in corrections}
-    return mechanism.driven({name: DriveSum((own[name], cj.Spline(knots, corrections[name]))) for name in own})
+    return mechanism.driven({name: DriveSum((own[name], cj.drives.Spline(knots, corrections[name]))) for name in own})
 
 
 def jacobian(mechanism: cj.Mechanism, times: Signal, names: Sequence[str]) -> Signal:
@@ -152,7 +152,7 @@ MOVED = 0.002
 """By how much the durations are changed along the gradient [s]; their sum stays."""
 
 
-def asked() -> dict[str, tuple[str, float, cj.AbstractMetric]]:
+def asked() -> dict[str, tuple[str, float, cj.metrics.AbstractMetric]]:
     """What is asked of the motion: by its name the unit, its size in SI, and the metric."""
     force, since = cj.metrics.ContactForce(JOINT), START_UP
     return {

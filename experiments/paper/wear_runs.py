@@ -42,7 +42,7 @@ def rig(reading: Reading) -> cj.Mechanism:
     materials = (Material(modulus) for modulus in MODULI)
     numbers = old.radial_clearance, old.pin_radius, old.normal, old.friction
     play = cj.RevoluteClearance(*numbers, None, LENGTH, *materials)
-    return m.driven({JOINT: cj.ConstantSpeed(SPEED)}).with_clearance(JOINT, play)
+    return m.driven({JOINT: cj.drives.ConstantSpeed(SPEED)}).with_clearance(JOINT, play)
 
 
 def run(mechanism: cj.Mechanism, pressure: wear.AbstractPressure) -> Worn:

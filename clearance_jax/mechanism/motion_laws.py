@@ -1,0 +1,240 @@
+"""Drives: a joint coordinate as a function of time, with its first two derivatives and its break points.
+
+A drive of a rotation is in rad, of a slide in m; its fields carry the unit "coordinate", resolved by the joint.
+"""
+
+import abc
+from typing import Literal, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jax.lax.linalg import tridiagonal_solve
+from jaxtyping import Array, Float
+
+from clearance_jax._module import Module
+from clearance_jax._numerics import sincos
+from clearance_jax._solo import whole
+from clearance_jax._types import Scalar
+from clearance_jax.errors import ClearanceError
+from clearance_jax.parameters import described, physical
+from clearance_jax.spatial import Term, total
+
+Values = Float[Array, " n"]
+Motion3 = tuple[Term, Term, Term]
+
+
+class AbstractMotionLaw(Module):
+    """A coordinate as a function of time."""
+
+    @abc.abstractmethod
+    def __call__(self, time: Scalar) -> Motion3:
+        """`(q, q', q'')`; one that vanishes identically is the constant 0.0."""
+
+    def breaks(self) -> Values:
+        """Times at which a derivative jumps: integration steps end there. None by default."""
+        return jnp.zeros(0)
+
+    def prepared(self) -> "AbstractMotionLaw":
+        """The same motion with what depends only on its numbers computed (once a solve); by default nothing does."""
+        return self
+
+
+class AbstractDrive(AbstractMotionLaw):
+    """A motion law as a user gives it, by numbers of its own."""
+
+
+class ConstantSpeed(AbstractDrive):
+    """q = start + speed t."""
+
+    speed: Scalar = physical("coordinate/s", help="rate of the coordinate", example='"5000 rpm"')
+    start: Scalar = physical("coordinate", default=0.0, help="value at t = 0", example='"90 deg"')
+
+    def __call__(self, time):
+        return self.start + self.speed * time, self.speed, 0.0
+
+
+def _check_steps(drive) -> None:
+    shapes = {drive.begin.shape, drive.end.shape, drive.rise.shape}
+    if len(shapes) > 1 or drive.begin.ndim != 1:
+        raise ClearanceError("A step drive needs `begin`, `end` and `rise` as lists of one length.")
+    if not isinstance(drive.begin - drive.end, Tracer) and not np.all(drive.end > drive.begin):
+        raise ClearanceError("Every step of a drive must end after it begins.")
+
+
+class StepSum(AbstractDrive):
+    """q = offset + sum of rise_i STEP(t, begin_i, 0, end_i, 1), the cubic STEP of ADAMS; q'' jumps at both ends.
+
+    **Arguments:** `begin`, `end` [s] and `rise` of shape (n,), `offset`.
+    """
+
+    begin: Values = physical("s", help="when each step begins", example='["0 s", "0.5 s"]')
+    end: Values = physical("s", help="when each step ends", example='["0.5 s", "1 s"]')
+    rise: Values = physical("coordinate", help="by how much each step rises", example='["90 deg", "30 deg"]')
+    offset: Scalar = physical("coordinate", default=0.0, help="value before the steps", example='"10 deg"')
+
+    def __check_init__(self):
+        _check_steps(self)
+
+    @whole
+    def __call__(self, time):
+        span = self.end - self.begin
+        s = (time - self.begin) / span
+        inside = (s >= 0) & (s < 1)
+        s = jnp.clip(s, 0.0, 1.0)
+        q = self.offset + jnp.sum(self.rise * s * s * (3 - 2 * s))
+        v = jnp.sum(jnp.where(inside, self.rise * 6 * s * (1 - s) / span, 0.0))
+        return q, v, jnp.sum(jnp.where(inside, self.rise * (6 - 12 * s) / span**2, 0.0))
+
+    def breaks(self):
+        return jnp.concatenate([self.begin, self.end])
+
+
+class Step5Sum(AbstractDrive):
+    """As `StepSum` with the quintic STEP5: q'' is continuous, q''' jumps."""
+
+    begin: Values = physical("s", help="when each step begins", example='["0 s", "0.5 s"]')
+    end: Values = physical("s", help="when each step ends", example='["0.5 s", "1 s"]')
+    rise: Values = physical("coordinate", help="by how much each step rises", example='["90 deg", "30 deg"]')
+    offset: Scalar = physical("coordinate", default=0.0, help="value before the steps", example='"10 deg"')
+
+    def __check_init__(self):
+        _check_steps(self)
+
+    @whole
+    def __call__(self, time):
+        span = self.end - self.begin
+        s = jnp.clip((time - self.begin) / span, 0.0, 1.0)
+        q = self.offset + jnp.sum(self.rise * s**3 * (10 + s * (6 * s - 15)))
+        v = jnp.sum(self.rise * 30 * s * s * (1 - s) ** 2 / span)
+        return q, v, jnp.sum(self.rise * 60 * s * (1 - s) * (1 - 2 * s) / span**2)
+
+    def breaks(self):
+        return jnp.concatenate([self.begin, self.end])
+
+
+class Harmonic(AbstractDrive):
+    """q = offset + amplitude sin(angular_frequency t + phase), angular_frequency in rad/s."""
+
+    amplitude: Scalar = physical("coordinate", help="amplitude", example='"20 deg"')
+    angular_frequency: Scalar = physical("rad/s", help="angular frequency", example='"10 rad/s"')
+    phase: Scalar = physical("rad", default=0.0, help="phase at t = 0", example='"90 deg"')
+    offset: Scalar = physical("coordinate", default=0.0, help="value about which it swings", example='"10 deg"')
+
+    def __call__(self, time):
+        w = self.angular_frequency
+        sine, cosine = sincos(w * time + self.phase)
+        swing = self.amplitude * sine
+        return self.offset + swing, self.amplitude * w * cosine, -w * w * swing
+
+
+class Spline(AbstractDrive):
+    """A cubic spline through a table; q''' jumps at the knots. Outside the table its end pieces go on.
+
+    **Arguments:** `times` [s] (increasing), `values`, both of shape (n,) with n >= 4; `ends`: "not-a-knot", "natural"
+    (q'' = 0) or "clamped" (q' = 0).
+    """
+
+    times: Values = physical(
+        "s", help="times of the table, increasing, at least 4", example='["0 s", "1 s", "2 s", "3 s"]'
+    )
+    values: Values = physical(
+        "coordinate", help="the coordinate at these times", example='["0 deg", "20 deg", "5 deg", "0 deg"]'
+    )
+    ends: Literal["not-a-knot", "natural", "clamped"] = described(
+        "what holds at both ends: `natural` (q'' = 0), `clamped` (q' = 0)",
+        '"clamped"',
+        static=True,
+        default="not-a-knot",
+    )
+
+    def __check_init__(self):
+        if self.times.shape[0] < 4 or self.times.shape != self.values.shape:
+            raise ClearanceError("A spline drive needs `times` and `values` of one length of at least 4.")
+        if not isinstance(self.times, Tracer) and not np.all(np.diff(self.times) > 0):
+            raise ClearanceError("The `times` of a spline drive must increase.")
+        if self.ends not in ("not-a-knot", "natural", "clamped"):
+            raise ClearanceError(f"`ends` must be not-a-knot, natural or clamped, but it is {self.ends!r}.")
+
+    @whole
+    def prepared(self):
+        return PreparedSpline(self.times, self.values, spline_curvature(self.times, self.values, self.ends))
+
+    @whole
+    def __call__(self, time):
+        return self.prepared()(time)
+
+    def breaks(self):
+        return self.times
+
+
+class PreparedSpline(AbstractMotionLaw):
+    """A cubic spline whose q'' at the knots is known: what a solve evaluates of a `Spline`."""
+
+    times: Values = physical("s")
+    values: Values = physical("coordinate")
+    curvature: Values = physical("coordinate/s^2")
+
+    def __call__(self, time):
+        i = jnp.clip(jnp.searchsorted(self.times, time, side="right") - 1, 0, self.times.shape[0] - 2)
+        h, u = self.times[i + 1] - self.times[i], time - self.times[i]
+        ya, yb, ma, mb = self.values[i], self.values[i + 1], self.curvature[i], self.curvature[i + 1]
+        slope = (yb - ya) / h - h * (2 * ma + mb) / 6
+        third = (mb - ma) / h
+        return (ya + u * (slope + u * (ma / 2 + u * third / 6)), slope + u * (ma + u * third / 2), ma + u * third)
+
+    def breaks(self):
+        return self.times
+
+
+class DriveSum(AbstractDrive):
+    """The sum of several motion laws: drives, as a user gives it; what they are prepared to, once it is prepared."""
+
+    terms: tuple[AbstractMotionLaw, ...]
+
+    def __call__(self, time):
+        parts = [drive(time) for drive in self.terms]
+        return total(p[0] for p in parts), total(p[1] for p in parts), total(p[2] for p in parts)
+
+    def breaks(self):
+        return jnp.concatenate([drive.breaks() for drive in self.terms])
+
+    def prepared(self):
+        return DriveSum(tuple(drive.prepared() for drive in self.terms))
+
+
+def spline_curvature(times: Values, values: Values, ends: str) -> Values:
+    """Q'' at the knots of a cubic spline, differentiable by times and values.
+
+    At an inner knot h_a m_a + 2 (h_a + h_b) m + h_b m_b = 6 (slope_b - slope_a), for the intervals before and after.
+    The two end values are eliminated: three bands are left, whatever the ends.
+    """
+    h = jnp.diff(times)
+    slope = jnp.diff(values) / h
+    begin, end = _end(ends, h[0], h[1], slope[0]), _end(ends, h[-1], h[-2], -slope[-1])
+    below = h[:-1].at[0].set(0.0).at[-1].add(h[-1] * end.second)
+    middle = (2 * (h[:-1] + h[1:])).at[0].add(h[0] * begin.first).at[-1].add(h[-1] * end.first)
+    above = h[1:].at[-1].set(0.0).at[0].add(h[0] * begin.second)
+    right = (6 * jnp.diff(slope)).at[0].add(-h[0] * begin.constant).at[-1].add(-h[-1] * end.constant)
+    m = tridiagonal_solve(below, middle, above, right[:, None])[:, 0]
+    return jnp.concatenate([begin.value(m[0], m[1])[None], m, end.value(m[-1], m[-2])[None]])
+
+
+class _End(NamedTuple):
+    """Q'' at an end of a spline: `constant`, and factors of q'' at the `first` and the `second` knot from that end."""
+
+    constant: Scalar | float
+    first: Scalar | float
+    second: Scalar | float
+
+    def value(self, first: Scalar, second: Scalar) -> Scalar:
+        return self.constant + self.first * first + self.second * second
+
+
+def _end(ends: str, near: Scalar, far: Scalar, slope: Scalar) -> _End:
+    """For the lengths of the two intervals at the end, and the table's slope in the nearer one, away from the end."""
+    if ends == "natural":
+        return _End(0.0, 0.0, 0.0)
+    if ends == "clamped":
+        return _End(3 * slope / near, -0.5, 0.0)
+    return _End(0.0, (near + far) / far, -near / far)
