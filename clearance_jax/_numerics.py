@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from clearance_jax._sharing import shared
+from clearance_jax._sharing import share
 
 Real = Float[Array, "..."]
 
@@ -43,11 +43,11 @@ def sincos(angle: Real) -> tuple[Real, Real]:
     is worth in float64 anyway.
     """
     # Both results choose among both polynomials: what these are made of is shared.
-    quarter_turns = shared(jnp.floor(angle * (2 / np.pi) + 0.5))
-    x = shared((angle - quarter_turns * _HALF_PI_HIGH) - quarter_turns * _HALF_PI_LOW)
+    quarter_turns = share(jnp.floor(angle * (2 / np.pi) + 0.5))
+    x = share((angle - quarter_turns * _HALF_PI_HIGH) - quarter_turns * _HALF_PI_LOW)
     xx = x * x
-    sine = shared(x + x * xx * _horner(_SIN, xx))
-    cosine = shared(1 - 0.5 * xx + xx * xx * _horner(_COS, xx))
+    sine = share(x + x * xx * _horner(_SIN, xx))
+    cosine = share(1 - 0.5 * xx + xx * xx * _horner(_COS, xx))
     quadrant = quarter_turns - 4 * jnp.floor(quarter_turns * 0.25)
     swapped = (quadrant == 1) | (quadrant == 3)
     sine, cosine = jnp.where(swapped, cosine, sine), jnp.where(swapped, sine, cosine)
@@ -84,7 +84,7 @@ def safe_norm(x: Real, y: Real) -> Real:
 
 def safe_unit(x: Real, y: Real) -> tuple[Real, Real, Real]:
     """`(length, x/length, y/length)`; at the origin the direction is undefined and (0, 0) is returned."""
-    length = shared(safe_norm(x, y))
+    length = share(safe_norm(x, y))
     inverse = 1 / jnp.where(length > 0, length, 1.0)
     return length, x * inverse, y * inverse
 

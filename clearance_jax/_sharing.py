@@ -33,12 +33,12 @@ def sharing() -> Iterator[None]:
         _sharing.reset(token)
 
 
-def shared(tree: Any) -> Any:
+def share(tree: Any) -> Any:
     """The same numbers and flags, which a compiled program over lanes computes once."""
     return jax.tree.map(_once, tree) if _sharing.get() else tree
 
 
-def kept(tree: Any) -> Any:
+def compute_once(tree: Any) -> Any:
     """As `shared`, in any program: of values that a chain of others is made of, each of the one before it, where the
     work done anew would double with every link. What stands in several places stays one value.
     """

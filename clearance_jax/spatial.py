@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from clearance_jax._numerics import safe_norm, safe_sqrt, sincos
-from clearance_jax._sharing import shared
+from clearance_jax._sharing import share
 
 Term = Array | float
 Vector = tuple[Term, Term, Term]
@@ -176,7 +176,7 @@ def same_line(a: Vector, b: Vector) -> float:
 
 def about(axis: Vector, angle: Term) -> Matrix:
     """The matrix of a turn by `angle` [rad] about a unit vector (Rodrigues)."""
-    sine, cosine = shared(sincos(jnp.asarray(angle)))
+    sine, cosine = share(sincos(jnp.asarray(angle)))
     if all(isinstance(term, float) for term in axis) and sum(map(is_zero, axis)) == 2:
         k = next(i for i in range(3) if not is_zero(axis[i]))
         s, rows = times(axis[k], sine), [[*row] for row in UNIT]

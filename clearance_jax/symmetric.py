@@ -12,7 +12,7 @@ from jax.scipy.linalg import cho_solve
 from jaxtyping import Array
 
 from clearance_jax._module import Module
-from clearance_jax._sharing import shared
+from clearance_jax._sharing import share
 from clearance_jax.spatial import Rotation, Term, Vector, absent, as_array, dot, is_zero, minus, plus, times, total
 
 
@@ -293,7 +293,7 @@ DEEP = 5
 
 def _links(rows: int) -> Callable:
     """What keeps the links of a chain of so many rows from being computed anew in the next ones."""
-    return shared if rows >= DEEP else lambda tree: tree
+    return share if rows >= DEEP else lambda tree: tree
 
 
 def dense(matrix: list[list[Term]]) -> Array:

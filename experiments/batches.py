@@ -2,8 +2,9 @@
 
 Slider-cranks with clearances from 0.1 to 0.5 mm, one revolution each, Tsit5 at rtol 1e-7. Times are per lane: of a
 batch, of a solve alone, and of a minimal loop (the same vector field and tableau, the textbook controller, no contact
-watch, no output, batch axis last), which shows what the rest costs. An attempt is one try of a step, six evaluations of
-the vector field. The lanes of a batch go on until the slowest ends, so a lane's attempts are the batch's.
+event location, no output, batch axis last), which shows what the rest costs. An attempt is one try of a step, six
+evaluations of the vector field. The lanes of a batch go on until the slowest ends, so a lane's attempts are the
+batch's.
 
 Everything is measured twice, in one process each: compiled as `clearance_jax.configure` sets JAX up, and as JAX is.
 """
@@ -43,7 +44,7 @@ def with_clearance(clearance):
 
 
 def solved(clearance, samples=None):
-    return cj.simulate(with_clearance(clearance), END, save_at=samples, rtol=RTOL, books=False)
+    return cj.simulate(with_clearance(clearance), END, save_at=samples, rtol=RTOL, energy_balance=False)
 
 
 def minimal_loop(clearances):

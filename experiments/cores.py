@@ -55,7 +55,7 @@ class Order(NamedTuple):
 def solved(lane: dict[str, Any]) -> tuple[jax.Array, jax.Array]:
     """Where the slider ends [m], and how many attempts that took; the tolerance is a number of the lane."""
     numbers = {name: value for name, value in lane.items() if name != "rtol"}
-    solution = cj.simulate(cj.replace(slider_crank(), numbers), END, rtol=lane["rtol"], books=False)
+    solution = cj.simulate(cj.replace(slider_crank(), numbers), END, rtol=lane["rtol"], energy_balance=False)
     return solution["piston.position.x"], solution.steps + solution.rejected
 
 

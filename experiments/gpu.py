@@ -50,7 +50,7 @@ QUICK = Sizes((8,), 8, 4, 1)
 
 def crank(numbers, rtol=RTOL, **options):
     mechanism = cj.replace(slider_crank(), dict(zip(NAMES, numbers, strict=True)))
-    return cj.simulate(mechanism, END, rtol=rtol, books=False, **options)["piston.position.x"]
+    return cj.simulate(mechanism, END, rtol=rtol, energy_balance=False, **options)["piston.position.x"]
 
 
 def crank_slopes(numbers, **options):
@@ -60,7 +60,7 @@ def crank_slopes(numbers, **options):
 
 def robot(numbers, rtol=RTOL, **options):
     changes = {"joint5.radial_clearance": numbers[0], "joint5.friction.coefficient": numbers[1]}
-    return cj.simulate(cj.replace(joint5(), changes), 0.6, rtol=rtol, books=False, **options)["end.position.x"]
+    return cj.simulate(cj.replace(joint5(), changes), 0.6, rtol=rtol, energy_balance=False, **options)["end.position.x"]
 
 
 PROGRAMS: dict[str, Callable] = {

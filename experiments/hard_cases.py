@@ -4,7 +4,7 @@ The error is that of the worst state over all samples, relative to its largest m
 `experiments.reference` (an integrator with every switching located, no code shared) where a reference problem covers
 the case, and otherwise against this library's Dopri8 at rtol 1e-12 ("own"). Impacts amplify: whether an error is that
 or a floor shows in the column beside it, the error at a hundredth of the tolerance. "Energy" is the residual of the
-energy books.
+energy balance.
 """
 
 from collections.abc import Callable

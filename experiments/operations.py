@@ -3,7 +3,7 @@
 XLA fuses operations into kernels, and what two kernels need it may compute in each. This counts the arithmetic of one
 attempt at a step, for each lane of a batch: as the program is written down, as XLA simplifies it, and as it fuses that
 (`experiments/hlo.py` says what counts; stages, bisections and branches count once). The last over the second is what
-fusing repeats. At rtol 1e-5, without energy books unless named; four-bar: with play in three joints.
+fusing repeats. At rtol 1e-5, without energy balance unless named; four-bar: with play in three joints.
 """
 
 from collections.abc import Callable
@@ -49,8 +49,8 @@ def friction() -> cj.Mechanism:
 
 PROGRAMS: dict[str, tuple[Callable, str, dict[str, Any]]] = {
     "slider-crank": (slider_crank, "wrist", {}),
-    "slider-crank, no watch": (slider_crank, "wrist", {"watch": False}),
-    "slider-crank, energy books": (slider_crank, "wrist", {"books": True}),
+    "slider-crank, no events": (slider_crank, "wrist", {"locate_events": False}),
+    "slider-crank, energy balance": (slider_crank, "wrist", {"energy_balance": True}),
     "slider-crank, Dopri8": (slider_crank, "wrist", {"solver": "dopri8"}),
     "four-bar": (four_bar, "knuckle", {}),
     "joint 5, friction": (friction, "joint5", {}),
@@ -64,7 +64,7 @@ def counted(program: str) -> Row:
 
     def lane(clearance):
         changed = cj.replace(mechanism, {f"{joint}.radial_clearance": clearance})
-        solution = cj.simulate(changed, 0.01, **({"rtol": 1e-5, "books": False} | options))
+        solution = cj.simulate(changed, 0.01, **({"rtol": 1e-5, "energy_balance": False} | options))
         return solution.final, solution.steps
 
     lowered = jax.jit(jax.vmap(lane)).lower(jnp.linspace(5e-5, 5e-4, LANES))

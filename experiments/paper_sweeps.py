@@ -110,7 +110,7 @@ def sweep(
         },
         outputs={name: one.metric for name, one in RESULTS.items()},
         rtol=RTOL,
-        books=True,
+        energy_balance=True,
     )
     say(f"a lane takes {found['steps'].median():.0f} steps (median)")
     found = found.drop_vars([*columns, "t1"]).assign_coords(drive=list(speeds))

@@ -1,9 +1,9 @@
 """What play in space costs, and how it ends: `python -m experiments.play_in_space` writes out/play_in_space.md.
 
-*Fields*: one evaluation of the vector field (without books), alone and as a lane of 64, of the paper's joint 5 in the
-plane (one contact point) and of the tool changer in space (8 stations and a ring of 8 on the thrust faces: 16 points, 5
-play coordinates, 6 driven joints), both with friction; operations as the compiler counts them for one lane before it
-fuses. *A point* is the field over its points; *contact alone* leaves out the equations of motion.
+*Fields*: one evaluation of the vector field (without energy balance), alone and as a lane of 64, of the paper's joint 5
+in the plane (one contact point) and of the tool changer in space (8 stations and a ring of 8 on the thrust faces: 16
+points, 5 play coordinates, 6 driven joints), both with friction; operations as the compiler counts them for one lane
+before it fuses. *A point* is the field over its points; *contact alone* leaves out the equations of motion.
 
 *Arms*: the six axes of six_axes.urdf carry 5 kg along a trajectory, with sleeves (radial 50 um, 40 mm long, 8 stations,
 steel on bronze, no friction) in one axis, in three or in all six, without axial play and with it (100 um, 8 points of
@@ -228,7 +228,7 @@ def arms(end: float) -> None:
         with_one = again if name == "arm, 1 sleeve" else with_one
     head = ("scene", "free coordinates", "points", "form", "program [CPU s]", "solve [s]", "steps", "rejected")
     table((*head, "us a try", "residual"), rows, output("play_in_space_arms.md"))
-    say(f"Span {end} s, rtol {RTOL}, with energy books.")
+    say(f"Span {end} s, rtol {RTOL}, with energy balance.")
     interpreter = os.environ.get("PINOCCHIO_PYTHON")
     if not interpreter:
         say("MuJoCo is left out: name an interpreter that has `mujoco` by PINOCCHIO_PYTHON.")
@@ -251,7 +251,9 @@ def lanes(end: float) -> None:
         clearances = [f"axis_{axis}.radial_clearance" for axis in axes]
 
         def solve(radial, mechanism=mechanism, names=clearances):
-            found = cj.simulate(cj.replace(mechanism, dict.fromkeys(names, radial)), end, rtol=RTOL, books=False)
+            found = cj.simulate(
+                cj.replace(mechanism, dict.fromkeys(names, radial)), end, rtol=RTOL, energy_balance=False
+            )
             return found.final, found.steps + found.rejected
 
         alone, batch, given = jax.jit(solve), jax.jit(jax.vmap(solve)), jnp.linspace(0.5, 1.5, BATCH) * BARREL["radial"]
@@ -269,7 +271,7 @@ def lanes(end: float) -> None:
     head = ("arm", "free coordinates", "points", "first call [CPU s]", f"{BATCH} lanes: lanes a second")
     head = (*head, "alone: solves a second", "us a lane and attempt", "slowest lane over the mean")
     table(head, rows, output("play_in_space_lanes.md"))
-    say(f"Span {end} s, rtol {RTOL}, without energy books.")
+    say(f"Span {end} s, rtol {RTOL}, without energy balance.")
 
 
 def to_zero(axes: str, halvings: int) -> None:

@@ -2,7 +2,7 @@
 
 Slider-cranks with clearances from 0.05 to 0.5 mm, one revolution at 5000 rpm, the final state and nothing else. The C
 program (`experiments/reference/scalar.c`, compiled with -O3 -march=native) is Tsit5 with an elementary error control:
-at rtol 1e-5 without a watch over the contacts, and with steps that end where the force law changes at rtol 1e-8, where
+at rtol 1e-5 without event location, and with steps that end where the force law changes at rtol 1e-8, where
 its median error is that of the lanes at 1e-7. All are timed in CPU seconds of one core, the shortest of several
 rounds; the ratios are throughputs over those two. Errors are those of the slider's position over its largest, against
 a solve at rtol 1e-10.
@@ -24,7 +24,7 @@ from experiments.common import output, slider_crank, table
 from experiments.publish import command, say
 
 SOURCE = Path(__file__).parent / "reference" / "scalar.c"
-C_RTOL = {"scalar C, no watch": 1e-5, "scalar C, located events": 1e-8}
+C_RTOL = {"scalar C, no events": 1e-5, "scalar C, located events": 1e-8}
 
 
 def compiled(folder: str | Path) -> Path | None:
@@ -81,20 +81,20 @@ def by_lanes(clearances, repeats: int, **options) -> tuple[np.ndarray, float, fl
 
 
 def main(quick: bool = False) -> float:
-    """Write the table; returns the largest error of the watched lanes."""
+    """Write the table; returns the largest error of the lanes with event location."""
     lanes, repeats = (8, 1) if quick else (1000, 5)
     clearances = jnp.linspace(5e-5, 5e-4, lanes)
-    truth, *_ = by_lanes(clearances, 1, rtol=1e-8 if quick else 1e-10, solver="dopri8", books=False)
+    truth, *_ = by_lanes(clearances, 1, rtol=1e-8 if quick else 1e-10, solver="dopri8", energy_balance=False)
     known = by_c(lanes, 0.1 if quick else 5.0)
     if not known:
         say("There is no C compiler: the lanes alone.")
     runs = [
-        ("lanes", {"rtol": 1e-4, "books": False}),
-        ("lanes", {"rtol": 4e-5, "books": False}),
-        ("lanes", {"rtol": 1e-5, "books": False}),
-        ("lanes", {"rtol": 1e-7, "books": False}),
-        ("lanes, energy books", {"rtol": 1e-5}),
-        ("lanes, no watch", {"rtol": 1e-4, "books": False, "watch": False}),
+        ("lanes", {"rtol": 1e-4, "energy_balance": False}),
+        ("lanes", {"rtol": 4e-5, "energy_balance": False}),
+        ("lanes", {"rtol": 1e-5, "energy_balance": False}),
+        ("lanes", {"rtol": 1e-7, "energy_balance": False}),
+        ("lanes, energy balance", {"rtol": 1e-5}),
+        ("lanes, no events", {"rtol": 1e-4, "energy_balance": False, "locate_events": False}),
     ]
     yardsticks = [known[name][1] if known else np.nan for name in C_RTOL]
     rows, worst = [], 0.0
@@ -103,7 +103,7 @@ def main(quick: bool = False) -> float:
     for name, options in runs[:1] if quick else runs:
         places, took, attempts = by_lanes(clearances, repeats, **options)
         error = np.abs(places - truth)
-        worst = max(worst, float(error.max())) if options.get("watch", True) else worst
+        worst = max(worst, float(error.max())) if options.get("locate_events", True) else worst
         rows.append(_row(name, options["rtol"], error, took, yardsticks, attempts))
     ratios = ("ratio", "ratio to located events")
     head = ("program", "rtol", "lanes/s", *ratios, "attempts a lane", "error median", "error max")

@@ -2,8 +2,8 @@
 
 Every solver gives the same samples (201 a revolution of the slider-crank, 3001 of joint 5); the error is that of the
 worst state against the references of `experiments.reference`, which share no code with the library. Times are the
-shortest of several runs in one process, compiling excluded. The library runs without its energy books here: the others
-keep none.
+shortest of several runs in one process, compiling excluded. The library runs without its energy balance here: the
+others keep none.
 """
 
 from typing import Any, NamedTuple
@@ -52,14 +52,16 @@ class Point(NamedTuple):
     seconds: float
 
 
-def ours(kind: str, solver: str, watch: bool):
+def ours(kind: str, solver: str, events: bool):
     """One compiled solve of a problem, for any numbers and any rtol."""
     mechanism = slider_crank() if kind == "slider_crank" else joint5()
 
     @jax.jit
     def run(values, time, rtol):
         changed = cj.replace(mechanism, values)
-        s = cj.simulate(changed, time[-1], save_at=time, rtol=rtol, solver=solver, watch=watch, books=False)
+        s = cj.simulate(
+            changed, time[-1], save_at=time, rtol=rtol, solver=solver, locate_events=events, energy_balance=False
+        )
         return s.y, s.steps + s.rejected
 
     return run
@@ -77,15 +79,15 @@ def measure(quick: bool) -> list[Point]:
     ladder = (1e-5, 1e-8) if quick else tuple(10.0**-k for k in range(4, 12))
     repeats = 1 if quick else 5
     runs = {
-        (kind, solver, watch): ours(kind, solver, watch)
+        (kind, solver, events): ours(kind, solver, events)
         for kind in {kind for kind, *_ in cases.values()}
         for solver in SOLVERS
-        for watch in (True, False)
+        for events in (True, False)
     }
     for case, (kind, name, values) in cases.items():
         reference = load(name)
         t, truth, p = reference["t"], reference["y"], reference["params"]
-        for (own, solver, watch), run in runs.items():
+        for (own, solver, events), run in runs.items():
             if own != kind:
                 continue
             for rtol in ladder:
@@ -93,7 +95,7 @@ def measure(quick: bool) -> list[Point]:
                 y, attempts = run(*arguments)
                 took = seconds(lambda run=run, arguments=arguments: run(*arguments), repeats)
                 worst = error(as_reference(kind, y, t), truth).max()
-                tool = f"{solver}{'' if watch else ', not watched'}"
+                tool = f"{solver}{'' if events else ', no events'}"
                 points.append(Point(case, tool, rtol, worst, evaluations(solver, int(attempts)), took))
         scale = PROBLEMS[kind].scale(p)
         tools = {
@@ -139,7 +141,7 @@ def figure(points: list[Point]):
             for tool in tools:
                 mine = [p for p in points if p.case == case and p.tool == tool]
                 style = {
-                    "color": COLOURS[tool.removesuffix(", not watched")],
+                    "color": COLOURS[tool.removesuffix(", no events")],
                     "ls": "--" if "not watched" in tool else ":" if "numba" in tool else "-",
                     "marker": "s" if "numba" in tool else "o",
                 }

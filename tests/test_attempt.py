@@ -20,7 +20,7 @@ from clearance_jax.joints import AbstractClearance, AbstractElement
 from clearance_jax.joints.checks import ImplausibleWarning
 from clearance_jax.solve.codes import Result, code_of, words
 from clearance_jax.solve.control import factor, on_grid
-from clearance_jax.solve.switches import Curve, Watched, first_of
+from clearance_jax.solve.events import Curve, EventJoints, first_of
 from clearance_jax.solve.tableau import tableau_of
 from clearance_jax.spatial import ZERO, scale
 
@@ -92,7 +92,7 @@ def operations(mechanism, t1, **options) -> tuple[int, int]:
 
 @pytest.mark.parametrize("solver", ["tsit5", "dopri8"])
 def test_programs_stay_small(solver):
-    """With samples and energy books; 10 900 and 43 600 operations before stages, assembly and samples were loops."""
+    """With samples and energy balance; 10 900 and 43 600 operations before stages, assembly and samples were loops."""
     for scene, t1, most in (("slider_crank.toml", 0.012, 4_000), ("squeezer.toml", 0.03, 12_000)):
         own, barriers = operations(cj.load(SCENES / scene), t1, solver=solver)
         assert own <= most
@@ -157,7 +157,7 @@ def test_first_switch_of_a_known_motion():
     """The place at which a straight motion touches, by hand."""
     joint = cj.RevoluteClearance(1e-3, 0.01, laws.Hertz(1e9)).prepared()
     begin = jnp.asarray(1e-8)
-    first = jax.jit(lambda curve: first_of(Watched(joint, curve, ()), begin))
+    first = jax.jit(lambda curve: first_of(EventJoints(joint, curve, ()), begin))
     touch = first(straight((0.0, 0.0), (2e-3, 0.0)))
     assert 0.5 < float(touch) < 0.5 + 1e-7
     assert float(first(straight((0.0, 0.0), (0.9e-3, 0.0)))) == np.inf
@@ -171,7 +171,7 @@ def test_a_graze_between_two_samples_is_found():
     zero = np.zeros(3)
     rows = [np.array([top - k * s0**2, 0, 0]), np.array([2 * k * s0, 0, 0]), np.array([-k, 0, 0]), zero, zero, zero]
     curve = Curve.of(list(jnp.asarray(rows)), jnp.asarray(1e-3))
-    first = first_of(Watched(joint, curve, ()), jnp.asarray(1e-8))
+    first = first_of(EventJoints(joint, curve, ()), jnp.asarray(1e-8))
     enters = s0 - np.sqrt((top - c) / k)
     assert enters <= float(first) <= s0 + 1e-6
 
@@ -186,7 +186,7 @@ class Film(AbstractElement):
 
 
 def test_an_element_acts_without_touch():
-    """A pin in a film, far from the sleeve: v = v0 exp(-b t / m), and its loss is booked."""
+    """A pin in a film, far from the sleeve: v = v0 exp(-b t / m), and its loss is counted."""
     with pytest.warns(ImplausibleWarning, match="as large as the pin's radius 10 mm. Check its unit"):
         play = cj.RevoluteClearance(1e-2, 0.01, laws.Hertz(1e9), None, Film(jnp.asarray(3.0)))
     m = cj.Mechanism(

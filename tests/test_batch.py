@@ -38,7 +38,7 @@ LANES["clearance"][7], LANES["t1"][-5] = np.nan, 1e-3
 
 
 def lane(numbers):
-    return cj.simulate(catalogue.slider_crank(numbers["clearance"]), numbers["t1"], rtol=1e-6, books=False)
+    return cj.simulate(catalogue.slider_crank(numbers["clearance"]), numbers["t1"], rtol=1e-6, energy_balance=False)
 
 
 @pytest.fixture(scope="module")

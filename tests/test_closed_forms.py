@@ -147,7 +147,7 @@ def test_a_load_that_grows_in_contact_returns_more_speed_than_came():
 
 
 def test_restitution_is_what_the_energy_books_say():
-    """The work that a contact took up less what it gave back is what the solve's own book of damping holds."""
+    """The work that a contact took up less what it gave back is what the solve's own energy balance says."""
     m = pulled(laws.exact_restitution(STIFFNESS, 0.7))
     table = cj.to_dataset(m, cj.trace(m, 2e-4, save_at=4001, rtol=1e-8))
     power = table.contact_power.values[:, 0]
@@ -250,7 +250,9 @@ def test_a_touch_that_round_off_hides_is_passed():
         numbers = {"j0.normal.damping": damping, "j1.normal.damping": 1.3 * damping}
         changed = cj.replace(m, numbers | {"guide0.velocity": v, "guide1.velocity": v})
         t1 = GAP / v + 6 / np.sqrt(stiffness / MASS)
-        solution = cj.simulate(changed, t1, rtol=rtol, solver="tsit5", max_steps=5000, throw=False, books=False)
+        solution = cj.simulate(
+            changed, t1, rtol=rtol, solver="tsit5", max_steps=5000, throw=False, energy_balance=False
+        )
         return solution.code, solution.final
 
     code, y = end(speed, 2 * ratio * np.sqrt(stiffness * MASS), rtol)

@@ -160,7 +160,7 @@ def test_a_sampled_computed_torque_of_a_large_mechanism_errs_by_its_period():
         controlled = chain.with_controllers(
             cj.controllers.ComputedTorque("control", targets, frequency=40.0, period=period)
         )
-        s = cj.simulate(controlled, 0.2, rtol=1e-8, books=False)
+        s = cj.simulate(controlled, 0.2, rtol=1e-8, energy_balance=False)
         goal = np.array([float(r.target(s.time[-1])[0]) for r in targets])
         errors.append(np.abs(np.asarray(s.final[:count]) - goal).max())
     # The start's rate is off and decays; what is left beside goes with the period.
@@ -176,13 +176,13 @@ def test_a_payload_comes_and_goes_as_if_the_solve_were_cut_there():
     m = carrying(0.3, 0.6)
     s = cj.simulate(m, 1.0, rtol=1e-11)
     assert float(s.energy_residual) < 1e-9
-    y = cj.simulate(arm(), 0.3, rtol=1e-12, books=False).final
-    y = cj.simulate(carrying(None, None), 0.6, t0=0.3, y0=y, rtol=1e-12, books=False).final
-    y = cj.simulate(arm(), 1.0, t0=0.6, y0=y, rtol=1e-12, books=False).final
+    y = cj.simulate(arm(), 0.3, rtol=1e-12, energy_balance=False).final
+    y = cj.simulate(carrying(None, None), 0.6, t0=0.3, y0=y, rtol=1e-12, energy_balance=False).final
+    y = cj.simulate(arm(), 1.0, t0=0.6, y0=y, rtol=1e-12, energy_balance=False).final
     np.testing.assert_allclose(s.final[:4], y, rtol=0, atol=1e-9)
 
     def end(time):
-        return cj.simulate(cj.replace(m, {"load.picked_up": time}), 1.0, rtol=1e-11, books=False).final[:4]
+        return cj.simulate(cj.replace(m, {"load.picked_up": time}), 1.0, rtol=1e-11, energy_balance=False).final[:4]
 
     differences = (end(0.3 + 1e-4) - end(0.3 - 1e-4)) / 2e-4
     finer = (end(0.3 + 5e-5) - end(0.3 - 5e-5)) / 1e-4
@@ -272,7 +272,9 @@ def test_a_load_from_outside_pushes_in_the_world_or_with_its_body():
     np.testing.assert_allclose(s.final[:3], [along[0], along[1] + pushed, 4.0], rtol=0, atol=1e-9)
     assert float(s.energy_residual) < 1e-9
     stopped = dataclasses.replace(m, wrenches=(brake,))
-    np.testing.assert_allclose(cj.simulate(stopped, 0.8, rtol=1e-9, books=False).final[2], 4 * 0.8 - 5 * 0.8**2 / 2)
+    np.testing.assert_allclose(
+        cj.simulate(stopped, 0.8, rtol=1e-9, energy_balance=False).final[2], 4 * 0.8 - 5 * 0.8**2 / 2
+    )
     assert not dataclasses.replace(m, wrenches=(cj.Wrench("up", "disc", force=cj.Force(z=1.0)),)).is_plane
 
 

@@ -72,7 +72,7 @@ def test_time_of_a_drive_against_differences():
 
     def end(begin):
         m = cj.replace(mechanism, {"drive.rail.begin.1": begin})
-        return cj.simulate(m, 1.3, rtol=1e-10, books=False, throw=False).final
+        return cj.simulate(m, 1.3, rtol=1e-10, energy_balance=False, throw=False).final
 
     begin, step = 0.7, 1e-4
     slope = jax.jit(jax.jacfwd(end))(begin)
@@ -105,7 +105,7 @@ AT = jnp.array([1e-3, 0.3, 0.14, 3.0])
 
 def fallen(values, t1=END, save_at=None):
     m = cj.replace(pin(), dict(zip(NAMES, values, strict=True)))
-    return cj.simulate(m, t1, save_at=save_at, rtol=1e-8, books=False, throw=False)
+    return cj.simulate(m, t1, save_at=save_at, rtol=1e-8, energy_balance=False, throw=False)
 
 
 def size(values):
@@ -135,7 +135,7 @@ def test_a_mechanism_may_be_made_of_the_number_that_is_differentiated():
 
     def end(speed):
         hip = cj.Revolute("hip", "ground", "arm", motion=cj.Motion(velocity=speed))
-        return cj.simulate(cj.Mechanism((cj.Body("arm", 2.0, 0.03),), (hip,)), 0.1, books=False)["hip"]
+        return cj.simulate(cj.Mechanism((cj.Body("arm", 2.0, 0.03),), (hip,)), 0.1, energy_balance=False)["hip"]
 
     for derivative in (jax.grad, jax.jacfwd):
         np.testing.assert_allclose(derivative(end)(1.0), 0.1, rtol=1e-12)
@@ -167,9 +167,11 @@ def test_derivative_by_time_is_the_rate():
 def test_laws_that_jump_are_refused():
     play = cj.RevoluteClearance(1e-3, 0.01, laws.LinearKelvinVoigt(1e6, 100.0))
     m = pin().with_clearance("joint", play)
-    assert bool(cj.simulate(m, 1e-3, books=False).succeeded)
+    assert bool(cj.simulate(m, 1e-3, energy_balance=False).succeeded)
     with pytest.raises(ClearanceError, match="HuntCrossley"):
-        jax.jacfwd(lambda c: cj.simulate(cj.replace(m, {"joint.radial_clearance": c}), 1e-3, books=False).final)(1e-3)
+        jax.jacfwd(
+            lambda c: cj.simulate(cj.replace(m, {"joint.radial_clearance": c}), 1e-3, energy_balance=False).final
+        )(1e-3)
 
 
 # The experiment ------------------------------------------------------------------------------------------------------

@@ -294,7 +294,7 @@ def test_drive_breaks_are_those_of_drives_and_actuators():
 
 
 def test_a_force_with_a_break_is_integrated_on_both_sides_of_it():
-    s = cj.simulate(block(Push(3.0, 0.6217)), 1.0, rtol=1e-6, books=False)
+    s = cj.simulate(block(Push(3.0, 0.6217)), 1.0, rtol=1e-6, energy_balance=False)
     left = 1.0 - 0.6217
     np.testing.assert_allclose(s.final, [1.5 * left**2 / 2, 1.5 * left], rtol=1e-12)
     assert int(s.rejected) == 0
@@ -305,7 +305,7 @@ def test_a_solve_is_differentiable_by_a_spline_and_its_times():
 
     def end(values, times):
         table = {"guide.0.target.values": values, "guide.0.target.times": times}
-        return cj.simulate(cj.replace(m, table), 1.6, t0=0.2, rtol=1e-10, books=False).final[0]
+        return cj.simulate(cj.replace(m, table), 1.6, t0=0.2, rtol=1e-10, energy_balance=False).final[0]
 
     point = jnp.stack([TABLE, KNOTS])
     slopes = jnp.concatenate(jax.grad(end, (0, 1))(*point))

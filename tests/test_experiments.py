@@ -59,7 +59,7 @@ def test_work_precision(tmp_path):
     assert all(p.error <= 3000 * p.rtol for p in ours)
     assert {"scipy odeint + numba", "numba DOP853"} <= {p.tool for p in points}
     assert (tmp_path / "out" / "work_precision_quick.png").stat().st_size > 10_000
-    assert "tsit5, not watched" in (tmp_path / "out" / "work_precision_quick.md").read_text()
+    assert "tsit5, no events" in (tmp_path / "out" / "work_precision_quick.md").read_text()
 
 
 # Cases that share a compiled program; stiffness, many clearances and chaos only run in full, by the command.

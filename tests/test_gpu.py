@@ -44,7 +44,7 @@ def end(clearance):
 def of_three(numbers):
     names = ("wrist.radial_clearance", "wrist.friction.coefficient", "conrod.mass")
     mechanism = cj.replace(catalogue.slider_crank(), dict(zip(names, numbers, strict=True)))
-    return cj.simulate(mechanism, 1e-3, rtol=1e-6, books=False)["piston.position.x"]
+    return cj.simulate(mechanism, 1e-3, rtol=1e-6, energy_balance=False)["piston.position.x"]
 
 
 def test_a_batch_is_one_loop_on_a_gpu():
@@ -70,7 +70,7 @@ def test_derivatives_of_a_batch_are_one_loop_on_a_gpu():
 
 
 def test_all_that_a_solve_has_is_lowered_for_a_gpu():
-    """A loop to be assembled and closed, a settled start, samples, energy books, observers."""
+    """A loop to be assembled and closed, a settled start, samples, energy balance, observers."""
     four_bar = cj.load("experiments/scenes/four_bar.toml")
     metrics = {
         "force": cj.metrics.Peak(cj.metrics.ContactForce("knuckle")),
@@ -79,7 +79,7 @@ def test_all_that_a_solve_has_is_lowered_for_a_gpu():
 
     def lane(c):
         changed = cj.replace(four_bar, {"knuckle.radial_clearance": c})
-        return cj.measure(changed, metrics, 1e-2, rtol=1e-6, save_at=5, start="settled", books=True)
+        return cj.measure(changed, metrics, 1e-2, rtol=1e-6, save_at=5, start="settled", energy_balance=True)
 
     program = exported(lane)
     assert sum(over(WHOLE, one) for one in loops(program)) >= 4

@@ -64,7 +64,7 @@ def test_a_guide_closes_a_loop_as_it_does_in_a_tree():
     tree = slider((cj.Prismatic("guide", "ground", "block", motion=cj.Motion(velocity=0.5), clearance=FLAT),))
     start = cj.Planar("float", "ground", "block", slide_x=cj.Motion(velocity=0.5))
     loop = slider((start,), (cj.Prismatic("guide", "ground", "block", clearance=FLAT),))
-    ends = [cj.simulate(m, 0.05, rtol=1e-11, books=False).final for m in (tree, loop)]
+    ends = [cj.simulate(m, 0.05, rtol=1e-11, energy_balance=False).final for m in (tree, loop)]
     # Slide, play, tilt; and x, y, turn: the same three.
     np.testing.assert_allclose(ends[0][:6], ends[1][:6], rtol=0, atol=1e-8)
 
@@ -90,7 +90,9 @@ def test_a_ball_in_a_plane_motion_is_a_pin():
 
 
 def test_a_cylindrical_joint_takes_a_sleeve():
-    """A shaft that slides and turns in a sleeve that it passes through: free of its play, and books that close."""
+    """A shaft that slides and turns in a sleeve that it passes through: free of its play, and an energy balance that
+    closes.
+    """
     sleeve = cj.SleeveClearance(1e-4, 0.01, 0.04, LAW, RUBBING, stations=4)
     slide, turn = cj.Motion(velocity=0.3), cj.Motion(velocity=20.0)
     joint = cj.Cylindrical("bush", "ground", "shaft", slide=slide, turn=turn, axis="x", clearance=sleeve)

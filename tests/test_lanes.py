@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import clearance_jax as cj
-from clearance_jax._sharing import barrier, shared, sharing
+from clearance_jax._sharing import barrier, share, sharing
 from clearance_jax.solve import lanes
 from clearance_jax.solve.attempt import Options
 from clearance_jax.solve.codes import Result
@@ -31,7 +31,7 @@ def same_as_alone(lane, values, rtol, **tolerance):
 
 
 def solve(mechanism, **options):
-    """What every lane is compared in: states, samples, how it ended, how well its books close."""
+    """What every lane is compared in: states, samples, how it ended, how well its energy balance closes."""
     s = cj.simulate(mechanism, options.pop("t1", T1), throw=False, **options)
     return s.final, s.y, s.code, s.steps, s.rejected, s.end_time
 
@@ -59,7 +59,7 @@ def test_memory_closures_and_breaks_of_drives():
 
         def lane(c, mechanism=mechanism, name=name, t1=t1):
             # A step more or less where the two programs' round-off differs is none of the contract.
-            final, _, code, _, _, end = solve(cj.replace(mechanism, {name: c}), rtol=1e-6, t1=t1, books=False)
+            final, _, code, _, _, end = solve(cj.replace(mechanism, {name: c}), rtol=1e-6, t1=t1, energy_balance=False)
             return final, code, end
 
         same_as_alone(lane, jnp.asarray(values), 1e-6)
@@ -102,7 +102,7 @@ def test_an_impossible_lane_takes_no_attempt_wherever_its_start_was_computed():
     """In a loop two programs may compute a lane's start, one for where it is and one for where it ends, an ulp apart:
     a lane whose state is no number would go on until its steps are used up, and its chunk with it.
     """
-    options = Options(diffrax.Tsit5(), watch=True, books=False, max_steps=50)
+    options = Options(diffrax.Tsit5(), locate_events=True, energy_balance=False, max_steps=50)
 
     def begin(speed, t0):
         mechanism = cj.replace(catalogue.slider_crank(), {"drive.main.speed": speed})
@@ -124,7 +124,7 @@ def test_an_impossible_lane_takes_no_attempt_wherever_its_start_was_computed():
 def test_a_batch_of_batches_is_one_batch():
     def lane(c, speed):
         changed = cj.replace(catalogue.slider_crank(c), {"drive.main.speed": speed})
-        return cj.simulate(changed, 1e-3, rtol=1e-6, books=False).final
+        return cj.simulate(changed, 1e-3, rtol=1e-6, energy_balance=False).final
 
     speeds = jnp.array([300.0, 500.0, 524.0])
     grid = jax.jit(jax.vmap(jax.vmap(lane, (None, 0)), (0, None)))(CLEARANCES[:2], speeds)
@@ -134,7 +134,7 @@ def test_a_batch_of_batches_is_one_batch():
 
 def test_derivatives_of_a_batch_are_each_lanes():
     def end(c):
-        return cj.simulate(catalogue.slider_crank(c), 1e-3, rtol=1e-7, books=False)["piston.position.x"]
+        return cj.simulate(catalogue.slider_crank(c), 1e-3, rtol=1e-7, energy_balance=False)["piston.position.x"]
 
     together = jax.jit(jax.vmap(jax.grad(end)))(CLEARANCES[:2])
     alone = jax.jit(jax.grad(end))
@@ -164,10 +164,10 @@ def test_alone_is_alone_and_a_batch_is_together():
 
 
 def test_shared_numbers_are_the_same_numbers():
-    assert shared((1.0, "name", jnp.asarray(3.0)))[:2] == (1.0, "name")
+    assert share((1.0, "name", jnp.asarray(3.0)))[:2] == (1.0, "name")
     with sharing():
-        program = jax.make_jaxpr(shared)(jnp.asarray(2.0)).jaxpr
+        program = jax.make_jaxpr(share)(jnp.asarray(2.0)).jaxpr
         assert program.eqns[-1].primitive is barrier
-        assert int(shared(jnp.asarray(3))) == 3
-    doubled = each_lane(lambda a, b: shared(a) * b, jnp.zeros(3))
+        assert int(share(jnp.asarray(3))) == 3
+    doubled = each_lane(lambda a, b: share(a) * b, jnp.zeros(3))
     np.testing.assert_array_equal(doubled(jnp.arange(3.0), jnp.full(3, 2.0)), [0.0, 2.0, 4.0])

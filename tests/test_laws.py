@@ -71,7 +71,7 @@ class TestNormal:
     def test_switches_agree_with_the_force(self, name):
         law, memory = prepared(catalogue.NORMAL[name])
         force = np.asarray(jax.vmap(law.force, (0, 0, None))(*GRID, memory))
-        functions, presses = jax.vmap(law.switches, (0, 0, None))(*GRID, memory)
+        functions, presses = jax.vmap(law.event_functions, (0, 0, None))(*GRID, memory)
         apart = np.asarray(GRID[0]) <= 0
         np.testing.assert_array_equal(functions[0], GRID[0])  # the first tells whether the surfaces touch
         assert all(np.all(np.asarray(f)[apart] == 1) for f in functions[1:])  # the others say nothing then
@@ -85,7 +85,7 @@ class TestNormal:
         law, memory = prepared(catalogue.NORMAL[name])
 
         def signs(d):
-            return jnp.stack(law.switches(d, jnp.asarray(0.3), memory)[0]) > 0
+            return jnp.stack(law.event_functions(d, jnp.asarray(0.3), memory)[0]) > 0
 
         def bend(d, h):
             ends = [law.force(d + k * h, jnp.asarray(0.3), memory) for k in (-1, 0, 1)]
@@ -165,10 +165,10 @@ class TestFriction:
         before = (jnp.asarray(1.0),)
 
         def signs(v):
-            functions = law.switches((jnp.asarray(v),), jnp.asarray(1.0), memory, jnp.asarray(True), before)
+            functions = law.event_functions((jnp.asarray(v),), jnp.asarray(1.0), memory, jnp.asarray(True), before)
             return tuple(bool(f > 0) for f in functions)
 
-        if law.law.switches(None, before, jnp.asarray(1.0), (before,)):
+        if law.law.event_functions(None, before, jnp.asarray(1.0), (before,)):
             assert len({signs(0.5), signs(1e-6), signs(-0.5)}) == 3
             assert signs(1e-6) == signs(-1e-6)
         else:

@@ -70,7 +70,7 @@ SUMS |= {"rms since": metrics.Rms(ERROR, since=SINCE)}
 
 
 def test_sums_over_the_motion_and_their_gradients(mechanism):
-    """Averages and the energy lost, by one solve, against dense samples, the books and differences."""
+    """Averages and the energy lost, by one solve, against dense samples, the energy balance and differences."""
 
     def sums(clearance, rtol=1e-9):
         found = cj.measure(cj.replace(mechanism, {CLEARANCE: clearance}), SUMS, T1, rtol=rtol)
@@ -85,8 +85,10 @@ def test_sums_over_the_motion_and_their_gradients(mechanism):
     for value, power in ((rms, 2), (mean, 1)):
         expected = np.mean(0.5 * (dense[1:] ** power + dense[:-1] ** power)) ** (1 / power)
         np.testing.assert_allclose(value, expected, rtol=1e-5)
-    books = cj.to_dataset(mechanism, cj.simulate(mechanism, T1, rtol=1e-9, save_at=2))
-    np.testing.assert_allclose(lost, float(books["damping_loss"][-1] + books["friction_loss"][-1]), rtol=1e-7)
+    energy_balance = cj.to_dataset(mechanism, cj.simulate(mechanism, T1, rtol=1e-9, save_at=2))
+    np.testing.assert_allclose(
+        lost, float(energy_balance["damping_loss"][-1] + energy_balance["friction_loss"][-1]), rtol=1e-7
+    )
 
 
 def test_peak_contact_force_is_the_traces(mechanism):

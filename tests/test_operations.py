@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import pytest
 
-from clearance_jax._sharing import shared, sharing
+from clearance_jax._sharing import share, sharing
 from experiments import operations
 from experiments.hlo import busiest_loop, read
 
@@ -72,7 +72,7 @@ def test_barriers_and_moves_count_nothing(barriers):
         x = jnp.sin(x) * 3.0
         with sharing():
             for _ in range(barriers):
-                x = shared(x)
+                x = share(x)
         return jnp.concatenate([x[1:], x[:1]])
 
     lowered = jax.jit(lambda x: jax.lax.fori_loop(0, 5, turn, x)).lower(jnp.zeros(8))

@@ -99,7 +99,7 @@ def test_the_cycle_of_a_crank_with_clearance():
     start = motion.y + 1e-6 * np.real(directions[:, largest]) / np.abs(directions[0, largest])
 
     def left(periods):
-        end = cj.simulate(crank(*gentle), periods * REVOLUTION, y0=start, rtol=1e-10, books=False).final
+        end = cj.simulate(crank(*gentle), periods * REVOLUTION, y0=start, rtol=1e-10, energy_balance=False).final
         return float((end - motion.y)[0] - periods * TURN * motion.turns[0])
 
     np.testing.assert_allclose(left(6) / left(2), np.real(multipliers[largest]) ** 4, rtol=0.02)

@@ -148,7 +148,7 @@ def test_a_chaotic_exponent_is_how_two_trajectories_part(crank, growths):
 
         return jax.lax.scan(period, (y, difference), PERIODS + jnp.arange(PERIODS))[1]
 
-    begin = cj.simulate(mechanism, PERIODS * REVOLUTION, rtol=1e-7, books=False).final
+    begin = cj.simulate(mechanism, PERIODS * REVOLUTION, rtol=1e-7, energy_balance=False).final
     steps = np.asarray(parting(begin, apart * jnp.array([0.5, -0.5, 0.5, 0.5]))) / REVOLUTION
     ours, exponent = growths[0][0], growths[1][0]
     assert exponent > 2 * uncertainty(jnp.asarray(REVOLUTION * ours), REVOLUTION)

@@ -202,7 +202,7 @@ def test_lanes_of_a_batch_start_as_single_solves_do():
 
     def started(rise):
         moved = mechanism.driven({"hip": cj.drives.Quintic([0.0, 0.1], jnp.stack([0.0 * rise, rise]))})
-        return cj.simulate(moved, 1e-5, rtol=1e-6, books=False, start="settled")
+        return cj.simulate(moved, 1e-5, rtol=1e-6, energy_balance=False, start="settled")
 
     single = jax.jit(started)
     alone = [single(jnp.asarray(rise)) for rise in rises]

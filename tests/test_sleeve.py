@@ -77,7 +77,7 @@ def test_without_tilt_it_is_the_plane_joint(pin):
 
 @pytest.mark.parametrize("pin", ["through", "inside"])
 def test_rates_are_those_of_the_penetrations_and_power_is_that_of_the_wrench(pin):
-    """Of any pose and twist: so the books close, tilted too."""
+    """Of any pose and twist: so the energy balance closes, tilted too."""
     for at in random_states(20):
         assert float(checked(sleeve(pin), at).friction_power) >= 0
 
@@ -257,7 +257,9 @@ def test_a_sleeve_closes_a_loop_as_it_does_in_a_tree():
 
 
 def test_a_solve_of_a_loop_in_space_is_that_of_the_tree():
-    """On a plate that tumbles: what a loop's watch interpolates, with the sleeve's own turning, is what a tree's is."""
+    """On a plate that tumbles: what event location interpolates at a loop, with the sleeve's own turning, is what a
+    tree's is.
+    """
     motor = cj.Revolute("motor", "ground", "plate", axis="x", motion=cj.Motion(cj.drives.Harmonic(0.35, 30.0)))
     hip = cj.Revolute("hip", "plate", "arm", clearance=sleeve())
     floats = cj.Free("float", "ground", "arm", motion=cj.Ball(spin=cj.Spin(x=0.35 * 30.0)))

@@ -83,7 +83,7 @@ def test_a_force_that_is_not_a_number_ends_the_solve():
     m = catalogue.slider_crank()
     guide = dataclasses.replace(m.joints[2], motion=cj.Motion(position=0.17, actuators=(Broken(),)))
     broken = dataclasses.replace(m, joints=(*m.joints[:2], guide))
-    s = cj.simulate(broken, 0.01, throw=False, books=False, max_steps=5000)
+    s = cj.simulate(broken, 0.01, throw=False, energy_balance=False, max_steps=5000)
     assert "step size collapsed" in s.message
     assert int(s.rejected) < 500
 
@@ -91,7 +91,7 @@ def test_a_force_that_is_not_a_number_ends_the_solve():
 def test_small_clearances_after_many_turns_are_not_lost_in_round_off():
     m = catalogue.slider_crank(1e-6)
     for rtol in (1e-9, 1e-11):
-        assert bool(cj.simulate(m, 1.2001, t0=1.2, rtol=rtol, books=False).succeeded)
+        assert bool(cj.simulate(m, 1.2001, t0=1.2, rtol=rtol, energy_balance=False).succeeded)
 
 
 def test_plain_controller_has_a_floor():
@@ -101,8 +101,10 @@ def test_plain_controller_has_a_floor():
         reference = np.load(DATA / f"slider_crank_{clearance}mm.npz")
         t, truth = reference["t"], reference["y"]
         m = catalogue.slider_crank(clearance * 1e-3)
-        for watch, worst in errors.items():
-            s = cj.simulate(m, t[-1], save_at=t, rtol=1e-11, solver="dopri8", watch=watch, books=False)
+        for events, worst in errors.items():
+            s = cj.simulate(
+                m, t[-1], save_at=t, rtol=1e-11, solver="dopri8", locate_events=events, energy_balance=False
+            )
             worst.append(float(np.max(np.abs(absolute(s.y, t) - truth).max(0) / np.abs(truth).max(0))))
     assert max(errors[True]) < 2e-9
     assert max(errors[False]) > 1e-7
@@ -129,7 +131,7 @@ def test_batch_equals_loop():
     clearances = jnp.linspace(1e-4, 5e-4, 256)
 
     def end(c):
-        return cj.simulate(cj.replace(m, {"wrist.radial_clearance": c}), 6e-3, rtol=1e-7, books=False).final
+        return cj.simulate(cj.replace(m, {"wrist.radial_clearance": c}), 6e-3, rtol=1e-7, energy_balance=False).final
 
     batch = np.asarray(jax.jit(jax.vmap(end))(clearances))
     alone = jax.jit(end)
@@ -288,7 +290,7 @@ def test_energy_books_with_gravity_springs_and_actuators():
 
 
 def test_a_preloaded_spring_hides_no_loss_and_round_off_at_rest_is_none():
-    """A spring of a kilojoule beside a motion of a joule that stops, and of which nothing is booked."""
+    """A spring of a kilojoule beside a motion of a joule that stops, and of which nothing is counted."""
     m = cj.Mechanism(
         bodies=(cj.Body("block", 2.0),),
         joints=(cj.Prismatic("guide", "ground", "block"),),

@@ -343,7 +343,7 @@ def test_delta_robot_is_where_its_spheres_meet():
 
 
 def test_error_of_an_arm_follows_the_tolerance():
-    """A free arm of three: from 1e-5 to 1e-11 the error falls as the tolerance does, and the books close."""
+    """A free arm of three: from 1e-5 to 1e-11 the error falls as the tolerance does, and the energy balance closes."""
     mechanism = arm(3, seed=3)
     fine = cj.simulate(mechanism, 0.5, rtol=1e-13, solver="dopri8").y[:, :6]
     for rtol in (1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11):
@@ -407,7 +407,7 @@ def test_a_quaternion_stays_unit_for_a_day():
     mechanism = cj.Mechanism(
         (box,), (cj.Spherical("spin", "ground", "box", motion=cj.Ball(spin=cj.Spin(0.01, 0.002, 0.0))),)
     )
-    solution = cj.simulate(mechanism, 1e5, rtol=1e-6, books=False)
+    solution = cj.simulate(mechanism, 1e5, rtol=1e-6, energy_balance=False)
     assert abs(float(jnp.sum(solution.y[-1, :4] ** 2)) - 1) < 1e-14
 
 
@@ -466,8 +466,8 @@ def test_a_loop_that_repeats_nothing_is_not_said_to():
 
 
 def test_books_close_where_a_drive_breaks_at_the_end():
-    """Its acceleration jumps at t1: what the last step sees is what was before (read past the jump the books miss 1e-9
-    of the energy here, at this tolerance else 5e-11).
+    """Its acceleration jumps at t1: what the last step sees is what was before (read past the jump the energy balance
+    misses 1e-9 of the energy here, at this tolerance else 5e-11).
     """
     bob, cart = cj.Body("bob", 1.0, (0.1, 0.1, 0.1), cj.Position(0.3)), cj.Body("cart", 1.0, (0.1, 0.1, 0.1))
     ball = cj.Spherical("ball", "cart", "bob")

@@ -358,7 +358,7 @@ def test_outputs_are_tried_without_a_trace(tmp_path):
 def test_units_of_a_dataset_are_those_of_what_it_holds():
     """No "rad or m": one kind of coordinate has one unit, of several each entry has its own."""
     mechanism = cj.load(SCENE)
-    solution = cj.simulate(mechanism, 1e-4, rtol=1e-4, save_at=2, books=False)
+    solution = cj.simulate(mechanism, 1e-4, rtol=1e-4, save_at=2, energy_balance=False)
     dataset = to_dataset(mechanism, solution)
     assert not any(" or " in str(variable.attrs.get("units")) for variable in dataset.variables.values())
     kinds = dict(zip(dataset.coordinate.values, dataset.coordinate_unit.values, strict=True))
@@ -371,11 +371,11 @@ def test_a_motion_whose_energy_is_lost_is_doubted_aloud():
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         good = cj.simulate(mechanism, 2e-3, rtol=1e-6)
-        bad = cj.simulate(mechanism, 2e-3, rtol=0.5, watch=False)
+        bad = cj.simulate(mechanism, 2e-3, rtol=0.5, locate_events=False)
     assert doubt(good) == ""
     assert float(bad.energy_residual) > DOUBTFUL
     assert [w.category for w in caught] == [EnergyWarning]
-    assert "energy books do not close" in str(caught[0].message)
+    assert "energy balance does not close" in str(caught[0].message)
 
 
 def test_messages_are_short():

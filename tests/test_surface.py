@@ -19,7 +19,7 @@ from clearance_jax.metrics.measure import arguments, as_metric, by_name
 from clearance_jax.solve.settings import Settings, SolveOptions, evenly, settings_of
 
 CRANK, T1, NAME = slider_crank(), 2e-3, "wrist.radial_clearance"
-SOLVED: SolveOptions = {"save_at": 5, "rtol": 1e-7, "books": True}
+SOLVED: SolveOptions = {"save_at": 5, "rtol": 1e-7, "energy_balance": True}
 PEAK = cj.metrics.Peak(cj.metrics.PositionError("piston"))
 
 
@@ -295,14 +295,14 @@ def test_a_metric_is_a_function_of_one_or_two(solution):
     np.testing.assert_allclose(found["two"], 2 * solution["guide"], rtol=1e-12)
     # Samples that another metric asks for are none of theirs.
     at = cj.metrics.At(cj.metrics.ContactForce("wrist"), solution.time)
-    ends = cj.measure(CRANK, own | {"force": at}, T1, rtol=1e-7, books=True)
+    ends = cj.measure(CRANK, own | {"force": at}, T1, rtol=1e-7, energy_balance=True)
     np.testing.assert_allclose((ends["one"], ends["two"]), (found["two"][-1] / 2, found["two"][-1]), rtol=1e-12)
     np.testing.assert_allclose(ends["force"], solution["wrist.contact_force"], rtol=1e-9)
     assert cj.design.Limit(by_both, 1.0).title == "by_both"
 
 
 def test_a_metric_of_ones_own_stands_beside_integrals(solution):
-    """Without books, whose place in the state the integral of another metric has."""
+    """Without the energy balance, whose place in the state the integral of another metric has."""
     mean = cj.metrics.Mean(cj.metrics.ContactForce("wrist"))
     found = cj.measure(CRANK, {"mean": mean, "own": lambda s: s["piston.acceleration.x"]}, T1, save_at=5, rtol=1e-7)
     np.testing.assert_allclose(found["own"], solution["piston.acceleration.x"], rtol=1e-9)

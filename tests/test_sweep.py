@@ -43,7 +43,7 @@ def test_a_lane_is_its_own_solve(whole):
 
     def solved(clearance, speed):
         single = cj.replace(MECHANISM, {"wrist.radial_clearance": clearance, "drive.main.speed": speed})
-        solution = cj.simulate(single, 5e-4, rtol=1e-6, books=False)
+        solution = cj.simulate(single, 5e-4, rtol=1e-6, energy_balance=False)
         return PEAK(single, 5e-4, rtol=1e-6), solution["piston.position"]
 
     solved = jax.jit(solved)
@@ -103,7 +103,7 @@ def test_models_scatter_and_samples_in_time():
     np.testing.assert_array_equal(found["slider.mass"], sampled.draw()["slider.mass"])
     assert "'seed': 3" in found.attrs["sampling.part"]
     assert np.all(found["lost"].sel(friction="rough") > found["lost"].sel(friction="usual"))
-    # Books are kept where an output asks for them.
+    # The energy balance is integrated where an output asks for them.
     assert np.all(found["energy_residual"] < 1e-4)
     np.testing.assert_allclose(found["time"], [0, 2.5e-4, 5e-4])
     np.testing.assert_allclose(found["x"].isel(time=0), 0.17)

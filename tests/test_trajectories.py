@@ -178,7 +178,7 @@ def test_a_solve_is_differentiable_by_limits_and_rises():
 
     def swing(values):
         varied = cj.replace(mechanism, dict(zip(names, values, strict=True)))
-        return cj.simulate(varied, 1.5, rtol=1e-10, books=False).final
+        return cj.simulate(varied, 1.5, rtol=1e-10, energy_balance=False).final
 
     point = jnp.array([0.5, -0.3, 1.0, 8.0])
     slopes = jax.jit(jax.jacfwd(swing))(point)

@@ -212,10 +212,10 @@ def test_info_says_that_a_sleeve_is_worn(tmp_path, dataset):
 def test_a_dataset_says_how_far_the_pin_can_go(dataset):
     """To the bottom of a groove that is as wide as the sleeve it goes by its depth more; across by half of that."""
     assert dataset["depth"].dims == ("cycle", "sector")
-    np.testing.assert_allclose(dataset["room"][0], 1e-4, rtol=1e-6)
+    np.testing.assert_allclose(dataset["pin_travel"][0], 1e-4, rtol=1e-6)
     np.testing.assert_allclose(dataset["deepest"], [0, DEPTH.max(), 2 * DEPTH.max()])
     bottom = int(DEPTH.argmax())
-    np.testing.assert_allclose(dataset["room"][-1, bottom], 1e-4 + 2 * DEPTH.max(), atol=BLEND)
+    np.testing.assert_allclose(dataset["pin_travel"][-1, bottom], 1e-4 + 2 * DEPTH.max(), atol=BLEND)
     np.testing.assert_allclose(dataset["radial_clearance"][-1], 1e-4 + DEPTH.max(), atol=BLEND)
     area = 2 * np.pi / 180 * 25.1e-3 * 0.05
     np.testing.assert_allclose(dataset["volume"], [0, area * DEPTH.sum(), 2 * area * DEPTH.sum()])
@@ -225,7 +225,7 @@ def test_a_dataset_says_how_far_the_pin_can_go(dataset):
 def test_the_travel_of_a_pin_in_a_worn_bore_is_the_room_of_its_centre(dataset):
     """Half-planes, drawn, against the smooth wall that the dynamics knows."""
     far = np.hypot(*pin_travel(1e-4, 2 * DEPTH))[:-1:2]
-    np.testing.assert_allclose(far, dataset["room"][-1], atol=BLEND)
+    np.testing.assert_allclose(far, dataset["pin_travel"][-1], atol=BLEND)
 
 
 def test_figures_and_films_of_a_life(dataset, tmp_path):
@@ -288,7 +288,7 @@ def test_the_command_lives_until_the_end_and_goes_on_where_it_was_stopped(tmp_pa
     x = (88 / (2 * np.pi)) ** 2
     fall = (scipy.special.i0e(x) / scipy.special.i1e(x)) ** 2 * speed**2 / (2 * 9.81)
     np.testing.assert_allclose(fall[0], 1e-4, rtol=1e-5)
-    np.testing.assert_allclose(fall, expected["room"][:, 66], rtol=0.03)  # at 270 deg
+    np.testing.assert_allclose(fall, expected["pin_travel"][:, 66], rtol=0.03)  # at 270 deg
     assert lived[-2] < expected.attrs["life"] <= lived[-1] < 100000
     assert speed[-2] < 0.045 <= speed[-1]
 

@@ -1,4 +1,6 @@
-"""A worn sleeve as a joint: a smooth, convex depth that is a round sleeve's where nothing is worn; books that close."""
+"""A worn sleeve as a joint: a smooth, convex depth that is a round sleeve's where nothing is worn; an energy balance
+that closes.
+"""
 
 import jax
 import jax.numpy as jnp

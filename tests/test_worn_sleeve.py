@@ -1,4 +1,6 @@
-"""A worn sleeve in space: a bore at every station, which is a round one's where nothing is worn; books that close."""
+"""A worn sleeve in space: a bore at every station, which is a round one's where nothing is worn; an energy balance that
+closes.
+"""
 
 import dataclasses
 from typing import Any
@@ -107,7 +109,9 @@ def rotor(depth):
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::clearance_jax.wear.SectorsWarning")
 def test_what_wears_at_edges_bears_further_in():
-    """On sleeves as they wear: the books close, the error follows rtol, and the load moves in from the edges."""
+    """On sleeves as they wear: the energy balance closes, the error follows rtol, and the load moves in from the
+    edges.
+    """
     foundation, law, depth = wear.Foundation(2e13), wear.archard("1e-12 1/Pa"), np.zeros((6, 60))
     inner, at = [], dict(start="settled", save_at=None)
     for _ in range(2):

@@ -37,7 +37,7 @@ def neighbours(
     def at(point):
         def pins(point):
             changed = replace(mechanism, dict(zip(names, point, strict=True)))
-            solution = run(changed, t1, options._replace(save_at=times, books=False), observers=observers)
+            solution = run(changed, t1, options._replace(save_at=times, energy_balance=False), observers=observers)
             ready = changed.prepared()
             return jax.vmap(lambda t, y: observe(t, y, ready)["eccentricity"])(times, solution.y), solution.records
 

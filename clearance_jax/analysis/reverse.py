@@ -50,7 +50,7 @@ def _sweep(mechanism, values, function, begins, ends, inputs: Inputs, options: O
 
     def of(values):
         changed = replace(mechanism, values)
-        problem = Problem(changed.prepared(), (), None, options.books)
+        problem = Problem(changed.prepared(), (), None, options.energy_balance)
         start, _ = initial(problem, inputs.t0, None)
 
         def step(y, times):
@@ -68,7 +68,15 @@ def _sweep(mechanism, values, function, begins, ends, inputs: Inputs, options: O
         end, unknown = ends[-1, -1], jnp.asarray(jnp.nan)
         counts = reached, none, none
         solution = Solution(
-            end[None], final[None], start, final, *counts, unknown, end, sampled=False, books=options.books
+            end[None],
+            final[None],
+            start,
+            final,
+            *counts,
+            unknown,
+            end,
+            sampled=False,
+            energy_balance=options.energy_balance,
         )
         return function.of(changed, solution.of(changed))
 
@@ -85,10 +93,12 @@ def reverse(
     """
     refuse_jumps(mechanism)
     inputs = Inputs(mechanism, settings.t0, jnp.asarray(t1, float), None, settings.rtol, None, None)
-    books = settings.books or layout(mechanism).size == 0  # without states the books are what there is to integrate
+    energy_balance = (
+        settings.energy_balance or layout(mechanism).size == 0
+    )  # without states the energy balance is what there is to integrate
     size = SHORTEST
     while True:
-        options = settings._replace(watch=True, books=books, max_steps=size).compiled()
+        options = settings._replace(locate_events=True, energy_balance=energy_balance, max_steps=size).compiled()
         times, code = _steps(mechanism, values, inputs, options)
         if int(code) != Result.MAX_STEPS or size >= LONGEST:
             break

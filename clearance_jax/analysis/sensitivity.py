@@ -21,7 +21,7 @@ from clearance_jax.solve.problem import depends
 from clearance_jax.solve.settings import SolveOptions, settings_of
 
 # Options that a reverse sweep knows.
-REVERSIBLE = ("t0", "rtol", "solver", "books")
+REVERSIBLE = ("t0", "rtol", "solver", "energy_balance")
 # Directions from which on one reverse sweep over the steps costs less than carrying all of them.
 MANY = 40
 

@@ -35,7 +35,7 @@ ENDING = " ending"
 
 
 class Ending(AbstractMetric):
-    """How the solve ended: result code, steps, and where there are books the energy residual."""
+    """How the solve ended: result code, steps, and where there is an energy balance the energy residual."""
 
     def request(self, mechanism, t1, options):
         return Request()
@@ -43,4 +43,4 @@ class Ending(AbstractMetric):
     def value(self, reply: Reply):
         solution = reply.solution
         found = {"code": solution.code, "steps": solution.steps, "rejected": solution.rejected}
-        return found | ({"energy_residual": solution.energy_residual} if solution.books else {})
+        return found | ({"energy_residual": solution.energy_residual} if solution.energy_balance else {})

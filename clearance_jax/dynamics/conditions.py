@@ -45,7 +45,7 @@ def conditions(loop: AbstractJoint, motion: Frames) -> list[Condition]:
     """The conditions of an ideal joint that closes a loop. One that is met by structure, as those out of its plane by a
     plane mechanism, is left out.
     """
-    hold = loop.hold()
+    hold = loop.joint_constraint()
     a, b = motion[loop.parent], motion[loop.child]
     here, there = a.point(loop.at_parent.vector), b.point(loop.at_child.vector)
     sleeve = sleeve_rotation(loop, motion)
@@ -114,5 +114,5 @@ def _square(pairs: list[tuple[Vector, Vector]], loop: AbstractJoint, motion: Fra
 def wrong_way(loop: AbstractJoint, motion: Frames) -> list[Term]:
     """Of the axes that are to be one line: the cosine between them, 1 where they point the same way."""
     sleeve, pin = sleeve_rotation(loop, motion), loop.on_child(motion[loop.child])
-    found = [dot(sleeve.apply(e), pin.apply(f)) for e, f in loop.hold().parallel]
+    found = [dot(sleeve.apply(e), pin.apply(f)) for e, f in loop.joint_constraint().parallel]
     return [cosine for cosine in found if not isinstance(cosine, float)]

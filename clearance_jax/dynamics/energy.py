@@ -1,4 +1,4 @@
-"""Driving forces, the energies, and the books of work and losses that are integrated along with the motion."""
+"""Driving forces, the energies, and the balance of work and losses that is integrated along with the motion."""
 
 from typing import NamedTuple
 
@@ -20,8 +20,8 @@ from clearance_jax.mechanism.state import State, layout
 from clearance_jax.spatial import Term, plus, times, total
 
 # Quadratures beside the state. What contacts and dampers absorb, minus what contacts hold elastically, is the damping
-# loss: a book of the loss itself would have to follow an elastic energy that a clipped force no longer feels.
-BOOKS = ("drive_work", "absorbed_work", "friction_loss", "exchanged")
+# loss: an integral of the loss itself would have to follow an elastic energy that a clipped force no longer feels.
+BALANCE_TERMS = ("drive_work", "absorbed_work", "friction_loss", "exchanged")
 # Part of all energies that counts as exchanged: a million round-offs, so that one of them is a residual of a millionth.
 RESTING = 1e6 * float(np.finfo(np.float64).eps)
 # A step starts four round-offs past a break; the one before it ended as many before.
@@ -29,8 +29,8 @@ HAIR = 16 * float(np.finfo(np.float64).eps)
 
 
 def powers(mechanism: PreparedMechanism, time: Scalar, state: State, now: Balance) -> Rows:
-    """Rates of the books: work of drives, actuators and loads, work absorbed by normal forces and dampers, loss in
-    friction, and the sum of the absolute powers (the energy exchanged, against which a residual is judged).
+    """Rates of the energy balance: work of drives, actuators and loads, work absorbed by normal forces and dampers,
+    loss in friction, and the sum of the absolute powers (the energy exchanged, against which a residual is judged).
     """
     drive = total(times(effort, speed) for effort, speed in driving(mechanism, now))
     for effort, speed in zip(now.efforts, state.v, strict=True):
@@ -93,19 +93,24 @@ def contact_energy(mechanism: PreparedMechanism, time: Scalar, motion: Frames, s
     return total(each_joint(PreparedClearance.stored, stored))
 
 
-def opened_books(time: Scalar, y: Array, mechanism: PreparedMechanism) -> Float[Array, " books"]:
-    """Books as at the start of a solve from a state."""
+def balance_at_start(time: Scalar, y: Array, mechanism: PreparedMechanism) -> Float[Array, " terms"]:
+    """The energy balance as at the start of a solve from a state."""
     state = layout(mechanism).split(y)
     held = jnp.asarray(contact_energy(mechanism, time, frames(mechanism, time, state), state), float)
-    return jnp.stack([held if name == "absorbed_work" else jnp.zeros(()) for name in BOOKS])
+    return jnp.stack([held if name == "absorbed_work" else jnp.zeros(()) for name in BALANCE_TERMS])
 
 
-def handed_over(time: Scalar, y: Array, mechanism: PreparedMechanism) -> Array:
-    """A state with books, in which the energy of payloads that came or went just before `time` is booked as work."""
+def hand_over(time: Scalar, y: Array, mechanism: PreparedMechanism) -> Array:
+    """A state with the energy balance, in which the energy of payloads that came or went just before `time` counts as
+    work.
+    """
     brought = energies(time, y, mechanism).total - energies(time, y, just_before(mechanism, time)).total
     first = layout(mechanism).size
     return (
-        y.at[first + BOOKS.index("drive_work")].add(brought).at[first + BOOKS.index("exchanged")].add(jnp.abs(brought))
+        y.at[first + BALANCE_TERMS.index("drive_work")]
+        .add(brought)
+        .at[first + BALANCE_TERMS.index("exchanged")]
+        .add(jnp.abs(brought))
     )
 
 
@@ -114,15 +119,15 @@ def just_before(mechanism: PreparedMechanism, time: Scalar) -> PreparedMechanism
     return mechanism.at(time - HAIR * jnp.abs(time))
 
 
-def read_books(books: Float[Array, " books"], contact: Scalar) -> dict[str, Array]:
+def read_balance(energy_balance: Float[Array, " terms"], contact: Scalar) -> dict[str, Array]:
     """Work of the drives, losses, and energy exchanged since the start [J]; `contact`: the contacts' elastic energy."""
-    out: dict[str, Array] = dict(zip(BOOKS, books, strict=True))
+    out: dict[str, Array] = dict(zip(BALANCE_TERMS, energy_balance, strict=True))
     out["damping_loss"] = out.pop("absorbed_work") - contact
     return out
 
 
 def energy_residual(mechanism: PreparedMechanism, times: tuple, states: tuple) -> Scalar:
-    """|energy gained - work of drives + losses| / energy exchanged, between two states with books.
+    """|energy gained - work of drives + losses| / energy exchanged, between two states with the energy balance.
 
     A mechanism at rest exchanges nothing, and round-off is not to be judged against that: what contacts hold at either
     end counts as exchanged, and so does a trace (`RESTING`) of all energies there are. What springs hold does not: next
@@ -137,8 +142,8 @@ def energy_residual(mechanism: PreparedMechanism, times: tuple, states: tuple) -
 
     whole, contacts, present = jax.vmap(at)(jnp.stack(times), y)
     size = layout(mechanism).size
-    books = slice(size, size + len(BOOKS))
-    moved = read_books(y[1, books] - y[0, books], contacts[1] - contacts[0])
+    energy_balance = slice(size, size + len(BALANCE_TERMS))
+    moved = read_balance(y[1, energy_balance] - y[0, energy_balance], contacts[1] - contacts[0])
     lost = moved["damping_loss"] + moved["friction_loss"]
     exchanged = moved["exchanged"] + jnp.max(contacts) + RESTING * jnp.max(present)
     return jnp.abs(whole[1] - whole[0] - moved["drive_work"] + lost) / jnp.where(exchanged > 0, exchanged, 1.0)

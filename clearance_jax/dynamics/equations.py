@@ -8,7 +8,7 @@ from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array
 
 from clearance_jax._alike import numbers_of
-from clearance_jax._sharing import shared
+from clearance_jax._sharing import share
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.applied import applied_pairs
 from clearance_jax.dynamics.conditions import Condition, conditions
@@ -50,7 +50,7 @@ def balance(mechanism: PreparedMechanism, time: Scalar, state: State) -> Balance
     pairs = contact_pairs(mechanism, found, actions) + applied_pairs(mechanism, time, motion)
     efforts = exerted(mechanism, time, state)
     acceleration, closing = accelerations(motion, pairs, efforts)
-    return Balance(motion, found, actions, pairs, efforts, shared(acceleration), closing)
+    return Balance(motion, found, actions, pairs, efforts, share(acceleration), closing)
 
 
 def contact_pairs(mechanism: PreparedMechanism, plays: dict[str, Play], actions: dict[str, Action]) -> list[Pair]:

@@ -1,7 +1,8 @@
 """THE vector field, in rows: scalars in, scalars out.
 
 It reads as the physics does: where everything is, what the joints exert, the equations of motion, the rates of the
-laws' memories, the energy books. The mechanism comes in as an argument, so that nothing is traced again at every solve.
+laws' memories, the energy balance. The mechanism comes in as an argument, so that nothing is traced again at every
+solve.
 """
 
 from collections.abc import Callable
@@ -17,9 +18,11 @@ from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout, position_rates, vector
 
 
-def rate(time: Scalar, y: Rows, mechanism: PreparedMechanism, books: bool = False, counts: Flag | None = None) -> Rows:
-    """Time derivative of the state `[q, v, memory]`, and of the books if they are kept (zeros where a flag says that
-    they do not count).
+def rate(
+    time: Scalar, y: Rows, mechanism: PreparedMechanism, energy_balance: bool = False, counts: Flag | None = None
+) -> Rows:
+    """Time derivative of the state `[q, v, memory]`, and of the energy balance if it is integrated (zeros where a flag
+    says that they do not count).
     """
     mechanism = mechanism.at(time)
     state = layout(mechanism).split(y)
@@ -27,7 +30,7 @@ def rate(time: Scalar, y: Rows, mechanism: PreparedMechanism, books: bool = Fals
     memory = [rate for action in now.actions.values() for rate in action.memory_rate]
     memory += [jnp.zeros(())] * layout(mechanism).held
     own = (*position_rates(mechanism, state.q, state.v), *(jnp.asarray(a, float) for a in now.acceleration), *memory)
-    if not books:
+    if not energy_balance:
         return own
     return *own, *where_it_counts(counts, lambda: powers(mechanism, time, state, now))
 

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from clearance_jax._sharing import kept
+from clearance_jax._sharing import compute_once
 from clearance_jax.dynamics.frames import Wrench
 from clearance_jax.mechanism.body import Body, needs_six
 from clearance_jax.mechanism.frame import Column, Frame
@@ -30,8 +30,8 @@ class Composite(NamedTuple):
 
     def kept(self) -> "Composite":
         """With every number computed once."""
-        mass, moment = kept((self.mass, self.moment))
-        return Composite(mass, moment, Symmetric(lambda i, j: kept(self.inertia.entry(i, j))))
+        mass, moment = compute_once((self.mass, self.moment))
+        return Composite(mass, moment, Symmetric(lambda i, j: compute_once(self.inertia.entry(i, j))))
 
     def momentum(self, column: Column, pivot: Vector) -> Wrench:
         """Momentum and angular momentum (about its pivot) per unit rate of a column that moves all of it."""

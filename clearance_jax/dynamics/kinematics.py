@@ -6,10 +6,10 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from clearance_jax._numerics import safe_sqrt, safe_unit
-from clearance_jax._sharing import kept, shared
+from clearance_jax._sharing import compute_once, share
 from clearance_jax._types import Rows, Scalar
 from clearance_jax.dynamics.frames import AbstractExtra, Frames
-from clearance_jax.dynamics.own_motion import as_numbers, coordinate_values, own_motions, rate_of
+from clearance_jax.dynamics.relative_motion import as_numbers, coordinate_values, rate_of, tree_relative_motions
 from clearance_jax.dynamics.table import Table
 from clearance_jax.dynamics.written_out import written_out
 from clearance_jax.joints import Relative
@@ -54,11 +54,11 @@ def plays(mechanism: PreparedMechanism, time: Scalar, state: State, motion: Fram
     """Kinematics of every clearance joint: in the tree by its coordinates, which keep the digits of a small play on a
     large machine; in a loop a difference of positions.
     """
-    own = own_motions(mechanism, time, coordinate_values(mechanism, state))
+    own = tree_relative_motions(mechanism, time, coordinate_values(mechanism, state))
     out = {}
     for joint in mechanism.clearance_joints():
         pin, rotation = pin_and_axes(joint, motion)
-        relative = shared(own[joint.name].now) if joint.in_tree else across_loop(joint, pin, rotation, motion)
+        relative = share(own[joint.name].now) if joint.in_tree else across_loop(joint, pin, rotation, motion)
         out[joint.name] = Play(relative, rotation, pin)
     return out
 
@@ -77,10 +77,10 @@ def across_loop(joint: ClearanceJoint, centre: Vector, rotation: Rotation, motio
     place, velocity = rotation.undo(gap), rotation.undo(rate)
     if rotation.is_plane and pin.rotation.is_plane:
         angle, spin = minus(pin.angle, sleeve.angle), (0.0, 0.0, minus(pin.spin[2], sleeve.spin[2]))
-        return shared(Relative(place, angle, velocity, spin))
+        return share(Relative(place, angle, velocity, spin))
     rows = product(transpose(rotation.rows), pin_axes(joint.joint, motion).rows)
     spin = rotation.undo(subtract(pin.spin, sleeve.spin))
-    return kept(Relative(place, 0.0, velocity, spin, rows))
+    return compute_once(Relative(place, 0.0, velocity, spin, rows))
 
 
 def sleeve_axes(joint: AbstractPlayed, motion: Frames) -> Rotation:
@@ -105,7 +105,7 @@ def sleeve_rotation(joint: AbstractJoint, motion: Frames) -> Rotation:
 def relative_motions(time: Scalar, y: Array | Rows, mechanism: PreparedMechanism) -> list[Relative]:
     """The relative motion in every clearance joint."""
     state = layout(mechanism).split(y)
-    own = own_motions(mechanism, time, coordinate_values(mechanism, state))
+    own = tree_relative_motions(mechanism, time, coordinate_values(mechanism, state))
     loops = loop_plays(mechanism, time, state)
     found = {name: at.now for name, at in own.items()} | {name: at.relative for name, (at, _) in loops.items()}
     return [as_numbers(found[joint.name]) for joint in mechanism.clearance_joints()]
@@ -129,7 +129,7 @@ def relative_accelerations(
     """The relative motion in every clearance joint, and its rate along the motion, for a state and its slope."""
     plan = layout(mechanism)
     state, speeds = plan.split(y), tuple(slope[i] for i in range(plan.v.start, plan.v.stop))
-    found = own_motions(mechanism, time, coordinate_values(mechanism, state, speeds))
+    found = tree_relative_motions(mechanism, time, coordinate_values(mechanism, state, speeds))
     loops = loop_plays(mechanism, time, state)
     out = []
     for joint in mechanism.clearance_joints():
@@ -138,7 +138,7 @@ def relative_accelerations(
         else:
             at, motion = loops[joint.name]
             now, rate = at.relative, loop_rate(joint, at, motion, motion.extra(list(speeds)))
-        out.append((as_numbers(now), shared(as_numbers(rate))))
+        out.append((as_numbers(now), share(as_numbers(rate))))
     return out
 
 
@@ -154,7 +154,7 @@ def loop_rate(joint: ClearanceJoint, at: Play, motion: Frames, extra: AbstractEx
         add(sleeve.acceleration_at(at.pin), extra.at(joint.parent, at.pin)),
     )
     turning = cross(scale(2.0, at.rotation.undo(sleeve.spin)), now.velocity)
-    gain = subtract(at.rotation.undo(shared(apart)), turning)
+    gain = subtract(at.rotation.undo(share(apart)), turning)
     spin_rate = subtract(
         add(pin.spin_rate, extra.spin_rate(joint.child)), add(sleeve.spin_rate, extra.spin_rate(joint.parent))
     )

@@ -5,7 +5,7 @@ from jaxtyping import Array
 
 from clearance_jax._numerics import safe_norm
 from clearance_jax._types import Scalar
-from clearance_jax.dynamics.energy import BOOKS, driving, energies, read_books
+from clearance_jax.dynamics.energy import BALANCE_TERMS, driving, energies, read_balance
 from clearance_jax.dynamics.equations import Balance, balance
 from clearance_jax.dynamics.reactions import reactions
 from clearance_jax.joints import Action
@@ -35,7 +35,7 @@ def observe(time: Scalar, y: Array, mechanism: PreparedMechanism) -> dict[str, A
     held = energies(time, y, mechanism)
     out |= {"kinetic_energy": held.kinetic, "potential_energy": held.potential, "elastic_energy": held.elastic}
     if y.shape[0] > plan.size:
-        out |= read_books(y[plan.size : plan.size + len(BOOKS)], held.contacts)
+        out |= read_balance(y[plan.size : plan.size + len(BALANCE_TERMS)], held.contacts)
     return out
 
 

@@ -132,7 +132,7 @@ def find(chain: PreparedChain, aim: Aim | None, time: Scalar, start: Positions) 
     return found
 
 
-def pulled(chain: PreparedChain, aim: Aim | None, time: Scalar, found: Found) -> Positions:
+def implicit_newton_step(chain: PreparedChain, aim: Aim | None, time: Scalar, found: Found) -> Positions:
     """The positions found, with the derivatives of the function that the conditions define: those of one more Newton
     step.
     """
@@ -146,7 +146,7 @@ def solve(chain: PreparedChain, aim: Aim | None, time: Scalar, start: Positions)
     """`find` with derivatives by the mechanism's numbers, the aim and the time (not by the start)."""
     still = jax.lax.stop_gradient((chain, aim, time, start))
     found = find(*still)
-    return jax.lax.stop_gradient(found)._replace(q=pulled(chain, aim, time, found))
+    return jax.lax.stop_gradient(found)._replace(q=implicit_newton_step(chain, aim, time, found))
 
 
 # Along a path ---------------------------------------------------------------------------------------------------------

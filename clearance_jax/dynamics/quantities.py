@@ -73,7 +73,7 @@ OBSERVED = {
 """What `observe` reports of a state."""
 IN_SPACE = ("joint_moment", "contact_pattern", "pin_tilt")
 """What is reported of mechanisms that leave the plane only."""
-BOOKED = ("drive_work", "damping_loss", "friction_loss", "exchanged")
+OF_BALANCE = ("drive_work", "damping_loss", "friction_loss", "exchanged")
 # A coordinate's value and rate have the names that its initial values have among the parameters.
 OF_COORDINATES = {"q": "position", "v": "velocity"}
 
@@ -109,14 +109,14 @@ class Quantity(NamedTuple):
     place: int | None = None
 
 
-def quantities(mechanism: AbstractMechanism, books: bool) -> Mapping[str, Quantity]:
-    """Every quantity that has a name; `books`: whether states have energy books."""
+def quantities(mechanism: AbstractMechanism, energy_balance: bool) -> Mapping[str, Quantity]:
+    """Every quantity that has a name; `energy_balance`: whether states have the energy balance."""
     # Names follow from the structure, and looking them up costs more than some solves: what has been asked is known.
-    return _quantities(frame_of(mechanism), books)
+    return _quantities(frame_of(mechanism), energy_balance)
 
 
 @functools.lru_cache(maxsize=256)
-def _quantities(frame: Frame, books: bool) -> Mapping[str, Quantity]:
+def _quantities(frame: Frame, energy_balance: bool) -> Mapping[str, Quantity]:
     """The same of a mechanism without its numbers."""
     with jax.ensure_compile_time_eval():  # what is kept must hold no tracers, whatever is being traced
         mechanism = frame.filled(jnp.asarray(np.ones(shape.shape)) for shape in frame.shapes)
@@ -124,7 +124,7 @@ def _quantities(frame: Frame, books: bool) -> Mapping[str, Quantity]:
     for variable, described in OBSERVED.items():
         if variable in IN_SPACE and mechanism.is_plane:
             continue
-        if not described.dims and (books or variable not in BOOKED):
+        if not described.dims and (energy_balance or variable not in OF_BALANCE):
             out[variable] = Quantity(variable, (), described.unit)
         for name, found in _entries(variable, described, labelled):
             out.setdefault(name, found)  # of a coordinate that is a state the place in it is known already

@@ -17,11 +17,11 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from clearance_jax._module import Module
-from clearance_jax._sharing import kept
+from clearance_jax._sharing import compute_once
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.frames import AbstractExtra, AbstractMoves, Frames, Pair, Wrench, rotors
 from clearance_jax.dynamics.inertia import Composite, composite_of, inertia_of
-from clearance_jax.dynamics.own_motion import coordinate_values
+from clearance_jax.dynamics.relative_motion import coordinate_values
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.body import GROUND, Body
 from clearance_jax.mechanism.frame import Column, Frame
@@ -160,7 +160,7 @@ class WrittenOut(Module, Frames):
         whole, columns = self.composites(), self.own_columns()
         parents = {joint.child: joint.parent for joint in mechanism.joints}
         # A chain in space is deep: what one link does is made of what the others do.
-        once = (lambda momentum: momentum) if mechanism.is_plane else kept
+        once = (lambda momentum: momentum) if mechanism.is_plane else compute_once
         for joint in mechanism.joints:
             for column in columns[joint.child]:
                 at = joint.child
@@ -203,7 +203,7 @@ class WrittenOut(Module, Frames):
             for other in self.mechanism.joints:
                 if other.parent == joint.child:
                     whole += out[other.child].moved(subtract(self[other.child].pivot, frame.pivot))
-            out[joint.child] = whole if self.mechanism.is_plane else kept(whole)
+            out[joint.child] = whole if self.mechanism.is_plane else compute_once(whole)
         return out
 
     def _deficit(self, body: Body, extra: Extra | None) -> Wrench:
@@ -318,7 +318,7 @@ def written_out(mechanism: PreparedMechanism, time: Scalar, state: State) -> Wri
     out = {GROUND: Frame()}
     for joint in mechanism.joints:
         frame = place(joint, out[joint.parent], time, values)
-        out[joint.child] = frame if mechanism.is_plane else kept(frame)
+        out[joint.child] = frame if mechanism.is_plane else compute_once(frame)
     return WrittenOut(mechanism, out, len(state.v))
 
 

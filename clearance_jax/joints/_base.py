@@ -4,8 +4,8 @@ Everything is measured in the axes of the sleeve, from the sleeve's centre, so t
 digits on a robot that is metres long; also where the joint closes a loop, so that a worn wall is where it is.
 
 A joint says three things of its own: its play coordinates in the tree, its contact points for a relative pose and
-twist, and its geometry as the laws may know it. All else (forces, memory, switches) is the same for every joint and is
-done here, by the joint with its laws' constants: `PreparedClearance`.
+twist, and its geometry as the laws may know it. All else (forces, memory, event functions) is the same for every joint
+and is done here, by the joint with its laws' constants: `PreparedClearance`.
 """
 
 import abc
@@ -20,7 +20,7 @@ from jaxtyping import Array
 from clearance_jax._alike import side_by_side
 from clearance_jax._module import Module
 from clearance_jax._numerics import safe_unit
-from clearance_jax._sharing import kept, shared
+from clearance_jax._sharing import compute_once, share
 from clearance_jax._types import Flag, Scalar
 from clearance_jax.joints._element import AbstractElement, Offset
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Touch
@@ -83,7 +83,7 @@ class ContactPoint(NamedTuple):
     share: Scalar | None = None
 
     @property
-    def watched(self) -> "ContactPoint":
+    def law_view(self) -> "ContactPoint":
         """What laws know of it."""
         return self._replace(normal=(), tangents=(), arm=())
 
@@ -246,7 +246,7 @@ class PreparedClearance(Module):
         action = self._mapped(self._act_at)(points, self._by_point(memory))
         if self.joint.count > 1:
             # Six sums are made of it, each of which would compute it anew.
-            action = action._replace(normal_force=kept(action.normal_force))
+            action = action._replace(normal_force=compute_once(action.normal_force))
         push = scale(-action.normal_force, points.normal)
         for traction, tangent in zip(action.traction, points.tangents, strict=True):
             push = add(push, scale(traction, tangent))
@@ -276,20 +276,20 @@ class PreparedClearance(Module):
         rates = (*rates, jnp.zeros_like(force)) if memory else ()
         return PointAction(depth, rate, slip, force, traction, rates, times(share, normal.energy(depth)))
 
-    def switches(self, now: ContactPoint, memory: Memory, before: ContactPoint) -> tuple[Array, ...]:
+    def event_functions(self, now: ContactPoint, memory: Memory, before: ContactPoint) -> tuple[Array, ...]:
         """Functions of the contact points whose signs make the regime of every law, each an array where there are
         several. `before`: the points at the start of the step.
         """
-        return self._mapped(self._switches_at)(now, self._by_point(memory), before)
+        return self._mapped(self._event_functions_at)(now, self._by_point(memory), before)
 
-    def _switches_at(self, point: ContactPoint, memory: Memory, before: ContactPoint) -> tuple[Scalar, ...]:
+    def _event_functions_at(self, point: ContactPoint, memory: Memory, before: ContactPoint) -> tuple[Scalar, ...]:
         normal, (own, rest, _) = self.normal.at(point.local), self._parts(memory)
         depth, rate = point.penetration, point.penetration_rate
-        out, presses = normal.switches(depth, rate, own)
+        out, presses = normal.event_functions(depth, rate, own)
         if self.friction is not None:
             share = 1.0 if point.share is None else point.share
             friction, force = self.friction.at(point.local), times(share, normal.force(depth, rate, own))
-            out = (*out, *friction.switches(point.slip, force, rest, presses, before.slip))
+            out = (*out, *friction.event_functions(point.slip, force, rest, presses, before.slip))
         return out
 
     def latch(self, memory: Memory, now: Relative, rate: Relative) -> Memory:
@@ -402,7 +402,7 @@ def each_joint(function: Callable, several: Sequence[tuple]) -> list[Any]:
     """
     alone = [joint.joint.count == 1 for joint, *_ in several]
     beside = iter(side_by_side(function, [one for one, single in zip(several, alone, strict=True) if not single]))
-    return [shared(function(*one)) if single else next(beside) for one, single in zip(several, alone, strict=True)]
+    return [share(function(*one)) if single else next(beside) for one, single in zip(several, alone, strict=True)]
 
 
 def _only(among: Sequence[bool], vector: Vector) -> Vector:
@@ -413,4 +413,4 @@ def _only(among: Sequence[bool], vector: Vector) -> Vector:
 
 def _bare(points: Any) -> Any:
     """What laws know of contact points."""
-    return points.watched if isinstance(points, ContactPoint) else points
+    return points.law_view if isinstance(points, ContactPoint) else points

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from clearance_jax._sharing import kept
+from clearance_jax._sharing import compute_once
 from clearance_jax._types import Scalar
 from clearance_jax.parameters import Parametrised, physical
 from clearance_jax.spatial import Vector
@@ -69,9 +69,9 @@ class Bore(NamedTuple):
         """How deep a pin stands in the wall."""
         cosines, sines = self._cosines, self._sines
         blend = self.clearance * (2 * np.pi / self.depth.shape[0]) ** 2
-        each = kept(x * cosines + y * sines - self.depth)
+        each = compute_once(x * cosines + y * sines - self.depth)
         top = jax.lax.stop_gradient(jnp.max(each))
-        weight = kept(jnp.exp((each - top) / blend))
+        weight = compute_once(jnp.exp((each - top) / blend))
         whole = jnp.sum(weight)
         value = top + blend * jnp.log(whole / np.sqrt(2 * np.pi)) - self.clearance
         return Depth(value, jnp.sum(weight * cosines) / whole, jnp.sum(weight * sines) / whole)

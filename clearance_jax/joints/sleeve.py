@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from clearance_jax._numerics import safe_unit
-from clearance_jax._sharing import kept
+from clearance_jax._sharing import compute_once
 from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError, quoted
 from clearance_jax.joints._base import AbstractElement, ContactPoint, PlayCoordinate, Relative
@@ -162,14 +162,14 @@ class SleeveClearance(AbstractPin):
     def points(self, at):
         places, weights = lobatto(self.stations)
         if self.axial_clearance is None:
-            meeting = kept(self._stations(at, places))
+            meeting = compute_once(self._stations(at, places))
             return self._touching(at, meeting, _around(self._radial(meeting)), weights)
         # Both kinds for every point, and chosen: what is concatenated asks at every number which part it is of.
         angles, share = 2 * np.pi * np.arange(self.ring) / self.ring, np.full(self.ring, 1.0 / self.ring)
         along = np.arange(self.count) < self.stations
         angles = np.append(np.zeros(self.stations), angles)
         stations = self._stations(at, np.append(places, np.zeros(self.ring)))
-        meeting = kept(_chosen(along, stations, self._faces(at, angles)))
+        meeting = compute_once(_chosen(along, stations, self._faces(at, angles)))
         outward: Vector = (jnp.asarray(np.cos(angles)), jnp.asarray(np.sin(angles)), 0.0)
         tangents = _chosen(along, _around(self._radial(meeting)), (_around(outward)[0], outward))
         return self._touching(at, meeting, tangents, np.append(weights, share))
@@ -243,8 +243,8 @@ class SleeveClearance(AbstractPin):
         # The collar is square to the pin's axis: its height over a place of the face.
         arm = subtract((radius * np.cos(angles), radius * np.sin(angles), 0.0), (*at.place[:2], 0.0))
         slope = self._slope(at)
-        fall = kept(plus(times(slope[0], arm[0]), times(slope[1], arm[1])))
-        height = kept(jnp.broadcast_to(jnp.asarray(at.place[2], float) - fall, angles.shape))
+        fall = compute_once(plus(times(slope[0], arm[0]), times(slope[1], arm[1])))
+        height = compute_once(jnp.broadcast_to(jnp.asarray(at.place[2], float) - fall, angles.shape))
         side = jnp.where(height < 0, -1.0, 1.0)
         arm = arm[0], arm[1], minus(0.0, fall)
         return Meeting(side * height - self.axial_clearance, scale(side, slope), arm)
@@ -252,13 +252,17 @@ class SleeveClearance(AbstractPin):
     def _slope(self, at: Relative) -> Vector:
         """The pin's axis by its height along the sleeve."""
         x, y, z = at.axis
-        return (0.0, 0.0, 1.0) if is_zero(x) and is_zero(y) else (*kept((times(x, 1.0 / z), times(y, 1.0 / z))), 1.0)
+        return (
+            (0.0, 0.0, 1.0)
+            if is_zero(x) and is_zero(y)
+            else (*compute_once((times(x, 1.0 / z), times(y, 1.0 / z))), 1.0)
+        )
 
     def _touching(self, at: Relative, where: "Meeting", tangents, share: np.ndarray) -> ContactPoint:
         velocity = at.velocity_at(where.arm)
         everywhere = where.depth.shape
         rate, *slip = (
-            kept(jnp.broadcast_to(jnp.asarray(dot(along, velocity), float), everywhere))
+            compute_once(jnp.broadcast_to(jnp.asarray(dot(along, velocity), float), everywhere))
             for along in (where.normal, *tangents)
         )
         return ContactPoint(where.depth, rate, tuple(slip), where.normal, tangents, where.arm, None, jnp.asarray(share))

@@ -12,9 +12,9 @@ A law has two lives. What a user gives is the law: numbers, with units and bound
 puts beside it the `constants` that follow from it and from the geometry, in a type of its own; that is what a step
 evaluates, and what clips, gates and counts for every law alike (`PreparedNormal`, `PreparedFriction`).
 
-Where a formula changes piece a law says so by `switches`: a fixed tuple of smooth functions, whose signs make the
-regime. A law owns its memory: it has a rate, or is rewritten by `latch` at the instants at which contact begins or ends
-(which are always ends of integration steps).
+Where a formula changes piece a law says so by `event_functions`: a fixed tuple of smooth functions, whose signs make
+the regime. A law owns its memory: it has a rate, or is rewritten by `latch` at the instants at which contact begins or
+ends (which are always ends of integration steps).
 """
 
 import abc
@@ -28,7 +28,7 @@ from jaxtyping import Array
 
 from clearance_jax._module import Module
 from clearance_jax._numerics import positive_part, safe_norm
-from clearance_jax._sharing import shared
+from clearance_jax._sharing import share
 from clearance_jax._types import Flag, Scalar
 from clearance_jax.laws.geometry import Geometry, Local
 from clearance_jax.parameters import Parametrised
@@ -111,7 +111,7 @@ class AbstractNormalLaw(AbstractLaw):
     def energy(self, constants: Any, penetration: Scalar) -> Scalar:
         """The elastic energy [J] stored at a penetration [m]; what the force does beyond it is counted as loss."""
 
-    def switches(
+    def event_functions(
         self, constants: Any, penetration: Scalar, penetration_rate: Scalar, memory: Memory
     ) -> tuple[Scalar, ...]:
         """Smooth functions whose signs tell on which piece the pressing formula is; none by default."""
@@ -150,7 +150,7 @@ class PreparedNormal(Module):
         """The elastic energy [J]."""
         return self.law.energy(self.constants, penetration)
 
-    def switches(
+    def event_functions(
         self, penetration: Scalar, penetration_rate: Scalar, memory: Memory
     ) -> tuple[tuple[Scalar, ...], Flag]:
         """Functions whose signs make the regime, the penetration first, and whether the law presses now; one that means
@@ -162,7 +162,7 @@ class PreparedNormal(Module):
             force = self.law.formula(self.constants, penetration, penetration_rate, memory)
             out.append(jnp.where(active, force, 1.0))
             active, presses = active & (force > 0), presses & (force > 0)
-        pieces = self.law.switches(self.constants, penetration, penetration_rate, memory)
+        pieces = self.law.event_functions(self.constants, penetration, penetration_rate, memory)
         return (*out, *(jnp.where(active, piece, 1.0) for piece in pieces)), presses
 
     def memory_rate(self, penetration: Scalar, penetration_rate: Scalar, memory: Memory) -> Memory:
@@ -196,7 +196,7 @@ class AbstractFrictionLaw(AbstractLaw):
     def traction(self, constants: Any, slip: Slip, normal_force: Scalar, memory: Bristles) -> Slip:
         """The traction on the pin [N] for a slip [m/s], a normal force [N] and the law's memory."""
 
-    def switches(self, constants: Any, slip: Slip, normal_force: Scalar, memory: Bristles) -> tuple[Scalar, ...]:
+    def event_functions(self, constants: Any, slip: Slip, normal_force: Scalar, memory: Bristles) -> tuple[Scalar, ...]:
         """Smooth functions whose signs tell on which piece of the law, or side of its steep layer, a slip lies: inside
         (negative) or outside (positive), as |slip|^2 - v^2; none by default.
         """
@@ -231,7 +231,7 @@ class PreparedFriction(Module):
         """The traction on the pin [N]."""
         return self.law.traction(self.constants, slip, normal_force, self._split(memory, slip))
 
-    def switches(
+    def event_functions(
         self, slip: Slip, normal_force: Scalar, memory: Memory, presses: Flag, before: Slip
     ) -> tuple[Scalar, ...]:
         """Functions whose signs make the zone; 1 where nothing presses.
@@ -239,7 +239,7 @@ class PreparedFriction(Module):
         From one side of a layer straight to the other no sign of |slip|^2 - v^2 changes between two samples: so what
         lies outside also tells whether it still goes the way it went `before`.
         """
-        zones = self.law.switches(self.constants, slip, normal_force, self._split(memory, slip))
+        zones = self.law.event_functions(self.constants, slip, normal_force, self._split(memory, slip))
         ahead = sum(s * b for s, b in zip(slip, before, strict=True))
         sides = [jnp.where(zone > 0, ahead, 1.0) for zone in zones]
         return tuple(jnp.where(presses, function, 1.0) for function in (*zones, *sides))
@@ -271,7 +271,7 @@ def along_slip(profile: Callable[[Array], Array], slip: Slip) -> Slip:
     speed = safe_norm(*slip)
     moving = speed > 0
     ratio = jnp.where(moving, profile(speed) / jnp.where(moving, speed, 1.0), jax.grad(profile)(jnp.zeros(())))
-    ratio = shared(ratio)
+    ratio = share(ratio)
     return tuple(ratio * s for s in slip)
 
 

@@ -39,8 +39,8 @@ class SmoothedOnset(AbstractNormalLaw):
         whole = self.law.formula(constants, penetration, penetration_rate, memory)
         return elastic + step5(penetration / self.width) * (whole - elastic)
 
-    def switches(self, constants, penetration, penetration_rate, memory):
-        return (penetration - self.width, *self.law.switches(constants, penetration, penetration_rate, memory))
+    def event_functions(self, constants, penetration, penetration_rate, memory):
+        return (penetration - self.width, *self.law.event_functions(constants, penetration, penetration_rate, memory))
 
     def energy(self, constants, penetration):
         return self.law.energy(constants, penetration)

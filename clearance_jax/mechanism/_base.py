@@ -153,7 +153,7 @@ class AbstractMechanism(Parametrised):
     def form(self) -> Form:
         """Which form its equations of motion have, and why."""
         free = sum(len(coordinate.velocities) for coordinate in self.free_coordinates())
-        conditions = sum(loop.hold().count for loop in self.closures())
+        conditions = sum(loop.joint_constraint().count for loop in self.closures())
         return Form(free, conditions, len(list(self.coordinates())), bool(self.clearance_joints()), self.is_plane)
 
     def ideal(self: Kind) -> Kind:

@@ -97,7 +97,7 @@ class Servo(AbstractActuator):
 
 
 class JointSpring(AbstractActuator):
-    """A spring and damper in a joint: -k (q - q0) - b q'. Its energy is booked as actuator work."""
+    """A spring and damper in a joint: -k (q - q0) - b q'. Its energy counts as the actuators' work."""
 
     stiffness: Scalar = physical("effort/coordinate", least=0.0, help="stiffness k", example='"50 N*m/rad"')
     damping: Scalar = physical(
@@ -114,7 +114,7 @@ class JointSpring(AbstractActuator):
 class JointFriction(AbstractActuator):
     """Coulomb's friction in a joint's gears, seals and bearings, smooth where it turns round: -f tanh(q' / v).
 
-    Its work is booked as the actuators'. (Friction in a clearance goes by the force there: give its clearance a law.)
+    Its work counts as the actuators'. (Friction in a clearance goes by the force there: give its clearance a law.)
 
     **Arguments:** `effort` f [N m] (or [N]); `transition_speed` v: at it friction is 76 % of f. Far below the speeds of
     the motion it is Coulomb's law, and the slower it is, the shorter are the steps that it needs.

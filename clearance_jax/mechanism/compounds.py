@@ -24,7 +24,7 @@ from clearance_jax.mechanism.tree import (
     AbstractJoint,
     AbstractPlayed,
     Coordinate,
-    Hold,
+    JointConstraint,
     aligned,
     along,
     angle_key,
@@ -85,7 +85,7 @@ class Ball(Module):
     child's axes.
 
     **Arguments:** `start`: initial orientation of the child's joint frame in the parent's; `spin`: initial spin;
-    `damping` [N m s/rad]: of its spin. Its work is booked as the actuators'.
+    `damping` [N m s/rad]: of its spin. Its work counts as the actuators'.
     """
 
     start: Orientation = described(
@@ -134,8 +134,8 @@ class Spherical(AbstractPlayed):
     def own_coordinates(self):
         return (*self.play_coordinates(), Coordinate(self.name, self.motion))
 
-    def hold(self):
-        return Hold(None, ())
+    def joint_constraint(self):
+        return JointConstraint(None, ())
 
 
 class Universal(AbstractJoint):
@@ -158,8 +158,8 @@ class Universal(AbstractJoint):
             Coordinate(f"{self.name}.turn_2", self.turn_2, turns=Y),
         )
 
-    def hold(self):
-        return Hold(None, ((X, Y),))
+    def joint_constraint(self):
+        return JointConstraint(None, ((X, Y),))
 
 
 class Cylindrical(AbstractPlayed):
@@ -192,9 +192,9 @@ class Cylindrical(AbstractPlayed):
             Coordinate(f"{self.name}.turn", self.turn, turns=Z),
         )
 
-    def hold(self):
+    def joint_constraint(self):
         line = self.axis.vector
-        return Hold(self.axis.across, aligned(self.axis), ((line, line),))
+        return JointConstraint(self.axis.across, aligned(self.axis), ((line, line),))
 
 
 class Planar(AbstractJoint):
@@ -226,9 +226,9 @@ class Planar(AbstractJoint):
             Coordinate(f"{self.name}.turn", self.turn, turns=normal),
         )
 
-    def hold(self):
+    def joint_constraint(self):
         line = self.axis.vector
-        return Hold((line,), aligned(self.axis), ((line, line),))
+        return JointConstraint((line,), aligned(self.axis), ((line, line),))
 
 
 class Free(AbstractJoint):
@@ -254,5 +254,5 @@ class Free(AbstractJoint):
             Coordinate(self.name, self.motion),
         )
 
-    def hold(self):
+    def joint_constraint(self):
         raise ClearanceError(f"Joint `{self.name}` closes a loop and holds nothing: leave it out.")

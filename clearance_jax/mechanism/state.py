@@ -1,4 +1,4 @@
-"""What a flat state vector means: `[q, v, memory]`, which quadratures (books, integrals) may follow.
+"""What a flat state vector means: `[q, v, memory]`, which quadratures (energy balance, integrals) may follow.
 
 Positions and velocities are counted apart: an orientation in space has four numbers and three rates.
 """

@@ -5,7 +5,7 @@ prescribed coordinate contributes motion only; a free one also contributes colum
 per unit of its rates, from which mass matrix, forces and constraints are built.
 
 Where a joint joins two bodies that are placed already it closes a loop: it has no coordinates then, and what it holds
-(`Hold`) is a constraint.
+(`JointConstraint`) is a constraint.
 """
 
 import abc
@@ -69,7 +69,7 @@ class Coordinate(NamedTuple):
         return tuple(f"{self.name}.{k}" for k in "xyz") if self.is_ball else (self.name,)
 
 
-class Hold(NamedTuple):
+class JointConstraint(NamedTuple):
     """What an ideal joint forbids, between the joint's frame A on the parent and its frame B on the child.
 
     - `along`: the directions in A along which B's origin may not leave A's; `None`: none at all.
@@ -150,7 +150,7 @@ class AbstractJoint(Parametrised):
         return self.coordinates()
 
     @abc.abstractmethod
-    def hold(self) -> Hold:
+    def joint_constraint(self) -> JointConstraint:
         """What it forbids where it closes a loop."""
 
     def prepared(self) -> "AbstractJoint":
@@ -305,9 +305,9 @@ class Revolute(AbstractPlayed):
     def sleeve(self):
         return along(self.axis)
 
-    def hold(self):
+    def joint_constraint(self):
         line = self.axis.vector
-        return Hold(None, aligned(self.axis), ((line, line),))
+        return JointConstraint(None, aligned(self.axis), ((line, line),))
 
 
 def along(axis: Axis) -> Matrix:
@@ -352,9 +352,9 @@ class Prismatic(AbstractPlayed):
         # Along an axis of the plane z = 0 a guide's walls stand across it in this plane, and it tilts about z.
         return transpose(((minus(0.0, y), x, 0.0), Z, (x, y, 0.0)))
 
-    def hold(self):
+    def joint_constraint(self):
         line, (across, _) = self.axis.vector, self.axis.across
-        return Hold(self.axis.across, rigid(self.axis), ((line, line), (across, across)))
+        return JointConstraint(self.axis.across, rigid(self.axis), ((line, line), (across, across)))
 
 
 class Fixed(AbstractJoint):
@@ -372,5 +372,5 @@ class Fixed(AbstractJoint):
     def coordinates(self):
         return ()
 
-    def hold(self):
-        return Hold(None, ((X, Y), (Y, Z), (Z, X)), ((X, X), (Y, Y), (Z, Z)))
+    def joint_constraint(self):
+        return JointConstraint(None, ((X, Y), (Y, Z), (Z, X)), ((X, X), (Y, Y), (Z, Z)))

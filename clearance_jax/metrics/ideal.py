@@ -45,7 +45,7 @@ def freedom(ideal: Mechanism) -> int:
 
 def _held(loop) -> int:
     """How many conditions a loop's joint asks for in space."""
-    hold = loop.hold()
+    hold = loop.joint_constraint()
     return (3 if hold.along is None else len(hold.along)) + len(hold.square)
 
 

@@ -1,7 +1,7 @@
 """Many metrics of one motion, from one solve.
 
-A metric says what it needs of a solve (`Request`): observers, integrals, samples, books. `measure` asks for all of it
-at once and hands each metric its own part (`Reply`).
+A metric says what it needs of a solve (`Request`): observers, integrals, samples, the energy balance. `measure` asks
+for all of it at once and hands each metric its own part (`Reply`).
 """
 
 import abc
@@ -31,7 +31,7 @@ class Request(NamedTuple):
     observers: tuple[AbstractObserver, ...] = ()
     integrands: tuple[Any, ...] = ()
     times: Float[Array, " times"] | None = None
-    books: bool = False
+    energy_balance: bool = False
     since: Any = None
 
 
@@ -259,15 +259,15 @@ def measured(
     begins = {name: begin_of(request.since, t1, options) for name, request in requests.items()}
     times = [_times(request, begins[name]) for name, request in requests.items()]
     order, together = _together(times, mixed=any(request.since is not None for request in requests.values()))
-    books = options.books or any(request.books for request in requests.values())
+    energy_balance = options.energy_balance or any(request.energy_balance for request in requests.values())
     solution = run(
         mechanism,
         t1,
-        options._replace(save_at=together, books=books),
+        options._replace(save_at=together, energy_balance=energy_balance),
         observers=tuple(o for request in requests.values() for o in request.observers),
         integrands=tuple(f for request in requests.values() for f in request.integrands),
     )
-    sizes = _sizes(mechanism, requests, books)
+    sizes = _sizes(mechanism, requests, energy_balance)
     out, seen, summed, samples = {}, 0, solution.final.shape[-1] - sum(map(sum, sizes.values())), 0
     for name, request in requests.items():
         count = len(request.observers)
@@ -328,12 +328,14 @@ def _together(times: list[Array | None], mixed: bool) -> tuple[Array | None, Arr
     return jnp.argsort(order), whole[order]
 
 
-def _sizes(mechanism: Mechanism, requests: dict[str, Request], books: bool) -> dict[str, list[int]]:
+def _sizes(mechanism: Mechanism, requests: dict[str, Request], energy_balance: bool) -> dict[str, list[int]]:
     """How many numbers each integrand of each request is."""
     if not any(request.integrands for request in requests.values()):
         return {name: [] for name in requests}
     ready = mechanism.prepared()
-    return {name: widths(Problem(ready, request.integrands, None, books)) for name, request in requests.items()}
+    return {
+        name: widths(Problem(ready, request.integrands, None, energy_balance)) for name, request in requests.items()
+    }
 
 
 def _integrals(gained: Array, start: int, sizes: list[int]) -> tuple[Array, ...]:

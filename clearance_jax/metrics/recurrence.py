@@ -102,7 +102,7 @@ class PoincareSection(AbstractMetric):
         return Request(times=jax.lax.stop_gradient(timed.times(t1, options.t0)))
 
     def form(self, mechanism):
-        known, one = quantities(mechanism, books=True), isinstance(self.quantities, str)
+        known, one = quantities(mechanism, energy_balance=True), isinstance(self.quantities, str)
         names = (self.quantities,) if one else self.quantities
         axes = (("instant", ()), *(() if one else (("quantity", names),)))
         return Form(", ".join(known[name].unit for name in names), axes)
@@ -218,7 +218,7 @@ def growth(metric: LyapunovExponent, mechanism: Mechanism, begin: Any, y: Array,
     """Logarithms of how the largest axes of a small ball of states grow in every period from a state at `begin` on,
     shape (count, exponents).
     """
-    size, settings = layout(mechanism).size, options._replace(books=False).compiled()
+    size, settings = layout(mechanism).size, options._replace(energy_balance=False).compiled()
     y = y[:size]
     problem = Problem(mechanism.prepared())
     unit = tolerances(problem, y, begin, begin + metric.period, options.rtol).unit

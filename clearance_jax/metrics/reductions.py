@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from clearance_jax._types import Scalar
-from clearance_jax.dynamics.energy import BOOKS, energies, read_books
+from clearance_jax.dynamics.energy import BALANCE_TERMS, energies, read_balance
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
@@ -207,17 +207,17 @@ class EnergyLost(AbstractMetric):
     since: Scalar | None = _since()
 
     def request(self, mechanism, t1, options):
-        return Request(books=True, since=self.since)
+        return Request(energy_balance=True, since=self.since)
 
     def value(self, reply):
         ready, size = reply.mechanism.prepared(), layout(reply.mechanism).size
 
         def lost(time, y):
             held = energies(jnp.asarray(time, float), y, ready).contacts
-            books = read_books(y[size : size + len(BOOKS)], held)
-            return books["damping_loss"] + books["friction_loss"]
+            energy_balance = read_balance(y[size : size + len(BALANCE_TERMS)], held)
+            return energy_balance["damping_loss"] + energy_balance["friction_loss"]
 
-        # `y0` may come with books that are not empty.
+        # `y0` may come with an energy balance that is not empty.
         return lost(reply.t1, reply.solution.final) - lost(reply.begin, reply.first)
 
 

@@ -45,7 +45,7 @@ class AbstractSignal(Module):
 
     def scale(self, mechanism: PreparedMechanism) -> Scalar:
         """Magnitude of the signal, where an integral of it must itself be watched; infinite (the default): its kinks,
-        if any, are the laws' switches, at which steps end anyway.
+        if any, are the laws' events, at whichb steps end anyway.
         """
         return jnp.asarray(jnp.inf)
 
@@ -88,7 +88,7 @@ class AbstractSignal(Module):
                 "An error against an ideal mechanism that moves freely cannot start from `y0`: where the ideal one "
                 "starts is not known. Set the initial values of the mechanism's coordinates instead."
             )
-        return run(mechanism.ideal(), t1, options._replace(save_at=times, atol=None, books=False)).y
+        return run(mechanism.ideal(), t1, options._replace(save_at=times, atol=None, energy_balance=False)).y
 
 
 @solo_jit

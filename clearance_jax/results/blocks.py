@@ -88,7 +88,7 @@ def _observed(mechanism: PreparedMechanism, time: Scalar, y: Array) -> dict[str,
 
 def _observed_with_rates(mechanism: PreparedMechanism, time: Scalar, y: Array) -> dict[str, Array]:
     """The same, and the rates of every contact force [N/s] and contact power [W/s] along the motion."""
-    # Behind the state stand energy books, on which no contact depends.
+    # Behind the state stands the energy balance, on which no contact depends.
     rate, size = jnp.zeros_like(y), layout(mechanism).size
     rate = rate.at[:size].set(slope(time, y[:size], mechanism))
     seen, rates = _along(mechanism, time, y, rate)

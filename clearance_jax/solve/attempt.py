@@ -28,8 +28,8 @@ class Options(NamedTuple):
     """
 
     solver: Any
-    watch: bool
-    books: bool
+    locate_events: bool
+    energy_balance: bool
     max_steps: int
     derivatives: str = "controlled"
     observers: tuple = ()
@@ -41,7 +41,7 @@ def means_of(options: Options, allowed) -> Means:
     longest = None
     for observer in options.observers:
         longest = observer.longest if longest is None else jnp.minimum(longest, observer.longest)
-    return Means(allowed, options.watch, float(options.solver.error_order(None)), longest)
+    return Means(allowed, options.locate_events, float(options.solver.error_order(None)), longest)
 
 
 def started(options: Options, t0: Scalar, y0: Array, problem: Problem) -> tuple:

@@ -2,8 +2,9 @@
 
 Why steps are cut: an error estimate samples the force at a few points of a step. A contact that begins and ends between
 them is not sampled, so the step is accepted and the contact is lost; no tolerance repairs it. Here the relative motion
-of each clearance joint is interpolated along each candidate step, the laws' switches are read along it, and a step
-across a change is cut there. So every touch, separation and switch, and every break of a drive, is a step's end.
+of each clearance joint is interpolated along each candidate step, the laws' event functions are read along it, and a
+step across a change is cut there. So every touch, separation and change of formula, and every break of a drive, is a
+step's end.
 """
 
 from typing import Any, NamedTuple
@@ -12,13 +13,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from clearance_jax._sharing import shared
+from clearance_jax._sharing import share
 from clearance_jax._types import Each, EachFlag, Scalar
 from clearance_jax.mechanism.breaks import breaks_near
+from clearance_jax.solve.events import curves, first_event
 from clearance_jax.solve.lane_axis import component_axis, each_lane, summed
 from clearance_jax.solve.problem import Problem, motion
 from clearance_jax.solve.step import Trial
-from clearance_jax.solve.switches import curves, first_switch
 from clearance_jax.solve.tolerances import Tolerances
 
 _EPS = float(np.finfo(np.float64).eps)
@@ -31,16 +32,16 @@ _EPS = float(np.finfo(np.float64).eps)
 LENIENCE, PLAIN_ORDER, REFINED = 0.02, 5.0, 5.0 ** (1 / 3)
 # The step size aimed at, over the one at which the error would be what is allowed; how much it may change at once.
 SAFETY, SHRINK, GROW = 0.85, 0.2, 2.0
-# Wherever a cut has not been enough to get clear of its switch, the next goes so many times further past it; at most.
+# Wherever a cut has not been enough to get clear of its event, the next goes so many times further past it; at most.
 FURTHER, FURTHEST = 4.0, 4.0**24
-# Cut within this part of a step from its start, right after a step that was cut, is not clear of that switch: the
+# Cut within this part of a step from its start, right after a step that was cut, is not clear of that event: the
 # round-off of a place may hide one for longer than that of the time.
 NEAR = 0.1
 
 
 class Control(NamedTuple):
     """What is remembered from try to try: the step size that would have been taken had it not been cut (0: not cut),
-    how much further than usual past a switch a cut step ends, because cuts have failed to get clear of it, and whether
+    how much further than usual past an event a cut step ends, because cuts have failed to get clear of it, and whether
     the last step that was kept had been cut.
     """
 
@@ -56,8 +57,8 @@ class Control(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """On one try: its error over what is allowed, of motion and derivatives; whether it crosses a switch, and the time
-    just past it, to which the next try goes; how far past a switch that is [s].
+    """On one try: its error over what is allowed, of motion and derivatives; whether it crosses an event, and the time
+    just past it, to which the next try goes; how far past an event that is [s].
     """
 
     error: Each
@@ -80,12 +81,12 @@ class Decision(NamedTuple):
 
 
 class Means(NamedTuple):
-    """What a solve is judged by: tolerances, whether to watch the contacts, order of the error estimate, and the
+    """What a solve is judged by: tolerances, whether to locate events, order of the error estimate, and the
     longest step that an observer can see through [s].
     """
 
     allowed: Tolerances
-    watch: bool
+    locate_events: bool
     order: float
     longest: Any = None
 
@@ -94,7 +95,7 @@ def judged(problem: Problem, trial: Trial, times: tuple, means: Means, control: 
     """The verdict on a try."""
     t0, t1 = times
     error, of_motion = scaled_error(problem, trial, means, t1)
-    if not (means.watch and problem.mechanism.clearance_joints()):
+    if not (means.locate_events and problem.mechanism.clearance_joints()):
         return Verdict(error, jnp.zeros(jnp.shape(t1), bool), t1, jnp.zeros_like(t1))
     ends = tuple(motion(problem, x) for x in (trial.start, trial.end, trial.slope0, trial.slope1))
     found, misfit = curves(times, ends, problem.mechanism)
@@ -102,13 +103,13 @@ def judged(problem: Problem, trial: Trial, times: tuple, means: Means, control: 
     off = jnp.maximum(misfit - means.allowed.noise, 0.0) / means.allowed.fit
     off = jnp.where(jnp.isfinite(off), off, jnp.inf)
     error, of_motion = jnp.maximum(error, off), jnp.maximum(of_motion, off)
-    # Past a switch by enough for round-off not to hide it, by too little for the kink to matter.
+    # Past an event by enough for round-off not to hide it, by too little for the kink to matter.
     h = t1 - t0
     pad = jnp.maximum(4 * _EPS * jnp.abs(t1), means.allowed.margin * jnp.maximum(h, control.natural))
     pad = pad * control.reach
-    crossed, s = first_switch(found, ends[1], problem.mechanism, jnp.minimum(pad / h, 0.5))
+    crossed, s = first_event(found, ends[1], problem.mechanism, jnp.minimum(pad / h, 0.5))
     at = t0 + s * h + pad
-    # Where the motion is accurate the switch is located, also where the derivatives, whose slope jumps there, are not:
+    # Where the motion is accurate the event is located, also where the derivatives, whose slope jumps there, are not:
     # shrinking the step towards the jump would end at a step of a round-off.
     return Verdict(error, crossed & (at < t1 - pad) & (of_motion <= 1), at, pad)
 
@@ -141,7 +142,7 @@ def scaled_error(problem: Problem, trial: Trial, means: Means, time: Each) -> tu
         unit = jnp.where(controlled, allowed.unit, 1.0)
         columns = jnp.maximum(rms(y0[1:] / unit[None]), rms(y1[1:] / unit[None]))
         # Shared: the reduction that follows goes through them lane by lane.
-        derivatives = shared(rms(error[1:] / scale[None]) / (allowed.floor + columns))
+        derivatives = share(rms(error[1:] / scale[None]) / (allowed.floor + columns))
         scaled = jnp.maximum(scaled, lenience(means.order) * jnp.max(derivatives, axis=0))
     fine = jnp.isfinite(scaled) & jnp.all(jnp.isfinite(y1), axis=tuple(range(y1.ndim - jnp.ndim(time))))
     return jnp.where(fine, scaled, jnp.inf), jnp.where(fine, of_motion, jnp.inf)
@@ -152,7 +153,7 @@ def decided(problem: Problem, verdict: Verdict, times: tuple, means: Means, cont
     t0, t1 = times
     h, cut, error = t1 - t0, verdict.cut, verdict.error
     accurate = error < 1
-    keep = shared(accurate & ~cut)
+    keep = share(accurate & ~cut)
     # A cut step says nothing about the step size (its tiny error is round-off): go back to the one that was cut.
     step = jnp.where(keep & (control.natural > 0), control.natural, h * factor(error, accurate, means.order))
     start = jnp.where(keep, t1, t0)

@@ -84,7 +84,7 @@ class Samples(NamedTuple):
         return jax.lax.while_loop(goes_on, once, self)
 
 
-class Watched(NamedTuple):
+class DriverState(NamedTuple):
     """State of the controller: what the control remembers, what the observer has recorded, samples if any."""
 
     control: Control
@@ -118,7 +118,7 @@ class Controller(diffrax.AbstractAdaptiveStepSizeController):
 
     def init(self, terms, t0, t1, y0, dt0, args, func, error_order):
         samples = None if self.at is None else Samples.none(self.at, t0, t1, y0)
-        state = Watched(Control.begin(t0), started(self.options, t0, y0, args), samples)
+        state = DriverState(Control.begin(t0), started(self.options, t0, y0, args), samples)
         return first_end(args, t0, t1, y0, self.means), state
 
     def adapt_step_size(self, t0, t1, y0, y1_candidate, args, y_error, error_order, controller_state):
@@ -129,7 +129,7 @@ class Controller(diffrax.AbstractAdaptiveStepSizeController):
         result = diffrax.RESULTS.where(decision.collapsed, diffrax.RESULTS.dt_min_reached, diffrax.RESULTS.successful)
         if samples is not None:
             samples = samples.more(self.at, dense(self.options, y_error, (t0, t1)), decision.keep)
-        state = Watched(decision.control, record, samples)
+        state = DriverState(decision.control, record, samples)
         return decision.keep, decision.start, decision.end, decision.past_break, state, result
 
 

@@ -19,7 +19,7 @@ from clearance_jax._solo import solo_jit, whole
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.closures import StartErrors, assembled, projected
 from clearance_jax.dynamics.control import renewed
-from clearance_jax.dynamics.energy import energy_residual, opened_books
+from clearance_jax.dynamics.energy import balance_at_start, energy_residual
 from clearance_jax.dynamics.settled import settled_start
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.breaks import drive_breaks
@@ -127,7 +127,7 @@ def with_states(solution: Solution, states: list[Array]) -> Solution:
 
 def _later(inputs: Inputs, rates: Inputs, value: Solution, moved: list[Array], options: Options) -> list[Array]:
     """The tangents with what moving the end or the sample times adds: the rate of the motion there."""
-    problem = Problem(inputs.mechanism.prepared(), inputs.integrands, books=options.books)
+    problem = Problem(inputs.mechanism.prepared(), inputs.integrands, energy_balance=options.energy_balance)
     start, final, y, *picks = moved
 
     def rate(time, y):
@@ -163,7 +163,7 @@ def _stacked(inputs, which, *, options):
 
 @_stacked.def_jvp
 def _stacked_jvp(primals, tangents, *, options):
-    # A second derivative of the program would miss what moving a switch adds to it, and nothing would bound its error.
+    # A second derivative of the program would miss what moving an event adds to it, and nothing would bound its error.
     raise ClearanceError("`simulate` has first derivatives only. For second ones use `clearance_jax.hessian`.")
 
 
@@ -210,7 +210,7 @@ def solution_of(task: Task, out: Outcome, t1: Array, options: Options) -> Soluti
         time, y = out.samples
         y = projected_samples(problem, time, y)
     residual = jnp.asarray(jnp.nan)
-    if options.books:
+    if options.energy_balance:
         residual = energy_residual(problem.mechanism, (task.t0, t1), (motion(problem, start), motion(problem, final)))
     seen = [observer.finished(record) for observer, record in zip(options.observers, out.record, strict=True)]
     records = tuple(record for record, _ in seen)
@@ -232,7 +232,7 @@ def solution_of(task: Task, out: Outcome, t1: Array, options: Options) -> Soluti
         picked,
         task.seated,
         sampled=out.samples is not None,
-        books=options.books,
+        energy_balance=options.energy_balance,
     )
 
 
@@ -318,17 +318,17 @@ def problem_of(
 
     def begin(varied):
         mechanism, y0, integrands = varied
-        problem = Problem(mechanism.prepared(), integrands, books=options.books)
+        problem = Problem(mechanism.prepared(), integrands, energy_balance=options.energy_balance)
         start, errors = initial(problem, inputs.t0, y0, options.start)
         return problem.model, start, errors
 
     if directions is None:
         model, first, errors = begin(inputs.varied)
-        problem = Problem(model[0], model[1], books=options.books)
+        problem = Problem(model[0], model[1], energy_balance=options.energy_balance)
         start = first
     else:
         (model, first, errors), (slopes, moved, _), (movers, *_) = push(begin, inputs.varied, directions)
-        problem = Problem(model[0], model[1], slopes, options.books, sparsity(movers, directions))
+        problem = Problem(model[0], model[1], slopes, options.energy_balance, sparsity(movers, directions))
         count = jax.tree.leaves(directions)[0].shape[0]
         start = jnp.concatenate([first[None], jnp.zeros((count, *first.shape)) if moved is None else moved])
     allowed = tolerances(problem, first, inputs.t0, inputs.t1, inputs.rtol, inputs.atol)
@@ -350,10 +350,10 @@ def initial(problem: Problem, t0: Scalar, y0: Array | None, start: str = CENTRE)
     errors = StartErrors.nothing()
     if y0 is None:
         y0, errors = closed_start(mechanism, t0, start)
-    books = []
-    if problem.books:
-        books = [y0[size:] if y0.shape[0] > size else opened_books(t0, y0, mechanism)]
-    return jnp.concatenate([y0[:size], *books, jnp.zeros(sum(widths(problem)))]), errors
+    energy_balance = []
+    if problem.energy_balance:
+        energy_balance = [y0[size:] if y0.shape[0] > size else balance_at_start(t0, y0, mechanism)]
+    return jnp.concatenate([y0[:size], *energy_balance, jnp.zeros(sum(widths(problem)))]), errors
 
 
 @whole

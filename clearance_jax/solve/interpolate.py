@@ -5,7 +5,7 @@ from typing import Any
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from clearance_jax._sharing import shared
+from clearance_jax._sharing import share
 from clearance_jax._types import Each
 from clearance_jax.mechanism.state import Layout
 from clearance_jax.solve.lane_axis import component_axis, components
@@ -22,7 +22,7 @@ def quintic_coefficients(start, end) -> tuple:
     both ends.
     """
     (p, v, c), (q, w, g) = start, end
-    d, e, f = shared((q - p - v - 0.5 * c, w - v - c, g - c))
+    d, e, f = share((q - p - v - 0.5 * c, w - v - c, g - c))
     return p, v, 0.5 * c, 10 * d - 4 * e + 0.5 * f, -15 * d + 7 * e - f, 6 * d - 3 * e + 0.5 * f
 
 
@@ -55,7 +55,7 @@ def between(ends: tuple[Array, Array, Array, Array], h: Each, x, plan: Layout) -
     q, v, rest = plan.q, plan.v, slice(plan.v.stop, None)
     start, end = ((of(y, q), h * of(y, v), h * h * of(slope, v)) for y, slope in ((y0, slope0), (y1, slope1)))
     coefficients = quintic_coefficients(start, end)
-    place, speed = polynomial(coefficients, x), polynomial(shared(rising(coefficients, h)), x)
+    place, speed = polynomial(coefficients, x), polynomial(share(rising(coefficients, h)), x)
     others = hermite(of(y0, rest), h * of(slope0, rest), of(y1, rest), h * of(slope1, rest), x)
     return jnp.concatenate([place, speed, others], axis=component_axis(h))
 

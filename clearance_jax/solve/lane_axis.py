@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from clearance_jax._sharing import shared, sharing
+from clearance_jax._sharing import share, sharing
 from clearance_jax._types import Each, Rows
 
 LAST = eqx.if_array(-1)
@@ -54,11 +54,11 @@ def together(rows: Sequence[Array], time: Each, axis: int = 0) -> Array:
         return jnp.stack(rows, axis)
     # Of lanes by selecting: a compiled concatenation asks at every number which of its parts this is, or copies them
     # number by number.
-    first = jnp.expand_dims(shared(rows[0]), axis)
+    first = jnp.expand_dims(share(rows[0]), axis)
     place = jnp.arange(len(rows)).reshape(-1, *[1] * (first.ndim - axis - 1))
     out = jnp.broadcast_to(first, (*first.shape[:axis], len(rows), *first.shape[axis + 1 :]))
     for i, row in enumerate(rows[1:], 1):
-        out = jnp.where(place == i, jnp.expand_dims(shared(row), axis), out)
+        out = jnp.where(place == i, jnp.expand_dims(share(row), axis), out)
     return out
 
 

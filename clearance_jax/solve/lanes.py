@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from clearance_jax._sharing import shared
+from clearance_jax._sharing import share
 from clearance_jax._types import Each, EachFlag
 from clearance_jax.solve.attempt import Carry, Options, attempt, dense, means_of, start_carry
 from clearance_jax.solve.codes import Result
@@ -60,7 +60,7 @@ def _integrate(task: Task, options: Options) -> Outcome:
     def once(state):
         carry, saved = state
         with sharing_lanes(last):
-            now = shared(going(carry))
+            now = share(going(carry))
         moved, trial, keep = attempt(carry, problem, options, means, last)
         if task.save_at is not None:
             ends = carry.time, carry.end

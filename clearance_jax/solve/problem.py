@@ -4,7 +4,7 @@ The derivative of a solve by a number is the solve of the variational equations 
 differentiated solve is a stack: row 0 the motion, row 1 + k its derivative along direction k. A Runge-Kutta step treats
 the rows alike; what differs is only how a function of the state is applied to a stack, and that is `lift`.
 
-Beside the state stand quadratures: the energy books and whatever else is integrated along. Nothing depends on them.
+Beside the state stand quadratures: the energy balance and whatever else is integrated along. Nothing depends on them.
 """
 
 import functools
@@ -18,7 +18,7 @@ from jax.extend.core import Literal
 from jaxtyping import Array
 
 from clearance_jax._module import Module
-from clearance_jax._sharing import shared
+from clearance_jax._sharing import share
 from clearance_jax._types import Each, Flag, Rows
 from clearance_jax.dynamics.field import rate, where_it_counts
 from clearance_jax.mechanism.prepared import PreparedMechanism
@@ -32,17 +32,17 @@ THIN = 8
 class Problem(Module):
     """What a solve is of: a prepared mechanism, and the directions in which its numbers are varied.
 
-    `integrands` are functions of (time, state, mechanism), of any shape, whose integrals follow the state; `books`:
-    whether the energy books do, before them. `directions` is a tree like `model`: with a leading axis (one entry a
-    direction) for a number that is varied, `None` for one that is not; altogether `None` where nothing is
-    differentiated: then a state is a flat vector, not a stack. `sparsity`: for each of these numbers the directions
-    that move it at all, few of many as a rule.
+    `integrands` are functions of (time, state, mechanism), of any shape, whose integrals follow the state;
+    `energy_balance`: whether the energy balance does, before them. `directions` is a tree like `model`: with a leading
+    axis (one entry a direction) for a number that is varied, `None` for one that is not; altogether `None` where
+    nothing is differentiated: then a state is a flat vector, not a stack. `sparsity`: for each of these numbers the
+    directions that move it at all, few of many as a rule.
     """
 
     mechanism: PreparedMechanism
     integrands: tuple = ()
     directions: Any = None
-    books: bool = eqx.field(static=True, default=False)
+    energy_balance: bool = eqx.field(static=True, default=False)
     sparsity: tuple[tuple[int, ...], ...] = eqx.field(static=True, default=())
 
     @property
@@ -81,12 +81,12 @@ class Problem(Module):
     @property
     def without_directions(self) -> "Problem":
         """The motion alone."""
-        return Problem(self.mechanism, self.integrands, books=self.books)
+        return Problem(self.mechanism, self.integrands, energy_balance=self.energy_balance)
 
 
 def with_model(problem: Problem, model: tuple) -> Problem:
     """The same problem of another mechanism, without directions."""
-    return Problem(model[0], model[1], books=problem.books)
+    return Problem(model[0], model[1], energy_balance=problem.energy_balance)
 
 
 def widths(problem: Problem) -> list[int]:
@@ -104,7 +104,7 @@ def field(time: Each, y: Array, problem: Problem, counts: Flag | None = None) ->
 
     def rows(time, y, problem):
         mechanism, integrands = problem.model
-        rates = rate(time, y, mechanism, problem.books, counts)
+        rates = rate(time, y, mechanism, problem.energy_balance, counts)
 
         def added():
             flat = [jnp.ravel(f(time, vector(y), mechanism)) for f in integrands]
@@ -145,10 +145,10 @@ def vjp_rows(function, problem: Problem, stacks: Rows) -> Rows:
     out = []
     for i, (value, reached) in enumerate(zip(values, _reach(flat, *inputs), strict=True)):
         pulls = jax.linear_transpose(lambda *rates, i=i: along(*rates)[i], *inputs)(jnp.ones_like(value))
-        pulls = {j: shared(pulls[j]) for j in sorted(reached)}
+        pulls = {j: share(pulls[j]) for j in sorted(reached)}
         own = [(pull, *numbers[j]) for j, pull in pulls.items() if j < len(leaves)]
         states = [(pull, stacks[j - len(leaves)]) for j, pull in pulls.items() if j >= len(leaves)]
-        out.append(_applied(shared(value), own, states, stacks[0].shape[0]))
+        out.append(_applied(share(value), own, states, stacks[0].shape[0]))
     return tuple(out)
 
 
@@ -172,7 +172,7 @@ def _applied(value: Array, own: list[tuple], states: list[tuple], rows: int) -> 
     everywhere = [*states, *wide]
     out = total([whole(pull[None] * stack, 1) for pull, stack in everywhere], (rows, *value.shape))
     first = jnp.arange(rows).reshape(-1, *[1] * value.ndim) == 0
-    out = shared(jnp.where(first, value, out))
+    out = share(jnp.where(first, value, out))
     for row in range(1, rows):
         here = [whole(pull * along[row - 1], 0) for pull, along, movers in thin if row - 1 in movers]
         if here:

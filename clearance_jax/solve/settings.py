@@ -14,7 +14,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array
 
-from clearance_jax.dynamics.energy import BOOKS
+from clearance_jax.dynamics.energy import BALANCE_TERMS
 from clearance_jax.errors import ClearanceError, quoted, require_float64, suggest
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
@@ -39,8 +39,9 @@ class SolveOptions(TypedDict, total=False):
     - `start`: "centre": every pin starts in the middle of its sleeve (or at its `eccentricity`) and falls; "settled":
       pressed at the wall where the ideal joint's reaction puts it, and riding along with the motion. A pin that nothing
       presses starts in the middle all the same. Without effect where `y0` is given.
-    - `watch`: end steps at every switch of the contact laws. Off: the plain PID controller, whose error has a floor.
-    - `books`: integrate work and losses, for `energy_residual`.
+    - `locate_events`: end steps at every event of the contact laws. Off: the plain PID controller, whose error has a
+      floor.
+    - `energy_balance`: integrate work and losses, for `energy_residual`.
     - `derivatives`: "controlled": a differentiated solve carries the derivatives in its state and in its error control;
       first derivatives only, forward or reverse. "screening": the program is differentiated as it stands (forward
       only): cheaper, for a first look; wrong by 1e-3 and more at any tolerance where contacts begin and end.
@@ -54,8 +55,8 @@ class SolveOptions(TypedDict, total=False):
     solver: Any
     y0: Any
     start: str
-    watch: bool
-    books: bool
+    locate_events: bool
+    energy_balance: bool
     derivatives: str
     max_steps: int
 
@@ -70,15 +71,17 @@ class Settings(NamedTuple):
     solver: Any = "tsit5"
     y0: Array | None = None
     start: str = CENTRE
-    watch: bool = True
-    books: bool = False
+    locate_events: bool = True
+    energy_balance: bool = False
     derivatives: str = "controlled"
     max_steps: int = 10_000_000
 
     def compiled(self, observers: tuple = ()) -> Options:
         """What a solve is compiled for."""
         solver = SOLVERS[self.solver]() if isinstance(self.solver, str) else self.solver
-        return Options(solver, self.watch, self.books, self.max_steps, self.derivatives, observers, self.start)
+        return Options(
+            solver, self.locate_events, self.energy_balance, self.max_steps, self.derivatives, observers, self.start
+        )
 
 
 ALL = Settings._fields
@@ -143,11 +146,13 @@ def _number(name: str, value: Any) -> Any:
 
 
 def _initial(mechanism: Mechanism, y0: Any) -> Array | None:
-    """The given initial state, of which it is seen that it has the mechanism's shape; energy books may follow it."""
+    """The given initial state, of which it is seen that it has the mechanism's shape; the energy balance may follow
+    it.
+    """
     if y0 is None:
         return None
     y0, size = jnp.asarray(y0, float), layout(mechanism).size
-    if y0.shape not in ((size,), (size + len(BOOKS),)):
+    if y0.shape not in ((size,), (size + len(BALANCE_TERMS),)):
         raise ClearanceError(f"`y0` must have shape ({size},), [q, v, memory], but it has {y0.shape}.")
     return y0
 

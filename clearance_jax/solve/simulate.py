@@ -1,4 +1,6 @@
-"""`simulate`: a mechanism from t0 to t1, with error control that contact cannot fool, result code and energy books."""
+"""`simulate`: a mechanism from t0 to t1, with error control that contact cannot fool, result code and energy
+balance.
+"""
 
 import warnings
 from typing import Any, Unpack
@@ -33,13 +35,14 @@ def simulate(mechanism: Mechanism, t1: Any, *, throw: bool = True, **options: Un
     - `rtol`: the one accuracy knob; absolute tolerances follow from it and the scene's own scales.
     - `solver`: "tsit5", "dopri8" (for rtol below 1e-8) or an explicit diffrax Runge-Kutta solver.
     - `throw`: raise where the solve fails (never inside jit or vmap: there a failed lane is data).
-    - `atol`, `y0`, `start`, `watch`, `books` (on here), `derivatives`, `max_steps`: see `SolveOptions`.
+    - `atol`, `y0`, `start`, `locate_events`, `energy_balance` (on here), `derivatives`, `max_steps`: see
+      `SolveOptions`.
 
     **Raises:** `ClearanceError` for an unknown option, float64 off, t1 <= t0, numbers that are not finite or out of
     bounds, a loop that cannot be closed, and a pin that finds no rest where it is to be settled; `RuntimeError` for a
-    solve that fails on its way. **Warns** (`EnergyWarning`) where the energy books do not close.
+    solve that fails on its way. **Warns** (`EnergyWarning`) where the energy balance does not close.
     """
-    solution = _run(mechanism, t1, settings_of(mechanism, t1, options, books=True), throw)
+    solution = _run(mechanism, t1, settings_of(mechanism, t1, options, energy_balance=True), throw)
     warn_of_energy(solution)
     return solution
 
@@ -59,7 +62,9 @@ def run(
 def _run(mechanism, t1, settings: Settings, throw: bool, observers=(), integrands=()) -> Solution:
     options = settings.compiled(observers)
     if layout(mechanism).size == 0:
-        options = options._replace(books=True)  # without states the books are what there is to integrate
+        options = options._replace(
+            energy_balance=True
+        )  # without states the energy balance is what there is to integrate
     t1, given = as_leaf(t1), settings
     inputs = Inputs(mechanism, given.t0, t1, given.save_at, given.rtol, given.atol, given.y0, integrands)
     solution = flow(inputs, options=options) if options.derivatives == "controlled" else plain_flow(inputs, options)
@@ -79,17 +84,17 @@ def _start_errors(mechanism: Mechanism, t0: Array, start: str) -> StartErrors:
 
 
 class EnergyWarning(UserWarning):
-    """The energy books of a solve do not close: its motion is not to be trusted."""
+    """The energy balance of a solve do not close: its motion is not to be trusted."""
 
 
 def doubt(solution: Solution) -> str:
-    """Why a single solve that reached its end is not to be trusted, in words; empty where its energy books close."""
+    """Why a single solve that reached its end is not to be trusted, in words; empty where its energy balance closes."""
     residual = float(solution.energy_residual)
     if int(solution.code) != int(Result.REACHED_END) or not residual > DOUBTFUL:
         return ""
     return (
-        f"The energy books do not close: {residual:.1e} of the energy exchanged is missing (more than {DOUBTFUL:g}). "
-        "Do not trust this motion: lower `rtol`."
+        f"The energy balance does not close: {residual:.1e} of the energy exchanged is missing (more than {DOUBTFUL:g}). Do "
+        "not trust this motion: lower `rtol`."
     )
 
 

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float, Int
 
 from clearance_jax._module import Module
 from clearance_jax._solo import solo_jit
-from clearance_jax.dynamics.energy import BOOKS
+from clearance_jax.dynamics.energy import BALANCE_TERMS
 from clearance_jax.dynamics.quantities import Quantity, evaluated, quantities
 from clearance_jax.dynamics.seated import Seated
 from clearance_jax.errors import ClearanceError, suggest
@@ -35,7 +35,8 @@ class Solution(Module):
     `solution.names` lists them. Where samples were asked for (`save_at`) the first axis is time; otherwise it is the
     value at the end. It works under jit, vmap (a batch's axes come first) and differentiation.
 
-    - `time`: sample times [s], shape (samples,); `y`: states `[q, v, memory, books]` there, shape (samples, n).
+    - `time`: sample times [s], shape (samples,); `y`: states `[q, v, memory, energy balance]` there, shape (samples,
+      n).
     - `final`: the state at the end, reached at `end_time` [s]; `initial`: at the start.
     - `code`: how it ended (`codes.Result`); `succeeded` where it reached t1, `message` in words; `steps`, `rejected`:
       counts.
@@ -61,7 +62,7 @@ class Solution(Module):
     numbers: Any = None
     structure: Any = eqx.field(static=True, default=None)
     sampled: bool = eqx.field(static=True, default=True)
-    books: bool = eqx.field(static=True, default=True)
+    energy_balance: bool = eqx.field(static=True, default=True)
 
     def of(self, mechanism: Mechanism) -> "Solution":
         """The same, known to be this mechanism's."""
@@ -99,15 +100,15 @@ class Solution(Module):
     @property
     def names(self) -> tuple[str, ...]:
         """Every quantity that it gives by name."""
-        return tuple(quantities(self.mechanism, self.books))
+        return tuple(quantities(self.mechanism, self.energy_balance))
 
     def __getitem__(self, name: str) -> Array:
         """A quantity by name [SI], shape (samples, ...); without samples its value at the end."""
-        found = self._named(name, quantities(self.mechanism, self.books))
+        found = self._named(name, quantities(self.mechanism, self.energy_balance))
         if found.place is not None:
             return self._read(found)
-        # Integrals that a metric asks for may follow the books.
-        width = layout(self.mechanism).size + (len(BOOKS) if self.books else 0)
+        # Integrals that a metric asks for may follow the energy balance.
+        width = layout(self.mechanism).size + (len(BALANCE_TERMS) if self.energy_balance else 0)
         values = _evaluated(self.numbers, self.structure, found.variable, self.time, self.y[..., :width])
         # The axes of `time` come before the entry that is meant.
         return self._asked(values[(slice(None),) * self.time.ndim + found.index])
@@ -116,7 +117,7 @@ class Solution(Module):
         """A state by name [SI]: a free coordinate (`wrist.play_x`), its rate (`wrist.play_x.velocity`), a law's memory
         (`wrist.impact_speed`); as it is in `y`, nothing is computed.
         """
-        every = quantities(self.mechanism, self.books)
+        every = quantities(self.mechanism, self.energy_balance)
         if name in every and every[name].place is None:
             raise ClearanceError(
                 f'`{name}` is no state: it is driven, or follows from states. Use `solution["{name}"]`.'
@@ -166,7 +167,7 @@ def _evaluated(numbers: Any, structure: Any, variable: str, time: Array, y: Arra
 def summary(solution: Solution) -> str:
     """A single solve in a few lines: how it ended, and its named states at the end."""
     mechanism = solution.mechanism
-    known, plan = quantities(mechanism, solution.books), layout(mechanism)
+    known, plan = quantities(mechanism, solution.energy_balance), layout(mechanism)
     final = np.asarray(solution.final)
 
     def last(name: str) -> str:
@@ -174,7 +175,7 @@ def summary(solution: Solution) -> str:
         if found.place is not None:
             return shown(float(final[found.place]), found.unit, 5)
         # An orientation is no state by its rotation vector.
-        y = final[: plan.size + (len(BOOKS) if solution.books else 0)]
+        y = final[: plan.size + (len(BALANCE_TERMS) if solution.energy_balance else 0)]
         values = _evaluated(
             solution.numbers, solution.structure, found.variable, np.asarray(solution.end_time)[None], y[None]
         )
@@ -195,7 +196,7 @@ def _ending(solution: Solution) -> str:
         f"{solution.mechanism.name}: {ended} at t = {float(solution.end_time):.6g} s, {int(solution.steps)} steps "
         f"({int(solution.rejected)} rejected)"
     )
-    return line + (f", energy residual {float(solution.energy_residual):.1e}" if solution.books else "")
+    return line + (f", energy residual {float(solution.energy_residual):.1e}" if solution.energy_balance else "")
 
 
 def summary_of_batch(solution: Solution) -> str:

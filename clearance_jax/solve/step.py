@@ -9,12 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from clearance_jax._sharing import shared
+from clearance_jax._sharing import share
 from clearance_jax._types import Each, EachFlag, Scalar
 from clearance_jax.dynamics.closures import projected
 from clearance_jax.dynamics.constraint import choice
 from clearance_jax.dynamics.control import renewed
-from clearance_jax.dynamics.energy import handed_over
+from clearance_jax.dynamics.energy import hand_over
 from clearance_jax.dynamics.kinematics import relative_accelerations
 from clearance_jax.mechanism.breaks import drive_breaks
 from clearance_jax.mechanism.state import layout
@@ -69,8 +69,8 @@ def try_step(
         before, after = (y if plan.held else motion(problem, y) for y in (y0, latched))
         fresh = jnp.any(after != before, axis=tuple(range(after.ndim - jnp.ndim(t0))))
         y0 = latched
-    if problem.books and problem.mechanism.has_payloads:
-        now = each_lane(lambda t, y, p: lift(lambda m, y: handed_over(t, y, m[0]), p, y), t0)
+    if problem.energy_balance and problem.mechanism.has_payloads:
+        now = each_lane(lambda t, y, p: lift(lambda m, y: hand_over(t, y, m[0]), p, y), t0)
         y0 = now(t0, y0, problem)
     if past_break is not False:
         moved = past_moving_break(t0, y0, problem)
@@ -100,11 +100,11 @@ def try_step(
             close = each_lane(lambda t, y, p: lift(lambda m, y: projected(t, y, m[0]), p, y), t0)
             y = jax.lax.cond(i == last, lambda y: close(t1, y, problem), lambda y: y, y)
         with sharing_lanes(t0):
-            new = shared(field(now, y, problem, counts(i)))
+            new = share(field(now, y, problem, counts(i)))
             if jnp.ndim(t0):
                 # Lanes that know their slope keep it. (Shared: by a condition that is one for all lanes a compiler
                 # would make two loops of this, and copy number by number in the one.)
-                new = jnp.where(shared(fresh | (i > 0)), new, slope)
+                new = jnp.where(share(fresh | (i > 0)), new, slope)
         return jax.lax.dynamic_update_index_in_dim(slopes, new, i, 0), y
 
     first = 0 if fresh is True else 1 if fresh is False else jnp.where(jnp.any(fresh), 0, 1)
@@ -123,7 +123,7 @@ def _weighted(weights: Array, slopes: Array, time: Each) -> Array:
         return jnp.sum(weights.reshape(-1, *[1] * (slopes.ndim - 1)) * slopes, axis=0)
     # Of lanes term by term: XLA hands a reduction over large arrays to a library, whose call ends a compiled loop.
     with sharing_lanes(time):
-        return shared(functools.reduce(jnp.add, [w * slope for w, slope in zip(weights, slopes, strict=True)]))
+        return share(functools.reduce(jnp.add, [w * slope for w, slope in zip(weights, slopes, strict=True)]))
 
 
 def _with_state(y: Array, state: Array, time: Each) -> Array:
@@ -169,7 +169,7 @@ def past_moving_break(time: Scalar, stack: Array, problem: Problem) -> Array:
     longer, so its derivative jumps by (f- - f+) dt_b. (Each smooth piece of a drive does not know of it: a parameter
     that acts only through a time of switching would have derivative zero.) Several breaks may lie at this one time, and
     a direction moves one of them: so f- is the slope of the mechanism moved along the direction until that one break,
-    and no other, lies just ahead. Where a payload is handed over there, the energy that is booked is that of the moment
+    and no other, lies just ahead. Where a payload is handed over there, the energy that counts is that of the moment
     to which the direction moves it: it goes on changing along f- until then.
     """
     times = lift(lambda model: drive_breaks(model[0]), problem)
@@ -180,18 +180,18 @@ def past_moving_break(time: Scalar, stack: Array, problem: Problem) -> Array:
     varied, fixed = split(problem.model, problem.directions)
     state = stack[0, : problem.size]
 
-    def booked(slope, mechanism):
+    def payload_power(slope, mechanism):
         along = jnp.ones_like(time), slope
-        return jax.jvp(lambda time, y: handed_over(time, y, mechanism), (time, stack[0]), along)[1]
+        return jax.jvp(lambda time, y: hand_over(time, y, mechanism), (time, stack[0]), along)[1]
 
     def before(direction, delay):
         by = jnp.where(delay == 0, 0.0, ahead / jnp.where(delay == 0, 1.0, delay))
         moved = with_model(problem, eqx.combine(jax.tree.map(lambda x, d: x + by * d, varied, direction), fixed))
         slope = field(time, state, moved)
-        if not (problem.books and problem.mechanism.has_payloads):
+        if not (problem.energy_balance and problem.mechanism.has_payloads):
             return slope
         # What is moved is handed over by the one and, as yet, not by the other.
-        return slope + booked(slope, problem.mechanism) - booked(slope, moved.mechanism)
+        return slope + payload_power(slope, problem.mechanism) - payload_power(slope, moved.mechanism)
 
     after = field(time, state, problem.without_directions)
     jumps = jax.vmap(before)(problem.directions, delay) - after[None]

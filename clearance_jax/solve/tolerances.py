@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from clearance_jax._types import Each, Scalar
-from clearance_jax.dynamics.energy import BOOKS
+from clearance_jax.dynamics.energy import BALANCE_TERMS
 from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.placement import Inertia
 from clearance_jax.mechanism.prepared import PreparedMechanism
@@ -24,7 +24,7 @@ FLOOR = 1e-3
 # A contact less deep than this many rtol of the clearance may be passed by.
 FIT = 10.0
 _EPS = float(np.finfo(np.float64).eps)
-# The parts of a step, at least and at most, by which a cut step ends past its switch.
+# The parts of a step, at least and at most, by which a cut step ends past its event.
 SHORTEST, LONGEST = 1e-8, 1e-2
 
 
@@ -43,7 +43,7 @@ class Tolerances(NamedTuple):
     - `absolute` error in one step (infinite: not controlled), and `relative` to the component's size.
     - `unit`: the components' magnitudes; `floor`: the size (in magnitudes) below which the derivative along a direction
       of variation is not resolved relatively.
-    - `margin`: how far past a switch a cut step may end, as a fraction of the uncut step.
+    - `margin`: how far past an event a cut step may end, as a fraction of the uncut step.
     - `fit`: how far inside a step pins may be from the curves that stand for them, over the clearance, and `noise`: how
       far they are by round-off alone.
     - `rate`: how fast the scene moves [1/s].
@@ -125,8 +125,8 @@ def floors(varied: Any, directions: Any, unit: Array) -> Float[Array, " directio
     return FLOOR * total
 
 
-def switch_margin(mechanism: PreparedMechanism, rtol: Scalar, varied: bool = False) -> Scalar:
-    """How far past a switch a cut step may end. What is left of the switch inside the step costs an error of second
+def event_margin(mechanism: PreparedMechanism, rtol: Scalar, varied: bool = False) -> Scalar:
+    """How far past an event a cut step may end. What is left of the event inside the step costs an error of second
     order in the margin; of first order where a force jumps, and in derivatives where its slope jumps.
     """
     laws = [law for joint in mechanism.clearance_joints() for law in joint.laws]
@@ -139,7 +139,7 @@ def tolerances(problem: Problem, y0: Array, t0: Scalar, t1: Scalar, rtol: Scalar
     (velocities, and penetrations that may exceed a tiny clearance). `atol` (per component of the state) overrides the
     absolute ones; `y0`: the state (of the motion) at the start.
 
-    The books judge a solve and do not steer it: with them in the error norm they closed no better. Only where there is
+    The energy balance judges a solve and does not steer it: in the error norm it closed no better. Only where there is
     no state at all are they what the steps must be chosen for. Integrals are held by their signals' scales.
     """
     mechanism = problem.mechanism
@@ -161,14 +161,14 @@ def tolerances(problem: Problem, y0: Array, t0: Scalar, t1: Scalar, rtol: Scalar
     local = LOCAL * rtol
     absolute = local * unit if atol is None else jnp.broadcast_to(jnp.asarray(atol, float), unit.shape)
     relative = local * jnp.asarray([*adapt, *[1.0] * len(velocity), *[0.0] * len(memory)])
-    books = len(BOOKS) if problem.books else 0
+    energy_balance = len(BALANCE_TERMS) if problem.energy_balance else 0
     judged = jnp.where((not adapt) & (size.energy > 0), size.energy, jnp.inf)
     signals = [
         jnp.broadcast_to((t1 - t0) * f.scale(mechanism), (width,))
         for f, width in zip(problem.integrands, widths(problem), strict=True)
     ]
-    added = jnp.concatenate([jnp.broadcast_to(judged, (books,)), *signals])
-    allowed = jnp.concatenate([jnp.broadcast_to(local * judged, (books,)), *(rtol * unit for unit in signals)])
+    added = jnp.concatenate([jnp.broadcast_to(judged, (energy_balance,)), *signals])
+    allowed = jnp.concatenate([jnp.broadcast_to(local * judged, (energy_balance,)), *(rtol * unit for unit in signals)])
     # Where the surfaces are is known to the round-off of lengths and of angles turned, however short the step.
     turned = 1 + size.spin * jnp.maximum(jnp.abs(t0), jnp.abs(t1))
     smallest = jnp.min(jnp.stack([joint.size for joint in joints])) if joints else jnp.inf
@@ -177,7 +177,7 @@ def tolerances(problem: Problem, y0: Array, t0: Scalar, t1: Scalar, rtol: Scalar
         absolute=jnp.concatenate([absolute, allowed]),
         relative=jnp.concatenate([relative, jnp.zeros_like(added)]),
         unit=jnp.concatenate([unit, added]),
-        margin=switch_margin(mechanism, rtol, problem.varies),
+        margin=event_margin(mechanism, rtol, problem.varies),
         fit=jnp.clip(FIT * rtol, noise, jnp.maximum(noise, 0.1)),
         noise=noise,
         rate=size.spin,

@@ -115,8 +115,8 @@ def _begin(inputs: Inputs, options: Options):
 _residual = kept_jit(energy_residual)
 
 
-# What a trace has no use for: it always has books, and no derivatives.
-KNOWN = tuple(name for name in ALL if name not in ("books", "derivatives"))
+# What a trace has no use for: it always has the energy balance, and no derivatives.
+KNOWN = tuple(name for name in ALL if name not in ("energy_balance", "derivatives"))
 
 
 def trace(
@@ -128,10 +128,10 @@ def trace(
 ) -> Trace:
     """Simulate as `simulate` does, but in blocks of steps, keeping every step end.
 
-    **Arguments** as `simulate`'s, but `books` and `derivatives`; `save_at`: 1001 samples unless said otherwise;
-    `progress` is called with the fraction done.
+    **Arguments** as `simulate`'s, but `energy_balance` and `derivatives`; `save_at`: 1001 samples unless said
+    otherwise; `progress` is called with the fraction done.
     """
-    settings = settings_of(mechanism, t1, options, KNOWN, books=True, save_at=1001)
+    settings = settings_of(mechanism, t1, options, KNOWN, energy_balance=True, save_at=1001)
     chosen, t0, t1 = settings.compiled(), float(settings.t0), float(t1)
     start, last = settings.t0, np.asarray(t1)
     grid = np.array([t1]) if settings.save_at is None else np.asarray(settings.save_at)

@@ -50,7 +50,7 @@ ENDINGS = {
     ),
     "steps": Kind((), (), "i4", "1", "integration steps"),
     "rejected": Kind((), (), "i4", "1", "steps tried in vain"),
-    "energy_residual": Kind((), (), "f8", "1", "energy missing in the books over energy exchanged"),
+    "energy_residual": Kind((), (), "f8", "1", "energy missing in the balance over energy exchanged"),
     "again": Kind((), (), "i1", "1", "how often the lane was run again with other settings"),
 }
 

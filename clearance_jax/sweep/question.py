@@ -124,7 +124,7 @@ def _kinds(
         coordinates["time"] = "time", np.asarray(settings.save_at)
     # Looked up where somebody asks: for a small sweep it takes as long as the lanes.
     by_name = any(isinstance(given, str) for given in outputs.values())
-    named, known = quantities(model, bool(settings.books)) if by_name else {}, {}
+    named, known = quantities(model, bool(settings.energy_balance)) if by_name else {}, {}
     along = {name: None for dimension in dims for name in (dimension.name, *dimension.columns)}
     along |= dict.fromkeys(("time", "parameter", "parameter_unit"))
     for name, given in outputs.items():

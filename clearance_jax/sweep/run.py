@@ -68,8 +68,8 @@ def sweep(
     - `provenance`: texts and numbers to be kept as attributes.
 
     **Returns:** a dataset with a dimension for each axis; of every lane its outputs, `code` (0: reached t1), `steps`,
-    `rejected`, with books `energy_residual`, and how often it was run `again`. Outputs of lanes that failed are NaN;
-    how many did, and why, is in the attributes. From a store it is read when it is used.
+    `rejected`, with the energy balance `energy_residual`, and how often it was run `again`. Outputs of lanes that
+    failed are NaN; how many did, and why, is in the attributes. From a store it is read when it is used.
 
     **Raises:** `ClearanceError` for what cannot be asked, and for a store that cannot be written, is being written by
     another process, or belongs to another question. Ctrl-C leaves a store that can be resumed.

@@ -37,7 +37,7 @@ from clearance_jax.wear.sectors import USUAL, SectorsWarning, doubt, fewest, sur
 from clearance_jax.wear.worn import accumulated, worn
 
 # What a trace has and a differentiated solve does not, or the other way round.
-OWN = ("save_at", "books", "derivatives")
+OWN = ("save_at", "energy_balance", "derivatives")
 # What a cycle wears off a sector that stands higher by u than its neighbours is `relief` u more: beyond two
 # the sector stands too low by more than that after the cycle, the next one the other way round.
 MOST_RELIEF = 2.0

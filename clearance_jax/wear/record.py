@@ -22,7 +22,7 @@ def to_dataset(history: WearHistory, model: WearModel, **provenance: Any) -> xr.
 
     - `depth` (cycle, sector) [m], with the `angle` of each sector [rad];
     - `deepest`, `mean_depth` (cycle,) [m], `volume` (cycle,) [m^3];
-    - `room` (cycle, sector) [m]: how far the pin's centre can go in each direction;
+    - `pin_travel` (cycle, sector) [m]: how far the pin's centre can go in each direction;
     - `radial_clearance` (cycle,) [m]: half of how far the pin can go to and fro, where that is most;
     - `watched` (cycle,): the number of the criterion that the life was until, where there was one; as `long_name` it
       has what is given as `watched`, by default the criterion's label.
@@ -32,15 +32,15 @@ def to_dataset(history: WearHistory, model: WearModel, **provenance: Any) -> xr.
     pin, sleeve, depth = model.clearance, sections_of(model.mechanism, model.joint), np.asarray(history.depth)
     count = depth.shape[1]
     angle, clearance = 2 * np.pi * np.arange(count) / count, pin.radial_clearance
-    room = np.asarray(rooms(pin, jnp.asarray(depth)))
-    across = 0.5 * (room + _opposite(room))
+    pin_travel = np.asarray(pin_travels(pin, jnp.asarray(depth)))
+    across = 0.5 * (pin_travel + _opposite(pin_travel))
     area = float(jnp.sum(sleeve.lengths) * sleeve.geometry.sleeve_radius) * 2 * np.pi / count
     data: dict[str, Any] = {
         "depth": (("cycle", "sector"), depth, {"units": "m", "long_name": "depth of wear"}),
         "deepest": ("cycle", depth.max(axis=1), {"units": "m", "long_name": "largest depth of wear"}),
         "mean_depth": ("cycle", depth.mean(axis=1), {"units": "m", "long_name": "mean depth of wear"}),
         "volume": ("cycle", depth.sum(axis=1) * area, {"units": "m^3", "long_name": "volume worn off"}),
-        "room": (("cycle", "sector"), room, {"units": "m", "long_name": "how far the pin's centre can go"}),
+        "pin_travel": (("cycle", "sector"), pin_travel, {"units": "m", "long_name": "how far the pin's centre can go"}),
         "radial_clearance": (
             "cycle",
             across.max(axis=1),
@@ -70,15 +70,15 @@ def to_dataset(history: WearHistory, model: WearModel, **provenance: Any) -> xr.
     return xr.Dataset(data, coords, attributes | numbers | provenance)
 
 
-def _opposite(room: np.ndarray) -> np.ndarray:
-    """The room in the opposite direction, between two sectors where their number is odd."""
-    half = room.shape[1] / 2
-    low, high = (np.roll(room, -shift, axis=1) for shift in (int(np.floor(half)), int(np.ceil(half))))
+def _opposite(pin_travel: np.ndarray) -> np.ndarray:
+    """The travel in the opposite direction, between two sectors where their number is odd."""
+    half = pin_travel.shape[1] / 2
+    low, high = (np.roll(pin_travel, -shift, axis=1) for shift in (int(np.floor(half)), int(np.ceil(half))))
     return 0.5 * (low + high)
 
 
 @eqx.filter_jit
-def rooms(pin: AbstractPin, depth: Float[Array, "cycle sector"]) -> Float[Array, "cycle sector"]:
+def pin_travels(pin: AbstractPin, depth: Float[Array, "cycle sector"]) -> Float[Array, "cycle sector"]:
     """How far the pin of a joint can go from the middle of its sleeve when that is worn so [m], towards each sector."""
     angle = 2 * np.pi * np.arange(depth.shape[1]) / depth.shape[1]
     ahead = jnp.asarray(np.cos(angle)), jnp.asarray(np.sin(angle))

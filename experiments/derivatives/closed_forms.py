@@ -47,7 +47,7 @@ class Row(NamedTuple):
 
 def final(mechanism, t1, rtol, y0=None, rule: str = "controlled"):
     """The state at the end."""
-    s = cj.simulate(mechanism, t1, rtol=rtol, solver=SOLVER, books=False, y0=y0, throw=False, derivatives=rule)
+    s = cj.simulate(mechanism, t1, rtol=rtol, solver=SOLVER, energy_balance=False, y0=y0, throw=False, derivatives=rule)
     return s.final
 
 

@@ -111,7 +111,7 @@ def programs(solver: str, count: int, lanes: int) -> tuple[Callable, Callable, A
 
     def end(values, rtol):
         moved = cj.replace(mechanism, dict(zip(names, values, strict=True)))
-        s = cj.simulate(moved, REVOLUTION, rtol=rtol, solver=solver, books=False, throw=False)
+        s = cj.simulate(moved, REVOLUTION, rtol=rtol, solver=solver, energy_balance=False, throw=False)
         return s.final, s.steps + s.rejected
 
     def both(values, rtol):

@@ -174,7 +174,7 @@ def programs(scene: Scene) -> tuple[Callable, Callable]:
         values, start = point
         y0 = jnp.concatenate([start, jnp.zeros(memory)])
         changed = cj.replace(scene.mechanism, values)
-        s = cj.simulate(changed, scene.end, y0=y0, rtol=RTOL, books=False, max_steps=most, throw=False)
+        s = cj.simulate(changed, scene.end, y0=y0, rtol=RTOL, energy_balance=False, max_steps=most, throw=False)
         return s.final, (s.succeeded & jnp.all(jnp.isfinite(s.final)), s.steps + s.rejected)
 
     def slopes(point):

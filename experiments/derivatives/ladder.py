@@ -94,7 +94,13 @@ def ours(solver: str, derivatives: str = "controlled"):
 
     def end(values, rtol):
         s = cj.simulate(
-            moved(values), REVOLUTION, rtol=rtol, solver=solver, books=False, throw=False, derivatives=derivatives
+            moved(values),
+            REVOLUTION,
+            rtol=rtol,
+            solver=solver,
+            energy_balance=False,
+            throw=False,
+            derivatives=derivatives,
         )
         return s.final, s.steps
 

@@ -191,6 +191,6 @@ def at_times(solution: cj.Solution, time: Signal, y: Signal) -> cj.Solution:
 def ideal(mechanism: cj.Mechanism, time: Signal) -> Any:
     """The dataset of the same robot without play at any times: its drives alone say where it is, no state does."""
     robot = mechanism.ideal()
-    short = cj.simulate(robot, 1e-3, save_at=2, rtol=RTOL, books=True)
+    short = cj.simulate(robot, 1e-3, save_at=2, rtol=RTOL, energy_balance=True)
     y = np.broadcast_to(np.asarray(short.final), (time.size, short.final.size))
     return cj.to_dataset(robot, at_times(short, time, y))

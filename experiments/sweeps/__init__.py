@@ -6,7 +6,7 @@ compared take turns in one run, each keeps its shortest time, and what counts ar
 - Throughput: the slider's last place at rtol 1e-5, by `cj.sweep` and by `cj.batch` of the same lanes. `CPU ms more`:
   what a whole call takes beyond `batch`. `over the largest`: CPU time a lane over that of the largest sweep. `over one
   core`: the gain in wall time. CPU times bear it where the machine has other work. `metrics`: peaks of error and of
-  force, with energy books.
+  force, with energy balance.
 - Other programs, on the same cores: hand-written C (`experiments/reference/scalar.c`, -O3 -march=native, a process a
   core, its fastest round by CPU time), and a pool of processes, one a core, with each of scipy's integrators on a
   right-hand side compiled by numba. `error`: the median of the slider's last place over its farthest, against an

@@ -30,9 +30,9 @@ def clearances(lanes: int) -> np.ndarray:
 
 
 def swept(lanes: int, rtol: float, **options: Any) -> xr.Dataset:
-    """The slider's last place (`end`), without energy books, which no other program here keeps."""
+    """The slider's last place (`end`), without energy balance, which no other program here keeps."""
     axes = {CLEARANCE: clearances(lanes)}
-    return cj.sweep(mechanism(), axes, {"end": PLACE}, END, rtol=rtol, books=False, **options)
+    return cj.sweep(mechanism(), axes, {"end": PLACE}, END, rtol=rtol, energy_balance=False, **options)
 
 
 def measured(lanes: int, rtol: float, **options: Any) -> xr.Dataset:
@@ -47,4 +47,4 @@ def bare(rtol: float) -> Any:
 
 
 def _lane(crank, t1, rtol, lane):
-    return cj.simulate(cj.replace(crank, lane), t1, rtol=rtol, books=False)[PLACE]
+    return cj.simulate(cj.replace(crank, lane), t1, rtol=rtol, energy_balance=False)[PLACE]

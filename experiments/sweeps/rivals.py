@@ -169,7 +169,7 @@ def duels(quick: bool) -> tuple[list[Rung], list[Duel]]:
         if program is None:
             say("There is no C compiler: scipy alone.")
         else:
-            for events, name in enumerate(("C, no watch", "C, located events")):
+            for events, name in enumerate(("C, no events", "C, located events")):
                 others[name] = by_c(program, events, sizes.cores, seconds)
         others |= {f"scipy {name}": by_scipy(pool, name) for name in sizes.integrators}
         runs |= others

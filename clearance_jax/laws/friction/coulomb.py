@@ -30,7 +30,7 @@ class CubicCoulomb(AbstractFrictionLaw):
 
         return along_slip(profile, slip)
 
-    def switches(self, constants, slip, normal_force, memory):
+    def event_functions(self, constants, slip, normal_force, memory):
         return (outside(slip, self.transition_speed),)
 
 
@@ -48,7 +48,7 @@ class TanhCoulomb(AbstractFrictionLaw):
             lambda v: -self.coefficient * normal_force * jnp.tanh(v * (1.0 / self.transition_speed)), slip
         )
 
-    def switches(self, constants, slip, normal_force, memory):
+    def event_functions(self, constants, slip, normal_force, memory):
         # A step across the whole layer may sample it so that its error estimate cancels by accident (measured: a solve
         # 1000 times worse than its tolerance). Edges at 2, 3, 4 and 6 v_t were tried on a ladder of tolerances.
         return (outside(slip, 2 * self.transition_speed),)

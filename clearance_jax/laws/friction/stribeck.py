@@ -30,5 +30,5 @@ class BrownMcPhee(AbstractFrictionLaw):
 
         return along_slip(profile, slip)
 
-    def switches(self, constants, slip, normal_force, memory):
+    def event_functions(self, constants, slip, normal_force, memory):
         return (outside(slip, self.transition_speed),)

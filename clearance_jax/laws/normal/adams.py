@@ -33,6 +33,6 @@ class AdamsImpact(AbstractPowerLaw):
         damping = self.damping * step3(penetration * (1.0 / self.full_damping_depth))
         return constants * power(penetration, self.exponent) + damping * penetration_rate
 
-    def switches(self, constants, penetration, penetration_rate, memory):
+    def event_functions(self, constants, penetration, penetration_rate, memory):
         # The damping's curvature jumps at d_max, by 6 c_max / d_max^2: no error estimate sees it.
         return (penetration - self.full_damping_depth,)

@@ -1,7 +1,7 @@
-"""Where a step crosses a switch of the contact laws: the joints' relative motion along the step, and the first change
+"""Where a step crosses an event of the contact laws: the joints' relative motion along the step, and the first change
 of a sign.
 
-The relative motion is interpolated, not the gap: so each joint's own geometry and laws say what is a switch, along one
+The relative motion is interpolated, not the gap: so each joint's own geometry and laws say what is an event, along one
 curve. The place of a change is found by bisection.
 """
 
@@ -17,10 +17,10 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from clearance_jax._alike import alike, stacked
-from clearance_jax._sharing import shared
+from clearance_jax._sharing import share
 from clearance_jax._types import Each, EachFlag, Rows
 from clearance_jax.dynamics.kinematics import relative_accelerations, relative_motions
-from clearance_jax.dynamics.own_motion import turning_rows
+from clearance_jax.dynamics.relative_motion import turning_rows
 from clearance_jax.joints import ContactPoint, PreparedClearance, Relative
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout
@@ -52,14 +52,14 @@ class Curve(NamedTuple):
     def of(pose: Sequence[Array], h: Each) -> "Curve":
         """The curve by the coefficients of its pose, the constant first."""
         # The twist by coefficients of its own: by those of the pose a compiler would make them anew wherever it is.
-        pose = shared(tuple(pose))
-        return Curve(pose, shared(tuple(rising(pose, h))), h)
+        pose = share(tuple(pose))
+        return Curve(pose, share(tuple(rising(pose, h))), h)
 
     def at(self, s: Each | float) -> Relative:
         """The relative motion at a fraction of the step; of several joints at one of each its own."""
         s = jnp.asarray(s)
         s = s.reshape((1,) * (self.pose[0].ndim - s.ndim) + s.shape)
-        return relative_of(*shared((polynomial(self.pose, s), polynomial(self.twist, s))))
+        return relative_of(*share((polynomial(self.pose, s), polynomial(self.twist, s))))
 
 
 def relative_of(pose: Array, twist: Array) -> Relative:
@@ -136,9 +136,9 @@ def curve_between(begin: tuple[Relative, Relative], end: tuple[Relative, Relativ
     return Curve.of(quintic_coefficients(*ends), h)
 
 
-class Watched(NamedTuple):
-    """A joint that is watched, or several joints of several points that are alike, together: then every number of them
-    is an array, of a curve's coefficients along the second axis.
+class EventJoints(NamedTuple):
+    """A joint whose events are located, or several joints of several points that are alike, together: then every number
+    of them is an array, of a curve's coefficients along the second axis.
     """
 
     clearance: PreparedClearance
@@ -151,10 +151,10 @@ class Watched(NamedTuple):
         return self.clearance.joint.count > 1
 
 
-def watched(curve_of: list[Curve], memory: dict[str, Rows], mechanism: PreparedMechanism) -> list[Watched]:
-    """The joints by what is watched together."""
+def event_joints(curve_of: list[Curve], memory: dict[str, Rows], mechanism: PreparedMechanism) -> list[EventJoints]:
+    """The joints, grouped by which events are located together."""
     joints = mechanism.clearance_joints()
-    each = [Watched(j.clearance, curve, memory[j.name]) for j, curve in zip(joints, curve_of, strict=True)]
+    each = [EventJoints(j.clearance, curve, memory[j.name]) for j, curve in zip(joints, curve_of, strict=True)]
     alone = [one for one in each if not one.is_several]
     several = [one for one in each if one.is_several]
     for members in alike(several):
@@ -163,24 +163,24 @@ def watched(curve_of: list[Curve], memory: dict[str, Rows], mechanism: PreparedM
             stacked([part(one.curve) for one in group], 1) for part in (lambda c: c.pose, lambda c: c.twist)
         )
         clearances, memories = stacked([(one.clearance, one.memory) for one in group])
-        alone.append(Watched(clearances, Curve(poses, twists, group[0].curve.h), memories))
+        alone.append(EventJoints(clearances, Curve(poses, twists, group[0].curve.h), memories))
     return alone
 
 
-def first_switch(curve_of: list[Curve], y: Array, mechanism: PreparedMechanism, begin: Each) -> tuple[EachFlag, Each]:
+def first_event(curve_of: list[Curve], y: Array, mechanism: PreparedMechanism, begin: Each) -> tuple[EachFlag, Each]:
     """Whether any law changes regime inside a step, and the fraction of the step at which the first one just has.
 
     **Arguments:** `y`: the state that has the laws' memory; `begin`: the fraction just after the start, at which the
-    regime is read that the step starts in (the start itself is the last switch), and to which a place is sought.
+    regime is read that the step starts in (the start itself is the last event), and to which a place is sought.
     """
     memory = layout(mechanism).split(y).memory
     first = jnp.full_like(begin, jnp.inf)
-    for joints in watched(curve_of, memory, mechanism):
+    for joints in event_joints(curve_of, memory, mechanism):
         first = jnp.minimum(first, first_of(joints, begin))
     return first <= 1, jnp.where(first <= 1, first, 1.0)
 
 
-def first_of(joints: Watched, begin: Each) -> Each:
+def first_of(joints: EventJoints, begin: Each) -> Each:
     """The fraction at which a first change of regime just has been; infinite where there is none."""
     clearance, curve, memory = joints
     several = joints.is_several
@@ -188,21 +188,21 @@ def first_of(joints: Watched, begin: Each) -> Each:
     def each_joint(function):
         return each_lane(eqx.filter_vmap(function, in_axes=eqx.if_array(0)) if several else function, begin)
 
-    points_at = each_joint(lambda own, at: own.joint.points(at).watched)
-    switches_at = each_joint(PreparedClearance.switches)
+    points_at = each_joint(lambda own, at: own.joint.points(at).law_view)
+    functions_at = each_joint(PreparedClearance.event_functions)
 
     def points(s):
-        return shared(points_at(clearance, curve.at(s)))
+        return share(points_at(clearance, curve.at(s)))
 
     # The first place is where the regime is read that the step starts in.
     places = jnp.maximum(np.arange(SAMPLES + 1).reshape(-1, *[1] * begin.ndim) / SAMPLES, begin[None])
     sampled = jax.vmap(points)(places)
     before = jax.tree.map(lambda x: x[0], sampled)
-    started = shared(tuple(_sign(f) for f in switches_at(clearance, before, memory, before)))
+    started = share(tuple(_sign(f) for f in functions_at(clearance, before, memory, before)))
 
     def changed(points):
         """Of several: which joints have changed."""
-        now = switches_at(clearance, points, memory, before)
+        now = functions_at(clearance, points, memory, before)
         crossed = jnp.stack([_sign(f) != start for f, start in zip(now, started, strict=True)])
         return jnp.any(crossed, axis=(0, 2) if several else 0)
 
@@ -220,7 +220,7 @@ def first_of(joints: Watched, begin: Each) -> Each:
         return earliest((changed(points(at)) if several else jax.vmap(beyond)(at)) & turns, found)
 
     high = jnp.minimum(high, jax.lax.cond(jnp.any(jnp.isfinite(found)), grazed, lambda: found[0]))
-    low = shared(-least(-jnp.where(places < high, places, begin[None])))
+    low = share(-least(-jnp.where(places < high, places, begin[None])))
     # Most steps cross nothing.
     return jax.lax.cond(jnp.any(high <= 1), lambda: located(beyond, (low, high), begin), lambda: high)
 
@@ -267,7 +267,7 @@ def closest(places: Array, depth: Array, rate: Array, h: Each) -> tuple[Each, Ea
     """
     towards = jnp.where(depth[:1] <= 0, 1.0, -1.0)
     widths = jnp.diff(places, axis=0)
-    x, height, bend = shared(tops(towards * depth, towards * rate * h, widths))
+    x, height, bend = share(tops(towards * depth, towards * rate * h, widths))
     height = jnp.where(bend < 0, height, -jnp.inf)
     best = first_highest(height)
     return at(places, best) + at(x * widths, best), at(height, best)
@@ -276,7 +276,7 @@ def closest(places: Array, depth: Array, rate: Array, h: Each) -> tuple[Each, Ea
 # Of lanes entry by entry: over the first axis a reduction, a gather or an argmax are loops of their own for every lane.
 def least(values: Array) -> Each:
     """The smallest along the first axis."""
-    return jnp.min(values) if values.ndim == 1 else functools.reduce(jnp.minimum, shared(values))
+    return jnp.min(values) if values.ndim == 1 else functools.reduce(jnp.minimum, share(values))
 
 
 def first_highest(values: Array) -> Array:
@@ -320,7 +320,7 @@ def located(beyond, bracket: tuple, precision: Each) -> Each:
         moved = low + jnp.where(going & ~beyond(low + half), half, 0.0)
         return moved, jnp.where(going, half, width)
 
-    # A lane without a switch (an infinite end) comes along.
+    # A lane without an event (an infinite end) comes along.
     width = jnp.where(high <= 1, high - low, 0.0)
     low, width = jax.lax.while_loop(wide, halve, (low, width))
     return jnp.where(high <= 1, low + width, high)

@@ -1,5 +1,5 @@
 """The relative motion in clearance joints of the tree, by their own coordinates and nothing else: so a small play keeps
-its digits on a large machine, and the watch of a step asks for no frame of any body.
+its digits on a large machine, and event location asks for no frame of any body.
 """
 
 from typing import NamedTuple
@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from clearance_jax._alike import side_by_side
-from clearance_jax._sharing import kept
+from clearance_jax._sharing import compute_once
 from clearance_jax._types import Rows, Scalar
 from clearance_jax.joints import Relative
 from clearance_jax.mechanism.frame import Frame
@@ -18,7 +18,7 @@ from clearance_jax.mechanism.state import State, parts
 from clearance_jax.spatial import Matrix, Vector, is_zero, minus, product
 
 
-class OwnMotion(NamedTuple):
+class RelativeMotion(NamedTuple):
     """The relative motion in a joint, and its rate by the accelerations that are given."""
 
     now: Relative
@@ -34,7 +34,7 @@ def coordinate_values(mechanism: PreparedMechanism, state: State, accelerations:
     return out
 
 
-def own_motions(mechanism: PreparedMechanism, time: Scalar, values: Values) -> dict[str, OwnMotion]:
+def tree_relative_motions(mechanism: PreparedMechanism, time: Scalar, values: Values) -> dict[str, RelativeMotion]:
     """Of every clearance joint of the tree, by its name."""
     joints = [joint for joint in mechanism.clearance_joints() if joint.in_tree]
     several = []
@@ -42,11 +42,13 @@ def own_motions(mechanism: PreparedMechanism, time: Scalar, values: Values) -> d
         # Of a coordinate only how it moves: joints are alike whatever their coordinates are called and driven by.
         coordinates = joint.joint.own_coordinates()
         several.append(tuple((c.slides, c.turns, given(c, time, values)._replace(index=-1)) for c in coordinates))
-    found = [_own_motion(*one) for one in several] if mechanism.is_plane else side_by_side(_own_motion, several)
+    found = (
+        [_relative_motion(*one) for one in several] if mechanism.is_plane else side_by_side(_relative_motion, several)
+    )
     return {joint.name: at for joint, at in zip(joints, found, strict=True)}
 
 
-def _own_motion(*coordinates: tuple[Vector | None, Vector | None, Moved]) -> OwnMotion:
+def _relative_motion(*coordinates: tuple[Vector | None, Vector | None, Moved]) -> RelativeMotion:
     """The pin's frame as the sleeve sees it, after elementary coordinates: what each slides along or turns about in the
     sleeve's axes, and how it moves.
     """
@@ -56,8 +58,8 @@ def _own_motion(*coordinates: tuple[Vector | None, Vector | None, Moved]) -> Own
     if frame.rotation.is_plane and is_zero(frame.position[2]):
         now = Relative(frame.position, frame.rotation.angle, frame.velocity, frame.spin)
     else:
-        now = kept(Relative(frame.position, 0.0, frame.velocity, frame.spin, frame.rotation.rows))
-    return OwnMotion(now, rate_of(now, frame.acceleration, frame.spin_rate))
+        now = compute_once(Relative(frame.position, 0.0, frame.velocity, frame.spin, frame.rotation.rows))
+    return RelativeMotion(now, rate_of(now, frame.acceleration, frame.spin_rate))
 
 
 def rate_of(now: Relative, acceleration: Vector, spin_rate: Vector) -> Relative:
