@@ -93,8 +93,9 @@ def doubt(solution: Solution) -> str:
     if int(solution.code) != int(Result.REACHED_END) or not residual > DOUBTFUL:
         return ""
     return (
-        f"The energy balance does not close: {residual:.1e} of the energy exchanged is missing (more than {DOUBTFUL:g}). Do "
-        "not trust this motion: lower `rtol`."
+        "The energy balance does not close: "
+        f"{residual:.1e} of the energy exchanged is missing (more than {DOUBTFUL:g}). "
+        "Do not trust this motion: lower `rtol`."
     )
 
 
