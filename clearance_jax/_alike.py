@@ -18,7 +18,7 @@ def side_by_side(function: Callable, several: Sequence[tuple]) -> list[Any]:
             out[members[0]] = function(*several[members[0]])
             continue
         mapped = eqx.filter_vmap(function, in_axes=eqx.if_array(0))
-        found = mapped(*stacked([several[i] for i in members]))
+        found = mapped(*stack_trees([several[i] for i in members]))
         for k, i in enumerate(members):
             out[i] = jax.tree.map(lambda x, k=k: x[k] if eqx.is_array(x) else x, found)
     return out
@@ -38,7 +38,7 @@ def alike(several: Sequence[Any]) -> list[list[int]]:
     return [members for _, members in groups]
 
 
-def stacked(trees: Sequence[Any], axis: int = 0) -> Any:
+def stack_trees(trees: Sequence[Any], axis: int = 0) -> Any:
     """Alike trees as one, whose arrays have them along a new axis."""
     return jax.tree.map(lambda *x: jnp.stack(x, axis) if eqx.is_array(x[0]) else x[0], *trees)
 

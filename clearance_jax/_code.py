@@ -41,7 +41,7 @@ def elsewhere(name: str | None) -> bool:
     return _home((name or "__main__").partition(".")[0])[0]
 
 
-def versioned(name: str | None) -> bool:
+def is_versioned(name: str | None) -> bool:
     """As `elsewhere`, of installed packages only those that a key has the versions of."""
     return _home((name or "__main__").partition(".")[0])[1]
 
@@ -83,7 +83,7 @@ def inner_of(value: Any) -> Any:
     return None
 
 
-def generated(member: Any) -> bool:
+def is_generated(member: Any) -> bool:
     """Whether `dataclass` wrote a method; equinox wraps it."""
     function = member
     for _ in range(4):
@@ -99,7 +99,7 @@ def in_python(kind: type) -> bool:
     return bool(kind.__flags__ & _MADE_LATER) and not kind.__flags__ & _UNCHANGEABLE
 
 
-def looked_up(kind: type) -> Any:
+def lookup(kind: type) -> Any:
     """What stands where a class says that it comes from; a class that is not written in Python is itself."""
     if not in_python(kind):
         return kind

@@ -48,7 +48,7 @@ def unsafe(folder: Path) -> str:
     return "others than its owner can write there" if seen.st_mode & 0o022 else ""
 
 
-def made(folder: Path) -> bool:
+def make_writable(folder: Path) -> bool:
     """Whether files can be kept there; the folder is made if there is none."""
     try:
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
@@ -81,7 +81,7 @@ def read(folder: Path, name: str) -> bytes | None:
 def write(folder: Path, name: str, content: bytes, largest: int = LARGEST) -> bool:
     """Keep this; whether that was possible. The file gets its name when it is whole."""
     try:
-        if not made(folder):
+        if not make_writable(folder):
             return False
         with tempfile.NamedTemporaryFile(dir=folder, prefix=".", suffix=".partial", delete=False) as file:
             try:

@@ -18,7 +18,7 @@ class Frame(NamedTuple):
         """Those of the arrays, in order."""
         return [leaf for leaf in self.leaves if isinstance(leaf, jax.ShapeDtypeStruct)]
 
-    def filled(self, arrays: Iterable[Any]) -> Any:
+    def fill(self, arrays: Iterable[Any]) -> Any:
         """The tree with these arrays."""
         rest = iter(arrays)
         leaves = [next(rest) if isinstance(leaf, jax.ShapeDtypeStruct) else leaf for leaf in self.leaves]

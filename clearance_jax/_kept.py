@@ -34,7 +34,7 @@ from clearance_jax._code import altered
 from clearance_jax._library import library_text
 from clearance_jax._remembered import remember_in
 from clearance_jax._solo import SOLO, solo_jit
-from clearance_jax._structure import Untold, hashed, text, tree_text
+from clearance_jax._structure import Untold, hash_texts, text, tree_text
 from clearance_jax._surroundings import is_plain, settings, surroundings
 
 # A call's arguments at most that are known without reading them again.
@@ -88,7 +88,7 @@ class kept_jit:
                 with contextlib.suppress(Untold, RecursionError):
                     self._key(leaves, tree)
             return self.plain(*arguments)
-        call = tree, *map(_seen, leaves), *settings()
+        call = tree, *map(_view, leaves), *settings()
         try:
             known = self._calls.get(call)
         except TypeError:  # what has no hash, and so is no argument of a program
@@ -102,7 +102,7 @@ class kept_jit:
         program, out = known
         if program is None:
             return self.plain(*arguments)
-        return _filled(out, program(*(x for x in leaves if eqx.is_array(x))))
+        return _fill(out, program(*(x for x in leaves if eqx.is_array(x))))
 
     def _program(self, arguments: tuple, leaves: list, tree: Any) -> tuple[Any, Any]:
         """The program of a call, and how its answer looks; `None`: as `jit` has it."""
@@ -113,19 +113,19 @@ class kept_jit:
         if not (self.filtered or all(map(eqx.is_array, leaves))) or _folder.unsafe(_where[0]):
             return None, None
         if key not in self._programs:
-            self._programs[key] = _read(key) or self._made(key, arguments)
+            self._programs[key] = _read(key) or self._compile(key, arguments)
         return self._programs[key]
 
     def _key(self, leaves: list, tree: Any) -> str:
         names = [f"{one.__module__}.{one.__qualname__}" for one in self._made_of]
-        shapes = [str(_seen(x)) if eqx.is_array(x) else "" for x in leaves]
+        shapes = [str(_view(x)) if eqx.is_array(x) else "" for x in leaves]
         rest = text([x for x in leaves if not eqx.is_array(x)])
         modules = [one.__module__ for one in self._made_of]
-        return hashed(
+        return hash_texts(
             *names, repr(SOLO), tree_text(tree), rest, *shapes, library_text([*modules, *_homes(tree)]), surroundings()
         )
 
-    def _made(self, key: str, arguments: tuple) -> tuple[Any, Any]:
+    def _compile(self, key: str, arguments: tuple) -> tuple[Any, Any]:
         """The program compiled here, and kept; (None, None) where it cannot be."""
         arrays, rest = eqx.partition(arguments, eqx.is_array)
         numbers, tree = jax.tree.flatten(arrays)
@@ -142,7 +142,7 @@ class kept_jit:
         lowered = jax.jit(flat).lower(*numbers)
         if "callback" in lowered.as_text():  # it would point into this process
             return None, None
-        if altered or not _folder.made(_where[0]):
+        if altered or not _folder.make_writable(_where[0]):
             return lowered.compile(SOLO), outside[0]
         # What JAX's own cache brings back cannot be kept once more: it would lack functions.
         with _jax_cache_off():
@@ -172,11 +172,11 @@ class _Place:
         self.number = number
 
 
-def _filled(out: Any, numbers: list) -> Any:
+def _fill(out: Any, numbers: list) -> Any:
     return jax.tree.map(lambda x: numbers[x.number] if isinstance(x, _Place) else x, out)
 
 
-def _seen(leaf: Any) -> Any:
+def _view(leaf: Any) -> Any:
     """What of an argument's leaf a program depends on: of an array not its numbers."""
     if eqx.is_array(leaf):
         return leaf.dtype, np.shape(leaf), bool(getattr(leaf, "weak_type", False))

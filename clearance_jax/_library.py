@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 from clearance_jax._code import MADE, PACKAGE, Untold, altered, elsewhere, inner_of, name_of
-from clearance_jax._structure import Reader, hashed
+from clearance_jax._structure import Reader, hash_texts
 
 _HEAD = PACKAGE.name + "."
 # What these know changes with what a process does, and no program depends on it.
@@ -33,16 +33,16 @@ def library_text(modules: Iterable[str]) -> str:
             continue
         found[name], more = _module_text(name, module)
         waiting |= more
-    return hashed(*(part for pair in sorted(found.items()) for part in pair))
+    return hash_texts(*(part for pair in sorted(found.items()) for part in pair))
 
 
 def _module_text(name: str, module: types.ModuleType) -> tuple[str, set[str]]:
-    held = list(_held(module))
+    held = list(_contents(module))
     known = _read.get(name)
     if known is None or len(known[0]) != len(held) or any(a is not b for a, b in zip(known[0], held, strict=True)):
         reader = Reader(strict=True)
         own = [(key, value) for key, value in sorted(vars(module).items()) if _counts(module, key, value)]
-        text = hashed(*(hashed(key, _told(value, name, reader)) for key, value in own), *reader.code.values())
+        text = hash_texts(*(hash_texts(key, _tell(value, name, reader)) for key, value in own), *reader.code.values())
         if known is not None and known[1] != text:
             altered.add(name)
         known = _read[name] = held, text, {home for _, value in own for home in _homes(value)}
@@ -54,7 +54,7 @@ def _counts(module: types.ModuleType, key: str, value: Any) -> bool:
     return not key.startswith("__") and not (isinstance(value, types.ModuleType) and hasattr(module, "__path__"))
 
 
-def _held(module: types.ModuleType) -> Iterator[Any]:
+def _contents(module: types.ModuleType) -> Iterator[Any]:
     """All that a module and its classes hold, and the functions' code: as long as it is the same, nothing changed."""
     for key, value in vars(module).items():
         if not _counts(module, key, value):
@@ -81,17 +81,17 @@ def _of_function(value: Any) -> Iterator[Any]:
         value = getattr(value, "__wrapped__", None) or inner_of(value)
 
 
-def _told(value: Any, home: str, reader: Reader) -> str:
+def _tell(value: Any, home: str, reader: Reader) -> str:
     if isinstance(value, type):
         if value.__module__ != home:
             return name_of(value)
         members = [(name, one) for name, one in sorted(vars(value).items()) if name not in MADE]
-        return hashed(name_of(value), *(hashed(name, _told(one, "", reader)) for name, one in members))
+        return hash_texts(name_of(value), *(hash_texts(name, _tell(one, "", reader)) for name, one in members))
     if isinstance(value, types.ModuleType):
         return value.__name__
     inner = getattr(value, "__wrapped__", None)
     if inner is not None and not isinstance(value, types.FunctionType):
-        return hashed(name_of(type(value)), _told(inner, home, reader))
+        return hash_texts(name_of(type(value)), _tell(inner, home, reader))
     try:
         return reader.of(value)
     except (Untold, RecursionError):  # no number, no word, no function: not what is replaced
@@ -99,8 +99,8 @@ def _told(value: Any, home: str, reader: Reader) -> str:
         if isinstance(value, types.FunctionType):
             if not elsewhere(value.__globals__.get("__name__")):
                 raise
-            within = "" if inner is None else _told(inner, "", reader)
-            return hashed(value.__qualname__, reader.of(value.__code__), within)
+            within = "" if inner is None else _tell(inner, "", reader)
+            return hash_texts(value.__qualname__, reader.of(value.__code__), within)
         return name_of(type(value))
 
 

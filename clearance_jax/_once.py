@@ -69,7 +69,7 @@ def compute_once(function: Callable) -> Callable:
     def once(*arguments):
         program, out, rest = eqx.filter_make_jaxpr(function)(*arguments)
         numbers = jax.tree.leaves(eqx.filter(arguments, eqx.is_array))
-        found = jaxpr_as_fun(_Writer().closed(program))(*numbers)
+        found = jaxpr_as_fun(_Writer().close(program))(*numbers)
         return eqx.combine(jax.tree.unflatten(jax.tree.structure(out), found), rest)
 
     return once
@@ -84,7 +84,7 @@ class _Writer:
         self._uses: dict[int, tuple[Any, list[int]]] = {}
         self._prices: dict[int, tuple[Any, int]] = {}
 
-    def closed(self, program: ClosedJaxpr) -> ClosedJaxpr:
+    def close(self, program: ClosedJaxpr) -> ClosedJaxpr:
         """A program, by what it returns."""
         if id(program) not in self._known:
             large = self._price(program) > REPEATED
@@ -93,7 +93,7 @@ class _Writer:
         return self._known[id(program)][1]
 
     def _anew(self, program: Jaxpr) -> Jaxpr:
-        uses, prices = self._counted(program), Counter()
+        uses, prices = self._count_uses(program), Counter()
         renamed: dict[Var, Var] = {}
         equations: list[JaxprEqn] = []
         for old in program.eqns:
@@ -114,7 +114,7 @@ class _Writer:
         name, params = equation.primitive.name, dict(equation.params)
         for key in (_CALLS[name],) if name in _CALLS else _LOOPS.get(name, ()):
             within = params[key]
-            params[key] = tuple(map(self.closed, within)) if isinstance(within, tuple) else self.closed(within)
+            params[key] = tuple(map(self.close, within)) if isinstance(within, tuple) else self.close(within)
         return params
 
     def _own(self, equation: JaxprEqn) -> int:
@@ -123,7 +123,7 @@ class _Writer:
             return 0
         if equation.primitive.name in _LOOPS:
             return REPEATED + 1
-        called = _called(equation)
+        called = _callee(equation)
         return 1 if called is None else self._price(called)
 
     def _price(self, program: ClosedJaxpr) -> int:
@@ -131,11 +131,11 @@ class _Writer:
             self._prices[id(program)] = program, sum(map(self._own, program.jaxpr.eqns))
         return self._prices[id(program)][1]
 
-    def _counted(self, program: Jaxpr) -> Counter:
+    def _count_uses(self, program: Jaxpr) -> Counter:
         """How often every value of a program is used: by programs that it calls as often as they use it."""
         uses: Counter = Counter(_variables(program.outvars))
         for equation in program.eqns:
-            called = _called(equation)
+            called = _callee(equation)
             times = [1] * len(equation.invars) if called is None else self._inputs(called)
             for v, count in zip(equation.invars, times, strict=True):
                 if not isinstance(v, Literal):
@@ -145,12 +145,12 @@ class _Writer:
     def _inputs(self, program: ClosedJaxpr) -> list[int]:
         """How often a program that is called uses each of its arguments."""
         if id(program) not in self._uses:
-            uses = self._counted(program.jaxpr)
+            uses = self._count_uses(program.jaxpr)
             self._uses[id(program)] = program, [uses[v] for v in program.jaxpr.invars]
         return self._uses[id(program)][1]
 
 
-def _called(equation: JaxprEqn) -> ClosedJaxpr | None:
+def _callee(equation: JaxprEqn) -> ClosedJaxpr | None:
     """The program that an equation calls, if it calls one."""
     key = _CALLS.get(equation.primitive.name)
     return None if key is None else equation.params[key]

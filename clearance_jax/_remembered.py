@@ -24,7 +24,7 @@ def remember_in(folder: Path | None) -> None:
         _known.update(_read(folder))
 
 
-def remembered(question: str, ask: Callable[[], float]) -> float:
+def remember(question: str, ask: Callable[[], float]) -> float:
     """The answer to a question that says all that it depends on. What `ask` raises is not kept."""
     if not _where:
         return ask()

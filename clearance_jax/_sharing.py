@@ -2,7 +2,7 @@
 
 XLA on the CPU fuses elementwise work into one kernel for each of its results, and computes what they share anew in each
 (twice to three times the arithmetic of a batch). It does not do so with a division. So where a program runs over many
-lanes, what is `shared` is divided by a one that the compiler cannot see through; alone it is left as it is.
+lanes, what is `share` is divided by a one that the compiler cannot see through; alone it is left as it is.
 """
 
 import contextlib
@@ -25,7 +25,7 @@ _sharing: ContextVar[bool] = ContextVar("sharing", default=False)
 
 @contextlib.contextmanager
 def sharing() -> Iterator[None]:
-    """Within, `shared` keeps its promise."""
+    """Within, `share` keeps its promise."""
     token = _sharing.set(True)
     try:
         yield
@@ -39,7 +39,7 @@ def share(tree: Any) -> Any:
 
 
 def compute_once(tree: Any) -> Any:
-    """As `shared`, in any program: of values that a chain of others is made of, each of the one before it, where the
+    """As `share`, in any program: of values that a chain of others is made of, each of the one before it, where the
     work done anew would double with every link. What stands in several places stays one value.
     """
     known: dict[int, Any] = {}

@@ -36,10 +36,10 @@ def whole(function: Callable) -> Callable:
     program = eqx.filter_jit(function)
 
     @functools.wraps(function)
-    def called(*arguments, **named):
+    def call(*arguments, **named):
         return (function if _is_traced() else program)(*arguments, **named)
 
-    return called
+    return call
 
 
 def _is_traced() -> bool:

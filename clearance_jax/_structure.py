@@ -29,14 +29,14 @@ from clearance_jax._code import (
     Untold,
     content,
     elsewhere,
-    generated,
     in_python,
     inner_of,
-    looked_up,
+    is_generated,
+    is_versioned,
+    lookup,
     name_of,
     names_in,
     variables,
-    versioned,
 )
 
 _ADDRESS = re.compile(r"0x[0-9a-f]+")
@@ -45,7 +45,7 @@ _ADDRESS = re.compile(r"0x[0-9a-f]+")
 _PLAIN = {type(None), bool, int, float, complex, str, bytes}  # of which `repr` has all digits
 
 
-def hashed(*parts: str | bytes) -> str:
+def hash_texts(*parts: str | bytes) -> str:
     """Texts as one short text."""
     whole = [part.encode("utf-8", "surrogatepass") if isinstance(part, str) else part for part in parts]
     lengths = b",".join(b"%d" % len(part) for part in whole)
@@ -70,7 +70,7 @@ def tree_text(tree: Any) -> str:
         if data is None:
             return "leaf" if not children and node.num_leaves else "nothing"
         kind, held = data
-        return hashed("node", reader.of(kind), reader.of(held), *map(of, children))
+        return hash_texts("node", reader.of(kind), reader.of(held), *map(of, children))
 
     return reader.whole(of(tree))
 
@@ -84,12 +84,12 @@ class Reader:
     def __init__(self, aside: Any = (), strict: bool = False):
         self.code: dict[str, str] = {}
         self._aside, self._strict, self._done, self._within = set(aside), strict, {}, []
-        self._foreign = versioned if strict else elsewhere  # modules whose code counts by its name
+        self._foreign = is_versioned if strict else elsewhere  # modules whose code counts by its name
         self._open = math.inf  # how far out the things lie that were met again within themselves
 
     def whole(self, found: str) -> str:
         """A text with the code that it names."""
-        return hashed(found, *(part for pair in self.code.items() for part in pair))
+        return hash_texts(found, *(part for pair in self.code.items() for part in pair))
 
     def forget(self) -> None:
         """Begin anew after an `Untold`."""
@@ -134,19 +134,19 @@ class Reader:
         if isinstance(value, types.ModuleType):
             return self._module(value)
         if isinstance(value, enum.Enum):
-            return hashed("enum", self.of(type(value)), value.name, self.of(value.value))
+            return hash_texts("enum", self.of(type(value)), value.name, self.of(value.value))
         if isinstance(value, Mapping) and not dataclasses.is_dataclass(value):
-            pairs = [hashed(self.of(key), self.of(one)) for key, one in value.items()]
-            return hashed("mapping", self.of(type(value)), *pairs, *self._beside(value))
+            pairs = [hash_texts(self.of(key), self.of(one)) for key, one in value.items()]
+            return hash_texts("mapping", self.of(type(value)), *pairs, *self._beside(value))
         if isinstance(value, set | frozenset):
-            return hashed("set", self.of(type(value)), *sorted(map(self.of, value)), *self._beside(value))
+            return hash_texts("set", self.of(type(value)), *sorted(map(self.of, value)), *self._beside(value))
         if isinstance(value, list | tuple):
-            return hashed("sequence", self.of(type(value)), *map(self.of, value), *self._beside(value))
+            return hash_texts("sequence", self.of(type(value)), *map(self.of, value), *self._beside(value))
         if isinstance(value, range | np.dtype | types.EllipsisType | types.NotImplementedType):
-            return hashed(name_of(type(value)), repr(value))
+            return hash_texts(name_of(type(value)), repr(value))
         if isinstance(value, slice):
-            return hashed("slice", *map(self.of, (value.start, value.stop, value.step)))
-        return self._wrapped(value)
+            return hash_texts("slice", *map(self.of, (value.start, value.stop, value.step)))
+        return self._wrapper(value)
 
     def _beside(self, value: Any) -> list[str]:
         """What a container of a class of its own has beside what it contains."""
@@ -168,8 +168,8 @@ class Reader:
         if isinstance(value, np.ndarray) and type(value) is not np.ndarray:  # a mask, or the user's operations
             kind = (*kind, self.of(type(value)), *self._beside(value))
         if array.dtype.kind == "O":
-            return hashed(*kind, *map(self.of, array.ravel().tolist()))
-        return hashed(*kind, np.ascontiguousarray(array).tobytes())
+            return hash_texts(*kind, *map(self.of, array.ravel().tolist()))
+        return hash_texts(*kind, np.ascontiguousarray(array).tobytes())
 
     def _module(self, value: types.ModuleType) -> str:
         """A module of the user's by its text."""
@@ -178,21 +178,21 @@ class Reader:
         if self._strict:
             raise Untold(f"a module of the user's: {value.__name__}")
         try:
-            return hashed(value.__name__, Path(str(value.__file__)).read_bytes())
+            return hash_texts(value.__name__, Path(str(value.__file__)).read_bytes())
         except OSError:
             return f"module {value.__name__}"
 
-    def _wrapped(self, value: Any) -> str:
+    def _wrapper(self, value: Any) -> str:
         """What wraps a function, or an object."""
         kind = self.of(type(value))
         if isinstance(value, functools.partial):
-            return hashed(kind, *map(self.of, (value.func, value.args, value.keywords)))
+            return hash_texts(kind, *map(self.of, (value.func, value.args, value.keywords)))
         if isinstance(value, types.MethodType):
-            return hashed(kind, self.of(value.__func__), self.of(value.__self__))
+            return hash_texts(kind, self.of(value.__func__), self.of(value.__self__))
         if isinstance(value, property):
-            return hashed(kind, *map(self.of, (value.fget, value.fset)))
+            return hash_texts(kind, *map(self.of, (value.fget, value.fset)))
         if isinstance(value, staticmethod | classmethod):
-            return hashed(kind, self.of(value.__func__))
+            return hash_texts(kind, self.of(value.__func__))
         if isinstance(value, types.BuiltinFunctionType | np.ufunc):
             owner = getattr(value, "__self__", None)
             if self._strict and not _is_installed(value):
@@ -206,7 +206,7 @@ class Reader:
             # A rule of differentiation stands beside the function, for instance.
             beside = variables(value) if not type(value).__module__.startswith("jaxlib") else {}
             held = {name: one for name, one in beside.items() if not name.startswith("__") and one is not inner}
-            return hashed(kind, self.of(inner), self.of(held))
+            return hash_texts(kind, self.of(inner), self.of(held))
         return self._object(value)
 
     def _object(self, value: Any) -> str:
@@ -219,16 +219,16 @@ class Reader:
             return self._unknown(value)
         if not written and self._strict:
             raise Untold(f"an object of {name_of(type(value))}")
-        return hashed("object", self.of(type(value)), self.of(held))
+        return hash_texts("object", self.of(type(value)), self.of(held))
 
     def _unknown(self, value: Any) -> str:
         kind = self.of(type(value))
         if self._strict:
             raise Untold(f"an object of {name_of(type(value))}")
         try:
-            return hashed(kind, pickle.dumps(value, protocol=4))
+            return hash_texts(kind, pickle.dumps(value, protocol=4))
         except Exception:  # whatever an object raises that cannot be pickled
-            return hashed(kind, _ADDRESS.sub("", repr(value)))
+            return hash_texts(kind, _ADDRESS.sub("", repr(value)))
 
     # Code ----------------------------------------------------------------------------------------------------------
 
@@ -237,7 +237,7 @@ class Reader:
         among those found.
         """
         if any(self._is_own(one) for one in self._within[:-1]):
-            return hashed(value.__qualname__, code)
+            return hash_texts(value.__qualname__, code)
         short, count = value.__qualname__, 1
         while short in self.code:
             count += 1
@@ -260,14 +260,14 @@ class Reader:
         self._check_own(kind)
         if self._is_own(kind):
             fields = dataclasses.fields(kind) if dataclasses.is_dataclass(kind) else ()
-            told = [hashed(one.name, self.of(dict(one.metadata)), self._made_by(one)) for one in fields]
+            told = [hash_texts(one.name, self.of(dict(one.metadata)), self._factory(one)) for one in fields]
             maker = self.of(type(kind)) if self._is_own(type(kind)) else ""
-            return self._own(kind, hashed(maker, *told, "|", *self._members(kind)))
-        if self._strict and looked_up(kind) is not kind:
+            return self._own(kind, hash_texts(maker, *told, "|", *self._members(kind)))
+        if self._strict and lookup(kind) is not kind:
             raise Untold(f"a class that is not found by its name: {name_of(kind)}")
         return f"class {name_of(kind)}"
 
-    def _made_by(self, field: dataclasses.Field) -> str:
+    def _factory(self, field: dataclasses.Field) -> str:
         """The function that makes a field's usual value."""
         make = field.default_factory
         return "" if make is dataclasses.MISSING else self.of(make)
@@ -277,10 +277,10 @@ class Reader:
             if self._foreign(base.__module__):
                 yield name_of(base)
                 continue
-            yield hashed(base.__name__, *(str(one) for one in sorted(getattr(base, "__abstractmethods__", ()))))
+            yield hash_texts(base.__name__, *(str(one) for one in sorted(getattr(base, "__abstractmethods__", ()))))
             for name, member in sorted(vars(base).items()):
-                if name not in MADE and not generated(member):
-                    yield hashed(name, self.of(member))
+                if name not in MADE and not is_generated(member):
+                    yield hash_texts(name, self.of(member))
 
     def _function(self, function: types.FunctionType) -> str:
         self._check_own(function)
@@ -295,14 +295,14 @@ class Reader:
         # What it wraps, and its variables, may matter too.
         for name, one in sorted(vars(function).items()):
             if name == "__wrapped__" or (own and not name.startswith("__")):
-                parts.append(hashed(name, self.of(one)))
+                parts.append(hash_texts(name, self.of(one)))
         if not own:
-            return hashed("function", *parts)
+            return hash_texts("function", *parts)
         known = function.__globals__
         parts += [
-            hashed(name, self.of(known[name])) for name in sorted(set(names_in(function.__code__))) if name in known
+            hash_texts(name, self.of(known[name])) for name in sorted(set(names_in(function.__code__))) if name in known
         ]
-        return self._own(function, hashed(*parts))
+        return self._own(function, hash_texts(*parts))
 
     def _code(self, code: types.CodeType) -> str:
         plain = [(type(one).__name__, one) for one in code.co_consts if type(one) in _PLAIN]
@@ -310,7 +310,7 @@ class Reader:
         order = [type(one) in _PLAIN for one in code.co_consts]
         names = code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars
         numbers = code.co_flags, code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount
-        return hashed(code.co_code, code.co_exceptiontable, repr((names, numbers, plain, order)), *others)
+        return hash_texts(code.co_code, code.co_exceptiontable, repr((names, numbers, plain, order)), *others)
 
 
 def _is_installed(value: Any) -> bool:
@@ -323,4 +323,4 @@ def _is_installed(value: Any) -> bool:
         home = owner.__name__
     if not isinstance(home, str):
         return isinstance(owner, type) and not in_python(owner)
-    return versioned(home)
+    return is_versioned(home)

@@ -15,14 +15,14 @@ from jax._src import config as jax_config  # all that a trace depends on
 from jax._src import core as jax_core
 
 from clearance_jax._code import PACKAGE, VERSIONED
-from clearance_jax._structure import hashed
+from clearance_jax._structure import hash_texts
 
 _jax: Any = jax.config  # whose settings have no types
 
 
 def surroundings() -> str:
     """All of it as one text; what cannot change within a process is read once."""
-    return hashed(source_digest(), processor(), _versions(), _flags(), repr(settings()))
+    return hash_texts(source_digest(), processor(), _versions(), _flags(), repr(settings()))
 
 
 def settings() -> tuple:
@@ -63,12 +63,12 @@ def processor() -> str:
         return ""
     words = "flags", "Features", "model", "CPU part", "cpu family", "vendor"
     told = sorted({x for x in lines if x.startswith(words)})
-    return hashed(platform.machine(), *told) if any(x.startswith(("flags", "Features")) for x in told) else ""
+    return hash_texts(platform.machine(), *told) if any(x.startswith(("flags", "Features")) for x in told) else ""
 
 
 @functools.cache
 def _versions() -> str:
-    return hashed(sys.version, *(f"{name} {_version(name)}" for name in VERSIONED))
+    return hash_texts(sys.version, *(f"{name} {_version(name)}" for name in VERSIONED))
 
 
 def _version(name: str) -> str:

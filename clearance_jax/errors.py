@@ -31,7 +31,7 @@ def cut(text: str, longest: int) -> str:
     return f"{text[: longest - 5 - end]} ... {text[len(text) - end :]}"
 
 
-def quoted(value: object) -> str:
+def quote(value: object) -> str:
     """A value as a message shows it: as Python writes it, without what makes it long."""
     import reprlib
 

@@ -15,7 +15,7 @@ def install_command(extra: str) -> str:
     return f"pip install '{CLONE if inside else 'clearance-jax'}[{extra}]'"
 
 
-def lacking(what: str, package: str, extra: str) -> ClearanceError:
+def missing_extra(what: str, package: str, extra: str) -> ClearanceError:
     """The error of a question whose package is not there: `what` needs it, and the command that brings it."""
     return ClearanceError(f"{what} needs {package}, which is not installed. Install it: `{install_command(extra)}`.")
 
@@ -24,4 +24,4 @@ def require(what: str, extra: str, *packages: str) -> None:
     """Raise, before anything takes long, where one of the packages of an extra is not there."""
     for package in packages:
         if importlib.util.find_spec(package) is None:
-            raise lacking(what, package, extra)
+            raise missing_extra(what, package, extra)

@@ -23,7 +23,7 @@ from jaxtyping import Array
 
 from clearance_jax._module import Module
 from clearance_jax._types import Flag
-from clearance_jax.errors import ClearanceError, quoted, require_float64, suggest
+from clearance_jax.errors import ClearanceError, quote, require_float64, suggest
 
 # What a number's field may demand of it: key of its metadata, test, words.
 BOUNDS = (
@@ -80,7 +80,7 @@ def physical(
     return eqx.field(**({"converter": as_leaf, "metadata": metadata} | field))
 
 
-def described(help: str, example: str, absent: str = "", *, least: int = 0, most: int = 10**9, **field):
+def describe(help: str, example: str, absent: str = "", *, least: int = 0, most: int = 10**9, **field):
     """A field that is no physical number, with what the reference of scene files says of it (see `physical`); of a
     whole number from `least` to `most`.
     """
@@ -88,12 +88,12 @@ def described(help: str, example: str, absent: str = "", *, least: int = 0, most
     return eqx.field(metadata=metadata, **field)
 
 
-def flattened(**field):
+def flatten(**field):
     """A field whose own name is left out of dotted parameter names: its members appear as its owner's."""
     return eqx.field(metadata={"flattened": True}, **field)
 
 
-def leading(**field):
+def lead(**field):
     """A field whose own name comes first in dotted parameter names."""
     return eqx.field(metadata={"leading": True}, **field)
 
@@ -153,10 +153,10 @@ class Leaf:
             words |= type(owner).units(owner)
             for member in self.owners[i + 1 :]:
                 words |= type(owner).units_within(owner, member)
-        return resolved_unit(self.metadata["unit"], words)
+        return resolve_unit(self.metadata["unit"], words)
 
 
-def resolved_unit(unit: str, words: Mapping[str, str]) -> str:
+def resolve_unit(unit: str, words: Mapping[str, str]) -> str:
     """A unit with words replaced by the units that they stand for."""
     for word, meant in words.items():
         unit = unit.replace(word, meant)
@@ -319,7 +319,7 @@ def check_demands(part: Parametrised, begin: str = "") -> None:
     for demand in demands:
         if isinstance(demand.holds, Tracer) or np.all(demand.holds):
             continue
-        given = quoted(np.asarray(getattr(part, demand.name)).tolist())
+        given = quote(np.asarray(getattr(part, demand.name)).tolist())
         unit = next(field.metadata["unit"] for field in dataclasses.fields(part) if field.name == demand.name)
         raise ClearanceError(f"`{begin}{demand.name}` {demand.words()}, but it is {given} {unit}.")
 
@@ -332,5 +332,5 @@ def check_bounds(value: Any, metadata: Mapping[str, Any], where: str, unit: str,
     demanded = [f"{words} {limit:g} {unit}".rstrip() for words, limit, _ in violations(value, metadata)]
     if metadata.get("above") is not None and metadata.get("below") is not None:
         demanded = [f"between {metadata['above']:g} and {metadata['below']:g} {unit}".rstrip()]
-    shown = quoted(given)[1:-1] if isinstance(given, str) else f"{quoted(value.tolist())} {unit}".rstrip()
+    shown = quote(given)[1:-1] if isinstance(given, str) else f"{quote(value.tolist())} {unit}".rstrip()
     raise ClearanceError(f"{where} must be {' and '.join(demanded)}, but it is {shown}.")

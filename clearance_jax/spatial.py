@@ -147,7 +147,7 @@ class Rotation(NamedTuple):
         """Whether it is a turn about z by its structure."""
         return self.before is UNIT and same_line(self.axis, Z) > 0
 
-    def turned(self, axis: Vector, angle: Term) -> "Rotation":
+    def turn(self, axis: Vector, angle: Term) -> "Rotation":
         """The rotation followed by a turn about an axis (unit, in the rotated frame's axes)."""
         if is_zero(angle):
             return self
@@ -156,7 +156,7 @@ class Rotation(NamedTuple):
             axis, before, whole = self.axis, self.before, plus(self.angle, times(sign, angle))
         return Rotation(product(before, about(axis, whole)), before, axis, whole)
 
-    def followed(self, rows: Matrix) -> "Rotation":
+    def compose(self, rows: Matrix) -> "Rotation":
         """The rotation followed by one that is given by its matrix."""
         whole = product(self.rows, rows)
         return Rotation(whole, whole)

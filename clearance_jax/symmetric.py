@@ -44,7 +44,7 @@ class Symmetric:
 NOTHING = Symmetric(lambda i, j: 0.0)
 
 
-def rotated(inner: Symmetric, rotation: Rotation) -> Symmetric:
+def rotate(inner: Symmetric, rotation: Rotation) -> Symmetric:
     """R inner R^T."""
     rows = rotation.rows
     half: dict[int, Vector] = {}
@@ -68,7 +68,7 @@ def of_point(mass: Term, arm: Vector, moment: Vector) -> Symmetric:
     )
 
 
-def shifted(inertia: Symmetric, by: Vector, old: Vector, new: Vector) -> Symmetric:
+def shift(inertia: Symmetric, by: Vector, old: Vector, new: Vector) -> Symmetric:
     """An inertia about a point, seen from another: `by` leads from the new point to the old; `old` and `new` are mass
     times the arm of its centre from each.
     """
@@ -160,7 +160,7 @@ class AbstractConstraint(Module):
         """Which conditions are asked for (1) and which are left out (0), where a choice was made."""
 
     @abc.abstractmethod
-    def closing(self, right: list[Term]) -> tuple[list[Term], list[Term]]:
+    def closure_step(self, right: list[Term]) -> tuple[list[Term], list[Term]]:
         """The smallest change x (in the norm of M) with J x = right, and the multipliers that make it."""
 
 
@@ -195,7 +195,7 @@ class Constraint(AbstractConstraint):
         assert self.kept is not None
         return as_array(self.kept)
 
-    def closing(self, right):
+    def closure_step(self, right):
         if self.kept is not None:
             right = [times(k, r) for k, r in zip(self.kept, right, strict=True)]
         multipliers = self.factored.solve(right)
@@ -216,7 +216,7 @@ class DenseConstraint(AbstractConstraint):
         assert self.kept is not None
         return self.kept
 
-    def closing(self, right):
+    def closure_step(self, right):
         asked = as_array(right) if self.kept is None else self.kept * as_array(right)
         multipliers = cho_solve((self.lower, True), asked)
         change = self.spread @ multipliers

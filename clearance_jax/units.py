@@ -6,8 +6,8 @@ import re
 from importlib.metadata import version
 from typing import Any
 
-from clearance_jax._remembered import remembered
-from clearance_jax.errors import ClearanceError, quoted
+from clearance_jax._remembered import remember
+from clearance_jax.errors import ClearanceError, quote
 
 # What a quantity may be written like. pint's own reader is a calculator, which "9**9**9 kg" keeps busy for ever and
 # which takes "mm" for one millimetre: it is asked about the unit only, and only of these forms.
@@ -44,18 +44,18 @@ def to_si(value: Any, unit: str, where: str) -> float:
     """
     if unit in ("", "1"):
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise ClearanceError(f"{where} must be a bare number, but it is {quoted(value)}.")
+            raise ClearanceError(f"{where} must be a bare number, but it is {quote(value)}.")
         return _float(value, where)
     if isinstance(value, bool) or not isinstance(value, str):
         number = isinstance(value, int | float) and not isinstance(value, bool)
-        shown, other = (quoted(value), "") if number else ("2.5", f", not as {quoted(value)}")
+        shown, other = (quote(value), "") if number else ("2.5", f", not as {quote(value)}")
         raise ClearanceError(f'{where} needs a unit: write it as a string such as "{shown} {unit}"{other}.')
-    text = _checked(value, unit, where)
+    text = _check(value, unit, where)
     question = f"pint {_pint()}: {text[0]!r} {text[1]} in {unit}"
-    return _finite(remembered(question, lambda: _converted(value, text, unit, where)), where)
+    return _finite(remember(question, lambda: _convert(value, text, unit, where)), where)
 
 
-def _converted(value: str, text: tuple[float, str], unit: str, where: str) -> float:
+def _convert(value: str, text: tuple[float, str], unit: str, where: str) -> float:
     """A quantity, NUMBER and UNIT, in the SI `unit`, by pint. **Raises:** `ClearanceError` as `to_si`."""
     import pint
 
@@ -65,17 +65,17 @@ def _converted(value: str, text: tuple[float, str], unit: str, where: str) -> fl
         magnitude = float(quantity.to(unit).magnitude)
     except pint.DimensionalityError as error:
         raise ClearanceError(
-            f"{where} must be in {unit} or a unit of that dimension, but {quoted(value)} is in {error.units1}."
+            f"{where} must be in {unit} or a unit of that dimension, but {quote(value)} is in {error.units1}."
         ) from None
     except Exception as error:  # pint's parser raises errors of many kinds
-        raise ClearanceError(_unread(value, unit, where, quoted(str(error)))) from None
+        raise ClearanceError(_unread(value, unit, where, quote(str(error)))) from None
     # To pint an angle is a bare number: "30" would pass for radians, hertz for rad/s.
     if unit in ("rad", "rad/s", "rad/s^2") and not any(word in str(quantity.units) for word in ANGLES):
         raise ClearanceError(f'{where} needs a unit of angle (deg, rad, rpm ...): write it as "1.5 {unit}".')
     return magnitude
 
 
-def shown(value: float, unit: str, digits: int = 6) -> str:
+def format_quantity(value: float, unit: str, digits: int = 6) -> str:
     """A quantity in SI as it is read in a workshop: lengths below a millimetre in um, below a metre in mm."""
     if unit == "m" and abs(value) < 1:
         small = abs(value) < 1e-3
@@ -83,7 +83,7 @@ def shown(value: float, unit: str, digits: int = 6) -> str:
     return f"{value:.{digits}g} {unit}".rstrip()
 
 
-def _checked(value: str, unit: str, where: str) -> tuple[float, str]:
+def _check(value: str, unit: str, where: str) -> tuple[float, str]:
     """A quantity that pint may read, in the form NUMBER UNIT (or NUMBER / (NUMBER UNIT)): its number, and the rest."""
     if len(value) > LONGEST:
         raise ClearanceError(_unread(value, unit, where, f"longer than {LONGEST} characters"))
@@ -97,14 +97,14 @@ def _checked(value: str, unit: str, where: str) -> tuple[float, str]:
 
 
 def _unread(value: str, unit: str, where: str, why: str) -> str:
-    return f'{where} is not a quantity: {quoted(value)} ({why}). Write it as "2.5 {unit}".'
+    return f'{where} is not a quantity: {quote(value)} ({why}). Write it as "2.5 {unit}".'
 
 
 def _float(value: Any, where: str) -> float:
     try:
         return _finite(float(value), where)
     except OverflowError:  # a whole number beyond all floats
-        raise ClearanceError(f"{where} must be finite, but it is {quoted(value)}.") from None
+        raise ClearanceError(f"{where} must be finite, but it is {quote(value)}.") from None
 
 
 def _finite(value: float, where: str) -> float:

@@ -57,7 +57,7 @@ def saved(figure: Figure, name: str, dpi: float = 110) -> None:
 
 def impact(law) -> tuple[np.ndarray, np.ndarray]:
     """Penetration [m] and force [N] of a free impact, from touch to separation."""
-    ready, memory = law.prepared(STEEL_PIN), (SPEED,) * len(law.remembers)
+    ready, memory = law.prepare(STEEL_PIN), (SPEED,) * len(law.remembers)
 
     def force(depth, rate):
         return float(ready.force(np.asarray(depth), np.asarray(rate), memory))
@@ -96,7 +96,7 @@ def friction_laws() -> None:
     figure = Figure(figsize=(9, 2.9), layout="constrained")
     slips = np.linspace(-0.03, 0.03, 401)
     for axis, (name, law) in zip(figure.subplots(1, 4, sharey=True), examples()[1].items(), strict=True):
-        ready = law.prepared(STEEL_PIN)
+        ready = law.prepare(STEEL_PIN)
         if law.bristles:
             slip, ratio = _oscillation(ready)
         else:
@@ -217,7 +217,7 @@ def rattling() -> xr.Dataset:
     loose = robot.with_clearance(
         "axis_5", kind="sleeve", radial_clearance=5e-5, axial_clearance=1e-4, length=0.04, pin_radius=0.015
     )
-    mechanism = loose.driven(cj.read_trajectory(SCENES / "six_axes_turn.csv", loose))
+    mechanism = loose.with_drives(cj.read_trajectory(SCENES / "six_axes_turn.csv", loose))
     return cj.to_dataset(mechanism, cj.trace(mechanism, 0.05, rtol=1e-6, save_at=1001))
 
 

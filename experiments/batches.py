@@ -50,7 +50,7 @@ def solved(clearance, samples=None):
 def minimal_loop(clearances):
     """Final states (4, lanes) and attempts of each lane, by the shortest adaptive Tsit5 that gives an answer."""
     tableau = diffrax.Tsit5().tableau
-    mechanism = jax.vmap(lambda c: with_clearance(c).prepared())(clearances)
+    mechanism = jax.vmap(lambda c: with_clearance(c).prepare())(clearances)
     field = jax.vmap(slope, (0, 1, 0), 1)
     start = jax.vmap(lambda m: initial_state(m, jnp.zeros(())), 0, 1)(mechanism)
     scale = RTOL * jnp.array([1.0, 0.1, CRANK_SPEED, 0.1 * CRANK_SPEED])[:, None]

@@ -384,7 +384,7 @@ def main(quick: bool = False) -> list[Row]:
     batches, rows, cells = (64,) if quick else (64, 4096), [], []
     for n in (3,) if quick else (3, 7, 12, 30):
         text, links = arm(n)
-        ready = loaded(text).prepared()
+        ready = loaded(text).prepare()
         known = np.stack(over_lanes(by_field)(ready, *(list(part) for part in random_states(n, batches[0]))))
         programs: list[tuple[str, Callable, Any]] = [("composite bodies (ours)", by_field, ready)]
         if n <= MOST_UNROLLED:

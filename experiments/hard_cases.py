@@ -142,7 +142,7 @@ def stiffness(quick: bool) -> Row:
     (wrist,) = (joint.clearance for joint in m.clearance_joints())
     assert wrist is not None
     assert isinstance(wrist.normal, laws.AdamsImpact)
-    k = 1e3 * float(m.clearance_joints()[0].clearance.prepared().normal.constants)
+    k = 1e3 * float(m.clearance_joints()[0].clearance.prepare().normal.constants)
     law = laws.AdamsImpact(k, wrist.normal.damping, wrist.normal.full_damping_depth)
     m = m.with_clearance("wrist", cj.RevoluteClearance(5e-4, wrist.pin_radius, law, wrist.friction))
     return against_located("stiffness x 1000", "slider_crank", m, p, t, "")

@@ -1,7 +1,7 @@
 """Programs in XLA's own language (HLO): read, and their arithmetic counted.
 
 An operation counts as often as its result has entries, and wherever it stands: what stands in two kernels counts twice.
-What only moves numbers counts nothing, nor does what serves `shared` to keep a value from being computed twice. Loops
+What only moves numbers counts nothing, nor does what serves `share` to keep a value from being computed twice. Loops
 and branches count as if each were run once.
 """
 

@@ -84,7 +84,9 @@ def sleeves(axes: str) -> str:
 def arm(axes: str, sleeve: dict[str, float] = SLEEVE) -> cj.Mechanism:
     """Six axes on their trajectory with 5 kg in the gripper, with sleeves in the axes that are named."""
     robot = cj.load_urdf(SCENES / "six_axes.urdf", end_effector="tcp")
-    robot = robot.driven({**cj.read_trajectory(SCENES / "six_axes_turn.csv"), "finger_left": cj.drives.Constant(0.0)})
+    robot = robot.with_drives(
+        {**cj.read_trajectory(SCENES / "six_axes_turn.csv"), "finger_left": cj.drives.Constant(0.0)}
+    )
     holder = next(point.body for point in robot.points if point.name == "tcp")
     place = next(point.at for point in robot.points if point.name == "tcp")
     payload = cj.Body("payload", 5.0, cj.Inertia(0.01, 0.01, 0.01))
@@ -123,7 +125,7 @@ def contact(mechanism, t, y):
 
 def cost(function: Callable, mechanism: cj.Mechanism) -> tuple[float, float, float, float]:
     """Operations of a lane, seconds alone, seconds a lane, seconds of a processor to compile."""
-    ready = mechanism.prepared()
+    ready = mechanism.prepare()
     times, rows = states(ready)
 
     def lane(ready, t, y):
@@ -203,7 +205,7 @@ def solved(mechanism: cj.Mechanism, end: float) -> tuple[cj.Solution, float, flo
 
 def points(mechanism: cj.Mechanism) -> int:
     """Where its clearance joints may touch."""
-    joints: Any = mechanism.prepared().clearance_joints()
+    joints: Any = mechanism.prepare().clearance_joints()
     return sum(joint.clearance.joint.count for joint in joints)
 
 

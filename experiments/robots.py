@@ -26,7 +26,7 @@ from clearance_jax.dynamics.field import slope
 from clearance_jax.dynamics.frames import Frames
 from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.io.urdf_file import read_urdf
-from clearance_jax.io.urdf_merge import merged
+from clearance_jax.io.urdf_merge import merge
 from clearance_jax.mechanism.state import State
 from clearance_jax.symmetric import Dense
 from experiments.common import SCENES, output, table
@@ -96,7 +96,7 @@ def by_newton_euler(path: Path, base: str, states: int) -> Known:
 
 def dynamics(robot: cj.Mechanism, without: cj.Mechanism, q: Any, v: Any) -> dict[str, Any]:
     """Everything that is compared, of one state; `without`: the robot without its dampers."""
-    mechanism, undamped = robot.prepared(), without.prepared()
+    mechanism, undamped = robot.prepare(), without.prepare()
     time, y = jnp.zeros(()), jnp.concatenate([q, v])
     state, still = State(tuple(q), tuple(v), {}), State(tuple(q), tuple(jnp.zeros_like(v)), {})
     motion = frames(mechanism, time, state)
@@ -128,8 +128,8 @@ def whole(factored: Any) -> Any:
 
 def pose(point: cj.Point, frame: Any) -> Any:
     """Rotation and place of a named frame, shape (3, 4)."""
-    at = frame.moved_to(point.at.vector)
-    rotation = at.rotation if point.orientation is None else at.rotated(point.orientation.rotation).rotation
+    at = frame.move_origin(point.at.vector)
+    rotation = at.rotation if point.orientation is None else at.rotate(point.orientation.rotation).rotation
     return jnp.stack([numbers([*row, x]) for row, x in zip(rotation.rows, at.position, strict=True)])
 
 
@@ -141,7 +141,7 @@ def jacobian(point: cj.Point, motion: Frames) -> Any:
 
 def in_our_order(known: Known, base: str) -> tuple[np.ndarray, np.ndarray]:
     """Of each of our positions, and of each of our rates, its place in the reference."""
-    own = [known.names.index(joint.name) for joint in merged(read_urdf(known.path)[1]).joints]
+    own = [known.names.index(joint.name) for joint in merge(read_urdf(known.path)[1]).joints]
     q, v = (7, 6) if base == "free" else (0, 0)
     return np.array([*range(q), *(q + i for i in own)]), np.array([*range(v), *(v + i for i in own)])
 

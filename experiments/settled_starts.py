@@ -35,7 +35,7 @@ import numpy as np
 from jaxtyping import Array
 
 import clearance_jax as cj
-from clearance_jax.dynamics.quantities import evaluated
+from clearance_jax.dynamics.quantities import evaluate
 from clearance_jax.mechanism.state import layout
 from experiments.common import SCENES, output, table
 from experiments.publish import command, say
@@ -158,7 +158,7 @@ def cases(drive: str, count: int, play: tuple[str, ...]) -> list[Case]:
         mass = float(10 ** rng.uniform(-1, np.log10(5)))
         moves = {f"axis_{i + 1}": Move(begin, took, at[i], rise[i], tuple(via[i])) for i in range(6)}
         fingers = {"finger_left": cj.drives.Constant(0.02), "finger_right": cj.drives.Constant(0.02)}
-        mechanism = arm.driven({name: DRIVES[drive](move) for name, move in moves.items()} | fingers)
+        mechanism = arm.with_drives({name: DRIVES[drive](move) for name, move in moves.items()} | fingers)
         for name in play:
             mechanism = mechanism.with_clearance(name, clearances[name])
         size = 0.4 * mass * 0.03**2
@@ -172,13 +172,13 @@ def started(mechanism: cj.Mechanism, t0: Array) -> Start:
     """A settled start and 20 ms of motion."""
     end = t0 + SPAN
     solution = cj.simulate(mechanism, end, t0=t0, save_at=SAMPLES, rtol=RTOL, start="settled")
-    ready, ideal, plan = mechanism.prepared(), mechanism.ideal().prepared(), layout(mechanism)
+    ready, ideal, plan = mechanism.prepare(), mechanism.ideal().prepare(), layout(mechanism)
     y = solution.initial[: plan.size]
 
     def tool(v: Array) -> Array:
-        return evaluated("velocity", t0, y.at[plan.v].set(v), ready)[0]
+        return evaluate("velocity", t0, y.at[plan.v].set(v), ready)[0]
 
-    off = tool(y[plan.v]) - evaluated("velocity", t0, jnp.zeros(layout(ideal).size), ideal)[0]
+    off = tool(y[plan.v]) - evaluate("velocity", t0, jnp.zeros(layout(ideal).size), ideal)[0]
     forces = jnp.stack([solution[f"{joint.name}.contact_force"] for joint in mechanism.clearance_joints()], -1)
     assert solution.seated is not None
     how = solution.code, solution.energy_residual, solution.seated.rest, solution.seated.frequency

@@ -73,7 +73,7 @@ def over_sectors() -> Resolved:
     volumes = 2 * STIFFNESS * RADIUS * far * (np.sin(halves) - halves * np.cos(halves))
     found = []
     for count in SECTORS:
-        spread = wear.Foundation(STIFFNESS).prepared(Section(geometry(), jnp.zeros(count)))
+        spread = wear.Foundation(STIFFNESS).prepare(Section(geometry(), jnp.zeros(count)))
         means = np.asarray(
             jax.vmap(lambda f, a, spread=spread: spread(SectionLoad(f, a, (0 * f, 0 * f))).means)(
                 jnp.asarray(forces), jnp.asarray(middles)
@@ -144,7 +144,7 @@ def running_in(stiffness: float, steps: int, force: float = 3000.0, coefficient:
     seen = Contacts(one[0], stretch * one[0], force * one, 0.7 * one, one, 0 * one, jnp.zeros((1, 1, 2)))
     law, foundation, depth, deep = wear.Archard(coefficient), wear.Foundation(stiffness), jnp.zeros(360), []
     for _ in range(steps):
-        depth = depth + wear.worn(seen, sleeve, law, foundation, depth=depth).depth[0]
+        depth = depth + wear.wear_of(seen, sleeve, law, foundation, depth=depth).depth[0]
         deep.append(float(depth.max()))
     slid, deep = stretch * np.arange(1, steps + 1), np.array(deep)
     way = np.linspace(0.0, 1.5 * deep[-1], 20_001)

@@ -146,9 +146,9 @@ def driven(path: Path) -> Any:
     drives = read_trajectory(path, moved())
     assert drives
     for drive in drives.values():
-        assert np.all(np.isfinite(drive.prepared().curvature))
+        assert np.all(np.isfinite(drive.prepare().curvature))
         assert np.all(np.diff(drive.times) > 0)
-    return moved().driven(drives)
+    return moved().with_drives(drives)
 
 
 @functools.cache

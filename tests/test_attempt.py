@@ -155,7 +155,7 @@ def straight(start, end):
 
 def test_first_switch_of_a_known_motion():
     """The place at which a straight motion touches, by hand."""
-    joint = cj.RevoluteClearance(1e-3, 0.01, laws.Hertz(1e9)).prepared()
+    joint = cj.RevoluteClearance(1e-3, 0.01, laws.Hertz(1e9)).prepare()
     begin = jnp.asarray(1e-8)
     first = jax.jit(lambda curve: first_of(EventJoints(joint, curve, ()), begin))
     touch = first(straight((0.0, 0.0), (2e-3, 0.0)))
@@ -165,7 +165,7 @@ def test_first_switch_of_a_known_motion():
 
 def test_a_graze_between_two_samples_is_found():
     """A parabola whose top is inside the wall for a thousandth of the step, between two samples."""
-    joint = cj.RevoluteClearance(1e-3, 0.01, laws.Hertz(1e9)).prepared()
+    joint = cj.RevoluteClearance(1e-3, 0.01, laws.Hertz(1e9)).prepare()
     c, top, s0 = 1e-3, 1e-3 * (1 + 1e-9), 0.453
     k = 4e-3  # along x: top - k (s - s0)^2
     zero = np.zeros(3)
@@ -247,7 +247,7 @@ def test_a_joint_kind_of_its_own_and_laws_mapped_over_its_points():
 def test_of_several_points_the_joints_force_and_the_deepest_are_reported():
     law = laws.Hertz(1e9)
     twin: Any = Twin
-    m = playful(law).with_clearance("hip", twin(jnp.asarray(1e-4), jnp.asarray(0.01), law)).prepared()
+    m = playful(law).with_clearance("hip", twin(jnp.asarray(1e-4), jnp.asarray(0.01), law)).prepare()
     pressed = jnp.zeros(4).at[1].set(-1.01e-4)
     seen = observe(jnp.zeros(()), pressed, m)
     assert float(seen["contact_force"][0]) == pytest.approx(2 * 1e9 * 1e-6**1.5)

@@ -304,7 +304,7 @@ def hung() -> cj.Mechanism:
 @jax.vmap
 def equilibrium(values):
     """The static equilibrium by Newton's method on `rate`, and the Jacobian of `rate` there."""
-    m, now = cj.replace(hung(), values).prepared(), jnp.asarray(0.0)
+    m, now = cj.replace(hung(), values).prepare(), jnp.asarray(0.0)
 
     def acceleration(q):
         return slope(now, jnp.concatenate([q, jnp.zeros(3)]), m)[3:]
@@ -390,7 +390,7 @@ def end_spun(values, y0, t1):
     """What is observed of the pin at the end."""
     m = cj.replace(spun(), values)
     # A resting pin, whose steps are as long as they are stable, stays within a few tolerances of where it belongs.
-    seen = observe(t1, cj.simulate(m, t1, y0=y0, rtol=0.03 * RTOL).final, m.prepared())
+    seen = observe(t1, cj.simulate(m, t1, y0=y0, rtol=0.03 * RTOL).final, m.prepare())
     forces = ("contact_force", "friction_force", "drive_force")
     return {name: seen[name][0] for name in ("eccentricity", "penetration", "slip_velocity", *forces)}
 
@@ -521,7 +521,7 @@ def test_slider_follows_the_play():
         values = {"wrist.eccentricity.x": x, "wrist.eccentricity.y": y}
         # The rod is level at first, so that it is found on the slider's side of the crank.
         values |= {"drive.main.start": theta, "crankpin.position": -theta}
-        return initial_state(cj.replace(m, values).prepared(), jnp.asarray(0.0))[:2]
+        return initial_state(cj.replace(m, values).prepare(), jnp.asarray(0.0))[:2]
 
     x, y = c * np.cos(psi + beta), c * np.sin(psi + beta)
     y0 = np.asarray(assembled(x.ravel(), y.ravel(), np.tile(theta, 5))).reshape(5, 200, 2)

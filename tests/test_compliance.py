@@ -8,7 +8,7 @@ import pytest
 from scipy.optimize import brentq
 
 import clearance_jax as cj
-from clearance_jax.dynamics.deflected import deflected
+from clearance_jax.dynamics.deflected import deflect
 from clearance_jax.dynamics.energy import energies
 from clearance_jax.dynamics.field import slope
 from clearance_jax.mechanism.state import initial_values, layout
@@ -34,7 +34,7 @@ def test_a_motor_and_its_link_swing_against_each_other():
     # Both together as one: J motor' + I (motor' + link') = T t.
     motor, link = (float(s[f"{name}.velocity"]) for name in ("hub_motor", "hub"))
     assert ROTOR * motor + INERTIA * (motor + link) == pytest.approx(torque * t, rel=1e-9)
-    ready = m.prepared()
+    ready = m.prepare()
     held = energies(jnp.asarray(t), s.final[:4], ready)
     assert float(held.kinetic) == pytest.approx(0.5 * ROTOR * motor**2 + 0.5 * INERTIA * (motor + link) ** 2, rel=1e-12)
     assert float(s.energy_residual) < 1e-8
@@ -44,7 +44,7 @@ def test_a_rotor_in_space_is_that_in_the_plane_in_every_form():
     """Unrolled and as arrays: a chain whose motors have rotors, against the same joint by joint."""
     from clearance_jax.dynamics.control import inverse_dynamics
 
-    robot = cj.load("experiments/scenes/six_axes.urdf").released([f"axis_{i}" for i in range(1, 7)])
+    robot = cj.load("experiments/scenes/six_axes.urdf").without_drives([f"axis_{i}" for i in range(1, 7)])
     turns = [joint for joint in robot.joints if isinstance(joint, cj.Revolute)]
     heavy = robot
     for i, joint in enumerate(turns):
@@ -58,21 +58,21 @@ def test_a_rotor_in_space_is_that_in_the_plane_in_every_form():
     y = initial_values(heavy)
     plan = layout(heavy)
     found = []
-    for m in (heavy.prepared(), heavy.prepared().as_small_program()):
+    for m in (heavy.prepare(), heavy.prepare().as_small_program()):
         found.append(np.asarray(slope(jnp.zeros(()), y, m)[plan.v]))
     np.testing.assert_allclose(found[1], found[0], rtol=1e-11, atol=1e-12)
     # What the arm without rotors needs for these accelerations, plus J a, is nothing.
-    needed = inverse_dynamics(light.prepared(), jnp.zeros(()), plan.split(y), list(found[0]))
+    needed = inverse_dynamics(light.prepare(), jnp.zeros(()), plan.split(y), list(found[0]))
     turning = {joint.name: 0.2 + 0.1 * i for i, joint in enumerate(turns)}
     rotors = np.array([turning.get(name, 0.0) for name in plan.velocities])
     balance = np.array([float(x) for x in needed]) + rotors * found[0]
     np.testing.assert_allclose(balance, 0.0, atol=1e-10)
-    own = inverse_dynamics(heavy.prepared(), jnp.zeros(()), plan.split(y), list(found[0]))
+    own = inverse_dynamics(heavy.prepare(), jnp.zeros(()), plan.split(y), list(found[0]))
     np.testing.assert_allclose(np.array([float(x) for x in own]), 0.0, atol=1e-10)
 
 
 def pendulum(stiffness):
-    play = cj.joints.fitted(2e-5, pin_radius=0.015)
+    play = cj.joints.pin_clearance(2e-5, pin_radius=0.015)
     arm = cj.Mechanism(
         bodies=(cj.Body("arm", 4.0, INERTIA, cj.Position(0.3)),),
         joints=(cj.Revolute("hip", "ground", "arm", motion=cj.Motion(cj.drives.Constant(0.4)), clearance=play),),
@@ -91,7 +91,7 @@ def test_a_settled_start_is_deflected_by_its_load():
     positions = layout(m).positions
     first = {name: float(s.initial[i]) for i, name in enumerate(positions)}
     assert first["hip"] == pytest.approx(found, abs=1e-4)  # the pin at its wall moves the arm a little
-    hip: Any = deflected(jnp.zeros(()), m.prepared()).joint("hip")
+    hip: Any = deflect(jnp.zeros(()), m.prepare()).joint("hip")
     assert float(hip.motion.position) == pytest.approx(found, rel=1e-12)
     # Started without it, it swings by the whole deflection.
     loose = cj.simulate(m, 1e-2, rtol=1e-8)

@@ -87,7 +87,7 @@ def test_a_digital_servo_ends_steps_where_it_measures_and_lanes_do_as_single_sol
         for time in np.nextafter(k * PERIOD, [0, k * PERIOD, 1e9]):
             near = np.asarray(breaks_near(m, jnp.asarray(time)))
             assert np.any((near > time) & (near <= (k + 1) * PERIOD))
-    efforts = observe(jnp.zeros(()), cj.simulate(m, 1e-9, rtol=1e-6).final, m.prepared())
+    efforts = observe(jnp.zeros(()), cj.simulate(m, 1e-9, rtol=1e-6).final, m.prepare())
     np.testing.assert_allclose(efforts["actuator_effort"], [GAIN * GOAL, -DAMPING * 0.2], rtol=1e-6)
     held = cj.trace(m, 3 * PERIOD, save_at=7, rtol=1e-6).solution["motor.actuator0.motor"]
     # What is held changes at instants and nowhere else.
@@ -314,7 +314,7 @@ WRONG = {
     "measures `lnk`, but there is no such coordinate. Did you mean `link`": lambda: carts(("motor", "lnk")),
     "commands `moto`, which is no free coordinate. Did you mean `motor`": lambda: steered(carts(), "moto"),
     "commands `motor`, which controller `b` commands already": lambda: twice(carts()),
-    "has the free coordinate `elbow`, and its references do not": lambda: steered(arm(), "shoulder").prepared(),
+    "has the free coordinate `elbow`, and its references do not": lambda: steered(arm(), "shoulder").prepare(),
     "needs a list of `Reference(coordinate, drive)`": lambda: steered(arm()),
     "`load.put_down` must be later than `load.picked_up`": lambda: carrying(0.5, 0.2),
     "joint `grip`, which carries it, must be fixed": swinging_load,

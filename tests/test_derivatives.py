@@ -154,7 +154,7 @@ def test_derivative_by_time_is_the_rate():
         return jax.jacfwd(both, (0, 1), has_aux=True)(t1, times)
 
     ((final_t1, final_times), (y_t1, y_times), (_, time_times)), (final, y) = slopes(jnp.asarray(END), times)
-    m = pin().prepared()
+    m = pin().prepare()
     np.testing.assert_allclose(final_t1, slope(jnp.asarray(END), final, m), rtol=1e-12)
     np.testing.assert_array_equal(final_times, 0.0)
     np.testing.assert_array_equal(y_t1, 0.0)

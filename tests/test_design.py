@@ -133,7 +133,7 @@ def test_a_model_of_manufacture_is_one_class():
         def parts(self, names, fresh=0, seed=None):
             return [design.Part(f", at {f:g}", np.full(len(names), f), {"slider.mass": f}) for f in (0.5, 1.0)]
 
-        def judged(self, values, slopes):
+        def judge(self, values, slopes):
             return np.max(values).reshape(1), None
 
     specification = asked(manufacture=Ends()).specification

@@ -91,7 +91,7 @@ def test_a_block_may_be_in_a_corner_of_its_guide():
 
 def seen(function: Any, mechanism: cj.Mechanism, *play: float) -> Any:
     """A function of two instants, with the play in the joint as given, at rest."""
-    prepared, state = mechanism.prepared(), jnp.asarray([*play, *(0.0 for _ in play)])
+    prepared, state = mechanism.prepare(), jnp.asarray([*play, *(0.0 for _ in play)])
     return jax.tree.map(np.asarray, jax.vmap(lambda t: function(prepared, t, state))(jnp.asarray([0.0, 0.05])))
 
 

@@ -115,10 +115,10 @@ class TestContract:
 
     def test_prepared_is_the_same_drive(self, name):
         drive = DRIVES[name][0]
-        t, prepared = jnp.asarray(0.777), drive.prepared()
+        t, prepared = jnp.asarray(0.777), drive.prepare()
         np.testing.assert_allclose(np.stack(prepared(t)), np.stack(drive(t)), rtol=1e-14)
         np.testing.assert_array_equal(prepared.breaks(), drive.breaks())
-        assert prepared.prepared() == prepared  # a mechanism may be prepared twice
+        assert prepared.prepare() == prepared  # a mechanism may be prepared twice
 
 
 @pytest.mark.parametrize("ends", ["not-a-knot", "natural", "clamped"])
@@ -133,14 +133,14 @@ class TestSpline:
 
     def test_shortest_table(self, ends):
         t = np.linspace(0.1, 0.9, 33)
-        got = jax.vmap(cj.drives.Spline(KNOTS[:4], TABLE[:4], ends).prepared())(jnp.asarray(t))
+        got = jax.vmap(cj.drives.Spline(KNOTS[:4], TABLE[:4], ends).prepare())(jnp.asarray(t))
         reference = CubicSpline(KNOTS[:4], TABLE[:4], bc_type=ends)
         for order in range(3):
             np.testing.assert_allclose(got[order], reference(t, order), rtol=0, atol=1e-11)
 
     def test_derivative_by_the_table(self, ends):
         t = 1.2
-        slopes = jax.grad(lambda values: cj.drives.Spline(KNOTS, values, ends).prepared()(jnp.asarray(t))[0])(
+        slopes = jax.grad(lambda values: cj.drives.Spline(KNOTS, values, ends).prepare()(jnp.asarray(t))[0])(
             jnp.asarray(TABLE)
         )
         basis = CubicSpline(KNOTS, np.eye(KNOTS.size), bc_type=ends)
@@ -152,7 +152,7 @@ class TestSpline:
 
         def ours(table):
             return jnp.stack(
-                jax.vmap(cj.drives.Spline(table[: KNOTS.size], table[KNOTS.size :], ends).prepared())(jnp.asarray(t))
+                jax.vmap(cj.drives.Spline(table[: KNOTS.size], table[KNOTS.size :], ends).prepare())(jnp.asarray(t))
             )
 
         def theirs(table):
@@ -258,9 +258,9 @@ def test_a_sum_adds_its_terms_and_their_breaks():
         parts = [term(jnp.asarray(t)) for term in terms]
         expected = [sum(float(p[order]) for p in parts) for order in range(3)]
         np.testing.assert_allclose(np.stack(drive(jnp.asarray(t))), expected, rtol=1e-14)
-        np.testing.assert_allclose(np.stack(drive.prepared()(jnp.asarray(t))), expected, rtol=1e-12)
+        np.testing.assert_allclose(np.stack(drive.prepare()(jnp.asarray(t))), expected, rtol=1e-12)
     assert sorted(np.asarray(drive.breaks()).tolist()) == sorted([0.3, 0.8, *KNOTS.tolist()])
-    assert isinstance(drive.prepared().terms[1], PreparedSpline)
+    assert isinstance(drive.prepare().terms[1], PreparedSpline)
 
 
 class Push(AbstractActuator):
@@ -286,7 +286,7 @@ def test_drive_breaks_are_those_of_drives_and_actuators():
     target = cj.drives.Spline(KNOTS, TABLE)
     servo = cj.actuators.Servo(target, 10.0, 1.0)
     m = block(servo, Push(3.0, 0.62), cj.actuators.ConstantEffort(1.0))
-    for mechanism in (m, m.prepared()):
+    for mechanism in (m, m.prepare()):
         assert sorted(np.asarray(drive_breaks(mechanism)).tolist()) == sorted([0.62, *KNOTS.tolist()])
     driven = cj.Prismatic("guide", "ground", "block", motion=cj.Motion(cj.drives.StepSum([0.3], [0.8], [1.0])))
     assert np.asarray(drive_breaks(cj.Mechanism((cj.Body("block"),), (driven,)))).tolist() == [0.3, 0.8]

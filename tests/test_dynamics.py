@@ -81,7 +81,7 @@ def lagrangian_acceleration(mechanism, time, y):
 
 
 def test_accelerations_are_lagranges():
-    m = tree().prepared()
+    m = tree().prepare()
     t, y = states(m, 200)
     n = layout(m).free
     got = np.asarray(jax.jit(jax.vmap(lambda t, y: slope(t, y, m)[n:]))(t, y))
@@ -92,7 +92,7 @@ def test_accelerations_are_lagranges():
 
 
 def test_velocities_and_accelerations_are_derivatives():
-    m = tree().prepared()
+    m = tree().prepare()
     t, y = states(m, 50, seed=1)
 
     def along(what):
@@ -111,13 +111,13 @@ def test_velocities_and_accelerations_are_derivatives():
 
 def through_the_factors(motion, pairs, efforts):
     own = equations._equations(motion)
-    return own.solved(*equations._known(motion, pairs, efforts, own.held))
+    return own.solve(*equations._right_sides(motion, pairs, efforts, own.held))
 
 
 @pytest.mark.parametrize(("scene", "second"), [("tool_changer", False), ("squeezer", True), ("bennett", False)])
 def test_accelerations_have_the_derivatives_that_go_through_the_factors(scene, second, monkeypatch):
     """A tree in space, ideal closures in the plane, closures that repeat each other: forward and reverse, and twice."""
-    mechanism = cj.load(SCENES / f"{scene}.toml").prepared()
+    mechanism = cj.load(SCENES / f"{scene}.toml").prepare()
     rng = np.random.default_rng(1)
     numbers, rest = eqx.partition(mechanism, eqx.is_inexact_array)
     y = jnp.asarray(initial_values(mechanism) + 1e-5 * rng.standard_normal(layout(mechanism).size))
@@ -141,7 +141,7 @@ def test_accelerations_have_the_derivatives_that_go_through_the_factors(scene, s
         return rates(at), along(at), twice(at) if second else 0.0, jnp.concatenate(moved)
 
     ours = jax.jit(all_derivatives)()
-    monkeypatch.setattr(equations, "_solved", through_the_factors)
+    monkeypatch.setattr(equations, "_solve", through_the_factors)
     theirs = jax.jit(lambda: all_derivatives())()
     np.testing.assert_array_equal(ours[0], theirs[0])
     for a, b in zip(ours[1:], theirs[1:], strict=True):
@@ -149,7 +149,7 @@ def test_accelerations_have_the_derivatives_that_go_through_the_factors(scene, s
 
 
 def test_power_of_the_drives_is_the_rate_of_energy():
-    m = tree().prepared()
+    m = tree().prepare()
     t, y = states(m, 50, seed=2)
 
     def energy(t, y):
@@ -165,7 +165,7 @@ def test_power_of_the_drives_is_the_rate_of_energy():
 
 def test_reactions_balance_every_body():
     """Forces of all joints and springs on a body add up to mass times acceleration minus weight."""
-    m = tree().prepared()
+    m = tree().prepare()
     t, y = states(m, 20, seed=3)
     points = tuple(cj.Point(f"centre_{b.name}", b.name, b.center_of_mass) for b in m.bodies)
     watched = dataclasses.replace(m, points=points)
@@ -251,7 +251,7 @@ def test_ideal_loops_move_as_the_tree_and_do_not_drift():
 @pytest.mark.parametrize("values", [{}, {"pin.radial_clearance": 1e-9}])
 def test_two_million_times_smaller_play_has_the_same_mass(values):
     # The play coordinates are measured from the sleeve: their size does not touch the digits of the mass matrix.
-    m = cj.replace(tree(), values).prepared()
+    m = cj.replace(tree(), values).prepare()
     t, y = states(m, 5, seed=4)
     y = y.at[:, 1:3].set(0.0)
     n = layout(m).free
@@ -321,7 +321,7 @@ def test_assembly_leaves_pins_in_their_sleeves(too_short):
         )
         joints = tuple(guide if joint.name == "guide" else joint for joint in mechanism.joints)
         mechanism = dataclasses.replace(mechanism, joints=joints)
-    y, errors = closed_start(mechanism.prepared(), jnp.asarray(0.0))
+    y, errors = closed_start(mechanism.prepare(), jnp.asarray(0.0))
     assert float(jnp.max(errors.loops)) <= 1e-12
     names = layout(mechanism).positions
     plays = np.array([y[i] for i, name in enumerate(names) if ".play_" in name])

@@ -48,7 +48,7 @@ def test_a_damper_takes_its_work_and_bears_nothing_at_rest():
     np.testing.assert_allclose(s.final[2:4], decay * np.array([3e-4, -2e-4]), rtol=1e-8)
     assert float(s.energy_residual) < 1e-8
     still = (
-        sleeve(cj.joints.PlayDamper(1e3, 2e3, 3.0)).prepared().act(relative_at(sleeve(None).play(), jnp.zeros(5)), ())
+        sleeve(cj.joints.PlayDamper(1e3, 2e3, 3.0)).prepare().act(relative_at(sleeve(None).play(), jnp.zeros(5)), ())
     )
     assert not np.any(as_array((*still.force, *still.torque)))
 

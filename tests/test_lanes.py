@@ -14,7 +14,7 @@ from clearance_jax.solve.attempt import Options
 from clearance_jax.solve.codes import Result
 from clearance_jax.solve.flow import Inputs, task_of
 from clearance_jax.solve.lane_axis import each_lane, to_lanes
-from clearance_jax.solve.lanes import batched, over_chunks
+from clearance_jax.solve.lanes import batch_by, over_chunks
 
 T1 = 3e-3
 CLEARANCES = jnp.linspace(5e-5, 5e-4, 5)
@@ -157,7 +157,7 @@ def test_chunks_put_results_back_in_order(count):
 
 
 def test_alone_is_alone_and_a_batch_is_together():
-    function = batched(lambda x: x + 1, lambda batch: batch + 10)
+    function = batch_by(lambda x: x + 1, lambda batch: batch + 10)
     assert float(function(jnp.asarray(1.0))) == 2.0
     np.testing.assert_array_equal(jax.vmap(function)(jnp.arange(3.0)), [10.0, 11.0, 12.0])
     np.testing.assert_array_equal(jax.vmap(jax.vmap(function))(jnp.zeros((2, 3))), np.full((2, 3), 10.0))

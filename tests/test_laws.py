@@ -37,7 +37,7 @@ GEOMETRY = laws.Geometry(jnp.asarray(0.01), jnp.asarray(0.0105), jnp.asarray(5e-
 
 
 def prepared(law):
-    return law.prepared(GEOMETRY), tuple(jnp.asarray(0.3) for _ in law.remembers)
+    return law.prepare(GEOMETRY), tuple(jnp.asarray(0.3) for _ in law.remembers)
 
 
 @pytest.mark.parametrize("name", catalogue.NORMAL)
@@ -113,7 +113,7 @@ class TestFriction:
 
     def along(self, name, slips, force):
         """Traction and its slope along one tangent, bristles straight."""
-        law = catalogue.FRICTION[name].prepared(GEOMETRY)
+        law = catalogue.FRICTION[name].prepare(GEOMETRY)
         memory = tuple(jnp.zeros(()) for _ in law.law.bristles)
 
         def traction(slip):
@@ -135,7 +135,7 @@ class TestFriction:
 
     def test_two_tangents_are_one_law(self, name):
         """Slip along any direction of a plane meets the traction that it meets along one tangent."""
-        law = catalogue.FRICTION[name].prepared(GEOMETRY)
+        law = catalogue.FRICTION[name].prepare(GEOMETRY)
         count, c, s = len(law.law.bristles), np.cos(0.7), np.sin(0.7)
 
         def plane(v, bend=1e-6):
@@ -160,7 +160,7 @@ class TestFriction:
         np.testing.assert_allclose(slope, c * jax.jacfwd(lambda v: line(v, 0.0)[0][0])(jnp.zeros(())), rtol=1e-12)
 
     def test_zones_tell_one_side_from_the_other(self, name):
-        law = catalogue.FRICTION[name].prepared(GEOMETRY)
+        law = catalogue.FRICTION[name].prepare(GEOMETRY)
         memory = tuple(jnp.zeros(()) for _ in law.law.bristles)
         before = (jnp.asarray(1.0),)
 
@@ -194,18 +194,18 @@ class Ageing(laws.AbstractNormalLaw):
 
 
 def test_a_law_may_act_apart_and_its_memory_goes_on():
-    law = Ageing(jnp.asarray(1e9)).prepared(GEOMETRY)
+    law = Ageing(jnp.asarray(1e9)).prepare(GEOMETRY)
     apart, age = jnp.asarray(-1e-4), (jnp.asarray(2.0),)
     assert float(law.force(apart, jnp.zeros(()), age)) == 2.0
     assert float(law.memory_rate(apart, jnp.zeros(()), age)[0]) == 1.0
-    lugre = catalogue.FRICTION["lugre"].prepared(GEOMETRY)
+    lugre = catalogue.FRICTION["lugre"].prepare(GEOMETRY)
     assert float(lugre.memory_rate(apart, (jnp.asarray(1.0),), jnp.zeros(()), (jnp.zeros(()),))[0]) == 0.0
 
 
 def test_smoothed_onset_is_the_law_beyond_its_width():
     law = catalogue.NORMAL["kelvin-voigt"]
     smooth = laws.SmoothedOnset(law, 1e-6)
-    whole, soft = law.prepared(GEOMETRY), smooth.prepared(GEOMETRY)
+    whole, soft = law.prepare(GEOMETRY), smooth.prepare(GEOMETRY)
     deep, rate = jnp.asarray(1.1e-6), jnp.asarray(0.2)
     assert float(soft.force(deep, rate, ())) == float(whole.force(deep, rate, ()))
     assert float(soft.force(jnp.asarray(1e-12), rate, ())) < 1e-4 * float(whole.force(jnp.asarray(1e-12), rate, ()))
@@ -223,7 +223,7 @@ def test_lugre_bristle_stays_bounded_and_reaches_coulomb():
 
 def impact(law, mass, speed, memory):
     """Delivered restitution, peak force and penetration, and duration of a free impact (DOP853, both ends located)."""
-    law = law.prepared(GEOMETRY)
+    law = law.prepare(GEOMETRY)
     force = jax.jit(lambda d, v: law.force(d, v, memory))
     formula = jax.jit(lambda d, v: law.law.formula(law.constants, d, v, memory))
 

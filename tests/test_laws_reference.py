@@ -27,7 +27,7 @@ def check_close(value, before, size):
 
 @pytest.mark.parametrize("name", [name for name in catalogue.NORMAL if f"{name}.force" in REFERENCE])
 def test_normal_laws(name):
-    law = catalogue.NORMAL[name].prepared(GEOMETRY)
+    law = catalogue.NORMAL[name].prepare(GEOMETRY)
     columns = [jnp.asarray(row) for row in REFERENCE["normal"]]
 
     def force(d, v, memory):
@@ -48,7 +48,7 @@ def test_normal_laws(name):
 
 @pytest.mark.parametrize("name", catalogue.FRICTION)
 def test_friction_laws(name):
-    law = catalogue.FRICTION[name].prepared(GEOMETRY)
+    law = catalogue.FRICTION[name].prepare(GEOMETRY)
     slip, force, fraction = (jnp.asarray(row) for row in REFERENCE["friction"])
     memory = fraction * law.memory_scale(1)[0] if law.law.bristles else fraction
 

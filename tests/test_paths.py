@@ -51,10 +51,10 @@ def framed(n, seed=1):
 
 def forward(mechanism, q):
     """Place and matrix of the frame at the end of an arm, by the kinematics of its free coordinates."""
-    free = chain_of(mechanism, "tip", None).mechanism.prepared()
+    free = chain_of(mechanism, "tip", None).mechanism.prepare()
     point = mechanism.points[0]
     at = frames(free, jnp.zeros(()), State(tuple(jnp.asarray(q)), (0.0,) * len(q), {}))[point.body]
-    turned = at.rotated(point.orientation.rotation).rotation
+    turned = at.rotate(point.orientation.rotation).rotation
     return jnp.stack(at.point(point.at.vector)), jnp.stack([jnp.stack(row) for row in turned.rows])
 
 
@@ -65,7 +65,7 @@ def pose_of(place, matrix):
 
 def along(drive, times):
     """A drive's values, by its own evaluation."""
-    ready = drive.prepared()
+    ready = drive.prepare()
     return np.asarray(jax.vmap(lambda t: jnp.asarray(ready(t)[0]))(jnp.asarray(times)))
 
 
@@ -76,7 +76,7 @@ def test_rotation_vectors_are_exact(angle):
 
     def rotation(turn):
         rows = turn.as_matrix() if isinstance(turn, Rotation) else turn
-        return IDENTITY.followed(tuple(tuple(jnp.asarray(term) for term in row) for row in rows))
+        return IDENTITY.compose(tuple(tuple(jnp.asarray(term) for term in row) for row in rows))
 
     second = Rotation.from_rotvec(angle * axis) * first
     found = np.array(rotation_between(rotation(first), rotation(second)))
@@ -220,7 +220,7 @@ def round_trip(**profile):
 
 def test_a_path_is_what_its_segments_are():
     path = round_trip(durations=[1.0, 2.0, 3.0], begin=0.5)
-    at = jax.jit(jax.vmap(path.prepared()))
+    at = jax.jit(jax.vmap(path.prepare()))
     line, arc = at(jnp.linspace(0.5, 1.5, 9)), at(jnp.linspace(1.5, 3.5, 9))
     np.testing.assert_allclose(np.asarray(line.position)[:, 1:], 0, atol=1e-15)
     # Of a line the rotation is about one axis, by an angle that grows as the way does.
@@ -242,7 +242,7 @@ def test_a_path_is_what_its_segments_are():
 @pytest.mark.parametrize("profile", [{"durations": [1.0, 2.0, 3.0]}, {"speed": 1.0, "acceleration": 4.0}])
 def test_rates_of_a_path_are_its_derivatives(profile):
     path = round_trip(**profile)
-    at, h = jax.jit(jax.vmap(path.prepared())), 1e-5
+    at, h = jax.jit(jax.vmap(path.prepare())), 1e-5
     times = np.linspace(0.013, float(path.end) - 0.013, 77)
     times = jnp.asarray(times[np.min(np.abs(times[:, None] - np.asarray(path.breaks())), axis=1) > 2 * h])
     now, before, after = at(times), at(times - h), at(times + h)
@@ -298,7 +298,7 @@ def test_a_tip_stays_as_near_to_its_path_as_asked(profile):
     """By the arm's own formula, everywhere; with accelerations that jump, and that do not."""
     path = corner(**profile)
     times = np.linspace(0, float(path.end), 2001)
-    wanted = np.asarray(jax.vmap(path.prepared())(jnp.asarray(times)).position)[:, :2]
+    wanted = np.asarray(jax.vmap(path.prepare())(jnp.asarray(times)).position)[:, :2]
     for tolerance in (1e-5, 1e-8):
         drives = cj.follow(two_links(), "tip", path, tolerance=tolerance)
         angles = along(drives["shoulder"], times), along(drives["elbow"], times)
@@ -315,7 +315,7 @@ def test_the_error_falls_with_the_sixth_power():
     mechanism = framed(7)
     home = 0.3 * (-1.0) ** np.arange(7)
     start, end = (pose_of(*forward(mechanism, q)) for q in (home, home + 0.3 * np.cos(np.arange(7))))
-    path = cj.paths.CartesianPath(start, [cj.paths.Line(end)], durations=[1.0]).prepared()
+    path = cj.paths.CartesianPath(start, [cj.paths.Line(end)], durations=[1.0]).prepare()
     chain = chain_of(mechanism, "tip", None)
     # In the middle of the path: where it begins and ends, and the path's own derivatives change most, later.
     runs = [_run(chain, path, np.linspace(0, 1, n + 1), jnp.asarray(home)) for n in (8, 16, 32)]
@@ -334,10 +334,10 @@ def test_a_robot_moves_as_its_path_says(tmp_path):
     assert list(drives) == [f"axis_{i}" for i in range(1, 7)]
     assert max(drives.deviation, drives.angle) < 1e-6
     fingers = {"finger_left": cj.drives.Constant(0.02), "finger_right": cj.drives.Constant(0.02)}
-    driven = robot.driven(drives | fingers)
+    driven = robot.with_drives(drives | fingers)
     assert "drive.axis_1.values" in cj.parameters(driven)
     solution = cj.simulate(driven, 1.0, save_at=21)
-    wanted = jax.vmap(path.prepared())(solution.time)
+    wanted = jax.vmap(path.prepare())(solution.time)
     off = np.linalg.norm(np.asarray(solution["tcp.position"]) - np.asarray(wanted.position), axis=1)
     assert np.max(off) < 1e-6
     file = tmp_path / "line.csv"
@@ -356,7 +356,7 @@ def test_a_delta_follows_a_path():
     drives = cj.follow(mechanism, "centre", path)
     times = np.linspace(0, 0.3, 41)
     angles = np.stack([along(drives[f"motor{i}"], times) for i in range(3)], 1)
-    wanted = np.asarray(jax.vmap(path.prepared())(jnp.asarray(times)).position)
+    wanted = np.asarray(jax.vmap(path.prepare())(jnp.asarray(times)).position)
     off = np.max(np.linalg.norm([platform(a) for a in angles] - wanted, axis=1))
     assert off < 1e-6
     assert drives.deviation == pytest.approx(off, rel=0.2)
@@ -371,7 +371,7 @@ def test_what_is_driven_otherwise_is_reckoned_with():
     path = corner(durations=[1.0, 1.0])
     drives = cj.follow(mechanism, "tip", path, joints=["shoulder", "elbow"])
     times = np.linspace(0, 2, 501)
-    wanted = np.asarray(jax.vmap(path.prepared())(jnp.asarray(times)).position)[:, :2]
+    wanted = np.asarray(jax.vmap(path.prepare())(jnp.asarray(times)).position)[:, :2]
     found = two_tip(along(drives["shoulder"], times), along(drives["elbow"], times))
     found[:, 0] += speed * times
     assert np.max(np.linalg.norm(found - wanted, axis=1)) < 1e-6
@@ -379,7 +379,7 @@ def test_what_is_driven_otherwise_is_reckoned_with():
 
 def test_jumps_of_a_quintic_are_where_it_says():
     times, jumps = np.array([0.0, 1.0, 2.5]), np.array([0.5, -2.0, 1.5])
-    drive = cj.drives.Quintic(times, [0.0, 1.0, 0.5], [0.0, 0.3, 0.0], [0.5, 0.7, 0.0], jumps).prepared()
+    drive = cj.drives.Quintic(times, [0.0, 1.0, 0.5], [0.0, 0.3, 0.0], [0.5, 0.7, 0.0], jumps).prepare()
     after, before = (
         [[float(x) for x in drive.within(jnp.asarray(t), jnp.asarray(t + beside))] for t in times]
         for beside in (1e-3, -1e-3)

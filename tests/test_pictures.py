@@ -316,7 +316,7 @@ def test_a_leaning_pin_is_seen_from_the_side_and_at_both_edges(arm):
             assert (len(section.mark.get_xdata()) > 0) == bearing[i, end]
         for up, side in enumerate(sides):
             # The axis of the pin, drawn: at the edges where the sections have it, and shifted along as it slid.
-            moved = side.moved(edges, i)
+            moved = side.move(edges, i)
             np.testing.assert_allclose(moved[:, 0] - edges[:, 0], k * arm["eccentricity"].values[i, 0, 2], atol=1e-12)
             np.testing.assert_allclose(moved[:, 1], k * places[i][[0, -1], up], atol=1e-5)
             marked += len(side.walls.get_xdata())

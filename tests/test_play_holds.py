@@ -19,7 +19,7 @@ def test_what_a_pin_without_axial_play_holds_is_in_its_reaction():
     play = cj.RevoluteClearance(1e-4, 0.01, HERTZ)
     body = cj.Body("arm", 2.0, cj.Inertia(2e-3, 0.03, 0.03), cj.Position(0.2))
     hip = cj.Revolute("hip", "ground", "arm", motion=cj.Motion(cj.drives.Constant(0.0)), clearance=play)
-    m = cj.Mechanism((body,), (hip,), gravity=cj.Gravity(z=-9.81)).prepared()
+    m = cj.Mechanism((body,), (hip,), gravity=cj.Gravity(z=-9.81)).prepare()
     pressed = jnp.array([-1.02e-4, 0.0, 0.0, 0.0])
     seen = jax.jit(lambda y: observe(jnp.zeros(()), y, m))(pressed)
     np.testing.assert_allclose(seen["joint_reaction"][0], [1e9 * 2e-6**1.5, 0.0, 2.0 * 9.81], rtol=1e-12, atol=1e-9)
@@ -32,7 +32,7 @@ def test_friction_and_slip_of_a_shaft_that_slides_are_along_it():
     sleeve = cj.SleeveClearance(1e-4, 0.01, 0.04, HERTZ, RUBBING)
     body = cj.Body("pin", 2.0, cj.Inertia(2e-3, 0.03, 0.03))
     shaft = cj.Cylindrical("shaft", "ground", "pin", turn=cj.Motion(cj.drives.Constant(0.0)), clearance=sleeve)
-    m = cj.Mechanism((body,), (shaft,)).prepared()
+    m = cj.Mechanism((body,), (shaft,)).prepare()
     names = [c.name for c in m.free_coordinates()]
     y = np.zeros(2 * len(names))
     y[names.index("shaft.play_x")], y[len(names) + names.index("shaft.slide")] = 1.02e-4, 0.3
@@ -64,7 +64,7 @@ def test_laws_that_have_no_meaning_in_a_joint_are_refused():
         cj.SphericalClearance(1e-4, 0.01, HERTZ, BRISTLES)
     radii = laws.Hertz(laws.InternalHertz(2e11, 1e11))
     with pytest.raises(cj.ClearanceError, match="flat walls does not follow from radii"):
-        cj.GuideClearance(1e-4, 0.06, 0.03, radii).prepared()
+        cj.GuideClearance(1e-4, 0.06, 0.03, radii).prepare()
 
 
 @pytest.mark.parametrize("axis", ["x", "-x", "y", "-y"])

@@ -118,7 +118,7 @@ def test_a_scene_with_play_of_every_kind_is_the_mechanism_made_by_hand(written):
         state[i] = 1.3e-4 if ".play_" in name else 1.0 if name == "hip.w" else 0.0
     state[len(plan.positions) :] = np.random.default_rng(3).normal(size=plan.size - len(plan.positions))
     field = jax.jit(slope)
-    rates = [np.asarray(field(jnp.zeros(()), jnp.asarray(state), m.prepared())) for m in (read, made)]
+    rates = [np.asarray(field(jnp.zeros(()), jnp.asarray(state), m.prepare())) for m in (read, made)]
     assert np.abs(rates[0]).max() > 1e3
     np.testing.assert_allclose(rates[0], rates[1], rtol=1e-9, atol=1e-9)
 

@@ -76,7 +76,7 @@ def crank_motion(count: int = 50) -> xr.Dataset:
     slider = 0.05 * np.cos(angle) + 0.12 * np.cos(rod) - far * np.cos(turn)
     y = jnp.asarray(np.stack([rod - angle, slider, 0 * angle, 0 * angle], 1))
     mechanism, times = slider_crank(), angle / (5000 * np.pi / 30)
-    at = jax.jit(jax.vmap(lambda t, y: picture(mechanism.prepared(), t, y)))(times, y)
+    at = jax.jit(jax.vmap(lambda t, y: picture(mechanism.prepare(), t, y)))(times, y)
     return picture_dataset(mechanism, times, jax.tree.map(np.asarray, at))
 
 
@@ -296,7 +296,7 @@ def test_an_interrupted_explanation_keeps_what_it_has(monkeypatch, tmp_path):
         raise KeyboardInterrupt
 
     # The package exports a function of the module's own name.
-    monkeypatch.setattr(sys.modules["clearance_jax.design.findings"], "observed", interrupted)
+    monkeypatch.setattr(sys.modules["clearance_jax.design.findings"], "observe", interrupted)
     said = []
     found = design.findings(answer([piston_limit()]), progress=said.append)
     assert said == ["loads and pictures"]
@@ -316,7 +316,7 @@ def test_numbers_are_written_as_in_a_workshop():
 
 
 def test_the_places_of_a_state_are_those_of_its_mechanism():
-    mechanism = slider_crank().prepared()
+    mechanism = slider_crank().prepare()
     (joint,) = slider_crank().clearance_joints()
     assert pin_size(joint) == (0.02, None)
     # The conrod turned by -90 degrees from a crank at 90: its end is below; the slider at x = 0.17.

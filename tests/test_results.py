@@ -81,7 +81,7 @@ def test_many_samples_are_observed_by_a_program_of_their_own(crank, monkeypatch)
 def test_a_dataset_is_what_is_observed(crank):
     mechanism, trace = crank
     dataset = cj.to_dataset(mechanism, trace)
-    ready = mechanism.prepared()
+    ready = mechanism.prepare()
     for i in (0, 7, 20):
         seen = observe(trace.solution.time[i], trace.solution.y[i], ready)
         assert set(seen) <= set(dataset)

@@ -169,7 +169,7 @@ def test_a_robot_by_itself_holds_its_posture_and_says_how_it_is_driven(tmp_path)
     assert float(abs(dataset["drive_force"]).max()) > 1.0
     mechanism = cj.load(robot)
     lead = cj.read_trajectory(SCENES / "six_axes_turn.csv", mechanism)
-    assert undriven(mechanism.driven(lead)) == ("finger_left",)
+    assert undriven(mechanism.with_drives(lead)) == ("finger_left",)
 
 
 def test_no_legend_covers_anything():

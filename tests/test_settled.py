@@ -59,7 +59,7 @@ def test_a_pin_under_its_weight_starts_in_its_equilibrium_and_stays_there(normal
     ids=lambda law: type(law).__name__,
 )
 def test_every_law_is_pressed_as_deep_as_it_bears_the_weight(normal):
-    mechanism = hanging(normal, y=-GRAVITY).prepared()
+    mechanism = hanging(normal, y=-GRAVITY).prepare()
     (joint,) = mechanism.clearance_joints()
     place, pressed = joint.clearance.seat((jnp.asarray(0.0), jnp.asarray(MASS * GRAVITY)))
     assert bool(pressed)
@@ -68,7 +68,7 @@ def test_every_law_is_pressed_as_deep_as_it_bears_the_weight(normal):
 
 def test_a_pin_that_nothing_presses_starts_in_the_middle():
     mechanism = hanging(laws.Hertz(STIFFNESS), x=0.0)
-    np.testing.assert_array_equal(initial_state(mechanism.prepared(), jnp.zeros(()), "settled")[:2], 0.0)
+    np.testing.assert_array_equal(initial_state(mechanism.prepare(), jnp.zeros(()), "settled")[:2], 0.0)
 
 
 def test_a_payload_that_has_not_come_presses_no_pin():
@@ -76,7 +76,7 @@ def test_a_payload_that_has_not_come_presses_no_pin():
     load, grip = cj.Body("load", 1.0, picked_up=0.5), cj.Fixed("grip", "bob", "load")
     mechanism = cj.Mechanism((*bare.bodies, load), (*bare.joints, grip), gravity=bare.gravity)
     for time, mass in ((0.0, MASS), (1.0, MASS + 1.0)):
-        force = joint_reactions(mechanism.prepared(), jnp.asarray(time), jnp.asarray([-np.pi / 2, 0.0]))["hip"].force
+        force = joint_reactions(mechanism.prepare(), jnp.asarray(time), jnp.asarray([-np.pi / 2, 0.0]))["hip"].force
         np.testing.assert_allclose(np.asarray(force[:2], float), [0.0, mass * GRAVITY], atol=1e-12)
 
 
@@ -84,28 +84,28 @@ def test_the_moving_reaction_of_the_slider_crank():
     """At the dead centre the slider is braked with r w^2 (1 + r/l), by the wrist alone."""
     mechanism = slider_crank()
     y = jnp.asarray([0.0, 0.17, -SPEED * (1 + 0.05 / 0.12), 0.0])
-    reaction = joint_reactions(mechanism.prepared(), jnp.zeros(()), y)["wrist"]
+    reaction = joint_reactions(mechanism.prepare(), jnp.zeros(()), y)["wrist"]
     braking = 0.05 * SPEED**2 * (1 + 0.05 / 0.12)
     np.testing.assert_allclose(np.asarray(reaction.force), [-0.14 * braking, 0.0, 0.0], rtol=1e-12, atol=1e-9)
     np.testing.assert_allclose(np.asarray(reaction.at), [0.17, 0.0, 0.0], rtol=1e-14, atol=1e-14)
     # Held off the middle, the pin is where it is held, in the axes of the conrod.
-    held = joint_reactions(mechanism.prepared(), jnp.zeros(()), y, {"wrist": (jnp.asarray(5e-4), jnp.asarray(0.0))})
+    held = joint_reactions(mechanism.prepare(), jnp.zeros(()), y, {"wrist": (jnp.asarray(5e-4), jnp.asarray(0.0))})
     np.testing.assert_allclose(np.asarray(held["wrist"].on_pin), [-0.14 * braking, 0.0, 0.0], rtol=1e-2, atol=1e-9)
 
 
 def start(values, mechanism):
-    return initial_state(cj.replace(mechanism, values).prepared(), jnp.asarray(1e-3), "settled")
+    return initial_state(cj.replace(mechanism, values).prepare(), jnp.asarray(1e-3), "settled")
 
 
 def test_a_settled_loop_presses_with_its_reaction_and_rides_along():
     mechanism = slider_crank()
-    now, later = (initial_state(mechanism.prepared(), jnp.asarray(t), "settled") for t in (1e-3, 1e-3 + 1e-7))
+    now, later = (initial_state(mechanism.prepare(), jnp.asarray(t), "settled") for t in (1e-3, 1e-3 + 1e-7))
     # What starts a moment later has gone on from what starts now, with the speed that this has.
     np.testing.assert_allclose((later - now)[:2] / 1e-7, 0.5 * (now + later)[2:], rtol=1e-5)
     solution = cj.simulate(mechanism, 1e-3 + 2e-6, t0=1e-3, save_at=3, rtol=1e-8, start="settled")
     seen = cj.to_dataset(mechanism, solution)
     reaction = joint_reactions(
-        mechanism.prepared(), jnp.asarray(1e-3), closed_start(mechanism.ideal().prepared(), jnp.asarray(1e-3))[0]
+        mechanism.prepare(), jnp.asarray(1e-3), closed_start(mechanism.ideal().prepare(), jnp.asarray(1e-3))[0]
     )
     assert float(seen.contact_force[0, 0]) == pytest.approx(float(np.hypot(*reaction["wrist"].force[:2])), rel=2e-2)
     assert abs(float(seen.penetration_rate[0, 0])) < 1e-2 * 5e-4 * SPEED
@@ -126,7 +126,7 @@ def test_derivatives_of_a_settled_start_and_of_a_motion_from_it(t0):
     mechanism = slider_crank()
 
     def begin(c):
-        return initial_state(cj.replace(mechanism, {CLEARANCE: c}).prepared(), jnp.asarray(t0), "settled")
+        return initial_state(cj.replace(mechanism, {CLEARANCE: c}).prepare(), jnp.asarray(t0), "settled")
 
     slope, step = jax.jacfwd(begin)(5e-4), 1e-7
     difference = (begin(5e-4 + step) - begin(5e-4 - step)) / (2 * step)
@@ -144,12 +144,12 @@ def test_derivatives_of_a_settled_start_and_of_a_motion_from_it(t0):
 
 def test_a_vanishing_clearance_starts_as_the_ideal_mechanism():
     mechanism, t0 = slider_crank(), jnp.asarray(1e-3)
-    ideal = closed_start(mechanism.ideal().prepared(), t0)[0]
+    ideal = closed_start(mechanism.ideal().prepare(), t0)[0]
     off = []
     for c in (1e-5, 1e-6, 1e-7):
         # Of a wall so stiff that the penetration vanishes with the clearance.
         stiff = {CLEARANCE: c, "wrist.normal.stiffness": 1e9 * c**-1.5}
-        off.append((initial_state(cj.replace(mechanism, stiff).prepared(), t0, "settled") - ideal) / c)
+        off.append((initial_state(cj.replace(mechanism, stiff).prepare(), t0, "settled") - ideal) / c)
     np.testing.assert_allclose(off[0], off[1], rtol=2e-3)
     np.testing.assert_allclose(off[1], off[2], rtol=2e-4)
 
@@ -201,7 +201,7 @@ def test_lanes_of_a_batch_start_as_single_solves_do():
     rises = fastest * 0.1**3 / 60 * np.array([0.2, 0.9, 1.1, 1.5, 3.0])
 
     def started(rise):
-        moved = mechanism.driven({"hip": cj.drives.Quintic([0.0, 0.1], jnp.stack([0.0 * rise, rise]))})
+        moved = mechanism.with_drives({"hip": cj.drives.Quintic([0.0, 0.1], jnp.stack([0.0 * rise, rise]))})
         return cj.simulate(moved, 1e-5, rtol=1e-6, energy_balance=False, start="settled")
 
     single = jax.jit(started)

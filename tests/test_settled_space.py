@@ -11,11 +11,11 @@ import pytest
 import clearance_jax as cj
 from clearance_jax import laws
 from clearance_jax.dynamics.field import slope
-from clearance_jax.dynamics.quantities import evaluated
+from clearance_jax.dynamics.quantities import evaluate
 from clearance_jax.dynamics.reactions import joint_reactions
 from clearance_jax.dynamics.seated import seated_frequency
-from clearance_jax.dynamics.settled import settled_start
-from clearance_jax.joints.seating import Load, posed, relative_at, seat
+from clearance_jax.dynamics.settled import settle_start
+from clearance_jax.joints.seating import Load, pose_at, relative_at, seat
 from clearance_jax.joints.sleeve import lobatto
 from clearance_jax.mechanism.state import layout
 from clearance_jax.solve.flow import initial_state
@@ -41,12 +41,12 @@ def seated(clearance, force, moment):
 
 def pressed(joint, force, moment=(0.0, 0.0, 0.0)) -> np.ndarray:
     """The play at rest under what the sleeve exerts on the pin, which the contact does exert there."""
-    clearance = joint.prepared()
+    clearance = joint.prepare()
     play = joint.play()
     found, presses, left, _ = seated(clearance, jnp.asarray(force), jnp.asarray(moment))
     assert bool(presses)
     assert float(left) < 1e-6
-    action, axes = clearance.act(relative_at(play, found), ()), posed(play, found).axes
+    action, axes = clearance.act(relative_at(play, found), ()), pose_at(play, found).axes
     asked = Load(triple(force), triple(moment)).along(play, axes)
     size = np.array([float(one.scale) for one in play])
     error = size * (Load(action.force, action.torque).along(play, axes) - asked)
@@ -115,7 +115,7 @@ def test_loads_of_all_sizes_and_directions_find_their_place():
 
 
 def test_what_nothing_presses_is_said_to_be_free():
-    place, presses, left, _ = seated(sleeve().prepared(), jnp.zeros(3), jnp.asarray([0.0, 0.0, 5.0]))
+    place, presses, left, _ = seated(sleeve().prepare(), jnp.zeros(3), jnp.asarray([0.0, 0.0, 5.0]))
     assert not bool(presses)
     np.testing.assert_array_equal(place, 0.0)
     assert float(left) == 0
@@ -123,7 +123,7 @@ def test_what_nothing_presses_is_said_to_be_free():
 
 def test_a_search_that_finds_no_rest_says_so():
     """700 kN at a lever of 0.7 m on a block so soft that it turns over: its walls cannot hold that."""
-    box = cj.GuideClearance(1e-3, 0.1, 0.05, laws.Hertz(1e9), width=0.06).prepared()
+    box = cj.GuideClearance(1e-3, 0.1, 0.05, laws.Hertz(1e9), width=0.06).prepare()
     lost = seated(box, jnp.asarray([7e5, 0.0, 0.0]), jnp.asarray([0.0, 4.9e5, 0.0]))
     assert float(lost.left) > 0.1
     # A hundredth of it is held.
@@ -159,7 +159,7 @@ SOFT = laws.HuntCrossley(1e9, 0.5)
 
 
 def accelerations(mechanism, time, y):
-    prepared = mechanism.prepared()
+    prepared = mechanism.prepare()
     return jax.jit(lambda y: slope(jnp.asarray(time), y, prepared)[layout(mechanism).v])(y)
 
 
@@ -167,10 +167,10 @@ def test_an_arm_starts_at_rest_where_its_weight_presses_it():
     """Still, of a law with memory and friction with bristles: all forces balance, and what bears is said to touch."""
     law, friction = laws.exact_restitution(1e9, 0.7), laws.LuGre(0.4, 0.3, 1e-3, 1e5, 1e-2, 0.0)
     m = arm(sleeve(normal=law, friction=friction), cj.drives.Constant(0.0))
-    y = initial_state(m.prepared(), jnp.zeros(()), "settled")
+    y = initial_state(m.prepare(), jnp.zeros(()), "settled")
     np.testing.assert_allclose(accelerations(m, 0.0, y), 0.0, atol=1e-9)
     np.testing.assert_allclose(y[5:10], 0.0, atol=1e-12)
-    plan, (joint,) = layout(m), m.prepared().clearance_joints()
+    plan, (joint,) = layout(m), m.prepare().clearance_joints()
     points = joint.clearance.joint.points(relative_at(joint.joint.play(), y[:5]))
     touching = [float(y[plan.index("hip", f"touching_{i + 1}")]) for i in range(16)]
     np.testing.assert_array_equal(touching, points.penetration > 0)
@@ -182,7 +182,7 @@ def test_a_moving_arm_rides_along_the_walls_and_has_derivatives():
     m, now = arm(sleeve(normal=SOFT)), jnp.asarray(0.02)
 
     def begin(time, radial):
-        return initial_state(cj.replace(m, {"hip.radial_clearance": radial}).prepared(), time, "settled")
+        return initial_state(cj.replace(m, {"hip.radial_clearance": radial}).prepare(), time, "settled")
 
     start = jax.jit(begin)
     y = start(now, RADIAL)
@@ -190,7 +190,7 @@ def test_a_moving_arm_rides_along_the_walls_and_has_derivatives():
     later, before = (start(now + h, RADIAL) for h in (1e-6, -1e-6))
     np.testing.assert_allclose((later - before)[:5] / 2e-6, y[5:10], rtol=1e-6, atol=1e-9)
     # What is left accelerates as riding pins do, and not as ones that fall.
-    fallen = accelerations(m, now, initial_state(m.prepared(), now))
+    fallen = accelerations(m, now, initial_state(m.prepare(), now))
     assert np.abs(accelerations(m, now, y)[:3]).max() < 1e-3 * np.abs(fallen[:3]).max()
     found = jax.jit(jax.jacfwd(begin, 1))(now, RADIAL)
     step = 1e-4 * RADIAL
@@ -202,7 +202,7 @@ def test_a_moving_arm_rides_along_the_walls_and_has_derivatives():
 def test_a_pin_that_starts_at_its_wall_hits_nothing():
     """It bears from the first instant what it bears a moment later; one that falls hits twice as hard."""
     m = arm(sleeve(normal=SOFT), cj.drives.StepSum([0.0], [0.5], [0.35]))
-    prepared, forces = m.prepared(), {}
+    prepared, forces = m.prepare(), {}
     for word in ("centre", "settled"):
         y = initial_state(prepared, jnp.zeros(()), word)
         s = cj.simulate(m, 0.03, y0=y, save_at=301, rtol=1e-7)
@@ -217,10 +217,10 @@ def test_a_pin_that_starts_at_its_wall_hits_nothing():
 @pytest.mark.slow
 def test_the_tool_changer_starts_settled():
     m, zero = cj.load("experiments/scenes/tool_changer.toml"), jnp.zeros(())
-    y = initial_state(m.prepared(), zero, "settled")
-    left, fallen = (accelerations(m, 0.0, state) for state in (y, initial_state(m.prepared(), zero)))
+    y = initial_state(m.prepare(), zero, "settled")
+    left, fallen = (accelerations(m, 0.0, state) for state in (y, initial_state(m.prepare(), zero)))
     assert np.abs(left[:3]).max() < 1e-2 * np.abs(fallen[:3]).max()
-    reaction = joint_reactions(m.prepared(), zero, jnp.zeros(0))["joint5"]
+    reaction = joint_reactions(m.prepare(), zero, jnp.zeros(0))["joint5"]
     # The moment of what hangs 20 mm beside the arm, 300 kg of 400: under weight and the start of the motion.
     at = y[:5] / np.array([1e-4, 1e-4, 1e-4, 2e-4 / 0.06, 2e-4 / 0.06])
     assert float(reaction.on_pin[1]) > 6000
@@ -240,9 +240,9 @@ def test_a_loop_settles_as_the_tree_does():
     )
     found = []
     for m in (one, other):
-        prepared = m.prepared()
+        prepared = m.prepare()
         y = initial_state(prepared, jnp.zeros(()), "settled")
-        found.append([evaluated(word, jnp.zeros(()), y, prepared)[0] for word in ("position", "velocity")])
+        found.append([evaluate(word, jnp.zeros(()), y, prepared)[0] for word in ("position", "velocity")])
     # By how much the arm turns about its pin as it tilts is free: of second order in the tilt, and so the load.
     tilt = abs(float(found[0][0][2])) / 0.4
     assert 1e-3 < tilt < 1e-2
@@ -256,14 +256,16 @@ def test_a_robot_settles_with_play_in_all_its_joints():
     """Thirty coordinates of play: what is left accelerates a thousand times less than what falls."""
     robot = cj.load_urdf("experiments/scenes/six_axes.urdf", end_effector="tcp")
     moves = {f"axis_{i}": cj.drives.Quintic([0.0, 0.5, 1.0], [0.0, 0.1 * i, 0.0]) for i in range(1, 7)}
-    loose = robot.driven(moves | {"finger_left": cj.drives.Constant(0.02), "finger_right": cj.drives.Constant(0.02)})
+    loose = robot.with_drives(
+        moves | {"finger_left": cj.drives.Constant(0.02), "finger_right": cj.drives.Constant(0.02)}
+    )
     for name in moves:
         loose = loose.with_clearance(
             name, kind="sleeve", radial_clearance=5e-5, axial_clearance=1e-4, length=0.04, pin_radius=0.015
         )
     now = jnp.asarray(0.1)
     left, fallen = (
-        np.abs(accelerations(loose, now, initial_state(loose.prepared(), now, word)).reshape(6, 5)[:, :3]).max()
+        np.abs(accelerations(loose, now, initial_state(loose.prepare(), now, word)).reshape(6, 5)[:, :3]).max()
         for word in ("settled", "centre")
     )
     assert left < 1e-3 * fallen
@@ -274,16 +276,16 @@ def test_blocks_and_balls_settle_too():
     guide = cj.GuideClearance(1e-4, 0.1, 0.05, SOFT)
     slide = cj.Prismatic("guide", "ground", "block", motion=cj.Motion(velocity=0.5), clearance=guide)
     block = cj.Mechanism((cj.Body("block", 1.0, 2e-3, cj.Position(0.08)),), (slide,), gravity=cj.Gravity(y=-9.81))
-    y = initial_state(block.prepared(), jnp.zeros(()), "settled")
+    y = initial_state(block.prepare(), jnp.zeros(()), "settled")
     np.testing.assert_allclose(accelerations(block, 0.0, y), 0.0, atol=1e-6)
     # Closing a loop it settles there too, of a block that floats.
     float_ = cj.Planar("float", "ground", "block", slide_x=cj.Motion(velocity=0.5))
     loop = cj.Mechanism(
         block.bodies, (float_,), (cj.Prismatic("guide", "ground", "block", clearance=guide),), gravity=block.gravity
     )
-    np.testing.assert_allclose(initial_state(loop.prepared(), jnp.zeros(()), "settled"), y, atol=1e-9)
+    np.testing.assert_allclose(initial_state(loop.prepare(), jnp.zeros(()), "settled"), y, atol=1e-9)
     # Two corners on opposite walls: N1 - N2 = m g, and the moment is m g 80 mm over a length of 100 mm.
-    joint = block.prepared().clearance_joints()[0]
+    joint = block.prepare().clearance_joints()[0]
     points = joint.clearance.joint.points(relative_at(joint.joint.play(), y[1:3]))
     borne = 1e9 * np.maximum(np.asarray(points.penetration), 0) ** 1.5
     np.testing.assert_allclose(np.sort(borne), [0, 0, 9.81 * 0.3, 9.81 * 1.3], rtol=1e-2, atol=1e-6)
@@ -292,7 +294,7 @@ def test_blocks_and_balls_settle_too():
     swing = cj.Mechanism(
         (cj.Body("arm", 1.0, cj.Inertia(2e-3, 2e-3, 2e-3), cj.Position(0.3)),), (ball,), gravity=cj.Gravity(z=-9.81)
     )
-    y, plan = initial_state(swing.prepared(), jnp.zeros(()), "settled"), layout(swing)
+    y, plan = initial_state(swing.prepare(), jnp.zeros(()), "settled"), layout(swing)
     assert np.abs(accelerations(swing, 0.0, y)[:3]).max() < 1e-3
     # Of a pendulum that lies level: m g I / (I + m l^2) upwards, m l w^2 inwards.
     up, inward = 9.81 * 2e-3 / (2e-3 + 0.09), 0.3 * 4.0
@@ -307,12 +309,12 @@ def begun(mechanism):
     """How a robot starts: the rest flags, the lowest frequency as the start has it and as the whole field has it, the
     tool's speed by play, and by how much play in units of its size moves the tool.
     """
-    ready, now = mechanism.prepared(), jnp.zeros(())
+    ready, now = mechanism.prepare(), jnp.zeros(())
     plan = layout(ready)
-    y, errors = settled_start(now, ready)
+    y, errors = settle_start(now, ready)
 
     def tool(v):
-        return evaluated("velocity", now, y.at[plan.v].set(v), ready)[0]
+        return evaluate("velocity", now, y.at[plan.v].set(v), ready)[0]
 
     sizes = jnp.stack([one.scale for joint in ready.clearance_joints() for one in joint.joint.play()])
     moves = jnp.sum(jnp.abs(jax.jacfwd(tool)(y[plan.v])) * sizes[None, :], axis=1)
@@ -330,7 +332,7 @@ def test_lightly_loaded_sleeves_of_a_robot_begin_at_relative_rest():
         at = np.radians(rng.uniform(-1, 1, 6) * [170, 60, 120, 180, 110, 180])
         by = at + np.radians(rng.uniform(-15, 15, 6))
         moves = {f"axis_{i + 1}": cj.drives.Quintic([0.0, 0.25], [at[i], by[i]]) for i in range(6)}
-        loose = robot.driven(
+        loose = robot.with_drives(
             moves | {"finger_left": cj.drives.Constant(0.02), "finger_right": cj.drives.Constant(0.02)}
         )
         for name, radial, length, pin in (
@@ -354,8 +356,8 @@ def test_lanes_of_settled_starts_in_space_are_those_alone():
     m = arm(dataclasses.replace(sleeve(normal=SOFT), stations=2), cj.drives.Quintic([0.0, 0.1], [0.0, 0.1]))
 
     def start(rise):
-        moved = m.driven({"hip": cj.drives.Quintic([0.0, 0.1], jnp.stack([0.0 * rise, rise]))})
-        return settled_start(jnp.zeros(()), moved.prepared())
+        moved = m.with_drives({"hip": cj.drives.Quintic([0.0, 0.1], jnp.stack([0.0 * rise, rise]))})
+        return settle_start(jnp.zeros(()), moved.prepare())
 
     rises = jnp.asarray([0.0, 1e-3, 1e-2, 0.1, 1.0])
     single = jax.jit(start)

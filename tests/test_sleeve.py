@@ -36,7 +36,7 @@ def relative(place, tilt=(0.0, 0.0, 0.0), velocity=(0.0, 0.0, 0.0), spin=(0.0, 0
 
 def act(joint, at) -> Any:
     """What a joint does at a relative motion, without memory."""
-    return joint.prepared().act(at, ())
+    return joint.prepare().act(at, ())
 
 
 def checked(joint, at) -> Any:
@@ -245,9 +245,9 @@ def test_a_sleeve_closes_a_loop_as_it_does_in_a_tree():
     state = jnp.array([*origin, real, x, y, z, *velocity, *spin])
     hip = cj.Revolute("hip", "sleeve", "arm", clearance=clearance)
     fixed = cj.Mechanism((cj.Body("sleeve"), *tree.bodies), (driven, hip), gravity=tree.gravity)
-    rate = slope(jnp.asarray(now), state, loop.prepared())[7:]
+    rate = slope(jnp.asarray(now), state, loop.prepare())[7:]
     own = jnp.array([*place, *tilt, *np.zeros(7)])
-    expected = slope(jnp.asarray(now), own, fixed.prepared())[6:]
+    expected = slope(jnp.asarray(now), own, fixed.prepare())[6:]
     # The pin's acceleration over the sleeve's own point there, in the sleeve's axes.
     w0, a0 = np.array([0, 0, 0.35 * 30 * np.cos(3.0)]), np.array([0, 0, -0.35 * 900 * np.sin(3.0)])
     there = np.cross(a0, origin) + np.cross(w0, np.cross(w0, origin))

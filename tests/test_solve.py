@@ -297,7 +297,7 @@ def test_a_preloaded_spring_hides_no_loss_and_round_off_at_rest_is_none():
         springs=(cj.Spring("s", "ground", "block", 2e5, 0.0, 0.9, cj.Position(-1.0)),),
     )
     start, times = jnp.zeros(6).at[1].set(1.0), (jnp.zeros(()), jnp.ones(()))
-    residual = jax.jit(lambda end: energy_residual(m.prepared(), times, (start, end)))
+    residual = jax.jit(lambda end: energy_residual(m.prepare(), times, (start, end)))
     assert float(residual(jnp.zeros(6).at[5].set(1.0))) == pytest.approx(1.0, rel=1e-6)
     moved = start.at[:1].set(1e-16)  # and the energies by the round-off of a kilojoule
     assert float(residual(moved)) < 1e-5

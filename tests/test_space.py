@@ -73,7 +73,7 @@ def test_field_agrees_with_lagrange(make):
     mechanism = make()
     plan, rng = layout(mechanism), np.random.default_rng(2)
     states = jnp.asarray([random_state(mechanism, rng) for _ in range(1000)])
-    ours = jax.jit(jax.vmap(slope, (None, 0, None)))(jnp.asarray(0.3), states, mechanism.prepared())
+    ours = jax.jit(jax.vmap(slope, (None, 0, None)))(jnp.asarray(0.3), states, mechanism.prepare())
     theirs = jax.jit(jax.vmap(lambda y: accelerations(mechanism, 0.3, y)))(states)
     size = np.max(np.abs(theirs), axis=1, keepdims=True)
     assert np.max(np.abs(ours[:, plan.v] - theirs) / size) < 1e-10
@@ -189,7 +189,7 @@ def test_spherical_pendulum_swings_as_its_cubic_says():
 
 def gaps(mechanism, solution):
     """The conditions of every closure at every sample."""
-    ready, plan = mechanism.prepared(), layout(mechanism)
+    ready, plan = mechanism.prepare(), layout(mechanism)
 
     def at(t, y):
         motion = frames(ready, t, plan.split(y))
@@ -381,7 +381,7 @@ def test_momentum_of_what_flies_is_kept():
     joint = cj.Spherical("joint", "first", "second", cj.Position(0.3), motion=cj.Ball(spin=cj.Spin(3.0, 1.0, -1.0)))
     mechanism = cj.Mechanism((first, second), (fly, joint))
     solution = cj.simulate(mechanism, 5.0, save_at=21, rtol=1e-11)
-    ready, plan = mechanism.prepared(), layout(mechanism)
+    ready, plan = mechanism.prepare(), layout(mechanism)
 
     def momenta(t, y):
         motion, whole, turning = frames(ready, t, plan.split(y)), jnp.zeros(3), jnp.zeros(3)

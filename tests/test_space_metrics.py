@@ -10,8 +10,8 @@ from test_space import arm, bennett, delta, four_bar
 
 import clearance_jax as cj
 from clearance_jax import design, metrics
-from clearance_jax.dynamics.closures import assembled
-from clearance_jax.dynamics.quantities import evaluated
+from clearance_jax.dynamics.closures import assemble
+from clearance_jax.dynamics.quantities import evaluate
 from clearance_jax.mechanism.state import initial_values
 from clearance_jax.metrics.ideal import freedom
 
@@ -58,7 +58,7 @@ def test_freedom_is_counted_in_space():
     """Repeated conditions count once; a mechanism's own error is nothing, however it closes."""
     linkage, _ = bennett()
     assert freedom(linkage) == 1
-    assert freedom(linkage.driven({"j1": cj.drives.ConstantSpeed(2.0)})) == 0
+    assert freedom(linkage.with_drives({"j1": cj.drives.ConstantSpeed(2.0)})) == 0
     assert freedom(delta(DRIVES)) == 0
     assert freedom(arm(3)) == 3
     assert freedom(four_bar(cj.Revolute, False)) == freedom(four_bar(cj.Spherical, True)) == 1
@@ -75,7 +75,7 @@ def test_errors_of_a_closed_linkage_without_play_are_nothing():
     linkage, _ = bennett()
     driven = cj.Mechanism(
         linkage.bodies, linkage.joints, linkage.loops, points=(cj.Point("knee", "l2"),), gravity=linkage.gravity
-    ).driven({"j1": cj.drives.Harmonic(0.3, 2.0, offset=0.7)})
+    ).with_drives({"j1": cj.drives.Harmonic(0.3, 2.0, offset=0.7)})
     asked = {"place": metrics.Rms(metrics.PositionError("knee")), "turn": metrics.Rms(metrics.OrientationError("l2"))}
     found = cj.measure(driven, asked, 0.2)
     assert max(map(float, found.values())) < 1e-9
@@ -84,13 +84,13 @@ def test_errors_of_a_closed_linkage_without_play_are_nothing():
 def test_static_weights_of_an_arm_are_one():
     """An offset in a joint of a driven arm moves its end by itself, whatever the arm's shape."""
     drives = {f"joint{i}": cj.drives.Harmonic(0.5, 2.0 + i) for i in range(3)}
-    weights = design.static_weights(arm(3).driven(drives), "tip", 1.0, 11, joints=("joint2", "joint0"))
+    weights = design.static_weights(arm(3).with_drives(drives), "tip", 1.0, 11, joints=("joint2", "joint0"))
     assert list(weights) == ["joint2", "joint0"]
     np.testing.assert_allclose(list(weights.values()), 1.0, rtol=1e-12)
     with pytest.raises(cj.ClearanceError, match="name the joints"):
-        design.static_weights(arm(3).driven(drives), "tip", 1.0)
+        design.static_weights(arm(3).with_drives(drives), "tip", 1.0)
     with pytest.raises(cj.ClearanceError, match=r"no joint `joint9`"):
-        design.static_weights(arm(3).driven(drives), "tip", 1.0, joints=["joint9"])
+        design.static_weights(arm(3).with_drives(drives), "tip", 1.0, joints=["joint9"])
 
 
 def rssr(drive):
@@ -127,9 +127,9 @@ def test_static_weights_of_a_closed_loop_are_those_of_its_assembly():
     def places(time, offset):
         out = []
         for name in asked:
-            ready = moved(name, offset).prepared()
-            y, opened = assembled(time, initial_values(ready), ready)
-            out.append((evaluated("position", time, y, ready)[0], jnp.max(opened)))
+            ready = moved(name, offset).prepare()
+            y, opened = assemble(time, initial_values(ready), ready)
+            out.append((evaluate("position", time, y, ready)[0], jnp.max(opened)))
         return jnp.stack([place for place, _ in out]), jnp.stack([opened for _, opened in out])
 
     width = 1e-4
@@ -146,6 +146,6 @@ def test_static_weights_of_a_closed_loop_are_those_of_its_assembly():
 
 def test_an_over_constrained_mechanism_has_no_static_bound():
     linkage, _ = bennett()
-    driven = linkage.driven({"j1": cj.drives.ConstantSpeed(2.0)})
+    driven = linkage.with_drives({"j1": cj.drives.ConstantSpeed(2.0)})
     with pytest.raises(cj.ClearanceError, match="3 of the conditions"):
         design.static_weights(driven, "any", 1.0, joints=["j2"])

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import clearance_jax as cj
-from clearance_jax.dynamics.closures import corrected
+from clearance_jax.dynamics.closures import correct
 from clearance_jax.mechanism.state import layout
 from experiments.reference import squeezer
 
@@ -20,7 +20,7 @@ def test_the_start_closes_all_loops():
     mechanism = cj.load(SCENE)
     start = [float(c.motion.position) for c in mechanism.free_coordinates()]
     state = jnp.array([*start, *np.zeros(len(start))])
-    _, gaps = corrected(jnp.asarray(0.0), state, mechanism.prepared(), mechanism.loops)
+    _, gaps = correct(jnp.asarray(0.0), state, mechanism.prepare(), mechanism.loops)
     assert gaps.shape == (3,)
     assert float(jnp.max(gaps)) < 1e-15
 

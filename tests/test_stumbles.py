@@ -19,7 +19,7 @@ from clearance_jax.cli.common import check_writable
 from clearance_jax.cli.interruption import Interruption
 from clearance_jax.cli.main import app
 from clearance_jax.cli.pace import Pace, shown_duration
-from clearance_jax.errors import LONGEST, ClearanceError, cut, quoted
+from clearance_jax.errors import LONGEST, ClearanceError, cut, quote
 from clearance_jax.io.given_play import with_play
 from clearance_jax.io.plausible import ImplausibleWarning
 from clearance_jax.io.scene import load_scene
@@ -384,21 +384,21 @@ def test_messages_are_short():
     assert len(long) == LONGEST
     assert long.startswith("begin ")
     assert long.endswith(" end")
-    assert "digits" in quoted(16**9000)
+    assert "digits" in quote(16**9000)
     deep: list = []
     for _ in range(5000):
         deep = [deep]
-    assert len(quoted(deep)) <= 120
+    assert len(quote(deep)) <= 120
 
 
 def test_a_pace_tells_how_long_more_of_the_same_takes(monkeypatch):
     clock = iter([0.0, 10.0, 11.0, 12.0, 20.0])
     monkeypatch.setattr("clearance_jax.cli.pace.time.monotonic", lambda: next(clock))
     pace = Pace()
-    assert pace.expected(5) is None
+    assert pace.estimate(5) is None
     for _ in range(4):
         pace.tick()
-    assert pace.expected(5) == pytest.approx(15.0)  # compiled in 10 s, then usually 1 s each
+    assert pace.estimate(5) == pytest.approx(15.0)  # compiled in 10 s, then usually 1 s each
     assert [shown_duration(s) for s in (None, 0.1, 15.4, 600.0)] == [
         "a time that is not known",
         "about 1 s",

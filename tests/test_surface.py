@@ -276,7 +276,7 @@ def test_wrong_names_are_corrected(solution):
         (lambda: solution["piston"], "no quantity `piston`"),
         (lambda: solution.state("crnkpin"), "no state `crnkpin`. Did you mean `crankpin`"),
         (lambda: solution.state("main"), r"`main` is no state: .* Use `solution\[\"main\"\]`"),
-        (lambda: solution._named(0, {}), "asked by name"),  # what `solution[0]` comes to
+        (lambda: solution._lookup(0, {}), "asked by name"),  # what `solution[0]` comes to
     ):
         with pytest.raises(cj.ClearanceError, match=words):
             ask()

@@ -124,13 +124,13 @@ def test_what_changes_together_has_one_axis():
     zipped = zipped.drop_vars("speed").assign_coords({SPEED: ("speed", np.linspace(600, 100, 16))})
     zipped = zipped.assign_coords(speed=np.arange(16), t1=("speed", 1 / zipped[SPEED].values))
     tidied = sweep_axes.tidy(zipped)
-    assert sweep_axes.varied(tidied) == (CLEARANCE, SPEED)
+    assert sweep_axes.variables(tidied) == (CLEARANCE, SPEED)
     assert tidied["error"].dims == (CLEARANCE, SPEED)
     np.testing.assert_array_equal(tidied["error"], zipped["error"])
     (axes, _) = sweep_figures.heat_map(zipped, "error").axes
     assert axes.get_ylabel() == "drive main speed"
     # What scatters stays, and values in any order are sorted.
-    assert sweep_axes.varied(sweep_axes.tidy(ishigami(8))) == ("a.x", "b.x", "c.x")
+    assert sweep_axes.variables(sweep_axes.tidy(ishigami(8))) == ("a.x", "b.x", "c.x")
     mixed = sweep_axes.tidy(grid().isel({CLEARANCE: [4, 1, 2]}))
     np.testing.assert_allclose(mixed[CLEARANCE], [5e-5, 1e-4, 2e-4])
 

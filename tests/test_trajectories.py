@@ -31,7 +31,7 @@ LIMITED = cj.drives.Trapezoid(BEGINS, RISES, SPEED, ACCELERATION, offset=0.7)
 
 def along(drive, times):
     """Position, speed and acceleration at times."""
-    return np.stack(jax.jit(jax.vmap(drive.prepared()))(jnp.asarray(times)))
+    return np.stack(jax.jit(jax.vmap(drive.prepare()))(jnp.asarray(times)))
 
 
 def between(times):
@@ -123,7 +123,7 @@ def test_derivatives_by_every_number(name):
     @jax.jit
     def places(x):
         """Position and speed, which no number makes jump."""
-        return jnp.stack(jax.vmap(make(x).prepared())(T)[:2])
+        return jnp.stack(jax.vmap(make(x).prepare())(T)[:2])
 
     expected = differences(places, point)
     for jacobian in (jax.jacfwd, jax.jacrev):
@@ -233,7 +233,7 @@ def test_least_jerk_by_given_speeds():
     """Nothing else of the kind has less: the jerk's integral over curves with these speeds is stationary."""
 
     def jerk(accelerations):
-        pieces = cj.drives.Quintic(TIMES, VALUES, -VALUES, accelerations).prepared().coefficients[1:-1]
+        pieces = cj.drives.Quintic(TIMES, VALUES, -VALUES, accelerations).prepare().coefficients[1:-1]
         third = pieces[:, 3:] * jnp.array([[6.0, 24.0, 60.0]])
         h = jnp.diff(TIMES)[:, None, None]
         i = jnp.arange(3)
@@ -304,7 +304,7 @@ def test_a_driven_mechanism_is_the_one_built_by_hand():
         points=servo.points,
         gravity=servo.gravity,
     )
-    driven = servo.driven({"hip": drive})
+    driven = servo.with_drives({"hip": drive})
     assert list(cj.parameters(driven)) == list(cj.parameters(by_hand))
     one, two = (cj.simulate(m, 0.01, rtol=1e-6) for m in (driven, by_hand))
     np.testing.assert_array_equal(one.final, two.final)
@@ -314,9 +314,9 @@ def test_a_driven_mechanism_is_the_one_built_by_hand():
 
 def test_what_is_not_named_stays():
     crank = slider_crank()
-    assert crank.driven({}) is not crank
-    assert jax.tree.structure(crank.driven({})) == jax.tree.structure(crank)
-    held = crank.driven({"main": cj.drives.Constant(0.3)})
+    assert crank.with_drives({}) is not crank
+    assert jax.tree.structure(crank.with_drives({})) == jax.tree.structure(crank)
+    held = crank.with_drives({"main": cj.drives.Constant(0.3)})
     assert held.loops[0] is crank.loops[0]
     assert held.joints[1:] == crank.joints[1:]
     assert isinstance(drive_of(held, "main"), cj.drives.Constant)
@@ -326,7 +326,7 @@ def test_what_is_not_named_stays():
 def test_a_held_crank_is_one_at_no_speed():
     crank = slider_crank()
     held, slow = (
-        cj.simulate(crank.driven({"main": drive}), 1e-3, rtol=1e-6)
+        cj.simulate(crank.with_drives({"main": drive}), 1e-3, rtol=1e-6)
         for drive in (cj.drives.Constant(0.3), cj.drives.ConstantSpeed(0.0, 0.3))
     )
     np.testing.assert_allclose(held.final, slow.final, rtol=1e-12, atol=1e-12)
@@ -344,12 +344,12 @@ def test_a_held_crank_is_one_at_no_speed():
 )
 def test_what_cannot_be_driven_is_refused(drives, words):
     with pytest.raises(cj.ClearanceError, match=words):
-        playful_servo().driven(drives)
+        playful_servo().with_drives(drives)
 
 
 def test_a_joint_that_closes_a_loop_is_not_driven():
     with pytest.raises(cj.ClearanceError, match="no coordinate `wrist` to drive"):
-        slider_crank().driven({"wrist": cj.drives.Constant(0.0)})
+        slider_crank().with_drives({"wrist": cj.drives.Constant(0.0)})
 
 
 def drill() -> cj.Mechanism:
@@ -367,7 +367,7 @@ def drill() -> cj.Mechanism:
 
 def test_each_coordinate_of_a_joint_is_driven_by_its_own_name():
     feed, turn = cj.drives.Trapezoid([0.0], [0.1], 1.0, 10.0), cj.drives.ConstantSpeed(100.0)
-    driven = drill().driven({"drill.slide": feed, "drill.turn": turn})
+    driven = drill().with_drives({"drill.slide": feed, "drill.turn": turn})
     joint: Any = driven.joint("drill")
     assert joint.slide.limits == cj.Limits(0.0, 0.2)
     assert joint.slide.actuators == ()
@@ -379,13 +379,13 @@ def test_each_coordinate_of_a_joint_is_driven_by_its_own_name():
 
 def test_an_orientation_in_space_is_not_driven():
     with pytest.raises(cj.ClearanceError, match=r"no coordinate `ball` to drive. .*Allowed: drill.slide, drill.turn"):
-        drill().driven({"ball": cj.drives.Constant(0.0)})
+        drill().with_drives({"ball": cj.drives.Constant(0.0)})
 
 
 def test_columns_are_coordinates(tmp_path):
     text = GOOD.replace("slide", "drill.slide").replace("hinge", "drill.turn")
     drives = cj.read_trajectory(written(tmp_path, text), drill())
-    assert {c.name for c in drill().driven(drives).coordinates() if not c.motion.is_free} == set(drives)
+    assert {c.name for c in drill().with_drives(drives).coordinates() if not c.motion.is_free} == set(drives)
     with pytest.raises(cj.ClearanceError, match=r"`drill\.slide` must be in a unit of length"):
         cj.read_trajectory(written(tmp_path, text.replace("[mm]", "[deg]")), drill())
 
@@ -439,7 +439,7 @@ def test_a_trajectory_is_read(name, tmp_path):
 
 
 def test_what_is_read_drives(tmp_path):
-    driven = carriage().driven(cj.read_trajectory(written(tmp_path, GOOD), carriage()))
+    driven = carriage().with_drives(cj.read_trajectory(written(tmp_path, GOOD), carriage()))
     solution = cj.simulate(driven, 0.4, save_at=jnp.array([0.0, 0.1, 0.2, 0.4]))
     np.testing.assert_allclose(solution["slide"], [0.0, 0.02, 0.015, -0.005], rtol=0, atol=1e-15)
     np.testing.assert_allclose(solution["hinge"], np.deg2rad([10, 20, 5, 0]), rtol=0, atol=1e-15)

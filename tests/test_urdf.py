@@ -7,7 +7,7 @@ import clearance_jax as cj
 from clearance_jax.errors import LONGEST, ClearanceError
 from clearance_jax.io.poses import rotation_of, rpy_of
 from clearance_jax.io.urdf_file import read_urdf
-from clearance_jax.io.urdf_merge import merged
+from clearance_jax.io.urdf_merge import merge
 from clearance_jax.io.urdf_moved import mass_matrix
 from clearance_jax.io.xml_file import read_xml
 from clearance_jax.mechanism.limits import Limits
@@ -179,7 +179,7 @@ def test_elements_know_their_lines(written):
 @pytest.mark.parametrize("seed", range(8))
 def test_merging_against_direct_sums(seed, written):
     _, robot = read_urdf(written(tree(seed)))
-    whole = merged(robot)
+    whole = merge(robot)
     q = {joint.name: 0.1 * i - 0.5 for i, joint in enumerate(robot.joints)}
     links, bodies = poses(robot.root, robot.joints, q), poses(robot.root, whole.joints, q)
     assert set(bodies) == set(whole.bodies)
@@ -199,7 +199,7 @@ def test_merging_against_direct_sums(seed, written):
 
 
 def test_what_is_not_merged_stays_as_written(written):
-    whole = merged(read_urdf(written(ARM))[1])
+    whole = merge(read_urdf(written(ARM))[1])
     assert [joint.name for joint in whole.joints] == ["shoulder", "elbow"]
     assert whole.joints == read_urdf(written(ARM))[1].joints[:2]
     fore = whole.bodies["fore"]
@@ -274,7 +274,7 @@ def test_the_mass_matrix_of_two_links(written):
     text = robot(
         link("base"), link("a"), link("b"), hinge("one", "base", "a", "0 0 1"), hinge("two", "a", "b", "0 0 1", "2 0 0")
     ).replace("<mass", '<origin xyz="1 0 0"/><mass')
-    whole = merged(read_urdf(written(text))[1])
+    whole = merge(read_urdf(written(text))[1])
     matrix, owners = mass_matrix(whole.joints, {name: whole.bodies[name] for name in "ab"}, 3)
     assert [joint.name for joint in owners] == ["one", "two"]
     turn, m = 0.04 + 1.5, 1.5

@@ -182,15 +182,15 @@ def test_energies_and_frames_are_those_of_the_file(text, written):
     every = [link.name for link in described.links]
     mechanism = cj.load_urdf(path, gravity=GRAVITY, mimic="independent", end_effector=every)
     assert len(mechanism.points) == len(every)
-    ready = mechanism.prepared()
+    ready = mechanism.prepare()
 
     @jax.jit
     def of(y):
         motion = frames(ready, jnp.zeros(()), layout(ready).split(y))
         poses = []
         for point in mechanism.points:
-            frame = motion[point.body].moved_to(point.at.vector)
-            turn = frame.rotation if point.orientation is None else frame.rotated(point.orientation.rotation).rotation
+            frame = motion[point.body].move_origin(point.at.vector)
+            turn = frame.rotation if point.orientation is None else frame.rotate(point.orientation.rotation).rotation
             poses.append(jnp.array([[*row, p] for row, p in zip(turn.rows, frame.position, strict=True)], float))
         return energies(jnp.zeros(()), y, ready), jnp.stack(poses)
 
@@ -218,7 +218,7 @@ def test_a_free_base_falls_as_the_arm_on_it_does(written):
     )
     assert (len(plan.positions), plan.free) == (9, 8)
     y = jnp.zeros(plan.size).at[plan.positions.index("floating_base.w")].set(1.0).at[7:9].set(0.6)
-    rate = np.asarray(jax.jit(lambda y: slope(jnp.zeros(()), y, robot.prepared()))(y))[plan.v]
+    rate = np.asarray(jax.jit(lambda y: slope(jnp.zeros(()), y, robot.prepare()))(y))[plan.v]
     np.testing.assert_allclose(rate, [*GRAVITY, 0, 0, 0, 0, 0], atol=1e-13)
 
 

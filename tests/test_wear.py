@@ -50,7 +50,7 @@ def depths(sectors):
 def test_flat_patches_wear_off_what_archard_says(name, sectors):
     """However narrow a patch is beside a sector, V = k F s."""
     seen = pressing([FORCE, 1.0, 0.0, 1e-7])
-    found = wear.worn(seen, SLEEVE, wear.Archard(K), PRESSURES[name], depth=depths(sectors))
+    found = wear.wear_of(seen, SLEEVE, wear.Archard(K), PRESSURES[name], depth=depths(sectors))
     assert float(found.volume) == pytest.approx(K * (FORCE + 1.0 + 1e-7) * 2 * 0.25, rel=1e-12)
     assert float(found.sliding) == pytest.approx(1.5)
 
@@ -61,7 +61,7 @@ def test_the_foundation_bears_its_force_as_the_closed_form_says():
     a = 0.3
     radius, e = PIN + CLEARANCE, CLEARANCE / np.cos(a)
     force = STIFFNESS * radius * e * (a - np.sin(a) * np.cos(a))
-    spread = foundation.prepared(Section(GEOMETRY, depths(360)))(pressed(force))
+    spread = foundation.prepare(Section(GEOMETRY, depths(360)))(pressed(force))
     whole = 2 * STIFFNESS * radius * e * (np.sin(a) - a * np.cos(a))
     angles = 2 * np.pi * (np.arange(360)[:, None] + np.linspace(-0.5, 0.5, 401)) / 360
     exact = STIFFNESS * np.maximum(e * np.cos(angles) - CLEARANCE, 0).mean(axis=1)
@@ -75,7 +75,7 @@ def test_the_foundation_bears_its_force_as_the_closed_form_says():
 def test_more_sectors_change_the_volume_on_a_foundation_ever_less():
     seen = pressing(FORCE)
     volumes = [
-        float(wear.worn(seen, SLEEVE, wear.Archard(K), PRESSURES["foundation"], depth=depths(n)).volume)
+        float(wear.wear_of(seen, SLEEVE, wear.Archard(K), PRESSURES["foundation"], depth=depths(n)).volume)
         for n in (90, 180, 360, 720)
     ]
     change = np.abs(np.diff(volumes)) / volumes[-1]
@@ -90,9 +90,9 @@ def test_more_sectors_change_the_volume_on_a_foundation_ever_less():
 def test_a_worn_sleeve_bears_more_evenly():
     """On the profile that a patch has worn off, the same force has less pressure: what wear is slowed down by."""
     foundation = PRESSURES["foundation"]
-    first = foundation.prepared(Section(GEOMETRY, depths(360)))(pressed(FORCE / LENGTH, 0.5)).means
+    first = foundation.prepare(Section(GEOMETRY, depths(360)))(pressed(FORCE / LENGTH, 0.5)).means
     deep = 0.5 * first / STIFFNESS
-    second = foundation.prepared(Section(GEOMETRY, deep))(pressed(FORCE / LENGTH, 0.5))
+    second = foundation.prepare(Section(GEOMETRY, deep))(pressed(FORCE / LENGTH, 0.5))
     assert float(second.borne) == pytest.approx(FORCE / LENGTH, rel=1e-12)
     assert float(second.means.max()) < 0.9 * float(first.max())
 
@@ -102,7 +102,7 @@ def test_cycles_that_wear_off_more_than_twice_how_deep_the_pin_stands_run_away(r
     """Below that each cycle comes to wear off what the one before did; beyond, other sectors in turn."""
     law, depth, cycles, last = wear.Archard(relief / (STIFFNESS * 2)), depths(90), [], 0.0
     for _ in range(40):
-        found = wear.worn(pressing(FORCE), SLEEVE, law, PRESSURES["foundation"], depth=depth)
+        found = wear.wear_of(pressing(FORCE), SLEEVE, law, PRESSURES["foundation"], depth=depth)
         depth, last = depth + found.depth[0], float(found.relief)
         cycles.append(found.depth[0] / jnp.linalg.norm(found.depth[0]))
     assert last == pytest.approx(relief)
@@ -115,7 +115,7 @@ def test_the_paper_s_numbers():
     39.3 mm at k = 6e-14 1/Pa wears off 3.1e-8 m.
     """
     paper = geometry(25e-3, 5e-5, Material(2.01e11), Material(2.06e11))
-    spread = wear.HertzLine().prepared(Section(paper, depths(7200)))(pressed(FORCE / LENGTH))
+    spread = wear.HertzLine().prepare(Section(paper, depths(7200)))(pressed(FORCE / LENGTH))
     assert float(spread.means.max()) == pytest.approx(13.06e6, rel=1e-3)
     law = wear.archard("6e-5 mm^3/(N*m)")
     depth = law.rate(SlidingState(spread.means.max(), jnp.asarray(39.3e-3), jnp.zeros(()), jnp.zeros(())))
@@ -146,15 +146,15 @@ def test_other_laws():
 
 
 def test_what_does_not_wear_and_what_cannot():
-    none = wear.worn(pressing(FORCE), SLEEVE, wear.Archard(0.0), wear.HertzLine(), depth=depths(90))
+    none = wear.wear_of(pressing(FORCE), SLEEVE, wear.Archard(0.0), wear.HertzLine(), depth=depths(90))
     assert float(none.volume) == 0
-    apart = wear.worn(pressing(0.0), SLEEVE, wear.Archard(K), PRESSURES["foundation"], depth=depths(90))
+    apart = wear.wear_of(pressing(0.0), SLEEVE, wear.Archard(K), PRESSURES["foundation"], depth=depths(90))
     assert float(apart.volume) == float(apart.sliding) == 0
     with pytest.raises(ClearanceError, match="further than a flat patch"):
-        wear.worn(pressing(1e9), SLEEVE, wear.Archard(K), wear.HertzLine(), depth=depths(90))
+        wear.wear_of(pressing(1e9), SLEEVE, wear.Archard(K), wear.HertzLine(), depth=depths(90))
     soft = Sections(GEOMETRY._replace(pin_material=None), SLEEVE.heights, SLEEVE.lengths)
     with pytest.raises(ClearanceError, match="needs `pin_material`"):
-        wear.worn(pressing(FORCE), soft, wear.Archard(K), wear.HertzLine(), depth=depths(90))
+        wear.wear_of(pressing(FORCE), soft, wear.Archard(K), wear.HertzLine(), depth=depths(90))
 
 
 # Motions -------------------------------------------------------------------------------------------------------------

@@ -135,7 +135,7 @@ def test_jumps_agree_with_every_cycle_of_a_pin_that_swings():
     law, pressure = wear.Archard(2e-13), wear.Foundation(2e13)
 
     def rate(depth, _):
-        return wear.worn(seen, sleeve, law, pressure, depth=jnp.asarray(depth)).depth[0]
+        return wear.wear_of(seen, sleeve, law, pressure, depth=jnp.asarray(depth)).depth[0]
 
     every = wear.march(rate, np.zeros(sectors), cycles, longest=1)
     jumped = wear.march(rate, np.zeros(sectors), cycles, tolerance=3e-3)
@@ -176,9 +176,9 @@ def test_sectors_follow_from_the_patch():
         return Contacts(ones[:, 0], ones[:, 0], force * ones, angle * ones, ones, 0 * ones, jnp.zeros((3, 1, 2)))
 
     half = float(foundation.half_angle(geometry, jnp.asarray(196.2 / 0.05)))
-    still = sectors.worn_round(seen([196.2, 196.2, 0.0], [1.0, 1.0, 3.0]), sleeve, law, foundation)
+    still = sectors.wear_round(seen([196.2, 196.2, 0.0], [1.0, 1.0, 3.0]), sleeve, law, foundation)
     for count in (180, 360, 720):  # to what 7200 places around the sleeve resolve
-        assert sectors.missed(still, count) == pytest.approx((2 * np.pi / count / half) ** 2 / 3, rel=2e-2)
+        assert sectors.missed_part(still, count) == pytest.approx((2 * np.pi / count / half) ** 2 / 3, rel=2e-2)
     for count, fine in ((720, False), (780, True)):
         assert sectors.surely_fine(seen([196.2, 196.2, 0.0], [1.0, 1.0, 3.0]), sleeve, foundation, count) == fine
     chosen = sectors.fewest(still)
@@ -189,17 +189,18 @@ def test_sectors_follow_from_the_patch():
     assert "780 sectors would do" in said
     # What the library's own pressures wear off on such sectors, two of which meet below the patch.
     fine, wide = (
-        wear.worn(seen([196.2] * 3, [np.pi / n] * 3), sleeve, law, foundation, depth=jnp.zeros(n)) for n in (2160, 180)
+        wear.wear_of(seen([196.2] * 3, [np.pi / n] * 3), sleeve, law, foundation, depth=jnp.zeros(n))
+        for n in (2160, 180)
     )
-    assert 1 - float(wide.deepest / fine.deepest) == pytest.approx(sectors.missed(still, 180), rel=1e-2)
+    assert 1 - float(wide.deepest / fine.deepest) == pytest.approx(sectors.missed_part(still, 180), rel=1e-2)
     # A little rubbing on a narrow patch elsewhere does not matter; a patch that never stands still is a smooth profile.
-    beside = sectors.worn_round(seen([196.2, 196.2, 1.0], [1.0, 1.0, 3.0]), sleeve, law, foundation)
-    assert sectors.missed(beside, 360) == pytest.approx(sectors.missed(still, 360), rel=1e-9)
-    moved = sectors.worn_round(seen([196.2] * 3, np.array([0.9, 1.0, 1.1]) * half), sleeve, law, foundation)
-    assert sectors.missed(moved, 360) < sectors.missed(still, 360) * 1.05
-    flat = sectors.worn_round(seen([196.2] * 3, [1.0] * 3), sleeve, law, wear.Uniform(0.2))
-    assert sectors.missed(flat, 60) == pytest.approx(0, abs=1e-9)
-    thin = sectors.worn_round(seen([1e-3] * 3, [1.0] * 3), sleeve, law, wear.Foundation(2e15))
+    beside = sectors.wear_round(seen([196.2, 196.2, 1.0], [1.0, 1.0, 3.0]), sleeve, law, foundation)
+    assert sectors.missed_part(beside, 360) == pytest.approx(sectors.missed_part(still, 360), rel=1e-9)
+    moved = sectors.wear_round(seen([196.2] * 3, np.array([0.9, 1.0, 1.1]) * half), sleeve, law, foundation)
+    assert sectors.missed_part(moved, 360) < sectors.missed_part(still, 360) * 1.05
+    flat = sectors.wear_round(seen([196.2] * 3, [1.0] * 3), sleeve, law, wear.Uniform(0.2))
+    assert sectors.missed_part(flat, 60) == pytest.approx(0, abs=1e-9)
+    thin = sectors.wear_round(seen([1e-3] * 3, [1.0] * 3), sleeve, law, wear.Foundation(2e15))
     assert sectors.fewest(thin) == sectors.MOST
     assert "are the most, and too few as well" in sectors.doubt(thin, 360, "pin")
 

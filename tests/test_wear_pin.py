@@ -67,9 +67,11 @@ def test_a_pin_that_turns_by_part_of_a_sector_loses_nothing():
         place = CLEARANCE * jnp.asarray([[[np.cos(2.0), np.sin(2.0)]]])
         seen = Contacts(one[0], one[0], 3e3 * one, 2.0 * one, one, 0 * one, place, jnp.asarray([turn]))
         for pressure in (wear.HertzLine(), wear.Foundation(2e13)):
-            on = {of: wear.worn(seen, sleeve, LAW, pressure, of=of, depth=jnp.zeros(360)) for of in ("sleeve", "pin")}
+            on = {
+                of: wear.wear_of(seen, sleeve, LAW, pressure, of=of, depth=jnp.zeros(360)) for of in ("sleeve", "pin")
+            }
             assert float(on["pin"].volume) == pytest.approx(float(on["sleeve"].volume), rel=1e-12)
             centre = np.angle(np.asarray(on["pin"].depth[0]) @ np.exp(1j * np.asarray(on["pin"].angle)))
             assert np.cos(centre - (2.0 - turn)) == pytest.approx(1, abs=1e-6)
     with pytest.raises(ClearanceError, match="`of` must be sleeve or pin"):
-        wear.worn(seen, sleeve, LAW, wear.HertzLine(), of="bush", depth=jnp.zeros(360))
+        wear.wear_of(seen, sleeve, LAW, wear.HertzLine(), of="bush", depth=jnp.zeros(360))

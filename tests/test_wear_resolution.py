@@ -40,7 +40,7 @@ def test_a_profile_that_wears_converges_with_its_sectors():
     def worn_in(count):
         depth, volume = jnp.zeros(count), 0.0
         for _ in range(12):
-            found = wear.worn(seen, sleeve, law, foundation, depth=depth)
+            found = wear.wear_of(seen, sleeve, law, foundation, depth=depth)
             depth, volume = depth + found.depth[0], volume + float(found.volume)
         return np.asarray(depth), volume
 

@@ -82,7 +82,7 @@ def test_a_round_sleeve_costs_nothing_more(pin):
             at = relative((0, 0, 0))._replace(
                 place=(place, 0.0 * place, place), rows=((c, 0.0, s), (0.0, 1.0, 0.0), (-s, 0.0, c))
             )
-            action = joint.prepared().act(at, ())
+            action = joint.prepare().act(at, ())
             return jnp.stack([jnp.asarray(x, float) for x in (*action.force, *action.torque)])
 
         return str(jax.make_jaxpr(does)(1e-4, 1e-3))

@@ -17,7 +17,7 @@ from jaxtyping import Array, Bool, Complex, Float, Int
 from clearance_jax._module import Module
 from clearance_jax._solo import solo_jit
 from clearance_jax._types import Scalar
-from clearance_jax.dynamics.closures import projected
+from clearance_jax.dynamics.closures import project
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.actuators import ConstantEffort, Servo
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -171,7 +171,7 @@ def _cycle_jvp(primals, tangents, *, effort: Effort):
     if jax.tree.leaves((rates.mechanism, rates.period)):
 
         def end(mechanism, period):
-            return advanced(search._replace(mechanism=mechanism, period=period), motion.y, effort)[0]
+            return advance(search._replace(mechanism=mechanism, period=period), motion.y, effort)[0]
 
         at, along = (search.mechanism, search.period), (rates.mechanism, rates.period)
         reached, moved = eqx.filter_jvp(end, at, along)
@@ -206,21 +206,21 @@ def search_cycle(search: Search, effort: Effort) -> PeriodicMotion:
     """Settle, then damped Newton steps with the error-controlled Jacobian; settle again where these get stuck."""
     plan = layout(search.mechanism)
     n, size = plan.free, plan.size
-    first = initial_state(search.mechanism.prepared(), search.t0) if search.guess is None else search.guess
+    first = initial_state(search.mechanism.prepare(), search.t0) if search.guess is None else search.guess
     free = free_turns(search)
 
-    def mapped(y):
-        end, code = advanced(search, y, effort)
+    def period_map(y):
+        end, code = advance(search, y, effort)
         return end, (end, code)
 
-    def counted(y, end):
+    def count_turns(y, end):
         """Whole turns made: free rotations as they did, the others as they must."""
         return jnp.where(jnp.isnan(free), jnp.round((end - y)[:n] / TURN), free)
 
-    def settled(y):
+    def settle(y):
         def once(_, y):
-            end, _ = advanced(search, y, effort)
-            return end.at[:n].add(-TURN * counted(y, end))
+            end, _ = advance(search, y, effort)
+            return end.at[:n].add(-TURN * count_turns(y, end))
 
         return jax.lax.fori_loop(0, effort.settle, once, y)
 
@@ -230,9 +230,9 @@ def search_cycle(search: Search, effort: Effort) -> PeriodicMotion:
 
     def iterate(s: _State) -> _State:
         settling = s.damping == 0
-        y = jax.lax.cond(settling, lambda: settled(s.y), lambda: newton(s))
-        jacobian, (end, code) = jax.jacfwd(mapped, has_aux=True)(y)
-        turns = jnp.where(settling, counted(y, end), s.turns)
+        y = jax.lax.cond(settling, lambda: settle(s.y), lambda: newton(s))
+        jacobian, (end, code) = jax.jacfwd(period_map, has_aux=True)(y)
+        turns = jnp.where(settling, count_turns(y, end), s.turns)
         end = end.at[:n].add(-TURN * turns)
         unit = jnp.where(settling, scale(search, y), s.unit)
         residual = jnp.max(jnp.abs(end - y) / unit)
@@ -245,7 +245,7 @@ def search_cycle(search: Search, effort: Effort) -> PeriodicMotion:
         kept = s._replace(damping=damping, stalled=stalled, iterations=s.iterations + 1)
         return jax.tree.map(lambda a, b: jnp.where(settling | better, a, b), new, kept)
 
-    def unfinished(s: _State):
+    def goes_on(s: _State):
         going = (s.residual > search.rtol) & ~s.stalled & jnp.all(jnp.isfinite(s.y))
         return going & (s.iterations < effort.iterations)
 
@@ -253,20 +253,20 @@ def search_cycle(search: Search, effort: Effort) -> PeriodicMotion:
     start = _State(
         first, first, jnp.zeros((size, size)), *nothing, jnp.asarray(0), jnp.asarray(int(Result.REACHED_END))
     )
-    s = jax.lax.while_loop(unfinished, iterate, start)
+    s = jax.lax.while_loop(goes_on, iterate, start)
     gaps = [gap <= SEAM for gap in seams(search.mechanism, search.t0, search.period).values()]
     converged = (s.residual <= CLOSED * search.rtol) & jnp.all(jnp.asarray(gaps))
-    held = held_memory(s.jacobian, n)
+    held = constant_memory(s.jacobian, n)
     return PeriodicMotion(s.y, s.jacobian, s.residual, s.iterations, s.turns, converged, s.code, held)
 
 
-def held_memory(jacobian: Array, free: int) -> Array:
+def constant_memory(jacobian: Array, free: int) -> Array:
     """Which components are memory that no touch rewrote in the period: their rows are unit rows, to the last digit."""
     size = jacobian.shape[0]
     return (jnp.arange(size) >= 2 * free) & jnp.all(jacobian == jnp.eye(size), axis=1)
 
 
-def advanced(search: Search, y: Array, effort: Effort) -> tuple[Array, Any]:
+def advance(search: Search, y: Array, effort: Effort) -> tuple[Array, Any]:
     """The state a period later, NaN where the solve fails, and how the solve ended.
 
     The start is projected on ideal closures: so a direction that opens a loop has multiplier 0, and I - dP/dy stays
@@ -274,14 +274,14 @@ def advanced(search: Search, y: Array, effort: Effort) -> tuple[Array, Any]:
     """
     t0, mechanism = search.t0, search.mechanism
     if mechanism.closures():
-        y = projected(t0, y, mechanism.prepared(), 2)
+        y = project(t0, y, mechanism.prepare(), 2)
     solution = flow(Inputs(mechanism, t0, t0 + search.period, None, search.rtol, None, y), options=effort.options)
     return jnp.where(solution.succeeded, solution.final, jnp.nan), solution.code
 
 
 def scale(search: Search, y: Array) -> Array:
     """Magnitude of each component of the state, as error control sees it; 1 for memory that is only latched."""
-    problem = Problem(search.mechanism.prepared())
+    problem = Problem(search.mechanism.prepare())
     allowed = tolerances(problem, y, search.t0, search.t0 + search.period, search.rtol)
     unit = allowed.unit + allowed.relative / (LOCAL * search.rtol) * jnp.abs(y)
     return jnp.where(jnp.isfinite(unit), unit, 1.0)
@@ -315,6 +315,6 @@ def _inverse(search: Search, y: Array, jacobian: Array, unit: Array | None = Non
     Memory that is held can have any value: it keeps its own.
     """
     unit = scale(search, y) if unit is None else unit
-    jacobian = jnp.where(held_memory(jacobian, layout(search.mechanism).free)[:, None], 0.0, jacobian)
+    jacobian = jnp.where(constant_memory(jacobian, layout(search.mechanism).free)[:, None], 0.0, jacobian)
     matrix = jnp.eye(unit.size) - jacobian * unit[None, :] / unit[:, None]
     return unit[:, None] * jnp.linalg.pinv(matrix, rtol=search.rtol) / unit[None, :]

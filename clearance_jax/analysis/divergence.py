@@ -38,7 +38,7 @@ def neighbours(
         def pins(point):
             changed = replace(mechanism, dict(zip(names, point, strict=True)))
             solution = run(changed, t1, options._replace(save_at=times, energy_balance=False), observers=observers)
-            ready = changed.prepared()
+            ready = changed.prepare()
             return jax.vmap(lambda t, y: observe(t, y, ready)["eccentricity"])(times, solution.y), solution.records
 
         slopes, record = jax.jacfwd(pins, has_aux=True)(point)

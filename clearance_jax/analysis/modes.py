@@ -12,11 +12,11 @@ from clearance_jax._types import Scalar
 from clearance_jax.dynamics.closures import StartErrors
 from clearance_jax.dynamics.field import slope
 from clearance_jax.dynamics.seated import play_moves
-from clearance_jax.dynamics.settled import settled_start
+from clearance_jax.dynamics.settled import settle_start
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.prepared import PreparedMechanism
-from clearance_jax.mechanism.state import layout, moved
+from clearance_jax.mechanism.state import layout, move
 from clearance_jax.solve.start import check_start
 from clearance_jax.spatial import as_array
 
@@ -60,13 +60,13 @@ def seated_modes(mechanism: Mechanism, time: float = 0.0) -> tuple[Mode, ...]:
 
 def _linearise(time: Scalar, mechanism: Mechanism) -> tuple[Array, Array, StartErrors]:
     """The play's accelerations by the play and by its rates, at the settled pose; and how far it is from settled."""
-    ready = mechanism.prepared().unsampled().as_small_program()  # which acts all the time then
-    y, errors = settled_start(time, ready)
-    stiff, loss = linearised(time, y, ready)
+    ready = mechanism.prepare().without_sampling().as_small_program()  # which acts all the time then
+    y, errors = settle_start(time, ready)
+    stiff, loss = linearise(time, y, ready)
     return stiff, loss, errors
 
 
-def linearised(time: Scalar, y: Array, mechanism: PreparedMechanism) -> tuple[Float[Array, "play play"], ...]:
+def linearise(time: Scalar, y: Array, mechanism: PreparedMechanism) -> tuple[Float[Array, "play play"], ...]:
     """The accelerations of the play coordinates by these [1/s^2] and by their rates [1/s]."""
     plan = layout(mechanism)
     state = plan.split(y)
@@ -74,7 +74,7 @@ def linearised(time: Scalar, y: Array, mechanism: PreparedMechanism) -> tuple[Fl
     zero = jnp.zeros(len(ways))
 
     def accelerations(change, rate):
-        q = as_array(moved(mechanism, state.q, list(moves @ change)))
+        q = as_array(move(mechanism, state.q, list(moves @ change)))
         there = y.at[plan.q].set(q).at[plan.v].add(moves @ rate)
         return ways @ slope(time, there, mechanism)[plan.v]
 

@@ -66,4 +66,4 @@ def periodic_motion(
                 f"by {float(gap):.2g} (radians or largest lengths). Give the drives' common period, to full precision."
             )
     search = Search(mechanism, t0, period, settings.rtol, guess, turns)
-    return find(search, Effort(settings.compiled(), settle, max_iterations))
+    return find(search, Effort(settings.as_options(), settle, max_iterations))

@@ -50,7 +50,7 @@ def _sweep(mechanism, values, function, begins, ends, inputs: Inputs, options: O
 
     def of(values):
         changed = replace(mechanism, values)
-        problem = Problem(changed.prepared(), (), None, options.energy_balance)
+        problem = Problem(changed.prepare(), (), None, options.energy_balance)
         start, _ = initial(problem, inputs.t0, None)
 
         def step(y, times):
@@ -98,7 +98,7 @@ def reverse(
     )  # without states the energy balance is what there is to integrate
     size = SHORTEST
     while True:
-        options = settings._replace(locate_events=True, energy_balance=energy_balance, max_steps=size).compiled()
+        options = settings._replace(locate_events=True, energy_balance=energy_balance, max_steps=size).as_options()
         times, code = _steps(mechanism, values, inputs, options)
         if int(code) != Result.MAX_STEPS or size >= LONGEST:
             break

@@ -36,11 +36,11 @@ class Sensitivities(Module):
     """Whether the error of the derivatives was controlled (`None`: see `gradient_report`); false for a screening."""
 
     def __str__(self) -> str:
-        def shown(number: Array) -> str:
+        def as_text(number: Array) -> str:
             return np.array2string(np.asarray(number), precision=6, threshold=20)
 
-        lines = [f"  d/d {name} = {shown(self.jacobian[name])}" for name in self.names]
-        return "\n".join([f"value {shown(self.value)}", *lines])
+        lines = [f"  d/d {name} = {as_text(self.jacobian[name])}" for name in self.names]
+        return "\n".join([f"value {as_text(self.value)}", *lines])
 
     def matrix(self) -> Float[Array, "... parameters"]:
         """The Jacobian with the parameters' entries along the last axis, in the order of `names`."""

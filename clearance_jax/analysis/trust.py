@@ -107,7 +107,7 @@ class GradientReport(Module):
         return "\n".join(lines)
 
 
-def _checked(mechanism, wrt, samples, on_untrusted) -> tuple[tuple[str, ...], np.ndarray]:
+def _check(mechanism, wrt, samples, on_untrusted) -> tuple[tuple[str, ...], np.ndarray]:
     """Names and numbers of the parameters, once it is seen that there is something to report on."""
     names = (wrt,) if isinstance(wrt, str) else tuple(wrt)
     given = values_of(mechanism, names)
@@ -203,7 +203,7 @@ def gradient_report(
     **Raises:** `ClearanceError` for unknown names or options, arrays, a metric of several numbers, too few samples, a
     law of class C-1; `RuntimeError` where the motion itself, or too many of the scatter, cannot be solved to the end.
     """
-    names, centre = _checked(mechanism, wrt, samples, on_untrusted)
+    names, centre = _check(mechanism, wrt, samples, on_untrusted)
     settings = settings_of(mechanism, t1, options, KNOWN)
     plan = SamplingPlan(names, centre, step, scatter, samples, float(settings.rtol), seed)
     t1 = jnp.asarray(t1, float)

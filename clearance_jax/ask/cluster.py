@@ -15,7 +15,7 @@ import numpy as np
 from clearance_jax.ask.lanes import Columns, lanes
 from clearance_jax.ask.place import workers_of
 from clearance_jax.ask.question import Answer, Question
-from clearance_jax.errors import ClearanceError, quoted
+from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.solve.lanes import LANES
 
 # Tasks for each worker, where there are lanes enough: the last ones end together.
@@ -45,7 +45,7 @@ def lanes_on(client: Any, question: Question, points: Columns, cores: int = 1) -
     except Exception as error:
         if type(error).__name__ != "KilledWorker":
             raise
-        raise ClearanceError(f"Lanes failed on the cluster: {quoted(str(error))}.") from error
+        raise ClearanceError(f"Lanes failed on the cluster: {quote(str(error))}.") from error
     finally:
         client.cancel(tasks, force=True)
     return jax.tree.map(lambda *part: np.concatenate(part)[:count], *found)
@@ -55,11 +55,11 @@ def lanes_on(client: Any, question: Question, points: Columns, cores: int = 1) -
 
 
 def _answers(points: dict[str, np.ndarray], question: bytes, cores: int) -> Answer:
-    return lanes(_loaded(question), points, cores=cores)
+    return lanes(_load(question), points, cores=cores)
 
 
 @functools.lru_cache(maxsize=8)
-def _loaded(question: bytes) -> Question:
+def _load(question: bytes) -> Question:
     """What is asked of each lane, read once by each worker."""
     import cloudpickle
 

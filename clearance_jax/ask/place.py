@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Any, NamedTuple
 
-from clearance_jax.errors import ClearanceError, quoted
-from clearance_jax.extras import lacking
+from clearance_jax.errors import ClearanceError, quote
+from clearance_jax.extras import missing_extra
 from clearance_jax.solve.batch import cores_here
 
 # As a cluster: workers on this machine, for a trial.
@@ -33,12 +33,12 @@ def client_of(cluster: Any, cores: int = 1) -> Iterator[Any]:
     try:
         from distributed import Client, LocalCluster
     except ImportError:
-        raise lacking("A sweep on a cluster", "dask", "sweep") from None
+        raise missing_extra("A sweep on a cluster", "dask", "sweep") from None
     if isinstance(cluster, Client):
         yield cluster
         return
     if not isinstance(cluster, str):
-        raise ClearanceError(f"`cluster` must be an address or a dask client, but it is {quoted(cluster)}.")
+        raise ClearanceError(f"`cluster` must be an address or a dask client, but it is {quote(cluster)}.")
     with ExitStack() as made:
         if cluster == LOCAL:
             workers = max(1, cores_here() // cores)

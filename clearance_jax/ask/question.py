@@ -69,11 +69,11 @@ class Question(Module):
         question = self.at(numbers) if numbers else self
         values, slopes, ending = question._differentiated() if self.by else question._valued()
         reached = ending["code"] == int(Result.REACHED_END)
-        values, slopes = jax.tree.map(lambda x: _known(x, reached), (values, slopes))
+        values, slopes = jax.tree.map(lambda x: _mask_unreached(x, reached), (values, slopes))
         return Answer(values, slopes, ending)
 
     def _valued(self) -> tuple[dict[str, Any], dict[str, Any], dict[str, Array]]:
-        values, ending = self._measured(self.model, self.metrics)
+        values, ending = self._measure(self.model, self.metrics)
         return values, {}, ending
 
     def _differentiated(self) -> tuple[dict[str, Any], dict[str, Any], dict[str, Array]]:
@@ -82,7 +82,7 @@ class Question(Module):
         centre, unravel = jax.flatten_util.ravel_pytree(list(values_of(self.model, self.by).values()))
 
         def at(point):
-            return self._measured(replace(self.model, dict(zip(self.by, unravel(point), strict=True))), metrics)
+            return self._measure(replace(self.model, dict(zip(self.by, unravel(point), strict=True))), metrics)
 
         def along(direction):
             return jax.jvp(at, (centre,), (direction,), has_aux=True)
@@ -91,12 +91,12 @@ class Question(Module):
         values, slopes, ending = jax.vmap(along, out_axes=(None, -1, None))(jnp.eye(centre.size))
         return values, {name: slopes[name] for name in wanted}, ending
 
-    def _measured(self, model: Any, metrics: Mapping[str, AbstractMetric]) -> tuple[dict, dict]:
+    def _measure(self, model: Any, metrics: Mapping[str, AbstractMetric]) -> tuple[dict, dict]:
         mechanism = model if isinstance(model, Mechanism) else model.mechanism
-        return self.rung.measured(mechanism, metrics, self.t1, self.settings)
+        return self.rung.measure(mechanism, metrics, self.t1, self.settings)
 
 
-def _known(number: Any, reached: Array) -> Any:
+def _mask_unreached(number: Any, reached: Array) -> Any:
     """What was computed, where the motion reached its end; whole numbers as they are."""
     return jnp.where(reached, number, jnp.nan) if jnp.issubdtype(jnp.result_type(number), jnp.inexact) else number
 
@@ -128,6 +128,6 @@ def shapes_of(question: Question, names: Sequence[str]) -> Answer:
 @functools.lru_cache(maxsize=256)
 def _shapes(frame: Frame, names: tuple[str, ...]) -> Answer:
     def answer(arrays, numbers):
-        return frame.filled(arrays)(numbers)
+        return frame.fill(arrays)(numbers)
 
     return jax.eval_shape(answer, frame.shapes, {name: jax.ShapeDtypeStruct((), float) for name in names})

@@ -8,7 +8,7 @@ from jaxtyping import Array
 
 from clearance_jax._module import Module
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.metrics.measure import AbstractMetric, Reply, Request, measured
+from clearance_jax.metrics.measure import AbstractMetric, Reply, Request, measure_settings
 from clearance_jax.solve.settings import Settings
 
 
@@ -16,7 +16,7 @@ class AbstractRung(Module):
     """A model of a mechanism's motion, as fine as a question needs it."""
 
     @abc.abstractmethod
-    def measured(
+    def measure(
         self, mechanism: Mechanism, metrics: Mapping[str, AbstractMetric], t1: Any, settings: Settings
     ) -> tuple[dict[str, Any], dict[str, Array]]:
         """The metrics' values by name, and how it ended: "code" (see `Result`), and whatever numbers there are."""
@@ -25,8 +25,8 @@ class AbstractRung(Module):
 class Dynamics(AbstractRung):
     """The equations of motion, solved."""
 
-    def measured(self, mechanism, metrics, t1, settings):
-        found = measured(mechanism, {**metrics, ENDING: Ending()}, t1, settings)
+    def measure(self, mechanism, metrics, t1, settings):
+        found = measure_settings(mechanism, {**metrics, ENDING: Ending()}, t1, settings)
         return found, found.pop(ENDING)
 
 

@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from clearance_jax.errors import ClearanceError, quoted
+from clearance_jax.errors import ClearanceError, quote
 
 console, errors = Console(), Console(stderr=True)
 
@@ -58,7 +58,7 @@ def read_scene(scene_file: Path) -> Any:
     return read_scene(scene_file)
 
 
-def changed(mechanism: Any, settings: list[str] | None, ideal: bool, clearances: list[str] | None = None) -> Any:
+def change(mechanism: Any, settings: list[str] | None, ideal: bool, clearances: list[str] | None = None) -> Any:
     """What the command's options make of a mechanism."""
     from clearance_jax.io.given_play import with_play
     from clearance_jax.io.plausible import implausible
@@ -77,7 +77,7 @@ def check_writable(path: Path | None, endings: tuple[str, ...] = ()) -> None:
     if path is None:
         return
     if "\0" in str(path):
-        raise ClearanceError(f"Cannot write {quoted(str(path))}: it is no path. Choose another.")
+        raise ClearanceError(f"Cannot write {quote(str(path))}: it is no path. Choose another.")
     try:
         if path.exists() and not path.is_file():
             raise ClearanceError(f"Cannot write `{path}`: it is a folder or a device. Choose another path.")
@@ -98,7 +98,7 @@ def check_writable(path: Path | None, endings: tuple[str, ...] = ()) -> None:
 def check_readable(path: Path) -> None:
     """Raise for what is no file."""
     if "\0" in str(path) or not path.is_file():
-        raise ClearanceError(f"Cannot read {quoted(str(path))} as a result file: there is no such file.")
+        raise ClearanceError(f"Cannot read {quote(str(path))} as a result file: there is no such file.")
 
 
 def check_distinct(**paths: Path | None) -> None:

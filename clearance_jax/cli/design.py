@@ -25,7 +25,7 @@ def run_design(
     doubts = aloud(RunWarning)
     with doubts, place_of(cluster) as place, _bar() as bar, Interruption() as asked:  # one cluster for all that follows
         pace, client = Pace(asked.check), place.client
-        say(_compiling(study.design.problem.specification.mechanism))
+        say(_preparation(study.design.problem.specification.mechanism))
         given = {**search, "record": record, "cluster": client}
         design = _search(study.design, {k: v for k, v in given.items() if v is not None}, bar, pace)
         console.print(f"[bold]{escape(study.name)}[/bold]")
@@ -39,7 +39,7 @@ def run_design(
         write_report(found, report, study.name, study.text)
         say_written("report", report)
     refuted = found.certificate is not None and not found.certificate.holds
-    if _interrupted(design) or CUT_SHORT in found.notes:
+    if _interruption(design) or CUT_SHORT in found.notes:
         raise typer.Exit(130)
     if refuted or not design.feasible:
         raise typer.Exit(1)
@@ -49,7 +49,7 @@ def _bar() -> Progress:
     return Progress(SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), console=errors)
 
 
-def known_method(method: str | None) -> str | None:
+def check_method(method: str | None) -> str | None:
     """A method of the search. **Raises** `ClearanceError` for another word."""
     from clearance_jax.design.methods import METHOD_CHOICES
 
@@ -58,7 +58,7 @@ def known_method(method: str | None) -> str | None:
     return method
 
 
-def _compiling(mechanism: Any) -> str:
+def _preparation(mechanism: Any) -> str:
     """What is done before the first design is evaluated, and how long it takes, as far as the mechanism tells."""
     from clearance_jax.mechanism.state import layout
 
@@ -88,7 +88,7 @@ def _search(study, given: dict[str, Any], bar: Progress, pace: Pace):
         raise typer.Exit(130) from None
 
 
-def _interrupted(design) -> bool:
+def _interruption(design) -> bool:
     from clearance_jax.design.run import INTERRUPTED
 
     return design.stop_reason == INTERRUPTED
@@ -99,7 +99,7 @@ def _verify(study, design, client: Any, bar: Progress, pace: Pace):
     from clearance_jax.design.verify import expected_evaluations
 
     count = expected_evaluations(pace.count, **study.verify)
-    seconds, done = pace.expected(count), Pace(pace.check)
+    seconds, done = pace.estimate(count), Pace(pace.check)
     say(f"Verifying by another solver: some {count} evaluations, {shown_duration(seconds)} (Ctrl-C ends it).")
 
     def progress(_point):
@@ -118,7 +118,7 @@ def _explain(study, design, verify: bool, client: Any, report: bool, bar: Progre
     from clearance_jax.design import findings
     from clearance_jax.design.findings import CUT_SHORT, known_findings
 
-    if _interrupted(design):
+    if _interruption(design):
         return known_findings(design)
     task, certificate = bar.task_ids[0], None
 

@@ -6,7 +6,7 @@ from typing import Any
 from rich.markup import escape
 from rich.table import Table
 
-from clearance_jax.cli.common import Clearances, Ideal, SceneFile, Settings, changed, console, read_scene
+from clearance_jax.cli.common import Clearances, Ideal, SceneFile, Settings, change, console, read_scene
 
 # Numbers of one parameter that are listed, at most.
 LISTED = 12
@@ -16,9 +16,9 @@ MODES = 6
 
 def info(scene_file: SceneFile, settings: Settings = None, clearance: Clearances = None, ideal: Ideal = False) -> None:
     """What a scene contains: states, terms, cost of one vector-field evaluation, every parameter by its name."""
-    mechanism = changed(read_scene(scene_file).mechanism, settings, ideal, clearance)
+    mechanism = change(read_scene(scene_file).mechanism, settings, ideal, clearance)
     _print_terms(mechanism)
-    for line in _ringing(mechanism):
+    for line in _modes_words(mechanism):
         console.print(line, highlight=False)
     console.print(f"one evaluation of the vector field: {_operations(mechanism)} operations (compiler's count)")
     limits = _limits(mechanism)
@@ -56,34 +56,34 @@ def _print_terms(mechanism) -> None:
 
 def _made_words(clearance) -> str:
     """Between what its clearance lies as it is made, where a fit or a bearing says so."""
-    from clearance_jax.units import shown
+    from clearance_jax.units import format_quantity
 
     tolerance = getattr(clearance, "tolerance", None)
     if tolerance is None:
         return ""
     least, greatest = (float(bound) for bound in (tolerance.least, tolerance.greatest))
     tight = "; the tightest of them have no play" if least < 0 else ""
-    return f", radial clearance as made {shown(least, 'm')} to {shown(greatest, 'm')}{tight}"
+    return f", radial clearance as made {format_quantity(least, 'm')} to {format_quantity(greatest, 'm')}{tight}"
 
 
 def _worn_words(clearance) -> str:
     """How its sleeve is worn, where it is."""
     import numpy as np
 
-    from clearance_jax.units import shown
+    from clearance_jax.units import format_quantity
 
     depth = getattr(clearance, "depth", None)
     if depth is None:
         return ""
-    deepest, mean = (shown(float(value), "m") for value in (np.max(depth), np.mean(depth)))
+    deepest, mean = (format_quantity(float(value), "m") for value in (np.max(depth), np.mean(depth)))
     return f", worn off by {deepest} at most, {mean} in the mean over {np.size(depth)} sectors"
 
 
 def _acting_words(mechanism) -> Iterator[str]:
     """What commands it, what pushes it, what it picks up."""
-    from clearance_jax.mechanism.state import acting
+    from clearance_jax.mechanism.state import effort_sources
 
-    for one in acting(mechanism):
+    for one in effort_sources(mechanism):
         sampled = "" if one.period is None else f", sampled every {one.period:g} s"
         yield f"{type(one.part).__name__} on {', '.join(one.coordinates)}{sampled}"
     for wrench in mechanism.wrenches:
@@ -98,7 +98,7 @@ def _acting_words(mechanism) -> Iterator[str]:
             yield f"payload {body.name}, {', '.join(times)}"
 
 
-def _ringing(mechanism) -> Iterator[str]:
+def _modes_words(mechanism) -> Iterator[str]:
     """How its pins swing about the pose in which they are settled at t = 0, the slowest modes first."""
     from clearance_jax.analysis.modes import WEAKLY_DAMPED, seated_modes
     from clearance_jax.errors import ClearanceError
@@ -144,7 +144,7 @@ def _operations(mechanism) -> int:
     from clearance_jax.mechanism.state import layout
 
     state = jnp.zeros(layout(mechanism).size)
-    cost: Any = jax.jit(slope).lower(jnp.zeros(()), state, mechanism.prepared()).compile().cost_analysis()
+    cost: Any = jax.jit(slope).lower(jnp.zeros(()), state, mechanism.prepare()).compile().cost_analysis()
     return int(cost.get("flops", 0))
 
 

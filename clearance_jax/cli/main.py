@@ -64,7 +64,7 @@ def main() -> None:
     """Entry point: turns every `ClearanceError`, and every wrong argument, into one sentence and exit code 2."""
     gc.set_threshold(50_000, 20, 20)  # imports make many objects that stay: looking at them again took 0.3 s
     try:
-        with _not_imported(*(_UNUSED if sys.argv[1:2] == ["simulate"] else ())):
+        with _block_imports(*(_UNUSED if sys.argv[1:2] == ["simulate"] else ())):
             raise SystemExit(app(sys.argv[1:] or ["--help"], standalone_mode=False))
     except UsageError as error:
         _fail(f"{error.format_message().rstrip('.')}. See `clearance --help`.")
@@ -81,7 +81,7 @@ _UNUSED = "dask", "distributed", "cupy", "sparse"
 
 
 @contextmanager
-def _not_imported(*names: str) -> Iterator[None]:
+def _block_imports(*names: str) -> Iterator[None]:
     """Within, importing these is an `ImportError`, unless they are imported already."""
     hidden = [name for name in names if name not in sys.modules]
     modules: Any = sys.modules

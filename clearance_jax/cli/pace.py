@@ -23,7 +23,7 @@ class Pace:
         """How many have come in."""
         return len(self._times) - 1
 
-    def expected(self, evaluations: int) -> float | None:
+    def estimate(self, evaluations: int) -> float | None:
         """The seconds that so many evaluations of a new program will take; `None` where nothing is known of them."""
         if self.count < 1:
             return None

@@ -19,7 +19,7 @@ def with_posture(mechanism: Any, names: Any) -> Any:
     from clearance_jax.mechanism.profiles import Constant
 
     known = drivable(mechanism.joints)
-    return mechanism.driven({name: Constant(known[name].motion.position) for name in names})
+    return mechanism.with_drives({name: Constant(known[name].motion.position) for name in names})
 
 
 def undriven(mechanism: Any) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ import typer
 
 from clearance_jax.cli.animate import check_film
 from clearance_jax.cli.common import DATASETS, FIGURES, aloud, check_distinct, check_writable, set_up
-from clearance_jax.cli.design import known_method, run_design
+from clearance_jax.cli.design import check_method, run_design
 from clearance_jax.cli.pictures import check_folder
 from clearance_jax.cli.sweep import check_sweep, run_sweep
 from clearance_jax.cli.wear import run_wear
@@ -74,14 +74,14 @@ def run(
         "--starts": starts,
         "--no-verify": None if verify else True,
     }
-    method = known_method(method)
+    method = check_method(method)
     check_writable(report, (".html", ".htm"))
     check_writable(record)
     check_film(movie)
     check_distinct(study=study_file, output=output, plot=plot, movie=movie, report=report, record=record)
     set_up()
-    study = _loaded(study_file)
-    asked = _asked(study)
+    study = _load(study_file)
+    asked = _sections(study)
     _check_options(given, asked)
     if "sweep" in asked:
         store = study_file.with_suffix(".zarr") if output is None else output
@@ -97,7 +97,7 @@ def run(
         run_design(study, report=report, verify=verify, cluster=cluster, record=record, method=method, starts=starts)
 
 
-def _loaded(path: Path) -> Any:
+def _load(path: Path) -> Any:
     from clearance_jax.io.plausible import ImplausibleWarning
     from clearance_jax.io.study import load_study
 
@@ -105,7 +105,7 @@ def _loaded(path: Path) -> Any:
         return load_study(path)
 
 
-def _asked(study: Any) -> list[str]:
+def _sections(study: Any) -> list[str]:
     """The sections that ask for something."""
     lives = study.wear is not None and study.wear.cycles is not None
     asks = {"sweep": study.sweep is not None, "design": study.design is not None, "wear": lives}

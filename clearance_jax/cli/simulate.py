@@ -16,7 +16,7 @@ from clearance_jax.cli.common import (
     SceneFile,
     Settings,
     aloud,
-    changed,
+    change,
     check_distinct,
     check_writable,
     console,
@@ -27,7 +27,7 @@ from clearance_jax.cli.common import (
 )
 from clearance_jax.cli.interruption import Interruption
 from clearance_jax.cli.posture import HELD, is_robot, say_held, undriven, with_posture
-from clearance_jax.errors import ClearanceError, quoted, suggest
+from clearance_jax.errors import ClearanceError, quote, suggest
 
 DEFAULTS = {"rtol": 1e-8, "samples": 1001, "solver": "tsit5"}
 
@@ -58,10 +58,10 @@ def simulate(
     """
     scene = read_scene(scene_file)
     lead = scene.trajectory if trajectory is None else _read_trajectory(trajectory, scene.mechanism)
-    driven = scene.mechanism if lead is None else scene.mechanism.driven(lead.drives)
+    driven = scene.mechanism if lead is None else scene.mechanism.with_drives(lead.drives)
     held = undriven(driven) if is_robot(scene_file) else ()
     driven = with_posture(driven, held) if held else driven
-    mechanism = changed(driven, settings, ideal, clearance)
+    mechanism = change(driven, settings, ideal, clearance)
     from clearance_jax.results.store import save
     from clearance_jax.solve.simulate import EnergyWarning, doubt
     from clearance_jax.solve.trace import trace
@@ -90,7 +90,7 @@ def simulate(
 
             result = trace(mechanism, end, **solve, progress=progress)
         bar.update(task, description="observing", completed=0.0)
-        dataset = _observed(
+        dataset = _observe(
             mechanism,
             result,
             progress=lambda f: bar.update(task, completed=f),
@@ -117,7 +117,7 @@ def simulate(
         raise typer.Exit(130 if result.message == "interrupted" else 1)
 
 
-def _observed(mechanism: Any, result: Any, **told: Any) -> Any:
+def _observe(mechanism: Any, result: Any, **told: Any) -> Any:
     """The dataset of a trace; contacts that add energy are warned of."""
     from clearance_jax.results.dataset import to_dataset
     from clearance_jax.results.works import ContactWarning
@@ -140,7 +140,7 @@ def _check_magnified(mechanism: Any, joint: str | None, movie: Path | None) -> N
         raise ClearanceError("`--magnify` is about a film, but there is none. Add `--movie FILE`.")
     known = [found.name for found in mechanism.clearance_joints()]
     if joint not in known:
-        raise ClearanceError(f"`--magnify`: there is no clearance joint {quoted(joint)}. {suggest(joint, known)}")
+        raise ClearanceError(f"`--magnify`: there is no clearance joint {quote(joint)}. {suggest(joint, known)}")
 
 
 def _options(scene_file: Path, given: dict[str, Any]) -> dict[str, Any]:

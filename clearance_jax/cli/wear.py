@@ -30,7 +30,7 @@ def run_wear(study: Any, file: Path, output: Path, *, resume: bool, plot: Path |
     with _bar() as bar, Interruption() as asked:
         try:
             with aloud(SectorsWarning), aloud(RunWarning):
-                dataset = _lived(study, journal, _Told(bar, asked, study.wear.cycles))
+                dataset = _simulate(study, journal, _Told(bar, asked, study.wear.cycles))
         except (KeyboardInterrupt, ClearanceError):
             if not asked.heard:
                 raise
@@ -52,7 +52,7 @@ def run_wear(study: Any, file: Path, output: Path, *, resume: bool, plot: Path |
         write_film(animate(dataset), movie)
 
 
-def _lived(study: Any, journal: Path, told: "_Told") -> Any:
+def _simulate(study: Any, journal: Path, told: "_Told") -> Any:
     """The life as a dataset."""
     from clearance_jax.wear.history import simulate_wear
     from clearance_jax.wear.record import to_dataset
@@ -79,7 +79,7 @@ class _Told:
     """
 
     def __init__(self, bar: Progress, asked: Interruption, cycles: int):
-        self._bar, self._asked, self._cycles = bar, asked, cycles
+        self._bar, self._over_time, self._cycles = bar, asked, cycles
         self._task = bar.add_task("", total=1.0, said="compiling")
         self._at, self._done = time.monotonic(), 0.0
 
@@ -89,7 +89,7 @@ class _Told:
         self._at, self._done = now, done
         self._bar.update(self._task, completed=done)
         self.say(f"cycle {round(done * self._cycles)} of {self._cycles}, {shown_duration(left)} left")
-        self._asked.check()
+        self._over_time.check()
 
     def say(self, text: str) -> None:
         """What is done now."""
@@ -98,19 +98,19 @@ class _Told:
 
 def _words(dataset: Any) -> list[str]:
     """What was found, in lines."""
-    from clearance_jax.units import shown
+    from clearance_jax.units import format_quantity
 
     told, last = dataset.attrs, dataset.isel(cycle=-1)
     deepest, first = float(last["deepest"]), float(dataset["radial_clearance"][0])
     lived, computed = told["cycles_lived"], told["cycles_computed"]
     lines = [
         f"{lived} cycles lived, {computed} computed: {lived / max(computed, 1):.3g} times less than every one of them",
-        f"worn off: {shown(deepest, 'm')} at most, {1e9 * float(last['volume']):.6g} mm^3; radial clearance "
-        f"{shown(first, 'm')} at first, {shown(float(last['radial_clearance']), 'm')} in the end",
+        f"worn off: {format_quantity(deepest, 'm')} at most, {1e9 * float(last['volume']):.6g} mm^3; radial clearance "
+        f"{format_quantity(first, 'm')} at first, {format_quantity(float(last['radial_clearance']), 'm')} in the end",
     ]
     if "watched" in dataset:
         about = dataset["watched"].attrs
-        bound = shown(about["bound"], about["units"])
+        bound = format_quantity(about["bound"], about["units"])
         then = f"reaches {bound} after {told['life']:.6g} cycles" if "life" in told else f"stays below {bound}"
         lines.append(f"{about['long_name']}: {then}")
     return lines

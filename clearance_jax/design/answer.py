@@ -17,7 +17,7 @@ from clearance_jax.design.verify import certify
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import replace
-from clearance_jax.units import shown
+from clearance_jax.units import format_quantity
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -75,7 +75,7 @@ class Design:
         """
         if not self.feasible:
             raise ClearanceError(
-                f"There is no feasible design to verify: {self.program.most_violated(self.evaluation)}."
+                f"There is no feasible design to verify: {self.program.worst_violation(self.evaluation)}."
             )
         with place_of(cluster) as place:
             return certify(self.specification, self.method, self.evaluation, place=place, **options)
@@ -87,9 +87,9 @@ class Design:
 
     def __str__(self) -> str:
         lines = [
-            "Design" if self.feasible else f"NO FEASIBLE DESIGN: {self.program.most_violated(self.evaluation)}",
+            "Design" if self.feasible else f"NO FEASIBLE DESIGN: {self.program.worst_violation(self.evaluation)}",
             *(
-                f"  {name} = {shown(value, unit)}"
+                f"  {name} = {format_quantity(value, unit)}"
                 for (name, unit), value in zip(self.units.items(), self.clearances.values(), strict=True)
             ),
         ]

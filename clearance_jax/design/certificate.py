@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 
 from clearance_jax.design.manufacture import YieldEstimate
-from clearance_jax.units import shown
+from clearance_jax.units import format_quantity
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,7 +48,8 @@ class Certificate:
 
     def __str__(self) -> str:
         at = ", ".join(
-            f"{name} = {shown(value, unit)}" for (name, unit), value in zip(self.names.items(), self.x, strict=True)
+            f"{name} = {format_quantity(value, unit)}"
+            for (name, unit), value in zip(self.names.items(), self.x, strict=True)
         )
         verdict = "The limits hold" if self.holds else "THE LIMITS DO NOT HOLD"
         met = f"meet it at {self.scale:.9f} times the design"
@@ -73,7 +74,8 @@ class Certificate:
             lines.append(f"  {self.yield_estimate}")
         for name, value in self.static.items():
             lines.append(
-                f"  Of {name} play alone, at rest, could make {shown(value, 'm', 4)}; more is motion or force."
+                f"  Of {name} play alone, at rest, could make {format_quantity(value, 'm', 4)}; "
+                "more is motion or force."
             )
         if self.starts:
             others = [s for s in self.starts if s < self.objective - 1e-4 * abs(self.objective)]

@@ -18,7 +18,7 @@ from clearance_jax.ask.question import Question, shapes_of
 from clearance_jax.design.manufacture import YieldEstimate, estimate_yield
 from clearance_jax.design.scenarios import Scenario, scenarios_of
 from clearance_jax.design.specification import Specification
-from clearance_jax.design.worn import known_to, own
+from clearance_jax.design.worn import own, values_for
 from clearance_jax.errors import ClearanceError, WearFailure, WornThrough
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMeasure
@@ -134,14 +134,16 @@ class Simulations:
             found = answer(question.at(given) if given else question, made)
             values, slopes = self._in_order(found.values), self._in_order(found.slopes)
         for i in self._aged:
-            value, slope = self._worn(i, x, scenario, self.names if gradient else ())
+            value, slope = self._worn_values(i, x, scenario, self.names if gradient else ())
             values.insert(i, value)
             slopes.insert(i, slope)
         return values, slopes
 
-    def _worn(self, i: int, x: np.ndarray, scenario: Scenario, by: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
+    def _worn_values(
+        self, i: int, x: np.ndarray, scenario: Scenario, by: tuple[str, ...]
+    ) -> tuple[np.ndarray, np.ndarray]:
         try:
-            return self._lived(i, x * scenario.factors, scenario.values, by)
+            return self._simulate_wear(i, x * scenario.factors, scenario.values, by)
         except WornThrough:
             pass
         except WearFailure:
@@ -149,15 +151,15 @@ class Simulations:
                 raise
             # Is it this part, or the design, of which no part says what is wrong? The design itself does, here.
             with suppress(WornThrough):
-                self._lived(i, x, scenario.designed, ())
+                self._simulate_wear(i, x, scenario.designed, ())
         count = self._size(i)
         return np.full(count, np.nan), np.full((count, len(by)), np.nan)
 
-    def _lived(self, i: int, x: np.ndarray, given, by: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
+    def _simulate_wear(self, i: int, x: np.ndarray, given, by: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
         metric, solve = self._aged[i], self.solve
         how = {"t0": float(solve.t0), "rtol": float(solve.rtol), "solver": solve.solver}
         how |= {"start": solve.start, "max_steps": solve.max_steps}
-        values = known_to(metric, self.mechanism, self.metrics, given) | dict(zip(self.names, x, strict=True))
+        values = values_for(metric, self.mechanism, self.metrics, given) | dict(zip(self.names, x, strict=True))
         return metric.of(self.mechanism, values, self.t1, by, **how)
 
     def _alike(self, x: np.ndarray, scenarios: list[Scenario], gradient: bool):

@@ -12,7 +12,7 @@ from clearance_jax.design.formulation import formulate
 from clearance_jax.design.run import INTERRUPTED, run
 from clearance_jax.design.scenarios import scenarios_of
 from clearance_jax.errors import ClearanceError, suggest
-from clearance_jax.units import shown
+from clearance_jax.units import format_quantity
 
 FACTORS = (0.6, 0.8, 0.9, 1.0, 1.1, 1.25, 1.5, 2.0)
 
@@ -49,11 +49,13 @@ class Response(NamedTuple):
         return f"{slope:.4g} {of or 1} per {by or 1}"
 
     def __str__(self) -> str:
-        lines = [f"{self.where}: {shown(self.value, self.unit, 5)} of {shown(self.bound, self.unit, 5)}"]
+        lines = [
+            f"{self.where}: {format_quantity(self.value, self.unit, 5)} of {format_quantity(self.bound, self.unit, 5)}"
+        ]
         for name, part in self.contributions.items():
             share = f"{part / self.bound:.1%} of the bound"
-            lines.append(f"  {name}: {shown(part, self.unit, 4)} ({share}), {self.sensitivity(name)}")
-        lines.append(f"  the rest: {shown(self.rest, self.unit, 4)} ({self.rest / self.bound:.1%})")
+            lines.append(f"  {name}: {format_quantity(part, self.unit, 4)} ({share}), {self.sensitivity(name)}")
+        lines.append(f"  the rest: {format_quantity(self.rest, self.unit, 4)} ({self.rest / self.bound:.1%})")
         return "\n".join(lines)
 
 
@@ -62,7 +64,7 @@ def responses(design: Design) -> tuple[Response, ...]:
 
     **Raises:** `ClearanceError` for a metric without derivatives.
     """
-    specification = design.specification.as_designed()
+    specification = design.specification.nominal()
     x, simulations = specification.values(design.evaluation.x), simulations_of(specification)
     found = [(scenario.title, *simulations.limits(x, scenario, True)) for scenario in scenarios_of(specification)]
     ends = np.cumsum([0, *simulations.sizes()])

@@ -15,7 +15,7 @@ from clearance_jax.design.drawing import JointDrawing, joint_drawings
 from clearance_jax.design.explain import Response, Tradeoff, responses, tradeoff
 from clearance_jax.design.loads import JointLoad, joint_loads
 from clearance_jax.design.maintenance import Maintenance, maintenances
-from clearance_jax.design.observed import Observed, observed, sample_times
+from clearance_jax.design.observed import Observed, observe, sample_times
 from clearance_jax.design.scenarios import Scenario, scenarios_of
 from clearance_jax.design.standard import StandardFits, nearest_fits
 from clearance_jax.design.standings import Standing, standings
@@ -74,7 +74,7 @@ class Findings(NamedTuple):
         """Whether the limits are held, and who says so."""
         design = self.design
         if not design.feasible:
-            return f"No feasible design: {design.program.most_violated(design.evaluation)}."
+            return f"No feasible design: {design.program.worst_violation(design.evaluation)}."
         if self.certificate is None:
             return "Every limit is held. Not verified by another solver."
         held = "are held" if self.certificate.holds else "are NOT held"
@@ -112,44 +112,44 @@ def findings(
                 progress(name)
             found = step(found)
     except KeyboardInterrupt:
-        found = _noted(found, CUT_SHORT)
+        found = _note(found, CUT_SHORT)
     return found
 
 
 def _steps(design: Design, cluster: Any) -> Iterator[tuple[str, Callable[[Findings], Findings]]]:
-    yield "loads and pictures", _seen
+    yield "loads and pictures", _see
     if design.feasible:
-        yield "contributions", _explained
-        yield "standard fits", lambda found: _fitted(found, cluster)
+        yield "contributions", _explain
+        yield "standard fits", lambda found: _fit(found, cluster)
         if any(limit.ages for limit in design.specification.limits):
-            yield "maintenance intervals", _maintained
+            yield "maintenance intervals", _maintain
         yield "trade-off", lambda found: found._replace(tradeoff=tradeoff(found.design))
 
 
-def _noted(found: Findings, note: str) -> Findings:
+def _note(found: Findings, note: str) -> Findings:
     return found._replace(notes=(*found.notes, note))
 
 
-def _seen(found: Findings) -> Findings:
+def _see(found: Findings) -> Findings:
     """With what the mechanism does at the design."""
     design = found.design
     specification = design.specification
-    parts, times = specification.as_designed(), sample_times(specification)
+    parts, times = specification.nominal(), sample_times(specification)
     seen: dict[str, Observed] = {}
     loads: list[JointLoad] = []
     motions: dict[str, xr.Dataset] = {}
     for name, scenario in zip(parts.conditions, scenarios_of(parts), strict=True):
-        now = observed(specification, design.evaluation.x, scenario)
+        now = observe(specification, design.evaluation.x, scenario)
         if now is None:
             continue  # a design that could not be simulated is reported as such elsewhere
-        mechanism = specification.moved(design.mechanism, scenario.values)
-        condition = parts.shown(name)
+        mechanism = specification.move(design.mechanism, scenario.values)
+        condition = parts.label(name)
         seen[condition] = now
         loads += joint_loads(mechanism, condition, times, now)
         motions[condition] = picture_dataset(mechanism, times, now.picture)
 
     def look(scenario: Scenario) -> Observed | None:
-        return observed(specification, design.evaluation.x, scenario)
+        return observe(specification, design.evaluation.x, scenario)
 
     return found._replace(
         standings=standings(design, look),
@@ -159,26 +159,26 @@ def _seen(found: Findings) -> Findings:
     )
 
 
-def _explained(found: Findings) -> Findings:
+def _explain(found: Findings) -> Findings:
     try:
         return found._replace(responses=responses(found.design))
     except ClearanceError as error:
-        return _noted(found, str(error))
+        return _note(found, str(error))
 
 
-def _maintained(found: Findings) -> Findings:
+def _maintain(found: Findings) -> Findings:
     try:
         return found._replace(maintenance=maintenances(found.design))
     except ClearanceError as error:
-        return _noted(found, str(error))
+        return _note(found, str(error))
 
 
-def _fitted(found: Findings, cluster: Any) -> Findings:
+def _fit(found: Findings, cluster: Any) -> Findings:
     samples = LIVED if any(limit.ages for limit in found.design.specification.limits) else SAMPLES
     try:
         fits = nearest_fits(found.design, samples=samples, cluster=cluster)
     except ClearanceError as error:
-        return _noted(found, str(error))
+        return _note(found, str(error))
     if fits is None:
-        return _noted(found, NO_FITS)
+        return _note(found, NO_FITS)
     return found._replace(fits=fits, drawings=joint_drawings(found.design, fits.fits))

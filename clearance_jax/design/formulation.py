@@ -12,7 +12,7 @@ from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.program import Program
 from clearance_jax.design.scenarios import Scenario, scenarios_of
 from clearance_jax.design.specification import Specification
-from clearance_jax.runs.identity import numbers, shown, versions
+from clearance_jax.runs.identity import numbers, short, versions
 from clearance_jax.runs.identity import settings as in_words
 
 
@@ -36,7 +36,7 @@ def formulate(
         return _evaluate(specification, x, gradient, scenarios, simulations)
 
     def several(points):
-        return _evaluated(specification, points, scenarios, simulations)
+        return _evaluate_points(specification, points, scenarios, simulations)
 
     def fresh(x, samples, seed):
         return _evaluate(specification, x, True, scenarios_of(specification, samples, seed), simulations)
@@ -75,8 +75,8 @@ def _identity(specification: Specification, simulations: Simulations) -> dict[st
         found |= numbers(metric, f" (limit {limit.title})") | {f"bound ({limit.title})": float(bound)}
     for name, cost in zip(specification.variables, specification.costs, strict=False):
         found |= numbers(cost, f" (cost of {name})")
-    found |= {f"between ({name})": shown(between) for name, between in specification.variables.items()}
-    found |= {f"condition {name or 'as given'}": shown(of) for name, of in specification.conditions.items()}
+    found |= {f"between ({name})": short(between) for name, between in specification.variables.items()}
+    found |= {f"condition {name or 'as given'}": short(of) for name, of in specification.conditions.items()}
     asked = {"t1": specification.t1, "manufacture": specification.manufacture, "common": specification.common}
     return found | in_words(asked) | {f"option {k}": v for k, v in in_words(simulations.solve._asdict()).items()}
 
@@ -88,7 +88,7 @@ def _evaluate(
     return _point(specification, x, *simulations.together(clearances, scenarios, gradient))
 
 
-def _evaluated(
+def _evaluate_points(
     specification: Specification, points: Sequence[np.ndarray], scenarios: Sequence[Scenario], simulations: Simulations
 ) -> list[Evaluation]:
     """Several points, all of their simulations together."""
@@ -106,7 +106,7 @@ def _point(specification: Specification, x: np.ndarray, values: np.ndarray, jaco
     count = len(specification.conditions)
     slopes = [None] * count if jacobian is None else np.split(jacobian, count)
     pairs = zip(np.split(values, count), slopes, strict=True)
-    judged, rows = zip(*(specification.manufacture.judged(*pair) for pair in pairs), strict=True)
+    judged, rows = zip(*(specification.manufacture.judge(*pair) for pair in pairs), strict=True)
     values, jacobian = np.concatenate(judged), None if jacobian is None else np.concatenate(rows)
     objective, slope = _objective(specification, clearances)
     if len(x) < len(clearances):

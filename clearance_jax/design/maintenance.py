@@ -41,25 +41,25 @@ def maintenances(design: Design) -> tuple[Maintenance, ...]:
 
 
 def _of(design: Design, limit: Limit, metric: AbstractAged) -> Maintenance:
-    parts = design.specification.as_designed()
+    parts = design.specification.nominal()
     asked, shares, lives = max(metric.last, 1), _shares(design, limit), {}
     for condition, given in parts.conditions.items():
         columns = {name: shares * value for name, value in design.clearances.items()}
         of_wear = given.keys() - own(parts.mechanism, [metric], given).keys()
         columns |= {name: np.full(len(shares), float(given[name])) for name in of_wear}
-        now = parts.moved(parts.mechanism, given)
+        now = parts.move(parts.mechanism, given)
         found = metric.lives(now, columns, parts.t1, limit.bound, LONGEST * asked, **parts.options)
-        lives[parts.shown(condition)] = found.end
+        lives[parts.label(condition)] = found.end
     return Maintenance(limit.label, asked, LONGEST * asked, shares, lives)
 
 
 def _shares(design: Design, limit: Limit) -> np.ndarray:
     """Shares of the designed clearances, from that one down at which there would be little left for wear."""
-    parts, x = design.specification.as_designed(), design.specification.values(design.evaluation.x)
+    parts, x = design.specification.nominal(), design.specification.values(design.evaluation.x)
     names, metrics = tuple(parts.variables), [limit.metric.base_metric]
     simulations = Simulations(parts.mechanism, metrics, [limit.bound], names, parts.t1, parts.settings())
 
-    def left(scenario: Scenario) -> float:
+    def margin(scenario: Scenario) -> float:
         """By which share of themselves clearances could grow until the limit is met as new."""
         # One motion knows no numbers of wear, and none moves a part that is new.
         new = scenario._replace(values=own(parts.mechanism, [limit.metric], scenario.values))
@@ -69,6 +69,6 @@ def _shares(design: Design, limit: Limit) -> np.ndarray:
         grows = float(slopes[k] @ x)
         return -float(values[k]) / grows if grows > 0 else np.nan
 
-    room = min(map(left, scenarios_of(parts)))
+    room = min(map(margin, scenarios_of(parts)))
     found = 1 + room * (1 - np.array(TIMES))
     return np.sort(found[found > 0.1]) if room > 0 else SHARES

@@ -12,7 +12,7 @@ import numpy as np
 import scipy.stats
 
 from clearance_jax.errors import ClearanceError
-from clearance_jax.parameters import described, physical
+from clearance_jax.parameters import describe, physical
 
 # Relative standard deviation from which on a number scatters log-normally.
 WIDE = 0.2
@@ -57,7 +57,7 @@ class AbstractManufacture(abc.ABC):
         ones, by `seed`, if they are asked for.
         """
 
-    def judged(self, values: np.ndarray, slopes: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None]:
+    def judge(self, values: np.ndarray, slopes: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None]:
         """What a design must keep below 0 in one condition, (k,), and its slopes (k, n); by default every limit of
         every part.
 
@@ -84,8 +84,8 @@ class Band(AbstractManufacture):
     """
 
     least: float = physical("", above=0.0, below=1.0, help="the least share of the designed clearance", example="0.8")
-    points: int = described("values between, all joints alike", "3", least=2, most=1000, default=3)
-    corners: int = described("joints up to whose number every corner is looked at", "3", most=12, default=3)
+    points: int = describe("values between, all joints alike", "3", least=2, most=1000, default=3)
+    corners: int = describe("joints up to whose number every corner is looked at", "3", most=12, default=3)
 
     def check(self):
         if not 0 < self.least < 1:
@@ -119,13 +119,13 @@ class Yield(AbstractManufacture):
     derivative. Samples fewer than 1 / (1 - target) leave one of them to decide.
     """
 
-    scatter: Mapping[str, float] = described(
+    scatter: Mapping[str, float] = describe(
         "relative standard deviations by the numbers' names, below 100 percent; log-normal from 20 percent on",
         '{ "slider.mass" = "2 percent" }',
     )
     target: float = physical("", above=0.0, below=1.0, default=0.99, help="the share", example="0.95")
-    samples: int = described("samples of a Sobol sequence", "256", least=1, most=1_000_000, default=256)
-    seed: int = described("its seed", "1", default=0)
+    samples: int = describe("samples of a Sobol sequence", "256", least=1, most=1_000_000, default=256)
+    seed: int = describe("its seed", "1", default=0)
     is_sampled: ClassVar[bool] = True
 
     @property
@@ -176,7 +176,7 @@ class Yield(AbstractManufacture):
             found[name] = 1 + deviation * column if deviation < WIDE else np.exp(wide * column - 0.5 * wide**2)
         return found
 
-    def judged(self, values, slopes):
+    def judge(self, values, slopes):
         which = np.argmax(values, axis=1)
         worst = np.take_along_axis(values, which[:, None], 1)[:, 0]
         weights = self.weights(worst)

@@ -57,7 +57,7 @@ class Samples(AbstractMetric):
         return Request(times=self.times)
 
     def value(self, reply):
-        ready = reply.mechanism.prepared()
+        ready = reply.mechanism.prepare()
         return jax.vmap(lambda time, y: self.function(ready, time, y))(self.times, reply.solution.y)
 
 
@@ -72,11 +72,11 @@ def sample_times(specification: Specification) -> np.ndarray:
     return np.linspace(specification.t0, specification.t1, SAMPLES)
 
 
-def observed(specification: Specification, x: np.ndarray, scenario: Scenario) -> Observed | None:
+def observe(specification: Specification, x: np.ndarray, scenario: Scenario) -> Observed | None:
     """A design (its variables, shape (n,)) in a scenario; `None` where there is no motion to the end."""
     x = specification.values(x) * scenario.factors
-    moved = specification.moved(specification.mechanism, scenario.values)
-    metrics, structure = jax.tree.flatten(_asked(specification), is_leaf=lambda m: isinstance(m, AbstractMetric))
+    moved = specification.move(specification.mechanism, scenario.values)
+    metrics, structure = jax.tree.flatten(_request(specification), is_leaf=lambda m: isinstance(m, AbstractMetric))
     named = {str(i): metric for i, metric in enumerate(metrics)}
     question = Question(moved, named, specification.t1, specification.settings())
     values = answer(question, dict(zip(specification.variables, x, strict=True))).values
@@ -84,7 +84,7 @@ def observed(specification: Specification, x: np.ndarray, scenario: Scenario) ->
     return found if all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(found.picture)) else None
 
 
-def _asked(specification: Specification) -> Observed:
+def _request(specification: Specification) -> Observed:
     joints = [joint.name for joint in specification.mechanism.clearance_joints()]
     times = sample_times(specification)
     # What will be once parts are worn is not seen in one motion: it is seen as new.

@@ -78,7 +78,7 @@ class Program:
         if known is not None and (known.gradient is not None or not gradient):
             return known
         self._spend()
-        return self._found(self._evaluate(x, gradient))
+        return self._note(self._evaluate(x, gradient))
 
     def at_each(self, points: Sequence[np.ndarray]) -> list[Evaluation]:
         """`at` of each point, without gradients; those not known are evaluated together where there is a way."""
@@ -87,10 +87,10 @@ class Program:
         if self._several is not None and new:
             self._spend()
             for point in self._several(list(new.values())):
-                self._found(point)
+                self._note(point)
         return [self.at(x) for x in points]
 
-    def _found(self, point: Evaluation) -> Evaluation:
+    def _note(self, point: Evaluation) -> Evaluation:
         """Count, keep, record and tell of a new point."""
         self.gradients += point.gradient is not None
         self.evaluations += point.gradient is None
@@ -134,18 +134,18 @@ class Program:
         remembers, through this one.
         """
 
-        def moved(point: Evaluation) -> Evaluation:
+        def displacement(point: Evaluation) -> Evaluation:
             limits = (point.limits + 1) * shrink - 1
             jacobian = None if point.jacobian is None else point.jacobian * shrink[:, None]
             return point._replace(limits=limits, jacobian=jacobian)
 
         shrink = np.where([name == group for name in self.groups], 1 / factor, 1.0)
         names = self.names, self.lower, self.upper, self.limit_names, self.groups
-        known = [moved(point) for point in self.history]
-        fresh = None if self._fresh is None else lambda x, samples, seed: moved(self.fresh(x, samples, seed))
-        return Program(lambda x, gradient: moved(self.at(x, gradient)), *names, known=known, fresh=fresh)
+        known = [displacement(point) for point in self.history]
+        fresh = None if self._fresh is None else lambda x, samples, seed: displacement(self.fresh(x, samples, seed))
+        return Program(lambda x, gradient: displacement(self.at(x, gradient)), *names, known=known, fresh=fresh)
 
-    def most_violated(self, point: Evaluation) -> str:
+    def worst_violation(self, point: Evaluation) -> str:
         """The most violated limit of a point in words."""
         if not len(point.limits):
             return "no limit"

@@ -80,7 +80,7 @@ def _distrust(specification: Specification, x: np.ndarray) -> str:
     """Why gradients are useless at a point, in words; empty where they are not."""
     names = tuple(specification.variables)
     for name, values in specification.conditions.items():
-        moved = replace(specification.moved(specification.mechanism, values), specification.clearances(x))
+        moved = replace(specification.move(specification.mechanism, values), specification.clearances(x))
         for limit in specification.limits:
             try:
                 report = gradient_report(

@@ -51,13 +51,13 @@ class Limit(Module):
     @property
     def label(self) -> str:
         """What is bounded, in words: "piston: position error"; a name other than the part's stands beside it."""
-        return self._labelled(_quantity(self.metric.base_metric))
+        return self._label(_quantity(self.metric.base_metric))
 
     @property
     def signal_label(self) -> str:
         """The signal that it is about, in words; the label of a metric that has none. It is seen over one motion."""
         signal = getattr(self.metric.base_metric, "signal", None)
-        of = self.label if signal is None else self._labelled(_words(type(signal).__name__))
+        of = self.label if signal is None else self._label(_words(type(signal).__name__))
         return of + " as new" * self.ages
 
     @property
@@ -76,7 +76,7 @@ class Limit(Module):
         since = getattr(self.metric.base_metric, "since", None)
         return None if since is None else float(since)
 
-    def _labelled(self, what: str) -> str:
+    def _label(self, what: str) -> str:
         part = _part(self.metric.base_metric)
         name = self.name or part
         whole = what if part in ("", name) else f"{what} of {part}"
@@ -165,12 +165,12 @@ class Specification:
         try:
             for given in values:
                 self.worth(given)  # an unknown name raises here
-            now = self.moved(self.mechanism, values)
+            now = self.move(self.mechanism, values)
             for end in (0, 1):
                 check_values(replace(now, {name: ends[end] for name, ends in self.variables.items()}))
             metrics = [limit.metric for limit in self.limits]
             for metric in metrics:
-                check_values(replace(metric.model(now), worn.known_to(metric, now, metrics, values)))
+                check_values(replace(metric.model(now), worn.values_for(metric, now, metrics, values)))
             for scattered in self.manufacture.scattered:
                 self.worth(scattered)
             known = parameters(now)
@@ -186,9 +186,9 @@ class Specification:
         """The value of a number, the mechanism's or that of wear. **Raises** `ClearanceError` for an unknown one."""
         return worn.worth(self.mechanism, [limit.metric for limit in self.limits], name)
 
-    def moved(self, mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
+    def move(self, mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
         """A mechanism as a condition or a scenario has it, whose values may be of wear too."""
-        return worn.moved(mechanism, [limit.metric for limit in self.limits], values)
+        return worn.replace_values(mechanism, [limit.metric for limit in self.limits], values)
 
     def settings(self, **changes: Any) -> Settings:
         """How to solve, with some options changed."""
@@ -243,14 +243,14 @@ class Specification:
         """The variables by name at a solver's point."""
         return dict(zip(self.variables, self.values(x).tolist(), strict=True))
 
-    def shown(self, condition: str) -> str:
+    def label(self, condition: str) -> str:
         """A condition's name where there are several, else nothing."""
         return condition if len(self.conditions) > 1 else ""
 
     def suffix(self, condition: str) -> str:
         """How a title names a condition: not at all where there is one only."""
-        return f" ({condition})" if self.shown(condition) else ""
+        return f" ({condition})" if self.label(condition) else ""
 
-    def as_designed(self) -> "Specification":
+    def nominal(self) -> "Specification":
         """The same for parts that come out exactly as designed."""
         return dataclasses.replace(self, manufacture=AsDesigned())

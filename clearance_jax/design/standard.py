@@ -71,7 +71,7 @@ def nearest_fits(
 def _nearest(
     design: Design, diameters: Mapping[str, float], samples: int, seed: int, place: Place
 ) -> StandardFits | None:
-    specification = design.specification.as_designed()
+    specification = design.specification.nominal()
     names = list(design.clearances)
     designed = specification.values(design.evaluation.x)
     sizes = {**_diameters(design), **diameters}

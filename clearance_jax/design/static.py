@@ -9,10 +9,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from clearance_jax.dynamics.closures import projected
+from clearance_jax.dynamics.closures import project
 from clearance_jax.dynamics.mobility import mobility
 from clearance_jax.dynamics.observe import axes_of
-from clearance_jax.dynamics.quantities import evaluated
+from clearance_jax.dynamics.quantities import evaluate
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import AbstractClearance, PlayCoordinate
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -152,12 +152,12 @@ def _slopes(mechanism: Mechanism, index: int, names: tuple[str, ...], t0, t1, sa
 
     def place(values, t, y):
         held = {name: tuple(own) for name, own, count in zip(names, values, counts, strict=True) if count}
-        moved = mechanism.held(held)
+        moved = mechanism.hold_pins(held)
         for name, own, count in zip(names, values, counts, strict=True):
             moved = moved if count else _offset(moved, name, own)
-        ready = moved.prepared()
-        closed = projected(t, y, ready, ASSEMBLE) if ready.closures() else y
-        return evaluated("position", t, closed, ready)[index]
+        ready = moved.prepare()
+        closed = project(t, y, ready, ASSEMBLE) if ready.closures() else y
+        return evaluate("position", t, closed, ready)[index]
 
     zero = [jnp.zeros(count or axes) for count in counts]
     return jax.vmap(jax.jacfwd(place), (None, 0, 0))(zero, times, states)

@@ -36,13 +36,13 @@ def time_histories(design: Design) -> tuple[TimeHistory, ...]:
     times, signals, found = sample_times(specification), _signals(design.specification), {}
     asked = {str(i): At(signal, times) for i, signal in enumerate(signals) if signal is not None}
     for name, given in specification.conditions.items():
-        moved = specification.moved(design.mechanism, given)
+        moved = specification.move(design.mechanism, given)
         try:
             settings = settings_of(moved, specification.t1, specification.options)
             seen = answer(Question(moved, asked, specification.t1, settings)).values
         except (ClearanceError, RuntimeError):
             continue  # a design that could not be simulated is reported as such elsewhere
-        found[specification.shown(name)] = [seen.get(str(i)) for i in range(len(signals))]
+        found[specification.label(name)] = [seen.get(str(i)) for i in range(len(signals))]
     return histories_of(specification, times, found)
 
 

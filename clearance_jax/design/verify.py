@@ -88,7 +88,7 @@ def _static(specification: Specification, x: np.ndarray) -> dict[str, float]:
         if not isinstance(limit.metric, Peak) or not isinstance(limit.metric.signal, PositionError):
             continue
         for values in specification.conditions.values():
-            moved = specification.moved(designed, values)
+            moved = specification.move(designed, values)
             try:
                 weights = static_weights(moved, limit.metric.signal.point, specification.t1, t0=specification.t0)
             except ClearanceError:

@@ -24,7 +24,7 @@ def own(mechanism: Mechanism, measures: Iterable[AbstractMeasure], values: Mappi
     return {name: value for name, value in values.items() if not of_wear(name)}
 
 
-def known_to(
+def values_for(
     measure: AbstractMeasure, mechanism: Mechanism, measures: Iterable[AbstractMeasure], values: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Those of the values that a measure's model takes: all but what is of the wear of other measures only."""
@@ -32,7 +32,7 @@ def known_to(
     return {name: value for name, value in values.items() if name in kept or _has(known, name)}
 
 
-def moved(mechanism: Mechanism, measures: Iterable[AbstractMeasure], values: Mapping[str, Any]) -> Mechanism:
+def replace_values(mechanism: Mechanism, measures: Iterable[AbstractMeasure], values: Mapping[str, Any]) -> Mechanism:
     """The mechanism with values of its own replaced."""
     return replace(mechanism, own(mechanism, measures, values)) if values else mechanism
 

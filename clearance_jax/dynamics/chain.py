@@ -114,11 +114,11 @@ class Chain(AbstractChain):
     joints: tuple[str, ...] = eqx.field(static=True)
     sought: tuple[int, ...] = eqx.field(static=True)
 
-    def prepared(self) -> PreparedChain:
+    def prepare(self) -> PreparedChain:
         """The same with what depends only on its numbers computed. In space it is a table, however short it is: its
         program is small, and compiles in seconds.
         """
-        return PreparedChain(self.mechanism.prepared().as_table(), self.point, self.joints, self.sought)
+        return PreparedChain(self.mechanism.prepare().as_table(), self.point, self.joints, self.sought)
 
 
 def chain_of(mechanism: Mechanism, point: str, joints: Sequence[str] | None) -> Chain:
@@ -132,7 +132,7 @@ def chain_of(mechanism: Mechanism, point: str, joints: Sequence[str] | None) -> 
     if point not in names:
         raise ClearanceError(f"There is no point `{point}`. " + suggest(point, names))
     body = next(one.body for one in ideal.points if one.name == point)
-    looped = _looped(ideal)
+    looped = _loop_joints(ideal)
     own = [joint for joint in ideal.joints if joint in _towards_ground(ideal, body) or joint.name in looped]
     known = drivable(ideal.joints)
     for name in joints or ():
@@ -143,7 +143,7 @@ def chain_of(mechanism: Mechanism, point: str, joints: Sequence[str] | None) -> 
         found = drivable([joint for joint in own if joint not in resting])
         joints = [name for name, c in found.items() if not ideal.closures() or not c.motion.is_free]
     bodies = tuple(Body(one.name) for one in ideal.bodies)
-    free = dataclasses.replace(ideal.released(joints), bodies=bodies, springs=(), gravity=NO_GRAVITY)
+    free = dataclasses.replace(ideal.without_drives(joints), bodies=bodies, springs=(), gravity=NO_GRAVITY)
     free = dataclasses.replace(free, wrenches=(), controllers=())
     passive = {c.name for joint in free.joints if joint.name in looped for c in joint.own_coordinates()}
     sought = [i for p in parts(free) if p.coordinate.name in {*joints, *passive} for i in range(p.v.start, p.v.stop)]
@@ -161,7 +161,7 @@ def _towards_ground(mechanism: AbstractMechanism, body: str) -> list[AbstractJoi
     return out
 
 
-def _looped(mechanism: Mechanism) -> set[str]:
+def _loop_joints(mechanism: Mechanism) -> set[str]:
     """The joints of the tree that are in a loop of an ideal closure: they carry one of its bodies, not both."""
     found: set[str] = set()
     for loop in mechanism.closures():
@@ -180,7 +180,7 @@ def start_of(mechanism: Mechanism, chain: Chain, time: Scalar) -> Float[Array, "
     return given
 
 
-def looked(chain: PreparedChain, aim: Aim | None, time: Scalar, q: Float[Array, " positions"]) -> Look:
+def look_at(chain: PreparedChain, aim: Aim | None, time: Scalar, q: Float[Array, " positions"]) -> Look:
     """A chain at positions, with nothing moving but what is driven; without an `aim` only closures count."""
     mechanism, size = chain.mechanism, chain.size
     plan = layout(mechanism)
@@ -200,9 +200,9 @@ def looked(chain: PreparedChain, aim: Aim | None, time: Scalar, q: Float[Array, 
             drifts.append(frame.velocity_at(at)[k] / size)
         if aim.rotation is not None:
             angular = motion.spins(chain.frame.body).array
-            turned = frame.rotation if point.orientation is None else frame.rotated(point.orientation.rotation).rotation
+            turned = frame.rotation if point.orientation is None else frame.rotate(point.orientation.rotation).rotation
             wanted = tuple((row[0], row[1], row[2]) for row in aim.rotation)
-            off = rotation_between(IDENTITY.followed(wanted), IDENTITY.followed(turned.rows))  # pyright: ignore
+            off = rotation_between(IDENTITY.compose(wanted), IDENTITY.compose(turned.rows))  # pyright: ignore
             for k in (2,) if flat else (0, 1, 2):
                 gaps.append(off[k])
                 rows.append(angular[:, k])

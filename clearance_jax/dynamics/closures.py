@@ -14,7 +14,7 @@ from clearance_jax.dynamics.frames import Frames
 from clearance_jax.dynamics.kinematics import frames, sleeve_axes
 from clearance_jax.dynamics.seated import Seated
 from clearance_jax.mechanism.prepared import PreparedMechanism
-from clearance_jax.mechanism.state import layout, moved, parts
+from clearance_jax.mechanism.state import layout, move, parts
 from clearance_jax.mechanism.tree import AbstractJoint, AbstractPlayed
 from clearance_jax.spatial import ZERO, Term, Vector, as_array, cross, dot, minus, plus, times
 
@@ -42,7 +42,7 @@ class StartErrors(NamedTuple):
         return cls(jnp.zeros(0), jnp.zeros(0), jnp.zeros(0))
 
 
-def corrected(
+def correct(
     time: Scalar,
     y: Array,
     mechanism: PreparedMechanism,
@@ -72,8 +72,8 @@ def corrected(
     if not held:
         return y, jnp.stack(opened)
     asked = constraint(motion.mass_matrix(firm), held, mechanism)
-    place, speed = asked.closing(gaps)[0], asked.closing(rates)[0]
-    q = moved(mechanism, state.q, place)
+    place, speed = asked.closure_step(gaps)[0], asked.closure_step(rates)[0]
+    q = move(mechanism, state.q, place)
     v = [plus(v, times(settle, s)) for v, s in zip(state.v, speed, strict=True)]
     return jnp.concatenate([as_array(q), as_array(v), y[plan.v.stop :]]), jnp.stack(opened)
 
@@ -88,7 +88,7 @@ def _openness(errors: list[Term], cosines: list[Term]) -> Array:
     return size
 
 
-def projected(time: Scalar, y: Array, mechanism: PreparedMechanism, iterations: int = 1) -> Array:
+def project(time: Scalar, y: Array, mechanism: PreparedMechanism, iterations: int = 1) -> Array:
     """The nearest state (in the kinetic norm) whose ideal loops are closed in position and velocity.
 
     A step leaves a loop open by its own error, of which one iteration leaves the square; further from closed take more.
@@ -97,18 +97,18 @@ def projected(time: Scalar, y: Array, mechanism: PreparedMechanism, iterations: 
     if not loops:
         return of_unit_length(y, mechanism)
     if iterations == 1:
-        return corrected(time, y, mechanism, loops)[0]
-    return jax.lax.fori_loop(0, iterations, lambda _, y: corrected(time, y, mechanism, loops)[0], y)
+        return correct(time, y, mechanism, loops)[0]
+    return jax.lax.fori_loop(0, iterations, lambda _, y: correct(time, y, mechanism, loops)[0], y)
 
 
 def of_unit_length(y: Array, mechanism: PreparedMechanism) -> Array:
     """The same state with its orientations of unit length."""
     plan = layout(mechanism)
     still = (0.0,) * plan.free
-    return jnp.concatenate([as_array(moved(mechanism, plan.split(y).q, still)), y[plan.v.start :]])
+    return jnp.concatenate([as_array(move(mechanism, plan.split(y).q, still)), y[plan.v.start :]])
 
 
-def assembled(time: Scalar, y: Array, mechanism: PreparedMechanism) -> tuple[Array, Float[Array, " loops"]]:
+def assemble(time: Scalar, y: Array, mechanism: PreparedMechanism) -> tuple[Array, Float[Array, " loops"]]:
     """The nearest state whose loops all are closed, ideal ones and those with clearance (their pins where
     `eccentricity` has them, at rest there); and how far each is open still [m].
 
@@ -122,7 +122,7 @@ def assembled(time: Scalar, y: Array, mechanism: PreparedMechanism) -> tuple[Arr
         firm = {i: jnp.where(held, FIRM, 1.0) for i in played}
         # Velocities belong to closed positions.
         settle = jnp.where(k >= HELD - 1, 1.0, 0.0)
-        moved, opened = corrected(time, carry[0], mechanism, mechanism.loops, firm, settle)
+        moved, opened = correct(time, carry[0], mechanism, mechanism.loops, firm, settle)
         return jnp.where(k < HELD + LOOSE - 1, moved, carry[0]), opened
 
     return jax.lax.fori_loop(0, HELD + LOOSE, once, (y, jnp.zeros(len(mechanism.loops))))

@@ -50,16 +50,16 @@ def conditions(loop: AbstractJoint, motion: Frames) -> list[Condition]:
     here, there = a.point(loop.at_parent.vector), b.point(loop.at_child.vector)
     sleeve = sleeve_rotation(loop, motion)
     if hold.along is None:
-        found = _held(loop, motion, here, there)
+        found = _point_conditions(loop, motion, here, there)
     else:
-        found = _held_along([sleeve.apply(along) for along in hold.along], loop, motion, here, there)
+        found = _plane_conditions([sleeve.apply(along) for along in hold.along], loop, motion, here, there)
     if hold.square:
         pin = loop.on_child(b)
         found += _square([(sleeve.apply(e), pin.apply(f)) for e, f in hold.square], loop, motion)
     return [c for c in found if not c.is_met]
 
 
-def _held(loop: AbstractJoint, motion: Frames, here: Vector, there: Vector) -> list[Condition]:
+def _point_conditions(loop: AbstractJoint, motion: Frames, here: Vector, there: Vector) -> list[Condition]:
     """A point of the child b stays at a point of the parent a."""
     a, b = motion[loop.parent], motion[loop.child]
     gap = subtract(there, here)
@@ -72,7 +72,7 @@ def _held(loop: AbstractJoint, motion: Frames, here: Vector, there: Vector) -> l
     ]
 
 
-def _held_along(
+def _plane_conditions(
     directions: list[Vector], loop: AbstractJoint, motion: Frames, here: Vector, there: Vector
 ) -> list[Condition]:
     """A point of the child b stays in planes through a point of the parent a that are square to directions of a. (Seen

@@ -12,14 +12,14 @@ from clearance_jax.mechanism.compounds import Ball
 from clearance_jax.mechanism.controllers import AbstractController, Reference
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.sampling import is_instant
-from clearance_jax.mechanism.state import Acting, State, acting, layout, parts
+from clearance_jax.mechanism.state import Acting, State, effort_sources, layout, parts
 from clearance_jax.spatial import Term, minus, plus, total
 
 Measured = dict[str, tuple[Term, Term]]
 """Position and velocity by coordinate, balls aside."""
 
 
-def measured(mechanism: PreparedMechanism, time: Scalar, state: State) -> Measured:
+def measure(mechanism: PreparedMechanism, time: Scalar, state: State) -> Measured:
     """What encoders can see."""
     free = {part.coordinate.name: part for part in parts(mechanism)}
     out: Measured = {}
@@ -32,43 +32,43 @@ def measured(mechanism: PreparedMechanism, time: Scalar, state: State) -> Measur
     return out
 
 
-def exerted(mechanism: PreparedMechanism, time: Scalar, state: State) -> list[Term]:
+def exert(mechanism: PreparedMechanism, time: Scalar, state: State) -> list[Term]:
     """What actuators, controllers and the dampers of balls exert, by free velocity."""
     efforts: list[Term] = [0.0] * layout(mechanism).free
     for part in parts(mechanism):
         motion = part.coordinate.motion
         if isinstance(motion, Ball) and motion.damping is not None:
             efforts[part.v] = [-motion.damping * spin for spin in state.v[part.v]]
-    every = acting(mechanism)
+    every = effort_sources(mechanism)
     if not every:
         return efforts
     places = {part.coordinate.name: part.v.start for part in parts(mechanism)}
-    seen = measured(mechanism, time, state)
+    seen = measure(mechanism, time, state)
     for one in every:
-        now = commanded(one, time, seen) if one.period is None else state.memory[one.name]
+        now = command(one, time, seen) if one.period is None else state.memory[one.name]
         for name, effort in zip(one.coordinates, now, strict=True):
             efforts[places[name]] = plus(efforts[places[name]], effort)
     return efforts
 
 
-def renewed(mechanism: PreparedMechanism, time: Scalar, state: State, starts: bool = False) -> list[Term]:
+def renew(mechanism: PreparedMechanism, time: Scalar, state: State, starts: bool = False) -> list[Term]:
     """What everything that is sampled holds: anew where the time is one of its instants, or where a solve starts."""
-    seen, out = measured(mechanism, time, state), []
-    for one in acting(mechanism):
+    seen, out = measure(mechanism, time, state), []
+    for one in effort_sources(mechanism):
         if one.period is None:
             continue
-        now = [jnp.asarray(effort, float) for effort in commanded(one, time, seen)]
+        now = [jnp.asarray(effort, float) for effort in command(one, time, seen)]
         fresh = True if starts else is_instant(one.period, time)
         out += [jnp.where(fresh, new, old) for new, old in zip(now, state.memory[one.name], strict=True)]
     return out
 
 
-def commanded(one: Acting, time: Scalar, seen: Measured) -> Sequence[Term]:
+def command(one: Acting, time: Scalar, seen: Measured) -> Sequence[Term]:
     """The efforts of an actuator or a controller that measures now."""
     if isinstance(one.part, AbstractActuator):
         position, velocity = _read(one.part.measures() or one.coordinates, seen)
         return [one.part(time, jnp.asarray(position, float), jnp.asarray(velocity, float))]
-    return _computed(one.part, time, seen)
+    return _compute(one.part, time, seen)
 
 
 def _read(encoder: Sequence[str], seen: Measured) -> tuple[Term, Term]:
@@ -76,12 +76,12 @@ def _read(encoder: Sequence[str], seen: Measured) -> tuple[Term, Term]:
     return total(seen[name][0] for name in encoder), total(seen[name][1] for name in encoder)
 
 
-def _computed(controller: AbstractController, time: Scalar, seen: Measured) -> list[Term]:
+def _compute(controller: AbstractController, time: Scalar, seen: Measured) -> list[Term]:
     """Efforts by the inverse dynamics of the controller's model, in the order of its references."""
     model: PreparedMechanism = controller.model
     read = {reference.name: _read(_encoder(reference), seen) for reference in controller.references}
     names = [part.coordinate.name for part in parts(model)]
-    wanted = dict(zip(read, controller.wanted(time, *zip(*read.values(), strict=True)), strict=True))
+    wanted = dict(zip(read, controller.accelerations(time, *zip(*read.values(), strict=True)), strict=True))
     state = State(
         tuple(jnp.asarray(read[name][0], float) for name in names),
         tuple(jnp.asarray(read[name][1], float) for name in names),
@@ -100,5 +100,5 @@ def inverse_dynamics(mechanism: PreparedMechanism, time: Scalar, state: State, a
     mechanism = mechanism.at(time)
     motion = frames(mechanism, time, state)
     missing = motion.load(applied_pairs(mechanism, time, motion), acceleration)
-    own = exerted(mechanism, time, state)
+    own = exert(mechanism, time, state)
     return [minus(0.0, plus(load, effort)) for load, effort in zip(missing, own, strict=True)]

@@ -21,14 +21,14 @@ from clearance_jax.mechanism.tree import AbstractJoint, Coordinate
 ROUNDS = 4
 
 
-def deflected(time: Scalar, mechanism: PreparedMechanism) -> PreparedMechanism:
+def deflect(time: Scalar, mechanism: PreparedMechanism) -> PreparedMechanism:
     """The mechanism whose drives that give way begin at rest relative to their motors: deflected so that they do not
     accelerate, with joints ideal and everything else moving as it does.
     """
     springs = [part for part in parts(mechanism.ideal()) if gives_way(part.coordinate.motion)]
     if not springs:
         return mechanism
-    ideal = mechanism.ideal().unsampled().as_small_program()
+    ideal = mechanism.ideal().without_sampling().as_small_program()
     places, speeds = (np.array([getattr(part, which).start for part in springs]) for which in "qv")
     begin = initial_values(ideal)
 
@@ -42,7 +42,7 @@ def deflected(time: Scalar, mechanism: PreparedMechanism) -> PreparedMechanism:
     found = jax.lax.fori_loop(0, ROUNDS, once, begin[places])
     at = {part.coordinate.name: found[i] for i, part in enumerate(springs)}
 
-    def moved(joint: AbstractJoint) -> AbstractJoint:
+    def move(joint: AbstractJoint) -> AbstractJoint:
         def change(coordinate: Coordinate) -> Motion:
             if coordinate.name not in at:
                 return coordinate.motion
@@ -50,7 +50,7 @@ def deflected(time: Scalar, mechanism: PreparedMechanism) -> PreparedMechanism:
 
         return with_motions(joint, change)
 
-    return dataclasses.replace(mechanism, joints=tuple(moved(joint) for joint in mechanism.joints))
+    return dataclasses.replace(mechanism, joints=tuple(move(joint) for joint in mechanism.joints))
 
 
 def gives_way(motion: Motion | Ball) -> bool:

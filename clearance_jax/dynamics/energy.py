@@ -32,7 +32,7 @@ def powers(mechanism: PreparedMechanism, time: Scalar, state: State, now: Balanc
     """Rates of the energy balance: work of drives, actuators and loads, work absorbed by normal forces and dampers,
     loss in friction, and the sum of the absolute powers (the energy exchanged, against which a residual is judged).
     """
-    drive = total(times(effort, speed) for effort, speed in driving(mechanism, now))
+    drive = total(times(effort, speed) for effort, speed in drive_forces(mechanism, now))
     for effort, speed in zip(now.efforts, state.v, strict=True):
         drive = plus(drive, times(effort, speed))
     drive = plus(drive, load_power(mechanism, time, now.motion))
@@ -44,11 +44,11 @@ def powers(mechanism: PreparedMechanism, time: Scalar, state: State, now: Balanc
     return tuple(jnp.asarray(power, float) for power in (drive, absorbed, friction, exchanged))
 
 
-def driving(mechanism: PreparedMechanism, now: Balance) -> list[tuple[Term, Term]]:
+def drive_forces(mechanism: PreparedMechanism, now: Balance) -> list[tuple[Term, Term]]:
     """Driving force and speed of every prescribed coordinate."""
     if all(coordinate.motion.is_free for coordinate in mechanism.coordinates()):
         return []
-    return now.motion.driving([*now.pairs, *now.closing], now.acceleration)
+    return now.motion.drive_forces([*now.pairs, *now.closing], now.acceleration)
 
 
 class Energies(NamedTuple):
@@ -90,7 +90,7 @@ def contact_energy(mechanism: PreparedMechanism, time: Scalar, motion: Frames, s
     """Elastic energy of the contacts [J]."""
     found, joints = plays(mechanism, time, state, motion), mechanism.clearance_joints()
     stored = [(joint.clearance, found[joint.name].relative) for joint in joints]
-    return total(each_joint(PreparedClearance.stored, stored))
+    return total(each_joint(PreparedClearance.elastic_energy, stored))
 
 
 def balance_at_start(time: Scalar, y: Array, mechanism: PreparedMechanism) -> Float[Array, " terms"]:

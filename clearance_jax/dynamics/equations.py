@@ -13,7 +13,7 @@ from clearance_jax._types import Scalar
 from clearance_jax.dynamics.applied import applied_pairs
 from clearance_jax.dynamics.conditions import Condition, conditions
 from clearance_jax.dynamics.constraint import closing_pairs, constraint
-from clearance_jax.dynamics.control import exerted
+from clearance_jax.dynamics.control import exert
 from clearance_jax.dynamics.frames import Frames, Pair
 from clearance_jax.dynamics.kinematics import Play, frames, plays
 from clearance_jax.errors import ClearanceError
@@ -48,7 +48,7 @@ def balance(mechanism: PreparedMechanism, time: Scalar, state: State) -> Balance
     acting = [(joint.clearance, found[joint.name].relative, state.memory[joint.name]) for joint in joints]
     actions = dict(zip([joint.name for joint in joints], each_joint(PreparedClearance.act, acting), strict=True))
     pairs = contact_pairs(mechanism, found, actions) + applied_pairs(mechanism, time, motion)
-    efforts = exerted(mechanism, time, state)
+    efforts = exert(mechanism, time, state)
     acceleration, closing = accelerations(motion, pairs, efforts)
     return Balance(motion, found, actions, pairs, efforts, share(acceleration), closing)
 
@@ -74,10 +74,10 @@ def accelerations(motion: Frames, pairs: list[Pair], efforts: list[Term]) -> tup
             f"The ideal loop `{loops[0].name}` joins bodies that are all prescribed: free one of them."
         )
     if motion.is_solved_implicitly:
-        acceleration, multipliers = _solved(motion, pairs, efforts)
+        acceleration, multipliers = _solve(motion, pairs, efforts)
     else:
         equations = _equations(motion)
-        acceleration, multipliers = equations.solved(*_known(motion, pairs, efforts, equations.held))
+        acceleration, multipliers = equations.solve(*_right_sides(motion, pairs, efforts, equations.held))
     held = [conditions(loop, motion) for loop in loops]
     return acceleration, closing_pairs(loops, motion, held, multipliers)
 
@@ -91,26 +91,26 @@ class Equations(NamedTuple):
     held: list[Condition]
     closed: AbstractConstraint | None
 
-    def solved(self, load: list[Term], asked: list[Term]) -> tuple[list[Term], list[Term]]:
+    def solve(self, load: list[Term], asked: list[Term]) -> tuple[list[Term], list[Term]]:
         """The accelerations and the multipliers of the conditions."""
         free = self.inertia.solve(load)
         if self.closed is None:
             return free, []
         lag = [minus(wanted, now.row.dot(free)) for now, wanted in zip(self.held, asked, strict=True)]
-        correction, multipliers = self.closed.closing(lag)
+        correction, multipliers = self.closed.closure_step(lag)
         return [plus(a, b) for a, b in zip(free, correction, strict=True)], multipliers
 
 
-def _held(motion: Frames) -> list[Condition]:
+def _held_conditions(motion: Frames) -> list[Condition]:
     return [condition for loop in motion.mechanism.closures() for condition in conditions(loop, motion)]
 
 
 def _equations(motion: Frames) -> Equations:
-    inertia, held = motion.mass_matrix(), _held(motion)
+    inertia, held = motion.mass_matrix(), _held_conditions(motion)
     return Equations(inertia, held, constraint(inertia, held, motion.mechanism) if held else None)
 
 
-def _known(
+def _right_sides(
     motion: Frames, pairs: list[Pair], efforts: list[Term], held: list[Condition], found: tuple | None = None
 ) -> tuple[list[Term], list[Term]]:
     """The right-hand sides; less the left-hand sides of the accelerations and multipliers that are `found`."""
@@ -124,7 +124,7 @@ def _known(
     return load, asked
 
 
-def _solved(motion: Frames, pairs: list[Pair], efforts: list[Term]) -> tuple[list[Term], list[Term]]:
+def _solve(motion: Frames, pairs: list[Pair], efforts: list[Term]) -> tuple[list[Term], list[Term]]:
     """The equations of motion, solved. Their derivative is that of what they leave over at the accelerations that are
     found, solved by the factors that are known: neither the mass matrix nor its factors are differentiated.
     """
@@ -137,27 +137,27 @@ def _solved(motion: Frames, pairs: list[Pair], efforts: list[Term]) -> tuple[lis
     def solution(numbers):
         motion, pairs, efforts = rebuilt(numbers)
         equations = _equations(motion)
-        return equations, flat(equations.solved(*_known(motion, pairs, efforts, equations.held)))
+        return equations, flat(equations.solve(*_right_sides(motion, pairs, efforts, equations.held)))
 
     @jax.custom_jvp
     def solve(numbers):
         return solution(numbers)[1]
 
-    def differentiated(primals, tangents):
+    def differentiate(primals, tangents):
         (numbers,), (rates,) = primals, tangents
         equations, found = solution(numbers)
         varied = [i for i, rate in enumerate(rates) if not isinstance(rate, SymbolicZero)]
 
-        def left(some):
+        def residual(some):
             every = list(numbers)
             for i, x in zip(varied, some, strict=True):
                 every[i] = x
             motion, pairs, efforts = rebuilt(every)
-            return flat(_known(motion, pairs, efforts, _held(motion), found))
+            return flat(_right_sides(motion, pairs, efforts, _held_conditions(motion), found))
 
-        _, change = jax.jvp(left, ([numbers[i] for i in varied],), ([rates[i] for i in varied],))
-        return found, flat(equations.solved(*change))
+        _, change = jax.jvp(residual, ([numbers[i] for i in varied],), ([rates[i] for i in varied],))
+        return found, flat(equations.solve(*change))
 
-    solve.defjvp(differentiated, symbolic_zeros=True)
+    solve.defjvp(differentiate, symbolic_zeros=True)
     acceleration, multipliers = solve(numbers)
     return [*acceleration], [*multipliers]

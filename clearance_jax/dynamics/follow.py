@@ -16,9 +16,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from clearance_jax._types import Scalar
-from clearance_jax.dynamics.chain import AbstractChain, Aim, Chain, PreparedChain, chain_of, looked
-from clearance_jax.dynamics.inverse import Posture, begin_of, best, met, off, shown_length, unreached
-from clearance_jax.dynamics.posture import Found, aim_at, changed, find, rates, sought_values
+from clearance_jax.dynamics.chain import AbstractChain, Aim, Chain, PreparedChain, chain_of, look_at
+from clearance_jax.dynamics.inverse import Posture, begin_of, best, is_met, off, shown_length, why_unreached
+from clearance_jax.dynamics.posture import Found, aim_at, change, find, rates, sought_values
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.minimum_jerk import HERMITE
@@ -39,7 +39,7 @@ JUMP = 1e-9
 
 
 class PathDrives(dict[str, Quintic]):
-    """Drives by the names of their coordinates, as `mechanism.driven` takes them.
+    """Drives by the names of their coordinates, as `mechanism.with_drives` takes them.
 
     - `deviation` [m], `angle` [rad]: by how much the point leaves the path, and its orientation that of the path, at
       most, as measured between the knots.
@@ -65,9 +65,9 @@ class Block(NamedTuple):
 
 
 @eqx.filter_jit
-def followed(given: Chain, path: PreparedPath, edges: Float[Array, " edges"], start: Array) -> Block:
+def follow_edges(given: Chain, path: PreparedPath, edges: Float[Array, " edges"], start: Array) -> Block:
     """Follow a path from edge to edge, from the posture at the first."""
-    chain = given.prepared()
+    chain = given.prepare()
 
     def interval(q, ends):
         begin, end = ends
@@ -82,7 +82,7 @@ def followed(given: Chain, path: PreparedPath, edges: Float[Array, " edges"], st
             trapezoid = h / 2 * (left[0] + right[0]) + h**2 / 12 * (left[1] - right[1])
             taylor = h * left[0] + h**2 / 2 * left[1]
             step = jnp.clip(jnp.where(k == 1, taylor, trapezoid), -chain.units, chain.units)
-            guess = changed(chain, q, jnp.where(first, 0.0, step))
+            guess = change(chain, q, jnp.where(first, 0.0, step))
             found = find(chain, aim_at(path, time, beside), time, guess)
             now = rates(chain, path, time, beside, found.q)
             left = jax.tree.map(lambda a, b: jnp.where(first, a, b), now, left)
@@ -101,11 +101,11 @@ def followed(given: Chain, path: PreparedPath, edges: Float[Array, " edges"], st
         time, h = begin + part * (end - begin), end - begin
         at = _hermite(h, values, speeds, accelerations, part)
         # What the joints do is known; passive coordinates of loops follow.
-        q = changed(chain, q, jnp.where(_driven(chain), at - values[0], 0.0))
+        q = change(chain, q, jnp.where(_sought_joints(chain), at - values[0], 0.0))
         aim = aim_at(path, time, time)
         if chain.mechanism.closures():
             q = find(_passive(chain), None, time, q).q
-        return off(chain, aim, looked(chain, aim, time, q).gap)
+        return off(chain, aim, look_at(chain, aim, time, q).gap)
 
     args = edges[:-1], edges[1:], before, values, speeds, accelerations
     apart = jax.lax.map(lambda one: jax.vmap(partial(inside, *one))(jnp.asarray(INSIDE)), args)
@@ -121,14 +121,14 @@ def _hermite(h: Scalar, values: Array, speeds: Array, accelerations: Array, part
     return powers @ part ** jnp.arange(6)
 
 
-def _driven(chain: AbstractChain) -> np.ndarray:
+def _sought_joints(chain: AbstractChain) -> np.ndarray:
     """Which of what is sought are joints."""
     return np.array([chain.coordinates[i].name in chain.joints for i in chain.sought])
 
 
 def _passive(chain: PreparedChain) -> PreparedChain:
     """The chain whose joints stay."""
-    sought = tuple(i for i, driven in zip(chain.sought, _driven(chain), strict=True) if not driven)
+    sought = tuple(i for i, driven in zip(chain.sought, _sought_joints(chain), strict=True) if not driven)
     return PreparedChain(chain.mechanism, chain.point, chain.joints, sought)
 
 
@@ -141,7 +141,7 @@ def follow(
     tolerance: float = 1e-6,
     start: Mapping[str, Any] | Posture | None = None,
 ) -> PathDrives:
-    """Drives of the joints that lead a point of the ideal mechanism along a path; give them to `mechanism.driven`.
+    """Drives of the joints that lead a point of the ideal mechanism along a path; give them to `mechanism.with_drives`.
 
     Where joints are more than enough, their rates are the least ones (of slides measured by the size of the chain).
     The numbers of the drives are numbers of the mechanism, but no derivative goes through them to the path.
@@ -156,7 +156,7 @@ def follow(
     **Raises:** `ClearanceError` where the path begins out of reach or leaves it, where a limit of a coordinate (value
     or rate, `cj.Limits`) is in the way, and where it passes a singular posture: which, when, and how far off.
     """
-    chain, ready = chain_of(mechanism, point, joints), path.prepared()
+    chain, ready = chain_of(mechanism, point, joints), path.prepare()
     if chain.mechanism.is_plane and not _is_plane(ready):
         raise ClearanceError("The mechanism is in the plane: a path of it must have no z, and turns about z only.")
     if not tolerance > 0:
@@ -166,9 +166,9 @@ def follow(
     aim = aim_at(ready, first, jnp.asarray(edges[:2].mean()))
     begin = begin_of(mechanism, chain, start)
     found = best(chain, aim, first, begin, start is None, tolerance / 10)
-    if not met(chain, aim, found, tolerance / 10):
-        raise ClearanceError(unreached(chain, aim, found, ", where the path begins"))
-    knots, blocks = _refined(chain, ready, edges, found.q, tolerance)
+    if not is_met(chain, aim, found, tolerance / 10):
+        raise ClearanceError(why_unreached(chain, aim, found, ", where the path begins"))
+    knots, blocks = _refine(chain, ready, edges, found.q, tolerance)
     _check_speeds(chain, knots, blocks)
     places = dict(zip(chain.joints, chain.places(chain.joints), strict=True))
     posture = Posture(
@@ -188,7 +188,7 @@ def _edges(breaks: np.ndarray) -> np.ndarray:
     return np.append((distinct[:-1, None] + np.diff(distinct)[:, None] * parts).ravel(), distinct[-1])
 
 
-def _refined(chain: Chain, path: PreparedPath, edges: np.ndarray, q: Array, tolerance: float):
+def _refine(chain: Chain, path: PreparedPath, edges: np.ndarray, q: Array, tolerance: float):
     """Knots that are dense enough, and what there is between them."""
     span, size = edges[-1] - edges[0], float(chain.size)
     for _ in range(PASSES):
@@ -207,7 +207,7 @@ def _refined(chain: Chain, path: PreparedPath, edges: np.ndarray, q: Array, tole
         halvings[smooth] = np.clip(np.ceil(np.log2(error[smooth] / tolerance) / 6), 1, 4)
         parts = np.where(bad, 2**halvings, 1)
         if np.any(np.diff(edges)[bad] < SHORTEST * span) or parts.sum() > MOST_KNOTS:
-            raise ClearanceError(_stopped(chain, path, edges, blocks, int(np.argmax(bad)), lost))
+            raise ClearanceError(_stop_reason(chain, path, edges, blocks, int(np.argmax(bad)), lost))
         edges = np.append(
             np.concatenate(
                 [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(edges, edges[1:], parts, strict=False)]
@@ -222,7 +222,7 @@ def _run(chain: Chain, path: PreparedPath, edges: np.ndarray, q: Array) -> Block
     count, out = len(edges) - 1, []
     padded = np.append(edges, np.full(-count % BLOCK, edges[-1]))
     for k in range(0, len(padded) - 1, BLOCK):
-        block = followed(chain, path, jnp.asarray(padded[k : k + BLOCK + 1]), q)
+        block = follow_edges(chain, path, jnp.asarray(padded[k : k + BLOCK + 1]), q)
         q = block.found.q[-1]
         out.append(jax.tree.map(np.asarray, block))
     return jax.tree.map(lambda *leaves: np.concatenate(leaves)[:count], *out)
@@ -256,13 +256,13 @@ def _when(edges: np.ndarray, time: float) -> str:
     return f" at {time:.6g} s ({100 * part:.1f} % of the path's time)"
 
 
-def _stopped(chain: Chain, path: PreparedPath, edges, blocks: Block, bad: int, lost: int) -> str:
+def _stop_reason(chain: Chain, path: PreparedPath, edges, blocks: Block, bad: int, lost: int) -> str:
     """Why a path cannot be followed beyond an interval."""
     if bad == lost:
         found = jax.tree.map(lambda leaf: jnp.asarray(leaf[bad]), blocks.found)
         time = float(edges[bad + 1])
         aim = aim_at(path, jnp.asarray(time), jnp.asarray(edges[bad : bad + 2].mean()))
-        said = unreached(chain, aim, found, _when(edges, time))
+        said = why_unreached(chain, aim, found, _when(edges, time))
         # Knots behind are as near as the chain comes.
         gaps = [off(chain, Aim(aim.place, aim.rotation), jnp.asarray(gap)) for gap in blocks.found.gap]
         most = max(float(distance) for distance, _ in gaps)

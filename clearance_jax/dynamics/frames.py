@@ -1,6 +1,6 @@
 """Where everything is, and the dynamics of it: one interface to both forms that the equations of motion have.
 
-A small mechanism is written out number by number (`written_out`), a large one is a loop over a table of its links
+A small mechanism is written out number by number (`write_out`), a large one is a loop over a table of its links
 (`table`). `kinematics.frames` takes the form that the mechanism has; what asks a state for frames, loads or energies
 does not know which it is.
 """
@@ -34,7 +34,7 @@ class Wrench(NamedTuple):
     force: Vector = ZERO
     moment: Vector = ZERO
 
-    def moved(self, by: Vector) -> "Wrench":
+    def move(self, by: Vector) -> "Wrench":
         """The same about another pivot, from which `by` leads to its own."""
         return Wrench(self.force, add(self.moment, cross(by, self.force)))
 
@@ -42,7 +42,7 @@ class Wrench(NamedTuple):
         """Projected on a column."""
         if column.pivot is None:
             return dot(column.axis, self.force)
-        return dot(column.axis, self.moved(subtract(pivot, column.pivot)).moment)
+        return dot(column.axis, self.move(subtract(pivot, column.pivot)).moment)
 
     def __add__(self, other) -> "Wrench":
         return Wrench(add(self.force, other.force), add(self.moment, other.moment))
@@ -125,7 +125,7 @@ class Frames(abc.ABC):
         """`load` without the inertia of rotors."""
 
     @abc.abstractmethod
-    def driving(self, pairs: list[Pair], acceleration: list[Term]) -> list[tuple[Term, Term]]:
+    def drive_forces(self, pairs: list[Pair], acceleration: list[Term]) -> list[tuple[Term, Term]]:
         """Driving force and speed of every prescribed coordinate under wrenches between bodies, by d'Alembert on its
         own column.
         """

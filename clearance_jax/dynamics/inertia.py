@@ -8,7 +8,7 @@ from clearance_jax.mechanism.body import Body, needs_six
 from clearance_jax.mechanism.frame import Column, Frame
 from clearance_jax.mechanism.placement import Inertia
 from clearance_jax.spatial import Term, Vector, Z, absent, add, cross, plus, same_line, scale, subtract
-from clearance_jax.symmetric import NOTHING, Symmetric, of_point, rotated, shifted
+from clearance_jax.symmetric import NOTHING, Symmetric, of_point, rotate, shift
 
 
 class Composite(NamedTuple):
@@ -18,17 +18,17 @@ class Composite(NamedTuple):
     moment: Vector
     inertia: Symmetric
 
-    def moved(self, by: Vector) -> "Composite":
+    def move(self, by: Vector) -> "Composite":
         """Seen from another pivot, from which `by` leads to its own."""
         if absent(by):
             return self
         moment = add(self.moment, scale(self.mass, by))
-        return Composite(self.mass, moment, shifted(self.inertia, by, self.moment, moment))
+        return Composite(self.mass, moment, shift(self.inertia, by, self.moment, moment))
 
     def __add__(self, other) -> "Composite":
         return Composite(plus(self.mass, other.mass), add(self.moment, other.moment), self.inertia + other.inertia)
 
-    def kept(self) -> "Composite":
+    def compute_once(self) -> "Composite":
         """With every number computed once."""
         mass, moment = compute_once((self.mass, self.moment))
         return Composite(mass, moment, Symmetric(lambda i, j: compute_once(self.inertia.entry(i, j))))
@@ -55,7 +55,7 @@ def inertia_of(body: Body, frame: Frame) -> Symmetric:
     if body.inertia is None:
         return NOTHING
     if isinstance(body.inertia, Inertia):
-        return rotated(body.inertia.symmetric, frame.rotation)
+        return rotate(body.inertia.symmetric, frame.rotation)
     about_z = body.inertia
     if same_line(frame.rotation.rows[2], Z) <= 0:
         raise needs_six(body)

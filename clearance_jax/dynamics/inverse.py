@@ -30,8 +30,8 @@ SINGULAR = 1e-3
 class Posture(Module):
     """A posture with a point where it should be.
 
-    - `coordinates`: values [rad or m] of the coordinates that were sought, by name; give them to `mechanism.driven` as
-      `cj.drives.Constant`, or as the `start` of another search.
+    - `coordinates`: values [rad or m] of the coordinates that were sought, by name; give them to
+      `mechanism.with_drives` as `cj.drives.Constant`, or as the `start` of another search.
     - `distance` [m], `angle` [rad]: how far the point's place and orientation are from the pose: round-off.
     - `iterations`: of Newton's method.
     - `positions`: all positions of the mechanism with these coordinates free, those of balls among them.
@@ -79,8 +79,8 @@ def inverse_kinematics(
     if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((chain, aim, begin))):
         return _posture(chain, aim, search(chain, aim, jnp.zeros(()), begin))
     found = best(chain, aim, jnp.zeros(()), begin, start is None, tolerance)
-    if not met(chain, aim, found, tolerance):
-        raise ClearanceError(unreached(chain, aim, found))
+    if not is_met(chain, aim, found, tolerance):
+        raise ClearanceError(why_unreached(chain, aim, found))
     return _posture(chain, aim, found)
 
 
@@ -108,7 +108,7 @@ def begin_of(mechanism: Mechanism, chain: Chain, start: Mapping[str, Any] | Post
 @eqx.filter_jit
 def search(chain: Chain, aim: Aim, time: Scalar, start: Array) -> Found:
     """`solve` of a chain as it is given, with turns that no limit bounds no more than half a turn from the start."""
-    found = solve(chain.prepared(), aim, time, start)
+    found = solve(chain.prepare(), aim, time, start)
     lower, upper = bounds(chain)
     q = found.q
     for k, i in enumerate(chain.sought):
@@ -125,11 +125,11 @@ _searches = eqx.filter_jit(lambda chain, aim, time, starts: jax.vmap(lambda q: s
 def best(chain: Chain, aim: Aim, time: Scalar, begin: Array, anywhere: bool, tolerance: float) -> Found:
     """What a search finds from a start, or, where it may begin `anywhere`, what the best of many finds."""
     found = search(chain, aim, time, begin)
-    if met(chain, aim, found, tolerance) or not anywhere:
+    if is_met(chain, aim, found, tolerance) or not anywhere:
         return found
     every = _searches(chain, aim, time, other_starts(chain, begin))
     each = [jax.tree.map(lambda leaf, k=k: leaf[k], every) for k in range(STARTS)]
-    good = [one for one in each if met(chain, aim, one, tolerance)]
+    good = [one for one in each if is_met(chain, aim, one, tolerance)]
     if not good:
         return min([found, *each], key=lambda one: float(one.left))
     units = np.asarray(chain.units)
@@ -161,7 +161,7 @@ def off(chain: AbstractChain, aim: Aim, gap: Array) -> tuple[Array, Array]:
     return jnp.linalg.norm(gap[:places]) * chain.size, jnp.linalg.norm(angle)
 
 
-def met(chain: Chain, aim: Aim, found: Found, tolerance: float) -> bool:
+def is_met(chain: Chain, aim: Aim, found: Found, tolerance: float) -> bool:
     """Whether a posture is one as asked for."""
     size = float(chain.size)
     return bool(found.closed) and float(jnp.linalg.norm(found.gap)) * size <= tolerance
@@ -184,7 +184,7 @@ def _check_plane(chain: Chain, pose: Pose) -> None:
 # In words -------------------------------------------------------------------------------------------------------------
 
 
-def unreached(chain: Chain, aim: Aim, found: Found, when: str = "") -> str:
+def why_unreached(chain: Chain, aim: Aim, found: Found, when: str = "") -> str:
     """Why a point is not where it should be."""
     distance, angle = (float(x) for x in off(chain, aim, found.gap))
     place = np.asarray(aim.place)[: 2 if chain.mechanism.is_plane else 3]

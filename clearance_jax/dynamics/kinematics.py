@@ -11,7 +11,7 @@ from clearance_jax._types import Rows, Scalar
 from clearance_jax.dynamics.frames import AbstractExtra, Frames
 from clearance_jax.dynamics.relative_motion import as_numbers, coordinate_values, rate_of, tree_relative_motions
 from clearance_jax.dynamics.table import Table
-from clearance_jax.dynamics.written_out import written_out
+from clearance_jax.dynamics.written_out import write_out
 from clearance_jax.joints import Relative
 from clearance_jax.mechanism._base import ClearanceJoint
 from clearance_jax.mechanism.body import Spring
@@ -36,7 +36,7 @@ from clearance_jax.spatial import (
 
 def frames(mechanism: PreparedMechanism, time: Scalar, state: State) -> Frames:
     """Pose and motion of every body, in the form that the mechanism's equations have."""
-    form = Table if mechanism.is_tabled else written_out
+    form = Table if mechanism.is_tabled else write_out
     return form(mechanism, time, state)
 
 
@@ -94,12 +94,12 @@ def pin_axes(joint: AbstractPlayed, motion: Frames) -> Rotation:
 
 
 def _along(joint: AbstractPlayed, rotation: Rotation) -> Rotation:
-    return rotation if joint.sleeve is UNIT else rotation.followed(joint.sleeve)
+    return rotation if joint.sleeve is UNIT else rotation.compose(joint.sleeve)
 
 
 def sleeve_rotation(joint: AbstractJoint, motion: Frames) -> Rotation:
     """Orientation of the joint's frame on its parent."""
-    return motion[joint.parent].rotated(joint.turned).rotation
+    return motion[joint.parent].rotate(joint.turned).rotation
 
 
 def relative_motions(time: Scalar, y: Array | Rows, mechanism: PreparedMechanism) -> list[Relative]:

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array
 
 from clearance_jax._types import Scalar
-from clearance_jax.dynamics.closures import assembled
+from clearance_jax.dynamics.closures import assemble
 from clearance_jax.dynamics.conditions import conditions
 from clearance_jax.dynamics.constraint import independent
 from clearance_jax.dynamics.kinematics import frames
@@ -51,18 +51,18 @@ def mobility(mechanism: Mechanism, time: float = 0.0) -> Mobility:
     What counts as repeated is what a solve leaves out (`constraint.independent`), so that lengths that are rounded do
     not make a moving linkage a rigid one. Numbers must be known: not for a mechanism under jit, vmap or derivatives.
     """
-    ready, plan = mechanism.prepared(), layout(mechanism)
+    ready, plan = mechanism.prepare(), layout(mechanism)
     if not ready.closures():
         return Mobility(plan.free, 0, 0)
-    kept = np.asarray(_kept(ready, jnp.asarray(time, float)))
+    kept = np.asarray(_independence(ready, jnp.asarray(time, float)))
     return Mobility(plan.free, kept.size, int(np.sum(kept > 0)))
 
 
 @jax.jit
-def _kept(ready: PreparedMechanism, time: Scalar) -> Array:
+def _independence(ready: PreparedMechanism, time: Scalar) -> Array:
     """Of each condition of the closures whether it says something of its own (1) or not (0)."""
     plan = layout(ready)
-    y = assembled(time, jnp.concatenate([initial_values(ready), jnp.zeros(plan.remembered)]), ready)[0]
+    y = assemble(time, jnp.concatenate([initial_values(ready), jnp.zeros(plan.remembered)]), ready)[0]
     motion = frames(ready, time, plan.split(y))
     held = [now for loop in ready.closures() for now in conditions(loop, motion)]
     if not held or plan.free == 0:

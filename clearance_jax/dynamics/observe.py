@@ -5,13 +5,13 @@ from jaxtyping import Array
 
 from clearance_jax._numerics import safe_norm
 from clearance_jax._types import Scalar
-from clearance_jax.dynamics.energy import BALANCE_TERMS, driving, energies, read_balance
+from clearance_jax.dynamics.energy import BALANCE_TERMS, drive_forces, energies, read_balance
 from clearance_jax.dynamics.equations import Balance, balance
 from clearance_jax.dynamics.reactions import reactions
 from clearance_jax.joints import Action
 from clearance_jax.mechanism._base import AbstractMechanism, ClearanceJoint
 from clearance_jax.mechanism.prepared import PreparedMechanism
-from clearance_jax.mechanism.state import State, actuated, layout, parts
+from clearance_jax.mechanism.state import State, actuated_coordinates, layout, parts
 from clearance_jax.spatial import Term, Vector, add, as_array, length_of, rotation_vector, scale
 
 
@@ -26,10 +26,10 @@ def observe(time: Scalar, y: Array, mechanism: PreparedMechanism) -> dict[str, A
     out["joint_reaction"] = jnp.stack([as_array(w.force[:axes]) for w in exerted])
     if axes == 3:
         out["joint_moment"] = jnp.stack([as_array(w.moment) for w in exerted])
-    efforts = driving(mechanism, now)
+    efforts = drive_forces(mechanism, now)
     if efforts:
         out["drive_force"] = as_array([effort for effort, _ in efforts])
-    moved = actuated(mechanism)
+    moved = actuated_coordinates(mechanism)
     if moved:
         out["actuator_effort"] = as_array([now.efforts[part.v.start] for part in moved])
     held = energies(time, y, mechanism)

@@ -14,9 +14,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from clearance_jax._types import Scalar
-from clearance_jax.dynamics.chain import AbstractChain, Aim, PreparedChain, looked
+from clearance_jax.dynamics.chain import AbstractChain, Aim, PreparedChain, look_at
 from clearance_jax.mechanism.paths import PreparedPath, matrix_of
-from clearance_jax.mechanism.state import layout, moved, parts, position_rates
+from clearance_jax.mechanism.state import layout, move, parts, position_rates
 from clearance_jax.spatial import as_array
 
 Positions = Float[Array, " positions"]
@@ -71,13 +71,13 @@ def bounds(chain: AbstractChain) -> tuple[np.ndarray, np.ndarray]:
     return np.array(lower), np.array([np.inf if one.upper is None else one.upper for one in limits])
 
 
-def changed(chain: AbstractChain, q: Positions, change: Sought) -> Positions:
+def change(chain: AbstractChain, q: Positions, change: Sought) -> Positions:
     """Positions after a change of what is sought."""
     whole = jnp.zeros(layout(chain.mechanism).free).at[np.array(chain.sought)].set(change)
-    return as_array(moved(chain.mechanism, tuple(q), tuple(whole)))
+    return as_array(move(chain.mechanism, tuple(q), tuple(whole)))
 
 
-def _damped(jacobian: Array, gap: Array, damping: Array) -> Sought:
+def _damped_step(jacobian: Array, gap: Array, damping: Array) -> Sought:
     """The step d that makes (J d + gap)^2 + damping d^2 the least."""
     u, s, v = jnp.linalg.svd(jacobian, full_matrices=False)
     factor = s / jnp.maximum(s**2 + damping + (NOISE * s[0]) ** 2, jnp.finfo(s.dtype).tiny)
@@ -100,17 +100,17 @@ def find(chain: PreparedChain, aim: Aim | None, time: Scalar, start: Positions) 
         if limited:
 
             def once(_, held):
-                return held | held_of(values, _damped(jnp.where(held[None], 0.0, now.jacobian), now.gap, weight))
+                return held | held_of(values, _damped_step(jnp.where(held[None], 0.0, now.jacobian), now.gap, weight))
 
             held = jax.lax.fori_loop(0, HOLDS, once, held)
-        step = _damped(jnp.where(held[None], 0.0, now.jacobian), now.gap, weight) * units
+        step = _damped_step(jnp.where(held[None], 0.0, now.jacobian), now.gap, weight) * units
         return jnp.clip(values + step, lower, upper) - values, held
 
     def once(carry):
         now, damping, _ = carry
         step, held = step_of(now, damping)
-        q = changed(chain, now.q, step)
-        look = looked(chain, aim, time, q)
+        q = change(chain, now.q, step)
+        look = look_at(chain, aim, time, q)
         before, after = now.left, jnp.linalg.norm(look.gap)
         better = after < before
         new = Found(q, look.gap, look.jacobian, held, now.iterations, look.closed)
@@ -122,7 +122,7 @@ def find(chain: PreparedChain, aim: Aim | None, time: Scalar, start: Positions) 
         done = (new.left < ROUND_OFF) | (~first & stuck)
         return new._replace(iterations=now.iterations + 1), damping, done
 
-    rows = jax.eval_shape(lambda q: looked(chain, aim, time, q).gap, start).shape[0]
+    rows = jax.eval_shape(lambda q: look_at(chain, aim, time, q).gap, start).shape[0]
     nothing = jnp.zeros((rows, len(chain.sought)))
     none = jnp.zeros(len(chain.sought), bool)
     # Nothing is left of nothing: the first step is none.
@@ -138,8 +138,8 @@ def implicit_newton_step(chain: PreparedChain, aim: Aim | None, time: Scalar, fo
     """
     still = jax.lax.stop_gradient(found)
     jacobian = jnp.where(still.held[None], 0.0, still.jacobian)
-    gap = looked(chain, aim, time, still.q).gap
-    return changed(chain, still.q, _damped(jacobian, gap - still.gap, jnp.zeros(())) * chain.units)
+    gap = look_at(chain, aim, time, still.q).gap
+    return change(chain, still.q, _damped_step(jacobian, gap - still.gap, jnp.zeros(())) * chain.units)
 
 
 def solve(chain: PreparedChain, aim: Aim | None, time: Scalar, start: Positions) -> Found:
@@ -168,9 +168,9 @@ def rates(
     plan = layout(chain.mechanism)
 
     def first(time, q):
-        place, quaternion, velocity, spin = path.moving(time, beside)
+        place, quaternion, velocity, spin = path.motion(time, beside)
         aim = Aim(place, matrix_of(quaternion) if path.oriented else None)
-        look = looked(chain, aim, time, q)
+        look = look_at(chain, aim, time, q)
         flat = chain.mechanism.is_plane
         wanted = [velocity[: 2 if flat else 3] / chain.size]
         wanted += [spin[2 if flat else 0 :]] if path.oriented else []

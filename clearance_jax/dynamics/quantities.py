@@ -20,7 +20,7 @@ from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.dynamics.observe import axes_of, coordinate_values, observe
 from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.prepared import PreparedMechanism
-from clearance_jax.mechanism.state import actuated, layout, parts
+from clearance_jax.mechanism.state import actuated_coordinates, layout, parts
 from clearance_jax.spatial import as_array
 
 
@@ -82,7 +82,7 @@ def labels(mechanism: AbstractMechanism) -> dict[str, tuple[str, list[str]]]:
     """What labels the entries of every dimension: by name its dimension and its values."""
     coordinates = list(mechanism.coordinates())
     driven = [c for c in coordinates if not c.motion.is_free]
-    moved = actuated(mechanism)
+    moved = actuated_coordinates(mechanism)
     kinds = ["rad" if c.slides is None else "m" for c in coordinates for _ in c.velocities]
     return {
         "across": ("across", ["x", "y"]),
@@ -119,7 +119,7 @@ def quantities(mechanism: AbstractMechanism, energy_balance: bool) -> Mapping[st
 def _quantities(frame: Frame, energy_balance: bool) -> Mapping[str, Quantity]:
     """The same of a mechanism without its numbers."""
     with jax.ensure_compile_time_eval():  # what is kept must hold no tracers, whatever is being traced
-        mechanism = frame.filled(jnp.asarray(np.ones(shape.shape)) for shape in frame.shapes)
+        mechanism = frame.fill(jnp.asarray(np.ones(shape.shape)) for shape in frame.shapes)
     labelled, out = labels(mechanism), dict(_states(mechanism))
     for variable, described in OBSERVED.items():
         if variable in IN_SPACE and mechanism.is_plane:
@@ -166,7 +166,7 @@ def _states(mechanism: AbstractMechanism) -> Iterator[tuple[str, Quantity]]:
             yield f"{holder}.{name}", Quantity("state", (), kinds[name], plan.index(holder, name))
 
 
-def evaluated(variable: str, time: Scalar, y: Array, mechanism: PreparedMechanism) -> Array:
+def evaluate(variable: str, time: Scalar, y: Array, mechanism: PreparedMechanism) -> Array:
     """One variable of `OBSERVED`, of one state, at no more cost than it takes."""
     if variable in ("position", "velocity"):
         motion, axes, out = frames(mechanism, time, layout(mechanism).split(y)), len(axes_of(mechanism)), []

@@ -38,13 +38,13 @@ def joint_reactions(
 
     **Raises:** `ClearanceError` where the ideal joints hold each other (their reactions are not determined).
     """
-    held = held_still(mechanism, play or {})
+    held = hold_still(mechanism, play or {})
     return held_reactions(mechanism, time, balance(held, time, layout(held).split(y)))
 
 
-def held_still(mechanism: PreparedMechanism, play: Mapping[str, Sequence[Term]]) -> PreparedMechanism:
+def hold_still(mechanism: PreparedMechanism, play: Mapping[str, Sequence[Term]]) -> PreparedMechanism:
     """The mechanism with its pins held, see `joint_reactions`."""
-    return determined(mechanism.held(play).unsampled()).as_small_program()
+    return determinate(mechanism.hold_pins(play).without_sampling()).as_small_program()
 
 
 def held_reactions(mechanism: PreparedMechanism, time: Scalar, now: Balance) -> dict[str, Reaction]:
@@ -60,7 +60,7 @@ def held_reactions(mechanism: PreparedMechanism, time: Scalar, now: Balance) -> 
     return out
 
 
-def determined(ideal: PreparedMechanism) -> PreparedMechanism:
+def determinate(ideal: PreparedMechanism) -> PreparedMechanism:
     """The ideal mechanism, if its loops demand no more than its joints can give; else raises `ClearanceError`."""
     if ideal.is_plane and 2 * len(ideal.closures()) > layout(ideal).free:
         raise ClearanceError(

@@ -21,7 +21,7 @@ from clearance_jax.dynamics.constraint import constraint
 from clearance_jax.dynamics.field import slope
 from clearance_jax.dynamics.kinematics import frames, relative_motions
 from clearance_jax.mechanism.prepared import PreparedMechanism
-from clearance_jax.mechanism.state import layout, moved, parts
+from clearance_jax.mechanism.state import layout, move, parts
 from clearance_jax.spatial import as_array, dot, minus, plus
 
 # A direction with less than this part of the largest stiffness is held by round-off.
@@ -45,7 +45,7 @@ class Seated(NamedTuple):
         return cls(jnp.zeros(0), jnp.zeros(0), jnp.zeros(()))
 
 
-def followed(pace: Float[Array, " joints"], frequency: Scalar, together: bool) -> Float[Array, " joints"]:
+def followers(pace: Float[Array, " joints"], frequency: Scalar, together: bool) -> Float[Array, " joints"]:
     """Which joints rest (1) and which ride along (0): a joint rides whose place of rest, at its pace, takes longer to
     cross the play than the slowest motion about the pose takes for a radian. `together`: if one rests, all do.
     """
@@ -65,7 +65,7 @@ def seated_frequency(mechanism: PreparedMechanism, time: Scalar, y: Array) -> Sc
     ways, moves = play_moves(mechanism, time, y)
 
     def accelerations(change):
-        q = as_array(moved(mechanism, state.q, list(moves @ change)))
+        q = as_array(move(mechanism, state.q, list(moves @ change)))
         return ways @ slope(time, y.at[plan.q].set(q), mechanism)[plan.v]
 
     stiff = -jax.jacfwd(accelerations)(jnp.zeros(len(ways)))
@@ -107,7 +107,7 @@ def play_mobility(mechanism: PreparedMechanism, time: Scalar, y: Array) -> Squar
     def accelerations(force):
         free = inertia.solve([force[i] for i in range(plan.free)])
         if asked is not None:
-            change, _ = asked.closing([minus(0.0, now.row.dot(free)) for now in every])
+            change, _ = asked.closure_step([minus(0.0, now.row.dot(free)) for now in every])
             free = [plus(a, b) for a, b in zip(free, change, strict=True)]
         return ways @ as_array(free)
 

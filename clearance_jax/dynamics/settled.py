@@ -21,11 +21,11 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from clearance_jax._types import Scalar
-from clearance_jax.dynamics.closures import HELD, StartErrors, corrected
-from clearance_jax.dynamics.deflected import deflected
+from clearance_jax.dynamics.closures import HELD, StartErrors, correct
+from clearance_jax.dynamics.deflected import deflect
 from clearance_jax.dynamics.equations import balance
-from clearance_jax.dynamics.reactions import held_reactions, held_still
-from clearance_jax.dynamics.seated import Seated, followed, lowest_frequency, play_mobility
+from clearance_jax.dynamics.reactions import held_reactions, hold_still
+from clearance_jax.dynamics.seated import Seated, followers, lowest_frequency, play_mobility
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints.seating import Load, Seat, relative_at, seat, stiffness_at
 from clearance_jax.mechanism._base import ClearanceJoint
@@ -44,7 +44,7 @@ class Seats(NamedTuple):
     play: tuple[Array, ...]
 
 
-def settled_start(time: Scalar, mechanism: PreparedMechanism) -> tuple[Array, StartErrors]:
+def settle_start(time: Scalar, mechanism: PreparedMechanism) -> tuple[Array, StartErrors]:
     """The state `[q, v, memory]` in which every pin is pressed at its wall and rides along it,
     or is at relative rest there where it could not follow; and how far it is from that still.
 
@@ -57,16 +57,18 @@ def settled_start(time: Scalar, mechanism: PreparedMechanism) -> tuple[Array, St
             '`start = "settled"` puts every pin at its wall, but `assemble = false` asks for exactly the given initial '
             "values. Leave one of them out."
         )
-    mechanism = deflected(time, mechanism.unsampled())  # which acts at the start as it would if it were not sampled
+    mechanism = deflect(
+        time, mechanism.without_sampling()
+    )  # which acts at the start as it would if it were not sampled
     joints, loops, plan = mechanism.clearance_joints(), mechanism.loops, layout(mechanism.ideal())
     begin = tuple(_middle(joint) for joint in joints)
     sizes = [as_array([one.scale for one in joint.joint.play()]) for joint in joints]
 
     def round_of(seated, settle, time, now: Seats):
-        held = held_still(mechanism, {joint.name: tuple(own) for joint, own in zip(joints, now.play, strict=True)})
+        held = hold_still(mechanism, {joint.name: tuple(own) for joint, own in zip(joints, now.play, strict=True)})
         y, opened = now.y, jnp.zeros(0)
         if loops:
-            y, opened = corrected(time, y, held, held.loops, settle=settle)
+            y, opened = correct(time, y, held, held.loops, settle=settle)
         # Of the state as it was before: so the kinematics stands once in the program, and is one round behind.
         motion = balance(held, time, plan.split(now.y))
         reactions = held_reactions(mechanism, time, motion).values()
@@ -101,14 +103,14 @@ def settled_start(time: Scalar, mechanism: PreparedMechanism) -> tuple[Array, St
     begun = jax.lax.fori_loop(0 if loops else HELD, HELD + ROUNDS, once, carry)
     now, resting, (rate, (pressed, firm)), errors = begun
     paces = [own / size for own, size in zip(rate.play, sizes, strict=True)]
-    seated = _paced(mechanism, time, _whole(mechanism, now, rate, pressed), paces, firm, sizes)
+    seated = _keep_pace(mechanism, time, _whole(mechanism, now, rate, pressed), paces, firm, sizes)
     rates = tuple(jnp.where(rest > 0, 0.0, p) for rest, p in zip(seated.rest, rate.play, strict=True))
     # Loops that are closed by pins at rest move as they do with pins held.
     y = jnp.where(jnp.any(seated.rest > 0), resting.y, rate.y) if loops else rate.y
     return _whole(mechanism, now, Seats(y, rates), pressed), errors._replace(seated=seated)
 
 
-def _paced(
+def _keep_pace(
     mechanism: PreparedMechanism, time: Scalar, y: Array, rates: list[Array], firm: tuple, sizes: list[Array]
 ) -> Seated:
     """Which pins can follow where they are pressed, by rates of that in units of their play."""
@@ -119,7 +121,7 @@ def _paced(
     size = jnp.concatenate(sizes)
     inverse = play_mobility(mechanism, time, y) / (size[:, None] * size[None, :])
     frequency = lowest_frequency(jax.scipy.linalg.block_diag(*firm), inverse)
-    return Seated(followed(pace, frequency, bool(mechanism.loops)), pace, frequency)
+    return Seated(followers(pace, frequency, bool(mechanism.loops)), pace, frequency)
 
 
 def _middle(joint: ClearanceJoint) -> Array:

@@ -135,7 +135,7 @@ class Table(Frames):
 
     def _at(self, body: str) -> tuple[Frame, Columns]:
         if body not in self._frames:
-            moves = self._moved_by(self.plan.carriers[body])
+            moves = self._movers(self.plan.carriers[body])
             n = self.count
             free = Columns(self.column_spins[:n], self.column_slides[:n], self.origin, moves[:n])
             self._frames[body] = self._frame(body, moves), free
@@ -151,7 +151,7 @@ class Table(Frames):
         spin, spin_rate = m.spin[link], m.spin_rate[link]
         swing = jnp.cross(spin, arm)
         return Frame(
-            rotation=IDENTITY.followed((three(turned[0]), three(turned[1]), three(turned[2]))),
+            rotation=IDENTITY.compose((three(turned[0]), three(turned[1]), three(turned[2]))),
             position=three(m.place[link] + arm),
             spin=three(spin),
             velocity=three(m.velocity[link] + swing),
@@ -161,7 +161,7 @@ class Table(Frames):
             prescribed=tuple(self._prescribed(int(k)) for k in np.flatnonzero(moves[self.count :]) + self.count),
         )
 
-    def _moved_by(self, link: int) -> np.ndarray:
+    def _movers(self, link: int) -> np.ndarray:
         """Which columns move a link."""
         return self.masks.beyond[:, link] if link >= 0 else np.zeros(len(self.masks.links))
 
@@ -205,14 +205,14 @@ class Table(Frames):
         """
         at, spin_rate = self.accelerations, self.spin_rate
         if acceleration is not None:
-            more, more_spin = self.added(as_array(acceleration))
+            more, more_spin = self.add_accelerations(as_array(acceleration))
             at, spin_rate = at + more, spin_rate + more_spin
         force = self.links.mass[:, None] * (as_array(self.mechanism.gravity.vector)[None] - at)
         momentum = jnp.einsum("bij,bj->bi", self.inertias, self.spin)
         turning = jnp.einsum("bij,bj->bi", self.inertias, spin_rate) + jnp.cross(self.spin, momentum)
         return force, jnp.cross(self.centres - self.origin[None], force) - turning
 
-    def added(self, acceleration: Array) -> tuple[Array, Array]:
+    def add_accelerations(self, acceleration: Array) -> tuple[Array, Array]:
         """What free accelerations add to the accelerations of the centres of mass, and to the spin rates, of bodies."""
         n, carried = self.count, jnp.asarray(self.masks.bodies[: self.count])
         spin = jnp.einsum("cb,ci->bi", carried * acceleration[:, None], self.column_spins[:n])
@@ -223,25 +223,25 @@ class Table(Frames):
         force, moment = self.deficits(acceleration)
         out = {}
         for joint in self.mechanism.joints:
-            hanging = self.hanging_on(joint.child)
+            hanging = self.subtree(joint.child)
             whole = Wrench(three(hanging @ force), three(hanging @ moment))
-            out[joint.child] = whole.moved(subtract(three(self.origin), self[joint.child].pivot))
+            out[joint.child] = whole.move(subtract(three(self.origin), self[joint.child].pivot))
         return out
 
     def load_without_rotors(self, pairs, acceleration):
-        load = self.projected(*self.deficits(acceleration))[: self.count]
+        load = self.project(*self.deficits(acceleration))[: self.count]
         for pair in pairs:
             load = load + self.pair(*pair)[: self.count]
         return [load[i] for i in range(self.count)]
 
-    def driving(self, pairs, acceleration):
-        exerted = -self.projected(*self.deficits(acceleration))
+    def drive_forces(self, pairs, acceleration):
+        exerted = -self.project(*self.deficits(acceleration))
         for pair in pairs:
             exerted = exerted - self.pair(*pair)
         links = self.masks.links
         return [(exerted[i], self.rates[links[i]]) for i in range(self.count, len(links))]
 
-    def projected(self, force: Array, moment: Array) -> Array:
+    def project(self, force: Array, moment: Array) -> Array:
         """The bodies' wrenches by column, free ones first."""
         carried = self.masks.bodies
         return jnp.sum(self.column_slides * (carried @ force) + self.column_spins * (carried @ moment), axis=1)
@@ -249,7 +249,7 @@ class Table(Frames):
     def pair(self, parent: str, child: str, force: Vector, torque: Vector, at: Vector) -> Array:
         """A wrench pair by column."""
         links = (self.plan.carriers[name] for name in (child, parent))
-        moves = np.subtract(*(self._moved_by(link) for link in links))
+        moves = np.subtract(*(self._movers(link) for link in links))
         push, arm = as_array(force), as_array(at) - self.origin
         turning = as_array(torque) + jnp.cross(arm, push)
         return jnp.asarray(moves) * (self.column_slides @ push + self.column_spins @ turning)
@@ -262,13 +262,13 @@ class Table(Frames):
         return kinetic, -self.links.mass @ (self.centres @ as_array(self.mechanism.gravity.vector))
 
     def kinetic_exchange(self, acceleration):
-        at, spin_rate = self.added(as_array(acceleration))
+        at, spin_rate = self.add_accelerations(as_array(acceleration))
         at, spin_rate = self.accelerations + at, self.spin_rate + spin_rate
         turning = jnp.einsum("bij,bj->bi", self.inertias, spin_rate)
         sliding = self.links.mass @ jnp.sum(jnp.abs(self.speeds * at), axis=1)
         return sliding + jnp.sum(jnp.abs(self.spin * turning))
 
-    def hanging_on(self, body: str) -> np.ndarray:
+    def subtree(self, body: str) -> np.ndarray:
         """Which bodies hang on a body, itself among them, as zeros and ones."""
         beyond = self.mechanism.beyond(body)
         return np.array([float(other.name in beyond) for other in self.mechanism.bodies])

@@ -7,7 +7,7 @@ the sum of its weights and inertia forces, projected on the joint's columns, giv
 
 Moments of what hangs on a joint are taken about the joint's own place, not about the world's origin: so nothing is lost
 on a mechanism that stands far from it. Only coordinates that are states have rows; a prescribed coordinate's driving
-force is found by projecting the same balance on its own column, where it is wanted (`driving`).
+force is found by projecting the same balance on its own column, where it is wanted (`drive_forces`).
 """
 
 from collections.abc import Iterator
@@ -79,14 +79,14 @@ class Extra(AbstractExtra):
         self._motion, self._acceleration = motion, acceleration
         self._known: dict[tuple[int, ...], tuple[Vector, Vector, Vector]] = {}
 
-    def _turned(self, columns: tuple[Column, ...]) -> tuple[Vector, Vector, Vector]:
+    def _turn(self, columns: tuple[Column, ...]) -> tuple[Vector, Vector, Vector]:
         """The spin rate by some columns, a place on the axis of the last that turns, and the acceleration there."""
         if not columns:
             return ZERO, ZERO, ZERO
         key = tuple(column.index for column in columns)
         if key not in self._known:
             last = columns[-1]
-            by, (spin_rate, place, at) = self._acceleration[last.index], self._turned(columns[:-1])
+            by, (spin_rate, place, at) = self._acceleration[last.index], self._turn(columns[:-1])
             if last.pivot is None:
                 at = add(at, scale(by, last.axis))
             else:
@@ -96,11 +96,11 @@ class Extra(AbstractExtra):
         return self._known[key]
 
     def at(self, body, point):
-        spin_rate, place, at = self._turned(self._motion[body].free)
+        spin_rate, place, at = self._turn(self._motion[body].free)
         return add(at, cross(spin_rate, subtract(point, place)))
 
     def spin_rate(self, body):
-        return self._turned(self._motion[body].free)[0]
+        return self._turn(self._motion[body].free)[0]
 
 
 class WrittenOut(Module, Frames):
@@ -150,8 +150,8 @@ class WrittenOut(Module, Frames):
             whole = composite_of(bodies[joint.child], frame)
             for other in self.mechanism.joints:
                 if other.parent == joint.child:
-                    whole += out[other.child].moved(subtract(self[other.child].pivot, frame.pivot))
-            out[joint.child] = whole if self.mechanism.is_plane else whole.kept()
+                    whole += out[other.child].move(subtract(self[other.child].pivot, frame.pivot))
+            out[joint.child] = whole if self.mechanism.is_plane else whole.compute_once()
         return out
 
     def mass_matrix(self, firm=None):
@@ -173,7 +173,7 @@ class WrittenOut(Module, Frames):
                             matrix[row][entry] = momentum.on(other, pivot)
                     at = parents[at]
                     if at != GROUND:
-                        momentum = once(momentum.moved(subtract(pivot, self[at].pivot)))
+                        momentum = once(momentum.move(subtract(pivot, self[at].pivot)))
                         pivot = self[at].pivot
         for i, inertia in rotors(mechanism).items():
             matrix[i][i] = plus(matrix[i][i], inertia)
@@ -202,7 +202,7 @@ class WrittenOut(Module, Frames):
             whole = self._deficit(bodies[joint.child], extra)
             for other in self.mechanism.joints:
                 if other.parent == joint.child:
-                    whole += out[other.child].moved(subtract(self[other.child].pivot, frame.pivot))
+                    whole += out[other.child].move(subtract(self[other.child].pivot, frame.pivot))
             out[joint.child] = whole if self.mechanism.is_plane else compute_once(whole)
         return out
 
@@ -246,7 +246,7 @@ class WrittenOut(Module, Frames):
             out[index] = work if index in child else minus(0.0, work)
         return out
 
-    def driving(self, pairs, acceleration):
+    def drive_forces(self, pairs, acceleration):
         owners = self._prescribed_owners()
         wrenches = self.wrenches(acceleration)
         found: dict[str, list[Term]] = {}
@@ -312,7 +312,7 @@ class WrittenOut(Module, Frames):
             yield tuple(times(t, w) for t, w in zip(turning, frame.spin, strict=True))
 
 
-def written_out(mechanism: PreparedMechanism, time: Scalar, state: State) -> WrittenOut:
+def write_out(mechanism: PreparedMechanism, time: Scalar, state: State) -> WrittenOut:
     """Pose and motion of every body: one sweep from the ground."""
     values = coordinate_values(mechanism, state)
     out = {GROUND: Frame()}

@@ -15,7 +15,7 @@ from clearance_jax.io.metric_keys import METRIC_KINDS
 from clearance_jax.io.scene import Scene, read_scene
 from clearance_jax.io.settings import values_by_name
 from clearance_jax.io.study_keys import SCATTER, SOLVE, STUDY
-from clearance_jax.io.table import Table, chosen, naming
+from clearance_jax.io.table import Table, naming, variant
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMetric
 from clearance_jax.parameters import replace, units_of, values_of
@@ -49,10 +49,10 @@ class Asked:
         self.table = Table(values, f"{path}:", STUDY)
         self.name = self.table.get("name") or path.stem
         self.scene: Scene = read_scene(path.parent / self.table.get("scene"))
-        given = values_by_name(self.table.named("set"), self.scene.mechanism)
+        given = values_by_name(self.table.entries("set"), self.scene.mechanism)
         self.mechanism: Mechanism = replace(self.scene.mechanism, given)
         usual = {name: value for name, value in self.scene.solve.items() if name in OF_THE_SCENE}
-        self.options: dict[str, Any] = usual | self.table.table("solve", SOLVE).given()
+        self.options: dict[str, Any] = usual | self.table.table("solve", SOLVE).arguments()
 
     @property
     def t0(self) -> float:
@@ -77,18 +77,18 @@ class Asked:
     @property
     def metric_names(self) -> list[str]:
         """The metrics of the study."""
-        return [name for name, _, _ in self.table.named("metric")]
+        return [name for name, _, _ in self.table.entries("metric")]
 
     def metric(self, name: str, span: Span, where: str) -> AbstractMetric:
         """A metric of the study by its name, of a motion of that span; `where` it is asked for."""
-        for own, values, there in self.table.named("metric"):
+        for own, values, there in self.table.entries("metric"):
             if own == name:
-                return metric_of(chosen(values, there, METRIC_KINDS), self.mechanism, span)
+                return metric_of(variant(values, there, METRIC_KINDS), self.mechanism, span)
         raise ClearanceError(f"{where}: the study has no metric `{name}`. {suggest(name, self.metric_names)}")
 
     def scatter(self, names: Iterable[str] | None, model: Any, where: str) -> dict[str, Scatter]:
         """How numbers of a model scatter (`None`: all that scatter); `where` it is asked for."""
-        tables = {name: (values, there) for name, values, there in self.table.named("scatter")}
+        tables = {name: (values, there) for name, values, there in self.table.entries("scatter")}
         wanted = tuple(tables) if names is None else tuple(names)
         if not wanted:
             raise ClearanceError(f"{where}: nothing scatters. Say how, by tables `[scatter.NAME]`.")

@@ -41,11 +41,11 @@ def heading(title: str) -> tuple[Key, ...]:
     )
 
 
-def solving(*names: str) -> tuple[Key, ...]:
+def solve_keys(*names: str) -> tuple[Key, ...]:
     """The keys of that name of how a scene is solved."""
     return tuple(_SOLVING[name] for name in names)
 
 
-def choosing(word: Word, choice: str) -> Word:
+def choice_word(word: Word, choice: str) -> Word:
     """The word that chooses a table, with that choice as its example."""
     return dataclasses.replace(word, example=f'"{choice}"')

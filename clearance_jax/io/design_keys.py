@@ -4,7 +4,7 @@ import dataclasses
 
 from clearance_jax.design.manufacture import MANUFACTURE
 from clearance_jax.design.methods import METHOD_CHOICES
-from clearance_jax.io.asking_keys import METRIC, PARAMETER, choosing
+from clearance_jax.io.asking_keys import METRIC, PARAMETER, choice_word
 from clearance_jax.io.fields import kinds_of
 from clearance_jax.io.kinds import Flag, Names, Quantities, Quantity, Sub, Text, Whole, Wholes, Word
 from clearance_jax.io.table import Keys
@@ -123,7 +123,7 @@ _FACTOR = Quantity(
 
 
 def _cost(law: str, help: str, *keys) -> Keys:
-    return Keys('design.variable."NAME".cost', f"Cost `{law}`", help, (choosing(_LAW, law), *keys), f'law = "{law}"')
+    return Keys('design.variable."NAME".cost', f"Cost `{law}`", help, (choice_word(_LAW, law), *keys), f'law = "{law}"')
 
 
 COST_TABLES = {

@@ -8,7 +8,7 @@ from clearance_jax.design.costs import AbstractCost, CostTable, Exponential, Exp
 from clearance_jax.design.manufacture import MANUFACTURE, AbstractManufacture
 from clearance_jax.design.problem import ToleranceProblem
 from clearance_jax.design.specification import Limit
-from clearance_jax.errors import ClearanceError, quoted
+from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.io.asking import Asked, Scatter
 from clearance_jax.io.asking_keys import METRIC, PARAMETER
 from clearance_jax.io.design_keys import COST_TABLES, DESIGN, LIMIT, MANUFACTURE_TABLES, VARIABLE, VERIFY
@@ -33,7 +33,7 @@ def design_of(study: Asked, wear: WearAsked | None) -> DesignAsked:
     table = study.table.table("design", DESIGN)
     mechanism, model = (study.mechanism,) * 2 if wear is None else (wear.model.mechanism, wear.model)
     variables, costs = _variables(table, mechanism)
-    limits = [_limit(name, Table(values, where, LIMIT), study, wear) for name, values, where in table.named("limit")]
+    limits = [_limit(name, Table(values, where, LIMIT), study, wear) for name, values, where in table.entries("limit")]
     problem = ToleranceProblem(
         mechanism,
         study.span.t1,
@@ -46,11 +46,11 @@ def design_of(study: Asked, wear: WearAsked | None) -> DesignAsked:
         **study.options,
     )
     search = {"method": table.get("method"), **table.only("starts", "most")}
-    return DesignAsked(problem, search, table.table("verify", VERIFY).given())
+    return DesignAsked(problem, search, table.table("verify", VERIFY).arguments())
 
 
 def _conditions(table: Table, model: Any) -> dict[str, dict[str, float]]:
-    tables = table.named("condition")
+    tables = table.entries("condition")
     return {name: values_by_name(entries(values, where), model) for name, values, where in tables}
 
 
@@ -60,7 +60,7 @@ def _conditions(table: Table, model: Any) -> dict[str, dict[str, float]]:
 def _variables(top: Table, mechanism: Mechanism) -> tuple[dict[str, tuple[float, float]], dict[str, AbstractCost]]:
     """Bounds and costs by the variables' names."""
     bounds, costs = {}, {}
-    for name, values, where in top.named("variable"):
+    for name, values, where in top.entries("variable"):
         with naming(where):
             unit = units_of(mechanism, [name])[name]
         table = Table(values, where, VARIABLE, {PARAMETER: unit})
@@ -72,7 +72,7 @@ def _variables(top: Table, mechanism: Mechanism) -> tuple[dict[str, tuple[float,
                 + "."
             )
         if table.has("cost"):
-            costs[name] = _cost(table.chosen("cost", COST_TABLES), unit)
+            costs[name] = _cost(table.variant("cost", COST_TABLES), unit)
     return bounds, costs
 
 
@@ -95,7 +95,7 @@ def _cost(read: Chosen, unit: str) -> AbstractCost:
 def _cost_table(table: Table) -> CostTable:
     clearances, costs = table.get("clearances"), table.get("costs")
     if any(b > a for a, b in itertools.pairwise(costs)):
-        raise ClearanceError(f"{table.key('costs')} must fall as the clearance grows, but it is {quoted(costs)}.")
+        raise ClearanceError(f"{table.key('costs')} must fall as the clearance grows, but it is {quote(costs)}.")
     with naming(table.where):
         return CostTable(clearances, costs)
 
@@ -124,8 +124,8 @@ def _limit(name: str, table: Table, study: Asked, wear: WearAsked | None) -> Lim
 def _manufacture(top: Table, study: Asked, model: Any) -> AbstractManufacture | None:
     if not top.has("manufacture"):
         return None
-    kind, table = top.chosen("manufacture", MANUFACTURE_TABLES)
-    given = table.given("kind", "of")
+    kind, table = top.variant("manufacture", MANUFACTURE_TABLES)
+    given = table.arguments("kind", "of")
     if "of" in [key.name for key in MANUFACTURE_TABLES[kind].keys]:
         given["scatter"] = _relative(study.scatter(table.get("of"), model, table.where))
     return MANUFACTURE[kind](**given)

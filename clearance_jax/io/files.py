@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from clearance_jax.errors import ClearanceError, quoted
+from clearance_jax.errors import ClearanceError, quote
 
 LARGEST_TOML, LARGEST_TABLE = 2_000_000, 50_000_000
 
@@ -43,7 +43,7 @@ def read_table(path: Path, where: str, columns: str = "time [s] and value") -> t
 def read_text(path: Path, what: str, largest: int) -> str:
     """The text of a file. **Raises** `ClearanceError` for what is no file (a device may never end), or too large."""
     if "\0" in str(path):
-        raise ClearanceError(f"Cannot read the {what}: {quoted(str(path))} is no path.")
+        raise ClearanceError(f"Cannot read the {what}: {quote(str(path))} is no path.")
     try:
         if path.exists() and not path.is_file():
             raise ClearanceError(f"Cannot read the {what} `{path}`: it is no file. Give the path of one.")

@@ -3,11 +3,11 @@
 from collections.abc import Iterable
 from typing import Any
 
-from clearance_jax.errors import ClearanceError, quoted
+from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.io.table import naming
 from clearance_jax.joints.presets import Preset
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.mechanism.play import PRESETS, unplayed
+from clearance_jax.mechanism.play import PRESETS, no_play_reason
 from clearance_jax.units import to_si
 
 
@@ -19,7 +19,7 @@ def with_play(mechanism: Mechanism, texts: Iterable[str]) -> Mechanism:
     """
     given: set[str] = set()
     for text in texts:
-        where = f"`--clearance {quoted(text)[1:-1]}`"
+        where = f"`--clearance {quote(text)[1:-1]}`"
         name, colon, rest = text.partition(":")
         name = name.strip()
         if not colon:
@@ -30,7 +30,7 @@ def with_play(mechanism: Mechanism, texts: Iterable[str]) -> Mechanism:
         with naming(where):
             joint = mechanism.joint(name)
             if type(joint) not in PRESETS:
-                raise unplayed(joint)
+                raise no_play_reason(joint)
             mechanism = mechanism.with_clearance(name, **_numbers(rest, PRESETS[type(joint)], where))
     return mechanism
 
@@ -40,7 +40,7 @@ def _numbers(text: str, preset: Preset, where: str) -> Any:
     for part in text.split(","):
         key, equals, value = (piece.strip() for piece in part.partition("="))
         if not equals or key not in preset.numbers:
-            raise ClearanceError(f"{where}: {quoted(part)} is no NUMBER=VALUE. " + preset.instead(key))
+            raise ClearanceError(f"{where}: {quote(part)} is no NUMBER=VALUE. " + preset.instead(key))
         if key in numbers:
             raise ClearanceError(f"{where} gives `{key}` twice. Give it once.")
         unit = {"fit": "", "kind": "", "temperature": "K"}.get(key, "m")

@@ -12,7 +12,7 @@ from clearance_jax.io.scene_keys import SCENE_TABLES
 from clearance_jax.io.study_keys import STUDY_TABLES
 from clearance_jax.io.table import Keys
 from clearance_jax.mechanism.tree import SLIDING, TURNING
-from clearance_jax.parameters import BOUNDS, resolved_unit
+from clearance_jax.parameters import BOUNDS, resolve_unit
 
 File = Literal["scene", "study"]
 FILES: dict[File, tuple[Keys, ...]] = {
@@ -90,7 +90,7 @@ def _key(key: Key) -> KeyReference:
 
 def _unit(unit: str) -> str:
     """A unit with the words that a joint resolves put in, for both kinds of joints."""
-    both = [resolved_unit(unit, words) for words in (TURNING, SLIDING)]
+    both = [resolve_unit(unit, words) for words in (TURNING, SLIDING)]
     return unit if both[0] == unit else " or ".join(both)
 
 
@@ -99,10 +99,10 @@ def _default(key: Key) -> str:
         return ""
     if key.absent or key.default is None:
         return key.absent or "none"
-    return _shown(key.default, key.unit)
+    return _show(key.default, key.unit)
 
 
-def _shown(value: Any, unit: str) -> str:
+def _show(value: Any, unit: str) -> str:
     """A default as TOML has it, or zero where its unit depends on the joint."""
     if isinstance(value, bool):
         return str(value).lower()

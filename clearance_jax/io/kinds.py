@@ -8,9 +8,9 @@ import itertools
 from collections.abc import Collection, Mapping
 from typing import Any, ClassVar
 
-from clearance_jax.errors import ClearanceError, quoted, suggest
+from clearance_jax.errors import ClearanceError, quote, suggest
 from clearance_jax.mechanism.placement import as_axis, as_inertia
-from clearance_jax.parameters import check_bounds, resolved_unit
+from clearance_jax.parameters import check_bounds, resolve_unit
 from clearance_jax.units import to_si
 
 # A longer text is no name; of a longer path no system knows.
@@ -58,8 +58,8 @@ class Quantity(Key):
 
     def read(self, value, where, words):
         if isinstance(value, list):
-            raise ClearanceError(f"{where} must be one quantity, but it is the list {quoted(value)}.")
-        unit = resolved_unit(self.unit, words)
+            raise ClearanceError(f"{where} must be one quantity, but it is the list {quote(value)}.")
+        unit = resolve_unit(self.unit, words)
         number = to_si(value, unit, where)
         check_bounds(number, self.bounds, where, unit, value)
         return number
@@ -75,8 +75,8 @@ class Quantities(Key):
 
     def read(self, value, where, words):
         if not isinstance(value, list) or not value:
-            raise ClearanceError(f"{where} must be a list such as {self.example}, but it is {quoted(value)}.")
-        unit = resolved_unit(self.unit, words)
+            raise ClearanceError(f"{where} must be a list such as {self.example}, but it is {quote(value)}.")
+        unit = resolve_unit(self.unit, words)
         return [to_si(v, unit, f"{where}[{i}]") for i, v in enumerate(value)]
 
 
@@ -92,7 +92,7 @@ class Place(Key):
     def read(self, value, where, words):
         if not isinstance(value, list) or len(value) not in (2, 3):
             raise ClearanceError(
-                f"{where} must be a pair (or in space a triple) such as {self.example}, but it is {quoted(value)}."
+                f"{where} must be a pair (or in space a triple) such as {self.example}, but it is {quote(value)}."
             )
         return tuple(to_si(v, self.unit, f"{where}[{i}]") or None for i, v in enumerate(value))
 
@@ -105,7 +105,7 @@ class Triple(Key):
 
     def read(self, value, where, words):
         if not isinstance(value, list) or len(value) != 3:
-            raise ClearanceError(f"{where} must be a triple such as {self.example}, but it is {quoted(value)}.")
+            raise ClearanceError(f"{where} must be a triple such as {self.example}, but it is {quote(value)}.")
         return tuple(to_si(v, self.unit, f"{where}[{i}]") or None for i, v in enumerate(value))
 
 
@@ -117,7 +117,7 @@ class Direction(Key):
 
     def read(self, value, where, words):
         if not isinstance(value, (str, list)):
-            raise ClearanceError(f"{where} must be an axis such as {self.example}, but it is {quoted(value)}.")
+            raise ClearanceError(f"{where} must be an axis such as {self.example}, but it is {quote(value)}.")
         numbers = [to_si(v, "", f"{where}[{i}]") for i, v in enumerate(value)] if isinstance(value, list) else value
         try:
             return as_axis(numbers)
@@ -139,7 +139,7 @@ class Moments(Key):
             return number
         if len(value) not in (3, 6):
             raise ClearanceError(
-                f"{where} must be one quantity, three (xx, yy, zz) or six (and xy, xz, yz), but it is {quoted(value)}."
+                f"{where} must be one quantity, three (xx, yy, zz) or six (and xy, xz, yz), but it is {quote(value)}."
             )
         try:
             return as_inertia([to_si(v, self.unit, f"{where}[{i}]") for i, v in enumerate(value)])
@@ -157,9 +157,9 @@ class Whole(Key):
 
     def read(self, value, where, words):
         if isinstance(value, bool) or not isinstance(value, int) or value < self.least:
-            raise ClearanceError(f"{where} must be a whole number of at least {self.least}, but it is {quoted(value)}.")
+            raise ClearanceError(f"{where} must be a whole number of at least {self.least}, but it is {quote(value)}.")
         if value > self.most:
-            raise ClearanceError(f"{where} must be a whole number of at most {self.most}, but it is {quoted(value)}.")
+            raise ClearanceError(f"{where} must be a whole number of at most {self.most}, but it is {quote(value)}.")
         return value
 
 
@@ -173,7 +173,7 @@ class Wholes(Key):
         whole = isinstance(value, list) and value and all(isinstance(n, int) and not isinstance(n, bool) for n in value)
         if not whole or value[0] < 0 or any(a >= b for a, b in itertools.pairwise(value)):
             raise ClearanceError(
-                f"{where} must be a list of whole numbers that grow, such as {self.example}, but it is {quoted(value)}."
+                f"{where} must be a list of whole numbers that grow, such as {self.example}, but it is {quote(value)}."
             )
         return tuple(value)
 
@@ -186,7 +186,7 @@ class Flag(Key):
 
     def read(self, value, where, words):
         if not isinstance(value, bool):
-            raise ClearanceError(f"{where} must be true or false, but it is {quoted(value)}.")
+            raise ClearanceError(f"{where} must be true or false, but it is {quote(value)}.")
         return value
 
 
@@ -199,8 +199,8 @@ class Text(Key):
 
     def read(self, value, where, words):
         if not isinstance(value, str):
-            raise ClearanceError(f"{where} must be a text in quotes, but it is {quoted(value)}.")
-        return checked_text(value, where, self.longest)
+            raise ClearanceError(f"{where} must be a text in quotes, but it is {quote(value)}.")
+        return check_text(value, where, self.longest)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -211,11 +211,11 @@ class Names(Key):
 
     def read(self, value, where, words):
         if not isinstance(value, list) or not value:
-            raise ClearanceError(f"{where} must be a list such as {self.example}, but it is {quoted(value)}.")
+            raise ClearanceError(f"{where} must be a list such as {self.example}, but it is {quote(value)}.")
         for i, name in enumerate(value):
             if not isinstance(name, str):
-                raise ClearanceError(f"{where}[{i}] must be a name in quotes, but it is {quoted(name)}.")
-        return tuple(checked_text(name, f"{where}[{i}]") for i, name in enumerate(value))
+                raise ClearanceError(f"{where}[{i}] must be a name in quotes, but it is {quote(name)}.")
+        return tuple(check_text(name, f"{where}[{i}]") for i, name in enumerate(value))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -231,7 +231,7 @@ class Word(Key):
     def read(self, value, where, words):
         if not isinstance(value, str) or value not in self.allowed:
             raise ClearanceError(
-                f"{where} must be one of the allowed words, but it is {quoted(value)}. "
+                f"{where} must be one of the allowed words, but it is {quote(value)}. "
                 + suggest(value if isinstance(value, str) else "", self.allowed)
             )
         return value
@@ -251,19 +251,19 @@ class Sub(Key):
         return value
 
 
-def checked_text(value: str, where: str, longest: int = LONGEST) -> str:
+def check_text(value: str, where: str, longest: int = LONGEST) -> str:
     """A text of one line. **Raises** `ClearanceError` for an empty, an endless or an unprintable one."""
     if not value.strip() or len(value) > longest or not value.isprintable():
         raise ClearanceError(
-            f"{where} must be a text of 1 to {longest} printable characters, but it is {quoted(value)}."
+            f"{where} must be a text of 1 to {longest} printable characters, but it is {quote(value)}."
         )
     return value
 
 
-def checked_name(value: str, where: str) -> str:
+def check_name(value: str, where: str) -> str:
     """A name of a part. **Raises** `ClearanceError` also for one that would read as a path of names."""
     if "." in value or "=" in value:
         raise ClearanceError(
-            f"{where} must be named without `.` and `=`, which separate names and values, but it is {quoted(value)}."
+            f"{where} must be named without `.` and `=`, which separate names and values, but it is {quote(value)}."
         )
-    return checked_text(value, f"{where}, a name,")
+    return check_text(value, f"{where}, a name,")

@@ -4,7 +4,7 @@ import dataclasses
 import itertools
 from typing import NamedTuple
 
-from clearance_jax.errors import ClearanceError, quoted, suggest
+from clearance_jax.errors import ClearanceError, quote, suggest
 from clearance_jax.io.metric_keys import COUNTS, OF, OF_ANY_JOINT, RECURRENCES, REDUCTIONS, SIGNALS
 from clearance_jax.io.recurrence_keys import recurrence_of
 from clearance_jax.io.table import Chosen, Table
@@ -61,7 +61,7 @@ def _of(cls: type, word: str, table: Table, mechanism: Mechanism) -> dict[str, s
         if found[key] not in names[key]:
             kind = "joint with clearance" if key == "joint" and cls not in OF_ANY_JOINT else key
             raise ClearanceError(
-                f"{table.key(key)}: the scene has no {kind} {quoted(found[key])}. " + suggest(found[key], names[key])
+                f"{table.key(key)}: the scene has no {kind} {quote(found[key])}. " + suggest(found[key], names[key])
             )
     return found
 
@@ -72,7 +72,7 @@ def _times(table: Table, span: Span) -> list[float]:
     if not (increasing and span.t0 <= times[0] and times[-1] <= span.t1):
         raise ClearanceError(
             f"{table.key('times')} must increase from t0 = {span.t0:g} s to t1 = {span.t1:g} s at most, but they are "
-            f"{quoted(times)} s."
+            f"{quote(times)} s."
         )
     return times
 

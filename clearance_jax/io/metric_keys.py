@@ -3,7 +3,7 @@
 import dataclasses
 
 from clearance_jax import metrics
-from clearance_jax.io.asking_keys import choosing
+from clearance_jax.io.asking_keys import choice_word
 from clearance_jax.io.fields import summary
 from clearance_jax.io.kinds import Key, Quantities, Quantity, Text, Word
 from clearance_jax.io.recurrence_keys import RECURRENCE_KEYS, RECURRENCES
@@ -43,7 +43,7 @@ _REDUCED = Keys(
     "`peak`: the largest value of a signal over time; `rms`: the root of its mean square; `mean`: its mean; `at`: its "
     "values at given times.",
     (
-        choosing(_KIND, "peak"),
+        choice_word(_KIND, "peak"),
         Word("signal", "the signal that it is of", '"position-error"', allowed=tuple(SIGNALS), required=True),
         *OF.values(),
         _SINCE,
@@ -55,7 +55,7 @@ _REDUCED = Keys(
 
 
 def _table(kind: str, title: str, metric: type, *keys: Key) -> Keys:
-    return Keys("metric.NAME", title, summary(metric), (choosing(_KIND, kind), *keys), f'kind = "{kind}"', RENAMED)
+    return Keys("metric.NAME", title, summary(metric), (choice_word(_KIND, kind), *keys), f'kind = "{kind}"', RENAMED)
 
 
 METRIC_KINDS = {

@@ -22,13 +22,13 @@ class Pose(NamedTuple):
         """In the outer frame, what has this pose in the frame."""
         moved = self.rotation @ position
         scale = max(np.abs(self.position).max(), np.abs(position).max())
-        return Pose(cleaned(self.position + moved, scale), cleaned(self.rotation @ rotation))
+        return Pose(clean(self.position + moved, scale), clean(self.rotation @ rotation))
 
 
 HERE = Pose(np.zeros(3), np.eye(3))
 
 
-def cleaned(values: np.ndarray, scale: float = 1.0) -> np.ndarray:
+def clean(values: np.ndarray, scale: float = 1.0) -> np.ndarray:
     """The values with those that are rounding only replaced by zero: what is exactly zero costs nothing later."""
     return np.where(np.abs(values) <= ROUNDING * scale, 0.0, values)
 
@@ -54,7 +54,7 @@ def rpy_of(rotation: Matrix3) -> Vector3:
     rest = rotation_of((0.0, 0.0, -yaw)) @ rotation
     pitch = np.arctan2(-rest[2, 0], rest[0, 0])
     roll = np.arctan2(-rest[1, 2], rest[1, 1])
-    return cleaned(np.array([roll, pitch, yaw]))
+    return clean(np.array([roll, pitch, yaw]))
 
 
 def is_identity(rotation: Matrix3) -> bool:

@@ -95,8 +95,8 @@ def _whole(top: Table, path: Path) -> tuple[Mechanism, Trajectory | None]:
                 f"`{min(twice)}` has a drive, and a column of the trajectory `{robot.trajectory}`. Take one of the two "
                 "away."
             )
-        mechanism = mechanism.driven(trajectory.drives)
-    for name, values, where in top.named("compliance"):
+        mechanism = mechanism.with_drives(trajectory.drives)
+    for name, values, where in top.entries("compliance"):
         mechanism = _compliant(mechanism, name, values, where)
     controllers = [_controller(*part, path, mechanism) for part in top.parts("controller")]
     return dataclasses.replace(mechanism, controllers=tuple(controllers)), trajectory
@@ -109,11 +109,11 @@ def _compliant(mechanism: Mechanism, name: str, values: Any, where: str) -> Mech
     table = Table(values, where, COMPLIANCE, words)
     table.need("stiffness")
     with naming(where):
-        return with_compliance(mechanism, name, Compliance(**table.given()))
+        return with_compliance(mechanism, name, Compliance(**table.arguments()))
 
 
 def _solve(table: Table) -> dict[str, Any]:
-    options = table.given()
+    options = table.arguments()
     if options.get("t0", 0.0) >= options.get("t1", float("inf")):
         raise ClearanceError(f"{table.key('t1')} must be greater than t0, but it is {options['t1']:g} s.")
     return options
@@ -142,13 +142,13 @@ def _controller(name: str, values: Any, where: str, path: Path, mechanism: Mecha
     table, references = Table(values, where, CONTROLLER), []
     free = {c.name: c for c in mechanism.free_coordinates() if not c.is_ball}
     table.need("target")
-    for coordinate, given, there in table.named("target"):
+    for coordinate, given, there in table.entries("target"):
         if coordinate not in free:
             raise ClearanceError(f"{there}: there is no free coordinate of this name. " + suggest(coordinate, free))
         words = TURNING if free[coordinate].slides is None else SLIDING
         references.append(Reference(coordinate, read_drive(given, there, words, path)))
     with naming(where):
-        made = ComputedTorque(name, tuple(references), **table.given("target"))
+        made = ComputedTorque(name, tuple(references), **table.arguments("target"))
         check_model(made, mechanism.ideal())
         return made
 

@@ -20,7 +20,7 @@ from clearance_jax.io.play_keys import (
     SHAFT,
     STIFFNESS,
 )
-from clearance_jax.io.scene_worn import worn_of
+from clearance_jax.io.scene_worn import with_wear
 from clearance_jax.io.table import Keys, Table, naming
 from clearance_jax.joints import (
     AbstractClearance,
@@ -75,10 +75,10 @@ def play_of(kind: type, table: Table, path: Path, usual: bool = False) -> dict[s
                 f"{table.key('element')} would take the place of the bearing's `preload`, which fills the play "
                 "already. Leave one of them out."
             )
-        word, own = table.chosen("element", ELEMENT_TABLES)
-        clearance = dataclasses.replace(clearance, element=ELEMENTS[word](**own.given("type")))
+        word, own = table.variant("element", ELEMENT_TABLES)
+        clearance = dataclasses.replace(clearance, element=ELEMENTS[word](**own.arguments("type")))
     if play.keys is PIN and isinstance(clearance, AbstractPin) and table.has("worn"):
-        clearance = worn_of(clearance, table, path)
+        clearance = with_wear(clearance, table, path)
     with naming(table.where):
         check_demands(clearance)
     return {"clearance": clearance, "eccentricity": start}
@@ -134,9 +134,9 @@ def _bearing(table: Table) -> RevoluteClearance | SleeveClearance:
     for key in PIN.keys:
         if key.name not in WITH_A_BEARING and table.has(key.name):
             raise ClearanceError(f"{table.key(key.name)} has no effect beside a `bearing`, which is a whole joint.")
-    word, given = table.chosen("bearing", BEARINGS)
+    word, given = table.variant("bearing", BEARINGS)
     with naming(given.where):
-        return BEARINGS_MADE[word](**given.given("type"), friction=_friction(table))
+        return BEARINGS_MADE[word](**given.arguments("type"), friction=_friction(table))
 
 
 BEARINGS_MADE: dict[str, Callable] = {
@@ -170,7 +170,7 @@ def _radii(table: Table, usual: bool) -> tuple[Any, float, Tolerance | None]:
     if usual and pin is None and sleeve is None and table.has("length"):
         pin = table.get("length") / 2
     if table.has("fit"):
-        return _fitted(table, pin)
+        return _fit(table, pin)
     for key in OF_A_FIT:
         if table.has(key):
             raise ClearanceError(f"{table.key(key)} belongs to a fit: add `fit` too.")
@@ -198,7 +198,7 @@ def _radii(table: Table, usual: bool) -> tuple[Any, float, Tolerance | None]:
     return clearance, pin, None
 
 
-def _fitted(table: Table, pin: float | None) -> tuple[Any, float, Tolerance]:
+def _fit(table: Table, pin: float | None) -> tuple[Any, float, Tolerance]:
     for key in (RADIAL, DIAMETRAL, SLEEVE):
         if table.has(key):
             raise ClearanceError(f"{table.key(key)} has no effect beside a `fit`, which gives the clearance.")
@@ -209,7 +209,7 @@ def _fitted(table: Table, pin: float | None) -> tuple[Any, float, Tolerance]:
         raise ClearanceError(f"{table.where} lacks the key `{PIN_RADIUS}`, half the nominal diameter. Add it.")
     numbers = {key: table.get(key) for key in OF_A_FIT if key != "press" and table.has(key)}
     with naming(table.key("fit")):
-        press = PressFit(**table.table("press", PRESS).given()) if table.has("press") else None
+        press = PressFit(**table.table("press", PRESS).arguments()) if table.has("press") else None
         clearance, tolerance = Fitting(table.get("fit"), **numbers, press=press).radial_clearance(2 * pin)
     return clearance, pin, tolerance
 
@@ -231,13 +231,13 @@ def _normal(joint: Table) -> AbstractNormalLaw:
             f"{joint.where} lacks the table `normal` (its contact law). Add one with a key `law`. "
             + suggest("", NORMAL_LAWS)
         )
-    word, table = joint.chosen("normal", NORMAL_TABLES)
+    word, table = joint.variant("normal", NORMAL_TABLES)
     make: Any = NORMAL_LAWS[word]
     table.need("stiffness")
-    values = table.given("law", "stiffness")
+    values = table.arguments("law", "stiffness")
     if isinstance(table.values["stiffness"], dict):
         inner = table.table("stiffness", STIFFNESS)
-        return make(stiffness=InternalHertz(**inner.given()), **values)
+        return make(stiffness=InternalHertz(**inner.arguments()), **values)
     # In which unit, the law knows once it has its other numbers.
     provisional = cast(AbstractNormalLaw, make(stiffness=1.0, **values))
     return make(stiffness=table.get("stiffness", provisional.units()), **values)
@@ -246,5 +246,5 @@ def _normal(joint: Table) -> AbstractNormalLaw:
 def _friction(joint: Table) -> AbstractFrictionLaw | None:
     if not joint.has("friction") or joint.get("friction") in ("none", {}):
         return None
-    word, table = joint.chosen("friction", FRICTION_TABLES)
-    return FRICTION_LAWS[word](**table.given("law"))
+    word, table = joint.variant("friction", FRICTION_TABLES)
+    return FRICTION_LAWS[word](**table.arguments("law"))

@@ -19,7 +19,7 @@ from clearance_jax.io.scene_keys import (
     OF_ONE,
     SPLINE_FILE,
 )
-from clearance_jax.io.table import Chosen, Table, checked_table, chosen, naming
+from clearance_jax.io.table import Chosen, Table, check_table, naming, variant
 from clearance_jax.mechanism.actuators import AbstractActuator, Servo
 from clearance_jax.mechanism.body import GROUND, Motion
 from clearance_jax.mechanism.compounds import Ball, Free, Slide, Spin, Turn
@@ -49,17 +49,17 @@ def joints_of(top: Table, path: Path, known: Collection[str] = ()) -> Joints:
     loops: list[AbstractJoint] = []
     placed = {GROUND, *known}
     for name, values, where in top.parts("joint"):
-        read = chosen(values, where, JOINT_TABLES)
+        read = variant(values, where, JOINT_TABLES)
         joint = _joint(name, read, path)
         if joint.child in placed:
-            loops.append(_closing(joint, read.table))
+            loops.append(_closure(joint, read.table))
         else:
             tree.append(joint)
             placed.add(joint.child)
     return Joints(tuple(tree), tuple(loops))
 
 
-def _closing(joint: AbstractJoint, table: Table) -> AbstractJoint:
+def _closure(joint: AbstractJoint, table: Table) -> AbstractJoint:
     if isinstance(joint, Free):
         raise ClearanceError(f"{table.where} closes a loop (`{joint.child}` is placed already) and holds nothing.")
     for key in OF_THE_TREE:
@@ -125,7 +125,7 @@ def motion_of(table: Table, path: Path) -> Motion:
     if drive is not None and any(table.has(key) for key in ("position", "velocity", "actuator")):
         raise ClearanceError(f"{table.where} has a drive: it takes no initial position or velocity and no actuator.")
     actuators = tuple(
-        _actuator(chosen(values, where, ACTUATOR_TABLES, table.words), path)
+        _actuator(variant(values, where, ACTUATOR_TABLES, table.words), path)
         for _, values, where in table.parts("actuator")
     )
     rotor = table.get("rotor_inertia")
@@ -144,10 +144,10 @@ def read_drive(given: Any, where: str, words: Words, path: Path) -> AbstractDriv
     with naming(where):
         if isinstance(given, str):
             return read_expression(given)
-        if checked_table(given, where).get("type") == "spline" and "file" in given:
+        if check_table(given, where).get("type") == "spline" and "file" in given:
             return _spline(Table(given, where, SPLINE_FILE, words), path)
-        kind, inner = chosen(given, where, DRIVE_TABLES, words)
-        return DRIVES[kind](**inner.given("type"))
+        kind, inner = variant(given, where, DRIVE_TABLES, words)
+        return DRIVES[kind](**inner.arguments("type"))
 
 
 def _spline(table: Table, path: Path) -> Spline:
@@ -158,7 +158,7 @@ def _spline(table: Table, path: Path) -> Spline:
 
 def _actuator(read: Chosen, path: Path) -> AbstractActuator:
     cls, table = ACTUATORS[read.word], read.table
-    values = table.given("type")
+    values = table.arguments("type")
     if cls is Servo:
         values["target"] = drive_of(table, "target", path)
     return cls(**values)

@@ -19,7 +19,7 @@ from clearance_jax.io.urdf_parts import NOWHERE
 from clearance_jax.mechanism.body import GROUND, Body, Motion, Point
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.placement import Gravity, Orientation, Position
-from clearance_jax.mechanism.play import unplayed
+from clearance_jax.mechanism.play import no_play_reason
 from clearance_jax.mechanism.tree import SLIDING, TURNING, AbstractJoint, Fixed, Prismatic, Revolute
 
 
@@ -40,18 +40,18 @@ def robot_of(top: Table, path: Path) -> Robot:
     """The robot of a scene that has one."""
     table = top.table("robot", ROBOT)
     found = read_robot(
-        path.parent / table.get("file"), **table.given("file", "trajectory", "payload", "joint", "clearance")
+        path.parent / table.get("file"), **table.arguments("file", "trajectory", "payload", "joint", "clearance")
     )[1]
     joints = {joint.name: joint for joint in found.joints}
-    for name, values, where in table.named("joint"):
+    for name, values, where in table.entries("joint"):
         if name not in joints:
             raise ClearanceError(f"{where}: the robot has no joint of this name. " + suggest(name, joints))
-        joints[name] = _moved(joints[name], values, where, path)
-    for name, values, where in table.named("clearance"):
+        joints[name] = _move(joints[name], values, where, path)
+    for name, values, where in table.entries("clearance"):
         if name not in joints:
             raise ClearanceError(f"{where}: the robot has no joint of this name. " + suggest(name, joints))
         if type(joints[name]) not in PLAYS:
-            raise ClearanceError(f"{where}: {unplayed(joints[name])}")
+            raise ClearanceError(f"{where}: {no_play_reason(joints[name])}")
         kind = type(joints[name])
         own = Table(values, where, PLAYS[kind].keys)
         if not own.values:
@@ -67,7 +67,7 @@ def robot_of(top: Table, path: Path) -> Robot:
     )
 
 
-def _moved(joint: AbstractJoint, values: Any, where: str, path: Path) -> AbstractJoint:
+def _move(joint: AbstractJoint, values: Any, where: str, path: Path) -> AbstractJoint:
     """A joint of the robot as the scene moves it."""
     if not isinstance(joint, (Revolute, Prismatic)):
         raise ClearanceError(f"{where} must be a revolute or prismatic joint of the robot, but it is another one.")

@@ -15,7 +15,7 @@ from clearance_jax.units import to_si
 OFF = 0.01
 
 
-def worn_of(clearance: AbstractPin, joint: Table, path: Path) -> AbstractPin:
+def with_wear(clearance: AbstractPin, joint: Table, path: Path) -> AbstractPin:
     """The clearance of a joint with its sleeve worn as the table says, of one that has a length all along it; `path`:
     the scene's.
     """

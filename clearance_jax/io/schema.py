@@ -74,7 +74,7 @@ def _table(root: dict[str, Any], path: list[str]) -> dict[str, Any]:
         else:
             # What may be a table may be a value too.
             inside = at.setdefault("properties", {})
-            inside[name] = at = _unshaped(inside.get(name, {}))
+            inside[name] = at = _unshape(inside.get(name, {}))
     at.setdefault("properties", {})
     if "additionalProperties" not in at:
         at["additionalProperties"] = False
@@ -85,14 +85,14 @@ def _merge(properties: dict[str, Any], key: Key) -> None:
     """Add a key to those of a table; what another kind of the table has by that name may stand there too."""
     new, old = _of(key), properties.get(key.name)
     if old is None or "description" not in old:  # nothing, or what stands in a table of that name
-        properties[key.name] = {**(_unshaped(new) if old else new), **(old or {})}
+        properties[key.name] = {**(_unshape(new) if old else new), **(old or {})}
     elif "enum" in new and "enum" in old:
         old["enum"] += [word for word in new["enum"] if word not in old["enum"]]
     elif any(new.get(name) != old.get(name) for name in _SHAPE):
-        properties[key.name] = _unshaped(old)  # the reader knows which it is
+        properties[key.name] = _unshape(old)  # the reader knows which it is
 
 
-def _unshaped(given: dict[str, Any]) -> dict[str, Any]:
+def _unshape(given: dict[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in given.items() if name not in _SHAPE}
 
 

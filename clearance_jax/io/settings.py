@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from clearance_jax.errors import ClearanceError, quoted
+from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import Leaf, check_bounds, find, parameters
 from clearance_jax.units import to_si
@@ -18,7 +18,7 @@ def parse_settings(texts: Iterable[str], mechanism: Mechanism) -> dict[str, floa
     known, given = parameters(mechanism), {}
     for text in texts:
         name, equals, value = (part.strip() for part in text.partition("="))
-        where = f"`--set {quoted(text)[1:-1]}`"
+        where = f"`--set {quote(text)[1:-1]}`"
         if not equals:
             raise ClearanceError(f"{where} must read NAME=VALUE, for instance `joint5.radial_clearance=0.2mm`.")
         if name in given:
@@ -42,7 +42,7 @@ def _setting(known: Mapping[str, Leaf], name: str, value: Any, where: str) -> fl
         try:
             value = float(value)
         except ValueError:
-            raise ClearanceError(f"{where}: `{name}` is a bare number, but {quoted(value)} is not.") from None
+            raise ClearanceError(f"{where}: `{name}` is a bare number, but {quote(value)} is not.") from None
     number = to_si(value, leaf.unit, where)
     check_bounds(number, leaf.metadata, where, leaf.unit, value)
     return number

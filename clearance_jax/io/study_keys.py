@@ -2,7 +2,7 @@
 one of the modules of keys, and its use.
 """
 
-from clearance_jax.io.asking_keys import PARAMETER, SET, heading, solving
+from clearance_jax.io.asking_keys import PARAMETER, SET, heading, solve_keys
 from clearance_jax.io.design_keys import DESIGN_TABLES
 from clearance_jax.io.kinds import Quantity, Sub, Word
 from clearance_jax.io.metric_keys import METRIC_TABLES
@@ -49,7 +49,7 @@ SOLVE = Keys(
     "solve",
     "How motions are solved",
     "All of them.",
-    solving("rtol", "solver", "start", "max_steps"),
+    solve_keys("rtol", "solver", "start", "max_steps"),
     renamed={key: f"design.{key}" for key in ("method", "starts", "most")},
 )
 SCATTER = Keys(

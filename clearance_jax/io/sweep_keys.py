@@ -1,6 +1,6 @@
 """Every key of a study's section `sweep`. A new key is a line here, and its use."""
 
-from clearance_jax.io.asking_keys import PARAMETER, choosing, solving
+from clearance_jax.io.asking_keys import PARAMETER, choice_word, solve_keys
 from clearance_jax.io.kinds import Names, Quantities, Quantity, Sub, Whole, Word
 from clearance_jax.io.table import Keys
 from clearance_jax.solve.settings import MOST_SAMPLES
@@ -43,7 +43,7 @@ AGAIN = Keys(
     "sweep.again",
     "How lanes that failed are solved once more",
     "Those alone; what is absent is as in `solve`.",
-    solving("rtol", "solver", "max_steps"),
+    solve_keys("rtol", "solver", "max_steps"),
 )
 
 _KIND = Word(
@@ -56,7 +56,7 @@ _KIND = Word(
 
 
 def _axis(kind: str, help: str, *keys) -> Keys:
-    return Keys('sweep.axis."NAME"', f"Axis `{kind}`", help, (choosing(_KIND, kind), *keys), f'kind = "{kind}"')
+    return Keys('sweep.axis."NAME"', f"Axis `{kind}`", help, (choice_word(_KIND, kind), *keys), f'kind = "{kind}"')
 
 
 _OF = Names("of", "the numbers, which scatter as `scatter` says", '["slider.mass"]', absent="all that scatter")

@@ -11,7 +11,7 @@ from clearance_jax.io.asking_keys import PARAMETER
 from clearance_jax.io.metric import Span
 from clearance_jax.io.scene import read_scene
 from clearance_jax.io.sweep_keys import AGAIN, AXIS_TABLES, CORRELATION, SWEEP
-from clearance_jax.io.table import Chosen, Table, chosen, naming
+from clearance_jax.io.table import Chosen, Table, naming, variant
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import units_of
 from clearance_jax.sweep.axes import Choice, Sampled, Zipped
@@ -22,7 +22,9 @@ def sweep_of(study: Asked) -> dict[str, Any]:
     """The arguments of `sweep` by name."""
     table = study.table.table("sweep", SWEEP)
     table.need("axis")
-    axes = {name: _axis(chosen(values, where, AXIS_TABLES), name, study) for name, values, where in table.named("axis")}
+    axes = {
+        name: _axis(variant(values, where, AXIS_TABLES), name, study) for name, values, where in table.entries("axis")
+    }
     varied = {name for given in axes.values() for name in (given.values if isinstance(given, Zipped) else ())}
     ends_vary = "t1" in axes.keys() | varied
     if ends_vary and study.table.has("t1"):
@@ -39,7 +41,7 @@ def sweep_of(study: Asked) -> dict[str, Any]:
         **study.options,
     }
     if table.has("again"):
-        arguments["again"] = table.table("again", AGAIN).given()
+        arguments["again"] = table.table("again", AGAIN).arguments()
     arguments["provenance"] = {"scene": study.scene.text, "study": study.text}
     return arguments
 
@@ -79,18 +81,18 @@ def _axis(read: Chosen, name: str, study: Asked) -> Any:
                 inner: Table({"values": given, "kind": "values"}, there, lists, _unit(inner, mechanism, there)).get(
                     "values"
                 )
-                for inner, given, there in table.named("values")
+                for inner, given, there in table.entries("values")
             }
         )
     if kind in ("sampled", "sensitivity"):
         scatter = study.distributions(table.get("of"), where)
         if kind == "sampled":
-            how = table.given("kind", "of", "correlation")
+            how = table.arguments("kind", "of", "correlation")
             return Sampled(scatter, **how, correlation=_correlation(table) or None)
         with naming(where):
-            return Zipped(sobol_samples(scatter, **table.given("kind", "of")))
+            return Zipped(sobol_samples(scatter, **table.arguments("kind", "of")))
     table.need("scenes")
-    files = {label: (given, there) for label, given, there in table.named("scenes")}
+    files = {label: (given, there) for label, given, there in table.entries("scenes")}
     for given, there in files.values():
         if not isinstance(given, str):
             raise ClearanceError(f"{there} must be the path of a scene file, in quotes.")
@@ -108,7 +110,7 @@ def _range(table: Table, unit: dict[str, str]) -> np.ndarray:
 
 def _correlation(table: Table) -> dict[tuple[str, ...], float]:
     pairs = {}
-    for _, values, where in table.named("correlation"):
+    for _, values, where in table.entries("correlation"):
         own = Table(values, where, CORRELATION)
         names = own.get("between")
         if len(names) != 2:

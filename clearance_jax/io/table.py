@@ -5,8 +5,8 @@ from contextlib import contextmanager
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from clearance_jax.errors import ClearanceError, quoted, suggest
-from clearance_jax.io.kinds import Key, Word, Words, checked_name
+from clearance_jax.errors import ClearanceError, quote, suggest
+from clearance_jax.io.kinds import Key, Word, Words, check_name
 
 NO_WORDS: Words = {}
 
@@ -38,7 +38,7 @@ class Table:
     """
 
     def __init__(self, values: Any, where: str, keys: Keys, words: Words = NO_WORDS):
-        self.values, self.where, self.words = checked_table(values, where), where, words
+        self.values, self.where, self.words = check_table(values, where), where, words
         self._keys = {key.name: key for key in keys.keys}
         for name in self.values:
             check_renamed(name, self.where, keys)
@@ -68,7 +68,7 @@ class Table:
         # What is said here comes first: its words may have those of the table in them.
         return key.read(self.values[name], self.key(name), {**words, **self.words})
 
-    def given(self, *skip: str) -> dict[str, Any]:
+    def arguments(self, *skip: str) -> dict[str, Any]:
         """All keys that are there, or must be, but for those to `skip`."""
         keys = (key for key in self._keys.values() if key.name not in skip)
         return {key.name: self.get(key.name) for key in keys if key.required or self.has(key.name)}
@@ -81,18 +81,18 @@ class Table:
         """The key's sub-table (empty where absent)."""
         return Table(self.values[name] if self.has(name) else {}, self.key(name), keys, {**self.words, **words})
 
-    def chosen(self, name: str, tables: Mapping[str, Keys], words: Words = NO_WORDS) -> "Chosen":
+    def variant(self, name: str, tables: Mapping[str, Keys], words: Words = NO_WORDS) -> "Chosen":
         """The key's sub-table, one of several kinds."""
-        return chosen(self.values[name] if self.has(name) else {}, self.key(name), tables, {**self.words, **words})
+        return variant(self.values[name] if self.has(name) else {}, self.key(name), tables, {**self.words, **words})
 
-    def named(self, name: str) -> Iterator[tuple[str, Any, str]]:
+    def entries(self, name: str) -> Iterator[tuple[str, Any, str]]:
         """Of each entry of the key's table, whose names are the user's: its name, its value and where it stands."""
         return entries(self.values[name] if self.has(name) else {}, self.key(name))
 
     def parts(self, name: str) -> Iterator[tuple[str, Any, str]]:
-        """As `named`, of tables whose names become names of parts."""
-        for inner, values, where in self.named(name):
-            yield checked_name(inner, where), values, where
+        """As `entries`, of tables whose names become names of parts."""
+        for inner, values, where in self.entries(name):
+            yield check_name(inner, where), values, where
 
 
 class Chosen(NamedTuple):
@@ -102,10 +102,10 @@ class Chosen(NamedTuple):
     table: Table
 
 
-def chosen(values: Any, where: str, tables: Mapping[str, Keys], words: Words = NO_WORDS) -> Chosen:
+def variant(values: Any, where: str, tables: Mapping[str, Keys], words: Words = NO_WORDS) -> Chosen:
     """The table of the kind that its own first declared key chooses, or by default that key's default."""
     first = next(iter(tables.values()))
-    head, given = first.keys[0], checked_table(values, where)
+    head, given = first.keys[0], check_table(values, where)
     if head.name not in given and head.default is None:
         for name in given:
             check_renamed(name, where, first)
@@ -125,7 +125,7 @@ def _check_kind(given: Mapping[str, Any], where: str, tables: Mapping[str, Keys]
         having = [name for name, keys in known.items() if key in keys]
         if having and key not in known[word]:
             kinds = " or ".join(f'`{head} = "{name}"`' for name in having)
-            raise ClearanceError(f"{below(where, key)} is no key of {quoted(word)}: add {kinds}.")
+            raise ClearanceError(f"{below(where, key)} is no key of {quote(word)}: add {kinds}.")
 
 
 def check_renamed(name: str, where: str, keys: Keys) -> None:
@@ -136,20 +136,20 @@ def check_renamed(name: str, where: str, keys: Keys) -> None:
 
 def entries(values: Any, where: str) -> Iterator[tuple[str, Any, str]]:
     """Of each entry of a table whose names are the user's: its name, its value and where it stands."""
-    for name, value in checked_table(values, where).items():
+    for name, value in check_table(values, where).items():
         yield name, value, below(where, name)
 
 
-def checked_table(values: Any, where: str) -> dict[str, Any]:
+def check_table(values: Any, where: str) -> dict[str, Any]:
     """The values, which must be a table."""
     if not isinstance(values, dict):
-        raise ClearanceError(f"{where} must be a table of keys, but it is {quoted(values)}.")
+        raise ClearanceError(f"{where} must be a table of keys, but it is {quote(values)}.")
     return values
 
 
 def below(where: str, name: str) -> str:
     """How a message names a key of what stands at `where`."""
-    name = name if len(name) <= 60 and name.isprintable() else quoted(name)
+    name = name if len(name) <= 60 and name.isprintable() else quote(name)
     return f"{where}.{name}" if not where.endswith(":") else f"{where} {name}"
 
 

@@ -10,9 +10,9 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from clearance_jax.errors import ClearanceError, quoted, suggest
+from clearance_jax.errors import ClearanceError, quote, suggest
 from clearance_jax.io.files import LARGEST_TABLE, read_text
-from clearance_jax.io.kinds import checked_text
+from clearance_jax.io.kinds import check_text
 from clearance_jax.mechanism.driving import drivable
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.motion_laws import Spline
@@ -58,7 +58,7 @@ class Head(NamedTuple):
 def read_trajectory(
     path: str | Path, mechanism: Mechanism | None = None, ends: str = "not-a-knot"
 ) -> dict[str, Spline]:
-    """Drives from a trajectory file, by the coordinates that they are of; give them to `mechanism.driven`.
+    """Drives from a trajectory file, by the coordinates that they are of; give them to `mechanism.with_drives`.
 
     A CSV file in UTF-8: a header with a column `time` and one for each joint, units in brackets (`hip [deg]`; s, rad
     and m where there are none), and at least four rows. Empty lines, and those that begin with `#`, say nothing.
@@ -111,7 +111,7 @@ def _lines(path: Path) -> list[Line]:
         raise ClearanceError(f"`{path}` has {count} rows, but at most {MOST_ROWS} are read. Thin it out.")
     if "," not in head.text and (mark := next((m for m in ";\t" if m in head.text), "")):
         raise ClearanceError(
-            f"{head.where}: columns are separated by {quoted(mark)}. Separate them by commas, and write decimals with "
+            f"{head.where}: columns are separated by {quote(mark)}. Separate them by commas, and write decimals with "
             "a point."
         )
     return lines
@@ -149,11 +149,11 @@ def _header(line: Line) -> list[Head]:
 def _head(cell: str, where: str) -> Head:
     match = _HEAD.fullmatch(cell)
     if match is None:
-        raise ClearanceError(f"{where} must be a name with a unit in brackets, `hip [deg]`, but it is {quoted(cell)}.")
+        raise ClearanceError(f"{where} must be a name with a unit in brackets, `hip [deg]`, but it is {quote(cell)}.")
     name, unit = match[1].strip(), match[2]
     if not name:
         raise ClearanceError(f"{where} has no name. Name it, or take the comma beside it away.")
-    checked_text(name, f"{where}, a name,")
+    check_text(name, f"{where}, a name,")
     return Head(TIME if name.lower() == TIME else name, None if unit is None else unit.strip(), where)
 
 
@@ -177,7 +177,7 @@ def _scale(column: Head, units: Mapping[str, str] | None) -> float:
         except ClearanceError:
             continue
     meant = " or ".join(MEANT[si] for si in allowed)
-    raise ClearanceError(f"{column.where}: `{column.name}` must be in a unit of {meant}, not in {quoted(column.unit)}.")
+    raise ClearanceError(f"{column.where}: `{column.name}` must be in a unit of {meant}, not in {quote(column.unit)}.")
 
 
 # Numbers -------------------------------------------------------------------------------------------------------------
@@ -193,11 +193,11 @@ def _row(line: Line, columns: list[Head]) -> list[float]:
 
 def _number(cell: str, where: str) -> float:
     if not _is_number(cell):
-        said = f"it is {quoted(cell)}" if cell else "nothing is there"
+        said = f"it is {quote(cell)}" if cell else "nothing is there"
         raise ClearanceError(f"{where} must be a number, but {said}.")
     value = float(cell)
     if not math.isfinite(value):
-        raise ClearanceError(f"{where} must be finite, but it is {quoted(cell)}.")
+        raise ClearanceError(f"{where} must be finite, but it is {quote(cell)}.")
     return value
 
 

@@ -35,7 +35,7 @@ def write_trajectory(
     times = jnp.linspace(float(t0), float(t1), samples)
     columns = [times]
     for drive in drives.values():
-        ready = drive.prepared()
+        ready = drive.prepare()
         columns.append(jax.vmap(lambda time, ready=ready: jnp.asarray(ready(time)[0], float))(times))
     lines = [",".join((TIME, *drives)), *(",".join(map(repr, row)) for row in np.stack(columns, 1).tolist())]
     Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")

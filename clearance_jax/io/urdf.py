@@ -7,13 +7,13 @@ from typing import Any
 import jax
 import numpy as np
 
-from clearance_jax.errors import ClearanceError, quoted, suggest
+from clearance_jax.errors import ClearanceError, quote, suggest
 from clearance_jax.io.poses import is_identity, rpy_of
 from clearance_jax.io.table import naming
 from clearance_jax.io.urdf_bodies import check_bodies
 from clearance_jax.io.urdf_file import read_urdf
 from clearance_jax.io.urdf_joints import joint_of, orientation_of, position_of
-from clearance_jax.io.urdf_merge import Assembly, Rigid, merged, triple
+from clearance_jax.io.urdf_merge import Assembly, Rigid, merge, triple
 from clearance_jax.io.urdf_names import Names
 from clearance_jax.io.urdf_parts import NOWHERE, Joint, Robot
 from clearance_jax.mechanism.body import GROUND, Body, Point
@@ -77,7 +77,7 @@ def _check_word(name: str, value: Any, allowed: Sequence[str]) -> None:
     if not isinstance(value, str) or value not in allowed:
         word = value if isinstance(value, str) else ""
         raise ClearanceError(
-            f"`{name}` must be one of the allowed words, but it is {quoted(value)}. {suggest(word, allowed)}"
+            f"`{name}` must be one of the allowed words, but it is {quote(value)}. {suggest(word, allowed)}"
         )
 
 
@@ -87,7 +87,7 @@ def _gravity(value: Any) -> Gravity:
     except (TypeError, ValueError):
         numbers = []
     if len(numbers) != 3 or not np.all(np.isfinite(numbers)):
-        raise ClearanceError(f"`gravity` must be three finite numbers in m/s^2, but it is {quoted(value)}.")
+        raise ClearanceError(f"`gravity` must be three finite numbers in m/s^2, but it is {quote(value)}.")
     return Gravity(*(None if component == 0 else component for component in numbers))
 
 
@@ -111,14 +111,14 @@ def _frames_asked(robot: Robot, end_effector: Any) -> list[str] | None:
         if not isinstance(name, str) or name not in known:
             word = name if isinstance(name, str) else ""
             raise ClearanceError(
-                f"`end_effector` must name links, but there is no link {quoted(name)}. {suggest(word, known)}"
+                f"`end_effector` must name links, but there is no link {quote(name)}. {suggest(word, known)}"
             )
     return list(dict.fromkeys(asked))
 
 
 def _mechanism(robot: Robot, free: bool, gravity: Gravity, asked: list[str] | None) -> Mechanism:
-    whole = merged(robot)
-    joints = (_floating(whole), *whole.joints) if free else whole.joints
+    whole = merge(robot)
+    joints = (_free_joint(whole), *whole.joints) if free else whole.joints
     _check_base(whole, free)
     moving = {joint.child: whole.bodies[joint.child] for joint in joints}
     check_bodies(joints, moving)
@@ -149,7 +149,7 @@ def _check_base(whole: Assembly, free: bool) -> None:
         )
 
 
-def _floating(whole: Assembly) -> Joint:
+def _free_joint(whole: Assembly) -> Joint:
     """The joint of a free base."""
     line = whole.bodies[whole.root].line
     name = "floating_base"

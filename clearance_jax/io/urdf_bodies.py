@@ -27,7 +27,7 @@ def check_bodies(joints: Sequence[Joint], bodies: Mapping[str, Rigid]) -> None:
         check_moved(joints, bodies)
 
 
-def _said(body: Rigid) -> str:
+def _say(body: Rigid) -> str:
     fixed = len(body.links) - 1
     others = f" (with {fixed} link{'s' if fixed > 1 else ''} fixed to it)" if fixed else ""
     return f"line {body.line}: link `{body.name}`{others}"
@@ -36,17 +36,17 @@ def _said(body: Rigid) -> str:
 def _check_inertia(body: Rigid) -> None:
     if body.mass == 0:
         if body.inertia.any():
-            raise ClearanceError(f"{_said(body)} has inertia without mass. Give it a mass, or take its <inertial> out.")
+            raise ClearanceError(f"{_say(body)} has inertia without mass. Give it a mass, or take its <inertial> out.")
         return
     least, middle, greatest = _moments(body.inertia)
     if not least > body.mass * SMALLEST**2:
         raise ClearanceError(
-            f"{_said(body)} must have inertia about every axis, but its principal moments are {_shown(body.inertia)}. "
+            f"{_say(body)} must have inertia about every axis, but its principal moments are {_show(body.inertia)}. "
             "Correct <inertia> (a box of mass m has m (a^2 + b^2) / 12 about the axis across its edges a and b)."
         )
     if least + middle < (1 - PRINTED) * greatest:
         raise ClearanceError(
-            f"{_said(body)}: no body has its principal moments of inertia {_shown(body.inertia)}, of which the two "
+            f"{_say(body)}: no body has its principal moments of inertia {_show(body.inertia)}, of which the two "
             "smaller must add up to the greatest at least. Correct <inertia> (about the centre of mass; signs; units)."
         )
 
@@ -57,6 +57,6 @@ def _moments(inertia: Matrix3) -> np.ndarray:
     return np.linalg.eigvalsh(inertia / scale) * scale
 
 
-def _shown(inertia: Matrix3) -> str:
+def _show(inertia: Matrix3) -> str:
     least, middle, greatest = _moments(inertia)
     return f"{least:.3g}, {middle:.3g} and {greatest:.3g} kg*m^2"

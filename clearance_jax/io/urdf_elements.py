@@ -10,8 +10,8 @@ from collections.abc import Collection
 
 import numpy as np
 
-from clearance_jax.errors import ClearanceError, quoted, suggest
-from clearance_jax.io.kinds import checked_text
+from clearance_jax.errors import ClearanceError, quote, suggest
+from clearance_jax.io.kinds import check_text
 from clearance_jax.io.urdf_parts import Triple
 from clearance_jax.io.xml_file import Element
 
@@ -59,11 +59,11 @@ LARGEST = 1e100
 def place(element: Element) -> str:
     """How a message names an element: its line, its tag, and its name."""
     name = element.attributes.get("name")
-    return f"line {element.line}: {element.tag[:60]}" + ("" if name is None else f" {_named(name)}")
+    return f"line {element.line}: {element.tag[:60]}" + ("" if name is None else f" {_name(name)}")
 
 
-def _named(name: str) -> str:
-    return f"`{name}`" if len(name) <= 60 and name.isprintable() else quoted(name)
+def _name(name: str) -> str:
+    return f"`{name}`" if len(name) <= 60 and name.isprintable() else quote(name)
 
 
 def check_spelling(element: Element, where: str) -> None:
@@ -97,7 +97,7 @@ def only(element: Element, tag: str, where: str) -> Element | None:
     return found[0]
 
 
-def needed(element: Element, tag: str, where: str, example: str) -> Element:
+def need(element: Element, tag: str, where: str, example: str) -> Element:
     """The child of that tag. **Raises** where it is absent, with an example of it."""
     found = only(element, tag, where)
     if found is None:
@@ -109,9 +109,9 @@ def text(element: Element, attribute: str, where: str) -> str:
     """An attribute that must be there: a name or a word."""
     if attribute not in element.attributes:
         raise ClearanceError(f"{where} lacks the attribute `{attribute}` of <{element.tag}>. Add it.")
-    value = checked_text(element.attributes[attribute], f"{where}: `{attribute}` of <{element.tag}>")
+    value = check_text(element.attributes[attribute], f"{where}: `{attribute}` of <{element.tag}>")
     if "${" in value or "$(" in value:
-        raise ClearanceError(f"{where}: {quoted(value)} is to be expanded by xacro. {EXPAND}")
+        raise ClearanceError(f"{where}: {quote(value)} is to be expanded by xacro. {EXPAND}")
     return value
 
 
@@ -128,7 +128,7 @@ def numbers(
     if len(words) != count:
         raise ClearanceError(
             f"{where}: `{attribute}` of <{element.tag}> must be {_count(count)}, but it is "
-            f"{quoted(element.attributes[attribute])}."
+            f"{quote(element.attributes[attribute])}."
         )
     return tuple(_number(word, f"{where}: `{attribute}` of <{element.tag}>") for word in words)
 
@@ -151,10 +151,10 @@ def _count(count: int) -> str:
 
 def _number(word: str, where: str) -> float:
     if not NUMBER.fullmatch(word):
-        raise ClearanceError(f"{where} must be written as plain decimal numbers, but it holds {quoted(word)}.")
+        raise ClearanceError(f"{where} must be written as plain decimal numbers, but it holds {quote(word)}.")
     value = float(word)
     if not abs(value) < LARGEST:
-        raise ClearanceError(f"{where} must be finite and below {LARGEST:g}, but it holds {quoted(word)}.")
+        raise ClearanceError(f"{where} must be finite and below {LARGEST:g}, but it holds {quote(word)}.")
     return value
 
 

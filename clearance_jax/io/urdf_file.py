@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from clearance_jax.errors import ClearanceError, quoted, suggest
+from clearance_jax.errors import ClearanceError, quote, suggest
 from clearance_jax.io.poses import rotation_of
 from clearance_jax.io.table import naming
 from clearance_jax.io.urdf_elements import (
@@ -15,7 +15,7 @@ from clearance_jax.io.urdf_elements import (
     bound,
     check_spelling,
     direction,
-    needed,
+    need,
     number,
     only,
     place,
@@ -38,10 +38,10 @@ def read_urdf(path: str | Path) -> tuple[str, Robot]:
     path = Path(path)
     written, top = read_xml(path, "URDF file")
     with naming(f"`{path}`"):
-        return written, described(top)
+        return written, describe(top)
 
 
-def described(top: Element) -> Robot:
+def describe(top: Element) -> Robot:
     """The robot that the outermost element of a URDF describes."""
     if top.tag != "robot":
         raise ClearanceError(f"a URDF file must hold a <robot>, but it holds a <{top.tag[:60]}>. Give another file.")
@@ -74,7 +74,7 @@ def _link(element: Element) -> Link:
     inertial = only(element, "inertial", where)
     if inertial is None:
         return Link(name, 0.0, np.zeros(3), np.zeros((3, 3)), element.line)
-    mass = number(needed(inertial, "mass", where, '<mass value="1.2"/>'), "value", where)
+    mass = number(need(inertial, "mass", where, '<mass value="1.2"/>'), "value", where)
     if mass < 0:
         raise ClearanceError(f"{where}: its mass must not be negative, but it is {mass:g} kg. Correct <mass>.")
     center, rpy = pose(inertial, where)
@@ -86,7 +86,7 @@ def _link(element: Element) -> Link:
 def _inertia(inertial: Element, where: str) -> Matrix3:
     """The inertia in the axes that it is given in."""
     example = '<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/>'
-    element = needed(inertial, "inertia", where, example)
+    element = need(inertial, "inertia", where, example)
     xx, yy, zz = (number(element, key, where) for key in ("ixx", "iyy", "izz"))
     xy, xz, yz = (number(element, key, where, 0.0) for key in ("ixy", "ixz", "iyz"))
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
@@ -100,9 +100,9 @@ def _joint(element: Element) -> Joint:
     name, kind = text(element, "name", where), text(element, "type", where)
     check_spelling(element, where)
     if kind not in KINDS:
-        raise ClearanceError(f"{where} has the type {quoted(kind)}, which is no known one. " + suggest(kind, KINDS))
-    parent = text(needed(element, "parent", where, '<parent link="base"/>'), "link", where)
-    child = text(needed(element, "child", where, '<child link="arm"/>'), "link", where)
+        raise ClearanceError(f"{where} has the type {quote(kind)}, which is no known one. " + suggest(kind, KINDS))
+    parent = text(need(element, "parent", where, '<parent link="base"/>'), "link", where)
+    child = text(need(element, "child", where, '<child link="arm"/>'), "link", where)
     xyz, rpy = pose(element, where)
     axis = direction(element, where) if kind in WITH_AXIS else (0.0, 0.0, 1.0)
     damping, friction = _losses(element, kind, where)

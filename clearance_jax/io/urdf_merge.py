@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clearance_jax.io.poses import HERE, Pose, cleaned, is_identity, rotation_of, rpy_of
+from clearance_jax.io.poses import HERE, Pose, clean, is_identity, rotation_of, rpy_of
 from clearance_jax.io.urdf_parts import Joint, Link, Matrix3, Robot, Triple, Vector3
 
 
@@ -41,7 +41,7 @@ class Assembly(NamedTuple):
     frames: dict[str, Frame]
 
 
-def merged(robot: Robot) -> Assembly:
+def merge(robot: Robot) -> Assembly:
     """The robot without fixed joints.
 
     Masses, centres and inertias are those of the links together, exactly. A joint on a link that was merged into
@@ -52,14 +52,14 @@ def merged(robot: Robot) -> Assembly:
     for joint in robot.joints:
         carrier = frames[joint.parent]
         if joint.moves:
-            joints.append(_carried_over(joint, carrier))
+            joints.append(_carry_over(joint, carrier))
             frames[joint.child] = Frame(joint.child, HERE)
         else:
             frames[joint.child] = Frame(carrier.body, carrier.pose.of(np.array(joint.xyz), rotation_of(joint.rpy)))
     return Assembly(robot.name, robot.root, _bodies(robot.links, frames), tuple(joints), frames)
 
 
-def _carried_over(joint: Joint, parent: Frame) -> Joint:
+def _carry_over(joint: Joint, parent: Frame) -> Joint:
     """The joint, on the body that its parent was merged into."""
     pose = parent.pose.of(np.array(joint.xyz), rotation_of(joint.rpy))
     # What the file says of the turn stays as it is where nothing turns it further.
@@ -93,7 +93,7 @@ def _together(links: Sequence[Link], frames: Mapping[str, Frame]) -> Rigid:
     masses, centers, inertias = (np.array(values) for values in zip(*weighing, strict=True))
     mass = masses.sum()
     center = masses @ centers / mass if mass > 0 else np.zeros(3)
-    center = cleaned(center, np.abs(centers).max())
+    center = clean(center, np.abs(centers).max())
     inertia = sum(_about(*part, center) for part in zip(masses, centers, inertias, strict=True))
     return Rigid(first.name, float(mass), center, np.asarray(inertia), names, first.line)
 
@@ -104,7 +104,7 @@ def _in_body(link: Link, pose: Pose) -> tuple[float, Vector3, Matrix3]:
         return link.mass, pose.position + link.center, link.inertia
     center, _ = pose.of(link.center, pose.rotation)
     inertia = pose.rotation @ link.inertia @ pose.rotation.T
-    return link.mass, center, cleaned((inertia + inertia.T) / 2, np.abs(inertia).max())
+    return link.mass, center, clean((inertia + inertia.T) / 2, np.abs(inertia).max())
 
 
 def _about(mass: float, center: Vector3, inertia: Matrix3, point: Vector3) -> Matrix3:

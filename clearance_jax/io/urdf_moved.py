@@ -76,7 +76,7 @@ def _kinematics(joints: Sequence[Joint], seed: int) -> tuple[list[Column], dict[
         own = _own(joint, frame)
         moving[joint.child] = [*moving.get(joint.parent, []), *range(len(columns), len(columns) + len(own))]
         columns += own
-        poses[joint.child] = frame.of(*_moved(joint, rng))
+        poses[joint.child] = frame.of(*_move(joint, rng))
     return columns, moving, poses
 
 
@@ -90,18 +90,18 @@ def _own(joint: Joint, frame: Pose) -> list[Column]:
     return found + [Column(False, frame.rotation @ axis, frame.position) for axis in turns.get(joint.kind, [])]
 
 
-def _moved(joint: Joint, rng: np.random.Generator) -> tuple[Vector3, Matrix3]:
+def _move(joint: Joint, rng: np.random.Generator) -> tuple[Vector3, Matrix3]:
     """A place and a turn of the child in the joint's frame that the joint allows."""
     by, turn = np.zeros(3), np.eye(3)
     for slides, axis, _ in _own(joint, HERE):
         if slides:
             by = by + rng.uniform(0.1, 1.0) * axis
         else:
-            turn = turn @ turned(axis, rng.uniform(0.3, 1.2))
+            turn = turn @ rotation_about(axis, rng.uniform(0.3, 1.2))
     return by, turn
 
 
-def turned(axis: Vector3, angle: float) -> Matrix3:
+def rotation_about(axis: Vector3, angle: float) -> Matrix3:
     """The rotation about a unit vector by an angle [rad] (Rodrigues)."""
     x, y, z = axis
     across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

@@ -25,9 +25,9 @@ def robot_of(name: str, links: Sequence[Link], joints: Sequence[Joint]) -> Robot
     _check_unique("joint", joints)
     for joint in joints:
         _check_links(joint, {link.name for link in links})
-    carried = _carried(joints)
+    carried = _carriers(joints)
     root = _root(links, carried)
-    ordered = _ordered(root, joints)
+    ordered = _order(root, joints)
     _check_reached(root, links, ordered, carried)
     _check_mimics({joint.name: joint for joint in joints})
     return Robot(name, tuple(links), ordered, root)
@@ -46,23 +46,23 @@ def _check_unique(what: str, parts: Sequence[Link] | Sequence[Joint]) -> None:
 def _check_links(joint: Joint, known: set[str]) -> None:
     for key, link in (("parent", joint.parent), ("child", joint.child)):
         if link not in known:
-            raise ClearanceError(f"{_said(joint)}: there is no link `{link}` to be its {key}. " + suggest(link, known))
+            raise ClearanceError(f"{_say(joint)}: there is no link `{link}` to be its {key}. " + suggest(link, known))
     if joint.parent == joint.child:
-        raise ClearanceError(f"{_said(joint)} has the link `{joint.parent}` as parent and as child. Change one.")
+        raise ClearanceError(f"{_say(joint)} has the link `{joint.parent}` as parent and as child. Change one.")
 
 
-def _said(joint: Joint) -> str:
+def _say(joint: Joint) -> str:
     return f"line {joint.line}: joint `{joint.name}`"
 
 
-def _carried(joints: Sequence[Joint]) -> dict[str, Joint]:
+def _carriers(joints: Sequence[Joint]) -> dict[str, Joint]:
     """The joint that carries each link."""
     found: dict[str, Joint] = {}
     for joint in joints:
         if joint.child in found:
             other = found[joint.child]
             raise ClearanceError(
-                f"{_said(joint)} closes a loop: the link `{joint.child}` hangs on joint `{other.name}` (line "
+                f"{_say(joint)} closes a loop: the link `{joint.child}` hangs on joint `{other.name}` (line "
                 f"{other.line}) already. URDF knows trees only. Remove one of both, and close the loop in Python "
                 "(`Mechanism(..., loops=...)`)."
             )
@@ -76,7 +76,7 @@ def _root(links: Sequence[Link], carried: Mapping[str, Joint]) -> str:
         circle = _circle(links[0].name, carried)
         raise ClearanceError(f"no link is the root: {circle}. Remove one of these joints.")
     if len(roots) > 1:
-        named = _listed([f"`{link.name}` (line {link.line})" for link in roots])
+        named = _list([f"`{link.name}` (line {link.line})" for link in roots])
         raise ClearanceError(
             f"a robot has one root, but {len(roots)} links hang on no joint: {named}. Connect them by joints, or "
             "remove what does not belong to the robot."
@@ -84,7 +84,7 @@ def _root(links: Sequence[Link], carried: Mapping[str, Joint]) -> str:
     return roots[0].name
 
 
-def _listed(names: Sequence[str]) -> str:
+def _list(names: Sequence[str]) -> str:
     return ", ".join(names[:SHOWN]) + (f", ... ({len(names)} in all)" if len(names) > SHOWN else "")
 
 
@@ -95,10 +95,10 @@ def _circle(link: str, carried: Mapping[str, Joint]) -> str:
         seen.append(link)
         link = carried[link].parent
     joints = [f"`{carried[name].name}`" for name in reversed(seen[seen.index(link) :])]
-    return f"joints {_listed(joints)} go round in a circle" if len(joints) > 1 else f"joint {joints[0]} goes round"
+    return f"joints {_list(joints)} go round in a circle" if len(joints) > 1 else f"joint {joints[0]} goes round"
 
 
-def _ordered(root: str, joints: Sequence[Joint]) -> tuple[Joint, ...]:
+def _order(root: str, joints: Sequence[Joint]) -> tuple[Joint, ...]:
     """The joints that hang on the root, parents first: each limb as a whole, limbs in the file's order."""
     children = collections.defaultdict(list)
     for joint in joints:
@@ -135,16 +135,16 @@ def _check_mimics(joints: Mapping[str, Joint]) -> None:
 
 def _refuse_circle(joint: Joint, followers: Sequence[str]) -> None:
     if len(followers) == 1:
-        raise ClearanceError(f"{_said(joint)} mimics itself. Name another joint, or remove <mimic>.")
-    named = _listed([f"`{name}`" for name in followers])
-    raise ClearanceError(f"{_said(joint)} follows itself: {named} mimic one another. Let one of them lead.")
+        raise ClearanceError(f"{_say(joint)} mimics itself. Name another joint, or remove <mimic>.")
+    named = _list([f"`{name}`" for name in followers])
+    raise ClearanceError(f"{_say(joint)} follows itself: {named} mimic one another. Let one of them lead.")
 
 
 def _check_followed(joint: Joint, followed: str, joints: Mapping[str, Joint]) -> None:
     if followed not in joints:
-        raise ClearanceError(f"{_said(joint)} mimics `{followed}`, which is no joint. " + suggest(followed, joints))
+        raise ClearanceError(f"{_say(joint)} mimics `{followed}`, which is no joint. " + suggest(followed, joints))
     if joints[followed].kind not in MAY_MIMIC:
         raise ClearanceError(
-            f"{_said(joint)} mimics `{followed}`, which is {joints[followed].kind}: it has no single coordinate to "
+            f"{_say(joint)} mimics `{followed}`, which is {joints[followed].kind}: it has no single coordinate to "
             "follow. Name another joint."
         )

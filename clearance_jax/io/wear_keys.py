@@ -2,7 +2,7 @@
 
 import dataclasses
 
-from clearance_jax.io.asking_keys import METRIC, choosing
+from clearance_jax.io.asking_keys import METRIC, choice_word
 from clearance_jax.io.fields import keys_of, summary
 from clearance_jax.io.kinds import LONGEST_PATH, Quantity, Sub, Text, Whole, Word
 from clearance_jax.io.table import Keys
@@ -103,7 +103,7 @@ LAW_TABLES = {
         "Law `archard`",
         summary(Archard),
         (
-            choosing(_LAW, "archard"),
+            choice_word(_LAW, "archard"),
             _COEFFICIENT,
             Quantity(
                 "hardness",
@@ -121,7 +121,7 @@ LAW_TABLES = {
         "wear.law",
         "Law `reye`",
         summary(Reye),
-        (choosing(_LAW, "reye"), *keys_of(Reye, "coefficient"), *_CHANGES),
+        (choice_word(_LAW, "reye"), *keys_of(Reye, "coefficient"), *_CHANGES),
         'kind = "reye"',
     ),
 }
@@ -136,7 +136,7 @@ PRESSURE_TABLES = {
         "Pressure `foundation`",
         summary(Foundation),
         (
-            choosing(_KIND, "foundation"),
+            choice_word(_KIND, "foundation"),
             *(dataclasses.replace(key, required=False, absent="from a layer") for key in keys_of(Foundation)),
             Quantity("thickness", f"thickness {_LAYER}", '"2 mm"', unit="m", bounds={"above": 0.0}),
             Sub("material", f"material {_LAYER}", '{ modulus = "3 GPa", poisson_ratio = 0.4 }'),
@@ -144,13 +144,13 @@ PRESSURE_TABLES = {
         'kind = "foundation"',
     ),
     "hertz": Keys(
-        "wear.pressure", "Pressure `hertz`", summary(HertzLine), (choosing(_KIND, "hertz"),), 'kind = "hertz"'
+        "wear.pressure", "Pressure `hertz`", summary(HertzLine), (choice_word(_KIND, "hertz"),), 'kind = "hertz"'
     ),
     "uniform": Keys(
         "wear.pressure",
         "Pressure `uniform`",
         summary(Uniform),
-        (choosing(_KIND, "uniform"), *keys_of(Uniform)),
+        (choice_word(_KIND, "uniform"), *keys_of(Uniform)),
         'kind = "uniform"',
     ),
 }
@@ -161,7 +161,7 @@ _END = Word("kind", "what ends its life", '"depth"', allowed=("metric", "depth",
 
 def _until(kind: str, help: str, unit: str, example: str, *keys) -> Keys:
     bound = Quantity("bound", "where it ends", example, unit=unit, bounds={"above": 0.0}, required=True)
-    return Keys("wear.until", f"End by `{kind}`", help, (choosing(_END, kind), *keys, bound), f'kind = "{kind}"')
+    return Keys("wear.until", f"End by `{kind}`", help, (choice_word(_END, kind), *keys, bound), f'kind = "{kind}"')
 
 
 UNTIL_TABLES = {

@@ -21,18 +21,18 @@ def wear_model(top: Table, mechanism: Mechanism, cycle: float) -> WearModel:
     """What a table with the keys `WEARING` says, of cycles that end at `cycle` [s]; the joint has the length and the
     materials that the table gives it. **Raises:** `ClearanceError` naming the key and the fix.
     """
-    mechanism, joint = _jointed(top, mechanism)
+    mechanism, joint = _with_joint_values(top, mechanism)
     for key in ("law", "pressure"):
         top.need(key)
-    law = _law(top.chosen("law", LAW_TABLES, _coefficient(top)))
-    pressure = _pressure(top.chosen("pressure", PRESSURE_TABLES))
+    law = _law(top.variant("law", LAW_TABLES, _coefficient(top)))
+    pressure = _pressure(top.variant("pressure", PRESSURE_TABLES))
     if not isinstance(pressure, Foundation):
         with naming(top.key("pressure")):
             pressure.half_angle(sections_of(mechanism, joint).geometry, jnp.ones(()))  # whether it knows what it needs
     return WearModel(mechanism, joint, law, pressure, cycle)
 
 
-def _jointed(top: Table, mechanism: Mechanism) -> tuple[Mechanism, str]:
+def _with_joint_values(top: Table, mechanism: Mechanism) -> tuple[Mechanism, str]:
     """The mechanism, whose joint knows the length and the materials that the table gives it."""
     name, known = top.get("joint"), {joint.name: joint.clearance for joint in mechanism.clearance_joints()}
     if name not in known:
@@ -50,7 +50,7 @@ def _jointed(top: Table, mechanism: Mechanism) -> tuple[Mechanism, str]:
 
 
 def _material(table: Table, key: str) -> Material:
-    return Material(**table.table(key, MATERIAL).given())
+    return Material(**table.table(key, MATERIAL).arguments())
 
 
 def _coefficient(top: Table) -> Words:
@@ -66,10 +66,10 @@ def _law(read: Chosen) -> AbstractWearLaw:
     else:
         law = Archard(coefficient / table.get("hardness") if table.has("hardness") else coefficient)
     if table.has("graded"):
-        law = Graded(law, **table.table("graded", GRADED).given())
+        law = Graded(law, **table.table("graded", GRADED).arguments())
     if table.has("least_pressure"):
         law = Threshold(law, table.get("least_pressure"))
-    return RunningIn(law, **table.table("running_in", RUNNING_IN).given()) if table.has("running_in") else law
+    return RunningIn(law, **table.table("running_in", RUNNING_IN).arguments()) if table.has("running_in") else law
 
 
 def _pressure(read: Chosen) -> AbstractPressure:
@@ -77,7 +77,7 @@ def _pressure(read: Chosen) -> AbstractPressure:
     if kind == "hertz":
         return HertzLine()
     if kind == "uniform":
-        return Uniform(**table.given("kind"))
+        return Uniform(**table.arguments("kind"))
     layer = table.has("thickness") or table.has("material")
     if table.has("stiffness") == layer:
         raise ClearanceError(f"{table.where} must have a `stiffness`, or `thickness` and `material` of a layer.")

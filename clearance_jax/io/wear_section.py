@@ -43,7 +43,7 @@ def wear_of(study: Asked) -> WearAsked:
                 raise ClearanceError(f"{table.key(key)} has no effect without `cycles`, how many it lives. Add it.")
     until, words = None, ""
     if table.has("until"):
-        until, words = _until(table.chosen("until", UNTIL_TABLES), study, span)
+        until, words = _until(table.variant("until", UNTIL_TABLES), study, span)
     return WearAsked(
         model,
         table.get("cycles"),

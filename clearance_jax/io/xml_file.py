@@ -12,7 +12,7 @@ from xml.etree.ElementTree import ParseError
 from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import DefusedXMLParser
 
-from clearance_jax.errors import ClearanceError, quoted
+from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.io.files import read_text
 
 LARGEST_XML = 20_000_000
@@ -70,12 +70,12 @@ def read_xml(path: Path, what: str) -> tuple[str, Element]:
     """
     text = read_text(path, what, LARGEST_XML)
     try:
-        return text, parsed(text)
+        return text, parse(text)
     except ClearanceError as error:
         raise ClearanceError(f"`{path}`: {error}") from None
 
 
-def parsed(text: str) -> Element:
+def parse(text: str) -> Element:
     """The outermost element of an XML text; messages name the line only."""
     builder = _Builder()
     parser = DefusedXMLParser(target=builder, forbid_dtd=True)
@@ -91,6 +91,6 @@ def parsed(text: str) -> Element:
     except ClearanceError:
         raise
     except (ParseError, ValueError) as error:
-        raise ClearanceError(f"is not valid XML: {quoted(str(error))[1:-1]}. Mend it there.") from None
+        raise ClearanceError(f"is not valid XML: {quote(str(error))[1:-1]}. Mend it there.") from None
     assert builder.top is not None  # a text without an element is no valid XML
     return builder.top

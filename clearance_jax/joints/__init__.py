@@ -17,7 +17,7 @@ from clearance_jax.joints.fitting import Fitting, PressFit, Tolerance
 from clearance_jax.joints.guide import GuideClearance
 from clearance_jax.joints.pin import AbstractPin, Sections
 from clearance_jax.joints.preloaded import angular_contact_pair, crossed_roller
-from clearance_jax.joints.presets import fitted, guided, shaft, socket
+from clearance_jax.joints.presets import guide_clearance, pin_clearance, shaft, socket
 from clearance_jax.joints.revolute import RevoluteClearance
 from clearance_jax.joints.sleeve import SleeveClearance
 
@@ -44,8 +44,8 @@ __all__ = [
     "Tolerance",
     "angular_contact_pair",
     "crossed_roller",
-    "fitted",
-    "guided",
+    "guide_clearance",
+    "pin_clearance",
     "rolling_bearing",
     "shaft",
     "socket",

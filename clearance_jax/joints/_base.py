@@ -164,7 +164,7 @@ class AbstractClearance(Parametrised):
         [m].
         """
 
-    def pressed(self, along: Vector, depth: Scalar) -> Vector:
+    def press(self, along: Vector, depth: Scalar) -> Vector:
         """Where the pin's centre is if a force along a direction (square to the axis) presses it so deep [m]."""
         return scale(self.travel(along) + depth, along)
 
@@ -184,11 +184,11 @@ class AbstractClearance(Parametrised):
         across = _only(slides, at.place), _only(slides, at.velocity)
         return Offset(*across, _only(turns, sine), cosine, _only(turns, at.spin))
 
-    def prepared(self) -> "PreparedClearance":
+    def prepare(self) -> "PreparedClearance":
         """The joint with its laws' constants (once a solve)."""
         geometry = self.geometry()
-        friction = None if self.friction is None else self.friction.prepared(geometry)
-        return PreparedClearance(self, self.normal.prepared(geometry), friction)
+        friction = None if self.friction is None else self.friction.prepare(geometry)
+        return PreparedClearance(self, self.normal.prepare(geometry), friction)
 
     @property
     def remembers(self) -> tuple[str, ...]:
@@ -243,23 +243,23 @@ class PreparedClearance(Module):
     def act(self, at: Relative, memory: Memory) -> Action:
         """Forces on the pin for a relative motion and the joint's memory."""
         points = self.joint.points(at)
-        action = self._mapped(self._act_at)(points, self._by_point(memory))
+        action = self._map(self._act_at)(points, self._by_point(memory))
         if self.joint.count > 1:
             # Six sums are made of it, each of which would compute it anew.
             action = action._replace(normal_force=compute_once(action.normal_force))
         push = scale(-action.normal_force, points.normal)
         for traction, tangent in zip(action.traction, points.tangents, strict=True):
             push = add(push, scale(traction, tangent))
-        force, torque = self._summed(push), self._summed(cross(points.arm, push))
+        force, torque = self._sum(push), self._sum(cross(points.arm, push))
         rubbed = -sum(t * s for t, s in zip(action.traction, action.slip, strict=True))
-        absorbed, rubbed, stored = self._summed(
+        absorbed, rubbed, stored = self._sum(
             (action.normal_force * action.penetration_rate, rubbed, action.elastic_energy)
         )
         if self.joint.element is not None:
             push, twist = self.joint.element.wrench(self.joint.offset(at), self.joint.geometry())
             force, torque = add(force, push), add(torque, twist)
             absorbed -= plus(dot(push, at.velocity), dot(twist, at.spin))
-            stored += self._filled(at)
+            stored += self._filling_energy(at)
         return Action(force, torque, action, self._by_variable(action.memory_rate), stored, absorbed, rubbed)
 
     def _act_at(self, point: ContactPoint, memory: Memory) -> PointAction:
@@ -280,7 +280,7 @@ class PreparedClearance(Module):
         """Functions of the contact points whose signs make the regime of every law, each an array where there are
         several. `before`: the points at the start of the step.
         """
-        return self._mapped(self._event_functions_at)(now, self._by_point(memory), before)
+        return self._map(self._event_functions_at)(now, self._by_point(memory), before)
 
     def _event_functions_at(self, point: ContactPoint, memory: Memory, before: ContactPoint) -> tuple[Scalar, ...]:
         normal, (own, rest, _) = self.normal.at(point.local), self._parts(memory)
@@ -305,7 +305,7 @@ class PreparedClearance(Module):
             return p.penetration, p.penetration_rate, p.slip
 
         here, rates = jax.jvp(moving, (numbers,), (eqx.filter(rate, jax.tree.map(eqx.is_array, now)),))
-        return self._by_variable(self._mapped(self._latch_at)(here, rates, self._by_point(memory)))
+        return self._by_variable(self._map(self._latch_at)(here, rates, self._by_point(memory)))
 
     def _latch_at(self, point, rates, memory: Memory) -> Memory:
         (depth, speed, slip), (_, change, _) = point, rates
@@ -332,28 +332,28 @@ class PreparedClearance(Module):
         smooth = PreparedClearance(self.joint, self.normal, None)
 
         def borne(depth):
-            at = Relative(self.joint.pressed(wall, depth), 0.0, ZERO, ZERO)
+            at = Relative(self.joint.press(wall, depth), 0.0, ZERO, ZERO)
             return -jnp.asarray(dot(smooth.act(at, still).force, wall), float)
 
         loaded = size > 0
         depth = depth_of(borne, jnp.where(loaded, size, 1.0), free)
-        return self.joint.pressed(wall, depth)[:2], loaded & (depth > TOUCHING * free)
+        return self.joint.press(wall, depth)[:2], loaded & (depth > TOUCHING * free)
 
     def depths(self, at: Relative) -> tuple[Array, Array]:
         """Penetration [m] and its rate [m/s] at every point, shape (points,) each."""
         points = self.joint.points(at)
         return jnp.atleast_1d(points.penetration), jnp.atleast_1d(points.penetration_rate)
 
-    def stored(self, at: Relative) -> Scalar:
+    def elastic_energy(self, at: Relative) -> Scalar:
         """Elastic energy [J]."""
 
         def energy(point: ContactPoint):
             share = 1.0 if point.share is None else point.share
             return times(share, self.normal.at(point.local).energy(point.penetration))
 
-        return jnp.sum(self._mapped(energy)(self.joint.points(at))) + self._filled(at)
+        return jnp.sum(self._map(energy)(self.joint.points(at))) + self._filling_energy(at)
 
-    def _filled(self, at: Relative) -> Scalar | float:
+    def _filling_energy(self, at: Relative) -> Scalar | float:
         """What fills the play holds elastically [J]."""
         element = self.joint.element
         return 0.0 if element is None else element.energy(self.joint.offset(at), self.joint.geometry())
@@ -366,12 +366,12 @@ class PreparedClearance(Module):
         return (*self.normal.memory_scale(), *friction, jnp.asarray(jnp.inf)) * self.joint.count
 
     # Laws are written for one point: mapped over several they stand once in the program.
-    def _mapped(self, function: Callable) -> Callable:
+    def _map(self, function: Callable) -> Callable:
         if self.joint.count == 1:
             return function
         return lambda points, *rest: jax.vmap(function)(_bare(points), *rest)
 
-    def _summed(self, terms: Any) -> Any:
+    def _sum(self, terms: Any) -> Any:
         """Of each term the sum over the points; absent ones stay absent."""
         if self.joint.count == 1:
             return terms

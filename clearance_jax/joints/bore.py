@@ -105,7 +105,7 @@ class Bore(NamedTuple):
         still, wall, deep = jax.tree.map(jax.lax.stop_gradient, (self, ahead, depth))
         middle = jnp.arctan2(wall[1], wall[0])
 
-        def missed(bore: Bore, ahead, depth, x, y):
+        def miss(bore: Bore, ahead, depth, x, y):
             now = bore.depth_at(x, y)
             return jnp.stack([now.value - depth, ahead[0] * now.y - ahead[1] * now.x])
 
@@ -114,18 +114,18 @@ class Bore(NamedTuple):
             far = still._far(x, y, deep)
             return far * x, far * y
 
-        def halved(_, bracket):
+        def halve(_, bracket):
             low, high = bracket
             angle = 0.5 * (low + high)
-            before = missed(still, wall, deep, *at(angle))[1] < 0
+            before = miss(still, wall, deep, *at(angle))[1] < 0
             return jnp.where(before, angle, low), jnp.where(before, high, angle)
 
-        low, high = jax.lax.fori_loop(0, HALVINGS, halved, (middle - 0.5 * np.pi, middle + 0.5 * np.pi))
+        low, high = jax.lax.fori_loop(0, HALVINGS, halve, (middle - 0.5 * np.pi, middle + 0.5 * np.pi))
         x, y = at(0.5 * (low + high))
-        (a, b), (c, d) = jax.jacfwd(lambda p: missed(still, wall, deep, p[0], p[1]))(jnp.stack([x, y]))
+        (a, b), (c, d) = jax.jacfwd(lambda p: miss(still, wall, deep, p[0], p[1]))(jnp.stack([x, y]))
         inverse = 1 / (a * d - b * c)
         # The first and the second derivative are those of two Newton steps more, whose slope is that of the place.
         for _ in range(2):
-            lack, turned = missed(self, ahead, depth, x, y)
+            lack, turned = miss(self, ahead, depth, x, y)
             x, y = x - inverse * (d * lack - b * turned), y - inverse * (a * turned - c * lack)
         return x, y

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from jax.core import Tracer
 
-from clearance_jax.errors import ClearanceError, quoted
+from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.spatial import Vector
-from clearance_jax.units import shown
+from clearance_jax.units import format_quantity
 
 
 class ImplausibleWarning(UserWarning):
@@ -31,7 +31,7 @@ def above_pin(radial: Any, pin: Any) -> str:
     radial, pin = np.broadcast_arrays(radial, pin)
     first = np.unravel_index(np.argmax(large), large.shape)
     than = "above" if radial[first] > pin[first] else "as large as"
-    size, radius = (shown(float(one[first]), "m") for one in (radial, pin))
+    size, radius = (format_quantity(float(one[first]), "m") for one in (radial, pin))
     return f"radial_clearance = {size} is {than} the pin's radius {radius}"
 
 
@@ -51,16 +51,16 @@ def check_sizes(unit: str = "m", **sizes: Any) -> None:
         try:
             value = np.asarray(size, float)
         except (TypeError, ValueError):
-            raise ClearanceError(f"`{name}` must be a number in {unit}, but it is {quoted(size)}.") from None
+            raise ClearanceError(f"`{name}` must be a number in {unit}, but it is {quote(size)}.") from None
         if not np.all(np.isfinite(value)):
-            raise ClearanceError(f"`{name}` must be finite, but it is {quoted(value.tolist())}.")
+            raise ClearanceError(f"`{name}` must be finite, but it is {quote(value.tolist())}.")
         if not np.all(value > 0):
             raise ClearanceError(f"`{name}` must be greater than 0 {unit}, but it is {_plain(value)} {unit}.")
 
 
 def _plain(value: np.ndarray) -> str:
     """A number, or several, without the last digits that a change of units leaves (-3e-05 for -30 um)."""
-    return quoted(np.array([float(f"{one:.12g}") for one in value.ravel()]).reshape(value.shape).tolist())
+    return quote(np.array([float(f"{one:.12g}") for one in value.ravel()]).reshape(value.shape).tolist())
 
 
 def check_larger(name: str, size: Any, than: str, other: Any, why: str) -> None:

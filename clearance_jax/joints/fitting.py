@@ -10,7 +10,7 @@ from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints.checks import check_known, check_larger
 from clearance_jax.joints.fits import fit as fit_of
-from clearance_jax.parameters import check_values, described, physical
+from clearance_jax.parameters import check_values, describe, physical
 
 
 class Solid(NamedTuple):
@@ -54,7 +54,7 @@ class PressFit(Module):
     - `housing_expansion` [1/K]: steel's by default.
     """
 
-    fit: str = described("fit of the bush in its housing", '"H7/p6"', static=True)
+    fit: str = describe("fit of the bush in its housing", '"H7/p6"', static=True)
     diameter: Scalar = physical("m", above=0.0, help="outer diameter of the bush", example='"26 mm"')
     housing_diameter: Scalar | None = physical(
         "m", above=0.0, default=None, help="outer diameter of the housing", example='"60 mm"', absent="large"
@@ -119,7 +119,7 @@ class Fitting(Module):
     - `press`: where the sleeve is a bush that is pressed into a housing after its bore was made.
     """
 
-    fit: str = described(
+    fit: str = describe(
         "ISO 286 fit of the pin, instead of a clearance, which is then that of mean sizes; `pin_radius` is half the "
         "nominal diameter",
         '"H7/g6"',

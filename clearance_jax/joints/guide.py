@@ -107,7 +107,7 @@ class GuideClearance(AbstractClearance):
             sides = np.array([(*corner, *wall) for wall in ((1, 0), (0, 1)) for corner in corners], float)
         x, y, z, first, second = (jnp.asarray(column) for column in sides.T)
         corner: Vector = (x * half[0], y * half[1], z * half[2])
-        arm = compute_once(turned(at, corner))
+        arm = compute_once(turn(at, corner))
         normal: Vector = (first * x, second * y, jnp.zeros_like(x))
         other: Vector = (-second * y, first * x, jnp.zeros_like(x))
         along: Vector = (jnp.zeros_like(x), jnp.zeros_like(x), jnp.ones_like(x))
@@ -127,7 +127,7 @@ class GuideClearance(AbstractClearance):
         return self.side_clearance
 
 
-def turned(at: Relative, vector: Vector) -> Vector:
+def turn(at: Relative, vector: Vector) -> Vector:
     """A vector of the pin's axes in the sleeve's."""
     rows = (X, Y, Z) if at.rows is None else at.rows
     x, y, z = (jnp.broadcast_to(jnp.asarray(dot(row, vector), float), jnp.shape(vector[0])) for row in rows)

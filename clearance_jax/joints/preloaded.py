@@ -45,7 +45,7 @@ class Rows(NamedTuple):
         """Of an element's line about the middle of the bearing [m]."""
         return self.half_spread * jnp.cos(self.angle) + self.radius * jnp.sin(self.angle)
 
-    def preloaded(self, preload: Any, damping_time: Any) -> PreloadedBearing:
+    def centring_element(self, preload: Any, damping_time: Any) -> PreloadedBearing:
         """What holds the rings in the middle of their play."""
         across, along = jnp.cos(self.angle), jnp.sin(self.angle)
         deep = (preload / (self.count * along * self.factor)) ** (1 / self.power)
@@ -60,7 +60,7 @@ class Rows(NamedTuple):
         # Both rows bear a radial load, each element along its line.
         law = HuntCrossley(2 * self.count / MOST_LOADED * self.factor * across ** (self.power + 1), DAMPING, self.power)
         length = 2 * self.lever / across
-        element = None if preload is None else self.preloaded(preload, ROLLING_DAMPING)
+        element = None if preload is None else self.centring_element(preload, ROLLING_DAMPING)
         numbers: Any = {"pin_radius": self.radius, "length": length, "element": element}
         return SleeveClearance(radial_clearance=radial_clearance, normal=law, friction=friction, **numbers)
 
@@ -87,10 +87,10 @@ def crossed_roller(
 
     **Raises:** `ClearanceError` for numbers that make no bearing. **Source:** see the module; Palmgren's line contact.
     """
-    count = _counted("rollers", rollers, 6) / 2
+    count = _check_count("rollers", rollers, 6) / 2
     if rollers % 2:
         raise ClearanceError(f"`rollers` must be even, one half leaning each way, but there are {rollers}.")
-    sizes = _checked(
+    sizes = _check(
         preload, pitch_diameter=pitch_diameter, roller_length=roller_length, radial_clearance=radial_clearance
     )
     factor = (sizes["roller_length"] ** 0.8 / ROLLERS) ** (10 / 9)
@@ -116,9 +116,9 @@ def angular_contact_pair(
 
     **Raises:** `ClearanceError` for numbers that make no bearing. **Source:** see the module; Palmgren's point contact.
     """
-    count = _counted("balls", balls, 3)
+    count = _check_count("balls", balls, 3)
     given = {"pitch_diameter": pitch_diameter, "ball_diameter": ball_diameter, "spread": spread}
-    sizes = _checked(preload, **given, radial_clearance=radial_clearance)
+    sizes = _check(preload, **given, radial_clearance=radial_clearance)
     if not isinstance(contact_angle, Tracer) and not 0 < contact_angle < np.pi / 2:
         raise ClearanceError(f"`contact_angle` must be above 0 and below pi/2 rad, but it is {contact_angle!r}.")
     if not any(isinstance(x, Tracer) for x in sizes.values()) and not (
@@ -132,13 +132,13 @@ def angular_contact_pair(
     return rows.with_play(radial_clearance, preload, friction)
 
 
-def _counted(name: str, count: Any, least: int) -> int:
+def _check_count(name: str, count: Any, least: int) -> int:
     if isinstance(count, bool) or not isinstance(count, int) or count < least:
         raise ClearanceError(f"A bearing has at least {least} `{name}`, but it is {count!r}.")
     return count
 
 
-def _checked(preload: Any, **sizes: Any) -> dict[str, Any]:
+def _check(preload: Any, **sizes: Any) -> dict[str, Any]:
     check_sizes(**sizes)
     if preload is not None:
         check_sizes("N", preload=preload)

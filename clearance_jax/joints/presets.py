@@ -5,7 +5,7 @@ from typing import Any, NamedTuple, TypedDict
 
 import jax.numpy as jnp
 
-from clearance_jax.errors import ClearanceError, quoted, suggest
+from clearance_jax.errors import ClearanceError, quote, suggest
 from clearance_jax.joints._base import AbstractClearance
 from clearance_jax.joints.ball import SphericalClearance
 from clearance_jax.joints.checks import check_larger, check_sizes
@@ -43,7 +43,7 @@ def flat_contact(length: Any, breadth: Any, corners: int) -> HuntCrossley:
     return HuntCrossley(stiffness, DAMPING, 1.0)
 
 
-def fitted(
+def pin_clearance(
     radial_clearance: Any = None,
     *,
     kind: str = "pin",
@@ -76,7 +76,7 @@ def fitted(
         radial_clearance=radial_clearance, axial_clearance=axial_clearance, length=length, pin_radius=pin_radius
     )
     if kind not in KINDS:
-        raise ClearanceError(f"`kind` must be {' or '.join(KINDS)}, but it is {quoted(kind)}.")
+        raise ClearanceError(f"`kind` must be {' or '.join(KINDS)}, but it is {quote(kind)}.")
     if kind == "sleeve" and length is None:
         raise ClearanceError("A sleeve needs its `length`. Give it.")
     if kind == "pin" and axial_clearance is not None:
@@ -86,7 +86,7 @@ def fitted(
     pin_radius = length / 2 if pin_radius is None else pin_radius
     tolerance = None
     if fit is not None or temperature is not None:
-        radial_clearance, tolerance = made(radial_clearance, pin_radius, fit, temperature)
+        radial_clearance, tolerance = radial_clearance_of(radial_clearance, pin_radius, fit, temperature)
     if radial_clearance is None:
         raise ClearanceError("Play needs its `radial_clearance`, or a `fit`. Give one of them.")
     check_larger("pin_radius", pin_radius, "the radial clearance", radial_clearance, "or there is no pin")
@@ -96,7 +96,7 @@ def fitted(
     return SleeveClearance(radial_clearance, pin_radius, length, normal, friction, axial_clearance, tolerance=tolerance)
 
 
-def made(radial_clearance: Any, pin_radius: Any, fit: str | Fitting | None, temperature: Any):
+def radial_clearance_of(radial_clearance: Any, pin_radius: Any, fit: str | Fitting | None, temperature: Any):
     """Radial clearance [m] of a fit and its tolerance. **Raises** `ClearanceError` for what contradicts it."""
     if fit is None:
         raise ClearanceError("A `temperature` is that of a `fit`: a clearance that is given is as warm as it is meant.")
@@ -121,9 +121,9 @@ def shaft(
     normal: AbstractNormalLaw | None = None,
     friction: AbstractFrictionLaw | None = None,
 ) -> SleeveClearance:
-    """The play of a pin that slides in its sleeve: as `fitted` of the kind "sleeve", without axial play."""
+    """The play of a pin that slides in its sleeve: as `pin_clearance` of the kind "sleeve", without axial play."""
     numbers: Any = {"length": length, "pin_radius": pin_radius, "fit": fit, "temperature": temperature}
-    sleeve = fitted(radial_clearance, kind="sleeve", **numbers, normal=normal, friction=friction)
+    sleeve = pin_clearance(radial_clearance, kind="sleeve", **numbers, normal=normal, friction=friction)
     assert isinstance(sleeve, SleeveClearance)
     return sleeve
 
@@ -135,7 +135,7 @@ def socket(
     normal: AbstractNormalLaw | None = None,
     friction: AbstractFrictionLaw | None = None,
 ) -> SphericalClearance:
-    """The play of a ball: its `radial_clearance` and `ball_radius` [m], and laws as `fitted` has them.
+    """The play of a ball: its `radial_clearance` and `ball_radius` [m], and laws as `pin_clearance` has them.
 
     **Raises:** `ClearanceError` for what is missing, and for numbers that make no joint.
     """
@@ -147,7 +147,7 @@ def socket(
     return SphericalClearance(radial_clearance, ball_radius, normal, friction)
 
 
-def guided(
+def guide_clearance(
     side_clearance: Any = None,
     *,
     length: Any = None,
@@ -179,7 +179,9 @@ def guided(
 
 
 class PlayNumbers(TypedDict, total=False):
-    """What a designer says of a play; a kind of joint takes some of it (`fitted`, `shaft`, `socket`, `guided`)."""
+    """What a designer says of a play; a kind of joint takes some of it (`pin_clearance`, `shaft`, `socket`,
+    `guide_clearance`).
+    """
 
     kind: str
     radial_clearance: Any
@@ -225,7 +227,7 @@ RENAMED = (
 """Former names of numbers."""
 FIT = ("fit", "temperature")
 _ROUND = ("radial_clearance", "pin_radius", "length")
-PIN = Preset(fitted, (*_ROUND, "axial_clearance"), (*FIT, "kind"))
+PIN = Preset(pin_clearance, (*_ROUND, "axial_clearance"), (*FIT, "kind"))
 SHAFT = Preset(shaft, _ROUND, FIT)
 BALL = Preset(socket, ("radial_clearance", "ball_radius"))
-GUIDE = Preset(guided, ("side_clearance", "length", "height", "width", "guide_length"))
+GUIDE = Preset(guide_clearance, ("side_clearance", "length", "height", "width", "guide_length"))

@@ -122,7 +122,7 @@ class RevoluteClearance(AbstractPin):
         x, y = (jnp.asarray(c, float) for c in along[:2])
         return self._bore.distance(x, y, jnp.zeros(()))
 
-    def pressed(self, along, depth):
+    def press(self, along, depth):
         if self.depth is None:
             return scale(self.radial_clearance + depth, along)
         return (*self._bore.seat(along, depth), 0.0)

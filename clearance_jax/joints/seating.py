@@ -39,7 +39,7 @@ class Pose(NamedTuple):
     axes: tuple[Vector, ...]
 
 
-def posed(play: Sequence[PlayCoordinate], values: Sequence[Term] | Values) -> Pose:
+def pose_at(play: Sequence[PlayCoordinate], values: Sequence[Term] | Values) -> Pose:
     """The pose at given values of the play coordinates [m or rad]."""
     place, rotation, axes = ZERO, IDENTITY, []
     for k, one in enumerate(play):
@@ -49,7 +49,7 @@ def posed(play: Sequence[PlayCoordinate], values: Sequence[Term] | Values) -> Po
             place = add(place, scale(values[k], axes[-1]))
         else:
             axes.append(rotation.apply(one.turns))
-            rotation = rotation.turned(one.turns, values[k])
+            rotation = rotation.turn(one.turns, values[k])
     return Pose(place, rotation, tuple(axes))
 
 
@@ -68,7 +68,7 @@ class Load(NamedTuple):
 
 def relative_at(play: Sequence[PlayCoordinate], values: Values) -> Relative:
     """A pin at rest at given values of its play."""
-    at, zero = posed(play, values), jnp.zeros(())
+    at, zero = pose_at(play, values), jnp.zeros(())
     rows = None if all(one.turns is None for one in play) else at.rotation.rows
     return Relative(at.place, 0.0, (zero, zero, zero), (zero, zero, zero), rows)
 
@@ -96,12 +96,12 @@ def seat(clearance: PreparedClearance, load: Load, start: Values) -> Seat:
     size = as_array([one.scale for one in still[0].joint.play()])
     whole = Seating(*still, size, jnp.ones(len(size), bool), begun / size)
     search = whole._replace(counts=whole.more_than_round_off())
-    found, inverse, loose, stiffness = search.rested(search.found())
+    found, inverse, loose, stiffness = search.rest(search.find())
     found = found + loose @ ((start - begun) / size)
     differentiated = search._replace(clearance=smooth, load=load)
 
     def once(_, carry):
-        left = differentiated.left(carry[0])
+        left = differentiated.residual(carry[0])
         return carry[0] - inverse @ left, jax.lax.stop_gradient(left)
 
     found, left = jax.lax.fori_loop(0, 2, once, (found, jnp.zeros_like(found)))
@@ -122,10 +122,10 @@ class Seating(NamedTuple):
     counts: Array
     start: Values
 
-    def left(self, x: Values, factor: Scalar | float = 1.0) -> Values:
+    def residual(self, x: Values, factor: Scalar | float = 1.0) -> Values:
         """The gradient of the energy: a multiple of the load, less what the joint bears."""
         play, values = self.clearance.joint.play(), self.size * x
-        axes = posed(play, values).axes
+        axes = pose_at(play, values).axes
         memory = tuple(jnp.zeros(()) for _ in self.clearance.remembers)
         action = self.clearance.act(relative_at(play, values), memory)
         borne = Load(action.force, action.torque).along(play, axes)
@@ -135,7 +135,9 @@ class Seating(NamedTuple):
     def asked(self) -> Values:
         """The load along each coordinate, from the middle."""
         play = self.clearance.joint.play()
-        return jnp.abs(jnp.where(self.counts, self.size * self.load.along(play, posed(play, 0 * self.size).axes), 0.0))
+        return jnp.abs(
+            jnp.where(self.counts, self.size * self.load.along(play, pose_at(play, 0 * self.size).axes), 0.0)
+        )
 
     @property
     def springs(self) -> Values:
@@ -148,28 +150,28 @@ class Seating(NamedTuple):
         """
         element = self.clearance.joint.element
         free = 0 if element is not None and element.stiff else 1
-        return jnp.abs(self.left((free + depth) * jnp.eye(len(self.size))[0], 0.0)[0])
+        return jnp.abs(self.residual((free + depth) * jnp.eye(len(self.size))[0], 0.0)[0])
 
     def more_than_round_off(self) -> Array:
         """Which parts of the load are more than round-off: of the largest, and of what presses at all."""
         return (self.asked > TOUCHING * jnp.max(self.asked)) & (self.asked > self.wall(TOUCHING))
 
-    def found(self) -> Values:
+    def find(self) -> Values:
         """Where energy and springs are least. Where walls are stiff that is in a narrow, curved valley: so a load that
         widens it falls to the real one.
         """
         springs, whole = self.springs, jnp.linalg.norm(self.asked)
         parts = 0.5 ** jnp.arange(HALVINGS)
 
-        def left(x, factor):
-            return self.left(x, factor) + factor * springs * (x - self.start)
+        def residual(x, factor):
+            return self.residual(x, factor) + factor * springs * (x - self.start)
 
         def once(carry):
             x, factor, count, _ = carry
-            (g, slope), asked = sloped(lambda x: left(x, factor), x), factor * whole
+            (g, slope), asked = value_and_jacobian(lambda x: residual(x, factor), x), factor * whole
             stiff, ways = jnp.linalg.eigh(0.5 * (slope + slope.T))
             step = -ways @ jnp.clip((ways.T @ g) / jnp.maximum(stiff, PRESSED * TOUCHING * asked), -1.0, 1.0)
-            further = jax.vmap(lambda part: left(x + part * step, factor))(parts)
+            further = jax.vmap(lambda part: residual(x + part * step, factor))(parts)
             # As far as the energy falls, or nearly: the largest part at which it does not rise half as steeply.
             good = (further @ step) <= 0.5 * jnp.abs(g @ step)
             part = jnp.where(jnp.any(good), jnp.argmax(good), HALVINGS - 1)
@@ -183,13 +185,13 @@ class Seating(NamedTuple):
         begin = self.start, jnp.maximum(1.0, widest), jnp.asarray(0), whole <= 0
         return jax.lax.while_loop(lambda carry: ~carry[3] & (carry[2] < MOST), once, begin)[0]
 
-    def rested(self, x: Values) -> tuple[Values, Array, Array, Array]:
+    def rest(self, x: Values) -> tuple[Values, Array, Array, Array]:
         """The equilibrium without springs, near that with them: of what contacts hold more firmly than springs do, the
         rest at the start. And there the inverse of the slope, the projection on the rest, and the slope.
         """
 
         def once(_, carry):
-            x, g, slope = carry[0], *sloped(self.left, carry[0])
+            x, g, slope = carry[0], *value_and_jacobian(self.residual, carry[0])
             stiff, ways = jnp.linalg.eigh(0.5 * (slope + slope.T))
             holds = stiff > (ways**2).T @ self.springs
             both = holds[:, None] & holds[None, :]
@@ -210,10 +212,10 @@ def stiffness_at(clearance: PreparedClearance, place: Values) -> Array:
     nowhere = Load(ZERO, ZERO)
     smooth = PreparedClearance(clearance.joint, clearance.normal, None)
     held, at, size = jax.lax.stop_gradient((smooth, place, size))
-    return sloped(Seating(held, nowhere, size, jnp.zeros(len(size), bool), at).left, at / size)[1]
+    return value_and_jacobian(Seating(held, nowhere, size, jnp.zeros(len(size), bool), at).residual, at / size)[1]
 
 
-def sloped(function: Callable[[Values], Values], x: Values) -> tuple[Values, Array]:
+def value_and_jacobian(function: Callable[[Values], Values], x: Values) -> tuple[Values, Array]:
     """A function's value and Jacobian."""
     slope, value = jax.jacfwd(lambda x: (function(x),) * 2, has_aux=True)(x)
     return value, slope

@@ -21,13 +21,13 @@ from jaxtyping import Array, Float
 from clearance_jax._numerics import safe_unit
 from clearance_jax._sharing import compute_once
 from clearance_jax._types import Scalar
-from clearance_jax.errors import ClearanceError, quoted
+from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.joints._base import AbstractElement, ContactPoint, PlayCoordinate, Relative
 from clearance_jax.joints.bore import FEWEST, Bore
 from clearance_jax.joints.fitting import Tolerance
 from clearance_jax.joints.pin import AbstractPin, Sections, depth_demand
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Material
-from clearance_jax.parameters import Demand, described, physical
+from clearance_jax.parameters import Demand, describe, physical
 from clearance_jax.spatial import Vector, X, Y, Z, add, dot, is_zero, minus, plus, scale, subtract, times
 
 # Beyond so many stations the quadrature of a contact that begins somewhere between two of them gains little.
@@ -75,8 +75,8 @@ class SleeveClearance(AbstractPin):
         "m", above=0.0, default=None, help="axial play to either side", example='"0.1 mm"', absent="held axially"
     )
     element: AbstractElement | None = None
-    stations: int = described("points along the sleeve, both edges among them", "8", static=True, default=8)
-    pin: Literal["through", "inside"] = described(
+    stations: int = describe("points along the sleeve, both edges among them", "8", static=True, default=8)
+    pin: Literal["through", "inside"] = describe(
         "whether it is longer than the sleeve (`through`) or shorter (`inside`)",
         '"inside"',
         static=True,
@@ -90,7 +90,7 @@ class SleeveClearance(AbstractPin):
         example='"15 mm"',
         absent="one and a half pin radii",
     )
-    ring: int = described("points of a face", "8", static=True, default=8)
+    ring: int = describe("points of a face", "8", static=True, default=8)
     pin_material: Material | None = None
     sleeve_material: Material | None = None
     tolerance: Tolerance | None = None
@@ -110,7 +110,7 @@ class SleeveClearance(AbstractPin):
         if not 3 <= self.ring <= MOST:
             raise ClearanceError(f"`ring` must be from 3 to {MOST}, but it is {self.ring}.")
         if self.pin not in PINS:
-            raise ClearanceError(f"`pin` must be {' or '.join(PINS)}, but it is {quoted(self.pin)}.")
+            raise ClearanceError(f"`pin` must be {' or '.join(PINS)}, but it is {quote(self.pin)}.")
         if self.collar_radius is not None and self.axial_clearance is None:
             raise ClearanceError("`collar_radius` has no effect without `axial_clearance`: only then are there faces.")
 
@@ -163,16 +163,16 @@ class SleeveClearance(AbstractPin):
         places, weights = lobatto(self.stations)
         if self.axial_clearance is None:
             meeting = compute_once(self._stations(at, places))
-            return self._touching(at, meeting, _around(self._radial(meeting)), weights)
+            return self._contact_points(at, meeting, _around(self._radial(meeting)), weights)
         # Both kinds for every point, and chosen: what is concatenated asks at every number which part it is of.
         angles, share = 2 * np.pi * np.arange(self.ring) / self.ring, np.full(self.ring, 1.0 / self.ring)
         along = np.arange(self.count) < self.stations
         angles = np.append(np.zeros(self.stations), angles)
         stations = self._stations(at, np.append(places, np.zeros(self.ring)))
-        meeting = compute_once(_chosen(along, stations, self._faces(at, angles)))
+        meeting = compute_once(_choose(along, stations, self._faces(at, angles)))
         outward: Vector = (jnp.asarray(np.cos(angles)), jnp.asarray(np.sin(angles)), 0.0)
-        tangents = _chosen(along, _around(self._radial(meeting)), (_around(outward)[0], outward))
-        return self._touching(at, meeting, tangents, np.append(weights, share))
+        tangents = _choose(along, _around(self._radial(meeting)), (_around(outward)[0], outward))
+        return self._contact_points(at, meeting, tangents, np.append(weights, share))
 
     def _stations(self, at: Relative, places: np.ndarray) -> "Meeting":
         """At places from -1 to 1 along the sleeve."""
@@ -258,7 +258,7 @@ class SleeveClearance(AbstractPin):
             else (*compute_once((times(x, 1.0 / z), times(y, 1.0 / z))), 1.0)
         )
 
-    def _touching(self, at: Relative, where: "Meeting", tangents, share: np.ndarray) -> ContactPoint:
+    def _contact_points(self, at: Relative, where: "Meeting", tangents, share: np.ndarray) -> ContactPoint:
         velocity = at.velocity_at(where.arm)
         everywhere = where.depth.shape
         rate, *slip = (
@@ -295,13 +295,13 @@ def lobatto(count: int) -> tuple[np.ndarray, np.ndarray]:
     return places, 1 / (count * (count - 1) * legendre(places) ** 2)
 
 
-def _chosen(here: np.ndarray, these: Any, others: Any) -> Any:
+def _choose(here: np.ndarray, these: Any, others: Any) -> Any:
     """Some points' numbers where a flag says so, else others'; what is the same constant in both stays one."""
 
-    def chosen(a, b):
+    def choose(a, b):
         return a if isinstance(a, float) and isinstance(b, float) and a == b else jnp.where(here, a, b)
 
-    return jax.tree.map(chosen, these, others)
+    return jax.tree.map(choose, these, others)
 
 
 def _around(radial: Vector) -> tuple[Vector, Vector]:

@@ -78,7 +78,7 @@ class AbstractLaw(Parametrised):
         """What follows from the law's numbers and the geometry (once a solve, not once a step); nothing by default."""
         return None
 
-    def localised(self, constants: Any, local: Local) -> Any:
+    def localise(self, constants: Any, local: Local) -> Any:
         """The constants at one contact point that differs from the others; the same by default."""
         return constants
 
@@ -97,7 +97,7 @@ class AbstractNormalLaw(AbstractLaw):
         """Whether the force is max(0, formula), because the formula may pull."""
         return True
 
-    def prepared(self, geometry: Geometry) -> "PreparedNormal":
+    def prepare(self, geometry: Geometry) -> "PreparedNormal":
         """The law with its constants."""
         return PreparedNormal(self, self.constants(geometry))
 
@@ -138,7 +138,7 @@ class PreparedNormal(Module):
 
     def at(self, local: Local) -> "PreparedNormal":
         """The same law at a contact point of its own."""
-        return self if local is None else PreparedNormal(self.law, self.law.localised(self.constants, local))
+        return self if local is None else PreparedNormal(self.law, self.law.localise(self.constants, local))
 
     def force(self, penetration: Scalar, penetration_rate: Scalar, memory: Memory) -> Scalar:
         """The normal force [N]."""
@@ -188,7 +188,7 @@ class AbstractFrictionLaw(AbstractLaw):
     bristles: ClassVar[tuple[str, ...]] = ()
     """Names of its memory, of each of which there is one for every component of the slip."""
 
-    def prepared(self, geometry: Geometry) -> "PreparedFriction":
+    def prepare(self, geometry: Geometry) -> "PreparedFriction":
         """The law with its constants."""
         return PreparedFriction(self, self.constants(geometry))
 
@@ -225,7 +225,7 @@ class PreparedFriction(Module):
 
     def at(self, local: Local) -> "PreparedFriction":
         """The same law at a contact point of its own."""
-        return self if local is None else PreparedFriction(self.law, self.law.localised(self.constants, local))
+        return self if local is None else PreparedFriction(self.law, self.law.localise(self.constants, local))
 
     def traction(self, slip: Slip, normal_force: Scalar, memory: Memory) -> Slip:
         """The traction on the pin [N]."""

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from clearance_jax._numerics import step5
 from clearance_jax._types import Scalar
 from clearance_jax.laws._base import AbstractNormalLaw, Smoothness
-from clearance_jax.parameters import flattened, physical
+from clearance_jax.parameters import flatten, physical
 
 
 class SmoothedOnset(AbstractNormalLaw):
@@ -20,7 +20,7 @@ class SmoothedOnset(AbstractNormalLaw):
     **Arguments:** `law`, without memory; `width` w [m] > 0: deep against round-off, shallow against the penetration.
     """
 
-    law: AbstractNormalLaw = flattened()
+    law: AbstractNormalLaw = flatten()
     width: Scalar = physical("m", above=0.0)
     smoothness: ClassVar[Smoothness] = "C0"
 

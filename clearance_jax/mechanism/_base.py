@@ -158,9 +158,9 @@ class AbstractMechanism(Parametrised):
 
     def ideal(self: Kind) -> Kind:
         """The same mechanism with every clearance taken away."""
-        return self.held({})
+        return self.hold_pins({})
 
-    def held(self: Kind, play: Mapping[str, Sequence[Term]]) -> Kind:
+    def hold_pins(self: Kind, play: Mapping[str, Sequence[Term]]) -> Kind:
         """The ideal mechanism whose pins are held in their sleeves, by the name of each joint at given values of its
         play coordinates [m or rad] (one that is not named: in the middle).
         """

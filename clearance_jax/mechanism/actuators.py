@@ -21,7 +21,7 @@ class AbstractActuator(Module):
     def __call__(self, time: Scalar, position: Scalar, velocity: Scalar) -> Scalar:
         """The force [N] or torque [N m], by the position and velocity that it measures."""
 
-    def prepared(self) -> "AbstractActuator":
+    def prepare(self) -> "AbstractActuator":
         """The actuator with what depends only on its numbers computed (once a solve)."""
         return self
 
@@ -33,11 +33,11 @@ class AbstractActuator(Module):
         """The coordinates whose sum it measures; none: the one that it acts on."""
         return ()
 
-    def sampled_every(self) -> float | None:
+    def sampling_period(self) -> float | None:
         """The period [s] at whose multiples it measures, holding its force in between; `None`: it acts all the time."""
         return None
 
-    def acting_always(self) -> "AbstractActuator":
+    def without_sampling(self) -> "AbstractActuator":
         """The same without sampling."""
         return self
 
@@ -80,8 +80,8 @@ class Servo(AbstractActuator):
         goal, goal_rate, _ = self.target(time)
         return self.stiffness * (goal - position) + self.damping * (goal_rate - velocity)
 
-    def prepared(self):
-        return dataclasses.replace(self, target=self.target.prepared())
+    def prepare(self):
+        return dataclasses.replace(self, target=self.target.prepare())
 
     def breaks(self):
         return self.target.breaks()
@@ -89,10 +89,10 @@ class Servo(AbstractActuator):
     def measures(self):
         return self.encoder
 
-    def sampled_every(self):
+    def sampling_period(self):
         return self.period
 
-    def acting_always(self):
+    def without_sampling(self):
         return dataclasses.replace(self, period=None)
 
 

@@ -14,7 +14,7 @@ from clearance_jax.mechanism.actuators import AbstractActuator
 from clearance_jax.mechanism.limits import Limits
 from clearance_jax.mechanism.motion_laws import AbstractMotionLaw
 from clearance_jax.mechanism.placement import ORIGIN, Inertia, Orientation, Position, as_inertia
-from clearance_jax.parameters import described, flattened, leading, physical
+from clearance_jax.parameters import describe, flatten, lead, physical
 
 GROUND = "ground"
 
@@ -46,7 +46,7 @@ class Body(Module):
         absent="a point mass",
         converter=as_inertia,
     )
-    center_of_mass: Position = described(
+    center_of_mass: Position = describe(
         "centre of mass in the body's frame", '["60 mm", "0 mm"]', "the frame's origin", default=ORIGIN
     )
     picked_up: Scalar | None = physical(
@@ -95,9 +95,9 @@ class Point(Module):
     """A named point of a body whose motion is reported; with an `orientation` (in the body's frame) it is a frame."""
 
     name: str = eqx.field(static=True)
-    body: str = described("the body that it is a point of", '"slider"', static=True)
-    at: Position = described("its place in the body's frame", '["80 mm", "0 mm"]', "the frame's origin", default=ORIGIN)
-    orientation: Orientation | None = described(
+    body: str = describe("the body that it is a point of", '"slider"', static=True)
+    at: Position = describe("its place in the body's frame", '["80 mm", "0 mm"]', "the frame's origin", default=ORIGIN)
+    orientation: Orientation | None = describe(
         "roll, pitch and yaw of its frame in the body's", '["90 deg", "0 deg", "0 deg"]', "not turned", default=None
     )
 
@@ -106,15 +106,15 @@ class Spring(Module):
     """A spring and damper between points of two bodies: tension k (l - l0) + b l'."""
 
     name: str = eqx.field(static=True)
-    body_a: str = described("the body at its one end, or `ground`", '"ground"', static=True)
-    body_b: str = described("the body at its other end", '"slider"', static=True)
+    body_a: str = describe("the body at its one end, or `ground`", '"ground"', static=True)
+    body_b: str = describe("the body at its other end", '"slider"', static=True)
     stiffness: Scalar = physical("N/m", least=0.0, help="stiffness k", example='"4530 N/m"')
     damping: Scalar = physical("N*s/m", least=0.0, default=0.0, help="damping b", example='"2 N*s/m"')
     free_length: Scalar = physical(
         "m", least=0.0, default=0.0, help="length l0 at which it is relaxed", example='"77.85 mm"'
     )
-    at_a: Position = described("its end in the frame of `body_a`", '["14 mm", "72 mm"]', "the origin", default=ORIGIN)
-    at_b: Position = described("its end in the frame of `body_b`", '["20 mm", "-18 mm"]', "the origin", default=ORIGIN)
+    at_a: Position = describe("its end in the frame of `body_a`", '["14 mm", "72 mm"]', "the origin", default=ORIGIN)
+    at_b: Position = describe("its end in the frame of `body_b`", '["20 mm", "-18 mm"]', "the origin", default=ORIGIN)
 
 
 class Motion(Module):
@@ -130,7 +130,7 @@ class Motion(Module):
       their ratio). It resists this coordinate alone: how its carrier turns it otherwise, and its weight, are left out.
     """
 
-    drive: AbstractMotionLaw | None = leading(default=None)
+    drive: AbstractMotionLaw | None = lead(default=None)
     position: Scalar = physical(
         "coordinate",
         default=0.0,
@@ -143,7 +143,7 @@ class Motion(Module):
         help="initial rate of a free coordinate (a first guess where a loop must close)",
         example='"10 rad/s"',
     )
-    actuators: tuple[AbstractActuator, ...] = flattened(default=())
+    actuators: tuple[AbstractActuator, ...] = flatten(default=())
     limits: Limits | None = eqx.field(static=True, default=None)
     rotor_inertia: Scalar | None = physical(
         "effort*s^2/coordinate",
@@ -159,10 +159,10 @@ class Motion(Module):
         """Whether the coordinate is a state."""
         return self.drive is None
 
-    def prepared(self) -> "Motion":
+    def prepare(self) -> "Motion":
         """The motion with what depends only on its numbers computed (once a solve)."""
-        drive = None if self.drive is None else self.drive.prepared()
-        return dataclasses.replace(self, drive=drive, actuators=tuple(a.prepared() for a in self.actuators))
+        drive = None if self.drive is None else self.drive.prepare()
+        return dataclasses.replace(self, drive=drive, actuators=tuple(a.prepare() for a in self.actuators))
 
     def initial(self) -> tuple[Rows, Rows]:
         """Position and velocity at the start, of a free coordinate."""

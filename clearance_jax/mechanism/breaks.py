@@ -27,7 +27,7 @@ def drive_breaks(mechanism: AbstractMechanism) -> Array:
 
 def sampling_periods(mechanism: AbstractMechanism) -> tuple[float, ...]:
     """The periods at which something is sampled [s]."""
-    periods = [actuator.sampled_every() for c in mechanism.free_coordinates() for actuator in c.motion.actuators]
+    periods = [actuator.sampling_period() for c in mechanism.free_coordinates() for actuator in c.motion.actuators]
     periods += [controller.period for controller in mechanism.controllers]
     return tuple(sorted({period for period in periods if period is not None}))
 

@@ -25,7 +25,7 @@ from clearance_jax.mechanism.tree import (
     AbstractPlayed,
     Coordinate,
     JointConstraint,
-    aligned,
+    alignment,
     along,
     angle_key,
     axis_key,
@@ -33,7 +33,7 @@ from clearance_jax.mechanism.tree import (
     orientation_key,
     place_key,
 )
-from clearance_jax.parameters import Parametrised, described, flattened, physical
+from clearance_jax.parameters import Parametrised, describe, flatten, physical
 from clearance_jax.spatial import UNIT, Vector, X, Y, Z, quaternion_of
 
 
@@ -88,13 +88,13 @@ class Ball(Module):
     `damping` [N m s/rad]: of its spin. Its work counts as the actuators'.
     """
 
-    start: Orientation = described(
+    start: Orientation = describe(
         "initial roll, pitch and yaw of the child in the joint's frame",
         '["0 deg", "10 deg", "0 deg"]',
         "not turned",
         default=Orientation(),
     )
-    spin: Spin = described(
+    spin: Spin = describe(
         "initial spin in the child's axes",
         '["0 rad/s", "0 rad/s", "100 rad/s"]',
         "at rest",
@@ -125,10 +125,10 @@ class Spherical(AbstractPlayed):
     at_parent: Position = place_key(AT_PARENT)
     at_child: Position = place_key(AT_CHILD)
     angle: Scalar | None = angle_key()
-    motion: Ball = flattened(default_factory=Ball)
+    motion: Ball = flatten(default_factory=Ball)
     orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_PARENT)
     child_orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_CHILD)
-    clearance: AbstractClearance | PreparedClearance | None = flattened(default=None)
+    clearance: AbstractClearance | PreparedClearance | None = flatten(default=None)
     eccentricity: Position = ORIGIN
 
     def own_coordinates(self):
@@ -178,7 +178,7 @@ class Cylindrical(AbstractPlayed):
     orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_PARENT)
     child_orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_CHILD)
     axis: Axis = axis_key("what it slides along and turns about, an axis of its frame", "z")
-    clearance: AbstractClearance | PreparedClearance | None = flattened(default=None)
+    clearance: AbstractClearance | PreparedClearance | None = flatten(default=None)
     eccentricity: Position = ORIGIN
 
     @property
@@ -194,7 +194,7 @@ class Cylindrical(AbstractPlayed):
 
     def joint_constraint(self):
         line = self.axis.vector
-        return JointConstraint(self.axis.across, aligned(self.axis), ((line, line),))
+        return JointConstraint(self.axis.across, alignment(self.axis), ((line, line),))
 
 
 class Planar(AbstractJoint):
@@ -228,7 +228,7 @@ class Planar(AbstractJoint):
 
     def joint_constraint(self):
         line = self.axis.vector
-        return JointConstraint((line,), aligned(self.axis), ((line, line),))
+        return JointConstraint((line,), alignment(self.axis), ((line, line),))
 
 
 class Free(AbstractJoint):
@@ -243,7 +243,7 @@ class Free(AbstractJoint):
     slide_x: Slide = slide_key("motion along the first axis")
     slide_y: Slide = slide_key("motion along the second axis")
     slide_z: Slide = slide_key("motion along the third axis")
-    motion: Ball = flattened(default_factory=Ball)
+    motion: Ball = flatten(default_factory=Ball)
     orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_PARENT)
     child_orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_CHILD)
 

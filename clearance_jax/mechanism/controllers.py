@@ -9,10 +9,10 @@ import equinox as eqx
 
 from clearance_jax._module import Module
 from clearance_jax._types import Scalar
-from clearance_jax.errors import ClearanceError, quoted
+from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.mechanism.motion_laws import AbstractMotionLaw
 from clearance_jax.mechanism.sampling import check_period, names_key, period_key
-from clearance_jax.parameters import apart, leading, physical
+from clearance_jax.parameters import apart, lead, physical
 from clearance_jax.spatial import Term
 
 __all__ = ["AbstractController", "ComputedTorque", "Reference"]
@@ -26,7 +26,7 @@ class Reference(Module):
     """
 
     name: str = eqx.field(static=True)
-    target: AbstractMotionLaw = leading()
+    target: AbstractMotionLaw = lead()
     encoder: tuple[str, ...] = names_key("coordinates whose sum is measured", "its own")
 
 
@@ -44,14 +44,14 @@ class AbstractController(Module):
     period: eqx.AbstractVar[float | None]
 
     @abc.abstractmethod
-    def wanted(self, time: Scalar, positions: Sequence[Term], velocities: Sequence[Term]) -> list[Term]:
+    def accelerations(self, time: Scalar, positions: Sequence[Term], velocities: Sequence[Term]) -> list[Term]:
         """The accelerations to be had, of what is measured, in the order of the references."""
 
-    def prepared(self, model: Any) -> "AbstractController":
+    def prepare(self, model: Any) -> "AbstractController":
         """The controller with what depends only on its numbers computed (once a solve); `model`: the one that it goes
         by, prepared.
         """
-        references = tuple(dataclasses.replace(r, target=r.target.prepared()) for r in self.references)
+        references = tuple(dataclasses.replace(r, target=r.target.prepare()) for r in self.references)
         return dataclasses.replace(self, references=references, model=model)
 
 
@@ -85,10 +85,10 @@ class ComputedTorque(AbstractController):
         if not self.references or not all(isinstance(reference, Reference) for reference in self.references):
             raise ClearanceError(
                 f"Controller `{self.name}` needs a list of `Reference(coordinate, drive)`, but it was given "
-                f"{quoted(list(self.references))}."
+                f"{quote(list(self.references))}."
             )
 
-    def wanted(self, time, positions, velocities):
+    def accelerations(self, time, positions, velocities):
         out = []
         for reference, q, v in zip(self.references, positions, velocities, strict=True):
             goal, rate, acceleration = reference.target(time)

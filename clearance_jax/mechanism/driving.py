@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Callable, Collection, Iterable, Mapping
 
-from clearance_jax.errors import ClearanceError, quoted, suggest
+from clearance_jax.errors import ClearanceError, quote, suggest
 from clearance_jax.mechanism.body import Motion
 from clearance_jax.mechanism.motion_laws import AbstractMotionLaw
 from clearance_jax.mechanism.tree import AbstractJoint, Coordinate
@@ -36,17 +36,17 @@ def with_drives(joint: AbstractJoint, drives: Mapping[str, AbstractMotionLaw]) -
     return with_motions(joint, change)
 
 
-def acting_always(joint: AbstractJoint) -> AbstractJoint:
+def without_sampling(joint: AbstractJoint) -> AbstractJoint:
     """The joint with its sampled actuators acting all the time."""
 
     def change(coordinate: Coordinate) -> Motion:
-        actuators = tuple(actuator.acting_always() for actuator in coordinate.motion.actuators)
+        actuators = tuple(actuator.without_sampling() for actuator in coordinate.motion.actuators)
         return dataclasses.replace(coordinate.motion, actuators=actuators)
 
     return with_motions(joint, change)
 
 
-def released(joint: AbstractJoint, names: Collection[str]) -> AbstractJoint:
+def without_drives(joint: AbstractJoint, names: Collection[str]) -> AbstractJoint:
     """The joint with those of its coordinates that are named free, without drives and actuators."""
 
     def change(coordinate: Coordinate) -> Motion:
@@ -65,7 +65,7 @@ def check_drives(joints: Iterable[AbstractJoint], drives: Mapping[str, object]) 
             raise ClearanceError(f"There is no coordinate `{name}` to drive. " + suggest(str(name), known))
         if not isinstance(drive, AbstractMotionLaw):
             raise ClearanceError(
-                f"`{name}` must be driven by a drive, for instance `Constant(0.5)`, but it was given {quoted(drive)}."
+                f"`{name}` must be driven by a drive, for instance `Constant(0.5)`, but it was given {quote(drive)}."
             )
 
 

@@ -75,33 +75,33 @@ class Frame(NamedTuple):
         arm = subtract(point, self.position)
         return add(self.acceleration, add(cross(self.spin_rate, arm), centripetal(self.spin, arm)))
 
-    def moved_to(self, at: Vector) -> "Frame":
+    def move_origin(self, at: Vector) -> "Frame":
         """The frame of the same body with its origin at `at`."""
         if absent(at):
             return self
         point = self.point(at)
         return self._replace(position=point, velocity=self.velocity_at(point), acceleration=self.acceleration_at(point))
 
-    def rotated(self, rotation: Rotation) -> "Frame":
+    def rotate(self, rotation: Rotation) -> "Frame":
         """The frame of the same body with other axes."""
         if rotation.rows is UNIT:
             return self
         if rotation.is_plane:
-            return self._replace(rotation=self.rotation.turned(Z, rotation.angle))
-        return self._replace(rotation=self.rotation.followed(rotation.rows))
+            return self._replace(rotation=self.rotation.turn(Z, rotation.angle))
+        return self._replace(rotation=self.rotation.compose(rotation.rows))
 
-    def turned(self, axis: Vector, angle: Term, rate: Term, acceleration: Term) -> "Frame":
+    def turn(self, axis: Vector, angle: Term, rate: Term, acceleration: Term) -> "Frame":
         """The frame after a turn about its origin and an axis of its own."""
         spin = scale(rate, self.rotation.apply(axis))
         return self._replace(
-            rotation=self.rotation.turned(axis, angle),
+            rotation=self.rotation.turn(axis, angle),
             spin=add(self.spin, spin),
             spin_rate=add(add(self.spin_rate, cross(self.spin, spin)), scale(acceleration, self.rotation.apply(axis))),
         )
 
-    def swivelled(self, rows: Matrix, spin: Vector, spin_rate: Vector = ZERO) -> "Frame":
+    def swivel(self, rows: Matrix, spin: Vector, spin_rate: Vector = ZERO) -> "Frame":
         """The frame after a rotation about its origin, with a spin and its rate in the rotated axes."""
-        rotation = self.rotation.followed(rows)
+        rotation = self.rotation.compose(rows)
         spin, faster = rotation.apply(spin), rotation.apply(spin_rate)
         return self._replace(
             rotation=rotation,
@@ -120,7 +120,7 @@ class Frame(NamedTuple):
             acceleration=add(add(self.acceleration_at(point), coriolis), scale(acceleration, along)),
         )
 
-    def moved_by(self, column: Column, rate: Term) -> "Frame":
+    def add_motion(self, column: Column, rate: Term) -> "Frame":
         """The frame with one more coordinate that moves it."""
         if column.index < 0:
             return self._replace(prescribed=(*self.prescribed, (column, rate)))

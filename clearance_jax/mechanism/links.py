@@ -66,26 +66,26 @@ class Fixed(NamedTuple):
     rotation: Rotation = IDENTITY
     offset: Vector = ZERO
 
-    def moved(self, offset: Vector, rotation: Rotation) -> "Fixed":
+    def move(self, offset: Vector, rotation: Rotation) -> "Fixed":
         """The frame that is fixed on this one."""
-        return Fixed(self.rotation.followed(rotation.rows), add(self.offset, self.rotation.apply(offset)))
+        return Fixed(self.rotation.compose(rotation.rows), add(self.offset, self.rotation.apply(offset)))
 
 
 def links_of(bodies: tuple[Body, ...], joints: tuple[AbstractJoint, ...]) -> Links:
     """The table's numbers."""
     before, axes, placed = [], [], {GROUND: Fixed()}
     for joint in joints:
-        at = placed[joint.parent].moved(joint.at_parent.vector, joint.turned)
+        at = placed[joint.parent].move(joint.at_parent.vector, joint.turned)
         for coordinate in joint.coordinates():
             before.append(at)
             axes.append(coordinate.turns if coordinate.slides is None else coordinate.slides)
             at = Fixed()
         if joint.child_orientation is not None:
             rows = transpose(joint.child_orientation.rotation.rows)
-            at = at.moved(ZERO, Rotation(rows, rows))
-        placed[joint.child] = at.moved(scale(-1.0, joint.at_child.vector), IDENTITY)
+            at = at.move(ZERO, Rotation(rows, rows))
+        placed[joint.child] = at.move(scale(-1.0, joint.at_child.vector), IDENTITY)
     frames = [placed[body.name] for body in bodies]
-    centres = [at.moved(body.center_of_mass.vector, IDENTITY).offset for body, at in zip(bodies, frames, strict=True)]
+    centres = [at.move(body.center_of_mass.vector, IDENTITY).offset for body, at in zip(bodies, frames, strict=True)]
     return Links(
         jnp.stack([_matrix(at.rotation.rows) for at in before]),
         jnp.stack([as_array(at.offset) for at in before]),

@@ -6,11 +6,11 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from clearance_jax._types import Scalar
-from clearance_jax.errors import ClearanceError, quoted
+from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.mechanism.body import GROUND
 from clearance_jax.mechanism.motion_laws import AbstractMotionLaw, Values
 from clearance_jax.mechanism.placement import ORIGIN, Components, Position
-from clearance_jax.parameters import Parametrised, described, physical
+from clearance_jax.parameters import Parametrised, describe, physical
 from clearance_jax.spatial import Term, Vector, scale
 
 Axes = Literal["world", "body"]
@@ -43,19 +43,19 @@ class Wrench(Parametrised):
     """
 
     name: str = eqx.field(static=True)
-    body: str = described("the body that it acts on", '"slider"', static=True)
-    at: Position = described(
+    body: str = describe("the body that it acts on", '"slider"', static=True)
+    at: Position = describe(
         "the point that it acts on, in the body's frame", '["80 mm", "0 mm"]', "the origin", default=ORIGIN
     )
-    force: Force = described("the force", '["-100 N", "0 N"]', "none", default=Force())
-    torque: Torque = described("the torque", '["0 N*m", "0 N*m", "2 N*m"]', "none", default=Torque())
+    force: Force = describe("the force", '["-100 N", "0 N"]', "none", default=Force())
+    torque: Torque = describe("the torque", '["0 N*m", "0 N*m", "2 N*m"]', "none", default=Torque())
     course: AbstractMotionLaw | None = None
-    axes: Axes = described("whose axes force and torque are in", '"body"', static=True, default="world")
+    axes: Axes = describe("whose axes force and torque are in", '"body"', static=True, default="world")
 
     def __check_init__(self):
         if self.axes not in get_args(Axes):
             raise ClearanceError(
-                f"The axes of load `{self.name}` must be `world` or `body`, but they are {quoted(self.axes)}."
+                f"The axes of load `{self.name}` must be `world` or `body`, but they are {quote(self.axes)}."
             )
         if self.body == GROUND:
             raise ClearanceError(f"Load `{self.name}` acts on the ground, which nothing moves: name another body.")
@@ -68,9 +68,9 @@ class Wrench(Parametrised):
         """Whether it keeps its body in the plane z = 0, by its structure."""
         return self.at.z is None and self.force.z is None and self.torque.x is None and self.torque.y is None
 
-    def prepared(self) -> "Wrench":
+    def prepare(self) -> "Wrench":
         """The wrench with what depends only on its numbers computed (once a solve)."""
-        course = None if self.course is None else self.course.prepared()
+        course = None if self.course is None else self.course.prepare()
         return Wrench(self.name, self.body, self.at, self.force, self.torque, course, self.axes)
 
     def now(self, time: Scalar) -> tuple[Vector, Vector]:

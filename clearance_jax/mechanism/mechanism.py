@@ -11,10 +11,10 @@ from clearance_jax.joints.presets import PlayNumbers
 from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.body import Body, Point, Spring
 from clearance_jax.mechanism.controllers import AbstractController
-from clearance_jax.mechanism.driving import check_drives, released, with_drives
+from clearance_jax.mechanism.driving import check_drives, with_drives, without_drives
 from clearance_jax.mechanism.loads import Wrench
 from clearance_jax.mechanism.placement import Gravity
-from clearance_jax.mechanism.play import played
+from clearance_jax.mechanism.play import with_play
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.structure import (
     check_attached,
@@ -80,19 +80,20 @@ class Mechanism(AbstractMechanism):
         a steel pin, ball or block in bronze):
 
         - of a revolute joint `radial_clearance` (or a `fit` such as "H7/g6", and the `temperature` at which it runs),
-          `pin_radius`, `length`, and of the `kind` "sleeve" `axial_clearance` (see `joints.fitted`); of a cylindrical
-          one a sleeve's without `axial_clearance` (`joints.shaft`);
+          `pin_radius`, `length`, and of the `kind` "sleeve" `axial_clearance` (see `joints.pin_clearance`); of a
+          cylindrical one a sleeve's without `axial_clearance` (`joints.shaft`);
         - of a spherical one `radial_clearance` and `ball_radius` (`joints.socket`);
-        - of a prismatic one `side_clearance`, `length`, `height`, `width` and `guide_length` (`joints.guided`);
+        - of a prismatic one `side_clearance`, `length`, `height`, `width` and `guide_length`
+          (`joints.guide_clearance`);
 
         or, of a joint that has clearance, those of its numbers that are to be others.
 
         **Raises:** `ClearanceError` for a joint of a kind that has no play, for what is missing, and for numbers that
         make no joint.
         """
-        return self.with_joint(played(self.joint(name), clearance, dict(numbers)))
+        return self.with_joint(with_play(self.joint(name), clearance, dict(numbers)))
 
-    def driven(self, drives: Mapping[str, Any]) -> "Mechanism":
+    def with_drives(self, drives: Mapping[str, Any]) -> "Mechanism":
         """The same mechanism with other drives (`cj.drives.Trapezoid`, `cj.read_trajectory`, ...) of named coordinates.
 
         A coordinate that was free is no state any more, and loses its actuators; limits are kept.
@@ -115,30 +116,30 @@ class Mechanism(AbstractMechanism):
         """The same mechanism with another joint in the place of the one of that name."""
         return self._with_joints(lambda own: joint if own.name == joint.name else own)
 
-    def released(self, names: Collection[str]) -> "Mechanism":
+    def without_drives(self, names: Collection[str]) -> "Mechanism":
         """The same mechanism with the named coordinates free: without their drives and actuators."""
-        return self._with_joints(lambda joint: released(joint, names))
+        return self._with_joints(lambda joint: without_drives(joint, names))
 
     def _with_joints(self, change) -> "Mechanism":
         joints, loops = (tuple(change(joint) for joint in group) for group in (self.joints, self.loops))
         return dataclasses.replace(self, joints=joints, loops=loops)
 
-    def prepared(self) -> PreparedMechanism:
+    def prepare(self) -> PreparedMechanism:
         """What a solve makes of it once: see `PreparedMechanism`."""
         ready = PreparedMechanism(
             self.bodies,
-            tuple(joint.prepared() for joint in self.joints),
-            tuple(loop.prepared() for loop in self.loops),
+            tuple(joint.prepare() for joint in self.joints),
+            tuple(loop.prepare() for loop in self.loops),
             self.springs,
             self.points,
             self.gravity,
             self.assemble,
-            tuple(wrench.prepared() for wrench in self.wrenches),
-            tuple(c.prepared(self._believed(c).prepared().unsampled()) for c in self.controllers),
+            tuple(wrench.prepare() for wrench in self.wrenches),
+            tuple(c.prepare(self._model_of(c).prepare().without_sampling()) for c in self.controllers),
         )
         return ready.as_table() if self.form.is_table else ready
 
-    def _believed(self, controller: AbstractController) -> "Mechanism":
+    def _model_of(self, controller: AbstractController) -> "Mechanism":
         """What a controller goes by, which is itself controlled by nobody."""
         model = self.ideal() if controller.model is None else controller.model.ideal()
         return dataclasses.replace(check_model(controller, model), controllers=())

@@ -38,13 +38,13 @@ def least_jerk(times: Values, values: Values, speeds: Values | None) -> tuple[Va
     if n == 2:
         return known[:, 0], known[:, 1]
     sought = slice(0 if speeds is None else 1, 2)
-    diagonal, beside, slope = _assembled(times, values, known)
-    found = _solved(diagonal[1:-1, sought, sought], beside[1:-1, sought, sought], -slope[1:-1, sought])
+    diagonal, beside, slope = _assemble(times, values, known)
+    found = _solve(diagonal[1:-1, sought, sought], beside[1:-1, sought, sought], -slope[1:-1, sought])
     full = known.at[1:-1, sought].add(found)
     return full[:, 0], full[:, 1]
 
 
-def _assembled(times: Values, values: Values, known: Blocks) -> tuple[Blocks, Blocks, Blocks]:
+def _assemble(times: Values, values: Values, known: Blocks) -> tuple[Blocks, Blocks, Blocks]:
     """Half the integral's second derivatives, blocks (n, 2, 2) at each point and (n - 1, 2, 2) between neighbours, and
     its slope (n, 2), where speeds and accelerations are the `known` ones.
     """
@@ -60,7 +60,7 @@ def _assembled(times: Values, values: Values, known: Blocks) -> tuple[Blocks, Bl
     return diagonal, element[:, :2, 2:], slope
 
 
-def _solved(diagonal: Blocks, beside: Blocks, right: Blocks) -> Blocks:
+def _solve(diagonal: Blocks, beside: Blocks, right: Blocks) -> Blocks:
     """Solve a positive definite system of three bands of blocks: (n, b, b), (n - 1, b, b), (n, b)."""
 
     def eliminate(before, row):

@@ -17,7 +17,7 @@ from clearance_jax._numerics import sincos
 from clearance_jax._solo import whole
 from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError
-from clearance_jax.parameters import described, physical
+from clearance_jax.parameters import describe, physical
 from clearance_jax.spatial import Term, total
 
 Values = Float[Array, " n"]
@@ -35,7 +35,7 @@ class AbstractMotionLaw(Module):
         """Times at which a derivative jumps: integration steps end there. None by default."""
         return jnp.zeros(0)
 
-    def prepared(self) -> "AbstractMotionLaw":
+    def prepare(self) -> "AbstractMotionLaw":
         """The same motion with what depends only on its numbers computed (once a solve); by default nothing does."""
         return self
 
@@ -141,7 +141,7 @@ class Spline(AbstractDrive):
     values: Values = physical(
         "coordinate", help="the coordinate at these times", example='["0 deg", "20 deg", "5 deg", "0 deg"]'
     )
-    ends: Literal["not-a-knot", "natural", "clamped"] = described(
+    ends: Literal["not-a-knot", "natural", "clamped"] = describe(
         "what holds at both ends: `natural` (q'' = 0), `clamped` (q' = 0)",
         '"clamped"',
         static=True,
@@ -157,12 +157,12 @@ class Spline(AbstractDrive):
             raise ClearanceError(f"`ends` must be not-a-knot, natural or clamped, but it is {self.ends!r}.")
 
     @whole
-    def prepared(self):
+    def prepare(self):
         return PreparedSpline(self.times, self.values, spline_curvature(self.times, self.values, self.ends))
 
     @whole
     def __call__(self, time):
-        return self.prepared()(time)
+        return self.prepare()(time)
 
     def breaks(self):
         return self.times
@@ -199,8 +199,8 @@ class DriveSum(AbstractDrive):
     def breaks(self):
         return jnp.concatenate([drive.breaks() for drive in self.terms])
 
-    def prepared(self):
-        return DriveSum(tuple(drive.prepared() for drive in self.terms))
+    def prepare(self):
+        return DriveSum(tuple(drive.prepare() for drive in self.terms))
 
 
 def spline_curvature(times: Values, values: Values, ends: str) -> Values:

@@ -126,7 +126,7 @@ class AbstractSegment(Module):
     def stretches(self, corners: list[Corner]) -> list[Stretch]:
         """What it is made of, of the corner where it begins and those of its poses."""
 
-    def refused(self, corners: list[Corner]) -> str:
+    def refusal(self, corners: list[Corner]) -> str:
         """Why there is no such segment, in words; empty where there is."""
         del corners
         return ""
@@ -171,7 +171,7 @@ class Arc(AbstractSegment):
         place = jnp.zeros((4, 3)).at[0].set(begin.place + centre)
         return [Stretch(even.length, place, even.quaternion, even.turn, arm, axis, sweep)]
 
-    def refused(self, corners):
+    def refusal(self, corners):
         begin, end = (np.asarray(corner.place) for corner in corners)
         p, q = np.asarray(as_array(self.via.vector)) - begin, end - begin
         if np.linalg.norm(np.cross(p, q)) <= SAME * max(p @ p, q @ q):
@@ -211,7 +211,7 @@ class Curve(AbstractSegment):
             for chord, power in zip(chords, powers, strict=True)
         ]
 
-    def refused(self, corners):
+    def refusal(self, corners):
         if len(corners) < 3:
             return "it needs two poses or more to go through; for one take a `Line`"
         places = np.stack([np.asarray(c.place) for c in corners])
@@ -283,7 +283,7 @@ class CartesianPath(Module):
             kind = f"Segment {i} of the path, {type(segment).__name__}"
             if not all(np.all(np.isfinite(np.asarray(corner.place))) for corner in corners):
                 raise ClearanceError(f"{kind}: its places must be finite.")
-            why = segment.refused(corners)
+            why = segment.refusal(corners)
             if why:
                 raise ClearanceError(f"{kind}: {why}.")
             on_spot = np.ptp([np.asarray(corner.place) for corner in corners], axis=0).max() == 0
@@ -308,17 +308,17 @@ class CartesianPath(Module):
         return out
 
     @whole
-    def prepared(self) -> "PreparedPath":
+    def prepare(self) -> "PreparedPath":
         """The path with what depends only on its numbers computed."""
         made = [one.stretches(own) for one, own in zip(self.segments, self.corners(), strict=True)]
         lengths = jnp.stack([jnp.sum(jnp.stack([stretch.length for stretch in own])) for own in made])
         if self.durations is not None:
             times = self.begin + jnp.concatenate([jnp.zeros(1), jnp.cumsum(self.durations)])
             still = jnp.zeros_like(times)
-            law = Quintic(times, jnp.concatenate([jnp.zeros(1), jnp.cumsum(lengths)]), still, still).prepared()
+            law = Quintic(times, jnp.concatenate([jnp.zeros(1), jnp.cumsum(lengths)]), still, still).prepare()
         else:
             begin = jnp.broadcast_to(self.begin, lengths.shape)
-            law = Trapezoid(begin, lengths, self.speed, self.acceleration).prepared()
+            law = Trapezoid(begin, lengths, self.speed, self.acceleration).prepare()
         every = [stretch for own in made for stretch in own]
         stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *every)
         lasts = np.cumsum([len(own) for own in made]) - 1
@@ -327,16 +327,16 @@ class CartesianPath(Module):
 
     def __call__(self, time: Scalar | float) -> Waypoint:
         """Where it is at a time [s], and how it moves."""
-        return self.prepared()(time)
+        return self.prepare()(time)
 
     def breaks(self) -> Values:
         """Times at which a derivative jumps [s], increasing: ends of segments, ramps, poses of curves."""
-        return self.prepared().breaks()
+        return self.prepare().breaks()
 
     @property
     def end(self) -> Scalar:
         """When it ends [s]."""
-        return self.prepared().law.times[-1]
+        return self.prepare().law.times[-1]
 
 
 class PreparedPath(Module):
@@ -357,7 +357,7 @@ class PreparedPath(Module):
         own = jax.tree.map(lambda leaf: leaf[index], self.stretches)
         return own.at((here - self.ends[index] + own.length) / own.length)
 
-    def moving(self, time: Scalar, beside: Scalar) -> tuple[Triple, Quadruple, Triple, Triple]:
+    def motion(self, time: Scalar, beside: Scalar) -> tuple[Triple, Quadruple, Triple, Triple]:
         """The same, and velocity and spin."""
         (place, q), (velocity, change) = jax.jvp(lambda t: self.pose(t, beside), (time,), (jnp.ones_like(time),))
         _, x, y, z = hamilton(tuple(change), (q[0], -q[1], -q[2], -q[3]))
@@ -368,7 +368,7 @@ class PreparedPath(Module):
         """Where it is at a time [s], and how it moves."""
         at = jnp.asarray(time, float)
         (place, q, velocity, spin), (_, _, acceleration, spin_rate) = jax.jvp(
-            lambda t: self.moving(t, at), (at,), (jnp.ones_like(at),)
+            lambda t: self.motion(t, at), (at,), (jnp.ones_like(at),)
         )
         return Waypoint(place, velocity, acceleration, matrix_of(q), spin, spin_rate)
 

@@ -11,7 +11,7 @@ from jax.core import Tracer
 
 from clearance_jax._module import Module
 from clearance_jax._types import Scalar
-from clearance_jax.errors import ClearanceError, quoted
+from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.parameters import as_leaf, physical
 from clearance_jax.spatial import IDENTITY, UNIT, Matrix, Rotation, Term, Vector, X, Y, Z, across, scale
 from clearance_jax.symmetric import Symmetric
@@ -66,15 +66,15 @@ class Orientation(Module):
     @property
     def rotation(self) -> Rotation:
         """The rotation to the outer frame's axes."""
-        turned = IDENTITY.turned(Z, present(self.yaw)).turned(Y, present(self.pitch))
-        return turned.turned(X, present(self.roll))
+        turned = IDENTITY.turn(Z, present(self.yaw)).turn(Y, present(self.pitch))
+        return turned.turn(X, present(self.roll))
 
     @property
     def is_plane(self) -> bool:
         """Whether it is a turn about z by its structure."""
         return self.roll is None and self.pitch is None
 
-    def prepared(self) -> "PreparedOrientation":
+    def prepare(self) -> "PreparedOrientation":
         """The same with its matrix computed (once a solve)."""
         return as_prepared(self.rotation.rows)
 
@@ -90,7 +90,7 @@ class PreparedOrientation(Module):
         """The rotation to the outer frame's axes."""
         rest = iter(self.numbers)
         entries = [next(rest) if constant is None else constant for constant in self.constants]
-        return IDENTITY.followed(_matrix(entries))
+        return IDENTITY.compose(_matrix(entries))
 
     @property
     def is_plane(self) -> bool:
@@ -150,7 +150,7 @@ def as_axis(value: Any) -> Any:
         return value
     if isinstance(value, str):
         if value.removeprefix("+") not in LETTERS:
-            raise ClearanceError(f"An axis must be x, y, z, -x, -y, -z or three numbers, but it is {quoted(value)}.")
+            raise ClearanceError(f"An axis must be x, y, z, -x, -y, -z or three numbers, but it is {quote(value)}.")
         return Axis(value.removeprefix("+"))
     numbers = list(value.vector if isinstance(value, Position) else value)
     if len(numbers) != 3:

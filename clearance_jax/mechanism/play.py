@@ -9,8 +9,8 @@ import equinox as eqx
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import AbstractClearance, AbstractPin, Tolerance
 from clearance_jax.joints.checks import check_sizes
-from clearance_jax.joints.presets import BALL, FIT, GUIDE, PIN, SHAFT, Preset, made
-from clearance_jax.joints.seating import posed
+from clearance_jax.joints.presets import BALL, FIT, GUIDE, PIN, SHAFT, Preset, radial_clearance_of
+from clearance_jax.joints.seating import pose_at
 from clearance_jax.mechanism.compounds import Cylindrical, Spherical
 from clearance_jax.mechanism.placement import Position, as_prepared
 from clearance_jax.mechanism.tree import AbstractJoint, AbstractPlayed, Prismatic, Revolute
@@ -21,24 +21,24 @@ PRESETS: Mapping[type[AbstractPlayed], Preset] = {Revolute: PIN, Prismatic: GUID
 """How play is made, by the kind of joint."""
 
 
-def played(joint: AbstractJoint, clearance: AbstractClearance | None, numbers: Mapping[str, Any]) -> AbstractPlayed:
+def with_play(joint: AbstractJoint, clearance: AbstractClearance | None, numbers: Mapping[str, Any]) -> AbstractPlayed:
     """The joint with a whole `clearance`, with one made of a designer's `numbers`, or with some of its own replaced.
 
     **Raises:** `ClearanceError` for a joint of a kind that has no play, for numbers that are not of its kind, and for
     what is missing or contradicts itself.
     """
     if not isinstance(joint, AbstractPlayed):
-        raise unplayed(joint)
+        raise no_play_reason(joint)
     numbers = {name: value for name, value in numbers.items() if value is not None}
     if clearance is None:
-        clearance = _made(joint, numbers)
+        clearance = _make(joint, numbers)
     elif numbers:
         raise ClearanceError(f"Joint `{joint.name}` is given a whole clearance and numbers of one. Give one of them.")
     check_demands(clearance, f"{joint.name}.")
     return dataclasses.replace(joint, clearance=clearance)
 
 
-def unplayed(joint: AbstractJoint) -> ClearanceError:
+def no_play_reason(joint: AbstractJoint) -> ClearanceError:
     """What is wrong with play in a joint of a kind that has none."""
     kinds = ", ".join(kind.__name__.lower() for kind in PRESETS)
     return ClearanceError(
@@ -46,7 +46,7 @@ def unplayed(joint: AbstractJoint) -> ClearanceError:
     )
 
 
-def _made(joint: AbstractPlayed, numbers: Mapping[str, Any]) -> Any:
+def _make(joint: AbstractPlayed, numbers: Mapping[str, Any]) -> Any:
     """A clearance by a designer's numbers, or the joint's own with these numbers."""
     preset = PRESETS.get(type(joint))
     if preset is None:
@@ -55,14 +55,14 @@ def _made(joint: AbstractPlayed, numbers: Mapping[str, Any]) -> Any:
         if name not in preset.numbers:
             raise ClearanceError(f"The play of joint `{joint.name}` has no number `{name}`. " + preset.instead(name))
     if joint.clearance is not None:
-        return _changed(joint, preset, numbers)
+        return _change(joint, preset, numbers)
     if not numbers:
         listed = ", ".join(preset.numbers)
         raise ClearanceError(f"Joint `{joint.name}` is ideal: give its whole clearance, or its numbers: {listed}.")
     return preset.make(**numbers)
 
 
-def _changed(joint: AbstractPlayed, preset: Preset, numbers: Mapping[str, Any]) -> Any:
+def _change(joint: AbstractPlayed, preset: Preset, numbers: Mapping[str, Any]) -> Any:
     """The joint's own clearance with other numbers."""
     own: Any = joint.clearance
     sizes = {name: value for name, value in numbers.items() if name in preset.fields}
@@ -75,10 +75,10 @@ def _changed(joint: AbstractPlayed, preset: Preset, numbers: Mapping[str, Any]) 
             raise ClearanceError(f"The clearance of joint `{joint.name}` is of a kind that has no `fit`.")
         fit = numbers.get("fit"), numbers.get("temperature")
         radius = sizes.get("pin_radius", own.pin_radius)
-        sizes["radial_clearance"], tolerance = made(sizes.get("radial_clearance"), radius, *fit)
-        own = _made_between(own, tolerance)
+        sizes["radial_clearance"], tolerance = radial_clearance_of(sizes.get("radial_clearance"), radius, *fit)
+        own = _with_tolerance(own, tolerance)
     elif {"radial_clearance", "pin_radius"} & sizes.keys() and getattr(own, "tolerance", None) is not None:
-        own = _made_between(own, None)  # of a fit that these numbers are not of any more
+        own = _with_tolerance(own, None)  # of a fit that these numbers are not of any more
     for name in sizes:
         if getattr(own, name, None) is None:
             raise ClearanceError(
@@ -87,7 +87,7 @@ def _changed(joint: AbstractPlayed, preset: Preset, numbers: Mapping[str, Any]) 
     return replace(own, sizes)
 
 
-def _made_between(clearance: Any, tolerance: Tolerance | None) -> Any:
+def _with_tolerance(clearance: Any, tolerance: Tolerance | None) -> Any:
     """The clearance with another tolerance."""
     return eqx.tree_at(lambda c: c.tolerance, clearance, tolerance, is_leaf=lambda x: x is None)
 
@@ -99,9 +99,9 @@ def without_play(joint: AbstractJoint, values: Sequence[Term] | None) -> Abstrac
     ideal = eqx.tree_at(lambda j: j.clearance, joint, None)
     if values is None:
         return ideal
-    pose = posed(joint.play(), values)
+    pose = pose_at(joint.play(), values)
     # The sleeve's axes are the parent's, turned by the joint's own angle.
-    turned = joint.turned if joint.sleeve is UNIT else joint.turned.followed(joint.sleeve)
+    turned = joint.turned if joint.sleeve is UNIT else joint.turned.compose(joint.sleeve)
     x, y, z = add(joint.at_parent.vector, turned.apply(pose.place))
     changed: dict[str, Any] = {"at_parent": Position(x, y, joint.at_parent.z if is_zero(z) else z)}
     if pose.rotation.rows is not UNIT:

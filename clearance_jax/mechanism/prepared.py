@@ -11,7 +11,7 @@ from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.body import Body, Point, Spring
 from clearance_jax.mechanism.breaks import sampling_periods
 from clearance_jax.mechanism.controllers import AbstractController
-from clearance_jax.mechanism.driving import acting_always
+from clearance_jax.mechanism.driving import without_sampling
 from clearance_jax.mechanism.links import ONCE, Links, links_of
 from clearance_jax.mechanism.loads import Wrench
 from clearance_jax.mechanism.placement import Gravity, Inertia
@@ -22,7 +22,7 @@ class PreparedMechanism(AbstractMechanism):
     """A mechanism with everything that depends only on its numbers computed (once a solve, not once a step): its
     drives, actuators, loads, controllers and clearances are of the types that a step evaluates.
 
-    It is made by `Mechanism.prepared`, whose parts it has under the same names, and is what all dynamics is of.
+    It is made by `Mechanism.prepare`, whose parts it has under the same names, and is what all dynamics is of.
 
     - `chosen`: while it is being solved, which conditions of its closures a step asks for (`constraint.choice`).
     - `links`: of a large one its table.
@@ -59,12 +59,12 @@ class PreparedMechanism(AbstractMechanism):
             links = dataclasses.replace(links, mass=there * links.mass, inertia=there[:, None, None] * links.inertia)
         return dataclasses.replace(self, bodies=tuple(body.at(time) for body in self.bodies), links=links)
 
-    def unsampled(self) -> "PreparedMechanism":
+    def without_sampling(self) -> "PreparedMechanism":
         """The same mechanism with everything digital acting all the time."""
         if not sampling_periods(self):
             return self
         controllers = tuple(dataclasses.replace(controller, period=None) for controller in self.controllers)
-        joints, loops = (tuple(acting_always(joint) for joint in group) for group in (self.joints, self.loops))
+        joints, loops = (tuple(without_sampling(joint) for joint in group) for group in (self.joints, self.loops))
         return dataclasses.replace(self, joints=joints, loops=loops, controllers=controllers)
 
     def as_table(self) -> "PreparedMechanism":

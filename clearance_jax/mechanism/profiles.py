@@ -116,10 +116,10 @@ class Trapezoid(AbstractDrive):
     def ramps(self) -> Ramps:
         """How each move goes."""
         if self.duration is not None:
-            return _timed(self.rise, self.duration, THIRD if self.cruise is None else self.cruise)
+            return _ramps_of_duration(self.rise, self.duration, THIRD if self.cruise is None else self.cruise)
         assert self.speed is not None
         assert self.acceleration is not None
-        return _limited(self.rise, self.speed, self.acceleration)
+        return _ramps_of_limits(self.rise, self.speed, self.acceleration)
 
     def begins(self, ramps: Ramps) -> Values:
         """When each move begins [s], having waited for those before it."""
@@ -130,7 +130,7 @@ class Trapezoid(AbstractDrive):
         return jnp.where(self.begin - past >= latest, self.begin, past + latest)
 
     @whole
-    def prepared(self):
+    def prepare(self):
         ramps = self.ramps()
         ramp, cruise, speed = ramps
         begin, after = self.begins(ramps), self.offset + jnp.cumsum(self.rise)
@@ -148,19 +148,19 @@ class Trapezoid(AbstractDrive):
         return Pieces(jnp.concatenate([before, moves]), times.ravel())
 
     def __call__(self, time):
-        return self.prepared()(time)
+        return self.prepare()(time)
 
     def breaks(self):
-        return self.prepared().times
+        return self.prepare().times
 
 
-def _timed(rise: Values, duration: Values, part: Scalar | float) -> Ramps:
+def _ramps_of_duration(rise: Values, duration: Values, part: Scalar | float) -> Ramps:
     cruise = duration * part
     ramp = (duration - cruise) / 2
     return Ramps(ramp, cruise, rise / (ramp + cruise))
 
 
-def _limited(rise: Values, speed: Scalar, acceleration: Scalar) -> Ramps:
+def _ramps_of_limits(rise: Values, speed: Scalar, acceleration: Scalar) -> Ramps:
     # A move by nothing would be 0 / 0: it is computed as one by one, and counts for nothing.
     still = rise == 0
     size = jnp.where(still, 1.0, jnp.abs(rise))
@@ -225,7 +225,7 @@ class Quintic(AbstractDrive):
             raise ClearanceError("The `times` of a quintic drive must increase.")
 
     @whole
-    def prepared(self):
+    def prepare(self):
         if self.speeds is None or self.accelerations is None:
             speeds, accelerations = least_jerk(self.times, self.values, self.speeds)
         else:
@@ -241,7 +241,7 @@ class Quintic(AbstractDrive):
         return Pieces(jnp.concatenate([first, inner, last]), self.times)
 
     def __call__(self, time):
-        return self.prepared()(time)
+        return self.prepare()(time)
 
     def breaks(self):
         return self.times

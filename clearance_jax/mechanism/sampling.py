@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Array
 
 from clearance_jax._types import Flag, Scalar
-from clearance_jax.errors import ClearanceError, quoted
-from clearance_jax.parameters import described
+from clearance_jax.errors import ClearanceError, quote
+from clearance_jax.parameters import describe
 
 # A step starts four round-offs past an instant, see `control.past_break`.
 _HAIR = 16 * float(np.finfo(np.float64).eps)
@@ -29,7 +29,7 @@ def names_key(help: str, absent: str):
     def names(given: Any) -> tuple[str, ...]:
         return (given,) if isinstance(given, str) else tuple(given)
 
-    return described(help, '["motor", "link"]', absent, static=True, default=(), converter=names)
+    return describe(help, '["motor", "link"]', absent, static=True, default=(), converter=names)
 
 
 def check_period(period: Any, what: str) -> None:
@@ -37,7 +37,7 @@ def check_period(period: Any, what: str) -> None:
     if period is not None and not (isinstance(period, (int, float)) and 0 < period < math.inf):
         raise ClearanceError(
             f"{what} must have a `period` greater than zero, a number in s that nothing is differentiated by, but it "
-            f"is {quoted(period)}."
+            f"is {quote(period)}."
         )
 
 

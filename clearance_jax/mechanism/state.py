@@ -37,10 +37,10 @@ class Acting(NamedTuple):
     @property
     def period(self) -> float | None:
         """The period at which it is sampled [s]; `None`: it acts all the time."""
-        return self.part.sampled_every() if isinstance(self.part, AbstractActuator) else self.part.period
+        return self.part.sampling_period() if isinstance(self.part, AbstractActuator) else self.part.period
 
 
-def acting(mechanism: AbstractMechanism) -> tuple[Acting, ...]:
+def effort_sources(mechanism: AbstractMechanism) -> tuple[Acting, ...]:
     """Everything that exerts efforts."""
     out = [
         Acting(f"{c.name}.actuator{i}", (c.name,), actuator)
@@ -51,9 +51,9 @@ def acting(mechanism: AbstractMechanism) -> tuple[Acting, ...]:
     return (*out, *controlled)
 
 
-def actuated(mechanism: AbstractMechanism) -> "tuple[Part, ...]":
+def actuated_coordinates(mechanism: AbstractMechanism) -> "tuple[Part, ...]":
     """The free coordinates on which something exerts efforts."""
-    names = {name for one in acting(mechanism) for name in one.coordinates}
+    names = {name for one in effort_sources(mechanism) for name in one.coordinates}
     return tuple(part for part in parts(mechanism) if part.coordinate.name in names)
 
 
@@ -126,7 +126,7 @@ def layout(mechanism: AbstractMechanism) -> Layout:
     memories = tuple((j.name, j.clearance.remembers) for j in mechanism.clearance_joints())
     free = mechanism.free_coordinates()
     positions = tuple(name for c in free for name in c.positions)
-    efforts = tuple((one.name, one.coordinates) for one in acting(mechanism) if one.period is not None)
+    efforts = tuple((one.name, one.coordinates) for one in effort_sources(mechanism) if one.period is not None)
     return Layout(positions, tuple(name for c in free for name in c.velocities), memories, efforts)
 
 
@@ -165,7 +165,7 @@ def position_rates(mechanism: AbstractMechanism, q: Rows, v: Rows) -> Rows:
     return tuple(jnp.asarray(rate, float) for rate in rates)
 
 
-def moved(mechanism: AbstractMechanism, q: Rows, change: Sequence[Term]) -> tuple[Term, ...]:
+def move(mechanism: AbstractMechanism, q: Rows, change: Sequence[Term]) -> tuple[Term, ...]:
     """Positions after a small change, given like velocities; orientations of unit length."""
     out = []
     for part in parts(mechanism):

@@ -33,15 +33,15 @@ def check_tree(bodies: Sequence[Body], joints: Sequence[AbstractJoint], loops: S
         raise ClearanceError("A mechanism needs at least one body (in a scene file a table `[body.NAME]`).")
     names, placed = {body.name for body in bodies}, {GROUND}
     for joint in joints:
-        _known(joint.name, "parent", joint.parent, placed)
-        _known(joint.name, "child", joint.child, names - placed)
+        _check_known(joint.name, "parent", joint.parent, placed)
+        _check_known(joint.name, "child", joint.child, names - placed)
         placed.add(joint.child)
     loose = names - placed
     if loose:
         raise ClearanceError(f"No joint connects body `{min(loose)}` to the ground. Add a joint with it as child.")
     for loop in loops:
-        _known(loop.name, "parent", loop.parent, placed)
-        _known(loop.name, "child", loop.child, placed)
+        _check_known(loop.name, "parent", loop.parent, placed)
+        _check_known(loop.name, "child", loop.child, placed)
         _distinct(loop.name, "parent", "child", loop.parent, loop.child)
 
 
@@ -97,11 +97,11 @@ def check_attached(bodies: Sequence[Body], springs: Sequence[Spring], points: It
     """Raise where a spring, a point or a load is on a body that there is not."""
     placed = {GROUND, *(body.name for body in bodies)}
     for spring in springs:
-        _known(spring.name, "body_a", spring.body_a, placed)
-        _known(spring.name, "body_b", spring.body_b, placed)
+        _check_known(spring.name, "body_a", spring.body_a, placed)
+        _check_known(spring.name, "body_b", spring.body_b, placed)
         _distinct(spring.name, "body_a", "body_b", spring.body_a, spring.body_b)
     for point in points:
-        _known(point.name, "body", point.body, placed)
+        _check_known(point.name, "body", point.body, placed)
 
 
 def check_payloads(bodies: Sequence[Body], joints: Sequence[AbstractJoint]) -> None:
@@ -169,7 +169,7 @@ def check_model(controller: AbstractController, model: Any) -> Any:
     return model
 
 
-def _known(owner: str, key: str, word: str, allowed: set[str]) -> None:
+def _check_known(owner: str, key: str, word: str, allowed: set[str]) -> None:
     if word not in allowed:
         raise ClearanceError(
             f"`{owner}.{key}` must name a body, but `{word}` is not one that fits. " + suggest(word, allowed)

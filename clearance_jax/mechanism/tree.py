@@ -22,7 +22,7 @@ from clearance_jax.joints.checks import check_start
 from clearance_jax.mechanism.body import Motion
 from clearance_jax.mechanism.frame import Frame
 from clearance_jax.mechanism.placement import ORIGIN, Axis, Orientation, Position, PreparedOrientation, as_axis
-from clearance_jax.parameters import Parametrised, described, flattened, outside, physical
+from clearance_jax.parameters import Parametrised, describe, flatten, outside, physical
 from clearance_jax.spatial import (
     IDENTITY,
     UNIT,
@@ -93,12 +93,12 @@ SLIDING = {"coordinate": "m", "effort": "N"}
 
 def body_key(help: str, example: str):
     """A field that names a body."""
-    return described(help, example, static=True)
+    return describe(help, example, static=True)
 
 
 def place_key(help: str):
     """A field that is a place on a body."""
-    return described(help, '["50 mm", "0 mm"]', "the frame's origin", default=ORIGIN)
+    return describe(help, '["50 mm", "0 mm"]', "the frame's origin", default=ORIGIN)
 
 
 def angle_key():
@@ -109,7 +109,7 @@ def angle_key():
 
 def orientation_key(help: str):
     """A field that is an orientation."""
-    return described(help, '["90 deg", "0 deg", "0 deg"]', "not turned", default=None)
+    return describe(help, '["90 deg", "0 deg", "0 deg"]', "not turned", default=None)
 
 
 def axis_key(help: str, default: str):
@@ -153,7 +153,7 @@ class AbstractJoint(Parametrised):
     def joint_constraint(self) -> JointConstraint:
         """What it forbids where it closes a loop."""
 
-    def prepared(self) -> "AbstractJoint":
+    def prepare(self) -> "AbstractJoint":
         """The joint with what depends only on its numbers computed (once a solve)."""
         changed = {}
         for field in dataclasses.fields(self):
@@ -161,7 +161,7 @@ class AbstractJoint(Parametrised):
             if isinstance(value, (Motion, AbstractClearance)) or (
                 isinstance(value, Orientation) and not value.is_plane
             ):
-                changed[field.name] = value.prepared()
+                changed[field.name] = value.prepare()
         return dataclasses.replace(self, **changed) if changed else self
 
     @functools.cached_property
@@ -177,17 +177,17 @@ class AbstractJoint(Parametrised):
 
     def on_parent(self, frame: Frame) -> Frame:
         """The joint's frame on the parent, of the parent's frame."""
-        frame = frame.moved_to(self.at_parent.vector)
-        return frame.rotated(self.turned)
+        frame = frame.move_origin(self.at_parent.vector)
+        return frame.rotate(self.turned)
 
     def on_child(self, frame: Frame) -> Rotation:
         """The axes of the joint's frame on the child, of the child's frame."""
-        return frame.rotated(_turn(self.child_orientation)).rotation
+        return frame.rotate(_turn(self.child_orientation)).rotation
 
     @property
     def turned(self) -> Rotation:
         """How the joint's frame is turned in the parent's."""
-        return _turn(self.orientation) if self.angle is None else IDENTITY.turned(Z, self.angle)
+        return _turn(self.orientation) if self.angle is None else IDENTITY.turn(Z, self.angle)
 
 
 def _turn(orientation: Orientation | PreparedOrientation | None) -> Rotation:
@@ -200,7 +200,7 @@ def rigid(axis: Axis) -> tuple[tuple[Vector, Vector], ...]:
     return (axis.vector, p), (axis.vector, q), (p, q)
 
 
-def aligned(axis: Axis) -> tuple[tuple[Vector, Vector], ...]:
+def alignment(axis: Axis) -> tuple[tuple[Vector, Vector], ...]:
     """What keeps an axis of two frames parallel."""
     return tuple((axis.vector, across) for across in axis.across)
 
@@ -248,8 +248,8 @@ class AbstractPlayed(AbstractJoint):
         rows = transpose(sleeve)
         return tuple(
             coordinate._replace(
-                slides=None if coordinate.slides is None else _combined(coordinate.slides, rows),
-                turns=None if coordinate.turns is None else _combined(coordinate.turns, rows),
+                slides=None if coordinate.slides is None else _combine(coordinate.slides, rows),
+                turns=None if coordinate.turns is None else _combine(coordinate.turns, rows),
             )
             for coordinate in self.own_coordinates()
         )
@@ -283,9 +283,9 @@ class Revolute(AbstractPlayed):
     at_parent: Position = place_key(AT_PARENT)
     at_child: Position = place_key(AT_CHILD)
     angle: Scalar | None = angle_key()
-    motion: Motion = flattened(default_factory=Motion)
-    clearance: AbstractClearance | PreparedClearance | None = flattened(default=None)
-    eccentricity: Position = described(
+    motion: Motion = flatten(default_factory=Motion)
+    clearance: AbstractClearance | PreparedClearance | None = flatten(default=None)
+    eccentricity: Position = describe(
         "where the pin's centre starts in the sleeve, in the sleeve's axes; of a joint of the tree",
         '["0 mm", "-0.1 mm"]',
         "the sleeve's centre",
@@ -307,7 +307,7 @@ class Revolute(AbstractPlayed):
 
     def joint_constraint(self):
         line = self.axis.vector
-        return JointConstraint(None, aligned(self.axis), ((line, line),))
+        return JointConstraint(None, alignment(self.axis), ((line, line),))
 
 
 def along(axis: Axis) -> Matrix:
@@ -315,7 +315,7 @@ def along(axis: Axis) -> Matrix:
     return UNIT if axis.letter == "z" else transpose((*axis.across, axis.vector))
 
 
-def _combined(factors: Vector, vectors: Matrix) -> Vector:
+def _combine(factors: Vector, vectors: Matrix) -> Vector:
     """The sum of three vectors by factors."""
     first, second, third = (scale(factor, vector) for factor, vector in zip(factors, vectors, strict=True))
     return add(add(first, second), third)
@@ -330,11 +330,11 @@ class Prismatic(AbstractPlayed):
     at_parent: Position = place_key(AT_PARENT)
     at_child: Position = place_key(AT_CHILD)
     angle: Scalar | None = angle_key()
-    motion: Motion = flattened(default_factory=Motion)
+    motion: Motion = flatten(default_factory=Motion)
     orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_PARENT)
     child_orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_CHILD)
     axis: Axis = axis_key("what it slides along, an axis of its frame", "x")
-    clearance: AbstractClearance | PreparedClearance | None = flattened(default=None)
+    clearance: AbstractClearance | PreparedClearance | None = flatten(default=None)
     eccentricity: Position = ORIGIN
 
     def units(self):

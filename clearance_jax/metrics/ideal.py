@@ -6,7 +6,7 @@ from jax.core import Tracer
 from jaxtyping import Array
 
 from clearance_jax._types import Scalar
-from clearance_jax.dynamics.closures import projected
+from clearance_jax.dynamics.closures import project
 from clearance_jax.dynamics.mobility import mobility
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -28,7 +28,7 @@ def freedom(ideal: Mechanism) -> int:
     if ideal.may_repeat and not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(ideal)):
         with jax.ensure_compile_time_eval():
             return mobility(ideal).freedom
-    left = free - sum(_held(loop) for loop in loops) if ideal.may_repeat else free - 2 * len(loops)
+    left = free - sum(_condition_count(loop) for loop in loops) if ideal.may_repeat else free - 2 * len(loops)
     if left >= 0:
         return left
     if ideal.may_repeat:
@@ -43,7 +43,7 @@ def freedom(ideal: Mechanism) -> int:
     )
 
 
-def _held(loop) -> int:
+def _condition_count(loop) -> int:
     """How many conditions a loop's joint asks for in space."""
     hold = loop.joint_constraint()
     return (3 if hold.along is None else len(hold.along)) + len(hold.square)
@@ -59,4 +59,4 @@ def ideal_state(time: Scalar, y: Array, mechanism: PreparedMechanism) -> Array:
     places = (state.q[plan.positions.index(name)] for name in own.positions)
     rates = (state.v[plan.velocities.index(name)] for name in own.velocities)
     guess = jnp.stack([*places, *rates])
-    return projected(time, guess, ideal, ASSEMBLE)
+    return project(time, guess, ideal, ASSEMBLE)

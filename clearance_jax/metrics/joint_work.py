@@ -37,9 +37,9 @@ class JointWork(AbstractMetric):
 
     def value(self, reply):
         pressed, rubbed, absorbed = reply.integrals[0]
-        ready = reply.mechanism.prepared()
-        gained = _held(ready, self.joint, reply.t1, reply.solution.final)
-        gained -= _held(ready, self.joint, reply.t0, reply.solution.initial)
+        ready = reply.mechanism.prepare()
+        gained = _elastic_energy(ready, self.joint, reply.t1, reply.solution.final)
+        gained -= _elastic_energy(ready, self.joint, reply.t0, reply.solution.initial)
         return Work(pressed / reply.span, rubbed, absorbed - gained)
 
 
@@ -65,7 +65,7 @@ def _play(mechanism: PreparedMechanism, name: str, time, y) -> tuple[ClearanceJo
     return mechanism.clearance_joints()[index], at, layout(mechanism).split(y)
 
 
-def _held(mechanism: PreparedMechanism, name: str, time, y) -> Scalar:
+def _elastic_energy(mechanism: PreparedMechanism, name: str, time, y) -> Scalar:
     """What a joint's contact holds elastically [J]."""
     joint, at, _ = _play(mechanism, name, jnp.asarray(time, float), y)
-    return joint.clearance.stored(at)
+    return joint.clearance.elastic_energy(at)

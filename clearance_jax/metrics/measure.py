@@ -166,7 +166,7 @@ class Function(AbstractMetric):
     @property
     def called(self) -> str:
         """The function's name."""
-        return _called(self.function)
+        return _function_name(self.function)
 
     def of(self, mechanism: Mechanism, solution: Solution) -> Array:
         """The function's value."""
@@ -180,7 +180,7 @@ class Function(AbstractMetric):
             ) from None
 
 
-def _called(function: Any) -> str:
+def _function_name(function: Any) -> str:
     return getattr(function, "__name__", type(function).__name__)
 
 
@@ -197,7 +197,7 @@ def arguments(function: Callable) -> int:
     demanded = [p.name for p in every if p.kind is p.KEYWORD_ONLY and p.default is p.empty]
     swapped = placed[:1] == ["solution"] and len(placed) == 2
     if len(placed) not in (1, 2) or demanded or swapped or isinstance(function, type):
-        found = f"`{_called(function)}({', '.join([*placed, *demanded])})`"
+        found = f"`{_function_name(function)}({', '.join([*placed, *demanded])})`"
         raise ClearanceError(
             f"A metric is one of `clearance_jax.metrics`, or a function `f(solution)` or `f(mechanism, solution)`; "
             f"{found} is neither."
@@ -240,7 +240,7 @@ def measure(
 
     **Raises:** `ClearanceError` for what is no metric, and as `simulate`.
     """
-    return measured(mechanism, metrics, t1, settings_of(mechanism, t1, options))
+    return measure_settings(mechanism, metrics, t1, settings_of(mechanism, t1, options))
 
 
 def by_name(given: Any) -> dict[str, AbstractMetric]:
@@ -250,7 +250,7 @@ def by_name(given: Any) -> dict[str, AbstractMetric]:
     return {name: as_metric(metric) for name, metric in given.items()}
 
 
-def measured(
+def measure_settings(
     mechanism: Mechanism, metrics: Mapping[str, AbstractMetric | Callable], t1: Any, options: Settings
 ) -> dict[str, Any]:
     """As `measure`, by options that have been read."""
@@ -332,7 +332,7 @@ def _sizes(mechanism: Mechanism, requests: dict[str, Request], energy_balance: b
     """How many numbers each integrand of each request is."""
     if not any(request.integrands for request in requests.values()):
         return {name: [] for name in requests}
-    ready = mechanism.prepared()
+    ready = mechanism.prepare()
     return {
         name: widths(Problem(ready, request.integrands, None, energy_balance)) for name, request in requests.items()
     }

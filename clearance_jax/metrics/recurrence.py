@@ -16,7 +16,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from clearance_jax._types import Scalar
-from clearance_jax.dynamics.closures import projected
+from clearance_jax.dynamics.closures import project
 from clearance_jax.dynamics.quantities import quantities
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.breaks import sampling_periods
@@ -218,15 +218,15 @@ def growth(metric: LyapunovExponent, mechanism: Mechanism, begin: Any, y: Array,
     """Logarithms of how the largest axes of a small ball of states grow in every period from a state at `begin` on,
     shape (count, exponents).
     """
-    size, settings = layout(mechanism).size, options._replace(energy_balance=False).compiled()
+    size, settings = layout(mechanism).size, options._replace(energy_balance=False).as_options()
     y = y[:size]
-    problem = Problem(mechanism.prepared())
+    problem = Problem(mechanism.prepare())
     unit = tolerances(problem, y, begin, begin + metric.period, options.rtol).unit
     unit = jnp.where(jnp.isfinite(unit), unit, 1.0)
 
-    def advanced(y, t0):
+    def advance(y, t0):
         if mechanism.closures():
-            y = projected(t0, y, problem.mechanism, 2)
+            y = project(t0, y, problem.mechanism, 2)
         solution = flow(
             Inputs(mechanism, t0, t0 + metric.period, None, options.rtol, options.atol, y), options=settings
         )
@@ -236,7 +236,7 @@ def growth(metric: LyapunovExponent, mechanism: Mechanism, begin: Any, y: Array,
 
     def period(carry, begin):
         y, axes = carry
-        slopes, end = jax.jacfwd(advanced, has_aux=True)(y, begin)
+        slopes, end = jax.jacfwd(advance, has_aux=True)(y, begin)
         axes, lengths = jnp.linalg.qr((slopes * unit[None, :] / unit[:, None]) @ axes)
         return (end, axes), jnp.log(jnp.abs(jnp.diagonal(lengths)))
 

@@ -53,8 +53,8 @@ class Peak(AbstractMetric):
 
     def request(self, mechanism, t1, options):
         # Where the peaks are is looked for without derivatives.
-        fixed, end, others = _fixed((mechanism, t1, options))
-        signal, since = self.signal.bound(fixed, end, others), _fixed(self.since)
+        fixed, end, others = _without_derivatives((mechanism, t1, options))
+        signal, since = self.signal.bind(fixed, end, others), _without_derivatives(self.since)
         return Request((PeakFinder(signal, self.count, end - others.t0, since),), since=self.since)
 
     def value(self, reply):
@@ -97,7 +97,7 @@ def _as_seen_jvp(primals, tangents):
     return value, rate
 
 
-def _fixed(tree):
+def _without_derivatives(tree):
     """The same numbers, without derivatives."""
     return jax.tree.map(lambda x: jax.lax.stop_gradient(x) if eqx.is_array(x) else x, tree)
 
@@ -210,15 +210,15 @@ class EnergyLost(AbstractMetric):
         return Request(energy_balance=True, since=self.since)
 
     def value(self, reply):
-        ready, size = reply.mechanism.prepared(), layout(reply.mechanism).size
+        ready, size = reply.mechanism.prepare(), layout(reply.mechanism).size
 
-        def lost(time, y):
+        def loss(time, y):
             held = energies(jnp.asarray(time, float), y, ready).contacts
             energy_balance = read_balance(y[size : size + len(BALANCE_TERMS)], held)
             return energy_balance["damping_loss"] + energy_balance["friction_loss"]
 
         # `y0` may come with an energy balance that is not empty.
-        return lost(reply.t1, reply.solution.final) - lost(reply.begin, reply.first)
+        return loss(reply.t1, reply.solution.final) - loss(reply.begin, reply.first)
 
 
 class Impacts(AbstractMetric):
@@ -230,21 +230,21 @@ class Impacts(AbstractMetric):
     since: Scalar | None = _since()
 
     def request(self, mechanism, t1, options):
-        counter = TouchCounter(clearance_index(mechanism, self.joint), _fixed(self.since))
+        counter = TouchCounter(clearance_index(mechanism, self.joint), _without_derivatives(self.since))
         return Request((counter,), since=self.since)
 
     def value(self, reply):
         count = jnp.where(reply.solution.succeeded, reply.solution.records[0].count, jnp.nan)
-        return _counted(count, (reply.mechanism, reply.t1, reply.options))
+        return _count(count, (reply.mechanism, reply.t1, reply.options))
 
 
 @eqx.filter_custom_jvp
-def _counted(count, given):
+def _count(count, given):
     return count
 
 
-@_counted.def_jvp
-def _counted_jvp(primals, tangents):
+@_count.def_jvp
+def _count_jvp(primals, tangents):
     raise ClearanceError(
         "The number of impacts is a whole number: it has no derivative (zero almost everywhere, infinite where an "
         "impact appears). Use the energy lost or a peak force, or a gradient-free method."

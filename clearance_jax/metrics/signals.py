@@ -56,13 +56,13 @@ class AbstractSignal(Module):
         reference = self._freely(mechanism, t1, times, options) if self.against_free(mechanism) else None
         return factor * _along(self, times, y, mechanism, reference)
 
-    def bound(self, mechanism: Mechanism, t1: Any, options: Settings) -> Callable:
+    def bind(self, mechanism: Mechanism, t1: Any, options: Settings) -> Callable:
         """The signal as a function of (time, state, mechanism) alone, for an observer."""
         if not self.against_free(mechanism):
             return Instant(self)
         times = evenly(options.t0, t1, TABLE)
         y = self._freely(mechanism, t1, times, options)
-        ready = mechanism.ideal().prepared()
+        ready = mechanism.ideal().prepare()
         return Tabulated(self, times, y, jax.vmap(lambda t, y: slope(t, y, ready))(times, y))
 
     def integrand(self, mechanism: Mechanism, power: int) -> "Integrand":
@@ -94,7 +94,7 @@ class AbstractSignal(Module):
 @solo_jit
 def _along(signal: AbstractSignal, times: Array, y: Array, mechanism: Mechanism, reference: Array | None) -> Array:
     """A signal of states, as one program: outside of one every operation would be compiled and called by itself."""
-    ready = mechanism.prepared()
+    ready = mechanism.prepare()
     if reference is not None:
         return jax.vmap(lambda t, y, r: signal.value(t, y, ready, r))(times, y, reference)
     return jax.vmap(lambda t, y: signal.value(t, y, ready, signal._reference(t, y, ready)))(times, y)
@@ -149,7 +149,7 @@ def play_size(mechanism: AbstractMechanism) -> Scalar:
     return jnp.max(jnp.stack(sizes)) if sizes else jnp.asarray(jnp.inf)
 
 
-def known(kind: str, name: str, names: list[str]) -> int:
+def index_of(kind: str, name: str, names: list[str]) -> int:
     """The place of a name among the known ones. **Raises** `ClearanceError` for an unknown one."""
     if name not in names:
         raise ClearanceError(f"There is no {kind} `{name}`. " + suggest(name, names))
@@ -158,11 +158,11 @@ def known(kind: str, name: str, names: list[str]) -> int:
 
 def clearance_index(mechanism: AbstractMechanism, name: str) -> int:
     """The place of a joint among those with clearance."""
-    return known("clearance joint", name, [joint.name for joint in mechanism.clearance_joints()])
+    return index_of("clearance joint", name, [joint.name for joint in mechanism.clearance_joints()])
 
 
 def _named_point(mechanism: AbstractMechanism, name: str):
-    return mechanism.points[known("point", name, [point.name for point in mechanism.points])]
+    return mechanism.points[index_of("point", name, [point.name for point in mechanism.points])]
 
 
 def _frames(mechanism: PreparedMechanism, time, y) -> Frames:
@@ -226,7 +226,7 @@ class OrientationError(AbstractSignal):
         return play_size(mechanism) / largest_length(mechanism)
 
     def value(self, time, y, mechanism, reference):
-        known("body", self.body, [body.name for body in mechanism.bodies])
+        index_of("body", self.body, [body.name for body in mechanism.bodies])
         here = _frames(mechanism, time, y)[self.body].rotation
         ideal = _frames(mechanism.ideal(), time, reference)[self.body].rotation
         if here.is_plane and ideal.is_plane and self.axis is None:
@@ -234,7 +234,7 @@ class OrientationError(AbstractSignal):
         off = rotation_between(ideal, here)
         if self.axis is None:
             return length_of(off)
-        return jnp.asarray(off[known("axis", self.axis, ["x", "y", "z"])], float)
+        return jnp.asarray(off[index_of("axis", self.axis, ["x", "y", "z"])], float)
 
 
 class ContactForce(AbstractSignal):
@@ -265,7 +265,7 @@ class Acceleration(AbstractSignal):
 
 def _reaction(mechanism: PreparedMechanism, name: str, time, y):
     """Force and moment on the child in a joint of any kind."""
-    index = known("joint", name, [joint.name for joint in mechanism.all_joints()])
+    index = index_of("joint", name, [joint.name for joint in mechanism.all_joints()])
     mechanism = mechanism.at(time)
     return reactions(mechanism, balance(mechanism, time, layout(mechanism).split(y)))[index]
 

@@ -47,7 +47,7 @@ class Film(AbstractFilm):
         self.exaggeration = 1.0 if enlarged is None else enlarged.factor
         with mpl.rc_context(STYLE):
             self.figure = Figure(figsize=(11, 6.2) if enlarged is not None else (7, 6), dpi=DPI, layout="constrained")
-            self._views, self._cursors = self._laid_out(dataset, enlarged)
+            self._views, self._cursors = self._lay_out(dataset, enlarged)
             self._clock = self.figure.suptitle("", fontsize=11)
             self.settle()
 
@@ -71,7 +71,7 @@ class Film(AbstractFilm):
         of = f", {self.joint} with its play x {self.exaggeration:g}" if self.joint else ""
         return f"Film of {self.name}{of}: {len(self)} frames, {self.fps:.3g} a second"
 
-    def _laid_out(self, dataset: xr.Dataset, enlarged: Play | None) -> tuple[list, list]:
+    def _lay_out(self, dataset: xr.Dataset, enlarged: Play | None) -> tuple[list, list]:
         """Draw what stays; the views that follow the motion, and the cursors on time axes."""
         projection = "3d" if dataset.sizes["axis"] == 3 else None
         if enlarged is None:
@@ -108,25 +108,25 @@ def _views(figure: Any, joint: Play) -> list:
         ways = "xy" if joint.block[1] is not None else "x"
         axes = np.atleast_1d(figure.subplots(len(ways), 1))
         return [
-            Side(_titled(axis, f"along the guide, {way} up"), joint, "xy".index(way))
+            Side(_title(axis, f"along the guide, {way} up"), joint, "xy".index(way))
             for axis, way in zip(axes, ways, strict=True)
         ]
     if joint.length is not None:
         sides, ends = figure.subplots(2, 2)
-        found: list = [Side(_titled(axis, f"from the side, {'xy'[up]} up"), joint, up) for up, axis in enumerate(sides)]
+        found: list = [Side(_title(axis, f"from the side, {'xy'[up]} up"), joint, up) for up, axis in enumerate(sides)]
         for axis, station in zip(ends, (0, -1), strict=True):
             place = f"{1e3 * joint.heights[station]:+.3g} mm".replace("-", "−")
-            found.append(Section(_titled(axis, f"across the edge at z = {place}"), joint, station))
+            found.append(Section(_title(axis, f"across the edge at z = {place}"), joint, station))
         return found
     if joint.place.shape[1] == 3:
         views = []
         for axis, pair in zip(figure.subplots(1, 2), ((0, 1), (0, 2)), strict=True):
-            views.append(Section(_titled(axis, f"seen along {'zy'[pair[1] - 1]}"), joint, axes=pair))
+            views.append(Section(_title(axis, f"seen along {'zy'[pair[1] - 1]}"), joint, axes=pair))
         return views
     return [Section(figure.subplots(), joint)]
 
 
-def _titled(axis: Any, title: str) -> Any:
+def _title(axis: Any, title: str) -> Any:
     axis.set_title(title, fontsize=9)
     return axis
 

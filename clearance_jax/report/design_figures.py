@@ -27,7 +27,7 @@ STYLED = mpl.rc_context({"axes.grid": True, "grid.alpha": 0.3, "font.size": 9, "
 UPRIGHT, LEVEL = 30, 44
 
 
-def drawn(height: float = HEIGHT) -> tuple[Figure, Axes]:
+def new_figure(height: float = HEIGHT) -> tuple[Figure, Axes]:
     """A figure of the report's width, with one pair of axes."""
     figure = Figure(figsize=(WIDTH, height), layout="constrained")
     return figure, figure.subplots()
@@ -37,11 +37,11 @@ def _objective(design: Design) -> tuple[float, str]:
     """Factor on the objective, and what it is called."""
     if not design.specification.common:
         return 1.0, f"cost ({design.specification.cost_unit})"
-    factor, unit = _scaled(next(iter(design.units.values())))
+    factor, unit = _scale(next(iter(design.units.values())))
     return -factor, f"clearance, {unit}" if unit == "µm" else f"largest value, {unit}"
 
 
-def _scaled(unit: str) -> tuple[float, str]:
+def _scale(unit: str) -> tuple[float, str]:
     return (1e6, "µm") if unit == "m" else (1.0, unit)
 
 
@@ -52,8 +52,8 @@ def _label(text: str, unit: str, width: int) -> str:
 @STYLED
 def over_time(history: TimeHistory) -> Figure:
     """The signal of a limit over time in every condition, with its bound and what of it does not count."""
-    figure, axes = drawn()
-    factor, unit = _scaled(history.unit)
+    figure, axes = new_figure()
+    factor, unit = _scale(history.unit)
     per_second = time_axis(axes, float(history.times[-1]))
     times = per_second * history.times
     for name, values in history.values.items():
@@ -71,7 +71,7 @@ def over_time(history: TimeHistory) -> Figure:
 def contributions(why: Sequence[Response]) -> Figure:
     """Which clearance has how much of each limit's value, to first order, and what is left."""
     names = [*why[0].contributions, "the rest"]
-    figure, axes = drawn(0.8 + 0.55 * len(why) + 0.18 * len(names))
+    figure, axes = new_figure(0.8 + 0.55 * len(why) + 0.18 * len(names))
     colours = [f"C{i}" for i in range(10)]
     for row, response in enumerate(why):
         ends = [0.0, 0.0]  # negative parts to the left, the others to the right
@@ -92,8 +92,8 @@ def contributions(why: Sequence[Response]) -> Figure:
 @STYLED
 def trade(found: Tradeoff, design: Design) -> Figure:
     """What each bound costs, or how large a clearance it allows."""
-    figure, axes = drawn()
-    factor, unit = _scaled(found.unit)
+    figure, axes = new_figure()
+    factor, unit = _scale(found.unit)
     times, label = _objective(design)
     axes.plot(factor * found.bounds, times * found.objectives, "o-", lw=1)
     axes.plot([factor * found.asked], [times * design.objective], "k*", ms=12, label="the design")
@@ -105,10 +105,10 @@ def trade(found: Tradeoff, design: Design) -> Figure:
 @STYLED
 def intervals(found: Maintenance, design: Design) -> Figure:
     """After how many cycles a limit is met, against the clearance; or against the share of the designed ones."""
-    figure, axes = drawn()
+    figure, axes = new_figure()
     places, label = found.shares, "clearances, share of the design"
     if len(design.specification.names) == 1:
-        factor, unit = _scaled(next(iter(design.units.values())))
+        factor, unit = _scale(next(iter(design.units.values())))
         places = factor * found.shares * next(iter(design.clearances.values()))
         label = f"clearance, {unit}" if unit == "µm" else f"{design.specification.names[0]}, {unit}"
     for name, lives in found.lives.items():
@@ -122,7 +122,7 @@ def intervals(found: Maintenance, design: Design) -> Figure:
 @STYLED
 def convergence(design: Design) -> Figure:
     """Cost (or clearance) of each evaluated design, those that hold all limits apart from the others."""
-    figure, axes = drawn()
+    figure, axes = new_figure()
     points, (times, label) = design.program.history, _objective(design)
     values = times * np.array([p.objective for p in points])
     held = np.array([p.feasible for p in points])
@@ -145,7 +145,7 @@ def pin_in_sleeve(dataset: xr.Dataset, joint: str) -> Figure:
     """
     found, path = play(dataset, joint), middle_path(dataset, joint)
     if found is None or found.axial is None:
-        figure, axes = drawn(3.6)
+        figure, axes = new_figure(3.6)
     else:
         figure = Figure(figsize=(WIDTH, 4.9), layout="constrained")
         axes, below = figure.subplots(2, height_ratios=(3, 1))

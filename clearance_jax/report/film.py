@@ -56,11 +56,11 @@ class AbstractFilm(abc.ABC):
         try:
             if path.suffix.lower() == ".gif":
                 canvas = FigureCanvasAgg(self.figure)
-                write_gif(partial, (_pixels(canvas) for _ in self._shown(progress)), self.fps)
+                write_gif(partial, (_pixels(canvas) for _ in self._show(progress)), self.fps)
             else:
                 writer = FFMpegWriter(fps=self.fps)
                 with writer.saving(self.figure, str(partial), DPI):
-                    for _ in self._shown(progress):
+                    for _ in self._show(progress):
                         writer.grab_frame()
             partial.replace(path)
         except OSError as error:
@@ -71,7 +71,7 @@ class AbstractFilm(abc.ABC):
             partial.unlink(missing_ok=True)
         return path
 
-    def _shown(self, progress: Callable[[float], None] | None) -> Iterator[int]:
+    def _show(self, progress: Callable[[float], None] | None) -> Iterator[int]:
         """Every frame, after one another, on the figure."""
         for k in range(len(self)):
             self.show(k)

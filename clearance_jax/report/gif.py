@@ -25,7 +25,7 @@ def write_gif(path: str | Path, pictures: Iterable[np.ndarray], fps: float) -> N
     """Write pictures (height, width, 3 or 4), of bytes each, one after another, again and again."""
     frames = [_frame(picture) for picture in pictures]
     palette = _palette(frames[:: -(-len(frames) // LOOKED_AT)])
-    first, *rest = (_painted(frame, palette) for frame in frames)
+    first, *rest = (_paint(frame, palette) for frame in frames)
     lasts = max(round(1000 / fps), 20)  # ms; what is shorter browsers show slowly
     first.save(path, format="GIF", save_all=True, append_images=rest, duration=lasts, loop=0)
 
@@ -44,7 +44,7 @@ def _palette(frames: list[Frame]) -> np.ndarray:
     return _parts(colours[np.argsort(-totals, kind="stable")[:COLOURS]])
 
 
-def _painted(frame: Frame, palette: np.ndarray) -> Image.Image:
+def _paint(frame: Frame, palette: np.ndarray) -> Image.Image:
     """A frame in the nearest colours of a palette. (Pillow's own choice turns white into a light grey.)"""
     near = np.asarray(KDTree(palette).query(_parts(frame.colours))[1]).astype(np.uint8)
     painted = Image.fromarray(near[frame.which])

@@ -63,13 +63,13 @@ def _environment() -> jinja2.Environment:
     )
     environment.filters |= {function.__name__: function for function in FILTERS}
     environment.globals |= {function.__name__: function for function in FIGURES} | {
-        "embedded": embedded,
+        "embedded": embed,
         "infinity": math.inf,
     }
     return environment
 
 
-def embedded(figure: Figure, caption: str) -> Markup:
+def embed(figure: Figure, caption: str) -> Markup:
     """A figure as SVG inside a page, with its caption."""
     text = io.StringIO()
     # Without a date the same design gives the same file; text stays text, which can be searched and read aloud.

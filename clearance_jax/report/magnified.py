@@ -143,8 +143,8 @@ class Side:
     def show(self, i: int) -> None:
         """Draw sample `i`."""
         for patch, points in zip(self.patches, self.outlines, strict=True):
-            patch.set_xy(self.moved(points, i))
-        self.line.set_data(*self.moved(np.array([[-self.half, 0.0], [self.half, 0.0]]) * 1.15, i).T)
+            patch.set_xy(self.move(points, i))
+        self.line.set_data(*self.move(np.array([[-self.half, 0.0], [self.half, 0.0]]) * 1.15, i).T)
         chosen = self.touching[i]
         side = np.sign(self.lateral[i, chosen])
         # Stations are the sleeve's, or those of a shorter pin, which takes them along.
@@ -152,7 +152,7 @@ class Side:
         self.walls.set_data(along, side * self.joint.wall)
         self.faces.set_data(*self._on_faces(i))
 
-    def moved(self, points: np.ndarray, i: int) -> np.ndarray:
+    def move(self, points: np.ndarray, i: int) -> np.ndarray:
         """Points of the pin (along, across) where they are at sample `i`, with the motion exaggerated."""
         along, across = points.T
         k, place, slope = self.joint.factor, self.joint.place[i], self.slopes[i, self.up]

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from clearance_jax.report.design_figures import STYLED, WIDTH, drawn
+from clearance_jax.report.design_figures import STYLED, WIDTH, new_figure
 from clearance_jax.report.skeleton import Skeleton
 from clearance_jax.report.style import round_down
 from clearance_jax.results.places import Outline, bounds
@@ -28,7 +28,7 @@ def mechanism(found: Outline) -> Figure:
     low, high = bounds(found.visible)
     size = float(max(high - low))
     width, height = high - low + 2 * ROOM * size
-    figure, axes = drawn(float(np.clip(WIDTH * height / width, LOW, HIGH)))
+    figure, axes = new_figure(float(np.clip(WIDTH * height / width, LOW, HIGH)))
     # The whole page is the axes': names are placed in points, which no layout may move afterwards.
     figure.set_layout_engine("none")
     axes.set_position((0.0, 0.0, 1.0, 1.0))

@@ -65,21 +65,21 @@ def panels(dataset: xr.Dataset) -> list[Panel]:
     if "position" not in dataset:
         return found + efforts
     projection = "3d" if dataset.sizes["axis"] == 3 else None
-    return [*found, *efforts, Panel(f"path of {_listed(dataset)}", _path, projection)]
+    return [*found, *efforts, Panel(f"path of {_list(dataset)}", _path, projection)]
 
 
 def of_points(dataset: xr.Dataset) -> list[Panel]:
     """Speed and acceleration of the named points."""
     if "velocity" not in dataset:
         return []
-    names, listed = [str(name) for name in dataset["point"].values], _listed(dataset)
+    names, listed = [str(name) for name in dataset["point"].values], _list(dataset)
     return [
         Panel(f"{name} of {listed}", partial(_curves, name, "point", names, label))
         for name, label in (("velocity", "speed, m/s"), ("acceleration", "acceleration, m/s²"))
     ]
 
 
-def _listed(dataset: xr.Dataset) -> str:
+def _list(dataset: xr.Dataset) -> str:
     names = [str(name) for name in dataset["point"].values]
     return names[0] if len(names) == 1 else f"{len(names)} points"  # a legend names them
 

@@ -52,7 +52,7 @@ def play(dataset: xr.Dataset, edges: bool = False) -> Figure:
     parts: Any = figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
     timeline(parts[0].subplots(), dataset)
     for part, group in zip(parts[1:], orbits_of, strict=True):
-        _drawn(part, group)
+        _draw(part, group)
     figure.suptitle(f"{dataset.attrs.get('mechanism', '')}: where pins bear")
     return figure
 
@@ -64,7 +64,7 @@ def timeline(axis: Any, dataset: xr.Dataset, joints: list[str] | None = None) ->
     labelled: set[str] = set()
     for row, joint in enumerate(joints):
         found = spans(dataset, joint)
-        for words, colour, chosen in _told(dataset, joint, found):
+        for words, colour, chosen in _tell(dataset, joint, found):
             # One joint's shares of the time stand in the legend; of several they would not be the same.
             label = words if len(joints) > 1 else with_share(words, found.share(chosen))
             where = (row + BAR / 2, FACE_BAR) if words == FACES[0] else (row - BAR / 2, BAR)
@@ -77,7 +77,7 @@ def timeline(axis: Any, dataset: xr.Dataset, joints: list[str] | None = None) ->
     axis.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=len(PATTERNS) + 1, frameon=False, borderpad=0)
 
 
-def _told(dataset: xr.Dataset, joint: str, found: Spans) -> list[tuple[str, str, np.ndarray]]:
+def _tell(dataset: xr.Dataset, joint: str, found: Spans) -> list[tuple[str, str, np.ndarray]]:
     """Words, colour and which spans, of every way to bear that there is."""
     radial = found.pattern % FACE
     names = PATTERNS if kind(dataset, joint) == SLEEVE else (PATTERNS[0], TOUCHING)
@@ -96,7 +96,7 @@ def _paths(dataset: xr.Dataset, joint: str, edges: bool) -> list[PinPath]:
     return [found[0], found[-1]] if edges and len(found) > 1 else found
 
 
-def _drawn(figure: Any, found: list[PinPath]) -> None:
+def _draw(figure: Any, found: list[PinPath]) -> None:
     """One beside another; those of one joint on one scale."""
     columns, one = min(ROW, len(found)), len({path.joint for path in found}) == 1
     rows = -(-len(found) // columns)

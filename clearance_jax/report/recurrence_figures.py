@@ -15,17 +15,17 @@ from clearance_jax.report.style import STYLED, legend_below
 from clearance_jax.report.sweep_axes import (
     CODE,
     Exponent,
+    display,
     exponent_of,
     lanes_of,
     number,
     of_lanes,
-    parted,
     result,
     scale,
-    shown,
-    sliced,
+    slice_grid,
+    spread_places,
     tidy,
-    varied,
+    variables,
     words,
 )
 
@@ -73,8 +73,8 @@ def bifurcation(
     `quantity`: which of the section's quantities.
     """
     dataset = tidy(dataset)
-    axis = varied(dataset)[0] if axis is None else axis
-    dataset, where = sliced(dataset, axis)
+    axis = variables(dataset)[0] if axis is None else axis
+    dataset, where = slice_grid(dataset, axis)
     if exponent is None:
         figure = Figure(figsize=(9, 4.6), layout="constrained")
         draw_bifurcation(figure.subplots(), dataset, section(dataset, name)[quantity], axis)
@@ -98,7 +98,7 @@ def draw_bifurcation(
     axes: Axes, dataset: xr.Dataset, points: xr.DataArray, axis: str, exponent: str | None = None
 ) -> None:
     """The diagram; where the exponent is known, in colours by its sign."""
-    across, up = shown(number(dataset, axis)), shown(points)
+    across, up = display(number(dataset, axis)), display(points)
     x, y = across.factor * of_lanes(dataset, number(dataset, axis)), up.factor * of_lanes(dataset, points)
     size = SMALL if y.size > MANY else LARGE
     kinds = [(np.ones(len(x), bool), "black", None)]
@@ -124,7 +124,7 @@ def _words(rate: Exponent) -> dict[int, str]:
 def draw_exponent(axes: Axes, dataset: xr.Dataset, name: str, axis: str) -> None:
     """An exponent over a number, in colours by its sign, with its uncertainty where that is known."""
     rate = exponent_of(dataset, name)
-    across, up = shown(number(dataset, axis)), shown(rate.value, "largest Lyapunov\nexponent")
+    across, up = display(number(dataset, axis)), display(rate.value, "largest Lyapunov\nexponent")
     x, y = across.factor * of_lanes(dataset, number(dataset, axis)), up.factor * of_lanes(dataset, rate.value)
     colours = np.array([COLOURS[int(k)] for k in rate.sign])
     if rate.uncertainty is not None:
@@ -146,8 +146,8 @@ def exponents(dataset: xr.Dataset, name: str, axis: str | None = None) -> Figure
     chaotic where it is positive beyond its uncertainty.
     """
     dataset = tidy(dataset)
-    axis = varied(dataset)[0] if axis is None else axis
-    dataset, where = sliced(dataset, axis)
+    axis = variables(dataset)[0] if axis is None else axis
+    dataset, where = slice_grid(dataset, axis)
     figure = Figure(figsize=(9, 3.6), layout="constrained")
     draw_exponent(figure.subplots(), dataset, name, axis)
     _title(figure, where)
@@ -167,19 +167,19 @@ def sections(dataset: xr.Dataset, name: str, lanes: list[int] | None = None, exp
     parts = section(dataset, name)[:2]
     if len(parts) < 2:
         raise ClearanceError(f"The section `{name}` is of one quantity: in a plane it takes two.")
-    chosen = parted(dataset[CODE].size, MOST_SECTIONS) if lanes is None else lanes
+    chosen = spread_places(dataset[CODE].size, MOST_SECTIONS) if lanes is None else lanes
     columns = min(3, len(chosen))
     rows = -(-len(chosen) // columns)
     figure = Figure(figsize=(3.3 * columns, 2.8 * rows + 0.3), layout="constrained")
     panels: Any = figure.subplots(rows, columns, squeeze=False).ravel()
     rate = None if exponent is None else exponent_of(dataset, exponent)
-    across, up = (shown(part) for part in parts)
+    across, up = (display(part) for part in parts)
     x, y = (one.factor * of_lanes(dataset, part) for one, part in zip((across, up), parts, strict=True))
     for panel, lane in zip(panels, chosen, strict=False):
         colour = "black" if rate is None else COLOURS[int(rate.sign[lane])]
         panel.scatter(x[lane], y[lane], s=LARGE if len(x[lane]) > FEW else 4 * LARGE, lw=0, color=colour)
         _widen(panel, x, y)
-        panel.set_title(_told(dataset, lane, rate), fontsize=9)
+        panel.set_title(_tell(dataset, lane, rate), fontsize=9)
     for panel in panels[len(chosen) :]:
         panel.set_axis_off()
     figure.supxlabel(across.label, fontsize=9)
@@ -198,11 +198,11 @@ def _widen(panel: Axes, x: np.ndarray, y: np.ndarray) -> None:
     panel.yaxis.set_major_locator(MaxNLocator(nbins=5))
 
 
-def _told(dataset: xr.Dataset, lane: int, rate: Exponent | None) -> str:
+def _tell(dataset: xr.Dataset, lane: int, rate: Exponent | None) -> str:
     """A lane's numbers, and its exponent."""
     told = []
-    for name in varied(dataset):
-        one = shown(number(dataset, name))
+    for name in variables(dataset):
+        one = display(number(dataset, name))
         value = one.factor * of_lanes(dataset, number(dataset, name))[lane]
         told.append(f"{one.name} {value:.4g} {one.unit}".strip())
     if rate is not None:

@@ -49,7 +49,7 @@ class Skeleton:
             size, width = (12, 2.2) if name == joint else (size, width)
             self._line([mark], marker="o", ms=size, mfc="white", mec=edge, mew=width, zorder=5)
         self._trails = [(self._plot(color="0.5", lw=0.9, zorder=0.8), mark) for mark in places.points.values()]
-        self._label = None if joint is None else (self._called(joint), places.joints[joint])
+        self._label = None if joint is None else (self._name_of(joint), places.joints[joint])
         self.show(0)
 
     @property
@@ -111,7 +111,7 @@ class Skeleton:
             block = self.axis.add_patch(Polygon(CORNERS, closed=True, fc="0.85", ec="0.4", zorder=1.5))
             self._sliders.append((block, self._plot(color="0.4", lw=1.5, zorder=0.6), name, pair[1]))
 
-    def _called(self, joint: str) -> Any:
+    def _name_of(self, joint: str) -> Any:
         """The name of a joint beside it."""
         style: Any = {"xytext": (9, 9), "textcoords": "offset points", "fontsize": 11, "zorder": 6, "color": "tab:red"}
         style |= {"bbox": {"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.5}}

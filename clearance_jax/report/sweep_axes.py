@@ -47,7 +47,7 @@ def tidy(dataset: xr.Dataset) -> xr.Dataset:
     first of them, by which it is called then. Numbers that scatter stay as they are.
     """
     for dim in lanes_of(dataset):
-        along = [name for name in varied(dataset) if dataset[name].dims == (dim,)]
+        along = [name for name in variables(dataset) if dataset[name].dims == (dim,)]
         if along == [dim]:  # in whatever order it was given
             dataset = dataset.sortby(dim)
         if not along or not all(_monotone(dataset[name].values) for name in along):
@@ -71,7 +71,7 @@ def lanes_of(dataset: xr.Dataset) -> tuple[str, ...]:
     return tuple(str(dim) for dim in dataset[CODE].dims)
 
 
-def varied(dataset: xr.Dataset) -> tuple[str, ...]:
+def variables(dataset: xr.Dataset) -> tuple[str, ...]:
     """The numbers that vary over the lanes, in the order of their dimensions."""
     lanes = lanes_of(dataset)
     found = [
@@ -93,7 +93,7 @@ def results(dataset: xr.Dataset) -> tuple[str, ...]:
     )
 
 
-def made_by(dataset: xr.Dataset, metric: str) -> tuple[str, ...]:
+def results_of(dataset: xr.Dataset, metric: str) -> tuple[str, ...]:
     """The results of a kind of metric."""
     return tuple(str(name) for name, one in dataset.data_vars.items() if one.attrs.get("metric") == metric)
 
@@ -137,8 +137,8 @@ def result(dataset: xr.Dataset, name: str) -> xr.DataArray:
 
 def number(dataset: xr.Dataset, name: str) -> xr.DataArray:
     """A number that varies. **Raises** `ClearanceError` for another one."""
-    if name not in varied(dataset):
-        raise ClearanceError(f"`{name}` does not vary in this sweep. " + suggest(name, varied(dataset)))
+    if name not in variables(dataset):
+        raise ClearanceError(f"`{name}` does not vary in this sweep. " + suggest(name, variables(dataset)))
     return dataset[name]
 
 
@@ -149,7 +149,7 @@ def of_lanes(dataset: xr.Dataset, one: xr.DataArray) -> np.ndarray:
     return values.reshape(code.size, *values.shape[code.ndim :])
 
 
-def shown(one: xr.DataArray, name: str | None = None) -> Shown:
+def display(one: xr.DataArray, name: str | None = None) -> Shown:
     """How a number or a result is shown, by its size."""
     unit, values = str(one.attrs.get("units", "")), np.abs(one.values.astype(float))
     finite = values[np.isfinite(values)]
@@ -177,26 +177,26 @@ def words(name: str) -> str:
     return name.replace("_", " ").replace(".", " ")
 
 
-def parted(counts: int, most: int) -> list[int]:
+def spread_places(counts: int, most: int) -> list[int]:
     """At most so many of `counts` places, evenly chosen, both ends among them."""
     return sorted({int(k) for k in np.linspace(0, counts - 1, min(most, counts)).round()})
 
 
-def told_place(dataset: xr.Dataset, place: Mapping[str, int]) -> str:
+def place_words(dataset: xr.Dataset, place: Mapping[str, int]) -> str:
     """Where along some of its dimensions a part of a sweep lies, in words."""
     told = []
     for dim, k in place.items():
-        if dim in varied(dataset):
-            one = shown(number(dataset, dim))
+        if dim in variables(dataset):
+            one = display(number(dataset, dim))
             told.append(f"{one.name} {one.factor * float(dataset[dim][k]):.4g} {one.unit}".strip())
         else:
             told.append(str(dataset[dim].values[k]) if dim in dataset.coords else f"{dim} {k}")
     return ", ".join(told)
 
 
-def sliced(dataset: xr.Dataset, axis: str) -> tuple[xr.Dataset, str]:
+def slice_grid(dataset: xr.Dataset, axis: str) -> tuple[xr.Dataset, str]:
     """Lanes along one axis of a grid, in the middle of all others, and where that is; of what is no grid all lanes."""
     if axis not in lanes_of(dataset):
         return dataset, ""
     place = {dim: dataset.sizes[dim] // 2 for dim in lanes_of(dataset) if dim != axis}
-    return dataset.isel(place), told_place(dataset, place)
+    return dataset.isel(place), place_words(dataset, place)

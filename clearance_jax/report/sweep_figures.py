@@ -19,19 +19,19 @@ from clearance_jax.report.style import STYLED, legend_below
 from clearance_jax.report.sweep_axes import (
     CODE,
     Shown,
+    display,
     endings,
     lanes_of,
-    made_by,
     number,
     of_lanes,
-    parted,
+    place_words,
     result,
     results,
+    results_of,
     scale,
-    shown,
+    spread_places,
     tidy,
-    told_place,
-    varied,
+    variables,
     words,
 )
 from clearance_jax.results.sobol import Indices
@@ -54,13 +54,13 @@ def figures(
 
     **Raises:** `ClearanceError` for a dataset that is no sweep, or of which no lane has ended.
     """
-    kept = [*results(dataset), *made_by(dataset, "PoincareSection"), *made_by(dataset, "LyapunovExponent")]
+    kept = [*results(dataset), *results_of(dataset, "PoincareSection"), *results_of(dataset, "LyapunovExponent")]
     dataset = tidy(dataset[[CODE, *kept]].load())  # a store is read once
-    numbers = [name for name in varied(dataset) if dataset[name].size > 1]
+    numbers = [name for name in variables(dataset) if dataset[name].size > 1]
     axes = [name for name in lanes_of(dataset) if name in numbers]
     plain, points, rates = (
         [name for name in names if np.isfinite(dataset[name].values).any()]
-        for names in (results(dataset), made_by(dataset, "PoincareSection"), made_by(dataset, "LyapunovExponent"))
+        for names in (results(dataset), results_of(dataset, "PoincareSection"), results_of(dataset, "LyapunovExponent"))
     )
     if not numbers or not (plain or points or rates):
         raise ClearanceError("There is nothing to draw: nothing varies in this sweep, or no lane has a result.")
@@ -90,7 +90,7 @@ def figures(
 
 def _grid(dataset: xr.Dataset, name: str, x: str | None, y: str | None) -> tuple[str, str, xr.DataArray]:
     """Two axes of a grid, and a result over them."""
-    axes = [dim for dim in lanes_of(dataset) if dim in varied(dataset) and dataset.sizes[dim] > 1]
+    axes = [dim for dim in lanes_of(dataset) if dim in variables(dataset) and dataset.sizes[dim] > 1]
     if len(axes) < 2:
         raise ClearanceError(f"This sweep has {len(axes)} axes: a picture of `{name}` over two takes a grid of two.")
     x = axes[0] if x is None else x
@@ -110,13 +110,13 @@ def heat_map(dataset: xr.Dataset, name: str, x: str | None = None, y: str | None
     x, y, one = _grid(dataset, name, x, y)
     others = [dim for dim in lanes_of(dataset) if dim not in (x, y)]
     middle = {dim: dataset.sizes[dim] // 2 for dim in others[1:]}
-    places = [{others[0]: k} | middle for k in parted(dataset.sizes[others[0]], PANELS)] if others else [{}]
+    places = [{others[0]: k} | middle for k in spread_places(dataset.sizes[others[0]], PANELS)] if others else [{}]
     columns = 2 if len(places) == 4 else min(3, len(places))
     rows = -(-len(places) // columns)
     size = (6.4, 4.4) if len(places) == 1 else (3.4 * columns + 0.8, 2.9 * rows + 0.2)
     figure = Figure(figsize=size, layout="constrained")
     panels: Any = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
-    across, up, of = shown(number(dataset, x)), shown(number(dataset, y)), shown(one)
+    across, up, of = display(number(dataset, x)), display(number(dataset, y)), display(one)
     norm = Normalize(*(of.factor * f(one.values) for f in (np.nanmin, np.nanmax)))
     for panel, place in zip(panels.ravel(), places, strict=False):
         cells = of.factor * one.isel(place).transpose(y, x).values
@@ -125,7 +125,7 @@ def heat_map(dataset: xr.Dataset, name: str, x: str | None = None, y: str | None
         edges = across.factor * dataset[x].values, up.factor * dataset[y].values
         panel.pcolormesh(*edges, cells, norm=norm, cmap=COLOURS, shading="nearest", rasterized=True)
         panel.set(xscale=scale(edges[0]), yscale=scale(edges[1]))
-        panel.set_title(told_place(dataset, place), fontsize=9)
+        panel.set_title(place_words(dataset, place), fontsize=9)
     for panel in panels.ravel()[len(places) :]:
         panel.set_axis_off()
     for panel in panels[-1]:
@@ -146,7 +146,7 @@ def response_surface(dataset: xr.Dataset, name: str, x: str | None = None, y: st
     dataset = tidy(dataset)
     x, y, one = _grid(dataset, name, x, y)
     place = {dim: dataset.sizes[dim] // 2 for dim in lanes_of(dataset) if dim not in (x, y)}
-    across, up, of = shown(number(dataset, x)), shown(number(dataset, y)), shown(one)
+    across, up, of = display(number(dataset, x)), display(number(dataset, y)), display(one)
     height = of.factor * one.isel(place).transpose(y, x).values
     where = np.meshgrid(across.factor * dataset[x].values, up.factor * dataset[y].values)
     figure = Figure(figsize=(7, 5.4), layout="constrained")
@@ -163,7 +163,7 @@ def response_surface(dataset: xr.Dataset, name: str, x: str | None = None, y: st
     axes.set_zticks([tick for tick in MaxNLocator(nbins=6).tick_values(low, high) if low <= tick <= high])
     axes.view_init(elev=26, azim=-128)
     figure.colorbar(drawn, ax=axes, shrink=0.7, pad=0.02, label=of.label)
-    axes.set_title(told_place(dataset, place), fontsize=9)
+    axes.set_title(place_words(dataset, place), fontsize=9)
     return figure
 
 
@@ -176,7 +176,7 @@ def curves(dataset: xr.Dataset, name: str, x: str | None = None, by: str | None 
     other axis has few values, or by the axis `by`, there is a curve for each of them.
     """
     dataset = tidy(dataset)
-    x = varied(dataset)[0] if x is None else x
+    x = variables(dataset)[0] if x is None else x
     figure = Figure(figsize=(6.4, 4.2), layout="constrained")
     draw_curves(figure.subplots(), dataset, name, x, by)
     return figure
@@ -187,11 +187,11 @@ def draw_curves(axes: Any, dataset: xr.Dataset, name: str, x: str, by: str | Non
     if by is None:
         few = [dim for dim in lanes_of(dataset) if dim != x and 1 < dataset.sizes[dim] <= CURVES]
         by = few[0] if x in lanes_of(dataset) and few else None
-    across, of = shown(number(dataset, x)), shown(result(dataset, name))
-    places = [None] if by is None else parted(dataset.sizes[by], CURVES)
+    across, of = display(number(dataset, x)), display(result(dataset, name))
+    places = [None] if by is None else spread_places(dataset.sizes[by], CURVES)
     for i, k in enumerate(places):
         part = dataset if k is None else dataset.isel({by: [k]})
-        label = None if k is None else told_place(dataset, {by: k})
+        label = None if k is None else place_words(dataset, {by: k})
         _band(axes, part, name, x, (across, of), f"C{i}", label, alone=len(places) == 1)
     axes.set(xlabel=across.label, ylabel=of.label)
     axes.set_xscale(scale(dataset[x].values) if x in lanes_of(dataset) else "linear")
@@ -243,15 +243,15 @@ def parallel_coordinates(dataset: xr.Dataset, colour: str, names: list[str] | No
     **Arguments:** `names`: what has an axis, in this order (all that varies, and all results of one number a lane).
     """
     dataset = tidy(dataset)
-    names = [*varied(dataset), *results(dataset)] if names is None else names
-    how = {name: shown(dataset[name]) for name in {*names, colour}}
+    names = [*variables(dataset), *results(dataset)] if names is None else names
+    how = {name: display(dataset[name]) for name in {*names, colour}}
     columns = {name: one.factor * of_lanes(dataset, dataset[name]) for name, one in how.items()}
     whole = np.flatnonzero(np.all([np.isfinite(values) for values in columns.values()], axis=0))
     if not whole.size:
         raise ClearanceError("There is nothing to draw: no lane has all of these results.")
     # The highest on top; of many lanes some, evenly chosen by that.
     order = whole[np.argsort(columns[colour][whole], kind="stable")]
-    order = order[parted(len(order), LINES)]
+    order = order[spread_places(len(order), LINES)]
     figure = Figure(figsize=(1.2 + 1.7 * len(names), 4.2), layout="constrained")
     axes = figure.subplots()
     scaled = []

@@ -15,7 +15,7 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.report.film import DPI, FPS, STYLE, AbstractFilm
 from clearance_jax.report.magnified import EDGE, SHOWN, WALL, bushing, round_factor
 from clearance_jax.report.style import STYLED, legend_below, length_unit
-from clearance_jax.report.sweep_axes import shown
+from clearance_jax.report.sweep_axes import display
 
 # Ages at which profiles are drawn; frames of a film, and how many a second.
 AGES, FRAMES, SLOW = 6, 80, FPS / 2
@@ -36,7 +36,7 @@ def overview(dataset: xr.Dataset) -> Figure:
     rest: Any = figure.add_subplot(grid[1, :3]), figure.add_subplot(grid[1, 3:])
     one, other = rest
     growth(one, dataset)
-    watched(other, dataset) if "watched" in dataset else volume(other, dataset)
+    criterion(other, dataset) if "watched" in dataset else volume(other, dataset)
     end = f", life {dataset.attrs['life']:.6g} cycles" if "life" in dataset.attrs else ""
     figure.suptitle(f"{dataset.attrs.get('name', dataset.attrs['mechanism'])}: joint {dataset.attrs['joint']}{end}")
     return figure
@@ -48,7 +48,7 @@ def intervals(dataset: xr.Dataset, name: str) -> Figure:
     if name not in dataset or "life" not in dataset:
         raise ClearanceError(f"There is no life against `{name}` in this dataset.")
     order = np.argsort(dataset[name].values, kind="stable")
-    told = shown(dataset[name], name)
+    told = display(dataset[name], name)
     x, y = told.factor * dataset[name].values[order], dataset["life"].values[order]
     figure = Figure(figsize=(6.5, 4), layout="constrained")
     axis = figure.add_subplot()
@@ -96,7 +96,7 @@ def profiles(axis: Any, dataset: xr.Dataset) -> None:
     """Depths over the angle at several ages, evenly over the life."""
     angle = np.degrees(dataset["angle"].values)
     factor, unit = length_unit(float(dataset["deepest"].max()))
-    for age, colour in _aged(dataset):
+    for age, colour in _ages(dataset):
         axis.plot(angle, factor * _depth(dataset, age), color=colour, lw=1.2, label=f"{age:.0f} cycles")
     axis.set(xlabel="angle around the sleeve, deg", ylabel=f"depth of wear, {unit}", xlim=(0, 360), ylim=(0, None))
     axis.set_xticks(np.arange(0, 361, 45))
@@ -107,12 +107,12 @@ def profiles(axis: Any, dataset: xr.Dataset) -> None:
 def bore(axis: Any, dataset: xr.Dataset) -> None:
     """The bore at the same ages around its pin, with clearance and wear magnified."""
     radius, factors = float(dataset.attrs["pin_radius"]), _factors(dataset)
-    for age, colour in _aged(dataset):
+    for age, colour in _ages(dataset):
         axis.plot(*_bore(dataset, age, factors), color=colour, lw=1.2)
     axis.add_patch(Circle((0, 0), radius, fc="0.9", ec="0.5", lw=0.8))
     axis.set_aspect("equal")
     axis.set_axis_off()
-    axis.set_title(f"bore: {_magnified(factors)}")
+    axis.set_title(f"bore: {_magnification_words(factors)}")
 
 
 def growth(axis: Any, dataset: xr.Dataset) -> None:
@@ -131,10 +131,10 @@ def growth(axis: Any, dataset: xr.Dataset) -> None:
     legend_below(axis, fontsize=7)
 
 
-def watched(axis: Any, dataset: xr.Dataset) -> None:
+def criterion(axis: Any, dataset: xr.Dataset) -> None:
     """What was watched, with the bound that ends the life."""
     one = dataset["watched"]
-    told = shown(one)
+    told = display(one)
     axis.plot(dataset["cycle"], told.factor * one, "o-", ms=2.5, lw=1)
     axis.axhline(told.factor * one.attrs["bound"], color=MARK, lw=1, ls="--", label="bound")
     axis.set(title=told.name, ylabel=told.unit)
@@ -161,7 +161,7 @@ def _last(dataset: xr.Dataset) -> float:
     return float(dataset.attrs.get("life", dataset["cycle"][-1]))
 
 
-def _aged(dataset: xr.Dataset) -> list[tuple[float, Any]]:
+def _ages(dataset: xr.Dataset) -> list[tuple[float, Any]]:
     """Ages with a colour each."""
     ages = np.linspace(0.0, _last(dataset), AGES)
     return list(zip(ages, mpl.colormaps["viridis"](np.linspace(0.9, 0.0, AGES)), strict=True))
@@ -179,7 +179,7 @@ def _factors(dataset: xr.Dataset) -> tuple[float, float]:
     return gap, max(gap, round_factor(reach / max(float(dataset["deepest"].max()), 1e-12)))
 
 
-def _magnified(factors: tuple[float, float]) -> str:
+def _magnification_words(factors: tuple[float, float]) -> str:
     gap, worn = (f"{factor:.0f}" for factor in factors)
     return f"clearance and wear × {gap}" if gap == worn else f"clearance × {gap}, wear × {worn}"
 
@@ -231,7 +231,7 @@ class WearFilm(AbstractFilm):
         new = _bore(self.dataset, 0.0, self._factors)
         self._wall, _ = bushing(axis, new, radius, far)
         axis.plot(*new, color=EDGE, lw=0.8, ls="--")
-        axis.set_title(_magnified(self._factors), fontsize=9)
+        axis.set_title(_magnification_words(self._factors), fontsize=9)
 
     def _over_angle(self, axis: Any, unit: str) -> Any:
         angle, last = np.degrees(self.dataset["angle"].values), _depth(self.dataset, _last(self.dataset))
@@ -253,4 +253,4 @@ def animate(dataset: xr.Dataset, *, frames: int = FRAMES, fps: float = SLOW) -> 
     return WearFilm(dataset, frames, fps)
 
 
-__all__ = ["WearFilm", "animate", "bore", "growth", "overview", "profiles", "volume", "watched"]
+__all__ = ["WearFilm", "animate", "bore", "criterion", "growth", "overview", "profiles", "volume"]

@@ -8,12 +8,12 @@ import numpy as np
 from markupsafe import Markup, escape
 
 from clearance_jax.report.panels import SHORT
-from clearance_jax.units import shown
+from clearance_jax.units import format_quantity
 
 
 def quantity(value: float | None, unit: str, digits: int = 6) -> str:
     """A quantity as it is read in a workshop, nothing where there is none."""
-    return "" if value is None else shown(value, unit, digits).replace(" um", " µm")
+    return "" if value is None else format_quantity(value, unit, digits).replace(" um", " µm")
 
 
 def percent(share: float, digits: int = 1) -> str:

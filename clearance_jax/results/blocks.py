@@ -48,7 +48,7 @@ def in_blocks(program, mechanism: Mechanism, *arrays, size: int = BLOCK, progres
     out = None
     for begin in range(0, max(count, 1), size):
         part = slice(begin, min(begin + size, count))
-        blocks = (_padded(np.asarray(a[part]), size) for a in arrays)
+        blocks = (_pad(np.asarray(a[part]), size) for a in arrays)
         now = program(mechanism, *blocks)
         if out is None:
             out = jax.tree.map(lambda x: np.empty((count, *x.shape[1:]), x.dtype), now)
@@ -58,7 +58,7 @@ def in_blocks(program, mechanism: Mechanism, *arrays, size: int = BLOCK, progres
     return out
 
 
-def _padded(block: np.ndarray, size: int) -> np.ndarray:
+def _pad(block: np.ndarray, size: int) -> np.ndarray:
     """The block filled up with its last entry (an empty one with zeros)."""
     missing = size - len(block)
     if missing == 0:
@@ -71,22 +71,22 @@ def _put(whole: np.ndarray, part: slice, block: Array) -> None:
     whole[part] = np.asarray(block)[: part.stop - part.start]
 
 
-def _batched(function):
+def _batch(function):
     """A jitted program over blocks, of a function of one state and a prepared mechanism (in space a table, for most of
     the time goes into compiling).
     """
 
     def block(mechanism, *arrays):
-        return jax.vmap(partial(function, mechanism.prepared().as_small_program()))(*arrays)
+        return jax.vmap(partial(function, mechanism.prepare().as_small_program()))(*arrays)
 
     return kept_jit(block, jax.jit, (function,))
 
 
-def _observed(mechanism: PreparedMechanism, time: Scalar, y: Array) -> dict[str, Array]:
+def _observe(mechanism: PreparedMechanism, time: Scalar, y: Array) -> dict[str, Array]:
     return observe(time, y, mechanism) | {"mark_position": mark_positions(mechanism, time, y)}
 
 
-def _observed_with_rates(mechanism: PreparedMechanism, time: Scalar, y: Array) -> dict[str, Array]:
+def _observe_with_rates(mechanism: PreparedMechanism, time: Scalar, y: Array) -> dict[str, Array]:
     """The same, and the rates of every contact force [N/s] and contact power [W/s] along the motion."""
     # Behind the state stands the energy balance, on which no contact depends.
     rate, size = jnp.zeros_like(y), layout(mechanism).size
@@ -101,7 +101,7 @@ def _along(
     """What is observed of a state that moves at the given rate, and the rates of the contact forces and powers."""
 
     def contact(time, y):
-        seen = _observed(mechanism, time, y)
+        seen = _observe(mechanism, time, y)
         return (seen["contact_force"], seen["contact_power"]), seen
 
     _, rates, seen = jax.jvp(contact, (time, y), (jnp.ones_like(time), rate), has_aux=True)
@@ -124,5 +124,5 @@ def _contact_inside(mechanism: PreparedMechanism, time: Scalar, y: Array, h: Sca
 
 EXACT = diffrax.Dopri8()
 RATES = ("force_rate", "power_rate")
-observed, observed_with_rates = _batched(_observed), _batched(_observed_with_rates)
-contact_inside = _batched(_contact_inside)
+observed, observed_with_rates = _batch(_observe), _batch(_observe_with_rates)
+contact_inside = _batch(_contact_inside)

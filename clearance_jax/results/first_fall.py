@@ -73,15 +73,15 @@ def peak_words(dataset: xr.Dataset, name: str, point: str) -> str:
     time, unit = dataset["time"].values, dataset[name].attrs["units"]
     size = np.linalg.norm(dataset[name].sel(point=point).values, axis=-1)
 
-    def said(k: int) -> str:
+    def say(k: int) -> str:
         return f"{size[k]:.6g} {unit} at {seconds(float(time[k]))}"
 
     largest = int(np.argmax(size))
     falling = time <= max(first_fall_ends(dataset), default=-np.inf) if "step_state" in dataset else time < time[0]
     if not falling[largest]:
-        return said(largest)
-    text = f"{said(largest)}, as pins first fall"
-    return text if np.all(falling) else f"{text}; after it {said(int(np.argmax(np.where(falling, 0.0, size))))}"
+        return say(largest)
+    text = f"{say(largest)}, as pins first fall"
+    return text if np.all(falling) else f"{text}; after it {say(int(np.argmax(np.where(falling, 0.0, size))))}"
 
 
 def _all(dataset: xr.Dataset) -> list[Load]:

@@ -101,11 +101,11 @@ def inside(seen: StepEnds, steps: np.ndarray, look: Look) -> tuple[np.ndarray, n
         s = left.place + np.where(np.isnan(x), 0.5, x) * width
         now = Point(s, *look(steps, s)[:2])
         place, top = np.where(now.force > top, s, place), np.maximum(now.force, top)
-        left, right = _chosen(now.slope > 0, now, left), _chosen(now.slope > 0, right, now)
+        left, right = _choose(now.slope > 0, now, left), _choose(now.slope > 0, right, now)
     return place, top
 
 
-def _chosen(where: np.ndarray, a: Point, b: Point) -> Point:
+def _choose(where: np.ndarray, a: Point, b: Point) -> Point:
     return Point(*(np.where(where, x, y) for x, y in zip(a, b, strict=True)))
 
 

@@ -69,7 +69,7 @@ def sobol_indices(dataset: xr.Dataset, name: str, seed: int = 0) -> Indices:
     rng = np.random.default_rng(seed)
     kept = np.where(np.isin(np.arange(samples), whole), np.arange(samples), rng.choice(whole, samples))
     used = found[:, kept]
-    first, total = _estimated(used)
+    first, total = _estimate(used)
     low, high = _confidence(used, rng)
     return Indices(
         names=tuple(numbers),
@@ -132,7 +132,7 @@ def _design(values: xr.DataArray) -> dict[str, np.ndarray] | None:
     return ordered if len(ordered) == count else None
 
 
-def _estimated(used: np.ndarray) -> np.ndarray:
+def _estimate(used: np.ndarray) -> np.ndarray:
     """First-order and total indices, (2, numbers), of results (numbers + 2, samples)."""
     parts = {"f_A": used[:1], "f_B": used[1:2], "f_AB": used[2:, None]}
     found: Any = stats.sobol_indices(func=parts, n=used.shape[1])
@@ -142,6 +142,6 @@ def _estimated(used: np.ndarray) -> np.ndarray:
 def _confidence(used: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Bounds of 95 % of both kinds of indices, (2, numbers) each, by drawing the samples again."""
     samples = used.shape[1]
-    drawn = [_estimated(used[:, rng.integers(0, samples, samples)]) for _ in range(DRAWN)]
+    drawn = [_estimate(used[:, rng.integers(0, samples, samples)]) for _ in range(DRAWN)]
     low, high = np.percentile(drawn, [2.5, 97.5], axis=0)
     return low, high

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from clearance_jax.errors import ClearanceError
-from clearance_jax.extras import lacking
+from clearance_jax.extras import missing_extra
 
 
 def save(dataset: xr.Dataset, path: str | Path) -> None:
@@ -37,7 +37,7 @@ def open_sweep(path: str | Path) -> xr.Dataset:
     try:
         found = xr.open_zarr(path, consolidated=True)
     except ImportError:
-        raise lacking("The store of a sweep", "zarr", "sweep") from None
+        raise missing_extra("The store of a sweep", "zarr", "sweep") from None
     except (OSError, ValueError, KeyError) as error:
         raise ClearanceError(f"Cannot read `{path}` as a store of a sweep: {error}.") from None
     for name, coordinate in found.coords.items():

@@ -45,7 +45,7 @@ class Powers(NamedTuple):
 def works(seen: StepEnds, found: Spans, inside: Look) -> Works:
     """The works of every episode of one joint, of what is seen of it."""
     powers, place = _powers(seen, found, inside)
-    until = [np.append(0.0, np.cumsum(part)) for part in _exchanged(powers)]
+    until = [np.append(0.0, np.cumsum(part)) for part in _exchange(powers)]
     taken, given = (work[place[found.last]] - work[place[found.first]] for work in until)
     whole = (found.first > 0) & ~found.lasting & (taken > 0)
     return Works(taken, given, np.where(whole, np.sqrt(given / np.where(whole, taken, 1.0)), np.nan))
@@ -81,7 +81,7 @@ def _powers(seen: StepEnds, found: Spans, inside: Look) -> tuple[Powers, np.ndar
     return joined, here + np.searchsorted(steps + 1, here, side="right")
 
 
-def _exchanged(powers: Powers) -> tuple[np.ndarray, np.ndarray]:
+def _exchange(powers: Powers) -> tuple[np.ndarray, np.ndarray]:
     """The work taken up and given back between instants: of the cubic through powers and rates at both; of a parabola,
     where one of the rates is not known.
     """

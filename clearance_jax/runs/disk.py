@@ -8,7 +8,7 @@ from clearance_jax.errors import ClearanceError
 
 
 @contextmanager
-def refused_in_words(what: str, *, begun: bool = False) -> Iterator[None]:
+def refuse_in_words(what: str, *, begun: bool = False) -> Iterator[None]:
     """Raise an `OSError` of writing as a `ClearanceError`: what cannot be written, why, and what to do. `begun`: there
     is something already.
     """

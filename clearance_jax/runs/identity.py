@@ -44,10 +44,10 @@ def numbers(model: Any, label: str = "") -> dict[str, Any]:
 
 def settings(given: Mapping[str, Any]) -> dict[str, Any]:
     """Options by name as numbers and short texts; those that are `None` are left out."""
-    return {name: shown(value) for name, value in given.items() if value is not None}
+    return {name: short(value) for name, value in given.items() if value is not None}
 
 
-def shown(value: Any) -> Any:
+def short(value: Any) -> Any:
     """A value as a number or a short text."""
     if isinstance(value, jax.Array | np.ndarray | np.generic):
         array = np.asarray(value)
@@ -57,7 +57,7 @@ def shown(value: Any) -> Any:
     return value if isinstance(value, str | int | float | bool) else f"{type(value).__qualname__} {digest(value)}"
 
 
-def kept(described: Mapping[str, Any]) -> dict[str, Any]:
+def as_in_file(described: Mapping[str, Any]) -> dict[str, Any]:
     """A description as it comes back from a file."""
     return json.loads(json.dumps(described), parse_constant=str)
 

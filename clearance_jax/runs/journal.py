@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from clearance_jax.errors import ClearanceError
-from clearance_jax.runs.disk import refused_in_words
-from clearance_jax.runs.identity import differences, fingerprint, kept, refusal
+from clearance_jax.runs.disk import refuse_in_words
+from clearance_jax.runs.identity import as_in_file, differences, fingerprint, refusal
 from clearance_jax.runs.lock import Lock
 
 BEGIN = b'{"check":"'
@@ -72,10 +72,10 @@ class Journal:
 
     def differences(self, question: Mapping[str, Any]) -> dict[str, str]:
         """What a question has otherwise than that of the file, by name, in words; empty where they are the same."""
-        if self.fingerprints == {fingerprint(kept(question))}:
+        if self.fingerprints == {fingerprint(as_in_file(question))}:
             return {}
         lost = {QUESTION: "its own words are lost"}
-        return lost if self.question is None else differences(self.question, kept(question)) or lost
+        return lost if self.question is None else differences(self.question, as_in_file(question)) or lost
 
     def ask(self, question: Mapping[str, Any]) -> None:
         """Go on with a question, or begin it where nothing is there. What is damaged is warned of (`RunWarning`).
@@ -87,11 +87,11 @@ class Journal:
             self._check(question)
         if self.damaged:
             first = len(self.records) + 2  # below the question, counted from 1
-            said = f"line {first} is damaged; it and what follows are" if self._ordered else _damaged(self.damaged)
+            said = f"line {first} is damaged; it and what follows are" if self._ordered else _damage(self.damaged)
             warnings.warn(f"`{self.path}`: {said} computed again.", RunWarning, stacklevel=2)
-        self._own = fingerprint(kept(question))
+        self._own = fingerprint(as_in_file(question))
         if self.question is None:
-            self.add(**{QUESTION: kept(question)})
+            self.add(**{QUESTION: as_in_file(question)})
 
     def _check(self, question: Mapping[str, Any]) -> None:
         if not self.fingerprints or (self._ordered and self.question is None):
@@ -108,7 +108,7 @@ class Journal:
         it; the file is then as before.
         """
         line = line_of({OF: self._own, **record})
-        with refused_in_words(f"`{self.path}`", begun=QUESTION not in record):
+        with refuse_in_words(f"`{self.path}`", begun=QUESTION not in record):
             lock = self._lock or Lock(self.path, itself=True, wait=True)
             try:
                 self._append(lock.place, line)
@@ -141,7 +141,7 @@ def _end(text: bytes) -> int:
     return text.rfind(b"\n") + 1
 
 
-def _damaged(count: int) -> str:
+def _damage(count: int) -> str:
     return "1 line is damaged; what it held is" if count == 1 else f"{count} lines are damaged; what they held is"
 
 

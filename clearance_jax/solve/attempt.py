@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from clearance_jax._types import Each, EachFlag, Scalar
-from clearance_jax.solve.control import Control, Decision, Means, decided, first_end, judged
+from clearance_jax.solve.control import Control, Decision, Means, first_end, judge, next_step
 from clearance_jax.solve.lane_axis import each_lane, sharing_lanes
 from clearance_jax.solve.problem import Problem
 from clearance_jax.solve.step import Trial, try_step
@@ -44,7 +44,7 @@ def means_of(options: Options, allowed) -> Means:
     return Means(allowed, options.locate_events, float(options.solver.error_order(None)), longest)
 
 
-def started(options: Options, t0: Scalar, y0: Array, problem: Problem) -> tuple:
+def start_records(options: Options, t0: Scalar, y0: Array, problem: Problem) -> tuple:
     """The observers' records before the first step."""
     return tuple(observer.start(t0, y0, problem) for observer in options.observers)
 
@@ -57,7 +57,7 @@ def decide(
     JAX: diffrax traces its loop three times.)
     """
     with sharing_lanes(times[0]):
-        decision = decided(problem, judged(problem, trial, times, means, control), times, means, control)
+        decision = next_step(problem, judge(problem, trial, times, means, control), times, means, control)
     ends = trial.start, trial.end, trial.slope0, trial.slope1
 
     def see(observers, record, times, ends, problem):
@@ -117,7 +117,7 @@ def start_carry(problem: Problem, options: Options, means: Means, t0: Each, t1: 
     """Before the first attempt."""
     end = jnp.minimum(each_lane(first_end, t0)(problem, t0, t1, y0, means), t1)
     yes, no, none = (jnp.full(jnp.shape(t0), value) for value in (True, False, 0))
-    record = each_lane(started, t0)(options, t0, y0, problem)
+    record = each_lane(start_records, t0)(options, t0, y0, problem)
     return Carry(t0, end, y0, jnp.zeros_like(y0), yes, no, Control.begin(t0), record, none, none, no)
 
 

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from clearance_jax.errors import ClearanceError, quoted
+from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.solve.effort import effort
 from clearance_jax.solve.expected import Lanes, as_numbers, cut, pilots, sorted_lanes
 from clearance_jax.solve.lanes import chunk_on
@@ -101,7 +101,7 @@ def batch(
     elif cost is not None:
         first, chunks = pilots(chunks)
         work.run(first, cores, progress)
-        longest_first = work.sorted(first, chunks)
+        longest_first = work.sort(first, chunks)
         if longest_first is not None:
             chunks, order = cut(longest_first, work.width), "learned"
     work.run(chunks, cores, progress)
@@ -163,7 +163,7 @@ class _Work:
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise
 
-    def sorted(self, tried: list[Lanes], others: list[Lanes]) -> Lanes | None:
+    def sort(self, tried: list[Lanes], others: list[Lanes]) -> Lanes | None:
         """The other lanes by what was learned from those tried; `None`: as they are."""
         if self.efficiency is None or not others:
             return None
@@ -207,7 +207,7 @@ def _put(whole: np.ndarray, chunk: Lanes, values: np.ndarray) -> None:
 def _leaves(function: Any, lanes: Any) -> tuple[list[np.ndarray], int]:
     """The arrays of `lanes`, and how many lanes there are."""
     if not callable(function):
-        raise ClearanceError(f"`function` must be a function of one lane, but it is {quoted(function)}.")
+        raise ClearanceError(f"`function` must be a function of one lane, but it is {quote(function)}.")
     paths, _ = jax.tree_util.tree_flatten_with_path(lanes)
     if not paths:
         raise ClearanceError("`lanes` must be a tree of arrays whose first axis are the lanes, but it has no array.")
@@ -218,7 +218,7 @@ def _leaves(function: Any, lanes: Any) -> tuple[list[np.ndarray], int]:
         if leaf.ndim == 0 or leaf.dtype.kind not in "biufc":
             raise ClearanceError(
                 f"Every leaf of `lanes` must be an array of numbers whose first axis are the lanes, but `{name}` is "
-                f"{quoted(given)}. (A list is a tree of its entries: make it an array.)"
+                f"{quote(given)}. (A list is a tree of its entries: make it an array.)"
             )
     sizes = {name: len(leaf) for name, leaf in leaves.items()}
     count = min(sizes.values())
@@ -255,7 +255,7 @@ def _whole(name: str, given: Any, usual: int) -> int:
     if given is None:
         return usual
     if isinstance(given, bool) or not isinstance(given, int | np.integer) or given < 1:
-        raise ClearanceError(f"`{name}` must be a whole number, at least 1, but it is {quoted(given)}.")
+        raise ClearanceError(f"`{name}` must be a whole number, at least 1, but it is {quote(given)}.")
     return int(given)
 
 
@@ -266,6 +266,6 @@ def _costs(cost: Any, count: int) -> np.ndarray | None:
     costs = None if isinstance(cost, str) else np.asarray(cost)
     if costs is None or costs.shape != (count,) or not np.issubdtype(costs.dtype, np.number):
         raise ClearanceError(
-            f'`cost` must be "learned", an array of {count} numbers, one a lane, or `None`, but it is {quoted(cost)}.'
+            f'`cost` must be "learned", an array of {count} numbers, one a lane, or `None`, but it is {quote(cost)}.'
         )
     return costs.astype(float)

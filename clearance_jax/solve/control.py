@@ -17,7 +17,7 @@ from clearance_jax._sharing import share
 from clearance_jax._types import Each, EachFlag, Scalar
 from clearance_jax.mechanism.breaks import breaks_near
 from clearance_jax.solve.events import curves, first_event
-from clearance_jax.solve.lane_axis import component_axis, each_lane, summed
+from clearance_jax.solve.lane_axis import component_axis, each_lane, sum_components
 from clearance_jax.solve.problem import Problem, motion
 from clearance_jax.solve.step import Trial
 from clearance_jax.solve.tolerances import Tolerances
@@ -91,7 +91,7 @@ class Means(NamedTuple):
     longest: Any = None
 
 
-def judged(problem: Problem, trial: Trial, times: tuple, means: Means, control: Control) -> Verdict:
+def judge(problem: Problem, trial: Trial, times: tuple, means: Means, control: Control) -> Verdict:
     """The verdict on a try."""
     t0, t1 = times
     error, of_motion = scaled_error(problem, trial, means, t1)
@@ -133,7 +133,7 @@ def scaled_error(problem: Problem, trial: Trial, means: Means, time: Each) -> tu
 
     def rms(x):
         wanted = jnp.where(jnp.broadcast_to(controlled, x.shape), x, 0.0)
-        return jnp.sqrt(summed(wanted * wanted, time) / count)
+        return jnp.sqrt(sum_components(wanted * wanted, time) / count)
 
     size = jnp.maximum(jnp.abs(motion(problem, y0)), jnp.abs(motion(problem, y1)))
     of_motion = scaled = rms(motion(problem, error) / (scale + allowed.relative * size))
@@ -148,7 +148,7 @@ def scaled_error(problem: Problem, trial: Trial, means: Means, time: Each) -> tu
     return jnp.where(fine, scaled, jnp.inf), jnp.where(fine, of_motion, jnp.inf)
 
 
-def decided(problem: Problem, verdict: Verdict, times: tuple, means: Means, control: Control) -> Decision:
+def next_step(problem: Problem, verdict: Verdict, times: tuple, means: Means, control: Control) -> Decision:
     """What to do after a verdict."""
     t0, t1 = times
     h, cut, error = t1 - t0, verdict.cut, verdict.error

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from clearance_jax._types import Flag, Scalar
-from clearance_jax.solve.attempt import Options, decide, dense, dense_info, means_of, started
+from clearance_jax.solve.attempt import Options, decide, dense, dense_info, means_of, start_records
 from clearance_jax.solve.codes import code_of
 from clearance_jax.solve.control import Control, Means, first_end
 from clearance_jax.solve.outcome import Outcome, Task
@@ -118,7 +118,7 @@ class Controller(diffrax.AbstractAdaptiveStepSizeController):
 
     def init(self, terms, t0, t1, y0, dt0, args, func, error_order):
         samples = None if self.at is None else Samples.none(self.at, t0, t1, y0)
-        state = DriverState(Control.begin(t0), started(self.options, t0, y0, args), samples)
+        state = DriverState(Control.begin(t0), start_records(self.options, t0, y0, args), samples)
         return first_end(args, t0, t1, y0, self.means), state
 
     def adapt_step_size(self, t0, t1, y0, y1_candidate, args, y_error, error_order, controller_state):

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from clearance_jax._alike import alike, stacked
+from clearance_jax._alike import alike, stack_trees
 from clearance_jax._sharing import share
 from clearance_jax._types import Each, EachFlag, Rows
 from clearance_jax.dynamics.kinematics import relative_accelerations, relative_motions
@@ -24,7 +24,7 @@ from clearance_jax.dynamics.relative_motion import turning_rows
 from clearance_jax.joints import ContactPoint, PreparedClearance, Relative
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout
-from clearance_jax.solve.interpolate import between, polynomial, quintic_coefficients, rising, tops
+from clearance_jax.solve.interpolate import between, polynomial, quintic_coefficients, slope_coefficients, tops
 from clearance_jax.solve.lane_axis import each_lane, together
 from clearance_jax.spatial import add, dot, subtract, three
 
@@ -53,7 +53,7 @@ class Curve(NamedTuple):
         """The curve by the coefficients of its pose, the constant first."""
         # The twist by coefficients of its own: by those of the pose a compiler would make them anew wherever it is.
         pose = share(tuple(pose))
-        return Curve(pose, share(tuple(rising(pose, h))), h)
+        return Curve(pose, share(tuple(slope_coefficients(pose, h))), h)
 
     def at(self, s: Each | float) -> Relative:
         """The relative motion at a fraction of the step; of several joints at one of each its own."""
@@ -160,9 +160,9 @@ def event_joints(curve_of: list[Curve], memory: dict[str, Rows], mechanism: Prep
     for members in alike(several):
         group = [several[i] for i in members]
         poses, twists = (
-            stacked([part(one.curve) for one in group], 1) for part in (lambda c: c.pose, lambda c: c.twist)
+            stack_trees([part(one.curve) for one in group], 1) for part in (lambda c: c.pose, lambda c: c.twist)
         )
-        clearances, memories = stacked([(one.clearance, one.memory) for one in group])
+        clearances, memories = stack_trees([(one.clearance, one.memory) for one in group])
         alone.append(EventJoints(clearances, Curve(poses, twists, group[0].curve.h), memories))
     return alone
 
@@ -200,29 +200,29 @@ def first_of(joints: EventJoints, begin: Each) -> Each:
     before = jax.tree.map(lambda x: x[0], sampled)
     started = share(tuple(_sign(f) for f in functions_at(clearance, before, memory, before)))
 
-    def changed(points):
+    def changes(points):
         """Of several: which joints have changed."""
         now = functions_at(clearance, points, memory, before)
         crossed = jnp.stack([_sign(f) != start for f, start in zip(now, started, strict=True)])
         return jnp.any(crossed, axis=(0, 2) if several else 0)
 
     def beyond(s):
-        return jnp.any(changed(points(s)), axis=0) if several else changed(points(s))
+        return jnp.any(changes(points(s)), axis=0) if several else changes(points(s))
 
-    any_changed = jax.vmap(changed)(sampled)
+    any_changed = jax.vmap(changes)(sampled)
     high = earliest((jnp.any(any_changed, axis=1) if several else any_changed) & (places > begin), places)
     found = most_likely_graze(places, sampled, curve.h) if several else graze(places, sampled, curve.h)[None]
 
-    def grazed():
+    def graze_fraction():
         turns = jnp.isfinite(found)
         at = jnp.where(turns, found, 1.0)
         # Of several joints each at a place of its own.
-        return earliest((changed(points(at)) if several else jax.vmap(beyond)(at)) & turns, found)
+        return earliest((changes(points(at)) if several else jax.vmap(beyond)(at)) & turns, found)
 
-    high = jnp.minimum(high, jax.lax.cond(jnp.any(jnp.isfinite(found)), grazed, lambda: found[0]))
+    high = jnp.minimum(high, jax.lax.cond(jnp.any(jnp.isfinite(found)), graze_fraction, lambda: found[0]))
     low = share(-least(-jnp.where(places < high, places, begin[None])))
     # Most steps cross nothing.
-    return jax.lax.cond(jnp.any(high <= 1), lambda: located(beyond, (low, high), begin), lambda: high)
+    return jax.lax.cond(jnp.any(high <= 1), lambda: locate(beyond, (low, high), begin), lambda: high)
 
 
 def _sign(value: Array) -> Array:
@@ -300,7 +300,7 @@ def at(values: Array, place: Array) -> Each:
     return out
 
 
-def located(beyond, bracket: tuple, precision: Each) -> Each:
+def locate(beyond, bracket: tuple, precision: Each) -> Each:
     """The fraction just past the first change of regime in a bracket, by bisection.
 
     Not by secants on the functions that change: just before a pin leaves, a clipped force may act once more for a

@@ -17,10 +17,10 @@ from jaxtyping import Array
 from clearance_jax._kept import kept_jit
 from clearance_jax._solo import solo_jit, whole
 from clearance_jax._types import Scalar
-from clearance_jax.dynamics.closures import StartErrors, assembled, projected
-from clearance_jax.dynamics.control import renewed
+from clearance_jax.dynamics.closures import StartErrors, assemble, project
+from clearance_jax.dynamics.control import renew
 from clearance_jax.dynamics.energy import balance_at_start, energy_residual
-from clearance_jax.dynamics.settled import settled_start
+from clearance_jax.dynamics.settled import settle_start
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.breaks import drive_breaks
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -32,7 +32,7 @@ from clearance_jax.solve.attempt import CENTRE, SETTLED, Options
 from clearance_jax.solve.codes import Result
 from clearance_jax.solve.driver import integrate
 from clearance_jax.solve.lane_axis import from_lanes, to_lanes
-from clearance_jax.solve.lanes import batched
+from clearance_jax.solve.lanes import batch_by
 from clearance_jax.solve.outcome import Outcome, Task
 from clearance_jax.solve.problem import Problem, basis, field, lift, motion, moves, push, sparsity, widths
 from clearance_jax.solve.solution import Solution
@@ -69,7 +69,7 @@ Which: TypeAlias = tuple[bool, ...] | None
 @eqx.filter_custom_jvp
 def flow(inputs: Inputs, *, options: Options) -> Solution:
     """Solve; differentiable by every number of the mechanism, `y0`, `t1` and `save_at`."""
-    return _compiled(inputs, options)
+    return _compiled_solve(inputs, options)
 
 
 def plain_flow(inputs: Inputs, options: Options) -> Solution:
@@ -92,7 +92,7 @@ def _flow_jvp(primals, tangents, *, options: Options):
         value, slopes = variations(inputs, which, options)
         moved = [jnp.tensordot(amounts, slope, 1) for slope in slopes]
     else:
-        value = _stacked(inputs, None, options=options)
+        value = _stack(inputs, None, options=options)
         moved = [jnp.zeros_like(x) for x in states_of(value)]
     if rates.t1 is not None or rates.save_at is not None:
         moved = _later(inputs, rates, value, moved, options)
@@ -127,7 +127,7 @@ def with_states(solution: Solution, states: list[Array]) -> Solution:
 
 def _later(inputs: Inputs, rates: Inputs, value: Solution, moved: list[Array], options: Options) -> list[Array]:
     """The tangents with what moving the end or the sample times adds: the rate of the motion there."""
-    problem = Problem(inputs.mechanism.prepared(), inputs.integrands, energy_balance=options.energy_balance)
+    problem = Problem(inputs.mechanism.prepare(), inputs.integrands, energy_balance=options.energy_balance)
     start, final, y, *picks = moved
 
     def rate(time, y):
@@ -150,19 +150,19 @@ def _later(inputs: Inputs, rates: Inputs, value: Solution, moved: list[Array], o
 
 def variations(inputs: Inputs, which: Which, options: Options) -> tuple[Solution, list[Array]]:
     """The solution, and the derivatives of its states by each number that varies (leading axis)."""
-    stacked = _stacked(inputs, which, options=options)
+    stacked = _stack(inputs, which, options=options)
     stacks = [jnp.moveaxis(stack, -2, 0) for stack in states_of(stacked)]
     value = with_states(stacked, [stack[0] for stack in stacks])
     return value, [stack[1:] for stack in stacks]
 
 
 @eqx.filter_custom_jvp
-def _stacked(inputs, which, *, options):
-    return _compiled(inputs, options, which)
+def _stack(inputs, which, *, options):
+    return _compiled_solve(inputs, options, which)
 
 
-@_stacked.def_jvp
-def _stacked_jvp(primals, tangents, *, options):
+@_stack.def_jvp
+def _stack_jvp(primals, tangents, *, options):
     # A second derivative of the program would miss what moving an event adds to it, and nothing would bound its error.
     raise ClearanceError("`simulate` has first derivatives only. For second ones use `clearance_jax.hessian`.")
 
@@ -208,14 +208,14 @@ def solution_of(task: Task, out: Outcome, t1: Array, options: Options) -> Soluti
     time, y = out.end_time[None], final[None]
     if out.samples is not None:
         time, y = out.samples
-        y = projected_samples(problem, time, y)
+        y = project_samples(problem, time, y)
     residual = jnp.asarray(jnp.nan)
     if options.energy_balance:
         residual = energy_residual(problem.mechanism, (task.t0, t1), (motion(problem, start), motion(problem, final)))
-    seen = [observer.finished(record) for observer, record in zip(options.observers, out.record, strict=True)]
+    seen = [observer.finish(record) for observer, record in zip(options.observers, out.record, strict=True)]
     records = tuple(record for record, _ in seen)
     picked = tuple(
-        None if one is None else one._replace(y=projected_samples(problem, one.time, one.y)) for _, one in seen
+        None if one is None else one._replace(y=project_samples(problem, one.time, one.y)) for _, one in seen
     )
     code = jnp.where(task.possible, out.code, int(Result.IMPOSSIBLE))
     return Solution(
@@ -236,7 +236,7 @@ def solution_of(task: Task, out: Outcome, t1: Array, options: Options) -> Soluti
     )
 
 
-def solved(inputs: Inputs, options: Options, which: Which = None, mapped: bool = True) -> Solution:
+def solve(inputs: Inputs, options: Options, which: Which = None, mapped: bool = True) -> Solution:
     """One motion (or stack), by diffrax; `mapped`: `jax.vmap` may make many of it."""
     task = task_of(inputs, options, _directions(inputs, which))
     if not mapped and task.save_at is not None:
@@ -258,10 +258,10 @@ def _in_order(task: Task, times: Array) -> Task:
 
 def _directions(inputs: Inputs, which: Which) -> Any:
     """A direction for each number that varies."""
-    return None if which is None else basis(_varied(inputs, which))
+    return None if which is None else basis(_varying_numbers(inputs, which))
 
 
-def _varied(inputs: Inputs, which: tuple[bool, ...]) -> Any:
+def _varying_numbers(inputs: Inputs, which: tuple[bool, ...]) -> Any:
     """The numbers that vary; `None` for the others."""
     leaves, tree = jax.tree.flatten(inputs.varied, is_leaf=lambda x: x is None)
     return jax.tree.unflatten(tree, [leaf if varies else None for leaf, varies in zip(leaves, which, strict=True)])
@@ -272,7 +272,7 @@ def _breaks_move(task: Task) -> bool:
     return task.problem.varies and moves(drive_breaks, task.problem)
 
 
-def solved_lanes(inputs: Inputs, options: Options, which: Which = None) -> Solution:
+def solve_lanes(inputs: Inputs, options: Options, which: Which = None) -> Solution:
     """A batch of motions (or stacks), along the first axis of every array, as lanes."""
 
     def begin(inputs, options):
@@ -286,29 +286,29 @@ def solved_lanes(inputs: Inputs, options: Options, which: Which = None) -> Solut
 # Below the rule of differentiation: around it, a derivative would trace the motion's own solve for nothing, and a rule
 # of batching has no derivative in reverse.
 @kept_jit
-def _compiled(inputs: Inputs, options: Options, which: Which = None) -> Solution:
+def _compiled_solve(inputs: Inputs, options: Options, which: Which = None) -> Solution:
     numbers, rest = eqx.partition((inputs, options), eqx.is_array)
 
     def one(numbers):
         inputs, options = eqx.combine(numbers, rest)
-        return solved(inputs, options, which, mapped=False)
+        return solve(inputs, options, which, mapped=False)
 
     def mapped(numbers):
         inputs, options = eqx.combine(numbers, rest)
-        return solved(inputs, options, which)
+        return solve(inputs, options, which)
 
     def together(batch):
         inputs, options = eqx.combine(jax.tree.map(lambda x: x[0], batch), rest)
         if which is not None and _breaks_move(task_of(inputs, options, _directions(inputs, which))):
             return jax.vmap(mapped)(batch)
         inputs, options = eqx.combine(batch, rest)
-        return solved_lanes(inputs, options, which)
+        return solve_lanes(inputs, options, which)
 
-    return batched(inputs.mechanism.form.once(one), together)(numbers)
+    return batch_by(inputs.mechanism.form.once(one), together)(numbers)
 
 
 # Differentiated as it stands, and so without a rule of batching.
-_plain = solo_jit(solved)
+_plain = solo_jit(solve)
 
 
 def problem_of(
@@ -318,7 +318,7 @@ def problem_of(
 
     def begin(varied):
         mechanism, y0, integrands = varied
-        problem = Problem(mechanism.prepared(), integrands, energy_balance=options.energy_balance)
+        problem = Problem(mechanism.prepare(), integrands, energy_balance=options.energy_balance)
         start, errors = initial(problem, inputs.t0, y0, options.start)
         return problem.model, start, errors
 
@@ -368,30 +368,30 @@ def closed_start(mechanism: PreparedMechanism, t0: Scalar, start: str = CENTRE) 
 
     Every joint with clearance starts with its pin at `eccentricity` in the sleeve and at rest relative to it, that is,
     with the positions and velocities of the ideal mechanism; or, where the `start` is to be settled, pressed at the
-    wall (see `settled_start`).
+    wall (see `settle_start`).
     """
     if start == SETTLED and mechanism.clearance_joints():
-        y, errors = settled_start(t0, mechanism)
-        return measured_first(t0, jnp.concatenate([y, jnp.zeros(layout(mechanism).held)]), mechanism), errors
+        y, errors = settle_start(t0, mechanism)
+        return measure_first(t0, jnp.concatenate([y, jnp.zeros(layout(mechanism).held)]), mechanism), errors
     y = jnp.concatenate([initial_values(mechanism), jnp.zeros(layout(mechanism).remembered)])
     errors = StartErrors.nothing()
     if mechanism.loops and mechanism.assemble:
-        y, opened = assembled(t0, y, mechanism)
+        y, opened = assemble(t0, y, mechanism)
         errors = errors._replace(loops=opened)
-    return measured_first(t0, y, mechanism), errors
+    return measure_first(t0, y, mechanism), errors
 
 
-def measured_first(t0: Scalar, y: Array, mechanism: PreparedMechanism) -> Array:
+def measure_first(t0: Scalar, y: Array, mechanism: PreparedMechanism) -> Array:
     """The state with what everything that is sampled commands at the start."""
     plan = layout(mechanism)
     if not plan.held:
         return y
-    return y.at[plan.size - plan.held : plan.size].set(jnp.stack(renewed(mechanism, t0, plan.split(y), starts=True)))
+    return y.at[plan.size - plan.held : plan.size].set(jnp.stack(renew(mechanism, t0, plan.split(y), starts=True)))
 
 
-def projected_samples(problem: Problem, time: Array, y: Array) -> Array:
+def project_samples(problem: Problem, time: Array, y: Array) -> Array:
     """Dense output interpolates between projected states: project the samples of a mechanism with closures too."""
     if not problem.mechanism.has_manifold:
         return y
     # A sample is further from closed than a step end: its velocity wants the Jacobian of the place that it comes to.
-    return jax.vmap(lambda t, y: lift(lambda m, y: projected(t, y, m[0], 2), problem, y))(time, y)
+    return jax.vmap(lambda t, y: lift(lambda m, y: project(t, y, m[0], 2), problem, y))(time, y)

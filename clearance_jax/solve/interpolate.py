@@ -26,7 +26,7 @@ def quintic_coefficients(start, end) -> tuple:
     return p, v, 0.5 * c, 10 * d - 4 * e + 0.5 * f, -15 * d + 7 * e - f, 6 * d - 3 * e + 0.5 * f
 
 
-def rising(coefficients, width: Any = 1.0) -> list:
+def slope_coefficients(coefficients, width: Any = 1.0) -> list:
     """Coefficients of a polynomial's slope, over the `width` of its unit of x."""
     return [k * c / width for k, c in enumerate(coefficients[1:], 1)]
 
@@ -55,7 +55,7 @@ def between(ends: tuple[Array, Array, Array, Array], h: Each, x, plan: Layout) -
     q, v, rest = plan.q, plan.v, slice(plan.v.stop, None)
     start, end = ((of(y, q), h * of(y, v), h * h * of(slope, v)) for y, slope in ((y0, slope0), (y1, slope1)))
     coefficients = quintic_coefficients(start, end)
-    place, speed = polynomial(coefficients, x), polynomial(share(rising(coefficients, h)), x)
+    place, speed = polynomial(coefficients, x), polynomial(share(slope_coefficients(coefficients, h)), x)
     others = hermite(of(y0, rest), h * of(slope0, rest), of(y1, rest), h * of(slope1, rest), x)
     return jnp.concatenate([place, speed, others], axis=component_axis(h))
 

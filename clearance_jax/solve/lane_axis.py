@@ -34,7 +34,7 @@ def each_lane(function: Callable, time: Each) -> Callable:
 
 
 def sharing_lanes(time: Each) -> contextlib.AbstractContextManager:
-    """Within, `shared` is what it is within `each_lane`; for arrays of lanes."""
+    """Within, `share` is what it is within `each_lane`; for arrays of lanes."""
     return sharing() if jnp.ndim(time) else contextlib.nullcontext()
 
 
@@ -67,7 +67,7 @@ def component_axis(time: Each) -> int:
     return -1 - jnp.ndim(time)
 
 
-def summed(y: Array, time: Each) -> Array:
+def sum_components(y: Array, time: Each) -> Array:
     """The sum of a state's, or of each of a stack's, components."""
     # Of lanes one by one: a compiled reduction over another axis than the last is done lane by lane.
     axis = component_axis(time)

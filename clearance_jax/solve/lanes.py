@@ -53,32 +53,32 @@ def _integrate(task: Task, options: Options) -> Outcome:
     place = jnp.sum(known, axis=0)
     due = jnp.take_along_axis(times, place[None], 0)[0]
 
-    def going(carry: Carry) -> EachFlag:
+    def goes_on(carry: Carry) -> EachFlag:
         tries = carry.accepted + carry.rejected
         return (carry.time < last) & ~carry.collapsed & (tries < options.max_steps)
 
     def once(state):
         carry, saved = state
         with sharing_lanes(last):
-            now = share(going(carry))
+            now = share(goes_on(carry))
         moved, trial, keep = attempt(carry, problem, options, means, last)
         if task.save_at is not None:
             ends = carry.time, carry.end
-            saved = _sampled(saved, times, ends, now & keep, options, trial)
+            saved = _sample(saved, times, ends, now & keep, options, trial)
         return jax.tree.map(lambda new, old: jnp.where(now, new, old), moved, carry), saved
 
     # An impossible lane is to end where it begins. That its two times are equal would not see to that: what computes
     # them may be compiled twice, with other last digits, and a lane without numbers never gets across an ulp.
     carry = start_carry(problem, options, means, task.t0, last, start)._replace(collapsed=~task.possible)
     state = carry, (samples, place, due)
-    carry, (samples, *_) = jax.lax.while_loop(lambda s: jnp.any(going(s[0])), once, state)
+    carry, (samples, *_) = jax.lax.while_loop(lambda s: jnp.any(goes_on(s[0])), once, state)
     code = jnp.where(carry.collapsed, int(Result.STEP_COLLAPSED), int(Result.MAX_STEPS))
     code = jnp.where((carry.time < last) | carry.collapsed, code, int(Result.REACHED_END))
     sampled = None if task.save_at is None else (times[:-1], samples[:-1])
     return Outcome(carry.y, carry.time, sampled, carry.record, code, carry.accepted, carry.rejected)
 
 
-def _sampled(saved: tuple[Array, Array, Array], times: Array, ends: tuple[Each, Each], kept: EachFlag, options, trial):
+def _sample(saved: tuple[Array, Array, Array], times: Array, ends: tuple[Each, Each], kept: EachFlag, options, trial):
     """The samples with those that lie in the steps just kept, and the place and the time of each lane's next one."""
     inside = each_lane(lambda time, trial, ends: dense(options, trial, ends).evaluate(time), ends[0])
 
@@ -134,7 +134,7 @@ def over_chunks(solve: Callable, batch: Any, count: int, lanes: int) -> Any:
     return jax.tree.map(lambda x: x.reshape(chunks * width, *x.shape[2:])[:count], out)
 
 
-def batched(one: Callable, together: Callable) -> Callable:
+def batch_by(one: Callable, together: Callable) -> Callable:
     """`one` of a tree of arrays, which under `jax.vmap` becomes `together`, in chunks (of a tree of arrays that have
     the batch as their first axis); a batch of batches is one batch.
     """

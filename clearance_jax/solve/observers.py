@@ -45,7 +45,7 @@ class AbstractObserver(Module):
     def __call__(self, record: Any, times: tuple, ends: tuple, problem: Problem) -> Any:
         """The record after a step; `times` (t0, t1), `ends` (y0, y1, slope0, slope1)."""
 
-    def finished(self, record: Any) -> tuple[Any, Picked | None]:
+    def finish(self, record: Any) -> tuple[Any, Picked | None]:
         """What the solution reports of it: no states in the record itself."""
         return record, None
 
@@ -92,7 +92,7 @@ STEPS = 100
 PIECES = 4
 
 
-def _fixed(tree):
+def _without_derivatives(tree):
     """The same numbers, without derivatives."""
     return jax.tree.map(lambda x: jax.lax.stop_gradient(x) if eqx.is_array(x) else x, tree)
 
@@ -124,16 +124,16 @@ def _search(at: Any, count: int, lowest: Any) -> Search:
     zero, zeros = jnp.asarray(0.0), jnp.zeros(width)
     begin = Search(jnp.asarray(0), (zero, zero), (zero, zero), zeros, none, zeros, jnp.zeros(width, int), none)
 
-    def left(now):
+    def tops_left(now):
         """Tops that are to be looked at."""
         return (now.looks < 2) & (now.height > lowest(*now.first))
 
-    def unended(now):
-        return (now.turn <= PIECES) | jnp.any(left(now))
+    def goes_on(now):
+        return (now.turn <= PIECES) | jnp.any(tops_left(now))
 
     def turn(now):
         k, looks = now.turn, now.turn <= PIECES
-        here = (slots == jnp.argmax(left(now))) & ~looks
+        here = (slots == jnp.argmax(tops_left(now))) & ~looks
         again = now.looks == 1
         chosen = jnp.sum(jnp.where(here, now.place, 0.0))
         value, slope = compute_once(at(jnp.where(looks, k / PIECES, chosen)))
@@ -159,7 +159,7 @@ def _search(at: Any, count: int, lowest: Any) -> Search:
             jnp.where(here & again, value, now.value),
         )
 
-    return jax.lax.while_loop(unended, turn, begin)
+    return jax.lax.while_loop(goes_on, turn, begin)
 
 
 class PeakFinder(AbstractObserver):
@@ -194,8 +194,8 @@ class PeakFinder(AbstractObserver):
         (t0, t1), h, plan = times, times[1] - times[0], layout(problem.mechanism)
         skipped = 0.0 if self.since is None else jnp.clip((self.since - t0) / h, 0.0, 1.0)
         # Where a peak is has no derivative here: the signal's at a fixed time is the peak's.
-        start, width, part, whole = _fixed((t0, h, skipped, problem))
-        own = tuple(motion(whole, end) for end in _fixed(ends))
+        start, width, part, whole = _without_derivatives((t0, h, skipped, problem))
+        own = tuple(motion(whole, end) for end in _without_derivatives(ends))
 
         def inside(s, skipped):
             """Place in the step of a place in the part of it that counts."""
@@ -247,7 +247,7 @@ class PeakFinder(AbstractObserver):
         found = record.peaks.highest(time[None], peak[None], y[None]).highest(t0 + x * h, seen.value, states)
         return PeakRecord(found, t1, *seen.last, ends[1])
 
-    def finished(self, record):
+    def finish(self, record):
         # The end of the motion is a peak where the signal is rising there.
         value = jnp.where(record.slope > 0, record.value, -jnp.inf)
         time, value, y = record.peaks.highest(record.time[None], value[None], record.y[None])

@@ -106,11 +106,11 @@ def field(time: Each, y: Array, problem: Problem, counts: Flag | None = None) ->
         mechanism, integrands = problem.model
         rates = rate(time, y, mechanism, problem.energy_balance, counts)
 
-        def added():
+        def add():
             flat = [jnp.ravel(f(time, vector(y), mechanism)) for f in integrands]
             return tuple(one[i] for one in flat for i in range(one.shape[0]))
 
-        return tuple(jnp.asarray(x, float) for x in (*rates, *where_it_counts(counts, added)))
+        return tuple(jnp.asarray(x, float) for x in (*rates, *where_it_counts(counts, add)))
 
     def rates(model, state):
         # Rows in, rows out: lanes stay the last axis, without a copy.
@@ -148,11 +148,11 @@ def vjp_rows(function, problem: Problem, stacks: Rows) -> Rows:
         pulls = {j: share(pulls[j]) for j in sorted(reached)}
         own = [(pull, *numbers[j]) for j, pull in pulls.items() if j < len(leaves)]
         states = [(pull, stacks[j - len(leaves)]) for j, pull in pulls.items() if j >= len(leaves)]
-        out.append(_applied(share(value), own, states, stacks[0].shape[0]))
+        out.append(_apply(share(value), own, states, stacks[0].shape[0]))
     return tuple(out)
 
 
-def _applied(value: Array, own: list[tuple], states: list[tuple], rows: int) -> Array:
+def _apply(value: Array, own: list[tuple], states: list[tuple], rows: int) -> Array:
     """A number and its derivatives, as a stack: from its derivatives by the mechanism's numbers (`own`: with these
     numbers' directions, and the few directions that move each) and by the state (with the state's stacks).
     """

@@ -15,7 +15,7 @@ from jax.core import Tracer
 from jaxtyping import Array
 
 from clearance_jax.dynamics.energy import BALANCE_TERMS
-from clearance_jax.errors import ClearanceError, quoted, require_float64, suggest
+from clearance_jax.errors import ClearanceError, quote, require_float64, suggest
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.parameters import as_leaf, check_values
@@ -76,7 +76,7 @@ class Settings(NamedTuple):
     derivatives: str = "controlled"
     max_steps: int = 10_000_000
 
-    def compiled(self, observers: tuple = ()) -> Options:
+    def as_options(self, observers: tuple = ()) -> Options:
         """What a solve is compiled for."""
         solver = SOLVERS[self.solver]() if isinstance(self.solver, str) else self.solver
         return Options(
@@ -103,7 +103,7 @@ def settings_of(
     if asked.derivatives not in DERIVATIVES:
         raise ClearanceError(f"There are no derivatives {asked.derivatives!r}. Allowed: {', '.join(DERIVATIVES)}.")
     if asked.start not in STARTS:
-        raise ClearanceError(f"`start` must be {' or '.join(STARTS)}, but it is {quoted(asked.start)}.")
+        raise ClearanceError(f"`start` must be {' or '.join(STARTS)}, but it is {quote(asked.start)}.")
     t0, t1, rtol, atol = (as_leaf(x) for x in (asked.t0, t1, asked.rtol, asked.atol))
     return asked._replace(
         t0=t0, rtol=rtol, atol=atol, y0=_initial(mechanism, asked.y0), save_at=_times(asked.save_at, t0, t1)
@@ -142,7 +142,7 @@ def _number(name: str, value: Any) -> Any:
     try:
         return float(value)
     except (TypeError, ValueError):
-        raise ClearanceError(f"`{name}` must be one number, but it is {quoted(value)}.") from None
+        raise ClearanceError(f"`{name}` must be one number, but it is {quote(value)}.") from None
 
 
 def _initial(mechanism: Mechanism, y0: Any) -> Array | None:
@@ -164,12 +164,12 @@ def _times(save_at: Any, t0: Array, t1: Array) -> Array | None:
     if isinstance(save_at, int | np.integer) and not isinstance(save_at, bool):
         if not 2 <= save_at <= MOST_SAMPLES:
             raise ClearanceError(
-                f"`save_at` must be between 2 and {MOST_SAMPLES}, the number of samples, but it is {quoted(save_at)}."
+                f"`save_at` must be between 2 and {MOST_SAMPLES}, the number of samples, but it is {quote(save_at)}."
             )
         return evenly(t0, t1, int(save_at))
     times = jnp.asarray(save_at, float)
     if times.ndim != 1:
-        raise ClearanceError(f"`save_at` must be a whole number of samples, or a list of times, not {quoted(save_at)}.")
+        raise ClearanceError(f"`save_at` must be a whole number of samples, or a list of times, not {quote(save_at)}.")
     known = not any(isinstance(t, Tracer) for t in (t0, t1, times))
     if known and times.size and not (np.all(np.diff(times) > 0) and times[0] >= t0 and times[-1] <= t1):
         raise ClearanceError("The times in `save_at` must increase and lie between `t0` and `t1`.")

@@ -60,7 +60,7 @@ def run(
 
 
 def _run(mechanism, t1, settings: Settings, throw: bool, observers=(), integrands=()) -> Solution:
-    options = settings.compiled(observers)
+    options = settings.as_options(observers)
     if layout(mechanism).size == 0:
         options = options._replace(
             energy_balance=True
@@ -80,7 +80,7 @@ def _run(mechanism, t1, settings: Settings, throw: bool, observers=(), integrand
 
 @solo_jit
 def _start_errors(mechanism: Mechanism, t0: Array, start: str) -> StartErrors:
-    return closed_start(mechanism.prepared(), t0, start)[1]
+    return closed_start(mechanism.prepare(), t0, start)[1]
 
 
 class EnergyWarning(UserWarning):

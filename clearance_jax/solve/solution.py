@@ -13,7 +13,7 @@ from jaxtyping import Array, Float, Int
 from clearance_jax._module import Module
 from clearance_jax._solo import solo_jit
 from clearance_jax.dynamics.energy import BALANCE_TERMS
-from clearance_jax.dynamics.quantities import Quantity, evaluated, quantities
+from clearance_jax.dynamics.quantities import Quantity, evaluate, quantities
 from clearance_jax.dynamics.seated import Seated
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -21,7 +21,7 @@ from clearance_jax.mechanism.state import layout
 from clearance_jax.solve.codes import Result, words
 from clearance_jax.solve.observers import Picked
 from clearance_jax.solve.start import rest_words
-from clearance_jax.units import shown
+from clearance_jax.units import format_quantity
 
 
 class Solution(Module):
@@ -104,14 +104,14 @@ class Solution(Module):
 
     def __getitem__(self, name: str) -> Array:
         """A quantity by name [SI], shape (samples, ...); without samples its value at the end."""
-        found = self._named(name, quantities(self.mechanism, self.energy_balance))
+        found = self._lookup(name, quantities(self.mechanism, self.energy_balance))
         if found.place is not None:
             return self._read(found)
         # Integrals that a metric asks for may follow the energy balance.
         width = layout(self.mechanism).size + (len(BALANCE_TERMS) if self.energy_balance else 0)
-        values = _evaluated(self.numbers, self.structure, found.variable, self.time, self.y[..., :width])
+        values = _evaluate(self.numbers, self.structure, found.variable, self.time, self.y[..., :width])
         # The axes of `time` come before the entry that is meant.
-        return self._asked(values[(slice(None),) * self.time.ndim + found.index])
+        return self._over_time(values[(slice(None),) * self.time.ndim + found.index])
 
     def state(self, name: str) -> Array:
         """A state by name [SI]: a free coordinate (`wrist.play_x`), its rate (`wrist.play_x.velocity`), a law's memory
@@ -122,19 +122,19 @@ class Solution(Module):
             raise ClearanceError(
                 f'`{name}` is no state: it is driven, or follows from states. Use `solution["{name}"]`.'
             )
-        return self._read(self._named(name, {k: one for k, one in every.items() if one.place is not None}, "state"))
+        return self._read(self._lookup(name, {k: one for k, one in every.items() if one.place is not None}, "state"))
 
     def _read(self, found: Quantity) -> Array:
-        return self._asked(self.y[..., found.place])
+        return self._over_time(self.y[..., found.place])
 
-    def _named(self, name: Any, known: Mapping[str, Quantity], kind: str = "quantity") -> Quantity:
+    def _lookup(self, name: Any, known: Mapping[str, Quantity], kind: str = "quantity") -> Quantity:
         if not isinstance(name, str):
             raise ClearanceError(f'A solution is asked by name, `solution["piston.position"]`, not by {name!r}.')
         if name not in known:
             raise ClearanceError(f"`{self.mechanism.name}` has no {kind} `{name}`. " + suggest(name, known))
         return known[name]
 
-    def _asked(self, values: Array) -> Array:
+    def _over_time(self, values: Array) -> Array:
         """Values over time; of a solve without samples, at its end."""
         return values if self.sampled else values[(slice(None),) * (self.time.ndim - 1) + (0,)]
 
@@ -149,12 +149,12 @@ def _whole(numbers: Any, structure: Any) -> Mechanism:
 
 
 @solo_jit
-def _evaluated(numbers: Any, structure: Any, variable: str, time: Array, y: Array) -> Array:
+def _evaluate(numbers: Any, structure: Any, variable: str, time: Array, y: Array) -> Array:
     """A variable of every state, over the axes of `time`, of which all but the last are a batch's."""
 
     def along(numbers, time, y):
-        ready = _whole(numbers, structure).prepared()
-        return jax.vmap(lambda t, y: evaluated(variable, t, y, ready))(time, y)
+        ready = _whole(numbers, structure).prepare()
+        return jax.vmap(lambda t, y: evaluate(variable, t, y, ready))(time, y)
 
     for _ in range(time.ndim - 1):
         along = jax.vmap(along)
@@ -173,13 +173,13 @@ def summary(solution: Solution) -> str:
     def last(name: str) -> str:
         found = known[name]
         if found.place is not None:
-            return shown(float(final[found.place]), found.unit, 5)
+            return format_quantity(float(final[found.place]), found.unit, 5)
         # An orientation is no state by its rotation vector.
         y = final[: plan.size + (len(BALANCE_TERMS) if solution.energy_balance else 0)]
-        values = _evaluated(
+        values = _evaluate(
             solution.numbers, solution.structure, found.variable, np.asarray(solution.end_time)[None], y[None]
         )
-        return shown(float(np.asarray(values)[0][found.index]), found.unit, 5)
+        return format_quantity(float(np.asarray(values)[0][found.index]), found.unit, 5)
 
     rows = [("at the end", "position", "velocity")] if plan.free else []
     rows += [(name, last(name), last(f"{name}.velocity")) for name in plan.velocities]

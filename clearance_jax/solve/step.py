@@ -11,9 +11,9 @@ from jaxtyping import Array
 
 from clearance_jax._sharing import share
 from clearance_jax._types import Each, EachFlag, Scalar
-from clearance_jax.dynamics.closures import projected
+from clearance_jax.dynamics.closures import project
 from clearance_jax.dynamics.constraint import choice
-from clearance_jax.dynamics.control import renewed
+from clearance_jax.dynamics.control import renew
 from clearance_jax.dynamics.energy import hand_over
 from clearance_jax.dynamics.kinematics import relative_accelerations
 from clearance_jax.mechanism.breaks import drive_breaks
@@ -61,7 +61,7 @@ def try_step(
     plan, h, last = layout(problem.mechanism), t1 - t0, len(tableau.nodes) - 1
     lower, nodes = jnp.asarray(tableau.lower), jnp.asarray(tableau.nodes)
     if plan.remembered:
-        slope = _known(problem, t0, y0, slope, fresh)
+        slope = _known_slope(problem, t0, y0, slope, fresh)
         now = each_lane(lambda t, y, f, p: lift(lambda m, y, f: latch(t, y, f, m[0]), p, y, f), t0)
         latched = _with_state(y0, now(t0, y0, slope, problem), t0)
         # The motion decides: derivatives follow what it latches. But an effort that is commanded anew may have another
@@ -81,8 +81,8 @@ def try_step(
         chosen = each_lane(lambda t, y, p: choice(t, motion(p, y), p.mechanism), t0)(t0, y0, problem)
         problem = eqx.tree_at(lambda p: p.mechanism.chosen, problem, chosen, is_leaf=lambda x: x is None)
 
-    def combined(weights, slopes, part=slice(None)):
-        return components(y0, part, t0) + h * _weighted(weights, components(slopes, part, t0), t0)
+    def combine(weights, slopes, part=slice(None)):
+        return components(y0, part, t0) + h * _weighted_sum(weights, components(slopes, part, t0), t0)
 
     idle = (tableau.weights == 0) & (tableau.errors == 0)
     # The end is the next step's first stage.
@@ -93,11 +93,11 @@ def try_step(
 
     def stage(i, carry):
         slopes, _ = carry
-        y = combined(lower[i], slopes, slice(plan.size))
+        y = combine(lower[i], slopes, slice(plan.size))
         # At t1 itself a drive may have jumped already: as every other step, the last one ends before the break.
         now = jnp.where(nodes[i] == 1, t1 - 4 * _EPS * jnp.abs(t1), t0 + nodes[i] * h)
         if problem.mechanism.has_manifold:
-            close = each_lane(lambda t, y, p: lift(lambda m, y: projected(t, y, m[0]), p, y), t0)
+            close = each_lane(lambda t, y, p: lift(lambda m, y: project(t, y, m[0]), p, y), t0)
             y = jax.lax.cond(i == last, lambda y: close(t1, y, problem), lambda y: y, y)
         with sharing_lanes(t0):
             new = share(field(now, y, problem, counts(i)))
@@ -112,12 +112,12 @@ def try_step(
     slopes = jax.lax.dynamic_update_index_in_dim(jnp.zeros((last + 1, *y0.shape)), slope, jnp.minimum(first, 0), 0)
     begin = slopes, components(y0, slice(plan.size), t0)
     slopes, end = jax.lax.fori_loop(first, last + 1, stage, begin)
-    whole = combined(jnp.asarray(tableau.weights), slopes)
-    error = h * _weighted(jnp.asarray(tableau.errors), slopes, t0)
+    whole = combine(jnp.asarray(tableau.weights), slopes)
+    error = h * _weighted_sum(jnp.asarray(tableau.errors), slopes, t0)
     return Trial(y0, _with_state(whole, end, t0), error, slopes[0], slopes[last], slopes)
 
 
-def _weighted(weights: Array, slopes: Array, time: Each) -> Array:
+def _weighted_sum(weights: Array, slopes: Array, time: Each) -> Array:
     """The sum of the stages' slopes (first axis) by weights."""
     if not jnp.ndim(time):
         return jnp.sum(weights.reshape(-1, *[1] * (slopes.ndim - 1)) * slopes, axis=0)
@@ -132,7 +132,7 @@ def _with_state(y: Array, state: Array, time: Each) -> Array:
     return jnp.concatenate([state, components(y, slice(state.shape[axis], None), time)], axis=axis)
 
 
-def _known(problem: Problem, time: Each, y: Array, slope: Array, fresh: EachFlag | bool) -> Array:
+def _known_slope(problem: Problem, time: Each, y: Array, slope: Array, fresh: EachFlag | bool) -> Array:
     """The slope at a step's start, computed where it is not known."""
     if fresh is False:
         return slope
@@ -158,7 +158,7 @@ def latch(time: Scalar, y: Array, slope: Array, mechanism: Any) -> Array:
         if joint.clearance.remembers:
             parts += joint.clearance.latch(memory[joint.name], at, rate)
     if plan.held:
-        parts += renewed(mechanism, time, plan.split(y))
+        parts += renew(mechanism, time, plan.split(y))
     return jnp.concatenate([y[: plan.v.stop], jnp.stack(parts)])
 
 

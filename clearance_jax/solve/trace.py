@@ -21,7 +21,7 @@ from clearance_jax.dynamics.energy import energy_residual
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.solve.attempt import Carry, Options, attempt, dense, means_of, start_carry
 from clearance_jax.solve.codes import Result, words
-from clearance_jax.solve.flow import Inputs, problem_of, projected_samples
+from clearance_jax.solve.flow import Inputs, problem_of, project_samples
 from clearance_jax.solve.problem import Problem
 from clearance_jax.solve.settings import ALL, SolveOptions, settings_of
 from clearance_jax.solve.simulate import warn_of_energy
@@ -67,15 +67,15 @@ class Steps(NamedTuple):
 
 @kept_jit
 def _block(problem: Problem, allowed: Tolerances, carry: Carry, last, grid, options: Options):
-    """A block of steps, see `_stepped`."""
-    return problem.mechanism.form.once(_stepped)(problem, allowed, carry, last, grid, options)
+    """A block of steps, see `_step`."""
+    return problem.mechanism.form.once(_step)(problem, allowed, carry, last, grid, options)
 
 
-def _stepped(problem: Problem, allowed: Tolerances, carry: Carry, last, grid, options: Options):
+def _step(problem: Problem, allowed: Tolerances, carry: Carry, last, grid, options: Options):
     """At most `BLOCK` steps more: the solve on its way, the ends of the steps, how many, and the samples among them."""
     means = means_of(options, allowed)
 
-    def going(state):
+    def goes_on(state):
         carry, _, count = state
         tries = carry.accepted + carry.rejected
         return (count < BLOCK) & (carry.time < last) & ~carry.collapsed & (tries < options.max_steps)
@@ -91,7 +91,7 @@ def _stepped(problem: Problem, allowed: Tolerances, carry: Carry, last, grid, op
     shape = jax.eval_shape(lambda c: attempt(c, problem, options, means, last)[1], carry)
     one = Steps(carry.time, carry.end, carry.time, shape)
     room = jax.tree.map(lambda x: jnp.zeros((BLOCK, *x.shape)), one)
-    carry, steps, count = jax.lax.while_loop(going, once, (carry, room, jnp.zeros((), int)))
+    carry, steps, count = jax.lax.while_loop(goes_on, once, (carry, room, jnp.zeros((), int)))
 
     ends = jnp.where(jnp.arange(BLOCK) < count, steps.end, jnp.inf)
     place = jnp.clip(jnp.searchsorted(ends, grid), 0, BLOCK - 1)
@@ -100,7 +100,7 @@ def _stepped(problem: Problem, allowed: Tolerances, carry: Carry, last, grid, op
         step = jax.tree.map(lambda x: x[k], steps)
         return dense(options, step.trial, (step.begin, step.end)).evaluate(time)
 
-    sampled = projected_samples(problem, grid, jax.vmap(sample)(grid, place))
+    sampled = project_samples(problem, grid, jax.vmap(sample)(grid, place))
     inside = (grid > steps.begin[0]) & (grid <= jnp.where(count > 0, steps.end[count - 1], -jnp.inf))
     return carry, steps.next, steps.trial.end, count, jnp.where(inside[:, None], sampled, jnp.nan)
 
@@ -132,7 +132,7 @@ def trace(
     otherwise; `progress` is called with the fraction done.
     """
     settings = settings_of(mechanism, t1, options, KNOWN, energy_balance=True, save_at=1001)
-    chosen, t0, t1 = settings.compiled(), float(settings.t0), float(t1)
+    chosen, t0, t1 = settings.as_options(), float(settings.t0), float(t1)
     start, last = settings.t0, np.asarray(t1)
     grid = np.array([t1]) if settings.save_at is None else np.asarray(settings.save_at)
     inputs = Inputs(mechanism, start, last, None, settings.rtol, settings.atol, settings.y0)

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from clearance_jax.sweep.assemble import dataset_of
-from clearance_jax.sweep.grid import NOT_RUN, Grid, Lanes, failed
+from clearance_jax.sweep.grid import NOT_RUN, Grid, Lanes, ran_in_vain
 from clearance_jax.sweep.layout import Partition
 
 Values = dict[str, np.ndarray]
@@ -22,11 +22,11 @@ class AbstractAnswers(abc.ABC):
     on_disk: ClassVar[bool]
 
     @abc.abstractmethod
-    def missing(self) -> list[int]:
+    def open_regions(self) -> list[int]:
         """The regions that are still to be answered."""
 
     @abc.abstractmethod
-    def known(self, region: int) -> Values:
+    def partial_answers(self, region: int) -> Values:
         """What is known of the lanes of a missing region already; `code` says of which (`NOT_RUN`: unknown)."""
 
     @abc.abstractmethod
@@ -34,7 +34,7 @@ class AbstractAnswers(abc.ABC):
         """Keep what has become of lanes at these places of a missing region, until the whole is written."""
 
     @abc.abstractmethod
-    def kept(self) -> dict[int, int]:
+    def partial_counts(self) -> dict[int, int]:
         """Of how many lanes of missing regions something is kept."""
 
     @abc.abstractmethod
@@ -46,7 +46,7 @@ class AbstractAnswers(abc.ABC):
         """The answers of a region."""
 
     @abc.abstractmethod
-    def failing(self, settings: str) -> Iterable[int]:
+    def regions_to_repeat(self, settings: str) -> Iterable[int]:
         """Regions with lanes that failed, and have not been run again with these settings (in words)."""
 
     @abc.abstractmethod
@@ -64,17 +64,17 @@ class InMemory(AbstractAnswers):
         self.partition = Partition(grid.shape, grid.shape)
         self._known, self._values = grid.blank(grid.count), None
 
-    def missing(self):
+    def open_regions(self):
         return [0] if self._values is None else []
 
-    def known(self, region):
+    def partial_answers(self, region):
         return self._known
 
     def keep(self, region, places, values):
         for name, one in values.items():
             self._known[name][places] = one
 
-    def kept(self):
+    def partial_counts(self):
         return {0: int(np.sum(self._known["code"] != NOT_RUN))} if self._values is None else {}
 
     def write(self, region, values, **said):
@@ -84,8 +84,8 @@ class InMemory(AbstractAnswers):
         assert self._values is not None
         return self._values
 
-    def failing(self, settings):
-        return [0] if np.any(failed(self.read(0)["code"])) else []
+    def regions_to_repeat(self, settings):
+        return [0] if np.any(ran_in_vain(self.read(0)["code"])) else []
 
     def dataset(self):
         shape = self.grid.shape

@@ -51,14 +51,14 @@ def _software() -> str:
     return f"clearance_jax {__version__}, jax {jax.__version__}, numpy {np.__version__}"
 
 
-def ended(codes: np.ndarray) -> dict[str, int]:
+def ending_counts(codes: np.ndarray) -> dict[str, int]:
     """How many lanes ended in which way, by their codes as texts."""
     found, sizes = np.unique(codes, return_counts=True)
     return {str(int(code)): int(size) for code, size in zip(found, sizes, strict=True)}
 
 
 def counts(endings: Iterable[Mapping[str, int]], lanes: int) -> dict[str, Any]:
-    """How lanes ended, for the attributes of a dataset, from the counts (`ended`) of its parts."""
+    """How lanes ended, for the attributes of a dataset, from the counts (`ending_counts`) of its parts."""
     total: Counter[int] = Counter()
     for part in endings:
         total.update({int(code): size for code, size in part.items()})
@@ -77,4 +77,6 @@ def dataset_of(grid: Grid, values: Mapping[str, np.ndarray], provenance: Mapping
     names = tuple(dimension.name for dimension in grid.dims)
     data = {name: ((*names, *kind.dims), values[name], kind.attributes) for name, kind in grid.kinds.items()}
     coords = {name: (dim, given, attrs) for name, dim, given, attrs in coordinates(grid)}
-    return xr.Dataset(data, coords, {**attributes(grid), **counts([ended(values["code"])], grid.count), **provenance})
+    return xr.Dataset(
+        data, coords, {**attributes(grid), **counts([ending_counts(values["code"])], grid.count), **provenance}
+    )

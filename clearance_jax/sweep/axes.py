@@ -10,7 +10,7 @@ from jaxtyping import Float
 from scipy.stats import qmc
 
 from clearance_jax.ask.question import OPTIONS
-from clearance_jax.errors import ClearanceError, quoted, suggest
+from clearance_jax.errors import ClearanceError, quote, suggest
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import check_bounds, find, parameters
 from clearance_jax.sweep.scatter import check_scatter, in_words
@@ -55,7 +55,7 @@ class Sampled(NamedTuple):
             check_scatter(name, distribution)
         if not self.scatter or isinstance(self.count, bool) or not isinstance(self.count, int) or self.count < 1:
             raise ClearanceError("`Sampled` wants numbers that scatter, and a count of at least 1.")
-        shares = correlated(_points(self.method, len(self.scatter), self.count, self.seed), self._root())
+        shares = correlate(_points(self.method, len(self.scatter), self.count, self.seed), self._root())
         return {name: law.ppf(shares[:, i]) for i, (name, law) in enumerate(self.scatter.items())}
 
     def _root(self) -> np.ndarray | None:
@@ -69,7 +69,7 @@ class Sampled(NamedTuple):
                     raise ClearanceError(f"`correlation`: `{name}` does not scatter. {suggest(str(name), places)}")
             i, k = (places[name] for name in pair)
             if i == k:
-                raise ClearanceError(f"`correlation` is between two numbers, but {quoted(pair)} is one twice.")
+                raise ClearanceError(f"`correlation` is between two numbers, but {quote(pair)} is one twice.")
             matrix[i, k] = matrix[k, i] = value
         try:
             return np.linalg.cholesky(matrix)
@@ -77,7 +77,7 @@ class Sampled(NamedTuple):
             raise ClearanceError("`correlation` contradicts itself: its matrix must be positive definite.") from None
 
 
-def correlated(shares: np.ndarray, root: np.ndarray | None) -> np.ndarray:
+def correlate(shares: np.ndarray, root: np.ndarray | None) -> np.ndarray:
     """Points (n, d) between 0 and 1, with their normal scores correlated by a root of the matrix of correlations."""
     if root is None:
         return shares
@@ -147,7 +147,7 @@ def _dimension(name: str, given: Any) -> Dimension:
     columns = {str(k): _values(k, v) for k, v in (given.values if isinstance(given, Zipped) else {name: given}).items()}
     sizes = {k: len(v) for k, v in columns.items()}
     if not sizes or len(set(sizes.values())) != 1:
-        raise ClearanceError(f"The columns of `{name}` must have one length, but they have {quoted(sizes)}.")
+        raise ClearanceError(f"The columns of `{name}` must have one length, but they have {quote(sizes)}.")
     return Dimension(name, min(sizes.values()), columns, {}, {})
 
 
@@ -155,7 +155,7 @@ def _values(name: str, given: Any) -> np.ndarray:
     try:
         values = np.array(given, float)
     except (TypeError, ValueError):
-        raise ClearanceError(f"The axis `{name}` must be numbers, but it is {quoted(given)}.") from None
+        raise ClearanceError(f"The axis `{name}` must be numbers, but it is {quote(given)}.") from None
     if values.ndim != 1:
         raise ClearanceError(f"The axis `{name}` must be a list of numbers, but it has the shape {values.shape}.")
     if values.size == 0:
@@ -179,7 +179,7 @@ def _model(mechanism: Mechanism, given: Any, dimension: Dimension, label: str) -
     if not isinstance(made, Mechanism):
         raise ClearanceError(
             f"`{label}` of the axis `{dimension.name}` must be a mechanism, or a function from one to another, but it "
-            f"is {quoted(given)}."
+            f"is {quote(given)}."
         )
     return made
 

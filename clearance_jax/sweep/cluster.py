@@ -16,15 +16,15 @@ from typing import Any
 import numpy as np
 
 from clearance_jax.ask.place import workers_of
-from clearance_jax.errors import ClearanceError, quoted
+from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.solve.lanes import LANES
-from clearance_jax.sweep.assemble import ended
-from clearance_jax.sweep.grid import Grid, Lanes, failed
+from clearance_jax.sweep.assemble import ending_counts
+from clearance_jax.sweep.grid import Grid, Lanes, ran_in_vain
 from clearance_jax.sweep.here import plan_of, rerun, with_options, with_time
 from clearance_jax.sweep.pace import Pace, Tell
-from clearance_jax.sweep.pilot import chosen, keep, timed
+from clearance_jax.sweep.pilot import choose, keep, time_lanes
 from clearance_jax.sweep.plan import SweepPlan
-from clearance_jax.sweep.store import HANDED_OUT, Regions, Store, known
+from clearance_jax.sweep.store import HANDED_OUT, Regions, Store, partial_answers
 from clearance_jax.sweep.widen import before_of
 
 # Workers on which the expected time is tried.
@@ -39,26 +39,26 @@ def run_on(client: Any, store: Store, cores: int, plan: Callable[[SweepPlan], An
     """Answer what is missing, on the workers of a cluster, `cores` of each a region. Where somebody wants to know the
     `plan` a few lanes are tried on some of the workers at once.
     """
-    missing, workers = store.missing(), len(workers_of(client))
+    missing, workers = store.open_regions(), len(workers_of(client))
     todo = plan_of(store.grid, store, f"{workers} workers ({client.dashboard_link})")
     if missing and not workers:
         raise ClearanceError("The cluster has no workers. Start some, and go on with `resume`.")
-    with _handed_out(store, store.grid) as grid:
+    with _hand_out(store, store.grid) as grid:
         if plan is not None:
-            plan(with_time(todo, _tried(client, store, grid, missing, cores)))
+            plan(with_time(todo, _time_lanes(client, store, grid, missing, cores)))
         pace = Pace(store.grid, store, progress)
         for region, (found, endings, new) in _each(client, store, missing, _answer, grid, cores):
-            store.written(region, found, endings)
-            pace.ended(region, new, sum(endings.values()) - endings.get("0", 0))
+            store.confirm(region, found, endings)
+            pace.end_region(region, new, sum(endings.values()) - endings.get("0", 0))
 
 
 def again_on(client: Any, store: Store, options: Mapping[str, Any], cores: int) -> None:
     """Answer lanes that failed by other options of the solves, once; as `run_on`."""
     grid, said = with_options(store.grid, options)
-    regions = store.failing(said)
-    with _handed_out(store, grid) as name:
+    regions = store.regions_to_repeat(said)
+    with _hand_out(store, grid) as name:
         for region, (found, endings, _) in _each(client, store, regions, _answer_again, name, cores):
-            store.written(region, found, endings, again=said)
+            store.confirm(region, found, endings, again=said)
 
 
 def _each(
@@ -90,7 +90,7 @@ def _each(
                 lives[region] -= 1
                 if type(error).__name__ != "KilledWorker" or lives[region] == 0:
                     raise ClearanceError(
-                        f"Region {region} of `{store.path}` failed on the cluster: {quoted(str(error))}. What was "
+                        f"Region {region} of `{store.path}` failed on the cluster: {quote(str(error))}. What was "
                         "written before is kept: go on with `resume`."
                     ) from error
                 more = [region]
@@ -100,11 +100,11 @@ def _each(
         client.cancel(list(running), force=True)
 
 
-def _tried(client: Any, store: Store, grid: str, missing: list[int], cores: int) -> float | None:
+def _time_lanes(client: Any, store: Store, grid: str, missing: list[int], cores: int) -> float | None:
     """How long a lane takes of the time of all workers together [s], by a few on some of these; `None`: not known."""
     workers = list(workers_of(client))
     few = workers[:PILOTS]
-    lanes = chosen(store.partition, missing, LANES * cores * len(few))
+    lanes = choose(store.partition, missing, LANES * cores * len(few))
     if len(lanes) == 0:
         return None
     path = str(store.path.absolute())
@@ -120,7 +120,7 @@ def _tried(client: Any, store: Store, grid: str, missing: list[int], cores: int)
 
 
 @contextmanager
-def _handed_out(store: Store, grid: Grid) -> Iterator[str]:
+def _hand_out(store: Store, grid: Grid) -> Iterator[str]:
     """A question where workers find it, in a file of the store with this name."""
     import cloudpickle
 
@@ -137,32 +137,32 @@ def _handed_out(store: Store, grid: Grid) -> Iterator[str]:
 
 def _answer(path: str, name: str, region: int, cores: int) -> tuple[str, dict[str, int], int]:
     """Solve and write a region: the digest of its values, how its lanes ended, and how many were solved."""
-    grid, regions, before = _opened(path, name)
-    values = known(grid, regions, before, region)
+    grid, regions, before = _open(path, name)
+    values = partial_answers(grid, regions, before, region)
     keep = functools.partial(regions.partial.add, region)
     new = grid.complete(regions.partition.lanes(region), values, keep, cores=cores)
-    return regions.write(region, values), ended(values["code"]), new
+    return regions.write(region, values), ending_counts(values["code"]), new
 
 
 def _answer_again(path: str, name: str, region: int, cores: int) -> tuple[str, dict[str, int], int]:
     """As `_answer`; those lanes of a region that failed."""
-    grid, regions, _ = _opened(path, name)
+    grid, regions, _ = _open(path, name)
     old = regions.read(region)
     values = rerun(grid, regions.partition.lanes(region), old, cores)
-    return regions.write(region, values, old), ended(values["code"]), int(failed(old["code"]).sum())
+    return regions.write(region, values, old), ending_counts(values["code"]), int(ran_in_vain(old["code"]).sum())
 
 
 def _try(path: str, name: str, lanes: Lanes, cores: int) -> float:
     """How long a lane takes of this worker's time [s], by some whose answers are kept."""
-    grid, regions, _ = _opened(path, name)
-    seconds, values = timed(grid, lanes, cores)
+    grid, regions, _ = _open(path, name)
+    seconds, values = time_lanes(grid, lanes, cores)
     keep(regions.partition, regions.partial.add, lanes, values)
     regions.partial.flush()  # another worker may have these regions
     return seconds / len(lanes)
 
 
 @functools.lru_cache(maxsize=4)
-def _opened(path: str, name: str) -> tuple[Any, Regions, Any]:
+def _open(path: str, name: str) -> tuple[Any, Regions, Any]:
     """A question and its store, read once by each worker."""
     import cloudpickle
 

@@ -129,7 +129,7 @@ class Grid:
                 if ready is not None:
                     ready(own[places], values)
 
-            found = self._solved(self.questions[program], lanes[own], some, cores=cores, progress=part, report=report)
+            found = self._solve(self.questions[program], lanes[own], some, cores=cores, progress=part, report=report)
             for name, values in found.items():
                 out[name][own] = values
             done += len(own)
@@ -152,7 +152,7 @@ class Grid:
                 values[name][rest] = one
         return int(rest.size)
 
-    def _solved(self, question: Question, lanes: Lanes, ready: Callable, **how: Any) -> dict[str, np.ndarray]:
+    def _solve(self, question: Question, lanes: Lanes, ready: Callable, **how: Any) -> dict[str, np.ndarray]:
         points = self.numbers(lanes)
         if not points:  # models alone: something must say how many lanes there are
             points = {"rtol": np.full(len(lanes), float(question.settings.rtol))}
@@ -170,7 +170,7 @@ class Grid:
         found = {name: np.array(values, self.kinds[name].dtype) for name, values in found.items()}
         for name, values in found.items():
             if name not in ENDINGS:
-                values[failed(found["code"])] = np.nan
+                values[ran_in_vain(found["code"])] = np.nan
         return found | {"again": np.zeros(len(found["code"]), "i1")}
 
 
@@ -179,6 +179,6 @@ def slope_name(name: str) -> str:
     return f"{name}_derivative"
 
 
-def failed(codes: np.ndarray) -> np.ndarray:
+def ran_in_vain(codes: np.ndarray) -> np.ndarray:
     """Which lanes have been run in vain, by their result codes."""
     return (codes != int(Result.REACHED_END)) & (codes != NOT_RUN)

@@ -8,17 +8,17 @@ import numpy as np
 
 from clearance_jax.solve.settings import settings_of
 from clearance_jax.sweep.answers import AbstractAnswers, Values
-from clearance_jax.sweep.grid import NOT_RUN, Grid, Lanes, failed
-from clearance_jax.sweep.identity import solving
+from clearance_jax.sweep.grid import NOT_RUN, Grid, Lanes, ran_in_vain
+from clearance_jax.sweep.identity import solve_words
 from clearance_jax.sweep.pace import Pace, Tell
-from clearance_jax.sweep.pilot import tried
+from clearance_jax.sweep.pilot import pilot_time
 from clearance_jax.sweep.plan import SweepPlan
 
 
 def plan_of(grid: Grid, answers: AbstractAnswers, place: str) -> SweepPlan:
     """What is to be done, without how long that will take."""
-    cut, missing = answers.partition, answers.missing()
-    new = sum(cut.size(region) for region in missing) - sum(answers.kept().values())
+    cut, missing = answers.partition, answers.open_regions()
+    new = sum(cut.size(region) for region in missing) - sum(answers.partial_counts().values())
     held = min(grid.count, int(np.prod(cut.chunk))) * grid.bytes_a_lane
     disk = grid.count * grid.bytes_a_lane if answers.on_disk else 0
     known = grid.count - new
@@ -38,12 +38,12 @@ def run_here(
     progress: Tell,
 ) -> None:
     """Answer what is missing. A pilot is run where somebody wants to know the `plan`."""
-    todo, missing = plan_of(grid, answers, f"{cores} cores"), answers.missing()
+    todo, missing = plan_of(grid, answers, f"{cores} cores"), answers.open_regions()
     if plan is not None:
-        plan(with_time(todo, tried(grid, answers, missing, cores)))
+        plan(with_time(todo, pilot_time(grid, answers, missing, cores)))
     pace = Pace(grid, answers, progress)
     for region in missing:
-        lanes, values = answers.partition.lanes(region), answers.known(region)
+        lanes, values = answers.partition.lanes(region), answers.partial_answers(region)
         left = int(np.sum(values["code"] == NOT_RUN))
         new = grid.complete(
             lanes,
@@ -53,13 +53,13 @@ def run_here(
             progress=lambda x, left=left: pace.tell(float(x * left)),
         )
         answers.write(region, values)
-        pace.ended(region, new, int(failed(values["code"]).sum()))
+        pace.end_region(region, new, int(ran_in_vain(values["code"]).sum()))
 
 
 def run_again(grid: Grid, answers: AbstractAnswers, options: Mapping[str, Any], cores: int) -> None:
     """Answer lanes that failed by other options of the solves, once."""
     grid, said = with_options(grid, options)
-    for region in answers.failing(said):
+    for region in answers.regions_to_repeat(said):
         values = rerun(grid, answers.partition.lanes(region), answers.read(region), cores)
         answers.write(region, values, again=said)
 
@@ -67,7 +67,7 @@ def run_again(grid: Grid, answers: AbstractAnswers, options: Mapping[str, Any], 
 def rerun(grid: Grid, lanes: Lanes, values: Values, cores: int) -> Values:
     """The values of lanes with those that failed answered once more."""
     values = {name: np.array(one) for name, one in values.items()}
-    wrong = np.flatnonzero(failed(values["code"]))
+    wrong = np.flatnonzero(ran_in_vain(values["code"]))
     times = values["again"][wrong] + 1
     for name, one in grid.answer(lanes[wrong], cores).items():
         values[name][wrong] = one
@@ -82,4 +82,4 @@ def with_options(grid: Grid, options: Mapping[str, Any]) -> tuple[Grid, str]:
         settings = settings_of(question.model, question.t1, options)
         questions.append(dataclasses.replace(question, settings=settings._replace(save_at=question.settings.save_at)))
     grid = dataclasses.replace(grid, questions=tuple(questions))
-    return grid, repr(solving(questions[0].settings))
+    return grid, repr(solve_words(questions[0].settings))

@@ -31,11 +31,11 @@ def description(grid: Grid) -> dict[str, Any]:
     found["derivatives_of"] = list(question.differentiated)
     if "t1" not in varied:
         found["t1"] = float(question.t1)
-    found |= {f"option {name}": value for name, value in solving(question.settings).items()}
+    found |= {f"option {name}": value for name, value in solve_words(question.settings).items()}
     return found
 
 
-def solving(settings: Settings) -> dict[str, Any]:
+def solve_words(settings: Settings) -> dict[str, Any]:
     """Settings as short texts and numbers."""
     return settings_in_words(settings._asdict())
 

@@ -18,8 +18,8 @@ class Pace:
 
     def __init__(self, grid: Grid, answers: AbstractAnswers, tell: Tell):
         self._lanes, self._tell, self._sizes = grid.count, tell, answers.partition.size
-        self._kept = answers.kept()  # counted from the start, and not again when their region ends
-        self._done = self._lanes - sum(map(self._sizes, answers.missing())) + sum(self._kept.values())
+        self._kept = answers.partial_counts()  # counted from the start, and not again when their region ends
+        self._done = self._lanes - sum(map(self._sizes, answers.open_regions())) + sum(self._kept.values())
         self._new, self._failed = 0.0, 0
         self._begin: tuple[float, float] | None = None
 
@@ -32,7 +32,7 @@ class Pace:
         done = self._done + int(more)
         self._tell(SweepProgress(self._lanes, done, self._failed, new - self._begin[1], now - self._begin[0]))
 
-    def ended(self, region: int, new: int, wrong: int) -> None:
+    def end_region(self, region: int, new: int, wrong: int) -> None:
         """A region is ready, with so many lanes newly solved, and so many that failed."""
         self._done += self._sizes(region) - self._kept.get(region, 0)
         self._new, self._failed = self._new + new, self._failed + wrong

@@ -15,7 +15,7 @@ from clearance_jax.sweep.layout import Partition
 SHARE = 4
 
 
-def chosen(partition: Partition, missing: list[int], count: int) -> Lanes:
+def choose(partition: Partition, missing: list[int], count: int) -> Lanes:
     """So many lanes here and there in the missing regions (in `LANES` of them at most: each keeps its own aside); none
     where there are few of them.
     """
@@ -27,19 +27,19 @@ def chosen(partition: Partition, missing: list[int], count: int) -> Lanes:
     return np.unique(np.asarray(lanes)[np.linspace(0, len(lanes) - 1, count).astype(int)])
 
 
-def tried(grid: Grid, answers: AbstractAnswers, missing: list[int], cores: int) -> float | None:
+def pilot_time(grid: Grid, answers: AbstractAnswers, missing: list[int], cores: int) -> float | None:
     """How long a lane takes of the time of all cores together [s], by a few of them, whose answers are kept: a lane
     comes out the same in whatever company. `None`: not known.
     """
-    lanes = chosen(answers.partition, missing, chunk_on() * cores)
+    lanes = choose(answers.partition, missing, chunk_on() * cores)
     if len(lanes) == 0:
         return None
-    seconds, values = timed(grid, lanes, cores)
+    seconds, values = time_lanes(grid, lanes, cores)
     keep(answers.partition, answers.keep, lanes, values)
     return seconds / len(lanes)
 
 
-def timed(grid: Grid, lanes: Lanes, cores: int) -> tuple[float, dict[str, np.ndarray]]:
+def time_lanes(grid: Grid, lanes: Lanes, cores: int) -> tuple[float, dict[str, np.ndarray]]:
     """How long these lanes take [s], without compiling, and their answers."""
     reports: list[BatchReport] = []
     values = grid.answer(lanes, cores, report=reports.append)

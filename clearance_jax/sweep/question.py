@@ -7,7 +7,7 @@ import numpy as np
 
 from clearance_jax.ask.question import OPTIONS, Question, shapes_of
 from clearance_jax.dynamics.quantities import OBSERVED, labels, quantities
-from clearance_jax.errors import ClearanceError, quoted, suggest
+from clearance_jax.errors import ClearanceError, quote, suggest
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMetric, Form, Function, as_metric
 from clearance_jax.parameters import find, parameters
@@ -34,7 +34,7 @@ def grid_of(
     first = {name: values[0] for dimension in dims for name, values in dimension.columns.items()}
     t1 = _end(t1, first, times)
     wrt = (wrt,) if isinstance(wrt, str) else tuple(wrt)
-    differentiated = _differentiated(outputs, wrt, derivatives_of)
+    differentiated = _derivative_names(outputs, wrt, derivatives_of)
     questions = []
     for model in models:
         settings = _settings(model, t1, dims, {**(options or {}), "save_at": times})
@@ -102,7 +102,7 @@ class Named(NamedTuple):
         return solution[self.quantity]
 
 
-def _differentiated(outputs: Any, wrt: tuple[str, ...], given: Sequence[str] | None) -> tuple[str, ...]:
+def _derivative_names(outputs: Any, wrt: tuple[str, ...], given: Sequence[str] | None) -> tuple[str, ...]:
     if not wrt:
         if given:
             raise ClearanceError("`derivatives_of` names outputs, but `wrt` no parameters by which.")
@@ -156,9 +156,9 @@ def _kinds(
     taken |= {dim for kind in kinds.values() for dim in kind.dims}
     for name in (*outputs, *(slope_name(name) for name in question.differentiated)):
         if not isinstance(name, str) or not name.isprintable() or "/" in name or not name.strip("."):
-            raise ClearanceError(f"An output cannot be called {quoted(name)}: it must be a word. Choose another.")
+            raise ClearanceError(f"An output cannot be called {quote(name)}: it must be a word. Choose another.")
         if name in taken:
-            raise ClearanceError(f"An output cannot be called {quoted(name)}: the name is taken. Choose another.")
+            raise ClearanceError(f"An output cannot be called {quote(name)}: the name is taken. Choose another.")
         taken.add(name)
     return kinds, coordinates
 

@@ -6,7 +6,7 @@ from typing import Any, Literal
 import numpy as np
 import scipy.stats
 
-from clearance_jax.errors import ClearanceError, quoted
+from clearance_jax.errors import ClearanceError, quote
 
 Distribution = Literal["normal", "log-normal", "uniform"]
 DISTRIBUTIONS: tuple[Distribution, ...] = ("normal", "log-normal", "uniform")
@@ -31,7 +31,7 @@ def scatter(
     **Raises:** `ClearanceError` for numbers that make no distribution.
     """
     if distribution not in DISTRIBUTIONS:
-        raise ClearanceError(f"`distribution` must be {', '.join(DISTRIBUTIONS)}, but it is {quoted(distribution)}.")
+        raise ClearanceError(f"`distribution` must be {', '.join(DISTRIBUTIONS)}, but it is {quote(distribution)}.")
     if distribution == "uniform":
         if mean is not None or deviation is not None:
             raise ClearanceError(
@@ -65,7 +65,7 @@ def check_scatter(name: str, given: Any) -> None:
     if not callable(getattr(given, "ppf", None)):
         raise ClearanceError(
             f"`{name}` must scatter by `cj.scatter(...)` or by a frozen distribution of `scipy.stats`, not by "
-            f"{quoted(given)}."
+            f"{quote(given)}."
         )
     if not np.all(np.isfinite(given.ppf(np.array([0.1, 0.9])))):
         raise ClearanceError(f"The distribution by which `{name}` is to scatter has no finite numbers.")

@@ -16,15 +16,15 @@ from typing import Any
 import numpy as np
 
 from clearance_jax.errors import ClearanceError
-from clearance_jax.extras import lacking
+from clearance_jax.extras import missing_extra
 from clearance_jax.results.store import open_sweep
-from clearance_jax.runs.disk import refused_in_words
+from clearance_jax.runs.disk import refuse_in_words
 from clearance_jax.runs.journal import Journal, RunWarning
 from clearance_jax.runs.lock import Lock
 from clearance_jax.runs.partial import PartialResults
 from clearance_jax.solve.codes import Result
 from clearance_jax.sweep.answers import AbstractAnswers, Values
-from clearance_jax.sweep.assemble import attributes, coordinates, counts, ended
+from clearance_jax.sweep.assemble import attributes, coordinates, counts, ending_counts
 from clearance_jax.sweep.grid import Grid
 from clearance_jax.sweep.identity import description
 from clearance_jax.sweep.layout import Partition, partition
@@ -48,14 +48,14 @@ def zarr_library() -> Any:
     try:
         import zarr
     except ImportError:
-        raise lacking("The store of a sweep", "zarr", "sweep") from None
+        raise missing_extra("The store of a sweep", "zarr", "sweep") from None
     return zarr
 
 
 def create(path: Path, grid: Grid, provenance: Mapping[str, Any], least: int) -> None:
     """An empty store for a question, whole or not at all."""
     cut = partition(grid.shape, [bool(d.models) for d in grid.dims], least)
-    partial = _laid_out(path, grid, provenance, cut.chunk)
+    partial = _lay_out(path, grid, provenance, cut.chunk)
     journal = Journal(partial / JOURNAL)
     journal.ask(description(grid))
     journal.add(chunk=cut.chunk)
@@ -70,7 +70,7 @@ def remade(path: Path, grid: Grid, provenance: Mapping[str, Any]) -> bool:
         return False
     held = Lock(path / LOCK)
     try:
-        partial = _laid_out(path, grid, provenance, chunk)
+        partial = _lay_out(path, grid, provenance, chunk)
         (partial / ROOT).replace(path / ROOT)
         shutil.rmtree(partial)
     finally:
@@ -79,7 +79,7 @@ def remade(path: Path, grid: Grid, provenance: Mapping[str, Any]) -> bool:
     return True
 
 
-def _laid_out(path: Path, grid: Grid, provenance: Mapping[str, Any], chunk: Sequence[int]) -> Path:
+def _lay_out(path: Path, grid: Grid, provenance: Mapping[str, Any], chunk: Sequence[int]) -> Path:
     """A group with all arrays of a question, beside a path."""
     zarr = zarr_library()
     from zarr.codecs import Crc32cCodec, ZstdCodec
@@ -93,7 +93,7 @@ def _laid_out(path: Path, grid: Grid, provenance: Mapping[str, Any], chunk: Sequ
         partial, attributes={**attributes(grid), **provenance, **own, **({"coordinates": inner} if inner else {})}
     )
     for name, dim, values, attrs in found:
-        values = _stored(values)
+        values = _as_stored(values)
         array = root.create_array(
             name,
             shape=values.shape,
@@ -120,7 +120,7 @@ def _laid_out(path: Path, grid: Grid, provenance: Mapping[str, Any], chunk: Sequ
     return partial
 
 
-def _stored(values: Any) -> np.ndarray:
+def _as_stored(values: Any) -> np.ndarray:
     """A coordinate's values as zarr keeps them."""
     values = np.asarray(values)
     return values.astype(np.dtypes.StringDType()) if values.dtype.kind == "U" else values
@@ -170,13 +170,13 @@ class Regions:
         """Write coordinates anew that are not those of the store's own question, and say so."""
         for name, _, values, _ in coordinates(grid):
             with suppress(ClearanceError):
-                if np.array_equal(self.coordinate(name), _stored(values)):
+                if np.array_equal(self.coordinate(name), _as_stored(values)):
                     continue
-            self.root[name][...] = _stored(values)
+            self.root[name][...] = _as_stored(values)
             said = f"`{self.path}`: the coordinate `{name}` is damaged; it is mended."
             warnings.warn(said, RunWarning, stacklevel=2)
 
-    def verified(self) -> None:
+    def verify(self) -> None:
         """Forget the regions that are not as they were written, and say so."""
         bad = [region for region in self.records if not self._good(region)]
         for region in bad:
@@ -242,22 +242,22 @@ class Store(AbstractAnswers):
             self._lock.release()
             raise
         self.partition = self._regions.partition
-        self._regions.verified()
+        self._regions.verify()
         for region in self._regions.partial.parts():
             if region in self._regions.records:
                 self._regions.partial.remove(region)
 
-    def missing(self):
+    def open_regions(self):
         return [region for region in range(self.partition.count) if region not in self._regions.records]
 
-    def known(self, region):
-        return known(self.grid, self._regions, self._before, region)
+    def partial_answers(self, region):
+        return partial_answers(self.grid, self._regions, self._before, region)
 
     def keep(self, region, places, values):
-        with self._refused(region):
+        with self._refusal(region):
             self._regions.partial.add(region, places, values)
 
-    def kept(self):
+    def partial_counts(self):
         found = self._regions.partial
         return {region: found.count(region) for region in found.parts()}
 
@@ -265,24 +265,24 @@ class Store(AbstractAnswers):
         return self._regions.read(region)
 
     def write(self, region, values, **said):
-        with self._refused(region):
+        with self._refusal(region):
             old = self.read(region) if region in self._regions.records else None
             found = self._regions.write(region, values, old)
-        self.written(region, found, ended(values["code"]), **said)
+        self.confirm(region, found, ending_counts(values["code"]), **said)
 
-    def written(self, region: int, found: str, endings: Mapping[str, int], **said: Any) -> None:
+    def confirm(self, region: int, found: str, endings: Mapping[str, int], **said: Any) -> None:
         """Somebody has written a region with this digest, whose lanes ended so."""
         record = {"region": region, "digest": found, "ended": dict(endings), **said}
-        with self._refused(region):
+        with self._refusal(region):
             self._regions.journal.add(**record)
             self._regions.partial.remove(region)
         self._regions.records[region] = record
 
-    def _refused(self, region: int) -> AbstractContextManager[None]:
+    def _refusal(self, region: int) -> AbstractContextManager[None]:
         """What the disk refuses, in words."""
-        return refused_in_words(f"region {region} of `{self.path}`", begun=True)
+        return refuse_in_words(f"region {region} of `{self.path}`", begun=True)
 
-    def failing(self, settings):
+    def regions_to_repeat(self, settings):
         def wrong(record: Mapping[str, Any]) -> bool:
             return set(record["ended"]) != {str(int(Result.REACHED_END))} and settings not in record.get("again", [])
 
@@ -302,16 +302,16 @@ class Store(AbstractAnswers):
 
     def close(self) -> None:
         """Others may write; what the store was before it grew goes once nothing is missing."""
-        if self._before is not None and not self.missing():
+        if self._before is not None and not self.open_regions():
             self._before.remove()
         self._regions.partial.close()
         self._lock.release()
 
 
-def known(grid: Grid, regions: Regions, before: Any, region: int) -> Values:
+def partial_answers(grid: Grid, regions: Regions, before: Any, region: int) -> Values:
     """What is known of the lanes of a missing region, from `before` and from partial results."""
     lanes = regions.partition.lanes(region)
-    values = grid.blank(len(lanes)) if before is None else before.known(lanes, grid)
+    values = grid.blank(len(lanes)) if before is None else before.partial_answers(lanes, grid)
     regions.partial.fill(region, values)
     return values
 

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from clearance_jax.errors import ClearanceError, quoted
-from clearance_jax.runs.disk import refused_in_words
+from clearance_jax.errors import ClearanceError, quote
+from clearance_jax.runs.disk import refuse_in_words
 from clearance_jax.runs.identity import VERSIONS, refusal
 from clearance_jax.runs.lock import Lock
 from clearance_jax.sweep.assemble import coordinates
@@ -37,11 +37,11 @@ def open_store(
     path = Path(path)
     _check_names(grid)
     narrower = _narrower(path)
-    with refused_in_words(f"`{path}`"):
+    with refuse_in_words(f"`{path}`"):
         if path.exists() and not resume:
             raise ClearanceError(f"`{path}` exists already. Go on with it by `resume`, or choose another path.")
         if path.exists():
-            grid = snapped(grid, _regions_of(path, grid, provenance))
+            grid = snap(grid, _regions_of(path, grid, provenance))
         if not path.exists():
             create(path, grid, provenance, least)
         elif _differs(path, narrower, grid):
@@ -66,7 +66,7 @@ def _check_names(grid: Grid) -> None:
             why = f"it is longer than {LONGEST_NAME} bytes"
         else:
             continue
-        raise ClearanceError(f"{quoted(name)} cannot be the name of an output or axis in a store: {why}. Rename it.")
+        raise ClearanceError(f"{quote(name)} cannot be the name of an output or axis in a store: {why}. Rename it.")
 
 
 def _regions_of(path: Path, grid: Grid, provenance: Mapping[str, Any]) -> Regions:
@@ -97,7 +97,7 @@ def _differs(path: Path, narrower: Path, grid: Grid) -> bool:
     return True
 
 
-def snapped(grid: Grid, old: Regions) -> Grid:
+def snap(grid: Grid, old: Regions) -> Grid:
     """The question with the very numbers of an older store, where its own differ from them by round-off: of axes that
     are calculated (`linspace`) the old places would otherwise be none of the new ones.
     """
@@ -106,12 +106,12 @@ def snapped(grid: Grid, old: Regions) -> Grid:
         columns = dict(dimension.columns)
         for name in columns:
             with suppress(ClearanceError):  # one that is damaged may be mended, see `Regions.mend`
-                columns[name] = _snapped(columns[name], old.coordinate(name)) if name in old.root else columns[name]
+                columns[name] = _snap(columns[name], old.coordinate(name)) if name in old.root else columns[name]
         dims.append(dimension._replace(columns=columns))
     return dataclasses.replace(grid, dims=tuple(dims))
 
 
-def _snapped(values: np.ndarray, old: np.ndarray) -> np.ndarray:
+def _snap(values: np.ndarray, old: np.ndarray) -> np.ndarray:
     near = np.sort(old)
     after = np.clip(np.searchsorted(near, values), 1, max(len(near) - 1, 1))
     pair = np.stack([near[after - 1], near[np.minimum(after, len(near) - 1)]])
@@ -159,10 +159,10 @@ class Before:
         if places is None:
             raise ClearanceError(f"`{path}` does not fit the store beside it. Move it away.")
         self._places = places
-        self._old.verified()
+        self._old.verify()
 
-    def known(self, lanes: Lanes, grid: Grid) -> dict[str, np.ndarray]:
-        """As `AbstractAnswers.known`."""
+    def partial_answers(self, lanes: Lanes, grid: Grid) -> dict[str, np.ndarray]:
+        """As `AbstractAnswers.partial_answers`."""
         out, old = grid.blank(len(lanes)), self._old
         there = np.unravel_index(lanes, grid.shape)
         before = [places[at] for places, at in zip(self._places, there, strict=True)]

@@ -28,7 +28,7 @@ from clearance_jax.wear.pressure import (
 from clearance_jax.wear.record import to_dataset
 from clearance_jax.wear.sectors import SectorsWarning
 from clearance_jax.wear.service import Failures, ServiceLives, service_lives
-from clearance_jax.wear.worn import Wear, wear, worn
+from clearance_jax.wear.worn import Wear, wear, wear_of
 
 __all__ = [
     "AbstractAged",
@@ -67,5 +67,5 @@ __all__ = [
     "simulate_wear",
     "to_dataset",
     "wear",
-    "worn",
+    "wear_of",
 ]

@@ -17,7 +17,7 @@ from clearance_jax.ask.question import Question
 from clearance_jax.errors import ClearanceError, WearFailure
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMeasure, AbstractMetric, as_metric
-from clearance_jax.parameters import check_values, flattened, physical, replace, values_of
+from clearance_jax.parameters import check_values, flatten, physical, replace, values_of
 from clearance_jax.solve.settings import settings_of
 from clearance_jax.wear.criteria import Exceeds
 from clearance_jax.wear.history import march
@@ -158,7 +158,7 @@ class Worn(Module):
     names: tuple[str, ...] = eqx.field(static=True)
     stack: Array
     at: Array
-    model: WearModel = flattened()
+    model: WearModel = flatten()
 
     @property
     def mechanism(self) -> Mechanism:
@@ -167,4 +167,4 @@ class Worn(Module):
             return self.model.at(self.stack[0])
         sizes = jnp.where(self.at == 0, 1.0, jnp.abs(self.at))
         shares = (jnp.stack(list(values_of(self.model, self.names).values())) - self.at) / sizes
-        return self.model.worn_by(self.stack[0], self.stack[1:] * sizes[:, None], shares).mechanism
+        return self.model.wear_by(self.stack[0], self.stack[1:] * sizes[:, None], shares).mechanism

@@ -88,7 +88,7 @@ def contacts(trace: Trace, joint: str, parts: int = 1) -> Contacts:
     return Contacts(*(jnp.asarray(np.concatenate(part)) for part in zip(*found, strict=True)))
 
 
-def looked(mechanism: Mechanism, joint: str, times: Array, states: Array) -> Contacts:
+def look(mechanism: Mechanism, joint: str, times: Array, states: Array) -> Contacts:
     """The same of ends of steps, a multiple of `CHUNK` of them, with derivatives by mechanism and states."""
     count = times.shape[0] // CHUNK
     follow = [jnp.concatenate([x[1:], x[-1:]]).reshape(count, CHUNK, *x.shape[1:]) for x in (times, states)]
@@ -125,7 +125,7 @@ def _look(mechanism: Mechanism, name: str, times: Array, states: Array, parts: i
     """The contacts of steps between times, in one row."""
     nodes = ((np.arange(parts)[:, None] + NODES) / parts).ravel()
     shares = np.tile(WEIGHTS / parts, parts)
-    ready = mechanism.prepared()
+    ready = mechanism.prepare()
     plan, joints = layout(mechanism), ready.clearance_joints()
     index = [joint.name for joint in joints].index(name)
     clearance = joints[index].clearance
@@ -149,7 +149,7 @@ def _look(mechanism: Mechanism, name: str, times: Array, states: Array, parts: i
             here, _ = at(x)
             return pin.by_section(pin.points(here).slip[0])[0]
 
-        def halved(_, bracket):
+        def halve(_, bracket):
             low, high = bracket
             middle = 0.5 * (low + high)
             same = slip(middle) * first > 0
@@ -157,7 +157,7 @@ def _look(mechanism: Mechanism, name: str, times: Array, states: Array, parts: i
 
         first, last = slip(0.0), slip(1.0)
         turns = first * last < 0
-        cut = jax.lax.fori_loop(0, HALVINGS, halved, (jnp.zeros(()), jnp.ones(())))[0]
+        cut = jax.lax.fori_loop(0, HALVINGS, halve, (jnp.zeros(()), jnp.ones(())))[0]
         cut = jnp.where(turns, cut, 0.5)
         places = jnp.concatenate([cut * nodes, cut + (1 - cut) * nodes])
         weights = h * jnp.concatenate([cut * shares, (1 - cut) * shares])

@@ -147,6 +147,6 @@ def end_slopes(criterion: AbstractCriterion, model: WearModel, names: tuple[str,
 @eqx.filter_jit
 def _slopes(criterion: AbstractCriterion, model: WearModel, names: tuple[str, ...], stack: Array) -> Array:
     def of(shares):
-        return criterion.beyond(model.shifted(names, stack, shares).mechanism, model.joint)
+        return criterion.beyond(model.shift(names, stack, shares).mechanism, model.joint)
 
     return jax.jacfwd(of)(jnp.zeros(len(names) + 1))

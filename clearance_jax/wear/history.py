@@ -25,7 +25,7 @@ from clearance_jax.parameters import values_of
 from clearance_jax.runs.identity import numbers, settings, versions
 from clearance_jax.runs.journal import Journal
 from clearance_jax.solve.settings import SolveOptions
-from clearance_jax.units import shown
+from clearance_jax.units import format_quantity
 from clearance_jax.wear.criteria import AbstractCriterion, criterion_of, end_slopes
 from clearance_jax.wear.identity import description
 from clearance_jax.wear.model import WearModel
@@ -73,7 +73,7 @@ class WearHistory(NamedTuple):
 
     def __str__(self) -> str:
         deepest = float(self.depth[-1].max())
-        depth = f"worn off by {shown(deepest, 'm')} at most" if deepest > 0 else "nothing worn off"
+        depth = f"worn off by {format_quantity(deepest, 'm')} at most" if deepest > 0 else "nothing worn off"
         end = "" if self.end is None else f"; the criterion was reached at cycle {self.end:.6g}"
         slopes = [f"  d life / d {name} = {slope:.6g}" for name, slope in self.by.items()]
         head = f"{self.cycles[-1]} cycles by {self.evaluations} of them: {depth}{end}"
@@ -173,11 +173,11 @@ def _block(rate: Rate, now: Block, cycles: int, tolerance: float, longest: int |
     """One block further."""
     h, count, left = np.array(now.depth), now.evaluations + 1, cycles - now.cycles
     jump = max(1, min(now.jump, left // 2))
-    first = _checked(rate(h, now.cycles), now.cycles)
+    first = _check(rate(h, now.cycles), now.cycles)
     if left == 1:
-        return _ended(now, h, (first, first), 0.5, now.jump, count, until)
+        return _end(now, h, (first, first), 0.5, now.jump, count, until)
     while True:
-        then = _checked(rate(h + jump * first, now.cycles + jump), now.cycles + jump)
+        then = _check(rate(h + jump * first, now.cycles + jump), now.cycles + jump)
         count += 1
         error = jump * np.max(np.abs(then - first), axis=-1)
         allowed = tolerance * np.max(np.abs(h + jump * (first + then)), axis=-1)
@@ -187,7 +187,7 @@ def _block(rate: Rate, now: Block, cycles: int, tolerance: float, longest: int |
         most = cycles if longest is None else longest
         wanted = int(np.clip(np.floor(jump * factor), 1, most))
         if worst <= 1 or jump == 1:
-            return _ended(now, h, (first, then), jump, wanted, count, until)
+            return _end(now, h, (first, then), jump, wanted, count, until)
         jump = max(1, min(wanted, jump - 1))
 
 
@@ -196,7 +196,7 @@ def _profile(stack: np.ndarray) -> np.ndarray:
     return stack if stack.ndim == 1 else stack[0]
 
 
-def _ended(now: Block, h: Profile, rates: tuple, jump: float | int, wanted: int, count: int, until: Any) -> Block:
+def _end(now: Block, h: Profile, rates: tuple, jump: float | int, wanted: int, count: int, until: Any) -> Block:
     """The block after jumps that are good: where life ends within it, if it does."""
     first, then = rates
 
@@ -230,7 +230,7 @@ def _beyond(until: Callable[[Profile], float], stack: np.ndarray, cycles: int) -
     return beyond
 
 
-def _checked(worn: Any, cycles: int) -> Profile:
+def _check(worn: Any, cycles: int) -> Profile:
     worn = np.asarray(worn, float)
     if not np.all(_profile(worn) >= 0):
         raise WornThrough(

@@ -25,16 +25,16 @@ from clearance_jax.errors import ClearanceError, WearFailure, WornThrough
 from clearance_jax.joints import AbstractPin, Modes
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
-from clearance_jax.parameters import flattened, physical, replace, values_of
+from clearance_jax.parameters import flatten, physical, replace, values_of
 from clearance_jax.solve.settings import Settings, settings_of
 from clearance_jax.solve.simulate import run
 from clearance_jax.solve.trace import trace
-from clearance_jax.units import shown
-from clearance_jax.wear.contacts import CHUNK, Contacts, contacts, looked, pin_of, sections_of
+from clearance_jax.units import format_quantity
+from clearance_jax.wear.contacts import CHUNK, Contacts, contacts, look, pin_of, sections_of
 from clearance_jax.wear.laws import AbstractWearLaw
 from clearance_jax.wear.pressure import AbstractPressure
-from clearance_jax.wear.sectors import USUAL, SectorsWarning, doubt, fewest, surely_fine, worn_round
-from clearance_jax.wear.worn import accumulated, worn
+from clearance_jax.wear.sectors import USUAL, SectorsWarning, doubt, fewest, surely_fine, wear_round
+from clearance_jax.wear.worn import accumulate, wear_of
 
 # What a trace has and a differentiated solve does not, or the other way round.
 OWN = ("save_at", "energy_balance", "derivatives")
@@ -55,7 +55,7 @@ class WearModel(Module):
     **Raises:** `ClearanceError` for a joint of another kind.
     """
 
-    mechanism: Mechanism = flattened()
+    mechanism: Mechanism = flatten()
     joint: str = eqx.field(static=True)  # pyright: ignore[reportGeneralTypeIssues]
     wear: AbstractWearLaw  # pyright: ignore[reportGeneralTypeIssues]
     pressure: AbstractPressure  # pyright: ignore[reportGeneralTypeIssues]
@@ -97,7 +97,7 @@ class WearModel(Module):
         profile = jnp.asarray(stack[0])
         if after == 0:
             self._doubt(seen, stack.shape[-1])
-        found = worn(seen, sleeve, self.wear, self.pressure, depth=profile, before=before)
+        found = wear_of(seen, sleeve, self.wear, self.pressure, depth=profile, before=before)
         off = np.asarray(found.depth)
         self._check(off.max(), float(found.relief), after)
         if not names:
@@ -115,16 +115,16 @@ class WearModel(Module):
         motion = trace(self.at(self.begin(USUAL)), float(self.cycle), **{"save_at": None, **options})
         if motion.message:
             return USUAL  # the first cycle says so
-        return fewest(self._worn_round(contacts(motion, self.joint)))
+        return fewest(self._wear_round(contacts(motion, self.joint)))
 
-    def _worn_round(self, seen: Contacts) -> np.ndarray:
-        return worn_round(seen, sections_of(self.mechanism, self.joint), self.wear, self.pressure)
+    def _wear_round(self, seen: Contacts) -> np.ndarray:
+        return wear_round(seen, sections_of(self.mechanism, self.joint), self.wear, self.pressure)
 
     def _doubt(self, seen: Contacts, sectors: int) -> None:
         """Warn of sectors that are too wide for the patch."""
         if surely_fine(seen, sections_of(self.mechanism, self.joint), self.pressure, sectors):
             return
-        if said := doubt(self._worn_round(seen), sectors, self.joint):
+        if said := doubt(self._wear_round(seen), sectors, self.joint):
             warnings.warn(said, SectorsWarning, stacklevel=4)
 
     def _check(self, deepest: float, relief: float, after: int) -> None:
@@ -136,8 +136,8 @@ class WearModel(Module):
         )
         if not deepest <= play:
             raise WornThrough(
-                f"{wears} {shown(deepest, 'm')}, more than the radial clearance of `{self.joint}`, "
-                f"{shown(float(play), 'm')}; {fix}."
+                f"{wears} {format_quantity(deepest, 'm')}, more than the radial clearance of `{self.joint}`, "
+                f"{format_quantity(float(play), 'm')}; {fix}."
             )
         if not relief <= MOST_RELIEF:
             raise WearFailure(
@@ -146,7 +146,7 @@ class WearModel(Module):
                 "foundation."
             )
 
-    def shifted(self, names: tuple[str, ...], stack: Array, shares: Array) -> "WearModel":
+    def shift(self, names: tuple[str, ...], stack: Array, shares: Array) -> "WearModel":
         """The same with the named numbers moved by shares of themselves (of one, where they are 0), each with the row
         of the stack that goes with it; further rows have no number.
         """
@@ -156,9 +156,9 @@ class WearModel(Module):
             self, {name: old[name] + size * share for name, size, share in zip(names, sizes, shares, strict=False)}
         )
         whole = jnp.concatenate([sizes, jnp.ones(stack.shape[0] - 1 - len(names))])
-        return moved.worn_by(stack[0], stack[1:] * whole[:, None], shares)
+        return moved.wear_by(stack[0], stack[1:] * whole[:, None], shares)
 
-    def worn_by(self, depth: Array, rows: Array, shares: Array) -> "WearModel":
+    def wear_by(self, depth: Array, rows: Array, shares: Array) -> "WearModel":
         """The same worn off by a depth (sectors,), and by shares of `rows` (shares, sectors) more [m]."""
         # A solve resolves what a number does beside the number's own size: an amount of 1 is a clearance deep.
         size = jnp.max(jnp.abs(rows), axis=1) / jax.lax.stop_gradient(self.clearance.radial_clearance)
@@ -179,12 +179,12 @@ def _cycle_slopes(
     """Derivatives of what a cycle wears off by the named numbers, of a motion with these ends of steps."""
 
     def of(shares):
-        now = model.shifted(names, stack, shares)
+        now = model.shift(names, stack, shares)
         solution = run(now.mechanism, now.cycle, solve._replace(save_at=ends))
-        seen = looked(now.mechanism, now.joint, ends, solution.y[:, : layout(now.mechanism).size])
+        seen = look(now.mechanism, now.joint, ends, solution.y[:, : layout(now.mechanism).size])
         depth = now.clearance.profile
         sleeve = sections_of(now.mechanism, now.joint)
-        return accumulated(seen, sleeve, now.wear, now.pressure, "sleeve", depth[None], before).depth[0]
+        return accumulate(seen, sleeve, now.wear, now.pressure, "sleeve", depth[None], before).depth[0]
 
     slopes = jax.jacfwd(of)(jnp.zeros(len(names)))
     return slopes.T / model.sizes(names)[:, None]

@@ -67,7 +67,7 @@ class AbstractPressure(Parametrised):
     """How a normal force spreads over the sleeve."""
 
     @abc.abstractmethod
-    def prepared(self, section: Section) -> Callable[[SectionLoad], PressureField]:
+    def prepare(self, section: Section) -> Callable[[SectionLoad], PressureField]:
         """The pressures on a section, as a function of what presses on it."""
 
     @abc.abstractmethod
@@ -129,7 +129,7 @@ class HertzLine(AbstractPressure):
     worn off does not change it, so that it overestimates pressures once the sleeve has become more conformal.
     """
 
-    def prepared(self, section):
+    def prepare(self, section):
         def part(x):
             return 0.5 + (x * safe_sqrt(1 - x * x) + jnp.arcsin(x)) / np.pi
 
@@ -156,7 +156,7 @@ class Uniform(AbstractPressure):
         absent="Hertz's width",
     )
 
-    def prepared(self, section):
+    def prepare(self, section):
         return lambda at: _spread(
             section, at.force, at.angle, self.half_angle(section.geometry, at.force), lambda x: 0.5 * (1 + x)
         )
@@ -189,8 +189,8 @@ class Foundation(AbstractPressure):
     def is_narrow(self):
         return False
 
-    def prepared(self, section):
-        geometry, worn = section.geometry, refined(section.depth, PARTS)
+    def prepare(self, section):
+        geometry, worn = section.geometry, refine(section.depth, PARTS)
         count = worn.shape[0]
         fine = 2 * np.pi * ((np.arange(count) + 0.5) / count - 0.5 / section.sectors)
         cosines, sines, width = jnp.asarray(np.cos(fine)), jnp.asarray(np.sin(fine)), section.arc / PARTS
@@ -254,7 +254,7 @@ def foundation(material: Material, thickness: float) -> Foundation:
     return Foundation((1 - nu) * material.modulus / ((1 + nu) * (1 - 2 * nu) * thickness))
 
 
-def refined(values: Float[Array, " sectors"], parts: int) -> Float[Array, " fine"]:
+def refine(values: Float[Array, " sectors"], parts: int) -> Float[Array, " fine"]:
     """The periodic cubic spline through values at the middles of sectors, at the middles of an even number of parts of
     each.
     """

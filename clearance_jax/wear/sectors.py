@@ -32,7 +32,7 @@ class SectorsWarning(UserWarning):
     """Sectors are too wide for the patch on which a pin bears: depths and lives are off."""
 
 
-def worn_round(
+def wear_round(
     seen: Contacts, sleeve: Sections, law: AbstractWearLaw, pressure: AbstractPressure, of: str = "sleeve"
 ) -> Float[np.ndarray, "sections places"]:
     """What these contacts would wear off a round sleeve, or its pin, at `PLACES` around it [m], up to a factor."""
@@ -73,7 +73,7 @@ def _patches(seen: Contacts, sleeve: Sections, pressure: AbstractPressure) -> tu
     return loads, np.asarray(halves)
 
 
-def missed(worn: Float[np.ndarray, "sections places"], sectors: int) -> float:
+def missed_part(worn: Float[np.ndarray, "sections places"], sectors: int) -> float:
     """The part of the largest depth that so many sectors do not have, wherever their grid begins."""
     worst, width = 0.0, PLACES / sectors
     for profile in worn:
@@ -90,16 +90,16 @@ def missed(worn: Float[np.ndarray, "sections places"], sectors: int) -> float:
 
 def fewest(worn: Float[np.ndarray, "sections places"], least: int = USUAL) -> int:
     """How many sectors, at `least` so many, have the largest depth within `OFF`; or `MOST`."""
-    return next((n for n in range(least, MOST, STEP) if missed(worn, n) <= OFF), MOST)
+    return next((n for n in range(least, MOST, STEP) if missed_part(worn, n) <= OFF), MOST)
 
 
 def doubt(worn: Float[np.ndarray, "sections places"], sectors: int, joint: str) -> str:
     """What is to be said of so many sectors, if anything is."""
-    off = missed(worn, sectors)
+    off = missed_part(worn, sectors)
     if off <= DOUBTED:
         return ""
     would = fewest(worn)
-    rest = "would do" if missed(worn, would) <= OFF else "are the most, and too few as well"
+    rest = "would do" if missed_part(worn, would) <= OFF else "are the most, and too few as well"
     return (
         f"{sectors} sectors of {360 / sectors:.3g} deg are too wide for the patch on which the pin of `{joint}` bears: "
         f"the largest depth of the first cycles is up to {100 * off:.2g} % too small, and a life until that too long; "

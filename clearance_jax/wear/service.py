@@ -12,11 +12,11 @@ import xarray as xr
 
 from clearance_jax.errors import ClearanceError
 from clearance_jax.parameters import check_values, replace, units_of
-from clearance_jax.runs.disk import refused_in_words
+from clearance_jax.runs.disk import refuse_in_words
 from clearance_jax.solve.batch import cores_here
 from clearance_jax.solve.settings import SolveOptions
 from clearance_jax.sweep.axes import Sampled
-from clearance_jax.units import shown
+from clearance_jax.units import format_quantity
 from clearance_jax.wear.criteria import AbstractCriterion
 from clearance_jax.wear.history import Profile, simulate_wear
 from clearance_jax.wear.model import WearModel
@@ -79,7 +79,7 @@ class ServiceLives(NamedTuple):
         ended = int(np.isfinite(self.end).sum())
         shortest = f", the first at cycle {self.end.min():.6g}" if ended else ""
         ranges = ", ".join(
-            f"{name} {shown(float(v.min()), self.units[name])} to {shown(float(v.max()), self.units[name])}"
+            f"{name} " + " to ".join(format_quantity(float(one), self.units[name]) for one in (v.min(), v.max()))
             for name, v in self.values.items()
         )
         return f"{len(self.end)} lives over {ranges}: {ended} ended within {self.cycles} cycles{shortest}"
@@ -124,7 +124,7 @@ def service_lives(
     for row in rows:
         check_values(row)
     if journal is not None:
-        with refused_in_words(f"`{journal}`"):
+        with refuse_in_words(f"`{journal}`"):
             Path(journal).mkdir(exist_ok=True)
     if sectors is None:
         sectors = max(row.sectors(dict(options)) for row in rows)

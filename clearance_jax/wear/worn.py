@@ -11,14 +11,14 @@ from jaxtyping import Array, Float
 
 from clearance_jax._module import Module
 from clearance_jax._types import Scalar
-from clearance_jax.errors import ClearanceError, WearFailure, quoted
+from clearance_jax.errors import ClearanceError, WearFailure, quote
 from clearance_jax.joints import Sections
 from clearance_jax.solve.trace import Trace
-from clearance_jax.units import shown
+from clearance_jax.units import format_quantity
 from clearance_jax.wear.contacts import Contacts, contacts, largest_swing, pin_of, sections_of
 from clearance_jax.wear.laws import AbstractWearLaw, SlidingState
 from clearance_jax.wear.pressure import AbstractPressure, HertzLine, Section, SectionLoad
-from clearance_jax.wear.sectors import USUAL, SectorsWarning, doubt, fewest, worn_round
+from clearance_jax.wear.sectors import USUAL, SectorsWarning, doubt, fewest, wear_round
 
 # Of the force: what the pressures of the sectors may miss, which round-off and a search that ends leave.
 MISSED = 1e-6
@@ -57,8 +57,12 @@ class Wear(Module):
         return jnp.max(self.depth)
 
     def __repr__(self) -> str:
-        volume, deepest, sliding = 1e9 * float(self.volume), shown(float(self.deepest), "m"), float(self.sliding)
-        return f"worn off: {volume:.6g} mm^3, {deepest} at most, by {shown(sliding, 'm')} of sliding"
+        volume, deepest, sliding = (
+            1e9 * float(self.volume),
+            format_quantity(float(self.deepest), "m"),
+            float(self.sliding),
+        )
+        return f"worn off: {volume:.6g} mm^3, {deepest} at most, by {format_quantity(sliding, 'm')} of sliding"
 
 
 def wear(
@@ -96,20 +100,18 @@ def wear(
     if depth is None:
         depth = own
     pressure, fixed = pressure or HertzLine(), sectors if depth is None else jnp.asarray(depth).shape[-1]
-    seen = _followed(trace, joint, sleeve, pressure, of, fixed or USUAL)
-    whole = worn_round(seen, sleeve, law, pressure, of)
+    seen = _follow(trace, joint, sleeve, pressure, of, fixed or USUAL)
+    whole = wear_round(seen, sleeve, law, pressure, of)
     count = fixed or fewest(whole)
     if fixed and (said := doubt(whole, count, joint)):
         warnings.warn(said, SectorsWarning, stacklevel=2)
     if count > (fixed or USUAL):
-        seen = _followed(trace, joint, sleeve, pressure, of, count)
+        seen = _follow(trace, joint, sleeve, pressure, of, count)
     given = jnp.zeros(count) if depth is None else jnp.asarray(depth, float)
-    return worn(seen, sleeve, law, pressure, of=of, depth=given, before=before)
+    return wear_of(seen, sleeve, law, pressure, of=of, depth=given, before=before)
 
 
-def _followed(
-    trace: Trace, joint: str, sleeve: Sections, pressure: AbstractPressure, of: str, sectors: int
-) -> Contacts:
+def _follow(trace: Trace, joint: str, sleeve: Sections, pressure: AbstractPressure, of: str, sectors: int) -> Contacts:
     """Contacts so near one another that a patch does not jump over sectors."""
     parts = 1
     while True:
@@ -123,7 +125,7 @@ def _followed(
         parts = min(PARTS, parts * 2 ** int(np.ceil(np.log2(swing / JUMPED))))
 
 
-def worn(
+def wear_of(
     seen: Contacts,
     sleeve: Sections,
     law: AbstractWearLaw,
@@ -135,9 +137,9 @@ def worn(
 ) -> Wear:
     """The same of contacts that are known. `depth`: (sectors,) or (sections, sectors) [m]."""
     if of not in SURFACES:
-        raise ClearanceError(f"`of` must be {' or '.join(SURFACES)}, but it is {quoted(of)}.")
+        raise ClearanceError(f"`of` must be {' or '.join(SURFACES)}, but it is {quote(of)}.")
     depth = jnp.broadcast_to(jnp.atleast_2d(depth), (sleeve.lengths.shape[0], depth.shape[-1]))
-    found = accumulated(seen, sleeve, law, pressure, of, depth, jnp.asarray(before, float))
+    found = accumulate(seen, sleeve, law, pressure, of, depth, jnp.asarray(before, float))
     _check(jax.tree.map(float, found._replace(depth=0.0)), law, pressure)
     angle = jnp.asarray(2 * np.pi * np.arange(depth.shape[1]) / depth.shape[1])
     flat = found.flat_volume if law.is_linear else None
@@ -180,7 +182,7 @@ def _check(found: Found, law: AbstractWearLaw, pressure: AbstractPressure) -> No
 
 
 @eqx.filter_jit
-def accumulated(
+def accumulate(
     seen: Contacts,
     sleeve: Sections,
     law: AbstractWearLaw,
@@ -194,14 +196,14 @@ def accumulated(
     radius = sleeve.geometry.pin_radius if inner else sleeve.geometry.sleeve_radius
 
     def section(worn, length, force, angle, speed, traction, place):
-        spread = pressure.prepared(Section(sleeve.geometry, worn))
+        spread = pressure.prepare(Section(sleeve.geometry, worn))
 
         def add(carry, now):
             depth, relief, missed = carry
             weight, time, turn, force, angle, speed, traction, place = now
             found = spread(SectionLoad(force / length, angle, (place[0], place[1])))
             # The pin bears the same force on a little less of surface.
-            means = _turned(found.means, -turn) * (sleeve.geometry.sleeve_radius / radius) if inner else found.means
+            means = _turn(found.means, -turn) * (sleeve.geometry.sleeve_radius / radius) if inner else found.means
 
             def off(pressure):
                 return law.rate(SlidingState(pressure, speed, traction, before + time))
@@ -229,7 +231,7 @@ def accumulated(
     return Found(new, volume, flat, sliding, half, jnp.max(relief), jnp.max(missed))
 
 
-def _turned(means: Float[Array, " sectors"], angle: Scalar) -> Float[Array, " sectors"]:
+def _turn(means: Float[Array, " sectors"], angle: Scalar) -> Float[Array, " sectors"]:
     """Mean values of sectors on sectors that lie turned back by an angle: each is shared out between the two that it
     lies on, so that nothing is lost.
     """

@@ -67,7 +67,7 @@ def crank() -> cj.Mechanism:
     (wrist,) = (joint.clearance for joint in mechanism.clearance_joints())
     assert wrist is not None
     assert isinstance(wrist.normal, laws.AdamsImpact)
-    stiffness = wrist.prepared().normal.constants
+    stiffness = wrist.prepare().normal.constants
     law = laws.AdamsImpact(stiffness, wrist.normal.damping, wrist.normal.full_damping_depth)
     clearance = cj.RevoluteClearance(wrist.radial_clearance, wrist.pin_radius, law, wrist.friction)
     return mechanism.with_clearance("wrist", clearance)
@@ -109,7 +109,7 @@ def ours(solver: str, derivatives: str = "controlled"):
 
 def textbook(values, rtol):
     """End of a revolution by diffrax's own solver and controller, which know of no contact."""
-    mechanism = moved(values).prepared()
+    mechanism = moved(values).prepare()
     size = jnp.asarray(PROBLEM.scale(slider_crank_parameters(5e-4)))
     s = diffrax.diffeqsolve(
         diffrax.ODETerm(jax.jit(slope)),

@@ -81,7 +81,9 @@ class Compensation(NamedTuple):
 def corrected(mechanism: cj.Mechanism, knots: Signal, corrections: dict[str, Signal]) -> cj.Mechanism:
     """The robot with a spline through its corrections added to each drive."""
     own = {c.name: c.motion.drive for c in mechanism.coordinates() if c.name in corrections}
-    return mechanism.driven({name: DriveSum((own[name], cj.drives.Spline(knots, corrections[name]))) for name in own})
+    return mechanism.with_drives(
+        {name: DriveSum((own[name], cj.drives.Spline(knots, corrections[name]))) for name in own}
+    )
 
 
 def jacobian(mechanism: cj.Mechanism, times: Signal, names: Sequence[str]) -> Signal:

@@ -42,7 +42,7 @@ def rig(reading: Reading) -> cj.Mechanism:
     materials = (Material(modulus) for modulus in MODULI)
     numbers = old.radial_clearance, old.pin_radius, old.normal, old.friction
     play = cj.RevoluteClearance(*numbers, None, LENGTH, *materials)
-    return m.driven({JOINT: cj.drives.ConstantSpeed(SPEED)}).with_clearance(JOINT, play)
+    return m.with_drives({JOINT: cj.drives.ConstantSpeed(SPEED)}).with_clearance(JOINT, play)
 
 
 def run(mechanism: cj.Mechanism, pressure: wear.AbstractPressure) -> Worn:
@@ -54,7 +54,7 @@ def run(mechanism: cj.Mechanism, pressure: wear.AbstractPressure) -> Worn:
     pin: Any = mechanism.joint(JOINT).clearance
     depth = jnp.zeros(SECTORS) if pin.depth is None else pin.depth
     law = wear.archard(COEFFICIENT)
-    found = wear.worn(seen, sleeve, law, pressure, depth=depth)
+    found = wear.wear_of(seen, sleeve, law, pressure, depth=depth)
     force, slip = (np.asarray(trace[f"{JOINT}.{name}"]) for name in ("contact_force", "slip_velocity"))
     away = np.linalg.norm(np.asarray(trace[f"{JOINT}.eccentricity"]), axis=1)
     settled = np.linspace(0, 1, STEPS + 1) > START
@@ -98,7 +98,7 @@ def until(reading: Reading, part: float) -> np.ndarray:
     m, seen = rig(reading), first(reading).seen
     kept = jnp.where(seen.time <= part * LAST, seen.weight, 0.0)
     part_of_it, law = seen._replace(weight=kept), wear.archard(COEFFICIENT)
-    found = wear.worn(part_of_it, wear.sections_of(m, JOINT), law, wear.HertzLine(), depth=jnp.zeros(SECTORS))
+    found = wear.wear_of(part_of_it, wear.sections_of(m, JOINT), law, wear.HertzLine(), depth=jnp.zeros(SECTORS))
     return np.asarray(found.depth[0])
 
 

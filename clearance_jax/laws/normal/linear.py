@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 from clearance_jax._numerics import positive_part
 from clearance_jax._types import Scalar
 from clearance_jax.laws._base import AbstractNormalLaw, Smoothness, stiffness_of
-from clearance_jax.parameters import described, physical
+from clearance_jax.parameters import describe, physical
 
 
 class LinearKelvinVoigt(AbstractNormalLaw):
@@ -18,7 +18,7 @@ class LinearKelvinVoigt(AbstractNormalLaw):
 
     stiffness: Any = physical("N/m", above=0.0, help="stiffness k", example='"1e7 N/m"')
     damping: Scalar = physical("N*s/m", least=0.0, help="damping b", example='"500 N*s/m"')
-    clipped: bool = described("whether the force never pulls: max(0, k d + b d')", "false", static=True, default=True)
+    clipped: bool = describe("whether the force never pulls: max(0, k d + b d')", "false", static=True, default=True)
     smoothness: ClassVar[Smoothness] = "C-1"
     smooth_alternative: ClassVar[str] = "`HuntCrossley` (class C1)"
 
