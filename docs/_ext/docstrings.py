@@ -1,0 +1,48 @@
+"""Docstrings as reStructuredText: the library writes them in Markdown, and autodoc reads the other.
+
+What they use: `code`, **bold**, lists with two spaces of indent, and formulas or examples that are indented by four.
+"""
+
+import re
+
+# Code stays as it is; a bold word stays bold; of the rest each character with a meaning of its own loses it.
+_PARTS = re.compile(r"(`[^`]+`)|(\*\*[^*]+\*\*)")
+
+
+def _plain(text: str) -> str:
+    return re.sub(r"([\\*|_])", r"\\\1", text)
+
+
+def inline(text: str) -> str:
+    """One line or paragraph."""
+    pieces, end = [], 0
+    for found in _PARTS.finditer(text):
+        code, bold = found.groups()
+        before = _plain(text[end : found.start()])
+        # Code that touches a word or a mark is separated by an escaped space, which nobody sees.
+        pieces += [before, f"\\ ``{code[1:-1]}``\\ " if code else bold]
+        end = found.end()
+    return "".join(pieces) + _plain(text[end:])
+
+
+def restructured(lines: list[str]) -> list[str]:
+    """The lines of a docstring as reStructuredText."""
+    out: list[str] = []
+    literal = False
+    for k, line in enumerate(lines):
+        indented = line.startswith("    ")
+        if indented and not literal and not (out and out[-1].strip()):
+            literal = True
+            out += ["::", ""]
+        literal = literal and (indented or not line.strip())
+        # A paragraph in front of a list ends there.
+        if line.startswith("- ") and k and lines[k - 1].strip() and not lines[k - 1].startswith(("- ", "  ")):
+            out.append("")
+        out.append(line if literal else _paragraph(line))
+    return out
+
+
+def _paragraph(line: str) -> str:
+    mark = re.match(r"\s*(?:- )?", line)
+    assert mark is not None
+    return mark[0] + inline(line[mark.end() :])
