@@ -1,5 +1,5 @@
 """The site: `make docs` writes it to out/site. Sphinx, because it checks every link and reads notebooks as they are;
-nothing is loaded from a network when it is read.
+nothing is loaded from a network when it is read. Pages of public names are made from their docstrings (`_ext/api.py`).
 """
 
 import shutil

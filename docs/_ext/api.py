@@ -16,18 +16,19 @@ from typing import Any, get_args
 
 from docstrings import restructured
 from docutils import nodes
-from names import Name, defined_in, public_names, tables
+from names import Name, addresses, defined_in, public_names, tables
 from sphinx.errors import ExtensionError
 from sphinx.transforms.post_transforms import SphinxPostTransform
 from sphinx.util.docutils import SphinxDirective
 
 FOLDER, TABLES = "reference/names", "reference/python"
+CLASSES = {name.full: name for name in public_names() if name.kind == "class"}
 LONGEST = 60  # of an annotation that is shown
 AUTODOC = {"class": "autoclass", "function": "autofunction"}
 
 
 def page(name: Name, table: str) -> str:
-    """A name's page, in Markdown around what autodoc makes; it stands in no list of contents, but leads to its table."""
+    """A name's page, in Markdown around what autodoc makes. It stands in no list of contents, and links to its table."""
     if name.kind == "data":
         lines = [f".. py:data:: {name.full}", "", *(f"   {line}" for line in restructured(name.doc.splitlines()))]
     else:
@@ -89,7 +90,7 @@ class Links(SphinxPostTransform):
     def run(self, **kwargs) -> None:
         """Wrap the name in a link, unless it stands in one or on its own page."""
         here = self.env.docname
-        pages = {name.short: name.page for name in public_names()}
+        pages = {address: name.page for address, name in addresses().items()}
         if here.startswith((FOLDER, TABLES)):
             pages |= {name.name: name.page for name in public_names() if name.kind == "class"}
         for code in list(self.document.findall(nodes.literal)):
@@ -119,7 +120,11 @@ def returned(function: Any) -> str:
 
 
 def process_docstring(app, what, name, thing, options, lines) -> None:
-    """Autodoc's hook: the docstring, and what a function returns where it does not say so itself."""
+    """Autodoc's hook: the docstring, arguments of a class that it leaves to their declarations, and what a function
+    returns where it does not say so itself.
+    """
+    if what == "class" and (declared := CLASSES[name].declared()):
+        lines += ["**Further arguments:**", "", *(f"- `{argument}`{text}." for argument, text in declared.items())]
     lines[:] = restructured(lines)
     if what in ("function", "method") and not any("**Returns" in line for line in lines) and returned(thing):
         lines += ["", f"**Returns:** {returned(thing)}"]

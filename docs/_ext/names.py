@@ -4,12 +4,14 @@ No name is written here. A page of the reference says which folders of the libra
 the folder in which it is defined.
 """
 
+import dataclasses
+import functools
 import importlib
 import inspect
 import re
 import sys
 import types
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,6 +23,8 @@ ROOT = "clearance_jax"
 OWN = f"{ROOT}."
 # What every model inherits is no matter of one class.
 SHARED = {f"{ROOT}.parameters"}
+# How a page writes the bounds of a number.
+BOUNDS = (("above", ">"), ("least", ">="), ("below", "<"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +60,9 @@ class Name:
     @property
     def doc(self) -> str:
         """Its documentation; of a constant the string below its definition."""
-        text = _below_definition(self) if self.kind == "data" else self.thing.__dict__.get("__doc__", self.thing.__doc__)
+        text = (
+            _below_definition(self) if self.kind == "data" else self.thing.__dict__.get("__doc__", self.thing.__doc__)
+        )
         return inspect.cleandoc(text or "")
 
     @property
@@ -65,6 +71,30 @@ class Name:
         text = " ".join(self.doc.split("\n\n")[0].split())
         end = text.find(". ")
         return text if end < 0 else text[: end + 1]
+
+    @property
+    def arguments(self) -> list[str]:
+        """Names of its arguments, nothing for what takes none."""
+        try:
+            given = inspect.signature(self.thing).parameters.values()
+        except (TypeError, ValueError):
+            return []
+        return [one.name for one in given if one.kind not in (one.VAR_KEYWORD, one.VAR_POSITIONAL)]
+
+    @property
+    def told(self) -> set[str]:
+        """The words that its documentation has in code: arguments among them."""
+        return {word for code in re.findall(r"`([^`]+)`", self.doc) for word in re.findall(r"\w+", code)}
+
+    def declared(self) -> dict[str, str]:
+        """Arguments that the documentation does not name, with what their declarations say of them."""
+        told, found = self.told, {}
+        fields = dataclasses.fields(self.thing) if dataclasses.is_dataclass(self.thing) else ()
+        for field in fields:
+            text = _declared(field.metadata)
+            if field.init and field.name not in told and text:
+                found[field.name] = text
+        return found
 
     def members(self) -> list[str]:
         """Methods and properties that have documentation of their own; a class without a public base also shows what it
@@ -80,6 +110,15 @@ class Name:
                 if not name.startswith("_") and inspect.isfunction(what) and what.__doc__:
                     found.setdefault(name)
         return list(found)
+
+
+def _declared(metadata: Mapping[str, Any]) -> str:
+    """What the declaration of a field says: unit, bounds, meaning, and what its absence means."""
+    unit = f" [{metadata['unit']}]" if metadata.get("unit") else ""
+    bounds = [f"{sign} {metadata[key]:g}" for key, sign in BOUNDS if unit and metadata.get(key) is not None]
+    meaning = f": {metadata['help']}" if metadata.get("help") else ""
+    absent = f"; `None`: {metadata['absent']}" if metadata.get("absent") else ""
+    return f"{unit}{', '.join(['', *bounds])}{meaning}{absent}"
 
 
 def _below_definition(name: Name) -> str:
@@ -101,21 +140,28 @@ def _modules() -> Iterator[tuple[str, types.ModuleType]]:
             yield f"{ROOT}.{name}", module
 
 
-_FOUND: list[Name] = []
-
-
-def public_names() -> list[Name]:
-    """Every public name, once: one that stands in the library and in a module of it belongs to the library."""
-    seen: set[int] = set()
-    for module, members in _modules() if not _FOUND else ():
+@functools.cache
+def addresses() -> dict[str, Name]:
+    """Every address under which a user finds a public name, such as `cj.metrics.Peak`. What stands in the library and
+    in a module of it is one name, that of the library.
+    """
+    found: dict[int, Name] = {}
+    under: dict[str, Name] = {}
+    for module, members in _modules():
         for name in members.__all__:
             thing = getattr(members, name)
-            if name.startswith("__") or isinstance(thing, types.ModuleType) or id(thing) in seen:
+            if name.startswith("__") or isinstance(thing, types.ModuleType):
                 continue
-            seen.add(id(thing))
             home = getattr(thing, "__module__", None) or members.__name__
-            _FOUND.append(Name(module, name, thing, home if home.startswith(OWN) else members.__name__))
-    return sorted(_FOUND, key=lambda one: (one.module, one.name.lower()))
+            here = Name(module, name, thing, home if home.startswith(OWN) else members.__name__)
+            under[here.short] = found.setdefault(id(thing), here)
+    return under
+
+
+@functools.cache
+def public_names() -> tuple[Name, ...]:
+    """Every public name, once."""
+    return tuple(sorted(set(addresses().values()), key=lambda one: (one.module, one.name.lower())))
 
 
 def defined_in(homes: str) -> list[Name]:
