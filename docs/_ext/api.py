@@ -28,7 +28,7 @@ AUTODOC = {"class": "autoclass", "function": "autofunction"}
 
 
 def page(name: Name, table: str) -> str:
-    """A name's page, in Markdown around what autodoc makes. It stands in no list of contents, and links to its table."""
+    """A name's page, in Markdown around what autodoc makes. It is in no list of contents, and links to its table."""
     if name.kind == "data":
         lines = [f".. py:data:: {name.full}", "", *(f"   {line}" for line in restructured(name.doc.splitlines()))]
     else:

@@ -88,13 +88,19 @@ class Name:
 
     def declared(self) -> dict[str, str]:
         """Arguments that the documentation does not name, with what their declarations say of them."""
-        told, found = self.told, {}
         fields = dataclasses.fields(self.thing) if dataclasses.is_dataclass(self.thing) else ()
-        for field in fields:
-            text = _declared(field.metadata)
-            if field.init and field.name not in told and text:
-                found[field.name] = text
-        return found
+        metadata = {field.name: field.metadata for field in fields}
+        said = {name: _declared(metadata.get(name, {})) or self._below(name) for name in self.arguments}
+        return {name: text for name, text in said.items() if text and name not in self.told}
+
+    def _below(self, field: str) -> str:
+        """The string below a field, in the class or in one of its bases."""
+        for base in self.thing.__mro__:
+            if base.__module__.startswith(OWN):
+                docs = ModuleAnalyzer.for_module(base.__module__).find_attr_docs()
+                if lines := docs.get((base.__name__, field)):
+                    return ": " + " ".join(" ".join(lines).split()).removesuffix(".")
+        return ""
 
     def members(self) -> list[str]:
         """Methods and properties that have documentation of their own; a class without a public base also shows what it
