@@ -112,6 +112,7 @@ METHODS = {
         Method("cma-es", cma_es, gradients=False, extra="cma"),
     )
 }
+"""The optimisers by their names."""
 AUTO = "auto"
 METHOD_CHOICES = (AUTO, *METHODS)
 """What a method may be called: one of `METHODS`, or the choice between gradients and none."""
