@@ -55,11 +55,11 @@ class AbstractController(Module):
 
 
 class ComputedTorque(AbstractController):
-    """Computed torque (inverse dynamics control) of several coordinates q. At the measured state, its model would
+    """Computed torque (inverse dynamics control): the efforts with which its model, at the measured state, would
     accelerate by target'' + 2 d w (target' - q') + w^2 (target - q).
 
-    So the error of each coordinate decays like a damped oscillator of its own, if the model is true (Siciliano et al.,
-    Robotics, 2009, section 8.5.2).
+    So the error of each coordinate q decays like a damped oscillator of its own, if the model is true (Siciliano et
+    al., Robotics, 2009, section 8.5.2).
 
     **Arguments:**
 

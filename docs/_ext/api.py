@@ -116,6 +116,7 @@ def returned(function: Any) -> str:
     if shape := re.fullmatch(r"(?:Float|Int|Bool)\[\w+, '([\w ]*)'\]", text):
         axes = shape[1].split()
         return f"an array of shape ({', '.join(axes)}{',' * (len(axes) == 1)})." if axes else "a number."
+    text = re.sub(r"(?:Float|Int|Bool)\[\w+, '(.*?)'\]", lambda found: "Array" if found[1] else "number", text)
     return "" if text in ("None", "Any", "_empty", "Self", "Array") or len(text) > LONGEST else f"``{text}``."
 
 
@@ -124,7 +125,8 @@ def process_docstring(app, what, name, thing, options, lines) -> None:
     returns where it does not say so itself.
     """
     if what == "class" and (declared := CLASSES[name].declared()):
-        lines += ["**Further arguments:**", "", *(f"- `{argument}`{text}." for argument, text in declared.items())]
+        title = "Further arguments" if any("**Arguments" in line for line in lines) else "Arguments"
+        lines += [f"**{title}:**", "", *(f"- `{argument}`{text}." for argument, text in declared.items())]
     lines[:] = restructured(lines)
     if what in ("function", "method") and not any("**Returns" in line for line in lines) and returned(thing):
         lines += ["", f"**Returns:** {returned(thing)}"]

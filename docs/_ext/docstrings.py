@@ -28,21 +28,13 @@ def inline(text: str) -> str:
 def restructured(lines: list[str]) -> list[str]:
     """The lines of a docstring as reStructuredText."""
     out: list[str] = []
-    literal = False
-    for k, line in enumerate(lines):
-        indented = line.startswith("    ")
-        if indented and not literal and not (out and out[-1].strip()):
-            literal = True
-            out += ["::", ""]
-        literal = literal and (indented or not line.strip())
-        # A paragraph in front of a list ends there.
-        if line.startswith("- ") and k and lines[k - 1].strip() and not lines[k - 1].startswith(("- ", "  ")):
-            out.append("")
-        out.append(line if literal else _paragraph(line))
+    for block in re.split(r"\n\s*\n", "\n".join(lines)):
+        if block.startswith("    "):
+            out += ["::", "", *block.split("\n")]
+        else:
+            # A list item begins a paragraph of its own; so does what stands in front of a list.
+            for item in re.split(r"\n(?=- )", block):
+                mark = "- " if item.startswith("- ") else ""
+                out += [*(mark + inline(item.removeprefix(mark))).split("\n"), ""]
+        out.append("")
     return out
-
-
-def _paragraph(line: str) -> str:
-    mark = re.match(r"\s*(?:- )?", line)
-    assert mark is not None
-    return mark[0] + inline(line[mark.end() :])
