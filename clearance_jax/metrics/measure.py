@@ -26,11 +26,8 @@ from clearance_jax.solve.solution import Solution
 
 
 class Request(NamedTuple):
-    """What a metric needs of a solve.
-
-    - `observers`: what is recorded in every step; `integrands`: functions that are integrated along with the motion.
-    - `times`: where samples are needed [s]; `books`: whether the energy balance is needed.
-    - `since`: the time from which the motion counts [s]; `None`: the start.
+    """What a metric needs of a solve: `observers` of every step; `integrands`, which are integrated along with the
+    motion; samples at `times` [s]; the energy balance (`books`). It counts `since` a time [s]; `None`: from the start.
     """
 
     observers: tuple[AbstractObserver, ...] = ()
@@ -41,12 +38,10 @@ class Request(NamedTuple):
 
 
 class Reply(NamedTuple):
-    """What a metric receives of a solve.
-
-    - `mechanism`, `t1` [s] and `options`: the motion that was asked for.
-    - `solution`: the metric's own part of it, in the order of its request: what its observers recorded and picked, and
-      its samples (`solution.time`, `solution.y`); `integrals`: those of its integrands.
-    - `begin` [s] and `first`: the time from which the motion counts, and the state then.
+    """What a metric receives of a solve: the motion that was asked for (`mechanism`, `t1` [s], `options`), its own part
+    of the `solution` (what its observers recorded and picked, its samples `solution.time` and `solution.y`), its
+    `integrals`, and the time `begin` [s] from which the motion counts, with the state then (`first`). All are in the
+    order of its request.
     """
 
     mechanism: Mechanism
@@ -155,9 +150,7 @@ class Function(AbstractMetric):
     """A metric that is a function `f(solution)` or `f(mechanism, solution)`, and returns a number or an array.
 
     **Arguments:** `function`; `times`: where it needs samples [s], shape (samples,); `None`: where `save_at` says, or
-    else the end alone.
-
-    **Raises:** `ClearanceError` for a function with other arguments.
+    else the end alone. **Raises:** `ClearanceError` for a function with other arguments.
     """
 
     function: Callable
