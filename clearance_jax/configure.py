@@ -25,19 +25,21 @@ _FLAGS = {
 
 
 def configure(*, cache: bool | str | Path = False) -> None:
-    """Set JAX up for mechanisms: 64-bit floats, and on the CPU loops compiled as one function, with wide vectors.
+    """Set up JAX for mechanisms: 64-bit floats, and on the CPU compiler options that make a single solve and a batch
+    several times faster.
 
-    The latter two make a single solve and a batch several times faster, and change no result but in the last digits
-    (`experiments/batches.py` measures it). Call it before the first JAX computation of the process.
+    The compiler options (loops compiled as one function, wide vectors) change results in their last digits only
+    (`experiments/batches.py` measures their effect). Call this before the first JAX computation of the process.
 
     **Arguments:**
 
-    - `cache`: keep compiled programs between processes, in this folder, or (`True`) in the user's cache folder. Those
-      of single solves, their derivatives and datasets are kept ready to run, in its folder `programs`: a second process
-      does not even trace them (CLEARANCE_KEPT=0 switches that off). All others go to JAX's own cache, there or where
-      the environment variable JAX_COMPILATION_CACHE_DIR says. `clearance cache` shows both, and empties them.
+    - `cache`: keep compiled programs between processes, in this folder, or (`True`) in the user's cache folder.
+      Programs of single solves, of their derivatives and of datasets are kept ready to run, in the folder `programs`
+      below it: a second process only loads them. The environment variable CLEARANCE_KEPT=0 switches this off. All other
+      programs go to JAX's own cache, in the same folder or where the environment variable JAX_COMPILATION_CACHE_DIR
+      says. `clearance cache` shows both caches, and `clearance cache --clear` empties them.
 
-    **Raises:** `ClearanceError` where JAX has started already without the setting.
+    **Raises:** `ClearanceError` if JAX has started already without the setting.
     """
     jax.config.update("jax_enable_x64", True)
     flags = os.environ.get("XLA_FLAGS", "")

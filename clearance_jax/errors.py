@@ -5,7 +5,7 @@ LONGEST = 600
 
 
 class ClearanceError(ValueError):
-    """A scene, a mechanism or an argument that cannot be simulated. The message names the place and the fix, in no more
+    """An error in a scene, a mechanism or an argument. The `message` names the place and says what to do, in no more
     than `LONGEST` characters.
     """
 

@@ -64,15 +64,15 @@ def physical(
     absent: str = "",
     **field,
 ):
-    """A dataclass field that holds one physical number (or `None` where the quantity may be absent).
+    """A field of a class of your own that holds one physical number, or `None` where the quantity may be absent.
 
     **Arguments:**
 
-    - `unit`: the SI unit, as pint spells it; a word that its owner resolves (see `Parametrised.units`) otherwise.
-    - `above`, `least`, `below`: open lower, closed lower and open upper bound of valid values, checked at the door of
-      `simulate` and by the scene reader.
-    - `help`, `example`, `absent`: for the reference of scene files: what it is, its value in TOML, what its absence
-      means.
+    - `unit`: the SI unit, as pint spells it; or a word that the owner of the field resolves (see `Parametrised.units`).
+    - `above`, `least`, `below`: bounds of valid values: greater than, at least, less than. `simulate` and the scene
+      reader check them.
+    - `help`, `example`, `absent`: for the reference of scene files: what the number is, its value in TOML, and what its
+      absence means.
     - `field`: passed on to `dataclasses.field` (for instance `default`).
     """
     metadata = {"unit": unit, "above": above, "least": least, "below": below}
@@ -195,7 +195,10 @@ def _fields(kind: type[eqx.Module]) -> tuple[dataclasses.Field, ...]:
 
 
 def parameters(module: eqx.Module) -> dict[str, Leaf]:
-    """Every number of a model by its one dotted name, with value, unit and bounds."""
+    """Every number of a model by its one dotted name, with its value, unit and bounds.
+
+    **Arguments:** `module`: a mechanism, or a part of one.
+    """
     return {leaf.name: leaf for leaf in leaves(module)}
 
 
@@ -220,11 +223,13 @@ def find(known: Mapping[str, Leaf], name: str) -> tuple[Leaf, int | None]:
 
 
 def replace(module: Any, values: Mapping[str, Any]) -> Any:
-    """A new mechanism with some numbers replaced.
+    """A new mechanism with other numbers.
 
     **Arguments:**
 
-    - `values`: dotted name to number or array (SI; tracers welcome). A name may end in `.i` for one entry of an array.
+    - `module`: the mechanism, or another model; it stays as it is.
+    - `values`: dotted name to number or array, in SI units; tracers are allowed. A name may end in `.i` for one entry
+      of an array.
 
     **Raises:** `ClearanceError` for an unknown name.
     """

@@ -1,5 +1,5 @@
 """The site: `make docs` writes it to out/site. Sphinx, because it checks every link and reads notebooks as they are;
-nothing is loaded from a network when it is read.
+nothing is loaded from a network when it is read. Pages of public names are made from their docstrings (`_ext/api.py`).
 """
 
 import shutil
@@ -17,7 +17,7 @@ for notebook in (HERE.parent / "experiments" / "notebooks").glob("*.ipynb"):
 
 project = "clearance_jax"
 author = "the authors of clearance_jax"
-extensions = ["myst_nb", "mathml"]
+extensions = ["myst_nb", "mathml", "api"]
 exclude_patterns = ["_build", "_ext"]
 
 myst_enable_extensions = ["dollarmath", "deflist", "colon_fence"]
@@ -33,3 +33,12 @@ html_css_files = ["site.css"]
 html_copy_source = False
 html_show_copyright = False
 nitpicky = True
+
+# Docstrings say what arguments are, in which unit and shape; annotations repeat it in longer words.
+autodoc_typehints = "none"
+autodoc_preserve_defaults = True
+autodoc_inherit_docstrings = False
+autodoc_member_order = "bysource"
+add_module_names = False
+smartquotes = False  # q'' is a derivative
+toc_object_entries_show_parents = "hide"

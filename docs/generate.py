@@ -1,9 +1,8 @@
-"""The pages that are made from the code: every key of scene and study files, every public name.
+"""The pages that are made from the code and kept: every key of scene and study files.
 
 `python docs/generate.py` (`make reference`) writes them to docs/reference; a test compares them with the code.
 """
 
-import inspect
 import json
 from collections.abc import Iterable
 from pathlib import Path
@@ -30,13 +29,6 @@ hold (`design`), how a joint wears and how long it lasts (`wear`). `clearance ru
 The schema for editors is `docs/reference/study.schema.json`.
 
 *This page is generated from the reader's own declarations.*
-"""
-NAMES_HEAD = """# Public names
-
-Each name with the first sentence of its documentation; `help(name)` in Python shows all of it: arguments with units
-and shapes, what is raised, sources.
-
-*This page is generated from the code.*
 """
 
 
@@ -80,31 +72,6 @@ def keys_page(head: str, file: str) -> str:
     return "\n".join(parts)
 
 
-def first_sentence(thing: object) -> str:
-    """Of its documentation, without what only a source file needs."""
-    text = " ".join((inspect.getdoc(thing) or "").split("\n\n")[0].split())
-    end = text.find(". ")
-    return text if end < 0 else text[: end + 1]
-
-
-def names_page() -> str:
-    """Every public name."""
-    import clearance_jax as cj
-
-    modules = {f"clearance_jax.{name}": thing for name in cj.__all__ if inspect.ismodule(thing := getattr(cj, name))}
-    parts = [NAMES_HEAD]
-    for name, module in {"clearance_jax": cj, **modules}.items():
-        things = [(one, getattr(module, one)) for one in sorted(module.__all__, key=str.lower)]
-        rows = [
-            (code(one), first_sentence(thing))
-            for one, thing in things
-            if not inspect.ismodule(thing) and callable(thing)
-        ]
-        parts.append(f"## `{name}`\n")
-        parts.append(table(("name", "what it is"), rows))
-    return "\n".join(parts)
-
-
 def pages() -> dict[str, str]:
     """Every generated file by its name."""
     from clearance_jax.io.schema import schema
@@ -113,7 +80,6 @@ def pages() -> dict[str, str]:
         **{f"{file}.schema.json": json.dumps(schema(file), indent=1) + "\n" for file in ("scene", "study")},
         "scene.md": keys_page(SCENE_HEAD, "scene"),
         "study.md": keys_page(STUDY_HEAD, "study"),
-        "python.md": names_page(),
     }
 
 

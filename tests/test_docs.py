@@ -1,5 +1,6 @@
 """What README and docs say is so: examples run, files load, links lead somewhere, every key and law has its place."""
 
+import importlib
 import importlib.util
 import re
 import shlex
@@ -22,8 +23,10 @@ from clearance_jax.laws import FRICTION_LAWS, NORMAL_LAWS
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 GENERATED = DOCS / "reference"
+sys.path.append(str(DOCS / "_ext"))
+names: Any = importlib.import_module("names")
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
-PAGES += sorted(p for p in DOCS.rglob("*.md") if "notebooks" not in p.parts)
+PAGES += sorted(p for p in DOCS.rglob("*.md") if not {"notebooks", "names"} & {*p.parts})
 ARM = ROOT / "experiments" / "scenes" / "arm.toml"
 
 
@@ -199,7 +202,7 @@ def test_python_runs(path, top, capsys):
 
 
 def test_readme_fits_on_two_screens():
-    assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 120
+    assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 100
 
 
 def test_generated_pages_are_those_of_the_code():
@@ -218,6 +221,16 @@ def test_every_key_stands_in_the_docs():
         section = page.partition(f"## {table.title}\n")[2].partition("\n## ")[0]
         for key in table.keys:
             assert f"| `{key.name}` | {key.help[:20]}" in section, f"{table.title}: {key.name}"
+
+
+def test_every_public_name_is_documented():
+    """Each has a summary, and says what each of its arguments is; each stands in one table of the reference."""
+    places = names.tables(GENERATED / "python")
+    for name in names.public_names():
+        assert name.sentence.endswith((".", ":")), f"{name.short}: its documentation begins with no sentence"
+        assert len(places[name]) == 1, f"{name.short}: it stands in the tables {places[name]}"
+        told = name.told | {*(name.declared() if name.kind == "class" else ())}
+        assert told.issuperset(name.arguments), f"{name.short}: it does not say what its arguments are"
 
 
 def test_every_law_has_a_paragraph_and_a_curve():

@@ -41,14 +41,17 @@ SEAM = 1e-6
 
 
 class PeriodicMotion(Module):
-    """A periodic motion. Only `y` has a derivative; the others are constants to differentiation.
+    """A periodic motion, and what is known of it. Only `y` has a derivative; to differentiation the other fields are
+    constants.
 
-    - `y`: the state [q, v, memory] at t0 (SI), shape (n,); where not converged, the last one reached.
-    - `monodromy`: dP/dy there, shape (n, n), error controlled.
-    - `residual`: largest |P(y) - y| in the scene's own scales; the error of `y` is about `residual` / `margin`.
-    - `iterations`: Newton steps tried, and settlings.
-    - `turns`: whole turns a period of each free coordinate, shape (free,); 0 for a slide.
-    - `converged`; `code`: how the last solve ended (`codes.Result`).
+    - `y`: the state [q, v, memory] at t0 in SI units, shape (n,); if not converged, the last one of the search.
+    - `monodromy`: the derivative dP/dy of the state after one period P(y) by the state before, shape (n, n). Its error
+      is controlled.
+    - `residual`: largest |P(y) - y|, in units of the lengths and speeds of the scene. The error of `y` is about
+      `residual` / `margin`.
+    - `iterations`: how many Newton steps and phases of settling were tried.
+    - `turns`: whole turns of each free coordinate in a period, shape (free,); 0 for a slide.
+    - `converged`: whether the search succeeded; `code`: how its last solve ended (`codes.Result`).
     """
 
     y: Float[Array, " n"]

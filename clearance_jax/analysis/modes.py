@@ -25,8 +25,8 @@ WEAKLY_DAMPED = 0.01
 
 
 class Mode(NamedTuple):
-    """A mode of small motions: its undamped natural `frequency` [Hz], and its damping `ratio` (1: it does not swing;
-    below 0: it grows).
+    """A mode of small oscillations: its undamped natural `frequency` [Hz], and its damping `ratio` (at 1 or more it
+    does not oscillate; below 0 it grows).
     """
 
     frequency: float
@@ -34,13 +34,15 @@ class Mode(NamedTuple):
 
 
 def seated_modes(mechanism: Mechanism, time: float = 0.0) -> tuple[Mode, ...]:
-    """The modes of a mechanism's play about its settled pose at a time [s], the lowest first.
+    """The modes of a mechanism's play about its settled pose, the lowest frequency first.
 
-    The accelerations of the play coordinates are linearised about the pose, by these coordinates and their rates, with
-    all else moving as it does: x'' = A x + B x'. An eigenvalue s of this has the frequency |s| / 2 pi and the ratio
-    -Re s / |s|; of a motion that does not swing the ratio is 1.
+    The accelerations of the play coordinates x are linearised about the pose: x'' = A x + B x'. All other coordinates
+    move as they do at this time. An eigenvalue s of this equation has the frequency |s| / 2 pi and the ratio -Re s /
+    |s|. For a motion that does not oscillate the ratio is 1.
 
-    **Raises:** `ClearanceError` for a mechanism without play, and where it cannot be settled.
+    **Arguments:** `mechanism`; `time`: of the pose [s].
+
+    **Raises:** `ClearanceError` for a mechanism without play, and if no settled pose is found.
     """
     if not mechanism.clearance_joints():
         raise ClearanceError("A mechanism without play has no modes of its play. Give a joint clearance.")

@@ -25,20 +25,23 @@ def periodic_motion(
     max_iterations: int = 40,
     **options: Unpack[SolveOptions],
 ) -> PeriodicMotion:
-    """The motion that repeats after `period`. Works under jit and vmap; `y` under jvp, jacfwd and grad too, by every
-    number of the mechanism and by `period`.
+    """The motion that repeats after `period`. It works under jit and vmap. `y` also has derivatives (jvp, jacfwd, grad)
+    by every number of the mechanism and by `period`.
 
-    A search that fails does not raise: see `converged` and `message` (the derivative is then NaN). A cycle that is
-    found may be unstable: see `stable`. What the drives do from t0 to t0 + period is understood to be repeated. A drive
-    whose speed is varied needs its `period` varied along with it: else the derivative is of a drive that jumps.
+    A search that fails raises nothing: see `converged` and `message` of the result (the derivative is then NaN). The
+    motion that is found may be unstable: see `stable`. It is assumed that the drives repeat what they do from t0 to t0
+    + period. If you vary the speed of a drive, vary `period` along with it: otherwise the derivative is that of a drive
+    that jumps.
 
     **Arguments:**
 
-    - `period`: [s], a whole multiple of every drive's period.
-    - `guess`: a state [q, v, memory] to start from, shape (n,); `None`: the mechanism's initial one.
-    - `settle`: periods simulated before Newton's method starts, and again wherever it does not lower the residual.
-    - `turns`: whole turns a period of each free coordinate, shape (free,); `None`: as the settled motion does.
-    - `max_iterations`: Newton steps tried, and settlings.
+    - `mechanism`: what moves.
+    - `period` [s]: a whole multiple of every drive's period.
+    - `guess`: a state [q, v, memory] from which to start, shape (n,); `None`: the mechanism's initial one.
+    - `settle`: how many periods are simulated before Newton's method starts, and again wherever it does not lower the
+      residual.
+    - `turns`: whole turns of each free coordinate in a period, shape (free,); `None`: as the simulated motion has them.
+    - `max_iterations`: most Newton steps and phases of settling.
     - `options`: `simulate`'s `t0`, where the period starts [s]; `rtol` (1e-9), of the solves and of the fixed point;
       `solver`; `max_steps`, of a period.
 

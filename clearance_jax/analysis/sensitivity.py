@@ -27,7 +27,9 @@ MANY = 40
 
 
 class Sensitivities(Module):
-    """Value, shape (...), and its derivatives: `jacobian[name]`, shape (..., *parameter's)."""
+    """A metric's `value`, shape (...), and its derivatives: `jacobian[name]`, shape (..., *shape of the parameter), for
+    each of the `names`.
+    """
 
     value: Array
     jacobian: dict[str, Array]
@@ -57,20 +59,22 @@ def sensitivities(
     mode: str = "auto",
     **options: Unpack[SolveOptions],
 ) -> Sensitivities:
-    """Value and derivatives of a metric of the motion by named parameters, from one solve.
+    """The value of a metric of the motion and its derivatives by named parameters, from one solve.
 
     **Arguments:**
 
-    - `metric`: one of `clearance_jax.metrics`, or a function `f(solution)` or `f(mechanism, solution)`; give `save_at`
-      where it wants samples.
+    - `mechanism`: what moves; `t1`: end of the motion [s].
+    - `metric`: one of `clearance_jax.metrics`, or a function `f(solution)` or `f(mechanism, solution)`. If the function
+      needs samples, give `save_at`.
     - `wrt`: dotted names, as in `cj.parameters(mechanism)`; `name.i` for one entry of an array.
-    - `mode`: "forward": error-controlled tangents; "reverse": one probe solve sets the steps, then one reverse sweep
-      over them (for a scalar metric that is a function of the final state, and many parameters); "auto": the second
-      from 40 parameters on where it applies; "screening": the program differentiated as it stands, for a first look.
+    - `mode`: "forward": derivatives with controlled error. "reverse": one solve chooses the steps, then one pass
+      backwards over them gives all derivatives; for a scalar metric that is a function of the final state, and many
+      parameters. "auto": "reverse" from 40 parameters on if it is possible, otherwise "forward". "screening": JAX
+      differentiates the program as it stands, for a first look.
     - `options`: as `simulate`'s.
 
-    **Raises:** `ClearanceError` for an unknown name, mode or option, a law of class C-1, a metric without derivative;
-    `RuntimeError` where the solve fails.
+    **Raises:** `ClearanceError` for an unknown name, mode or option, a law of class C-1, and a metric without
+    derivative; `RuntimeError` if the solve fails.
     """
     wrt = (wrt,) if isinstance(wrt, str) else tuple(wrt)
     if mode not in ("auto", "forward", "reverse", "screening"):
@@ -121,7 +125,9 @@ def _not_in_reverse(mechanism, metric, values, options) -> str:
 
 
 class Hessian(Module):
-    """Second derivatives by `names` (`matrix`, shape (..., n, n)) and how far they may be off (`error`, same shape)."""
+    """Second derivatives by the parameters in `names`: `matrix`, shape (..., n, n), and an estimate of its `error`,
+    same shape.
+    """
 
     matrix: Array
     error: Array
@@ -141,9 +147,11 @@ def hessian(
 ) -> Hessian:
     """Second derivatives of a metric, as central differences of error-controlled gradients.
 
-    The step is 1e-4 of each parameter (of 1, for a zero) and again twice that; Richardson's extrapolation of the two is
-    the answer, and its difference from the first, plus the asymmetry, the stated `error`. Contact changes with the
-    parameters: where a contact appears or vanishes within the step the error says so.
+    The step is 1e-4 of each parameter (1e-4 if the parameter is zero), and then twice that. The result is Richardson's
+    extrapolation of the two. Its stated `error` is the difference from the first, plus the asymmetry of the matrix.
+    Contacts change with the parameters: if a contact appears or vanishes within the step, the error shows it.
+
+    **Arguments:** `mechanism`, `metric`, `wrt`, `t1` and `options` as `sensitivities`'.
     """
     wrt = (wrt,) if isinstance(wrt, str) else tuple(wrt)
     values = values_of(mechanism, wrt)

@@ -29,7 +29,9 @@ from clearance_jax.solve.settings import ALL, SolveOptions, settings_of
 
 
 class TrustThresholds(Module):
-    """What a derivative must meet to be trusted. Calibrated in `experiments/trust.py` on labelled cases."""
+    """The thresholds of the tests of a derivative. Their defaults were chosen on cases for which the right verdict is
+    known (`experiments/trust.py`).
+    """
 
     digits: float = 1e-3
     """Largest relative difference between tolerances rtol and rtol/10."""
@@ -56,21 +58,27 @@ KNOWN = tuple(name for name in ALL if name != "derivatives")
 
 
 class UntrustedGradient(UserWarning):
-    """The derivative should not be believed; the message says why."""
+    """A warning that a derivative cannot be trusted. The message says why."""
 
 
 class GradientReport(Module):
-    """A gradient with what is known of its worth.
+    """A gradient, with the results of the tests of whether it can be trusted.
 
-    - `value`, `gradient` (parameters,) in the order of `names`; with `on_untrusted="smooth"` an untrusted gradient is
-      replaced by the slope of the metric over the scatter, `smoothed` says so, `gradient_error` its error.
-    - `trusted`; `reasons`: a sentence for every test that failed.
-    - `digits`: relative difference of the gradients at rtol and rtol/10; `linearity`: per step direction (parameters,);
-      `signal_to_noise`, `slope_ratio` (regression slope over mean derivative), `slope_z`, per parameter; `heavy_tail`.
-    - `lyapunov`: finite-time exponent [1/s]; `horizon`: when neighbours within the scatter have parted [s] (infinite:
-      not foreseeable); `precision_horizon`: when rtol has grown to the size of the motion [s].
-    - `impacts`: fewest and most impacts over the scatter; `slowest_impact` [m/s], `nearest_miss` [m].
-    - `multipliers`: of the periodic motion, where a `period` was given.
+    - `value`: the metric; `gradient` (parameters,), in the order of `names`; `gradient_error` (parameters,): an
+      estimate of its error. With `on_untrusted="smooth"` an untrusted gradient is replaced by the slope of the metric
+      over the scatter, and `smoothed` is true.
+    - `trusted`: the verdict; `reasons`: a sentence for every test that failed.
+    - `digits`: relative difference of the gradients at rtol and rtol/10.
+    - `linearity` (parameters,): difference between the change of the metric over a step and the change that the
+      gradient predicts, relative to the latter.
+    - `signal_to_noise`, `slope_ratio` (slope of the metric over the scatter, over the mean derivative), `slope_z`
+      (their difference in standard errors), all (parameters,); `heavy_tail`: the largest derivative over the median
+      one.
+    - `lyapunov`: finite-time exponent [1/s]; `horizon`: the time after which neighbours within the scatter are no
+      longer alike [s] (infinite: not in sight); `precision_horizon`: the time after which an error of rtol has grown to
+      the size of the motion [s].
+    - `impacts`: fewest and most impacts over the scatter; `slowest_impact` [m/s]; `nearest_miss` [m].
+    - `multipliers`: of the periodic motion, if a `period` was given.
     """
 
     value: Array
@@ -188,20 +196,23 @@ def gradient_report(
     on_untrusted: Literal["ignore", "warn", "raise", "smooth"] = "warn",
     **options: Unpack[SolveOptions],
 ) -> GradientReport:
-    """The gradient of a scalar metric by named scalars, and whether to believe it.
+    """The gradient of a scalar metric by named scalar parameters, and tests of whether an optimiser can trust it.
 
     **Arguments:**
 
-    - `step`: the change an optimiser would make, relative to each parameter (absolute for a zero).
-    - `scatter`: the standard deviation with which parts are made, likewise; `samples` of it are drawn, with one `seed`
-      for all designs (common random numbers).
+    - `mechanism`, `metric`, `wrt`, `t1` [s]: as of `sensitivities`.
+    - `step`: the change that an optimiser would make, relative to each parameter (absolute for a parameter of zero).
+    - `scatter`: the standard deviation of made parts, given in the same way. `samples` of it are drawn with one `seed`,
+      the same for all designs (common random numbers).
     - `period`: of a periodic drive [s]: adds the Floquet multipliers.
+    - `thresholds`: those of the tests (`TrustThresholds`).
     - `on_untrusted`: "warn" (`UntrustedGradient`), "raise" (`ClearanceError`), "ignore", or "smooth": return the slope
       of the metric over the scatter instead, by least squares.
-    - `options`: as `simulate`'s, but `derivatives`.
+    - `options`: as `simulate`'s, without `derivatives`.
 
-    **Raises:** `ClearanceError` for unknown names or options, arrays, a metric of several numbers, too few samples, a
-    law of class C-1; `RuntimeError` where the motion itself, or too many of the scatter, cannot be solved to the end.
+    **Raises:** `ClearanceError` for unknown names or options, parameters that are arrays, a metric of several numbers,
+    too few samples, and a law of class C-1; `RuntimeError` if the motion itself, or too many of the scatter, cannot be
+    solved to the end.
     """
     names, centre = _check(mechanism, wrt, samples, on_untrusted)
     settings = settings_of(mechanism, t1, options, KNOWN)

@@ -22,10 +22,12 @@ from clearance_jax.units import format_quantity
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Design:
-    """A solver's answer: `clearances` by name, `objective`, whether it is `feasible`; prints as a designer reads it.
+    """The answer of a design problem. It prints itself as a designer reads it.
 
-    It has what was asked (`specification`), the `program` with every evaluated point, the `method`, its best
-    `evaluation`, the `stop_reason` where it stopped early, and a `note` on the choice of the method (or neither).
+    - `clearances` by name; `objective`: the cost, or minus the common clearance; `feasible`: whether the limits hold.
+    - `specification`: what was asked; `program`: every point that was evaluated; `method`: the optimiser.
+    - `evaluation`: the best point; `stop_reason`: why the search stopped early, or empty; `note`: on the choice of the
+      method, or empty.
     """
 
     specification: Specification

@@ -10,18 +10,21 @@ from clearance_jax.units import format_quantity
 
 @dataclasses.dataclass(frozen=True)
 class Certificate:
-    """What was found of a design; printing it gives the statement.
+    """What a check of a design found. It prints itself in sentences.
 
-    - `worst`: the most violated scaled limit in a fresh simulation with another solver at a tenth of rtol, `limit` its
-      name; `scale`: by how much all clearances can grow or must shrink together until a limit is just met, by bisection
-      with that solver (1: the design itself; not a number: the bounds come first).
-    - `islands`: scalings between which the limits hold, from a sweep along the same line.
-    - `residual`: of the Karush-Kuhn-Tucker conditions, over the objective's gradient, in logarithms; `prices`: per
-      active limit, relative change of the objective per relative change of its bound.
-    - `price_checks`: name -> (price, by re-optimising with the bound 1 % up and down), where asked for.
-    - `yield_estimate`: of a `Yield`, on fresh samples; `static`: by limit on a point's error, what play alone can do to
-      the mechanism at rest [m].
-    - `starts`: objectives that other starts have led to; `goal`: what a looser bound does, in words.
+    - `names`: the variables, with their units; `x` (n,): their values; `objective`: the cost, or minus the common
+      clearance.
+    - `worst`: the most violated scaled limit (value over bound, minus 1) in a fresh simulation, by another `solver`
+      with a tenth of the `rtol`; `limit`: its name.
+    - `scale`: the common factor on all clearances at which a limit is just met, by bisection with that solver (1: the
+      design itself; NaN: a bound of a variable is met first).
+    - `islands`: intervals of this factor in which the limits hold.
+    - `residual`: that of the Karush-Kuhn-Tucker conditions, relative to the gradient of the objective, in logarithms;
+      `prices`: for each active limit, the relative change of the objective per relative change of its bound.
+    - `price_checks`: name -> (price, price by solving again with the bound 1 % up and down), if asked for.
+    - `yield_estimate`: of a `Yield`, on fresh samples; `static`: for each limit on a point's error, how far play alone
+      can move the point of the mechanism at rest [m].
+    - `starts`: the objectives that other starts led to; `goal`: what a looser bound does, in words.
     """
 
     names: dict[str, str]

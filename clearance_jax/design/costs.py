@@ -23,7 +23,7 @@ def _number(value) -> Array:
 
 
 class AbstractCost(Module):
-    """Cost of one clearance."""
+    """The cost of one clearance."""
 
     @abc.abstractmethod
     def __call__(self, clearance: Scalar) -> Scalar:
@@ -65,8 +65,10 @@ class ExponentialReciprocal(AbstractCost):
 
 
 class CostTable(AbstractCost):
-    """Costs quoted for a process at some clearances, and in between a curve that does not overshoot (PCHIP); below the
-    first it goes on straight, beyond the last the cost is the last.
+    """Costs that were quoted for some clearances, and a curve between them that does not overshoot (PCHIP). Below the
+    first clearance the cost goes on along a straight line; beyond the last one it is constant.
+
+    **Arguments:** `clearances` [m], increasing, and `costs`, both of shape (n,).
     """
 
     clearances: Float[Array, " n"]

@@ -11,8 +11,11 @@ CLEARANCE = ".radial_clearance"
 
 
 class JointDrawing(NamedTuple):
-    """A clearance joint: nominal `diameter` [m], the radial `clearance` [m], which is the largest that is allowed where
-    it is `designed` and else as the mechanism has it, and the `fit` that keeps below it (`None`: not known).
+    """What a drawing says of a clearance `joint`.
+
+    - `diameter` [m]: the nominal one; `clearance` [m]: the radial one. If it is `designed`, it is the largest that is
+      allowed, and otherwise that of the mechanism.
+    - `fit`: the fit whose clearance is never larger; `None`: not known.
     """
 
     joint: str

@@ -10,8 +10,10 @@ SLACK = 1e-9
 
 
 class Evaluation(NamedTuple):
-    """An evaluated design: variables `x` (n,), objective, scaled limits (m,); their gradients by x, (n,) and (m, n),
-    where they were asked for.
+    """An evaluated design.
+
+    - `x` (n,): the variables; `objective`; `limits` (m,): value over bound, minus 1, of each limit.
+    - `gradient` (n,) of the objective and `jacobian` (m, n) of the limits by x; `None`: not asked for.
     """
 
     x: np.ndarray

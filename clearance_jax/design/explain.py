@@ -18,8 +18,11 @@ FACTORS = (0.6, 0.8, 0.9, 1.0, 1.1, 1.25, 1.5, 2.0)
 
 
 class Response(NamedTuple):
-    """A limit (its label) where it is nearest to its bound: `value` and `slopes` by variable, in the metric's `unit`
-    (per the variable's, `units`); `where`: in which condition.
+    """How a `limit` (its label) depends on the variables, where it is nearest to its `bound`.
+
+    - `where`: in which condition; `value`: there, in the metric's `unit`.
+    - `slopes`: derivatives by each variable, in `unit` per the variable's unit (`units`).
+    - `contributions`: slope times clearance: the part of the value that each variable causes, to first order.
     """
 
     limit: str
@@ -60,7 +63,10 @@ class Response(NamedTuple):
 
 
 def responses(design: Design) -> tuple[Response, ...]:
-    """One for each of the designer's limits, at the design itself, of parts as designed (neither `Band` nor `Yield`).
+    """How each limit depends on the variables, at the design itself, for parts as designed (neither `Band` nor
+    `Yield`).
+
+    **Arguments:** `design`: the answer of a problem.
 
     **Raises:** `ClearanceError` for a metric without derivatives.
     """
@@ -91,8 +97,11 @@ def responses(design: Design) -> tuple[Response, ...]:
 
 
 class Tradeoff(NamedTuple):
-    """The best objective that was found for each bound on one limit (NaN: no design holds it); `label` says what the
-    limit is, `asked` which bound the design holds.
+    """The best objective that was found for each bound on one `limit`.
+
+    - `bounds` (n,) in the limit's `unit`; `objectives` (n,), NaN: no design holds the bound; `designs`: the clearances
+      by name, `None` there.
+    - `label`: what the limit is, in words; `asked`: the bound of the design problem itself.
     """
 
     limit: str
@@ -105,9 +114,13 @@ class Tradeoff(NamedTuple):
 
 
 def tradeoff(design: Design, limit: str = "", factors: Sequence[float] = FACTORS) -> Tradeoff:
-    """Cost (or minus the common clearance) against a bound: the problem is solved again for each factor on it.
+    """The cost (or minus the common clearance) as a function of the bound of one limit. The problem is solved again for
+    each bound.
 
-    **Arguments:** `limit`: its title (default: the one nearest to its bound).
+    **Arguments:** `design`: the answer of a problem; `limit`: its title, by default that of the limit nearest to its
+    bound; `factors`: on the bound.
+
+    **Raises:** `ClearanceError` for an unknown limit.
     """
     program = formulate(design.specification, known=design.program.history)
     titles = list(dict.fromkeys(program.groups))

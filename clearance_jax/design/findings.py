@@ -32,10 +32,15 @@ NO_FITS = "No combination of common fits was found that holds the limits."
 
 
 class Findings(NamedTuple):
-    """What a report tells of a design; `None`, or nothing, where it was not asked for, or cannot be had.
+    """Everything that a report says of a `design`. A field is `None` or empty if it was not asked for, or cannot be
+    computed.
 
-    `standings` are the limits', `drawings` what a drawing says of each clearance joint, `loads` one a joint and
-    condition, `motions` what a picture shows, a dataset by condition.
+    - `certificate`, `responses`, `tradeoff`, `fits`, `time_histories`: as `verify`, `responses`, `tradeoff`,
+      `nearest_fits`, `time_histories` give them.
+    - `standings`: of each limit in each scenario; `drawings`: of each clearance joint; `loads`: of each joint in each
+      condition.
+    - `motions`: a dataset of each condition, for pictures; `maintenance`: as `maintenances` gives it.
+    - `notes`: what else must be said, in sentences; `software`: the versions.
     """
 
     design: Design
@@ -82,7 +87,7 @@ class Findings(NamedTuple):
 
 
 def known_findings(design: Design, certificate: Certificate | None = None) -> Findings:
-    """What can be said without another solve."""
+    """What can be said of a `design`, and its `certificate` if there is one, without another solve."""
     software = f"clearance_jax {__version__}, jax {version('jax')}, Python {platform.python_version()}"
     return Findings(
         design,
@@ -102,8 +107,10 @@ def findings(
 ) -> Findings:
     """Limits, loads, pictures, contributions, nearest fits and trade-off of a design, as far as its problem has them.
 
-    An interruption keeps what has been found until then, with the note `CUT_SHORT`. `progress` is told what comes next;
-    `cluster`: as `ToleranceProblem.solve`'s, for the samples of fits.
+    **Arguments:** `design`: the answer of a problem; `certificate`: of `design.verify()`, if there is one; `progress`:
+    called with what comes next, in words; `cluster`: as of `ToleranceProblem.solve`, for the samples of fits.
+
+    If you interrupt it, it returns what it has found until then, with the note `CUT_SHORT`.
     """
     found = known_findings(design, certificate)
     try:

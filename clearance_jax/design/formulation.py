@@ -23,8 +23,9 @@ def formulate(
     place: Place = HERE,
     **options: Any,
 ) -> Program:
-    """The specification as numbers, solved with the given accuracy, many simulations at a `place`; `options` as
-    `Program`'s.
+    """The `specification` as a program of numbers, solved with the accuracy `rtol` by a `solver` (by default its own).
+
+    **Arguments:** `place`: where many simulations are solved; `options`: as `Program`'s.
     """
     simulations, scenarios = simulations_of(specification, rtol, solver, place), scenarios_of(specification)
     titles, groups = _titles(specification, simulations, scenarios)

@@ -10,10 +10,14 @@ from clearance_jax.mechanism.mechanism import Mechanism
 
 
 class JointLoad(NamedTuple):
-    """A joint in one condition: `largest` normal force [N], `time` when it acts [s], `mean` over time [N]; how often
-    pin and sleeve meet (`impacts`); energy lost in friction and in contact damping [J]; `diameter` of the pin and
-    `length` of the contact [m], where they are known. In space also the `force` on the pin along the sleeve's axes [N]
-    and the size of the `moment` on it across the axis [N m] then.
+    """The load of a `joint` in one `condition`.
+
+    - `largest`: the largest normal force [N], at `time` [s]; `mean`: its mean over time [N].
+    - `impacts`: how often pin and sleeve meet; `friction_loss`, `contact_loss`: energy lost in friction and in contact
+      damping [J].
+    - `diameter` of the pin and `length` of the contact [m]; `None`: not known.
+    - In space, at that time: `force` on the pin along the sleeve's axes [N], and the size of the `moment` on it across
+      the axis [N m].
     """
 
     joint: str

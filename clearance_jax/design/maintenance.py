@@ -19,9 +19,11 @@ SHARES = np.array([0.5, 0.7, 0.85, 1.0, 1.2])
 
 
 class Maintenance(NamedTuple):
-    """After how many cycles a limit (its label) is met, with all clearances at `shares` (n,) of the designed ones: by
-    condition (without a name where there is one only) `lives` (n,), infinite where more than `most`; `asked`: for how
-    many it is to hold.
+    """After how many cycles a `limit` (its label) is met, as a function of the clearances.
+
+    - `shares` (n,): factors on all designed clearances; `lives` (n,), by condition (with one condition only, under an
+      empty name): cycles until the limit is met, infinite if more than `most`.
+    - `asked`: the number of cycles for which the limit must hold.
     """
 
     limit: str
@@ -32,9 +34,11 @@ class Maintenance(NamedTuple):
 
 
 def maintenances(design: Design) -> tuple[Maintenance, ...]:
-    """One for each limit that is to hold while a joint wears, of parts as designed.
+    """For each limit that must hold while a joint wears, after how many cycles it is met, for parts as designed.
 
-    **Raises:** `ClearanceError` where a life cannot be followed.
+    **Arguments:** `design`: the answer of a problem.
+
+    **Raises:** `ClearanceError` if a life cannot be computed.
     """
     limits = [(limit, limit.metric) for limit in design.specification.limits]
     return tuple(_of(design, limit, metric) for limit, metric in limits if isinstance(metric, AbstractAged))

@@ -19,8 +19,10 @@ WIDE = 0.2
 
 
 class Part(NamedTuple):
-    """A part as it is made: what its title adds to that of the condition, factors on the design's variables (n,), and
-    factors on other numbers by name; whether it is the design itself.
+    """A part as it is made.
+
+    - `title`: what it adds to the title of the condition; `is_design`: whether it is the design itself.
+    - `factors` (n,): on the variables of the design; `others`: factors on other numbers, by name.
     """
 
     title: str
@@ -30,7 +32,7 @@ class Part(NamedTuple):
 
 
 class AbstractManufacture(abc.ABC):
-    """How parts come out of manufacture."""
+    """A model of manufacture: which parts are made of a design, and how the limits of all of them are judged."""
 
     is_sampled: ClassVar[bool] = False
     """Whether parts are samples: then a design has a yield, and fresh samples can be drawn."""
@@ -68,7 +70,7 @@ class AbstractManufacture(abc.ABC):
 
 @dataclasses.dataclass(frozen=True)
 class AsDesigned(AbstractManufacture):
-    """Parts come out exactly as designed."""
+    """Every part is exactly as designed."""
 
     def parts(self, names, fresh=0, seed=None):
         return [Part("", np.ones(len(names)), is_design=True)]
@@ -79,8 +81,9 @@ class AsDesigned(AbstractManufacture):
 
 @dataclasses.dataclass(frozen=True)
 class Band(AbstractManufacture):
-    """Made clearances lie between `least` times the designed one and the designed one, which is their upper limit: the
-    limits must hold on `points` values between, all joints alike, and at every corner for up to `corners` joints.
+    """Made clearances lie between `least` times the designed clearance and the designed clearance, which is their upper
+    limit. The limits must hold at `points` values between these, the same in all joints, and at every corner of this
+    range for up to `corners` joints.
     """
 
     least: float = physical("", above=0.0, below=1.0, help="the least share of the designed clearance", example="0.8")
@@ -107,16 +110,19 @@ class Band(AbstractManufacture):
 
 @dataclasses.dataclass(frozen=True)
 class Yield(AbstractManufacture):
-    """A share `target` of what is made holds all limits, in every condition.
+    """At least the share `target` of the made parts must hold all limits, in every condition.
 
-    **Arguments:** `scatter`: name -> relative standard deviation, of variables and of any other number, also of wear
-    ("wear.coefficient"); independent, normal, and log-normal from 0.2 on; `target`: the share; `samples`: of a
-    scrambled Sobol sequence, one and the same for all designs (common random numbers; so few purely random ones would
-    hardly know the tail), by `seed`.
+    **Arguments:**
 
-    The limit is the conditional value at risk of the worst scaled limit: its mean over the worst (1 - target) of the
-    samples (Rockafellar and Uryasev 2000), which is no less than the quantile that the yield is about, and has a
-    derivative. Samples fewer than 1 / (1 - target) leave one of them to decide.
+    - `scatter`: name -> relative standard deviation, of variables and of any other number, also of wear
+      ("wear.coefficient"). The numbers are independent; their distribution is normal, and from 0.2 on log-normal.
+    - `target`: the share.
+    - `samples`: of a scrambled Sobol sequence with this `seed`, the same for all designs (common random numbers). So
+      few purely random samples would say little about rare parts.
+
+    The design is limited by the conditional value at risk of the worst scaled limit: its mean over the worst (1 -
+    target) of the samples (Rockafellar and Uryasev 2000). It is at least the quantile that the yield is about, and has
+    a derivative. With fewer than 1 / (1 - target) samples, one of them decides.
     """
 
     scatter: Mapping[str, float] = describe(
@@ -199,8 +205,8 @@ MANUFACTURE: Mapping[str, type[AbstractManufacture]] = {"band": Band, "yield": Y
 
 
 class YieldEstimate(NamedTuple):
-    """Of fresh samples: the share that holds all limits, and the least yield that this proves at 95 % confidence
-    (Clopper and Pearson 1934).
+    """A yield from `samples` fresh samples: the `share` that holds all limits, and the `least` yield that this proves
+    at 95 % confidence (Clopper and Pearson 1934).
     """
 
     share: float

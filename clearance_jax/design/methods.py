@@ -20,8 +20,10 @@ from clearance_jax.extras import require
 
 
 class Method(NamedTuple):
-    """A way to solve a program: `solve(program, start, **options)` returns why it stopped early, or nothing; whether it
-    asks for `gradients`, and the `extra` of this library that it needs.
+    """An optimiser.
+
+    - `name`; `solve`: `solve(program, start, **options)` returns why it stopped early, or nothing.
+    - `gradients`: whether it uses them; `extra`: the extra of this library that it needs.
     """
 
     name: str
@@ -112,6 +114,7 @@ METHODS = {
         Method("cma-es", cma_es, gradients=False, extra="cma"),
     )
 }
+"""The optimisers by their names."""
 AUTO = "auto"
 METHOD_CHOICES = (AUTO, *METHODS)
 """What a method may be called: one of `METHODS`, or the choice between gradients and none."""

@@ -18,25 +18,25 @@ from clearance_jax.solve.settings import SolveOptions
 
 
 class ToleranceProblem:
-    """Clearances by name, bounds on them, limits on the motion, and what clearances cost.
+    """A tolerance design problem: clearances, their bounds, limits on the motion, and what the clearances cost.
 
     **Arguments:**
 
     - `mechanism`, `t1`: the motion, from `t0` to `t1` [s].
-    - `variables`: name -> (least, greatest), positive, in the parameter's unit.
-    - `limits`: `Limit`s.
-    - `cost`: one cost function for all variables, or name -> cost function; `None`: the largest clearance is wanted,
-      common to all variables where there are several.
-    - `conditions`: name of the condition -> values by parameter name (speeds, loads, friction, phases), or a sequence
-      of such values; every limit must hold in each. None: the mechanism as it is.
-    - `manufacture`: how parts come out of manufacture, a `Band`, a `Yield` or a model of your own; None: as designed.
+    - `variables`: name -> (least, greatest) value, positive, in the parameter's SI unit.
+    - `limits`: a list of `Limit`.
+    - `cost`: one cost function for all variables, or name -> cost function. `None`: the largest clearance is wanted,
+      the same for all variables.
+    - `conditions`: name of the condition -> values by parameter name (speeds, loads, friction, phases), or a list of
+      such values. Every limit must hold in each condition. `None`: the mechanism as it is.
+    - `manufacture`: which parts are made: a `Band`, a `Yield` or a model of your own; `None`: parts as designed.
     - `options`: `simulate`'s `t0`, `rtol`, `solver`, `start`, `max_steps`.
     - `cost_unit`: what costs are counted in, such as "EUR".
 
-    All of it in one form is its `specification`.
+    Its `specification` holds all of this in one form.
 
-    **Raises:** `ClearanceError` for unknown names or options, limits of one title, numbers that are not finite or out
-    of bounds.
+    **Raises:** `ClearanceError` for unknown names or options, two limits of one title, and numbers that are not finite
+    or out of bounds.
     """
 
     def __init__(
@@ -74,18 +74,18 @@ class ToleranceProblem:
         progress: Callable[[Evaluation], None] | None = None,
         cluster: Any = None,
     ) -> Design:
-        """The best design found, which holds its limits in a simulation of its own (see `Design.feasible`).
+        """The best design that is found. Its limits hold in a simulation of their own (see `Design.feasible`).
 
         **Arguments:**
 
-        - `method`: one of `METHODS`, or a `Method` of your own; "auto" asks `gradient_report` at the start whether
-          gradients are worth having, and else takes "cobyqa".
-        - `start`: values by name (default: the geometric middle of the bounds); `starts`: so many in all, the others at
-          random between the bounds (impacts make many local optima), by `seed`.
+        - `method`: one of `METHODS`, or a `Method` of your own. "auto" asks `gradient_report` at the start whether
+          gradients can be trusted, and otherwise takes "cobyqa".
+        - `start`: values by name; by default the geometric mean of the bounds. `starts`: how many starting points there
+          are in all, the others at random between the bounds (impacts make many local optima), by `seed`.
         - `record`: a file with every evaluated point, from which an interrupted run goes on.
-        - `most` evaluations; `progress`: called with each.
-        - `cluster`: a dask client, or the address of a scheduler ("local": this machine), on whose workers a design's
-          simulations are solved where there are several (samples, conditions, points of a band), as lanes of a sweep.
+        - `most`: the largest number of evaluations; `progress`: called with each of them.
+        - `cluster`: a dask client, or the address of a scheduler ("local": this machine). Its workers solve the
+          simulations of a design if there are several (samples, conditions, points of a band).
         """
         with place_of(cluster) as place:
             return search(self.specification, method, start, starts, seed, record, most, progress, place)

@@ -12,7 +12,13 @@ INTERRUPTED, SPENT = "interrupted", "stopped: as many evaluations as allowed"
 
 
 def run(program: Program, method: str | Method, start: np.ndarray, **options) -> str:
-    """Run a method, then pull its answer inside the limits; returns why it stopped early, or nothing."""
+    """Run an optimiser, then pull its answer inside the limits.
+
+    **Arguments:** `program`: what is minimised; `method`: a name or a `Method`; `start` (n,): the variables at the
+    start; `options`: the method's.
+
+    **Returns:** why it stopped early, or nothing.
+    """
     method = method_of(method)
     try:
         # Where a motion has no end there is no slope to follow: smaller clearances rattle less.

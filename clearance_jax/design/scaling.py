@@ -15,8 +15,10 @@ FLOOR = 1e-3
 
 
 class ScaledProgram:
-    """A program in logarithms: of its variables, of its objective where that is positive (else over its size at the
-    start), and of value over bound of its limits.
+    """A `program` in logarithms: of its variables, of its objective (if that is positive; otherwise divided by its size
+    at the `start`), and of value over bound of its limits.
+
+    **Arguments:** `gradient`: whether the start is evaluated with gradients.
     """
 
     def __init__(self, program: Program, start: np.ndarray, gradient: bool = True):

@@ -26,8 +26,13 @@ KNOWN = ("t0", "rtol", "solver", "start", "max_steps")
 
 
 class Limit(Module):
-    """A metric, or a function `f(solution)` or `f(mechanism, solution)`, that must not exceed a bound (> 0, in the
-    metric's unit) in any condition; or a `wear.AfterWear`, a metric that must not while a joint wears.
+    """A metric that must not exceed a bound in any condition.
+
+    **Arguments:**
+
+    - `metric`: a metric, or a function `f(solution)` or `f(mechanism, solution)`. A `wear.AfterWear` must hold while a
+      joint wears.
+    - `bound` > 0, in the metric's unit; `name`: how reports call the limit, by default as the metric.
     """
 
     metric: AbstractMeasure = eqx.field(converter=as_measure)
@@ -130,11 +135,14 @@ def _part(metric: AbstractMetric) -> str:
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Specification:
-    """A `ToleranceProblem`'s arguments in one form: `costs` one by one in the order of `variables`, none where the
-    largest clearance is wanted; `conditions` by name, at least one; `options`: of the solves; `cost_unit`: what costs
-    are counted in.
+    """The arguments of a `ToleranceProblem` in one form.
 
-    **Raises:** `ClearanceError` for unknown names, limits of one title, numbers that are not finite or out of bounds.
+    - `mechanism`, `t1` [s], `variables`, `limits`, `manufacture`: as of the problem.
+    - `costs`: one for each variable, in the order of `variables`; empty if the largest clearance is wanted.
+    - `conditions`: by name, at least one; `options`: of the solves; `cost_unit`: what costs are counted in.
+
+    **Raises:** `ClearanceError` for unknown names, two limits of one title, and numbers that are not finite or out of
+    bounds.
     """
 
     mechanism: Mechanism

@@ -24,8 +24,11 @@ SIGMAS = 3.0
 
 
 class StandardFits(NamedTuple):
-    """Fits by variable (a variable that is no joint's clearance keeps its designed value); `worst`: the most violated
-    scaled limit with every clearance at its fit's greatest, `least`: and at its least; `yield_estimate`: of samples.
+    """ISO fits for a design.
+
+    - `fits`: by variable (a variable that is no joint's clearance keeps its designed value).
+    - `worst`, `least`: the most violated scaled limit with every clearance at its fit's greatest, and at its least.
+    - `yield_estimate`: of random samples.
     """
 
     fits: dict[str, fits.Fit]
@@ -55,14 +58,14 @@ def nearest_fits(
     seed: int = 0,
     cluster: Any = None,
 ) -> StandardFits | None:
-    """The loosest common fits whose greatest clearances, all together, hold the limits; `None` where there are none.
+    """The loosest common fits whose greatest clearances, all together, hold the limits; `None` if there are none.
 
-    From the loosest fits within the designed clearances on, one joint after the other is loosened by one fit for as
-    long as the limits hold, whichever gains most. Holes and shafts of the samples are normal about the middle of their
-    tolerances, whose limits are three standard deviations away.
+    The search begins with the loosest fits within the designed clearances. As long as the limits hold, it loosens one
+    joint after the other by one fit: the one that gains most. Holes and shafts of the samples are normal about the
+    middle of their tolerances, whose limits are three standard deviations away.
 
-    **Arguments:** `diameters`: nominal ones by variable [m] (default: twice the joint's pin radius); `cluster`: as
-    `ToleranceProblem.solve`'s.
+    **Arguments:** `design`: the answer of a problem; `diameters`: nominal ones by variable [m], by default twice the
+    joint's pin radius; `samples`: how many for the yield, by `seed`; `cluster`: as of `ToleranceProblem.solve`.
     """
     with place_of(cluster) as place:
         return _nearest(design, diameters or {}, samples, seed, place)

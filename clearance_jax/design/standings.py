@@ -15,8 +15,10 @@ SHOWN = 12
 
 
 class Standing(NamedTuple):
-    """A limit in one scenario: its `share` of the bound; `value` and `bound` in `unit` (no numbers: it is a risk, and
-    has none of its own); the `time` at which it is met [s], where it is a peak.
+    """How near a limit (its `label`) is to its bound in one scenario.
+
+    - `share`: of the bound; `value` and `bound` in `unit`; `None` for a risk, which has no unit of its own.
+    - `time`: when it is met [s], if the metric is a peak.
     """
 
     label: str

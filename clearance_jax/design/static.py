@@ -35,20 +35,24 @@ def static_weights(
     t0: float = 0.0,
     joints: Sequence[str] | None = None,
 ) -> dict[str, float]:
-    """How far a named point of the ideal mechanism moves per clearance of each joint, at most over time. The sum of
-    weight times clearance bounds what play alone can do to a mechanism at rest; deformation and impacts can do more.
+    """How far a named point of the ideal mechanism moves at most over time, per clearance of each joint. The sum of
+    weight times clearance bounds what play alone can do to a mechanism at rest. Deformation and impacts can do more.
 
-    Of a joint without tilt it is the largest singular value of the point's place by the pin's offset: of a joint
-    without clearance by one along any axis of the mechanism (two in the plane, three in space). Of a pin that tilts in
-    its sleeve both ends of its axis may be anywhere within the radial clearance: 1 at the end of an arm of length
-    l <= L / 2 along the axis of a sleeve of length L, 2 l / L beyond. (Faces may stop it before.) Its axial clearance
-    has a weight of its own, called `JOINT.axial_clearance`. Of a block in a guide each end may be at any of its walls,
-    at two at once in a corner.
+    For a joint without tilt the weight is the largest singular value of the derivative of the point's place by the
+    pin's offset; for a joint without clearance, by an offset along any axis of the mechanism (two in the plane, three
+    in space). For a pin that tilts, both ends of its axis may be anywhere within the radial clearance: the weight is 1
+    at a distance l <= L / 2 from the middle of a sleeve of length L, along its axis, and 2 l / L beyond. (Faces may
+    stop the tilt before.) Its axial clearance has a weight of its own, called `JOINT.axial_clearance`. For a block in a
+    guide, each end may be at any of its walls, at two at once in a corner.
 
-    **Arguments:** `joints`: names of joints of any kind, with clearance or without (`None`: those with clearance).
+    **Arguments:** `mechanism`; `point`: its name; `t0`, `t1`: start and end of the motion [s]; `samples`: at how many
+    times the weights are computed; `joints`: names of joints of any kind, with clearance or without, by default those
+    with clearance.
 
-    **Raises:** `ClearanceError` for an unknown point or joint, where there is no joint to ask for, and for an ideal
-    mechanism that moves freely (where it is depends on forces) or is over-constrained (an offset strains it).
+    **Returns:** the weights by name.
+
+    **Raises:** `ClearanceError` for an unknown point or joint, if there is no joint to ask for, and for an ideal
+    mechanism that moves freely (its pose depends on forces) or is over-constrained (an offset strains it).
     """
     ideal = mechanism.ideal()
     if freedom(ideal) > 0:

@@ -16,8 +16,12 @@ from clearance_jax.solve.settings import settings_of
 
 
 class TimeHistory(NamedTuple):
-    """The `signal` of a limit over `times` [s], in `unit`, by condition (without a name where there is one only);
-    `reduction`: what of it the bound is on, in words (nothing: all of it), `since` when [s] (`None`: from the start).
+    """The `signal` of a `limit` over time.
+
+    - `times` (times,) [s]; `values` (times,) in `unit`, by condition (with one condition only, under an empty name);
+      `bound`.
+    - `reduction`: what of the signal the bound is on, in words (empty: all of it); `since`: from when on [s] (`None`:
+      the start).
     """
 
     limit: str
@@ -31,7 +35,10 @@ class TimeHistory(NamedTuple):
 
 
 def time_histories(design: Design) -> tuple[TimeHistory, ...]:
-    """One for each limit on a signal; without the conditions that cannot be simulated."""
+    """The signal of each limit over time, at the design, without conditions that cannot be simulated.
+
+    **Arguments:** `design`: the answer of a problem.
+    """
     specification = design.specification
     times, signals, found = sample_times(specification), _signals(design.specification), {}
     asked = {str(i): At(signal, times) for i, signal in enumerate(signals) if signal is not None}

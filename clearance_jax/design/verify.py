@@ -98,7 +98,9 @@ def _static(specification: Specification, x: np.ndarray) -> dict[str, float]:
 
 
 def expected_evaluations(searched: int, *, sweep: int = 40, starts: int = 0, reoptimise: bool = False, **_) -> int:
-    """About how many evaluations `certify` takes with these options, after a search that took `searched`."""
+    """About how many evaluations `Design.verify` takes with its options `sweep`, `starts` and `reoptimise`, after a
+    search that took `searched`.
+    """
     return 1 + BISECTION + sweep + searched * (starts + 2 * reoptimise)
 
 

@@ -39,11 +39,11 @@ JUMP = 1e-9
 
 
 class PathDrives(dict[str, Quintic]):
-    """Drives by the names of their coordinates, as `mechanism.with_drives` takes them.
+    """The `drives` that move a point along a path, by the names of their coordinates, as `mechanism.driven` takes them.
 
-    - `deviation` [m], `angle` [rad]: by how much the point leaves the path, and its orientation that of the path, at
-      most, as measured between the knots.
-    - `start`: the posture at the path's begin.
+    - `deviation` [m], `angle` [rad]: the largest distance of the point from the path, and the largest angle of its
+      orientation from that of the path, as measured between the knots.
+    - `start`: the posture at which the path begins.
     """
 
     def __init__(self, drives: Mapping[str, Quintic], deviation: float, angle: float, start: Posture):
@@ -141,20 +141,25 @@ def follow(
     tolerance: float = 1e-6,
     start: Mapping[str, Any] | Posture | None = None,
 ) -> PathDrives:
-    """Drives of the joints that lead a point of the ideal mechanism along a path; give them to `mechanism.with_drives`.
+    """Drives of the joints that move a point of the ideal mechanism along a path. Give them to `mechanism.driven`.
 
-    Where joints are more than enough, their rates are the least ones (of slides measured by the size of the chain).
-    The numbers of the drives are numbers of the mechanism, but no derivative goes through them to the path.
+    If there are more joints than needed, their rates are the smallest possible ones (those of slides divided by the
+    size of the chain). The numbers of the drives are numbers of the mechanism, but no derivative goes through them to
+    the path.
 
     **Arguments:**
 
-    - `point`: the name of a `cj.Point`; where the path has orientations its frame is led.
-    - `joints`: as for `inverse_kinematics`; other coordinates move as their drives say, or stay where they are.
-    - `tolerance` [m]: how far the point may be from the path between knots; in angles this part of the chain's size.
+    - `mechanism`: what moves.
+    - `point`: the name of a `cj.Point`; if the path has orientations, its frame follows them.
+    - `path`: a `cj.paths.CartesianPath`.
+    - `joints`: as for `inverse_kinematics`. Other coordinates move as their drives say, or stay where they are.
+    - `tolerance` [m]: largest distance of the point from the path between knots; for angles the tolerance divided by
+      the size of the chain [rad].
     - `start`: values of coordinates, by name, or a posture, near which the path begins.
 
-    **Raises:** `ClearanceError` where the path begins out of reach or leaves it, where a limit of a coordinate (value
-    or rate, `cj.Limits`) is in the way, and where it passes a singular posture: which, when, and how far off.
+    **Raises:** `ClearanceError` if the path begins out of reach or leaves it, if a limit of a coordinate (value or
+    rate, `cj.Limits`) is in the way, and if the path passes a singular posture. The message says which, when, and how
+    far off.
     """
     chain, ready = chain_of(mechanism, point, joints), path.prepare()
     if chain.mechanism.is_plane and not _is_plane(ready):

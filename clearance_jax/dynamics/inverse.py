@@ -28,13 +28,14 @@ SINGULAR = 1e-3
 
 
 class Posture(Module):
-    """A posture with a point where it should be.
+    """Values of all coordinates with which a point has a given pose.
 
-    - `coordinates`: values [rad or m] of the coordinates that were sought, by name; give them to
-      `mechanism.with_drives` as `cj.drives.Constant`, or as the `start` of another search.
-    - `distance` [m], `angle` [rad]: how far the point's place and orientation are from the pose: round-off.
+    - `coordinates`: values [rad or m] of the coordinates that were sought, by name. Give them to `mechanism.driven` as
+      `cj.drives.Constant`, or as the `start` of another search.
+    - `distance` [m], `angle` [rad]: how far the place and the orientation of the point are from the pose: round-off
+      only.
     - `iterations`: of Newton's method.
-    - `positions`: all positions of the mechanism with these coordinates free, those of balls among them.
+    - `positions` (positions,): all positions of the mechanism with these coordinates free, those of balls too.
     """
 
     coordinates: dict[str, Scalar]
@@ -53,24 +54,25 @@ def inverse_kinematics(
     joints: Sequence[str] | None = None,
     tolerance: float = 1e-9,
 ) -> Posture:
-    """The posture of the ideal mechanism in which a point, with its `orientation` a frame, is in a pose.
+    """The posture of the ideal mechanism in which a point (with its `orientation`, a frame) has a given pose.
 
-    Of all postures near the start it is the one to which Newton's method comes by steps of least change (of slides
-    measured by the size of the chain); limits of the coordinates (`cj.Limits`) are kept. It works under jit and vmap,
-    where nothing is raised, and derivatives by numbers of the mechanism and of the pose are those of the implicit
-    function.
+    Of all such postures, the result is the one that Newton's method finds from the start by steps of least change. The
+    limits of the coordinates (`cj.Limits`) are kept. It works under jit and vmap, where nothing is raised. Derivatives
+    by numbers of the mechanism and of the pose are those of the implicit function.
 
     **Arguments:**
 
+    - `mechanism`: what moves.
     - `point`: the name of a `cj.Point`; `pose`: where it should be, in the ground's axes.
     - `start`: values of coordinates, by name, or another posture, from which to search; by default the mechanism's
-      start, and where that leads nowhere other ones.
-    - `joints`: the coordinates that may move; by default all between the ground and the point that a drive may
-      prescribe, of a mechanism with closed loops those that have a drive. Passive coordinates of loops follow. Others
-      stay at their start.
-    - `tolerance` [m]: how far the point may be from the pose at most, and in angles this part of the chain's size.
+      start, and if the search fails there, other ones.
+    - `joints`: the coordinates that may move. By default these are all between the ground and the point that a drive
+      may prescribe; in a mechanism with closed loops, those that have a drive. Passive coordinates of loops follow. All
+      others stay at their start.
+    - `tolerance` [m]: largest distance of the point from the pose; for angles the tolerance divided by the size of the
+      chain [rad].
 
-    **Raises:** `ClearanceError` for a pose that is not reached, with what is in the way, and for unknown names.
+    **Raises:** `ClearanceError` for a pose that is not reached, with the reason, and for unknown names.
     """
     chain = chain_of(mechanism, point, joints)
     _check_plane(chain, pose)

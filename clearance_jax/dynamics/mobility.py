@@ -19,7 +19,9 @@ from clearance_jax.spatial import as_array
 
 
 class Mobility(NamedTuple):
-    """Free velocities, conditions of the ideal closures, and how many of these say something of their own."""
+    """How a mechanism can move: the number of its free `velocities`, the number of `conditions` of its ideal loop
+    joints, and how many of these are `independent`.
+    """
 
     velocities: int
     conditions: int
@@ -46,10 +48,12 @@ class Mobility(NamedTuple):
 
 
 def mobility(mechanism: Mechanism, time: float = 0.0) -> Mobility:
-    """Of a mechanism as it is assembled at a time [s]: at a singular position, a dead centre say, it may say less.
+    """The mobility of a mechanism as it is assembled at a `time` [s]. At a singular position (a dead centre, for
+    example) fewer conditions may be independent.
 
-    What counts as repeated is what a solve leaves out (`constraint.independent`), so that lengths that are rounded do
-    not make a moving linkage a rigid one. Numbers must be known: not for a mechanism under jit, vmap or derivatives.
+    A condition counts as repeated if a solve leaves it out (`constraint.independent`). So rounded lengths do not turn a
+    linkage that moves into a rigid one. The numbers of the `mechanism` must be known: this does not work under jit,
+    vmap or derivatives.
     """
     ready, plan = mechanism.prepare(), layout(mechanism)
     if not ready.closures():

@@ -65,7 +65,12 @@ def read_scene(path: str | Path) -> Scene:
 
 
 def load(path: str | Path) -> Mechanism:
-    """The mechanism of a scene file, or of a robot's URDF file (`load_urdf` takes options for it)."""
+    """The mechanism of a scene file, or of a robot's URDF file (`load_urdf` takes options for it).
+
+    **Arguments:** `path`: of the file.
+
+    **Raises:** `ClearanceError` naming the file, the key or the line, and the fix.
+    """
     return load_scene(path).mechanism
 
 

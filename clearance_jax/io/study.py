@@ -17,7 +17,8 @@ from clearance_jax.mechanism.mechanism import Mechanism
 class Study(NamedTuple):
     """What a study file says.
 
-    - `name`, `text` of the file, `scene_text`; the `mechanism` of its scene, with the numbers that it sets.
+    - `name` of the study, `text` of the file, `scene_text` of its scene; `mechanism`: that of the scene, with the
+      numbers that the study sets.
     - `sweep`: the arguments of `cj.sweep`; `design`: the problem, how to solve and verify it; `wear`: how a joint
       wears. `None`: the study has no such section.
     """
@@ -32,7 +33,9 @@ class Study(NamedTuple):
 
 
 def load_study(path: str | Path) -> Study:
-    """Read a study file, and warn where sizes of its scene are not to be believed.
+    """Read a study file. It warns if sizes in its scene are not plausible.
+
+    **Arguments:** `path`: of the file.
 
     **Raises:** `ClearanceError` naming the file, the key and the fix.
     """

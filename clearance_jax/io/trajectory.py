@@ -58,15 +58,16 @@ class Head(NamedTuple):
 def read_trajectory(
     path: str | Path, mechanism: Mechanism | None = None, ends: str = "not-a-knot"
 ) -> dict[str, Spline]:
-    """Drives from a trajectory file, by the coordinates that they are of; give them to `mechanism.with_drives`.
+    """Drives from a trajectory file, by the names of their coordinates. Give them to `mechanism.driven`.
 
-    A CSV file in UTF-8: a header with a column `time` and one for each joint, units in brackets (`hip [deg]`; s, rad
-    and m where there are none), and at least four rows. Empty lines, and those that begin with `#`, say nothing.
+    The file is a CSV file in UTF-8. Its header has a column `time` and one for each joint, with units in brackets (`hip
+    [deg]`; without them s, rad and m). It has at least four rows. Empty lines, and those that begin with `#`, are
+    ignored.
 
-    **Arguments:** `mechanism`: whose coordinates the columns must be, with units that fit; `ends`: what holds at both
-    ends of the splines, "not-a-knot", "natural" (q'' = 0) or "clamped" (at rest).
+    **Arguments:** `path`: of the file; `mechanism`: whose coordinates the columns must be, with units that fit; `ends`:
+    what holds at both ends of the splines, "not-a-knot", "natural" (q'' = 0) or "clamped" (at rest).
 
-    **Raises:** `ClearanceError` naming file, line and column; nothing is read by halves.
+    **Raises:** `ClearanceError` naming file, line and column. A file is read completely or not at all.
     """
     path = Path(path)
     head, *rows = _lines(path)

@@ -16,15 +16,15 @@ from clearance_jax.mechanism.motion_laws import AbstractMotionLaw
 def write_trajectory(
     path: str | Path, drives: Mapping[str, AbstractMotionLaw], t1: Any, *, t0: Any = 0.0, samples: int = 201
 ) -> None:
-    """Write samples of drives [s, and rad or m] as a CSV file with a column for each.
+    """Write drives as a CSV file: `samples` rows of times [s] and values [rad or m], with a column for each drive.
 
-    Who reads the file again makes cubic splines of it: their error falls with the fourth power of the number of
+    A program that reads the file makes cubic splines of it. Their error falls with the fourth power of the number of
     samples.
 
-    **Arguments:** `drives`: by the names of their coordinates, as those of `cj.follow`; `t0`, `t1`: the first and the
-    last time [s].
+    **Arguments:** `path`: of the file; `drives`: by the names of their coordinates, as those of `cj.follow`; `t0`,
+    `t1`: the first and the last time [s].
 
-    **Raises:** `ClearanceError` for no drives, times that do not increase, and too few or too many samples.
+    **Raises:** `ClearanceError` for no drives, for times that do not increase, and for too few or too many samples.
     """
     if not drives:
         raise ClearanceError("There are no drives to write.")

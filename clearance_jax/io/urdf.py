@@ -35,20 +35,22 @@ def load_urdf(
 ) -> Mechanism:
     """The mechanism of a robot's URDF file.
 
-    Links that are fixed to one another are one body, with the name of the first of them. Joints keep their names and
-    limits (`Motion.limits`: nothing holds a motion within them), and their damping and friction as actuators (of a
-    planar or floating joint along each of its motions, in N s/m along and N m s/rad about). A coordinate starts at
-    zero, or in the middle of its limits where zero lies outside.
+    Links that are fixed to one another become one body, with the name of the first of them. Joints keep their names and
+    limits (`Motion.limits`, which do not bound the motion), and their damping and friction as actuators (for a planar
+    or floating joint along each of its motions, in N s/m along and N m s/rad about). A coordinate starts at zero, or in
+    the middle of its limits if zero is outside of them.
 
     **Arguments:**
 
+    - `path`: of the file.
     - `base`: "fixed": the root link is the ground. "free": it moves freely, by a joint `floating_base`.
-    - `gravity` [m/s^2]: along the axes of the root link as it is at the start.
-    - `end_effector`: a link, or several, whose frames are points of the mechanism, under the link's name (where a body
-      has that name, `NAME_frame`). By default every link at the end of a limb.
-    - `mimic`: "refuse": joints that follow another one are not made. "independent": each moves by itself.
+    - `gravity` [m/s^2], three numbers: along the axes of the root link as it is at the start.
+    - `end_effector`: a link, or several, whose frames become points of the mechanism, under the name of the link (if a
+      body has this name, `NAME_frame`). By default every link at the end of a limb.
+    - `mimic`: "refuse": a file with joints that follow another one is refused. "independent": each of them moves by
+      itself.
 
-    **Raises:** `ClearanceError` naming the file, the line, the element and the fix, for whatever is not whole.
+    **Raises:** `ClearanceError` naming the file, the line, the element and the fix, for whatever is wrong or missing.
     """
     return read_robot(path, base=base, gravity=gravity, end_effector=end_effector, mimic=mimic)[1]
 

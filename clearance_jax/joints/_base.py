@@ -31,9 +31,11 @@ from clearance_jax.spatial import ZERO, Matrix, Pair, Term, Vector, Z, add, cros
 
 
 class Relative(NamedTuple):
-    """Pose and twist of the pin relative to the sleeve, in the sleeve's axes, of which z is the joint's own: place of
-    the pin's centre from the sleeve's, how the pin's axes are turned, and the rates of both as an observer on the
-    sleeve sees them. A turn is in the plane an `angle` about z, in space the rows of a matrix (`None`: in the plane).
+    """Pose and velocity of the pin relative to the sleeve, in the sleeve's axes, of which z is the joint's own.
+
+    - `place` [m]: of the pin's centre from the sleeve's; `angle` [rad]: how the pin is turned about z, in the plane.
+    - `rows`: in space the rows of the rotation matrix of the pin; `None` in the plane.
+    - `velocity` [m/s] and `spin` [rad/s], as an observer on the sleeve sees them.
     """
 
     place: Vector
@@ -53,8 +55,10 @@ class Relative(NamedTuple):
 
 
 class PlayCoordinate(NamedTuple):
-    """One coordinate that play adds to a joint of the tree: what its name ends in, its magnitude (a clearance [m], or
-    an angle [rad]) for error control, and the axis of the sleeve that it slides along or turns about.
+    """One coordinate that play adds to a joint of the tree.
+
+    - `suffix`: the end of its name; `scale`: its size for error control (a clearance [m], or an angle [rad]).
+    - `slides`, `turns`: the axis of the sleeve along which it slides or about which it turns; the other is `None`.
     """
 
     suffix: str
@@ -64,13 +68,15 @@ class PlayCoordinate(NamedTuple):
 
 
 class ContactPoint(NamedTuple):
-    """Where two surfaces meet, or are nearest, in the sleeve's axes; of a joint with several points each number is an
-    array of them.
+    """Where two surfaces touch, or are nearest, in the sleeve's axes. If a joint has several points, each number is an
+    array.
 
-    `penetration` [m] (negative: apart) and its rate, `slip` of the pin's surface on the sleeve's [m/s] along
-    `tangents`, `normal` from the pin's surface into the sleeve's (the gradient of the penetration by the pin's place),
-    `arm` from the pin's centre to the point [m]; `local`: what distinguishes this point for the laws; `share`: the part
-    of the joint's normal force that is this point's, where there are several.
+    - `penetration` [m] (negative: a gap) and `penetration_rate` [m/s].
+    - `slip` [m/s]: velocity of the pin's surface on the sleeve's, along the `tangents`.
+    - `normal`: from the pin's surface into the sleeve's: the gradient of the penetration by the place of the pin.
+    - `arm` [m]: from the pin's centre to the point.
+    - `local`: what is different at this point for the laws; `share`: its part of the joint's normal force, if there are
+      several points.
     """
 
     penetration: Scalar
@@ -101,8 +107,11 @@ class PointAction(NamedTuple):
 
 
 class Action(NamedTuple):
-    """What a joint does to the pin at one instant, in the sleeve's axes: force [N] at the pin's centre, torque about it
-    [N m]; its points; the rate of its memory; elastic energy [J] and the power that it absorbs beside friction [W].
+    """What a joint does to the pin at one instant, in the sleeve's axes.
+
+    - `force` [N] at the pin's centre, `torque` [N m] about it; `points`: what happens at each contact point.
+    - `memory_rate`: the time derivative of the memory of its laws.
+    - `elastic_energy` [J]; `friction_power` [W]: lost in friction; `absorbed_power` [W]: absorbed otherwise.
     """
 
     force: Vector
@@ -127,7 +136,10 @@ class Action(NamedTuple):
 
 
 class AbstractClearance(Parametrised):
-    """A joint with play."""
+    """The play of a joint: where its parts can touch, and the laws that act there.
+
+    A joint kind of your own has `play`, `geometry`, `points` and `travel`.
+    """
 
     normal: eqx.AbstractVar[AbstractNormalLaw]
     friction: eqx.AbstractVar[AbstractFrictionLaw | None]
@@ -229,7 +241,7 @@ def depth_of(borne: Callable[[Scalar], Scalar], force: Scalar, start: Scalar) ->
 
 
 class PreparedClearance(Module):
-    """A clearance joint with its laws' constants: what a step evaluates."""
+    """A `joint` with clearance with the constants of its `normal` and `friction` law: what a step evaluates."""
 
     joint: AbstractClearance
     normal: PreparedNormal
@@ -397,8 +409,9 @@ class PreparedClearance(Module):
 
 
 def each_joint(function: Callable, several: Sequence[tuple]) -> list[Any]:
-    """`function(joint, ...)` for each of several prepared joints and what belongs to them: joints that are alike stand
-    once in the program. Those of one point stand alone: one is little, and over lanes a third axis costs more.
+    """`function(joint, ...)` for each of `several` prepared joints, and what belongs to them. Joints that are alike
+    stand once in the program. Joints of one point stand alone: their program is small, and a third axis would cost more
+    in a batch.
     """
     alone = [joint.joint.count == 1 for joint, *_ in several]
     beside = iter(side_by_side(function, [one for one, single in zip(several, alone, strict=True) if not single]))

@@ -12,9 +12,10 @@ from clearance_jax.spatial import Term, Vector
 
 
 class Offset(NamedTuple):
-    """The part of a pin's motion that is play, in the sleeve's axes, other components absent: place and velocity of its
-    centre; its tilt, as the `sine` of the angle along the axis that it is tilted about, and the angle's `cosine`; its
-    spin.
+    """The part of a pin's motion that is play, in the sleeve's axes. Other components are absent.
+
+    - `place` [m] and `velocity` [m/s] of the pin's centre; `spin` [rad/s].
+    - `sine`: the sine of the tilt, along the axis about which the pin is tilted; `cosine`: the cosine of the tilt.
     """
 
     place: Vector

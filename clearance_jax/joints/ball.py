@@ -14,12 +14,12 @@ from clearance_jax.spatial import Vector, X, Y, Z, across, dot, scale
 
 
 class SphericalClearance(AbstractClearance):
-    """Play of a ball in its socket.
+    """The play of a ball in its socket.
 
-    As of a pin in a sleeve (see `revolute`), the contact point lies on the socket's surface. (Flores et al. 2006.)
+    As for a pin in a sleeve (see `revolute`), the contact point lies on the surface of the socket (Flores et al. 2006).
 
     **Arguments:** `radial_clearance`: socket radius minus ball radius [m], > 0; `ball_radius` [m], > 0; `normal` and
-    `friction` laws; `element`: what acts without touch; `ball_material`, `socket_material`: for laws that ask.
+    `friction` laws; `element`: what acts without touch; `ball_material`, `socket_material`: for laws that need them.
     """
 
     radial_clearance: Scalar = physical("m", above=0.0, help="socket radius minus ball radius", example='"0.1 mm"')

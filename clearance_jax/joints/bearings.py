@@ -91,15 +91,15 @@ def rolling_bearing(
 ) -> RevoluteClearance:
     r"""The radial play of a deep-groove ball bearing, or of a cylindrical roller bearing, with its stiffness.
 
-    F = (Z / 5) Q(d), with Palmgren's load Q at which an element gives way by d: (d / 4.36e-4)^(3/2) D^(1/2) of a ball,
-    (d l^0.8 / 7.68e-5)^(10/9) of a roller (N, mm), and Stribeck's 5 for the most loaded one of Z in a bearing with
-    play (Palmgren, Grundlagen der Wälzlagertechnik, 1964; Harris, Rolling bearing analysis; of balls the estimate of
-    Gargiulo, Machine Design 52, 1980). Rings stay round; the film of oil gives no stiffness.
+    F = (Z / 5) Q(d). Q is Palmgren's load at which one of the Z elements gives way by d: (d / 4.36e-4)^(3/2) D^(1/2)
+    for a ball, (d l^0.8 / 7.68e-5)^(10/9) for a roller (N, mm). The 5 is Stribeck's, for the most loaded element in a
+    bearing with play (Palmgren, Grundlagen der Wälzlagertechnik, 1964; Harris, Rolling bearing analysis; for balls the
+    estimate of Gargiulo, Machine Design 52, 1980). The rings stay round, and the film of oil gives no stiffness.
 
     **Arguments:**
 
-    - `bore` [m]; `group` of ISO 5753-1, by default CN, whose mean is the play; or `internal_clearance`: the radial
-      one [m], at the diameter: mounting and warmth make it smaller than that of a new bearing.
+    - `bore` [m]; `group` of ISO 5753-1, by default CN, whose mean clearance is taken; or `internal_clearance` [m]: the
+      radial one, measured at the diameter. A mounted and warm bearing has less clearance than a new one.
     - `balls` and `ball_diameter` [m]; or `rollers` and `roller_length` [m].
     - `friction`: by default none.
 

@@ -31,8 +31,10 @@ ITERATIONS, HALVINGS = 6, 44
 
 
 class Modes(Parametrised):
-    """Shapes that are worn off a sleeve too [m], (count, sectors), each so many times: `amounts` (count,). What is
-    looked for in a profile, a derivative say, is then a few numbers and not one a sector.
+    """Shapes of wear that are taken off a sleeve too, each multiplied by an amount. A derivative by a profile is then
+    one by a few amounts, and not one by each sector.
+
+    **Arguments:** `shapes` [m], of shape (count, sectors); `amounts`, of shape (count,).
     """
 
     shapes: Float[Array, "*batch count sectors"] = physical("m")

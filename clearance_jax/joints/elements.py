@@ -21,10 +21,10 @@ ROLLING_DAMPING = 1e-5
 
 
 class PlayDamper(AbstractElement):
-    """A linear damper over the play: -b v on the pin's centre, -b w on its tilt. It bears nothing at rest.
+    """A linear damper that acts on the play: -b v on the pin's centre, -b w on its tilt. It exerts no force at rest.
 
-    **Arguments:** `radial` [N s/m], across; `axial` [N s/m], of axial play; `tilt` [N m s/rad]. What a joint has no
-    play in is not damped: a pin turns freely about its axis.
+    **Arguments:** `radial` [N s/m], across the axis; `axial` [N s/m], along it; `tilt` [N m s/rad]. Motions in which
+    the joint has no play are not damped: a pin turns freely about its axis.
     """
 
     radial: Scalar = physical("N*s/m", least=0.0, help="damping of the play across", example='"2 kN*s/m"')
@@ -33,11 +33,11 @@ class PlayDamper(AbstractElement):
 
     @classmethod
     def film(cls, viscosity: Any, pin_radius: Any, length: Any, radial_clearance: Any) -> "PlayDamper":
-        """The damping of a film that fills the play, about the pin's middle position: radially pi m r L^3 / c^3, of
-        tilt pi m r L^5 / (60 c^3).
+        """The damping of a film that fills the play, about the middle position of the pin: pi m r L^3 / c^3 radially,
+        and pi m r L^5 / (60 c^3) in tilt, with the viscosity m.
 
-        It holds for small motions of a short pin (L below 2 r) whose film does not cavitate; nearer to the wall a film
-        damps more. Greases' base oils have some 0.1 to 0.5 Pa s when they are warm (ISO VG 100 to 460 at 40 degC).
+        It holds for small motions of a short pin (L below 2 r) whose film does not cavitate. Near the wall a film damps
+        more. Warm base oils of greases have about 0.1 to 0.5 Pa s (ISO VG 100 to 460 at 40 degC).
 
         **Source:** Reynolds' equation of the short bearing (Ocvirk 1952), integrated for a rate of the film's height
         that is even along the pin, or grows from its middle.
@@ -55,17 +55,18 @@ class PlayDamper(AbstractElement):
 
 
 class PreloadedBearing(AbstractElement):
-    """Rolling elements under preload, which close the play up to a load: -k x / sqrt(1 + (k |x| / P)^2).
+    """Rolling elements under a preload P, which remove the play up to a load: -k x / sqrt(1 + (k |x| / P)^2).
 
-    Up to about half its preload P it is a spring of the stiffness k; beyond, elements come loose, and it never bears
-    more than P. What the load exceeds it by the walls of the joint's play bear. So play comes back with the load, and
-    with wear that takes the preload away. Its energy is P^2 / k (sqrt(1 + (k |x| / P)^2) - 1).
+    Up to about half of P the bearing is a spring of the stiffness k. Beyond, rolling elements come loose. It never
+    bears more than P: the walls of the joint's play bear the rest of the load. So the play comes back under a large
+    load, and when wear takes the preload away. Its energy is P^2 / k (sqrt(1 + (k |x| / P)^2) - 1).
 
     **Arguments:**
 
     - `radial_stiffness` [N/m], > 0; `axial_stiffness` [N/m], of axial play; `tilt_stiffness` [N m/rad].
-    - `radial_preload`, `axial_preload` [N], `tilt_preload` [N m]: the load at which the play opens; `None`: at none.
-    - `damping_time` [s]: damping over stiffness; of rolling bearings it is 0.25e-5 to 2.5e-5 s (Krämer 1993).
+    - `radial_preload`, `axial_preload` [N], `tilt_preload` [N m]: the load at which the play opens; `None`: it never
+      opens.
+    - `damping_time` [s]: damping over stiffness; for rolling bearings 0.25e-5 to 2.5e-5 s (Krämer 1993).
     """
 
     radial_stiffness: Scalar = physical("N/m", above=0.0, help="stiffness across", example='"200 N/um"')

@@ -28,30 +28,33 @@ REFERENCE_TEMPERATURE = 293.15
 
 
 class Tolerance(Module):
-    """Between what a radial clearance lies as it is made: `least` and `greatest` [m]; below zero: an interference."""
+    """Between which values a radial clearance lies as it is made: `least` and `greatest` [m]. A value below zero is an
+    interference.
+    """
 
     least: Scalar = physical("m")
     greatest: Scalar = physical("m")
 
 
 class PressFit(Module):
-    r"""A bush pressed into its housing, which closes the bush's bore.
+    r"""A bush pressed into its housing, which makes the bore of the bush smaller.
 
-    Of rings with the radii a of the bore, b of the joint between them and c of the housing the bore closes by
+    The bush has the radii a (bore) and b (outside), the housing has the outside radius c. The diameter of the bore
+    shrinks by this part of the interference:
 
-    a part of the interference = 2 a b / (E_b (b^2 - a^2) S),
-    S = ((c^2 + b^2) / (c^2 - b^2) + nu_h) / E_h + ((b^2 + a^2) / (b^2 - a^2) - nu_b) / E_b
+        part = 2 a b / (E_b (b^2 - a^2) S)
+        S = ((c^2 + b^2) / (c^2 - b^2) + nu_h) / E_h + ((b^2 + a^2) / (b^2 - a^2) - nu_b) / E_b
 
-    (Lamé's thick-walled cylinders in plane stress: Timoshenko, Strength of Materials, part II, article 41), with the
-    moduli E and Poisson's ratios nu of bush (b) and housing (h): a / b, where both are of one material and the housing
-    is large. Where warmth makes the housing wider than the bush, the bore is as if it were free.
+    with the moduli E and Poisson's ratios nu of bush (b) and housing (h) (Lamé's thick-walled cylinders in plane
+    stress: Timoshenko, Strength of Materials, part II, article 41). It is a / b if both are of one material and the
+    housing is large. If warmth makes the housing wider than the bush, the bore is that of a free bush.
 
     **Arguments:**
 
     - `fit`: bore of the housing and outside of the bush, "H7/p6"; `diameter`: their nominal one [m].
     - `housing_diameter`: outside of the housing [m]; `None`: large.
     - `bush_modulus`, `housing_modulus` [Pa], `bush_poisson`, `housing_poisson`: bronze and steel by default.
-    - `housing_expansion` [1/K]: steel's by default.
+    - `housing_expansion` [1/K]: that of steel by default.
     """
 
     fit: str = describe("fit of the bush in its housing", '"H7/p6"', static=True)
@@ -109,14 +112,14 @@ class PressFit(Module):
 
 
 class Fitting(Module):
-    """An ISO 286 fit of a pin in its sleeve as it runs.
+    """An ISO 286 fit of a pin in its sleeve, at the temperature at which it runs.
 
     **Arguments:**
 
     - `fit`: hole and shaft, "H7/g6".
     - `temperature` of both [K], by default that of drawings, 20 degC.
     - `pin_expansion`, `sleeve_expansion`: linear thermal expansions [1/K], by default those of steel and of bronze.
-    - `press`: where the sleeve is a bush that is pressed into a housing after its bore was made.
+    - `press`: if the sleeve is a bush that is pressed into a housing after its bore was made.
     """
 
     fit: str = describe(

@@ -18,19 +18,21 @@ from clearance_jax.spatial import Vector, X, Y, Z, dot
 
 
 class GuideClearance(AbstractClearance):
-    """Play of a block in its guide.
+    """The play of a block in its guide.
 
-    Axis z is along the guide; of a joint that slides along x of a plane mechanism x is across, in the plane.
+    In the frame of the guide z is along the guide. In a plane mechanism, whose joint slides along x, x is here the
+    direction across the guide in the plane.
 
     **Arguments:**
 
     - `side_clearance`: how far the block may move to either side [m], > 0.
-    - `length` of the block along the guide, and `height` across it, along x [m], > 0.
-    - `width` [m]: across it along y; `None`: the guide holds the block there, as in the plane.
-    - `normal`: the normal law of one corner; `friction`; `element`: what acts without touch.
-    - `guide_length`: length of the guide, which the block must not exceed (its edges would bear, not the block's
-      corners); `None`: long.
-    - `block_material`, `guide_material`: for laws that ask for them.
+    - `length` of the block along the guide, and `height` across it along x [m], > 0.
+    - `width` [m]: across it along y; `None`: the guide holds the block in this direction, as in the plane.
+    - `normal`: the normal law of one corner; `friction`: the friction law, or `None`; `element`: what acts without
+      touch.
+    - `guide_length` [m]: the block must not be longer (the guide's edges would then touch it, and not the block's
+      corners); `None`: the guide is long.
+    - `block_material`, `guide_material`: for laws that need them.
     """
 
     side_clearance: Scalar = physical("m", above=0.0, help="play of the block to either side", example='"0.1 mm"')

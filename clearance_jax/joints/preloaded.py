@@ -74,18 +74,21 @@ def crossed_roller(
     preload: Any = None,
     friction: AbstractFrictionLaw | None = None,
 ) -> SleeveClearance:
-    """The joint of an industrial arm on a crossed-roller bearing: of its rollers every other one leans the other way,
-    by 45 degrees.
+    """A joint of an industrial arm on a crossed-roller bearing: each roller leans by 45 degrees, every other one to the
+    other side.
 
     **Arguments:**
 
     - `pitch_diameter`, `roller_length` [m]; `rollers`: how many in all.
-    - `radial_clearance`: the radial play [m] that is left where the preload is overcome, and the whole play where there
-      is none.
-    - `preload`: the axial force [N] with which one half of the rollers presses on the other, as new; `None`: worn off.
-    - `friction`: of the rollers where they bear; by default none.
+    - `radial_clearance`: the radial play [m] that appears when the load overcomes the preload; without preload the
+      whole play.
+    - `preload`: the axial force [N] with which one half of the rollers presses on the other in a new bearing; `None`:
+      worn off.
+    - `friction`: of the rollers where they touch; by default none.
 
-    **Raises:** `ClearanceError` for numbers that make no bearing. **Source:** see the module; Palmgren's line contact.
+    **Raises:** `ClearanceError` for numbers that make no bearing.
+
+    **Source:** Palmgren's line contact.
     """
     count = _check_count("rollers", rollers, 6) / 2
     if rollers % 2:
@@ -111,10 +114,13 @@ def angular_contact_pair(
 ) -> SleeveClearance:
     """A joint on two angular-contact ball bearings back to back, each with so many `balls`.
 
-    **Arguments:** as `crossed_roller`; `ball_diameter` [m]; `contact_angle` [rad], above 0 and below pi / 2; `spread`:
-    the distance between the two rows of balls [m].
+    **Arguments:** `pitch_diameter`, `radial_clearance` [m], `preload` [N] and `friction` as of `crossed_roller`;
+    `ball_diameter` [m]; `contact_angle` [rad], above 0 and below pi / 2; `spread`: the distance between the two rows of
+    balls [m].
 
-    **Raises:** `ClearanceError` for numbers that make no bearing. **Source:** see the module; Palmgren's point contact.
+    **Raises:** `ClearanceError` for numbers that make no bearing.
+
+    **Source:** Palmgren's point contact.
     """
     count = _check_count("balls", balls, 3)
     given = {"pitch_diameter": pitch_diameter, "ball_diameter": ball_diameter, "spread": spread}

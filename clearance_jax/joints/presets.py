@@ -55,21 +55,21 @@ def pin_clearance(
     normal: AbstractNormalLaw | None = None,
     friction: AbstractFrictionLaw | None = None,
 ) -> RevoluteClearance | SleeveClearance:
-    """The play of a pin.
+    """The play of a pin in a sleeve, from the numbers of a design.
 
     **Arguments:**
 
     - `radial_clearance` [m].
-    - `kind`: "pin", of the plane; or "sleeve", in which the pin may tilt too.
-    - `pin_radius` [m]: by default half the length. `length` of the contact [m], of a sleeve its own.
+    - `kind`: "pin", in the plane; or "sleeve", in space, where the pin can also tilt.
+    - `pin_radius` [m]: by default half the length; `length` of the contact [m], for a sleeve its own.
     - `axial_clearance` of a sleeve [m]: to either side, by default none.
-    - `fit`: instead of `radial_clearance`, an ISO 286 fit such as "H7/g6" at the nominal diameter, twice the
-      `pin_radius`, of which the clearance of mean sizes is taken; a `Fitting` says more. `temperature` at which it runs
-      [K], by default 20 degC.
-    - `normal`: by default Hunt and Crossley's law for a steel pin in a bronze bush, with the stiffness that Hertz has
-      for this clearance; `friction`: by default none.
+    - `fit`: in place of `radial_clearance`, an ISO 286 fit such as "H7/g6" at the nominal diameter, which is twice the
+      `pin_radius`. The clearance is that of the mean sizes. A `Fitting` says more. `temperature` at which it runs [K],
+      by default 20 degC.
+    - `normal`: by default Hunt and Crossley's law for a steel pin in a bronze bush, with Hertz's stiffness for this
+      clearance; `friction`: by default none.
 
-    **Raises:** `ClearanceError` where neither length nor pin radius is given, for a sleeve without a length, for axial
+    **Raises:** `ClearanceError` if neither length nor pin radius is given, for a sleeve without a length, for axial
     play of a pin in the plane, for a fit that leaves no play, and for numbers that make no joint.
     """
     check_sizes(
@@ -121,7 +121,11 @@ def shaft(
     normal: AbstractNormalLaw | None = None,
     friction: AbstractFrictionLaw | None = None,
 ) -> SleeveClearance:
-    """The play of a pin that slides in its sleeve: as `pin_clearance` of the kind "sleeve", without axial play."""
+    """The play of a pin that slides in its sleeve.
+
+    **Arguments:** `radial_clearance`, `pin_radius`, `length` [m], `fit`, `temperature` [K], `normal` and `friction` as
+    of `fitted` for the kind "sleeve".
+    """
     numbers: Any = {"length": length, "pin_radius": pin_radius, "fit": fit, "temperature": temperature}
     sleeve = pin_clearance(radial_clearance, kind="sleeve", **numbers, normal=normal, friction=friction)
     assert isinstance(sleeve, SleeveClearance)
@@ -135,7 +139,10 @@ def socket(
     normal: AbstractNormalLaw | None = None,
     friction: AbstractFrictionLaw | None = None,
 ) -> SphericalClearance:
-    """The play of a ball: its `radial_clearance` and `ball_radius` [m], and laws as `pin_clearance` has them.
+    """The play of a ball in a socket.
+
+    **Arguments:** `radial_clearance` and `ball_radius` [m]; `normal` and `friction` laws, by default as those of
+    `fitted`.
 
     **Raises:** `ClearanceError` for what is missing, and for numbers that make no joint.
     """
@@ -157,14 +164,15 @@ def guide_clearance(
     normal: AbstractNormalLaw | None = None,
     friction: AbstractFrictionLaw | None = None,
 ) -> GuideClearance:
-    """The play of a block in its guide.
+    """The play of a block in its guide, from the numbers of a design.
 
     **Arguments:**
 
-    - `side_clearance` [m], to either side; `length` of the block, its `height` [m], by default as long; `width` [m]: by
-      default the guide holds it there. `guide_length`: what the block must fit in.
-    - `normal`: by default the law of a corner of a steel block on a bronze guide, on whose sides all corners together
-      have the stiffness of a flat punch; `friction`: by default none.
+    - `side_clearance` [m], to either side; `length` of the block, and its `height` [m], by default equal to the length.
+    - `width` [m]: by default the guide holds the block in this direction; `guide_length` [m]: the block must not be
+      longer.
+    - `normal`: by default the law of a corner of a steel block on a bronze guide: all corners of one side together have
+      the stiffness of a flat punch; `friction`: by default none.
 
     **Raises:** `ClearanceError` for what is missing, and for numbers that make no joint.
     """
@@ -179,8 +187,8 @@ def guide_clearance(
 
 
 class PlayNumbers(TypedDict, total=False):
-    """What a designer says of a play; a kind of joint takes some of it (`pin_clearance`, `shaft`, `socket`,
-    `guide_clearance`).
+    """The numbers of a design that make a clearance. Each kind of joint takes some of them (`fitted`, `shaft`,
+    `socket`, `guided`).
     """
 
     kind: str
@@ -198,7 +206,9 @@ class PlayNumbers(TypedDict, total=False):
 
 
 class Preset(NamedTuple):
-    """How a kind of play is made of a designer's numbers: those that are `fields` of the joint, and further `words`."""
+    """How a clearance is made of the numbers of a design: `make` takes the numbers `fields`, which the joint has too,
+    and further `words`.
+    """
 
     make: Callable[..., AbstractClearance]
     fields: tuple[str, ...]
@@ -228,6 +238,10 @@ RENAMED = (
 FIT = ("fit", "temperature")
 _ROUND = ("radial_clearance", "pin_radius", "length")
 PIN = Preset(pin_clearance, (*_ROUND, "axial_clearance"), (*FIT, "kind"))
+"""The clearance of a pin in a sleeve, for a revolute joint."""
 SHAFT = Preset(shaft, _ROUND, FIT)
+"""The clearance of a pin that slides in its sleeve, for a cylindrical joint."""
 BALL = Preset(socket, ("radial_clearance", "ball_radius"))
+"""The clearance of a ball in a socket, for a spherical joint."""
 GUIDE = Preset(guide_clearance, ("side_clearance", "length", "height", "width", "guide_length"))
+"""The clearance of a block in a guide, for a prismatic joint."""

@@ -26,21 +26,21 @@ from clearance_jax.spatial import Vector, X, Y, dot, plus, scale, times
 
 
 class RevoluteClearance(AbstractPin):
-    """Radial play of a pin in a sleeve.
+    """The radial play of a pin in a sleeve.
 
     **Arguments:**
 
     - `radial_clearance`: sleeve radius minus pin radius [m], > 0.
-    - `pin_radius`: [m], > 0.
+    - `pin_radius` [m], > 0.
     - `normal`: the normal law.
-    - `friction`: the friction law, or `None`: then no friction code is compiled.
+    - `friction`: the friction law, or `None`: then no friction is compiled.
     - `element`: what acts without touch (a film), or `None`.
-    - `length` of the contact [m], over which wear and line contacts spread their force; `pin_material`,
-      `sleeve_material`: for laws that ask for them.
-    - `tolerance`: between what the clearance lies as it is made, for who reads it.
-    - `depth`: by how much the sleeve is worn off [m], shape (sectors,), at least 16 of them: the first in the direction
-      of the sleeve's x, then around it evenly. `None`: the sleeve is round, and costs nothing more.
-    - `modes`: what is worn off too, by few numbers.
+    - `length` [m] of the contact, over which wear and line contacts spread their force; `pin_material`,
+      `sleeve_material`: for laws that need them.
+    - `tolerance`: between which values the clearance lies as it is made, for information.
+    - `depth` [m]: the wear of the sleeve, shape (sectors,), at least 16 of them: the first in the direction of the
+      sleeve's x, the others evenly around it. `None`: the sleeve is round, and the program has nothing for wear.
+    - `modes`: further wear, by few numbers.
 
     **Raises:** `ClearanceError` for depths or modes of other shapes.
     """

@@ -40,7 +40,7 @@ class Pose(NamedTuple):
 
 
 def pose_at(play: Sequence[PlayCoordinate], values: Sequence[Term] | Values) -> Pose:
-    """The pose at given values of the play coordinates [m or rad]."""
+    """The pose at given `values` (play,) of the coordinates of the `play` [m or rad]."""
     place, rotation, axes = ZERO, IDENTITY, []
     for k, one in enumerate(play):
         if one.turns is None:
@@ -54,7 +54,9 @@ def pose_at(play: Sequence[PlayCoordinate], values: Sequence[Term] | Values) -> 
 
 
 class Load(NamedTuple):
-    """What the sleeve is to exert on the pin, in the sleeve's axes: force [N], moment about the pin's centre [N m]."""
+    """What the sleeve must exert on the pin, in the sleeve's axes: `force` [N], and `moment` about the pin's centre [N
+    m].
+    """
 
     force: Vector
     moment: Vector
@@ -67,16 +69,20 @@ class Load(NamedTuple):
 
 
 def relative_at(play: Sequence[PlayCoordinate], values: Values) -> Relative:
-    """A pin at rest at given values of its play."""
+    """The relative motion of a pin at rest, at given `values` (play,) of its `play` [m or rad]."""
     at, zero = pose_at(play, values), jnp.zeros(())
     rows = None if all(one.turns is None for one in play) else at.rotation.rows
     return Relative(at.place, 0.0, (zero, zero, zero), (zero, zero, zero), rows)
 
 
 class Seat(NamedTuple):
-    """Where a pin is at rest: its `play` [m or rad]; whether the load `presses` it at all; what is `left` of the load,
-    as a part of it, that the joint does not bear there: where it is not nearly nothing, the search found no rest; and
-    how stiffly it is held there, `stiffness`, for play in units of its size [J] (without derivatives).
+    """Where a pin is at rest.
+
+    - `play` (play,): values of the play coordinates [m or rad]; `presses`: whether the load presses the pin to a wall
+      at all.
+    - `left`: the share of the load that the joint does not bear there. If it is not nearly zero, the search found no
+      rest.
+    - `stiffness` [J]: how stiffly the pin is held there, for play in units of its size (without derivatives).
     """
 
     play: Values
@@ -86,10 +92,13 @@ class Seat(NamedTuple):
 
 
 def seat(clearance: PreparedClearance, load: Load, start: Values) -> Seat:
-    """The play at which the joint, without friction, exerts a load on its pin.
+    """The play at which the joint, without friction, exerts a given load on its pin.
 
-    Differentiable twice by the joint's numbers and the load: two more Newton steps, whose slope is hidden from
-    differentiation, from an iterate that is stopped. What nothing resists stays at the start.
+    It can be differentiated twice by the numbers of the joint and the load: the last two Newton steps carry the
+    derivatives.
+
+    **Arguments:** `clearance`: the joint; `load`; `start` (play,): where the search begins [m or rad]. A coordinate
+    that nothing resists stays there.
     """
     smooth = PreparedClearance(clearance.joint, clearance.normal, None)
     still, begun = jax.lax.stop_gradient(((smooth, load), start))
@@ -206,6 +215,8 @@ class Seating(NamedTuple):
 def stiffness_at(clearance: PreparedClearance, place: Values) -> Array:
     """How stiffly a joint without friction holds its pin against slides, for play in units of its size [J], without
     derivatives.
+
+    **Arguments:** `clearance`: the joint; `place` (play,): values of its play coordinates [m or rad].
     """
     play = clearance.joint.play()
     size = as_array([one.scale for one in play])

@@ -46,24 +46,25 @@ class Meeting(NamedTuple):
 
 
 class SleeveClearance(AbstractPin):
-    """Radial play, tilt and axial play of a pin in a sleeve.
+    """The radial play, the tilt and the axial play of a pin in a sleeve, in space.
 
     **Arguments:**
 
     - `radial_clearance`: sleeve radius minus pin radius [m], > 0.
-    - `pin_radius`, `length` of the sleeve [m], > 0.
-    - `normal`: the normal law, of the whole sleeve: each station has its share of it, and so has each point of a face.
+    - `pin_radius`, and `length` of the sleeve [m], > 0.
+    - `normal`: the normal law of the whole sleeve: each station has a share of it, and so has each point of a face.
     - `friction`: the friction law, or `None`.
     - `axial_clearance`: how far the pin may slide to either side [m], > 0; `None`: it is held axially.
     - `element`: what acts without touch, or `None`.
-    - `stations`: how many along the sleeve, both edges among them (at least 2).
-    - `pin`: "through": longer than the sleeve, whose edges bear; "inside": shorter, `length` is its own.
-    - `collar_radius` [m]: where faces bear, by default one and a half pin radii; `ring`: at how many points. Only with
-      axial clearance are there faces.
-    - `pin_material`, `sleeve_material`: for laws that ask for them.
-    - `tolerance`: between what the radial clearance lies as it is made, for who reads it.
-    - `depth`: by how much the sleeve is worn off [m], shape (stations, sectors), at least 16 sectors: the first in the
-      direction of the sleeve's x, then around it evenly. `None`: the sleeve is round, and costs nothing more.
+    - `stations`: how many there are along the sleeve, both edges included (at least 2).
+    - `pin`: "through": the pin is longer than the sleeve, and touches its edges; "inside": the pin is shorter, its own
+      edges touch the sleeve, and `length` is that of the pin.
+    - `collar_radius` [m]: where the faces touch, by default one and a half pin radii; `ring`: at how many points. Faces
+      exist with axial clearance only.
+    - `pin_material`, `sleeve_material`: for laws that need them.
+    - `tolerance`: between which values the radial clearance lies as it is made, for information.
+    - `depth` [m]: the wear of the sleeve, shape (stations, sectors), at least 16 sectors: the first in the direction of
+      the sleeve's x, the others evenly around it. `None`: the sleeve is round, and the program has nothing for wear.
     """
 
     radial_clearance: Scalar = physical("m", above=0.0, help="sleeve radius minus pin radius", example='"0.1 mm"')

@@ -41,8 +41,9 @@ Bristles = tuple[Slip, ...]
 
 
 class Touch(NamedTuple):
-    """An instant at which contact `began` or `ended` (flags): approach speed then, slip, and the time elapsed since, a
-    round-off in value that carries how the instant depends on parameters.
+    """An instant at which contact `began` or `ended` (flags): the `penetration_rate` [m/s] and the `slip` [m/s] at that
+    instant, and the time `elapsed` since [s]. This time is as small as a round-off error. It carries the derivative of
+    the instant by the parameters.
     """
 
     began: Flag
@@ -87,7 +88,10 @@ class AbstractLaw(Parametrised):
 
 
 class AbstractNormalLaw(AbstractLaw):
-    """Normal force of one contact point."""
+    """A normal law: the force that pushes pin and sleeve apart at one contact point.
+
+    A law of your own has a `formula` and an `energy`.
+    """
 
     remembers: ClassVar[tuple[str, ...]] = ()
     """Names of its memory."""
@@ -183,7 +187,7 @@ class PreparedNormal(Module):
 
 
 class AbstractFrictionLaw(AbstractLaw):
-    """Friction of one contact point."""
+    """A friction law: the traction along the surface at one contact point."""
 
     bristles: ClassVar[tuple[str, ...]] = ()
     """Names of its memory, of each of which there is one for every component of the slip."""

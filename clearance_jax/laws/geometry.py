@@ -20,8 +20,12 @@ class Material(Module):
 
 
 class Geometry(NamedTuple):
-    """A pin in a sleeve: radii and radial clearance [m]; `length` of the contact [m] and materials, where they are
-    known; whether a contact is a `point`, a `line` along the sleeve, or that of `flat` walls, which have no radii.
+    """What a law may know of its joint: a pin in a sleeve.
+
+    - `pin_radius`, `sleeve_radius`, `radial_clearance` [m]; `length` of the contact [m]; `pin_material`,
+      `sleeve_material`. Length and materials are `None` if they are not known.
+    - `kind`: whether the contact is that of a "point", of a "line" along the sleeve, or of "flat" walls, which have no
+      radii.
     """
 
     pin_radius: Scalar

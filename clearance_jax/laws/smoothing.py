@@ -11,13 +11,14 @@ from clearance_jax.parameters import flatten, physical
 
 
 class SmoothedOnset(AbstractNormalLaw):
-    """F = F_e(d) + STEP5(d / w) (F - F_e): what a law does beyond its elastic force F_e, at rest, grows over the
-    depth w from nothing at first touch, instead of being there at once.
+    """F = F_e(d) + STEP5(d / w) (F - F_e): a law whose damping grows over the depth w from nothing at first touch,
+    instead of being there at once. F_e is the elastic force of the law, that is, its force at rest.
 
-    A law of class C-1 (a linear damper) so becomes one of class C0, whose derivatives can be trusted. The elastic
-    energy stays the law's own.
+    So a law of class C-1 (a linear damper) becomes one of class C0, whose derivatives can be trusted. The elastic
+    energy is that of the law.
 
-    **Arguments:** `law`, without memory; `width` w [m] > 0: deep against round-off, shallow against the penetration.
+    **Arguments:** `law`, without memory; `width` w [m] > 0: much larger than the round-off of d, and small against the
+    penetration.
     """
 
     law: AbstractNormalLaw = flatten()

@@ -15,7 +15,7 @@ __all__ = ["AbstractActuator", "ConstantEffort", "JointFriction", "JointSpring",
 
 
 class AbstractActuator(Module):
-    """A generalised force along one free coordinate."""
+    """A force along one free coordinate: a torque [N m] along an angle, a force [N] along a slide."""
 
     @abc.abstractmethod
     def __call__(self, time: Scalar, position: Scalar, velocity: Scalar) -> Scalar:
@@ -56,11 +56,12 @@ class Servo(AbstractActuator):
 
     **Arguments:**
 
-    - `target`: a drive; `stiffness` k and `damping` b, not negative.
-    - `encoder`: names of the coordinates whose sum is q: of a motor that turns its link through a gear with play or a
-      spring the encoder may be on the motor's side, `()`, or on the link's, `("motor", "link")`.
-    - `period` [s]: of a digital servo: it measures at whole multiples of the period, and holds its force between them
-      (zero-order hold). A number of the program: nothing is differentiated by it.
+    - `target`: a drive.
+    - `stiffness` k [N m/rad] and `damping` b [N m s/rad], at least 0; of a slide [N/m] and [N s/m].
+    - `encoder`: names of the coordinates whose sum is q. By default q is the coordinate that the servo moves. If a
+      motor turns its link through a gear with play or a spring, the encoder may be on the link: `("motor", "link")`.
+    - `period` [s]: of a digital servo. It measures at whole multiples of the period, and holds its force between them
+      (zero-order hold). The period is a fixed number of the program: you cannot differentiate by it.
     """
 
     target: AbstractMotionLaw
@@ -97,7 +98,7 @@ class Servo(AbstractActuator):
 
 
 class JointSpring(AbstractActuator):
-    """A spring and damper in a joint: -k (q - q0) - b q'. Its energy counts as the actuators' work."""
+    """A spring and a damper in a joint: -k (q - q0) - b q'. The energy balance counts its work as that of actuators."""
 
     stiffness: Scalar = physical("effort/coordinate", least=0.0, help="stiffness k", example='"50 N*m/rad"')
     damping: Scalar = physical(
@@ -112,12 +113,17 @@ class JointSpring(AbstractActuator):
 
 
 class JointFriction(AbstractActuator):
-    """Coulomb's friction in a joint's gears, seals and bearings, smooth where it turns round: -f tanh(q' / v).
+    """Coulomb friction in the gears, seals and bearings of a joint: -f tanh(q' / v). It is smooth where the motion
+    reverses.
 
-    Its work counts as the actuators'. (Friction in a clearance goes by the force there: give its clearance a law.)
+    The energy balance counts its work as that of actuators. The friction does not depend on the load of the joint. For
+    friction that does, give the joint a clearance with a friction law.
 
-    **Arguments:** `effort` f [N m] (or [N]); `transition_speed` v: at it friction is 76 % of f. Far below the speeds of
-    the motion it is Coulomb's law, and the slower it is, the shorter are the steps that it needs.
+    **Arguments:**
+
+    - `effort` f [N m], or [N] of a slide.
+    - `transition_speed` v [rad/s], or [m/s]: at this speed the friction is 76 % of f. Far above it the friction is that
+      of Coulomb's law. A smaller value needs shorter steps.
     """
 
     effort: Scalar = physical("effort", least=0.0, help="friction f", example='"2 N*m"')

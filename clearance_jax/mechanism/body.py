@@ -24,13 +24,13 @@ class Body(Module):
 
     **Arguments:**
 
-    - `mass` [kg]: `None` for a massless link.
-    - `inertia` [kg m^2]: about the centre of mass: one number for a body that turns about z only, an `Inertia` (or
-      three or six numbers: xx, yy, zz, xy, xz, yz) in the body's axes for one that turns in space; `None` for a point
-      mass.
+    - `name`: its name, which other parts refer to.
+    - `mass` [kg]; `None`: a massless link.
+    - `inertia` [kg m^2] about the centre of mass: one number for a body that turns about z only; for a body that turns
+      in space an `Inertia`, or three or six numbers (xx, yy, zz, xy, xz, yz) in the body's axes; `None`: a point mass.
     - `center_of_mass` [m]: in the body's frame.
-    - `picked_up`, `put_down` [s]: of a payload, on a fixed joint: it has mass from the one time to the other. It has
-      then the velocity of what carries it: nothing jolts; where it had another one, its carrier should stand still.
+    - `picked_up`, `put_down` [s]: of a payload, which is on a fixed joint. It has mass from the one time to the other.
+      It always has the velocity of the body that carries it, so the velocity does not jump when the mass appears.
     """
 
     name: str = eqx.field(static=True)
@@ -92,10 +92,12 @@ def needs_six(body: Body) -> ClearanceError:
 
 
 class Point(Module):
-    """A named point of a body whose motion is reported; with an `orientation` (in the body's frame) it is a frame."""
+    """A named point of a body, whose motion is reported. With an `orientation` (in the body's frame) it is a frame."""
 
     name: str = eqx.field(static=True)
+    """The point's name."""
     body: str = describe("the body that it is a point of", '"slider"', static=True)
+    """The name of the body that it is on."""
     at: Position = describe("its place in the body's frame", '["80 mm", "0 mm"]', "the frame's origin", default=ORIGIN)
     orientation: Orientation | None = describe(
         "roll, pitch and yaw of its frame in the body's", '["90 deg", "0 deg", "0 deg"]', "not turned", default=None
@@ -103,9 +105,12 @@ class Point(Module):
 
 
 class Spring(Module):
-    """A spring and damper between points of two bodies: tension k (l - l0) + b l'."""
+    """A spring and a damper between two points of two bodies. Its tension is k (l - l0) + b l', with the distance l of
+    the points.
+    """
 
     name: str = eqx.field(static=True)
+    """The spring's name."""
     body_a: str = describe("the body at its one end, or `ground`", '"ground"', static=True)
     body_b: str = describe("the body at its other end", '"slider"', static=True)
     stiffness: Scalar = physical("N/m", least=0.0, help="stiffness k", example='"4530 N/m"')
@@ -118,16 +123,18 @@ class Spring(Module):
 
 
 class Motion(Module):
-    """How one joint coordinate moves: prescribed by a drive, or free (a state) under any number of actuators.
+    """How one coordinate of a joint moves: prescribed by a drive, or free, under any number of actuators.
 
     **Arguments:**
 
-    - `drive`: prescribes the coordinate; it then costs no state.
-    - `position`, `velocity`: initial values of a free coordinate (a first guess where a loop must be assembled).
-    - `actuators`: generalised forces along a free coordinate.
-    - `limits`: what its drive can do, as a data sheet says; a motion is not held within them.
-    - `rotor_inertia` [kg m^2] (or [kg]): of the motor of a free coordinate, seen through its gears (by the square of
-      their ratio). It resists this coordinate alone: how its carrier turns it otherwise, and its weight, are left out.
+    - `drive`: prescribes the coordinate, which is then no state.
+    - `position`, `velocity`: initial values of a free coordinate [rad, rad/s] or [m, m/s]. If a loop must be closed,
+      they are first guesses.
+    - `actuators`: forces along a free coordinate.
+    - `limits`: what its drive can do, as a data sheet says. A motion is not held within them.
+    - `rotor_inertia` [kg m^2], or [kg] of a slide: that of the motor of a free coordinate, times the square of the gear
+      ratio. It resists the motion of this coordinate only. Its weight, and its resistance when the whole motor is
+      moved, are left out.
     """
 
     drive: AbstractMotionLaw | None = lead(default=None)

@@ -23,10 +23,13 @@ class DriveSpring(JointSpring):
 
 
 class Compliance(Parametrised):
-    """What a drive gives way by.
+    """The elasticity between a motor and its link.
 
-    **Arguments:** `stiffness` [N m/rad] (or [N/m]) and `damping` [N m s/rad], seen from the link; `rotor_inertia` of a
-    motor that actuators move [kg m^2] (or [kg]): the rotor's by the square of the gear ratio.
+    **Arguments:**
+
+    - `stiffness` [N m/rad] and `damping` [N m s/rad], seen from the link; of a slide [N/m] and [N s/m].
+    - `rotor_inertia` [kg m^2], or [kg]: of a motor that actuators move: the inertia of the rotor times the square of
+      the gear ratio.
     """
 
     stiffness: Scalar = physical("effort/coordinate", above=0.0, help="stiffness", example='"50 kN*m/rad"')
@@ -42,11 +45,13 @@ class Compliance(Parametrised):
 
 
 def with_compliance(mechanism: Mechanism, name: str, compliance: Compliance) -> Mechanism:
-    """The same mechanism with a drive that gives way in the joint `name`: its drive or actuators are those of
-    `NAME_motor` then.
+    """The same mechanism with an elastic drive in the joint `name`. Its drive or its actuators then belong to the
+    coordinate `NAME_motor`.
 
-    **Raises:** `ClearanceError` for a joint that is none of the tree, or not revolute or prismatic; for one that
-    nothing drives; for a rotor's inertia where the drive is followed exactly, and its lack where it is not.
+    **Arguments:** `mechanism`; `name`: of a revolute or prismatic joint of the tree; `compliance`: spring and damper.
+
+    **Raises:** `ClearanceError` for a joint of another kind, for a joint that nothing drives, for a rotor's inertia
+    under a drive (which prescribes the rotor's motion), and for its lack under actuators.
     """
     joint = mechanism.joint(name)
     if not isinstance(joint, Revolute | Prismatic) or joint not in mechanism.joints:

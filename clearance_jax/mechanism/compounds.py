@@ -73,7 +73,7 @@ def turn_key(help: str):
 
 
 class Spin(Module):
-    """Rates of turning about the child's axes."""
+    """Rates of turning about the axes of the child [rad/s]."""
 
     x: Scalar = physical("rad/s", default=0.0)
     y: Scalar = physical("rad/s", default=0.0)
@@ -81,11 +81,11 @@ class Spin(Module):
 
 
 class Ball(Module):
-    """The motion of a ball: always free. Its positions are a quaternion (w, x, y, z), its velocities the spin in the
-    child's axes.
+    """The motion of a ball, which is always free. Its positions are a quaternion (w, x, y, z), its velocities the spin
+    in the child's axes.
 
     **Arguments:** `start`: initial orientation of the child's joint frame in the parent's; `spin`: initial spin;
-    `damping` [N m s/rad]: of its spin. Its work counts as the actuators'.
+    `damping` [N m s/rad]: of the spin. The energy balance counts its work as that of actuators.
     """
 
     start: Orientation = describe(
@@ -117,7 +117,7 @@ class Ball(Module):
 
 
 class Spherical(AbstractPlayed):
-    """A ball in its socket, ideal or with clearance: an orientation."""
+    """A ball in its socket, ideal or with clearance. Its coordinate is an orientation."""
 
     name: str = eqx.field(static=True)
     parent: str = body_key(*PARENT)
@@ -126,6 +126,7 @@ class Spherical(AbstractPlayed):
     at_child: Position = place_key(AT_CHILD)
     angle: Scalar | None = angle_key()
     motion: Ball = flatten(default_factory=Ball)
+    """The motion of the ball: always free."""
     orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_PARENT)
     child_orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_CHILD)
     clearance: AbstractClearance | PreparedClearance | None = flatten(default=None)
@@ -139,7 +140,9 @@ class Spherical(AbstractPlayed):
 
 
 class Universal(AbstractJoint):
-    """A cardan joint: a turn about an axis of the parent's, then one about an axis of the child's, square to it."""
+    """A universal (cardan) joint. It turns first about an axis of the parent, then about an axis of the child that is
+    perpendicular to the first.
+    """
 
     name: str = eqx.field(static=True)
     parent: str = body_key(*PARENT)
@@ -163,8 +166,8 @@ class Universal(AbstractJoint):
 
 
 class Cylindrical(AbstractPlayed):
-    """A pin that slides in its sleeve, ideal or with clearance (of a sleeve without axial play): a slide along and a
-    turn about one axis, by default z.
+    """A pin that slides in its sleeve and turns in it, along and about one axis, by default z. It is ideal or has
+    clearance: that of a sleeve without axial play.
     """
 
     name: str = eqx.field(static=True)
@@ -198,7 +201,9 @@ class Cylindrical(AbstractPlayed):
 
 
 class Planar(AbstractJoint):
-    """A foot on a floor: two slides in a plane, and a turn about its normal, by default z."""
+    """A contact of two planes, as of a foot on a floor: two slides in a plane, and a turn about its normal, by default
+    z.
+    """
 
     name: str = eqx.field(static=True)
     parent: str = body_key(*PARENT)
@@ -244,6 +249,7 @@ class Free(AbstractJoint):
     slide_y: Slide = slide_key("motion along the second axis")
     slide_z: Slide = slide_key("motion along the third axis")
     motion: Ball = flatten(default_factory=Ball)
+    """The turning of the child: always free."""
     orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_PARENT)
     child_orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_CHILD)
 

@@ -19,10 +19,10 @@ __all__ = ["AbstractController", "ComputedTorque", "Reference"]
 
 
 class Reference(Module):
-    """Where a controller steers a free coordinate.
+    """The target of one free coordinate for a controller.
 
     **Arguments:** `name`: of the coordinate; `target`: a drive; `encoder`: names of the coordinates whose sum is
-    measured, by default its own (see `Servo`).
+    measured, by default the coordinate itself (see `Servo`).
     """
 
     name: str = eqx.field(static=True)
@@ -31,11 +31,12 @@ class Reference(Module):
 
 
 class AbstractController(Module):
-    """A law of accelerations, which the inverse dynamics of a model turns into efforts.
+    """A controller: it says which accelerations it wants, and the inverse dynamics of its model gives the efforts for
+    them.
 
-    - `references`: the coordinates that it commands, all that its model leaves free.
-    - `model`: the mechanism that it believes in; `None`: the mechanism itself, without play.
-    - `period` [s]: it measures and commands at whole multiples of it; `None`: all the time.
+    - `references`: the coordinates that it commands: all that its model leaves free.
+    - `model`: the mechanism that it assumes; `None`: the mechanism itself, without play.
+    - `period` [s]: it measures and commands at whole multiples of the period; `None`: all the time.
     """
 
     name: eqx.AbstractVar[str]
@@ -56,19 +57,21 @@ class AbstractController(Module):
 
 
 class ComputedTorque(AbstractController):
-    """Computed torque (inverse dynamics control): the efforts with which the model, where it is measured to be, would
+    """Computed torque (inverse dynamics control): the efforts with which its model, at the measured state, would
     accelerate by target'' + 2 d w (target' - q') + w^2 (target - q).
 
-    So every coordinate's error decays like an oscillator of its own, as far as the model is true (Siciliano et al.,
-    Robotics, 2009, section 8.5.2).
+    So the error of each coordinate q decays like a damped oscillator of its own, if the model is true (Siciliano et
+    al., Robotics, 2009, section 8.5.2).
 
     **Arguments:**
 
-    - `references`: targets of all coordinates that the model leaves free.
-    - `frequency` w [rad/s] and `damping` ratio d, of the errors' decay.
-    - `model`: a mechanism without loops and play whose coordinates have the same names; by default the mechanism
-      itself, without its play: a perfect model.
-    - `period` [s]: it measures at whole multiples of it, and holds its efforts in between.
+    - `name`: the controller's name, with which the names of its numbers begin.
+    - `references`: targets of all coordinates that the model leaves free (`Reference`).
+    - `frequency` w [rad/s] and `damping` ratio d, with which the errors decay.
+    - `model`: a mechanism without loops and play, whose coordinates have the same names. By default it is the mechanism
+      itself without its play: a perfect model.
+    - `period` [s]: it measures at whole multiples of the period, and holds its efforts in between; `None`: it acts all
+      the time.
     """
 
     name: str = eqx.field(static=True)

@@ -4,7 +4,11 @@ from typing import NamedTuple
 
 
 class Limits(NamedTuple):
-    """Least and largest value of a coordinate [rad or m], largest rate, largest effort; `None` where there is none."""
+    """Limits of a coordinate, as a data sheet says. `None`: there is no such limit.
+
+    **Arguments:** `lower`, `upper`: least and greatest value [rad or m]; `velocity`: largest rate [rad/s or m/s];
+    `effort`: largest torque [N m] or force [N].
+    """
 
     lower: float | None = None
     upper: float | None = None

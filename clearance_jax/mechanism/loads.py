@@ -17,7 +17,7 @@ Axes = Literal["world", "body"]
 
 
 class Force(Components):
-    """A force by its components; one left out is absent from the compiled program."""
+    """A force by its components [N]. One that you leave out is zero, and absent from the compiled program."""
 
     x: Scalar | None = physical("N", default=None)
     y: Scalar | None = physical("N", default=None)
@@ -25,7 +25,7 @@ class Force(Components):
 
 
 class Torque(Components):
-    """A torque by its components; one left out is absent from the compiled program."""
+    """A torque by its components [N m]. One that you leave out is zero, and absent from the compiled program."""
 
     x: Scalar | None = physical("N*m", default=None)
     y: Scalar | None = physical("N*m", default=None)
@@ -33,13 +33,17 @@ class Torque(Components):
 
 
 class Wrench(Parametrised):
-    """A force on a point of a body and a torque on the body, from outside the mechanism. Its work counts as that of the
-    drives.
+    """A load from outside the mechanism: a force on a point of a body, and a torque on the body. The energy balance
+    counts its work as that of the drives.
 
-    **Arguments:** `body`; `at`: the point, in the body's frame; `force` [N], `torque` [N m]; `course`: a factor on both
-    as a function of time, given as a drive without unit (`cj.drives.StepSum([0.1], [0.2], [1.0])`: nothing, then
-    all of it);
-    `axes`: whose axes force and torque are in: the world's, or the body's (a thrust, which turns with it).
+    **Arguments:**
+
+    - `name`: the load's name; `body`: the body that it acts on; `at` [m]: the point, in the body's frame.
+    - `force` [N], `torque` [N m].
+    - `course`: a factor on both as a function of time, given as a drive without unit. With
+      `cj.drives.StepSum([0.1], [0.2], [1.0])` the load is zero at first, and complete after 0.2 s. `None`: the load is
+      constant.
+    - `axes`: in which axes force and torque are: "world", or "body" (a thrust, which turns with its body).
     """
 
     name: str = eqx.field(static=True)

@@ -32,19 +32,24 @@ NO_GRAVITY = Gravity()
 
 
 class Mechanism(AbstractMechanism):
-    """A mechanism, in the plane or in space. Names, topology and law choices are static; every number is an array leaf.
+    """A mechanism, in the plane or in space.
+
+    Names, topology and the choice of laws are fixed in the compiled program. Every number is an array leaf: you can
+    change it without a new compilation, and differentiate by it.
 
     **Arguments:**
 
     - `bodies`: every body but the ground.
-    - `joints`: the tree: each joint places a body that no earlier joint has placed, parents first.
-    - `loops`: joints between bodies that the tree has placed already: ideal constraints; with clearance force elements,
-      which hold nothing but what their contacts hold.
-    - `springs`, `points`, `gravity`, `wrenches` (loads from outside), `controllers`: as they say.
-    - `assemble`: whether a solve starts by closing the loops (off: from exactly the given initial values).
+    - `joints`: the tree. Each joint places a body that no earlier joint has placed, parents first.
+    - `loops`: joints between bodies that the tree has placed already. An ideal one is a constraint. One with clearance
+      only exerts the forces of its contacts.
+    - `springs`, `points`, `wrenches` (external loads), `controllers`: further parts, as their classes say.
+    - `gravity`: acceleration of free fall [m/s^2].
+    - `name`: what reports call the mechanism.
+    - `assemble`: whether a solve first closes the loops. If not, it starts from exactly the given initial values.
 
-    **Raises:** `ClearanceError` where names clash or dangle, and for a loop in space with clearance that leaves a
-    direction neither play nor motion.
+    **Raises:** `ClearanceError` if two names are the same, if a name refers to nothing, and for a loop joint with
+    clearance in space that has neither play nor motion in some direction.
     """
 
     bodies: tuple[Body, ...]
@@ -76,44 +81,47 @@ class Mechanism(AbstractMechanism):
     ) -> "Mechanism":
         """The same mechanism with play in the joint `name`.
 
-        **Arguments:** the whole `clearance`; or of an ideal joint a designer's numbers [m, K], with laws as usual (of
-        a steel pin, ball or block in bronze):
+        **Arguments:** either the whole `clearance`, or numbers of a design. An ideal joint then gets the usual laws of
+        a steel pin, ball or block in bronze:
 
-        - of a revolute joint `radial_clearance` (or a `fit` such as "H7/g6", and the `temperature` at which it runs),
-          `pin_radius`, `length`, and of the `kind` "sleeve" `axial_clearance` (see `joints.pin_clearance`); of a
-          cylindrical one a sleeve's without `axial_clearance` (`joints.shaft`);
-        - of a spherical one `radial_clearance` and `ball_radius` (`joints.socket`);
-        - of a prismatic one `side_clearance`, `length`, `height`, `width` and `guide_length`
-          (`joints.guide_clearance`);
+        - A revolute joint takes `radial_clearance` [m] (or a `fit` such as "H7/g6", and the `temperature` [K] at which
+          it runs), `pin_radius` and `length` [m]. Of the `kind` "sleeve" it also takes `axial_clearance` [m] (see
+          `joints.pin_clearance`).
+        - A cylindrical joint takes the same as a sleeve, without `axial_clearance` (see `joints.shaft`).
+        - A spherical joint takes `radial_clearance` and `ball_radius` [m] (see `joints.socket`).
+        - A prismatic joint takes `side_clearance`, `length`, `height`, `width` and `guide_length` [m] (see
+          `joints.guide_clearance`).
 
-        or, of a joint that has clearance, those of its numbers that are to be others.
+        For a joint that already has clearance, give those of its numbers that you want to change.
 
-        **Raises:** `ClearanceError` for a joint of a kind that has no play, for what is missing, and for numbers that
-        make no joint.
+        **Raises:** `ClearanceError` for a kind of joint that has no play, for numbers that are missing, and for numbers
+        that do not make a joint.
         """
         return self.with_joint(with_play(self.joint(name), clearance, dict(numbers)))
 
     def with_drives(self, drives: Mapping[str, Any]) -> "Mechanism":
-        """The same mechanism with other drives (`cj.drives.Trapezoid`, `cj.read_trajectory`, ...) of named coordinates.
+        """The same mechanism with other drives (such as `cj.drives.Trapezoid`) of the named coordinates.
 
-        A coordinate that was free is no state any more, and loses its actuators; limits are kept.
+        A coordinate that was free is then no state any more, and loses its actuators. Its limits are kept.
 
-        **Arguments:** `drives`: motion laws by the name of a coordinate of the tree (its joint's, if it has but one).
+        **Arguments:** `drives`: drives by the name of a coordinate of the tree. If a joint has one coordinate only,
+        this is the name of the joint.
 
-        **Raises:** `ClearanceError` for an unknown coordinate, for play, and for a joint that closes a loop.
+        **Raises:** `ClearanceError` for an unknown coordinate, for a coordinate of play, and for a joint that closes a
+        loop.
         """
         check_drives(self.joints, drives)
         return self._with_joints(lambda joint: with_drives(joint, drives))
 
     def with_controllers(self, *controllers: AbstractController) -> "Mechanism":
-        """The same mechanism under other controllers. (Its actuators stay, and act beside them.)
+        """The same mechanism under other controllers. Its actuators stay, and act too.
 
-        **Raises:** `ClearanceError` for a coordinate that there is not, or that a drive prescribes.
+        **Raises:** `ClearanceError` for an unknown coordinate, and for one that a drive prescribes.
         """
         return dataclasses.replace(self, controllers=controllers)
 
     def with_joint(self, joint: AbstractJoint) -> "Mechanism":
-        """The same mechanism with another joint in the place of the one of that name."""
+        """The same mechanism with another joint in place of the joint that has the same name."""
         return self._with_joints(lambda own: joint if own.name == joint.name else own)
 
     def without_drives(self, names: Collection[str]) -> "Mechanism":
@@ -125,7 +133,7 @@ class Mechanism(AbstractMechanism):
         return dataclasses.replace(self, joints=joints, loops=loops)
 
     def prepare(self) -> PreparedMechanism:
-        """What a solve makes of it once: see `PreparedMechanism`."""
+        """The mechanism as a solve uses it: a `PreparedMechanism`, with everything that depends on its numbers only."""
         ready = PreparedMechanism(
             self.bodies,
             tuple(joint.prepare() for joint in self.joints),

@@ -41,7 +41,7 @@ class AbstractMotionLaw(Module):
 
 
 class AbstractDrive(AbstractMotionLaw):
-    """A motion law as a user gives it, by numbers of its own."""
+    """A drive: a coordinate as a function of time."""
 
 
 class ConstantSpeed(AbstractDrive):
@@ -63,9 +63,10 @@ def _check_steps(drive) -> None:
 
 
 class StepSum(AbstractDrive):
-    """q = offset + sum of rise_i STEP(t, begin_i, 0, end_i, 1), the cubic STEP of ADAMS; q'' jumps at both ends.
+    """q = offset + sum of rise_i STEP(t, begin_i, 0, end_i, 1), with the cubic STEP of ADAMS. q'' jumps at both ends of
+    each step.
 
-    **Arguments:** `begin`, `end` [s] and `rise` of shape (n,), `offset`.
+    **Arguments:** `begin`, `end` [s] and `rise` [rad or m], all of shape (n,); `offset` [rad or m].
     """
 
     begin: Values = physical("s", help="when each step begins", example='["0 s", "0.5 s"]')
@@ -91,7 +92,7 @@ class StepSum(AbstractDrive):
 
 
 class Step5Sum(AbstractDrive):
-    """As `StepSum` with the quintic STEP5: q'' is continuous, q''' jumps."""
+    """The same as `StepSum`, with the quintic STEP5: q'' is continuous, and q''' jumps at both ends of each step."""
 
     begin: Values = physical("s", help="when each step begins", example='["0 s", "0.5 s"]')
     end: Values = physical("s", help="when each step ends", example='["0.5 s", "1 s"]')
@@ -129,10 +130,11 @@ class Harmonic(AbstractDrive):
 
 
 class Spline(AbstractDrive):
-    """A cubic spline through a table; q''' jumps at the knots. Outside the table its end pieces go on.
+    """A cubic spline through a table of times and values. Its third derivative jumps at the knots. Outside the table
+    its first and its last piece go on.
 
-    **Arguments:** `times` [s] (increasing), `values`, both of shape (n,) with n >= 4; `ends`: "not-a-knot", "natural"
-    (q'' = 0) or "clamped" (q' = 0).
+    **Arguments:** `times` [s] (increasing), `values` [rad or m], both of shape (n,) with n >= 4; `ends`: "not-a-knot",
+    "natural" (q'' = 0) or "clamped" (q' = 0).
     """
 
     times: Values = physical(

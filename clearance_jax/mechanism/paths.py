@@ -43,9 +43,9 @@ def as_place(value: Any) -> Any:
 
 
 class Pose(Module):
-    """Where a frame is, and how it is turned, in the ground's axes.
+    """The place and the orientation of a frame, in the ground's axes.
 
-    **Arguments:** `at`: its place [m], a `Position` or its numbers; `orientation`: `None` where any will do.
+    **Arguments:** `at`: its place [m], a `Position` or its numbers; `orientation`; `None`: any orientation.
     """
 
     at: Position = eqx.field(converter=as_place)
@@ -133,7 +133,10 @@ class AbstractSegment(Module):
 
 
 class Line(AbstractSegment):
-    """Straight to a pose, with a turn about one axis, the shorter way."""
+    """A straight segment of a path, to a pose. The frame turns about one axis, the shorter way.
+
+    **Arguments:** `to`: the pose at its end.
+    """
 
     to: Pose
 
@@ -147,7 +150,10 @@ class Line(AbstractSegment):
 
 
 class Arc(AbstractSegment):
-    """Along a circle through a place to a pose, with a turn about one axis, the shorter way."""
+    """A circular segment of a path, through a place to a pose. The frame turns about one axis, the shorter way.
+
+    **Arguments:** `via`: a place on the way [m], a `Position` or three numbers; `to`: the pose at its end.
+    """
 
     via: Position = eqx.field(converter=as_place)
     to: Pose
@@ -182,9 +188,12 @@ class Arc(AbstractSegment):
 
 
 class Curve(AbstractSegment):
-    """A smooth curve through two poses or more: a cubic spline of place and quaternion, by the length of the chords:
-    velocity and acceleration, of turning too, have no jump at the poses. (Its speed differs from that of the profile by
-    as much as its arcs do from their chords.)
+    """A smooth segment of a path, through two poses or more: a cubic spline of place and quaternion, over the length of
+    the chords between the poses. Velocity and acceleration have no jump at the poses, and neither has the turning.
+
+    The speed along the curve differs from the prescribed one by the ratio of arc and chord.
+
+    **Arguments:** `through`: the poses, in their order.
     """
 
     through: tuple[Pose, ...] = eqx.field(converter=tuple)
@@ -221,8 +230,10 @@ class Curve(AbstractSegment):
 
 
 class Waypoint(NamedTuple):
-    """Where a path is at a time, and how it moves: place [m], its first and second rate; the rotation matrix, spin
-    [rad/s] and its rate, in the ground's axes.
+    """Where a path is at a time, and how it moves, in the ground's axes.
+
+    - `position` [m], `velocity` [m/s], `acceleration` [m/s^2] of the frame, of shape (3,).
+    - `rotation`: its rotation matrix, of shape (3, 3); `spin` [rad/s] and `spin_rate` [rad/s^2], of shape (3,).
     """
 
     position: Triple
@@ -234,20 +245,21 @@ class Waypoint(NamedTuple):
 
 
 class CartesianPath(Module):
-    """A path of a frame, segment after segment, each from rest to rest. Before it begins it is at its start, after it
-    ends at its end.
+    """A path of a frame, segment after segment, each from rest to rest. Before the path begins, the frame is at its
+    start; after the path ends, at its end.
 
     **Arguments:**
 
-    - `start`: the pose at which it begins. Without an orientation only places are meant; with one, a pose on the way
-      that has none keeps that of the pose before.
+    - `start`: the pose at which it begins. If it has no orientation, the path prescribes places only. If it has one, a
+      later pose without an orientation keeps that of the pose before.
     - `segments`: any of `Line`, `Arc`, `Curve`.
-    - `durations` [s], of shape (segments,): how long each takes, by a quintic (the acceleration has no jump); or
-      instead of them
-    - `speed` [m/s], `acceleration` [m/s^2]: limits, for a trapezoid of the speed (the acceleration jumps).
-    - `begin` [s]: when it begins.
+    - `durations` [s], of shape (segments,): how long each segment takes. The distance is then a quintic polynomial of
+      time (the acceleration has no jump). Instead of durations you may give
+    - `speed` [m/s], `acceleration` [m/s^2]: limits, with which the speed is a trapezoid over time (the acceleration
+      jumps).
+    - `begin` [s]: when the path begins.
 
-    **Raises:** `ClearanceError` for a segment that there is none of, for orientations that come from nowhere, and for
+    **Raises:** `ClearanceError` for a segment of another kind, for an orientation where the start has none, and for
     neither or both of durations and limits.
     """
 

@@ -36,7 +36,7 @@ class Components(Module):
 
 
 class Position(Components):
-    """A vector of lengths; a component left out is absent from the compiled program."""
+    """A vector of lengths [m]. A component that you leave out is zero, and absent from the compiled program."""
 
     x: Scalar | None = physical("m", default=None)
     y: Scalar | None = physical("m", default=None)
@@ -47,7 +47,9 @@ ORIGIN = Position()
 
 
 class Gravity(Components):
-    """Acceleration of free fall; a component left out is absent from the compiled program."""
+    """The acceleration of free fall [m/s^2]. A component that you leave out is zero, and absent from the compiled
+    program.
+    """
 
     x: Scalar | None = physical("m/s^2", default=None)
     y: Scalar | None = physical("m/s^2", default=None)
@@ -55,8 +57,9 @@ class Gravity(Components):
 
 
 class Orientation(Module):
-    """How a frame is turned: by `roll` about x, then `pitch` about y, then `yaw` about z, all of them axes of the outer
-    frame (R = Rz Ry Rx, as in URDF) [rad]. An angle left out is absent from the compiled program.
+    """How a frame is turned: by `roll` about x, then by `pitch` about y, then by `yaw` about z [rad], all of them axes
+    of the outer frame (R = Rz Ry Rx, as in URDF). An angle that you leave out is zero, and absent from the compiled
+    program.
     """
 
     roll: Scalar | None = physical("rad", default=None)
@@ -116,8 +119,8 @@ LETTERS: dict[str, Vector] = {"x": X, "y": Y, "z": Z} | {
 
 
 class Axis(Module):
-    """A direction: an axis of the frame by its `letter` ("x", "-z"), a constant of the program; or any other, by
-    numbers of whatever length but zero.
+    """A direction. It is an axis of the frame by its `letter`, such as "x" or "-z", which is a constant of the program;
+    or any other, by the numbers `x`, `y`, `z` of a vector that is not zero.
     """
 
     letter: str | None = eqx.field(static=True, default=None)
@@ -167,8 +170,9 @@ def as_axis(value: Any) -> Any:
 
 
 class Inertia(Module):
-    """Moments and products of inertia about the centre of mass, in the body's axes [kg m^2]: the entries of the tensor
-    (its product `xy` is minus the integral of x y dm). An entry left out is absent from the compiled program.
+    """Moments and products of inertia about the centre of mass, in the body's axes: the entries of the tensor. The
+    product `xy` is minus the integral of x y dm. An entry that you leave out is zero, and absent from the compiled
+    program.
     """
 
     xx: Scalar = physical("kg*m^2")

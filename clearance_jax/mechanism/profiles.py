@@ -41,21 +41,22 @@ class Ramps(NamedTuple):
 
 
 class Trapezoid(AbstractDrive):
-    """Moves from point to point, each with a speed that grows evenly, is kept, and falls evenly to zero; q'' jumps.
+    """Moves from point to point. In each move the speed grows evenly, stays constant, and falls evenly to zero. q''
+    jumps.
 
-    Each is as fast as the limits `speed` and `acceleration` allow (a short one never reaches the speed), or takes its
-    `duration`. A move waits until the one before it has ended.
+    Each move is as fast as the limits `speed` and `acceleration` allow (a short one never reaches the speed), or takes
+    its `duration`. A move waits until the move before it has ended.
 
     **Arguments:**
 
-    - `begin` [s] and `rise`, of shape (n,): when each move begins, and by how much it moves.
-    - `speed`, `acceleration`: limits, greater than zero; or instead of them
-    - `duration` [s], of shape (n,): of each move, and `cruise`: the part of it at constant speed, a third by default.
-      Moves of several coordinates with equal durations are synchronous from begin to end.
-    - `offset`: the value before the moves.
+    - `begin` [s] and `rise` [rad or m], of shape (n,): when each move begins, and by how much it moves.
+    - `speed` [rad/s or m/s], `acceleration` [rad/s^2 or m/s^2]: limits, greater than zero. Instead of them you may give
+    - `duration` [s], of shape (n,), of each move, and `cruise`: the share of it at constant speed, a third by default.
+      Moves of several coordinates with equal durations begin and end together.
+    - `offset` [rad or m]: the value before the moves.
 
-    Where a move begins just as the one before it ends, and where one only just reaches its speed, derivatives by its
-    numbers are those of one side. A move with a rise of zero takes no time under limits.
+    At two special numbers the derivatives are one-sided: where a move begins just as the one before it ends, and where
+    a move only just reaches its speed. Under limits, a move with a rise of zero takes no time.
 
     **Raises:** `ClearanceError` for lists of different lengths, for neither or both of limits and durations, and for
     limits and durations that are not greater than zero.
@@ -172,15 +173,19 @@ def _ramps_of_limits(rise: Values, speed: Scalar, acceleration: Scalar) -> Ramps
 
 
 class Quintic(AbstractDrive):
-    """Through via points by a quintic between each two of them: q'' is continuous, q''' may jump at the points.
+    """Through via points: a polynomial of degree five between each two of them. q'' is continuous, and q''' may jump at
+    the points.
 
-    Without speeds and accelerations it is the smoothest curve through the points, the one with the least integral of
-    q'''^2, which begins and ends at rest; with speeds only the accelerations are chosen so. Before and after the points
-    it goes on with the speed that it has at the first and the last: at rest it stays there.
+    Without `speeds` and `accelerations` it is the smoothest curve through the points that begins and ends at rest: the
+    one with the least integral of q'''^2. With `speeds` only, the accelerations are chosen in this way. Before the
+    first point and after the last one it goes on with the speed that it has there: from rest it stays where it is.
 
-    **Arguments:** `times` [s] (increasing), `values`, and if they are to be prescribed `speeds`, and with them
-    `accelerations`, all of shape (n,) with n >= 2; `jumps`: by how much q'' jumps at each point, if it does
-    (`accelerations` are those just after it).
+    **Arguments:**
+
+    - `times` [s], increasing, and `values` [rad or m], of shape (n,) with n >= 2.
+    - `speeds` [rad/s or m/s], and with them `accelerations` [rad/s^2 or m/s^2], of shape (n,), if they are prescribed.
+    - `jumps`: by how much q'' jumps at each point, if it does (`accelerations` are then the values just after the
+      point).
     """
 
     times: Values = physical("s", help="times of the via points, increasing", example='["0 s", "1 s", "2 s"]')

@@ -129,6 +129,7 @@ class AbstractJoint(Parametrised):
     """A joint: places the child's frame on the parent's, or holds two bodies that are placed."""
 
     name: eqx.AbstractVar[str]
+    """The joint's name."""
     parent: eqx.AbstractVar[str]
     child: eqx.AbstractVar[str]
     at_parent: eqx.AbstractVar[Position]
@@ -214,7 +215,9 @@ class AbstractPlayed(AbstractJoint):
     """
 
     clearance: eqx.AbstractVar[AbstractClearance | PreparedClearance | None]
+    """The play of the joint; `None`: an ideal joint."""
     eccentricity: eqx.AbstractVar[Position]
+    """Where the pin starts in its sleeve [m], in the sleeve's axes; by default in the middle."""
 
     def __check_init__(self):
         if not isinstance(self.clearance, AbstractClearance):
@@ -275,7 +278,11 @@ class AbstractPlayed(AbstractJoint):
 
 
 class Revolute(AbstractPlayed):
-    """A pin joint, ideal or with clearance: in the plane, or of a sleeve in space."""
+    """A pin joint, ideal or with clearance: it turns about one axis, by default z.
+
+    With a `RevoluteClearance` the pin has radial play, in the plane. With a `SleeveClearance` the pin also tilts, in
+    space.
+    """
 
     name: str = eqx.field(static=True)
     parent: str = body_key(*PARENT)
@@ -284,6 +291,7 @@ class Revolute(AbstractPlayed):
     at_child: Position = place_key(AT_CHILD)
     angle: Scalar | None = angle_key()
     motion: Motion = flatten(default_factory=Motion)
+    """How its angle moves: by a drive, or freely."""
     clearance: AbstractClearance | PreparedClearance | None = flatten(default=None)
     eccentricity: Position = describe(
         "where the pin's centre starts in the sleeve, in the sleeve's axes; of a joint of the tree",
@@ -322,7 +330,9 @@ def _combine(factors: Vector, vectors: Matrix) -> Vector:
 
 
 class Prismatic(AbstractPlayed):
-    """A slide along an axis of the joint's frame, by default x; ideal, or with clearance (a block in a guide)."""
+    """A sliding joint, ideal or with clearance (a block in a guide): it slides along one axis of its frame, by default
+    x.
+    """
 
     name: str = eqx.field(static=True)
     parent: str = body_key(*PARENT)
@@ -331,6 +341,7 @@ class Prismatic(AbstractPlayed):
     at_child: Position = place_key(AT_CHILD)
     angle: Scalar | None = angle_key()
     motion: Motion = flatten(default_factory=Motion)
+    """How its slide moves: by a drive, or freely."""
     orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_PARENT)
     child_orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_CHILD)
     axis: Axis = axis_key("what it slides along, an axis of its frame", "x")
@@ -358,7 +369,7 @@ class Prismatic(AbstractPlayed):
 
 
 class Fixed(AbstractJoint):
-    """A rigid connection."""
+    """A rigid connection of two bodies."""
 
     name: str = eqx.field(static=True)
     parent: str = body_key(*PARENT)

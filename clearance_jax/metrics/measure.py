@@ -26,7 +26,9 @@ from clearance_jax.solve.solution import Solution
 
 
 class Request(NamedTuple):
-    """What a metric needs of a solve; `since`: from when on it counts [s] (`None`: from the start)."""
+    """What a metric needs of a solve: `observers` of every step; `integrands`, which are integrated along with the
+    motion; samples at `times` [s]; the energy balance (`books`). It counts `since` a time [s]; `None`: from the start.
+    """
 
     observers: tuple[AbstractObserver, ...] = ()
     integrands: tuple[Any, ...] = ()
@@ -36,9 +38,10 @@ class Request(NamedTuple):
 
 
 class Reply(NamedTuple):
-    """What a metric gets of a solve: the motion asked for, and its own part of the solution, in the order of its
-    request: what its observers recorded and picked, its integrals, and its samples (`solution.time`, `solution.y`);
-    `begin` and `first`: the time from which on it counts, and the state then.
+    """What a metric receives of a solve: the motion that was asked for (`mechanism`, `t1` [s], `options`), its own part
+    of the `solution` (what its observers recorded and picked, its samples `solution.time` and `solution.y`), its
+    `integrals`, and the time `begin` [s] from which the motion counts, with the state then (`first`). All are in the
+    order of its request.
     """
 
     mechanism: Mechanism
@@ -112,7 +115,7 @@ class AbstractMeasure(Module):
 
 
 class AbstractMetric(AbstractMeasure):
-    """A number, or a few, of a motion."""
+    """A metric: a number of a motion, or a few numbers."""
 
     @property
     def base_metric(self) -> "AbstractMetric":
@@ -144,10 +147,10 @@ class AbstractMetric(AbstractMeasure):
 
 
 class Function(AbstractMetric):
-    """Any function `f(solution)` or `f(mechanism, solution)` that returns a number or an array; `times`: where it wants
-    samples [s] (`None`: those that `save_at` says, or else the end alone).
+    """A metric that is a function `f(solution)` or `f(mechanism, solution)`, and returns a number or an array.
 
-    **Raises:** `ClearanceError` for a function of other arguments.
+    **Arguments:** `function`; `times`: where it needs samples [s], shape (samples,); `None`: where `save_at` says, or
+    else the end alone. **Raises:** `ClearanceError` for a function with other arguments.
     """
 
     function: Callable
@@ -229,16 +232,17 @@ def measure(
     t1: Any,
     **options: Unpack[SolveOptions],
 ) -> dict[str, Any]:
-    """Several metrics of one motion, from one solve. Works under jit, vmap, jvp and grad.
+    """Several metrics of one motion, from one solve. It works under jit, vmap, jvp and grad.
 
     **Arguments:**
 
+    - `mechanism`: what moves; `t1`: end of the motion [s].
     - `metrics`: name -> one of `clearance_jax.metrics`, or a function `f(solution)` or `f(mechanism, solution)`.
     - `options`: as `simulate`'s; `save_at` says where functions get samples.
 
     **Returns:** the values by name: arrays, or the records of arrays that a metric makes.
 
-    **Raises:** `ClearanceError` for what is no metric, and as `simulate`.
+    **Raises:** `ClearanceError` for what is not a metric, and the errors of `simulate`.
     """
     return measure_settings(mechanism, metrics, t1, settings_of(mechanism, t1, options))
 

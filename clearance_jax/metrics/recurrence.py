@@ -66,21 +66,24 @@ def _few(t0: Any, begin: Any, what: str) -> Array:
 
 
 class PoincareSection(AbstractMetric):
-    """Quantities once a period of the drive: at the last `count` instants t0 + phase + k period (k whole) up to `t1`.
+    """Quantities once in each period of the drive: at the last `count` instants t0 + phase + k period (k whole) up to
+    `t1`.
 
-    A motion that repeats after n periods gives n points, one with two frequencies a closed curve, a chaotic one a
-    fractal set. See Guckenheimer and Holmes 1983, "Nonlinear Oscillations, Dynamical Systems, and Bifurcations of
+    A motion that repeats after n periods gives n points, a motion with two frequencies a closed curve, and a chaotic
+    one a fractal set. See Guckenheimer and Holmes 1983, "Nonlinear Oscillations, Dynamical Systems, and Bifurcations of
     Vector Fields", section 1.5.
 
-    **Arguments:** `quantities`: a name that a solution is asked by ("wrist.eccentricity.x"), or several; `period` [s],
-    or the name of a speed of which a turn is a period ("drive.main.speed"); `count`; `phase`: after the beginning of a
-    period [s].
+    **Arguments:**
 
-    **Returns:** shape (count,), of several quantities (count, quantities), each in its SI unit. Derivatives are those
+    - `quantities`: the name of a quantity of the solution ("wrist.eccentricity.x"), or several names.
+    - `period` [s], or the name of a speed: one turn is then a period ("drive.main.speed").
+    - `count`: number of instants; `phase`: time from the beginning of a period to the instant [s].
+
+    **Returns:** shape (count,), for several quantities (count, quantities), each in its SI unit. Derivatives are those
     at fixed times.
 
-    **Raises:** `ClearanceError` where fewer than `count` instants are between t0 and `t1` (NaN under a transformation),
-    and for a quantity that is no number.
+    **Raises:** `ClearanceError` if there are fewer than `count` instants between t0 and `t1` (NaN under a
+    transformation), and for a quantity that is not a number.
     """
 
     quantities: str | tuple[str, ...] = eqx.field(
@@ -122,28 +125,36 @@ class PoincareSection(AbstractMetric):
 
 
 class LyapunovExponent(AbstractMetric):
-    """How fast neighbouring motions part: the largest exponent over the last `count` periods before `t1` [1/s].
+    """How fast neighbouring motions part: the largest Lyapunov exponent over the last `count` periods before `t1`
+    [1/s].
 
-    Positive: chaos; negative: the motion is stable, and a disturbance decays at this rate; zero: on the verge, as at a
-    bifurcation. The variational equations are integrated with the motion, error-controlled, and made orthonormal again
-    after every period (Benettin et al. 1980, doi 10.1007/BF02128236, and 10.1007/BF02128237); lengths are measured in
-    the scene's own scales. It is a finite-time estimate: of a chaotic motion it scatters by about one over the root of
-    `count`, of any its error falls as one over `count`. What a law remembers of its last touch belongs to the state:
-    memory that no touch rewrites has the exponent zero. So a positive estimate is not chaos yet. Its `uncertainty` is
-    the standard error of the mean growth, by how the means of blocks scatter (as many periods a block as there are
-    blocks), together with what motions that part in proportion to time, and are regular, would show: ln(count) / (count
-    period).
+    A positive exponent means chaos. A negative one means a stable motion, in which a disturbance decays at this rate.
+    It is zero at the limit between the two, as at a bifurcation.
 
-    **Arguments:** `period` [s], or the name of a speed of which a turn is a period ("drive.main.speed"); `count`;
-    `exponents`: how many of the largest ones; `running`: the estimates after every period instead of those after the
-    last one; `uncertainty`: beside each its uncertainty, of at least 4 periods.
+    The solver integrates the variational equations with the motion, with controlled error, and makes them orthonormal
+    again after every period (Benettin et al. 1980, doi 10.1007/BF02128236, and 10.1007/BF02128237). Lengths are
+    measured in the scene's own scales. The result is a finite-time estimate. For a chaotic motion its scatter falls as
+    one over the root of `count`, for any other its error falls as one over `count`.
 
-    **Returns:** a number; of several exponents shape (exponents,), the largest first; with `running` an axis of `count`
-    in front, with `uncertainty` one of two behind. It has no derivative.
+    What a law remembers of its last touch belongs to the state. Memory that no touch rewrites has the exponent zero, so
+    a positive estimate alone does not prove chaos. The `uncertainty` has two parts: the standard error of the mean
+    growth, from the scatter of the means of blocks (with as many periods in a block as there are blocks), and what a
+    regular motion would show whose neighbours part in proportion to time: ln(count) / (count period).
+
+    **Arguments:**
+
+    - `period` [s], or the name of a speed: one turn is then a period ("drive.main.speed").
+    - `count`: number of periods.
+    - `exponents`: how many of the largest ones.
+    - `running`: give the estimates after every period, instead of those after the last one.
+    - `uncertainty`: give the uncertainty beside each estimate; this needs at least 4 periods.
+
+    **Returns:** a number; for several exponents shape (exponents,), the largest first; with `running` a first axis of
+    `count`, with `uncertainty` a last axis of two. It has no derivative.
 
     **Raises:** `ClearanceError` for a motion shorter than `count` periods (NaN under a transformation), a law of class
-    C-1, which has no true derivative, more exponents than states, and a mechanism whose state alone does not say how it
-    goes on (digital servos, controllers, payloads that come and go).
+    C-1, which has no true derivative, more exponents than states, and a mechanism whose state alone does not determine
+    how it goes on (digital servos, controllers, payloads that come and go).
     """
 
     unit: ClassVar[str] = "1/s"

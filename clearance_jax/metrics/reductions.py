@@ -35,16 +35,19 @@ def _since(**field):
 
 
 class Peak(AbstractMetric):
-    """The largest value of a signal over time, or its `count` highest peaks (the same one again where there are fewer).
+    """The largest value of a signal over time, or its `count` highest peaks (if there are fewer, the same one again).
 
-    The solve finds them on its way, between its steps too, and keeps their states with their derivatives; peaks closer
-    together than a 400th of the motion may be missed where nothing in the state moves as fast. The derivative is the
-    signal's at a fixed time: at a smooth peak its time derivative is zero (envelope theorem), at the start the time is
-    fixed, and at the end it goes along with `t1`. Where the peak is a kink or a jump whose time moves with a parameter
-    (an acceleration at a drive's break, by the break's time) that is not the whole derivative. Where two peaks tie the
-    maximum has a kink: ask for both (`count=2`).
+    The solve finds the peaks on its way, between its steps too, and keeps their states with their derivatives. Two
+    peaks that are closer together than a 400th of the motion may be taken as one, if nothing in the state moves as
+    fast.
 
-    **Arguments:** `signal`, `count`; `since`: only times after it count [s] (`None`: all); it lies before the end.
+    The derivative is that of the signal at a fixed time. This is exact at a smooth peak, where the derivative by time
+    is zero (envelope theorem), at the start, whose time is fixed, and at the end, which goes along with `t1`. It is not
+    the whole derivative if the peak is a kink or a jump whose time depends on the parameter, such as an acceleration at
+    a drive's break and the time of this break. If two peaks are equal, the maximum has a kink: ask for both
+    (`count=2`).
+
+    **Arguments:** `signal`; `count`; `since`: only times after it count [s], `None`: all. It must lie before the end.
     """
 
     signal: AbstractSignal
@@ -108,7 +111,10 @@ def signal_at(signal: AbstractSignal, reply: Reply, times: Array, y: Array) -> A
 
 
 class Rms(AbstractMetric):
-    """Root of the time average of a signal's square; integrated along with the motion, by the solver."""
+    """The root of the time average of a signal's square. The solver integrates it along with the motion.
+
+    **Arguments:** `signal`; `since`: only times after it count [s], `None`: all.
+    """
 
     signal: AbstractSignal
     since: Scalar | None = _since()
@@ -124,7 +130,10 @@ class Rms(AbstractMetric):
 
 
 class Mean(AbstractMetric):
-    """Time average of a signal."""
+    """The time average of a signal.
+
+    **Arguments:** `signal`; `since`: only times after it count [s], `None`: all.
+    """
 
     signal: AbstractSignal
     since: Scalar | None = _since()
@@ -137,7 +146,12 @@ class Mean(AbstractMetric):
 
 
 class At(AbstractMetric):
-    """A signal at given times [s], in increasing order."""
+    """A signal at given times.
+
+    **Arguments:** `signal`; `times` [s], increasing, shape (times,).
+
+    **Returns:** the values, shape (times,).
+    """
 
     signal: AbstractSignal
     times: Float[Array, " times"] = eqx.field(converter=lambda t: jnp.atleast_1d(jnp.asarray(t, float)))
@@ -150,12 +164,14 @@ class At(AbstractMetric):
 
 
 class SoftPeak(AbstractMetric):
-    """A smooth bound of the largest of N samples of a signal (Kreisselmeier and Steinhauser 1979):
+    """A smooth upper bound of the largest of N samples g_i of a signal (Kreisselmeier and Steinhauser 1979):
 
         KS = max + (1/rho) ln sum exp(rho (g_i - max)),   max <= KS <= max + ln(N) / rho.
 
-    Between samples h apart the signal may be higher than `max` by h^2 |g''| / 8. **Arguments:** `signal`; `rho` > 0, in
-    one over the signal's unit; `samples` N.
+    Between samples at a distance h the signal may be higher than the largest sample, by h^2 |g''| / 8.
+
+    **Arguments:** `signal`; `rho` > 0, in one over the signal's unit; `samples`: their number N, at equal distances in
+    time.
     """
 
     signal: AbstractSignal
@@ -176,8 +192,10 @@ class SoftPeak(AbstractMetric):
 
 
 class PNorm(AbstractMetric):
-    """A smooth bound of the largest of N samples of a signal that is not negative: (sum g_i^p)^(1/p), p >= 1, between
-    max and N^(1/p) max.
+    """A smooth upper bound of the largest of N samples g_i of a signal that is not negative: (sum g_i^p)^(1/p). It lies
+    between max and N^(1/p) max.
+
+    **Arguments:** `signal`; `p` >= 1; `samples`: their number N, at equal distances in time.
     """
 
     signal: AbstractSignal
@@ -201,7 +219,10 @@ class PNorm(AbstractMetric):
 
 
 class EnergyLost(AbstractMetric):
-    """Energy lost in damping and friction [J]."""
+    """The energy lost in damping and friction [J].
+
+    **Arguments:** `since`: only losses after this time count [s], `None`: all.
+    """
 
     unit: ClassVar[str] = "J"
     since: Scalar | None = _since()
@@ -222,8 +243,10 @@ class EnergyLost(AbstractMetric):
 
 
 class Impacts(AbstractMetric):
-    """Number of times a joint's surfaces meet (NaN for a failed lane of a batch). It has no derivative: asking for one
-    is an error.
+    """The number of times that the surfaces of a joint meet (NaN for a failed lane of a batch). It has no derivative:
+    to ask for one is an error.
+
+    **Arguments:** `joint`: its name; `since`: only times after it count [s], `None`: all.
     """
 
     joint: str = eqx.field(static=True)

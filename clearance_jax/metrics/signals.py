@@ -34,7 +34,7 @@ TABLE = 1001
 
 
 class AbstractSignal(Module):
-    """A scalar function of time, state and mechanism, in `unit`; names are static."""
+    """A signal: a scalar function of time, state and mechanism, in the unit `unit`."""
 
     unit: ClassVar[str] = ""
     needs_ideal: ClassVar[bool] = False
@@ -178,7 +178,7 @@ def _deviation(signal, time, y, mechanism, reference):
 
 
 class PositionError(AbstractSignal):
-    """Distance of a named point from where the ideal mechanism has it at the same time [m]."""
+    """The distance of a named `point` from where the ideal mechanism has it at the same time [m]."""
 
     unit: ClassVar[str] = "m"
     point: str = eqx.field(static=True)
@@ -193,8 +193,8 @@ class PositionError(AbstractSignal):
 
 
 class PathDeviation(AbstractSignal):
-    """Distance of a named point from its ideal path, measured normal to it at the ideal place [m]; the distance itself
-    where the ideal point stands still.
+    """The distance of a named `point` from its ideal path [m], measured normal to this path at the place of the ideal
+    point. Where the ideal point stands still, it is the distance from this point.
     """
 
     unit: ClassVar[str] = "m"
@@ -213,8 +213,9 @@ class PathDeviation(AbstractSignal):
 
 
 class OrientationError(AbstractSignal):
-    """Angle between a body and the ideal mechanism's [rad], not negative. In space that of the rotation from the one to
-    the other (at most half a turn); along an `axis` of the world (x, y, z) that component of its rotation vector.
+    """The angle between a `body` and the same body of the ideal mechanism [rad], not negative. In space it is the angle
+    of the rotation from the one to the other (at most half a turn). With an `axis` of the world ("x", "y" or "z") it is
+    that component of the rotation vector.
     """
 
     unit: ClassVar[str] = "rad"
@@ -238,7 +239,7 @@ class OrientationError(AbstractSignal):
 
 
 class ContactForce(AbstractSignal):
-    """Normal contact force in a clearance joint [N]: of all its points together."""
+    """The normal contact force in a clearance `joint` [N]: the sum over all its contact points."""
 
     unit: ClassVar[str] = "N"
     joint: str = eqx.field(static=True)
@@ -250,7 +251,7 @@ class ContactForce(AbstractSignal):
 
 
 class Acceleration(AbstractSignal):
-    """Magnitude of a named point's acceleration [m/s^2]."""
+    """The size of the acceleration of a named `point` [m/s^2]."""
 
     unit: ClassVar[str] = "m/s^2"
     point: str = eqx.field(static=True)
@@ -271,9 +272,10 @@ def _reaction(mechanism: PreparedMechanism, name: str, time, y):
 
 
 class JointReaction(AbstractSignal):
-    """Magnitude of the force that a joint of any kind exerts on its child [N]; along a slide that is driven or actuated
-    the effort is in it. Of joints that an over-constrained loop holds it is not determined: what repeats others bears
-    nothing here.
+    """The size of the force that a `joint` of any kind exerts on its child [N]. If a slide of the joint is driven or
+    actuated, its effort is included.
+
+    In an over-constrained loop this force is not determined: a condition that repeats others bears nothing here.
     """
 
     unit: ClassVar[str] = "N"
@@ -284,9 +286,9 @@ class JointReaction(AbstractSignal):
 
 
 class JointMoment(AbstractSignal):
-    """Magnitude of the moment that a joint of any kind exerts on its child about its place there [N m]; of a turn that
-    is driven or actuated the effort is in it (in the plane there is nothing else). Of over-constrained loops see
-    `JointReaction`.
+    """The size of the moment that a `joint` of any kind exerts on its child, about the place of the joint on the child
+    [N m]. If a turn of the joint is driven or actuated, its effort is included (in the plane this is the whole moment).
+    For over-constrained loops see `JointReaction`.
     """
 
     unit: ClassVar[str] = "N m"

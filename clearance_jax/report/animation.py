@@ -25,11 +25,12 @@ LASTS = 10.0
 
 
 class Film(AbstractFilm):
-    """A film of a dataset's samples.
+    """A film of the samples of a `dataset`. Make one with `cj.animate`.
 
     - `figure`: what is drawn on; `show(k)` puts frame `k` on it.
-    - `frames`: which samples of the dataset it shows, (frames,); `fps`: how many of them a second.
-    - `slowdown`: seconds of the film per second of the motion; `exaggeration`: factor on the play of `joint`.
+    - `frames` (frames,): indices of the samples that it shows; `fps`: how many of them a second.
+    - `slowdown`: seconds of the film per second of the motion.
+    - `exaggeration`: the factor by which the play of `joint` is magnified. The argument `factor` sets it.
     """
 
     def __init__(
@@ -140,20 +141,21 @@ def animate(
     span: tuple[float, float] | None = None,
     fps: float = FPS,
 ) -> Film:
-    """A film of a motion, with a clearance joint magnified beside the mechanism: `film.save("play.gif")`; a notebook
+    """A film of a motion, with a clearance joint magnified beside the mechanism: `film.save("play.gif")`. A notebook
     shows it by itself.
 
     **Arguments:**
 
-    - `dataset`: of `to_dataset`; a film shows its samples, none in between.
-    - `joint`: the joint to magnify, by default the one that bears most; of a mechanism without play none.
-    - `slowdown`: seconds of film per second of motion, > 0; by default so that it lasts no longer than ten seconds.
-    - `exaggeration`: how many times as large the play is drawn, >= 1, beside a pin of its own size; by default so that
-      it is seen.
-    - `span`: from when to when [s], by default all.
-    - `fps`: frames a second, > 0; fewer where the dataset has fewer samples.
+    - `dataset`: of `to_dataset`. A film shows its samples, and nothing between them.
+    - `joint`: the joint to magnify; by default the one with the largest force; without play none.
+    - `slowdown`: seconds of film per second of motion, > 0; by default so large that the film lasts ten seconds at
+      most.
+    - `exaggeration`: how many times as large the play is drawn, >= 1, beside a pin of its own size; by default so large
+      that you see it.
+    - `span`: from when to when [s]; by default all.
+    - `fps`: frames a second, > 0; fewer if the dataset has fewer samples.
 
-    **Raises:** `ClearanceError` for a joint that is not there or has no view, and for numbers that are no such.
+    **Raises:** `ClearanceError` for a joint that is not there or cannot be drawn, and for other numbers.
     """
     for name, value, least in (("slowdown", slowdown, 0.0), ("exaggeration", exaggeration, 1.0), ("fps", fps, 0.0)):
         if value is not None and not (np.isfinite(value) and value > 0 and value >= least):

@@ -66,11 +66,11 @@ def section(dataset: xr.Dataset, name: str) -> list[xr.DataArray]:
 def bifurcation(
     dataset: xr.Dataset, name: str, axis: str | None = None, exponent: str | None = None, quantity: int = 0
 ) -> Figure:
-    """The points of a Poincare section over a number that varies, and below them the largest Lyapunov exponent; of a
-    grid in the middle of its other axes.
+    """A bifurcation diagram: the points of a Poincare section over a number that varies, and below them the largest
+    Lyapunov exponent. Of other axes of a grid the middle is shown.
 
-    **Arguments:** `name`: the section; `axis`: the number (the first one); `exponent`: the exponent, if it is known;
-    `quantity`: which of the section's quantities.
+    **Arguments:** `dataset`: of a sweep; `name`: of the section; `axis`: name of the number, by default the first that
+    varies; `exponent`: name of the exponent, if there is one; `quantity`: which of the section's quantities.
     """
     dataset = tidy(dataset)
     axis = variables(dataset)[0] if axis is None else axis
@@ -142,8 +142,11 @@ def draw_exponent(axes: Axes, dataset: xr.Dataset, name: str, axis: str) -> None
 
 @STYLED
 def exponents(dataset: xr.Dataset, name: str, axis: str | None = None) -> Figure:
-    """The largest Lyapunov exponent over a number that varies; of a grid in the middle of its other axes. The motion is
-    chaotic where it is positive beyond its uncertainty.
+    """The largest Lyapunov exponent over a number that varies. Of other axes of a grid the middle is shown. The colour
+    says where the motion is chaotic: where the exponent is positive, beyond its uncertainty if that is known.
+
+    **Arguments:** `dataset`: of a sweep; `name`: of the exponent; `axis`: name of the number, by default the first that
+    varies.
     """
     dataset = tidy(dataset)
     axis = variables(dataset)[0] if axis is None else axis
@@ -158,10 +161,10 @@ def exponents(dataset: xr.Dataset, name: str, axis: str | None = None) -> Figure
 def sections(dataset: xr.Dataset, name: str, lanes: list[int] | None = None, exponent: str | None = None) -> Figure:
     """Poincare sections in the plane of their first two quantities, a panel for each of some lanes.
 
-    **Arguments:** `lanes`: which ones, counted through (at most six, evenly chosen); `exponent`: the Lyapunov
-    exponent, if it is known.
+    **Arguments:** `dataset`: of a sweep; `name`: of the section; `lanes`: their indices (by default at most six, evenly
+    chosen); `exponent`: name of the Lyapunov exponent, if there is one.
 
-    **Raises:** `ClearanceError` of a section of one quantity.
+    **Raises:** `ClearanceError` for a section of one quantity.
     """
     dataset = tidy(dataset)
     parts = section(dataset, name)[:2]

@@ -46,13 +46,16 @@ BANDS, FAINT = ((0.05, 0.95, 0.18), (0.25, 0.75, 0.35)), 0.12
 def figures(
     dataset: xr.Dataset, indices: Mapping[str, Indices] | None = None, local: Mapping[str, Mapping] | None = None
 ) -> dict[str, Figure]:
-    """The figures that fit a sweep, by name: of every result that is one number a lane a heat map and a response
-    surface over the first two axes, or a curve over the only one; bands over every number that is scattered, and
-    parallel coordinates; of Poincare sections and Lyapunov exponents the field's standard pictures.
+    """All figures that fit a sweep, by name.
 
-    **Arguments:** `indices`: Sobol's indices of results, by their names; `local`: their derivatives by every number.
+    For each result that is one number a lane: a heat map and a response surface over the first two axes, or a curve
+    over the only one, bands over every number that scatters, and parallel coordinates. For Poincare sections and
+    Lyapunov exponents: bifurcation diagrams, sections and exponents.
 
-    **Raises:** `ClearanceError` for a dataset that is no sweep, or of which no lane has ended.
+    **Arguments:** `dataset`: of a sweep; `indices`: sensitivity indices of results, by their names; `local`: their
+    derivatives by every number.
+
+    **Raises:** `ClearanceError` for a dataset that is no sweep, or in which no lane has a result.
     """
     kept = [*results(dataset), *results_of(dataset, "PoincareSection"), *results_of(dataset, "LyapunovExponent")]
     dataset = tidy(dataset[[CODE, *kept]].load())  # a store is read once
@@ -103,8 +106,10 @@ def _grid(dataset: xr.Dataset, name: str, x: str | None, y: str | None) -> tuple
 
 @STYLED
 def heat_map(dataset: xr.Dataset, name: str, x: str | None = None, y: str | None = None) -> Figure:
-    """A result over two axes of a grid (the first two); a third one makes panels, of further ones the middle is shown.
+    """A result over two axes of a grid, as colours. A third axis makes panels; of further axes the middle is shown.
     Lanes that failed, or have not been run yet, are grey.
+
+    **Arguments:** `dataset`: of a sweep; `name`: of the result; `x`, `y`: names of the axes, by default the first two.
     """
     dataset = tidy(dataset)
     x, y, one = _grid(dataset, name, x, y)
@@ -142,7 +147,10 @@ def heat_map(dataset: xr.Dataset, name: str, x: str | None = None, y: str | None
 
 @STYLED
 def response_surface(dataset: xr.Dataset, name: str, x: str | None = None, y: str | None = None) -> Figure:
-    """A result as a surface over two axes of a grid, with its level lines below; of other axes the middle is shown."""
+    """A result as a surface over two axes of a grid, with its level lines below. Of other axes the middle is shown.
+
+    **Arguments:** `dataset`: of a sweep; `name`: of the result; `x`, `y`: names of the axes, by default the first two.
+    """
     dataset = tidy(dataset)
     x, y, one = _grid(dataset, name, x, y)
     place = {dim: dataset.sizes[dim] // 2 for dim in lanes_of(dataset) if dim not in (x, y)}
@@ -172,8 +180,11 @@ def response_surface(dataset: xr.Dataset, name: str, x: str | None = None, y: st
 
 @STYLED
 def curves(dataset: xr.Dataset, name: str, x: str | None = None, by: str | None = None) -> Figure:
-    """A result over one number: its median, and bands between its quantiles over all else that varies. On a grid whose
-    other axis has few values, or by the axis `by`, there is a curve for each of them.
+    """A result over one number: its median, and bands between its quantiles over all else that varies. If another axis
+    of the grid has few values, there is a curve for each of them.
+
+    **Arguments:** `dataset`: of a sweep; `name`: of the result; `x`: name of the number, by default the first that
+    varies; `by`: name of an axis whose values have a curve each.
     """
     dataset = tidy(dataset)
     x = variables(dataset)[0] if x is None else x
@@ -238,9 +249,10 @@ def _groups(where: np.ndarray, values: np.ndarray, on_axis: bool) -> tuple[np.nd
 
 @STYLED
 def parallel_coordinates(dataset: xr.Dataset, colour: str, names: list[str] | None = None) -> Figure:
-    """Every lane as a line through its numbers and results, each on an axis of its own, coloured by one of them.
+    """Every lane as a line through its numbers and results. Each of these has an axis of its own.
 
-    **Arguments:** `names`: what has an axis, in this order (all that varies, and all results of one number a lane).
+    **Arguments:** `dataset`: of a sweep; `colour`: the number or result that colours the lines; `names`: what has an
+    axis, in this order, by default all that varies, and all results of one number a lane.
     """
     dataset = tidy(dataset)
     names = [*variables(dataset), *results(dataset)] if names is None else names
@@ -279,9 +291,10 @@ def parallel_coordinates(dataset: xr.Dataset, colour: str, names: list[str] | No
 
 @STYLED
 def sensitivities(found: Indices, derivatives: Mapping[str, Any] | None = None, of: str = "") -> Figure:
-    """Sobol's indices of a result as bars with their intervals of confidence, beside what local derivatives say.
+    """The sensitivity indices of a result as bars, with their confidence intervals, beside what local derivatives say.
 
-    **Arguments:** `derivatives`: by every number that was varied, in SI units; `of`: what the result is called.
+    **Arguments:** `found`: what `sobol_indices` gives; `derivatives`: by every number that was varied, in SI units;
+    `of`: what the result is called.
     """
     bars = [
         ("first order", found.first, found.first_interval, "tab:blue"),

@@ -24,9 +24,12 @@ PALE, MARK = "0.75", "tab:red"
 
 @STYLED
 def overview(dataset: xr.Dataset) -> Figure:
-    """Profiles over the angle, the bore magnified, growth over the life, and what was watched, or the volume.
+    """Four panels of the life of a joint: profiles over the angle, the bore magnified, growth over the cycles, and the
+    number that was watched, or the volume.
 
-    **Raises:** `ClearanceError` for a dataset that is no life.
+    **Arguments:** `dataset`: of `wear.to_dataset`.
+
+    **Raises:** `ClearanceError` for another dataset.
     """
     check(dataset)
     figure = Figure(figsize=(12, 7.5), layout="constrained")
@@ -93,7 +96,10 @@ def is_life(dataset: xr.Dataset) -> bool:
 
 
 def profiles(axis: Any, dataset: xr.Dataset) -> None:
-    """Depths over the angle at several ages, evenly over the life."""
+    """Depths over the angle at several ages, evenly over the life.
+
+    **Arguments:** `axis`: matplotlib's axes to draw on; `dataset`: of `wear.to_dataset`.
+    """
     angle = np.degrees(dataset["angle"].values)
     factor, unit = length_unit(float(dataset["deepest"].max()))
     for age, colour in _ages(dataset):
@@ -105,7 +111,10 @@ def profiles(axis: Any, dataset: xr.Dataset) -> None:
 
 
 def bore(axis: Any, dataset: xr.Dataset) -> None:
-    """The bore at the same ages around its pin, with clearance and wear magnified."""
+    """The bore at several ages around its pin, with clearance and wear magnified.
+
+    **Arguments:** `axis`: matplotlib's axes to draw on; `dataset`: of `wear.to_dataset`.
+    """
     radius, factors = float(dataset.attrs["pin_radius"]), _factors(dataset)
     for age, colour in _ages(dataset):
         axis.plot(*_bore(dataset, age, factors), color=colour, lw=1.2)
@@ -116,7 +125,10 @@ def bore(axis: Any, dataset: xr.Dataset) -> None:
 
 
 def growth(axis: Any, dataset: xr.Dataset) -> None:
-    """How far depth and clearance have grown."""
+    """How depth and clearance grow over the cycles.
+
+    **Arguments:** `axis`: matplotlib's axes to draw on; `dataset`: of `wear.to_dataset`.
+    """
     cycle, clearance = dataset["cycle"].values, dataset["radial_clearance"].values
     factor, unit = length_unit(float(dataset["deepest"].max()))
     for name, values in (
@@ -132,7 +144,10 @@ def growth(axis: Any, dataset: xr.Dataset) -> None:
 
 
 def criterion(axis: Any, dataset: xr.Dataset) -> None:
-    """What was watched, with the bound that ends the life."""
+    """The number that the end of the life watches, over the cycles, with its bound.
+
+    **Arguments:** `axis`: matplotlib's axes to draw on; `dataset`: of `wear.to_dataset`.
+    """
     one = dataset["watched"]
     told = display(one)
     axis.plot(dataset["cycle"], told.factor * one, "o-", ms=2.5, lw=1)
@@ -143,7 +158,10 @@ def criterion(axis: Any, dataset: xr.Dataset) -> None:
 
 
 def volume(axis: Any, dataset: xr.Dataset) -> None:
-    """The volume worn off."""
+    """The volume worn off over the cycles.
+
+    **Arguments:** `axis`: matplotlib's axes to draw on; `dataset`: of `wear.to_dataset`.
+    """
     axis.plot(dataset["cycle"], 1e9 * dataset["volume"], "o-", ms=2.5, lw=1)
     axis.set(title="volume worn off", ylabel="mm³")
     _over_life(axis, dataset)
@@ -193,7 +211,10 @@ def _bore(dataset: xr.Dataset, age: float, factors: tuple[float, float]) -> np.n
 
 
 class WearFilm(AbstractFilm):
-    """A film of a profile over its life: the bore magnified, depths over the angle, and how they have grown."""
+    """A film of the wear of a sleeve over its life: the bore magnified, depths over the angle, and how they have grown.
+
+    **Arguments:** `dataset`: of `wear.to_dataset`; `frames`: how many; `fps`: how many of them a second.
+    """
 
     def __init__(self, dataset: xr.Dataset, frames: int, fps: float):
         check(dataset)
@@ -242,11 +263,13 @@ class WearFilm(AbstractFilm):
 
 
 def animate(dataset: xr.Dataset, *, frames: int = FRAMES, fps: float = SLOW) -> WearFilm:
-    """A film of a profile over its life, in even steps of cycles: `film.save("wear.gif")`; a notebook shows it.
+    """A film of the wear of a sleeve over its life, in even steps of cycles: `film.save("wear.gif")`. A notebook shows
+    it.
 
-    **Arguments:** `frames`: how many, at least 2; `fps`: how many a second, > 0.
+    **Arguments:** `dataset`: of `wear.to_dataset`; `frames`: how many, at least 2; `fps`: how many of them a second, >
+    0.
 
-    **Raises:** `ClearanceError` for a dataset that is no life, and for numbers that are no such.
+    **Raises:** `ClearanceError` for another dataset, and for other numbers.
     """
     if frames < 2 or not (np.isfinite(fps) and fps > 0):
         raise ClearanceError(f"A film has at least 2 frames, and more than 0 a second, but not {frames} and {fps:g}.")

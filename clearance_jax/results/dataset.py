@@ -27,13 +27,13 @@ _LOOKED_AT = 0.9
 def to_dataset(
     mechanism: Mechanism, solution: Solution | Trace, *, progress: Progress | None = None, **provenance: Any
 ) -> xr.Dataset:
-    """Everything observable of a solution as an `xarray.Dataset`.
+    """Everything observable of a solution as an `xarray.Dataset`, each variable with its unit.
 
-    A `Trace` also gives contact episodes and the three contact states (an impact is recognised by its episode). Where
-    joints of a settled start begin at relative rest, the attribute `start` says so.
+    A `Trace` also gives contact episodes and the contact state at every step end. If joints of a settled start begin at
+    relative rest, the attribute `start` says so.
 
-    **Arguments:** `progress`: called with the fraction done; `provenance`: anything to be kept as attributes beside
-    version, result and counts.
+    **Arguments:** `mechanism`; `solution`: a `Solution` or a `Trace` of its motion; `progress`: called with the
+    fraction done; `provenance`: anything to be kept as attributes, beside version, result and counts.
     """
     joints = len(mechanism.clearance_joints())
     traced = solution if isinstance(solution, Trace) and joints and solution.time.size > 1 else None

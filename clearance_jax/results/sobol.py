@@ -52,10 +52,13 @@ class Indices(NamedTuple):
 
 
 def sobol_indices(dataset: xr.Dataset, name: str, seed: int = 0) -> Indices:
-    """The indices of a result `name` whose lanes are those of `sobol_samples`, along one dimension, with the numbers as
-    coordinates. Samples in which a lane failed are replaced by others, drawn at random.
+    """The sensitivity indices of a result (Sobol indices), with confidence intervals.
 
-    **Raises:** `ClearanceError` for other lanes, or where no sample is whole.
+    **Arguments:** `dataset`: of a sweep over the samples of `sobol_samples`, along one dimension, with the numbers as
+    coordinates; `name`: of the result; `seed`: of the random replacements: if a lane of a sample failed, another sample
+    takes its place.
+
+    **Raises:** `ClearanceError` for other lanes, and if no sample is complete.
     """
     values, numbers = dataset[name], _design(dataset[name])
     if numbers is None:

@@ -10,7 +10,12 @@ from clearance_jax.extras import missing_extra
 
 
 def save(dataset: xr.Dataset, path: str | Path) -> None:
-    """Write to NetCDF without loss, whole or not at all. **Raises** `ClearanceError` for a path not writable."""
+    """Write a dataset to a NetCDF file without loss. The file is written completely or not at all.
+
+    **Arguments:** `dataset`; `path`: of the file.
+
+    **Raises:** `ClearanceError` if the file cannot be written.
+    """
     path = Path(path)
     partial = path.with_name(path.name + ".partial")
     try:
@@ -22,7 +27,10 @@ def save(dataset: xr.Dataset, path: str | Path) -> None:
 
 
 def load_dataset(path: str | Path) -> xr.Dataset:
-    """Read a dataset written by `save`."""
+    """Read a dataset that `save` has written.
+
+    **Arguments:** `path`: of the file.
+    """
     try:
         with xr.open_dataset(path, engine="h5netcdf") as file:
             return file.load()

@@ -26,12 +26,12 @@ from clearance_jax.solve.lanes import chunk_on
 
 
 class BatchReport(NamedTuple):
-    """How a batch went. It prints itself.
+    """What a batch tells of itself at its end. It prints itself.
 
     - `lanes`, `chunks`, `cores`: how many there were.
-    - `order`: in which lanes were run: "given", "learned", or by "cost".
-    - `efficiency`: attempts of the lanes over the attempts that their chunks ran, between 0 and 1: what is missing was
-      spent waiting for the longest lane of each chunk. `None` where the solves' attempts are not known.
+    - `order`: the order of the lanes: "given", "learned", or by "cost".
+    - `efficiency`: step attempts of the lanes over step attempts of their chunks, between 0 and 1. The rest was spent
+      waiting for the slowest lane of each chunk. `None`: the attempts are not known.
     - `compiling`, `running`: how long the two took [s].
     """
 
@@ -62,31 +62,33 @@ def batch(
     ready: Callable[[Lanes, Any], Any] | None = None,
     report: Callable[[BatchReport], Any] | None = None,
 ) -> Any:
-    """`function` of every lane, as `jax.vmap(function)(lanes)` gives it; on every core, and in bounded memory.
+    """`function` of every lane, as `jax.vmap(function)(lanes)` gives it, but on every core and in bounded memory.
 
-    A call from Python, not to be used inside jit, vmap or derivatives. Beside the results it keeps one chunk of
-    lanes for each core. The program is compiled at the first call with a function, for all numbers of lanes above a
-    chunk's; numbers that a function holds as leaves of a tree (`jax.tree_util.Partial`, an `equinox.Module`) may change
-    without compiling again. A lane that fails has a result code and NaN, as under `jax.vmap`, and harms no other.
+    Call it from ordinary Python code, not inside jit, vmap or derivatives. Beside the results it keeps one chunk of
+    lanes for each core in memory. The program is compiled at the first call with a function; later calls use it for any
+    number of lanes above that of a chunk. Numbers that a function holds as leaves of a tree (`jax.tree_util.Partial`,
+    an `equinox.Module`) may change without a new compilation. A lane that fails has a result code and NaN, as under
+    `jax.vmap`, and does not affect the others.
 
     **Arguments:**
 
-    - `function`: of one lane, a tree of numbers, to a tree of arrays: of quantities, metrics, a whole `Solution`.
-    - `lanes`: a tree of arrays whose first axis are the lanes, shape (N, ...); units are the function's.
-    - `cores`: how many chunks run side by side; all that this process may use, on a GPU one.
-    - `chunk`: lanes of a chunk; 64, and 65 536 where JAX has a GPU, on which thousands take as long as one.
-    - `cost`: lanes that take equally many attempts fill a chunk best. "learned": the first chunks are run as they come,
-      and the others sorted by what those took, where that promises fuller chunks; no solve is spent on it. An array
-      (N,): sorted by these expected costs, in any unit. `None`: as they come.
+    - `function`: takes one lane, a tree of numbers, and returns a tree of arrays: quantities, metrics, a whole
+      `Solution`.
+    - `lanes`: a tree of arrays of shape (N, ...): the first axis counts the lanes. The units are those of the function.
+    - `cores`: how many chunks run at the same time; by default all that this process may use, on a GPU one.
+    - `chunk`: lanes of a chunk, by default 64. If JAX has a GPU, it is 65 536: there thousands of lanes take as long as
+      one.
+    - `cost`: how lanes are sorted, because lanes with equally many step attempts fill a chunk best. "learned": the
+      first chunks run in the given order, and the others are sorted by what those took, if this promises fuller chunks;
+      no solve is spent on it. An array (N,): sorted by these expected costs, in any unit. `None`: in the given order.
     - `progress`: called with the fraction done.
-    - `ready`: called with the places of a chunk's lanes and their values, as soon as they are there.
-    - `report`: called with the `BatchReport` at the end: `print` shows it, the `append` of a
-      list keeps it.
+    - `ready`: called with the indices of a chunk's lanes and their values, as soon as these are there.
+    - `report`: called with the `BatchReport` at the end: `print` shows it, the `append` of a list keeps it.
 
     **Returns:** the function's tree, as NumPy arrays of shape (N, ...), in the order of `lanes`.
 
-    **Raises:** `ClearanceError` where there are no lanes, or leaves of `lanes` have different first axes; whatever the
-    function raises. Ctrl-C stops when the chunks that are running end.
+    **Raises:** `ClearanceError` if there are no lanes, or if the arrays in `lanes` have different first axes; and
+    whatever the function raises. Ctrl-C stops the batch when the running chunks have ended.
     """
     leaves, count = _leaves(function, lanes)
     cores, costs = _whole("cores", cores, usual_cores()), _costs(cost, count)

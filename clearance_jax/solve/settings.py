@@ -28,24 +28,27 @@ SOLVERS = {"tsit5": diffrax.Tsit5, "dopri8": diffrax.Dopri8}
 
 
 class SolveOptions(TypedDict, total=False):
-    """The keywords of `simulate`, and of all else that solves.
+    """The keywords of `simulate`, and of every other function that solves a motion.
 
     - `t0`: start [s] (0).
-    - `save_at`: number of equally spaced samples (both ends included), or an array of times [s]; `None`: only the end.
-    - `rtol`: the one accuracy knob (1e-8); absolute tolerances follow from it and the scene's own scales.
-    - `atol`: overrides them, one number per state component `[q, v, memory]`.
-    - `solver`: "tsit5", "dopri8" (for rtol below 1e-8) or an explicit diffrax Runge-Kutta solver.
+    - `save_at`: number of samples at equal distances in time (both ends included), or an array of times [s] of shape
+      (samples,); `None`: only the end.
+    - `rtol`: the relative accuracy (1e-8). Absolute tolerances follow from it and from the lengths and speeds of the
+      scene.
+    - `atol`: absolute tolerances in their place, one number for each state component `[q, v, memory]`, shape (n,).
+    - `solver`: "tsit5", "dopri8" (for rtol below 1e-8), or an explicit Runge-Kutta solver of diffrax.
     - `y0`: start from this state, shape (n,), instead of the mechanism's initial one.
-    - `start`: "centre": every pin starts in the middle of its sleeve (or at its `eccentricity`) and falls; "settled":
-      pressed at the wall where the ideal joint's reaction puts it, and riding along with the motion. A pin that nothing
-      presses starts in the middle all the same. Without effect where `y0` is given.
-    - `locate_events`: end steps at every event of the contact laws. Off: the plain PID controller, whose error has a
-      floor.
-    - `energy_balance`: integrate work and losses, for `energy_residual`.
-    - `derivatives`: "controlled": a differentiated solve carries the derivatives in its state and in its error control;
-      first derivatives only, forward or reverse. "screening": the program is differentiated as it stands (forward
-      only): cheaper, for a first look; wrong by 1e-3 and more at any tolerance where contacts begin and end.
-    - `max_steps`: steps after which a solve gives up.
+    - `start`: "centre": every pin starts in the middle of its sleeve (or at its `eccentricity`), and falls to the wall;
+      "settled": every pin starts at the wall where the reaction of the ideal joint presses it, and moves along with the
+      motion. A pin that nothing presses starts in the middle in both cases. If `y0` is given, `start` has no effect.
+    - `watch`: end steps at every event of the contact laws. If false, an ordinary PID controller chooses the steps, and
+      the error stays above a certain size.
+    - `books`: integrate work and losses, for `energy_residual`.
+    - `derivatives`: "controlled": a differentiated solve integrates the derivatives as well, and controls their error;
+      first derivatives only, in forward or reverse mode. "screening": JAX differentiates the program as it stands
+      (forward mode only). This is cheaper, for a first look; if contacts begin or end, it is wrong by 1e-3 and more at
+      any tolerance.
+    - `max_steps`: the number of steps after which a solve gives up.
     """
 
     t0: Any

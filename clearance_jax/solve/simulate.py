@@ -26,21 +26,24 @@ DOUBTFUL = 1e-3
 
 
 def simulate(mechanism: Mechanism, t1: Any, *, throw: bool = True, **options: Unpack[SolveOptions]) -> Solution:
-    """Simulate a mechanism from `t0` to `t1`. Works under jit, vmap, jvp and grad.
+    """Simulate the motion of a mechanism from `t0` to `t1`. It works under jit, vmap, jvp and grad.
 
     **Arguments:**
 
+    - `mechanism`: what moves.
     - `t1`, `t0`: end and start [s].
-    - `save_at`: number of equally spaced samples (both ends included), or an array of times; `None`: only the end.
-    - `rtol`: the one accuracy knob; absolute tolerances follow from it and the scene's own scales.
-    - `solver`: "tsit5", "dopri8" (for rtol below 1e-8) or an explicit diffrax Runge-Kutta solver.
-    - `throw`: raise where the solve fails (never inside jit or vmap: there a failed lane is data).
-    - `atol`, `y0`, `start`, `locate_events`, `energy_balance` (on here), `derivatives`, `max_steps`: see
-      `SolveOptions`.
+    - `save_at`: number of samples at equal distances in time (both ends included), or an array of times [s] of shape
+      (samples,); `None`: only the end.
+    - `rtol`: the relative accuracy. Absolute tolerances follow from it and from the lengths and speeds of the scene.
+    - `solver`: "tsit5", "dopri8" (for rtol below 1e-8), or an explicit Runge-Kutta solver of diffrax.
+    - `throw`: raise an error if the solve fails. Inside jit or vmap nothing is raised: see `Solution.code`.
+    - `atol`, `y0`, `start`, `watch`, `books` (true here), `derivatives`, `max_steps`: see `SolveOptions`.
 
-    **Raises:** `ClearanceError` for an unknown option, float64 off, t1 <= t0, numbers that are not finite or out of
-    bounds, a loop that cannot be closed, and a pin that finds no rest where it is to be settled; `RuntimeError` for a
-    solve that fails on its way. **Warns** (`EnergyWarning`) where the energy balance does not close.
+    **Raises:** `ClearanceError` for an unknown option, without 64-bit floats, for t1 <= t0, for numbers that are not
+    finite or out of bounds, for a loop that cannot be closed, and for a pin that finds no place of rest in a settled
+    start; `RuntimeError` for a solve that fails before it reaches `t1`.
+
+    **Warns:** `EnergyWarning` if the energy residual is large.
     """
     solution = _run(mechanism, t1, settings_of(mechanism, t1, options, energy_balance=True), throw)
     warn_of_energy(solution)

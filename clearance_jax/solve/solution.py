@@ -25,26 +25,25 @@ from clearance_jax.units import format_quantity
 
 
 class Solution(Module):
-    """A solved motion. It prints itself, and gives quantities by name (SI):
+    """A solved motion. It prints itself, and gives its quantities by name, in SI units:
 
         solution["piston.position"]      # a point's: position, velocity, acceleration; also `piston.position.x`
         solution["wrist.contact_force"]  # a clearance joint's: eccentricity, penetration, friction_force, ...
         solution["crank.velocity"]       # a joint coordinate's: position, velocity; `play` has coordinates of its own
         solution["friction_loss"]        # energies; of a driven joint `drive_force`; of any `joint_reaction`
 
-    `solution.names` lists them. Where samples were asked for (`save_at`) the first axis is time; otherwise it is the
-    value at the end. It works under jit, vmap (a batch's axes come first) and differentiation.
+    `solution.names` lists them. If samples were asked for (`save_at`), the first axis of a quantity is time; otherwise
+    it is the value at the end. A solution works under jit, vmap (the axes of a batch come first) and differentiation.
 
-    - `time`: sample times [s], shape (samples,); `y`: states `[q, v, memory, energy balance]` there, shape (samples,
-      n).
-    - `final`: the state at the end, reached at `end_time` [s]; `initial`: at the start.
-    - `code`: how it ended (`codes.Result`); `succeeded` where it reached t1, `message` in words; `steps`, `rejected`:
-      counts.
-    - `energy_residual`: |energy gained - work of drives + losses| / energy exchanged, a measure of the solve's quality.
-    - `records`: what observers recorded, `picked`: the states that they picked, one entry an observer (metrics use
-      them).
-    - `seated`: of a settled start how its pins begin; `rests`: in words which begin at relative rest and why.
-    - `mechanism`: what was solved; its numbers go along as leaves, for where a point is depends on them.
+    - `time`: times of the samples [s], shape (samples,); `y`: states `[q, v, memory, books]` there, shape (samples, n).
+    - `initial`: the state at the start, shape (n,); `final`: the state at the end, which was reached at `end_time` [s].
+    - `code`: how the solve ended (`codes.Result`); `succeeded`: whether it reached t1; `message`: why not, in words.
+    - `steps`, `rejected`: how many steps were made, and how many attempts were rejected.
+    - `energy_residual`: |energy gained - work of drives + losses| / energy exchanged: a measure of the error.
+    - `records`, `picked`: what the observers of metrics recorded, and the states that they picked, one entry for each.
+    - `seated`: how the pins of a settled start begin; `rests`: in words, which begin at relative rest and why.
+    - `mechanism`: what was solved. `numbers`, `structure` and `sampled` hold it and what was asked, for quantities that
+      are computed later.
     """
 
     time: Float[Array, " samples"]

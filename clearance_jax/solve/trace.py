@@ -34,7 +34,9 @@ BLOCK = 4096
 
 
 class Trace(Module):
-    """A solution with every step end: `time` (steps,), `y` (steps, n); `message` is empty where the solve succeeded."""
+    """A motion with the end of every step: `time` [s], shape (steps,), and the states `y`, shape (steps, n);
+    `solution`: the same motion at its samples; `message`: why the solve failed, or empty.
+    """
 
     solution: Solution
     time: np.ndarray
@@ -126,10 +128,10 @@ def trace(
     progress: Callable[[float], None] | None = None,
     **options: Unpack[SolveOptions],
 ) -> Trace:
-    """Simulate as `simulate` does, but in blocks of steps, keeping every step end.
+    """Simulate as `simulate` does, and keep the end of every step. Use it for datasets with contact episodes.
 
-    **Arguments** as `simulate`'s, but `energy_balance` and `derivatives`; `save_at`: 1001 samples unless said
-    otherwise; `progress` is called with the fraction done.
+    **Arguments:** `mechanism`, `t1` and the options of `simulate`, without `books` and `derivatives`; `save_at`: 1001
+    samples unless you say otherwise; `progress`: called with the fraction done.
     """
     settings = settings_of(mechanism, t1, options, KNOWN, energy_balance=True, save_at=1001)
     chosen, t0, t1 = settings.as_options(), float(settings.t0), float(t1)

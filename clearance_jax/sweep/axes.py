@@ -19,28 +19,33 @@ METHODS = ("sobol", "latin-hypercube", "random")
 
 
 class Zipped(NamedTuple):
-    """Several numbers that change together along one dimension: name -> values, all of one length."""
+    """An axis along which several numbers change together.
+
+    **Arguments:** `values`: name -> values [SI], all of the same shape (n,).
+    """
 
     values: Mapping[str, Any]
 
 
 class Choice(NamedTuple):
-    """Models by labels: mechanisms, or functions that make one of the sweep's mechanism (another law, another drive).
-    Each is a program of its own.
+    """An axis over models: each is a program of its own.
+
+    **Arguments:** `models`: label -> a mechanism, or a function that makes one from the sweep's mechanism (with another
+    law or drive, for example).
     """
 
     models: Mapping[str, Mechanism | Callable[[Mechanism], Mechanism]]
 
 
 class Sampled(NamedTuple):
-    """Numbers that scatter, drawn together along one dimension.
+    """An axis of random samples of numbers that scatter.
 
-    - `scatter`: name -> how it scatters: `cj.scatter(...)`, or a frozen distribution of `scipy.stats`.
+    - `scatter`: name -> how the number scatters: `cj.scatter(...)`, or a frozen distribution of `scipy.stats`.
     - `count`: how many samples.
     - `method`: "sobol" (scrambled; a longer sequence begins with the shorter one), "latin-hypercube" or "random".
-    - `seed`: of the scrambling or the draws; it is recorded.
-    - `correlation`: (name, name) -> correlation of the two numbers' normal scores (a Gaussian copula): of normal ones
-      it is their own.
+    - `seed`: of the scrambling or the random generator; it is recorded.
+    - `correlation`: (name, name) -> correlation of the two numbers' normal scores (a Gaussian copula). For normal
+      numbers it is the correlation of the numbers themselves.
     """
 
     scatter: Mapping[str, Any]

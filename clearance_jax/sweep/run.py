@@ -45,34 +45,38 @@ def sweep(
     provenance: Mapping[str, Any] | None = None,
     **options: Unpack[SolveOptions],
 ) -> xr.Dataset:
-    """Outputs of a mechanism's motion, over any number of its parameters and models: one solve a lane, on every core.
+    """Outputs of a mechanism's motion at many points of its parameters and models: one solve for each lane, on every
+    core.
 
     **Arguments:**
 
-    - `axes`: the dimensions of the answer. A dotted parameter name -> values [SI]; any name -> `Zipped`, `Sampled` or
-      `Choice`. Beside parameters "t1" [s] and "rtol" may vary.
-    - `outputs`: name -> one of `clearance_jax.metrics`, a function `f(solution)` or `f(mechanism, solution)`, or a
-      quantity of the solution by its name ("piston.position"), at the end or at `times`.
-    - `t1`: end of the motion [s] (unless it is an axis); `options`: as `simulate`'s.
-    - `wrt`: parameters by which the outputs (or those in `derivatives_of`) are differentiated, in the same solve:
-      variables `NAME_derivative` with a last dimension `parameter`.
-    - `times`: where quantities and functions get samples: how many, or times [s]. Without, memory does not grow with
-      the motion's length.
-    - `again`: options with which lanes that failed are run once more.
-    - `store`: a zarr store to write, which may be far larger than memory. `resume`: go on with one that is there; its
-      axes may have grown since.
+    - `mechanism`: what moves.
+    - `axes`: the dimensions of the answer. A dotted parameter name -> values [SI], shape (n,); or any name -> `Zipped`,
+      `Sampled` or `Choice`. Besides parameters, "t1" [s] and "rtol" may vary.
+    - `outputs`: name -> one of `clearance_jax.metrics`, a function `f(solution)` or `f(mechanism, solution)`, or the
+      name of a quantity of the solution ("piston.position"), at the end or at `times`.
+    - `t1`: end of the motion [s], unless it is an axis; `options`: as `simulate`'s.
+    - `wrt`: parameters by which the outputs (or those in `derivatives_of`) are differentiated, in the same solve. The
+      derivatives are variables `NAME_derivative` with a last dimension `parameter`.
+    - `times`: where quantities and functions get samples: how many, or times [s]. Without it, only the end of each
+      motion is kept.
+    - `again`: options with which failed lanes are solved once more.
+    - `store`: a zarr store to write, which may be far larger than memory. `resume`: go on with a store that is there.
+      You may have added values to its axes.
     - `cores`: as `batch`'s.
-    - `cluster`: a dask client, or the address of a scheduler, whose workers solve and write the regions of the store
-      (which all of them reach by its path), each on `cores` cores (1). "local": workers on this machine, for a trial.
-    - `plan`: called with the `SweepPlan` before the first region; `progress`: with the `SweepProgress`.
+    - `cluster`: a dask client, or the address of a scheduler. Its workers solve and write the regions of the store,
+      each on `cores` cores (1). All of them must reach the store by its path. "local": workers on this machine, for a
+      trial.
+    - `plan`: called with the `SweepPlan` before the first region; `progress`: called with the `SweepProgress`.
     - `provenance`: texts and numbers to be kept as attributes.
 
-    **Returns:** a dataset with a dimension for each axis; of every lane its outputs, `code` (0: reached t1), `steps`,
-    `rejected`, with the energy balance `energy_residual`, and how often it was run `again`. Outputs of lanes that
-    failed are NaN; how many did, and why, is in the attributes. From a store it is read when it is used.
+    **Returns:** a dataset with a dimension for each axis. It has, for every lane, the outputs, `code` (0: reached t1),
+    `steps`, `rejected`, `energy_residual` (with `energy_balance=True`), and how often the lane was run `again`. Outputs
+    of failed lanes are NaN. The attributes say how many lanes failed, and why. A dataset of a store reads the values
+    when you use them.
 
-    **Raises:** `ClearanceError` for what cannot be asked, and for a store that cannot be written, is being written by
-    another process, or belongs to another question. Ctrl-C leaves a store that can be resumed.
+    **Raises:** `ClearanceError` for what cannot be asked, and for a store that cannot be written, that another process
+    is writing, or that belongs to another question. Ctrl-C leaves a store that can be resumed.
     """
     if "save_at" in options:
         raise ClearanceError("A sweep is given `times` instead of `save_at`.")

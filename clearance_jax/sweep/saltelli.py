@@ -14,15 +14,17 @@ from clearance_jax.sweep.scatter import check_scatter
 
 
 def sobol_samples(scatter: Mapping[str, Any], samples: int, seed: int = 0) -> dict[str, Float[np.ndarray, " lanes"]]:
-    """Lanes from which `sobol_indices` can tell the indices: samples (d + 2) of them, for d numbers.
+    """Samples from which `sobol_indices` can compute the indices: samples (d + 2) lanes of d numbers.
 
     **Arguments:**
 
-    - `scatter`: dotted name -> `cj.scatter(...)` or a frozen distribution of `scipy.stats`; they scatter
+    - `scatter`: dotted name -> `cj.scatter(...)` or a frozen distribution of `scipy.stats`. The numbers scatter
       independently.
-    - `samples`: a power of two. `seed`: of the scrambled Sobol sequence.
+    - `samples`: a power of two; `seed`: of the scrambled Sobol sequence.
 
-    **Raises:** `ClearanceError` where `samples` is no power of two, or there is nothing to scatter.
+    **Returns:** the values by name, shape (lanes,), for `cj.Zipped`.
+
+    **Raises:** `ClearanceError` if `samples` is not a power of two, or if nothing scatters.
     """
     if samples < 2 or samples & (samples - 1):
         raise ClearanceError(f"`samples` must be a power of two, for Sobol's sequence, but it is {samples}.")

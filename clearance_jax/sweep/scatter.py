@@ -19,14 +19,14 @@ def scatter(
     upper: float | None = None,
     distribution: Distribution = "normal",
 ) -> Any:
-    """A number that scatters, as a frozen distribution of `scipy.stats`; whatever that has may be given in its place.
+    """How a number scatters: a frozen distribution of `scipy.stats`. You may use any other of those in its place.
 
     **Arguments:**
 
-    - `mean`, `deviation`: mean and standard deviation [SI]; of one that is sorted those before sorting.
-    - `lower`, `upper`: only what lies between is there: parts that were measured and sorted. (`None`: no bound.)
-    - `distribution`: "normal"; "log-normal", for what scatters widely and is never negative, as coefficients of wear;
-      "uniform", from `lower` to `upper`.
+    - `mean`, `deviation`: mean and standard deviation [SI]; for parts that are sorted, those before sorting.
+    - `lower`, `upper`: bounds of parts that were measured and sorted [SI]: no value lies outside. `None`: no bound.
+    - `distribution`: "normal"; "log-normal", for numbers that scatter widely and are never negative, such as wear
+      coefficients; "uniform", from `lower` to `upper`.
 
     **Raises:** `ClearanceError` for numbers that make no distribution.
     """

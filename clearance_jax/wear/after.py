@@ -28,7 +28,9 @@ from clearance_jax.wear.service import ServiceLives, service_lives
 
 
 class AbstractAged(AbstractMeasure):
-    """A metric at several ages of a mechanism's parts: many motions in a row, so that no solve with others has it."""
+    """A metric of a mechanism at several ages of its parts. It needs several motions in a row, so no other metric
+    shares its solve.
+    """
 
     @property
     @abc.abstractmethod
@@ -59,14 +61,19 @@ class AbstractAged(AbstractMeasure):
 
 
 class AfterWear(AbstractAged):
-    """A metric, or a function as one, of the motion on a sleeve that has worn for `cycles`, one value (or more) each.
+    """A metric, or a function as one, of the motion on a sleeve that has worn for some numbers of cycles.
 
-    A `design.Limit` on it holds as new and worn: `cycles=(0, 1000, 2000)`. It is no metric of one motion: it is asked
-    by `of`, and has its derivatives from there.
+    A `design.Limit` on it holds for the new and the worn joint: `cycles=(0, 1000, 2000)`. It is not a metric of one
+    motion: its method `of` computes its values and derivatives.
 
-    **Arguments:** `joint`, `wear` (the law), `pressure` and `cycle` [s] as of a `WearModel`; `cycles`: at least 0,
-    ascending; `sectors`: the same for all designs, by default as many as the patch of the first cycle of the mechanism
-    that is designed needs, and warned of where a design needs more; `tolerance`: of the march.
+    **Arguments:**
+
+    - `metric`: of the motion on the worn sleeve.
+    - `joint`, `wear` (the law), `pressure` and `cycle` [s]: as of a `WearModel`.
+    - `cycles`: at least 0, ascending.
+    - `sectors`: the same for all designs; by default as many as the first cycle of the given mechanism needs. A warning
+      says if a design needs more.
+    - `tolerance`: of the simulation of the wear.
 
     **Raises:** `ClearanceError` for cycles in another order.
     """

@@ -33,11 +33,13 @@ CHUNK = 64
 
 
 class Contacts(NamedTuple):
-    """What rubs when: nodes in `time` [s] with the time each stands for, `weight` [s], shape (times,); and there, of
-    every section of the sleeve, the normal `force` [N], at least 0, the `angle` of its direction around the sleeve
-    [rad], the `speed` of the pin's surface on the sleeve's [m/s], the `traction` ratio |T| / N and the `place` of the
-    pin's centre [m], shape (times, sections), a place one axis more; and by how much the pin is turned in its sleeve,
-    `turn` [rad], shape (times,) (`None`: not at all).
+    """When and how a pin rubs in its sleeve.
+
+    - `time` [s]: nodes in the steps, and `weight` [s]: the time that each stands for, shape (times,).
+    - Of every section of the sleeve, shape (times, sections): normal `force` [N], at least 0; `angle` of its direction
+      around the sleeve [rad]; `speed` of the pin's surface on the sleeve's [m/s]; `traction`: the ratio |T| / N.
+    - `place` of the pin's centre [m], shape (times, sections, 2).
+    - `turn` [rad], shape (times,): how far the pin is turned in its sleeve; `None`: not at all.
     """
 
     time: Float[Array, " times"]
@@ -51,7 +53,12 @@ class Contacts(NamedTuple):
 
 
 def sections_of(mechanism: Mechanism, joint: str) -> Sections:
-    """What of a joint wears. **Raises** `ClearanceError` for a joint that is no pin in a sleeve, or has no length."""
+    """The sections of a joint's sleeve that wear.
+
+    **Arguments:** `mechanism`; `joint`: its name.
+
+    **Raises:** `ClearanceError` for a joint that is no pin in a sleeve, or has no length.
+    """
     pin = pin_of(mechanism, joint)
     try:
         return pin.sections()
@@ -70,7 +77,9 @@ def pin_of(mechanism: Mechanism, name: str) -> AbstractPin:
 
 
 def contacts(trace: Trace, joint: str, parts: int = 1) -> Contacts:
-    """What rubs in a joint along a trace: 6 nodes a step, or so many times more.
+    """When and how a pin rubs in a joint along a trace, at 6 nodes a step.
+
+    **Arguments:** `trace`: of the motion; `joint`: its name; `parts`: multiplies the number of nodes.
 
     **Raises:** `ClearanceError` for a joint that is no pin in a sleeve.
     """

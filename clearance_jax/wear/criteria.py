@@ -25,7 +25,7 @@ from clearance_jax.wear.model import WearModel
 
 
 class AbstractCriterion(Module):
-    """A number of a joint as it is worn, and the bound at which its life ends."""
+    """What ends the life of a joint: a number of the worn joint, and its bound."""
 
     bound: eqx.AbstractVar[Scalar]
 
@@ -54,7 +54,10 @@ class AbstractCriterion(Module):
 
 
 class Deepest(AbstractCriterion):
-    """The largest depth of wear reaches a bound [m]."""
+    """The life ends when the largest depth of wear reaches a bound.
+
+    **Arguments:** `bound` [m].
+    """
 
     bound: Scalar = physical("m", above=0.0)
 
@@ -67,8 +70,10 @@ class Deepest(AbstractCriterion):
 
 
 class Exceeds(AbstractCriterion):
-    """A metric of the motion to `t1` [s] on the worn sleeve, or a function as one, reaches a bound: an error of a
-    point, a force. `options`: of the motion, `simulate`'s.
+    """The life ends when a metric of the motion on the worn sleeve reaches a bound: an error of a point, a force.
+
+    **Arguments:** `metric`, or a function as one; `bound`, in its unit; `t1`: end of the motion [s]; `options`: of the
+    motion, as `simulate`'s.
     """
 
     metric: AbstractMetric = eqx.field(converter=as_metric)
@@ -86,8 +91,10 @@ class Exceeds(AbstractCriterion):
 
 
 class ImpactSpeed(AbstractCriterion):
-    """The largest speed at which the joint's surfaces meet in the motion to `t1` [s] on the worn sleeve reaches a bound
-    [m/s]; it is 0 where they never part. `options`: of the motion, `trace`'s.
+    """The life ends when the largest speed at which the joint's surfaces meet, in a motion on the worn sleeve, reaches
+    a bound. The speed is 0 if they never part.
+
+    **Arguments:** `bound` [m/s]; `t1`: end of the motion [s]; `options`: of the motion, as `trace`'s.
     """
 
     bound: Scalar = physical("m/s", above=0.0)

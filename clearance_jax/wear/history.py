@@ -39,12 +39,14 @@ GROWS, SHRINKS, USED = 4.0, 0.1, 0.8
 
 
 class WearHistory(NamedTuple):
-    """How a profile wore: `cycles` (blocks + 1,) with the depths then, `depth` (blocks + 1, sectors) [m];
-    `evaluations`: cycles that were computed; `end`: the cycle at which the criterion was reached, `None` where it was
-    not; `beyond` (blocks + 1,): how far beyond its bound the criterion was then (`None`: there was none); `until`: the
-    criterion, of a life of a joint.
+    """How the profile of a sleeve wore.
 
-    With derivatives, by the numbers in `names`: `slopes` (blocks + 1, names, sectors) of the depths, and `end_slopes`
+    - `cycles` (blocks + 1,), and `depth` (blocks + 1, sectors) [m]: the profile after so many cycles.
+    - `evaluations`: how many cycles were computed; `end`: the cycle at which the criterion `until` was reached, `None`:
+      it was not.
+    - `beyond` (blocks + 1,): how far beyond its bound the criterion was; `None`: there was no criterion.
+
+    With derivatives by the numbers in `names`: `slopes` (blocks + 1, names, sectors) of the depths, and `end_slopes`
     (names,) of the end.
     """
 
@@ -106,23 +108,26 @@ def march(
     journal: str | Path | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> WearHistory:
-    """Wear a profile for so many cycles.
+    """Wear a profile for so many `cycles`, by a function that says what one cycle wears off.
 
     **Arguments:**
 
-    - `rate`: what one cycle wears off a profile [m], shape (sectors,), after so many cycles.
-    - `depth`: the profile at first; or a stack (1 + n, sectors), below it its derivatives by n numbers. Then `rate`
-      takes and gives stacks; jumps are chosen for the profile alone, and it wears as it does without derivatives.
-    - `tolerance`: what the single jumps of a block may be off by, as a part of the largest depth (and of the largest
+    - `rate`: `rate(profile, cycles)`: the depth that one cycle wears off a profile [m], shape (sectors,), after so many
+      cycles.
+    - `depth`: the profile at first, shape (sectors,); or a stack of shape (1 + n, sectors): the profile, and below it
+      its derivatives by n numbers. Then `rate` takes and gives stacks. The jumps are chosen for the profile alone, so
+      it wears as it does without derivatives.
+    - `tolerance`: largest error of the single jumps of a block, as a share of the largest depth (and of the largest
       derivative); `longest`: the most cycles of a jump (1: every cycle is computed).
-    - `until`: of a profile; what is reached where it is no longer below 0: life ends there, between blocks by
-      interpolation. It is asked at the ends of blocks.
-    - `journal`: a file that keeps every block, from which a march that was killed goes on to the same answer. Functions
-      are compared by what they do and keep: one that counts its calls is another one each time.
-    - `progress`: called with the part of the cycles that is done.
+    - `until`: a function of the profile. The life ends when it is no longer below 0. It is asked at the ends of blocks;
+      between them the end is interpolated.
+    - `journal`: a file that keeps every block, from which an interrupted march goes on to the same answer. Functions
+      are compared by their code and the values that they hold: a function that counts its calls is another one each
+      time.
+    - `progress`: called with the fraction of the cycles that is done.
 
     **Raises:** `ClearanceError` for a rate that is negative or not finite, an `until` that is not finite, and for a
-    journal of another question, in words, or that cannot be read, written, or is being written.
+    journal that belongs to another question, cannot be read or written, or is being written.
     """
     stack = np.asarray(depth, float)
     rest = {"profile": stack, "cycles": _lived(cycles), "tolerance": tolerance, "longest": longest}
@@ -254,19 +259,27 @@ def simulate_wear(
     progress: Callable[[float], None] | None = None,
     **options: Unpack[SolveOptions],
 ) -> WearHistory:
-    """Wear the joint of a model for so many cycles: each the motion from t0 to its `cycle` on the profile as worn.
+    """Simulate the wear of a joint for so many cycles. Each cycle is the motion from t0 to the model's `cycle`, on the
+    profile as worn. Most cycles are jumped over.
 
-    **Arguments** as `march`'s and `trace`'s (`options`: `start`, `rtol`, ...).
+    **Arguments:**
 
-    - `sectors`: by default as many as the patch of the first cycle needs for a largest depth within 1 %, at least 360.
-      Fewer than that, if given, are warned of (`SectorsWarning`), with the number that would do.
-    - `by`: numbers by which depths and life have derivatives: the mechanism's ("pin.radial_clearance", "gravity.y"),
-      the law's ("wear.coefficient") or the pressure's ("pressure.stiffness"). They are those of the march as it went,
-      every jump as it was.
-    - `until`: `Deepest`, `Exceeds`, `ImpactSpeed`, or a function of the profile (for derivatives in `jax.numpy`).
+    - `model`: a `WearModel`; `cycles`: how many.
+    - `sectors`: by default as many as the patch of the first cycle needs for an error of the largest depth below 1 %,
+      at least 360. If you give too few, a warning (`SectorsWarning`) says how many are needed.
+    - `by`: names of numbers by which depths and life have derivatives: the mechanism's ("pin.radial_clearance",
+      "gravity.y"), the law's ("wear.coefficient") or the pressure's ("pressure.stiffness"). The length of each jump
+      counts as constant.
+    - `tolerance`: largest error of the jumps of a block, as a share of the largest depth; `longest`: the most cycles of
+      a jump.
+    - `until`: what ends the life: `Deepest`, `Exceeds`, `ImpactSpeed`, or a function of the profile (for derivatives in
+      `jax.numpy`) that is below 0 until the life ends.
+    - `journal`: a file that keeps every block, from which an interrupted run goes on; `progress`: called with the
+      fraction done.
+    - `options`: of the motion, as `trace`'s (`start`, `rtol`, ...).
 
-    **Raises:** `ClearanceError` as these do, for an unknown name, derivatives of a criterion that has none, and where a
-    cycle wears off too much to be taken at one profile (`WearModel.cycle_wears`).
+    **Raises:** `ClearanceError` for an unknown name, derivatives of a criterion that has none, a journal of another
+    question, and a cycle that wears off too much for one profile (`WearModel.cycle_wears`).
     """
     names, criterion = tuple(by), criterion_of(until)
     values_of(model, names)  # an unknown name raises here

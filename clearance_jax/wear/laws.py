@@ -21,8 +21,10 @@ COEFFICIENT = "1/Pa"
 
 
 class SlidingState(NamedTuple):
-    """What happens at places of a surface, arrays of one shape or numbers: `pressure` [Pa], at least 0, `speed` of the
-    other surface on it [m/s], at least 0, the `traction` ratio |T| / N there, `time` that the joint has run [s].
+    """What happens at places of a surface: arrays of one shape, or numbers.
+
+    - `pressure` [Pa], at least 0; `speed` of the other surface on it [m/s], at least 0.
+    - `traction`: the ratio |T| / N; `time` that the joint has run [s].
     """
 
     pressure: Array
@@ -32,7 +34,7 @@ class SlidingState(NamedTuple):
 
 
 class AbstractWearLaw(Parametrised):
-    """A law of wear."""
+    """A wear law: the rate at which a surface wears off, from pressure and sliding."""
 
     @abc.abstractmethod
     def rate(self, at: SlidingState) -> Array:
@@ -45,9 +47,10 @@ class AbstractWearLaw(Parametrised):
 
 
 class Archard(AbstractWearLaw):
-    """dh/ds = k p (Archard 1953, doi 10.1063/1.1721448; Qian et al. 2022, Eqs. 9 to 12).
+    """Archard's law: dh/ds = k p, with the depth h, the length of sliding s and the pressure p (Archard 1953, doi
+    10.1063/1.1721448; Qian et al. 2022, Eqs. 9 to 12).
 
-    **Arguments:** `coefficient` k = K / H [1/Pa]; `archard` reads it with its unit.
+    **Arguments:** `coefficient` k = K / H [1/Pa]; the function `archard` reads it with its unit.
     """
 
     coefficient: Scalar = physical(COEFFICIENT, least=0.0, help="coefficient of wear k", example='"6e-5 mm^3/(N*m)"')
@@ -61,9 +64,10 @@ class Archard(AbstractWearLaw):
 
 
 class Reye(AbstractWearLaw):
-    """The volume worn off is in proportion to the work of friction (Reye 1860): dh/ds = k_r tau, tau = (|T| / N) p.
+    """Reye's law: the volume worn off is in proportion to the work of friction (Reye 1860): dh/ds = k_r tau, with tau =
+    (|T| / N) p.
 
-    **Arguments:** `coefficient` k_r, volume by work [1/Pa]; without friction nothing wears.
+    **Arguments:** `coefficient` k_r, volume by work [1/Pa]. Without friction nothing wears.
     """
 
     coefficient: Scalar = physical(COEFFICIENT, least=0.0, help="volume by work of friction", example='"1e-4 mm^3/J"')
@@ -77,7 +81,10 @@ class Reye(AbstractWearLaw):
 
 
 class Threshold(AbstractWearLaw):
-    """A law that counts only the pressure beyond a `least` one [Pa]."""
+    """A law in which only the pressure beyond a least one counts.
+
+    **Arguments:** `law`; `least` [Pa].
+    """
 
     law: AbstractWearLaw
     least: Scalar = physical("Pa", least=0.0, help="pressure below which nothing wears", example='"1 MPa"')
@@ -87,7 +94,10 @@ class Threshold(AbstractWearLaw):
 
 
 class RunningIn(AbstractWearLaw):
-    """A law that wears `factor` times as fast at first and comes down to itself as exp(-t / `duration`)."""
+    """A law whose wear is faster at first: its rate is multiplied by a factor that falls to 1 as exp(-t / `duration`).
+
+    **Arguments:** `law`; `factor` at the start; `duration` [s].
+    """
 
     law: AbstractWearLaw
     factor: Scalar = physical("", least=0.0, help="how many times as fast it wears at first", example="5.0")
@@ -102,7 +112,12 @@ class RunningIn(AbstractWearLaw):
 
 
 class Graded(AbstractWearLaw):
-    """A law whose coefficient goes with pressure and speed, as (p / `pressure`)^a (v / `speed`)^b."""
+    """A law whose coefficient depends on pressure p and speed v: it is multiplied by (p / `pressure`)^a (v /
+    `speed`)^b.
+
+    **Arguments:** `law`; `pressure` [Pa] and `speed` [m/s], at which the coefficient holds; `by_pressure` a; `by_speed`
+    b.
+    """
 
     law: AbstractWearLaw
     pressure: Scalar = physical("Pa", above=0.0, help="at which the coefficient holds", example='"10 MPa"')
@@ -117,10 +132,11 @@ class Graded(AbstractWearLaw):
 
 
 def archard(coefficient: Any, hardness: Any = None) -> Archard:
-    """Archard's law by a quantity with its unit: "6e-14 1/Pa", "6e-5 mm^3/(N*m)"; or by Archard's number K, which has
-    none, and the `hardness` H of the softer surface ("1.3 GPa"): k = K / H, from V = K F s / H.
+    """Archard's law from texts with units.
 
-    Tables that have V = K F s / (3 H) are read by a third of their K.
+    **Arguments:** `coefficient`: "6e-14 1/Pa" or "6e-5 mm^3/(N*m)"; or Archard's number K, which has no unit, with the
+    `hardness` H of the softer surface ("1.3 GPa"). Then k = K / H, from V = K F s / H. Of tables with V = K F s / (3
+    H), give a third of their K.
 
     **Raises:** `ClearanceError` for a coefficient without unit and without hardness, and for a wrong dimension.
     """
@@ -131,7 +147,10 @@ def archard(coefficient: Any, hardness: Any = None) -> Archard:
 
 
 def reye(coefficient: Any) -> Reye:
-    """Reye's law by a quantity with its unit, "1e-4 mm^3/J"."""
+    """Reye's law from a text with its unit.
+
+    **Arguments:** `coefficient`: volume by work, such as "1e-4 mm^3/J".
+    """
     return Reye(_coefficient(coefficient, "Write it with its unit."))
 
 

@@ -44,13 +44,13 @@ MOST_RELIEF = 2.0
 
 
 class WearModel(Module):
-    """How a plane revolute joint wears, cycle by cycle of a motion from t0 to `cycle` [s].
+    """How a revolute joint in the plane wears, cycle by cycle. A cycle is the motion from t0 to `cycle`.
 
-    **Arguments:** `mechanism`; `joint`: its name; `wear`: the law of wear; `pressure`: how a force spreads, a
-    `Foundation` where it is to know the worn profile; `cycle`.
+    **Arguments:** `mechanism`; `joint`: its name; `wear`: the law of wear; `pressure`: how a force spreads (a
+    `Foundation`, if it must depend on the worn profile); `cycle` [s].
 
-    Its numbers have the mechanism's names; those of the law begin with `wear.`, those of the pressure with `pressure.`:
-    "crank.radial_clearance", "wear.coefficient", "pressure.stiffness".
+    Its numbers have the names of the mechanism. Those of the law begin with `wear.`, those of the pressure with
+    `pressure.`: "crank.radial_clearance", "wear.coefficient", "pressure.stiffness".
 
     **Raises:** `ClearanceError` for a joint of another kind.
     """

@@ -27,7 +27,9 @@ PARTS = 8
 
 
 class Section(NamedTuple):
-    """A section of a sleeve with its pin: what the laws know of it, and the depth worn off [m]."""
+    """A section of a sleeve with its pin: the `geometry` that laws know, and the `depth` that is worn off [m], shape
+    (sectors,).
+    """
 
     geometry: Geometry
     depth: Float[Array, " sectors"]
@@ -49,7 +51,9 @@ class Section(NamedTuple):
 
 
 class SectionLoad(NamedTuple):
-    """A normal force per length [N/m] on the sleeve, its direction [rad], and where the pin's centre is [m]."""
+    """The load of a section: normal `force` per length [N/m] on the sleeve, its direction `angle` [rad], and the
+    `place` of the pin's centre [m], two numbers.
+    """
 
     force: Scalar
     angle: Scalar
@@ -64,7 +68,7 @@ class PressureField(NamedTuple):
 
 
 class AbstractPressure(Parametrised):
-    """How a normal force spreads over the sleeve."""
+    """A pressure model: how a normal force spreads over the sleeve."""
 
     @abc.abstractmethod
     def prepare(self, section: Section) -> Callable[[SectionLoad], PressureField]:
@@ -125,8 +129,9 @@ def _spread(
 
 
 class HertzLine(AbstractPressure):
-    """Half an ellipse over Hertz's width, p = p0 sqrt(1 - (x/b)^2), on the round sleeve (the paper's choice): what is
-    worn off does not change it, so that it overestimates pressures once the sleeve has become more conformal.
+    """Hertz's line contact on the round sleeve: half an ellipse over its width, p = p0 sqrt(1 - (x/b)^2). This is the
+    model of Qian et al. 2022. Wear does not change it, so it overestimates pressures once the worn sleeve fits the pin
+    better.
     """
 
     def prepare(self, section):
@@ -143,8 +148,10 @@ class HertzLine(AbstractPressure):
 
 
 class Uniform(AbstractPressure):
-    """The same pressure all over a patch: of Hertz's width, p = F / (2 b B), or of a given `spread` to either side
-    [rad].
+    """The same pressure all over a patch.
+
+    **Arguments:** `spread`: how far the patch reaches to either side [rad]; `None`: the width of Hertz's line contact,
+    p = F / (2 b B).
     """
 
     spread: Scalar | None = physical(
@@ -169,14 +176,14 @@ class Uniform(AbstractPressure):
 
 
 class Foundation(AbstractPressure):
-    """An elastic layer on the worn sleeve, p = k u, u how deep the pin stands in it: pressed on along the force from
-    where the pin is until the components of its pressures along the force add up to it.
+    """An elastic layer on the worn sleeve: p = k u, with the depth u to which the pin stands in the layer. The pin is
+    pressed on along the force until the components of the pressures along the force add up to it.
 
-    On a round sleeve with the clearance c, the pin's centre e from its own, the pin stands u = e cos t - c deep
-    in the layer at the angle t beside the force, where that is above 0: the patch reaches to cos a = c / e. What has
-    worn off there is taken from u.
+    On a round sleeve with the clearance c, and the pin's centre at the distance e from its own, u = e cos t - c at the
+    angle t from the force, where this is positive. So the patch reaches to cos a = c / e. On a worn sleeve the wear is
+    subtracted from u.
 
-    **Arguments:** `stiffness` k [Pa/m]; `foundation` has it of a layer's material and thickness.
+    **Arguments:** `stiffness` k [Pa/m]; the function `foundation` computes it from a material and a thickness.
     """
 
     stiffness: Scalar = physical("Pa/m", above=0.0, help="pressure by depth", example='"2e13 Pa/m"')
@@ -249,7 +256,10 @@ class Foundation(AbstractPressure):
 
 
 def foundation(material: Material, thickness: float) -> Foundation:
-    """The foundation that a layer of a material [m] on a rigid base is: k = (1 - nu) E / ((1 + nu)(1 - 2 nu) h)."""
+    """The foundation that an elastic layer on a rigid base makes: k = (1 - nu) E / ((1 + nu)(1 - 2 nu) h).
+
+    **Arguments:** `material` of the layer (E, nu); `thickness` h [m].
+    """
     nu = material.poisson_ratio
     return Foundation((1 - nu) * material.modulus / ((1 + nu) * (1 - 2 * nu) * thickness))
 

@@ -18,16 +18,20 @@ from clearance_jax.wear.model import WearModel
 
 
 def to_dataset(history: WearHistory, model: WearModel, **provenance: Any) -> xr.Dataset:
-    """What `wear.simulate_wear` found of a model's joint, over the `cycle`s lived and the `sector`s of its sleeve.
+    """The result of `simulate_wear` as a dataset, over the `cycle` numbers and the `sector` numbers of the sleeve.
 
-    - `depth` (cycle, sector) [m], with the `angle` of each sector [rad];
-    - `deepest`, `mean_depth` (cycle,) [m], `volume` (cycle,) [m^3];
-    - `pin_travel` (cycle, sector) [m]: how far the pin's centre can go in each direction;
-    - `radial_clearance` (cycle,) [m]: half of how far the pin can go to and fro, where that is most;
-    - `watched` (cycle,): the number of the criterion that the life was until, where there was one; as `long_name` it
-      has what is given as `watched`, by default the criterion's label.
+    - `depth` (cycle, sector) [m], with the `angle` of each sector [rad].
+    - `deepest`, `mean_depth` (cycle,) [m], `volume` (cycle,) [m^3].
+    - `pin_travel` (cycle, sector) [m]: how far the pin's centre can go in each direction.
+    - `radial_clearance` (cycle,) [m]: half of how far the pin can go to and fro, in the direction in which this is
+      most.
+    - `watched` (cycle,): the number of the criterion, if there was one. Its `long_name` is what you give as `watched`,
+      by default the criterion's label.
 
-    Attributes say how much was lived and computed, and the `life` in cycles where the bound was reached.
+    Attributes say how many cycles were lived and computed, and the `life` in cycles if the bound was reached.
+
+    **Arguments:** `history`: of `simulate_wear`; `model`: its `WearModel`; `provenance`: anything to be kept as
+    attributes.
     """
     pin, sleeve, depth = model.clearance, sections_of(model.mechanism, model.joint), np.asarray(history.depth)
     count = depth.shape[1]

@@ -29,7 +29,9 @@ TOGETHER = 64
 
 
 class SectorsWarning(UserWarning):
-    """Sectors are too wide for the patch on which a pin bears: depths and lives are off."""
+    """A warning that the sectors are too wide for the patch on which a pin presses: depths are too small, and lives too
+    long.
+    """
 
 
 def wear_round(

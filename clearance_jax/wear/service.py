@@ -23,8 +23,11 @@ from clearance_jax.wear.model import WearModel
 
 
 class Failures(NamedTuple):
-    """How probable it is that a joint has reached its bound by then (first passage): at `cycles` (n,) the `probability`
-    (n,), and between `low` and `high` it is with a `confidence` (Clopper and Pearson 1934, at each number of cycles).
+    """The probability that a joint has reached its bound (first passage) as a function of the number of cycles.
+
+    - `cycles` (n,), `probability` (n,).
+    - `low`, `high` (n,): between these it lies with a `confidence` (Clopper and Pearson 1934, at each number of
+      cycles).
     """
 
     cycles: np.ndarray
@@ -35,8 +38,11 @@ class Failures(NamedTuple):
 
 
 class ServiceLives(NamedTuple):
-    """Lives of a joint: `values` by name, each (n,); the `end` of each life [cycles] (n,), infinite where the bound was
-    not reached within `cycles`; `evaluations`: cycles that were computed, of all; the `units` of the values.
+    """The lives of a joint for many values of its numbers.
+
+    - `values` by name, each (n,), with their `units`.
+    - `end` (n,): the end of each life [cycles], infinite if the bound was not reached within `cycles`.
+    - `evaluations`: how many cycles were computed in all.
     """
 
     values: Mapping[str, np.ndarray]
@@ -99,18 +105,19 @@ def service_lives(
     progress: Callable[[float], None] | None = None,
     **options: Unpack[SolveOptions],
 ) -> ServiceLives:
-    """Wear the joint of a model once for each of the values, side by side.
+    """Simulate the wear of the joint of a model once for each of many values, side by side.
 
-    **Arguments** as `simulate_wear`'s.
+    **Arguments:**
 
-    - `sectors`: by default one number for all, the largest that one of them needs.
-    - `values`: name -> numbers (n,), or a `Sampled`: of the mechanism, the law ("wear.coefficient") and the pressure.
-      Clearances give the maintenance interval against clearance; numbers that scatter give the probability of failure
-      over the life.
-    - `journal`: a folder, made where there is none, that keeps every life on its way: a run that was killed goes on
-      from there. Each life compares its own question; values may have been added behind those before.
-    - `cores`: how many lives side by side; by default as many as there are cores.
-    - `progress`: called with the part of the lives that is done.
+    - `model`, `cycles`, `until`, `tolerance`, `longest` and the options: as of `simulate_wear`.
+    - `values`: name -> numbers (n,), or a `Sampled`: numbers of the mechanism, the law ("wear.coefficient") and the
+      pressure. Clearances give the maintenance interval against clearance. Numbers that scatter give the probability of
+      failure over the life.
+    - `sectors`: by default one number for all values, the largest that one of them needs.
+    - `journal`: a folder that keeps every life while it is computed: an interrupted run goes on from there. You may
+      have added values at the end.
+    - `cores`: how many lives are computed at the same time; by default as many as there are cores.
+    - `progress`: called with the fraction of the lives that is done.
 
     **Raises:** `ClearanceError` as `simulate_wear`, for unknown names, and for values of different lengths.
     """

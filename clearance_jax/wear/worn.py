@@ -31,15 +31,16 @@ WIDEST = 0.5 * np.pi
 
 
 class Wear(Module):
-    """What has worn off a sleeve, or its pin.
+    """What is worn off a sleeve, or its pin.
 
-    - `angle` (sectors,) [rad] in the sleeve's axes, of a pin in its own; `heights` (sections,) along the sleeve's [m];
-    - `depth` (sections, sectors) [m], by which the sleeve's radius grows, or the pin's shrinks;
-    - `volume` [m^3]; `flat_volume` [m^3]: what the law gives for pressures that add up to the normal force, as in a
-      narrow patch (k F s); `None` for a law that is not linear in pressure: there the volume depends on the patch;
-    - `sliding` [m]: by how much the pin has slid while it was pressed; `half_angle` [rad]: the widest patch;
-    - `relief`: the largest part of a pressure that is worn away, as if its sector alone wore. The profile is taken as
-      it is all the while, so that it should be well below 1; 0 for pressures that do not know the worn profile.
+    - `angle` (sectors,) [rad], in the sleeve's axes, for a pin in its own; `heights` (sections,): along the sleeve [m].
+    - `depth` (sections, sectors) [m]: by how much the sleeve's radius grows, or the pin's shrinks.
+    - `volume` [m^3]; `flat_volume` [m^3]: what the law gives if pressures add up to the normal force, as in a narrow
+      patch (k F s); `None` for a law that is not linear in pressure, because its volume depends on the patch.
+    - `sliding` [m]: how far the pin has slid while it was pressed; `half_angle` [rad]: that of the widest patch.
+    - `relief`: the largest share of a pressure that this wear would remove, if its sector alone wore. The profile is
+      kept constant during the motion, so this should be well below 1. It is 0 for pressures that do not depend on the
+      worn profile.
     """
 
     angle: Float[Array, " sectors"]
@@ -76,22 +77,23 @@ def wear(
     sectors: int | None = None,
     before: Any = 0.0,
 ) -> Wear:
-    """What wears off a joint's sleeve, or its pin, along a trace. The motion is that of the joint as it was solved.
+    """What a motion wears off a joint's sleeve, or its pin. The motion itself is not changed by this wear.
 
     **Arguments:**
 
+    - `trace`: of the motion; `joint`: its name.
     - `law`: of wear, for instance `archard("6e-14 1/Pa")`.
-    - `pressure`: how a force spreads; by default Hertz's line contact, which is for a round sleeve: a worn one needs a
+    - `pressure`: how a force spreads; by default Hertz's line contact, which is for a round sleeve. A worn one needs a
       `Foundation`.
-    - `of`: whose surface wears, "sleeve" or "pin". Each has its own law; a pin turns below its pressures, and wears in
-      its own axes, in the sleeve's sections. That it is no circle any more changes neither pressures nor motion.
-    - `depth` (sectors,) or (sections, sectors) [m]: what has worn off the sleeve before, which a `Foundation` stands
-      on; by default what the joint has, or nothing, in so many `sectors` (by default as many as its patches need for a
-      largest depth within 1 %, at least 360; fewer, if given, are warned of).
-    - `before`: how long the joint has run before [s], for laws that know it.
+    - `of`: the surface that wears, "sleeve" or "pin". Each has a law of its own. A pin wears in its own axes, in the
+      sections of the sleeve. A worn pin changes neither pressures nor motion.
+    - `depth` (sectors,) or (sections, sectors) [m]: the earlier wear of the sleeve, on which a `Foundation` depends; by
+      default that of the joint, or none, in so many `sectors` (by default as many as the patches need for an error of
+      the largest depth below 1 %, at least 360; a warning says if you give too few).
+    - `before`: how long the joint has run before [s], for laws that depend on it.
 
     **Raises:** `ClearanceError` for a joint that does not wear or lacks a length or a material, for a patch that is too
-    wide for a flat one, and where pressures do not add up to the force.
+    wide for a flat one, and if pressures do not add up to the force.
     """
     mechanism = trace.solution.mechanism
     sleeve, own = sections_of(mechanism, joint), pin_of(mechanism, joint).profile
@@ -135,7 +137,11 @@ def wear_of(
     depth: Array,
     before: Any = 0.0,
 ) -> Wear:
-    """The same of contacts that are known. `depth`: (sectors,) or (sections, sectors) [m]."""
+    """What is worn off by contacts that are known (`contacts`).
+
+    **Arguments:** `seen`: the contacts; `sleeve`: its sections (`sections_of`); `law`, `pressure`, `of` and `before` as
+    of `wear`; `depth`: the earlier wear, (sectors,) or (sections, sectors) [m].
+    """
     if of not in SURFACES:
         raise ClearanceError(f"`of` must be {' or '.join(SURFACES)}, but it is {quote(of)}.")
     depth = jnp.broadcast_to(jnp.atleast_2d(depth), (sleeve.lengths.shape[0], depth.shape[-1]))

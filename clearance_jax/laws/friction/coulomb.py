@@ -10,11 +10,11 @@ from clearance_jax.parameters import physical
 
 
 class CubicCoulomb(AbstractFrictionLaw):
-    """T = -mu N (3 x - x^3)/2, x = v/v_c, for |x| <= 1 and Coulomb beyond.
+    """T = -mu N (3 x - x^3)/2 with x = v/v_c for |x| <= 1, and Coulomb friction beyond. A pin creeps under load.
 
-    Qian et al. 2022, Eq. 8 (doi 10.3390/app122111041), whose first branch must read -mu. It creeps under load.
+    Source: Qian et al. 2022, Eq. 8 (doi 10.3390/app122111041), whose first branch must read -mu.
 
-    **Arguments:** `coefficient` mu, `transition_speed` v_c [m/s] (the paper does not give it).
+    **Arguments:** `coefficient` mu; `transition_speed` v_c [m/s] (the paper does not give it).
     """
 
     coefficient: Scalar = physical("", least=0.0, help="coefficient of friction mu", example="0.1")

@@ -9,11 +9,11 @@ from clearance_jax.parameters import describe, physical
 
 
 class LinearKelvinVoigt(AbstractNormalLaw):
-    """F = k d + b d'. The force jumps to b v at touch (class C-1: no trustworthy derivative; use `HuntCrossley`).
+    """F = k d + b d'. The force jumps to b v at touch (class C-1: it has no derivative that can be trusted; use
+    `HuntCrossley`).
 
-    Unclipped, it pulls before separation; clipped, F = max(0, k d + b d').
-
-    **Arguments:** `stiffness` k [N/m], `damping` b [N s/m], `clipped`.
+    **Arguments:** `stiffness` k [N/m]; `damping` b [N s/m]; `clipped`: F is max(0, k d + b d'); otherwise it pulls
+    before separation.
     """
 
     stiffness: Any = physical("N/m", above=0.0, help="stiffness k", example='"1e7 N/m"')

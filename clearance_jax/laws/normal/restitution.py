@@ -57,10 +57,11 @@ class Damped(NamedTuple):
 
 
 class RestitutionLaw(AbstractPowerLaw):
-    """F = max(0, K d^n (1 + a d'/v0)), a = ratio(e), v0 = the speed of the last impact.
+    """F = max(0, K d^n (1 + a d'/v0)), with a = ratio(e) and v0 the speed of the last impact.
 
-    **Arguments:** `stiffness` K [N/m^n], `restitution` e in (0, 1), `ratio` the member's a(e), `exponent` n (`None`:
-    3/2), `minimum_impact_speed` [m/s]: v0 is never below it, because a/v0 grows without bound for a pin that settles.
+    **Arguments:** `stiffness` K [N/m^n]; `restitution` e in (0, 1); `ratio`: the function a(e), which tells the laws of
+    this kind apart; `exponent` n (`None`: 3/2); `minimum_impact_speed` [m/s]: v0 is never less, because a/v0 grows
+    without bound for a pin that comes to rest.
     """
 
     stiffness: Any = physical(STIFFNESS, above=0.0, help="stiffness K", example='"2.487e6 N/mm^1.5"')
@@ -92,15 +93,26 @@ class RestitutionLaw(AbstractPowerLaw):
 
 
 def exact_restitution(stiffness, restitution, **options) -> RestitutionLaw:
-    """The member that delivers the restitution it is given."""
+    """The restitution law that delivers the `restitution` that you give, for every `stiffness`, exponent, mass and
+    speed.
+
+    **Arguments:** as those of `RestitutionLaw`, without `ratio`.
+    """
     return RestitutionLaw(stiffness, restitution, exact_ratio, **options)
 
 
 def lankarani_nikravesh(stiffness, restitution, **options) -> RestitutionLaw:
-    """The law of Lankarani and Nikravesh (1990); delivers e = 0.69 for 0.4 and 0.91 for 0.9."""
+    """The restitution law of Lankarani and Nikravesh (1990, doi 10.1115/1.2912617). It delivers e = 0.69 for 0.4 and
+    0.91 for 0.9.
+
+    **Arguments:** `stiffness`, `restitution` and the others of `RestitutionLaw`, without `ratio`.
+    """
     return RestitutionLaw(stiffness, restitution, lankarani_nikravesh_ratio, **options)
 
 
 def flores(stiffness, restitution, **options) -> RestitutionLaw:
-    """The law of Flores et al. (2011)."""
+    """The restitution law of Flores et al. (2011, doi 10.1007/s11044-010-9237-4).
+
+    **Arguments:** `stiffness`, `restitution` and the others of `RestitutionLaw`, without `ratio`.
+    """
     return RestitutionLaw(stiffness, restitution, flores_ratio, **options)
