@@ -44,6 +44,23 @@ class AbstractDrive(AbstractMotionLaw):
     """A motion law as a user gives it, by numbers of its own."""
 
 
+def begin_key():
+    """A field that says when steps or moves begin."""
+    return physical("s", help="when each step begins, or at the earliest each move", example='["0 s", "1 s"]')
+
+
+def rise_key():
+    """A field that says how far steps or moves go."""
+    return physical("coordinate", help="by how much each step or move changes it", example='["90 deg", "-30 deg"]')
+
+
+def offset_key():
+    """A field that is the value from which a motion starts, or about which it swings."""
+    return physical(
+        "coordinate", default=0.0, help="value before steps and moves, about which it swings", example='"10 deg"'
+    )
+
+
 class ConstantSpeed(AbstractDrive):
     """q = start + speed t."""
 
@@ -68,10 +85,10 @@ class StepSum(AbstractDrive):
     **Arguments:** `begin`, `end` [s] and `rise` of shape (n,), `offset`.
     """
 
-    begin: Values = physical("s", help="when each step begins", example='["0 s", "0.5 s"]')
+    begin: Values = begin_key()
     end: Values = physical("s", help="when each step ends", example='["0.5 s", "1 s"]')
-    rise: Values = physical("coordinate", help="by how much each step rises", example='["90 deg", "30 deg"]')
-    offset: Scalar = physical("coordinate", default=0.0, help="value before the steps", example='"10 deg"')
+    rise: Values = rise_key()
+    offset: Scalar = offset_key()
 
     def __check_init__(self):
         _check_steps(self)
@@ -93,10 +110,10 @@ class StepSum(AbstractDrive):
 class Step5Sum(AbstractDrive):
     """As `StepSum` with the quintic STEP5: q'' is continuous, q''' jumps."""
 
-    begin: Values = physical("s", help="when each step begins", example='["0 s", "0.5 s"]')
+    begin: Values = begin_key()
     end: Values = physical("s", help="when each step ends", example='["0.5 s", "1 s"]')
-    rise: Values = physical("coordinate", help="by how much each step rises", example='["90 deg", "30 deg"]')
-    offset: Scalar = physical("coordinate", default=0.0, help="value before the steps", example='"10 deg"')
+    rise: Values = rise_key()
+    offset: Scalar = offset_key()
 
     def __check_init__(self):
         _check_steps(self)
@@ -119,7 +136,7 @@ class Harmonic(AbstractDrive):
     amplitude: Scalar = physical("coordinate", help="amplitude", example='"20 deg"')
     angular_frequency: Scalar = physical("rad/s", help="angular frequency", example='"10 rad/s"')
     phase: Scalar = physical("rad", default=0.0, help="phase at t = 0", example='"90 deg"')
-    offset: Scalar = physical("coordinate", default=0.0, help="value about which it swings", example='"10 deg"')
+    offset: Scalar = offset_key()
 
     def __call__(self, time):
         w = self.angular_frequency
