@@ -29,7 +29,7 @@ METRIC = "[metric.peak]\n" + lines(example(metric_keys.METRIC_KINDS["peak"], "bo
 
 
 SECTION = '[metric.section]\nkind = "poincare-section"\nquantities = ["guide.velocty"]\n'
-SENSITIVITY = '[scatter."slider.mass"]\ndeviation = "1 g"\n[sweep.axis.part]\nkind = "sensitivity"\nsamples = 64\n'
+SENSITIVITY = '[scatter."slider.mass"]\ndeviation = "1 g"\n[sweep.axis.part]\nkind = "sensitivity"\ncount = 64\n'
 
 
 def load(tmp_path, top="", axis=AXIS, metric=METRIC, rest="") -> dict[str, Any]:

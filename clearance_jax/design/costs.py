@@ -17,7 +17,6 @@ from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.parameters import PARAMETER, physical
 
-
 # The unit of a factor, of which a power of the clearance takes its own away.
 POWER = f"{PARAMETER} to the power"
 

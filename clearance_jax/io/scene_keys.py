@@ -159,7 +159,8 @@ ROBOT = Keys(
             "joint",
             "how its joints start, are driven or forced, and their play, by their names: as joints of that kind; where "
             "there is play without `normal` of steel in bronze",
-            '{ axis_2 = { position = "30 deg" } }',
+            '{ axis_2 = { position = "30 deg" }, '
+            'axis_5 = { kind = "sleeve", radial_clearance = "50 um", axial_clearance = "1 mm", length = "40 mm" } }',
             form="tables by name",
         ),
     ),

@@ -133,9 +133,12 @@ def _check_kind(given: Mapping[str, Any], where: str, tables: Mapping[str, Keys]
     for key in given:
         having = [name for name, keys in known.items() if key in keys]
         if having and key not in known[word] and key not in tables[word].renamed:
-            kinds, fix = " or ".join(f'`{head} = "{name}"`' for name in having), "Remove it, or say"
-            fix = fix if head in given else "Add"
-            raise ClearanceError(f"{below(where, key)} is not a known key of {quoted(word)}. {fix} {kinds}.")
+            fix = "change" if head in given else "add"
+            raise ClearanceError(
+                f"{below(where, key)} is not a known key of the {head} `{word}`, but of "
+                + ", ".join(f"`{name}`" for name in having)
+                + f". Remove it, or {fix} the key `{head}`."
+            )
 
 
 def check_renamed(name: str, where: str, keys: Keys) -> None:

@@ -86,7 +86,7 @@ class StepSum(AbstractDrive):
     """
 
     begin: Values = begin_key()
-    end: Values = physical("s", help="when each step ends", example='["0.5 s", "1 s"]')
+    end: Values = physical("s", help="when each step ends", example='["0.5 s", "1.5 s"]')
     rise: Values = rise_key()
     offset: Scalar = offset_key()
 
@@ -111,7 +111,7 @@ class Step5Sum(AbstractDrive):
     """As `StepSum` with the quintic STEP5: q'' is continuous, q''' jumps."""
 
     begin: Values = begin_key()
-    end: Values = physical("s", help="when each step ends", example='["0.5 s", "1 s"]')
+    end: Values = physical("s", help="when each step ends", example='["0.5 s", "1.5 s"]')
     rise: Values = rise_key()
     offset: Scalar = offset_key()
 

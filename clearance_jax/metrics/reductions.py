@@ -35,14 +35,15 @@ def _since(**field):
 
 
 class Peak(AbstractMetric):
-    """The largest value of a signal over time, or its `count` highest peaks (the same one again where there are fewer).
+    """The largest value of a signal over time.
 
-    The solve finds them on its way, between its steps too, and keeps their states with their derivatives; peaks closer
-    together than a 400th of the motion may be missed where nothing in the state moves as fast. The derivative is the
-    signal's at a fixed time: at a smooth peak its time derivative is zero (envelope theorem), at the start the time is
-    fixed, and at the end it goes along with `t1`. Where the peak is a kink or a jump whose time moves with a parameter
-    (an acceleration at a drive's break, by the break's time) that is not the whole derivative. Where two peaks tie the
-    maximum has a kink: ask for both (`count=2`).
+    With a `count` its highest peaks, so many (the same one again where there are fewer). The solve finds them on its
+    way, between its steps too, and keeps their states with their derivatives; peaks closer together than a 400th of the
+    motion may be missed where nothing in the state moves as fast. The derivative is the signal's at a fixed time: at a
+    smooth peak its time derivative is zero (envelope theorem), at the start the time is fixed, and at the end it goes
+    along with `t1`. Where the peak is a kink or a jump whose time moves with a parameter (an acceleration at a drive's
+    break, by the break's time) that is not the whole derivative. Where two peaks tie the maximum has a kink: ask for
+    both (`count=2`).
 
     **Arguments:** `signal`, `count`; `since`: only times after it count [s] (`None`: all); it lies before the end.
     """
