@@ -53,7 +53,7 @@ def test_examples_of_the_section_are_read(tmp_path):
     read = load(tmp_path, 't1 = "12 ms"\n', rest=rest)
     assert (read["t1"], read["times"], read["wrt"]) == (0.012, 101, ("wrist.radial_clearance",))
     assert read["start"] == "settled"
-    assert read["again"] == {"rtol": 1e-8, "solver": "dopri8", "max_steps": 100000}
+    assert read["again"] == {"rtol": 1e-8, "solver": "dopri8", "start": "settled", "max_steps": 100000}
     assert float(read["mechanism"].bodies[2].mass) == pytest.approx(0.2)
     np.testing.assert_allclose(read["axes"]["wrist.radial_clearance"], np.geomspace(1e-4, 5e-4, 200))
     # What is said nowhere is the scene's.

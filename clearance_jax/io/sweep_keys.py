@@ -64,8 +64,12 @@ def _axis(kind: str, help: str, *keys: Key) -> Keys:
     return kind_of('sweep.axis."NAME"', "Axis", _KIND, kind, help, *keys)
 
 
+def _count(example: str) -> Key:
+    help = "how many, of `sensitivity` a power of two"
+    return Whole("count", help, example, least=1, most=MOST_SAMPLES, required=True)
+
+
 _OF = Names("of", "the numbers, which scatter as `scatter` says", '["slider.mass"]', absent="all that scatter")
-_COUNT = Whole("count", "how many, of `sensitivity` a power of two", "256", least=1, most=MOST_SAMPLES, required=True)
 _SEED = Whole("seed", "of the drawing", "1", default=0)
 AXIS_TABLES = {
     "range": _axis(
@@ -73,7 +77,7 @@ AXIS_TABLES = {
         "Values of a parameter from one to another.",
         Quantity("from", "the first", '"0.1 mm"', unit=PARAMETER, required=True),
         Quantity("to", "the last", '"0.5 mm"', unit=PARAMETER, required=True),
-        _COUNT,
+        _count("200"),
         Word("spacing", "equal differences, or equal ratios", '"log"', allowed=("linear", "log"), default="linear"),
     ),
     "values": _axis(
@@ -96,7 +100,7 @@ AXIS_TABLES = {
         "sampled",
         "Parameters that scatter.",
         _OF,
-        _COUNT,
+        _count("1024"),
         Word("method", "how they are drawn", '"random"', allowed=METHODS, default="sobol"),
         _SEED,
         Sub(
@@ -112,7 +116,7 @@ AXIS_TABLES = {
         "Parameters that scatter independently, drawn so that Sobol's sensitivity indices follow: for d of them there "
         "are `count` (d + 2) lanes.",
         _OF,
-        _COUNT,
+        _count("256"),
         _SEED,
     )._replace(renamed={"samples": "count"}),
     "scenes": _axis(
