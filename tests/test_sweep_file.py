@@ -213,3 +213,8 @@ def test_what_cannot_be_done_is_said_before_anything_is(tmp_path, monkeypatch):
     monkeypatch.setattr(importlib.import_module("clearance_jax.ask.place"), "PATIENCE", "1s")
     assert "may take" in said(1_000_000)
     assert "No scheduler answers at `tcp://127.0.0.1:9`" in said(2, "--cluster", "tcp://127.0.0.1:9")
+
+
+def test_the_old_name_of_a_count_says_the_new_one(tmp_path):
+    with pytest.raises(cj.ClearanceError, match=r"axis.part.samples is called `count` now. Rename it"):
+        load(tmp_path, axis=SENSITIVITY.replace("count", "samples"))
