@@ -25,6 +25,8 @@ from clearance_jax._module import Module
 from clearance_jax._types import Flag
 from clearance_jax.errors import ClearanceError, quote, require_float64, suggest
 
+PARAMETER = "the parameter's"
+"""The unit of a number of a study that a parameter's name decides."""
 # What a number's field may demand of it: key of its metadata, test, words.
 BOUNDS = (
     ("above", operator.gt, "greater than"),

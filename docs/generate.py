@@ -4,6 +4,7 @@
 """
 
 import json
+import re
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -54,21 +55,42 @@ def value(key) -> str:
     return f"{key.kind}, {key.unit}" if key.unit else key.kind
 
 
+def anchor(title: str) -> str:
+    """The link to the heading of a table."""
+    return "#" + re.sub(r"[^\w\- ]", "", title).lower().replace(" ", "-")
+
+
 def keys_page(head: str, file: str) -> str:
-    """Every table of one kind of file, each key a row."""
+    """Every table of one kind of file, each key a row; where a table has the keys of another one too, a link to it."""
     from clearance_jax.io.keys import reference
 
-    parts = [head]
-    for one in reference():
+    tables, parts = reference(), [head]
+    home = {one.title: one.file for one in reversed(tables)}
+
+    def links(titles: Iterable[str]) -> str:
+        pages = {title: "" if home[title] == file else f"{home[title]}.md" for title in titles}
+        return ", ".join(f"[{title}]({page}{anchor(title)})" for title, page in pages.items())
+
+    for one in tables:
         if one.file != file:
             continue
-        where = "" if one.name == file else f"Table `[{one.name}]`. "
+        choice = f", with `{one.choice}`" if one.choice else ""
+        where = "" if one.name == file else f"Table `[{one.name}]`{choice}. "
+        parts.append(f"## {one.title}\n\n{where}{one.help}\n")
+        if one.shared:
+            parts.append(f"It has the keys of {links(one.shared)}{' too' if one.keys else ''}.\n")
+        if one.kinds:
+            rows = [
+                (code(kind.word), kind.help, ", ".join([*map(code, kind.keys), *filter(None, [links(kind.shared)])]))
+                for kind in one.kinds
+            ]
+            parts.append(table((code(one.head), "what it is", "its other keys"), rows))
         rows = [
             (code(key.name), key.help, value(key), "**required**" if key.required else key.default, code(key.example))
             for key in one.keys
         ]
-        parts.append(f"## {one.title}\n\n{where}{one.help}\n")
-        parts.append(table(("key", "meaning", "value, SI unit", "default", "example"), rows))
+        if rows:
+            parts.append(table(("key", "meaning", "value, SI unit", "default", "example"), rows))
     return "\n".join(parts)
 
 

@@ -325,21 +325,21 @@ def robot(tmp_path):
 @pytest.mark.parametrize(
     ("name", "keys", "words"),
     [
-        ("hop", SLEEVE, r"robot.clearance.hop: the robot has no joint of this name. Did you mean `hip`"),
-        ("foot", SLEEVE, r"robot.clearance.foot: Joint `foot` is of a kind that has no play \(planar\)"),
-        ("hip", {}, r"robot.clearance.hip lacks the key `radial_clearance`"),
-        ("hip", GUIDE, r"robot.clearance.hip.side_clearance is not a known key"),
-        ("hip", {"radial_clearance": '"0.1 mm"'}, r"robot.clearance.hip lacks the key `pin_radius`"),
-        ("hip", SLEEVE | {"length": '"4 mm"'}, r"robot.clearance.hip: `length` must be greater than 0.00447 m"),
-        ("slide", SLEEVE, r"robot.clearance.slide.radial_clearance is not a known key"),
-        ("slide", {"side_clearance": '"0.1 mm"'}, r"robot.clearance.slide lacks the key `length`"),
-        ("slide", GUIDE | {"guide_length": '"50 mm"'}, r"robot.clearance.slide: `length` must be no greater"),
+        ("hop", SLEEVE, r"robot.joint.hop: the robot has no joint of this name. Did you mean `hip`"),
+        ("foot", SLEEVE, r"robot.joint.foot must be a revolute or prismatic joint of the robot"),
+        ("hip", {"normal": '{ law = "hertz" }'}, r"robot.joint.hip.normal belongs to a joint with clearance: add"),
+        ("hip", GUIDE, r"robot.joint.hip.side_clearance is not a known key"),
+        ("hip", {"radial_clearance": '"0.1 mm"'}, r"robot.joint.hip lacks the key `pin_radius`"),
+        ("hip", SLEEVE | {"length": '"4 mm"'}, r"robot.joint.hip: `length` must be greater than 0.00447 m"),
+        ("slide", SLEEVE, r"robot.joint.slide.radial_clearance is not a known key"),
+        ("slide", {"side_clearance": '"0.1 mm"'}, r"robot.joint.slide lacks the key `length`"),
+        ("slide", GUIDE | {"guide_length": '"50 mm"'}, r"robot.joint.slide: `length` must be no greater"),
     ],
 )
 def test_scenes_refuse_for_robots(name, keys, words, robot):
     path = robot.parent / "bad.toml"
     body = "".join(f"{key} = {value}\n" for key, value in keys.items())
-    path.write_text(f'[robot]\nfile = "lift.urdf"\n[robot.clearance.{name}]\n{body}')
+    path.write_text(f'[robot]\nfile = "lift.urdf"\n[robot.joint.{name}]\n{body}')
     with pytest.raises(cj.ClearanceError, match=words):
         cj.load(path)
 

@@ -196,7 +196,7 @@ def test_a_robots_slide_gets_play_by_a_scene_a_command_and_python(written, tmp_p
     <joint name="slide" type="prismatic"><parent link="base"/><child link="block"/><axis xyz="0 0 1"/>
     <limit lower="-1" upper="1" effort="100" velocity="1"/></joint></robot>"""
     robot = written(urdf, "lift.urdf")
-    scene = written('[robot]\nfile = "lift.urdf"\n[robot.clearance.slide]\nside_clearance = "0.05 mm"\n'
+    scene = written('[robot]\nfile = "lift.urdf"\n[robot.joint.slide]\nside_clearance = "0.05 mm"\n'
                     'length = "60 mm"\nheight = "30 mm"\nwidth = "30 mm"\n')  # fmt: skip
     numbers: Any = {"side_clearance": 5e-5, "length": 0.06, "height": 0.03, "width": 0.03}
     python = cj.load(robot).with_clearance("slide", **numbers)

@@ -29,7 +29,7 @@ METRIC = "[metric.peak]\n" + lines(example(metric_keys.METRIC_KINDS["peak"], "bo
 
 
 SECTION = '[metric.section]\nkind = "poincare-section"\nquantities = ["guide.velocty"]\n'
-SENSITIVITY = '[scatter."slider.mass"]\ndeviation = "1 g"\n[sweep.axis.part]\nkind = "sensitivity"\nsamples = 64\n'
+SENSITIVITY = '[scatter."slider.mass"]\ndeviation = "1 g"\n[sweep.axis.part]\nkind = "sensitivity"\ncount = 64\n'
 
 
 def load(tmp_path, top="", axis=AXIS, metric=METRIC, rest="") -> dict[str, Any]:
@@ -53,7 +53,7 @@ def test_examples_of_the_section_are_read(tmp_path):
     read = load(tmp_path, 't1 = "12 ms"\n', rest=rest)
     assert (read["t1"], read["times"], read["wrt"]) == (0.012, 101, ("wrist.radial_clearance",))
     assert read["start"] == "settled"
-    assert read["again"] == {"rtol": 1e-8, "solver": "dopri8", "max_steps": 100000}
+    assert read["again"] == {"rtol": 1e-8, "solver": "dopri8", "start": "settled", "max_steps": 100000}
     assert float(read["mechanism"].bodies[2].mass) == pytest.approx(0.2)
     np.testing.assert_allclose(read["axes"]["wrist.radial_clearance"], np.geomspace(1e-4, 5e-4, 200))
     # What is said nowhere is the scene's.
@@ -213,3 +213,8 @@ def test_what_cannot_be_done_is_said_before_anything_is(tmp_path, monkeypatch):
     monkeypatch.setattr(importlib.import_module("clearance_jax.ask.place"), "PATIENCE", "1s")
     assert "may take" in said(1_000_000)
     assert "No scheduler answers at `tcp://127.0.0.1:9`" in said(2, "--cluster", "tcp://127.0.0.1:9")
+
+
+def test_the_old_name_of_a_count_says_the_new_one(tmp_path):
+    with pytest.raises(cj.ClearanceError, match=r"axis.part.samples is called `count` now. Rename it"):
+        load(tmp_path, axis=SENSITIVITY.replace("count", "samples"))

@@ -8,7 +8,6 @@ power (Michael and Siddall 1981).
 import abc
 import itertools
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 from scipy.interpolate import PchipInterpolator
@@ -16,10 +15,27 @@ from scipy.interpolate import PchipInterpolator
 from clearance_jax._module import Module
 from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError
+from clearance_jax.parameters import PARAMETER, physical
+
+# The unit of a factor, of which a power of the clearance takes its own away.
+POWER = f"{PARAMETER} to the power"
 
 
-def _number(value) -> Array:
-    return jnp.asarray(value, float)
+def _factor(unit: str = POWER):
+    example = '"0.04 mm^2"' if unit else "3.0"
+    return physical(unit, above=0.0, help="factor of the clearance-dependent part", example=example)
+
+
+def _rate():
+    return physical(f"1/{PARAMETER}", above=0.0, help="rate at which the cost falls", example='"1 / (10 um)"')
+
+
+def _power():
+    return physical("", above=0.0, default=1.0, help="power of the clearance", example="2")
+
+
+def _fixed():
+    return physical("", default=0.0, help="cost that no clearance saves", example="1.0")
 
 
 class AbstractCost(Module):
@@ -33,9 +49,9 @@ class AbstractCost(Module):
 class Reciprocal(AbstractCost):
     """`fixed + factor / clearance^power`; power 1 and 2 are the classical ones."""
 
-    factor: Scalar = eqx.field(converter=_number)
-    power: Scalar = eqx.field(converter=_number, default=1.0)
-    fixed: Scalar = eqx.field(converter=_number, default=0.0)
+    factor: Scalar = _factor()
+    power: Scalar = _power()
+    fixed: Scalar = _fixed()
 
     def __call__(self, clearance):
         return self.fixed + self.factor / clearance**self.power
@@ -44,9 +60,9 @@ class Reciprocal(AbstractCost):
 class Exponential(AbstractCost):
     """`fixed + factor exp(-rate clearance)`, rate in 1/m."""
 
-    factor: Scalar = eqx.field(converter=_number)
-    rate: Scalar = eqx.field(converter=_number)
-    fixed: Scalar = eqx.field(converter=_number, default=0.0)
+    factor: Scalar = _factor("")
+    rate: Scalar = _rate()
+    fixed: Scalar = _fixed()
 
     def __call__(self, clearance):
         return self.fixed + self.factor * jnp.exp(-self.rate * clearance)
@@ -55,10 +71,10 @@ class Exponential(AbstractCost):
 class ExponentialReciprocal(AbstractCost):
     """`fixed + factor exp(-rate clearance) / clearance^power`."""
 
-    factor: Scalar = eqx.field(converter=_number)
-    rate: Scalar = eqx.field(converter=_number)
-    power: Scalar = eqx.field(converter=_number, default=1.0)
-    fixed: Scalar = eqx.field(converter=_number, default=0.0)
+    factor: Scalar = _factor()
+    rate: Scalar = _rate()
+    power: Scalar = _power()
+    fixed: Scalar = _fixed()
 
     def __call__(self, clearance):
         return self.fixed + self.factor * jnp.exp(-self.rate * clearance) / clearance**self.power
@@ -86,3 +102,12 @@ class CostTable(AbstractCost):
         i = jnp.clip(jnp.searchsorted(self.clearances, x, side="right") - 1, 0, self.clearances.shape[0] - 2)
         below = jnp.minimum(clearance - self.clearances[0], 0.0) * self.coefficients[2, 0]
         return jnp.polyval(self.coefficients[:, i], x - self.clearances[i]) + below
+
+
+COSTS: dict[str, type[AbstractCost]] = {
+    "reciprocal": Reciprocal,
+    "exponential": Exponential,
+    "exponential-reciprocal": ExponentialReciprocal,
+    "table": CostTable,
+}
+"""By the words that studies have for them."""

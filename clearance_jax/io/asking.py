@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from clearance_jax.errors import ClearanceError, suggest
-from clearance_jax.io.asking_keys import PARAMETER
 from clearance_jax.io.files import read_toml
 from clearance_jax.io.metric import Span, metric_of
 from clearance_jax.io.metric_keys import METRIC_KINDS
@@ -18,12 +17,12 @@ from clearance_jax.io.study_keys import SCATTER, SOLVE, STUDY
 from clearance_jax.io.table import Table, naming, variant
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMetric
-from clearance_jax.parameters import replace, units_of, values_of
+from clearance_jax.parameters import PARAMETER, replace, units_of, values_of
 from clearance_jax.sweep.scatter import scatter
 from clearance_jax.units import to_si
 
 # What a scene says of how it is solved that its studies take from it.
-OF_THE_SCENE = ("t0", "rtol", "solver", "start")
+OF_THE_SCENE = ("t0", "rtol", "solver", "start", "max_steps")
 
 
 class Scatter(NamedTuple):

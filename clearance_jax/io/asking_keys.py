@@ -1,51 +1,32 @@
-"""What the modules of keys of a study share: which scene, how it is changed, how it is solved."""
+"""What scenes, studies and sections of studies share: how motions are solved, units that a name decides."""
 
-import dataclasses
-
-from clearance_jax.io.kinds import LONGEST_PATH, Key, Quantity, Sub, Text, Whole, Word
+from clearance_jax.io.kinds import Quantity, Whole, Word
+from clearance_jax.io.table import Keys
 from clearance_jax.solve.attempt import STARTS
 from clearance_jax.solve.settings import SOLVERS
 
-PARAMETER = "the parameter's"
-"""The unit of a number, which the parameter's name decides."""
 METRIC = "the metric's"
 """The unit of a bound, which the metric decides."""
-_SOLVING = {
-    "rtol": Quantity(
-        "rtol",
-        "accuracy: the relative tolerance of the solves",
-        "1e-8",
-        bounds={"above": 0.0, "below": 1.0},
-        absent="the scene's, or 1e-8",
-    ),
-    "solver": Word("solver", "the solver", '"dopri8"', allowed=tuple(SOLVERS), absent="the scene's, or tsit5"),
-    "start": Word("start", "where pins start", '"settled"', allowed=STARTS, absent="the scene's, or centre"),
-    "max_steps": Whole("max_steps", "steps after which a solve gives up", "100000", least=1, absent="10000000"),
-}
-SET = Sub(
-    "set", "parameters of the scene to change, by name", '{ "drive.main.speed" = "3000 rpm" }', form="values by name"
-)
-
-
-def heading(title: str) -> tuple[Key, ...]:
-    """The name and the scene of a study, with a name for example."""
-    return (
-        Text("name", "name of the study", f'"{title}"', absent="the file's name"),
-        Text(
-            "scene",
-            "the scene file, from where the study is",
-            '"slider_crank.toml"',
-            required=True,
-            longest=LONGEST_PATH,
+SOLVING = Keys(
+    "solve",
+    "Accuracy and solver",
+    "The same in a scene and in a study.",
+    (
+        Quantity(
+            "rtol",
+            "accuracy: the relative tolerance of the solve",
+            "1e-8",
+            bounds={"above": 0.0, "below": 1.0},
+            absent="1e-8",
         ),
-    )
-
-
-def solve_keys(*names: str) -> tuple[Key, ...]:
-    """The keys of that name of how a scene is solved."""
-    return tuple(_SOLVING[name] for name in names)
-
-
-def choice_word(word: Word, choice: str) -> Word:
-    """The word that chooses a table, with that choice as its example."""
-    return dataclasses.replace(word, example=f'"{choice}"')
+        Word("solver", "the solver: `dopri8` for rtol below 1e-8", '"dopri8"', allowed=tuple(SOLVERS), absent="tsit5"),
+        Word(
+            "start",
+            "where pins start: in the middle of their sleeves, or at the walls where the joints' forces press them",
+            '"settled"',
+            allowed=STARTS,
+            absent="centre",
+        ),
+        Whole("max_steps", "steps after which a solve gives up", "100000", least=1, absent="10000000"),
+    ),
+)

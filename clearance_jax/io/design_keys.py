@@ -1,13 +1,13 @@
 """Every key of a study's section `design`. A new key is a line here, and its use."""
 
-import dataclasses
-
+from clearance_jax.design.costs import COSTS
 from clearance_jax.design.manufacture import MANUFACTURE
 from clearance_jax.design.methods import METHOD_CHOICES
-from clearance_jax.io.asking_keys import METRIC, PARAMETER, choice_word
+from clearance_jax.io.asking_keys import METRIC
 from clearance_jax.io.fields import kinds_of
 from clearance_jax.io.kinds import Flag, Names, Quantities, Quantity, Sub, Text, Whole, Wholes, Word
 from clearance_jax.io.table import Keys
+from clearance_jax.parameters import PARAMETER
 from clearance_jax.solve.settings import MOST_SAMPLES
 
 DESIGN = Keys(
@@ -103,53 +103,21 @@ _LAW = Word(
     "law",
     "the law of the cost",
     '"reciprocal"',
-    allowed=("reciprocal", "exponential", "exponential-reciprocal", "table"),
+    allowed=tuple(COSTS),
     required=True,
 )
-_POSITIVE = {"above": 0.0}
-_FIXED = Quantity("fixed", "cost that no clearance saves", "1.0", default=0.0)
-_POWER = Quantity("power", "power of the clearance", "2", default=1.0, bounds=_POSITIVE)
-_RATE = Quantity(
-    "rate", "rate at which the cost falls", '"1 / (10 um)"', unit=f"1/{PARAMETER}", bounds=_POSITIVE, required=True
+COST_TABLES = kinds_of(
+    'design.variable."NAME".cost',
+    "Cost",
+    _LAW,
+    COSTS,
+    {
+        "table": (
+            Quantities("clearances", "at least two, increasing", '["10 um", "40 um"]', unit=PARAMETER, required=True),
+            Quantities("costs", "a cost for each, falling", "[9, 4]", required=True),
+        )
+    },
 )
-_FACTOR = Quantity(
-    "factor",
-    "factor of the clearance-dependent part",
-    '"0.04 mm^2"',
-    unit=f"{PARAMETER} to the power",
-    bounds=_POSITIVE,
-    required=True,
-)
-
-
-def _cost(law: str, help: str, *keys) -> Keys:
-    return Keys('design.variable."NAME".cost', f"Cost `{law}`", help, (choice_word(_LAW, law), *keys), f'law = "{law}"')
-
-
-COST_TABLES = {
-    "reciprocal": _cost("reciprocal", "fixed + factor / clearance^power.", _FACTOR, _POWER, _FIXED),
-    "exponential": _cost(
-        "exponential",
-        "fixed + factor exp(-rate clearance).",
-        dataclasses.replace(_FACTOR, unit="", example="3.0"),
-        _RATE,
-        _FIXED,
-    ),
-    "exponential-reciprocal": _cost(
-        "exponential-reciprocal",
-        "fixed + factor exp(-rate clearance) / clearance^power.",
-        _FACTOR,
-        _RATE,
-        _POWER,
-        _FIXED,
-    ),
-    "table": _cost(
-        "table",
-        "Costs quoted at some clearances, and in between a curve that does not overshoot.",
-        Quantities("clearances", "at least two, increasing", '["10 um", "40 um"]', unit=PARAMETER, required=True),
-        Quantities("costs", "a cost for each, falling", "[9, 4]", required=True),
-    ),
-}
 
 _KIND = Word("kind", "how parts come out of manufacture", '"band"', allowed=tuple(MANUFACTURE), required=True)
 # What scatters is said once, for all that asks: here only which numbers.

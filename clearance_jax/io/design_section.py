@@ -4,19 +4,19 @@ import itertools
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from clearance_jax.design.costs import AbstractCost, CostTable, Exponential, ExponentialReciprocal, Reciprocal
+from clearance_jax.design.costs import COSTS, POWER, AbstractCost
 from clearance_jax.design.manufacture import MANUFACTURE, AbstractManufacture
 from clearance_jax.design.problem import ToleranceProblem
 from clearance_jax.design.specification import Limit
 from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.io.asking import Asked, Scatter
-from clearance_jax.io.asking_keys import METRIC, PARAMETER
+from clearance_jax.io.asking_keys import METRIC
 from clearance_jax.io.design_keys import COST_TABLES, DESIGN, LIMIT, MANUFACTURE_TABLES, VARIABLE, VERIFY
 from clearance_jax.io.settings import values_by_name
 from clearance_jax.io.table import Chosen, Table, entries, naming
 from clearance_jax.io.wear_section import WearAsked
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.parameters import units_of
+from clearance_jax.parameters import PARAMETER, units_of
 from clearance_jax.wear import AfterWear
 
 
@@ -79,25 +79,16 @@ def _variables(top: Table, mechanism: Mechanism) -> tuple[dict[str, tuple[float,
 def _cost(read: Chosen, unit: str) -> AbstractCost:
     """Constants are in a currency times or over a power of the variable's unit: `factor = "20 um"`."""
     law, table = read
-    if law == "table":
-        return _cost_table(table)
-    words = {f"1/{PARAMETER}": f"1/({unit})" if unit else ""}
-    fixed = table.get("fixed")
-    if law == "exponential":
-        return Exponential(table.get("factor"), table.get("rate", words), fixed)
-    power = table.get("power")
-    factor = table.get("factor", {f"{PARAMETER} to the power": f"({unit})**{power:g}" if unit else ""})
-    if law == "reciprocal":
-        return Reciprocal(factor, power, fixed)
-    return ExponentialReciprocal(factor, table.get("rate", words), power, fixed)
-
-
-def _cost_table(table: Table) -> CostTable:
-    clearances, costs = table.get("clearances"), table.get("costs")
-    if any(b > a for a, b in itertools.pairwise(costs)):
-        raise ClearanceError(f"{table.key('costs')} must fall as the clearance grows, but it is {quote(costs)}.")
+    if law == "table" and any(b > a for a, b in itertools.pairwise(table.get("costs"))):
+        raise ClearanceError(
+            f"{table.key('costs')} must fall as the clearance grows, but it is {quote(table.get('costs'))}."
+        )
+    power = table.get("power") if law.endswith("reciprocal") else 1.0
+    own = {f"1/{PARAMETER}": f"1/({unit})", POWER: f"({unit})**{power:g}"}
+    # The longer words come first: they have the parameter's in them.
+    table.words = {**(own if unit else dict.fromkeys(own, "")), **table.words}
     with naming(table.where):
-        return CostTable(clearances, costs)
+        return COSTS[law](**table.arguments("law"))
 
 
 # Limits --------------------------------------------------------------------------------------------------------------

@@ -2,7 +2,8 @@
 
 import dataclasses
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
 from typing import Any, Literal, get_args, get_origin
 
 from clearance_jax.io.kinds import (
@@ -24,6 +25,8 @@ from clearance_jax.io.table import Keys
 from clearance_jax.mechanism.compounds import Slide, Spin, Turn
 from clearance_jax.mechanism.loads import Force, Torque
 from clearance_jax.mechanism.placement import Axis, Inertia, Orientation, Position
+
+NO_MORE: Mapping[str, Iterable[Key]] = MappingProxyType({})
 
 
 def keys_of(cls: type, *names: str) -> tuple[Key, ...]:
@@ -77,22 +80,24 @@ def summary(part: Any) -> str:
     return " ".join((part.__doc__ or "").split("\n\n")[0].split()).split("**Arguments:**")[0].strip()
 
 
+def kind_of(name: str, title: str, head: Word, word: str, help: str, *keys: Key) -> Keys:
+    """The table of one kind, which a word chooses by the key `head`."""
+    return Keys(name, title, help, (dataclasses.replace(head, example=f'"{word}"'), *keys), f'{head.name} = "{word}"')
+
+
 def kinds_of(
-    name: str, title: str, head: Word, members: Mapping[str, Any], class_of: Callable = lambda cls: cls
+    name: str, title: str, head: Word, members: Mapping[str, Any], more: Mapping[str, Iterable[Key]] = NO_MORE
 ) -> dict[str, Keys]:
-    """Of each member its table, which its word chooses by the key `head`."""
-    return {
-        word: Keys(
-            name,
-            f"{title} `{word}`",
-            summary(member),
-            (dataclasses.replace(head, example=f'"{word}"'), *keys_of(class_of(member))),
-            f'{head.name} = "{word}"',
-        )
-        for word, member in members.items()
-    }
+    """Of each member its table: the keys of its class, and of some words `more`, which come before those of that name
+    in the class.
+    """
+    found = {}
+    for word, member in members.items():
+        keys = {key.name: key for key in (*keys_of(_class(member)), *more.get(word, ()))}
+        found[word] = kind_of(name, title, head, word, summary(member), *keys.values())
+    return found
 
 
-def law_class(law: Any) -> type:
-    """The class of a law: a member of a family is a function, whose numbers are those of the class it returns."""
-    return law if inspect.isclass(law) else inspect.signature(law, eval_str=True).return_annotation
+def _class(member: Any) -> type:
+    """A member of a family may be a function, whose numbers are those of the class that it returns."""
+    return member if inspect.isclass(member) else inspect.signature(member, eval_str=True).return_annotation

@@ -36,9 +36,22 @@ class KeyReference(NamedTuple):
     help: str
 
 
+class KindReference(NamedTuple):
+    """One of the kinds that a table may be of: the `word` that chooses it, in TOML, a `help`, its keys and the
+    titles of the tables whose keys it has too.
+    """
+
+    word: str
+    help: str
+    keys: list[str]
+    shared: list[str]
+
+
 class TableReference(NamedTuple):
     """A table of a `file` ("scene", "study"): its `name` in the file (`body.NAME`; the file's for the
-    top), the `choice` among tables of that name, if any (`law = "hertz"`), a `title`, a `help` and its keys.
+    top), the `choice` among tables of that name, if any (`type = "revolute"`), a `title`, a `help` and its own keys;
+    the titles of the tables whose keys it has too (`shared`), which are told there; the `kinds` that it may be of, with
+    the key that chooses among them (`head`), if there are several. A key that several kinds have is told once.
     """
 
     file: File
@@ -47,33 +60,68 @@ class TableReference(NamedTuple):
     title: str
     help: str
     keys: list[KeyReference]
+    shared: list[str]
+    head: str
+    kinds: list[KindReference]
 
 
 def reference() -> list[TableReference]:
-    """Every table that the readers know, scenes first, each with every key. Kinds that have the same keys are one."""
-    return [_table(file, several) for file, tables in FILES.items() for several in _alike(tables)]
+    """Every table that the readers know, scenes first, each with every key; kinds of one family are one table."""
+    return [_table(file, several) for file, tables in FILES.items() for several in _families(tables)]
 
 
-def _alike(tables: tuple[Keys, ...]) -> list[list[Keys]]:
-    """Tables that differ by the word that chooses them alone, together."""
-    found: dict[Any, list[Keys]] = {}
-    for i, table in enumerate(tables):
-        first, *others = map(_key, table.keys)
-        same = table.choice and (table.name, first.name, tuple(others))
-        found.setdefault(same or i, []).append(table)
+def _families(tables: tuple[Keys, ...]) -> list[list[Keys]]:
+    """Tables of one name and title together."""
+    found: dict[tuple[str, str], list[Keys]] = {}
+    for table in tables:
+        found.setdefault((table.name, table.title), []).append(table)
     return list(found.values())
 
 
 def _table(file: File, several: list[Keys]) -> TableReference:
     first, *others = several
-    keys = [_key(key) for key in first.keys]
     if not others:
-        return TableReference(file, first.name, first.choice, first.title, first.help, keys)
-    titles = [table.title.partition("`") for table in several]
-    words = [f"`{words.rstrip('`')}`" for _, _, words in titles]
-    help = " ".join(f"{word}: {table.help}" for word, table in zip(words, several, strict=True))
-    choice = first.choice + "".join(f" or {table.choice.partition(' = ')[2]}" for table in others)
-    return TableReference(file, first.name, choice, titles[0][0] + ", ".join(words), help, keys)
+        keys = [_key(key) for key in first.own]
+        return TableReference(file, first.name, first.choice, first.title, first.help, keys, _titles(first), "", [])
+    head = first.choice.partition(" = ")[0]
+    kinds = [
+        KindReference(_word(table), table.help, [key.name for key in table.own if key.name != head], _titles(table))
+        for table in several
+    ]
+    help = f"Its key `{head}` says of which kind it is."
+    return TableReference(file, first.name, "", first.title, help, _told_once(several), [], head, kinds)
+
+
+def _titles(table: Keys) -> list[str]:
+    return [shared.title for shared in table.shared]
+
+
+def _word(table: Keys) -> str:
+    """What chooses a kind: the value of its key in TOML."""
+    return table.choice.partition(" = ")[2]
+
+
+def _told_once(several: list[Keys]) -> list[KeyReference]:
+    """The keys of kinds, each once that means the same in all of them; keys of one name stand together."""
+    found: dict[str, dict[Any, list[tuple[str, KeyReference]]]] = {}
+    for table in several:
+        for key in map(_key, table.own):
+            uses = found.setdefault(key.name, {})
+            uses.setdefault((key.help, key.unit, key.kind), []).append((f"`{_word(table)}`", key))
+    return [_common(uses, len(meanings) > 1) for meanings in found.values() for uses in meanings.values()]
+
+
+def _common(uses: list[tuple[str, KeyReference]], is_apart: bool) -> KeyReference:
+    """A key of several kinds, with its defaults by kinds where they differ; of which kinds, if its name `is_apart` from
+    the same one of others.
+    """
+    key, defaults = uses[0][1], {}
+    for word, use in uses:
+        defaults.setdefault(use.default or "required", []).append(word)
+    if len(defaults) > 1:
+        said = "; ".join(f"{default} ({', '.join(words)})" for default, words in defaults.items())
+        key = key._replace(default=said, required=False)
+    return key._replace(help=f"of {', '.join(word for word, _ in uses)}: {key.help}") if is_apart else key
 
 
 def example(table: Keys, *skip: str) -> dict[str, str]:

@@ -26,12 +26,6 @@ def metric_of(read: Chosen, mechanism: Mechanism, span: Span) -> AbstractMetric:
     kind, table = read
     if kind in RECURRENCES:
         return recurrence_of(read)
-    if kind in REDUCTIONS and kind != "at" and table.has("times"):
-        raise ClearanceError(f'{table.key("times")} belongs to the kind "at". Remove it.')
-    if kind == "at":
-        table.need("times")
-        if table.has("since"):
-            raise ClearanceError(f"{table.key('since')} has no effect: `times` say when. Remove it.")
     if kind in COUNTS:
         metric = COUNTS[kind](**_of(COUNTS[kind], kind, table, mechanism))
     else:

@@ -3,8 +3,7 @@
 import dataclasses
 
 from clearance_jax import metrics
-from clearance_jax.io.asking_keys import choice_word
-from clearance_jax.io.fields import summary
+from clearance_jax.io.fields import kind_of, summary
 from clearance_jax.io.kinds import Key, Quantities, Quantity, Text, Word
 from clearance_jax.io.recurrence_keys import RECURRENCE_KEYS, RECURRENCES
 from clearance_jax.io.table import Keys
@@ -37,38 +36,21 @@ OF = {
         "joint", "the joint: with clearance, of contact-force; any, of joint-reaction and joint-moment", '"wrist"'
     ),
 }
-_REDUCED = Keys(
-    "metric.NAME",
-    "Metric of a signal",
-    "`peak`: the largest value of a signal over time; `rms`: the root of its mean square; `mean`: its mean; `at`: its "
-    "values at given times.",
-    (
-        choice_word(_KIND, "peak"),
-        Word("signal", "the signal that it is of", '"position-error"', allowed=tuple(SIGNALS), required=True),
-        *OF.values(),
-        _SINCE,
-        Quantities("times", "of `at`: the times, increasing, from t0 to t1", '["0.5 ms", "1 ms"]', unit="s"),
-    ),
-    'kind = "peak", "rms", "mean" or "at"',
-    RENAMED,
-)
+_SIGNAL = Word("signal", "the signal that it is of", '"position-error"', allowed=tuple(SIGNALS), required=True)
+_TIMES = Quantities("times", "the times, increasing, from t0 to t1", '["0.5 ms", "1 ms"]', unit="s", required=True)
 
 
-def _table(kind: str, title: str, metric: type, *keys: Key) -> Keys:
-    return Keys("metric.NAME", title, summary(metric), (choice_word(_KIND, kind), *keys), f'kind = "{kind}"', RENAMED)
+def _metric(kind: str, cls: type, *keys: Key) -> Keys:
+    return kind_of("metric.NAME", "Metric", _KIND, kind, summary(cls), *keys)._replace(renamed=RENAMED)
 
 
 METRIC_KINDS = {
-    **dict.fromkeys(REDUCTIONS, _REDUCED),
-    "energy-lost": _table("energy-lost", "Metric `energy-lost`", metrics.EnergyLost, _SINCE),
-    "impacts": _table(
-        "impacts",
-        "Metric `impacts`",
-        metrics.Impacts,
-        dataclasses.replace(OF["joint"], help="the joint with clearance", required=True),
-        _SINCE,
-    ),
-    **{kind: _table(kind, f"Metric `{kind}`", cls, *RECURRENCE_KEYS[kind]) for kind, cls in RECURRENCES.items()},
+    **{
+        kind: _metric(kind, cls, _SIGNAL, *OF.values(), _TIMES if kind == "at" else _SINCE)
+        for kind, cls in REDUCTIONS.items()
+    },
+    "energy-lost": _metric("energy-lost", metrics.EnergyLost, _SINCE),
+    "impacts": _metric("impacts", metrics.Impacts, dataclasses.replace(OF["joint"], required=True), _SINCE),
+    **{kind: _metric(kind, cls, *RECURRENCE_KEYS[kind]) for kind, cls in RECURRENCES.items()},
 }
 """Of each kind of metric its table."""
-METRIC_TABLES = {table.title: table for table in METRIC_KINDS.values()}

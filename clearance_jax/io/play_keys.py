@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from clearance_jax.io.fields import keys_of, kinds_of, law_class, summary
+from clearance_jax.io.fields import keys_of, kind_of, kinds_of, summary
 from clearance_jax.io.kinds import LONGEST_PATH, Key, Quantities, Quantity, Sub, Text, Whole, Word
 from clearance_jax.io.table import Keys
 from clearance_jax.joints import (
@@ -22,25 +22,32 @@ from clearance_jax.joints.presets import KINDS
 from clearance_jax.laws import FRICTION_LAWS, NORMAL_LAWS, InternalHertz
 from clearance_jax.mechanism.tree import Revolute
 
-LAWS = (
-    Sub(
-        "normal",
-        "law of the normal force; where there is clearance it must be there, but for a bearing and for a robot's joint",
-        '{ law = "hertz", stiffness = "2.487e6 N/mm^1.5" }',
+CONTACT = Keys(
+    "joint.NAME",
+    "Contact",
+    "What every joint with clearance has: its laws, what else fills the play, where what plays starts.",
+    (
+        Sub(
+            "normal",
+            "law of the normal force; where there is clearance it must be there, but for a bearing and for a robot's "
+            "joint",
+            '{ law = "hertz", stiffness = "2.487e6 N/mm^1.5" }',
+        ),
+        Sub(
+            "friction",
+            'law of the friction, or "none"',
+            '{ law = "tanh", coefficient = 0.1, transition_speed = "10 mm/s" }',
+            form='table or "none"',
+            absent="no friction",
+        ),
+        Sub(
+            "element",
+            "what fills the play and acts without touch",
+            '{ type = "damper", radial = "2 kN*s/m", tilt = "0.5 N*m*s/rad" }',
+            absent="nothing",
+        ),
+        *keys_of(Revolute, "eccentricity"),
     ),
-    Sub(
-        "friction",
-        'law of the friction, or "none"',
-        '{ law = "tanh", coefficient = 0.1, transition_speed = "10 mm/s" }',
-        form='table or "none"',
-        absent="no friction",
-    ),
-)
-ELEMENT = Sub(
-    "element",
-    "what fills the play and acts without touch",
-    '{ type = "damper", radial = "2 kN*s/m", tilt = "0.5 N*m*s/rad" }',
-    absent="nothing",
 )
 
 
@@ -49,88 +56,79 @@ def _optional(*keys: Key, **absent: str) -> tuple[Key, ...]:
     return tuple(dataclasses.replace(key, required=False, absent=absent.get(key.name, key.absent)) for key in keys)
 
 
-def _start(help: str) -> Key:
-    """Where what plays starts."""
-    return dataclasses.replace(keys_of(Revolute, "eccentricity")[0], help=help)
-
-
-_SLEEVE = tuple(key for key in keys_of(SleeveClearance) if key.name not in ("radial_clearance", "pin_radius"))
-_RADII = (
-    *_optional(*keys_of(RevoluteClearance)),
-    Quantity("diametral_clearance", "twice the radial clearance, instead of it", '"0.2 mm"', unit="m"),
-    Quantity("sleeve_radius", "radius of the sleeve", '"10.1 mm"', unit="m", absent="pin radius plus clearance"),
-)
-_FIT = (
-    *_optional(*keys_of(Fitting)),
-    Sub("press", "the housing into which the sleeve, a bush, is pressed", '{ fit = "H7/p6", diameter = "26 mm" }'),
-)
-PIN = Keys(
+_OF_FACES = ("axial_clearance", "collar_radius", "ring")
+IN_A_SLEEVE = Keys(
     "joint.NAME",
-    "Clearance of a revolute joint",
-    "Two of radial (or diametral) clearance, pin radius and sleeve radius, or a pin radius and a `fit`, or a "
-    "`bearing`; and the laws of contact. In a joint of the kind `sleeve` the pin may tilt, in space, and slide along "
-    "its axis where it has axial play too. Wear and line contacts spread their force over the `length`.",
+    "Pin in a sleeve",
+    "Two of radial (or diametral) clearance, pin radius and sleeve radius, or a pin radius and a `fit`. Wear and line "
+    "contacts spread their force over the `length`.",
     (
-        *_RADII,
-        *LAWS,
-        ELEMENT,
-        *keys_of(Revolute, "eccentricity"),
-        Word(
-            "kind",
-            "what the pin may do: turn (`pin`), or tilt in a sleeve too",
-            '"sleeve"',
-            allowed=KINDS,
-            default="pin",
+        *_optional(*keys_of(RevoluteClearance, "radial_clearance", "pin_radius")),
+        Quantity("diametral_clearance", "twice the radial clearance, instead of it", '"0.2 mm"', unit="m"),
+        Quantity("sleeve_radius", "radius of the sleeve", '"10.1 mm"', unit="m", absent="pin radius plus clearance"),
+        *_optional(*keys_of(SleeveClearance, "length", "stations", "pin"), length="not known"),
+        *_optional(*keys_of(Fitting)),
+        Sub("press", "the housing into which the sleeve, a bush, is pressed", '{ fit = "H7/p6", diameter = "26 mm" }'),
+    ),
+)
+PIN = (
+    Keys(
+        "joint.NAME",
+        "Clearance of a revolute joint",
+        "A pin in a sleeve, or a `bearing`. In a joint of the kind `sleeve` the pin may tilt, in space, and slide "
+        "along its axis where it has axial play too.",
+        (
+            Word(
+                "kind",
+                "what the pin may do: turn (`pin`), or tilt in a sleeve too",
+                '"sleeve"',
+                allowed=KINDS,
+                default="pin",
+            ),
+            *_optional(*keys_of(SleeveClearance, *_OF_FACES)),
+            Sub(
+                "bearing",
+                "a rolling bearing, instead: one with radial play, or one of an arm's joint, whose rings tilt too",
+                '{ bore = "25 mm", balls = 9, ball_diameter = "7.94 mm" }',
+            ),
+            Sub("worn", "what its sleeve is worn off by", '{ file = "wear.nc" }', absent="round"),
         ),
-        *_optional(*_SLEEVE, length="not known"),
-        *_FIT,
-        Sub(
-            "bearing",
-            "a rolling bearing, instead: one with radial play, or one of an arm's joint, whose rings tilt too",
-            '{ bore = "25 mm", balls = 9, ball_diameter = "7.94 mm" }',
-        ),
-        Sub("worn", "what its sleeve is worn off by", '{ file = "wear.nc" }', absent="round"),
-    ),
-    'type = "revolute"',
+        'type = "revolute"',
+    )
+    + IN_A_SLEEVE
+    + CONTACT
 )
-SHAFT = Keys(
-    "joint.NAME",
-    "Clearance of a cylindrical joint",
-    "As of a revolute joint of the kind `sleeve`, without axial play: the pin slides.",
-    (
-        *_RADII,
-        *LAWS,
-        ELEMENT,
-        _start("where the pin's centre starts across the sleeve, in the sleeve's axes"),
-        *_optional(*(key for key in _SLEEVE if key.name in ("length", "stations", "pin"))),
-        *_FIT,
-    ),
-    'type = "cylindrical"',
+SHAFT = (
+    Keys(
+        "joint.NAME",
+        "Clearance of a cylindrical joint",
+        "As of a revolute joint of the kind `sleeve`, without axial play: the pin slides.",
+        (),
+        'type = "cylindrical"',
+    )
+    + IN_A_SLEEVE
+    + CONTACT
 )
-BALL = Keys(
-    "joint.NAME",
-    "Clearance of a spherical joint",
-    "A ball in a socket that is a little larger.",
-    (
-        *_optional(*keys_of(SphericalClearance)),
-        *LAWS,
-        ELEMENT,
-        _start("where the ball's centre starts in the socket"),
-    ),
-    'type = "spherical"',
+BALL = (
+    Keys(
+        "joint.NAME",
+        "Clearance of a spherical joint",
+        "A ball in a socket that is a little larger.",
+        _optional(*keys_of(SphericalClearance)),
+        'type = "spherical"',
+    )
+    + CONTACT
 )
-GUIDE = Keys(
-    "joint.NAME",
-    "Clearance of a prismatic joint",
-    "A block in a guide, whose corners meet the guide's walls. Of the guide's axes z is along it; of a joint that "
-    "slides along x in the plane, x is across.",
-    (
-        *_optional(*keys_of(GuideClearance)),
-        *LAWS,
-        ELEMENT,
-        _start("where the block's centre starts across the guide, in the guide's axes"),
-    ),
-    'type = "prismatic"',
+GUIDE = (
+    Keys(
+        "joint.NAME",
+        "Clearance of a prismatic joint",
+        "A block in a guide, whose corners meet the guide's walls. Of the guide's axes z is along it; of a joint that "
+        "slides along x in the plane, x is across.",
+        _optional(*keys_of(GuideClearance)),
+        'type = "prismatic"',
+    )
+    + CONTACT
 )
 PRESS = Keys(
     "joint.NAME.press",
@@ -155,71 +153,67 @@ WORN = Keys(
         Text("unit", "unit of the depths, of a CSV table", '"um"'),
     ),
 )
-_INTERNAL = Quantity(
-    "internal_clearance",
-    "radial internal clearance, at the diameter, as it is when mounted and warm",
-    '"10 um"',
-    unit="m",
-    bounds={"above": 0.0},
-    absent="the mean of the group",
-)
 _TYPES = ("radial", "crossed-roller", "angular-contact-pair")
-
-
-def _type(word: str) -> Key:
-    return Word("type", "the kind of bearing", f'"{word}"', allowed=_TYPES, default=_TYPES[0])
+_TYPE = Word("type", "the kind of bearing", '"radial"', allowed=_TYPES, default=_TYPES[0])
 
 
 def _size(name: str, help: str, example: str, unit: str = "m", **more: Any) -> Key:
     return Quantity(name, help, example, unit=unit, bounds={"above": 0.0} | more.pop("bounds", {}), **more)
 
 
-_BALLS = Whole("balls", "how many balls", "9", least=3, most=1000)
-_BALL = _size("ball_diameter", "diameter of a ball", '"7.94 mm"')
+def _bearing(word: str, help: str, *keys: Key) -> Keys:
+    return kind_of("joint.NAME.bearing", "Rolling bearing", _TYPE, word, help, *keys)
+
+
+def _count(name: str, help: str, example: str, least: int) -> Key:
+    return Whole(name, help, example, least=least, most=1000)
+
+
+def _required(*keys: Key) -> tuple[Key, ...]:
+    return tuple(dataclasses.replace(key, required=True) for key in keys)
+
+
+_BALLS = (
+    _count("balls", "how many balls, of a pair in each row", "9", 3),
+    _size("ball_diameter", "diameter of a ball", '"7.94 mm"'),
+)
 _ROLLER = _size("roller_length", "effective length of a roller", '"9 mm"')
+_ROLLERS = "rollers", "how many rollers in all", "60"
 _OF_AN_ARM = (
     _size("pitch_diameter", "diameter of the circle of the elements' centres", '"100 mm"', required=True),
     _size("radial_clearance", "radial play that is left where the preload is overcome", '"5 um"', required=True),
     _size("preload", "axial force with which the rows press on each other", '"500 N"', "N", absent="none: worn off"),
 )
-BEARING = Keys(
-    "joint.NAME.bearing",
-    "Rolling bearing",
-    "Radial play of a deep-groove ball bearing (`balls`) or a cylindrical roller bearing (`rollers`), with the "
-    "stiffness that Palmgren has for it.",
-    (
-        _type("radial"),
+BEARINGS = {
+    "radial": _bearing(
+        "radial",
+        "Radial play of a deep-groove ball bearing (`balls`) or a cylindrical roller bearing (`rollers`), with the "
+        "stiffness that Palmgren has for it.",
         _size("bore", "bore of the bearing", '"25 mm"', required=True),
         Word("group", "group of internal clearance of ISO 5753-1", '"C3"', allowed=GROUPS, default="CN"),
-        _INTERNAL,
-        _BALLS,
-        _BALL,
-        Whole("rollers", "how many rollers", "12", least=3, most=1000),
+        _size(
+            "internal_clearance",
+            "radial internal clearance, at the diameter, as it is when mounted and warm",
+            '"10 um"',
+            absent="the mean of the group",
+        ),
+        *_BALLS,
+        _count(*_ROLLERS, 3),
         _ROLLER,
     ),
-)
-CROSSED_ROLLER = Keys(
-    "joint.NAME.bearing",
-    "Crossed-roller bearing",
-    "The bearing of an industrial arm's joint, as new (with `preload`) or worn: a sleeve whose pin tilts, in space.",
-    (
-        _type("crossed-roller"),
+    "crossed-roller": _bearing(
+        "crossed-roller",
+        "The bearing of an industrial arm's joint, as new (with `preload`) or worn: a sleeve whose pin tilts, in "
+        "space.",
         *_OF_AN_ARM,
-        Whole("rollers", "how many rollers in all", "60", least=6, most=1000, required=True),
-        dataclasses.replace(_ROLLER, required=True),
+        *_required(_count(*_ROLLERS, 6), _ROLLER),
     ),
-    'type = "crossed-roller"',
-)
-ANGULAR_CONTACT_PAIR = Keys(
-    "joint.NAME.bearing",
-    "Pair of angular-contact bearings",
-    "Two angular-contact ball bearings back to back, as new (with `preload`) or worn: a sleeve whose pin tilts, in "
-    "space.",
-    (
-        _type("angular-contact-pair"),
+    "angular-contact-pair": _bearing(
+        "angular-contact-pair",
+        "Two angular-contact ball bearings back to back, as new (with `preload`) or worn: a sleeve whose pin tilts, "
+        "in space.",
         *_OF_AN_ARM,
-        dataclasses.replace(_BALLS, help="how many balls in each row", required=True),
-        dataclasses.replace(_BALL, required=True),
+        *_required(*_BALLS),
         _size(
             "contact_angle",
             "angle of the balls' lines to the plane of the rings",
@@ -230,15 +224,12 @@ ANGULAR_CONTACT_PAIR = Keys(
         ),
         _size("spread", "distance between the two rows of balls", '"40 mm"', required=True),
     ),
-    'type = "angular-contact-pair"',
-)
-BEARINGS = dict(zip(_TYPES, (BEARING, CROSSED_ROLLER, ANGULAR_CONTACT_PAIR), strict=True))
+}
 NORMAL_TABLES = kinds_of(
     "joint.NAME.normal",
     "Normal law",
     Word("law", "the law of the normal force", '"adams-impact"', allowed=tuple(NORMAL_LAWS), required=True),
     NORMAL_LAWS,
-    law_class,
 )
 FRICTION_TABLES = kinds_of(
     "joint.NAME.friction",
@@ -258,7 +249,7 @@ STIFFNESS = Keys(
     summary(InternalHertz) + " Instead of a quantity.",
     keys_of(InternalHertz),
 )
-PLAY_TABLES = (PIN, SHAFT, BALL, GUIDE, PRESS, *BEARINGS.values(), WORN, *ELEMENT_TABLES.values())
+PLAY_TABLES = (PIN, SHAFT, BALL, GUIDE, IN_A_SLEEVE, CONTACT, PRESS, *BEARINGS.values(), WORN, *ELEMENT_TABLES.values())
 """What makes play, in the order of the reference."""
 LAW_TABLES = (*NORMAL_TABLES.values(), STIFFNESS, *FRICTION_TABLES.values())
 """The laws of contact, in that order."""

@@ -20,6 +20,7 @@ _PERIOD = (
         absent="`period`",
     ),
 )
+_COUNT = "how many periods, the last ones"
 RECURRENCES = {SECTION: PoincareSection, EXPONENT: LyapunovExponent}
 RECURRENCE_KEYS = {
     SECTION: (
@@ -30,12 +31,12 @@ RECURRENCE_KEYS = {
             required=True,
         ),
         *_PERIOD,
-        Whole("count", "how many instants, the last ones", "100", least=1, most=MOST_SAMPLES, default=64),
+        Whole("count", _COUNT, "100", least=1, most=MOST_SAMPLES, default=64),
         Quantity("phase", "after the beginning of a period", '"3 ms"', unit="s", absent="at the beginning"),
     ),
     EXPONENT: (
         *_PERIOD,
-        Whole("count", "over how many periods, the last ones", "100", least=FEWEST, most=MOST_SAMPLES, default=50),
+        Whole("count", _COUNT, "100", least=FEWEST, most=MOST_SAMPLES, default=50),
     ),
 }
 """Of each metric its keys."""

@@ -12,11 +12,11 @@ from clearance_jax.io.scene_contact import PLAYS, play_of
 from clearance_jax.io.scene_keys import (
     ACTUATOR_TABLES,
     ACTUATORS,
-    COMPOUNDS,
     DRIVE_TABLES,
     DRIVES,
     JOINT_TABLES,
-    OF_ONE,
+    JOINTS,
+    MOTION,
     SPLINE_FILE,
 )
 from clearance_jax.io.table import Chosen, Table, check_table, naming, variant
@@ -26,7 +26,7 @@ from clearance_jax.mechanism.compounds import Ball, Free, Slide, Spin, Turn
 from clearance_jax.mechanism.expressions import read_expression
 from clearance_jax.mechanism.motion_laws import AbstractDrive, Spline
 from clearance_jax.mechanism.placement import Axis, Orientation, Position
-from clearance_jax.mechanism.tree import SLIDING, TURNING, AbstractJoint, Fixed, Prismatic, Revolute
+from clearance_jax.mechanism.tree import SLIDING, TURNING, AbstractJoint, Fixed
 from clearance_jax.units import to_si
 
 # What only a joint of the tree has.
@@ -85,14 +85,11 @@ def _joint(name: str, read: Chosen, path: Path) -> AbstractJoint:
     )
     if kind == "fixed":
         return Fixed(**common)
-    if kind in COMPOUNDS:
-        return COMPOUNDS[kind](**common, **_several(COMPOUNDS[kind], table, path))
+    if kind not in ("revolute", "prismatic"):
+        return JOINTS[kind](**common, **_several(JOINTS[kind], table, path))
     # What a coordinate and a force along it are measured in, the kind of joint decides.
     table.words = TURNING if kind == "revolute" else SLIDING
-    motion = motion_of(table, path)
-    if kind == "prismatic":
-        return Prismatic(**common, motion=motion, **play_of(Prismatic, table, path), **_axis(table))
-    return Revolute(**common, motion=motion, **play_of(Revolute, table, path), **_axis(table))
+    return JOINTS[kind](**common, motion=motion_of(table, path), **play_of(JOINTS[kind], table, path), **_axis(table))
 
 
 def _orientation(table: Table, key: str) -> Orientation | None:
@@ -115,7 +112,7 @@ def _several(cls: type, table: Table, path: Path) -> dict[str, Any]:
             out["motion"] = Ball(start, Spin(*(rate or 0.0 for rate in spin)), table.get("damping"))
         if field.type in (Slide, Turn) and table.has(field.name):
             words = SLIDING if field.type is Slide else TURNING
-            out[field.name] = motion_of(Table(table.get(field.name), table.key(field.name), OF_ONE, words), path)
+            out[field.name] = motion_of(Table(table.get(field.name), table.key(field.name), MOTION, words), path)
     return out
 
 

@@ -1,7 +1,8 @@
 """Every key of a scene file. A new key is a line here (or a field with a help, where a class holds it), and its use."""
 
-from clearance_jax.io.fields import keys_of, kinds_of, summary
-from clearance_jax.io.kinds import LONGEST_PATH, Direction, Flag, Names, Place, Quantity, Sub, Text, Triple, Whole, Word
+from clearance_jax.io.asking_keys import SOLVING
+from clearance_jax.io.fields import keys_of, kind_of, kinds_of, summary
+from clearance_jax.io.kinds import LONGEST_PATH, Flag, Names, Place, Quantity, Sub, Text, Triple, Whole, Word
 from clearance_jax.io.play_keys import BALL, GUIDE, LAW_TABLES, PIN, PLAY_TABLES, SHAFT
 from clearance_jax.io.table import Keys
 from clearance_jax.io.urdf import BASES, MIMICS
@@ -14,8 +15,7 @@ from clearance_jax.mechanism.loads import Wrench
 from clearance_jax.mechanism.motion_laws import ConstantSpeed, Harmonic, Spline, Step5Sum, StepSum
 from clearance_jax.mechanism.profiles import Constant, Quintic, Trapezoid
 from clearance_jax.mechanism.tree import Fixed, Prismatic, Revolute
-from clearance_jax.solve.attempt import STARTS
-from clearance_jax.solve.settings import MOST_SAMPLES, SOLVERS
+from clearance_jax.solve.settings import MOST_SAMPLES
 
 DRIVES = {
     "constant": Constant,
@@ -28,15 +28,16 @@ DRIVES = {
     "spline": Spline,
 }
 ACTUATORS = {"constant": ConstantEffort, "servo": Servo, "spring": JointSpring, "friction": JointFriction}
-JOINTS = {"revolute": Revolute, "prismatic": Prismatic, "fixed": Fixed}
-JOINTS |= {
+JOINTS = {
+    "revolute": Revolute,
+    "prismatic": Prismatic,
+    "fixed": Fixed,
     "spherical": Spherical,
     "universal": Universal,
     "cylindrical": Cylindrical,
     "planar": Planar,
     "free": Free,
 }
-COMPOUNDS = {word: cls for word, cls in JOINTS.items() if word not in ("revolute", "prismatic", "fixed")}
 
 SCENE = Keys(
     "scene",
@@ -102,43 +103,35 @@ SCENE = Keys(
     ),
 )
 
-SOLVE = Keys(
-    "solve",
-    "How a scene is solved",
-    "Each may be overruled on the command line.",
-    (
-        Quantity("t0", "start of the motion", '"0 s"', unit="s", absent="0 s"),
-        Quantity("t1", "end of the motion", '"24 ms"', unit="s", absent="to be given on the command line"),
-        Quantity(
-            "rtol",
-            "accuracy: the relative tolerance of the solve",
-            "1e-8",
-            bounds={"above": 0.0, "below": 1.0},
-            absent="1e-8",
+SOLVE = (
+    Keys(
+        "solve",
+        "How a scene is solved",
+        "Each may be overruled on the command line.",
+        (
+            Quantity("t0", "start of the motion", '"0 s"', unit="s", absent="0 s"),
+            Quantity("t1", "end of the motion", '"24 ms"', unit="s", absent="to be given on the command line"),
+            Whole("samples", "number of output times", "2001", least=2, most=MOST_SAMPLES, absent="1001"),
         ),
-        Whole("samples", "number of output times", "2001", least=2, most=MOST_SAMPLES, absent="1001"),
-        Word("solver", "the solver: `dopri8` for rtol below 1e-8", '"dopri8"', allowed=tuple(SOLVERS), absent="tsit5"),
-        Word(
-            "start",
-            "where pins start: in the middle of their sleeves, or at the walls where the joints' forces press them",
-            '"settled"',
-            allowed=STARTS,
-            absent="centre",
-        ),
-    ),
+    )
+    + SOLVING
 )
+BODY = Keys("body.NAME", "Bodies", summary(Body), keys_of(Body))
+POINT = Keys("point.NAME", "Points", summary(Point), keys_of(Point))
+SPRING = Keys("spring.NAME", "Springs", summary(Spring), keys_of(Spring))
 
-_LINK = Text("on", "the robot's body, or its point, that carries it", '"tcp"', required=True)
-PAYLOAD = Keys(
-    "robot.payload.NAME",
-    "Payloads of a robot",
-    "A body on a fixed joint `NAME_grip`.",
-    (
-        _LINK,
-        *keys_of(Body),
-        Place("at", "where its frame is in that of what carries it", '["0 mm", "0 mm", "80 mm"]', unit="m"),
-        Triple("orientation", "its roll, pitch and yaw there", '["0 deg", "90 deg", "0 deg"]', unit="rad"),
-    ),
+PAYLOAD = (
+    Keys(
+        "robot.payload.NAME",
+        "Payloads of a robot",
+        "A body on a fixed joint `NAME_grip`.",
+        (
+            Text("on", "the robot's body, or its point, that carries it", '"tcp"', required=True),
+            Place("at", "where its frame is in that of what carries it", '["0 mm", "0 mm", "80 mm"]', unit="m"),
+            Triple("orientation", "its roll, pitch and yaw there", '["0 deg", "90 deg", "0 deg"]', unit="rad"),
+        ),
+    )
+    + BODY
 )
 ROBOT = Keys(
     "robot",
@@ -163,18 +156,15 @@ ROBOT = Keys(
         ),
         Sub("payload", "what it carries, by name", '{ cutter = { on = "tcp", mass = "3 kg" } }', form="tables by name"),
         Sub(
-            "clearance",
-            "play of its joints, by their names: as of a joint of that kind; without `normal` of steel in bronze",
-            '{ axis_5 = { kind = "sleeve", radial_clearance = "50 um", axial_clearance = "1 mm", length = "40 mm" } }',
-            form="tables by name",
-        ),
-        Sub(
             "joint",
-            "how its joints start, are driven or forced, by their names: as a revolute or prismatic joint",
-            '{ axis_2 = { position = "30 deg" } }',
+            "how its joints start, are driven or forced, and their play, by their names: as joints of that kind; where "
+            "there is play without `normal` of steel in bronze",
+            '{ axis_2 = { position = "30 deg" }, '
+            'axis_5 = { kind = "sleeve", radial_clearance = "50 um", axial_clearance = "1 mm", length = "40 mm" } }',
             form="tables by name",
         ),
     ),
+    renamed={"clearance": "robot.joint"},
 )
 WRENCH = Keys(
     "wrench.NAME",
@@ -206,22 +196,12 @@ CONTROLLER = Keys(
         ),
     ),
 )
-BODY = Keys("body.NAME", "Bodies", summary(Body), keys_of(Body))
-POINT = Keys("point.NAME", "Points", summary(Point), keys_of(Point))
-SPRING = Keys("spring.NAME", "Springs", summary(Spring), keys_of(Spring))
-
-_TYPE = Word("type", "the kind of joint", '"revolute"', allowed=tuple(JOINTS), required=True)
-JOINT = Keys(
-    "joint.NAME",
-    "Joints",
-    "What every joint has: revolute (a pin), prismatic (a slide along the x axis of its frame) or fixed; in space also "
-    "spherical (a ball), universal (a cardan), cylindrical, planar or free.",
-    (_TYPE, *keys_of(Fixed)),
-)
+JOINT = Keys("joint.NAME", "Place of a joint", "What every joint has.", keys_of(Fixed))
 MOTION = Keys(
-    "joint.NAME",
-    "Motion of a revolute or prismatic joint",
-    "Driven, or free under any number of actuators. A joint that closes a loop takes none of these.",
+    "joint.NAME.slide, .turn, ...",
+    "Motion of a coordinate",
+    "Driven, or free under any number of actuators: in the table of a revolute or prismatic joint itself, else in that "
+    "of each slide and turn. A joint that closes a loop takes none of these.",
     (
         Sub(
             "drive",
@@ -231,12 +211,6 @@ MOTION = Keys(
             absent="free",
         ),
         *keys_of(Motion),
-        Direction(
-            "axis",
-            "what it turns about or slides along, an axis of its frame: a letter, or three numbers",
-            '"z"',
-            absent="z of a revolute joint, x of a prismatic one",
-        ),
         Sub(
             "actuator",
             "forces along a free coordinate, by name",
@@ -244,13 +218,6 @@ MOTION = Keys(
             form="tables by name",
         ),
     ),
-    'type = "revolute" or "prismatic"',
-)
-OF_ONE = Keys(
-    "joint.NAME.slide, .turn, ...",
-    "Motion of one coordinate of a joint that has several",
-    "As that of a revolute or prismatic joint.",
-    tuple(key for key in MOTION.keys if key.name != "axis"),
 )
 COMPLIANCE = Keys(
     "compliance.NAME",
@@ -259,26 +226,32 @@ COMPLIANCE = Keys(
     "drive moves, `NAME` how far the link gives way.",
     keys_of(Compliance),
 )
-# What each joint of several coordinates has beside what every joint has.
-COMPOUND_TABLES = {
-    word: Keys(
-        "joint.NAME",
-        f"Joint `{word}`",
-        summary(cls),
-        (
-            *(key for key in keys_of(cls) if key.name not in {k.name for k in JOINT.keys}),
-            *(keys_of(Ball) if cls in (Spherical, Free) else ()),
-        ),
-        f'type = "{word}"',
-    )
-    for word, cls in COMPOUNDS.items()
+_TYPE = Word("type", "the kind of joint", '"revolute"', allowed=tuple(JOINTS), required=True)
+# Beside what the class of a joint holds.
+_OF_JOINTS = {
+    Revolute: (MOTION, PIN),
+    Prismatic: (MOTION, GUIDE),
+    Spherical: (BALL,),
+    Cylindrical: (SHAFT,),
 }
-JOINT_TABLES = {"revolute": JOINT + MOTION + PIN, "prismatic": JOINT + MOTION + GUIDE, "fixed": JOINT}
-JOINT_TABLES |= {word: JOINT + table for word, table in COMPOUND_TABLES.items()}
-JOINT_TABLES["spherical"] += BALL
-JOINT_TABLES["cylindrical"] += SHAFT
 
 
+def _joint(word: str, cls: type) -> Keys:
+    shared = (JOINT, *_OF_JOINTS.get(cls, ()))
+    elsewhere = {key.name for table in shared for key in table.keys}
+    own = (*keys_of(cls), *(keys_of(Ball) if cls in (Spherical, Free) else ()))
+    table = kind_of(
+        "joint.NAME",
+        "Joints",
+        _TYPE,
+        word,
+        summary(cls),
+        *(key for key in own if key.name not in elsewhere),
+    )
+    return sum(shared, start=table)
+
+
+JOINT_TABLES = {word: _joint(word, cls) for word, cls in JOINTS.items()}
 DRIVE_TABLES = kinds_of(
     "joint.NAME.drive",
     "Drive",
@@ -287,8 +260,8 @@ DRIVE_TABLES = kinds_of(
 )
 SPLINE_FILE = Keys(
     "joint.NAME.drive",
-    "Drive `spline` from a file",
-    "A cubic spline through a table in a file, instead of `times` and `values`.",
+    "Drive",
+    "A spline through a table in a file, instead of `times` and `values`.",
     (
         DRIVE_TABLES["spline"].keys[0],
         Text(
@@ -301,25 +274,25 @@ SPLINE_FILE = Keys(
         Text("unit", "unit of the values", '"deg"', required=True),
         *keys_of(Spline, "ends"),
     ),
-    'type = "spline" with `file`',
+    'type = "spline"',
 )
+_TARGET = Sub("target", "where it steers to: as a drive", '"90 d * time"', form="table or expression", required=True)
 ACTUATOR_TABLES = kinds_of(
     "joint.NAME.actuator.NAME",
     "Actuator",
     Word("type", "the kind of actuator", '"constant"', allowed=tuple(ACTUATORS), required=True),
     ACTUATORS,
+    {"servo": (_TARGET,)},
 )
-_TARGET = Sub("target", "where it steers to: as a drive", '"90 d * time"', form="table or expression", required=True)
-ACTUATOR_TABLES["servo"] += Keys("", "", "", (_TARGET,))
 SCENE_TABLES = (
     SCENE,
     SOLVE,
+    SOLVING,
     BODY,
+    *JOINT_TABLES.values(),
     JOINT,
     MOTION,
     *PLAY_TABLES,
-    *COMPOUND_TABLES.values(),
-    OF_ONE,
     COMPLIANCE,
     *DRIVE_TABLES.values(),
     SPLINE_FILE,

@@ -10,16 +10,15 @@ from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.io.poses import Pose, is_identity, rotation_of, rpy_of
 from clearance_jax.io.scene_contact import PLAYS, play_of
 from clearance_jax.io.scene_joint import motion_of
-from clearance_jax.io.scene_keys import OF_ONE, PAYLOAD, ROBOT
+from clearance_jax.io.scene_keys import MOTION, PAYLOAD, ROBOT
 from clearance_jax.io.table import Table
 from clearance_jax.io.urdf import read_robot
 from clearance_jax.io.urdf_joints import orientation_of, position_of
 from clearance_jax.io.urdf_merge import triple
 from clearance_jax.io.urdf_parts import NOWHERE
-from clearance_jax.mechanism.body import GROUND, Body, Motion, Point
+from clearance_jax.mechanism.body import GROUND, Body, Point
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.placement import Gravity, Orientation, Position
-from clearance_jax.mechanism.play import no_play_reason
 from clearance_jax.mechanism.tree import SLIDING, TURNING, AbstractJoint, Fixed, Prismatic, Revolute
 
 
@@ -39,24 +38,12 @@ NO_ROBOT = Robot()
 def robot_of(top: Table, path: Path) -> Robot:
     """The robot of a scene that has one."""
     table = top.table("robot", ROBOT)
-    found = read_robot(
-        path.parent / table.get("file"), **table.arguments("file", "trajectory", "payload", "joint", "clearance")
-    )[1]
+    found = read_robot(path.parent / table.get("file"), **table.arguments("file", "trajectory", "payload", "joint"))[1]
     joints = {joint.name: joint for joint in found.joints}
     for name, values, where in table.entries("joint"):
         if name not in joints:
             raise ClearanceError(f"{where}: the robot has no joint of this name. " + suggest(name, joints))
-        joints[name] = _move(joints[name], values, where, path)
-    for name, values, where in table.entries("clearance"):
-        if name not in joints:
-            raise ClearanceError(f"{where}: the robot has no joint of this name. " + suggest(name, joints))
-        if type(joints[name]) not in PLAYS:
-            raise ClearanceError(f"{where}: {no_play_reason(joints[name])}")
-        kind = type(joints[name])
-        own = Table(values, where, PLAYS[kind].keys)
-        if not own.values:
-            own.need(PLAYS[kind].makes[0])
-        joints[name] = dataclasses.replace(joints[name], **play_of(kind, own, path, usual=True))
+        joints[name] = _joint(joints[name], values, where, path)
     carried = [_payload(found, *part) for part in table.parts("payload")]
     return Robot(
         (*found.bodies, *(body for body, _ in carried)),
@@ -67,17 +54,18 @@ def robot_of(top: Table, path: Path) -> Robot:
     )
 
 
-def _move(joint: AbstractJoint, values: Any, where: str, path: Path) -> AbstractJoint:
-    """A joint of the robot as the scene moves it."""
+def _joint(joint: AbstractJoint, values: Any, where: str, path: Path) -> AbstractJoint:
+    """A joint of the robot as the scene moves it, with the play that it gives it."""
     if not isinstance(joint, (Revolute, Prismatic)):
         raise ClearanceError(f"{where} must be a revolute or prismatic joint of the robot, but it is another one.")
-    table = Table(values, where, OF_ONE, TURNING if isinstance(joint, Revolute) else SLIDING)
+    kind = type(joint)
+    table = Table(values, where, MOTION + PLAYS[kind].keys, TURNING if kind is Revolute else SLIDING)
     given, own = motion_of(table, path), joint.motion
-    if given.drive is not None:
-        return dataclasses.replace(joint, motion=Motion(given.drive, limits=own.limits))
-    position = given.position if table.has("position") else own.position
-    actuators = (*own.actuators, *given.actuators)
-    return dataclasses.replace(joint, motion=Motion(None, position, given.velocity, actuators, own.limits))
+    if given.drive is None:
+        position = given.position if table.has("position") else own.position
+        given = dataclasses.replace(given, position=position, actuators=(*own.actuators, *given.actuators))
+    motion = dataclasses.replace(given, limits=own.limits)
+    return dataclasses.replace(joint, motion=motion, **play_of(kind, table, path, usual=True))
 
 
 def _payload(robot: Mechanism, name: str, values: Any, where: str) -> tuple[Body, Fixed]:

@@ -2,13 +2,14 @@
 one of the modules of keys, and its use.
 """
 
-from clearance_jax.io.asking_keys import PARAMETER, SET, heading, solve_keys
+from clearance_jax.io.asking_keys import SOLVING
 from clearance_jax.io.design_keys import DESIGN_TABLES
-from clearance_jax.io.kinds import Quantity, Sub, Word
-from clearance_jax.io.metric_keys import METRIC_TABLES
+from clearance_jax.io.kinds import LONGEST_PATH, Quantity, Sub, Text, Word
+from clearance_jax.io.metric_keys import METRIC_KINDS
 from clearance_jax.io.sweep_keys import SWEEP_TABLES
 from clearance_jax.io.table import Keys
 from clearance_jax.io.wear_keys import WEAR_TABLES
+from clearance_jax.parameters import PARAMETER
 from clearance_jax.sweep.scatter import DISTRIBUTIONS
 
 STUDY = Keys(
@@ -16,9 +17,21 @@ STUDY = Keys(
     "Top of a study",
     "What stands in a study file before its first table.",
     (
-        *heading("Slider-crank under load"),
+        Text("name", "name of the study", '"Slider-crank under load"', absent="the file's name"),
+        Text(
+            "scene",
+            "the scene file, from where the study is",
+            '"slider_crank.toml"',
+            required=True,
+            longest=LONGEST_PATH,
+        ),
         Quantity("t1", "end of the motion", '"105 ms"', unit="s", absent="the scene's"),
-        SET,
+        Sub(
+            "set",
+            "parameters of the scene to change, by name",
+            '{ "drive.main.speed" = "3000 rpm" }',
+            form="values by name",
+        ),
         Sub("solve", "how motions are solved", "{ rtol = 1e-6 }"),
         Sub(
             "metric",
@@ -45,12 +58,15 @@ STUDY = Keys(
         **{key: f"wear.{key}" for key in ("joint", "cycle", "cycles", "pressure", "until", "length", "sectors")},
     },
 )
-SOLVE = Keys(
-    "solve",
-    "How motions are solved",
-    "All of them.",
-    solve_keys("rtol", "solver", "start", "max_steps"),
-    renamed={key: f"design.{key}" for key in ("method", "starts", "most")},
+SOLVE = (
+    Keys(
+        "solve",
+        "How a study is solved",
+        "All motions; what is absent is as in the scene.",
+        (),
+        renamed={key: f"design.{key}" for key in ("method", "starts", "most")},
+    )
+    + SOLVING
 )
 SCATTER = Keys(
     'scatter."NAME"',
@@ -72,5 +88,5 @@ SCATTER = Keys(
     ),
     renamed={"law": "distribution", "least": "lower", "greatest": "upper"},
 )
-STUDY_TABLES = (STUDY, SOLVE, *METRIC_TABLES.values(), SCATTER, *SWEEP_TABLES, *DESIGN_TABLES, *WEAR_TABLES)
+STUDY_TABLES = (STUDY, SOLVE, *METRIC_KINDS.values(), SCATTER, *SWEEP_TABLES, *DESIGN_TABLES, *WEAR_TABLES)
 """Every table of a study, in the order of the reference."""

@@ -1,8 +1,10 @@
 """Every key of a study's section `sweep`. A new key is a line here, and its use."""
 
-from clearance_jax.io.asking_keys import PARAMETER, choice_word, solve_keys
-from clearance_jax.io.kinds import Names, Quantities, Quantity, Sub, Whole, Word
+from clearance_jax.io.asking_keys import SOLVING
+from clearance_jax.io.fields import kind_of
+from clearance_jax.io.kinds import Key, Names, Quantities, Quantity, Sub, Whole, Word
 from clearance_jax.io.table import Keys
+from clearance_jax.parameters import PARAMETER
 from clearance_jax.solve.settings import MOST_SAMPLES
 from clearance_jax.sweep.axes import METHODS
 
@@ -39,11 +41,14 @@ SWEEP = Keys(
         Sub("again", "how lanes that failed are solved once more", '{ solver = "dopri8" }', absent="they are not"),
     ),
 )
-AGAIN = Keys(
-    "sweep.again",
-    "How lanes that failed are solved once more",
-    "Those alone; what is absent is as in `solve`.",
-    solve_keys("rtol", "solver", "max_steps"),
+AGAIN = (
+    Keys(
+        "sweep.again",
+        "How lanes that failed are solved once more",
+        "Those alone; what is absent is as in `solve`.",
+        (),
+    )
+    + SOLVING
 )
 
 _KIND = Word(
@@ -55,18 +60,24 @@ _KIND = Word(
 )
 
 
-def _axis(kind: str, help: str, *keys) -> Keys:
-    return Keys('sweep.axis."NAME"', f"Axis `{kind}`", help, (choice_word(_KIND, kind), *keys), f'kind = "{kind}"')
+def _axis(kind: str, help: str, *keys: Key) -> Keys:
+    return kind_of('sweep.axis."NAME"', "Axis", _KIND, kind, help, *keys)
+
+
+def _count(example: str) -> Key:
+    help = "how many, of `sensitivity` a power of two"
+    return Whole("count", help, example, least=1, most=MOST_SAMPLES, required=True)
 
 
 _OF = Names("of", "the numbers, which scatter as `scatter` says", '["slider.mass"]', absent="all that scatter")
+_SEED = Whole("seed", "of the drawing", "1", default=0)
 AXIS_TABLES = {
     "range": _axis(
         "range",
         "Values of a parameter from one to another.",
         Quantity("from", "the first", '"0.1 mm"', unit=PARAMETER, required=True),
         Quantity("to", "the last", '"0.5 mm"', unit=PARAMETER, required=True),
-        Whole("count", "how many", "200", least=1, most=MOST_SAMPLES, required=True),
+        _count("200"),
         Word("spacing", "equal differences, or equal ratios", '"log"', allowed=("linear", "log"), default="linear"),
     ),
     "values": _axis(
@@ -89,9 +100,9 @@ AXIS_TABLES = {
         "sampled",
         "Parameters that scatter.",
         _OF,
-        Whole("count", "how many samples", "1024", least=1, most=MOST_SAMPLES, required=True),
+        _count("1024"),
         Word("method", "how they are drawn", '"random"', allowed=METHODS, default="sobol"),
-        Whole("seed", "of the drawing", "1", default=0),
+        _SEED,
         Sub(
             "correlation",
             "correlations of two of them, by names of yours",
@@ -103,11 +114,11 @@ AXIS_TABLES = {
     "sensitivity": _axis(
         "sensitivity",
         "Parameters that scatter independently, drawn so that Sobol's sensitivity indices follow: for d of them there "
-        "are `samples` (d + 2) lanes.",
+        "are `count` (d + 2) lanes.",
         _OF,
-        Whole("samples", "how many, a power of two", "256", least=2, most=MOST_SAMPLES, required=True),
-        Whole("seed", "of the drawing", "1", default=0),
-    ),
+        _count("256"),
+        _SEED,
+    )._replace(renamed={"samples": "count"}),
     "scenes": _axis(
         "scenes",
         "Scenes instead of the sweep's own, for instance with other laws or drives.",

@@ -7,13 +7,12 @@ import numpy as np
 from clearance_jax.ask.question import OPTIONS
 from clearance_jax.errors import ClearanceError
 from clearance_jax.io.asking import Asked
-from clearance_jax.io.asking_keys import PARAMETER
 from clearance_jax.io.metric import Span
 from clearance_jax.io.scene import read_scene
 from clearance_jax.io.sweep_keys import AGAIN, AXIS_TABLES, CORRELATION, SWEEP
 from clearance_jax.io.table import Chosen, Table, naming, variant
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.parameters import units_of
+from clearance_jax.parameters import PARAMETER, units_of
 from clearance_jax.sweep.axes import Choice, Sampled, Zipped
 from clearance_jax.sweep.saltelli import sobol_samples
 

@@ -13,7 +13,10 @@ NO_WORDS: Words = {}
 
 class Keys(NamedTuple):
     """What is declared of one kind of table: how the reference calls it (`name`, and the `choice` that selects it among
-    others of that name, as `law = "hertz"`), what it is, and its keys; `renamed`: what a key was called once.
+    others of that name, as `law = "hertz"`), what it is, and its keys; `renamed`: what a key was called once; `shared`:
+    tables whose keys are among its own, because several tables have them.
+
+    Tables of one name and one title are kinds of one family.
     """
 
     name: str
@@ -22,10 +25,17 @@ class Keys(NamedTuple):
     keys: tuple[Key, ...]
     choice: str = ""
     renamed: Mapping[str, str] = MappingProxyType({})
+    shared: tuple["Keys", ...] = ()
 
     def __add__(self, other: "Keys") -> "Keys":  # pyright: ignore[reportIncompatibleMethodOverride]
-        """The same table with the keys of another one."""
-        return self._replace(keys=(*self.keys, *other.keys))
+        """The same table with the keys of a shared one."""
+        return self._replace(keys=(*self.keys, *other.keys), shared=(*self.shared, other))
+
+    @property
+    def own(self) -> tuple[Key, ...]:
+        """The keys that no shared table has."""
+        others = {key.name for table in self.shared for key in table.keys}
+        return tuple(key for key in self.keys if key.name not in others)
 
 
 class Table:
@@ -113,19 +123,22 @@ def variant(values: Any, where: str, tables: Mapping[str, Keys], words: Words = 
     word = Word(head.name, head.help, head.example, allowed=tuple(tables)).read(
         given.get(head.name, head.default), below(where, head.name), words
     )
-    if head.name not in given:
-        _check_kind(given, where, tables, word, head.name)
+    _check_kind(given, where, tables, word, head.name)
     return Chosen(word, Table(given, where, tables[word], words))
 
 
 def _check_kind(given: Mapping[str, Any], where: str, tables: Mapping[str, Keys], word: str, head: str) -> None:
-    """Raise where keys belong to a kind other than that taken by default."""
+    """Raise where keys belong to another kind."""
     known = {name: {key.name for key in keys.keys} for name, keys in tables.items()}
     for key in given:
         having = [name for name, keys in known.items() if key in keys]
-        if having and key not in known[word]:
-            kinds = " or ".join(f'`{head} = "{name}"`' for name in having)
-            raise ClearanceError(f"{below(where, key)} is no key of {quote(word)}: add {kinds}.")
+        if having and key not in known[word] and key not in tables[word].renamed:
+            fix = "change" if head in given else "add"
+            raise ClearanceError(
+                f"{below(where, key)} is not a known key of the {head} `{word}`, but of "
+                + ", ".join(f"`{name}`" for name in having)
+                + f". Remove it, or {fix} the key `{head}`."
+            )
 
 
 def check_renamed(name: str, where: str, keys: Keys) -> None:

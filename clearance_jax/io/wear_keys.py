@@ -2,9 +2,9 @@
 
 import dataclasses
 
-from clearance_jax.io.asking_keys import METRIC, choice_word
-from clearance_jax.io.fields import keys_of, summary
-from clearance_jax.io.kinds import LONGEST_PATH, Quantity, Sub, Text, Whole, Word
+from clearance_jax.io.asking_keys import METRIC
+from clearance_jax.io.fields import keys_of, kind_of, kinds_of, summary
+from clearance_jax.io.kinds import LONGEST_PATH, Key, Quantity, Sub, Text, Whole, Word
 from clearance_jax.io.table import Keys
 from clearance_jax.joints.bore import FEWEST
 from clearance_jax.laws import Material
@@ -89,79 +89,58 @@ _CHANGES = (
     ),
     Sub("running_in", "wears faster at first", '{ factor = 5.0, duration = "1 h" }', absent="it does not"),
 )
-_COEFFICIENT = Quantity(
-    "coefficient",
-    "coefficient of wear: depth by pressure and way, volume by force and way; or Archard's number, with a `hardness`",
-    '"6e-5 mm^3/(N*m)"',
-    unit=COEFFICIENT_UNIT,
-    bounds={"least": 0.0},
-    required=True,
+_OF_ARCHARD = (
+    Quantity(
+        "coefficient",
+        "coefficient of wear: depth by pressure and way, volume by force and way; or Archard's number, with a "
+        "`hardness`",
+        '"6e-5 mm^3/(N*m)"',
+        unit=COEFFICIENT_UNIT,
+        bounds={"least": 0.0},
+        required=True,
+    ),
+    Quantity(
+        "hardness",
+        "of the softer surface",
+        '"1.3 GPa"',
+        unit="Pa",
+        bounds={"above": 0.0},
+        absent="in the coefficient",
+    ),
 )
-LAW_TABLES = {
-    "archard": Keys(
-        "wear.law",
-        "Law `archard`",
-        summary(Archard),
-        (
-            choice_word(_LAW, "archard"),
-            _COEFFICIENT,
-            Quantity(
-                "hardness",
-                "of the softer surface",
-                '"1.3 GPa"',
-                unit="Pa",
-                bounds={"above": 0.0},
-                absent="in the coefficient",
-            ),
-            *_CHANGES,
-        ),
-        'kind = "archard"',
-    ),
-    "reye": Keys(
-        "wear.law",
-        "Law `reye`",
-        summary(Reye),
-        (choice_word(_LAW, "reye"), *keys_of(Reye, "coefficient"), *_CHANGES),
-        'kind = "reye"',
-    ),
-}
+LAW_TABLES = kinds_of(
+    "wear.law",
+    "Law of wear",
+    _LAW,
+    {"archard": Archard, "reye": Reye},
+    {"archard": (*_OF_ARCHARD, *_CHANGES), "reye": _CHANGES},
+)
 GRADED = Keys("wear.law.graded", "Graded coefficient", summary(Graded), keys_of(Graded))
 RUNNING_IN = Keys("wear.law.running_in", "Running in", summary(RunningIn), keys_of(RunningIn))
 
 _KIND = Word("kind", "how a force spreads", '"hertz"', allowed=("foundation", "hertz", "uniform"), required=True)
 _LAYER = "of the layer that the foundation is, instead of the stiffness"
-PRESSURE_TABLES = {
-    "foundation": Keys(
-        "wear.pressure",
-        "Pressure `foundation`",
-        summary(Foundation),
-        (
-            choice_word(_KIND, "foundation"),
+PRESSURE_TABLES = kinds_of(
+    "wear.pressure",
+    "Pressure",
+    _KIND,
+    {"foundation": Foundation, "hertz": HertzLine, "uniform": Uniform},
+    {
+        "foundation": (
             *(dataclasses.replace(key, required=False, absent="from a layer") for key in keys_of(Foundation)),
             Quantity("thickness", f"thickness {_LAYER}", '"2 mm"', unit="m", bounds={"above": 0.0}),
             Sub("material", f"material {_LAYER}", '{ modulus = "3 GPa", poisson_ratio = 0.4 }'),
-        ),
-        'kind = "foundation"',
-    ),
-    "hertz": Keys(
-        "wear.pressure", "Pressure `hertz`", summary(HertzLine), (choice_word(_KIND, "hertz"),), 'kind = "hertz"'
-    ),
-    "uniform": Keys(
-        "wear.pressure",
-        "Pressure `uniform`",
-        summary(Uniform),
-        (choice_word(_KIND, "uniform"), *keys_of(Uniform)),
-        'kind = "uniform"',
-    ),
-}
+        )
+    },
+)
 MATERIAL = Keys("wear.pin_material", "Materials", "Of pin, sleeve or layer: elastic.", keys_of(Material))
 
 _END = Word("kind", "what ends its life", '"depth"', allowed=("metric", "depth", "impact-speed"), required=True)
 
 
-def _until(kind: str, help: str, unit: str, example: str, *keys) -> Keys:
+def _until(kind: str, help: str, unit: str, example: str, *keys: Key) -> Keys:
     bound = Quantity("bound", "where it ends", example, unit=unit, bounds={"above": 0.0}, required=True)
-    return Keys("wear.until", f"End by `{kind}`", help, (choice_word(_END, kind), *keys, bound), f'kind = "{kind}"')
+    return kind_of("wear.until", "End of a life", _END, kind, help, *keys, bound)
 
 
 UNTIL_TABLES = {

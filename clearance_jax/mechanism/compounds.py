@@ -180,7 +180,7 @@ class Cylindrical(AbstractPlayed):
     turn: Turn = turn_key("motion about the axis")
     orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_PARENT)
     child_orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_CHILD)
-    axis: Axis = axis_key("what it slides along and turns about, an axis of its frame", "z")
+    axis: Axis = axis_key("z")
     clearance: AbstractClearance | PreparedClearance | None = flatten(default=None)
     eccentricity: Position = ORIGIN
 
@@ -216,7 +216,7 @@ class Planar(AbstractJoint):
     turn: Turn = turn_key("motion about the axis")
     orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_PARENT)
     child_orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_CHILD)
-    axis: Axis = axis_key("normal of the plane, an axis of its frame", "z")
+    axis: Axis = axis_key("z")
 
     def coordinates(self):
         return self._about(*self.axis.across, self.axis.vector)

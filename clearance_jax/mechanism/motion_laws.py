@@ -44,6 +44,23 @@ class AbstractDrive(AbstractMotionLaw):
     """A drive: a coordinate as a function of time."""
 
 
+def begin_key():
+    """A field that says when steps or moves begin."""
+    return physical("s", help="when each step begins, or at the earliest each move", example='["0 s", "1 s"]')
+
+
+def rise_key():
+    """A field that says how far steps or moves go."""
+    return physical("coordinate", help="by how much each step or move changes it", example='["90 deg", "-30 deg"]')
+
+
+def offset_key():
+    """A field that is the value from which a motion starts, or about which it swings."""
+    return physical(
+        "coordinate", default=0.0, help="value before steps and moves, about which it swings", example='"10 deg"'
+    )
+
+
 class ConstantSpeed(AbstractDrive):
     """q = start + speed t."""
 
@@ -69,10 +86,10 @@ class StepSum(AbstractDrive):
     **Arguments:** `begin`, `end` [s] and `rise` [rad or m], all of shape (n,); `offset` [rad or m].
     """
 
-    begin: Values = physical("s", help="when each step begins", example='["0 s", "0.5 s"]')
-    end: Values = physical("s", help="when each step ends", example='["0.5 s", "1 s"]')
-    rise: Values = physical("coordinate", help="by how much each step rises", example='["90 deg", "30 deg"]')
-    offset: Scalar = physical("coordinate", default=0.0, help="value before the steps", example='"10 deg"')
+    begin: Values = begin_key()
+    end: Values = physical("s", help="when each step ends", example='["0.5 s", "1.5 s"]')
+    rise: Values = rise_key()
+    offset: Scalar = offset_key()
 
     def __check_init__(self):
         _check_steps(self)
@@ -94,10 +111,10 @@ class StepSum(AbstractDrive):
 class Step5Sum(AbstractDrive):
     """The same as `StepSum`, with the quintic STEP5: q'' is continuous, and q''' jumps at both ends of each step."""
 
-    begin: Values = physical("s", help="when each step begins", example='["0 s", "0.5 s"]')
-    end: Values = physical("s", help="when each step ends", example='["0.5 s", "1 s"]')
-    rise: Values = physical("coordinate", help="by how much each step rises", example='["90 deg", "30 deg"]')
-    offset: Scalar = physical("coordinate", default=0.0, help="value before the steps", example='"10 deg"')
+    begin: Values = begin_key()
+    end: Values = physical("s", help="when each step ends", example='["0.5 s", "1.5 s"]')
+    rise: Values = rise_key()
+    offset: Scalar = offset_key()
 
     def __check_init__(self):
         _check_steps(self)
@@ -120,7 +137,7 @@ class Harmonic(AbstractDrive):
     amplitude: Scalar = physical("coordinate", help="amplitude", example='"20 deg"')
     angular_frequency: Scalar = physical("rad/s", help="angular frequency", example='"10 rad/s"')
     phase: Scalar = physical("rad", default=0.0, help="phase at t = 0", example='"90 deg"')
-    offset: Scalar = physical("coordinate", default=0.0, help="value about which it swings", example='"10 deg"')
+    offset: Scalar = offset_key()
 
     def __call__(self, time):
         w = self.angular_frequency

@@ -14,7 +14,7 @@ from clearance_jax._solo import whole
 from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.minimum_jerk import HERMITE, least_jerk
-from clearance_jax.mechanism.motion_laws import AbstractDrive, Values
+from clearance_jax.mechanism.motion_laws import AbstractDrive, Values, begin_key, offset_key, rise_key
 from clearance_jax.mechanism.pieces import Pieces
 from clearance_jax.parameters import physical
 
@@ -62,8 +62,8 @@ class Trapezoid(AbstractDrive):
     limits and durations that are not greater than zero.
     """
 
-    begin: Values = physical("s", help="when each move begins, at the earliest", example='["0 s", "1 s"]')
-    rise: Values = physical("coordinate", help="by how much each moves", example='["90 deg", "-30 deg"]')
+    begin: Values = begin_key()
+    rise: Values = rise_key()
     speed: Scalar | None = physical(
         "coordinate/s",
         above=0.0,
@@ -97,7 +97,7 @@ class Trapezoid(AbstractDrive):
         example="0.5",
         absent="a third",
     )
-    offset: Scalar = physical("coordinate", default=0.0, help="value before the moves", example='"10 deg"')
+    offset: Scalar = offset_key()
 
     def __check_init__(self):
         lists = [x for x in (self.begin, self.rise, self.duration) if x is not None]

@@ -112,14 +112,18 @@ def orientation_key(help: str):
     return describe(help, '["90 deg", "0 deg", "0 deg"]', "not turned", default=None)
 
 
-def axis_key(help: str, default: str):
+def axis_key(default: str):
     """A field that is an axis of the joint's frame."""
-    about = {"help": help, "example": '"z"', "absent": default}
+    about = {"help": AXIS, "example": '"z"', "absent": default}
     return eqx.field(metadata=about, converter=as_axis, default=Axis(default))
 
 
 PARENT = "the body that the joint is on (its sleeve), or `ground`", '"ground"'
 CHILD = "the body that the joint carries (its pin)", '"crank"'
+AXIS = (
+    "what it turns about or slides along, of a planar joint the normal of its plane: an axis of its frame, by its "
+    "letter or by three numbers"
+)
 AT_PARENT, AT_CHILD = "place of the joint in the parent's frame", "place of the joint in the child's frame"
 TURN_PARENT = "roll, pitch and yaw of the joint's frame in the parent's, instead of `angle`"
 TURN_CHILD = "roll, pitch and yaw of the joint's frame in the child's"
@@ -294,14 +298,14 @@ class Revolute(AbstractPlayed):
     """How its angle moves: by a drive, or freely."""
     clearance: AbstractClearance | PreparedClearance | None = flatten(default=None)
     eccentricity: Position = describe(
-        "where the pin's centre starts in the sleeve, in the sleeve's axes; of a joint of the tree",
+        "where the centre of the pin (ball, block) starts in the sleeve (socket, guide), in the sleeve's axes",
         '["0 mm", "-0.1 mm"]',
         "the sleeve's centre",
         default=ORIGIN,
     )
     orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_PARENT)
     child_orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_CHILD)
-    axis: Axis = axis_key("what it turns about, an axis of its frame", "z")
+    axis: Axis = axis_key("z")
 
     def units(self):
         return TURNING
@@ -344,7 +348,7 @@ class Prismatic(AbstractPlayed):
     """How its slide moves: by a drive, or freely."""
     orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_PARENT)
     child_orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_CHILD)
-    axis: Axis = axis_key("what it slides along, an axis of its frame", "x")
+    axis: Axis = axis_key("x")
     clearance: AbstractClearance | PreparedClearance | None = flatten(default=None)
     eccentricity: Position = ORIGIN
 

@@ -35,11 +35,11 @@ def _since(**field):
 
 
 class Peak(AbstractMetric):
-    """The largest value of a signal over time, or its `count` highest peaks (if there are fewer, the same one again).
+    """The largest value of a signal over time.
 
-    The solve finds the peaks on its way, between its steps too, and keeps their states with their derivatives. Two
-    peaks that are closer together than a 400th of the motion may be taken as one, if nothing in the state moves as
-    fast.
+    With a `count` it is the highest peaks, so many (if there are fewer, the same one again). The solve finds the peaks
+    on its way, between its steps too, and keeps their states with their derivatives. Two peaks that are closer together
+    than a 400th of the motion may be taken as one, if nothing in the state moves as fast.
 
     The derivative is that of the signal at a fixed time. This is exact at a smooth peak, where the derivative by time
     is zero (envelope theorem), at the start, whose time is fixed, and at the end, which goes along with `t1`. It is not

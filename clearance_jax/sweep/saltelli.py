@@ -13,33 +13,33 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.sweep.scatter import check_scatter
 
 
-def sobol_samples(scatter: Mapping[str, Any], samples: int, seed: int = 0) -> dict[str, Float[np.ndarray, " lanes"]]:
-    """Samples from which `sobol_indices` can compute the indices: samples (d + 2) lanes of d numbers.
+def sobol_samples(scatter: Mapping[str, Any], count: int, seed: int = 0) -> dict[str, Float[np.ndarray, " lanes"]]:
+    """Samples from which `sobol_indices` can compute the indices: count (d + 2) lanes of d numbers.
 
     **Arguments:**
 
     - `scatter`: dotted name -> `cj.scatter(...)` or a frozen distribution of `scipy.stats`. The numbers scatter
       independently.
-    - `samples`: a power of two; `seed`: of the scrambled Sobol sequence.
+    - `count`: a power of two; `seed`: of the scrambled Sobol sequence.
 
     **Returns:** the values by name, shape (lanes,), for `cj.Zipped`.
 
-    **Raises:** `ClearanceError` if `samples` is not a power of two, or if nothing scatters.
+    **Raises:** `ClearanceError` if `count` is not a power of two, or if nothing scatters.
     """
-    if samples < 2 or samples & (samples - 1):
-        raise ClearanceError(f"`samples` must be a power of two, for Sobol's sequence, but it is {samples}.")
+    if count < 2 or count & (count - 1):
+        raise ClearanceError(f"`count` must be a power of two, for Sobol's sequence, but it is {count}.")
     if not scatter:
         raise ClearanceError("There is nothing to scatter: give at least one number by its name.")
     for name, law in scatter.items():
         check_scatter(name, law)
-    count = len(scatter)
-    unit = qmc.Sobol(2 * count, rng=np.random.default_rng(seed)).random(samples)
+    width = len(scatter)
+    unit = qmc.Sobol(2 * width, rng=np.random.default_rng(seed)).random(count)
     # A quantile of 0 would be minus infinity.
     unit = np.clip(unit, 2.0**-53, 1 - 2.0**-53)
     ours, others = (
         np.stack([law.ppf(half[:, i]) for i, law in enumerate(scatter.values())], axis=1)
-        for half in (unit[:, :count], unit[:, count:])
+        for half in (unit[:, :width], unit[:, width:])
     )
-    mixed = [np.where(np.arange(count) == i, others, ours) for i in range(count)]
+    mixed = [np.where(np.arange(width) == i, others, ours) for i in range(width)]
     every = np.concatenate([ours, others, *mixed])
     return {name: every[:, i] for i, name in enumerate(scatter)}
