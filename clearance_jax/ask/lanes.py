@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from clearance_jax._solo import solo_jit
+from clearance_jax._kept import kept_jit
 from clearance_jax.ask.question import Answer, Question
 from clearance_jax.solve.batch import BatchReport, batch
 
@@ -20,7 +20,7 @@ def answer(question: Question, numbers: Mapping[str, Any] | None = None) -> Answ
     return _program(question, {name: jnp.asarray(value, float) for name, value in (numbers or {}).items()})
 
 
-@solo_jit
+@kept_jit
 def _program(question: Question, numbers: dict[str, Any]) -> Answer:
     return question(numbers)
 

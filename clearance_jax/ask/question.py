@@ -13,9 +13,9 @@ from jaxtyping import Array
 
 from clearance_jax._frame import Frame, frame_of
 from clearance_jax._module import Module
-from clearance_jax.ask.rungs import AbstractRung, Dynamics
+from clearance_jax.ask.ending import ENDING, Ending
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.metrics.measure import AbstractMetric, Reply
+from clearance_jax.metrics.measure import AbstractMetric, Reply, measure_settings
 from clearance_jax.parameters import replace, values_of
 from clearance_jax.solve.codes import Result
 from clearance_jax.solve.settings import Settings
@@ -43,9 +43,8 @@ class Question(Module):
     """What is asked of a model at points. It is a function of the numbers of a point, by name.
 
     - `model`: a mechanism, or what has one as `mechanism` and numbers of its own.
-    - `metrics` by name, of the motion to `t1` [s], solved as `settings` say.
+    - `metrics` by name, of the motion to `t1` [s], solved as `settings` say, by the model that they name (`fidelity`).
     - `by`: numbers of the model by which the metrics `differentiated` have derivatives.
-    - `rung`: by which model of the motion it is answered.
 
     Other numbers are no other program.
     """
@@ -56,7 +55,6 @@ class Question(Module):
     settings: Settings
     by: tuple[str, ...] = eqx.field(static=True, default=(), converter=tuple)
     differentiated: tuple[str, ...] = eqx.field(static=True, default=ALL, converter=tuple)
-    rung: AbstractRung = Dynamics()
 
     def at(self, numbers: Mapping[str, Any]) -> "Question":
         """The question at a point: with these numbers of the model, "t1" [s] or "rtol" in the place of its own."""
@@ -93,7 +91,8 @@ class Question(Module):
 
     def _measure(self, model: Any, metrics: Mapping[str, AbstractMetric]) -> tuple[dict, dict]:
         mechanism = model if isinstance(model, Mechanism) else model.mechanism
-        return self.rung.measure(mechanism, metrics, self.t1, self.settings)
+        found = measure_settings(mechanism, {**metrics, ENDING: Ending()}, self.t1, self.settings)
+        return found, found.pop(ENDING)
 
 
 def _mask_unreached(number: Any, reached: Array) -> Any:
@@ -105,6 +104,9 @@ class Undifferentiated(AbstractMetric):
     """A metric whose derivative is not asked for, and which may have none."""
 
     metric: AbstractMetric
+
+    def static_bound(self):
+        return Undifferentiated(self.metric.static_bound())
 
     def request(self, mechanism, t1, options):
         return self.metric.request(mechanism, t1, options)

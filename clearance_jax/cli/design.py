@@ -58,6 +58,15 @@ def check_method(method: str | None) -> str | None:
     return method
 
 
+def known_fidelity(fidelity: str | None) -> str | None:
+    """A model of the motion. **Raises** `ClearanceError` for another word."""
+    from clearance_jax.design.specification import FIDELITY_CHOICES
+
+    if fidelity is not None and fidelity not in FIDELITY_CHOICES:
+        raise ClearanceError(f"`--fidelity` must be {', '.join(FIDELITY_CHOICES)}, but it is {fidelity!r}.")
+    return fidelity
+
+
 def _preparation(mechanism: Any) -> str:
     """What is done before the first design is evaluated, and how long it takes, as far as the mechanism tells."""
     from clearance_jax.mechanism.state import layout
@@ -72,14 +81,21 @@ def _preparation(mechanism: Any) -> str:
 
 def _search(study, given: dict[str, Any], bar: Progress, pace: Pace):
     """The design, with the best so far shown on the way."""
+    from clearance_jax.design.specification import AUTO
+    from clearance_jax.solve.settings import QUASI_STATIC
+
     task, points, common = bar.add_task("compiling"), [], study.problem.specification.common
+    auto = given.get("fidelity", study.problem.specification.fidelity) == AUTO
 
     def progress(point):
         points.append(point)
-        pace.tick()
-        held = [p.objective for p in points if p.feasible]
+        screened = point.fidelity == QUASI_STATIC and auto
+        pace.check() if screened else pace.tick()
+        judged = [p for p in points if not auto or p.fidelity != QUASI_STATIC]
+        held = [p.objective for p in judged if p.feasible]
         best = "none holds every limit yet" if not held else f"best {-min(held) if common else min(held):.6g}"
-        bar.update(task, description=f"{len(points)} designs, {best}")
+        poses = f" and {len(points) - len(judged)} by poses" * auto
+        bar.update(task, description=f"{len(judged)} designs{poses}, {best}")
 
     try:
         return study.problem.solve(progress=progress, **{**study.solve, **given})
@@ -98,7 +114,7 @@ def _verify(study, design, client: Any, bar: Progress, pace: Pace):
     """The certificate, with how long it will take said before and how far it has come said on the way."""
     from clearance_jax.design.verify import expected_evaluations
 
-    count = expected_evaluations(pace.count, **study.verify)
+    count = expected_evaluations(pace.count, design.specification.manufacture.among, **study.verify)
     seconds, done = pace.estimate(count), Pace(pace.check)
     say(f"Verifying by another solver: some {count} evaluations, {shown_duration(seconds)} (Ctrl-C ends it).")
 

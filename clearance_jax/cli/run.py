@@ -7,7 +7,7 @@ import typer
 
 from clearance_jax.cli.animate import check_film
 from clearance_jax.cli.common import DATASETS, FIGURES, aloud, check_distinct, check_writable, set_up
-from clearance_jax.cli.design import check_method, run_design
+from clearance_jax.cli.design import check_method, known_fidelity, run_design
 from clearance_jax.cli.pictures import check_folder
 from clearance_jax.cli.sweep import check_sweep, run_sweep
 from clearance_jax.cli.wear import run_wear
@@ -24,6 +24,7 @@ FOR = {
     "--report": ("design",),
     "--record": ("design",),
     "--method": ("design",),
+    "--fidelity": ("design",),
     "--starts": ("design",),
     "--no-verify": ("design",),
 }
@@ -49,6 +50,10 @@ def run(
         Path | None, typer.Option(help="Keep every evaluated design in this file; go on from it if it exists.")
     ] = None,
     method: Annotated[str | None, typer.Option(help="Solver of a design (default: the study's, or slsqp).")] = None,
+    fidelity: Annotated[
+        str | None,
+        typer.Option(help="Model of the motion of a design: dynamics, quasi-static, auto (default: the study's)."),
+    ] = None,
     starts: Annotated[int | None, typer.Option(help="Number of starts, the first in the middle.", min=1)] = None,
     verify: Annotated[bool, typer.Option(help="Prove a design by another solver (takes a while).")] = True,
     cores: Annotated[int | None, typer.Option(help="How many cores a sweep takes (default: all).", min=1)] = None,
@@ -71,10 +76,11 @@ def run(
         "--report": report,
         "--record": record,
         "--method": method,
+        "--fidelity": fidelity,
         "--starts": starts,
         "--no-verify": None if verify else True,
     }
-    method = check_method(method)
+    method, fidelity = check_method(method), known_fidelity(fidelity)
     check_writable(report, (".html", ".htm"))
     check_writable(record)
     check_film(movie)
@@ -94,7 +100,8 @@ def run(
         check_writable(plot, FIGURES)
         run_wear(study, study_file, dataset, resume=resume, plot=plot, movie=movie)
     if "design" in asked:
-        run_design(study, report=report, verify=verify, cluster=cluster, record=record, method=method, starts=starts)
+        how = {"method": method, "fidelity": fidelity, "starts": starts}
+        run_design(study, report=report, verify=verify, cluster=cluster, record=record, **how)
 
 
 def _load(path: Path) -> Any:

@@ -17,6 +17,7 @@ from clearance_jax.design.verify import certify
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import replace
+from clearance_jax.solve.settings import DYNAMICS
 from clearance_jax.units import format_quantity
 
 
@@ -59,8 +60,16 @@ class Design:
 
     @property
     def active(self) -> list[str]:
-        """The limits that decide: those met to a thousandth."""
-        return [n for n, g in zip(self.program.limit_names, self.evaluation.limits, strict=True) if g > -1e-3]
+        """The limits that decide: those met to what the method can meet, mostly a thousandth."""
+        pairs = zip(self.program.limit_names, self.evaluation.limits, strict=True)
+        return [name for name, limit in pairs if limit > -self.method.slack]
+
+    @property
+    def counts(self) -> str:
+        """How many designs were evaluated, by each model of the motion, in words."""
+        cheap = self.program.cheap
+        by = "" if cheap is None and self.program.fidelity == DYNAMICS else f" by {self.program.fidelity}"
+        return _counted(self.program) + by + ("" if cheap is None else f"; {_counted(cheap)} by {cheap.fidelity} poses")
 
     def yield_estimate(self, samples: int = 10_000, seed: int = 12345, cluster: Any = None) -> YieldEstimate:
         """The yield on fresh samples, of a problem with `manufacture=Yield(...)`; `cluster` as
@@ -102,7 +111,10 @@ class Design:
             at = np.isclose(self.evaluation.x, self.program.lower) | np.isclose(self.evaluation.x, self.program.upper)
             who = "the bounds of the variables do" if np.any(at) else "the solver stopped short of one"
             lines.append(f"  no limit decides: {who}")
-        counts = f"{self.program.gradients} evaluations with gradients, {self.program.evaluations} without"
-        lines.append(f"  {self.method.name}: {counts}")
+        lines.append(f"  {self.method.name}: {self.counts}")
         lines += [f"  {text}" for text in (self.stop_reason, self.note) if text]
         return "\n".join(lines)
+
+
+def _counted(program: Program) -> str:
+    return f"{program.gradients} evaluations with gradients, {program.evaluations} without"

@@ -22,6 +22,7 @@ class Certificate:
     - `residual`: that of the Karush-Kuhn-Tucker conditions, relative to the gradient of the objective, in logarithms;
       `prices`: for each active limit, the relative change of the objective per relative change of its bound.
     - `price_checks`: name -> (price, price by solving again with the bound 1 % up and down), if asked for.
+    - `among`: among which parts each limit is judged at once, in words: then neither a scale nor slopes say anything.
     - `yield_estimate`: of a `Yield`, on fresh samples; `static`: for each limit on a point's error, how far play alone
       can move the point of the mechanism at rest [m].
     - `starts`: the objectives that other starts led to; `goal`: what a looser bound does, in words.
@@ -43,6 +44,7 @@ class Certificate:
     static: dict[str, float]
     solver: str
     rtol: float
+    among: str = ""
 
     @property
     def holds(self) -> bool:
@@ -62,12 +64,14 @@ class Certificate:
             f"Certificate for {at}",
             f"  {verdict} in a fresh simulation ({self.solver}, rtol {self.rtol:.0e}): the closest is {self.limit}, at "
             f"{1 + self.worst:.9f} of its bound.",
-            f"  Scaled together, the clearances {met}.",
         ]
+        if not self.among:
+            lines.append(f"  Scaled together, the clearances {met}.")
         spans = ", ".join(f"{a:.4g} to {b:.4g}" for a, b in self.islands) or "none"
         alone = "in one piece" if len(self.islands) == 1 else f"in {len(self.islands)} ISLANDS"
         lines.append(f"  Along that line designs hold {alone}: {spans} times the design.")
-        lines.append(f"  Optimality (Karush-Kuhn-Tucker) residual {self.residual:.1e}.")
+        optimal = f"(Karush-Kuhn-Tucker) residual {self.residual:.1e}"
+        lines.append(f"  Optimality {'is not known, as slopes say nothing' if self.among else optimal}.")
         for name, price in self.prices.items():
             text = f"  A bound 1 % looser on {name} {self.goal} by {price:.4g} %"
             if name in self.price_checks:

@@ -23,7 +23,7 @@ from clearance_jax.errors import ClearanceError, WearFailure, WornThrough
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMeasure
 from clearance_jax.solve.batch import cores_here
-from clearance_jax.solve.settings import Settings
+from clearance_jax.solve.settings import QUASI_STATIC, Settings
 from clearance_jax.wear import AbstractAged
 
 # Variables up to which derivatives come along with every evaluation.
@@ -51,6 +51,11 @@ class Simulations:
         self._sizes: dict[int, int] = {}
         # Those of one motion, which one solve has together.
         self._aged = {i: metric for i, metric in enumerate(self.metrics) if isinstance(metric, AbstractAged)}
+        if self._aged and solve.fidelity == QUASI_STATIC:
+            raise ClearanceError(
+                "Wear follows the impacts and the sliding of a motion, which quasi-static poses do not have: use "
+                '`fidelity = "dynamics"`.'
+            )
         self._plain = {str(i): metric.base_metric for i, metric in enumerate(self.metrics) if i not in self._aged}
 
     def sizes(self) -> list[int]:

@@ -5,6 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from clearance_jax.solve.settings import DYNAMICS
+
 # A limit counts as held if it is violated by no more than this share of its bound: a solver ends on the limit itself.
 SLACK = 1e-9
 
@@ -14,6 +16,7 @@ class Evaluation(NamedTuple):
 
     - `x` (n,): the variables; `objective`; `limits` (m,): value over bound, minus 1, of each limit.
     - `gradient` (n,) of the objective and `jacobian` (m, n) of the limits by x; `None`: not asked for.
+    - `fidelity`: the model of the motion by which it was evaluated.
     """
 
     x: np.ndarray
@@ -21,6 +24,7 @@ class Evaluation(NamedTuple):
     limits: np.ndarray
     gradient: np.ndarray | None = None
     jacobian: np.ndarray | None = None
+    fidelity: str = DYNAMICS
 
     @property
     def worst(self) -> float:

@@ -12,6 +12,7 @@ from clearance_jax.design.formulation import formulate
 from clearance_jax.design.run import INTERRUPTED, run
 from clearance_jax.design.scenarios import scenarios_of
 from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.solve.settings import QUASI_STATIC
 from clearance_jax.units import format_quantity
 
 FACTORS = (0.6, 0.8, 0.9, 1.0, 1.1, 1.25, 1.5, 2.0)
@@ -70,8 +71,11 @@ def responses(design: Design) -> tuple[Response, ...]:
 
     **Raises:** `ClearanceError` for a metric without derivatives.
     """
-    specification = design.specification.nominal()
+    asked, specification = design.specification, design.specification.nominal()
+    if asked.manufacture.among:  # slopes of the dynamics say nothing
+        specification = specification.judged_by(QUASI_STATIC)
     x, simulations = specification.values(design.evaluation.x), simulations_of(specification)
+    by = " by quasi-static poses" * bool(asked.manufacture.among)
     found = [(scenario.title, *simulations.limits(x, scenario, True)) for scenario in scenarios_of(specification)]
     ends = np.cumsum([0, *simulations.sizes()])
     out = []
@@ -84,7 +88,7 @@ def responses(design: Design) -> tuple[Response, ...]:
         out.append(
             Response(
                 limit.label,
-                limit.label + title,
+                limit.label + title + by,
                 limit.metric.unit,
                 float((1 + limits[k]) * limit.bound),
                 limit.bound,
@@ -122,7 +126,7 @@ def tradeoff(design: Design, limit: str = "", factors: Sequence[float] = FACTORS
 
     **Raises:** `ClearanceError` for an unknown limit.
     """
-    program = formulate(design.specification, known=design.program.history)
+    program = formulate(design.specification, known=design.program.points)
     titles = list(dict.fromkeys(program.groups))
     limit = limit or program.groups[int(np.argmax(design.evaluation.limits))]
     if limit not in titles:

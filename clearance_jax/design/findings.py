@@ -23,11 +23,13 @@ from clearance_jax.design.time_histories import TimeHistory, histories_of
 from clearance_jax.errors import ClearanceError
 from clearance_jax.results.dataset import picture_dataset
 from clearance_jax.results.places import Outline, outline
+from clearance_jax.solve.settings import QUASI_STATIC
 
 CUT_SHORT = "Interrupted before every statement was made."
 INFEASIBLE = "No design holds every limit, so there is nothing to explain or to verify."
 # Parts that are tried with standard fits: of each a motion, or the motions of a life.
 SAMPLES, LIVED = 200, 20
+OF_DYNAMICS = "Loads and pictures are those of the dynamics; the limits are judged by quasi-static poses."
 NO_FITS = "No combination of common fits was found that holds the limits."
 
 
@@ -130,6 +132,8 @@ def _steps(design: Design, cluster: Any) -> Iterator[tuple[str, Callable[[Findin
         yield "standard fits", lambda found: _fit(found, cluster)
         if any(limit.ages for limit in design.specification.limits):
             yield "maintenance intervals", _maintain
+        if design.specification.manufacture.among:
+            return  # every bound is a search of its own among neighbours
         yield "trade-off", lambda found: found._replace(tradeoff=tradeoff(found.design))
 
 
@@ -142,6 +146,8 @@ def _see(found: Findings) -> Findings:
     design = found.design
     specification = design.specification
     parts, times = specification.nominal(), sample_times(specification)
+    if specification.fidelity == QUASI_STATIC:
+        found = _note(found, OF_DYNAMICS)
     seen: dict[str, Observed] = {}
     loads: list[JointLoad] = []
     motions: dict[str, xr.Dataset] = {}

@@ -9,11 +9,15 @@ import numpy as np
 from clearance_jax.ask.place import HERE, Place
 from clearance_jax.design.evaluate import FEW, Simulations, simulations_of
 from clearance_jax.design.evaluation import Evaluation
+from clearance_jax.design.manufacture import AsDesigned
 from clearance_jax.design.program import Program
 from clearance_jax.design.scenarios import Scenario, scenarios_of
-from clearance_jax.design.specification import Specification
+from clearance_jax.design.specification import AUTO, Specification
+from clearance_jax.errors import ClearanceError
+from clearance_jax.metrics.reductions import Peak
 from clearance_jax.runs.identity import numbers, short, versions
 from clearance_jax.runs.identity import settings as in_words
+from clearance_jax.solve.settings import QUASI_STATIC
 
 
 def formulate(
@@ -25,9 +29,35 @@ def formulate(
 ) -> Program:
     """The `specification` as a program of numbers, solved with the accuracy `rtol` by a `solver` (by default its own).
 
-    **Arguments:** `place`: where many simulations are solved; `options`: as `Program`'s.
+    **Arguments:** `place`: where many simulations are solved; `options`: as `Program`'s. With `fidelity="auto"` it has
+    the problem of quasi-static poses beside it, in the same record.
+
+    **Raises:** `ClearanceError` for a metric that the model of the motion cannot give.
     """
-    simulations, scenarios = simulations_of(specification, rtol, solver, place), scenarios_of(specification)
+    if specification.fidelity == AUTO:
+        shared = {name: options[name] for name in ("record", "known", "progress") if name in options}
+        shared["identity"] = _identity(specification, simulations_of(specification, rtol, solver, place))
+        options["cheap"] = _program(_posed(specification), simulations_of(_posed(specification), place=place), **shared)
+    return _program(specification, simulations_of(specification, rtol, solver, place), **options)
+
+
+def unposed(specification: Specification) -> str:
+    """Why quasi-static poses cannot judge designs, in words; empty where they can."""
+    try:
+        simulations_of(_posed(specification)).sizes()
+    except ClearanceError as error:
+        return str(error)
+    return ""
+
+
+def _posed(specification: Specification) -> Specification:
+    """As quasi-static poses judge it. They have no neighbours that differ."""
+    plain = specification.nominal() if specification.manufacture.among else specification
+    return plain.judged_by(QUASI_STATIC)
+
+
+def _program(specification: Specification, simulations: Simulations, **options: Any) -> Program:
+    scenarios, place = scenarios_of(specification), simulations.place
     titles, groups = _titles(specification, simulations, scenarios)
 
     def evaluate(x, gradient):
@@ -48,12 +78,23 @@ def formulate(
         *specification.bounds,
         titles,
         groups=groups,
-        identity=_identity(specification, simulations),
         fresh=fresh if specification.manufacture.is_sampled else None,
         several=None if place.client is None else several,
-        **options,
+        fidelity=specification.judge,
+        leaders=_leaders(specification, simulations, len(titles)),
+        **{"identity": _identity(specification, simulations), **options},
     )
     return program
+
+
+def _leaders(specification: Specification, simulations: Simulations, count: int) -> np.ndarray:
+    """Of every limit the place of the highest peak of its motion: the lower ones are others in another model."""
+    if specification.manufacture.title:
+        return np.arange(count)
+    sizes = simulations.sizes()
+    ends, kinds = np.cumsum([0, *sizes]), [isinstance(metric.base_metric, Peak) for metric in simulations.metrics]
+    once = [np.full(n, a) if peak else np.arange(a, a + n) for a, n, peak in zip(ends, sizes, kinds, strict=False)]
+    return np.concatenate([np.concatenate(once) + k for k in range(0, count, int(ends[-1]))])
 
 
 def _titles(
@@ -63,6 +104,8 @@ def _titles(
     if of_all := specification.manufacture.title:
         titles = [of_all + specification.suffix(condition) for condition in specification.conditions]
         return titles, titles
+    if of_each := specification.manufacture.among:  # one number for all parts of a condition
+        scenarios = [one._replace(title=one.title + of_each) for one in scenarios if one.designed is None]
     pairs = list(zip(specification.limits, simulations.sizes(), strict=True))
     titles = [label + scenario.title for scenario in scenarios for limit, size in pairs for label in limit.labels(size)]
     return titles, [limit.title for _ in scenarios for limit, size in pairs for _ in range(size)]
@@ -79,7 +122,10 @@ def _identity(specification: Specification, simulations: Simulations) -> dict[st
     found |= {f"between ({name})": short(between) for name, between in specification.variables.items()}
     found |= {f"condition {name or 'as given'}": short(of) for name, of in specification.conditions.items()}
     asked = {"t1": specification.t1, "manufacture": specification.manufacture, "common": specification.common}
-    return found | in_words(asked) | {f"option {k}": v for k, v in in_words(simulations.solve._asdict()).items()}
+    if specification.manufacture.among:  # what a search makes of a problem
+        asked["manufacture"] = AsDesigned()
+    solving = simulations.solve._asdict() | {"fidelity": specification.fidelity}
+    return found | in_words(asked) | {f"option {k}": v for k, v in in_words(solving).items()}
 
 
 def _evaluate(
@@ -112,7 +158,7 @@ def _point(specification: Specification, x: np.ndarray, values: np.ndarray, jaco
     objective, slope = _objective(specification, clearances)
     if len(x) < len(clearances):
         slope, jacobian = slope.sum(keepdims=True), jacobian if jacobian is None else jacobian.sum(1, keepdims=True)
-    return Evaluation(np.array(x), objective, values, slope if gradient else None, jacobian)
+    return Evaluation(np.array(x), objective, values, slope if gradient else None, jacobian, specification.judge)
 
 
 def _objective(specification: Specification, x: np.ndarray) -> tuple[float, np.ndarray]:

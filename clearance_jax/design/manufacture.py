@@ -45,6 +45,16 @@ class AbstractManufacture(abc.ABC):
         return ""
 
     @property
+    def among(self) -> str:
+        """Among which parts each limit is judged at once, in words; empty: part by part."""
+        return ""
+
+    @property
+    def is_design(self) -> bool:
+        """Whether the one part that is made is the design itself."""
+        return False
+
+    @property
     def scattered(self) -> tuple[str, ...]:
         """Names of the numbers that scatter."""
         return ()
@@ -71,6 +81,10 @@ class AbstractManufacture(abc.ABC):
 @dataclasses.dataclass(frozen=True)
 class AsDesigned(AbstractManufacture):
     """Every part is exactly as designed."""
+
+    @property
+    def is_design(self):
+        return True
 
     def parts(self, names, fresh=0, seed=None):
         return [Part("", np.ones(len(names)), is_design=True)]
@@ -198,6 +212,37 @@ class Yield(AbstractManufacture):
         weights = np.zeros(len(worst))
         weights[order] = np.clip(tail - np.arange(len(worst)), 0.0, 1.0) / tail
         return weights
+
+
+@dataclasses.dataclass(frozen=True)
+class Neighbours(AbstractManufacture):
+    """Of each limit the largest value counts, among the design and neighbours whose variables differ by `scatter`: what
+    can be said of a motion that is chaotic. One more neighbour exceeds the largest of n with probability 1 / (n + 1).
+    """
+
+    scatter: float = physical("", above=0.0, default=0.01, help="relative standard deviation", example="0.01")
+    samples: int = describe("the design and its neighbours", "8", least=2, default=8)
+    seed: int = describe("of the Sobol sequence", "1", default=0)
+
+    @property
+    def among(self):
+        return f", largest of {self.samples} neighbours"
+
+    def parts(self, names, fresh=0, seed=None):
+        sequence = scipy.stats.qmc.Sobol(len(names), rng=self.seed).random_base2(int(np.ceil(np.log2(self.samples))))
+        rows = 1 + self.scatter * scipy.stats.norm.ppf(sequence[: self.samples])
+        rows[0] = 1.0
+        return [Part(f", neighbour {i}" if i else "", row, is_design=not i) for i, row in enumerate(rows)]
+
+    def judge(self, values, slopes):
+        which = np.argmax(np.where(np.isnan(values), np.inf, values), axis=0)
+        pairs = which, np.arange(values.shape[1])
+        return values[pairs], None if slopes is None else slopes[pairs]
+
+    def __str__(self) -> str:
+        return (
+            f"as designed; of each limit the largest counts among {self.samples} neighbours within {self.scatter:.0%}"
+        )
 
 
 MANUFACTURE: Mapping[str, type[AbstractManufacture]] = {"band": Band, "yield": Yield}

@@ -24,12 +24,14 @@ class Method(NamedTuple):
 
     - `name`; `solve`: `solve(program, start, **options)` returns why it stopped early, or nothing.
     - `gradients`: whether it uses them; `extra`: the extra of this library that it needs.
+    - `slack`: to which share of their bounds it meets limits.
     """
 
     name: str
     solve: Callable[..., str | None]
     gradients: bool = True
     extra: str = ""
+    slack: float = 1e-3
 
 
 def slsqp(program: Program, start: np.ndarray, tolerance: float = 1e-10) -> str:

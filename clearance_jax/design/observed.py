@@ -25,6 +25,7 @@ from clearance_jax.metrics.measure import AbstractMetric, Request
 from clearance_jax.metrics.reductions import At, Impacts, Peak
 from clearance_jax.metrics.signals import ContactForce
 from clearance_jax.results.marks import picture
+from clearance_jax.solve.settings import DYNAMICS
 from clearance_jax.spatial import as_array
 
 SAMPLES = 2001
@@ -78,7 +79,8 @@ def observe(specification: Specification, x: np.ndarray, scenario: Scenario) -> 
     moved = specification.move(specification.mechanism, scenario.values)
     metrics, structure = jax.tree.flatten(_request(specification), is_leaf=lambda m: isinstance(m, AbstractMetric))
     named = {str(i): metric for i, metric in enumerate(metrics)}
-    question = Question(moved, named, specification.t1, specification.settings())
+    settings = specification.judged_by(DYNAMICS).settings()  # poses have no impacts and lose nothing
+    question = Question(moved, named, specification.t1, settings)
     values = answer(question, dict(zip(specification.variables, x, strict=True))).values
     found = jax.tree.map(np.asarray, jax.tree.unflatten(structure, [values[name] for name in named]))
     return found if all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(found.picture)) else None

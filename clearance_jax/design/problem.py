@@ -14,7 +14,7 @@ from clearance_jax.design.search import search
 from clearance_jax.design.specification import Limit, Specification
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.solve.settings import SolveOptions
+from clearance_jax.solve.settings import DYNAMICS, SolveOptions
 
 
 class ToleranceProblem:
@@ -30,7 +30,9 @@ class ToleranceProblem:
     - `conditions`: name of the condition -> values by parameter name (speeds, loads, friction, phases), or a list of
       such values. Every limit must hold in each condition. `None`: the mechanism as it is.
     - `manufacture`: which parts are made: a `Band`, a `Yield` or a model of your own; `None`: parts as designed.
-    - `options`: `simulate`'s `t0`, `rtol`, `solver`, `start`, `max_steps`.
+    - `options`: `simulate`'s `t0`, `rtol`, `solver`, `start`, `max_steps`, and `fidelity`: by which model of the motion
+      designs are judged: "dynamics"; "quasi-static": by poses, without swinging and impacts (fast, and no proof);
+      "auto": searched by poses and judged by the dynamics, with few solves.
     - `cost_unit`: what costs are counted in, such as "EUR".
 
     Its `specification` holds all of this in one form.
@@ -51,6 +53,7 @@ class ToleranceProblem:
         cost_unit: str = "cost units",
         **options: Unpack[SolveOptions],
     ):
+        fidelity = options.pop("fidelity", DYNAMICS)
         self.specification = Specification(
             mechanism,
             float(t1),
@@ -61,6 +64,7 @@ class ToleranceProblem:
             manufacture or AsDesigned(),
             options,
             cost_unit,
+            fidelity,
         )
 
     def solve(
@@ -73,6 +77,7 @@ class ToleranceProblem:
         most: int = 1_000_000,
         progress: Callable[[Evaluation], None] | None = None,
         cluster: Any = None,
+        fidelity: str | None = None,
     ) -> Design:
         """The best design that is found. Its limits hold in a simulation of their own (see `Design.feasible`).
 
@@ -83,12 +88,15 @@ class ToleranceProblem:
         - `start`: values by name; by default the geometric mean of the bounds. `starts`: how many starting points there
           are in all, the others at random between the bounds (impacts make many local optima), by `seed`.
         - `record`: a file with every evaluated point, from which an interrupted run goes on.
-        - `most`: the largest number of evaluations; `progress`: called with each of them.
+        - `most`: the largest number of evaluations, without those of poses; `progress`: called with each of them, also
+          with those of poses.
+        - `fidelity`: another one than the problem's.
         - `cluster`: a dask client, or the address of a scheduler ("local": this machine). Its workers solve the
           simulations of a design if there are several (samples, conditions, points of a band).
         """
         with place_of(cluster) as place:
-            return search(self.specification, method, start, starts, seed, record, most, progress, place)
+            specification = self.specification if fidelity is None else self.specification.judged_by(fidelity)
+            return search(specification, method, start, starts, seed, record, most, progress, place)
 
 
 def _costs(cost, names) -> tuple[Callable, ...]:

@@ -15,6 +15,12 @@ from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.record import evaluation_of, record_of
 from clearance_jax.errors import ClearanceError
 from clearance_jax.runs.journal import Journal
+from clearance_jax.solve.settings import DYNAMICS
+
+# Points whose variables differ by less, relative, are the same.
+ROUND_OFF = 1e-14
+# Objectives that are the same to what solves resolve.
+TIE = 1e-8
 
 
 class BudgetSpent(Exception):
@@ -36,6 +42,10 @@ class Program:
     - `known`: points evaluated before.
     - `fresh`: `(x, samples, seed) -> Evaluation`, the same by so many fresh samples of manufacture, with gradients.
     - `several`: `(points) -> Evaluations`, without gradients, where many at once are cheaper than one by one.
+    - `fidelity`: the model of the motion that evaluates; a record may hold points of several.
+    - `cheap`: the same problem by a cheaper model, whose points are counted by themselves (`None`: there is none).
+    - `leaders`: of each limit the place of one that is compared with it where models differ: of the peaks of a motion
+      the highest (default: its own).
     """
 
     def __init__(
@@ -53,6 +63,9 @@ class Program:
         known: Sequence[Evaluation] = (),
         fresh: Callable[[np.ndarray, int, int], Evaluation] | None = None,
         several: Callable[[list[np.ndarray]], list[Evaluation]] | None = None,
+        fidelity: str = DYNAMICS,
+        cheap: "Program | None" = None,
+        leaders: np.ndarray | None = None,
     ):
         self.names, self.limit_names = tuple(names), tuple(limit_names)
         self.groups = tuple(groups or limit_names)
@@ -61,29 +74,39 @@ class Program:
             if not 0 < low < high < math.inf:
                 raise ClearanceError(f"The bounds of `{name}` contradict each other: 0 < {low:g} < {high:g} must hold.")
         self._evaluate, self._fresh, self._several = evaluate, fresh, several
-        self._most, self._progress = most, progress
+        self._most, self._progress, self.fidelity, self.cheap = most, progress, fidelity, cheap
+        self.leaders = np.arange(len(self.limit_names)) if leaders is None else leaders
         self._record = None if record is None else Journal(record)
         if self._record is not None:
             self._record.ask({**(identity or {}), "variables": list(names), "limits": list(limit_names)})
         self.history: list[Evaluation] = []
         self._known: dict[bytes, Evaluation] = {}
         self.evaluations = self.gradients = 0
-        for point in (*known, *map(evaluation_of, () if self._record is None else self._record.records)):
-            self._keep(point)
+        read = () if self._record is None else map(evaluation_of, self._record.records)
+        for point in (*known, *read):
+            if point.fidelity == fidelity:
+                self._keep(point)
 
     def at(self, x: np.ndarray, gradient: bool = False) -> Evaluation:
         """The point at `x`, from memory where it is known."""
         x = np.clip(np.asarray(x, float), self.lower, self.upper)
-        known = self._known.get(x.tobytes())
+        known = self._recall(x)
         if known is not None and (known.gradient is not None or not gradient):
             return known
         self._spend()
         return self._note(self._evaluate(x, gradient))
 
+    def _recall(self, x: np.ndarray) -> Evaluation | None:
+        """What is known of a point, to round-off: logarithms and bounds give the same one with other last digits."""
+        known = self._known.get(x.tobytes())
+        if known is not None:
+            return known
+        return next((one for one in reversed(self.history) if np.all(np.abs(one.x - x) <= ROUND_OFF * x)), None)
+
     def at_each(self, points: Sequence[np.ndarray]) -> list[Evaluation]:
         """`at` of each point, without gradients; those not known are evaluated together where there is a way."""
         points = [np.clip(np.asarray(x, float), self.lower, self.upper) for x in points]
-        new = {x.tobytes(): x for x in points if x.tobytes() not in self._known}
+        new = {x.tobytes(): x for x in points if self._recall(x) is None}
         if self._several is not None and new:
             self._spend()
             for point in self._several(list(new.values())):
@@ -119,10 +142,18 @@ class Program:
             raise BudgetSpent
 
     @property
+    def points(self) -> list[Evaluation]:
+        """Every point by every model."""
+        return self.history + ([] if self.cheap is None else self.cheap.history)
+
+    @property
     def best(self) -> Evaluation | None:
-        """The feasible point with the least objective."""
+        """The feasible point with the least objective; of those that agree with it to `TIE` the latest, to which a
+        search has come last.
+        """
         held = [p for p in self.history if p.feasible]
-        return min(held, key=lambda p: p.objective, default=None)
+        least = min((p.objective for p in held), default=0.0)
+        return next((p for p in reversed(held) if p.objective <= least + TIE * abs(least)), None)
 
     @property
     def nearest(self) -> Evaluation | None:
@@ -134,16 +165,18 @@ class Program:
         remembers, through this one.
         """
 
-        def displacement(point: Evaluation) -> Evaluation:
+        def shift(point: Evaluation) -> Evaluation:
             limits = (point.limits + 1) * shrink - 1
             jacobian = None if point.jacobian is None else point.jacobian * shrink[:, None]
             return point._replace(limits=limits, jacobian=jacobian)
 
         shrink = np.where([name == group for name in self.groups], 1 / factor, 1.0)
         names = self.names, self.lower, self.upper, self.limit_names, self.groups
-        known = [displacement(point) for point in self.history]
-        fresh = None if self._fresh is None else lambda x, samples, seed: displacement(self.fresh(x, samples, seed))
-        return Program(lambda x, gradient: displacement(self.at(x, gradient)), *names, known=known, fresh=fresh)
+        known = [shift(point) for point in self.history]
+        fresh = None if self._fresh is None else lambda x, samples, seed: shift(self.fresh(x, samples, seed))
+        cheap = None if self.cheap is None else self.cheap.with_bound(group, factor)
+        models: dict = {"fidelity": self.fidelity, "cheap": cheap, "leaders": self.leaders}
+        return Program(lambda x, gradient: shift(self.at(x, gradient)), *names, known=known, fresh=fresh, **models)
 
     def worst_violation(self, point: Evaluation) -> str:
         """The most violated limit of a point in words."""

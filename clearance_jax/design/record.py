@@ -23,5 +23,6 @@ def _plain(value: Any) -> Any:
 
 def evaluation_of(record: Mapping[str, Any]) -> Evaluation:
     """The design of a record."""
-    values = {k: None if record[k] is None else np.asarray(record[k], float) for k in Evaluation._fields}
-    return Evaluation(**{**values, "objective": float(record["objective"])})
+    arrays = ("x", "limits", "gradient", "jacobian")
+    values = {k: None if record[k] is None else np.asarray(record[k], float) for k in arrays}
+    return Evaluation(objective=float(record["objective"]), fidelity=record["fidelity"], **values)

@@ -5,6 +5,18 @@ import numpy as np
 from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.program import Program
 
+# A point with no larger violation may be pulled inside; what a violation is worth, over the objective.
+NEARLY, PRICE = 1e-3, 3.0
+
+
+def nearly_best(program: Program) -> Evaluation | None:
+    """The best point that all but holds its limits; where there is none, the one with the least violation."""
+    near = [p for p in program.history if p.worst < NEARLY]
+    if not near:
+        return program.nearest
+    # A violation is worth some multiple of itself in objective: powers of clearances have small exponents.
+    return min(near, key=lambda p: p.objective + PRICE * abs(p.objective) * max(p.worst, 0.0))
+
 
 def feasible_neighbour(program: Program, x: np.ndarray, gradient: bool = False) -> Evaluation | None:
     """A feasible point on the scaling line through `x`, towards smaller clearances and near; nothing where none is."""

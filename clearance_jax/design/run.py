@@ -4,11 +4,14 @@ import numpy as np
 
 from clearance_jax.design.methods import Method, method_of
 from clearance_jax.design.program import BudgetSpent, Program
-from clearance_jax.design.repair import feasible_neighbour
+from clearance_jax.design.repair import NEARLY, feasible_neighbour, nearly_best
+from clearance_jax.design.scaling import StandsStill
+from clearance_jax.design.slopes import UselessSlopes
 
-# A point with no larger violation may be pulled inside; what a violation is worth, over the objective.
-NEARLY, PRICE = 1e-3, 3.0
 INTERRUPTED, SPENT = "interrupted", "stopped: as many evaluations as allowed"
+STILL = "stopped: the search stands still"
+USELESS = "stopped: "
+ADVICE = 'Choose `fidelity = "auto"`, or a method without gradients, such as cobyqa.'
 
 
 def run(program: Program, method: str | Method, start: np.ndarray, **options) -> str:
@@ -22,12 +25,20 @@ def run(program: Program, method: str | Method, start: np.ndarray, **options) ->
     method = method_of(method)
     try:
         # Where a motion has no end there is no slope to follow: smaller clearances rattle less.
-        if not np.isfinite(program.at(start, method.gradients).worst):
+        if program.cheap is None and not np.isfinite(program.at(start, method.gradients).worst):
             found = feasible_neighbour(program, start, method.gradients)
             start = start if found is None else found.x
         said = method.solve(program, start, **options)
         _pull_inside(program, method.gradients)
         return said or ""
+    except UselessSlopes as why:
+        if program.cheap is not None:
+            return f"{USELESS}{why}"
+        _pull_inside(program, method.gradients)
+        return f"{USELESS}{why}. {ADVICE}"
+    except StandsStill:
+        _pull_inside(program, method.gradients)
+        return _standing(program)
     except BudgetSpent:
         return SPENT
     except KeyboardInterrupt:
@@ -36,14 +47,19 @@ def run(program: Program, method: str | Method, start: np.ndarray, **options) ->
         return INTERRUPTED
 
 
+def _standing(program: Program) -> str:
+    """What a search that stands still has come to: nothing need be said where a limit decides."""
+    best = program.best
+    if best is None or np.any(best.limits > -NEARLY):
+        return ""
+    walls = np.isclose(best.x, program.lower) | np.isclose(best.x, program.upper)
+    return STILL if np.all(walls) else f"{STILL}, though neither a limit nor a bound decides"
+
+
 def _pull_inside(program: Program, gradient: bool) -> None:
     """Evaluate a feasible neighbour of the best point that all but holds its limits: solvers end on a limit from both
     sides, and the best point that holds may be an early and poor one.
     """
-    near = [p for p in program.history if p.worst < NEARLY]
-    if near:
-        # A violation is worth some multiple of itself in objective: powers of clearances have small exponents.
-        best = min(near, key=lambda p: p.objective + PRICE * abs(p.objective) * max(p.worst, 0.0))
+    best = nearly_best(program)
+    if best is not None:
         feasible_neighbour(program, best.x, gradient)
-    elif program.nearest is not None:
-        feasible_neighbour(program, program.nearest.x, gradient)

@@ -7,11 +7,18 @@ import numpy as np
 
 from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.program import Program
+from clearance_jax.design.slopes import check_slopes
 
 # Where an active limit is aimed at, in shares of its bound: inside, by less than anything else in the answer counts.
 INSIDE = 1e-10
 # Share of its bound below which a limit is as good as zero.
 FLOOR = 1e-3
+# Points that differ by less in logarithms are the same to round-off; after so many of them a search stands still.
+ROUND_OFF, PATIENCE = 1e-11, 2
+
+
+class StandsStill(Exception):
+    """A search asks for the same point again and again."""
 
 
 class ScaledProgram:
@@ -28,21 +35,39 @@ class ScaledProgram:
         first = program.at(np.exp(self.start), gradient)
         self.positive = first.objective > 0
         self.size = max(abs(first.objective), 1e-300)
+        self._last, self._still = self.start, 0
 
     def value(self, z: np.ndarray) -> tuple[float, np.ndarray]:
-        """Objective and limits."""
-        point = self.program.at(np.exp(z))
-        return self._objective(point), self._limits(point)
+        """Objective and limits. **Raises** `StandsStill`."""
+        self._move(z)
+        return self.values_of(self.program.at(np.exp(z)))
 
     def slopes(self, z: np.ndarray) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
-        """Objective and limits, and their derivatives."""
-        return self._slopes(self.program.at(np.exp(z), True))
+        """Objective and limits, and their derivatives. **Raises** `StandsStill`, `UselessSlopes`."""
+        self._move(z)
+        point = self.program.at(np.exp(z), True)
+        check_slopes(self.program, point)
+        return self.slopes_of(point)
+
+    def values_of(self, point: Evaluation) -> tuple[float, np.ndarray]:
+        """Objective and limits of an evaluated point."""
+        return self._objective(point), self._limits(point)
+
+    def _move(self, z: np.ndarray) -> None:
+        """Take notice of the next point, and raise where it is the third one that differs by round-off only."""
+        if np.array_equal(z, self._last):
+            return
+        self._still = self._still + 1 if np.allclose(z, self._last, rtol=0.0, atol=ROUND_OFF) else 0
+        self._last = np.array(z)
+        if self._still >= PATIENCE:
+            raise StandsStill
 
     def fresh_slopes(self, z: np.ndarray, samples: int, seed: int) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
         """The same by so many fresh samples of manufacture."""
-        return self._slopes(self.program.fresh(np.exp(z), samples, seed))
+        return self.slopes_of(self.program.fresh(np.exp(z), samples, seed))
 
-    def _slopes(self, point: Evaluation) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
+    def slopes_of(self, point: Evaluation) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
+        """Objective and limits of an evaluated point, and their derivatives."""
         assert point.gradient is not None
         assert point.jacobian is not None
         over = max(point.objective, 1e-12 * self.size) if self.positive else self.size

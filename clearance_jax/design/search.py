@@ -1,7 +1,9 @@
 """The search for a design: from what is asked to an answer that holds it."""
 
+import dataclasses
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -11,12 +13,18 @@ from clearance_jax.analysis.trust import gradient_report
 from clearance_jax.ask.place import HERE, Place
 from clearance_jax.design.answer import Design
 from clearance_jax.design.evaluation import Evaluation
-from clearance_jax.design.formulation import formulate
-from clearance_jax.design.methods import AUTO, Method, method_of
-from clearance_jax.design.run import INTERRUPTED, SPENT, run
+from clearance_jax.design.formulation import formulate, unposed
+from clearance_jax.design.manufacture import Neighbours
+from clearance_jax.design.methods import AUTO, METHODS, Method, method_of
+from clearance_jax.design.model_management import MATCHED, MATCHED_VALUES
+from clearance_jax.design.program import BudgetSpent, Program
+from clearance_jax.design.run import INTERRUPTED, SPENT, USELESS, run
+from clearance_jax.design.specification import AUTO as BOTH
 from clearance_jax.design.specification import Specification
+from clearance_jax.design.unreachable import unreachable
 from clearance_jax.errors import ClearanceError
 from clearance_jax.parameters import replace
+from clearance_jax.solve.settings import DYNAMICS
 
 
 def search(
@@ -33,14 +41,22 @@ def search(
     """The best design found, many simulations solved at a `place`; other arguments as `ToleranceProblem.solve`'s."""
     if method != AUTO:
         method = method_of(method)
-    program = formulate(specification, place=place, record=record, most=most, progress=progress)
+    note = ""
+    if specification.fidelity == BOTH:
+        if method not in (AUTO, METHODS["slsqp"]):
+            raise ClearanceError('`fidelity = "auto"` has a method of its own: leave `method` out.')
+        if why := unposed(specification):
+            specification, note = specification.judged_by(DYNAMICS), f"by the dynamics alone: {why}"
+    given = {"place": place, "record": record, "most": most, "progress": progress}
+    program = formulate(specification, **given)
     x = np.sqrt(program.lower * program.upper)
     if start is not None:
-        given = np.array([float(start[name]) for name in specification.variables])
-        x = given if len(specification.names) == len(given) else given.min(keepdims=True)
+        worth = np.array([float(start[name]) for name in specification.variables])
+        x = worth if len(specification.names) == len(worth) else worth.min(keepdims=True)
+    if program.cheap is not None:
+        return _managed(specification, program, x, given, starts, seed)
     if program.best is not None:
         x = program.best.x
-    note = ""
     if method == AUTO:
         note = _distrust(specification, x)
         method = "cobyqa" if note else "slsqp"
@@ -49,16 +65,64 @@ def search(
         _check_derivatives(specification, x)
     # Finer than the solves it cannot be.
     options = {"tolerance": 10 * specification.rtol} if method.name == "slsqp" else {}
+    stop_reason = _runs(program, method, x, starts, seed, **options)
+    return _design(specification, program, method, stop_reason, note)
+
+
+def _runs(program: Program, method: Method, x: np.ndarray, starts: int, seed: int, **options: Any) -> str:
+    """Runs from a point and from others at random; why the last one stopped early."""
     stop_reason, rng = run(program, method, x, **options), np.random.default_rng(seed)
     for _ in range(starts - 1):
         # A solver that gave up is one thing, an end to all of it another.
         if stop_reason not in (INTERRUPTED, SPENT):
             other = np.exp(rng.uniform(np.log(program.lower), np.log(program.upper)))
             stop_reason = run(program, method, other, **options)
+    return stop_reason
+
+
+def _design(specification: Specification, program: Program, method: Method, stop_reason: str, note: str) -> Design:
     point = program.best or program.nearest
     if point is None:
-        raise ClearanceError(f"`most` must be at least 1, but it is {most}: no design was evaluated.")
+        raise ClearanceError("`most` must be at least 1: no design was evaluated.")
     return Design(specification, program, method, point, stop_reason, note)
+
+
+def _managed(
+    specification: Specification, program: Program, x: np.ndarray, given: Mapping[str, Any], starts: int, seed: int
+) -> Design:
+    """The design found on poses and judged by the dynamics; where slopes of the dynamics say nothing, by values."""
+    tolerance = {"tolerance": 10 * specification.rtol}
+    if said := _first(specification, program):
+        return _design(specification, program, MATCHED, said, "")
+    stop_reason = _runs(program, MATCHED, x, starts, seed, **tolerance)
+    if not stop_reason.startswith(USELESS):
+        return _design(specification, program, MATCHED, stop_reason, "")
+    note = f"{stop_reason.removeprefix(USELESS)}, so values alone were matched"
+    if not specification.manufacture.is_design:
+        stop_reason = _runs(program, MATCHED_VALUES, x, starts, seed, **tolerance)
+        return _design(specification, program, MATCHED_VALUES, stop_reason, note)
+    among, asked = Neighbours(), specification.manufacture
+    specification = dataclasses.replace(specification, manufacture=among)
+    note += f"; of every limit the largest counts among {among.samples} designs within {among.scatter:.0%}"
+    note += f" (one more exceeds it with a probability of {1 / (among.samples + 1):.0%})"
+    left = {"most": given["most"] - program.gradients}
+    wider = formulate(specification, **{**given, **left}, known=program.points)
+    stop_reason = _runs(wider, MATCHED_VALUES, x, starts, seed, **tolerance)
+    if not wider.history:  # it was stopped before: the design that slopes were asked at is known
+        return _design(dataclasses.replace(specification, manufacture=asked), program, MATCHED, stop_reason, note)
+    return _design(specification, wider, MATCHED_VALUES, stop_reason, note)
+
+
+def _first(specification: Specification, program: Program) -> str:
+    """Why no search need begin, in words; or why it was stopped before."""
+    try:
+        return unreachable(specification, program)
+    except BudgetSpent:
+        return SPENT
+    except KeyboardInterrupt:
+        if not program.history:
+            raise
+        return INTERRUPTED
 
 
 def _check_derivatives(specification: Specification, x: np.ndarray) -> None:
@@ -68,7 +132,7 @@ def _check_derivatives(specification: Specification, x: np.ndarray) -> None:
 
         def of(c, metric=limit.simulation_metric.base_metric):
             moved = replace(specification.mechanism, {name: c * v for name, v in values.items()})
-            return metric(moved, jnp.asarray(specification.t1), **specification.options)
+            return metric(moved, jnp.asarray(specification.t1), **specification.solving)
 
         try:
             jax.eval_shape(jax.jacfwd(of), jnp.ones(()))

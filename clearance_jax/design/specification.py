@@ -11,18 +11,21 @@ import numpy as np
 from clearance_jax._module import Module
 from clearance_jax.design import worn
 from clearance_jax.design.manufacture import AbstractManufacture, AsDesigned
-from clearance_jax.errors import ClearanceError
+from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMeasure, Function, as_measure, begin_of
 from clearance_jax.metrics.reductions import AbstractMetric, At, Peak
 from clearance_jax.parameters import check_values, parameters, replace, units_of
-from clearance_jax.solve.settings import Settings, SolveOptions, settings_of
+from clearance_jax.solve.settings import DYNAMICS, QUASI_STATIC, Settings, SolveOptions, settings_of
 from clearance_jax.wear import AbstractAged
 
 # Peaks that are limits each: where the highest changes place, the next one has been watched already.
 PEAKS = 3
 # What a designer may say of the solves.
 KNOWN = ("t0", "rtol", "solver", "start", "max_steps")
+# By which model of the motion designs are judged; `AUTO`: searched by the cheap one, judged by the dear one.
+AUTO = "auto"
+FIDELITY_CHOICES = (DYNAMICS, QUASI_STATIC, AUTO)
 
 
 class Limit(Module):
@@ -140,6 +143,7 @@ class Specification:
     - `mechanism`, `t1` [s], `variables`, `limits`, `manufacture`: as of the problem.
     - `costs`: one for each variable, in the order of `variables`; empty if the largest clearance is wanted.
     - `conditions`: by name, at least one; `options`: of the solves; `cost_unit`: what costs are counted in.
+    - `fidelity`: by which model of the motion designs are judged.
 
     **Raises:** `ClearanceError` for unknown names, two limits of one title, and numbers that are not finite or out of
     bounds.
@@ -154,8 +158,11 @@ class Specification:
     manufacture: AbstractManufacture
     options: SolveOptions
     cost_unit: str = "cost units"
+    fidelity: str = DYNAMICS
 
     def __post_init__(self):
+        if self.fidelity not in FIDELITY_CHOICES:
+            raise ClearanceError(f"`fidelity` must be {', '.join(FIDELITY_CHOICES)}, but it is {quote(self.fidelity)}.")
         settings = self.settings()
         for limit in self.limits:
             begin_of(getattr(limit.metric.base_metric, "since", None), self.t1, settings)
@@ -200,7 +207,21 @@ class Specification:
 
     def settings(self, **changes: Any) -> Settings:
         """How to solve, with some options changed."""
-        return settings_of(self.mechanism, self.t1, {**self.options, **changes}, KNOWN)
+        return settings_of(self.mechanism, self.t1, {**self.solving, **changes}, (*KNOWN, "fidelity"))
+
+    @property
+    def solving(self) -> SolveOptions:
+        """The options of the solves that judge a design."""
+        return {**self.options, "fidelity": DYNAMICS if self.fidelity == AUTO else self.fidelity}
+
+    def judged_by(self, fidelity: str) -> "Specification":
+        """The same, judged by another model of the motion."""
+        return dataclasses.replace(self, fidelity=fidelity)
+
+    @property
+    def judge(self) -> str:
+        """By what designs are judged, in words: the model of the motion, and whether neighbours count too."""
+        return f"{self.solving.get('fidelity')}{self.manufacture.among}"
 
     @property
     def t0(self) -> float:

@@ -38,7 +38,9 @@ def standings(design: Design, look: Callable[[Scenario], Observed | None] | None
     order = np.argsort(-np.nan_to_num(limits, nan=np.inf))[:SHOWN]
     if design.specification.manufacture.title:
         return tuple(Standing(program.limit_names[k], "", None, None, float(1 + limits[k]), None) for k in order)
-    scenarios = scenarios_of(design.specification)
+    specification = design.specification
+    # Where a limit is judged among parts at once, it is one number a condition, and the design itself is looked at.
+    scenarios = scenarios_of(specification.nominal() if specification.manufacture.among else specification)
     rows = _rows(design, len(scenarios))
     seen: dict[int, Observed | None] = {}
     out = []

@@ -45,7 +45,7 @@ def time_histories(design: Design) -> tuple[TimeHistory, ...]:
     for name, given in specification.conditions.items():
         moved = specification.move(design.mechanism, given)
         try:
-            settings = settings_of(moved, specification.t1, specification.options)
+            settings = settings_of(moved, specification.t1, specification.solving)
             seen = answer(Question(moved, asked, specification.t1, settings)).values
         except (ClearanceError, RuntimeError):
             continue  # a design that could not be simulated is reported as such elsewhere

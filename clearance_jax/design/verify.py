@@ -11,6 +11,7 @@ from clearance_jax.design.evaluate import fresh_yield
 from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.formulation import formulate
 from clearance_jax.design.methods import Method
+from clearance_jax.design.optimality import optimality
 from clearance_jax.design.program import Program
 from clearance_jax.design.run import INTERRUPTED, run
 from clearance_jax.design.specification import Specification
@@ -19,9 +20,8 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.metrics.reductions import Peak
 from clearance_jax.metrics.signals import PositionError
 from clearance_jax.parameters import replace
+from clearance_jax.solve.settings import DYNAMICS
 
-# A limit is active within this share of its bound.
-ACTIVE = 1e-4
 # Evaluations that the bisection for the scale takes, more or less: ten digits, superlinearly.
 BISECTION = 16
 OTHER = {"tsit5": "dopri8"}
@@ -50,9 +50,10 @@ def certify(
     `expected_evaluations`.
     """
     solver, rtol = solver or OTHER.get(specification.solver, "tsit5"), 0.1 * specification.rtol
-    fresh = formulate(specification, rtol, solver, place, progress=progress)
+    # The dynamics have the last word on what poses have found.
+    fresh = formulate(specification.judged_by(DYNAMICS), rtol, solver, place, progress=progress)
     at = fresh.at(point.x, method.gradients)
-    residual, multipliers = _optimality(fresh, at) if at.gradient is not None else (np.nan, np.zeros(len(at.limits)))
+    residual, multipliers = optimality(fresh, at) if at.gradient is not None else (np.nan, np.zeros(len(at.limits)))
     prices: dict[str, float] = {}
     for k in np.flatnonzero(multipliers > 1e-6):
         prices[fresh.groups[k]] = prices.get(fresh.groups[k], 0.0) + float(multipliers[k])
@@ -63,7 +64,8 @@ def certify(
         x=point.x,
         worst=at.worst,
         limit=fresh.limit_names[int(np.argmax(at.limits))],
-        scale=_scale(fresh, point.x, at),
+        # The largest of some neighbours jumps: no number says where it meets a bound.
+        scale=np.nan if specification.manufacture.among else _scale(fresh, point.x, at),
         islands=_islands(fresh, point.x, sweep),
         residual=residual,
         prices=prices,
@@ -77,6 +79,7 @@ def certify(
         static=_static(specification, point.x),
         solver=solver,
         rtol=rtol,
+        among=specification.manufacture.among,
     )
 
 
@@ -97,11 +100,13 @@ def _static(specification: Specification, x: np.ndarray) -> dict[str, float]:
     return found
 
 
-def expected_evaluations(searched: int, *, sweep: int = 40, starts: int = 0, reoptimise: bool = False, **_) -> int:
+def expected_evaluations(
+    searched: int, among: str = "", *, sweep: int = 40, starts: int = 0, reoptimise: bool = False, **_
+) -> int:
     """About how many evaluations `Design.verify` takes with its options `sweep`, `starts` and `reoptimise`, after a
-    search that took `searched`.
+    search that took `searched`. Of limits judged `among` parts no scale is looked for.
     """
-    return 1 + BISECTION + sweep + searched * (starts + 2 * reoptimise)
+    return 1 + BISECTION * (not among) + sweep + searched * (starts + 2 * reoptimise)
 
 
 def _others(
@@ -158,24 +163,6 @@ def _islands(program: Program, x: np.ndarray, count: int) -> tuple[tuple[float, 
     held = np.array([point.worst <= 1e-6 for point in program.at_each([v * x for v in s])])
     edges = np.flatnonzero(np.diff(np.concatenate([[False], held, [False]]).astype(int)))
     return tuple((float(s[a]), float(s[b - 1])) for a, b in edges.reshape(-1, 2))
-
-
-def _optimality(program: Program, at: Evaluation) -> tuple[float, np.ndarray]:
-    """Residual of the Karush-Kuhn-Tucker conditions by logarithms, and the limits' multipliers over the objective."""
-    assert at.gradient is not None
-    assert at.jacobian is not None
-    size = max(abs(at.objective), 1e-300)
-    gradient, jacobian = at.gradient * at.x / size, at.jacobian * at.x
-    active = np.flatnonzero(at.limits > -ACTIVE)
-    walls = [(i, -1.0) for i in np.flatnonzero(at.x <= program.lower * (1 + 1e-9))]
-    walls += [(i, 1.0) for i in np.flatnonzero(at.x >= program.upper * (1 - 1e-9))]
-    columns = [*jacobian[active], *(sign * np.eye(len(at.x))[i] for i, sign in walls)]
-    multipliers = np.zeros(len(at.limits))
-    if not columns:
-        return float(np.linalg.norm(gradient)), multipliers
-    found, left = scipy.optimize.nnls(np.stack(columns, 1), -gradient)
-    multipliers[active] = found[: len(active)]
-    return float(left / max(np.linalg.norm(gradient), 1e-300)), multipliers
 
 
 def _price_check(

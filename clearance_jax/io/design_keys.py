@@ -3,6 +3,7 @@
 from clearance_jax.design.costs import COSTS
 from clearance_jax.design.manufacture import MANUFACTURE
 from clearance_jax.design.methods import METHOD_CHOICES
+from clearance_jax.design.specification import FIDELITY_CHOICES
 from clearance_jax.io.asking_keys import METRIC
 from clearance_jax.io.fields import kinds_of
 from clearance_jax.io.kinds import Flag, Names, Quantities, Quantity, Sub, Text, Whole, Wholes, Word
@@ -42,6 +43,13 @@ DESIGN = Keys(
         Word("method", "the method of the search", '"slsqp"', allowed=METHOD_CHOICES, default="slsqp"),
         Whole(
             "starts", "number of starts, the first in the middle of the bounds", "3", least=1, most=10_000, absent="1"
+        ),
+        Word(
+            "fidelity",
+            "the model of the motion: by poses alone, or searched by poses and judged by the dynamics (auto)",
+            '"auto"',
+            allowed=FIDELITY_CHOICES,
+            absent="dynamics",
         ),
         Whole("most", "evaluations after which the search stops", "500", least=1, absent="1000000"),
     ),

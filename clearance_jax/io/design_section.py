@@ -43,7 +43,7 @@ def design_of(study: Asked, wear: WearAsked | None) -> DesignAsked:
         conditions=_conditions(table, model),
         manufacture=_manufacture(table, study, model),
         cost_unit=table.get("cost_unit") or "cost units",
-        **study.options,
+        **{**study.options, **table.only("fidelity")},
     )
     search = {"method": table.get("method"), **table.only("starts", "most")}
     return DesignAsked(problem, search, table.table("verify", VERIFY).arguments())

@@ -24,6 +24,9 @@ class PeakInstants(AbstractMetric):
     def unit(self):
         return self.peak.unit
 
+    def static_bound(self):
+        return PeakInstants(self.peak.static_bound())
+
     def request(self, mechanism, t1, options):
         return self.peak.request(mechanism, t1, options)
 

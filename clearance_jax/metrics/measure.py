@@ -10,6 +10,7 @@ import inspect
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, Unpack
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.core import Tracer
@@ -18,9 +19,10 @@ from jaxtyping import Array, Float
 from clearance_jax._module import Module
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.metrics.farthest import Farthest
 from clearance_jax.solve.observers import AbstractObserver, Picked
 from clearance_jax.solve.problem import Problem, widths
-from clearance_jax.solve.settings import Settings, SolveOptions, settings_of
+from clearance_jax.solve.settings import STATIC, Settings, SolveOptions, settings_of
 from clearance_jax.solve.simulate import run
 from clearance_jax.solve.solution import Solution
 
@@ -132,6 +134,19 @@ class AbstractMetric(AbstractMeasure):
         """How its values of a mechanism's motion are to be read; axes are not named by default."""
         del mechanism
         return Form(self.unit)
+
+    def static_bound(self) -> "AbstractMetric":
+        """The metric of the largest errors that play alone allows, of a metric that has an error as its `signal`.
+
+        **Raises:** `ClearanceError` for another.
+        """
+        signal = getattr(self, "signal", None)
+        if not getattr(signal, "needs_ideal", False):
+            raise ClearanceError(
+                f"A static bound is of errors of position, path or orientation, and {type(self).__name__} is of "
+                'something else here: use `fidelity = "quasi-static"` or "dynamics".'
+            )
+        return eqx.tree_at(lambda metric: metric.signal, self, Farthest(signal))
 
     @abc.abstractmethod
     def request(self, mechanism: Mechanism, t1: Any, options: Settings) -> Request:
@@ -259,6 +274,8 @@ def measure_settings(
 ) -> dict[str, Any]:
     """As `measure`, by options that have been read."""
     wanted = by_name(metrics)
+    if options.fidelity == STATIC:
+        wanted = {name: metric.static_bound() for name, metric in wanted.items()}
     requests = {name: metric.request(mechanism, t1, options) for name, metric in wanted.items()}
     begins = {name: begin_of(request.since, t1, options) for name, request in requests.items()}
     times = [_times(request, begins[name]) for name, request in requests.items()]

@@ -24,6 +24,8 @@ from clearance_jax.solve.attempt import CENTRE, STARTS, Options
 # Output times at most: of each some hundred numbers are kept, together a gigabyte.
 MOST_SAMPLES = 1_000_000
 DERIVATIVES = ("controlled", "screening")
+# Models of the motion, from the dearest to the cheapest.
+FIDELITIES = DYNAMICS, QUASI_STATIC, STATIC = "dynamics", "quasi-static", "static"
 SOLVERS = {"tsit5": diffrax.Tsit5, "dopri8": diffrax.Dopri8}
 
 
@@ -45,6 +47,10 @@ class SolveOptions(TypedDict, total=False):
       the error stays above a certain size.
     - `books`: integrate work and losses, for `energy_residual`.
     - `derivatives`: "controlled": a differentiated solve integrates the derivatives as well, and controls their error;
+    - `fidelity`: "dynamics": the equations of motion; "quasi-static": at every instant the pose at which pins rest
+      under the load of the ideal motion, without swinging or impacts (see `solve.quasi_static`); "static": of an
+      error the largest that play alone allows at every instant, whatever the load (only for `measure` and what asks
+      through it). Tolerances, `start` and `watch` have no effect on the last two.
       first derivatives only, in forward or reverse mode. "screening": JAX differentiates the program as it stands
       (forward mode only). This is cheaper, for a first look; if contacts begin or end, it is wrong by 1e-3 and more at
       any tolerance.
@@ -62,6 +68,7 @@ class SolveOptions(TypedDict, total=False):
     energy_balance: bool
     derivatives: str
     max_steps: int
+    fidelity: str
 
 
 class Settings(NamedTuple):
@@ -78,6 +85,7 @@ class Settings(NamedTuple):
     energy_balance: bool = False
     derivatives: str = "controlled"
     max_steps: int = 10_000_000
+    fidelity: str = DYNAMICS
 
     def as_options(self, observers: tuple = ()) -> Options:
         """What a solve is compiled for."""
@@ -107,6 +115,8 @@ def settings_of(
         raise ClearanceError(f"There are no derivatives {asked.derivatives!r}. Allowed: {', '.join(DERIVATIVES)}.")
     if asked.start not in STARTS:
         raise ClearanceError(f"`start` must be {' or '.join(STARTS)}, but it is {quote(asked.start)}.")
+    if asked.fidelity not in FIDELITIES:
+        raise ClearanceError(f"`fidelity` must be {' or '.join(FIDELITIES)}, but it is {quote(asked.fidelity)}.")
     t0, t1, rtol, atol = (as_leaf(x) for x in (asked.t0, t1, asked.rtol, asked.atol))
     return asked._replace(
         t0=t0, rtol=rtol, atol=atol, y0=_initial(mechanism, asked.y0), save_at=_times(asked.save_at, t0, t1)

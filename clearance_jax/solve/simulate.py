@@ -11,13 +11,15 @@ from jaxtyping import Array
 
 from clearance_jax._solo import solo_jit
 from clearance_jax.dynamics.closures import StartErrors
+from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.parameters import as_leaf
 from clearance_jax.solve import effort
 from clearance_jax.solve.codes import Result
 from clearance_jax.solve.flow import Inputs, closed_start, flow, plain_flow, states_of, with_states
-from clearance_jax.solve.settings import Settings, SolveOptions, settings_of
+from clearance_jax.solve.quasi_static import quasi_static
+from clearance_jax.solve.settings import DYNAMICS, STATIC, Settings, SolveOptions, settings_of
 from clearance_jax.solve.solution import Solution
 from clearance_jax.solve.start import check_start
 
@@ -45,7 +47,12 @@ def simulate(mechanism: Mechanism, t1: Any, *, throw: bool = True, **options: Un
 
     **Warns:** `EnergyWarning` if the energy residual is large.
     """
-    solution = _run(mechanism, t1, settings_of(mechanism, t1, options, energy_balance=True), throw)
+    books = options.get("fidelity", DYNAMICS) == DYNAMICS
+    if options.get("fidelity") == STATIC:
+        raise ClearanceError(
+            "A static bound is of metrics, each by places of the pins of its own: it is no motion. Ask `measure`."
+        )
+    solution = _run(mechanism, t1, settings_of(mechanism, t1, options, energy_balance=books), throw)
     warn_of_energy(solution)
     return solution
 
@@ -63,6 +70,8 @@ def run(
 
 
 def _run(mechanism, t1, settings: Settings, throw: bool, observers=(), integrands=()) -> Solution:
+    if settings.fidelity != DYNAMICS:
+        return _posed(mechanism, as_leaf(t1), settings, throw, observers, integrands)
     options = settings.as_options(observers)
     if layout(mechanism).size == 0:
         options = options._replace(
@@ -78,6 +87,13 @@ def _run(mechanism, t1, settings: Settings, throw: bool, observers=(), integrand
         raise RuntimeError(
             f"The solve stopped before t1: {solution.message}. Pass `throw=False` to keep what was computed."
         )
+    return solution.of(mechanism)
+
+
+def _posed(mechanism, t1, settings: Settings, throw: bool, observers: tuple, integrands: tuple) -> Solution:
+    solution = quasi_static(mechanism, t1, settings, observers, integrands)
+    if throw and not isinstance(solution.final, Tracer) and int(solution.code) != int(Result.REACHED_END):
+        raise RuntimeError(f'There is no quasi-static motion: {solution.message}. Use `fidelity = "dynamics"`.')
     return solution.of(mechanism)
 
 

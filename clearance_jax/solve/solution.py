@@ -43,6 +43,7 @@ class Solution(Module):
     - `records`, `picked`: what the observers of metrics recorded, and the states that they picked, one entry for each.
     - `seated`: how the pins of a settled start begin; `rests`: in words, which begin at relative rest and why.
     - `mechanism`: what was solved. `numbers`, `structure` and `sampled` hold it and what was asked, for quantities that
+    - `frequencies`: of a quasi-static motion the lowest frequency about each pose of its grid [Hz].
       are computed later.
     """
 
@@ -58,6 +59,7 @@ class Solution(Module):
     records: tuple = ()
     picked: tuple[Picked | None, ...] = ()
     seated: Seated | None = None
+    frequencies: Float[Array, " instants"] | None = None
     numbers: Any = None
     structure: Any = eqx.field(static=True, default=None)
     sampled: bool = eqx.field(static=True, default=True)

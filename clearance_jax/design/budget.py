@@ -1,0 +1,239 @@
+"""What the error of a point is made of: play, elasticity of the contacts, dynamics; joint by joint, over time."""
+
+import dataclasses
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+from jaxtyping import Array, Float
+
+from clearance_jax._solo import solo_jit
+from clearance_jax.dynamics.kinematics import frames
+from clearance_jax.dynamics.pose import check_driven, displaced, ideal_states, pose
+from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.laws.stiffened import Stiffened
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.prepared import PreparedMechanism
+from clearance_jax.mechanism.state import layout
+from clearance_jax.results.dataset import picture_dataset
+from clearance_jax.results.marks import mark_positions
+from clearance_jax.solve.settings import evenly, settings_of
+from clearance_jax.solve.simulate import run
+from clearance_jax.spatial import as_array, subtract
+
+# Contacts so many times stiffer leave play alone; clearances of this part leave elasticity alone.
+RIGID, CLOSED = 1e6, 1e-3
+INSTANTS = 201
+# Numbers of a clearance joint that are its play.
+CLEARANCES = "radial_clearance", "axial_clearance", "side_clearance"
+
+
+class Parts(NamedTuple):
+    """Errors of a point over time [m]: `whole`, shape (times, 3), and with one joint at a time where its pin is, shape
+    (times, joints, 3); whether each instant has a pose, its lowest frequency [Hz], and where what is drawn is [m].
+    """
+
+    whole: Float[Array, "times 3"]
+    joints: Float[Array, "times joints 3"]
+    good: Array
+    frequency: Float[Array, " times"]
+    marks: Float[Array, "times marks axes"]
+
+
+@dataclasses.dataclass(frozen=True)
+class ErrorBudget:
+    """The error of a point of a mechanism, in parts; `print` gives the table.
+
+    - `dataset`: over `time` [s], in metres: `quasi_static` (pins where loads press them), `play` (the same with rigid
+      contacts), `elasticity` (the same with closed clearances), `dynamics` (NaN where it was not asked for); of each
+      `joint` the vectors `joint_error` and `joint_play` that its pin alone makes (their sum is the whole but for the
+      square of play over length); `frequency`, the lowest about each pose [Hz].
+    - `peaks`: the largest of each over time [m].
+    - `shares`, `play_shares`: by joint what its pin adds to the quasi-static peak along its direction [m], and what of
+      that it adds with rigid contacts.
+
+    The parts do not add up: a contact gives way more where it is less conformal, and so where there is more play.
+    """
+
+    point: str
+    dataset: xr.Dataset
+
+    @property
+    def peaks(self) -> dict[str, float]:
+        """The largest error over time of each model [m]."""
+        return {name: float(self.dataset[name].max()) for name in ("dynamics", "quasi_static", "play", "elasticity")}
+
+    @property
+    def peak_time(self) -> float:
+        """When the quasi-static error is largest [s]."""
+        return float(self.dataset.time[int(self.dataset.quasi_static.values.argmax())])
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """What each joint adds to the quasi-static peak [m]."""
+        return self._along(self.dataset.joint_error)
+
+    @property
+    def play_shares(self) -> dict[str, float]:
+        """What each joint's play alone adds along the same direction at the same time [m]."""
+        return self._along(self.dataset.joint_play)
+
+    def _along(self, vectors: xr.DataArray) -> dict[str, float]:
+        k = int(self.dataset.quasi_static.values.argmax())
+        whole = self.dataset.joint_error[k].sum("joint").values
+        found = vectors[k].values @ (whole / max(np.linalg.norm(whole), 1e-300))
+        return dict(zip(self.dataset.joint.values.tolist(), map(float, found), strict=True))
+
+    def __str__(self) -> str:
+        return "\n".join(_lines(self))
+
+
+def error_budget(mechanism: Mechanism, point: str, t1: float, dynamics: bool = True, **options: Any) -> ErrorBudget:
+    """What the error of a named point is made of, over the motion to `t1` [s] of a mechanism whose drives move it.
+
+    **Arguments:** `dynamics`: whether the equations of motion are solved as well; `options`: as `simulate`'s (starts
+    are settled by default).
+
+    **Raises:** `ClearanceError` for an unknown point, a mechanism without play, and one that moves freely.
+    """
+    names = [one.name for one in mechanism.points]
+    if point not in names:
+        raise ClearanceError(f"There is no point `{point}`. " + suggest(point, names))
+    joints = [joint.name for joint in mechanism.clearance_joints()]
+    if not joints:
+        raise ClearanceError("A mechanism without play has no error. Give a joint clearance.")
+    check_driven(mechanism)
+    settings = settings_of(mechanism, t1, {"start": "settled", "rtol": 1e-6} | options | {"save_at": INSTANTS})
+    times, index = evenly(settings.t0, t1, INSTANTS), names.index(point)
+    found = {
+        "quasi_static": _parts(_with_stiffness(mechanism, 1.0), index, times),
+        "play": _parts(_with_stiffness(mechanism, RIGID), index, times),
+        "elasticity": _parts(_with_stiffness(_closed(mechanism), 1.0), index, times),
+    }
+    for name, part in found.items():
+        if not bool(jnp.all(part.good)):
+            raise ClearanceError(f"There is no quasi-static pose for the part `{name}` of the error: {_BAD[name]}.")
+    sizes = {name: np.linalg.norm(part.whole, axis=1) for name, part in found.items()}
+    sizes["dynamics"] = _dynamic(mechanism, index, t1, settings) if dynamics else np.full(INSTANTS, np.nan)
+    variables: dict[str, Any] = {name: ("time", np.asarray(size), {"units": "m"}) for name, size in sizes.items()}
+    vectors = {"joint_error": found["quasi_static"].joints, "joint_play": found["play"].joints}
+    for name, vector in vectors.items():
+        variables[name] = (("time", "joint", "axis"), np.asarray(vector), {"units": "m"})
+    variables["frequency"] = ("time", np.asarray(found["quasi_static"].frequency), {"units": "Hz"})
+    drawn = picture_dataset(mechanism, np.asarray(times), {"mark_position": np.asarray(found["quasi_static"].marks)})
+    drawn = drawn.rename(axis="page_axis").assign_coords(joint=joints, axis=["x", "y", "z"])
+    return ErrorBudget(point, drawn.assign(variables).assign_attrs(point=point, mechanism=mechanism.name))
+
+
+_BAD = {
+    "quasi_static": "a pin finds no rest under its load",
+    "play": "with contacts so stiff a pin finds no rest under its load",
+    "elasticity": "with clearances so small a pin finds no rest under its load",
+}
+
+
+@solo_jit
+def _parts(mechanism: Mechanism, index: int, times: Array) -> Parts:
+    ready = mechanism.prepare()
+    joints = ready.clearance_joints()
+    ideal = ideal_states(ready, times)
+
+    def one(time, y):
+        found = pose(time, ready, y)
+        at_rest = tuple(jnp.zeros_like(play) for play in found.play)
+        wanted = _place(ready, index, time, displaced(time, ready, at_rest, y))
+        whole = subtract(_place(ready, index, time, found.y), wanted)
+        alone = []
+        for k in range(len(joints)):
+            play = tuple(own if i == k else none for i, (own, none) in enumerate(zip(found.play, at_rest, strict=True)))
+            alone.append(as_array(subtract(_place(ready, index, time, displaced(time, ready, play, y)), wanted)))
+        good = jnp.all(found.errors.unborne < BORNE) & jnp.all(jnp.isfinite(found.y))
+        return Parts(as_array(whole), jnp.stack(alone), good, found.frequency, mark_positions(ready, time, found.y))
+
+    return jax.vmap(one)(times, ideal)
+
+
+# A pin that misses more than this part of its load is at no rest.
+BORNE = 1e-3
+
+
+def _place(mechanism: PreparedMechanism, index: int, time: Any, y: Array) -> Any:
+    point = mechanism.points[index]
+    frame = frames(mechanism, time, layout(mechanism).split(y))[point.body]
+    return frame.point(point.at.vector)
+
+
+def _dynamic(mechanism: Mechanism, index: int, t1: float, settings: Any) -> np.ndarray:
+    solution = run(mechanism, t1, settings)
+    return np.asarray(_deviations(mechanism, index, solution.time, solution.y[:, : layout(mechanism).size]))
+
+
+@solo_jit
+def _deviations(mechanism: Mechanism, index: int, times: Array, y: Array) -> Array:
+    ready = mechanism.prepare()
+    rest = tuple(jnp.zeros(len(joint.joint.play())) for joint in ready.clearance_joints())
+
+    def one(time, y, ideal):
+        wanted = _place(ready, index, time, displaced(time, ready, rest, ideal))
+        return jnp.linalg.norm(as_array(subtract(_place(ready, index, time, y), wanted)))
+
+    return jax.vmap(one)(times, y, ideal_states(ready, times))
+
+
+def _with_stiffness(mechanism: Mechanism, factor: float) -> Mechanism:
+    """The same with every contact so many times stiffer: of any factor the same program."""
+
+    def stiffer(clearance):
+        return dataclasses.replace(clearance, normal=Stiffened(clearance.normal, factor))
+
+    return _with_clearances(mechanism, stiffer)
+
+
+def _closed(mechanism: Mechanism) -> Mechanism:
+    """The same with next to no play."""
+
+    def closer(clearance):
+        own = {name: getattr(clearance, name, None) for name in CLEARANCES}
+        return dataclasses.replace(clearance, **{name: CLOSED * x for name, x in own.items() if x is not None})
+
+    return _with_clearances(mechanism, closer)
+
+
+def _with_clearances(mechanism: Mechanism, change: Any) -> Mechanism:
+    for joint in mechanism.clearance_joints():
+        own = mechanism.joint(joint.name)
+        mechanism = mechanism.with_joint(dataclasses.replace(own, clearance=change(joint.clearance)))
+    return mechanism
+
+
+# In print ------------------------------------------------------------------------------------------------------------
+
+
+def _lines(budget: ErrorBudget):
+    peaks, um = budget.peaks, 1e6
+    if np.isfinite(peaks["dynamics"]):
+        yield f"`{budget.point}` is off by {peaks['dynamics'] * um:.4g} um at most (dynamics)"
+    yield f"quasi-static: {peaks['quasi_static'] * um:.4g} um at most, at {budget.peak_time:.4g} s"
+    yield f"  play alone (contacts {RIGID:g} times stiffer): {peaks['play'] * um:.4g} um"
+    yield f"  elasticity alone (clearances {CLOSED:g} of theirs): {peaks['elasticity'] * um:.4g} um"
+    yield f"lowest frequency of pins about their places of rest: {float(budget.dataset.frequency.min()):.3g} Hz"
+    shares, play = budget.shares, budget.play_shares
+    width = max(map(len, shares))
+    yield f"{'joint'.ljust(width)}  {'share [um]':>11}  {'of play':>9}  {'of elasticity':>13}"
+    for name in sorted(shares, key=lambda name: -abs(shares[name])):
+        own, rigid = shares[name] * um, play[name] * um
+        yield f"{name.ljust(width)}  {own:11.4g}  {rigid:9.4g}  {own - rigid:13.4g}"
+    yield advice(budget)
+
+
+def advice(budget: ErrorBudget) -> str:
+    """What would help most, in a sentence."""
+    shares, play, peaks = budget.shares, budget.play_shares, budget.peaks
+    worst = max(shares, key=lambda name: abs(shares[name]))
+    if np.isfinite(peaks["dynamics"]) and peaks["dynamics"] > 2 * peaks["quasi_static"]:
+        return "Most of the error is dynamics: damp or preload the joints, or move with less jerk."
+    if abs(play[worst]) >= 0.5 * abs(shares[worst]):
+        return f"Most is play of `{worst}`: a smaller clearance there, a longer sleeve, or a preload helps most."
+    return f"Most is elasticity of `{worst}`: a longer sleeve, a larger pin, or a stiffer material helps most."

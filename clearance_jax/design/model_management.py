@@ -1,0 +1,239 @@
+"""A design searched for on a cheap model of the motion, and judged by the dear one.
+
+Model management (Alexandrov, Lewis, Gumbert, Green and Newman 2001): at the last design the limits of the cheap model
+are corrected so that their values and slopes are the dear ones'. The best design of the corrected limits in a trust
+region is the next one. It is taken if the dear limits agree that it is better; the region grows and shrinks as they
+agree. Where the iteration ends the conditions of optimality are those of the dear model. From the second design on the
+differences of slopes add a curvature (Eldred, Giunta and Collis 2004), by the symmetric rank-one update.
+
+All in logarithms, so that the correction is of ratios. A peak is compared with the highest peak of the cheap motion.
+"""
+
+from contextlib import suppress
+from typing import NamedTuple
+
+import numpy as np
+import scipy.optimize
+
+from clearance_jax.design.evaluation import Evaluation
+from clearance_jax.design.methods import Method, slsqp
+from clearance_jax.design.optimality import optimality
+from clearance_jax.design.program import Program
+from clearance_jax.design.repair import feasible_neighbour, nearly_best
+from clearance_jax.design.scaling import ScaledProgram, StandsStill
+from clearance_jax.design.slopes import UselessSlopes, check_slopes
+
+# The first trust region in logarithms, and the one below which the models do not agree at all.
+RADIUS, LEAST_RADIUS = 0.7, 1e-7
+# Agreement below which the region shrinks, and above which it grows.
+POOR, GOOD = 0.25, 0.75
+# Residual of the conditions of optimality that ends the search.
+OPTIMAL = 1e-6
+# Steps in a row that slopes promised and the dear limits did not give.
+PATIENCE = 4
+# A violation of a limit over that change of the objective which avoids it.
+PRICE = 10.0
+STEPS = 100
+# The step below which nothing is left to gain.
+LEAST_STEP = 1e-7
+# A step in logarithms that is near to the optimum, and the difference that shows curvatures there.
+NEAR = 0.05
+# Where values alone are matched: designs that are tried, and how far below its bound the deciding limit may stay.
+TRIED, SLACK = 8, 0.05
+
+
+class Look(NamedTuple):
+    """A point `z` (n,) as a model sees it: objective, limits (m,), and their slopes (n,), (m, n)."""
+
+    z: np.ndarray
+    objective: float
+    limits: np.ndarray
+    gradient: np.ndarray
+    jacobian: np.ndarray
+
+    def merit(self, price: float) -> float:
+        """The objective with the largest violation at its price."""
+        return self.objective + price * max(float(self.limits.max(initial=0.0)), 0.0)
+
+
+class Corrected(NamedTuple):
+    """The cheap model with corrections of its limits about `z` (n,): `shift` (m,), `tilt` (m, n), `bend` (m, n, n).
+
+    Near the optimum the cheap limits are a `series` about z, their values, slopes and curvatures: poses are found by
+    iterations, and what these leave open would stop a search a little before the optimum.
+    """
+
+    cheap: ScaledProgram
+    leaders: np.ndarray
+    z: np.ndarray
+    shift: np.ndarray
+    tilt: np.ndarray
+    bend: np.ndarray
+    series: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+
+    def at(self, z: np.ndarray) -> Look:
+        """What it says of a point."""
+        seen, d = _look(self.cheap, z, self.leaders), z - self.z
+        if self.series is not None:
+            limits, jacobian, curvature = self.series
+            turned = curvature @ d
+            seen = seen._replace(limits=limits + jacobian @ d + 0.5 * turned @ d, jacobian=jacobian + turned)
+        curved = self.bend @ d
+        limits = seen.limits + self.shift + self.tilt @ d + 0.5 * curved @ d
+        return seen._replace(limits=limits, jacobian=seen.jacobian + self.tilt + curved)
+
+    def best(self, radius: float, price: float, margin: float) -> Look:
+        """The best point in a trust region; a violation `t` of all limits together is allowed at a price."""
+        low, high = (bound.copy() for bound in self.cheap.bounds)
+        low, high = np.maximum(low, self.z - radius), np.minimum(high, self.z + radius)
+        first = self.at(np.clip(self.z, low, high))
+
+        def objective(v):
+            seen = self.at(np.clip(v[:-1], low, high))
+            return seen.objective + price * v[-1], np.append(seen.gradient, price)
+
+        def slack(v):
+            return v[-1] - margin - self.at(np.clip(v[:-1], low, high)).limits
+
+        def slack_slopes(v):
+            jacobian = self.at(np.clip(v[:-1], low, high)).jacobian
+            return np.column_stack([-jacobian, np.ones(len(jacobian))])
+
+        found = scipy.optimize.minimize(
+            objective,
+            np.append(first.z, max(float(first.limits.max()) + margin, 0.0)),
+            jac=True,
+            method="SLSQP",
+            bounds=scipy.optimize.Bounds(np.append(low, 0.0), np.append(high, np.inf)),
+            constraints=[{"type": "ineq", "fun": slack, "jac": slack_slopes}],
+            options={"ftol": 1e-13, "maxiter": STEPS},
+        )
+        return self.at(np.clip(found.x[:-1], low, high))
+
+
+def model_management(program: Program, start: np.ndarray, tolerance: float = 1e-7) -> str:
+    """The search by values and slopes; `tolerance`: of the objective, finer than which the dear solves are not.
+
+    **Raises:** `UselessSlopes` where the slopes of the dear model say nothing.
+    """
+    cheap, dear, z = _begin(program, start, tolerance)
+    here, radius, bend, failed, step = _dear_look(program, dear, z), RADIUS, 0.0, 0, np.inf
+    while radius > LEAST_RADIUS:
+        at = program.at(np.exp(here.z), True)
+        if at.feasible and optimality(program, at)[0] <= OPTIMAL:
+            return ""
+        model, price = _matched(program, cheap, here, bend, near=step < NEAR), _price(here)
+        aim = model.best(radius, price, 0.1 * tolerance)
+        promised = here.merit(price) - aim.merit(price)
+        step = float(np.abs(aim.z - here.z).max())
+        if step <= LEAST_STEP:
+            return ""
+        there = _dear_look(program, dear, aim.z)
+        bend = _bent(bend, model, here, there)
+        ratio = (here.merit(price) - there.merit(price)) / promised
+        failed = 0 if ratio > 0 or promised <= tolerance else failed + 1
+        if failed >= PATIENCE:
+            raise UselessSlopes(f"{failed} steps in a row gain nothing of what slopes promise")
+        if ratio < POOR and promised > tolerance:
+            radius = 0.5 * min(radius, step)
+        elif ratio > GOOD and step > 0.99 * radius:
+            radius *= 2
+        here = there if ratio > 0 or promised <= tolerance else here
+    return "stopped: the models do not agree on any step, however small"
+
+
+def value_matching(program: Program, start: np.ndarray, tolerance: float = 1e-7) -> str:
+    """The search by values alone, where slopes say nothing: the cheap limits are shifted by what the dear ones have
+    more. After a design that violates a limit the larger shift so far counts, and after one that holds them its own.
+    """
+    cheap, dear, z = _begin(program, start, tolerance)
+    shift = np.full(len(program.limit_names), -np.inf)
+    for _ in range(TRIED):
+        found = dear.values_of(program.at(np.exp(z), True))
+        own = found[1] - _look(cheap, z, program.leaders).limits
+        holds, worst = float(found[1].max()) <= 0, float(found[1].max())
+        if holds and (worst > -SLACK or np.allclose(z, cheap.bounds[1])):
+            return ""
+        shift = own if holds else np.maximum(shift, own)
+        flat = np.zeros((len(shift), len(z)))
+        aim = Corrected(cheap, program.leaders, z, shift, flat, np.zeros((*flat.shape, len(z)))).best(
+            np.inf, PRICE, 0.0
+        )
+        if np.abs(aim.z - z).max() < tolerance:
+            return "" if holds else "stopped: the smallest values of the variables do not hold every limit"
+        z = aim.z
+    return "" if program.best is not None else f"stopped: no design of {TRIED} that were tried holds every limit"
+
+
+MATCHED = Method("model management", model_management)
+MATCHED_VALUES = Method("model management by values", value_matching, gradients=False, slack=SLACK)
+
+
+def _begin(program: Program, start: np.ndarray, tolerance: float) -> tuple[ScaledProgram, ScaledProgram, np.ndarray]:
+    """Both models in logarithms, and the optimum of the cheap one."""
+    assert program.cheap is not None
+    begin = _cheap_best(program.cheap, start, tolerance)
+    cheap, dear = ScaledProgram(program.cheap, begin.x), ScaledProgram(program, begin.x)
+    return cheap, dear, dear.start
+
+
+def _cheap_best(cheap: Program, start: np.ndarray, tolerance: float) -> Evaluation:
+    begin = cheap.at(start, True)
+    if not np.isfinite(begin.worst):
+        begin = feasible_neighbour(cheap, start, True) or begin
+    with suppress(StandsStill):
+        slsqp(cheap, begin.x, tolerance)
+    found = nearly_best(cheap)
+    assert found is not None
+    return found
+
+
+def _look(scaled: ScaledProgram, z: np.ndarray, leaders: np.ndarray | None = None) -> Look:
+    objective, limits, gradient, jacobian = scaled.slopes_of(scaled.program.at(np.exp(z), True))
+    rows = slice(None) if leaders is None else leaders
+    return Look(z, objective, limits[rows], gradient, jacobian[rows])
+
+
+def _dear_look(program: Program, dear: ScaledProgram, z: np.ndarray) -> Look:
+    seen = _look(dear, z)
+    check_slopes(program, program.at(np.exp(z), True))
+    return seen
+
+
+def _matched(program: Program, cheap: ScaledProgram, here: Look, bend, near: bool) -> Corrected:
+    """The cheap model with the dear one's values and slopes at a point."""
+    own, n = _look(cheap, here.z, program.leaders), len(here.z)
+    bend = np.broadcast_to(bend, (len(own.limits), n, n))
+    series = _series(cheap, own, program.leaders) if near else None
+    shift, tilt = here.limits - own.limits, here.jacobian - own.jacobian
+    return Corrected(cheap, program.leaders, here.z, shift, tilt, bend, series)
+
+
+def _series(cheap: ScaledProgram, own: Look, leaders: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Values, slopes and curvatures (m, n, n) of the cheap limits at a point."""
+    high, rows = cheap.bounds[1], []
+    for i in range(len(own.z)):
+        h = NEAR if own.z[i] + NEAR <= high[i] else -NEAR
+        moved = _look(cheap, own.z + h * np.eye(len(own.z))[i], leaders)
+        rows.append((moved.jacobian - own.jacobian) / h)
+    curvature = np.stack(rows, axis=1)
+    return own.limits, own.jacobian, 0.5 * (curvature + curvature.swapaxes(1, 2))
+
+
+def _bent(bend, model: Corrected, here: Look, there: Look) -> np.ndarray:
+    """The curvature of the difference of the models after a step, (m, n, n): rank-one updates, one for each limit."""
+    own = _look(model.cheap, there.z, model.leaders)
+    d = there.z - here.z
+    change = there.jacobian - own.jacobian - model.tilt
+    missed = change - model.bend @ d
+    along = missed @ d
+    # Where the update would divide by next to nothing it is left out.
+    sound = np.abs(along) > 1e-8 * np.linalg.norm(d) * np.linalg.norm(missed, axis=1)
+    update = missed[:, :, None] * missed[:, None, :] / np.where(sound, along, 1.0)[:, None, None]
+    return model.bend + np.where(sound[:, None, None], update, 0.0)
+
+
+def _price(here: Look) -> float:
+    """More than the multiplier of the deciding limit can be."""
+    k = int(np.argmax(here.limits))
+    return PRICE * (1 + float(np.linalg.norm(here.gradient)) / max(float(np.linalg.norm(here.jacobian[k])), 1e-2))

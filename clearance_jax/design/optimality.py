@@ -1,0 +1,28 @@
+"""How near a point is to an optimum: the Karush-Kuhn-Tucker conditions, in logarithms of the variables."""
+
+import numpy as np
+import scipy.optimize
+
+from clearance_jax.design.evaluation import Evaluation
+from clearance_jax.design.program import Program
+
+# A limit is active within this share of its bound.
+ACTIVE = 1e-4
+
+
+def optimality(program: Program, at: Evaluation) -> tuple[float, np.ndarray]:
+    """Residual of the conditions over the objective's gradient, and the limits' multipliers over the objective."""
+    assert at.gradient is not None
+    assert at.jacobian is not None
+    size = max(abs(at.objective), 1e-300)
+    gradient, jacobian = at.gradient * at.x / size, at.jacobian * at.x
+    active = np.flatnonzero(at.limits > -ACTIVE)
+    walls = [(i, -1.0) for i in np.flatnonzero(at.x <= program.lower * (1 + 1e-9))]
+    walls += [(i, 1.0) for i in np.flatnonzero(at.x >= program.upper * (1 - 1e-9))]
+    columns = [*jacobian[active], *(sign * np.eye(len(at.x))[i] for i, sign in walls)]
+    multipliers = np.zeros(len(at.limits))
+    if not columns:
+        return float(np.linalg.norm(gradient)), multipliers
+    found, left = scipy.optimize.nnls(np.stack(columns, 1), -gradient)
+    multipliers[active] = found[: len(active)]
+    return float(left / max(np.linalg.norm(gradient), 1e-300)), multipliers

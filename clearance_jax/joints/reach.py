@@ -1,0 +1,57 @@
+"""How far play alone lets a pin go: the values of its play that reach farthest in a direction, walls rigid."""
+
+from collections.abc import Sequence
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from clearance_jax.joints._base import AbstractClearance, PlayCoordinate
+
+
+def farthest(clearance: AbstractClearance, weights: Float[Array, " play"]) -> Float[Array, " play"]:
+    """The values of the play coordinates [m or rad] at which their sum by weights is greatest, within free play.
+
+    A pin in a sleeve may have each end of its axis anywhere in the radial clearance; a block in a guide each end at any
+    wall. Axial play and a turn about the axis have their own bounds. (Walls may stop a pin before, where a face and an
+    edge touch at once: no pin goes further.)
+    """
+    play = clearance.play()
+    within = _box if clearance.flat else _ball
+    if all(one.turns is None for one in play):
+        return play[0].scale * within(weights)
+    across, tilts, alone = _groups(play)
+    radial, tilt = play[across[0]].scale, play[tilts[0]].scale
+    half = radial / tilt
+    # How the axis leans along each slide by each tilt: z turned about the tilt's axis.
+    leans = np.array(
+        [[np.cross(_axis(play[t].turns), [0, 0, 1]) @ _axis(play[k].slides) for t in tilts] for k in across]
+    )
+    middle, end = weights[np.array(across)] / 2, leans @ weights[np.array(tilts)] / (2 * half)
+    one, other = radial * within(middle + end), radial * within(middle - end)
+    found = jnp.zeros(len(play)).at[np.array(across)].set((one + other) / 2)
+    found = found.at[np.array(tilts)].set(leans.T @ (one - other) / (2 * half))
+    for k in alone:
+        found = found.at[k].set(play[k].scale * jnp.sign(weights[k]))
+    return found
+
+
+def _groups(play: Sequence[PlayCoordinate]) -> tuple[list[int], list[int], list[int]]:
+    """Slides across the axis, turns across it, and what is bounded by itself: along and about the axis."""
+    across = [k for k, one in enumerate(play) if one.slides is not None and _axis(one.slides)[2] == 0]
+    tilts = [k for k, one in enumerate(play) if one.turns is not None and _axis(one.turns)[2] == 0]
+    return across, tilts, [k for k in range(len(play)) if k not in (*across, *tilts)]
+
+
+def _axis(vector) -> np.ndarray:
+    return np.asarray(vector, float)
+
+
+def _ball(weights: Array) -> Array:
+    """The point of the unit ball that is farthest along a direction; of none the middle."""
+    size = jnp.linalg.norm(jnp.where(weights == 0, 0.0, weights))
+    return weights / jnp.where(size > 0, size, 1.0)
+
+
+def _box(weights: Array) -> Array:
+    return jnp.sign(weights)

@@ -1,0 +1,65 @@
+"""The static bound of an error: the largest that play alone allows at an instant, wherever loads press the pins."""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from clearance_jax.dynamics.pose import displaced
+from clearance_jax.joints.reach import farthest
+from clearance_jax.mechanism.prepared import PreparedMechanism
+from clearance_jax.metrics.signals import AbstractSignal
+
+# From so many places the largest error is climbed to; so often each time. A climb of a norm never falls, and ends after
+# a few turns where one end of the mechanism moves by sums of parts.
+STARTS, CLIMB = 6, 6
+
+
+class Farthest(AbstractSignal):
+    """The largest value of a signal over all places that rigid pins may have in their play.
+
+    An error is nearly a norm of a linear function of the play, which is largest on its boundary: from each place the
+    play goes where the error's gradient points farthest, until it stays. A lower one than the largest of all is
+    possible, and rare. The derivative is that at the place found (it is stationary there but for the play's size).
+    """
+
+    needs_ideal: ClassVar[bool] = True
+    signal: AbstractSignal
+
+    @property
+    def unit(self) -> str:  # type: ignore[override]
+        return self.signal.unit
+
+    def value(self, time, y, mechanism: PreparedMechanism, reference: Array | None):
+        joints = mechanism.clearance_joints()
+        counts = [len(joint.joint.play()) for joint in joints]
+        given = time, mechanism, reference
+        numbers, rest = eqx.partition(given, eqx.is_array)
+        fixed = eqx.combine(jax.lax.stop_gradient(numbers), rest)
+
+        def split(values):
+            return tuple(jnp.split(values, np.cumsum(counts)[:-1]))
+
+        def error(play, given):
+            time, mechanism, reference = given
+            return self.signal.value(time, displaced(time, mechanism, split(play), reference), mechanism, reference)
+
+        def corner(weights, given):
+            own = given[1].clearance_joints()
+            return jnp.concatenate([farthest(j.clearance.joint, w) for j, w in zip(own, split(weights), strict=True)])
+
+        def climb(weights):
+            def once(_, weights):
+                return jax.grad(error)(corner(weights, fixed), fixed)
+
+            weights = jax.lax.fori_loop(0, CLIMB, once, weights)
+            return weights, error(corner(weights, fixed), fixed)
+
+        sizes = jnp.concatenate([jnp.stack([one.scale for one in j.joint.play()]) for j in fixed[1].clearance_joints()])
+        weights, reached = jax.vmap(climb)(
+            np.random.default_rng(0).standard_normal((STARTS, sum(counts))) / sizes[None]
+        )
+        return error(corner(weights[jnp.argmax(reached)], given), given)
