@@ -12,6 +12,8 @@ from .analysis.periodic import periodic_motion as periodic_motion
 from .analysis.sensitivity import hessian as hessian
 from .analysis.sensitivity import sensitivities as sensitivities
 from .analysis.trust import gradient_report as gradient_report
+from .calibrate.result import Calibration as Calibration
+from .calibrate.run import calibrate as calibrate
 from .configure import configure as configure
 from .dynamics.follow import PathDrives as PathDrives
 from .dynamics.follow import follow as follow
@@ -20,6 +22,7 @@ from .dynamics.inverse import inverse_kinematics as inverse_kinematics
 from .dynamics.mobility import Mobility as Mobility
 from .dynamics.mobility import mobility as mobility
 from .errors import ClearanceError as ClearanceError
+from .io.calibrate_section import read_data as read_data
 from .io.scene import load as load
 from .io.study import Study as Study
 from .io.study import load_study as load_study
@@ -69,6 +72,7 @@ from .report import sweep_figures as sweep_figures
 from .report import wear_figures as wear_figures
 from .report.animation import Film as Film
 from .report.animation import animate as animate
+from .report.html import calibration_report as calibration_report
 from .results.dataset import to_dataset as to_dataset
 from .results.sobol import sobol_indices as sobol_indices
 from .results.store import load_dataset as load_dataset

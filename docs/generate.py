@@ -25,8 +25,9 @@ Editors with a TOML language server (Taplo, Even Better TOML) complete keys and 
 STUDY_HEAD = """# Study files: every key
 
 A study asks something of a scene: metrics over numbers that vary (`sweep`), the largest clearances with which limits
-hold (`design`), how a joint wears and how long it lasts (`wear`). `clearance run STUDY` does what it says.
-[Sweeps](../sweeps.md), [Tolerance design](../design.md) and [Wear](../wear.md) say what the words mean.
+hold (`design`), how a joint wears and how long it lasts (`wear`), numbers from measured motion (`calibrate`).
+`clearance run STUDY` does what it says. [Sweeps](../sweeps.md), [Tolerance design](../design.md), [Wear](../wear.md)
+and [Calibration](../calibration.md) say what the words mean.
 The schema for editors is `docs/reference/study.schema.json`.
 
 *This page is generated from the reader's own declarations.*

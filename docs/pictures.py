@@ -233,7 +233,7 @@ def play_in_space() -> None:
 # The folders of the library, each floor on those below it.
 FLOORS = (
     ("cli", "report", "io"),
-    ("design", "wear", "sweep"),
+    ("calibrate", "design", "wear", "sweep"),
     ("runs", "results", "analysis"),
     ("ask", "metrics"),
     ("solve",),

@@ -13,6 +13,7 @@ import clearance_jax as cj
 from clearance_jax.errors import ClearanceError
 from clearance_jax.io import (
     asking_keys,
+    calibrate_keys,
     design_keys,
     metric_keys,
     play_keys,
@@ -40,6 +41,7 @@ READERS = (
     "sweep_section",
     "design_section",
     "wear_section",
+    "calibrate_section",
     "scene_worn",
     "wear_model",
 )
@@ -63,7 +65,8 @@ def tables_of(module) -> list[Keys]:
 
 
 @pytest.mark.parametrize(
-    "module", [scene_keys, play_keys, study_keys, sweep_keys, design_keys, metric_keys, wear_keys, asking_keys]
+    "module",
+    [scene_keys, play_keys, study_keys, sweep_keys, design_keys, metric_keys, wear_keys, calibrate_keys, asking_keys],
 )
 def test_every_declaration_is_in_the_reference(module):
     """A table's own keys in its section, which names the sections of those that it shares."""

@@ -31,6 +31,7 @@ ORDER = (
     "sweep",
     "wear",
     "design",
+    "calibrate",
     "io",
     "report",
     "cli",
@@ -42,7 +43,7 @@ LEAVES |= {"_code", "_folder", "_kept", "_library", "_remembered", "_structure",
 HOST_ONLY = {"xarray", "matplotlib", "PIL", "pint", "scipy", "typer", "rich", "tomllib", "jinja2", "xml", "defusedxml"}
 DEVICE_EXCEPT = {f"{PACKAGE}.units"}
 # A report is handed its findings and computes none.
-REPORT_KNOWS = {"leaves", "results", "design", "report"}
+REPORT_KNOWS = {"leaves", "results", "design", "calibrate", "report"}
 
 
 def modules() -> dict[str, Path]:

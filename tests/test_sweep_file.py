@@ -128,7 +128,7 @@ def test_quantities_are_asked_by_their_names(tmp_path):
     ("parts", "words"),
     [
         ({"axis": "[sweep]\n"}, "sweep lacks the key `axis`"),
-        ({"axis": ""}, "asks for nothing. Add a section `sweep`, `design` or `wear`"),
+        ({"axis": ""}, "asks for nothing. Add a section `sweep`, `design`, `wear` or `calibrate`"),
         ({"metric": ""}, "asks for nothing: add a table `.metric.NAME.`, or `quantities`"),
         ({"axis": '[sweep]\nmetrics = ["peek"]\n' + AXIS}, "sweep.metrics: the study has no metric `peek`. Did you"),
         ({"axis": '[sweep.axis."wrist.gap"]\nkind = "values"\nvalues = ["1 mm"]\n'}, "no parameter `wrist.gap`"),

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from clearance_jax.cli.animate import check_film
+from clearance_jax.cli.calibrate import run_calibrate
 from clearance_jax.cli.common import DATASETS, FIGURES, aloud, check_distinct, check_writable, set_up
 from clearance_jax.cli.design import check_method, known_fidelity, run_design
 from clearance_jax.cli.pictures import check_folder
@@ -15,17 +16,17 @@ from clearance_jax.errors import ClearanceError
 
 # Which sections of a study an option is for.
 FOR = {
-    "--output": ("sweep", "wear"),
+    "--output": ("sweep", "wear", "calibrate"),
     "--resume": ("sweep", "wear"),
     "--plot": ("sweep", "wear"),
     "--movie": ("wear",),
     "--cores": ("sweep",),
     "--cluster": ("sweep", "design"),
-    "--report": ("design",),
+    "--report": ("design", "calibrate"),
     "--record": ("design",),
     "--method": ("design",),
     "--fidelity": ("design",),
-    "--starts": ("design",),
+    "--starts": ("design", "calibrate"),
     "--no-verify": ("design",),
 }
 
@@ -35,7 +36,9 @@ def run(
     output: Annotated[
         Path | None,
         typer.Option(
-            "-o", "--output", help="Store of a sweep, or dataset of a life (default: STUDY with .zarr, or .nc)."
+            "-o",
+            "--output",
+            help="Store of a sweep, or dataset of a life (default: STUDY with .zarr, or .nc), or of residuals.",
         ),
     ] = None,
     resume: Annotated[
@@ -45,7 +48,9 @@ def run(
         Path | None, typer.Option("--plot", help="Folder for the pictures of a sweep; figure of a life (.png, .pdf).")
     ] = None,
     movie: Annotated[Path | None, typer.Option(help="Film of a life (.gif, or .mp4).")] = None,
-    report: Annotated[Path | None, typer.Option(help="Report of a design, with certificate (.html).")] = None,
+    report: Annotated[
+        Path | None, typer.Option(help="Report of a design, with certificate, or of a calibration (.html).")
+    ] = None,
     record: Annotated[
         Path | None, typer.Option(help="Keep every evaluated design in this file; go on from it if it exists.")
     ] = None,
@@ -62,7 +67,7 @@ def run(
         typer.Option(help='Solve by the dask scheduler at this address, tcp://node1:8786 ("local": processes here).'),
     ] = None,
 ) -> None:
-    """Do what a study asks: a sweep, a design, the life of a joint that wears.
+    """Do what a study asks: a sweep, a design, the life of a joint that wears, a calibration.
 
     Ctrl-C keeps what is done: the best design so far; a store or a journal that `--resume` goes on with.
     """
@@ -99,6 +104,9 @@ def run(
         check_writable(dataset, DATASETS)
         check_writable(plot, FIGURES)
         run_wear(study, study_file, dataset, resume=resume, plot=plot, movie=movie)
+    if "calibrate" in asked:
+        check_writable(output, DATASETS)
+        run_calibrate(study, output=output, report=report, starts=starts)
     if "design" in asked:
         how = {"method": method, "fidelity": fidelity, "starts": starts}
         run_design(study, report=report, verify=verify, cluster=cluster, record=record, **how)
@@ -116,6 +124,7 @@ def _sections(study: Any) -> list[str]:
     """The sections that ask for something."""
     lives = study.wear is not None and study.wear.cycles is not None
     asks = {"sweep": study.sweep is not None, "design": study.design is not None, "wear": lives}
+    asks["calibrate"] = study.calibrate is not None
     return [section for section, is_asked in asks.items() if is_asked]
 
 
@@ -128,5 +137,5 @@ def _check_options(given: dict[str, Any], asked: list[str]) -> None:
         if not sections:
             wanted = " or ".join(f"`{section}`" for section in FOR[option])
             raise ClearanceError(f"`{option}` has no effect: the study has no section {wanted}. Leave it out.")
-        if len(sections) > 1 and option in ("--output", "--plot"):
+        if len(sections) > 1 and option in ("--output", "--plot", "--report", "--starts"):
             raise ClearanceError(f"`{option}` is for one result, but the study asks for {' and '.join(sections)}.")

@@ -10,6 +10,7 @@ from clearance_jax.io.recurrence_keys import recurrence_of
 from clearance_jax.io.table import Chosen, Table
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMetric
+from clearance_jax.metrics.signals import AbstractSignal
 
 
 class Span(NamedTuple):
@@ -29,12 +30,17 @@ def metric_of(read: Chosen, mechanism: Mechanism, span: Span) -> AbstractMetric:
     if kind in COUNTS:
         metric = COUNTS[kind](**_of(COUNTS[kind], kind, table, mechanism))
     else:
-        word = table.get("signal")
-        signal = SIGNALS[word](**_of(SIGNALS[word], word, table, mechanism))
+        signal = signal_of(table, mechanism)
         metric = REDUCTIONS[kind](signal, *([_times(table, span)] if kind == "at" else []))
     if kind != "at" and table.has("since"):
         metric = dataclasses.replace(metric, since=_since(table, span))
     return metric
+
+
+def signal_of(table: Table, mechanism: Mechanism) -> AbstractSignal:
+    """The `signal` of a table, of the `point`, `body` or `joint` beside it."""
+    word = table.get("signal")
+    return SIGNALS[word](**_of(SIGNALS[word], word, table, mechanism))
 
 
 def _of(cls: type, word: str, table: Table, mechanism: Mechanism) -> dict[str, str]:

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 from clearance_jax.errors import ClearanceError
 from clearance_jax.io.asking import Asked
+from clearance_jax.io.calibrate_section import calibration_of
 from clearance_jax.io.design_section import DesignAsked, design_of
 from clearance_jax.io.plausible import ImplausibleWarning, implausible
 from clearance_jax.io.sweep_section import sweep_of
@@ -20,7 +21,7 @@ class Study(NamedTuple):
     - `name` of the study, `text` of the file, `scene_text` of its scene; `mechanism`: that of the scene, with the
       numbers that the study sets.
     - `sweep`: the arguments of `cj.sweep`; `design`: the problem, how to solve and verify it; `wear`: how a joint
-      wears. `None`: the study has no such section.
+      wears; `calibrate`: the arguments of `cj.calibrate`. `None`: the study has no such section.
     """
 
     name: str
@@ -30,6 +31,7 @@ class Study(NamedTuple):
     sweep: dict[str, Any] | None
     design: DesignAsked | None
     wear: WearAsked | None
+    calibrate: dict[str, Any] | None
 
 
 def load_study(path: str | Path) -> Study:
@@ -49,9 +51,11 @@ def load_study(path: str | Path) -> Study:
 
 
 def _study(asked: Asked) -> Study:
-    has = {section: asked.table.has(section) for section in ("sweep", "design", "wear")}
+    has = {section: asked.table.has(section) for section in ("sweep", "design", "wear", "calibrate")}
     if not any(has.values()):
-        raise ClearanceError(f"{asked.table.where} asks for nothing. Add a section `sweep`, `design` or `wear`.")
+        raise ClearanceError(
+            f"{asked.table.where} asks for nothing. Add a section `sweep`, `design`, `wear` or `calibrate`."
+        )
     wear = wear_of(asked) if has["wear"] else None
     design = design_of(asked, wear) if has["design"] else None
     if wear is not None and wear.cycles is None and not _wears(design):
@@ -60,7 +64,8 @@ def _study(asked: Asked) -> Study:
             "design has `cycles`. Add one of them."
         )
     sweep = sweep_of(asked) if has["sweep"] else None
-    return Study(asked.name, asked.text, asked.scene.text, asked.mechanism, sweep, design, wear)
+    calibrate = calibration_of(asked) if has["calibrate"] else None
+    return Study(asked.name, asked.text, asked.scene.text, asked.mechanism, sweep, design, wear, calibrate)
 
 
 def _wears(design: DesignAsked | None) -> bool:

@@ -3,6 +3,7 @@ one of the modules of keys, and its use.
 """
 
 from clearance_jax.io.asking_keys import SOLVING
+from clearance_jax.io.calibrate_keys import CALIBRATE_TABLES
 from clearance_jax.io.design_keys import DESIGN_TABLES
 from clearance_jax.io.kinds import LONGEST_PATH, Quantity, Sub, Text, Word
 from clearance_jax.io.metric_keys import METRIC_KINDS
@@ -48,6 +49,12 @@ STUDY = Keys(
         Sub("sweep", "metrics over numbers that vary", '{ metrics = ["peak"] }', absent="nothing is swept"),
         Sub("design", "numbers that are looked for, so that limits hold", '{ method = "slsqp" }', absent="no design"),
         Sub("wear", "how a joint wears over its life", '{ joint = "wrist" }', absent="nothing wears"),
+        Sub(
+            "calibrate",
+            "numbers that are found from measured motion",
+            '{ data = "arm_measured.csv" }',
+            absent="nothing is calibrated",
+        ),
     ),
     renamed={
         "output": "metric",
@@ -88,5 +95,14 @@ SCATTER = Keys(
     ),
     renamed={"law": "distribution", "least": "lower", "greatest": "upper"},
 )
-STUDY_TABLES = (STUDY, SOLVE, *METRIC_KINDS.values(), SCATTER, *SWEEP_TABLES, *DESIGN_TABLES, *WEAR_TABLES)
+STUDY_TABLES = (
+    STUDY,
+    SOLVE,
+    *METRIC_KINDS.values(),
+    SCATTER,
+    *SWEEP_TABLES,
+    *DESIGN_TABLES,
+    *WEAR_TABLES,
+    *CALIBRATE_TABLES,
+)
 """Every table of a study, in the order of the reference."""

@@ -9,7 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from clearance_jax.errors import ClearanceError
-from clearance_jax.io.trajectory import LEAST_ROWS, MOST_ROWS, TIME
+from clearance_jax.io.columns import MOST_ROWS, TIME
+from clearance_jax.io.trajectory import LEAST_ROWS
 from clearance_jax.mechanism.motion_laws import AbstractMotionLaw
 
 

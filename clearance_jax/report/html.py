@@ -1,4 +1,4 @@
-"""The report of a design: one HTML file that needs nothing else, its figures inside and the numbers beside them.
+"""Reports of designs and calibrations: one HTML file that needs nothing else, with figures and numbers inside.
 
 Everything on it was found before; a template says where it stands.
 """
@@ -12,9 +12,10 @@ import matplotlib as mpl
 from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
+from clearance_jax.calibrate.result import Calibration
 from clearance_jax.design.findings import Findings
 from clearance_jax.errors import ClearanceError
-from clearance_jax.report import design_figures, mechanism_figure, words
+from clearance_jax.report import calibration_figures, design_figures, mechanism_figure, words
 
 FILTERS = (
     words.quantity,
@@ -34,13 +35,26 @@ FIGURES = (
     design_figures.trade,
     design_figures.intervals,
     design_figures.convergence,
+    calibration_figures.signal_fit,
+    calibration_figures.interval_widths,
+    calibration_figures.correlations,
 )
 
 
 def write_report(found: Findings, path: str | Path, title: str = "Tolerance design", study: str = "") -> None:
     """Write the HTML file; `study`: the text of the study file. **Raises** `ClearanceError` where it cannot."""
-    path = Path(path)
-    page = render(found, title, study)
+    _write(render(found, title, study), Path(path))
+
+
+def calibration_report(found: Calibration, path: str | Path, title: str = "Calibration", study: str = "") -> None:
+    """Write a calibration as one HTML file: values, intervals, residuals over time; `study`: the text of the study.
+
+    **Raises:** `ClearanceError` where it cannot be written.
+    """
+    _write(_environment().get_template("calibration.html").render(found=found, title=title, study=study), Path(path))
+
+
+def _write(page: str, path: Path) -> None:
     try:
         path.write_text(page, encoding="utf-8")
     except OSError as error:

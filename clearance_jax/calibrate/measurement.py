@@ -1,0 +1,203 @@
+"""Measured signals: a dataset over time, read and checked against what a mechanism's motion can give."""
+
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from clearance_jax.dynamics.quantities import OBSERVED, OF_COORDINATES, quantities
+from clearance_jax.errors import ClearanceError, quote, suggest
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.metrics.signals import AbstractSignal
+from clearance_jax.units import to_si
+
+TIME = "time"
+
+
+class Series(NamedTuple):
+    """One measured number over time: its `name`; the quantity or signal of the motion that it is a `reading` of; SI
+    `unit`; `values` (times,), NaN where there is none; `deviation` of its noise (`None`: it is estimated).
+    """
+
+    name: str
+    reading: str | AbstractSignal
+    unit: str
+    values: np.ndarray
+    deviation: float | None
+
+
+class Measurement(NamedTuple):
+    """What was measured: increasing `times` [s], and `series` of numbers at these."""
+
+    times: np.ndarray
+    series: tuple[Series, ...]
+
+    @property
+    def values(self) -> np.ndarray:
+        """All numbers, shape (times, series)."""
+        return np.stack([one.values for one in self.series], axis=1)
+
+    @property
+    def known(self) -> np.ndarray:
+        """Which of them there are, shape (times, series)."""
+        return np.isfinite(self.values)
+
+    @property
+    def missing(self) -> int:
+        """How many are missing."""
+        return int(np.sum(~self.known))
+
+
+def read_measurement(
+    mechanism: Mechanism,
+    dataset: xr.Dataset,
+    signals: Mapping[str, str | AbstractSignal] | Sequence[str] | None = None,
+    deviations: Mapping[str, Any] | None = None,
+    books: bool = False,
+) -> Measurement:
+    """The measured numbers of a dataset; arguments as `calibrate`'s. **Raises** `ClearanceError` for what a motion of
+    the mechanism cannot give.
+    """
+    if not isinstance(dataset, xr.Dataset):
+        raise ClearanceError(f"Measured data must be an xarray Dataset, but this is a {type(dataset).__name__}.")
+    times, found = _times(dataset), []
+    deviations = dict(deviations or {})
+    readings = _readings(dataset, signals)
+    for name in deviations:
+        if name not in readings:
+            raise ClearanceError(f"`deviations`: there is no signal `{name}`. {suggest(str(name), readings)}")
+    known = _numbers(mechanism, books)
+    for name, reading in readings.items():
+        deviation = _deviation(name, deviations.get(name))
+        found += _series(name, reading, dataset[name], known, deviation)
+    return Measurement(times, tuple(found))
+
+
+def unit_of(mechanism: Mechanism, name: str, reading: str | AbstractSignal) -> str:
+    """The SI unit of a reading, of the variable `name`. **Raises** `ClearanceError` where there is none such."""
+    if isinstance(reading, AbstractSignal):
+        return reading.unit
+    every = quantities(mechanism, True)
+    if reading in every:
+        return every[reading].unit
+    if reading in OBSERVED and not OBSERVED[reading].unit.startswith("see "):
+        return OBSERVED[reading].unit
+    return _unit(name, reading, _numbers(mechanism, True))
+
+
+def _numbers(mechanism: Mechanism, books: bool) -> dict[str, str]:
+    """The units of all quantities that are one number."""
+    return {
+        name: one.unit
+        for name, one in quantities(mechanism, books).items()
+        if one.place is not None or len(one.index) == len(OBSERVED[one.variable].dims)
+    }
+
+
+def _readings(dataset: xr.Dataset, signals: Any) -> dict[str, str | AbstractSignal]:
+    """What each variable of the dataset is a reading of."""
+    if signals is None:
+        signals = [str(name) for name, variable in dataset.data_vars.items() if TIME in variable.dims]
+    if isinstance(signals, str):
+        signals = (signals,)
+    readings = dict(signals) if isinstance(signals, Mapping) else {name: name for name in signals}
+    if not readings:
+        raise ClearanceError("The dataset has no variable over `time`: there is nothing to compare the motion with.")
+    for name in readings:
+        if name not in dataset:
+            raise ClearanceError(f"The dataset has no variable `{name}`. {suggest(str(name), map(str, dataset))}")
+    return readings
+
+
+def _times(dataset: xr.Dataset) -> np.ndarray:
+    if TIME not in dataset.coords or dataset[TIME].ndim != 1:
+        raise ClearanceError("The dataset lacks a coordinate `time` [s], one number for each measured instant. Add it.")
+    given = dataset[TIME]
+    if given.dtype.kind not in "fiu":
+        raise ClearanceError(f"The coordinate `time` must be numbers in seconds, but it is of type {given.dtype}.")
+    times = np.asarray(given.values, float) * _factor(given, "s", "The coordinate `time`")
+    if not np.all(np.isfinite(times)):
+        raise ClearanceError("The coordinate `time` has values that are not finite. Leave these instants out.")
+    if times.size == 0 or not np.all(np.diff(times) > 0):
+        raise ClearanceError("The coordinate `time` must increase, each instant once. Sort it, or leave some out.")
+    return times
+
+
+def _factor(array: xr.DataArray, unit: str, where: str) -> float:
+    """By what an array's numbers are multiplied to be in SI; those without units, or with a reference to them, are."""
+    given = array.attrs.get("units")
+    if given is None or str(given).startswith("see ") or given == unit or unit == "":
+        return 1.0
+    return to_si(f"1 {given}", unit, f"{where}, its attribute `units`,")
+
+
+def _deviation(name: str, given: Any) -> float | None:
+    if given is None:
+        return None
+    try:
+        number = float(given)
+    except (TypeError, ValueError):
+        raise ClearanceError(f"The deviation of `{name}` must be one number, but it is {quote(given)}.") from None
+    if not 0 < number < np.inf:
+        raise ClearanceError(f"The deviation of `{name}` must be finite and above zero, but it is {number:g}.")
+    return number
+
+
+def _series(
+    name: str, reading: Any, array: xr.DataArray, known: Mapping[str, str], deviation: float | None
+) -> Iterator[Series]:
+    """The numbers of one variable, each by itself."""
+    if TIME not in array.dims:
+        raise ClearanceError(f"The variable `{name}` has no dimension `time`, so it is no signal. Leave it out.")
+    if array.dtype.kind not in "fiu":
+        raise ClearanceError(f"The variable `{name}` must be numbers, but it is of type {array.dtype}.")
+    others = [str(dim) for dim in array.dims if dim != TIME]
+    if isinstance(reading, AbstractSignal):
+        if others:
+            raise ClearanceError(f"`{name}` must be one number over time, but it has a dimension `{others[0]}` too.")
+        named: list[tuple[Any, str, dict]] = [(reading, name, {})]
+    elif isinstance(reading, str):
+        named = [
+            (one, one if reading == name else one.replace(reading, name), at) for one, at in _names(reading, array)
+        ]
+    else:
+        raise ClearanceError(
+            f"The signal `{name}` must be the name of a quantity or a signal of `clearance_jax.metrics`, but it is a "
+            f"{type(reading).__name__}."
+        )
+    for what, own, at in named:
+        unit = what.unit if isinstance(what, AbstractSignal) else _unit(name, what, known)
+        values = np.asarray(array.isel(at).values, float) * _factor(array, unit, f"The variable `{name}`")
+        values = np.where(np.isfinite(values), values, np.nan)
+        if np.all(np.isnan(values)):
+            raise ClearanceError(f"Nothing of `{own}` was measured: all its values are NaN. Leave it out.")
+        yield Series(own, what, unit, values, deviation)
+
+
+def _unit(name: str, quantity: str, known: Mapping[str, str]) -> str:
+    if quantity not in known:
+        raise ClearanceError(
+            f"The variable `{name}` cannot be compared with the motion, which has no number `{quantity}`. "
+            f'{suggest(quantity, known)} Or say what it is: `signals={{"{name}": "..."}}`.'
+        )
+    return known[quantity]
+
+
+def _names(reading: str, array: xr.DataArray) -> Iterator[tuple[str, dict[str, int]]]:
+    """The quantities that a variable holds, and where each stands in it: of `position` over points and axes
+    `piston.position.x`, of `piston.position` over axes the same.
+    """
+    dims = [str(dim) for dim in array.dims if dim != TIME]
+    for dim in dims:
+        if dim not in array.coords:
+            raise ClearanceError(f"`{array.name}` has a dimension `{dim}` without labels. Give it a coordinate.")
+    for places in itertools.product(*(range(array.sizes[dim]) for dim in dims)):
+        at = dict(zip(dims, places, strict=True))
+        labels = [str(array[dim].values[place]) for dim, place in at.items()]
+        if labels and reading in OBSERVED:
+            labels.insert(1, OF_COORDINATES.get(reading, reading))
+            yield ".".join(labels), at
+        else:
+            yield ".".join([reading, *labels]), at

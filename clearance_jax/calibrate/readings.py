@@ -1,0 +1,101 @@
+"""What instruments would read of a motion, with its derivatives, at points of the numbers that are looked for."""
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from clearance_jax.ask.lanes import answer
+from clearance_jax.ask.question import Question
+from clearance_jax.calibrate.measurement import Measurement
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.metrics.measure import AbstractMetric, Request
+from clearance_jax.metrics.reductions import signal_at
+from clearance_jax.metrics.signals import AbstractSignal
+from clearance_jax.solve.codes import words
+from clearance_jax.solve.settings import Settings
+
+# How many times the tolerance of the solves the errors of readings are, by the order of magnitude.
+FLOOR = 10.0
+
+
+class Readings(AbstractMetric):
+    """Quantities by name, and signals, at times [s]: shape (times, quantities and then signals)."""
+
+    quantities: tuple[str, ...] = eqx.field(static=True)
+    signals: tuple[AbstractSignal, ...]
+    times: Array = eqx.field(converter=lambda t: jnp.asarray(t, float))
+
+    def request(self, mechanism, t1, options):
+        return Request(times=self.times)
+
+    def value(self, reply):
+        named = [reply.solution[name] for name in self.quantities]
+        others = [signal_at(signal, reply, self.times, reply.solution.y) for signal in self.signals]
+        return jnp.stack([*named, *others], axis=-1)
+
+
+class Point(NamedTuple):
+    """What a motion would have shown: numbers `x` (parameters,), `values` (times, series) and their derivatives
+    `slopes` (times, series, parameters); all NaN where the motion did not reach its end, and then why, in words.
+    """
+
+    x: np.ndarray
+    values: np.ndarray
+    slopes: np.ndarray
+    why: str
+
+    @property
+    def reached(self) -> bool:
+        """Whether there are readings and derivatives."""
+        return bool(np.all(np.isfinite(self.values)) and np.all(np.isfinite(self.slopes)))
+
+
+class Instruments:
+    """The readings of a mechanism's motion at points of its numbers `names`, each point solved once; `points` lists
+    them all, in order, and `progress` is told of each. Differences below `accuracy` of a reading are the solves' own.
+    """
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        measurement: Measurement,
+        names: Sequence[str],
+        t1: float,
+        settings: Settings,
+        progress: Callable[[Point], Any] | None = None,
+    ):
+        readings = [one.reading for one in measurement.series]
+        quantities = tuple(one for one in readings if isinstance(one, str))
+        signals = tuple(one for one in readings if isinstance(one, AbstractSignal))
+        # The metric has quantities first.
+        places = [i for i, one in enumerate(readings) if isinstance(one, str)]
+        places += [i for i, one in enumerate(readings) if not isinstance(one, str)]
+        self._order = np.argsort(places)
+        self._question = Question(
+            mechanism, {"": Readings(quantities, signals, measurement.times)}, t1, settings, names
+        )
+        self._names, self._progress = tuple(names), progress
+        self.accuracy = FLOOR * float(settings.rtol)
+        self._seen: dict[bytes, Point] = {}
+
+    @property
+    def points(self) -> list[Point]:
+        """Every point that was solved, in order."""
+        return list(self._seen.values())
+
+    def __call__(self, x: np.ndarray) -> Point:
+        key = np.asarray(x, float).tobytes()
+        if key not in self._seen:
+            found = answer(self._question, dict(zip(self._names, x, strict=True)))
+            values = np.asarray(found.values[""])[:, self._order]
+            slopes = np.asarray(found.slopes[""])[:, self._order]
+            point = Point(np.array(x, float), values, slopes, words(int(found.ending["code"])))
+            # Without derivatives a reading is of no use to the search.
+            self._seen[key] = point = point if point.reached else point._replace(values=np.full_like(values, np.nan))
+            if self._progress is not None:
+                self._progress(point)
+        return self._seen[key]

@@ -1,0 +1,51 @@
+"""`clearance run` of a calibration: a study to numbers, their confidence, a report and a dataset of residuals."""
+
+from pathlib import Path
+from typing import Any
+
+import typer
+from rich.markup import escape
+from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+from clearance_jax.cli.common import console, errors, say, say_written
+from clearance_jax.cli.interruption import Interruption
+
+
+def run_calibrate(study: Any, *, output: Path | None, report: Path | None, starts: int | None) -> None:
+    """The calibration of a study. Ctrl-C stops the search and keeps the best motion so far."""
+    from clearance_jax.calibrate.run import calibrate
+    from clearance_jax.report.html import calibration_report
+    from clearance_jax.results.store import save
+
+    given = study.calibrate | ({} if starts is None else {"starts": starts})
+    with _bar() as bar, Interruption() as asked:
+        task, points = bar.add_task("compiling"), []
+
+        def progress(point: Any) -> None:
+            points.append(point)
+            bar.update(task, description=f"{len(points)} motions")
+            if not point.reached:
+                bar.update(task, description=f"{len(points)} motions, the last one failed")
+            asked.check()
+
+        try:
+            found = calibrate(**given, progress=progress)
+        except KeyboardInterrupt:
+            say("Interrupted before the first motion was compared: there is nothing to keep.")
+            raise typer.Exit(130) from None
+    console.print(f"[bold]{escape(study.name)}[/bold]")
+    say(found.message)
+    if output is not None:
+        save(found.residuals, output)
+        say_written("dataset", output)
+    if report is not None:
+        calibration_report(found, report, study.name, study.text)
+        say_written("report", report)
+    if asked.heard:
+        raise typer.Exit(130)
+    if not found.converged:
+        raise typer.Exit(1)
+
+
+def _bar() -> Progress:
+    return Progress(SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), console=errors)

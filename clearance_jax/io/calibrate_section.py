@@ -1,0 +1,108 @@
+"""The section `calibrate` of a study: the arguments of `calibrate`."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from clearance_jax.calibrate.measurement import Measurement, read_measurement, unit_of
+from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.io.asking import Asked
+from clearance_jax.io.calibrate_keys import CALIBRATE, PARAMETER_TABLE, SIGNAL, SIGNAL_TABLE
+from clearance_jax.io.columns import TIME, Meant, read_columns
+from clearance_jax.io.metric import signal_of
+from clearance_jax.io.metric_keys import OF
+from clearance_jax.io.table import Table, naming
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.metrics.signals import AbstractSignal
+from clearance_jax.parameters import PARAMETER, units_of
+from clearance_jax.results.store import load_dataset
+
+_TABLE = Meant("table of measured data", "signal", "`time [s], tip.position.x [mm]`")
+
+
+def calibration_of(study: Asked) -> dict[str, Any]:
+    """The arguments of `calibrate` by name. **Raises:** `ClearanceError` naming the key and the fix."""
+    table, mechanism = study.table.table("calibrate", CALIBRATE), study.mechanism
+    path = study.path.parent / table.get("data")
+    table.need("parameter")
+    bounds = {name: _bounds(name, values, where, mechanism) for name, values, where in table.entries("parameter")}
+    with naming(table.key("data")):
+        data = read_data(path)
+    signals, deviations = _signals(table, data, mechanism)
+    books = bool(study.options.get("energy_balance", False))
+    with naming(table.key("signal") if table.has("signal") else table.key("data")):
+        measured = read_measurement(mechanism, data, signals, deviations, books)
+    t1 = _end(study, measured)
+    how = table.only("loss", "starts", "seed", "most")
+    return {
+        "mechanism": mechanism,
+        "dataset": data,
+        "parameters": bounds,
+        "signals": signals,
+        "deviations": deviations,
+        "t1": t1,
+        **how,
+        **study.options,
+    }
+
+
+def read_data(path: str | Path) -> xr.Dataset:
+    """Measured data: a CSV file with a header, or a NetCDF file. **Raises** `ClearanceError` naming the file."""
+    path = Path(path)
+    if path.suffix.lower() in (".nc", ".h5"):
+        return load_dataset(path)
+    heads, _, values = read_columns(path, _TABLE, gaps=True)
+    units = {head.name: {} if head.unit is None else {"units": head.unit} for head in heads}
+    columns = {head.name: (TIME, column, units[head.name]) for head, column in zip(heads, values.T, strict=True)}
+    time = columns.pop(TIME)
+    return xr.Dataset(columns, {TIME: time})
+
+
+def _bounds(name: str, values: Any, where: str, mechanism: Mechanism) -> tuple[float, float] | None:
+    with naming(where):
+        unit = units_of(mechanism, [name])[name]
+    table = Table(values, where, PARAMETER_TABLE, {PARAMETER: unit})
+    given = table.only("lower", "upper")
+    return (given.get("lower", -np.inf), given.get("upper", np.inf)) if given else None
+
+
+def _signals(table: Table, data: xr.Dataset, mechanism: Mechanism) -> tuple[Any, dict[str, float]]:
+    """What the columns are (`None`: quantities by their names), and the deviations of those that have one."""
+    if not table.has("signal"):
+        return None, {}
+    signals: dict[str, str | AbstractSignal] = {}
+    deviations = {}
+    for column, values, where in table.entries("signal"):
+        if column not in data:
+            raise ClearanceError(f"{where}: the data have no column `{column}`. {suggest(column, map(str, data))}")
+        own = Table(values, where, SIGNAL_TABLE)
+        signals[column] = reading = _reading(own, column, mechanism)
+        with naming(where):
+            unit = unit_of(mechanism, column, reading)
+        if own.has("deviation"):
+            deviations[column] = own.get("deviation", {SIGNAL: unit})
+    return signals, deviations
+
+
+def _reading(table: Table, column: str, mechanism: Mechanism) -> str | AbstractSignal:
+    if table.has("signal"):
+        if table.has("quantity"):
+            raise ClearanceError(f"{table.where}: a column is a `quantity` or a `signal`, not both. Take one away.")
+        return signal_of(table, mechanism)
+    for key in OF:
+        if table.has(key):
+            raise ClearanceError(f"{table.key(key)} has no effect without `signal`. Take it away, or add a signal.")
+    return table.get("quantity") or column
+
+
+def _end(study: Asked, measured: Measurement) -> float | None:
+    """The study's end, or else that of the data."""
+    t1 = study.table.get("t1")
+    if t1 is not None and measured.times[-1] > t1:
+        raise ClearanceError(
+            f"{study.table.key('t1')} is {t1:g} s, but the data reach to {measured.times[-1]:g} s. Take it away: "
+            "then the motion ends with the data."
+        )
+    return t1
