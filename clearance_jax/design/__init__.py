@@ -1,6 +1,7 @@
 """Tolerance design: the largest, or the cheapest, clearances that keep errors and forces within bounds."""
 
 from clearance_jax.design.answer import Design
+from clearance_jax.design.budget import ErrorBudget, error_budget
 from clearance_jax.design.certificate import Certificate
 from clearance_jax.design.costs import AbstractCost, CostTable, Exponential, ExponentialReciprocal, Reciprocal
 from clearance_jax.design.drawing import JointDrawing
@@ -31,6 +32,7 @@ __all__ = [
     "Certificate",
     "CostTable",
     "Design",
+    "ErrorBudget",
     "Evaluation",
     "Exponential",
     "ExponentialReciprocal",
@@ -53,6 +55,7 @@ __all__ = [
     "Tradeoff",
     "Yield",
     "YieldEstimate",
+    "error_budget",
     "findings",
     "formulate",
     "maintenances",
