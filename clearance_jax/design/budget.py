@@ -93,7 +93,7 @@ class ErrorBudget:
 def error_budget(mechanism: Mechanism, point: str, t1: float, dynamics: bool = True, **options: Any) -> ErrorBudget:
     """What the error of a named point is made of, over a motion.
 
-    **Arguments:** `mechanism`, whose drives move it; `point`: the name of one of its points; `t1`: the end of the motion
+    **Arguments:** `mechanism`, whose drives move it; `point`: the name of one of its points; `t1`: the motion's end
     [s]; `dynamics`: whether the equations of motion are solved as well; `options`: as `simulate`'s, by default with a
     settled start and `rtol=1e-6`.
 
