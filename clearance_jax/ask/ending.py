@@ -7,7 +7,7 @@ ENDING = " ending"
 
 
 class Ending(AbstractMetric):
-    """How the solve ended: result code, steps, and where there are books the energy residual."""
+    """How the solve ended: result code, steps, and with an energy balance its residual."""
 
     def static_bound(self):
         return self

@@ -44,7 +44,7 @@ class Parts(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class ErrorBudget:
-    """The error of a point of a mechanism, in parts; `print` gives the table.
+    """The error of a `point` of a mechanism, in parts; `print` gives the table.
 
     - `dataset`: over `time` [s], in metres: `quasi_static` (pins where loads press them), `play` (the same with rigid
       contacts), `elasticity` (the same with closed clearances), `dynamics` (NaN where it was not asked for); of each

@@ -49,7 +49,10 @@ def calibration_of(study: Asked) -> dict[str, Any]:
 
 
 def read_data(path: str | Path) -> xr.Dataset:
-    """Measured data: a CSV file with a header, or a NetCDF file. **Raises** `ClearanceError` naming the file."""
+    """Measured data, of the CSV file with a header or the NetCDF file at `path`.
+
+    **Raises:** `ClearanceError` that names the file, line and column.
+    """
     path = Path(path)
     if path.suffix.lower() in (".nc", ".h5"):
         return load_dataset(path)

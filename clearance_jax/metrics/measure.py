@@ -29,7 +29,8 @@ from clearance_jax.solve.solution import Solution
 
 class Request(NamedTuple):
     """What a metric needs of a solve: `observers` of every step; `integrands`, which are integrated along with the
-    motion; samples at `times` [s]; the energy balance (`books`). It counts `since` a time [s]; `None`: from the start.
+    motion; samples at `times` [s]; the energy balance (`energy_balance`). It counts `since` a time [s]; `None`: from
+    the start.
     """
 
     observers: tuple[AbstractObserver, ...] = ()

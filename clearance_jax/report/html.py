@@ -47,9 +47,12 @@ def write_report(found: Findings, path: str | Path, title: str = "Tolerance desi
 
 
 def calibration_report(found: Calibration, path: str | Path, title: str = "Calibration", study: str = "") -> None:
-    """Write a calibration as one HTML file: values, intervals, residuals over time; `study`: the text of the study.
+    """Write a calibration as one HTML file: values, intervals, residuals over time.
 
-    **Raises:** `ClearanceError` where it cannot be written.
+    **Arguments:** `found`: what `calibrate` found; `path` of the file; `title` of the page; `study`: the text of the
+    study.
+
+    **Raises:** `ClearanceError` if it cannot be written.
     """
     _write(_environment().get_template("calibration.html").render(found=found, title=title, study=study), Path(path))
 

@@ -39,7 +39,8 @@ def simulate(mechanism: Mechanism, t1: Any, *, throw: bool = True, **options: Un
     - `rtol`: the relative accuracy. Absolute tolerances follow from it and from the lengths and speeds of the scene.
     - `solver`: "tsit5", "dopri8" (for rtol below 1e-8), or an explicit Runge-Kutta solver of diffrax.
     - `throw`: raise an error if the solve fails. Inside jit or vmap nothing is raised: see `Solution.code`.
-    - `atol`, `y0`, `start`, `watch`, `books` (true here), `derivatives`, `max_steps`: see `SolveOptions`.
+    - `atol`, `y0`, `start`, `locate_events`, `energy_balance` (true here), `derivatives`, `max_steps`, `fidelity`: see
+      `SolveOptions`.
 
     **Raises:** `ClearanceError` for an unknown option, without 64-bit floats, for t1 <= t0, for numbers that are not
     finite or out of bounds, for a loop that cannot be closed, and for a pin that finds no place of rest in a settled

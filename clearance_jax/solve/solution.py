@@ -35,16 +35,18 @@ class Solution(Module):
     `solution.names` lists them. If samples were asked for (`save_at`), the first axis of a quantity is time; otherwise
     it is the value at the end. A solution works under jit, vmap (the axes of a batch come first) and differentiation.
 
-    - `time`: times of the samples [s], shape (samples,); `y`: states `[q, v, memory, books]` there, shape (samples, n).
+    - `time`: times of the samples [s], shape (samples,); `y`: states `[q, v, memory, energy balance]` there, shape
+      (samples, n).
     - `initial`: the state at the start, shape (n,); `final`: the state at the end, which was reached at `end_time` [s].
     - `code`: how the solve ended (`codes.Result`); `succeeded`: whether it reached t1; `message`: why not, in words.
     - `steps`, `rejected`: how many steps were made, and how many attempts were rejected.
+    - `energy_balance`: whether the states have the energy balance's integrals.
     - `energy_residual`: |energy gained - work of drives + losses| / energy exchanged: a measure of the error.
     - `records`, `picked`: what the observers of metrics recorded, and the states that they picked, one entry for each.
     - `seated`: how the pins of a settled start begin; `rests`: in words, which begin at relative rest and why.
     - `mechanism`: what was solved. `numbers`, `structure` and `sampled` hold it and what was asked, for quantities that
-    - `frequencies`: of a quasi-static motion the lowest frequency about each pose of its grid [Hz].
       are computed later.
+    - `frequencies`: of a quasi-static motion the lowest frequency about each pose of its grid [Hz].
     """
 
     time: Float[Array, " samples"]
