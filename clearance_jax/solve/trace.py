@@ -130,8 +130,8 @@ def trace(
 ) -> Trace:
     """Simulate as `simulate` does, and keep the end of every step. Use it for datasets with contact episodes.
 
-    **Arguments:** `mechanism`, `t1` and the options of `simulate`, without `energy_balance` and `derivatives`; `save_at`:
-    1001 samples unless you say otherwise; `progress`: called with the fraction done.
+    **Arguments:** `mechanism`, `t1` and the options of `simulate`, without `energy_balance` and `derivatives`;
+    `save_at`: 1001 samples unless you say otherwise; `progress`: called with the fraction done.
     """
     settings = settings_of(mechanism, t1, options, KNOWN, energy_balance=True, save_at=1001)
     chosen, t0, t1 = settings.as_options(), float(settings.t0), float(t1)
