@@ -5,6 +5,9 @@ mechanism moves. Each joint then exerts on its pin what the ideal joint would, w
 "ask for the reactions with the pins held, seat the pins" find it; each is nearer by the ratio of clearance to length.
 Friction of a joint that turns shifts the load that a seat has to bear. The last rounds are Newton steps on all of it.
 
+Left out is the moment of a joint's friction about its axis where nothing but loops holds that turn: it changes what the
+other joints bear by the coefficient of friction times pin radius over length, about (0.5 % of a slider-crank's load).
+
 A pose knows no past. Pins that swing about it, or slide to it slowly, are elsewhere: see `Pose.frequency`.
 """
 
