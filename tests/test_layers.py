@@ -37,7 +37,7 @@ ORDER = (
     "cli",
 )
 LEAVES = {"_alike", "_frame", "_module", "_solo", "_types", "_numerics", "_once", "_sharing", "_version"}
-LEAVES |= {"errors", "extras", "configure", "units", "parameters"}
+LEAVES |= {"errors", "extras", "configure", "units", "parameters", "_small_matrices"}
 LEAVES |= {"_code", "_folder", "_kept", "_library", "_remembered", "_structure", "_surroundings"}
 # What runs on a device is `analysis` and all that it needs; `units` reads and writes for people.
 HOST_ONLY = {"xarray", "matplotlib", "PIL", "pint", "scipy", "typer", "rich", "tomllib", "jinja2", "xml", "defusedxml"}

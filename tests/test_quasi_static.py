@@ -116,3 +116,9 @@ def test_what_poses_cannot_give(crank):
         cj.simulate(crank, TURN, fidelity="guess")
     with pytest.raises(ClearanceError, match="moves freely"):
         cj.simulate(turning(1.0).without_drives(["hip"]), TURN, **quasi)
+
+
+def test_chunks_side_by_side_come_to_an_end(crank):
+    """More samples than a chunk, on two cores: kernels of LAPACK that shared threads waited for each other for ever."""
+    found = cj.batch(lambda c: peak(crank, c, fidelity="quasi-static"), np.linspace(1e-5, 1e-4, 192), cores=2)
+    assert np.allclose(np.asarray(found)[-1], peak(crank, 1e-4, fidelity="quasi-static"), rtol=1e-9)

@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from clearance_jax._small_matrices import small_eigh, small_inverse
 from clearance_jax._types import Flag, Scalar
 from clearance_jax.joints._base import TOUCHING, PlayCoordinate, PreparedClearance, Relative
 from clearance_jax.spatial import IDENTITY, ZERO, Rotation, Term, Vector, add, as_array, dot, scale
@@ -190,7 +191,7 @@ class Seating(NamedTuple):
         def once(carry):
             x, factor, count, _ = carry
             (g, slope), asked = value_and_jacobian(lambda x: residual(x, factor), x), factor * whole
-            stiff, ways = jnp.linalg.eigh(0.5 * (slope + slope.T))
+            stiff, ways = small_eigh(0.5 * (slope + slope.T))
             step = -ways @ jnp.clip((ways.T @ g) / jnp.maximum(stiff, PRESSED * TOUCHING * asked), -1.0, 1.0)
             further = jax.vmap(lambda part: residual(x + part * step, factor))(parts)
             # As far as the energy falls, or nearly: the largest part at which it does not rise half as steeply.
@@ -216,10 +217,10 @@ class Seating(NamedTuple):
 
         def once(_, carry):
             x, g, slope = carry[0], *value_and_jacobian(self.residual, carry[0])
-            stiff, ways = jnp.linalg.eigh(0.5 * (slope + slope.T))
+            stiff, ways = small_eigh(0.5 * (slope + slope.T))
             holds = stiff > (ways**2).T @ self.springs
             both = holds[:, None] & holds[None, :]
-            held = jnp.linalg.inv(jnp.where(both, ways.T @ slope @ ways, jnp.eye(len(x))))
+            held = small_inverse(jnp.where(both, ways.T @ slope @ ways, jnp.eye(len(x))))
             inverse, loose = ways @ jnp.where(both, held, 0.0) @ ways.T, ways @ jnp.where(holds[:, None], 0.0, ways.T)
             return x - inverse @ g - loose @ (x - self.start), inverse, loose, slope
 
@@ -231,10 +232,10 @@ class Seating(NamedTuple):
         slope = value_and_jacobian(self.residual, x)[1]
         smooth = self._replace(clearance=PreparedClearance(self.clearance.joint, self.clearance.normal, None))
         stiff = slope if self.clearance.friction is None else value_and_jacobian(smooth.residual, x)[1]
-        stiff, ways = jnp.linalg.eigh(0.5 * (stiff + stiff.T))
+        stiff, ways = small_eigh(0.5 * (stiff + stiff.T))
         holds = stiff > (ways**2).T @ self.springs
         both = holds[:, None] & holds[None, :]
-        held = jnp.linalg.inv(jnp.where(both, ways.T @ slope @ ways, jnp.eye(len(x))))
+        held = small_inverse(jnp.where(both, ways.T @ slope @ ways, jnp.eye(len(x))))
         return ways @ jnp.where(both, held, 0.0) @ ways.T
 
 
