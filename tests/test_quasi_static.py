@@ -116,6 +116,23 @@ def test_what_poses_cannot_give(crank):
         cj.simulate(crank, TURN, fidelity="guess")
     with pytest.raises(ClearanceError, match="moves freely"):
         cj.simulate(turning(1.0).without_drives(["hip"]), TURN, **quasi)
+    with pytest.raises(ClearanceError, match="moves freely, or by a drive that gives way"):
+        cj.simulate(cj.with_compliance(turning(1.0), "hip", cj.Compliance(1e4, 10.0)), TURN, **quasi)
+    with pytest.raises(ClearanceError, match="without play is where its drives put it"):
+        cj.simulate(crank.ideal(), TURN, **quasi)
+
+
+def test_what_follows_the_steps_of_a_motion_refuses_poses(crank):
+    """A trace answered by the dynamics, without a word."""
+    quasi = {"fidelity": "quasi-static"}
+    with pytest.raises(ClearanceError, match="follows the steps of a motion"):
+        cj.trace(crank, TURN, **quasi)
+    exponent = metrics.LyapunovExponent(TURN, count=4)
+    with pytest.raises(ClearanceError, match="follows the steps of a motion"):
+        cj.measure(crank, {"exponent": exponent}, 6 * TURN, **quasi)
+    model = cj.wear.WearModel(crank, "wrist", cj.wear.archard("6e-14 1/Pa"), cj.wear.Uniform(0.2), TURN)
+    with pytest.raises(ClearanceError, match="follows the steps of a motion"):
+        cj.wear.simulate_wear(model, 10, **quasi)
 
 
 def test_chunks_side_by_side_come_to_an_end(crank):

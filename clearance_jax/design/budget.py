@@ -19,6 +19,7 @@ from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.results.dataset import picture_dataset
 from clearance_jax.results.marks import mark_positions
+from clearance_jax.solve.quasi_static import are_poses
 from clearance_jax.solve.settings import evenly, settings_of
 from clearance_jax.solve.simulate import run
 from clearance_jax.spatial import as_array, subtract
@@ -152,14 +153,10 @@ def _parts(mechanism: Mechanism, index: int, times: Array) -> Parts:
         for k in range(len(joints)):
             play = tuple(own if i == k else none for i, (own, none) in enumerate(zip(found.play, at_rest, strict=True)))
             alone.append(as_array(subtract(_place(ready, index, time, displaced(time, ready, play, y)), wanted)))
-        good = jnp.all(found.errors.unborne < BORNE) & jnp.all(jnp.isfinite(found.y))
+        good = are_poses(mechanism, found.errors) & jnp.all(jnp.isfinite(found.y))
         return Parts(as_array(whole), jnp.stack(alone), good, found.frequency, mark_positions(ready, time, found.y))
 
     return jax.vmap(one)(times, ideal)
-
-
-# A pin that misses more than this part of its load is at no rest.
-BORNE = 1e-3
 
 
 def _place(mechanism: PreparedMechanism, index: int, time: Any, y: Array) -> Any:

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from clearance_jax.design.budget import CLOSED, RIGID
 from clearance_jax.design.evaluate import Simulations, simulations_of
 from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.program import Program
@@ -12,9 +13,6 @@ from clearance_jax.solve.settings import QUASI_STATIC
 from clearance_jax.units import format_quantity
 
 CLEARANCE = "_clearance"
-# What is left without clearance is looked at with a thousandth of the smallest ones, and a joint's elasticity by
-# contacts that are a million times as stiff.
-BARE, STIFF = 1e-3, 1e6
 # The numbers of a contact that its stiffness is proportional to.
 STIFFNESS = (".stiffness", "_modulus")
 
@@ -49,7 +47,7 @@ def _said(specification: Specification, program: Program, posed: Evaluation, sol
     simulations = simulations_of(specification.judged_by(QUASI_STATIC))
     scenarios, count = scenarios_of(specification), sum(simulations.sizes())
     scenario, row, x = scenarios[leader // count], leader % count, specification.values(posed.x)
-    bare = float(simulations.limits(BARE * x, scenario, True)[0][row])
+    bare = float(simulations.limits(CLOSED * x, scenario, True)[0][row])
     text += f"{_value(limit, solved.limits[k])} of at most {_value(limit, 0.0)}; by quasi-static poses "
     text += _value(limit, posed.limits[leader])
     if np.isfinite(bare):
@@ -88,4 +86,4 @@ def _stiffened(specification: Specification, scenario: Scenario, joint: str) -> 
     """A scenario in which the contacts of a joint hardly give way."""
     known = parameters(specification.mechanism)
     names = [n for n in known if n.startswith(f"{joint}.") and n.endswith(STIFFNESS)]
-    return scenario._replace(values={**scenario.values, **{n: STIFF * specification.worth(n) for n in names}})
+    return scenario._replace(values={**scenario.values, **{n: RIGID * specification.worth(n) for n in names}})

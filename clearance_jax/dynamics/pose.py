@@ -20,7 +20,6 @@ from jaxtyping import Array, Float
 from clearance_jax._alike import side_by_side
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.closures import StartErrors, correct
-from clearance_jax.dynamics.deflected import deflect, gives_way
 from clearance_jax.dynamics.equations import balance
 from clearance_jax.dynamics.frames import Frames
 from clearance_jax.dynamics.kinematics import sleeve_axes
@@ -69,22 +68,21 @@ class Bearing(NamedTuple):
 
 
 def check_driven(mechanism: AbstractMechanism) -> None:
-    """**Raises** `ClearanceError` for a mechanism whose ideal motion does not follow from its drives: a pose is of one
-    that does.
+    """**Raises** `ClearanceError` for a mechanism without play, and for one whose ideal motion does not follow from its
+    drives: a pose is of one that does.
     """
+    if not mechanism.clearance_joints():
+        raise ClearanceError(
+            "A mechanism without play is where its drives put it, whatever the load. Give a joint clearance, or use "
+            '`fidelity = "dynamics"`.'
+        )
     ideal = mechanism.ideal()
-    free = [one for one in ideal.free_coordinates() if not gives_way(one.motion)]
-    loops = ideal.closures()
+    free, loops = ideal.free_coordinates(), ideal.closures()
     held = 2 * len(loops) if ideal.is_plane else sum(loop.joint_constraint().count for loop in loops)
     if len([name for one in free for name in one.velocities]) > held:
         raise ClearanceError(
-            f"A quasi-static pose follows from drives, but without its play `{free[0].name}` moves freely. Drive it, "
-            'or use `fidelity = "dynamics"`.'
-        )
-    if ideal.closures() and len(free) < len(list(ideal.free_coordinates())):
-        raise ClearanceError(
-            "A quasi-static pose of a mechanism with loops and drives that give way is not known. Take the compliance "
-            'away, or use `fidelity = "dynamics"`.'
+            f"A quasi-static pose follows from drives, but without its play `{free[0].name}` moves freely, or by a "
+            'drive that gives way. Drive it firmly, or use `fidelity = "dynamics"`.'
         )
 
 
@@ -93,7 +91,7 @@ def ideal_states(mechanism: PreparedMechanism, times: Float[Array, " times"]) ->
     ideal = determinate(mechanism.ideal().without_sampling())
     plan, first = layout(ideal), initial_values(ideal)
     if not ideal.closures():
-        return jax.vmap(lambda time: initial_values(deflect(time, mechanism.without_sampling()).ideal()))(times)
+        return jnp.broadcast_to(first, (times.shape[0], first.shape[0]))
 
     def closed(time, y):
         return jax.lax.fori_loop(0, CLOSING, lambda _, y: correct(time, y, ideal, ideal.loops)[0], y)
@@ -110,7 +108,7 @@ def ideal_states(mechanism: PreparedMechanism, times: Float[Array, " times"]) ->
 
 def pose(time: Scalar, mechanism: PreparedMechanism, ideal: Array) -> Pose:
     """The pose at a time, without derivatives; `ideal`: the ideal mechanism's state then."""
-    time, mechanism, ideal = jax.lax.stop_gradient((time, deflect(time, mechanism.without_sampling()), ideal))
+    time, mechanism, ideal = jax.lax.stop_gradient((time, mechanism.without_sampling(), ideal))
     joints = mechanism.clearance_joints()
     begin = tuple(middle(joint) for joint in joints)
     rubs = any(joint.clearance.friction is not None for joint in joints)
@@ -169,12 +167,11 @@ def with_derivatives(time: Scalar, mechanism: PreparedMechanism, found: Pose) ->
     """The state of a pose, with its derivatives by the mechanism's numbers and the time: those of more Newton steps, of
     which each makes them right but for the ratio of clearance to length.
     """
-    mechanism = deflect(time, mechanism.without_sampling())
+    mechanism = mechanism.without_sampling()
     play, ideal = jax.lax.stop_gradient((found.play, found.ideal))
     begin = _unstepped(time, mechanism, play, ideal)
-    return jax.lax.fori_loop(0, DIFFERENTIATED, lambda _, now: newton(time, mechanism, now.play, now.y), begin).state(
-        mechanism
-    )
+    step = jax.lax.fori_loop(0, DIFFERENTIATED, lambda _, now: newton(time, mechanism, now.play, now.y), begin)
+    return step.state(mechanism)
 
 
 def _unstepped(time: Scalar, mechanism: PreparedMechanism, play: tuple[Array, ...], y: Array) -> "Step":

@@ -217,26 +217,28 @@ class Seating(NamedTuple):
 
         def once(_, carry):
             x, g, slope = carry[0], *value_and_jacobian(self.residual, carry[0])
-            stiff, ways = small_eigh(0.5 * (slope + slope.T))
-            holds = stiff > (ways**2).T @ self.springs
-            both = holds[:, None] & holds[None, :]
-            held = small_inverse(jnp.where(both, ways.T @ slope @ ways, jnp.eye(len(x))))
-            inverse, loose = ways @ jnp.where(both, held, 0.0) @ ways.T, ways @ jnp.where(holds[:, None], 0.0, ways.T)
+            inverse, loose = self._held(slope, slope)
             return x - inverse @ g - loose @ (x - self.start), inverse, loose, slope
 
         nothing = jnp.zeros((len(x), len(x)))
         return jax.lax.fori_loop(0, LAST, once, (x, nothing, nothing, nothing))
 
     def inverse(self, x: Values) -> Array:
-        """The inverse of the slope of `left`, friction included, at a place: zero along what contacts do not hold."""
+        """The inverse of the slope of the residual, friction included: zero along what contacts do not hold."""
         slope = value_and_jacobian(self.residual, x)[1]
         smooth = self._replace(clearance=PreparedClearance(self.clearance.joint, self.clearance.normal, None))
         stiff = slope if self.clearance.friction is None else value_and_jacobian(smooth.residual, x)[1]
-        stiff, ways = small_eigh(0.5 * (stiff + stiff.T))
+        return self._held(slope, stiff)[0]
+
+    def _held(self, slope: Array, stiffness: Array) -> tuple[Array, Array]:
+        """The inverse of a slope along what contacts hold more firmly than springs do, by their stiffness; and the
+        projection on the rest.
+        """
+        stiff, ways = small_eigh(0.5 * (stiffness + stiffness.T))
         holds = stiff > (ways**2).T @ self.springs
         both = holds[:, None] & holds[None, :]
-        held = small_inverse(jnp.where(both, ways.T @ slope @ ways, jnp.eye(len(x))))
-        return ways @ jnp.where(both, held, 0.0) @ ways.T
+        held = small_inverse(jnp.where(both, ways.T @ slope @ ways, jnp.eye(len(stiff))))
+        return ways @ jnp.where(both, held, 0.0) @ ways.T, ways @ jnp.where(holds[:, None], 0.0, ways.T)
 
 
 def stiffness_at(clearance: PreparedClearance, place: Values) -> Array:

@@ -114,11 +114,12 @@ def _found(asked: Asked, observers: tuple, seats: bool) -> Poses:
         jax.tree.map(lambda x, part=part: x[part], every) for part in (slice(count), slice(count, None))
     )
     picked = tuple(observer.among(grid, on_grid.y, ready) for observer in observers)
-    good = _are_poses(asked.mechanism, every.errors) & bounds_hold(asked.mechanism) & jnp.all(jnp.isfinite(every.y))
+    good = are_poses(asked.mechanism, every.errors) & bounds_hold(asked.mechanism) & jnp.all(jnp.isfinite(every.y))
     return Poses(grid, on_grid, times[count:], at_times, picked, good)
 
 
-def _are_poses(mechanism: Mechanism, errors: StartErrors) -> Flag:
+def are_poses(mechanism: Mechanism, errors: StartErrors) -> Flag:
+    """Whether pins rest under their loads, and loops are closed."""
     closed = jnp.all(errors.loops <= CLOSED * largest_length(mechanism))
     return closed & jnp.all(errors.unborne <= POSED) & jnp.all(errors.moved <= POSED)
 

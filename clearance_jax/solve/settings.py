@@ -88,7 +88,11 @@ class Settings(NamedTuple):
     fidelity: str = DYNAMICS
 
     def as_options(self, observers: tuple = ()) -> Options:
-        """What a solve is compiled for."""
+        """What a solve is compiled for. **Raises** `ClearanceError` for a model of the motion that has no steps."""
+        if self.fidelity != DYNAMICS:
+            raise ClearanceError(
+                f'This follows the steps of a motion, and `fidelity = "{self.fidelity}"` has none: use "{DYNAMICS}".'
+            )
         solver = SOLVERS[self.solver]() if isinstance(self.solver, str) else self.solver
         return Options(
             solver, self.locate_events, self.energy_balance, self.max_steps, self.derivatives, observers, self.start

@@ -75,9 +75,8 @@ def _run(mechanism, t1, settings: Settings, throw: bool, observers=(), integrand
         return _posed(mechanism, as_leaf(t1), settings, throw, observers, integrands)
     options = settings.as_options(observers)
     if layout(mechanism).size == 0:
-        options = options._replace(
-            energy_balance=True
-        )  # without states the energy balance is what there is to integrate
+        # Without states the energy balance is what there is to integrate.
+        options = options._replace(energy_balance=True)
     t1, given = as_leaf(t1), settings
     inputs = Inputs(mechanism, given.t0, t1, given.save_at, given.rtol, given.atol, given.y0, integrands)
     solution = flow(inputs, options=options) if options.derivatives == "controlled" else plain_flow(inputs, options)
@@ -104,7 +103,7 @@ def _start_errors(mechanism: Mechanism, t0: Array, start: str) -> StartErrors:
 
 
 class EnergyWarning(UserWarning):
-    """The energy balance of a solve do not close: its motion is not to be trusted."""
+    """The energy balance of a solve does not close: its motion is not to be trusted."""
 
 
 def doubt(solution: Solution) -> str:
