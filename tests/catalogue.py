@@ -5,12 +5,14 @@ import numpy as np
 
 import clearance_jax as cj
 from clearance_jax import laws
+from clearance_jax.laws.stiffened import Stiffened
 
 K = 6.61e10
 NORMAL = {
     "kelvin-voigt": laws.LinearKelvinVoigt(1e7, 500.0),
     "kelvin-voigt-unclipped": laws.LinearKelvinVoigt(1e7, 500.0, clipped=False),
     "smoothed-onset": laws.SmoothedOnset(laws.LinearKelvinVoigt(1e7, 500.0), 1e-6),
+    "stiffened": Stiffened(laws.HuntCrossley(K, 0.5), 3.0),
     "hertz": laws.Hertz(K),
     "hertz-n": laws.Hertz(K, 1.8),
     "adams-impact": laws.AdamsImpact(K, 2000.0, 1e-5),

@@ -23,7 +23,7 @@ from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.metrics.ideal import freedom, ideal_state
 from clearance_jax.solve.interpolate import hermite
-from clearance_jax.solve.settings import Settings, evenly
+from clearance_jax.solve.settings import DYNAMICS, Settings, evenly
 from clearance_jax.solve.simulate import run
 from clearance_jax.solve.solution import Solution
 from clearance_jax.solve.tolerances import largest_length
@@ -82,13 +82,16 @@ class AbstractSignal(Module):
         return ideal_state(time, y, mechanism) if self.needs_ideal else None
 
     def _freely(self, mechanism, t1, times, options):
-        """States of an ideal mechanism that moves freely; from its own initial state, for it has no other."""
+        """States of an ideal mechanism that moves freely, by its dynamics, whatever judges the actual one; from its own
+        initial state, for it has no other.
+        """
         if options.y0 is not None:
             raise ClearanceError(
                 "An error against an ideal mechanism that moves freely cannot start from `y0`: where the ideal one "
                 "starts is not known. Set the initial values of the mechanism's coordinates instead."
             )
-        return run(mechanism.ideal(), t1, options._replace(save_at=times, atol=None, energy_balance=False)).y
+        own = options._replace(save_at=times, atol=None, energy_balance=False, fidelity=DYNAMICS)
+        return run(mechanism.ideal(), t1, own).y
 
 
 @solo_jit
