@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
+from made_findings import answer, made, piston_limit, rows_of, text_of
 
 import clearance_jax as cj
 from clearance_jax import design, laws
@@ -19,7 +20,6 @@ from clearance_jax.results.marks import picture
 from clearance_jax.results.places import outline, places
 from clearance_jax.results.play import play
 from optimize import tool_changer
-from tests.test_report import answer, made, piston_limit, rows_of, text_of
 
 RADIAL, AXIAL, RADIUS, LENGTH = 1e-4, 5e-5, 0.01, 0.04
 LAW = laws.HuntCrossley(1e9, 0.5)

@@ -4,10 +4,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sleeves import act, checked, random_states, relative
 
 import clearance_jax as cj
 from clearance_jax import laws
-from tests.test_sleeve import act, checked, random_states, relative
 
 SIDE, LENGTH, HEIGHT = 1e-3, 0.1, 0.1
 LAW: Any = laws.HuntCrossley(1e9, 0.5)

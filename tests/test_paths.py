@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from test_space import arm, delta, platform
+from spatial import arm, delta, platform
 
 import clearance_jax as cj
 from clearance_jax.dynamics.chain import chain_of

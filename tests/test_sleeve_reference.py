@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from lagrangian import accelerations, poses, rpy, three
 from scipy.integrate import solve_ivp
-from test_sleeve import AXIAL, RADIAL, sleeve
-from test_space import bennett
+from sleeves import AXIAL, RADIAL, sleeve
+from spatial import bennett
 
 import clearance_jax as cj
 from clearance_jax import laws

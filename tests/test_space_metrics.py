@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from test_space import arm, bennett, delta, four_bar
+from spatial import arm, bennett, delta, four_bar
 
 import clearance_jax as cj
 from clearance_jax import design, metrics

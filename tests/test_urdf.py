@@ -11,7 +11,7 @@ from clearance_jax.io.urdf_merge import merge
 from clearance_jax.io.urdf_moved import mass_matrix
 from clearance_jax.io.xml_file import read_xml
 from clearance_jax.mechanism.limits import Limits
-from tests.urdf_cases import ARM, AXIS, BAD, INERTIA, MASS, ZERO
+from tests.urdf_cases import ARM, AXIS, BAD, INERTIA, MASS, ZERO, hinge, link, robot
 from tests.urdf_reference import homogeneous, poses, pseudo_inertia, tree
 
 
@@ -192,8 +192,8 @@ def test_merging_against_direct_sums(seed, written):
         assert sorted(body.links) == sorted(link.name for link in parts)
         assert body.links[0] == name
         expected = np.zeros((4, 4))
-        for link in parts:
-            expected += links[link.name] @ pseudo_inertia(link.mass, link.center, link.inertia) @ links[link.name].T
+        for part in parts:
+            expected += links[part.name] @ pseudo_inertia(part.mass, part.center, part.inertia) @ links[part.name].T
         found = bodies[name] @ pseudo_inertia(body.mass, body.center, body.inertia) @ bodies[name].T
         np.testing.assert_allclose(found, expected, atol=1e-12)
 
@@ -223,21 +223,6 @@ def test_turns_are_found_again(seed):
 
 
 # Bodies that cannot be moved, or cannot be ----------------------------------------------------------------------------
-
-
-def link(name, inertial=f"<inertial>{MASS}{INERTIA}</inertial>"):
-    return f'<link name="{name}">{inertial}</link>'
-
-
-def hinge(name, parent, child, axis, xyz="0 0 0", kind="continuous"):
-    return (
-        f'<joint name="{name}" type="{kind}"><origin xyz="{xyz}"/><parent link="{parent}"/><child link="{child}"/>'
-        f'<axis xyz="{axis}"/></joint>'
-    )
-
-
-def robot(*parts):
-    return f"<robot name='r'>{''.join(parts)}</robot>"
 
 
 PARTS = link("base"), link("cross", ""), link("arm")

@@ -19,8 +19,7 @@ from clearance_jax.io.scene import load_scene
 from clearance_jax.io.urdf_file import read_urdf
 from clearance_jax.mechanism.state import layout
 from tests import urdf_reference as reference
-from tests.test_urdf import hinge, link, robot
-from tests.urdf_cases import ARM, AXIS, MASS, RIG
+from tests.urdf_cases import ARM, AXIS, MASS, RIG, hinge, link, robot
 
 GRAVITY = (0.4, -1.0, -9.0)
 

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from sleeves import AXIAL, RADIAL, checked, random_states, relative, sleeve
 
 import clearance_jax as cj
 from clearance_jax import laws, wear
@@ -19,7 +20,6 @@ from clearance_jax.laws import Material
 from clearance_jax.report.wear_maps import wear_map
 from clearance_jax.results import play
 from clearance_jax.spatial import Z, add, minus, plus, scale, times
-from tests.test_sleeve import AXIAL, RADIAL, checked, random_states, relative, sleeve
 
 STEEL = Material(2.06e11)
 ANGLES = 2 * np.pi * np.arange(120) / 120

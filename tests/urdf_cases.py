@@ -229,3 +229,18 @@ BAD = {
     "an unexpanded number": (ORIGIN, '<origin xyz="${length} 0 0"/>', "'${length} 0 0' is to be expanded by xacro"),
     "another root element": (ARM, '<sdf version="1.9"/>', "must hold a <robot>, but it holds a <sdf>"),
 }
+
+
+def link(name, inertial=f"<inertial>{MASS}{INERTIA}</inertial>"):
+    return f'<link name="{name}">{inertial}</link>'
+
+
+def hinge(name, parent, child, axis, xyz="0 0 0", kind="continuous"):
+    return (
+        f'<joint name="{name}" type="{kind}"><origin xyz="{xyz}"/><parent link="{parent}"/><child link="{child}"/>'
+        f'<axis xyz="{axis}"/></joint>'
+    )
+
+
+def robot(*parts):
+    return f"<robot name='r'>{''.join(parts)}</robot>"
