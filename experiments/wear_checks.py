@@ -229,7 +229,7 @@ so none of their depths can be compared, only shapes and how wear goes on.
   ours, whose pressure is a cosine.
 - **Edges wear most in joints with tilt** (Zhang et al. 2023, Chin. J. Mech. Eng.): see the map. The cutter hangs nearer
   to one edge, which is {edges[0]:.2f} times as deep as the middle third; the other, which hardly bears, {edges[1]:.2f}
-  times. (A weight beyond the sleeve wears both, on opposite sides, and nothing between: `tests/test_wear.py`.)
+  times. (A weight beyond the sleeve wears both, on opposite sides, and nothing between: `tests/wear/test_wear.py`.)
 """
 
 

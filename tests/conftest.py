@@ -52,9 +52,19 @@ gc.set_threshold(50_000, 20, 20)
 
 # Files of which `make quick` is made: what a law or a message breaks, and what compiles little.
 QUICK = {"curves", "fits", "fitting", "fuzz", "keys", "laws", "laws_reference", "layers", "numerics", "operations"}
-QUICK |= {"play_holds", "play_input", "report", "squeezer", "stumbles", "sweep_figures", "urdf"}
+QUICK |= {"joint_reactions", "play_input", "design_report", "squeezer", "careless_input", "sweep_figures", "urdf_files"}
 # Those that take longest begin and the quick ones end, so that no process is left alone with one file at the end.
-LONG = ("notebooks", "docs", "experiments", "space", "settled_space", "metrics", "paths", "design", "wear_design")
+LONG = (
+    "notebooks",
+    "docs",
+    "experiments",
+    "spatial_mechanisms",
+    "settled_start_space",
+    "metrics",
+    "paths",
+    "design",
+    "wear_design",
+)
 
 # Programs are shared by the tests of a file, and let go between files where they hold much: memory [GB], or mappings.
 # Linux lets a process have 65530 of these, and XLA crashes where there are no more. Within a file they are let go where

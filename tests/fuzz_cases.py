@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 from clearance_jax.io.keys import reference
 from tests.fuzz_trajectories import trajectory
 from tests.fuzz_urdf import urdf
+from tests.places import ROOT
 
-ROOT = Path(__file__).resolve().parents[1]
 SCENES = sorted((ROOT / "experiments" / "scenes").glob("*.toml"))
 STUDIES = sorted((ROOT / "optimize" / "studies").glob("*.toml"))
 LIFT = str(ROOT / "experiments" / "scenes" / "arm_lift.csv")

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+from places import SCENES
 
 import clearance_jax as cj
 from clearance_jax import design, laws, wear
@@ -133,7 +134,7 @@ def searched(
     """Designs one after the other, evaluated by a closed form (see `install`)."""
     limit = design.Limit(metric(cj.metrics.PositionError("piston")), bound)
     variables = {"wrist.radial_clearance": (2e-5, 5e-4)}
-    scene = cj.load(Path(__file__).parents[1] / "experiments/scenes/slider_crank.toml")
+    scene = cj.load(SCENES / "slider_crank.toml")
     problem = design.ToleranceProblem(scene, 1e-3, variables, [limit], function(), **options)
     progress = None if told is None else lambda _: told(len(program.history))
     program = formulation.formulate(problem.specification, record=path, progress=progress)

@@ -1,14 +1,14 @@
 """A small sweep of a slider-crank, into small regions."""
 
 import importlib
-from pathlib import Path
 
 import numpy as np
 import xarray as xr
+from places import SCENES
 
 import clearance_jax as cj
 
-SCENE = Path(__file__).parents[1] / "experiments/scenes/slider_crank.toml"
+SCENE = SCENES / "slider_crank.toml"
 CLEARANCES, SPEEDS = np.linspace(1e-4, 5e-4, 32), np.linspace(400.0, 500.0, 16)
 OUTPUTS = {
     "peak": cj.metrics.Peak(cj.metrics.PositionError("piston")),

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from places import ROOT
 from typer.testing import CliRunner
 
 import clearance_jax as cj
@@ -18,7 +19,6 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.io.study import load_study
 from clearance_jax.report.html import write_report
 
-ROOT = Path(__file__).parents[1]
 SCENE = ROOT / "experiments" / "scenes" / "slider_crank.toml"
 STUDY = f"""
 name = "Wrist <pin>"

@@ -10,9 +10,10 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import pytest
+from places import ROOT
 
 PACKAGE = "clearance_jax"
-ROOT = Path(__file__).parents[1] / PACKAGE
+LIBRARY = ROOT / PACKAGE
 # Each imports only those before it, and itself. What lies at the root as a leaf is one place.
 ORDER = (
     "leaves",
@@ -49,8 +50,8 @@ REPORT_KNOWS = {"leaves", "results", "design", "calibrate", "report"}
 def modules() -> dict[str, Path]:
     """Every module by its name, but for the package's own list of public names."""
     found = {}
-    for path in sorted(ROOT.rglob("*.py")):
-        parts = path.relative_to(ROOT).with_suffix("").parts
+    for path in sorted(LIBRARY.rglob("*.py")):
+        parts = path.relative_to(LIBRARY).with_suffix("").parts
         if parts != ("__init__",):
             found[".".join((PACKAGE, *(p for p in parts if p != "__init__")))] = path
     return found

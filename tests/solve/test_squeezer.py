@@ -1,17 +1,16 @@
 """Andrews' squeezing mechanism, three ideal loops: the end state of the Test Set for IVP Solvers."""
 
-from pathlib import Path
-
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from places import SCENES
 
 import clearance_jax as cj
 from clearance_jax.dynamics.closures import correct
 from clearance_jax.mechanism.state import layout
 from experiments.reference import squeezer
 
-SCENE = Path(__file__).parents[1] / "experiments" / "scenes" / "squeezer.toml"
+SCENE = SCENES / "squeezer.toml"
 # Every coordinate of the scene is the test set's angle of its name, so nothing is converted: its gamma, delta and
 # epsilon are absolute and hang on the ground, its theta, phi and omega are relative and hang on the body before.
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from places import ROOT
 from typer.testing import CliRunner
 
 import clearance_jax as cj
@@ -30,7 +31,6 @@ from clearance_jax.solve.settings import MOST_SAMPLES
 from clearance_jax.solve.simulate import DOUBTFUL, EnergyWarning, doubt
 from clearance_jax.units import to_si
 
-ROOT = Path(__file__).parents[1]
 SCENE = ROOT / "experiments" / "scenes" / "slider_crank.toml"
 TEXT = SCENE.read_text()
 STUDY = f"""

@@ -11,16 +11,14 @@ compare OpenSim with it (github.com/RehabEngGroup/MBSbenchmarksInOpenSim, help/i
 """
 
 import itertools
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import REFERENCE
 
 import clearance_jax as cj
 
-KNOWN = np.loadtxt(
-    Path(__file__).parents[1] / "experiments/reference/data/bricard_p3.csv", delimiter=",", skiprows=1, unpack=True
-)
+KNOWN = np.loadtxt(REFERENCE / "bricard_p3.csv", delimiter=",", skiprows=1, unpack=True)
 # A to F, where rods meet; the joint there turns about the axis.
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, -1, 0], [1, -1, 1], [0, -1, 1], [0, 0, 1]], float)
 AXES = "yzxyzx"

@@ -5,17 +5,16 @@ its rate, memory (impact speed), `friction` the rows slip, normal force, bristle
 is the force or traction in these columns, `LAW.force.ARGUMENT` its derivative, `LAW.elastic` the elastic force.
 """
 
-from pathlib import Path
-
 import catalogue
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from places import ROOT
 
 from clearance_jax import laws
 
-REFERENCE = np.load(Path(__file__).parent / "data" / "laws_reference.npz")
+REFERENCE = np.load(ROOT / "tests" / "data" / "laws_reference.npz")
 GEOMETRY = laws.Geometry(jnp.asarray(0.01), jnp.asarray(0.0105), jnp.asarray(5e-4))
 # A round-off of the terms that a force, or a slope, is the difference of.
 DIGITS = 2e-14

@@ -4,7 +4,6 @@ import base64
 import io
 import re
 import sys
-from pathlib import Path
 from typing import Any
 
 import catalogue
@@ -17,6 +16,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from PIL import Image
+from places import SCENES
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
@@ -515,7 +515,7 @@ def test_a_result_file_is_filmed_and_its_play_drawn(crank, monkeypatch, capsys, 
     ],
 )
 def test_what_no_film_can_show_is_said_before_the_solve(options, words, monkeypatch, capsys, tmp_path):
-    scene = Path(__file__).parents[1] / "experiments" / "scenes" / "slider_crank.toml"
+    scene = SCENES / "slider_crank.toml"
     monkeypatch.chdir(tmp_path)
     code, said = run(monkeypatch, capsys, "simulate", scene, "--t1", "1ms", *options)
     assert code == 2

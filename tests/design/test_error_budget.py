@@ -1,12 +1,11 @@
 """Static bounds against the weights of levers, and what an error is made of: parts that add up, and a picture."""
 
-from pathlib import Path
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from catalogue import slider_crank
+from places import SCENES
 
 import clearance_jax as cj
 from clearance_jax import design, laws, metrics
@@ -17,7 +16,6 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.metrics.signals import PositionError
 from clearance_jax.report.budget_figure import budget_figure
 
-SCENES = Path(__file__).parents[1] / "experiments" / "scenes"
 ERROR = metrics.Peak(metrics.PositionError("piston"))
 TURN = 0.012
 

@@ -2,12 +2,12 @@
 
 import importlib
 import tomllib
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import xarray as xr
+from places import ROOT
 from typer.testing import CliRunner
 
 import clearance_jax as cj
@@ -16,7 +16,6 @@ from clearance_jax.io import metric_keys, study_keys, sweep_keys
 from clearance_jax.io.keys import example
 from clearance_jax.io.study import load_study
 
-ROOT = Path(__file__).parents[1]
 SCENE = ROOT / "experiments/scenes/slider_crank.toml"
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+from places import ROOT
 from scipy import stats
 from typer.testing import CliRunner
 
@@ -25,7 +26,6 @@ from clearance_jax.cli.main import app
 from clearance_jax.io import calibrate_keys
 from clearance_jax.io.keys import example
 
-ROOT = Path(__file__).parents[1]
 SCENES = ROOT / "experiments" / "scenes"
 HEIGHT, GRAVITY, RTOL = 5e-3, 9.81, 1e-8
 RESTITUTION, WALL, WEIGHT = "sleeve.normal.restitution", "sleeve.radial_clearance", "gravity.x"

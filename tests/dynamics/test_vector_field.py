@@ -1,13 +1,13 @@
 """The vector field against Lagrange's equations, its kinematics against derivatives, its reactions against balance."""
 
 import dataclasses
-from pathlib import Path
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from places import SCENES
 
 import clearance_jax as cj
 from clearance_jax import laws
@@ -19,7 +19,6 @@ from clearance_jax.dynamics.observe import observe
 from clearance_jax.mechanism.state import initial_values, layout
 from clearance_jax.solve.flow import closed_start
 
-SCENES = Path(__file__).parents[1] / "experiments" / "scenes"
 GRAVITY = cj.Gravity(0.7, -9.81)
 
 

@@ -5,13 +5,13 @@ import os
 import re
 import subprocess
 import sys
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from places import SCENES
 from typer.testing import CliRunner
 
 import clearance_jax as cj
@@ -25,7 +25,6 @@ from clearance_jax.results.dataset import to_dataset
 from clearance_jax.results.store import load_dataset, save
 from clearance_jax.solve.trace import trace
 
-SCENES = Path(__file__).parents[1] / "experiments" / "scenes"
 VELOCITY_1 = "step(time, 0, 0, 0.5, 90 d) + step(time, 0.5, 0, 1, 30 d) + step(time, 1, 0, 1.5, 10 d)"
 
 

@@ -1,6 +1,5 @@
 """One attempt: whatever drives it takes the same steps; its program stays small; each half alone."""
 
-from pathlib import Path
 from typing import Any, ClassVar
 
 import catalogue
@@ -10,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from places import SCENES
 
 import clearance_jax as cj
 from clearance_jax import laws
@@ -23,8 +23,6 @@ from clearance_jax.solve.control import factor, on_grid
 from clearance_jax.solve.events import Curve, EventJoints, first_of
 from clearance_jax.solve.tableau import tableau_of
 from clearance_jax.spatial import ZERO, scale
-
-SCENES = Path(__file__).parents[1] / "experiments" / "scenes"
 
 
 def playful(normal, friction=None, drive=None):

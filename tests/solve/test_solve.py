@@ -1,7 +1,6 @@
 """The solve against independent references, invariants and limits."""
 
 import dataclasses
-from pathlib import Path
 
 import catalogue
 import jax
@@ -9,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.integrate
+from places import REFERENCE, SCENES
 
 import clearance_jax as cj
 from clearance_jax import laws
@@ -16,7 +16,6 @@ from clearance_jax.dynamics.energy import energy_residual
 from clearance_jax.mechanism.actuators import AbstractActuator
 from clearance_jax.solve.trace import BLOCK
 
-DATA = Path(__file__).parents[1] / "experiments" / "reference" / "data"
 OMEGA = 5000 * np.pi / 30
 
 
@@ -29,7 +28,7 @@ def absolute(y, t):
 @pytest.mark.parametrize("solver", ["tsit5", "dopri8"])
 def test_slider_crank_error_follows_the_tolerance(solver):
     for clearance in (0.5, 0.2, 0.1):
-        reference = np.load(DATA / f"slider_crank_{clearance}mm.npz")
+        reference = np.load(REFERENCE / f"slider_crank_{clearance}mm.npz")
         t, truth = reference["t"], reference["y"]
         scale = np.abs(truth).max(0)
         for rtol in (1e-5, 1e-8, 1e-11):
@@ -98,7 +97,7 @@ def test_plain_controller_has_a_floor():
     # Whether the plain controller happens to see a contact is luck: the worst of three clearances tells.
     errors: dict[bool, list[float]] = {True: [], False: []}
     for clearance in (0.5, 0.2, 0.1):
-        reference = np.load(DATA / f"slider_crank_{clearance}mm.npz")
+        reference = np.load(REFERENCE / f"slider_crank_{clearance}mm.npz")
         t, truth = reference["t"], reference["y"]
         m = catalogue.slider_crank(clearance * 1e-3)
         for events, worst in errors.items():
@@ -203,9 +202,9 @@ def test_deviation_from_ideal_falls_in_proportion_to_the_clearance():
 
 @pytest.mark.parametrize("solver", ["tsit5", "dopri8"])
 def test_joint5_against_its_reference(solver):
-    reference = np.load(DATA / "joint5_mu0.3.npz")
+    reference = np.load(REFERENCE / "joint5_mu0.3.npz")
     t, truth = reference["t"], reference["y"]
-    m = cj.load(DATA.parents[1] / "scenes" / "joint5_velocity_1.toml")
+    m = cj.load(SCENES / "joint5_velocity_1.toml")
     m = cj.replace(m, {"joint5.friction.coefficient": 0.3})
     for rtol in (1e-6, 1e-9):
         s = cj.simulate(m, t[-1], save_at=t, rtol=rtol, solver=solver)
@@ -238,13 +237,13 @@ def test_impossible_lanes_of_a_batch_fail_at_once_and_alone():
 
 
 def test_books_of_a_mechanism_without_states_follow_the_tolerance():
-    m = cj.load(DATA.parents[1] / "scenes" / "joint5_velocity_1.toml").ideal()
+    m = cj.load(SCENES / "joint5_velocity_1.toml").ideal()
     for rtol in (1e-6, 1e-9):
         assert float(cj.simulate(m, 3.0, rtol=rtol).energy_residual) <= 10 * rtol
 
 
 def test_a_trace_of_many_blocks_is_the_solve():
-    m = cj.load(DATA.parents[1] / "scenes" / "joint5_velocity_1.toml")
+    m = cj.load(SCENES / "joint5_velocity_1.toml")
     traced = cj.trace(m, 3.0, rtol=1e-7)
     assert traced.time.size > 2 * BLOCK
     s = cj.simulate(m, 3.0, rtol=1e-7)

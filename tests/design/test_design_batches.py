@@ -2,7 +2,6 @@
 
 import importlib
 import sys
-from pathlib import Path
 from typing import Any
 
 import jax.numpy as jnp
@@ -10,6 +9,7 @@ import numpy as np
 import pytest
 from distributed import Client, LocalCluster
 from numpy.testing import assert_allclose
+from places import SCENES
 
 import clearance_jax as cj
 from clearance_jax import design
@@ -18,7 +18,7 @@ from clearance_jax.design import evaluate, formulation
 from clearance_jax.design.scenarios import scenarios_of
 from clearance_jax.metrics import Peak, PositionError
 
-SCENE = Path(__file__).parents[1] / "experiments/scenes/slider_crank.toml"
+SCENE = SCENES / "slider_crank.toml"
 CLEARANCE, MASS, T1 = "wrist.radial_clearance", "slider.mass", 2e-3
 # Whole chunks of 64 lanes in all that is asked: one program.
 SCATTERED = design.Yield({CLEARANCE: 0.1, MASS: 0.05}, target=0.8, samples=32)

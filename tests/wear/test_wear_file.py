@@ -2,13 +2,13 @@
 
 import json
 import signal
-from pathlib import Path
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.special
+from places import SCENES
 from typer.testing import CliRunner
 
 import clearance_jax as cj
@@ -22,7 +22,7 @@ from clearance_jax.io.wear_section import WearAsked
 from clearance_jax.results.play import pin_travel
 from clearance_jax.runs.journal import Journal
 
-SCENE = Path(__file__).parents[1] / "experiments/scenes/disc.toml"
+SCENE = SCENES / "disc.toml"
 RUN = CliRunner()
 
 

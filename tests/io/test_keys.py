@@ -2,12 +2,12 @@
 
 import ast
 import tomllib
-from pathlib import Path
 from typing import Any
 
 import jsonschema
 import numpy as np
 import pytest
+from places import ROOT
 
 import clearance_jax as cj
 from clearance_jax.errors import ClearanceError
@@ -29,7 +29,6 @@ from clearance_jax.io.schema import schema
 from clearance_jax.io.study import load_study
 from clearance_jax.io.table import Keys, Table
 
-ROOT = Path(__file__).parents[1]
 READERS = (
     "scene",
     "scene_joint",

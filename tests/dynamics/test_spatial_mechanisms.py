@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from lagrangian import accelerations, inertia_tensor, random_state
 from scipy.special import ellipj, ellipk
-from spatial import arm, bennett, body, delta, platform
+from spatial import arm, bennett, body, delta, four_bar, platform
 
 import clearance_jax as cj
 from clearance_jax.dynamics.conditions import conditions
@@ -184,27 +184,6 @@ def test_bennett_linkage_moves():
     right = np.cos(first / 2) * np.cos(second / 2) * np.sin((beta + alpha) / 2)
     np.testing.assert_allclose(left, right, atol=1e-10)
     assert np.ptp(first) > 2.0
-
-
-def four_bar(joint, out_of_plane, start=((1.0, 3.0), (-0.9, 0.0), (1.5, 0.0))):
-    """A four-bar linkage closed by a joint of a kind, in the plane x y; or turned by -90 degrees about x, its pins
-    along y and its y axis along -z.
-    """
-    turned = cj.Orientation(roll=-np.pi / 2) if out_of_plane else None
-
-    def bar(name, length):
-        i = length**2 / 12
-        return cj.Body(name, 1.0, (1e-3, i, i) if out_of_plane else i, cj.Position(length / 2))
-
-    crank, knee, rocker = (cj.Motion(position=q, velocity=v) for q, v in start)
-    joints = (
-        cj.Revolute("crank", "ground", "l1", orientation=turned, motion=crank),
-        cj.Revolute("knee", "l1", "l2", cj.Position(0.2), motion=knee),
-        cj.Revolute("rocker", "ground", "l3", cj.Position(0.5), orientation=turned, motion=rocker),
-    )
-    closing = joint("close", "l2", "l3", cj.Position(0.5), cj.Position(0.3))
-    gravity = cj.Gravity(z=-9.81) if out_of_plane else cj.Gravity(y=9.81)
-    return cj.Mechanism((bar("l1", 0.2), bar("l2", 0.5), bar("l3", 0.3)), joints, (closing,), gravity=gravity)
 
 
 def test_a_plane_linkage_in_space_moves_as_in_the_plane():

@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 import typer
+from places import ROOT
 from typer.testing import CliRunner
 
 from clearance_jax.cli.main import UsageError, app
@@ -20,7 +21,6 @@ from clearance_jax.io.scene import load_scene
 from clearance_jax.io.study import load_study
 from clearance_jax.laws import FRICTION_LAWS, NORMAL_LAWS
 
-ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 GENERATED = DOCS / "reference"
 sys.path.append(str(DOCS / "_ext"))

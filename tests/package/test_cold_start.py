@@ -3,17 +3,16 @@
 import subprocess
 import sys
 import types
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from places import SCENES
 
 import clearance_jax as cj
 from clearance_jax._solo import SOLO, solo_jit
 
-SCENES = Path(__file__).parents[1] / "experiments" / "scenes"
 # What is compiled after `ready`, and which of the large packages are there in the end.
 COUNTED = """
 import sys

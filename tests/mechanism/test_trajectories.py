@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from catalogue import playful_servo, slider_crank
+from places import SCENES
 from scipy.interpolate import make_interp_spline
 
 import clearance_jax as cj
@@ -20,7 +21,6 @@ from tests import fuzz
 from tests.fuzz_cases import LIFT
 from tests.fuzz_trajectories import trajectory
 
-SCENES = Path(__file__).parents[1] / "experiments" / "scenes"
 RNG = np.random.default_rng(0)
 # Short moves and long ones, forth and back, one by nothing; some begin when the one before has long ended, most do not.
 RISES = np.concatenate([RNG.uniform(-3, 3, 20), RNG.uniform(-0.1, 0.1, 20), [0.0]])

@@ -1,18 +1,17 @@
 """Limit cycles: a linear oscillator in closed form, a slider-crank with clearance, and cycles that do not exist."""
 
-from pathlib import Path
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from places import SCENES
 
 import clearance_jax as cj
 from clearance_jax.analysis.periodic import periodic_motion
 from clearance_jax.errors import ClearanceError
 
 MASS, AMPLITUDE = 2.0, 0.1
-CRANK = Path(__file__).parents[1] / "experiments" / "scenes" / "slider_crank.toml"
+CRANK = SCENES / "slider_crank.toml"
 REVOLUTION = 0.012
 TURN = 2 * np.pi
 
