@@ -141,7 +141,7 @@ def test_the_report_of_a_design_in_space():
 @pytest.mark.slow
 def test_the_largest_clearance_of_the_tool_changer():
     """The one of `docs/benchmarks/tool_changer.md`: a little more, and the end leaves its bound."""
-    found = tool_changer.main(quick=True)
+    (found,) = tool_changer.main(quick=True)
     clearance = found.clearances[tool_changer.NAME]
     assert found.feasible
     assert clearance == pytest.approx(115.243e-6, rel=1e-4)
