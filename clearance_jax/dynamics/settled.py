@@ -27,7 +27,7 @@ from clearance_jax.dynamics.equations import balance
 from clearance_jax.dynamics.reactions import held_reactions, held_still
 from clearance_jax.dynamics.seated import Seated, followed, lowest_frequency, play_mobility
 from clearance_jax.errors import ClearanceError
-from clearance_jax.joints import Load, Seat, relative_at, seat, stiffness_at
+from clearance_jax.joints import Load, Near, Seat, relative_at, seat, stiffness_at
 from clearance_jax.mechanism._base import ClearanceJoint
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import initial_values, layout, parts, position_rates
@@ -59,7 +59,7 @@ def settled_start(time: Scalar, mechanism: PreparedMechanism) -> tuple[Array, St
         )
     mechanism = deflected(time, mechanism.unsampled())  # which acts at the start as it would if it were not sampled
     joints, loops, plan = mechanism.clearance_joints(), mechanism.loops, layout(mechanism.ideal())
-    begin = tuple(_middle(joint) for joint in joints)
+    begin = tuple(middle(joint) for joint in joints)
     sizes = [as_array([one.scale for one in joint.joint.play()]) for joint in joints]
 
     def round_of(seated, settle, time, now: Seats):
@@ -72,7 +72,7 @@ def settled_start(time: Scalar, mechanism: PreparedMechanism) -> tuple[Array, St
         reactions = held_reactions(mechanism, time, motion).values()
         # Or else the compiler works the reactions out anew wherever a seat needs them.
         loads = jax.lax.optimization_barrier([(as_array(r.on_pin), as_array(r.turning)) for r in reactions])
-        found = _seats(joints, loads, begin)
+        found = seats_of(joints, loads, begin)
         pressed, left = tuple(one.presses for one in found), as_array([one.left for one in found])
         play = tuple(jnp.where(one.presses & seated, one.play, first) for one, first in zip(found, begin, strict=True))
         firm = tuple(one.stiffness for one in found)
@@ -101,11 +101,11 @@ def settled_start(time: Scalar, mechanism: PreparedMechanism) -> tuple[Array, St
     begun = jax.lax.fori_loop(0 if loops else HELD, HELD + ROUNDS, once, carry)
     now, resting, (rate, (pressed, firm)), errors = begun
     paces = [own / size for own, size in zip(rate.play, sizes, strict=True)]
-    seated = _paced(mechanism, time, _whole(mechanism, now, rate, pressed), paces, firm, sizes)
+    seated = _paced(mechanism, time, whole_state(mechanism, now, rate, pressed), paces, firm, sizes)
     rates = tuple(jnp.where(rest > 0, 0.0, p) for rest, p in zip(seated.rest, rate.play, strict=True))
     # Loops that are closed by pins at rest move as they do with pins held.
     y = jnp.where(jnp.any(seated.rest > 0), resting.y, rate.y) if loops else rate.y
-    return _whole(mechanism, now, Seats(y, rates), pressed), errors._replace(seated=seated)
+    return whole_state(mechanism, now, Seats(y, rates), pressed), errors._replace(seated=seated)
 
 
 def _paced(
@@ -122,15 +122,20 @@ def _paced(
     return Seated(followed(pace, frequency, bool(mechanism.loops)), pace, frequency)
 
 
-def _middle(joint: ClearanceJoint) -> Array:
+def middle(joint: ClearanceJoint) -> Array:
     """Where a pin starts that nothing presses, by its play."""
     start = joint.joint.eccentricity.vector
     return as_array([0.0 if one.slides is None else dot(start, one.slides) for one in joint.joint.play()])
 
 
-def _seats(joints: tuple[ClearanceJoint, ...], loads: list, begin: tuple[Array, ...]) -> list[Seat]:
+def seats_of(
+    joints: tuple[ClearanceJoint, ...],
+    loads: list,
+    begin: tuple[Array, ...],
+    near: tuple[Near, ...] | None = None,
+) -> list[Seat]:
     """Where each pin is pressed by force and moment; of pins in the plane by the force's direction, without a search.
-    The search for joints of one kind stands once in the program.
+    The search for joints of one kind stands once in the program. `near`: places near those that are searched.
     """
     found: dict[int, Seat] = {}
     alike: dict[Any, list[int]] = {}
@@ -145,7 +150,9 @@ def _seats(joints: tuple[ClearanceJoint, ...], loads: list, begin: tuple[Array, 
         else:
             alike.setdefault(jax.tree.structure(joint.clearance), []).append(k)
     for own in alike.values():
-        asked = [(joints[k].clearance, Load(tuple(loads[k][0]), tuple(loads[k][1])), begin[k]) for k in own]
+        known = [None if near is None else near[k] for k in own]
+        loaded = [Load(tuple(loads[k][0]), tuple(loads[k][1])) for k in own]
+        asked = [(joints[k].clearance, load, begin[k], at) for k, load, at in zip(own, loaded, known, strict=True)]
         if len(own) == 1:
             found[own[0]] = seat(*asked[0])
             continue
@@ -154,7 +161,7 @@ def _seats(joints: tuple[ClearanceJoint, ...], loads: list, begin: tuple[Array, 
     return [found[k] for k in range(len(joints))]
 
 
-def _whole(mechanism: PreparedMechanism, now: Seats, rate: Seats, pressed: tuple[Array, ...]) -> Array:
+def whole_state(mechanism: PreparedMechanism, now: Seats, rate: Seats, pressed: tuple[Array, ...]) -> Array:
     """The state of the mechanism with its play; what is pressed has been touching."""
     found: dict[str, tuple[Any, Any]] = {}
     for c, q, _ in parts(mechanism.ideal()):

@@ -20,7 +20,7 @@ from clearance_jax.joints.pin import AbstractPin, Sections
 from clearance_jax.joints.preloaded import angular_contact_pair, crossed_roller
 from clearance_jax.joints.presets import BALL, GUIDE, PIN, SHAFT, PlayNumbers, Preset, fitted, guided, shaft, socket
 from clearance_jax.joints.revolute import RevoluteClearance
-from clearance_jax.joints.seating import Load, Seat, posed, relative_at, seat, stiffness_at
+from clearance_jax.joints.seating import Load, Near, Seat, Seating, posed, relative_at, seat, stiffness_at
 from clearance_jax.joints.sleeve import SleeveClearance
 
 __all__ = [
@@ -37,6 +37,7 @@ __all__ = [
     "GuideClearance",
     "Load",
     "Modes",
+    "Near",
     "Offset",
     "PlayCoordinate",
     "PlayDamper",
@@ -48,6 +49,7 @@ __all__ = [
     "Relative",
     "RevoluteClearance",
     "Seat",
+    "Seating",
     "Sections",
     "SleeveClearance",
     "SphericalClearance",

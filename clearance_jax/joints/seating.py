@@ -66,11 +66,11 @@ class Load(NamedTuple):
         )
 
 
-def relative_at(play: Sequence[PlayCoordinate], values: Values) -> Relative:
-    """A pin at rest at given values of its play."""
+def relative_at(play: Sequence[PlayCoordinate], values: Values, spin: Vector | None = None) -> Relative:
+    """A pin at given values of its play, at rest there but for a `spin` about its axis [rad/s] (`None`: at rest)."""
     at, zero = posed(play, values), jnp.zeros(())
     rows = None if all(one.turns is None for one in play) else at.rotation.rows
-    return Relative(at.place, 0.0, (zero, zero, zero), (zero, zero, zero), rows)
+    return Relative(at.place, 0.0, (zero, zero, zero), (zero, zero, zero) if spin is None else spin, rows)
 
 
 class Seat(NamedTuple):
@@ -85,7 +85,14 @@ class Seat(NamedTuple):
     stiffness: Array
 
 
-def seat(clearance: PreparedClearance, load: Load, start: Values) -> Seat:
+class Near(NamedTuple):
+    """Where a search may begin that knows a `place` near its end [m or rad], if it is `known`."""
+
+    place: Values
+    known: Flag
+
+
+def seat(clearance: PreparedClearance, load: Load, start: Values, near: Near | None = None) -> Seat:
     """The play at which the joint, without friction, exerts a load on its pin.
 
     Differentiable twice by the joint's numbers and the load: two more Newton steps, whose slope is hidden from
@@ -96,7 +103,8 @@ def seat(clearance: PreparedClearance, load: Load, start: Values) -> Seat:
     size = as_array([one.scale for one in still[0].joint.play()])
     whole = Seating(*still, size, jnp.ones(len(size), bool), begun / size)
     search = whole._replace(counts=whole.more_than_round_off())
-    found, inverse, loose, stiffness = search.rested(search.found())
+    near = None if near is None else near._replace(place=jax.lax.stop_gradient(near.place) / size)
+    found, inverse, loose, stiffness = search.rested(search.found(near))
     found = found + loose @ ((start - begun) / size)
     differentiated = search._replace(clearance=smooth, load=load)
 
@@ -113,7 +121,8 @@ def seat(clearance: PreparedClearance, load: Load, start: Values) -> Seat:
 
 class Seating(NamedTuple):
     """The problem: a pin, the load that it is to bear, the `size` of its play, which parts of the load `counts`, the
-    `start`. Its unknowns x are the play in units of its size; forces and moments are so too [J].
+    `start`, and how it spins [rad/s] (`None`: not). Its unknowns x are the play in units of its size; forces and
+    moments are so too [J].
     """
 
     clearance: PreparedClearance
@@ -121,13 +130,14 @@ class Seating(NamedTuple):
     size: Values
     counts: Array
     start: Values
+    spin: Vector | None = None
 
     def left(self, x: Values, factor: Scalar | float = 1.0) -> Values:
         """The gradient of the energy: a multiple of the load, less what the joint bears."""
         play, values = self.clearance.joint.play(), self.size * x
         axes = posed(play, values).axes
         memory = tuple(jnp.zeros(()) for _ in self.clearance.remembers)
-        action = self.clearance.act(relative_at(play, values), memory)
+        action = self.clearance.act(relative_at(play, values, self.spin), memory)
         borne = Load(action.force, action.torque).along(play, axes)
         return self.size * (jnp.where(self.counts, factor * self.load.along(play, axes), 0.0) - borne)
 
@@ -154,9 +164,9 @@ class Seating(NamedTuple):
         """Which parts of the load are more than round-off: of the largest, and of what presses at all."""
         return (self.asked > TOUCHING * jnp.max(self.asked)) & (self.asked > self.wall(TOUCHING))
 
-    def found(self) -> Values:
+    def found(self, near: Near | None = None) -> Values:
         """Where energy and springs are least. Where walls are stiff that is in a narrow, curved valley: so a load that
-        widens it falls to the real one.
+        widens it falls to the real one. A search from `near` begins with the real load.
         """
         springs, whole = self.springs, jnp.linalg.norm(self.asked)
         parts = 0.5 ** jnp.arange(HALVINGS)
@@ -180,7 +190,10 @@ class Seating(NamedTuple):
             return x, jnp.where(after < NEAR * asked, jnp.maximum(1.0, factor / LESS), factor), count + 1, done
 
         widest = self.wall(WIDE) / jnp.where(whole > 0, whole, 1.0)
-        begin = self.start, jnp.maximum(1.0, widest), jnp.asarray(0), whole <= 0
+        x, factor = self.start, jnp.maximum(1.0, widest)
+        if near is not None:
+            x, factor = jnp.where(near.known, near.place, x), jnp.where(near.known, 1.0, factor)
+        begin = x, factor, jnp.asarray(0), whole <= 0
         return jax.lax.while_loop(lambda carry: ~carry[3] & (carry[2] < MOST), once, begin)[0]
 
     def rested(self, x: Values) -> tuple[Values, Array, Array, Array]:
@@ -199,6 +212,17 @@ class Seating(NamedTuple):
 
         nothing = jnp.zeros((len(x), len(x)))
         return jax.lax.fori_loop(0, LAST, once, (x, nothing, nothing, nothing))
+
+    def inverse(self, x: Values) -> Array:
+        """The inverse of the slope of `left`, friction included, at a place: zero along what contacts do not hold."""
+        slope = sloped(self.left, x)[1]
+        smooth = self._replace(clearance=PreparedClearance(self.clearance.joint, self.clearance.normal, None))
+        stiff = slope if self.clearance.friction is None else sloped(smooth.left, x)[1]
+        stiff, ways = jnp.linalg.eigh(0.5 * (stiff + stiff.T))
+        holds = stiff > (ways**2).T @ self.springs
+        both = holds[:, None] & holds[None, :]
+        held = jnp.linalg.inv(jnp.where(both, ways.T @ slope @ ways, jnp.eye(len(x))))
+        return ways @ jnp.where(both, held, 0.0) @ ways.T
 
 
 def stiffness_at(clearance: PreparedClearance, place: Values) -> Array:

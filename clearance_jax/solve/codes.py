@@ -17,6 +17,7 @@ class Result(enum.IntEnum):
     STEP_COLLAPSED = 2
     MAX_STEPS = 3
     INTERRUPTED = 4
+    NO_POSE = 5
 
 
 WORDS = {
@@ -25,6 +26,7 @@ WORDS = {
     Result.STEP_COLLAPSED: "the step size collapsed: a state that is not finite, or a force that jumps",
     Result.MAX_STEPS: "the largest number of steps was reached",
     Result.INTERRUPTED: "interrupted",
+    Result.NO_POSE: "at some instant a pin finds no rest under its load, or a loop cannot be closed",
 }
 
 

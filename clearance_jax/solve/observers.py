@@ -11,6 +11,8 @@ from jaxtyping import Array, Float
 from clearance_jax._module import Module
 from clearance_jax._sharing import kept
 from clearance_jax.dynamics.kinematics import relative_motions
+from clearance_jax.errors import ClearanceError
+from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.solve.interpolate import between, tops
 from clearance_jax.solve.problem import Problem, motion
@@ -48,6 +50,16 @@ class AbstractObserver(Module):
     def finished(self, record: Any) -> tuple[Any, Picked | None]:
         """What the solution reports of it: no states in the record itself."""
         return record, None
+
+    def among(self, times: Array, y: Array, mechanism: PreparedMechanism) -> tuple[Array, Array]:
+        """Of states at times, no motion between them, the places of those that it picks, and what it sees there.
+
+        **Raises:** `ClearanceError` where it looks for what happens between them.
+        """
+        raise ClearanceError(
+            f"{type(self).__name__} follows a motion step by step, and quasi-static poses have none: use "
+            '`fidelity = "dynamics"`.'
+        )
 
 
 class Peaks(NamedTuple):
@@ -246,6 +258,16 @@ class PeakFinder(AbstractObserver):
         states = jax.vmap(lambda x: between(ends, h, x, plan))(x)
         found = record.peaks.highest(time[None], peak[None], y[None]).highest(t0 + x * h, seen.value, states)
         return PeakRecord(found, t1, *seen.last, ends[1])
+
+    def among(self, times, y, mechanism):
+        value = jax.vmap(lambda t, y: jnp.asarray(self.signal(t, y, mechanism), float))(times, y)
+        if self.since is not None:
+            value = jnp.where(times >= self.since, value, -jnp.inf)
+        before, after = jnp.concatenate([-jnp.ones(1) * jnp.inf, value[:-1]]), jnp.append(value[1:], -jnp.inf)
+        tops = jnp.where((value > before) & (value >= after), value, -jnp.inf)
+        places = _largest(tops, self.count)
+        places = jnp.where(jnp.isfinite(tops[places]), places, jnp.argmax(value))
+        return places, value[places]
 
     def finished(self, record):
         # The end of the motion is a peak where the signal is rising there.

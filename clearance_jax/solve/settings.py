@@ -24,6 +24,8 @@ from clearance_jax.solve.attempt import CENTRE, STARTS, Options
 # Output times at most: of each some hundred numbers are kept, together a gigabyte.
 MOST_SAMPLES = 1_000_000
 DERIVATIVES = ("controlled", "screening")
+# Models of the motion, from the dearest to the cheapest.
+FIDELITIES = DYNAMICS, QUASI_STATIC = "dynamics", "quasi-static"
 SOLVERS = {"tsit5": diffrax.Tsit5, "dopri8": diffrax.Dopri8}
 
 
@@ -45,6 +47,9 @@ class SolveOptions(TypedDict, total=False):
       first derivatives only, forward or reverse. "screening": the program is differentiated as it stands (forward
       only): cheaper, for a first look; wrong by 1e-3 and more at any tolerance where contacts begin and end.
     - `max_steps`: steps after which a solve gives up.
+    - `fidelity`: "dynamics": the equations of motion; "quasi-static": at every instant the pose at which pins rest
+      under the load of the ideal motion, without swinging or impacts (see `solve.quasi_static`); tolerances, `start`
+      and `watch` have no effect on it.
     """
 
     t0: Any
@@ -58,6 +63,7 @@ class SolveOptions(TypedDict, total=False):
     books: bool
     derivatives: str
     max_steps: int
+    fidelity: str
 
 
 class Settings(NamedTuple):
@@ -74,6 +80,7 @@ class Settings(NamedTuple):
     books: bool = False
     derivatives: str = "controlled"
     max_steps: int = 10_000_000
+    fidelity: str = DYNAMICS
 
     def compiled(self, observers: tuple = ()) -> Options:
         """What a solve is compiled for."""
@@ -101,6 +108,8 @@ def settings_of(
         raise ClearanceError(f"There are no derivatives {asked.derivatives!r}. Allowed: {', '.join(DERIVATIVES)}.")
     if asked.start not in STARTS:
         raise ClearanceError(f"`start` must be {' or '.join(STARTS)}, but it is {quoted(asked.start)}.")
+    if asked.fidelity not in FIDELITIES:
+        raise ClearanceError(f"`fidelity` must be {' or '.join(FIDELITIES)}, but it is {quoted(asked.fidelity)}.")
     t0, t1, rtol, atol = (as_leaf(x) for x in (asked.t0, t1, asked.rtol, asked.atol))
     return asked._replace(
         t0=t0, rtol=rtol, atol=atol, y0=_initial(mechanism, asked.y0), save_at=_times(asked.save_at, t0, t1)

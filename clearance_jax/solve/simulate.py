@@ -15,7 +15,8 @@ from clearance_jax.parameters import as_leaf
 from clearance_jax.solve import effort
 from clearance_jax.solve.codes import Result
 from clearance_jax.solve.flow import Inputs, closed_start, flow, plain_flow, states_of, with_states
-from clearance_jax.solve.settings import Settings, SolveOptions, settings_of
+from clearance_jax.solve.quasi_static import quasi_static
+from clearance_jax.solve.settings import DYNAMICS, QUASI_STATIC, Settings, SolveOptions, settings_of
 from clearance_jax.solve.solution import Solution
 from clearance_jax.solve.start import check_start
 
@@ -39,7 +40,8 @@ def simulate(mechanism: Mechanism, t1: Any, *, throw: bool = True, **options: Un
     bounds, a loop that cannot be closed, and a pin that finds no rest where it is to be settled; `RuntimeError` for a
     solve that fails on its way. **Warns** (`EnergyWarning`) where the energy books do not close.
     """
-    solution = _run(mechanism, t1, settings_of(mechanism, t1, options, books=True), throw)
+    books = options.get("fidelity", DYNAMICS) == DYNAMICS
+    solution = _run(mechanism, t1, settings_of(mechanism, t1, options, books=books), throw)
     warn_of_energy(solution)
     return solution
 
@@ -57,6 +59,8 @@ def run(
 
 
 def _run(mechanism, t1, settings: Settings, throw: bool, observers=(), integrands=()) -> Solution:
+    if settings.fidelity == QUASI_STATIC:
+        return _posed(mechanism, as_leaf(t1), settings, throw, observers, integrands)
     options = settings.compiled(observers)
     if layout(mechanism).size == 0:
         options = options._replace(books=True)  # without states the books are what there is to integrate
@@ -70,6 +74,13 @@ def _run(mechanism, t1, settings: Settings, throw: bool, observers=(), integrand
         raise RuntimeError(
             f"The solve stopped before t1: {solution.message}. Pass `throw=False` to keep what was computed."
         )
+    return solution.of(mechanism)
+
+
+def _posed(mechanism, t1, settings: Settings, throw: bool, observers: tuple, integrands: tuple) -> Solution:
+    solution = quasi_static(mechanism, t1, settings, observers, integrands)
+    if throw and not isinstance(solution.final, Tracer) and int(solution.code) != int(Result.REACHED_END):
+        raise RuntimeError(f'There is no quasi-static motion: {solution.message}. Use `fidelity = "dynamics"`.')
     return solution.of(mechanism)
 
 

@@ -43,6 +43,7 @@ class Solution(Module):
     - `records`: what observers recorded, `picked`: the states that they picked, one entry an observer (metrics use
       them).
     - `seated`: of a settled start how its pins begin; `rests`: in words which begin at relative rest and why.
+    - `frequencies`: of a quasi-static motion the lowest frequency about each pose of its grid [Hz].
     - `mechanism`: what was solved; its numbers go along as leaves, for where a point is depends on them.
     """
 
@@ -58,6 +59,7 @@ class Solution(Module):
     records: tuple = ()
     picked: tuple[Picked | None, ...] = ()
     seated: Seated | None = None
+    frequencies: Float[Array, " instants"] | None = None
     numbers: Any = None
     structure: Any = eqx.field(static=True, default=None)
     sampled: bool = eqx.field(static=True, default=True)

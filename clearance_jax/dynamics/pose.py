@@ -1,0 +1,229 @@
+"""Quasi-static poses: where every pin rests under the load that it bears at an instant of the ideal motion.
+
+A pose is a place of all pins at which the accelerations of the play coordinates are zero while nothing but the ideal
+mechanism moves. Each joint then exerts on its pin what the ideal joint would, with all pins where they are. Rounds of
+"ask for the reactions with the pins held, seat the pins" find it; each is nearer by the ratio of clearance to length.
+Friction of a joint that turns shifts the load that a seat has to bear. The last rounds are Newton steps on all of it.
+
+A pose knows no past. Pins that swing about it, or slide to it slowly, are elsewhere: see `Pose.frequency`.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from clearance_jax._alike import side_by_side
+from clearance_jax._types import Scalar
+from clearance_jax.dynamics.closures import StartErrors, corrected
+from clearance_jax.dynamics.deflected import deflected, gives_way
+from clearance_jax.dynamics.equations import balance
+from clearance_jax.dynamics.frames import Frames
+from clearance_jax.dynamics.kinematics import sleeve_axes
+from clearance_jax.dynamics.reactions import determined, held_reactions, held_still
+from clearance_jax.dynamics.seated import lowest_frequency, play_mobility
+from clearance_jax.dynamics.settled import Seats, middle, seats_of, whole_state
+from clearance_jax.errors import ClearanceError
+from clearance_jax.joints import Load, Near, PreparedClearance, Seating, relative_at
+from clearance_jax.mechanism._base import AbstractMechanism, ClearanceJoint
+from clearance_jax.mechanism.prepared import PreparedMechanism
+from clearance_jax.mechanism.state import initial_values, layout, position_rates
+from clearance_jax.spatial import Vector, as_array, subtract
+
+# Rounds that seat pins: each is nearer by the ratio of clearance to length, with friction by its coefficient.
+SMOOTH, RUBBED = 2, 6
+# Newton steps on all joints together, and those of a derivative.
+STEPS, DIFFERENTIATED = 4, 6
+# Newton steps that close the loops of an ideal mechanism from one instant to the next.
+CLOSING = 6
+
+
+class Pose(NamedTuple):
+    """The pose at an instant: the state `y` with all play at rest, by joint the values of its `play` [m or rad], the
+    `ideal` mechanism's state, how far it is from a pose (`errors`), and the lowest `frequency` about it [Hz].
+    """
+
+    y: Array
+    play: tuple[Array, ...]
+    ideal: Array
+    errors: StartErrors
+    frequency: Scalar
+
+
+class Bearing(NamedTuple):
+    """What the ideal joints bear with pins held: the ideal state, its rates of positions, how far loops are open; by
+    joint the load in the sleeve's axes, and the pin's spin there [rad/s].
+    """
+
+    y: Array
+    rates: Array
+    opened: Array
+    loads: tuple[Load, ...]
+    spins: tuple[Vector, ...]
+
+
+def check_driven(mechanism: AbstractMechanism) -> None:
+    """**Raises** `ClearanceError` for a mechanism whose ideal motion does not follow from its drives: a pose is of one
+    that does.
+    """
+    ideal = mechanism.ideal()
+    free = [one for one in ideal.free_coordinates() if not gives_way(one.motion)]
+    held = sum(loop.hold().count for loop in ideal.closures()) if not ideal.is_plane else 2 * len(ideal.closures())
+    if len([name for one in free for name in one.velocities]) > held:
+        raise ClearanceError(
+            f"A quasi-static pose follows from drives, but without its play `{free[0].name}` moves freely. Drive it, "
+            'or use `fidelity = "dynamics"`.'
+        )
+    if ideal.closures() and len(free) < len(list(ideal.free_coordinates())):
+        raise ClearanceError(
+            "A quasi-static pose of a mechanism with loops and drives that give way is not known. Take the compliance "
+            'away, or use `fidelity = "dynamics"`.'
+        )
+
+
+def ideal_states(mechanism: PreparedMechanism, times: Float[Array, " times"]) -> Array:
+    """The ideal mechanism's states `[q, v]` at increasing times, each found from the one before, shape (times, n)."""
+    ideal = determined(mechanism.ideal().unsampled())
+    plan, first = layout(ideal), initial_values(ideal)
+    if not ideal.closures():
+        return jax.vmap(lambda time: initial_values(deflected(time, mechanism.unsampled()).ideal()))(times)
+
+    def closed(time, y):
+        return jax.lax.fori_loop(0, CLOSING, lambda _, y: corrected(time, y, ideal, ideal.loops)[0], y)
+
+    def next_one(carry, time):
+        before, y = carry
+        q, v = tuple(y[plan.q]), tuple(y[plan.v])
+        moved = y.at[plan.q].add((time - before) * as_array(position_rates(ideal, q, v)))
+        y = closed(time, moved)
+        return (time, y), y
+
+    return jax.lax.scan(next_one, (times[0], closed(times[0], first)), times)[1]
+
+
+def pose(time: Scalar, mechanism: PreparedMechanism, ideal: Array) -> Pose:
+    """The pose at a time, without derivatives; `ideal`: the ideal mechanism's state then."""
+    time, mechanism, ideal = jax.lax.stop_gradient((time, deflected(time, mechanism.unsampled()), ideal))
+    joints = mechanism.clearance_joints()
+    begin = tuple(middle(joint) for joint in joints)
+    rubs = any(joint.clearance.friction is not None for joint in joints)
+
+    def seated(k, carry):
+        play, y, _ = carry
+        now = borne(time, mechanism, play, y)
+        loads = now.loads
+        if rubs:
+            loads = [_less_friction(*one) for one in zip(joints, play, now.loads, now.spins, strict=True)]
+        # Or else the compiler works the reactions out anew wherever a seat needs them.
+        flat = jax.lax.optimization_barrier([(as_array(load.force), as_array(load.moment)) for load in loads])
+        found = seats_of(joints, flat, begin, tuple(Near(at, k > 0) for at in play))
+        return tuple(one.play for one in found), now.y, tuple(one.stiffness for one in found)
+
+    nothing = tuple(jnp.zeros((len(at), len(at))) for at in begin)
+    play, y, firm = jax.lax.fori_loop(0, RUBBED if rubs else SMOOTH, seated, (begin, ideal, nothing))
+    step = _steps(time, mechanism, play, y, STEPS)
+    state = step.state(mechanism)
+    size = jnp.concatenate([size_of(joint) for joint in joints])
+    mobility = play_mobility(mechanism.as_small_program(), time, state) / (size[:, None] * size[None, :])
+    frequency = lowest_frequency(jax.scipy.linalg.block_diag(*firm), mobility)
+    return Pose(state, step.play, step.y, StartErrors(step.opened, step.unborne, step.moved), frequency)
+
+
+def with_derivatives(time: Scalar, mechanism: PreparedMechanism, found: Pose) -> Array:
+    """The state of a pose, with its derivatives by the mechanism's numbers and the time: those of more Newton steps, of
+    which each makes them right but for the ratio of clearance to length.
+    """
+    mechanism = deflected(time, mechanism.unsampled())
+    play, ideal = jax.lax.stop_gradient((found.play, found.ideal))
+    return _steps(time, mechanism, play, ideal, DIFFERENTIATED).state(mechanism)
+
+
+def _steps(time: Scalar, mechanism: PreparedMechanism, play: tuple[Array, ...], y: Array, count: int) -> "Step":
+    shapes = jax.eval_shape(lambda: newton(time, mechanism, play, y))
+    begin = jax.tree.map(lambda one: jnp.zeros(one.shape, one.dtype), shapes)._replace(play=play, y=y)
+    return jax.lax.fori_loop(0, count, lambda _, now: newton(time, mechanism, now.play, now.y), begin)
+
+
+class Step(NamedTuple):
+    """After a Newton step: the play, the ideal state, its rates, how far loops are open; by joint whether its load
+    presses it, the part of the load that it did not bear before, and by what part of its play it was moved.
+    """
+
+    play: tuple[Array, ...]
+    y: Array
+    rates: Array
+    opened: Array
+    pressed: tuple[Array, ...]
+    unborne: Array
+    moved: Array
+
+    def state(self, mechanism: PreparedMechanism) -> Array:
+        """The state `[q, v, memory]` with all play at rest."""
+        still = tuple(jnp.zeros_like(one) for one in self.play)
+        return whole_state(mechanism, Seats(self.y, self.play), Seats(self.rates, still), self.pressed)
+
+
+def newton(time: Scalar, mechanism: PreparedMechanism, play: tuple[Array, ...], y: Array) -> Step:
+    """One Newton step towards the pose, whose slope (that of the joints, by their own play) has no derivative."""
+    now, joints = borne(time, mechanism, play, y), mechanism.clearance_joints()
+    asked = [
+        (joint.clearance, middle(joint), load, spin, at)
+        for joint, load, spin, at in zip(joints, now.loads, now.spins, play, strict=True)
+    ]
+    new, pressed, unborne, moved = zip(*side_by_side(_joint_step, asked), strict=True)
+    return Step(tuple(new), now.y, now.rates, now.opened, tuple(pressed), as_array(unborne), as_array(moved))
+
+
+def _joint_step(clearance: PreparedClearance, start: Array, load: Load, spin: Vector, play: Array) -> tuple:
+    """What a Newton step makes of one joint's play; whether its load presses it, what it did not bear of that, and by
+    what part of its play it was moved.
+    """
+    size = as_array([one.scale for one in clearance.joint.play()])
+    whole = Seating(clearance, load, size, jnp.ones(len(size), bool), start / size, spin)
+    x, fixed = play / jax.lax.stop_gradient(size), jax.lax.stop_gradient(whole)
+    fixed = fixed._replace(counts=fixed.more_than_round_off())
+    left = whole._replace(counts=fixed.counts, size=fixed.size).left(x)
+    change = fixed.inverse(jax.lax.stop_gradient(x)) @ left
+    asked = jnp.linalg.norm(jnp.where(fixed.counts, fixed.asked, 0.0))
+    missing = jnp.linalg.norm(jax.lax.stop_gradient(jnp.where(fixed.counts, left, 0.0)))
+    moved = jnp.linalg.norm(jax.lax.stop_gradient(change))
+    unborne = jnp.where(asked > 0, missing / jnp.where(asked > 0, asked, 1.0), 0.0)
+    return play - fixed.size * change, jnp.any(fixed.counts), unborne, moved
+
+
+def borne(time: Scalar, mechanism: PreparedMechanism, play: tuple[Array, ...], y: Array) -> Bearing:
+    """What the ideal joints bear with pins held at values of their play; `y`: near the ideal mechanism's state."""
+    joints, loops, plan = mechanism.clearance_joints(), mechanism.loops, layout(mechanism.ideal())
+    held = held_still(mechanism, {joint.name: tuple(own) for joint, own in zip(joints, play, strict=True)})
+    opened = jnp.zeros(0)
+    if loops:
+        y, opened = corrected(time, y, held, held.loops)
+    motion = balance(held, time, plan.split(y))
+    reactions = held_reactions(mechanism, time, motion)
+    loads = tuple(Load(reactions[joint.name].on_pin, reactions[joint.name].turning) for joint in joints)
+    spins = tuple(_spin(joint, motion.motion) for joint in joints)
+    rates = as_array(position_rates(held, tuple(y[plan.q]), tuple(y[plan.v])))
+    return Bearing(y, rates, opened, loads, spins)
+
+
+def size_of(joint: ClearanceJoint) -> Array:
+    """The magnitudes of a joint's play coordinates [m or rad]."""
+    return as_array([one.scale for one in joint.joint.play()])
+
+
+def _spin(joint: ClearanceJoint, motion: Frames) -> Vector:
+    """The pin's spin in its sleeve, in the sleeve's axes."""
+    spin = subtract(motion[joint.child].spin, motion[joint.parent].spin)
+    return sleeve_axes(joint.joint, motion).undo(spin)
+
+
+def _less_friction(joint: ClearanceJoint, play: Array, load: Load, spin: Vector) -> Load:
+    """What of a load is left for a joint to bear without friction."""
+    at = relative_at(joint.joint.play(), play, spin)
+    memory = tuple(jnp.zeros(()) for _ in joint.clearance.remembers)
+    whole = joint.clearance.act(at, memory)
+    smooth = PreparedClearance(joint.clearance.joint, joint.clearance.normal, None)
+    bare = smooth.act(at, memory[: len(smooth.remembers)])
+    force, moment = subtract(whole.force, bare.force), subtract(whole.torque, bare.torque)
+    return Load(subtract(load.force, force), subtract(load.moment, moment))

@@ -1,0 +1,215 @@
+"""Quasi-static motions: a pose at every instant of the ideal motion, in the place of a solve of the dynamics.
+
+A motion is a grid of poses, and the poses at the times that are asked for. What an observer picks it picks among the
+grid; integrals are sums over the grid by Simpson's rule. Poses are found without derivatives. A derivative is that of
+Newton's steps at the poses that are read, so a peak's costs one pose and not the grid.
+"""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from clearance_jax._kept import kept_jit
+from clearance_jax._solo import solo_jit
+from clearance_jax._types import Flag, Scalar
+from clearance_jax.dynamics.closures import StartErrors
+from clearance_jax.dynamics.pose import Pose, check_driven, ideal_states, pose, with_derivatives
+from clearance_jax.errors import ClearanceError
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.parameters import bounds_hold
+from clearance_jax.solve.codes import Result
+from clearance_jax.solve.interpolate import hermite
+from clearance_jax.solve.observers import AbstractObserver, Picked
+from clearance_jax.solve.settings import Settings, evenly
+from clearance_jax.solve.solution import Solution
+from clearance_jax.solve.start import CLOSED
+from clearance_jax.solve.tolerances import largest_length
+
+# Intervals of the grid; Simpson's rule wants an even number.
+INTERVALS = 200
+# A pose at which a pin misses more than this part of its load, or was still moved by more of its play, is none.
+POSED = 1e-4
+
+
+class Asked(NamedTuple):
+    """What poses are asked of: numbers that vary first."""
+
+    mechanism: Mechanism
+    integrands: tuple
+    t0: Array
+    t1: Array
+    save_at: Array | None
+
+
+class Poses(NamedTuple):
+    """Poses on the grid and at sample times (empty without samples): `times`, and the poses then; by each observer the
+    places on the grid that it picks, and what it saw there; and whether each is a pose.
+    """
+
+    grid: Array
+    on_grid: Pose
+    times: Array
+    at_times: Pose
+    picked: tuple[tuple[Array, Array] | None, ...]
+    good: Flag
+
+
+def quasi_static(
+    mechanism: Mechanism, t1: Any, settings: Settings, observers: tuple = (), integrands: tuple = ()
+) -> Solution:
+    """The quasi-static motion from `t0` to `t1`, as a solution without energy balance: see the module.
+
+    **Raises:** `ClearanceError` for what no pose can give (see `check_poses`).
+    """
+    check_poses(mechanism, settings)
+    asked = Asked(mechanism, integrands, settings.t0, t1, settings.save_at)
+    return _motion(asked, observers=observers)
+
+
+@eqx.filter_custom_jvp
+def _motion(asked: Asked, *, observers: tuple[AbstractObserver, ...]) -> Solution:
+    return _valued(asked, observers)[0]
+
+
+@_motion.def_jvp
+def _motion_jvp(primals, tangents, *, observers):
+    (asked,), (rates,) = primals, tangents
+    return _differentiated(asked, rates, _valued(asked, observers)[1])
+
+
+@solo_jit
+def _differentiated(asked: Asked, rates: Asked, found: Poses):
+    return eqx.filter_jvp(lambda asked: _solution(asked, found, _states(asked, found, differ=True)), (asked,), (rates,))
+
+
+@kept_jit
+def _valued(asked: Asked, observers: tuple[AbstractObserver, ...]) -> tuple[Solution, Poses]:
+    found = _found(asked, observers)
+    return _solution(asked, found, _states(asked, found)), found
+
+
+def _found(asked: Asked, observers: tuple) -> Poses:
+    numbers, rest = eqx.partition(asked, eqx.is_array)
+    asked = eqx.combine(jax.lax.stop_gradient(numbers), rest)
+    ready = asked.mechanism.prepared()
+    grid = evenly(asked.t0, asked.t1, INTERVALS + 1)
+    count = grid.shape[0]
+    times = grid if asked.save_at is None else jnp.concatenate([grid, asked.save_at])
+    order = jnp.argsort(times)
+    ideal = ideal_states(ready, times[order])[jnp.argsort(order)]
+    every = jax.vmap(lambda time, y: pose(time, ready, y))(times, ideal)
+    on_grid, at_times = (
+        jax.tree.map(lambda x, part=part: x[part], every) for part in (slice(count), slice(count, None))
+    )
+    picked = tuple(observer.among(grid, on_grid.y, ready) for observer in observers)
+    good = _are_poses(asked.mechanism, every.errors) & bounds_hold(asked.mechanism) & jnp.all(jnp.isfinite(every.y))
+    return Poses(grid, on_grid, times[count:], at_times, picked, good)
+
+
+def _are_poses(mechanism: Mechanism, errors: StartErrors) -> Flag:
+    closed = jnp.all(errors.loops <= CLOSED * largest_length(mechanism))
+    return closed & jnp.all(errors.unborne <= POSED) & jnp.all(errors.moved <= POSED)
+
+
+class Read(NamedTuple):
+    """The states that are read of poses: at the start and the end, at sample times, and those picked; and quadratures
+    at the end and at sample times.
+    """
+
+    first: Array
+    last: Array
+    samples: Array
+    picks: tuple[Array, ...]
+    whole: Float[Array, " quadratures"]
+    until: Float[Array, "samples quadratures"]
+
+
+def _states(asked: Asked, found: Poses, differ: bool = False) -> Read:
+    """What is read of poses; `differ`: with derivatives."""
+    ready = asked.mechanism.prepared()
+    grid = evenly(asked.t0, asked.t1, INTERVALS + 1)
+    times = jnp.zeros(0) if asked.save_at is None else asked.save_at
+
+    def read(times, poses):
+        return jax.vmap(lambda time, one: with_derivatives(time, ready, one))(times, poses) if differ else poses.y
+
+    def at(places):
+        return read(grid[places], jax.tree.map(lambda x: x[places], found.on_grid))
+
+    ends = at(jnp.array([0, INTERVALS]))
+    picks = tuple(at(one[0]) for one in found.picked if one is not None)
+    samples = read(times, found.at_times) if times.size else found.at_times.y
+    if not asked.integrands:
+        return Read(ends[0], ends[1], samples, picks, jnp.zeros(0), jnp.zeros((times.shape[0], 0)))
+    values = _integrands(asked, ready, grid, read(grid, found.on_grid))
+    sums = _cumulative(values, (asked.t1 - asked.t0) / INTERVALS)
+    return Read(ends[0], ends[1], samples, picks, sums[-1], _between(grid, sums, values, times))
+
+
+def _integrands(asked: Asked, ready: Any, grid: Array, y: Array) -> Float[Array, "times quadratures"]:
+    def flat(time, y):
+        return jnp.concatenate([jnp.ravel(f(time, y, ready)) for f in asked.integrands])
+
+    return jax.vmap(flat)(grid, y)
+
+
+def _cumulative(values: Float[Array, "times k"], h: Scalar) -> Float[Array, "times k"]:
+    """The integrals from the first of equally spaced times to each: of the cubic through four values around an
+    interval.
+    """
+    inner = (13 * (values[1:-2] + values[2:-1]) - values[:-3] - values[3:]) / 24
+    first = (9 * values[0] + 19 * values[1] - 5 * values[2] + values[3]) / 24
+    last = (9 * values[-1] + 19 * values[-2] - 5 * values[-3] + values[-4]) / 24
+    parts = h * jnp.concatenate([first[None], inner, last[None]])
+    return jnp.concatenate([jnp.zeros((1, values.shape[1])), jnp.cumsum(parts, axis=0)])
+
+
+def _between(grid: Array, sums: Array, values: Array, times: Array) -> Array:
+    """Integrals until times between those of the grid."""
+    h = grid[1] - grid[0]
+    k = jnp.clip(jnp.searchsorted(grid, times) - 1, 0, INTERVALS - 1)
+    part = ((times - grid[k]) / h)[:, None]
+    return hermite(sums[k], h * values[k], sums[k + 1], h * values[k + 1], part)
+
+
+def _solution(asked: Asked, found: Poses, read: Read) -> Solution:
+    sampled = asked.save_at is not None
+    final = jnp.concatenate([read.last, read.whole])
+    y = jnp.concatenate([read.samples, read.until], axis=1) if sampled else final[None]
+    picks, picked = iter(read.picks), []
+    for one in found.picked:
+        places, value = (None, None) if one is None else one
+        picked.append(None if one is None else Picked(found.grid[places], next(picks), value))
+    possible = (asked.t1 > asked.t0) & found.good
+    return Solution(
+        time=asked.save_at if sampled else asked.t1[None],
+        y=y,
+        initial=jnp.concatenate([read.first, jnp.zeros_like(read.whole)]),
+        final=final,
+        code=jnp.where(possible, int(Result.REACHED_END), int(Result.NO_POSE)),
+        steps=jnp.asarray(INTERVALS),
+        rejected=jnp.asarray(0),
+        energy_residual=jnp.asarray(jnp.nan),
+        end_time=asked.t1,
+        records=tuple(None for _ in found.picked),
+        picked=tuple(picked),
+        frequencies=found.on_grid.frequency,
+        sampled=sampled,
+        books=False,
+    )
+
+
+def check_poses(mechanism: Mechanism, settings: Settings) -> None:
+    """**Raises** `ClearanceError` for what a quasi-static motion cannot give."""
+    if settings.y0 is not None:
+        raise ClearanceError(
+            'A quasi-static motion has no initial state: leave `y0` out, or use `fidelity = "dynamics"`.'
+        )
+    if settings.books:
+        raise ClearanceError(
+            'A quasi-static motion has no energy balance: leave what needs it out, or use `fidelity = "dynamics"`.'
+        )
+    check_driven(mechanism)
