@@ -12,10 +12,11 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from clearance_jax._alike import side_by_side
-from clearance_jax._types import Scalar
+from clearance_jax._types import Flag, Scalar
 from clearance_jax.dynamics.closures import StartErrors, corrected
 from clearance_jax.dynamics.deflected import deflected, gives_way
 from clearance_jax.dynamics.equations import balance
@@ -23,16 +24,20 @@ from clearance_jax.dynamics.frames import Frames
 from clearance_jax.dynamics.kinematics import sleeve_axes
 from clearance_jax.dynamics.reactions import determined, held_reactions, held_still
 from clearance_jax.dynamics.seated import lowest_frequency, play_mobility
-from clearance_jax.dynamics.settled import Seats, middle, seats_of, whole_state
+from clearance_jax.dynamics.settled import Seats, is_searched, middle, seats_of, whole_state
 from clearance_jax.errors import ClearanceError
-from clearance_jax.joints import Load, Near, PreparedClearance, Seating, relative_at
+from clearance_jax.joints import Load, Near, PreparedClearance, Seating, relative_at, stiffness_at
 from clearance_jax.mechanism._base import AbstractMechanism, ClearanceJoint
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import initial_values, layout, position_rates
 from clearance_jax.spatial import Vector, as_array, subtract
 
-# Rounds that seat pins: each is nearer by the ratio of clearance to length, with friction by its coefficient.
-SMOOTH, RUBBED = 2, 6
+# Rounds that seat pins: each is nearer by the ratio of clearance to length, with friction by its coefficient. Those that
+# begin at the middle of a sleeve, and those that begin between two poses.
+SMOOTH, RUBBED = (2, 1), (6, 2)
+# One of so many poses begins at the middle, the others, in this order, between poses that are known by then; and how far
+# away these are.
+STRIDE, ORDER, AWAY = 8, (0, 4, 2, 6, 1, 3, 5, 7), (8, 4, 2, 2, 1, 1, 1, 1)
 # Newton steps on all joints together, and those of a derivative.
 STEPS, DIFFERENTIATED = 4, 6
 # Newton steps that close the loops of an ideal mechanism from one instant to the next.
@@ -102,30 +107,67 @@ def ideal_states(mechanism: PreparedMechanism, times: Float[Array, " times"]) ->
     return jax.lax.scan(next_one, (times[0], closed(times[0], first)), times)[1]
 
 
-def pose(time: Scalar, mechanism: PreparedMechanism, ideal: Array) -> Pose:
-    """The pose at a time, without derivatives; `ideal`: the ideal mechanism's state then."""
-    time, mechanism, ideal = jax.lax.stop_gradient((time, deflected(time, mechanism.unsampled()), ideal))
+def poses(times: Float[Array, " times"], mechanism: PreparedMechanism, ideal: Float[Array, "times n"]) -> Pose:
+    """The poses at increasing times, without derivatives, each number with a first axis over them; `ideal`: the ideal
+    mechanism's states then. A search begins between poses that are known, and ends where it would from anywhere.
+    """
+    times, mechanism, ideal = jax.lax.stop_gradient((times, mechanism.unsampled(), ideal))
+    count, middles = times.shape[0], tuple(map(middle, mechanism.clearance_joints()))
+    if not any(map(is_searched, mechanism.clearance_joints())):
+        return jax.vmap(lambda *one: _pose(mechanism, jnp.asarray(False), *one, middles))(times, ideal)
+    rows = -(-count // STRIDE)
+    places = jnp.minimum(jnp.arange(rows * STRIDE), count - 1).reshape(rows, STRIDE)
+    times, ideal = times[places], ideal[places]
+    begin = tuple(jnp.broadcast_to(at, (rows, STRIDE, len(at))) for at in middles)
+
+    def column(play, which):
+        k, away = which
+        known = away < STRIDE
+        near = tuple(jnp.where(known, _between(times, own, k, away), own[:, k]) for own in play)
+        found = jax.vmap(lambda *one: _pose(mechanism, known, *one))(times[:, k], ideal[:, k], near)
+        return tuple(own.at[:, k].set(new) for own, new in zip(play, found.play, strict=True)), found
+
+    found = jax.lax.scan(column, begin, (jnp.array(ORDER), jnp.array(AWAY)))[1]
+    back = np.argsort(ORDER)
+    return jax.tree.map(lambda x: jnp.swapaxes(x[back], 0, 1).reshape(rows * STRIDE, *x.shape[2:])[:count], found)
+
+
+def _between(times: Array, play: Array, k: Array, away: Array) -> Array:
+    """The play in column k of every row between that in the columns so far away; the last row has nothing behind it."""
+    behind = jnp.append(jnp.arange(1, len(times)), len(times) - 1)
+    after, later = (jnp.concatenate([x, x[behind][:, :1]], axis=1)[:, k + away] for x in (times, play))
+    before, earlier = times[:, k - away], play[:, k - away]
+    span = after - before
+    part = jnp.where(span > 0, (times[:, k] - before) / jnp.where(span > 0, span, 1.0), 0.0)
+    return earlier + part[:, None] * (later - earlier)
+
+
+def _pose(mechanism: PreparedMechanism, known: Flag, time: Scalar, ideal: Array, near: tuple[Array, ...]) -> Pose:
+    """The pose at a time, from play near it if that is known, or else from the middle of the sleeves."""
+    mechanism = deflected(time, mechanism)
     joints = mechanism.clearance_joints()
     begin = tuple(middle(joint) for joint in joints)
     rubs = any(joint.clearance.friction is not None for joint in joints)
+    cold, warm = RUBBED if rubs else SMOOTH
 
     def seated(k, carry):
-        play, y, _ = carry
+        play, y = carry
         now = borne(time, mechanism, play, y)
         loads = now.loads
         if rubs:
             loads = [_less_friction(*one) for one in zip(joints, play, now.loads, now.spins, strict=True)]
         # Or else the compiler works the reactions out anew wherever a seat needs them.
         flat = jax.lax.optimization_barrier([(as_array(load.force), as_array(load.moment)) for load in loads])
-        found = seats_of(joints, flat, begin, tuple(Near(at, k > 0) for at in play))
-        return tuple(one.play for one in found), now.y, tuple(one.stiffness for one in found)
+        found = seats_of(joints, flat, begin, tuple(Near(at, known | (k > 0)) for at in play))
+        return tuple(one.play for one in found), now.y
 
-    nothing = tuple(jnp.zeros((len(at), len(at))) for at in begin)
-    play, y, firm = jax.lax.fori_loop(0, RUBBED if rubs else SMOOTH, seated, (begin, ideal, nothing))
+    play, y = jax.lax.fori_loop(0, jnp.where(known, warm, cold), seated, (near, ideal))
     step = _steps(time, mechanism, play, y, STEPS)
     state = step.state(mechanism)
     size = jnp.concatenate([size_of(joint) for joint in joints])
     mobility = play_mobility(mechanism.as_small_program(), time, state) / (size[:, None] * size[None, :])
+    held = zip(joints, step.play, step.pressed, strict=True)
+    firm = [jnp.where(presses, stiffness_at(joint.clearance, at), 0.0) for joint, at, presses in held]
     frequency = lowest_frequency(jax.scipy.linalg.block_diag(*firm), mobility)
     return Pose(state, step.play, step.y, StartErrors(step.opened, step.unborne, step.moved), frequency)
 

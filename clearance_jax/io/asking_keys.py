@@ -4,7 +4,7 @@ import dataclasses
 
 from clearance_jax.io.kinds import LONGEST_PATH, Key, Quantity, Sub, Text, Whole, Word
 from clearance_jax.solve.attempt import STARTS
-from clearance_jax.solve.settings import SOLVERS
+from clearance_jax.solve.settings import FIDELITIES, SOLVERS
 
 PARAMETER = "the parameter's"
 """The unit of a number, which the parameter's name decides."""
@@ -20,6 +20,13 @@ _SOLVING = {
     ),
     "solver": Word("solver", "the solver", '"dopri8"', allowed=tuple(SOLVERS), absent="the scene's, or tsit5"),
     "start": Word("start", "where pins start", '"settled"', allowed=STARTS, absent="the scene's, or centre"),
+    "fidelity": Word(
+        "fidelity",
+        "the model of the motion: `quasi-static` poses are a screening, see [quasi-static motions](../quasi_static.md)",
+        '"quasi-static"',
+        allowed=FIDELITIES,
+        absent="the scene's, or dynamics",
+    ),
     "max_steps": Whole("max_steps", "steps after which a solve gives up", "100000", least=1, absent="10000000"),
 }
 SET = Sub(

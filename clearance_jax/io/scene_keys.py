@@ -15,7 +15,7 @@ from clearance_jax.mechanism.loads import Wrench
 from clearance_jax.mechanism.profiles import Constant, Quintic, Trapezoid
 from clearance_jax.mechanism.tree import Fixed, Prismatic, Revolute
 from clearance_jax.solve.attempt import STARTS
-from clearance_jax.solve.settings import MOST_SAMPLES, SOLVERS
+from clearance_jax.solve.settings import FIDELITIES, MOST_SAMPLES, SOLVERS
 
 DRIVES = {
     "constant": Constant,
@@ -124,6 +124,14 @@ SOLVE = Keys(
             '"settled"',
             allowed=STARTS,
             absent="centre",
+        ),
+        Word(
+            "fidelity",
+            "the model of the motion: the equations of motion, or a pose at every instant (see "
+            "[quasi-static motions](../quasi_static.md))",
+            '"quasi-static"',
+            allowed=FIDELITIES,
+            absent="dynamics",
         ),
     ),
 )

@@ -49,7 +49,7 @@ SOLVE = Keys(
     "solve",
     "How motions are solved",
     "All of them.",
-    solving("rtol", "solver", "start", "max_steps"),
+    solving("rtol", "solver", "start", "fidelity", "max_steps"),
     renamed={key: f"design.{key}" for key in ("method", "starts", "most")},
 )
 SCATTER = Keys(

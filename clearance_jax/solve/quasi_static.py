@@ -16,7 +16,7 @@ from clearance_jax._kept import kept_jit
 from clearance_jax._solo import solo_jit
 from clearance_jax._types import Flag, Scalar
 from clearance_jax.dynamics.closures import StartErrors
-from clearance_jax.dynamics.pose import Pose, check_driven, ideal_states, pose, with_derivatives
+from clearance_jax.dynamics.pose import Pose, check_driven, ideal_states, poses, with_derivatives
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import bounds_hold
@@ -99,14 +99,14 @@ def _found(asked: Asked, observers: tuple) -> Poses:
     count = grid.shape[0]
     times = grid if asked.save_at is None else jnp.concatenate([grid, asked.save_at])
     order = jnp.argsort(times)
-    ideal = ideal_states(ready, times[order])[jnp.argsort(order)]
-    every = jax.vmap(lambda time, y: pose(time, ready, y))(times, ideal)
+    back, times = jnp.argsort(order), times[order]
+    every = jax.tree.map(lambda x: x[back], poses(times, ready, ideal_states(ready, times)))
     on_grid, at_times = (
         jax.tree.map(lambda x, part=part: x[part], every) for part in (slice(count), slice(count, None))
     )
     picked = tuple(observer.among(grid, on_grid.y, ready) for observer in observers)
     good = _are_poses(asked.mechanism, every.errors) & bounds_hold(asked.mechanism) & jnp.all(jnp.isfinite(every.y))
-    return Poses(grid, on_grid, times[count:], at_times, picked, good)
+    return Poses(grid, on_grid, times[back][count:], at_times, picked, good)
 
 
 def _are_poses(mechanism: Mechanism, errors: StartErrors) -> Flag:

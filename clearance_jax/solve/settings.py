@@ -83,7 +83,15 @@ class Settings(NamedTuple):
     fidelity: str = DYNAMICS
 
     def compiled(self, observers: tuple = ()) -> Options:
-        """What a solve is compiled for."""
+        """What a solve is compiled for.
+
+        **Raises:** `ClearanceError` where no equations of motion are to be solved.
+        """
+        if self.fidelity != DYNAMICS:
+            raise ClearanceError(
+                f"This follows a motion step by step, and {quoted(self.fidelity)} poses have no steps: use "
+                '`fidelity = "dynamics"`.'
+            )
         solver = SOLVERS[self.solver]() if isinstance(self.solver, str) else self.solver
         return Options(solver, self.watch, self.books, self.max_steps, self.derivatives, observers, self.start)
 
