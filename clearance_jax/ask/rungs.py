@@ -35,7 +35,9 @@ ENDING = " ending"
 
 
 class Ending(AbstractMetric):
-    """How the solve ended: result code, steps, and where there are books the energy residual."""
+    """How the solve ended: result code, steps, where there are books the energy residual, and of quasi-static poses how
+    far they can be believed (`Validity.level`).
+    """
 
     def request(self, mechanism, t1, options):
         return Request()
@@ -43,4 +45,5 @@ class Ending(AbstractMetric):
     def value(self, reply: Reply):
         solution = reply.solution
         found = {"code": solution.code, "steps": solution.steps, "rejected": solution.rejected}
-        return found | ({"energy_residual": solution.energy_residual} if solution.books else {})
+        found |= {"energy_residual": solution.energy_residual} if solution.books else {}
+        return found | ({} if solution.validity is None else {"validity": solution.validity.level})

@@ -27,6 +27,7 @@ from clearance_jax.solve.settings import Settings, evenly
 from clearance_jax.solve.solution import Solution
 from clearance_jax.solve.start import CLOSED
 from clearance_jax.solve.tolerances import largest_length
+from clearance_jax.solve.validity import Validity, validity_of
 
 # Intervals of the grid; Simpson's rule wants an even number.
 INTERVALS = 200
@@ -46,7 +47,8 @@ class Asked(NamedTuple):
 
 class Poses(NamedTuple):
     """Poses on the grid and at sample times (empty without samples): `times`, and the poses then; by each observer the
-    places on the grid that it picks, and what it saw there; and whether each is a pose.
+    places on the grid that it picks, and what it saw there; whether each is a pose, and how far the motion is to be
+    believed.
     """
 
     grid: Array
@@ -55,6 +57,7 @@ class Poses(NamedTuple):
     at_times: Pose
     picked: tuple[tuple[Array, Array] | None, ...]
     good: Flag
+    validity: Validity
 
 
 def quasi_static(
@@ -100,13 +103,15 @@ def _found(asked: Asked, observers: tuple) -> Poses:
     times = grid if asked.save_at is None else jnp.concatenate([grid, asked.save_at])
     order = jnp.argsort(times)
     back, times = jnp.argsort(order), times[order]
-    every = jax.tree.map(lambda x: x[back], poses(times, ready, ideal_states(ready, times)))
+    ideal = ideal_states(ready, times)
+    every = jax.tree.map(lambda x: x[back], poses(times, ready, ideal))
     on_grid, at_times = (
         jax.tree.map(lambda x, part=part: x[part], every) for part in (slice(count), slice(count, None))
     )
     picked = tuple(observer.among(grid, on_grid.y, ready) for observer in observers)
     good = _are_poses(asked.mechanism, every.errors) & bounds_hold(asked.mechanism) & jnp.all(jnp.isfinite(every.y))
-    return Poses(grid, on_grid, times[back][count:], at_times, picked, good)
+    validity = validity_of(grid, on_grid, ideal[back][:count], ready)
+    return Poses(grid, on_grid, times[back][count:], at_times, picked, good, validity)
 
 
 def _are_poses(mechanism: Mechanism, errors: StartErrors) -> Flag:
@@ -197,6 +202,7 @@ def _solution(asked: Asked, found: Poses, read: Read) -> Solution:
         records=tuple(None for _ in found.picked),
         picked=tuple(picked),
         frequencies=found.on_grid.frequency,
+        validity=found.validity,
         sampled=sampled,
         books=False,
     )
