@@ -26,17 +26,17 @@ from clearance_jax.dynamics.reactions import determined, held_reactions, held_st
 from clearance_jax.dynamics.seated import lowest_frequency, play_mobility
 from clearance_jax.dynamics.settled import Seats, is_searched, middle, seats_of, whole_state
 from clearance_jax.errors import ClearanceError
-from clearance_jax.joints import Load, Near, PreparedClearance, Seating, relative_at, stiffness_at
+from clearance_jax.joints import Load, Near, PreparedClearance, Seating, held_stiffness, relative_at
 from clearance_jax.mechanism._base import AbstractMechanism, ClearanceJoint
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import initial_values, layout, position_rates
 from clearance_jax.spatial import Vector, as_array, subtract
 
-# Rounds that seat pins: each is nearer by the ratio of clearance to length, with friction by its coefficient. Those that
-# begin at the middle of a sleeve, and those that begin between two poses.
+# Rounds that seat pins: each is nearer by the ratio of clearance to length, with friction by its coefficient. So many
+# from the middle of a sleeve, and so many from between two poses.
 SMOOTH, RUBBED = (2, 1), (6, 2)
-# One of so many poses begins at the middle, the others, in this order, between poses that are known by then; and how far
-# away these are.
+# One of so many poses begins at the middle; the others, in this order, between poses that are known by then, and that
+# are so far away.
 STRIDE, ORDER, AWAY = 8, (0, 4, 2, 6, 1, 3, 5, 7), (8, 4, 2, 2, 1, 1, 1, 1)
 # Newton steps on all joints together, and those of a derivative.
 STEPS, DIFFERENTIATED = 4, 6
@@ -151,7 +151,7 @@ def _pose(mechanism: PreparedMechanism, known: Flag, time: Scalar, ideal: Array,
     cold, warm = RUBBED if rubs else SMOOTH
 
     def seated(k, carry):
-        play, y = carry
+        play, y, _ = carry
         now = borne(time, mechanism, play, y)
         loads = now.loads
         if rubs:
@@ -159,15 +159,20 @@ def _pose(mechanism: PreparedMechanism, known: Flag, time: Scalar, ideal: Array,
         # Or else the compiler works the reactions out anew wherever a seat needs them.
         flat = jax.lax.optimization_barrier([(as_array(load.force), as_array(load.moment)) for load in loads])
         found = seats_of(joints, flat, begin, tuple(Near(at, known | (k > 0)) for at in play))
-        return tuple(one.play for one in found), now.y
+        return tuple(one.play for one in found), now.y, flat
 
-    play, y = jax.lax.fori_loop(0, jnp.where(known, warm, cold), seated, (near, ideal))
+    nothing = [(jnp.zeros(3), jnp.zeros(3)) for _ in joints]
+    play, y, loads = jax.lax.fori_loop(0, jnp.where(known, warm, cold), seated, (near, ideal, nothing))
     step = _steps(time, mechanism, play, y, STEPS)
     state = step.state(mechanism)
     size = jnp.concatenate([size_of(joint) for joint in joints])
     mobility = play_mobility(mechanism.as_small_program(), time, state) / (size[:, None] * size[None, :])
-    held = zip(joints, step.play, step.pressed, strict=True)
-    firm = [jnp.where(presses, stiffness_at(joint.clearance, at), 0.0) for joint, at, presses in held]
+    held = [
+        (joint.clearance, at, Load(tuple(force), tuple(moment)))
+        for joint, at, (force, moment) in zip(joints, step.play, loads, strict=True)
+    ]
+    found = side_by_side(held_stiffness, held)
+    firm = [jnp.where(presses, own, 0.0) for own, presses in zip(found, step.pressed, strict=True)]
     frequency = lowest_frequency(jax.scipy.linalg.block_diag(*firm), mobility)
     return Pose(state, step.play, step.y, StartErrors(step.opened, step.unborne, step.moved), frequency)
 

@@ -20,7 +20,17 @@ from clearance_jax.joints.pin import AbstractPin, Sections
 from clearance_jax.joints.preloaded import angular_contact_pair, crossed_roller
 from clearance_jax.joints.presets import BALL, GUIDE, PIN, SHAFT, PlayNumbers, Preset, fitted, guided, shaft, socket
 from clearance_jax.joints.revolute import RevoluteClearance
-from clearance_jax.joints.seating import Load, Near, Seat, Seating, posed, relative_at, seat, stiffness_at
+from clearance_jax.joints.seating import (
+    Load,
+    Near,
+    Seat,
+    Seating,
+    held_stiffness,
+    posed,
+    relative_at,
+    seat,
+    stiffness_at,
+)
 from clearance_jax.joints.sleeve import SleeveClearance
 
 __all__ = [
@@ -59,6 +69,7 @@ __all__ = [
     "each_joint",
     "fitted",
     "guided",
+    "held_stiffness",
     "posed",
     "relative_at",
     "rolling_bearing",

@@ -6,8 +6,8 @@ to no damping. Such an oscillator leaves a path that it is led along by as much 
     b(t) = |e(t + h) - 2 e(t) + e(t - h)|   with h = 1 / (2 pi f(t))
 
 for a point's error e along the poses. It is the jump where e jumps (a drive's acceleration does), the change of slope
-times h at a kink, and h^2 e'' where e is smooth, as it is of an oscillator that is driven slowly. Its largest value over
-the motion is the ringing to be expected, and that over the largest error is what tells motions apart.
+times h at a kink, and h^2 e'' where e is smooth, as it is of an oscillator that is driven slowly. Its largest value
+over the motion is the ringing to be expected, and that over the largest error is what tells motions apart.
 
 The two thresholds are those of `experiments/quasi_static.py`; docs/benchmarks/quasi_static.md says how often they hold.
 """
