@@ -150,7 +150,9 @@ def line(rows: list[Row], small: float = SMALL, large: float = LARGE) -> tuple:
     gaps = np.array([row.gap for row in by["follows"]])
     off = np.abs([row.ratio - 1 for row in by["peak only"]])
     followed = (f"{gaps.max():.2f}", f"{100 * np.mean(gaps <= GAP):.0f}") if gaps.size else ("", "")
-    peaks = (f"{np.median(off):.2f}", f"{off.max():.2f}", f"{100 * np.mean(off <= RATIO):.0f}") if off.size else ("",) * 3
+    peaks = (
+        (f"{np.median(off):.2f}", f"{off.max():.2f}", f"{100 * np.mean(off <= RATIO):.0f}") if off.size else ("",) * 3
+    )
     return len(rows), share["follows"], *followed, share["peak only"], *peaks, share["not valid"]
 
 

@@ -76,7 +76,9 @@ def joint5(rng: Random, damped: bool) -> Case:
     took, mass, c = between(rng, 0.15, 1.5), between(rng, 30, 300), between(rng, 5e-6, 3e-4)
     at, rise, smooth = rng.uniform(-0.5, 0.5), rng.uniform(0.3, 1.5) * rng.choice([-1, 1]), bool(rng.integers(2))
     rubs, damping = float(rng.choice([0.0, 0.05, 0.15])), between(rng, 300, 3e4) if damped else 0.0
-    mechanism = cj.load(SCENES / "joint5_velocity_1.toml").driven({"joint5": smooth_or_not(rng, took, at, rise, smooth)})
+    mechanism = cj.load(SCENES / "joint5_velocity_1.toml").driven(
+        {"joint5": smooth_or_not(rng, took, at, rise, smooth)}
+    )
     numbers = {"payload.mass": mass, "payload.inertia": 7.0 * mass / 300, "joint5.radial_clearance": c}
     mechanism = cj.replace(mechanism, numbers | {"joint5.friction.coefficient": rubs})
     mechanism = filled(mechanism, {"joint5": (damping, 0.0)})
@@ -159,5 +161,7 @@ def cases(name: str, count: int, seed: int) -> list[Case]:
 
 def stacked(found: Sequence[Case]) -> tuple[cj.Mechanism, jax.Array]:
     """The mechanisms of cases as lanes, and the ends of their motions."""
-    mechanisms = jax.tree.map(lambda *leaves: jnp.stack([jnp.asarray(x) for x in leaves]), *(c.mechanism for c in found))
+    mechanisms = jax.tree.map(
+        lambda *leaves: jnp.stack([jnp.asarray(x) for x in leaves]), *(c.mechanism for c in found)
+    )
     return mechanisms, jnp.asarray([case.end for case in found])

@@ -34,7 +34,7 @@ from clearance_jax.spatial import Vector, as_array, subtract
 
 # Rounds that seat pins: each is nearer by the ratio of clearance to length, with friction by its coefficient. So many
 # from the middle of a sleeve, and so many from between two poses.
-SMOOTH, RUBBED = (2, 1), (6, 2)
+SMOOTH, RUBBED = (2, 1), (6, 3)
 # One of so many poses begins at the middle; the others, in this order, between poses that are known by then, and that
 # are so far away.
 STRIDE, ORDER, AWAY = 8, (0, 4, 2, 6, 1, 3, 5, 7), (8, 4, 2, 2, 1, 1, 1, 1)
@@ -114,7 +114,8 @@ def poses(times: Float[Array, " times"], mechanism: PreparedMechanism, ideal: Fl
     times, mechanism, ideal = jax.lax.stop_gradient((times, mechanism.unsampled(), ideal))
     count, middles = times.shape[0], tuple(map(middle, mechanism.clearance_joints()))
     if not any(map(is_searched, mechanism.clearance_joints())):
-        return jax.vmap(lambda *one: _pose(mechanism, jnp.asarray(False), *one, middles))(times, ideal)
+        cold = jnp.asarray(False)
+        return jax.vmap(lambda time, y: _pose(mechanism, cold, time, y, middles))(times, ideal)
     rows = -(-count // STRIDE)
     places = jnp.minimum(jnp.arange(rows * STRIDE), count - 1).reshape(rows, STRIDE)
     times, ideal = times[places], ideal[places]

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from clearance_jax._numerics import small_eigh
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.conditions import conditions
 from clearance_jax.dynamics.constraint import constraint
@@ -82,11 +83,11 @@ def lowest_frequency(stiffness: Square, inverse: Square) -> Scalar:
     load, has no place that it could be late for. 0 where a stiffness is negative. (What weight adds is left out: it is
     a pendulum's, the square of 2 pi f is off by gravity over a length of the mechanism.)
     """
-    values, ways = jnp.linalg.eigh(stiffness)
+    values, ways = small_eigh(stiffness)
     loose = jnp.sum(jnp.abs(values) <= LOOSE * jnp.max(jnp.abs(values)))
     root = (ways * jnp.sqrt(jnp.maximum(values, 0.0))[None, :]) @ ways.T
     # What nothing holds comes first, with zeros.
-    squares = jnp.linalg.eigvalsh(root @ inverse @ root)
+    squares, _ = small_eigh(root @ inverse @ root)
     return _frequency(squares[jnp.minimum(loose, len(squares) - 1)])
 
 

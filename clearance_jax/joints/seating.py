@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from clearance_jax._numerics import small_eigh, small_inverse
 from clearance_jax._types import Flag, Scalar
 from clearance_jax.joints._base import TOUCHING, PlayCoordinate, PreparedClearance, Relative
 from clearance_jax.spatial import IDENTITY, ZERO, Rotation, Term, Vector, add, as_array, dot, scale
@@ -178,7 +179,7 @@ class Seating(NamedTuple):
         def once(carry):
             x, factor, count, _ = carry
             (g, slope), asked = sloped(lambda x: left(x, factor), x), factor * whole
-            stiff, ways = jnp.linalg.eigh(0.5 * (slope + slope.T))
+            stiff, ways = small_eigh(0.5 * (slope + slope.T))
             step = -ways @ jnp.clip((ways.T @ g) / jnp.maximum(stiff, PRESSED * TOUCHING * asked), -1.0, 1.0)
             further = jax.vmap(lambda part: left(x + part * step, factor))(parts)
             # As far as the energy falls, or nearly: the largest part at which it does not rise half as steeply.
@@ -205,10 +206,10 @@ class Seating(NamedTuple):
 
         def once(_, carry):
             x, g, slope = carry[0], *sloped(self.left, carry[0])
-            stiff, ways = jnp.linalg.eigh(0.5 * (slope + slope.T))
+            stiff, ways = small_eigh(0.5 * (slope + slope.T))
             holds = stiff > (ways**2).T @ self.springs
             both = holds[:, None] & holds[None, :]
-            held = jnp.linalg.inv(jnp.where(both, ways.T @ slope @ ways, jnp.eye(len(x))))
+            held = small_inverse(jnp.where(both, ways.T @ slope @ ways, jnp.eye(len(x))))
             inverse, loose = ways @ jnp.where(both, held, 0.0) @ ways.T, ways @ jnp.where(holds[:, None], 0.0, ways.T)
             return x - inverse @ g - loose @ (x - self.start), inverse, loose, slope
 
@@ -220,10 +221,10 @@ class Seating(NamedTuple):
         slope = sloped(self.left, x)[1]
         smooth = self._replace(clearance=PreparedClearance(self.clearance.joint, self.clearance.normal, None))
         stiff = slope if self.clearance.friction is None else sloped(smooth.left, x)[1]
-        stiff, ways = jnp.linalg.eigh(0.5 * (stiff + stiff.T))
+        stiff, ways = small_eigh(0.5 * (stiff + stiff.T))
         holds = stiff > (ways**2).T @ self.springs
         both = holds[:, None] & holds[None, :]
-        held = jnp.linalg.inv(jnp.where(both, ways.T @ slope @ ways, jnp.eye(len(x))))
+        held = small_inverse(jnp.where(both, ways.T @ slope @ ways, jnp.eye(len(x))))
         return ways @ jnp.where(both, held, 0.0) @ ways.T
 
 
@@ -249,9 +250,9 @@ def held_stiffness(clearance: PreparedClearance, place: Values, load: Load) -> A
     pin = Seating(*still, jnp.ones(len(size), bool), jax.lax.stop_gradient(place) / still[2])
     pin = pin._replace(counts=pin.more_than_round_off())
     slope = sloped(pin.left, pin.start)[1]
-    stiff, ways = jnp.linalg.eigh(0.5 * (slope + slope.T))
+    stiff, ways = small_eigh(0.5 * (slope + slope.T))
     firm = jnp.where(jnp.abs(stiff) > (ways**2).T @ pin.springs, stiff, 0.0)
-    return (ways * firm) @ ways.T
+    return (ways * firm[None, :]) @ ways.T
 
 
 def sloped(function: Callable[[Values], Values], x: Values) -> tuple[Values, Array]:
