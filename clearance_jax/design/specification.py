@@ -22,7 +22,7 @@ from clearance_jax.wear import AbstractAged
 # Peaks that are limits each: where the highest changes place, the next one has been watched already.
 PEAKS = 3
 # What a designer may say of the solves.
-KNOWN = ("t0", "rtol", "solver", "start", "max_steps")
+KNOWN = ("t0", "rtol", "solver", "start", "fidelity", "max_steps")
 
 
 class Limit(Module):
