@@ -120,8 +120,8 @@ def step5(s: Real) -> Real:
     return s * s * s * (10 + s * (6 * s - 15))
 
 
-# Matrices that a kernel is given at once, at most.
-FEW = 128
+# The arithmetic that a kernel is given at once, at most: so many times the cube of a matrix's size.
+LITTLE = 4096
 
 
 def _in_small_batches(function: Callable) -> Callable:
@@ -134,7 +134,7 @@ def _in_small_batches(function: Callable) -> Callable:
 
     @few.def_vmap
     def _more(size, batched, matrices):
-        at_once = math.prod(matrices.shape[:-2]) <= FEW
+        at_once = math.prod(matrices.shape[:-2]) * matrices.shape[-1] ** 3 <= LITTLE
         found = few(matrices) if at_once else jax.lax.map(few, matrices)
         return found, jax.tree.map(lambda _: True, found)
 
