@@ -38,8 +38,9 @@ SMOOTH, RUBBED = (2, 1), (6, 3)
 # One of so many poses begins at the middle; the others, in this order, between poses that are known by then, and that
 # are so far away.
 STRIDE, ORDER, AWAY = 8, (0, 4, 2, 6, 1, 3, 5, 7), (8, 4, 2, 2, 1, 1, 1, 1)
-# Newton steps on all joints together, and those of a derivative.
-STEPS, DIFFERENTIATED = 4, 6
+# Newton steps on all joints together: until less than this part of a load is not borne, or so many; those of a
+# derivative.
+BORNE, STEPS, DIFFERENTIATED = 1e-9, 20, 6
 # Newton steps that close the loops of an ideal mechanism from one instant to the next.
 CLOSING = 6
 
@@ -164,7 +165,16 @@ def _pose(mechanism: PreparedMechanism, known: Flag, time: Scalar, ideal: Array,
 
     nothing = [(jnp.zeros(3), jnp.zeros(3)) for _ in joints]
     play, y, loads = jax.lax.fori_loop(0, jnp.where(known, warm, cold), seated, (near, ideal, nothing))
-    step = _steps(time, mechanism, play, y, STEPS)
+    begun = _unstepped(time, mechanism, play, y)
+
+    def goes_on(carry):
+        count, step = carry
+        return (count < STEPS) & ((count == 0) | (jnp.max(step.unborne) > BORNE))
+
+    def once(carry):
+        return carry[0] + 1, newton(time, mechanism, carry[1].play, carry[1].y)
+
+    _, step = jax.lax.while_loop(goes_on, once, (jnp.asarray(0), begun))
     state = step.state(mechanism)
     size = jnp.concatenate([size_of(joint) for joint in joints])
     mobility = play_mobility(mechanism.as_small_program(), time, state) / (size[:, None] * size[None, :])
@@ -184,13 +194,16 @@ def with_derivatives(time: Scalar, mechanism: PreparedMechanism, found: Pose) ->
     """
     mechanism = deflected(time, mechanism.unsampled())
     play, ideal = jax.lax.stop_gradient((found.play, found.ideal))
-    return _steps(time, mechanism, play, ideal, DIFFERENTIATED).state(mechanism)
+    begin = _unstepped(time, mechanism, play, ideal)
+    return jax.lax.fori_loop(0, DIFFERENTIATED, lambda _, now: newton(time, mechanism, now.play, now.y), begin).state(
+        mechanism
+    )
 
 
-def _steps(time: Scalar, mechanism: PreparedMechanism, play: tuple[Array, ...], y: Array, count: int) -> "Step":
+def _unstepped(time: Scalar, mechanism: PreparedMechanism, play: tuple[Array, ...], y: Array) -> "Step":
+    """A step that has not been made, to begin with."""
     shapes = jax.eval_shape(lambda: newton(time, mechanism, play, y))
-    begin = jax.tree.map(lambda one: jnp.zeros(one.shape, one.dtype), shapes)._replace(play=play, y=y)
-    return jax.lax.fori_loop(0, count, lambda _, now: newton(time, mechanism, now.play, now.y), begin)
+    return jax.tree.map(lambda one: jnp.zeros(one.shape, one.dtype), shapes)._replace(play=play, y=y)
 
 
 class Step(NamedTuple):
