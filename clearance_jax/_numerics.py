@@ -3,9 +3,6 @@
 Every function here is tested for its value, its gradient at the kink, a mixed batch, and arguments of 1e-12.
 """
 
-import math
-from collections.abc import Callable
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -118,37 +115,3 @@ def step5(s: Real) -> Real:
     """The quintic STEP from 0 at s <= 0 to 1 at s >= 1: s^3 (10 - 15 s + 6 s^2). C2."""
     s = jnp.clip(s, 0.0, 1.0)
     return s * s * s * (10 + s * (6 * s - 15))
-
-
-# The arithmetic that a kernel is given at once, at most: so many times the cube of a matrix's size.
-LITTLE = 4096
-
-
-def _in_small_batches(function: Callable) -> Callable:
-    """The function of a matrix, or of a few at once; of more in several batches, one after the other.
-
-    A kernel of LAPACK for a large batch shares its work among threads. Where two programs run side by side each then
-    waits for threads that the other one holds, for ever.
-    """
-    few = jax.custom_batching.custom_vmap(function)
-
-    @few.def_vmap
-    def _more(size, batched, matrices):
-        at_once = math.prod(matrices.shape[:-2]) * matrices.shape[-1] ** 3 <= LITTLE
-        found = few(matrices) if at_once else jax.lax.map(few, matrices)
-        return found, jax.tree.map(lambda _: True, found)
-
-    return few
-
-
-@_in_small_batches
-def small_eigh(matrix: Float[Array, "*batch n n"]) -> tuple[Float[Array, "*batch n"], Float[Array, "*batch n n"]]:
-    """Eigenvalues and eigenvectors of a small symmetric matrix."""
-    found = jnp.linalg.eigh(matrix)
-    return found.eigenvalues, found.eigenvectors
-
-
-@_in_small_batches
-def small_inverse(matrix: Float[Array, "*batch n n"]) -> Float[Array, "*batch n n"]:
-    """The inverse of a small matrix."""
-    return jnp.linalg.inv(matrix)

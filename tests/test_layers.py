@@ -35,7 +35,18 @@ ORDER = (
     "report",
     "cli",
 )
-LEAVES = {"_alike", "_frame", "_module", "_solo", "_types", "_numerics", "_once", "_sharing", "_version"}
+LEAVES = {
+    "_alike",
+    "_frame",
+    "_module",
+    "_solo",
+    "_types",
+    "_numerics",
+    "_once",
+    "_sharing",
+    "_small_matrices",
+    "_version",
+}
 LEAVES |= {"errors", "extras", "configure", "units", "parameters"}
 LEAVES |= {"_code", "_folder", "_kept", "_library", "_remembered", "_structure", "_surroundings"}
 # What runs on a device is `analysis` and all that it needs; `units` reads and writes for people.

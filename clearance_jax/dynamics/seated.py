@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from clearance_jax._numerics import small_eigh
+from clearance_jax._small_matrices import small_eigh
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.conditions import conditions
 from clearance_jax.dynamics.constraint import constraint

@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from clearance_jax._numerics import small_eigh, small_inverse
+from clearance_jax._small_matrices import small_eigh, small_inverse
 from clearance_jax._types import Flag, Scalar
 from clearance_jax.joints._base import TOUCHING, PlayCoordinate, PreparedClearance, Relative
 from clearance_jax.spatial import IDENTITY, ZERO, Rotation, Term, Vector, add, as_array, dot, scale
