@@ -22,8 +22,9 @@ from clearance_jax.spatial import IDENTITY, ZERO, Rotation, Term, Vector, add, a
 MOST, HALVINGS, LAST = 200, 12, 5
 # Loads begin where they press so deep (in parts of the play), and are by so much less each time as one is nearly borne.
 WIDE, LESS, NEAR = 0.3, 8.0, 0.1
-# Of the load: what is left when a search ends; such as it may be where it helps no more.
-ROUND_OFF, SOLVED = 1e-14, 1e-9
+# Of the load: what is left when a search ends; such as it may be where it helps no more; what is left of a search from
+# near its end, which the iterations without springs finish.
+ROUND_OFF, SOLVED, ALMOST = 1e-14, 1e-9, 1e-6
 # What springs hold per play: of the whole load along what it does not press, of its own along what it does.
 LOOSE, PRESSED = 1e-2, 1e-6
 
@@ -200,12 +201,13 @@ class Seating(NamedTuple):
             before, after = jnp.linalg.norm(g), jnp.linalg.norm(further[part])
             stuck = (after > 0.5 * before) & (before < SOLVED * asked)
             x = jnp.where(stuck, x, x + parts[part] * step)
-            done = (factor <= 1) & (stuck | (after <= ROUND_OFF * asked))
+            done = (factor <= 1) & (stuck | (after <= enough * asked))
             return x, jnp.where(after < NEAR * asked, jnp.maximum(1.0, factor / LESS), factor), count + 1, done
 
         widest = self.wall(WIDE) / jnp.where(whole > 0, whole, 1.0)
-        x, factor = self.start, jnp.maximum(1.0, widest)
+        x, factor, enough = self.start, jnp.maximum(1.0, widest), ROUND_OFF
         if near is not None:
+            enough = jnp.where(near.known, ALMOST, ROUND_OFF)
             x, factor = jnp.where(near.known, near.place, x), jnp.where(near.known, 1.0, factor)
         begin = x, factor, jnp.asarray(0), whole <= 0
         return jax.lax.while_loop(lambda carry: ~carry[3] & (carry[2] < MOST), once, begin)[0]
@@ -253,6 +255,24 @@ def stiffness_at(clearance: PreparedClearance, place: Values) -> Array:
     smooth = PreparedClearance(clearance.joint, clearance.normal, None)
     held, at, size = jax.lax.stop_gradient((smooth, place, size))
     return value_and_jacobian(Seating(held, nowhere, size, jnp.zeros(len(size), bool), at).residual, at / size)[1]
+
+
+def held_stiffness(clearance: PreparedClearance, place: Values, load: Load) -> Array:
+    """How stiffly a joint without friction holds its pin where it bears a load, for play in units of its size [J],
+    without derivatives: zero along what contacts hold less firmly than the springs of a search do.
+
+    **Arguments:** `clearance`: the joint; `place` (play,): values of its play coordinates [m or rad]; `load`: what it
+    bears.
+    """
+    size = as_array([one.scale for one in clearance.joint.play()])
+    smooth = PreparedClearance(clearance.joint, clearance.normal, None)
+    still = jax.lax.stop_gradient((smooth, load, size))
+    pin = Seating(*still, jnp.ones(len(size), bool), jax.lax.stop_gradient(place) / still[2])
+    pin = pin._replace(counts=pin.more_than_round_off())
+    slope = value_and_jacobian(pin.residual, pin.start)[1]
+    stiff, ways = small_eigh(0.5 * (slope + slope.T))
+    firm = jnp.where(jnp.abs(stiff) > (ways**2).T @ pin.springs, stiff, 0.0)
+    return (ways * firm[None, :]) @ ways.T
 
 
 def value_and_jacobian(function: Callable[[Values], Values], x: Values) -> tuple[Values, Array]:

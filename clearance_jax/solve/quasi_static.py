@@ -17,7 +17,7 @@ from clearance_jax._kept import kept_jit
 from clearance_jax._solo import solo_jit
 from clearance_jax._types import Flag, Scalar
 from clearance_jax.dynamics.closures import StartErrors
-from clearance_jax.dynamics.pose import Pose, check_driven, ideal_states, middle_pose, pose, with_derivatives
+from clearance_jax.dynamics.pose import Pose, check_driven, ideal_states, middle_pose, poses, with_derivatives
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.prepared import PreparedMechanism
@@ -28,6 +28,7 @@ from clearance_jax.solve.observers import AbstractObserver, Picked
 from clearance_jax.solve.settings import STATIC, Settings, evenly
 from clearance_jax.solve.solution import Solution
 from clearance_jax.solve.tolerances import largest_length
+from clearance_jax.solve.validity import Validity, validity_of
 
 # Intervals of the grid; Simpson's rule wants an even number.
 INTERVALS = 200
@@ -48,7 +49,8 @@ class Asked(NamedTuple):
 
 class Poses(NamedTuple):
     """Poses on the grid and at sample times (empty without samples): `times`, and the poses then; by each observer the
-    places on the grid that it picks, and what it saw there; and whether each is a pose.
+    places on the grid that it picks, and what it saw there; whether each is a pose; and how far the motion can be
+    believed (`None`: pins are in the middle of their play).
     """
 
     grid: Array
@@ -57,6 +59,7 @@ class Poses(NamedTuple):
     at_times: Pose
     picked: tuple[tuple[Array, Array] | None, ...]
     good: Flag
+    validity: Validity | None
 
 
 def quasi_static(
@@ -108,14 +111,17 @@ def _found(asked: Asked, observers: tuple, seats: bool) -> Poses:
     count = grid.shape[0]
     times = grid if asked.save_at is None else jnp.concatenate([grid, asked.save_at])
     order = jnp.argsort(times)
-    ideal = ideal_states(ready, times[order])[jnp.argsort(order)]
-    every = jax.vmap(lambda time, y: (pose if seats else middle_pose)(time, ready, y))(times, ideal)
+    back, times = jnp.argsort(order), times[order]
+    ideal = ideal_states(ready, times)
+    at_places = poses if seats else jax.vmap(middle_pose, (0, None, 0))
+    every = jax.tree.map(lambda x: x[back], at_places(times, ready, ideal))
     on_grid, at_times = (
         jax.tree.map(lambda x, part=part: x[part], every) for part in (slice(count), slice(count, None))
     )
     picked = tuple(observer.among(grid, on_grid.y, ready) for observer in observers)
     good = are_poses(asked.mechanism, every.errors) & bounds_hold(asked.mechanism) & jnp.all(jnp.isfinite(every.y))
-    return Poses(grid, on_grid, times[count:], at_times, picked, good)
+    validity = validity_of(grid, on_grid, ideal[back][:count], ready) if seats else None
+    return Poses(grid, on_grid, times[back][count:], at_times, picked, good, validity)
 
 
 def are_poses(mechanism: Mechanism, errors: StartErrors) -> Flag:
@@ -209,6 +215,7 @@ def _solution(asked: Asked, found: Poses, read: Read) -> Solution:
         records=tuple(None for _ in found.picked),
         picked=tuple(picked),
         frequencies=found.on_grid.frequency,
+        validity=found.validity,
         sampled=sampled,
         energy_balance=False,
     )
