@@ -3,10 +3,8 @@
 A pose is a place of all pins at which the accelerations of the play coordinates are zero while nothing but the ideal
 mechanism moves. Each joint then exerts on its pin what the ideal joint would, with all pins where they are. Rounds of
 "ask for the reactions with the pins held, seat the pins" find it; each is nearer by the ratio of clearance to length.
-Friction of a joint that turns shifts the load that a seat has to bear. The last rounds are Newton steps on all of it.
-
-Left out is the moment of a joint's friction about its axis where nothing but loops holds that turn: it changes what the
-other joints bear by the coefficient of friction times pin radius over length, about (0.5 % of a slider-crank's load).
+Friction of a joint that turns or slides shifts the load that a seat has to bear (`dynamics/pin_loads`). The last rounds
+are Newton steps on all of it.
 
 A pose knows no past. Pins that swing about it, or slide to it slowly, are elsewhere: see `Pose.frequency`.
 """
@@ -21,19 +19,17 @@ from jaxtyping import Array, Float
 from clearance_jax._alike import side_by_side
 from clearance_jax._types import Flag, Scalar
 from clearance_jax.dynamics.closures import StartErrors, correct
-from clearance_jax.dynamics.equations import balance
-from clearance_jax.dynamics.frames import Frames
-from clearance_jax.dynamics.kinematics import sleeve_axes
-from clearance_jax.dynamics.reactions import determinate, held_reactions, hold_still
+from clearance_jax.dynamics.pin_loads import pin_loads
+from clearance_jax.dynamics.reactions import determinate
 from clearance_jax.dynamics.seated import lowest_frequency, play_mobility
 from clearance_jax.dynamics.settled import Seats, is_searched, middle, seats_of, whole_state
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import PreparedClearance
-from clearance_jax.joints.seating import Load, Near, Seating, held_stiffness, relative_at
+from clearance_jax.joints.seating import FreeMotion, Load, Near, Seating, held_stiffness
 from clearance_jax.mechanism._base import AbstractMechanism, ClearanceJoint
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import initial_values, layout, position_rates
-from clearance_jax.spatial import Vector, as_array, subtract
+from clearance_jax.spatial import as_array
 
 # Rounds that seat pins: each is nearer by the ratio of clearance to length, with friction by its coefficient. So many
 # from the middle of a sleeve, and so many from between two poses.
@@ -58,18 +54,6 @@ class Pose(NamedTuple):
     ideal: Array
     errors: StartErrors
     frequency: Scalar
-
-
-class Bearing(NamedTuple):
-    """What the ideal joints bear with pins held: the ideal state, its rates of positions, how far loops are open; by
-    joint the load in the sleeve's axes, and the pin's spin there [rad/s].
-    """
-
-    y: Array
-    rates: Array
-    opened: Array
-    loads: tuple[Load, ...]
-    spins: tuple[Vector, ...]
 
 
 def check_driven(mechanism: AbstractMechanism) -> None:
@@ -151,15 +135,12 @@ def _pose(mechanism: PreparedMechanism, known: Flag, time: Scalar, ideal: Array,
     """The pose at a time, from play near it if that is known, or else from the middle of the sleeves."""
     joints = mechanism.clearance_joints()
     begin = tuple(middle(joint) for joint in joints)
-    rubs = any(joint.clearance.friction is not None for joint in joints)
-    cold, warm = RUBBED if rubs else SMOOTH
+    cold, warm = RUBBED if any(joint.clearance.friction is not None for joint in joints) else SMOOTH
 
     def seated(k, carry):
         play, y, _ = carry
-        now = borne(time, mechanism, play, y)
-        loads = now.loads
-        if rubs:
-            loads = [_less_friction(*one) for one in zip(joints, play, now.loads, now.spins, strict=True)]
+        now = pin_loads(time, mechanism, play, y)
+        loads = [one.less(other) for one, other in zip(now.loads, now.friction, strict=True)]
         # Or else the compiler works the reactions out anew wherever a seat needs them.
         flat = jax.lax.optimization_barrier([(as_array(load.force), as_array(load.moment)) for load in loads])
         found = seats_of(joints, flat, begin, tuple(Near(at, known | (k > 0)) for at in play))
@@ -248,21 +229,21 @@ class Step(NamedTuple):
 
 def newton(time: Scalar, mechanism: PreparedMechanism, play: tuple[Array, ...], y: Array) -> Step:
     """One Newton step towards the pose, whose slope (that of the joints, by their own play) has no derivative."""
-    now, joints = borne(time, mechanism, play, y), mechanism.clearance_joints()
+    now, joints = pin_loads(time, mechanism, play, y), mechanism.clearance_joints()
     asked = [
-        (joint.clearance, middle(joint), load, spin, at)
-        for joint, load, spin, at in zip(joints, now.loads, now.spins, play, strict=True)
+        (joint.clearance, middle(joint), load, free, at)
+        for joint, load, free, at in zip(joints, now.loads, now.free, play, strict=True)
     ]
     new, pressed, unborne, moved = zip(*side_by_side(_joint_step, asked), strict=True)
     return Step(tuple(new), now.y, now.rates, now.opened, tuple(pressed), as_array(unborne), as_array(moved))
 
 
-def _joint_step(clearance: PreparedClearance, start: Array, load: Load, spin: Vector, play: Array) -> tuple:
+def _joint_step(clearance: PreparedClearance, start: Array, load: Load, free: FreeMotion, play: Array) -> tuple:
     """What a Newton step makes of one joint's play; whether its load presses it, what it did not bear of that, and by
     what part of its play it was moved.
     """
     size = as_array([one.scale for one in clearance.joint.play()])
-    whole = Seating(clearance, load, size, jnp.ones(len(size), bool), start / size, spin)
+    whole = Seating(clearance, load, size, jnp.ones(len(size), bool), start / size, free)
     x, fixed = play / jax.lax.stop_gradient(size), jax.lax.stop_gradient(whole)
     fixed = fixed._replace(counts=fixed.more_than_round_off())
     left = whole._replace(counts=fixed.counts, size=fixed.size).residual(x)
@@ -274,38 +255,6 @@ def _joint_step(clearance: PreparedClearance, start: Array, load: Load, spin: Ve
     return play - fixed.size * change, jnp.any(fixed.counts), unborne, moved
 
 
-def borne(time: Scalar, mechanism: PreparedMechanism, play: tuple[Array, ...], y: Array) -> Bearing:
-    """What the ideal joints bear with pins held at values of their play; `y`: near the ideal mechanism's state."""
-    joints, loops, plan = mechanism.clearance_joints(), mechanism.loops, layout(mechanism.ideal())
-    held = hold_still(mechanism, {joint.name: tuple(own) for joint, own in zip(joints, play, strict=True)})
-    opened = jnp.zeros(0)
-    if loops:
-        y, opened = correct(time, y, held, held.loops)
-    motion = balance(held, time, plan.split(y))
-    reactions = held_reactions(mechanism, time, motion)
-    loads = tuple(Load(reactions[joint.name].on_pin, reactions[joint.name].turning) for joint in joints)
-    spins = tuple(_spin(joint, motion.motion) for joint in joints)
-    rates = as_array(position_rates(held, tuple(y[plan.q]), tuple(y[plan.v])))
-    return Bearing(y, rates, opened, loads, spins)
-
-
 def size_of(joint: ClearanceJoint) -> Array:
     """The magnitudes of a joint's play coordinates [m or rad]."""
     return as_array([one.scale for one in joint.joint.play()])
-
-
-def _spin(joint: ClearanceJoint, motion: Frames) -> Vector:
-    """The pin's spin in its sleeve, in the sleeve's axes."""
-    spin = subtract(motion[joint.child].spin, motion[joint.parent].spin)
-    return sleeve_axes(joint.joint, motion).undo(spin)
-
-
-def _less_friction(joint: ClearanceJoint, play: Array, load: Load, spin: Vector) -> Load:
-    """What of a load is left for a joint to bear without friction."""
-    at = relative_at(joint.joint.play(), play, spin)
-    memory = tuple(jnp.zeros(()) for _ in joint.clearance.remembers)
-    whole = joint.clearance.act(at, memory)
-    smooth = PreparedClearance(joint.clearance.joint, joint.clearance.normal, None)
-    bare = smooth.act(at, memory[: len(smooth.remembers)])
-    force, moment = subtract(whole.force, bare.force), subtract(whole.torque, bare.torque)
-    return Load(subtract(load.force, force), subtract(load.moment, moment))

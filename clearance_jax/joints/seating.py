@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 from clearance_jax._small_matrices import small_eigh, small_inverse
 from clearance_jax._types import Flag, Scalar
 from clearance_jax.joints._base import TOUCHING, PlayCoordinate, PreparedClearance, Relative
-from clearance_jax.spatial import IDENTITY, ZERO, Rotation, Term, Vector, add, as_array, dot, scale
+from clearance_jax.spatial import IDENTITY, ZERO, Rotation, Term, Vector, add, as_array, dot, scale, subtract
 
 # Iterations at most (some twenty are usual); halvings of a step; iterations at the end, without springs.
 MOST, HALVINGS, LAST = 200, 12, 5
@@ -69,14 +69,32 @@ class Load(NamedTuple):
             [dot(self.force if one.turns is None else self.moment, a) for one, a in zip(play, axes, strict=True)]
         )
 
+    def plus(self, other: "Load") -> "Load":
+        """Both together."""
+        return Load(add(self.force, other.force), add(self.moment, other.moment))
 
-def relative_at(play: Sequence[PlayCoordinate], values: Values, spin: Vector | None = None) -> Relative:
-    """The relative motion of a pin at given `values` (play,) of its `play` [m or rad], at rest there but for a `spin`
-    about its axis [rad/s] (`None`: at rest).
+    def less(self, other: "Load") -> "Load":
+        """What is left of it without another."""
+        return Load(subtract(self.force, other.force), subtract(self.moment, other.moment))
+
+
+class FreeMotion(NamedTuple):
+    """How a pin moves where its joint leaves it free, in the sleeve's axes: `velocity` of its centre along a slide
+    [m/s], and `spin` [rad/s].
+    """
+
+    velocity: Vector
+    spin: Vector
+
+
+def relative_at(play: Sequence[PlayCoordinate], values: Values, free: FreeMotion | None = None) -> Relative:
+    """The relative motion of a pin at given `values` (play,) of its `play` [m or rad], which do not change; `free`: how
+    it moves otherwise (`None`: at rest).
     """
     at, zero = pose_at(play, values), jnp.zeros(())
     rows = None if all(one.turns is None for one in play) else at.rotation.rows
-    return Relative(at.place, 0.0, (zero, zero, zero), (zero, zero, zero) if spin is None else spin, rows)
+    free = FreeMotion((zero, zero, zero), (zero, zero, zero)) if free is None else free
+    return Relative(at.place, 0.0, free.velocity, free.spin, rows)
 
 
 class Seat(NamedTuple):
@@ -134,8 +152,8 @@ def seat(clearance: PreparedClearance, load: Load, start: Values, near: Near | N
 
 class Seating(NamedTuple):
     """The problem: a pin, the load that it is to bear, the `size` of its play, which parts of the load `counts`, the
-    `start`, and how it spins [rad/s] (`None`: not). Its unknowns x are the play in units of its size; forces and
-    moments are so too [J].
+    `start`, and how it moves where its joint leaves it `free` (`None`: not). Its unknowns x are the play in units of
+    its size; forces and moments are so too [J].
     """
 
     clearance: PreparedClearance
@@ -143,14 +161,14 @@ class Seating(NamedTuple):
     size: Values
     counts: Array
     start: Values
-    spin: Vector | None = None
+    free: FreeMotion | None = None
 
     def residual(self, x: Values, factor: Scalar | float = 1.0) -> Values:
         """The gradient of the energy: a multiple of the load, less what the joint bears."""
         play, values = self.clearance.joint.play(), self.size * x
         axes = pose_at(play, values).axes
         memory = tuple(jnp.zeros(()) for _ in self.clearance.remembers)
-        action = self.clearance.act(relative_at(play, values, self.spin), memory)
+        action = self.clearance.act(relative_at(play, values, self.free), memory)
         borne = Load(action.force, action.torque).along(play, axes)
         return self.size * (jnp.where(self.counts, factor * self.load.along(play, axes), 0.0) - borne)
 
