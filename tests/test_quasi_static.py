@@ -229,6 +229,17 @@ def test_slow_dynamics_has_the_same_peak(crank):
     assert np.allclose(peak(crank, 1e-5, **POSES)[0], dynamic[0], rtol=0.1)
 
 
+def test_samples_that_fall_on_the_grid_are_its_poses(crank):
+    """At equal distances the poses of the grid are read again; elsewhere they are found beside it."""
+    even = cj.simulate(crank, TURN, save_at=301, **POSES)
+    times = np.asarray(even.time)
+    apart = cj.simulate(crank, TURN, save_at=np.append(times[:-1], 0.9999 * TURN), **POSES)
+    np.testing.assert_allclose(even.y[:-1], apart.y[:-1], rtol=1e-9, atol=1e-15)
+    coarse = cj.simulate(crank, TURN, save_at=4, **POSES)
+    np.testing.assert_allclose(coarse.y, even.y[::100], rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(coarse.time, times[::100], rtol=1e-14)
+
+
 def test_chunks_side_by_side_come_to_an_end(crank):
     """More samples than a chunk, on two cores: kernels of LAPACK that shared threads waited for each other for ever."""
     found = cj.batch(lambda c: peak(crank, c, **POSES), np.linspace(1e-5, 1e-4, 192), cores=2)
