@@ -7,7 +7,9 @@ ENDING = " ending"
 
 
 class Ending(AbstractMetric):
-    """How the solve ended: result code, steps, and with an energy balance its residual."""
+    """How the solve ended: result code, steps; with an energy balance its residual; of quasi-static poses how far they
+    can be believed (`Validity.level`).
+    """
 
     def static_bound(self):
         return self
@@ -18,4 +20,5 @@ class Ending(AbstractMetric):
     def value(self, reply: Reply):
         solution = reply.solution
         found = {"code": solution.code, "steps": solution.steps, "rejected": solution.rejected}
-        return found | ({"energy_residual": solution.energy_residual} if solution.energy_balance else {})
+        found |= {"energy_residual": solution.energy_residual} if solution.energy_balance else {}
+        return found | ({} if solution.validity is None else {"validity": solution.validity.level})

@@ -42,6 +42,9 @@ def simulate(
     samples: Annotated[int | None, typer.Option(help="Number of output times.", min=2)] = None,
     solver: Annotated[str | None, typer.Option(help="tsit5, or dopri8 for rtol below 1e-8.")] = None,
     start: Annotated[str | None, typer.Option(help="Where pins start: centre, or settled at their walls.")] = None,
+    fidelity: Annotated[
+        str | None, typer.Option(help="The model of the motion: dynamics, or quasi-static (a pose at every instant).")
+    ] = None,
     trajectory: Annotated[
         Path | None, typer.Option(help="Drives the joints that a CSV file of times and values names.")
     ] = None,
@@ -64,14 +67,13 @@ def simulate(
     mechanism = change(driven, settings, ideal, clearance)
     from clearance_jax.results.store import save
     from clearance_jax.solve.simulate import EnergyWarning, doubt
-    from clearance_jax.solve.trace import trace
 
     check_distinct(scene=scene_file, trajectory=trajectory, output=output, plot=plot, movie=movie)
     check_writable(output, DATASETS)
     check_writable(plot, FIGURES)
     check_film(movie)
     _check_magnified(mechanism, magnify, movie)
-    given = {"t1": t1, "rtol": rtol, "samples": samples, "solver": solver, "start": start}
+    given = {"t1": t1, "rtol": rtol, "samples": samples, "solver": solver, "start": start, "fidelity": fidelity}
     usual = {"t1": lead.span[1]} if lead is not None else {"t1": HELD} if held else {}
     options = _options(scene_file, usual | scene.solve | {k: v for k, v in given.items() if v is not None})
     _check_covered(lead, options)
@@ -88,7 +90,7 @@ def simulate(
                 bar.update(task, completed=done)
                 asked.check()
 
-            result = trace(mechanism, end, **solve, progress=progress)
+            result = _solved(mechanism, end, solve, progress)
         bar.update(task, description="observing", completed=0.0)
         dataset = _observe(
             mechanism,
@@ -100,7 +102,7 @@ def simulate(
             solve=repr({"t1": end, **options}),
         )
     _report(mechanism, result, dataset)
-    warn(doubt(result.solution))
+    warn(doubt(_solution(result)))
     if output is not None:
         save(dataset, output)
         say_written("dataset", output)
@@ -115,6 +117,24 @@ def simulate(
         write_film(animate(dataset, magnify), movie)
     if result.message:
         raise typer.Exit(130 if result.message == "interrupted" else 1)
+
+
+def _solved(mechanism: Any, end: float, solve: dict[str, Any], progress: Any) -> Any:
+    """The motion: step by step as a trace, or the solution of quasi-static poses."""
+    from clearance_jax.solve.settings import QUASI_STATIC
+    from clearance_jax.solve.simulate import simulate as solution_of
+    from clearance_jax.solve.trace import trace
+
+    if solve.get("fidelity") == QUASI_STATIC:
+        return solution_of(mechanism, end, **solve, throw=False)
+    return trace(mechanism, end, **solve, progress=progress)
+
+
+def _solution(result: Any) -> Any:
+    """The solution of a trace, or as it is."""
+    from clearance_jax.solve.trace import Trace
+
+    return result.solution if isinstance(result, Trace) else result
 
 
 def _observe(mechanism: Any, result: Any, **told: Any) -> Any:
@@ -146,7 +166,7 @@ def _check_magnified(mechanism: Any, joint: str | None, movie: Path | None) -> N
 def _options(scene_file: Path, given: dict[str, Any]) -> dict[str, Any]:
     """How to solve: what is given on the command line, in the scene or by a trajectory, or else usual."""
     from clearance_jax.solve.attempt import STARTS
-    from clearance_jax.solve.settings import SOLVERS
+    from clearance_jax.solve.settings import OF_MOTIONS, SOLVERS
     from clearance_jax.units import to_si
 
     solver = given.get("solver")
@@ -154,6 +174,8 @@ def _options(scene_file: Path, given: dict[str, Any]) -> dict[str, Any]:
         raise ClearanceError(f"`--solver` must be {' or '.join(SOLVERS)}, but it is {solver!r}.")
     if given.get("start") not in (None, *STARTS):
         raise ClearanceError(f"`--start` must be {' or '.join(STARTS)}, but it is {given['start']!r}.")
+    if given.get("fidelity") not in (None, *OF_MOTIONS):
+        raise ClearanceError(f"`--fidelity` must be {' or '.join(OF_MOTIONS)}, but it is {given['fidelity']!r}.")
     options = DEFAULTS | given
     if "t1" not in options:
         raise ClearanceError(f"{scene_file}: the table `solve` has no `t1`. Add one, or give `--t1 1s`.")
@@ -179,12 +201,13 @@ def _check_covered(lead: Any, options: dict[str, Any]) -> None:
 def _report(mechanism, result, dataset) -> None:
     from clearance_jax.results.first_fall import loads, peak_words
 
-    solution = result.solution
-    console.print(
-        f"[bold]{escape(mechanism.name)}[/bold]: {dataset.attrs['result']} at t = {result.time[-1]:.6g} s, "
-        f"{int(solution.steps)} steps ({int(solution.rejected)} rejected), "
-        f"energy residual {float(solution.energy_residual):.1e}"
-    )
+    solution = _solution(result)
+    said = f"[bold]{escape(mechanism.name)}[/bold]: {dataset.attrs['result']} at t = {result.time[-1]:.6g} s"
+    if solution.validity is not None:
+        console.print(f"{said}\nquasi-static: {escape(str(solution.validity))}", soft_wrap=True, highlight=False)
+    else:
+        said += f", {int(solution.steps)} steps ({int(solution.rejected)} rejected)"
+        console.print(f"{said}, energy residual {float(solution.energy_residual):.1e}")
     if result.rests:
         console.print(f"start: {escape(result.rests)}", soft_wrap=True, highlight=False)
     if "peak_force" in dataset:

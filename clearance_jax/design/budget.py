@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 
 from clearance_jax._solo import solo_jit
 from clearance_jax.dynamics.kinematics import frames
-from clearance_jax.dynamics.pose import check_driven, displaced, ideal_states, pose
+from clearance_jax.dynamics.pose import check_driven, displaced, ideal_states, poses
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.laws.stiffened import Stiffened
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -144,8 +144,7 @@ def _parts(mechanism: Mechanism, index: int, times: Array) -> Parts:
     joints = ready.clearance_joints()
     ideal = ideal_states(ready, times)
 
-    def one(time, y):
-        found = pose(time, ready, y)
+    def one(time, y, found):
         at_rest = tuple(jnp.zeros_like(play) for play in found.play)
         wanted = _place(ready, index, time, displaced(time, ready, at_rest, y))
         whole = subtract(_place(ready, index, time, found.y), wanted)
@@ -156,7 +155,7 @@ def _parts(mechanism: Mechanism, index: int, times: Array) -> Parts:
         good = are_poses(mechanism, found.errors) & jnp.all(jnp.isfinite(found.y))
         return Parts(as_array(whole), jnp.stack(alone), good, found.frequency, mark_positions(ready, time, found.y))
 
-    return jax.vmap(one)(times, ideal)
+    return jax.vmap(one)(times, ideal, poses(times, ready, ideal))
 
 
 def _place(mechanism: PreparedMechanism, index: int, time: Any, y: Array) -> Any:

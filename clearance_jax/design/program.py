@@ -97,11 +97,15 @@ class Program:
         return self._note(self._evaluate(x, gradient))
 
     def _recall(self, x: np.ndarray) -> Evaluation | None:
-        """What is known of a point, to round-off: logarithms and bounds give the same one with other last digits."""
+        """What is known of a point, to round-off: logarithms and bounds give the same one with other last digits.
+
+        Of several the first, so that a search that is read back from its record takes the same way again.
+        """
         known = self._known.get(x.tobytes())
         if known is not None:
             return known
-        return next((one for one in reversed(self.history) if np.all(np.abs(one.x - x) <= ROUND_OFF * x)), None)
+        near = [one for one in self.history if np.all(np.abs(one.x - x) <= ROUND_OFF * x)]
+        return next((one for one in near if one.gradient is not None), near[0] if near else None)
 
     def at_each(self, points: Sequence[np.ndarray]) -> list[Evaluation]:
         """`at` of each point, without gradients; those not known are evaluated together where there is a way."""

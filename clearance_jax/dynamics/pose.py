@@ -3,10 +3,8 @@
 A pose is a place of all pins at which the accelerations of the play coordinates are zero while nothing but the ideal
 mechanism moves. Each joint then exerts on its pin what the ideal joint would, with all pins where they are. Rounds of
 "ask for the reactions with the pins held, seat the pins" find it; each is nearer by the ratio of clearance to length.
-Friction of a joint that turns shifts the load that a seat has to bear. The last rounds are Newton steps on all of it.
-
-Left out is the moment of a joint's friction about its axis where nothing but loops holds that turn: it changes what the
-other joints bear by the coefficient of friction times pin radius over length, about (0.5 % of a slider-crank's load).
+Friction of a joint that turns or slides shifts the load that a seat has to bear (`dynamics/pin_loads`). The last rounds
+are Newton steps on all of it.
 
 A pose knows no past. Pins that swing about it, or slide to it slowly, are elsewhere: see `Pose.frequency`.
 """
@@ -15,27 +13,30 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from clearance_jax._alike import side_by_side
-from clearance_jax._types import Scalar
+from clearance_jax._types import Flag, Scalar
 from clearance_jax.dynamics.closures import StartErrors, correct
-from clearance_jax.dynamics.equations import balance
-from clearance_jax.dynamics.frames import Frames
-from clearance_jax.dynamics.kinematics import sleeve_axes
-from clearance_jax.dynamics.reactions import determinate, held_reactions, hold_still
+from clearance_jax.dynamics.pin_loads import pin_loads
+from clearance_jax.dynamics.reactions import determinate
 from clearance_jax.dynamics.seated import lowest_frequency, play_mobility
-from clearance_jax.dynamics.settled import Seats, middle, seats_of, whole_state
+from clearance_jax.dynamics.settled import Seats, is_searched, middle, seats_of, whole_state
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import PreparedClearance
-from clearance_jax.joints.seating import Load, Near, Seating, relative_at
+from clearance_jax.joints.seating import FreeMotion, Load, Near, Seating, held_stiffness
 from clearance_jax.mechanism._base import AbstractMechanism, ClearanceJoint
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import initial_values, layout, position_rates
-from clearance_jax.spatial import Vector, as_array, subtract
+from clearance_jax.spatial import as_array
 
-# Rounds that seat pins: each is nearer by the ratio of clearance to length, with friction by its coefficient.
-SMOOTH, RUBBED = 2, 6
+# Rounds that seat pins: each is nearer by the ratio of clearance to length, with friction by its coefficient. So many
+# from the middle of a sleeve, and so many from between two poses.
+SMOOTH, RUBBED = (2, 1), (6, 3)
+# One of so many poses begins at the middle; the others, in this order, between poses that are known by then, and that
+# are so far away.
+STRIDE, ORDER, AWAY = 8, (0, 4, 2, 6, 1, 3, 5, 7), (8, 4, 2, 2, 1, 1, 1, 1)
 # Newton steps on all joints together: until less than this part of a load is not borne, or so many; those of a
 # derivative.
 BORNE, STEPS, DIFFERENTIATED = 1e-9, 20, 6
@@ -53,18 +54,6 @@ class Pose(NamedTuple):
     ideal: Array
     errors: StartErrors
     frequency: Scalar
-
-
-class Bearing(NamedTuple):
-    """What the ideal joints bear with pins held: the ideal state, its rates of positions, how far loops are open; by
-    joint the load in the sleeve's axes, and the pin's spin there [rad/s].
-    """
-
-    y: Array
-    rates: Array
-    opened: Array
-    loads: tuple[Load, ...]
-    spins: tuple[Vector, ...]
 
 
 def check_driven(mechanism: AbstractMechanism) -> None:
@@ -106,27 +95,60 @@ def ideal_states(mechanism: PreparedMechanism, times: Float[Array, " times"]) ->
     return jax.lax.scan(next_one, (times[0], closed(times[0], first)), times)[1]
 
 
-def pose(time: Scalar, mechanism: PreparedMechanism, ideal: Array) -> Pose:
-    """The pose at a time, without derivatives; `ideal`: the ideal mechanism's state then."""
-    time, mechanism, ideal = jax.lax.stop_gradient((time, mechanism.without_sampling(), ideal))
+def poses(times: Float[Array, " times"], mechanism: PreparedMechanism, ideal: Float[Array, "times n"]) -> Pose:
+    """The poses at increasing times, without derivatives, each number with a first axis over them; `ideal`: the ideal
+    mechanism's states then. A search begins between poses that are known, and ends where it would from anywhere.
+    """
+    times, mechanism, ideal = jax.lax.stop_gradient((times, mechanism.without_sampling(), ideal))
+    count, middles = times.shape[0], tuple(map(middle, mechanism.clearance_joints()))
+    if not any(map(is_searched, mechanism.clearance_joints())):
+        cold = jnp.asarray(False)
+        return jax.vmap(lambda time, y: _pose(mechanism, cold, time, y, middles))(times, ideal)
+    rows = -(-count // STRIDE)
+    places = jnp.minimum(jnp.arange(rows * STRIDE), count - 1).reshape(rows, STRIDE)
+    times, ideal = times[places], ideal[places]
+    begin = tuple(jnp.broadcast_to(at, (rows, STRIDE, len(at))) for at in middles)
+
+    def column(play, which):
+        k, away = which
+        known = away < STRIDE
+        near = tuple(jnp.where(known, _between(times, own, k, away), own[:, k]) for own in play)
+        found = jax.vmap(lambda *one: _pose(mechanism, known, *one))(times[:, k], ideal[:, k], near)
+        return tuple(own.at[:, k].set(new) for own, new in zip(play, found.play, strict=True)), found
+
+    found = jax.lax.scan(column, begin, (jnp.array(ORDER), jnp.array(AWAY)))[1]
+    back = np.argsort(ORDER)
+    return jax.tree.map(lambda x: jnp.swapaxes(x[back], 0, 1).reshape(rows * STRIDE, *x.shape[2:])[:count], found)
+
+
+def _between(times: Array, play: Array, k: Array, away: Array) -> Array:
+    """The play in column k of every row between that in the columns so far away; the last row has nothing behind it."""
+    behind = jnp.append(jnp.arange(1, len(times)), len(times) - 1)
+    after, later = (jnp.concatenate([x, x[behind][:, :1]], axis=1)[:, k + away] for x in (times, play))
+    before, earlier = times[:, k - away], play[:, k - away]
+    span = after - before
+    part = jnp.where(span > 0, (times[:, k] - before) / jnp.where(span > 0, span, 1.0), 0.0)
+    return earlier + part[:, None] * (later - earlier)
+
+
+def _pose(mechanism: PreparedMechanism, known: Flag, time: Scalar, ideal: Array, near: tuple[Array, ...]) -> Pose:
+    """The pose at a time, from play near it if that is known, or else from the middle of the sleeves."""
     joints = mechanism.clearance_joints()
     begin = tuple(middle(joint) for joint in joints)
-    rubs = any(joint.clearance.friction is not None for joint in joints)
+    cold, warm = RUBBED if any(joint.clearance.friction is not None for joint in joints) else SMOOTH
 
     def seated(k, carry):
         play, y, _ = carry
-        now = borne(time, mechanism, play, y)
-        loads = now.loads
-        if rubs:
-            loads = [_less_friction(*one) for one in zip(joints, play, now.loads, now.spins, strict=True)]
+        now = pin_loads(time, mechanism, play, y)
+        loads = [one.less(other) for one, other in zip(now.loads, now.friction, strict=True)]
         # Or else the compiler works the reactions out anew wherever a seat needs them.
         flat = jax.lax.optimization_barrier([(as_array(load.force), as_array(load.moment)) for load in loads])
-        found = seats_of(joints, flat, begin, tuple(Near(at, k > 0) for at in play))
-        return tuple(one.play for one in found), now.y, tuple(one.stiffness for one in found)
+        found = seats_of(joints, flat, begin, tuple(Near(at, known | (k > 0)) for at in play))
+        return tuple(one.play for one in found), now.y, flat
 
-    nothing = tuple(jnp.zeros((len(at), len(at))) for at in begin)
-    play, y, firm = jax.lax.fori_loop(0, RUBBED if rubs else SMOOTH, seated, (begin, ideal, nothing))
-    begin = _unstepped(time, mechanism, play, y)
+    nothing = [(jnp.zeros(3), jnp.zeros(3)) for _ in joints]
+    play, y, loads = jax.lax.fori_loop(0, jnp.where(known, warm, cold), seated, (near, ideal, nothing))
+    begun = _unstepped(time, mechanism, play, y)
 
     def goes_on(carry):
         count, step = carry
@@ -135,10 +157,16 @@ def pose(time: Scalar, mechanism: PreparedMechanism, ideal: Array) -> Pose:
     def once(carry):
         return carry[0] + 1, newton(time, mechanism, carry[1].play, carry[1].y)
 
-    _, step = jax.lax.while_loop(goes_on, once, (jnp.asarray(0), begin))
+    _, step = jax.lax.while_loop(goes_on, once, (jnp.asarray(0), begun))
     state = step.state(mechanism)
     size = jnp.concatenate([size_of(joint) for joint in joints])
     mobility = play_mobility(mechanism.as_small_program(), time, state) / (size[:, None] * size[None, :])
+    held = [
+        (joint.clearance, at, Load(tuple(force), tuple(moment)))
+        for joint, at, (force, moment) in zip(joints, step.play, loads, strict=True)
+    ]
+    found = side_by_side(held_stiffness, held)
+    firm = [jnp.where(presses, own, 0.0) for own, presses in zip(found, step.pressed, strict=True)]
     frequency = lowest_frequency(jax.scipy.linalg.block_diag(*firm), mobility)
     return Pose(state, step.play, step.y, StartErrors(step.opened, step.unborne, step.moved), frequency)
 
@@ -201,21 +229,21 @@ class Step(NamedTuple):
 
 def newton(time: Scalar, mechanism: PreparedMechanism, play: tuple[Array, ...], y: Array) -> Step:
     """One Newton step towards the pose, whose slope (that of the joints, by their own play) has no derivative."""
-    now, joints = borne(time, mechanism, play, y), mechanism.clearance_joints()
+    now, joints = pin_loads(time, mechanism, play, y), mechanism.clearance_joints()
     asked = [
-        (joint.clearance, middle(joint), load, spin, at)
-        for joint, load, spin, at in zip(joints, now.loads, now.spins, play, strict=True)
+        (joint.clearance, middle(joint), load, free, at)
+        for joint, load, free, at in zip(joints, now.loads, now.free, play, strict=True)
     ]
     new, pressed, unborne, moved = zip(*side_by_side(_joint_step, asked), strict=True)
     return Step(tuple(new), now.y, now.rates, now.opened, tuple(pressed), as_array(unborne), as_array(moved))
 
 
-def _joint_step(clearance: PreparedClearance, start: Array, load: Load, spin: Vector, play: Array) -> tuple:
+def _joint_step(clearance: PreparedClearance, start: Array, load: Load, free: FreeMotion, play: Array) -> tuple:
     """What a Newton step makes of one joint's play; whether its load presses it, what it did not bear of that, and by
     what part of its play it was moved.
     """
     size = as_array([one.scale for one in clearance.joint.play()])
-    whole = Seating(clearance, load, size, jnp.ones(len(size), bool), start / size, spin)
+    whole = Seating(clearance, load, size, jnp.ones(len(size), bool), start / size, free)
     x, fixed = play / jax.lax.stop_gradient(size), jax.lax.stop_gradient(whole)
     fixed = fixed._replace(counts=fixed.more_than_round_off())
     left = whole._replace(counts=fixed.counts, size=fixed.size).residual(x)
@@ -227,38 +255,6 @@ def _joint_step(clearance: PreparedClearance, start: Array, load: Load, spin: Ve
     return play - fixed.size * change, jnp.any(fixed.counts), unborne, moved
 
 
-def borne(time: Scalar, mechanism: PreparedMechanism, play: tuple[Array, ...], y: Array) -> Bearing:
-    """What the ideal joints bear with pins held at values of their play; `y`: near the ideal mechanism's state."""
-    joints, loops, plan = mechanism.clearance_joints(), mechanism.loops, layout(mechanism.ideal())
-    held = hold_still(mechanism, {joint.name: tuple(own) for joint, own in zip(joints, play, strict=True)})
-    opened = jnp.zeros(0)
-    if loops:
-        y, opened = correct(time, y, held, held.loops)
-    motion = balance(held, time, plan.split(y))
-    reactions = held_reactions(mechanism, time, motion)
-    loads = tuple(Load(reactions[joint.name].on_pin, reactions[joint.name].turning) for joint in joints)
-    spins = tuple(_spin(joint, motion.motion) for joint in joints)
-    rates = as_array(position_rates(held, tuple(y[plan.q]), tuple(y[plan.v])))
-    return Bearing(y, rates, opened, loads, spins)
-
-
 def size_of(joint: ClearanceJoint) -> Array:
     """The magnitudes of a joint's play coordinates [m or rad]."""
     return as_array([one.scale for one in joint.joint.play()])
-
-
-def _spin(joint: ClearanceJoint, motion: Frames) -> Vector:
-    """The pin's spin in its sleeve, in the sleeve's axes."""
-    spin = subtract(motion[joint.child].spin, motion[joint.parent].spin)
-    return sleeve_axes(joint.joint, motion).undo(spin)
-
-
-def _less_friction(joint: ClearanceJoint, play: Array, load: Load, spin: Vector) -> Load:
-    """What of a load is left for a joint to bear without friction."""
-    at = relative_at(joint.joint.play(), play, spin)
-    memory = tuple(jnp.zeros(()) for _ in joint.clearance.remembers)
-    whole = joint.clearance.act(at, memory)
-    smooth = PreparedClearance(joint.clearance.joint, joint.clearance.normal, None)
-    bare = smooth.act(at, memory[: len(smooth.remembers)])
-    force, moment = subtract(whole.force, bare.force), subtract(whole.torque, bare.torque)
-    return Load(subtract(load.force, force), subtract(load.moment, moment))

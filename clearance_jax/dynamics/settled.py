@@ -130,6 +130,13 @@ def middle(joint: ClearanceJoint) -> Array:
     return as_array([0.0 if one.slides is None else dot(start, one.slides) for one in joint.joint.play()])
 
 
+def is_searched(joint: ClearanceJoint) -> bool:
+    """Whether it takes a search to find where its pin rests: of a pin in the plane the force's direction says it."""
+    play, element = joint.joint.play(), joint.clearance.joint.element
+    held = element is not None and element.stiff
+    return held or len(play) != 2 or any(one.slides is None for one in play)
+
+
 def seats_of(
     joints: tuple[ClearanceJoint, ...],
     loads: list,
@@ -142,9 +149,7 @@ def seats_of(
     found: dict[int, Seat] = {}
     alike: dict[Any, list[int]] = {}
     for k, (joint, (force, _)) in enumerate(zip(joints, loads, strict=True)):
-        element = joint.clearance.joint.element
-        held = element is not None and element.stiff
-        if len(begin[k]) == 2 and all(one.slides is not None for one in joint.joint.play()) and not held:
+        if not is_searched(joint):
             place, pressed = joint.clearance.seat((force[0], force[1]))
             at = as_array(place)
             firm = jnp.where(pressed, stiffness_at(joint.clearance, at), 0.0)

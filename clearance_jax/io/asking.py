@@ -22,7 +22,7 @@ from clearance_jax.sweep.scatter import scatter
 from clearance_jax.units import to_si
 
 # What a scene says of how it is solved that its studies take from it.
-OF_THE_SCENE = ("t0", "rtol", "solver", "start", "max_steps")
+OF_THE_SCENE = ("t0", "rtol", "solver", "start", "fidelity", "max_steps")
 
 
 class Scatter(NamedTuple):

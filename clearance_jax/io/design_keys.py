@@ -46,10 +46,11 @@ DESIGN = Keys(
         ),
         Word(
             "fidelity",
-            "the model of the motion: by poses alone, or searched by poses and judged by the dynamics (auto)",
+            "the model of the motion, in the place of that in `solve`: by poses alone, or searched by poses "
+            "and judged by the dynamics (auto)",
             '"auto"',
             allowed=FIDELITY_CHOICES,
-            absent="dynamics",
+            absent="as in `solve`, or dynamics",
         ),
         Whole("most", "evaluations after which the search stops", "500", least=1, absent="1000000"),
     ),

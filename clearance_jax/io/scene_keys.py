@@ -15,7 +15,7 @@ from clearance_jax.mechanism.loads import Wrench
 from clearance_jax.mechanism.motion_laws import ConstantSpeed, Harmonic, Spline, Step5Sum, StepSum
 from clearance_jax.mechanism.profiles import Constant, Quintic, Trapezoid
 from clearance_jax.mechanism.tree import Fixed, Prismatic, Revolute
-from clearance_jax.solve.settings import MOST_SAMPLES
+from clearance_jax.solve.settings import MOST_SAMPLES, OF_MOTIONS
 
 DRIVES = {
     "constant": Constant,
@@ -112,6 +112,14 @@ SOLVE = (
             Quantity("t0", "start of the motion", '"0 s"', unit="s", absent="0 s"),
             Quantity("t1", "end of the motion", '"24 ms"', unit="s", absent="to be given on the command line"),
             Whole("samples", "number of output times", "2001", least=2, most=MOST_SAMPLES, absent="1001"),
+            Word(
+                "fidelity",
+                "the model of the motion: the equations of motion, or a pose at every instant (see "
+                "[quasi-static motions](../quasi_static.md))",
+                '"quasi-static"',
+                allowed=OF_MOTIONS,
+                absent="dynamics",
+            ),
         ),
     )
     + SOLVING

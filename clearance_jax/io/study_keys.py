@@ -11,6 +11,7 @@ from clearance_jax.io.sweep_keys import SWEEP_TABLES
 from clearance_jax.io.table import Keys
 from clearance_jax.io.wear_keys import WEAR_TABLES
 from clearance_jax.parameters import PARAMETER
+from clearance_jax.solve.settings import FIDELITIES
 from clearance_jax.sweep.scatter import DISTRIBUTIONS
 
 STUDY = Keys(
@@ -70,7 +71,16 @@ SOLVE = (
         "solve",
         "How a study is solved",
         "All motions; what is absent is as in the scene.",
-        (),
+        (
+            Word(
+                "fidelity",
+                "the model of the motion: `quasi-static` poses are a screening (see [quasi-static "
+                "motions](../quasi_static.md)), `static` bounds an error by play alone",
+                '"quasi-static"',
+                allowed=FIDELITIES,
+                absent="the scene's, or dynamics",
+            ),
+        ),
         renamed={key: f"design.{key}" for key in ("method", "starts", "most")},
     )
     + SOLVING

@@ -16,14 +16,15 @@ from jaxtyping import Array, Float
 from clearance_jax._small_matrices import small_eigh, small_inverse
 from clearance_jax._types import Flag, Scalar
 from clearance_jax.joints._base import TOUCHING, PlayCoordinate, PreparedClearance, Relative
-from clearance_jax.spatial import IDENTITY, ZERO, Rotation, Term, Vector, add, as_array, dot, scale
+from clearance_jax.spatial import IDENTITY, ZERO, Rotation, Term, Vector, add, as_array, dot, scale, subtract
 
 # Iterations at most (some twenty are usual); halvings of a step; iterations at the end, without springs.
 MOST, HALVINGS, LAST = 200, 12, 5
 # Loads begin where they press so deep (in parts of the play), and are by so much less each time as one is nearly borne.
 WIDE, LESS, NEAR = 0.3, 8.0, 0.1
-# Of the load: what is left when a search ends; such as it may be where it helps no more.
-ROUND_OFF, SOLVED = 1e-14, 1e-9
+# Of the load: what is left when a search ends; such as it may be where it helps no more; what is left of a search from
+# near its end, which the iterations without springs finish.
+ROUND_OFF, SOLVED, ALMOST = 1e-14, 1e-9, 1e-6
 # What springs hold per play: of the whole load along what it does not press, of its own along what it does.
 LOOSE, PRESSED = 1e-2, 1e-6
 
@@ -68,14 +69,32 @@ class Load(NamedTuple):
             [dot(self.force if one.turns is None else self.moment, a) for one, a in zip(play, axes, strict=True)]
         )
 
+    def plus(self, other: "Load") -> "Load":
+        """Both together."""
+        return Load(add(self.force, other.force), add(self.moment, other.moment))
 
-def relative_at(play: Sequence[PlayCoordinate], values: Values, spin: Vector | None = None) -> Relative:
-    """The relative motion of a pin at given `values` (play,) of its `play` [m or rad], at rest there but for a `spin`
-    about its axis [rad/s] (`None`: at rest).
+    def less(self, other: "Load") -> "Load":
+        """What is left of it without another."""
+        return Load(subtract(self.force, other.force), subtract(self.moment, other.moment))
+
+
+class FreeMotion(NamedTuple):
+    """How a pin moves where its joint leaves it free, in the sleeve's axes: `velocity` of its centre along a slide
+    [m/s], and `spin` [rad/s].
+    """
+
+    velocity: Vector
+    spin: Vector
+
+
+def relative_at(play: Sequence[PlayCoordinate], values: Values, free: FreeMotion | None = None) -> Relative:
+    """The relative motion of a pin at given `values` (play,) of its `play` [m or rad], which do not change; `free`: how
+    it moves otherwise (`None`: at rest).
     """
     at, zero = pose_at(play, values), jnp.zeros(())
     rows = None if all(one.turns is None for one in play) else at.rotation.rows
-    return Relative(at.place, 0.0, (zero, zero, zero), (zero, zero, zero) if spin is None else spin, rows)
+    free = FreeMotion((zero, zero, zero), (zero, zero, zero)) if free is None else free
+    return Relative(at.place, 0.0, free.velocity, free.spin, rows)
 
 
 class Seat(NamedTuple):
@@ -133,8 +152,8 @@ def seat(clearance: PreparedClearance, load: Load, start: Values, near: Near | N
 
 class Seating(NamedTuple):
     """The problem: a pin, the load that it is to bear, the `size` of its play, which parts of the load `counts`, the
-    `start`, and how it spins [rad/s] (`None`: not). Its unknowns x are the play in units of its size; forces and
-    moments are so too [J].
+    `start`, and how it moves where its joint leaves it `free` (`None`: not). Its unknowns x are the play in units of
+    its size; forces and moments are so too [J].
     """
 
     clearance: PreparedClearance
@@ -142,14 +161,14 @@ class Seating(NamedTuple):
     size: Values
     counts: Array
     start: Values
-    spin: Vector | None = None
+    free: FreeMotion | None = None
 
     def residual(self, x: Values, factor: Scalar | float = 1.0) -> Values:
         """The gradient of the energy: a multiple of the load, less what the joint bears."""
         play, values = self.clearance.joint.play(), self.size * x
         axes = pose_at(play, values).axes
         memory = tuple(jnp.zeros(()) for _ in self.clearance.remembers)
-        action = self.clearance.act(relative_at(play, values, self.spin), memory)
+        action = self.clearance.act(relative_at(play, values, self.free), memory)
         borne = Load(action.force, action.torque).along(play, axes)
         return self.size * (jnp.where(self.counts, factor * self.load.along(play, axes), 0.0) - borne)
 
@@ -200,12 +219,13 @@ class Seating(NamedTuple):
             before, after = jnp.linalg.norm(g), jnp.linalg.norm(further[part])
             stuck = (after > 0.5 * before) & (before < SOLVED * asked)
             x = jnp.where(stuck, x, x + parts[part] * step)
-            done = (factor <= 1) & (stuck | (after <= ROUND_OFF * asked))
+            done = (factor <= 1) & (stuck | (after <= enough * asked))
             return x, jnp.where(after < NEAR * asked, jnp.maximum(1.0, factor / LESS), factor), count + 1, done
 
         widest = self.wall(WIDE) / jnp.where(whole > 0, whole, 1.0)
-        x, factor = self.start, jnp.maximum(1.0, widest)
+        x, factor, enough = self.start, jnp.maximum(1.0, widest), ROUND_OFF
         if near is not None:
+            enough = jnp.where(near.known, ALMOST, ROUND_OFF)
             x, factor = jnp.where(near.known, near.place, x), jnp.where(near.known, 1.0, factor)
         begin = x, factor, jnp.asarray(0), whole <= 0
         return jax.lax.while_loop(lambda carry: ~carry[3] & (carry[2] < MOST), once, begin)[0]
@@ -253,6 +273,24 @@ def stiffness_at(clearance: PreparedClearance, place: Values) -> Array:
     smooth = PreparedClearance(clearance.joint, clearance.normal, None)
     held, at, size = jax.lax.stop_gradient((smooth, place, size))
     return value_and_jacobian(Seating(held, nowhere, size, jnp.zeros(len(size), bool), at).residual, at / size)[1]
+
+
+def held_stiffness(clearance: PreparedClearance, place: Values, load: Load) -> Array:
+    """How stiffly a joint without friction holds its pin where it bears a load, for play in units of its size [J],
+    without derivatives: zero along what contacts hold less firmly than the springs of a search do.
+
+    **Arguments:** `clearance`: the joint; `place` (play,): values of its play coordinates [m or rad]; `load`: what it
+    bears.
+    """
+    size = as_array([one.scale for one in clearance.joint.play()])
+    smooth = PreparedClearance(clearance.joint, clearance.normal, None)
+    still = jax.lax.stop_gradient((smooth, load, size))
+    pin = Seating(*still, jnp.ones(len(size), bool), jax.lax.stop_gradient(place) / still[2])
+    pin = pin._replace(counts=pin.more_than_round_off())
+    slope = value_and_jacobian(pin.residual, pin.start)[1]
+    stiff, ways = small_eigh(0.5 * (slope + slope.T))
+    firm = jnp.where(jnp.abs(stiff) > (ways**2).T @ pin.springs, stiff, 0.0)
+    return (ways * firm[None, :]) @ ways.T
 
 
 def value_and_jacobian(function: Callable[[Values], Values], x: Values) -> tuple[Values, Array]:

@@ -15,7 +15,7 @@ from clearance_jax.errors import ClearanceError, suggest
 
 CODE = "code"
 # What every lane has beside its results.
-ENDINGS = (CODE, "steps", "rejected", "energy_residual", "again")
+ENDINGS = (CODE, "steps", "rejected", "energy_residual", "validity", "again")
 # The code of a lane that has not been run; of one that reached its end; and how a picture tells others.
 NOT_RUN, REACHED = -1, 0
 # A motion is chaotic, or stable, where its exponent is away from zero by more than so many times its uncertainty.

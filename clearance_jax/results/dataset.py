@@ -60,6 +60,8 @@ def to_dataset(
     said = _attributes(mechanism, solved, solution.message or "successful")
     if solved.rests:
         said["start"] = solved.rests
+    if solved.validity is not None:
+        said["validity"] = str(solved.validity)
     return xr.Dataset(data, coords, said | provenance)
 
 

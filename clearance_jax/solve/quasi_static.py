@@ -11,13 +11,15 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Float, Int
 
 from clearance_jax._kept import kept_jit
 from clearance_jax._solo import solo_jit
 from clearance_jax._types import Flag, Scalar
 from clearance_jax.dynamics.closures import StartErrors
-from clearance_jax.dynamics.pose import Pose, check_driven, ideal_states, middle_pose, pose, with_derivatives
+from clearance_jax.dynamics.pose import Pose, check_driven, ideal_states, middle_pose, poses, with_derivatives
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.prepared import PreparedMechanism
@@ -28,27 +30,35 @@ from clearance_jax.solve.observers import AbstractObserver, Picked
 from clearance_jax.solve.settings import STATIC, Settings, evenly
 from clearance_jax.solve.solution import Solution
 from clearance_jax.solve.tolerances import largest_length
+from clearance_jax.solve.validity import Validity, validity_of
 
 # Intervals of the grid; Simpson's rule wants an even number.
 INTERVALS = 200
+# Times nearer than this part of them are the same.
+SAME = 1e-14
 # A pose at which a pin misses more than this part of its load, or was still moved by more of its play, is none; nor is
 # one whose loops were open by more than this part of the largest length before the last step, which squares it.
 POSED, CLOSED = 1e-4, 1e-8
 
 
 class Asked(NamedTuple):
-    """What poses are asked of: numbers that vary first."""
+    """What poses are asked of: numbers that vary first; the sample times that are none of the grid (`between`), and
+    where each sample stands among the grid's times and those (`places`).
+    """
 
     mechanism: Mechanism
     integrands: tuple
     t0: Array
     t1: Array
     save_at: Array | None
+    between: Array
+    places: Int[Array, " samples"]
 
 
 class Poses(NamedTuple):
     """Poses on the grid and at sample times (empty without samples): `times`, and the poses then; by each observer the
-    places on the grid that it picks, and what it saw there; and whether each is a pose.
+    places on the grid that it picks, and what it saw there; whether each is a pose; and how far the motion can be
+    believed (`None`: pins are in the middle of their play).
     """
 
     grid: Array
@@ -57,6 +67,7 @@ class Poses(NamedTuple):
     at_times: Pose
     picked: tuple[tuple[Array, Array] | None, ...]
     good: Flag
+    validity: Validity | None
 
 
 def quasi_static(
@@ -67,8 +78,25 @@ def quasi_static(
     **Raises:** `ClearanceError` for what no pose can give (see `check_poses`).
     """
     check_poses(mechanism, settings)
-    asked = Asked(mechanism, integrands, settings.t0, t1, settings.save_at)
+    asked = Asked(mechanism, integrands, settings.t0, t1, settings.save_at, *_beside_grid(settings, t1))
     return _motion(asked, observers=observers, seats=settings.fidelity != STATIC)
+
+
+def _beside_grid(settings: Settings, t1: Any) -> tuple[Array, Array]:
+    """The sample times that are none of the grid, and the place of each sample. Only samples at equal distances are
+    looked for in the grid: of those their number alone says which, so that another end is not another program.
+    """
+    times = jnp.zeros(0) if settings.save_at is None else settings.save_at
+    count, number = INTERVALS + 1, times.shape[0]
+    apart = times, count + jnp.arange(number)
+    if number < 2 or any(isinstance(t, Tracer) for t in (settings.t0, t1, times)):
+        return apart
+    known, even = np.asarray(times), np.asarray(evenly(settings.t0, t1, number))
+    if np.any(np.abs(known - even) > SAME * np.max(np.abs(even))):
+        return apart
+    k = INTERVALS * np.arange(number)
+    new = k % (number - 1) != 0
+    return jnp.asarray(known[new]), jnp.asarray(np.where(new, count + np.cumsum(new) - 1, k // (number - 1)))
 
 
 @eqx.filter_custom_jvp
@@ -106,16 +134,17 @@ def _found(asked: Asked, observers: tuple, seats: bool) -> Poses:
     ready = asked.mechanism.prepare()
     grid = evenly(asked.t0, asked.t1, INTERVALS + 1)
     count = grid.shape[0]
-    times = grid if asked.save_at is None else jnp.concatenate([grid, asked.save_at])
+    times = jnp.concatenate([grid, asked.between])
     order = jnp.argsort(times)
-    ideal = ideal_states(ready, times[order])[jnp.argsort(order)]
-    every = jax.vmap(lambda time, y: (pose if seats else middle_pose)(time, ready, y))(times, ideal)
-    on_grid, at_times = (
-        jax.tree.map(lambda x, part=part: x[part], every) for part in (slice(count), slice(count, None))
-    )
+    back, times = jnp.argsort(order), times[order]
+    ideal = ideal_states(ready, times)
+    at_places = poses if seats else jax.vmap(middle_pose, (0, None, 0))
+    every = jax.tree.map(lambda x: x[back], at_places(times, ready, ideal))
+    on_grid, at_times = (jax.tree.map(lambda x, part=part: x[part], every) for part in (slice(count), asked.places))
     picked = tuple(observer.among(grid, on_grid.y, ready) for observer in observers)
     good = are_poses(asked.mechanism, every.errors) & bounds_hold(asked.mechanism) & jnp.all(jnp.isfinite(every.y))
-    return Poses(grid, on_grid, times[count:], at_times, picked, good)
+    validity = validity_of(grid, on_grid, ideal[back][:count], ready) if seats else None
+    return Poses(grid, on_grid, times[back][asked.places], at_times, picked, good, validity)
 
 
 def are_poses(mechanism: Mechanism, errors: StartErrors) -> Flag:
@@ -209,6 +238,7 @@ def _solution(asked: Asked, found: Poses, read: Read) -> Solution:
         records=tuple(None for _ in found.picked),
         picked=tuple(picked),
         frequencies=found.on_grid.frequency,
+        validity=found.validity,
         sampled=sampled,
         energy_balance=False,
     )

@@ -21,6 +21,8 @@ from clearance_jax.mechanism.state import layout
 from clearance_jax.solve.codes import Result, words
 from clearance_jax.solve.observers import Picked
 from clearance_jax.solve.start import rest_words
+from clearance_jax.solve.validity import WORDS as LEVELS
+from clearance_jax.solve.validity import Validity
 from clearance_jax.units import format_quantity
 
 
@@ -46,7 +48,8 @@ class Solution(Module):
     - `seated`: how the pins of a settled start begin; `rests`: in words, which begin at relative rest and why.
     - `mechanism`: what was solved. `numbers`, `structure` and `sampled` hold it and what was asked, for quantities that
       are computed later.
-    - `frequencies`: of a quasi-static motion the lowest frequency about each pose of its grid [Hz].
+    - `frequencies`: of a quasi-static motion the lowest frequency about each pose of its grid [Hz]; `validity`: how far
+      such a motion can be believed, a `Validity`.
     """
 
     time: Float[Array, " samples"]
@@ -62,6 +65,7 @@ class Solution(Module):
     picked: tuple[Picked | None, ...] = ()
     seated: Seated | None = None
     frequencies: Float[Array, " instants"] | None = None
+    validity: Validity | None = None
     numbers: Any = None
     structure: Any = eqx.field(static=True, default=None)
     sampled: bool = eqx.field(static=True, default=True)
@@ -190,11 +194,15 @@ def summary(solution: Solution) -> str:
     widths = [max((len(row[k]) for row in rows), default=0) for k in range(3)]
     lines = ["  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in rows]
     rests = [f"  {solution.rests}"] if solution.rests else []
+    if solution.validity is not None:
+        rests.append(f"  {solution.validity}")
     return "\n".join([_ending(solution), *rests, *(line.rstrip() for line in lines)])
 
 
 def _ending(solution: Solution) -> str:
     ended = f"stopped ({solution.message})" if solution.message else "reached t1"
+    if solution.validity is not None:
+        return f"{solution.mechanism.name}: quasi-static, {ended} at t = {float(solution.end_time):.6g} s"
     line = (
         f"{solution.mechanism.name}: {ended} at t = {float(solution.end_time):.6g} s, {int(solution.steps)} steps "
         f"({int(solution.rejected)} rejected)"
@@ -209,6 +217,10 @@ def summary_of_batch(solution: Solution) -> str:
     seated = solution.seated
     resting = 0 if seated is None else np.count_nonzero(np.any(np.asarray(seated.rest) > 0, axis=-1))
     rests = f" {resting} of them begin with pins at relative rest." if resting else ""
+    if solution.validity is not None:
+        found = np.bincount(np.ravel(np.asarray(solution.validity.level)), minlength=len(LEVELS))
+        named = zip(found, LEVELS, strict=True)
+        rests = f" Quasi-static: {', '.join(f'{count} {word}' for count, word in named)}."
     return (
         f"{solution.mechanism.name}, a batch of {' x '.join(map(str, np.shape(solution.code)))} solves: "
         f"{'; '.join(ended)}.{rests} One of them: jax.tree.map(lambda x: x[i], solution)"

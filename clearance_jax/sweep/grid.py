@@ -13,6 +13,7 @@ from clearance_jax.ask.question import Answer, Question
 from clearance_jax.solve.batch import BatchReport
 from clearance_jax.solve.codes import Result
 from clearance_jax.solve.lanes import chunk_on
+from clearance_jax.solve.validity import WORDS as LEVELS
 from clearance_jax.sweep.axes import Dimension
 
 Lanes = Int[np.ndarray, " _"]
@@ -51,6 +52,9 @@ ENDINGS = {
     "steps": Kind((), (), "i4", "1", "integration steps"),
     "rejected": Kind((), (), "i4", "1", "steps tried in vain"),
     "energy_residual": Kind((), (), "f8", "1", "energy missing in the balance over energy exchanged"),
+    "validity": Kind(
+        (), (), "i1", "1", f"whether poses can be believed ({', '.join(f'{k} {w}' for k, w in enumerate(LEVELS))})"
+    ),
     "again": Kind((), (), "i1", "1", "how often the lane was run again with other settings"),
 }
 

@@ -251,6 +251,13 @@ def test_a_study_and_the_command_say_the_fidelity(tmp_path):
     asked = cj.load_study(file).design
     assert asked is not None
     assert asked.problem.specification.fidelity == "auto"
+    # What is said of the design wins over what is said of all motions, and that over nothing.
+    solve = '[solve]\nfidelity = "quasi-static"\n'
+    for said, expected in ((text + solve, "auto"), (text.replace('fidelity = "auto"\n', "") + solve, "quasi-static")):
+        file.write_text(said)
+        asked = cj.load_study(file).design
+        assert asked is not None
+        assert asked.problem.specification.fidelity == expected
     file.write_text(text.replace('"auto"', '"static"'))
     with pytest.raises(ClearanceError, match="fidelity"):
         cj.load_study(file)

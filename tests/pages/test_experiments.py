@@ -16,6 +16,7 @@ from experiments import (
     hard_cases,
     paper_sweeps,
     publish,
+    quasi_static,
     robots,
     scalar,
     settled_starts,
@@ -101,6 +102,15 @@ def test_articulated_bodies_agree_with_composite_ones():
     rows = forward_dynamics.main(quick=True)
     assert [row.program.split()[0] for row in rows] == ["composite", "articulated", "articulated"]
     assert max(row.error for row in rows) <= 1e-10
+
+
+def test_quasi_static():
+    rows = quasi_static.main(quick=True)
+    assert len(rows) == 6
+    assert {row.damped for row in rows} == {True, False}
+    assert not any(quasi_static.broken(row) for row in rows)
+    # What was measured is read and not measured again.
+    assert quasi_static.main(quick=True) == rows
 
 
 def test_settled_starts():
