@@ -1,10 +1,10 @@
 """Bifurcations: `python -m experiments.bifurcation` writes out/bifurcation.nc and its pictures.
 
-The slider-crank at 5000 rpm against its clearance, 200 revolutions each: the sweep of the file
-`experiments/studies/bifurcation.toml`, which `clearance run` runs and draws alone. The piston's velocity is recorded
-once in each revolution of the last half, at the dead centre where an ideal piston stands still (a Poincare section).
-The largest Lyapunov exponent is computed over the same revolutions, from the variational equations. An interrupted run
-continues when it is started again.
+The sweep simulates the slider-crank at 5000 rpm for many values of its clearance, 200 revolutions each. It is the sweep
+of the file `experiments/studies/bifurcation.toml`, which `clearance run` can run and draw without this script. The
+piston's velocity is recorded once in each revolution of the last half, at the dead centre where an ideal piston stands
+still (a Poincare section). The largest Lyapunov exponent is computed over the same revolutions, from the variational
+equations. An interrupted run continues when it is started again.
 
 A motion is called chaotic if its exponent is positive and larger than twice its uncertainty. It is called regular if
 the exponent is negative and larger in size than twice the uncertainty. The other motions have no verdict, because the

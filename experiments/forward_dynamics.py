@@ -4,12 +4,12 @@ experiments.forward_dynamics` writes out/forward_dynamics.md.
 The programs compute accelerations of free arms of 3, 7, 12 and 30 revolute joints, under gravity, in random positions
 with random loads. The library uses composite bodies and a factored mass matrix: a program with one operation for each
 number up to 16 coordinates, and arrays above. Articulated bodies (Featherstone 2008, section 7.3) are written here in
-the world's axes, once, for two carriers: single numbers, as ours, up to eight coordinates, and arrays of 3 by 3 in
-loops over the links. All programs take the numbers of the arm as arguments. Evaluations are timed in a loop inside one
-program, as in a solve: each starts from the state to which the last one leads. They are timed *alone*, and as *a lane
-of N*: one motion of a batch of N. *Compile* is the compile time of one evaluation of 64 lanes. *Operations* is the
-compiler's count of the operations for one lane, if the program has no loops. *Error* is the largest difference from the
-library's accelerations, relative to the largest acceleration.
+the world's axes, as one program for two kinds of numbers: single numbers, as in the library, up to eight coordinates,
+and arrays of 3 by 3 in loops over the links. All programs take the numbers of the arm as arguments. Evaluations are
+timed in a loop inside one program, as in a solve: each starts from the state to which the last one leads. They are
+timed *alone*, and as *a lane of N*: one motion of a batch of N. *Compile* is the compile time of one evaluation of 64
+lanes. *Operations* is the compiler's count of the operations for one lane, if the program has no loops. *Error* is the
+largest difference from the library's accelerations, relative to the largest acceleration.
 
 MuJoCo and pinocchio evaluate the same arm of seven joints, read from URDF text, with one call from Python for each
 state. `PINOCCHIO_PYTHON` names the interpreter of an environment with the packages `pin` and `mujoco`, which are no

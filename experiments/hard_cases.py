@@ -3,8 +3,8 @@
 The error is that of the worst state over all saved times, relative to the largest magnitude of this state. If a
 reference problem covers the case, the reference is `experiments.reference`: an integrator that locates every event and
 shares no code with the library. Otherwise it is this library's Dopri8 at rtol 1e-12 ("own"). Impacts amplify errors.
-The column beside the error has the error at a hundredth of the tolerance. It shows whether an error is amplified, or is
-a floor that no tolerance removes. "Energy" is the residual of the energy balance.
+The column beside the error has the error at a hundredth of the tolerance. It shows whether an error is amplified (it
+falls with the tolerance) or is a floor (it does not). "Energy" is the residual of the energy balance.
 """
 
 from collections.abc import Callable

@@ -1,11 +1,11 @@
 """The cost of play in space, and its limit of zero clearance: `python -m experiments.play_in_space` writes
 out/play_in_space.md.
 
-*Fields*: one evaluation of the vector field (without energy balance), alone and as a lane of 64, of the paper's joint 5
-in the plane (one contact point) and of the tool changer in space (8 stations and a ring of 8 on the thrust faces: 16
-points, 5 play coordinates, 6 driven joints), both with friction; operations are counted by the compiler for one lane,
-before fusion. *A point* is the cost of the field divided by its number of points. *Contact alone* leaves out the
-equations of motion.
+*Fields*: the cost of one evaluation of the vector field (without energy balance), alone and as a lane of 64 (one motion
+in a batch of 64). One model is the paper's joint 5 in the plane (one contact point). The other is the tool changer in
+space (8 stations and a ring of 8 on the thrust faces: 16 points, 5 play coordinates, 6 driven joints). Both have
+friction. Operations are counted by the compiler for one lane, before fusion. *A point* is the cost of the field divided
+by its number of points. *Contact alone* leaves out the equations of motion.
 
 *Arms*: the six axes of six_axes.urdf carry 5 kg along a trajectory, with sleeves (radial 50 um, 40 mm long, 8 stations,
 steel on bronze, no friction) in one axis, in three or in all six, without axial play and with it (100 um, 8 points of
