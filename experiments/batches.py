@@ -1,12 +1,14 @@
 """Batches: `python -m experiments.batches` writes out/batches.md.
 
-Slider-cranks with clearances from 0.1 to 0.5 mm, one revolution each, Tsit5 at rtol 1e-7. Times are per lane: of a
-batch, of a solve alone, and of a minimal loop (the same vector field and tableau, the textbook controller, no contact
-event location, no output, batch axis last), which shows what the rest costs. An attempt is one try of a step, six
-evaluations of the vector field. The lanes of a batch go on until the slowest ends, so a lane's attempts are the
-batch's.
+The problem is a batch of slider-cranks with clearances from 0.1 to 0.5 mm, one revolution each, with Tsit5 at rtol
+1e-7. A lane is one motion of a batch. Three programs are timed, per lane: a batch, a single solve, and a minimal loop.
+The minimal loop has the same vector field and tableau, a textbook step-size controller, no contact event location, no
+output, and the batch axis last. It shows what the other parts of the library cost. An attempt is one try of a step, six
+evaluations of the vector field. All lanes of a batch run until the slowest one ends, so each lane has as many attempts
+as the batch.
 
-Everything is measured twice, in one process each: compiled as `clearance_jax.configure` sets JAX up, and as JAX is.
+Everything is measured twice, each time in a process of its own: with the JAX settings of `clearance_jax.configure`, and
+with the default settings of JAX.
 """
 
 import json

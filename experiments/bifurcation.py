@@ -1,18 +1,19 @@
 """Bifurcations: `python -m experiments.bifurcation` writes out/bifurcation.nc and its pictures.
 
-The slider-crank at 5000 rpm against its clearance, 200 revolutions each: the sweep of the file
-`experiments/studies/bifurcation.toml`, which `clearance run` runs and draws alone. The piston's velocity is taken once
-a revolution, at the dead centre where an ideal piston stands still, over the last half of them (a Poincare section),
-and over the same half the largest Lyapunov exponent is computed by the variational equations. A run that is broken off
-goes on when it is started again.
+The sweep simulates the slider-crank at 5000 rpm for many values of its clearance, 200 revolutions each. It is the sweep
+of the file `experiments/studies/bifurcation.toml`, which `clearance run` can run and draw without this script. The
+piston's velocity is recorded once in each revolution of the last half, at the dead centre where an ideal piston stands
+still (a Poincare section). The largest Lyapunov exponent is computed over the same revolutions, from the variational
+equations. An interrupted run continues when it is started again.
 
-A motion is called chaotic where its exponent is positive by more than twice its uncertainty, and regular where it is
-negative by more than that. In between nothing is said: exponents of regular motions may be zero, as at bifurcations.
+A motion is called chaotic if its exponent is positive and larger than twice its uncertainty. It is called regular if
+the exponent is negative and larger in size than twice the uncertainty. The other motions have no verdict, because the
+exponent of a regular motion may be zero, for example at a bifurcation.
 
-Checked against single solves at ten values. A regular motion must agree point by point (`points differ by`: over the
-range of all points). A chaotic one forgets by round-off alone where it was: there distributions are compared, by the
-probability that both samples are of one (Kolmogorov and Smirnov), and the exponents by their difference over their
-uncertainties.
+The sweep is checked against single solves at ten values of the clearance. A regular motion must agree point by point
+(`points differ by` is the difference over the range of all points). Two solves of a chaotic motion move apart by
+round-off alone. So their distributions are compared, by the probability that both samples come from one distribution
+(Kolmogorov and Smirnov), and their exponents, by the difference over the uncertainties.
 """
 
 import dataclasses

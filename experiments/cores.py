@@ -1,14 +1,17 @@
-"""Lanes over cores: `python -m experiments.cores` writes out/cores.md, out/cores_orders.md, out/cores_memory.md.
+"""Batches on several cores: `python -m experiments.cores` writes out/cores.md, out/cores_orders.md,
+out/cores_memory.md.
 
-`cj.batch` of slider-cranks, one revolution at 5000 rpm, rtol 1e-5, two numbers a lane; compiling excluded.
+The program is `cj.batch` of slider-cranks: one revolution at 5000 rpm, rtol 1e-5. A lane is one motion of the batch,
+and has two output numbers. The times exclude compilation.
 
-- Cores: sweeps over the clearance (0.05 to 0.5 mm) of several sizes, the shortest times of several rounds in which one
-  core and all cores take turns. `over the largest`: CPU time per lane over that of the largest sweep. `over one core`:
-  the gain in wall time, which is less where the cores have other work too.
-- Orders: how full the chunks are (attempts of the lanes over those that their chunks ran), with lanes as
-  they come, sorted by what the first chunks took, sorted by a probe, and sorted by their true costs. A probe is a solve
-  with a loose tolerance; its price is its attempts over those of the solve.
-- Memory: the peak of a process of its own, one stage after the other.
+- Cores: batches of several sizes over the clearance (0.05 to 0.5 mm). One core and all cores take turns in several
+  rounds, and the shortest times count. `over the largest` is the CPU time per lane, divided by that of the largest
+  batch. `over one core` is the gain in wall time. It is smaller if the cores have other work too.
+- Orders: the lane efficiency (attempts of the lanes, divided by the attempts that their chunks made) for four orders of
+  the lanes: the given one (`as they come`), sorted by an estimate from the first chunks (`learned`), sorted by a probe,
+  and sorted by their true costs. A probe is a solve with a loose tolerance. Its price is the number of its attempts,
+  divided by that of the solve.
+- Memory: the peak memory of a separate process, after each stage of its work.
 """
 
 import json

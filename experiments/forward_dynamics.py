@@ -1,17 +1,20 @@
-"""Composite against articulated bodies: `python -m experiments.forward_dynamics` writes out/forward_dynamics.md.
+"""Composite bodies compared with articulated bodies (two algorithms of forward dynamics): `python -m
+experiments.forward_dynamics` writes out/forward_dynamics.md.
 
-Accelerations of free arms of 3, 7, 12 and 30 revolute joints, placed and loaded at random, under gravity. Ours are
-composite bodies and a factored mass matrix: number by number up to 16 coordinates, arrays above. Articulated bodies
-(Featherstone 2008, section 7.3) are written here in the world's axes, once, for two carriers: single numbers, as ours,
-up to eight coordinates, and arrays of 3 by 3 in loops over the links. All are given their numbers as arguments.
-Evaluations are timed in a loop of one program, each at the state that the last one leads to, as a solve makes them:
-*alone*, and as *a lane of N*, one of a batch of N. *Compile* is that of one evaluation of 64 lanes, *operations* are
-the compiler's count of it for one lane, where it has no loops; *error* is the largest difference to ours, relative to
-the largest acceleration.
+The programs compute accelerations of free arms of 3, 7, 12 and 30 revolute joints, under gravity, in random positions
+with random loads. The library uses composite bodies and a factored mass matrix: a program with one operation for each
+number up to 16 coordinates, and arrays above. Articulated bodies (Featherstone 2008, section 7.3) are written here in
+the world's axes, as one program for two kinds of numbers: single numbers, as in the library, up to eight coordinates,
+and arrays of 3 by 3 in loops over the links. All programs take the numbers of the arm as arguments. Evaluations are
+timed in a loop inside one program, as in a solve: each starts from the state to which the last one leads. They are
+timed *alone*, and as *a lane of N*: one motion of a batch of N. *Compile* is the compile time of one evaluation of 64
+lanes. *Operations* is the compiler's count of the operations for one lane, if the program has no loops. *Error* is the
+largest difference from the library's accelerations, relative to the largest acceleration.
 
-MuJoCo and pinocchio evaluate the same arm of seven, handed over as URDF text, one state a call from Python.
-`PINOCCHIO_PYTHON` names the interpreter of an environment with the packages `pin` and `mujoco`, which are no
-dependencies of this project (`python -m venv there; there/bin/pip install pin mujoco`). What it lacks is left out.
+MuJoCo and pinocchio evaluate the same arm of seven joints, read from URDF text, with one call from Python for each
+state. `PINOCCHIO_PYTHON` names the interpreter of an environment with the packages `pin` and `mujoco`, which are no
+dependencies of this project (`python -m venv there; there/bin/pip install pin mujoco`). A missing package is left out
+of the comparison.
 """
 
 import functools

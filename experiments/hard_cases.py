@@ -1,10 +1,10 @@
-"""Cases that break contact solvers: `python -m experiments.hard_cases` writes out/hard_cases.md.
+"""Cases that are difficult for contact solvers: `python -m experiments.hard_cases` writes out/hard_cases.md.
 
-The error is that of the worst state over all samples, relative to its largest magnitude, against
-`experiments.reference` (an integrator with every switching located, no code shared) where a reference problem covers
-the case, and otherwise against this library's Dopri8 at rtol 1e-12 ("own"). Impacts amplify: whether an error is that
-or a floor shows in the column beside it, the error at a hundredth of the tolerance. "Energy" is the residual of the
-energy balance.
+The error is that of the worst state over all saved times, relative to the largest magnitude of this state. If a
+reference problem covers the case, the reference is `experiments.reference`: an integrator that locates every event and
+shares no code with the library. Otherwise it is this library's Dopri8 at rtol 1e-12 ("own"). Impacts amplify errors.
+The column beside the error has the error at a hundredth of the tolerance. It shows whether an error is amplified (it
+falls with the tolerance) or is a floor (it does not). "Energy" is the residual of the energy balance.
 """
 
 from collections.abc import Callable

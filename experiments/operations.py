@@ -1,9 +1,10 @@
-"""What the compiler computes twice: `python -m experiments.operations` writes out/operations.md.
+"""Arithmetic that the compiler repeats: `python -m experiments.operations` writes out/operations.md.
 
-XLA fuses operations into kernels, and what two kernels need it may compute in each. This counts the arithmetic of one
-attempt at a step, for each lane of a batch: as the program is written down, as XLA simplifies it, and as it fuses that
-(`experiments/hlo.py` says what counts; stages, bisections and branches count once). The last over the second is what
-fusing repeats. At rtol 1e-5, without energy balance unless named; four-bar: with play in three joints.
+XLA, the compiler of JAX, fuses operations into kernels. If two kernels need the same value, it may compute the value in
+both. The table counts the arithmetic of one attempt at a step, for each lane (motion) of a batch, in three forms of the
+program: as written, as simplified by XLA, and as fused by XLA (`experiments/hlo.py` says what counts; stages,
+bisections and branches count once). The third count divided by the second shows how much fusion repeats. The programs
+run at rtol 1e-5, without energy balance unless named. The four-bar has play in three joints.
 """
 
 from collections.abc import Callable

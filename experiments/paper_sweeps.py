@@ -1,18 +1,18 @@
 """The paper's studies as sweeps: `python -m experiments.paper_sweeps` writes out/paper_sweeps.nc, tables and pictures.
 
 Qian et al. 2022 (doi 10.3390/app122111041) simulate joint 5 of a tool-changing robot with three clearances, four drives
-and three coefficients of friction, one varied at a time. Here is the plane model of the scenes `joint5_velocity_1..4`,
-as `experiments.paper` reads it first (Eq. 7's damping, radial clearance), over all of them together: clearances up to
-1 mm in 200 steps, the four drives of Table 2, and friction from 0 to 0.5. Every result of a lane comes from one solve.
-A run that is broken off goes on when it is started again.
+and three coefficients of friction, one varied at a time. This page uses the plane model of the scenes
+`joint5_velocity_1..4` in the literal reading of `experiments.paper` (damping of Eq. 7, radial clearance). It varies all
+three together: clearances up to 1 mm in 200 steps, the four drives of Table 2, and friction from 0 to 0.5. A lane is
+one motion of the sweep. All its results come from one solve. An interrupted run continues when it is started again.
 
-How often pin and sleeve meet depends on the damping: with that of Table 1 (e = 0.42) the four drives are swept again.
+The number of impacts depends on the damping. So the four drives are swept again with the damping of Table 1 (e = 0.42).
 
 - Deviation: the largest distance of the end from where the ideal robot has it. Velocity fluctuation: root mean square
   of the end's speed less the ideal one's. Peak acceleration: of the end. Impacts: how often pin and sleeve meet.
 - Lanes at the paper's clearances are compared with the traced single solves of `experiments.paper`.
-- A trend is told by its Spearman rank correlation over the clearance (+1: always rising) and, for what scales with it,
-  by the exponent of the power law through the values from 50 um on.
+- A trend is described by its Spearman rank correlation with the clearance (+1: always rising). If a result scales with
+  the clearance, the exponent of the power law through the values from 50 um on is given too.
 """
 
 from typing import Any, ClassVar, NamedTuple, cast

@@ -1,28 +1,30 @@
-"""What play in space costs, and how it ends: `python -m experiments.play_in_space` writes out/play_in_space.md.
+"""The cost of play in space, and its limit of zero clearance: `python -m experiments.play_in_space` writes
+out/play_in_space.md.
 
-*Fields*: one evaluation of the vector field (without energy balance), alone and as a lane of 64, of the paper's joint 5
-in the plane (one contact point) and of the tool changer in space (8 stations and a ring of 8 on the thrust faces: 16
-points, 5 play coordinates, 6 driven joints), both with friction; operations as the compiler counts them for one lane
-before it fuses. *A point* is the field over its points; *contact alone* leaves out the equations of motion.
+*Fields*: the cost of one evaluation of the vector field (without energy balance), alone and as a lane of 64 (one motion
+in a batch of 64). One model is the paper's joint 5 in the plane (one contact point). The other is the tool changer in
+space (8 stations and a ring of 8 on the thrust faces: 16 points, 5 play coordinates, 6 driven joints). Both have
+friction. Operations are counted by the compiler for one lane, before fusion. *A point* is the cost of the field divided
+by its number of points. *Contact alone* leaves out the equations of motion.
 
 *Arms*: the six axes of six_axes.urdf carry 5 kg along a trajectory, with sleeves (radial 50 um, 40 mm long, 8 stations,
 steel on bronze, no friction) in one axis, in three or in all six, without axial play and with it (100 um, 8 points of
-the faces). *Form* is that of the equations of motion: written out number by number, or a table. *Program* is tracing
-and compiling what no cache knows [s of a processor], *solve* the second call. MuJoCo steps the ideal arm, falling
-freely; `PINOCCHIO_PYTHON` names an interpreter that has `mujoco`
+the faces). *Form* is the form of the equations of motion: one operation for each number, or a loop over a table.
+*Program* is the processor time [s] of tracing and compiling without a cache. *Solve* is the time of the second call.
+MuJoCo steps the ideal arm, falling freely; `PINOCCHIO_PYTHON` names an interpreter that has `mujoco`
 (`python -m venv there; there/bin/pip install mujoco`).
 
-*Lanes*: the same arms without axial play, as a batch with radial clearances from half to one and a half times 50 um,
-beside one of them alone; the lanes of a batch go on until the slowest ends.
+*Lanes*: the same arms without axial play, as a batch (each motion is a lane) with radial clearances from half to one
+and a half times 50 um, and one of them alone for comparison. All lanes of a batch run until the slowest one ends.
 
-*To zero*: how far the end is from the ideal arm's, at most over the first 20 ms, with all clearances times a factor f
-and moduli 100 f^-1.5 times those of steel and bronze, so that what contacts give shrinks as the clearances do. (With
-the largest the arm has not fallen through its play by then.)
+*To zero*: the largest distance of the arm's end from that of the ideal arm in the first 20 ms. All clearances are
+multiplied by a factor f. The moduli are 100 f^-1.5 times those of steel and bronze, so that contact deformations shrink
+in proportion to the clearances. (With the largest f the arm has not yet fallen through its play after 20 ms.)
 
-*Ladder*: the tool changer after 0.1 s, five play coordinates, against itself at rtol 1e-12; and its derivatives at rtol
-1e-9 against central differences of solves at 1e-12, extrapolated once.
+*Ladder*: the five play coordinates of the tool changer after 0.1 s, for several tolerances, compared with a solve at
+rtol 1e-12. The derivatives at rtol 1e-9 are compared with central differences of solves at 1e-12, extrapolated once.
 
-*Stations*: the tool changer's end after 0.1 s against that with 32 stations.
+*Stations*: the place of the tool changer's end after 0.1 s, compared with that of 32 stations.
 """
 
 import dataclasses

@@ -1,9 +1,10 @@
-"""Robots from URDF files against pinocchio: `python -m experiments.robots` writes out/robots.md.
+"""Robots from URDF files, compared with pinocchio: `python -m experiments.robots` writes out/robots.md.
 
-Of a thousand random states of each robot: accelerations of free motion under gravity and the joints' damping and dry
-friction (-f tanh(q' / v), added to pinocchio's efforts with the f that pinocchio reads), the mass matrix, the terms of
-gravity and of the velocities (Coriolis), the pose of every link's frame and its geometric Jacobian. An error is the
-largest of a state's numbers' over the largest of these numbers; the largest of all states stands in the table.
+A thousand random states of each robot are compared in these quantities: accelerations of free motion under gravity and
+the joints' damping and dry friction (-f tanh(q' / v), added to pinocchio's efforts with the f that pinocchio reads),
+the mass matrix, the terms of gravity and of the velocities (Coriolis), the pose of every link's frame, and its
+geometric Jacobian. The error of a quantity in a state is the largest error of its numbers, divided by the largest of
+these numbers. The table has the largest error of all states.
 
 `PINOCCHIO_PYTHON` names the interpreter of an environment with the packages `pin` and `example-robot-data`, which are
 no dependencies of this project (`python -m venv there; there/bin/pip install pin example-robot-data`). Without it, and

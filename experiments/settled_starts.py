@@ -2,10 +2,10 @@
 
 The arm of `experiments/scenes/six_axes.urdf` with the play of `arm_with_play.toml` (sleeves in axes 2, 3 and 5) starts
 settled in random postures and moves for 20 ms. All six axes are driven, by one of four kinds of drives: a quintic, a
-trapezoid of constant accelerations, a clamped cubic spline through four points, and ADAMS' STEP5. Random are the
-posture, how far and how long each axis moves (its largest speed is between 10 and 100 % of the limit in the file), and
-a payload of 0.1 to 5 kg at the tool. Half of the drives start from rest at the start of the solve. The others have
-started before, so the robot is already moving.
+trapezoid of constant accelerations, a clamped cubic spline through four points, and ADAMS' STEP5. The posture is
+random, and so are the distance and the duration of the motion of each axis (its largest speed is between 10 and 100 %
+of the limit in the file), and a payload of 0.1 to 5 kg at the tool. Half of the drives start from rest at the start of
+the solve. The others have started before, so the robot is already moving.
 
 Three things are checked for each case:
 
@@ -17,9 +17,9 @@ Three things are checked for each case:
 - *Force*: the largest contact force of each joint in the 20 ms, over the settled one of the same joint, must not be
   larger than 5. The settled force is the sum of a joint's normal forces in the pose in which a settled start would put
   its pin: the largest of three such starts, at the beginning, after 10 ms and after 20 ms, since drives change the load
-  in that time. (By joint, and not the largest of all joints: axis 2 bears so much that it would hide the others.) The
-  last columns of the table also compare with the settled force at the beginning alone: by joint, and the largest force
-  of all joints over the largest settled one.
+  in that time. (Each joint is compared with itself, because the large force in axis 2 would hide the others.) The last
+  columns of the table also compare with the settled force at the beginning alone: by joint, and the largest force of
+  all joints over the largest settled one.
 
 A case that breaks a limit is an exception. It is listed with what the summary of its solve says about its start.
 """

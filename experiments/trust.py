@@ -1,13 +1,15 @@
-"""What `gradient_report` is worth: `python -m experiments.trust` writes out/trust_horizon.md, out/trust_verdicts.md.
+"""How often `gradient_report` is right: `python -m experiments.trust` writes out/trust_horizon.md,
+out/trust_verdicts.md.
 
 All scenes are one mechanism with other numbers: a pin on a guide, in a sleeve that is shaken along it, with impacts on
 both sides. With little damping in the impacts it is chaotic, with much of it periodic.
 
-- Horizon: until when a derivative means anything, as the report predicts it from how neighbouring motions part, against
-  the time from which the derivatives of 64 motions within the scatter have a signal-to-noise ratio below 3 for good.
-- Verdicts: cases labelled by a dense sweep of the metric's values over the step, without any derivative: misleading
-  where a gradient fails to say what the metric does over the step, good where it does. A verdict that trusts a
-  misleading gradient is a miss, one that refuses a good gradient a false alarm.
+- Horizon: the time until which a derivative is meaningful. The report predicts it from the rate at which neighbouring
+  motions move apart. The prediction is compared with the time from which the signal-to-noise ratio of the derivatives
+  of 64 motions within the scatter stays below 3.
+- Verdicts: each case gets a label from a dense sweep of the metric's values over the step, without any derivative. A
+  gradient is misleading if it does not predict the change of the metric over the step, and good if it does. A verdict
+  that trusts a misleading gradient is a miss, one that refuses a good gradient a false alarm.
 """
 
 from collections.abc import Callable

@@ -1,14 +1,17 @@
-"""Wear against closed forms, its orders, its maps, and published findings: `python -m experiments.wear_checks`.
+"""Wear compared with closed forms and with published findings, its orders of convergence, and its maps: `python -m
+experiments.wear_checks`.
 
-*Over sectors*: an elastic foundation against its closed form over 64 patches that begin anywhere between sectors: the
-integral of the pressures (the volume of a linear law), and the mean pressures of the sectors, of which those at the two
-edges of a patch are worst.
+*Over sectors*: an elastic foundation is compared with its closed form, for 64 patches that begin anywhere between
+sectors. Two results are compared: the integral of the pressures (the volume of a linear law), and the mean pressures of
+the sectors. The errors of the sectors are largest at the two edges of a patch.
 
-*Over time*: the integral of force times slip along a swinging, unbalanced disc, over even steps of one accurate solve.
+*Over time*: the integral of force times slip for a swinging, unbalanced disc, computed on equal steps of one accurate
+solve.
 
-*Running in*: a pin held by a force turns in its sleeve, which wears. If the pin is rigid, its way into the sleeve d
-follows from the load: p = (d' / k) cos t on |t| < a, cos a = c / (c + d), so that F' = (R / k) (a + sin a cos a) dd/ds.
-The foundation makes it elastic, which shows at first, the less the stiffer it is.
+*Running in*: a pin held by a force turns in its sleeve, which wears. If the pin is rigid, the depth d to which it has
+moved into the sleeve follows from the load per length F': p = (d' / k) cos t on |t| < a, cos a = c / (c + d), so that
+F' = (R / k) (a + sin a cos a) dd/ds. The foundation makes the contact elastic. This has an effect at the beginning,
+which is smaller for a stiffer foundation.
 
 *Maps*: joint 5 of the tool changer (`tool_changer.toml`), whose cutter hangs 20 mm beside the arm and tilts the pin.
 """

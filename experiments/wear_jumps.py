@@ -1,13 +1,15 @@
-"""Jumps over cycles of wear against every cycle: `python -m experiments.wear_jumps`.
+"""Jumps over cycles of wear, compared with the wear of every cycle: `python -m experiments.wear_jumps`.
 
-A disc out of balance, 20 kg, swings on a pin that wears its sleeve: 2000 cycles, the motion of each solved anew on the
-profile as worn, against blocks that jump over most of them; and so the derivatives of the depths, and of the life until
-the sleeve is worn off by so much. Brute force is the march with jumps of one cycle: its derivatives are those of all
-motions in a row, exact but for the solves' rtol; its life is read off its depths.
+An unbalanced disc of 20 kg swings on a pin that wears its sleeve, for 2000 cycles. The reference solves the motion of
+every cycle on the worn profile (jumps of one cycle). The blocks of the library jump over most cycles. Three results are
+compared: the depths, their derivatives, and the life until a given depth with its derivatives. The derivatives of the
+reference are those of all motions in sequence, exact except for the rtol of the solves. Its life is read from its
+depths.
 
-A march with derivatives chooses its jumps so that they too are good. Errors of depths are over the largest depth; of
-their derivatives over the largest of each number's, worst where the patch ends, whose sectors come to bear one by one,
-so that they fall unevenly; of the life and its derivatives over themselves.
+A simulation with derivatives chooses its jumps such that the derivatives are accurate too. Errors of depths are divided
+by the largest depth. Errors of derivatives of depths are divided by the largest derivative by the same parameter. They
+are largest at the end of the patch, where sectors come into contact one after the other, so that the derivatives are
+uneven. Errors of the life and its derivatives are relative to their own values.
 """
 
 import warnings

@@ -1,10 +1,10 @@
-"""Lives that are killed: `python -m experiments.wear_kills` writes out/wear_kills.md.
+"""Simulations of wear that are killed and resumed: `python -m experiments.wear_kills` writes out/wear_kills.md.
 
-`clearance run` in a process of its own, killed by SIGKILL and resumed with `--resume`, again and again; begun anew
-whenever it is done, until so many kills have been survived. Moments are random: one kill in four at any of the time in
-which a run starts and compiles, the others at any from its first new block on, for as long as a run goes on then which
-nobody kills. Whenever it is done: is the dataset that of the run which nobody killed, every number of it to the bit?
-And is each block that was in the journal when it was killed still in it?
+`clearance run` runs in a separate process. The process is killed by SIGKILL and resumed with `--resume`, again and
+again. A finished run is started anew, until the given number of kills is reached. The instants of the kills are random.
+One kill in four comes while the run starts and compiles. The others come after its first new block, within the time
+that a run without kills takes from there. Each finished run is checked for two things: every number of its dataset is
+bit-identical to that of a run without kills, and every block that was in the journal at a kill is still there.
 """
 
 import signal

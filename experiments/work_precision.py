@@ -1,9 +1,9 @@
-"""Speed against error: `python -m experiments.work_precision` writes out/work_precision.{md,png}.
+"""Time against error: `python -m experiments.work_precision` writes out/work_precision.{md,png}.
 
-Every solver gives the same samples (201 a revolution of the slider-crank, 3001 of joint 5); the error is that of the
-worst state against the references of `experiments.reference`, which share no code with the library. Times are the
-shortest of several runs in one process, compiling excluded. The library runs without its energy balance here: the
-others keep none.
+Every solver gives the states at the same times (201 in a revolution of the slider-crank, 3001 for joint 5). The error
+is that of the worst state, compared with the references of `experiments.reference`, which share no code with the
+library. Times are the shortest of several runs in one process, without compilation. The library runs without its energy
+balance here, because the other tools do not compute one.
 """
 
 from typing import Any, NamedTuple

@@ -1,4 +1,4 @@
-"""Allocations whose answer is known: `python -m optimize.exponential_cost_closed_form`.
+"""Allocations of clearances whose exact answer is known: `python -m optimize.exponential_cost_closed_form`.
 
 Minimise sum B_i / c_i^k, or sum exp(-B_i c_i), under sum S_i c_i <= eps (worst case) or sqrt(sum (S_i c_i)^2) <= eps
 (statistical). The Karush-Kuhn-Tucker conditions give each answer in closed form.

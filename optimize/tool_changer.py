@@ -1,9 +1,9 @@
 """The largest radial clearance of joint 5 of the tool-changing robot in space that keeps its end within 0.2 mm, and
 within 0.5 mm, with 0.1 mm of axial play: `python -m optimize.tool_changer`.
 
-The sleeve is 60 mm long, the end lies 177 mm from its axis, so that tilt moves it too. The pin starts at rest at its
-wall; the span is that of the first and fastest swing (Velocity_1 of the paper's Table 2). As `clearance run` does
-with `optimize/studies/tool_changer.toml`, whose bound is 0.2 mm.
+The sleeve is 60 mm long. The end of the robot lies 177 mm from its axis, so a tilt of the pin moves the end too. The
+pin starts at rest at its wall; the span is that of the first and fastest swing (Velocity_1 of the paper's Table 2).
+`clearance run` with `optimize/studies/tool_changer.toml` solves the same problem for 0.2 mm.
 """
 
 import dataclasses

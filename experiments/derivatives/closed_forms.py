@@ -1,8 +1,8 @@
-"""Derivatives with a closed form, ours and the plain ones, of a trap, two balls, and times of switching:
-`python -m experiments.derivatives closed_forms`.
+"""Derivatives whose exact value is known, in three cases: a trap for error control, two balls, and the times of events.
+`python -m experiments.derivatives closed_forms` compares those of the library with the plain ones.
 
 "Plain" is the derivative of the program: forward mode through the same solver, whose steps are chosen for the motion
-alone and whose times of switching know nothing of the parameters.
+alone and whose event times do not depend on the parameters.
 """
 
 from collections.abc import Callable

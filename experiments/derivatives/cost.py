@@ -1,10 +1,10 @@
-"""What a Jacobian costs: time of value and Jacobian over time of the value, single and in a batch of 256 lanes:
-`python -m experiments.derivatives cost` writes out/derivatives_cost.md.
+"""The time of a value with its Jacobian, divided by the time of the value alone, for a single solve and for a batch of
+256 lanes (motions): `python -m experiments.derivatives cost` writes out/derivatives_cost.md.
 
 The tolerance is the loosest at which, in the ladder, every column's error is below 1e-6. Each set-up is measured in a
 process of its own, as `clearance_jax.configure` sets JAX up. Programs are timed alternately, and the shortest of
-several runs counts, so that what else the machine does reaches both alike. Compiling is timed at the first call, with
-the cache of compiled programs off.
+several runs counts. So other work of the machine affects both equally. Compilation is timed at the first call, without
+the cache of compiled programs.
 """
 
 import json

@@ -1,8 +1,8 @@
-"""Derivatives of the slider-crank after one revolution, against the references: ours and what others give:
+"""Derivatives of the slider-crank after one revolution, by this library and by other tools, compared with references:
 `python -m experiments.derivatives ladder`.
 
-The error of a column is that of its worst entry, over that entry's largest magnitude over time. The columns are
-clearance c, friction mu and stiffness K; K stays where it is when c changes.
+The error of a column is the error of its worst entry, divided by the largest magnitude of this entry in time. The
+columns are clearance c, friction mu and stiffness K. K is held constant when c changes.
 """
 
 from collections.abc import Callable

@@ -1,18 +1,20 @@
 """The paper's wear of joint 5, Figs. 14 and 15, and its claims T20 to T22: `python -m experiments.paper.wear`.
 
 The paper: a clearance of 0.1 mm, -180 deg/s for 0.5 s in 1000 steps, k = 6e-14 without a unit, wear amplified by 10^3.
-Read here: k in 1/Pa (as mm^2/N nothing would be seen, amplified or not); the drive turns at -180 deg/s from the very
-start, with the pin at rest in the middle of its sleeve, arm level; no friction. Pressures are the paper's, Hertz's line
-contact with the signs and the root that its Eqs. 15 and 16 lost.
+This page takes k in 1/Pa (in mm^2/N the wear would be too small to be seen, amplified or not). The drive turns at -180
+deg/s from the very start. The pin is then at rest in the middle of its sleeve, and the arm is level. There is no
+friction. Pressures are those of the paper: Hertz's line contact, with the signs and the root that are missing in its
+Eqs. 15 and 16.
 
-ASSUMED, for the paper does not say it: a contact of 50 mm in length, and for pressures on the worn profile an elastic
-foundation that is as soft as the paper's K (which is softer by far than two steel cylinders are). What the paper
-amplifies by 10^3 is one run; here also 1000 runs are lived through, each on the sleeve as it is by then.
+Two things are ASSUMED, because the paper does not say them. The contact is 50 mm long. The pressures on the worn
+profile are those of an elastic foundation that is as soft as the paper's K (which is much softer than two steel
+cylinders). The paper amplifies the wear of one run by 10^3. This page also computes 1000 runs, each on the sleeve that
+the runs before have worn.
 
 What cannot be known: how the motion starts, the length of the contact, the sampling of the curves (Fig. 14 and 15 are
 pictures without a number in the text), whether wear fed back into the motion, and what carries the pin: 300 kg at
-176.62 mm, as in [Paper](paper.md). So claims are judged in shape, in four readings of damping and clearance; depths are
-of a size that one may compare, no more.
+176.62 mm, as in [Paper](paper.md). So claims are judged by the shape of the curves, in four readings of damping and
+clearance. Depths can be compared in order of magnitude only.
 """
 
 from collections.abc import Callable

@@ -1,24 +1,27 @@
 """Sweeps: `python -m experiments.sweeps` writes the tables out/sweeps*.md.
 
-Slider-cranks over their clearance, 0.05 to 0.5 mm, one revolution at 5000 rpm; compiling excluded. Programs that are
-compared take turns in one run, each keeps its shortest time, and what counts are ratios.
+The sweeps compute slider-cranks with clearances from 0.05 to 0.5 mm, for one revolution at 5000 rpm. A lane is one
+motion of a sweep. Times exclude compilation. Programs that are compared take turns in one run, and the shortest time of
+each counts. The ratios are more reliable than the times.
 
-- Throughput: the slider's last place at rtol 1e-5, by `cj.sweep` and by `cj.batch` of the same lanes. `CPU ms more`:
-  what a whole call takes beyond `batch`. `over the largest`: CPU time a lane over that of the largest sweep. `over one
-  core`: the gain in wall time. CPU times bear it where the machine has other work. `metrics`: peaks of error and of
-  force, with energy balance.
-- Other programs, on the same cores: hand-written C (`experiments/reference/scalar.c`, -O3 -march=native, a process a
-  core, its fastest round by CPU time), and a pool of processes, one a core, with each of scipy's integrators on a
-  right-hand side compiled by numba. `error`: the median of the slider's last place over its farthest, against an
-  integrator that ends its steps at every switching; or a tenth of the largest error, where that is more. Sweep and
-  program have the tolerances that reach an error soonest: 1e-5, and the tightest that both reach. A ladder of
-  tolerances ends where a lane takes more than 0.6 s.
-- Memory: the peak of a process of its own, metrics only.
-- Kills: a sweep (of pendulums, which are soon compiled) in a process of its own into a store, killed by SIGKILL after
-  random times and resumed, again and again, until so many kills have been survived; then the store against one that
-  nobody killed, bit by bit, and the journal for regions that are there twice.
-- A thousand million lanes, on paper: how they are cut for workers of some cores each, and what that is in tasks, files
-  and bytes, with metrics as above. Hours are those of all cores together, by the CPU time above.
+- Throughput: the final position of the slider at rtol 1e-5, by `cj.sweep` and by `cj.batch` of the same lanes.
+  `CPU ms more` is the time of a whole call less that of `batch`. `over the largest` is the CPU time per lane, divided
+  by that of the largest sweep. `over one core` is the gain in wall time. CPU times are more reliable than wall times if
+  the machine has other work. `metrics` are peaks of error and of force, with energy balance.
+- Other programs, on the same cores: hand-written C (`experiments/reference/scalar.c`, -O3 -march=native, one process
+  for each core, its fastest round by CPU time), and a pool of processes, one for each core, with each of scipy's
+  integrators on a right-hand side compiled by numba. `error` is the median error of the slider's final position,
+  divided by its largest position, or a tenth of the largest error if that is more. The reference is an integrator that
+  ends its steps at every event. Sweep and program run with the tolerances with which they reach an error in the
+  shortest time: an error of 1e-5, and the smallest error that both reach. A ladder of tolerances ends if a lane takes
+  more than 0.6 s.
+- Memory: the peak memory of a separate process, for metrics only.
+- Kills: a separate process writes a sweep (of pendulums, which compile quickly) into a store. It is killed by SIGKILL
+  after random times and resumed, until the given number of kills is reached. The store is then compared, bit by bit,
+  with that of a sweep without kills. The journal is searched for regions that stand there twice.
+- A thousand million lanes: a calculation, and not a run. It shows how the lanes are cut for workers with several cores,
+  and the number of tasks, files and bytes, with the metrics above. Hours are the sum over all cores, from the CPU time
+  above.
 """
 
 from typing import TYPE_CHECKING, NamedTuple
