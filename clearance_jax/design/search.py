@@ -12,6 +12,8 @@ import numpy as np
 from clearance_jax.analysis.trust import gradient_report
 from clearance_jax.ask.place import HERE, Place
 from clearance_jax.design.answer import Design
+from clearance_jax.design.class_search import choose_classes
+from clearance_jax.design.classes import Candidates, classes_of, priced
 from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.formulation import formulate, unposed
 from clearance_jax.design.manufacture import Neighbours
@@ -26,6 +28,9 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.parameters import replace
 from clearance_jax.solve.settings import DYNAMICS
 
+# Methods whose tolerance is that of the solves.
+TOLERANT = {"slsqp", MATCHED.name, MATCHED_VALUES.name}
+
 
 def search(
     specification: Specification,
@@ -37,8 +42,40 @@ def search(
     most: int = 1_000_000,
     progress: Callable[[Evaluation], None] | None = None,
     place: Place = HERE,
+    classes: Candidates | None = None,
+    diameters: Mapping[str, float] | None = None,
 ) -> Design:
     """The best design found, many simulations solved at a `place`; other arguments as `ToleranceProblem.solve`'s."""
+    if classes is None:
+        return _continuous(specification, method, start, starts, seed, record, most, progress, place)
+    listed = classes_of(specification, classes, diameters)
+    specification = priced(specification, listed)
+    design = _continuous(specification, method, start, starts, seed, record, most, progress, place)
+    if not design.feasible:
+        return design
+    if design.stop_reason in (INTERRUPTED, SPENT):
+        note = "stopped before any class was chosen: the clearances are those of a continuous design"
+        return dataclasses.replace(design, note="; ".join(text for text in (design.note, note) if text))
+    return choose_classes(design, listed, place, **_options(specification, design.method))
+
+
+def _options(specification: Specification, method: Method) -> dict[str, Any]:
+    """Finer than the solves a search cannot be."""
+    return {"tolerance": 10 * specification.rtol} if method.name in TOLERANT else {}
+
+
+def _continuous(
+    specification: Specification,
+    method: str | Method,
+    start: Mapping[str, float] | None,
+    starts: int,
+    seed: int,
+    record: str | Path | None,
+    most: int,
+    progress: Callable[[Evaluation], None] | None,
+    place: Place,
+) -> Design:
+    """The best design whose variables take any values."""
     if method != AUTO:
         method = method_of(method)
     note = ""
@@ -63,9 +100,7 @@ def search(
     method = method_of(method)
     if method.gradients:
         _check_derivatives(specification, x)
-    # Finer than the solves it cannot be.
-    options = {"tolerance": 10 * specification.rtol} if method.name == "slsqp" else {}
-    stop_reason = _runs(program, method, x, starts, seed, **options)
+    stop_reason = _runs(program, method, x, starts, seed, **_options(specification, method))
     return _design(specification, program, method, stop_reason, note)
 
 
@@ -91,7 +126,7 @@ def _managed(
     specification: Specification, program: Program, x: np.ndarray, given: Mapping[str, Any], starts: int, seed: int
 ) -> Design:
     """The design found on poses and judged by the dynamics; where slopes of the dynamics say nothing, by values."""
-    tolerance = {"tolerance": 10 * specification.rtol}
+    tolerance = _options(specification, MATCHED)
     if said := _first(specification, program):
         return _design(specification, program, MATCHED, said, "")
     stop_reason = _runs(program, MATCHED, x, starts, seed, **tolerance)
