@@ -113,7 +113,7 @@ class Design:
         ]
         if not self.specification.common:
             lines.append(f"  cost {self.objective:.6g} {self.specification.cost_unit}")
-        lines += [f"  decided by: {name}" for name in self.active]
+        lines += [f"  {'decided by' if self.feasible else 'not held'}: {name}" for name in self.active]
         if self.feasible and not self.active and self.classes is None:
             at = np.isclose(self.evaluation.x, self.program.lower) | np.isclose(self.evaluation.x, self.program.upper)
             who = "the bounds of the variables do" if np.any(at) else "the solver stopped short of one"

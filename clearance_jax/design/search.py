@@ -16,6 +16,7 @@ from clearance_jax.design.class_search import choose_classes
 from clearance_jax.design.classes import Candidates, classes_of, priced
 from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.formulation import formulate, unposed
+from clearance_jax.design.infeasible import why_infeasible
 from clearance_jax.design.manufacture import Neighbours
 from clearance_jax.design.methods import AUTO, METHODS, Method, method_of
 from clearance_jax.design.model_management import MATCHED, MATCHED_VALUES
@@ -101,7 +102,21 @@ def _continuous(
     if method.gradients:
         _check_derivatives(specification, x)
     stop_reason = _runs(program, method, x, starts, seed, **_options(specification, method))
-    return _design(specification, program, method, stop_reason, note)
+    return _explained(_design(specification, program, method, stop_reason, note))
+
+
+def _explained(design: Design) -> Design:
+    """With why no design holds every limit, where a search has ended so."""
+    if design.feasible or design.stop_reason in (INTERRUPTED, SPENT):
+        return design
+    try:
+        why = why_infeasible(design.specification, design.program)
+    except (KeyboardInterrupt, BudgetSpent):
+        return design
+    # The smallest clearances may have been asked for the first time.
+    point = design.program.best or design.program.nearest or design.evaluation
+    note = "; ".join(text for text in (design.note, "" if point.feasible else why) if text)
+    return dataclasses.replace(design, evaluation=point, note=note)
 
 
 def _runs(program: Program, method: Method, x: np.ndarray, starts: int, seed: int, **options: Any) -> str:
@@ -131,7 +146,7 @@ def _managed(
         return _design(specification, program, MATCHED, said, "")
     stop_reason = _runs(program, MATCHED, x, starts, seed, **tolerance)
     if not stop_reason.startswith(USELESS):
-        return _design(specification, program, MATCHED, stop_reason, "")
+        return _explained(_design(specification, program, MATCHED, stop_reason, ""))
     note = f"{stop_reason.removeprefix(USELESS)}, so values alone were matched"
     if not specification.manufacture.is_design:
         stop_reason = _runs(program, MATCHED_VALUES, x, starts, seed, **tolerance)
