@@ -81,8 +81,10 @@ def _posed(specification: Specification, program: Program, title: str) -> str:
     posed, solved = cheap.at(program.lower, True), program.at(program.lower, True)
     rows = np.flatnonzero(np.array(program.groups) == title)
     k = int(rows[np.argmax(solved.limits[rows])])
-    if not np.isfinite(posed.worst) or not np.isfinite(solved.worst) or solved.limits[k] <= SLACK:
+    if not np.isfinite(solved.worst) or solved.limits[k] <= SLACK:
         return ""
+    if not np.isfinite(posed.worst):
+        return _singular(specification, program, solved, k)
     if posed.limits[int(program.leaders[k])] > SLACK:
         return unreachable_words(specification, program, posed, solved, k)
     return (
@@ -91,6 +93,21 @@ def _posed(specification: Specification, program: Program, title: str) -> str:
         "or ringing of pins. A settled start, damping or a preload of the joints, or a gentler motion helps, or a "
         "looser bound"
     )
+
+
+def _singular(specification: Specification, program: Program, solved: Evaluation, k: int) -> str:
+    """Why there are no poses at the smallest clearances, although the dynamics have a motion."""
+    said = f"at the smallest clearances {program.limit_names[k]} is {1 + solved.limits[k]:.4g} times its bound"
+    posed = specification.nominal().judged_by(QUASI_STATIC)
+    values = specification.clearances(solved.x)
+    for scenario in scenarios_of(posed):
+        why = _ending(posed, replace(posed.move(posed.mechanism, scenario.values), values))
+        if why:
+            return (
+                f"{said}, and its quasi-static motion{scenario.title} has no end: {why}. Near a singular posture (a dead "
+                "centre, a stretched arm) any play makes large errors: keep the motion away from it, or loosen the bound"
+            )
+    return said
 
 
 def _seen(program: Program, points: list[Evaluation], title: str, least: float) -> str:
