@@ -104,8 +104,9 @@ def _singular(specification: Specification, program: Program, solved: Evaluation
         why = _ending(posed, replace(posed.move(posed.mechanism, scenario.values), values))
         if why:
             return (
-                f"{said}, and its quasi-static motion{scenario.title} has no end: {why}. Near a singular posture (a dead "
-                "centre, a stretched arm) any play makes large errors: keep the motion away from it, or loosen the bound"
+                f"{said}, and its quasi-static motion{scenario.title} has no end: {why}. Near a singular posture (a "
+                "dead centre, a stretched arm) any play makes large errors: keep the motion away from it, or loosen "
+                "the bound"
             )
     return said
 
