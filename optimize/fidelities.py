@@ -47,13 +47,12 @@ def routes(problem: ToleranceProblem, quick: bool) -> dict[str, Route]:
     """The answers of one problem by every route."""
     found = {}
 
-    def take(name: str, method: str = "slsqp", poses: int = 0, **options) -> Route:
+    def take(name: str, method: str = "slsqp", poses: int = 0, **options) -> None:
         design = problem.solve(method, **options)
         cheap = design.program.cheap
         poses += 0 if cheap is None else cheap.solves
         found[name] = Route(design, poses)
         print(f"{name}\n{design}", flush=True)
-        return found[name]
 
     take("auto", fidelity="auto")
     take("SLSQP from the middle")
