@@ -1,12 +1,16 @@
 """`clearance info`: what a scene contains, and what one evaluation of its vector field costs."""
 
 from collections.abc import Iterator
-from typing import Any
+from pathlib import Path
+from typing import Annotated, Any
 
+import typer
 from rich.markup import escape
 from rich.table import Table
 
+from clearance_jax.cli.budget import say_budget
 from clearance_jax.cli.common import Clearances, Ideal, SceneFile, Settings, change, console, read_scene
+from clearance_jax.errors import ClearanceError
 
 # Numbers of one parameter that are listed, at most.
 LISTED = 12
@@ -14,9 +18,38 @@ LISTED = 12
 MODES = 6
 
 
-def info(scene_file: SceneFile, settings: Settings = None, clearance: Clearances = None, ideal: Ideal = False) -> None:
-    """What a scene contains: states, terms, cost of one vector-field evaluation, every parameter by its name."""
-    mechanism = change(read_scene(scene_file).mechanism, settings, ideal, clearance)
+def info(
+    scene_file: SceneFile,
+    settings: Settings = None,
+    clearance: Clearances = None,
+    ideal: Ideal = False,
+    budget: Annotated[
+        bool, typer.Option("--budget", help="Instead: what the error of a point is made of, and what would help.")
+    ] = False,
+    point: Annotated[str | None, typer.Option(help="The point of the budget (default: the only one).")] = None,
+    trajectory: Annotated[
+        Path | None, typer.Option(help="For the budget: drives the joints that a CSV file of times and values names.")
+    ] = None,
+    t1: Annotated[
+        str | None, typer.Option(help="End time of the budget, e.g. 0.5s (default: the scene's, or the trajectory's).")
+    ] = None,
+    plot: Annotated[Path | None, typer.Option(help="Figure of the budget (.png, .pdf).")] = None,
+) -> None:
+    """What a scene contains: states, terms, cost of one vector-field evaluation, every parameter by its name.
+
+    With `--budget`, what the error of a point is made of: play, elasticity and dynamics, joint by joint.
+    """
+    scene = read_scene(scene_file)
+    of_budget = {"--point": point, "--trajectory": trajectory, "--t1": t1, "--plot": plot}
+    if budget:
+        if ideal:
+            raise ClearanceError("`--budget` is about play, which `--ideal` takes away. Leave one of them out.")
+        how = {"trajectory": trajectory, "t1": t1, "point": point, "plot": plot}
+        return say_budget(scene, scene_file, settings, clearance, **how)
+    for option, value in of_budget.items():
+        if value is not None:
+            raise ClearanceError(f"`{option}` is about the error budget. Add `--budget`, or leave it out.")
+    mechanism = change(scene.mechanism, settings, ideal, clearance)
     _print_terms(mechanism)
     for line in _modes_words(mechanism):
         console.print(line, highlight=False)
@@ -25,6 +58,7 @@ def info(scene_file: SceneFile, settings: Settings = None, clearance: Clearances
     if limits.row_count:
         console.print(limits)
     console.print(_parameters(mechanism))
+    return None
 
 
 def _print_terms(mechanism) -> None:

@@ -27,6 +27,7 @@ app = typer.Typer(
     "clearance simulate experiments/scenes/joint5_velocity_1.toml --set joint5.radial_clearance=0.2mm "
     "--set joint5.friction.coefficient=0.3\n\n"
     "clearance info experiments/scenes/four_bar.toml\n\n"
+    "clearance info experiments/scenes/arm_with_play.toml --budget --plot budget.png\n\n"
     "clearance plot out.nc -o out.png\n\n"
     "clearance animate out.nc -o out.gif --magnify joint5\n\n"
     "clearance simulate experiments/scenes/six_axes.urdf --clearance axis_5:radial_clearance=0.05mm,pin_radius=20mm\n\n"

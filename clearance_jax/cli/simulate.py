@@ -26,7 +26,8 @@ from clearance_jax.cli.common import (
     warn,
 )
 from clearance_jax.cli.interruption import Interruption
-from clearance_jax.cli.posture import HELD, is_robot, say_held, undriven, with_posture
+from clearance_jax.cli.motion import check_covered, driven_by, usual_end
+from clearance_jax.cli.posture import say_held
 from clearance_jax.errors import ClearanceError, quote, suggest
 
 DEFAULTS = {"rtol": 1e-8, "samples": 1001, "solver": "tsit5"}
@@ -60,10 +61,7 @@ def simulate(
     Joints of a robot that nothing drives are held where they stand. Ctrl-C stops the solve and keeps what was computed.
     """
     scene = read_scene(scene_file)
-    lead = scene.trajectory if trajectory is None else _read_trajectory(trajectory, scene.mechanism)
-    driven = scene.mechanism if lead is None else scene.mechanism.with_drives(lead.drives)
-    held = undriven(driven) if is_robot(scene_file) else ()
-    driven = with_posture(driven, held) if held else driven
+    driven, lead, held = driven_by(scene, scene_file, trajectory)
     mechanism = change(driven, settings, ideal, clearance)
     from clearance_jax.results.store import save
     from clearance_jax.solve.simulate import EnergyWarning, doubt
@@ -74,9 +72,9 @@ def simulate(
     check_film(movie)
     _check_magnified(mechanism, magnify, movie)
     given = {"t1": t1, "rtol": rtol, "samples": samples, "solver": solver, "start": start, "fidelity": fidelity}
-    usual = {"t1": lead.span[1]} if lead is not None else {"t1": HELD} if held else {}
+    usual = usual_end(lead, held)
     options = _options(scene_file, usual | scene.solve | {k: v for k, v in given.items() if v is not None})
-    _check_covered(lead, options)
+    check_covered(lead, options)
     end = options.pop("t1")
     say_held(held, lead is None, end if lead is None and t1 is None else None)
     with progress_bar() as bar, warnings.catch_warnings():
@@ -146,12 +144,6 @@ def _observe(mechanism: Any, result: Any, **told: Any) -> Any:
         return to_dataset(mechanism, result, **told)
 
 
-def _read_trajectory(path: Path, mechanism: Any) -> Any:
-    from clearance_jax.io.trajectory import Trajectory, read_trajectory
-
-    return Trajectory(path, read_trajectory(path, mechanism))
-
-
 def _check_magnified(mechanism: Any, joint: str | None, movie: Path | None) -> None:
     """Raise before the solve for a joint that no film could show."""
     if joint is None:
@@ -182,20 +174,6 @@ def _options(scene_file: Path, given: dict[str, Any]) -> dict[str, Any]:
     if isinstance(options["t1"], str):
         options["t1"] = to_si(options["t1"], "s", "`--t1`")
     return options
-
-
-def _check_covered(lead: Any, options: dict[str, Any]) -> None:
-    """Raise where the motion begins before the trajectory does, or ends after it (by more than round-off)."""
-    if lead is None:
-        return
-    (first, last), t0, t1 = lead.span, options.get("t0", 0.0), options["t1"]
-    hair, outside = 1e-9 * (last - first), ""
-    if t0 < first - hair:
-        outside = f"t0 is {t0:.9g} s, but the trajectory `{lead.path}` begins at {first:.9g} s"
-    elif t1 > last + hair:
-        outside = f"t1 is {t1:.9g} s, but the trajectory `{lead.path}` ends at {last:.9g} s"
-    if outside:
-        raise ClearanceError(f"{outside}. Change the one or the other.")
 
 
 def _report(mechanism, result, dataset) -> None:

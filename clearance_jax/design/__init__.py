@@ -3,6 +3,7 @@
 from clearance_jax.design.answer import Design
 from clearance_jax.design.budget import ErrorBudget, error_budget
 from clearance_jax.design.certificate import Certificate
+from clearance_jax.design.classes import ChosenClasses, ToleranceClass, fit_costs
 from clearance_jax.design.costs import AbstractCost, CostTable, Exponential, ExponentialReciprocal, Reciprocal
 from clearance_jax.design.drawing import JointDrawing
 from clearance_jax.design.evaluation import Evaluation
@@ -18,7 +19,7 @@ from clearance_jax.design.program import Program
 from clearance_jax.design.run import run
 from clearance_jax.design.scaling import ScaledProgram
 from clearance_jax.design.specification import Limit, Specification
-from clearance_jax.design.standard import StandardFits, nearest_fits
+from clearance_jax.design.standard import StandardFits, chosen_fits, nearest_fits
 from clearance_jax.design.standings import Standing
 from clearance_jax.design.static import static_weights
 from clearance_jax.design.time_histories import TimeHistory, time_histories
@@ -30,6 +31,7 @@ __all__ = [
     "AsDesigned",
     "Band",
     "Certificate",
+    "ChosenClasses",
     "CostTable",
     "Design",
     "ErrorBudget",
@@ -51,12 +53,15 @@ __all__ = [
     "StandardFits",
     "Standing",
     "TimeHistory",
+    "ToleranceClass",
     "ToleranceProblem",
     "Tradeoff",
     "Yield",
     "YieldEstimate",
+    "chosen_fits",
     "error_budget",
     "findings",
+    "fit_costs",
     "formulate",
     "maintenances",
     "nearest_fits",

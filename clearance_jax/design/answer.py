@@ -7,6 +7,7 @@ import numpy as np
 
 from clearance_jax.ask.place import place_of
 from clearance_jax.design.certificate import Certificate
+from clearance_jax.design.classes import ChosenClasses
 from clearance_jax.design.evaluate import fresh_yield
 from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.manufacture import YieldEstimate
@@ -29,6 +30,7 @@ class Design:
     - `specification`: what was asked; `program`: every point that was evaluated; `method`: the optimiser.
     - `evaluation`: the best point; `stop_reason`: why the search stopped early, or empty; `note`: on the choice of the
       method, or empty.
+    - `classes`: the classes of the clearances, whose greatest ones `evaluation` has; `None`: none were asked for.
     """
 
     specification: Specification
@@ -37,6 +39,7 @@ class Design:
     evaluation: Evaluation
     stop_reason: str
     note: str
+    classes: ChosenClasses | None = None
 
     @property
     def clearances(self) -> dict[str, float]:
@@ -88,8 +91,12 @@ class Design:
             raise ClearanceError(
                 f"There is no feasible design to verify: {self.program.worst_violation(self.evaluation)}."
             )
+        if self.classes is not None and (options.get("starts") or options.get("reoptimise")):
+            raise ClearanceError("Of chosen classes neither other starts nor prices are looked for: leave these out.")
         with place_of(cluster) as place:
-            return certify(self.specification, self.method, self.evaluation, place=place, **options)
+            found = certify(self.specification, self.method, self.evaluation, place=place, **options)
+        optimality = "" if self.classes is None else self.classes.optimality
+        return dataclasses.replace(found, optimality=optimality)
 
     @property
     def mechanism(self) -> Mechanism:
@@ -100,20 +107,26 @@ class Design:
         lines = [
             "Design" if self.feasible else f"NO FEASIBLE DESIGN: {self.program.worst_violation(self.evaluation)}",
             *(
-                f"  {name} = {format_quantity(value, unit)}"
+                f"  {name} = {format_quantity(value, unit)}{self._class_words(name)}"
                 for (name, unit), value in zip(self.units.items(), self.clearances.values(), strict=True)
             ),
         ]
         if not self.specification.common:
             lines.append(f"  cost {self.objective:.6g} {self.specification.cost_unit}")
-        lines += [f"  decided by: {name}" for name in self.active]
-        if self.feasible and not self.active:
+        lines += [f"  {'decided by' if self.feasible else 'not held'}: {name}" for name in self.active]
+        if self.feasible and not self.active and self.classes is None:
             at = np.isclose(self.evaluation.x, self.program.lower) | np.isclose(self.evaluation.x, self.program.upper)
             who = "the bounds of the variables do" if np.any(at) else "the solver stopped short of one"
             lines.append(f"  no limit decides: {who}")
         lines.append(f"  {self.method.name}: {self.counts}")
+        if self.classes is not None:
+            lines += [f"  {text}" for text in self.classes.sentences]
         lines += [f"  {text}" for text in (self.stop_reason, self.note) if text]
         return "\n".join(lines)
+
+    def _class_words(self, name: str) -> str:
+        chosen = {} if self.classes is None else self.classes.chosen
+        return f" ({chosen[name]})" if name in chosen else ""
 
 
 def _counted(program: Program) -> str:

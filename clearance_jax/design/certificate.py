@@ -23,6 +23,7 @@ class Certificate:
       `prices`: for each active limit, the relative change of the objective per relative change of its bound.
     - `price_checks`: name -> (price, price by solving again with the bound 1 % up and down), if asked for.
     - `among`: among which parts each limit is judged at once, in words: then neither a scale nor slopes say anything.
+    - `optimality`: of chosen classes what is known instead, in words.
     - `yield_estimate`: of a `Yield`, on fresh samples; `static`: for each limit on a point's error, how far play alone
       can move the point of the mechanism at rest [m].
     - `starts`: the objectives that other starts led to; `goal`: what a looser bound does, in words.
@@ -45,6 +46,7 @@ class Certificate:
     solver: str
     rtol: float
     among: str = ""
+    optimality: str = ""
 
     @property
     def holds(self) -> bool:
@@ -71,7 +73,8 @@ class Certificate:
         alone = "in one piece" if len(self.islands) == 1 else f"in {len(self.islands)} ISLANDS"
         lines.append(f"  Along that line designs hold {alone}: {spans} times the design.")
         optimal = f"(Karush-Kuhn-Tucker) residual {self.residual:.1e}"
-        lines.append(f"  Optimality {'is not known, as slopes say nothing' if self.among else optimal}.")
+        optimal = "is not known, as slopes say nothing" if self.among else optimal
+        lines.append(f"  {self.optimality or f'Optimality {optimal}'}.")
         for name, price in self.prices.items():
             text = f"  A bound 1 % looser on {name} {self.goal} by {price:.4g} %"
             if name in self.price_checks:

@@ -17,7 +17,7 @@ from clearance_jax.design.loads import JointLoad, joint_loads
 from clearance_jax.design.maintenance import Maintenance, maintenances
 from clearance_jax.design.observed import Observed, observe, sample_times
 from clearance_jax.design.scenarios import Scenario, scenarios_of
-from clearance_jax.design.standard import StandardFits, nearest_fits
+from clearance_jax.design.standard import StandardFits, chosen_fits, nearest_fits
 from clearance_jax.design.standings import Standing, standings
 from clearance_jax.design.time_histories import TimeHistory, histories_of
 from clearance_jax.errors import ClearanceError
@@ -132,8 +132,8 @@ def _steps(design: Design, cluster: Any) -> Iterator[tuple[str, Callable[[Findin
         yield "standard fits", lambda found: _fit(found, cluster)
         if any(limit.ages for limit in design.specification.limits):
             yield "maintenance intervals", _maintain
-        if design.specification.manufacture.among:
-            return  # every bound is a search of its own among neighbours
+        if design.specification.manufacture.among or design.classes is not None:
+            return  # every bound is a search of its own, among neighbours or classes
         yield "trade-off", lambda found: found._replace(tradeoff=tradeoff(found.design))
 
 
@@ -188,8 +188,9 @@ def _maintain(found: Findings) -> Findings:
 
 def _fit(found: Findings, cluster: Any) -> Findings:
     samples = LIVED if any(limit.ages for limit in found.design.specification.limits) else SAMPLES
+    choose = nearest_fits if found.design.classes is None else chosen_fits
     try:
-        fits = nearest_fits(found.design, samples=samples, cluster=cluster)
+        fits = choose(found.design, samples=samples, cluster=cluster)
     except ClearanceError as error:
         return _note(found, str(error))
     if fits is None:

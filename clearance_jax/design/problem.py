@@ -6,6 +6,7 @@ from typing import Any, Unpack
 
 from clearance_jax.ask.place import place_of
 from clearance_jax.design.answer import Design
+from clearance_jax.design.classes import Candidates
 from clearance_jax.design.costs import AbstractCost
 from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.manufacture import AbstractManufacture, AsDesigned
@@ -78,6 +79,8 @@ class ToleranceProblem:
         progress: Callable[[Evaluation], None] | None = None,
         cluster: Any = None,
         fidelity: str | None = None,
+        classes: Candidates | None = None,
+        diameters: Mapping[str, float] | None = None,
     ) -> Design:
         """The best design that is found. Its limits hold in a simulation of their own (see `Design.feasible`).
 
@@ -93,10 +96,18 @@ class ToleranceProblem:
         - `fidelity`: another one than the problem's.
         - `cluster`: a dask client, or the address of a scheduler ("local": this machine). Its workers solve the
           simulations of a design if there are several (samples, conditions, points of a band).
+        - `classes`: by variable the classes that it can be made in: names of ISO 286 fits, fits with their costs, or
+          `ToleranceClass`es. The answer is the cheapest combination that holds the limits, by branch and bound, with
+          every clearance at the greatest of its class. `diameters`: nominal ones by variable [m], by default twice the
+          joint's pin radius.
+
+        **Raises:** `ClearanceError` for classes that say nothing, or have no cost.
         """
         with place_of(cluster) as place:
             specification = self.specification if fidelity is None else self.specification.judged_by(fidelity)
-            return search(specification, method, start, starts, seed, record, most, progress, place)
+            given = {"record": record, "most": most, "progress": progress, "place": place}
+            given |= {"classes": classes, "diameters": diameters}
+            return search(specification, method, start, starts, seed, **given)
 
 
 def _costs(cost, names) -> tuple[Callable, ...]:

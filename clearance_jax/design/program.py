@@ -142,7 +142,7 @@ class Program:
         return self._fresh(np.clip(np.asarray(x, float), self.lower, self.upper), samples, seed)
 
     def _spend(self) -> None:
-        if self.evaluations + self.gradients >= self._most:
+        if self.solves >= self._most:
             raise BudgetSpent
 
     @property
@@ -181,6 +181,47 @@ class Program:
         cheap = None if self.cheap is None else self.cheap.with_bound(group, factor)
         models: dict = {"fidelity": self.fidelity, "cheap": cheap, "leaders": self.leaders}
         return Program(lambda x, gradient: shift(self.at(x, gradient)), *names, known=known, fresh=fresh, **models)
+
+    def within(self, lower: np.ndarray, upper: np.ndarray) -> "Program":
+        """The same program in a box, without the variables that the box fixes; it evaluates, and remembers, through
+        this one.
+
+        **Arguments:** `lower` <= `upper` (n,), within the bounds; at least one variable must be free.
+        """
+        free = lower < upper
+
+        def whole(x: np.ndarray) -> np.ndarray:
+            full = np.array(lower)
+            full[free] = x
+            return full
+
+        def part(point: Evaluation) -> Evaluation:
+            gradient = None if point.gradient is None else point.gradient[free]
+            jacobian = None if point.jacobian is None else point.jacobian[:, free]
+            return point._replace(x=point.x[free], gradient=gradient, jacobian=jacobian)
+
+        hair = ROUND_OFF * lower
+        known = [part(p) for p in self.history if np.all(p.x >= lower - hair) and np.all(p.x <= upper + hair)]
+        names = [name for name, is_free in zip(self.names, free, strict=True) if is_free]
+        fresh = None if self._fresh is None else lambda x, samples, seed: part(self.fresh(whole(x), samples, seed))
+        return Program(
+            lambda x, gradient: part(self.at(whole(x), gradient)),
+            names,
+            lower[free],
+            upper[free],
+            self.limit_names,
+            self.groups,
+            known=known,
+            fresh=fresh,
+            fidelity=self.fidelity,
+            cheap=None if self.cheap is None else self.cheap.within(lower, upper),
+            leaders=self.leaders,
+        )
+
+    @property
+    def solves(self) -> int:
+        """How many points were evaluated, with and without gradients."""
+        return self.evaluations + self.gradients
 
     def worst_violation(self, point: Evaluation) -> str:
         """The most violated limit of a point in words."""

@@ -12,8 +12,11 @@ import numpy as np
 from clearance_jax.analysis.trust import gradient_report
 from clearance_jax.ask.place import HERE, Place
 from clearance_jax.design.answer import Design
+from clearance_jax.design.class_search import choose_classes
+from clearance_jax.design.classes import Candidates, classes_of, priced
 from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.formulation import formulate, unposed
+from clearance_jax.design.infeasible import why_infeasible
 from clearance_jax.design.manufacture import Neighbours
 from clearance_jax.design.methods import AUTO, METHODS, Method, method_of
 from clearance_jax.design.model_management import MATCHED, MATCHED_VALUES
@@ -26,6 +29,9 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.parameters import replace
 from clearance_jax.solve.settings import DYNAMICS
 
+# Methods whose tolerance is that of the solves.
+TOLERANT = {"slsqp", MATCHED.name, MATCHED_VALUES.name}
+
 
 def search(
     specification: Specification,
@@ -37,8 +43,40 @@ def search(
     most: int = 1_000_000,
     progress: Callable[[Evaluation], None] | None = None,
     place: Place = HERE,
+    classes: Candidates | None = None,
+    diameters: Mapping[str, float] | None = None,
 ) -> Design:
     """The best design found, many simulations solved at a `place`; other arguments as `ToleranceProblem.solve`'s."""
+    if classes is None:
+        return _continuous(specification, method, start, starts, seed, record, most, progress, place)
+    listed = classes_of(specification, classes, diameters)
+    specification = priced(specification, listed)
+    design = _continuous(specification, method, start, starts, seed, record, most, progress, place)
+    if not design.feasible:
+        return design
+    if design.stop_reason in (INTERRUPTED, SPENT):
+        note = "stopped before any class was chosen: the clearances are those of a continuous design"
+        return dataclasses.replace(design, note="; ".join(text for text in (design.note, note) if text))
+    return choose_classes(design, listed, place, **_options(specification, design.method))
+
+
+def _options(specification: Specification, method: Method) -> dict[str, Any]:
+    """Finer than the solves a search cannot be."""
+    return {"tolerance": 10 * specification.rtol} if method.name in TOLERANT else {}
+
+
+def _continuous(
+    specification: Specification,
+    method: str | Method,
+    start: Mapping[str, float] | None,
+    starts: int,
+    seed: int,
+    record: str | Path | None,
+    most: int,
+    progress: Callable[[Evaluation], None] | None,
+    place: Place,
+) -> Design:
+    """The best design whose variables take any values."""
     if method != AUTO:
         method = method_of(method)
     note = ""
@@ -63,10 +101,22 @@ def search(
     method = method_of(method)
     if method.gradients:
         _check_derivatives(specification, x)
-    # Finer than the solves it cannot be.
-    options = {"tolerance": 10 * specification.rtol} if method.name == "slsqp" else {}
-    stop_reason = _runs(program, method, x, starts, seed, **options)
-    return _design(specification, program, method, stop_reason, note)
+    stop_reason = _runs(program, method, x, starts, seed, **_options(specification, method))
+    return _explained(_design(specification, program, method, stop_reason, note))
+
+
+def _explained(design: Design) -> Design:
+    """With why no design holds every limit, where a search has ended so."""
+    if design.feasible or design.stop_reason in (INTERRUPTED, SPENT):
+        return design
+    try:
+        why = why_infeasible(design.specification, design.program)
+    except (KeyboardInterrupt, BudgetSpent):
+        return design
+    # The smallest clearances may have been asked for the first time.
+    point = design.program.best or design.program.nearest or design.evaluation
+    note = "; ".join(text for text in (design.note, "" if point.feasible else why) if text)
+    return dataclasses.replace(design, evaluation=point, note=note)
 
 
 def _runs(program: Program, method: Method, x: np.ndarray, starts: int, seed: int, **options: Any) -> str:
@@ -91,12 +141,12 @@ def _managed(
     specification: Specification, program: Program, x: np.ndarray, given: Mapping[str, Any], starts: int, seed: int
 ) -> Design:
     """The design found on poses and judged by the dynamics; where slopes of the dynamics say nothing, by values."""
-    tolerance = {"tolerance": 10 * specification.rtol}
+    tolerance = _options(specification, MATCHED)
     if said := _first(specification, program):
         return _design(specification, program, MATCHED, said, "")
     stop_reason = _runs(program, MATCHED, x, starts, seed, **tolerance)
     if not stop_reason.startswith(USELESS):
-        return _design(specification, program, MATCHED, stop_reason, "")
+        return _explained(_design(specification, program, MATCHED, stop_reason, ""))
     note = f"{stop_reason.removeprefix(USELESS)}, so values alone were matched"
     if not specification.manufacture.is_design:
         stop_reason = _runs(program, MATCHED_VALUES, x, starts, seed, **tolerance)

@@ -8,17 +8,14 @@ import scipy.stats
 
 from clearance_jax.ask.place import Place, place_of
 from clearance_jax.design.answer import Design
+from clearance_jax.design.classes import SMALLEST, ToleranceClass, diameters_of
 from clearance_jax.design.evaluate import FEW, simulations_of, yield_of
 from clearance_jax.design.evaluation import SLACK
 from clearance_jax.design.manufacture import YieldEstimate
 from clearance_jax.design.scenarios import Scenario, scenarios_of
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import fits
-from clearance_jax.parameters import parameters
 
-CLEARANCE, RADIUS = ".radial_clearance", ".pin_radius"
-# A fit that begins at contact has a joint that just turns.
-SMALLEST = 1e-7
 # Standard deviations between the middle and the limits of a tolerance.
 SIGMAS = 3.0
 
@@ -77,7 +74,7 @@ def _nearest(
     specification = design.specification.nominal()
     names = list(design.clearances)
     designed = specification.values(design.evaluation.x)
-    sizes = {**_diameters(design), **diameters}
+    sizes = {**diameters_of(design.mechanism, names), **diameters}
     fitted = [i for i, name in enumerate(names) if name in sizes]
     if not fitted:
         raise ClearanceError("No variable is a radial clearance of known diameter: give `diameters`.")
@@ -87,10 +84,10 @@ def _nearest(
     simulations, scenarios = simulations_of(specification, place=place), scenarios_of(specification)
     exact = design.program.gradients > 0 and len(designed) <= FEW  # by the program that is compiled already
 
-    def worst(places, end=1):
+    def worst(places):
         x = designed.copy()
         for i in fitted:
-            x[i] = max(lists[i][places[i]].radial_clearance[end], SMALLEST)
+            x[i] = _greatest(lists[i][places[i]])
         # Not `program.at`: the bounds on the variables are for designs, and a fit's ends may lie outside.
         return float(np.max(simulations.worst(x, scenarios, exact)))
 
@@ -105,15 +102,45 @@ def _nearest(
         looser.sort(key=lambda p: _gain(design, lists, chosen, p), reverse=True)
         growing = next((p for p in looser if worst(p) <= SLACK), None)
         chosen = growing or chosen
-    found = {names[i]: lists[i][place] for i, place in chosen.items()}
+    made = {names[i]: lists[i][place] for i, place in chosen.items()}
+    return _judged(design, {name: _as_class(fit) for name, fit in made.items()}, samples, seed, place)
+
+
+def chosen_fits(design: Design, samples: int = 200, seed: int = 0, cluster: Any = None) -> StandardFits:
+    """The classes that a design has chosen, as `nearest_fits` gives fits; arguments as there.
+
+    **Raises:** `ClearanceError` where none were chosen.
+    """
+    if design.classes is None or not design.classes.chosen:
+        raise ClearanceError("No classes were chosen: solve the problem with `classes`.")
+    with place_of(cluster) as place:
+        return _judged(design, design.classes.chosen, samples, seed, place)
+
+
+def _as_class(fit: fits.Fit) -> ToleranceClass:
+    return ToleranceClass(fit.name, *fit.radial_clearance, fit=fit)
+
+
+def _judged(design: Design, made: Mapping[str, ToleranceClass], samples: int, seed: int, place: Place) -> StandardFits:
+    """Limits with classes at their ends, and the yield of parts that are made to them."""
+    specification = design.specification.nominal()
+    names, designed = list(design.clearances), specification.values(design.evaluation.x)
+    simulations, scenarios = simulations_of(specification, place=place), scenarios_of(specification)
+    exact = design.program.gradients > 0 and len(designed) <= FEW
+
+    def worst(end: str) -> float:
+        ends = [max(getattr(made[n], end), SMALLEST) if n in made else x for n, x in zip(names, designed, strict=True)]
+        return float(np.max(simulations.worst(np.array(ends), scenarios, exact)))
+
     rng = np.random.default_rng(seed)
     drawn = np.tile(designed, (samples, 1))
-    for i in fitted:
-        drawn[:, i] = np.maximum(_draw(found[names[i]], samples, rng), SMALLEST)
+    for i, name in enumerate(names):
+        if name in made:
+            drawn[:, i] = np.maximum(_draw(made[name], samples, rng), SMALLEST)
     sampled = [Scenario(s.title, s.values, row / designed, s.values) for s in scenarios for row in drawn]
-    return StandardFits(
-        found, worst(chosen), worst(chosen, 0), yield_of(specification, designed, sampled, exact, place)
-    )
+    found = {name: one.fit for name, one in made.items() if one.fit is not None}
+    estimate = yield_of(specification, designed, sampled, exact, place)
+    return StandardFits(found, worst("greatest"), worst("least"), estimate)
 
 
 def _greatest(found: fits.Fit) -> float:
@@ -128,16 +155,14 @@ def _gain(design, lists, chosen, moved) -> float:
     return float(cost(before) - cost(after))
 
 
-def _draw(found: fits.Fit, samples: int, rng: np.random.Generator) -> np.ndarray:
-    """Radial clearances of parts made to a fit."""
-    sizes = []
-    for low, high in (found.hole, found.shaft):
+def _draw(made: ToleranceClass, samples: int, rng: np.random.Generator) -> np.ndarray:
+    """Radial clearances of parts made to a class: of a fit the hole and the shaft are drawn."""
+
+    def drawn(low: float, high: float) -> np.ndarray:
         normal = scipy.stats.truncnorm.rvs(-SIGMAS, SIGMAS, size=samples, random_state=rng)
-        sizes.append((low + high) / 2 + normal * (high - low) / (2 * SIGMAS))
-    return (sizes[0] - sizes[1]) / 2
+        return np.asarray((low + high) / 2 + normal * (high - low) / (2 * SIGMAS))
 
-
-def _diameters(design: Design) -> dict[str, float]:
-    known = parameters(design.mechanism)
-    joints = [name.removesuffix(CLEARANCE) for name in design.clearances if name.endswith(CLEARANCE)]
-    return {j + CLEARANCE: 2 * float(known[j + RADIUS].value) for j in joints if j + RADIUS in known}
+    if made.fit is None:
+        return drawn(made.least, made.greatest)
+    hole, shaft = drawn(*made.fit.hole), drawn(*made.fit.shaft)
+    return (hole - shaft) / 2

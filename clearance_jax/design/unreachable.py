@@ -35,12 +35,17 @@ def unreachable(specification: Specification, program: Program) -> str:
     assert posed.jacobian is not None
     if not 0 < solved.worst < np.inf or posed.jacobian[leader] @ posed.x < 0:
         return ""
-    return _said(specification, program, posed, solved, k)
+    return "stopped before the search: " + unreachable_words(specification, program, posed, solved, k)
 
 
-def _said(specification: Specification, program: Program, posed: Evaluation, solved: Evaluation, k: int) -> str:
+def unreachable_words(
+    specification: Specification, program: Program, posed: Evaluation, solved: Evaluation, k: int
+) -> str:
+    """What is left of a limit, with its place `k`, at the smallest clearances, by poses and by the model that judges;
+    which joint contributes most; and what would help.
+    """
     label, leader = program.limit_names[k], int(program.leaders[k])
-    text = f"stopped before the search: no clearances within their bounds hold {label}. At the smallest ones it is "
+    text = f"no clearances within their bounds hold {label}. At the smallest ones it is "
     if specification.manufacture.title:
         return text + f"{1 + solved.limits[k]:.4g} times its bound (by poses {1 + posed.limits[leader]:.4g} times)."
     limit = next(one for one in specification.limits if one.title == program.groups[k])

@@ -104,6 +104,18 @@ VARIABLE = Keys(
             '{ law = "reciprocal", factor = "0.2 mm" }',
             absent="the largest clearance is wanted",
         ),
+        Names(
+            "classes",
+            "the ISO 286 fits that it can be made in, of which the cheapest combination is chosen",
+            '["H7/g6", "H7/f7", "H8/e8"]',
+            absent="any value",
+        ),
+        Quantities(
+            "class_costs",
+            "what each of the `classes` costs to make",
+            "[9, 6, 4]",
+            absent="as `cost` says of the greatest clearance",
+        ),
     ),
     renamed={"least": "lower", "greatest": "upper"},
 )

@@ -4,6 +4,7 @@ import itertools
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+from clearance_jax.design.classes import Candidates, classes_of, priced
 from clearance_jax.design.costs import COSTS, POWER, AbstractCost
 from clearance_jax.design.manufacture import MANUFACTURE, AbstractManufacture
 from clearance_jax.design.problem import ToleranceProblem
@@ -46,7 +47,37 @@ def design_of(study: Asked, wear: WearAsked | None) -> DesignAsked:
         **{**study.options, **table.only("fidelity")},
     )
     search = {"method": table.get("method"), **table.only("starts", "most")}
-    return DesignAsked(problem, search, table.table("verify", VERIFY).arguments())
+    verify = table.table("verify", VERIFY)
+    if classes := _classes(table, problem):
+        search["classes"] = classes
+        for key in ("starts", "reoptimise"):
+            if verify.has(key):
+                raise ClearanceError(f"{verify.key(key)} has no effect where `classes` are chosen. Leave it out.")
+    return DesignAsked(problem, search, verify.arguments())
+
+
+def _classes(top: Table, problem: ToleranceProblem) -> Candidates:
+    """The fits to choose from by variable, with their costs where these are given; checked before any solve."""
+    found = {}
+    for name, values, where in top.entries("variable"):
+        table = Table(values, where, VARIABLE, {PARAMETER: problem.specification.units[name]})
+        if not table.has("classes"):
+            if table.has("class_costs"):
+                raise ClearanceError(f"{table.key('class_costs')} has no effect without `classes`. Add them.")
+            continue
+        names = table.get("classes")
+        found[name] = names
+        if table.has("class_costs"):
+            costs = table.get("class_costs")
+            if len(costs) != len(names):
+                raise ClearanceError(
+                    f"{table.key('class_costs')} must be as many as `classes`, {len(names)}, but they are {len(costs)}."
+                )
+            found[name] = dict(zip(names, costs, strict=True))
+    with naming(top.where):
+        if found:
+            priced(problem.specification, classes_of(problem.specification, found))
+    return found
 
 
 def _conditions(table: Table, model: Any) -> dict[str, dict[str, float]]:

@@ -1,0 +1,42 @@
+"""What moves the mechanism of a scene or a robot: its own drives, a trajectory, or nothing, which holds its posture."""
+
+from pathlib import Path
+from typing import Any
+
+from clearance_jax.cli.posture import HELD, is_robot, undriven, with_posture
+from clearance_jax.errors import ClearanceError
+
+
+def driven_by(scene: Any, scene_file: Path, trajectory: Path | None) -> tuple[Any, Any, tuple[str, ...]]:
+    """A mechanism as it is driven; the trajectory that drives it (`None`: none does); the coordinates of a robot
+    that are held where they stand.
+    """
+    lead = scene.trajectory if trajectory is None else _read_trajectory(trajectory, scene.mechanism)
+    driven = scene.mechanism if lead is None else scene.mechanism.with_drives(lead.drives)
+    held = undriven(driven) if is_robot(scene_file) else ()
+    return with_posture(driven, held) if held else driven, lead, held
+
+
+def usual_end(lead: Any, held: tuple[str, ...]) -> dict[str, float]:
+    """When a motion ends if nobody says so [s], as `t1`; nothing where that is not known."""
+    return {"t1": lead.span[1]} if lead is not None else {"t1": HELD} if held else {}
+
+
+def check_covered(lead: Any, options: dict[str, Any]) -> None:
+    """Raise where the motion begins before the trajectory does, or ends after it (by more than round-off)."""
+    if lead is None:
+        return
+    (first, last), t0, t1 = lead.span, options.get("t0", 0.0), options["t1"]
+    hair, outside = 1e-9 * (last - first), ""
+    if t0 < first - hair:
+        outside = f"t0 is {t0:.9g} s, but the trajectory `{lead.path}` begins at {first:.9g} s"
+    elif t1 > last + hair:
+        outside = f"t1 is {t1:.9g} s, but the trajectory `{lead.path}` ends at {last:.9g} s"
+    if outside:
+        raise ClearanceError(f"{outside}. Change the one or the other.")
+
+
+def _read_trajectory(path: Path, mechanism: Any) -> Any:
+    from clearance_jax.io.trajectory import Trajectory, read_trajectory
+
+    return Trajectory(path, read_trajectory(path, mechanism))

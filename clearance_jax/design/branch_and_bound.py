@@ -1,0 +1,203 @@
+"""The cheapest point of which some variables take values of a list: branch and bound (Land and Doig 1960).
+
+A node is a box: of every listed variable some neighbouring values. Its relaxation is the continuous problem in this
+box, whose optimum bounds the cost of every combination in the box from below. The node with the least bound is split
+next, where a variable lies between two values. The optima are local ones, so a bound is as good as the method that
+finds it.
+"""
+
+import functools
+import heapq
+import itertools
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from clearance_jax.design.evaluation import Evaluation
+from clearance_jax.design.program import BudgetSpent, Program
+from clearance_jax.design.run import INTERRUPTED, SPENT
+
+# A node is not split where it can save no more than this part of the cost.
+GAP = 1e-6
+# Combinations of a node up to which their costs are looked through.
+MOST_SUMS = 1_000_000
+# A value of a list is met to this part of it.
+MET = 1e-6
+
+
+class Node(NamedTuple):
+    """A box: of each listed variable the places `low` to `high` in its list; `start` (n,): where its search begins;
+    `tighter`: whether it was made by leaving out the smaller values.
+    """
+
+    low: tuple[int, ...]
+    high: tuple[int, ...]
+    start: np.ndarray
+    tighter: bool = False
+
+
+class Found(NamedTuple):
+    """What a search has found.
+
+    - `best`: the best point of the lists that holds every limit, `None`: none; `bound`: what the best one costs at
+      least; `relaxed`: the optimum of the continuous problem between the ends of the lists.
+    - `nodes`: how many relaxations were solved; `stop_reason`: why the search stopped early, or empty.
+    - `doubts`: why relaxations ended early, if some did.
+    """
+
+    best: Evaluation | None
+    bound: float
+    relaxed: Evaluation | None
+    nodes: int
+    stop_reason: str
+    doubts: tuple[str, ...]
+
+
+class BranchAndBound:
+    """The search for the cheapest point of a `program` with values of lists.
+
+    **Arguments:** `lists`: values by the variable's place, increasing, within the program's bounds; `relax`: a search
+    of a program from a start, which returns why it stopped early; `holds`: whether a point (n,) of the lists, which
+    holds the limits of the program, holds in whatever else is asked of it; `costs`: if every variable has a list, by
+    place what its values cost, whose sum is the objective: then a node costs at least the least sum above its bound.
+    """
+
+    def __init__(
+        self,
+        program: Program,
+        lists: Mapping[int, np.ndarray],
+        relax: Callable[[Program, np.ndarray], str],
+        holds: Callable[[np.ndarray], bool] = lambda x: True,
+        costs: Mapping[int, np.ndarray] | None = None,
+    ):
+        self.program, self._relax, self._holds = program, relax, holds
+        self._places, self._lists = tuple(lists), tuple(np.asarray(values, float) for values in lists.values())
+        self._costs = None if costs is None else tuple(np.asarray(costs[i], float) for i in lists)
+        self.best: Evaluation | None = None
+        self._nodes, self._doubts, self._refused = 0, [], set[bytes]()
+
+    def search(self, start: np.ndarray) -> Found:
+        """Search from a point (n,), by default all of it; interrupted, it returns what it has found until then."""
+        sizes = tuple(len(values) - 1 for values in self._lists)
+        order = itertools.count()
+        heap = [(-np.inf, next(order), Node((0,) * len(sizes), sizes, np.asarray(start, float)))]
+        relaxed, stop_reason, least = None, "", -np.inf
+        try:
+            while heap and not self._cut(heap[0][0]):
+                least = heap[0][0]
+                node = heap[0][-1]
+                found = self._look(node)
+                heapq.heappop(heap)
+                relaxed = relaxed or found
+                if found is None or self._cut(found.objective):
+                    continue
+                for child in self._split(node, found.x):
+                    bound = self._raised(child, max(least, found.objective))
+                    if bound < np.inf:
+                        heapq.heappush(heap, (bound, next(order), child))
+        except KeyboardInterrupt:
+            stop_reason = INTERRUPTED
+        except BudgetSpent:
+            stop_reason = SPENT
+        bound = min(heap[0][0] if heap else np.inf, np.inf if self.best is None else self.best.objective)
+        return Found(self.best, bound, relaxed, self._nodes, stop_reason, tuple(dict.fromkeys(self._doubts)))
+
+    def _cut(self, bound: float) -> bool:
+        """Whether a bound leaves nothing to be saved."""
+        return self.best is not None and bound >= self.best.objective - GAP * abs(self.best.objective)
+
+    def _raised(self, node: Node, bound: float) -> float:
+        """What the combinations of a node cost at least, if none costs less than a bound; infinite where all do."""
+        sizes = [high - low + 1 for low, high in zip(node.low, node.high, strict=True)]
+        if self._costs is None or np.prod(sizes, dtype=float) > MOST_SUMS:
+            return bound
+        parts = [c[low : high + 1] for c, low, high in zip(self._costs, node.low, node.high, strict=True)]
+        sums = functools.reduce(np.add.outer, parts)
+        # A relaxation is solved to some digits, and round-off differs from the objective's.
+        return float(np.min(sums[sums >= bound - GAP * abs(bound)], initial=np.inf))
+
+    def _look(self, node: Node) -> Evaluation | None:
+        """The optimum of a node's relaxation, if one is found. The combination below it is tried."""
+        lower, upper = self._box(node)
+        self._nodes += 1
+        if node.tighter and self._hopeless(lower):
+            return None
+        found = self._optimum(lower, upper, np.clip(node.start, lower, upper))
+        if found is not None:
+            self._try(self._below(node, found.x))
+        return found
+
+    def _box(self, node: Node) -> tuple[np.ndarray, np.ndarray]:
+        lower, upper = self.program.lower.copy(), self.program.upper.copy()
+        for i, values, low, high in zip(self._places, self._lists, node.low, node.high, strict=True):
+            lower[i], upper[i] = values[low], values[high]
+        return lower, upper
+
+    def _hopeless(self, corner: np.ndarray) -> bool:
+        """Whether the smallest values of a box violate a limit that grows with every variable."""
+        point = self.program.at(corner, True)
+        if point.feasible or not np.isfinite(point.worst) or point.jacobian is None:
+            return False
+        return bool(np.all(point.jacobian[int(np.argmax(point.limits))] >= 0))
+
+    def _optimum(self, lower: np.ndarray, upper: np.ndarray, start: np.ndarray) -> Evaluation | None:
+        free = lower < upper
+        if not np.any(free):
+            point = self.program.at(lower)
+            return point if point.feasible else None
+        box = self.program.within(lower, upper)
+        said = self._relax(box, start[free])
+        if said == INTERRUPTED:
+            raise KeyboardInterrupt
+        if said == SPENT:
+            raise BudgetSpent
+        if said:
+            self._doubts.append(said)
+        if box.best is None:
+            return None
+        x = lower.copy()
+        x[free] = box.best.x
+        return self.program.at(x)
+
+    def _below(self, node: Node, x: np.ndarray) -> np.ndarray:
+        """The combination of a node whose values are next below a point's."""
+        x = x.copy()
+        for k, i in enumerate(self._places):
+            x[i] = self._lists[k][self._place(node, k, x[i])]
+        return x
+
+    def _place(self, node: Node, k: int, value: float) -> int:
+        """The place of the greatest value in a list that is not above one."""
+        place = int(np.searchsorted(self._lists[k], value * (1 + MET), side="right")) - 1
+        return min(max(place, node.low[k]), node.high[k])
+
+    def _try(self, x: np.ndarray) -> None:
+        point = self.program.at(x)
+        if not point.feasible or self._cut(point.objective) or x.tobytes() in self._refused:
+            return
+        if self._holds(x):
+            self.best = point
+        else:
+            self._refused.add(x.tobytes())
+
+    def _split(self, node: Node, x: np.ndarray) -> list[Node]:
+        """The two halves of a node, between which a variable lies farthest from the values of its list; where all have
+        values of theirs, about one of these.
+        """
+        apart = []
+        for k, i in enumerate(self._places):
+            place, values = self._place(node, k, x[i]), self._lists[k]
+            if node.low[k] == node.high[k]:
+                apart.append((-1.0, k, place))
+                continue
+            place = min(place, node.high[k] - 1)
+            low, high = values[place], values[place + 1]
+            share = np.clip(np.log(x[i] / low) / np.log(high / low), 0.0, 1.0)
+            apart.append((min(share, 1 - share), k, place))
+        far, k, place = max(apart)
+        if far < 0:
+            return []
+        high, low = list(node.high), list(node.low)
+        high[k], low[k] = place, place + 1
+        return [Node(node.low, tuple(high), x), Node(tuple(low), node.high, x, tighter=True)]

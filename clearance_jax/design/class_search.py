@@ -1,0 +1,112 @@
+"""The cheapest classes that hold every limit, from the continuous design."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from clearance_jax.ask.place import Place
+from clearance_jax.design.answer import Design
+from clearance_jax.design.branch_and_bound import BranchAndBound, Found
+from clearance_jax.design.classes import SMALLEST, ChosenClasses, ToleranceClass
+from clearance_jax.design.evaluate import FEW, simulations_of
+from clearance_jax.design.evaluation import SLACK, Evaluation
+from clearance_jax.design.program import Program
+from clearance_jax.design.run import run
+from clearance_jax.design.scenarios import scenarios_of
+
+
+def choose_classes(
+    design: Design, classes: Mapping[str, tuple[ToleranceClass, ...]], place: Place, **options: Any
+) -> Design:
+    """The cheapest combination of `classes` that holds every limit, by branch and bound from a continuous design.
+
+    A combination holds if the limits of the problem hold with every clearance at the greatest of its class, and those
+    of parts as designed hold with every clearance at its least.
+
+    **Arguments:** `classes`: by variable, the tightest first; `options`: of the design's method.
+    """
+    program, places = design.program, {name: i for i, name in enumerate(design.program.names)}
+    lists = {places[name]: np.array([one.greatest for one in listed]) for name, listed in classes.items()}
+    before = program.solves
+    ends = _Least(design, classes, place)
+
+    def relax(box: Program, start: np.ndarray) -> str:
+        return run(box, design.method, start, **options)
+
+    costs = _sums(design, lists) if len(lists) == len(program.names) else None
+    found = BranchAndBound(program, lists, relax, ends.hold, costs).search(design.evaluation.x)
+    chosen = {} if found.best is None else _names(program, classes, found.best.x)
+    result = ChosenClasses(
+        chosen,
+        np.nan if found.best is None else found.best.objective,
+        found.bound,
+        np.nan if found.relaxed is None else found.relaxed.objective,
+        found.nodes,
+        program.solves - before + ends.solves,
+        int(np.prod([len(listed) for listed in classes.values()])),
+        found.doubts,
+    )
+    return _design(design, result, found, lists)
+
+
+def _sums(design: Design, lists: Mapping[int, np.ndarray]) -> dict[int, np.ndarray]:
+    costs = design.specification.costs
+    return {i: np.array([float(costs[i](value)) for value in values]) for i, values in lists.items()}
+
+
+def _names(program: Program, classes: Mapping[str, tuple[ToleranceClass, ...]], x: np.ndarray):
+    worth = dict(zip(program.names, x, strict=True))
+    return {n: min(listed, key=lambda one: abs(one.greatest - worth[n])) for n, listed in classes.items()}
+
+
+def _design(design: Design, result: ChosenClasses, found: Found, lists: Mapping[int, np.ndarray]) -> Design:
+    """The design with what was chosen. Where nothing holds it is the tightest combination, and says so."""
+    stopped = {"stop_reason": design.stop_reason or found.stop_reason, "classes": result}
+    if found.best is not None:
+        return dataclasses.replace(design, evaluation=found.best, **stopped)
+    if found.stop_reason:
+        return dataclasses.replace(design, **stopped)
+    x = design.evaluation.x.copy()
+    for i, values in lists.items():
+        x[i] = values[0]
+    tightest = design.program.at(x, design.method.gradients)
+    note = f"{design.note}; " * bool(design.note) + _refusal(design, tightest, lists)
+    return dataclasses.replace(design, evaluation=tightest, **{**stopped, "note": note})
+
+
+def _refusal(design: Design, tightest: Evaluation, lists: Mapping[int, np.ndarray]) -> str:
+    """Why no combination of classes will do, and what would help."""
+    program, cost = design.program, f"{design.objective:.6g} {design.specification.cost_unit}"
+    if tightest.feasible:
+        return (
+            "no combination of the classes holds every limit with all clearances at their least too. Choose classes "
+            "with larger least clearances, or add some"
+        )
+    text = "no combination of the classes holds every limit: with the tightest of each, "
+    text += f"{program.worst_violation(tightest)}. Without classes the design costs {cost}. "
+    if tightest.jacobian is None or not np.isfinite(tightest.worst):
+        return text + "Add tighter classes, or loosen the bound"
+    slopes = tightest.jacobian[int(np.argmax(tightest.limits))] * tightest.x
+    name = program.names[max(lists, key=lambda i: slopes[i])]
+    return text + f"A tighter class of `{name}` helps most, or a looser bound"
+
+
+class _Least:
+    """Whether combinations hold with every clearance at its least."""
+
+    def __init__(self, design: Design, classes: Mapping[str, tuple[ToleranceClass, ...]], place: Place):
+        specification = design.specification.nominal()
+        self._program, self._classes = design.program, classes
+        self._simulations, self._scenarios = simulations_of(specification, place=place), scenarios_of(specification)
+        self._exact = design.program.gradients > 0 and len(specification.variables) <= FEW
+        self.solves = 0
+
+    def hold(self, x: np.ndarray) -> bool:
+        """Whether the combination whose greatest clearances are `x` (n,) holds."""
+        least = x.copy()
+        for name, one in _names(self._program, self._classes, x).items():
+            least[self._program.names.index(name)] = max(one.least, SMALLEST)
+        self.solves += 1
+        return float(np.max(self._simulations.worst(least, self._scenarios, self._exact))) <= SLACK

@@ -1,0 +1,129 @@
+"""Why a search has found no design that holds every limit, in words, and what would help."""
+
+import numpy as np
+
+from clearance_jax.design.evaluation import SLACK, Evaluation
+from clearance_jax.design.formulation import formulate, unposed
+from clearance_jax.design.program import Program
+from clearance_jax.design.scenarios import scenarios_of
+from clearance_jax.design.specification import Specification
+from clearance_jax.design.unreachable import CLEARANCE, unreachable_words
+from clearance_jax.errors import ClearanceError
+from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.metrics.signals import PositionError
+from clearance_jax.parameters import replace
+from clearance_jax.solve.settings import DYNAMICS, QUASI_STATIC
+from clearance_jax.solve.simulate import simulate
+
+
+def why_infeasible(specification: Specification, program: Program) -> str:
+    """Why no design of a search that has ended holds every limit.
+
+    It asks the smallest clearances, by quasi-static poses too, so it may evaluate one more design.
+    """
+    finite = [point for point in program.history if np.isfinite(point.worst)]
+    if not finite:
+        return _no_motion(specification, program)
+    least = _least(program, finite)
+    never = [title for title, worst in least.items() if worst > SLACK]
+    if not never:
+        return (
+            "each limit holds at some design that was evaluated, but no design holds all of them: they contradict each "
+            f"other. Loosen one of {', '.join(f'`{title}`' for title in least)}, or let the variables go further"
+        )
+    title = max(never, key=lambda one: least[one])
+    return _posed(specification, program, title) or _seen(program, finite, title, least[title])
+
+
+def _least(program: Program, points: list[Evaluation]) -> dict[str, float]:
+    """The least violation of each of the designer's limits at any point."""
+    groups = np.array(program.groups)
+    return {title: min(float(p.limits[groups == title].max()) for p in points) for title in dict.fromkeys(groups)}
+
+
+def _no_motion(specification: Specification, program: Program) -> str:
+    """Why there are no numbers: what the solve of the last design says."""
+    said = f"none of {program.solves} designs that were tried has a motion to its end"
+    if not program.history:
+        return said
+    values, nominal = specification.clearances(program.history[-1].x), specification.nominal()
+    for scenario in scenarios_of(nominal):
+        why = _ending(nominal, replace(nominal.move(nominal.mechanism, scenario.values), values))
+        if why:
+            return f"{said}. At the last one{scenario.title} {why}"
+    return said
+
+
+def _ending(specification: Specification, mechanism: Mechanism) -> str:
+    """Why a motion has no end, in words; empty where it has one."""
+    try:
+        simulate(mechanism, specification.t1, **specification.solving)
+    except ClearanceError as error:
+        return f"a solve says: {error}"
+    except RuntimeError:
+        return simulate(mechanism, specification.t1, throw=False, **specification.solving).message
+    return ""
+
+
+def _posed(specification: Specification, program: Program, title: str) -> str:
+    """What poses say of the smallest clearances, if the limit is an error of a point that they can give."""
+    limit = next((one for one in specification.limits if one.title == title), None)
+    signal = None if limit is None else getattr(limit.metric.base_metric, "signal", None)
+    if not isinstance(signal, PositionError) or specification.solving.get("fidelity") != DYNAMICS:
+        return ""
+    nominal = specification.nominal()
+    names = specification.variables
+    if not all(name.endswith(CLEARANCE) for name in names) or specification.manufacture.title or unposed(nominal):
+        return ""
+    if specification.manufacture.among:
+        return ""
+    cheap = formulate(specification.judged_by(QUASI_STATIC))
+    posed, solved = cheap.at(program.lower, True), program.at(program.lower, True)
+    rows = np.flatnonzero(np.array(program.groups) == title)
+    k = int(rows[np.argmax(solved.limits[rows])])
+    if not np.isfinite(solved.worst) or solved.limits[k] <= SLACK:
+        return ""
+    if not np.isfinite(posed.worst):
+        return _singular(specification, program, solved, k)
+    if posed.limits[int(program.leaders[k])] > SLACK:
+        return unreachable_words(specification, program, posed, solved, k)
+    return (
+        f"at the smallest clearances {program.limit_names[k]} is {1 + solved.limits[k]:.3g} times its bound, but "
+        f"{1 + posed.limits[int(program.leaders[k])]:.3g} times by quasi-static poses: what is left is motion, impacts "
+        "or ringing of pins. A settled start, damping or a preload of the joints, or a gentler motion helps, or a "
+        "looser bound"
+    )
+
+
+def _singular(specification: Specification, program: Program, solved: Evaluation, k: int) -> str:
+    """Why there are no poses at the smallest clearances, although the dynamics have a motion."""
+    said = f"at the smallest clearances {program.limit_names[k]} is {1 + solved.limits[k]:.4g} times its bound"
+    posed = specification.nominal().judged_by(QUASI_STATIC)
+    values = specification.clearances(solved.x)
+    for scenario in scenarios_of(posed):
+        why = _ending(posed, replace(posed.move(posed.mechanism, scenario.values), values))
+        if why:
+            return (
+                f"{said}, and its quasi-static motion{scenario.title} has no end: {why}. Near a singular posture (a "
+                "dead centre, a stretched arm) any play makes large errors: keep the motion away from it, or loosen "
+                "the bound"
+            )
+    return said
+
+
+def _seen(program: Program, points: list[Evaluation], title: str, least: float) -> str:
+    """What the evaluated designs say of a limit that none of them holds."""
+    rows = np.flatnonzero(np.array(program.groups) == title)
+    said = f"of {len(points)} designs that were evaluated none has {title} below {1 + least:.4g} times its bound"
+    steep = [p for p in points if p.jacobian is not None]
+    if not steep:
+        return f"{said}. Loosen it, or widen the bounds of the variables"
+    near = min(steep, key=lambda p: float(p.limits[rows].max()))
+    k = int(rows[np.argmax(near.limits[rows])])
+    assert near.jacobian is not None
+    parts = near.jacobian[k] * near.x
+    if np.abs(parts) @ np.log(program.upper / program.lower) < near.limits[k]:
+        return f"{said}, and by its slopes no variables will: loads, drives or other numbers of the joints decide it"
+    i = int(np.argmax(np.abs(parts)))
+    way = "smaller" if parts[i] > 0 else "larger"
+    return f"{said}. A {way} `{program.names[i]}` helps most; let it go further, or loosen the bound"

@@ -1,0 +1,285 @@
+"""Designs whose clearances are made in classes: branch and bound against enumeration."""
+
+import itertools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import clearance_jax as cj
+from clearance_jax import design
+from clearance_jax.design.branch_and_bound import BranchAndBound
+from clearance_jax.design.classes import SMALLEST, classes_of
+from clearance_jax.design.findings import _fit, known_findings
+from clearance_jax.design.run import INTERRUPTED, SPENT
+from clearance_jax.errors import ClearanceError
+from clearance_jax.joints.fits import fit
+from experiments.common import SCENES
+from optimize.allocate_planar_arm import problem
+from optimize.allocate_slider_crank import problem as slider_crank
+
+FITS = ("H6/g5", "H7/g6", "H7/f7", "H8/e8", "H9/d9")
+COSTS = (10.0, 7.0, 5.0, 3.5, 2.6)
+ARM = [f"joint{i + 1}.radial_clearance" for i in range(3)]
+CLASSES = {name: {f: 1.7 ** (2 - i) * c for f, c in zip(FITS, COSTS, strict=True)} for i, name in enumerate(ARM)}
+
+
+@pytest.fixture(scope="module")
+def asked():
+    """The three pins of a planar arm."""
+    return problem(3, quick=True)
+
+
+@pytest.fixture(scope="module")
+def chosen(asked):
+    return asked.solve(classes=CLASSES)
+
+
+@pytest.fixture(scope="module")
+def enumerated(asked):
+    """Cost and worst limit, at the greatest and at the least clearances, of every combination; by a loop of its own."""
+    whole = asked.specification
+    (limit,) = whole.limits
+
+    @jax.jit
+    def error(values):
+        moved = cj.replace(whole.mechanism, dict(zip(ARM, values, strict=True)))
+        return cj.measure(moved, {"error": limit.metric}, whole.t1)["error"]
+
+    found = {}
+    for names in itertools.product(FITS, repeat=3):
+        ends = np.array([fit(0.02, name).radial_clearance for name in names])
+        cost = sum(CLASSES[v][name] for v, name in zip(ARM, names, strict=True))
+        found[names] = cost, max(float(error(jnp.maximum(end, SMALLEST))) for end in ends.T[::-1]) / limit.bound - 1
+    return found
+
+
+def test_three_joints_of_five_classes_equal_enumeration(chosen, enumerated):
+    names, (cost, worst) = min(((n, v) for n, v in enumerated.items() if v[1] <= 0), key=lambda pair: pair[1][0])
+    found = chosen.classes
+    assert found is not None
+    assert tuple(one.name for one in found.chosen.values()) == names
+    assert_allclose(chosen.objective, cost, rtol=1e-12)
+    assert_allclose(chosen.evaluation.x, [fit(0.02, name).radial_clearance[1] for name in names], rtol=1e-12)
+    assert chosen.feasible
+    assert chosen.evaluation.worst <= worst + 1e-6
+    assert found.gap == 0.0
+    assert found.relaxed <= cost
+    # Enumeration solves 125 combinations, at both ends.
+    assert found.combinations == len(enumerated) == 125
+    assert found.solves <= 40
+    assert f"{found.nodes} nodes, {found.solves} solves for 125 combinations" in str(chosen)
+    assert f"({names[0]}: " in str(chosen)
+
+
+def test_another_bound_has_another_answer(asked, enumerated):
+    """The same evaluations, with the bound half as wide again and half as narrow."""
+    for factor in (0.6, 1.5):
+        limits = [design.Limit(one.metric, factor * one.bound, one.name) for one in asked.specification.limits]
+        whole = asked.specification
+        moved = design.ToleranceProblem(whole.mechanism, whole.t1, whole.variables, limits)
+        found = moved.solve(classes=CLASSES)
+        assert found.feasible
+        best = min(cost for cost, worst in enumerated.values() if (1 + worst) / factor - 1 <= 0)
+        assert_allclose(found.objective, best, rtol=1e-12)
+
+
+def test_a_combination_that_nothing_holds_is_refused_in_a_sentence(asked):
+    loose = {name: {"H8/e8": 2.0, "H9/d9": 1.0} for name in ARM}
+    found = asked.solve(classes=loose)
+    assert not found.feasible
+    assert found.classes is not None
+    assert found.classes.chosen == {}
+    assert found.classes.gap == np.inf
+    assert "no combination of the classes holds every limit: with the tightest of each, tool" in found.note
+    assert "A tighter class of `joint" in found.note
+    assert "Without classes the design costs" in found.note
+    assert str(found).startswith("NO FEASIBLE DESIGN: tool")
+
+
+def test_an_interrupted_search_keeps_its_best_and_goes_on(asked, chosen, tmp_path):
+    file, count = tmp_path / "points.jsonl", itertools.count(1)
+    whole = chosen.program.solves
+
+    def stop(_point):
+        if next(count) == whole - 4:
+            raise KeyboardInterrupt
+
+    cut = asked.solve(classes=CLASSES, record=file, progress=stop)
+    assert cut.stop_reason == INTERRUPTED
+    assert cut.feasible
+    assert cut.classes is not None
+    assert cut.classes.bound <= chosen.objective <= cut.objective or not cut.classes.chosen
+    rest = asked.solve(classes=CLASSES, record=file)
+    assert rest.program.solves == 4
+    assert_allclose(rest.evaluation.x, chosen.evaluation.x, rtol=1e-12)
+    # Before the first class nothing but a continuous design is known.
+    early = asked.solve(classes=CLASSES, most=3)
+    assert early.stop_reason == SPENT
+    assert "stopped before any class was chosen" in early.note or not early.feasible
+
+
+def test_searched_by_poses_it_is_the_same_choice(asked, chosen):
+    found = asked.solve(classes=CLASSES, fidelity="auto")
+    assert found.classes is not None
+    assert found.evaluation.fidelity == "dynamics"
+    assert_allclose(found.evaluation.x, chosen.evaluation.x, rtol=1e-12)
+
+
+def test_what_is_said_of_chosen_classes(chosen):
+    certificate = chosen.verify(sweep=2, solver="tsit5")
+    assert certificate.holds
+    assert "no combination of classes is cheaper" in str(certificate)
+    assert "Karush" not in str(certificate)
+    with pytest.raises(ClearanceError, match="neither other starts nor prices"):
+        chosen.verify(starts=2)
+    found = _fit(known_findings(chosen), None).fits
+    assert found is not None
+    assert {name: one.name for name, one in found.fits.items()} == {n: c.name for n, c in chosen.classes.chosen.items()}
+    assert_allclose(found.worst, chosen.evaluation.worst, atol=1e-6)
+    assert found.least <= 0
+
+
+# Without a mechanism ----------------------------------------------------------------------------------------------
+
+
+def program(weights, bound):
+    """The sum of weighted values against a bound; costs 1 / x."""
+    weights = np.asarray(weights)
+
+    def evaluate(x, gradient):
+        return design.Evaluation(x, float((1 / x).sum()), np.array([weights @ x / bound - 1]), -1 / x**2, weights[None])
+
+    count = len(weights)
+    return design.Program(evaluate, [f"c{i}" for i in range(count)], np.full(count, 1e-3), np.ones(count), ["sum"])
+
+
+def relax(box, start):
+    return design.run(box, "slsqp", start)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_random_problems_equal_enumeration(seed):
+    rng = np.random.default_rng(seed)
+    weights, lists = rng.uniform(0.5, 3.0, 3), {i: np.sort(rng.uniform(0.01, 0.2, 5)) for i in range(3)}
+    asked = program(weights, rng.uniform(0.2, 0.8))
+    held = [x for x in map(np.array, itertools.product(*lists.values())) if weights @ x <= asked_bound(asked, weights)]
+    costs = {i: 1 / values for i, values in lists.items()} if seed % 2 else None
+    found = BranchAndBound(asked, lists, relax, costs=costs).search(np.full(3, 0.05))
+    if not held:
+        assert found.best is None
+        assert found.bound == np.inf
+        return
+    assert found.best is not None
+    assert_allclose(found.best.objective, min(float((1 / x).sum()) for x in held), rtol=1e-9)
+    assert found.bound <= found.best.objective
+    assert found.stop_reason == ""
+
+
+def asked_bound(asked, weights):
+    """The bound of a `program`, from one point of it."""
+    x = np.full(3, 0.1)
+    return weights @ x / (1 + asked.at(x).limits[0]) * (1 + 1e-9)
+
+
+def test_variables_without_classes_stay_continuous():
+    weights, values = np.array([1.0, 2.0, 1.0]), np.array([0.02, 0.03, 0.05])
+    found = BranchAndBound(program(weights, 0.2), {1: values}, relax).search(np.full(3, 0.05))
+    # The other two share what is left of the bound.
+    expected = min(1 / v + 4 / (0.2 - 2 * v) for v in values)
+    assert found.best is not None
+    assert_allclose(found.best.objective, expected, rtol=1e-6)
+
+
+def test_a_combination_that_fails_elsewhere_is_passed_over():
+    weights, values = np.ones(3), np.array([0.02, 0.04, 0.06])
+    lists = dict.fromkeys(range(3), values)
+
+    def holds(x):
+        return np.sum(x == 0.06) != 1
+
+    found = BranchAndBound(program(weights, 0.15), lists, relax, holds).search(np.full(3, 0.05))
+    combinations = map(np.array, itertools.product(values, repeat=3))
+    held = [x for x in combinations if x.sum() <= 0.15 * (1 + 1e-9) and holds(x)]
+    assert found.best is not None
+    assert_allclose(found.best.objective, min(float((1 / x).sum()) for x in held), rtol=1e-9)
+
+
+# Classes ----------------------------------------------------------------------------------------------------------
+
+
+def test_what_classes_there_are():
+    whole = slider_crank().specification
+    wrist, crankpin = "wrist.radial_clearance", "crankpin.radial_clearance"
+    (listed,) = classes_of(whole, {wrist: ["H9/d9", "H7/g6", "G7/h6"]}, {wrist: 0.025}).values()
+    # H7/g6 and G7/h6 have the same clearances.
+    assert [one.name for one in listed] == ["H7/g6", "H9/d9"]
+    assert listed[0].greatest == fit(0.025, "H7/g6").radial_clearance[1]
+    own = design.ToleranceClass("fine", 1e-5, 3e-5, 4.0)
+    assert classes_of(whole, {crankpin: [own]})[crankpin] == (own,)
+    for wrong, message in (
+        ({}, "at least one variable"),
+        ({"wrist.radial": ["H7/g6"]}, "no variable"),
+        ({wrist: []}, "no class for `wrist"),
+        ({wrist: ["H7/p6"]}, "no clearance fit"),
+        ({wrist: ["H7"]}, "hole and a shaft"),
+        ({wrist: {"H7/g6": -1.0}}, "positive number"),
+        ({wrist: [own, "H7/g6"]}, "Some classes of `wrist"),
+        ({wrist: [design.ToleranceClass("wide", 1e-3, 2e-3)]}, "within the variable's bounds"),
+    ):
+        with pytest.raises(ClearanceError, match=message):
+            classes_of(whole, wrong)
+
+
+def test_a_class_without_cost_is_refused():
+    whole = slider_crank().specification
+    bare = design.ToleranceProblem(whole.mechanism, whole.t1, whole.variables, list(whole.limits))
+    with pytest.raises(ClearanceError, match="chosen by cost"):
+        bare.solve(classes={"wrist.radial_clearance": {"H7/g6": 2.0, "H7/f7": 1.0}})
+
+
+def test_the_cost_of_a_fit_is_that_of_its_tolerances():
+    found = design.fit_costs(["H7/g6", "H8/e8"], 0.02, design.Reciprocal(1e-4), design.Reciprocal(2e-4, fixed=1.0))
+    assert_allclose(found["H7/g6"], 1e-4 / 21e-6 + 1 + 2e-4 / 13e-6, rtol=1e-12)
+    assert_allclose(found["H8/e8"], 1e-4 / 33e-6 + 1 + 2e-4 / 33e-6, rtol=1e-12)
+
+
+STUDY = f"""
+scene = "{SCENES / "slider_crank_loaded.toml"}"
+t1 = "1 ms"
+[metric.piston]
+kind = "peak"
+signal = "position-error"
+point = "piston"
+[design.variable."wrist.radial_clearance"]
+lower = "1 um"
+upper = "1 mm"
+classes = ["H7/g6", "H7/f7"]
+class_costs = [9, 6]
+[design.limit.piston]
+bound = "0.1 mm"
+"""
+
+
+def test_a_study_says_the_classes(tmp_path):
+    file = tmp_path / "study.toml"
+    file.write_text(STUDY)
+    asked = cj.load_study(file).design
+    assert asked is not None
+    assert asked.solve["classes"] == {"wrist.radial_clearance": {"H7/g6": 9.0, "H7/f7": 6.0}}
+    for old, new, message in (
+        ("[9, 6]", "[9]", "must be as many as `classes`"),
+        ('classes = ["H7/g6", "H7/f7"]', "", "no effect without `classes`"),
+        ('"H7/f7"', '"H7/p6"', "no clearance fit"),
+        ("class_costs = [9, 6]", "", "chosen by cost"),
+        (
+            "[design.limit.piston]",
+            "[design.verify]\nstarts = 3\n[design.limit.piston]",
+            "has no effect where `classes`",
+        ),
+    ):
+        file.write_text(STUDY.replace(old, new))
+        with pytest.raises(ClearanceError, match=message):
+            cj.load_study(file)
