@@ -107,7 +107,10 @@ def _nearest(
 
 
 def chosen_fits(design: Design, samples: int = 200, seed: int = 0, cluster: Any = None) -> StandardFits:
-    """The classes that a design has chosen, as `nearest_fits` gives fits; arguments as there.
+    """The classes that a design has chosen, as `nearest_fits` gives fits.
+
+    **Arguments:** `design`: the answer of a problem that was solved with `classes`; `samples`, `seed`, `cluster`: as of
+    `nearest_fits`.
 
     **Raises:** `ClearanceError` where none were chosen.
     """

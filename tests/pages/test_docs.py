@@ -31,8 +31,9 @@ ARM = ROOT / "experiments" / "scenes" / "arm.toml"
 
 
 def blocks(path: Path, language: str) -> list[str]:
-    """The fenced blocks of a page in one language."""
-    return re.findall(rf"^```{language}\n(.*?)^```$", path.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+    """The fenced blocks of a page in one language; of a shell, lines that go on are one."""
+    found = re.findall(rf"^```{language}\n(.*?)^```$", path.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+    return [text.replace("\\\n", "") for text in found] if language == "sh" else found
 
 
 def title(path: Path) -> str:
@@ -129,7 +130,7 @@ def commands(text: str) -> tuple[list[str], list[str]]:
     """The commands in a page's blocks, and those in its running text."""
     quoted = re.findall(r"(?<!`)`((?:clearance|python -m|make) [^`]+)`(?!`)", text)
     inline = [" ".join(found.split()) for found in quoted]
-    shells = "".join(re.findall(r"^```sh\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)).splitlines()
+    shells = "".join(re.findall(r"^```sh\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)).replace("\\\n", "").splitlines()
     begin = "clearance ", "python -m ", "make "
     return [line for line in shells if line.startswith(begin)], [line for line in inline if line.startswith(begin)]
 
