@@ -3,6 +3,7 @@
 from clearance_jax.design.answer import Design
 from clearance_jax.design.budget import ErrorBudget, error_budget
 from clearance_jax.design.certificate import Certificate
+from clearance_jax.design.conditions import Payload, condition_product
 from clearance_jax.design.costs import AbstractCost, CostTable, Exponential, ExponentialReciprocal, Reciprocal
 from clearance_jax.design.drawing import JointDrawing
 from clearance_jax.design.evaluation import Evaluation
@@ -43,6 +44,7 @@ __all__ = [
     "Maintenance",
     "Method",
     "Part",
+    "Payload",
     "Program",
     "Reciprocal",
     "Response",
@@ -55,6 +57,7 @@ __all__ = [
     "Tradeoff",
     "Yield",
     "YieldEstimate",
+    "condition_product",
     "error_budget",
     "findings",
     "formulate",

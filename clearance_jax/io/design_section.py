@@ -4,6 +4,7 @@ import itertools
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+from clearance_jax.design.conditions import Payload, condition_product
 from clearance_jax.design.costs import COSTS, POWER, AbstractCost
 from clearance_jax.design.manufacture import MANUFACTURE, AbstractManufacture
 from clearance_jax.design.problem import ToleranceProblem
@@ -11,11 +12,22 @@ from clearance_jax.design.specification import Limit
 from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.io.asking import Asked, Scatter
 from clearance_jax.io.asking_keys import METRIC
-from clearance_jax.io.design_keys import COST_TABLES, DESIGN, LIMIT, MANUFACTURE_TABLES, VARIABLE, VERIFY
+from clearance_jax.io.design_keys import (
+    COST_TABLES,
+    DESIGN,
+    LIMIT,
+    MANUFACTURE_TABLES,
+    PAYLOAD,
+    TRAJECTORY,
+    VARIABLE,
+    VERIFY,
+)
 from clearance_jax.io.settings import values_by_name
 from clearance_jax.io.table import Chosen, Table, entries, naming
+from clearance_jax.io.trajectory import read_trajectory
 from clearance_jax.io.wear_section import WearAsked
 from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.motion_laws import Spline
 from clearance_jax.parameters import PARAMETER, units_of
 from clearance_jax.wear import AfterWear
 
@@ -32,6 +44,11 @@ def design_of(study: Asked, wear: WearAsked | None) -> DesignAsked:
     """What the section says. **Raises:** `ClearanceError` naming the key and the fix."""
     table = study.table.table("design", DESIGN)
     mechanism, model = (study.mechanism,) * 2 if wear is None else (wear.model.mechanism, wear.model)
+    trajectories = _trajectories(table, study, mechanism)
+    for drives in itertools.islice(trajectories.values(), 1):  # the others are numbers of these drives
+        if wear is not None:
+            raise ClearanceError(f"{table.key('trajectory')}: with a section `wear` the scene drives the mechanism.")
+        model = mechanism = mechanism.with_drives(drives)
     variables, costs = _variables(table, mechanism)
     limits = [_limit(name, Table(values, where, LIMIT), study, wear) for name, values, where in table.entries("limit")]
     problem = ToleranceProblem(
@@ -40,7 +57,7 @@ def design_of(study: Asked, wear: WearAsked | None) -> DesignAsked:
         variables,
         limits,
         cost=costs or None,
-        conditions=_conditions(table, model),
+        conditions=_conditions(table, mechanism, model, trajectories),
         manufacture=_manufacture(table, study, model),
         cost_unit=table.get("cost_unit") or "cost units",
         **{**study.options, **table.only("fidelity")},
@@ -49,9 +66,28 @@ def design_of(study: Asked, wear: WearAsked | None) -> DesignAsked:
     return DesignAsked(problem, search, table.table("verify", VERIFY).arguments())
 
 
-def _conditions(table: Table, model: Any) -> dict[str, dict[str, float]]:
+def _trajectories(table: Table, study: Asked, mechanism: Mechanism) -> dict[str, dict[str, Spline]]:
+    """Drives by the names of trajectories."""
+    found = {}
+    for name, file, where in table.entries("trajectory"):
+        with naming(where):
+            found[name] = read_trajectory(study.path.parent / TRAJECTORY.read(file, where, {}), mechanism)
+    return found
+
+
+def _conditions(table: Table, mechanism: Mechanism, model: Any, trajectories: dict) -> dict[str, dict[str, Any]]:
+    """Every condition that is written down, along every trajectory, with every payload, at every speed."""
     tables = table.entries("condition")
-    return {name: values_by_name(entries(values, where), model) for name, values, where in tables}
+    given = {name: values_by_name(entries(values, where), model) for name, values, where in tables}
+    payloads = {}
+    for name, values, where in table.entries("payload"):
+        with naming(where):
+            payloads[name] = Payload(**Table(values, where, PAYLOAD).arguments())
+    speeds = table.get("speed") if table.has("speed") else None
+    if not (trajectories or payloads or speeds):
+        return given
+    with naming(table.where):
+        return condition_product(mechanism, trajectories, payloads, speeds, given)
 
 
 # Variables and what they cost ----------------------------------------------------------------------------------------

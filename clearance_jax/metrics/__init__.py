@@ -1,5 +1,13 @@
 """What is asked of a motion: a reduction over time (`Peak`, `Rms`, `At`, ...) of a signal (`PositionError`, ...)."""
 
+from clearance_jax.metrics.iso9283 import (
+    Accuracy,
+    orientation_repeatability,
+    path_accuracy,
+    path_repeatability,
+    pose_accuracy,
+    pose_repeatability,
+)
 from clearance_jax.metrics.measure import AbstractMetric, Function, Reply, Request
 from clearance_jax.metrics.path import PathDeviation
 from clearance_jax.metrics.recurrence import LyapunovExponent, PoincareSection
@@ -19,6 +27,7 @@ __all__ = [
     "AbstractMetric",
     "AbstractSignal",
     "Acceleration",
+    "Accuracy",
     "At",
     "ContactForce",
     "EnergyLost",
@@ -39,4 +48,9 @@ __all__ = [
     "Rms",
     "SettlingTime",
     "SoftPeak",
+    "orientation_repeatability",
+    "path_accuracy",
+    "path_repeatability",
+    "pose_accuracy",
+    "pose_repeatability",
 ]

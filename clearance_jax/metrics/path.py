@@ -41,8 +41,8 @@ class Curve(Module):
         return hermite(self.places[k], self.moves[k], self.places[k + 1], self.moves[k + 1], x - k)
 
     def nearest(self, point: Float[Array, " 3"]) -> Scalar:
-        """Where on it (in intervals) the nearest of all its places is: on the nearest chord's part of the curve, where a
-        plane across it goes through the point. Halvings find it also where the path's velocity is zero.
+        """Where on it (in intervals) the nearest of all its places is: on the nearest chord's part of the curve, where
+        a plane across it goes through the point. Halvings find it also where the path's velocity is zero.
         """
         ways, off = jnp.diff(self.places, axis=0), point[None] - self.places[:-1]
         squares = jnp.sum(ways * ways, axis=1)
