@@ -101,12 +101,10 @@ class Asked:
             found[name] = _scatter(Table(values, there, SCATTER, {PARAMETER: unit}))
         return found
 
-    def distributions(self, names: Iterable[str] | None, where: str) -> dict[str, Any]:
-        """The same, of the mechanism's numbers, as distributions."""
-        return {
-            name: _distribution(name, given, self.mechanism)
-            for name, given in self.scatter(names, self.mechanism, where).items()
-        }
+    def distributions(self, names: Iterable[str] | None, where: str, model: Any = None) -> dict[str, Any]:
+        """The same as distributions, of a model's numbers (`None`: the mechanism's)."""
+        model = self.mechanism if model is None else model
+        return {name: _distribution(name, given, model) for name, given in self.scatter(names, model, where).items()}
 
 
 def _scatter(table: Table) -> Scatter:
@@ -122,10 +120,10 @@ def _scatter(table: Table) -> Scatter:
     return Scatter(table.get("distribution"), table.get("mean"), deviation, relative, lower, upper, table.where)
 
 
-def _distribution(name: str, given: Scatter, mechanism: Mechanism) -> Any:
+def _distribution(name: str, given: Scatter, model: Any) -> Any:
     mean, deviation = given.mean, given.deviation
     if given.distribution != "uniform":
-        mean = float(np.asarray(values_of(mechanism, [name])[name])) if mean is None else mean
+        mean = float(np.asarray(values_of(model, [name])[name])) if mean is None else mean
         deviation = abs(mean) * given.relative if given.relative is not None else deviation
     elif given.relative is not None:
         deviation = given.relative

@@ -1,7 +1,6 @@
 """The section `design` of a study: a tolerance problem, how it is solved, and how its answer is proved."""
 
 import itertools
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from clearance_jax.design.conditions import Payload, condition_product
@@ -10,7 +9,7 @@ from clearance_jax.design.manufacture import MANUFACTURE, AbstractManufacture
 from clearance_jax.design.problem import ToleranceProblem
 from clearance_jax.design.specification import Limit
 from clearance_jax.errors import ClearanceError, quote
-from clearance_jax.io.asking import Asked, Scatter
+from clearance_jax.io.asking import Asked
 from clearance_jax.io.asking_keys import METRIC
 from clearance_jax.io.design_keys import (
     COST_TABLES,
@@ -154,20 +153,24 @@ def _manufacture(top: Table, study: Asked, model: Any) -> AbstractManufacture | 
     kind, table = top.variant("manufacture", MANUFACTURE_TABLES)
     given = table.arguments("kind", "of")
     if "of" in [key.name for key in MANUFACTURE_TABLES[kind].keys]:
-        given["scatter"] = _relative(study.scatter(table.get("of"), model, table.where))
+        given["scatter"] = _scatter(study, table, model, tuple(name for name, _, _ in top.entries("variable")))
     return MANUFACTURE[kind](**given)
 
 
-def _relative(scatter: Mapping[str, Scatter]) -> dict[str, float]:
-    """Relative deviations of numbers that scatter about what is designed."""
-    found = {}
-    for name, given in scatter.items():
-        if given.relative is None or any(number is not None for number in (given.mean, given.lower, given.upper)):
+def _scatter(study: Asked, table: Table, model: Any, variables: tuple[str, ...]) -> dict[str, Any]:
+    """Relative deviations of numbers that scatter about what is designed, or what the scene has; distributions of
+    others.
+    """
+    found, asked = {}, study.scatter(table.get("of"), model, table.where)
+    for name, given in asked.items():
+        about = given.relative is not None and (given.mean, given.lower, given.upper) == (None, None, None)
+        if about and given.distribution != "uniform":
+            found[name] = given.relative
+        elif name in variables:
             raise ClearanceError(
-                f"{given.where}: of a yield a number scatters about what is designed, or what the scene has: give a "
-                "`deviation` in percent, and nothing else."
+                f"{given.where}: of a yield a variable scatters about what is designed: give a `deviation` in percent, "
+                "and nothing else; it scatters normal or log-normal, not uniform."
             )
-        if given.distribution == "uniform":
-            raise ClearanceError(f"{given.where}: of a yield a number scatters normal or log-normal, not uniform.")
-        found[name] = given.relative
+        else:
+            found |= study.distributions([name], table.where, model)
     return found
