@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from clearance_jax._patterns import expand
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.io.files import read_toml
 from clearance_jax.io.metric import Span, metric_of
@@ -17,7 +18,7 @@ from clearance_jax.io.study_keys import SCATTER, SOLVE, STUDY
 from clearance_jax.io.table import Table, naming, variant
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMetric
-from clearance_jax.parameters import PARAMETER, replace, units_of, values_of
+from clearance_jax.parameters import PARAMETER, parameters, replace, units_of, values_of
 from clearance_jax.sweep.scatter import scatter
 from clearance_jax.units import to_si
 
@@ -87,7 +88,7 @@ class Asked:
 
     def scatter(self, names: Iterable[str] | None, model: Any, where: str) -> dict[str, Scatter]:
         """How numbers of a model scatter (`None`: all that scatter); `where` it is asked for."""
-        tables = {name: (values, there) for name, values, there in self.table.entries("scatter")}
+        tables = expand_entries(self.table, "scatter", model)
         wanted = tuple(tables) if names is None else tuple(names)
         if not wanted:
             raise ClearanceError(f"{where}: nothing scatters. Say how, by tables `[scatter.NAME]`.")
@@ -105,6 +106,15 @@ class Asked:
         """The same as distributions, of a model's numbers (`None`: the mechanism's)."""
         model = self.mechanism if model is None else model
         return {name: _distribution(name, given, model) for name, given in self.scatter(names, model, where).items()}
+
+
+def expand_entries(table: Table, key: str, model: Any) -> dict[str, tuple[Any, str]]:
+    """Of each entry of a key's table, whose names are numbers of a model, its value and where it stands; an entry whose
+    name has a star is one for each number that it fits.
+    """
+    with naming(table.key(key)):
+        given = {name: (values, where) for name, values, where in table.entries(key)}
+        return expand(given, parameters(model)) if any("*" in name for name in given) else given
 
 
 def _scatter(table: Table) -> Scatter:

@@ -31,7 +31,7 @@ DESIGN = Keys(
     (
         Sub(
             "variable",
-            "the clearances (or other numbers) that are looked for, by name",
+            "the clearances (or other numbers) that are looked for, by name; `*` stands for any part of a name",
             '{ "wrist.radial_clearance" = { lower = "10 um", upper = "1 mm" } }',
             form="tables by name",
             required=True,

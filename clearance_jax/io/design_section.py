@@ -9,7 +9,7 @@ from clearance_jax.design.manufacture import MANUFACTURE, AbstractManufacture
 from clearance_jax.design.problem import ToleranceProblem
 from clearance_jax.design.specification import Limit
 from clearance_jax.errors import ClearanceError, quote
-from clearance_jax.io.asking import Asked
+from clearance_jax.io.asking import Asked, expand_entries
 from clearance_jax.io.asking_keys import METRIC
 from clearance_jax.io.design_keys import (
     COST_TABLES,
@@ -95,7 +95,7 @@ def _conditions(table: Table, mechanism: Mechanism, model: Any, trajectories: di
 def _variables(top: Table, mechanism: Mechanism) -> tuple[dict[str, tuple[float, float]], dict[str, AbstractCost]]:
     """Bounds and costs by the variables' names."""
     bounds, costs = {}, {}
-    for name, values, where in top.entries("variable"):
+    for name, (values, where) in expand_entries(top, "variable", mechanism).items():
         with naming(where):
             unit = units_of(mechanism, [name])[name]
         table = Table(values, where, VARIABLE, {PARAMETER: unit})
@@ -153,7 +153,7 @@ def _manufacture(top: Table, study: Asked, model: Any) -> AbstractManufacture | 
     kind, table = top.variant("manufacture", MANUFACTURE_TABLES)
     given = table.arguments("kind", "of")
     if "of" in [key.name for key in MANUFACTURE_TABLES[kind].keys]:
-        given["scatter"] = _scatter(study, table, model, tuple(name for name, _, _ in top.entries("variable")))
+        given["scatter"] = _scatter(study, table, model, tuple(expand_entries(top, "variable", study.mechanism)))
     return MANUFACTURE[kind](**given)
 
 

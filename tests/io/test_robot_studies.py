@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from clearance_jax import metrics
+from clearance_jax.design import Yield
 from clearance_jax.errors import ClearanceError
 from clearance_jax.io.study import load_study
 
@@ -84,7 +85,9 @@ def read(folder, *changes):
         text = text.replace(old, new, 1)
     path = folder / "study.toml"
     path.write_text(text)
-    return load_study(path).design.problem.specification
+    design = load_study(path).design
+    assert design is not None
+    return design.problem.specification
 
 
 def test_a_study_multiplies_trajectories_payloads_and_speeds(folder):
@@ -128,3 +131,43 @@ def test_what_a_study_cannot_multiply_is_named_with_its_place(folder):
     ):
         with pytest.raises(ClearanceError, match=message):
             read(folder, change)
+
+
+def test_a_star_stands_for_the_numbers_of_all_joints(tmp_path):
+    scene = SCENE.parent / "slider_crank_two_clearances.toml"
+    text = f'''
+scene = "{scene}"
+[metric.piston]
+kind = "peak"
+signal = "position-error"
+point = "piston"
+[scatter."*.mass"]
+deviation = "2 percent"
+[scatter."slider.mass"]
+deviation = "3 percent"
+[design.variable."*.radial_clearance"]
+lower = "10 um"
+upper = "1 mm"
+cost = {{ law = "reciprocal", factor = "0.2 mm" }}
+[design.limit.piston]
+bound = "0.3 mm"
+[design.manufacture]
+kind = "yield"
+'''
+    path = tmp_path / "study.toml"
+    path.write_text(text)
+    design = load_study(path).design
+    assert design is not None
+    asked = design.problem.specification
+    joints = [joint.name for joint in asked.mechanism.clearance_joints()]
+    assert len(joints) == 2
+    assert set(asked.variables) == {f"{name}.radial_clearance" for name in joints}
+    assert len(asked.costs) == 2
+    assert isinstance(asked.manufacture, Yield)
+    masses = {name: round(share, 6) for name, share in asked.manufacture.scatter.items()}
+    assert masses.pop("slider.mass") == 0.03
+    assert masses
+    assert set(masses.values()) == {0.02}
+    path.write_text(text.replace("*.radial_clearance", "*.radial_clearances"))
+    with pytest.raises(ClearanceError, match=r"`\*\.radial_clearances` fits no parameter"):
+        load_study(path)

@@ -174,7 +174,10 @@ kind = "yield"
 """
     path = tmp_path / "study.toml"
     path.write_text(study)
-    made = load_study(path).design.problem.specification.manufacture
+    asked = load_study(path).design
+    assert asked is not None
+    made = asked.problem.specification.manufacture
+    assert isinstance(made, design.Yield)
     assert made.scatter["arm.mass"] == pytest.approx(0.02)
     assert made.scatter["hip_misalignment.orientation.yaw"].std() == pytest.approx(np.deg2rad(0.02))
     path.write_text(

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.optimize import brentq
+from scipy.optimize import root_scalar
 
 import clearance_jax as cj
 from clearance_jax import metrics
@@ -124,7 +124,8 @@ def exact_entry(band, end, start=START):
     """The last time before `end` at which the exact swing comes into the band."""
     times = np.linspace(0, end, 20001)
     outside = np.flatnonzero(np.abs(swing(times, start)) > band)
-    return brentq(lambda t: abs(swing(t, start)) - band, times[outside[-1]], times[outside[-1] + 1], xtol=1e-14)
+    ends = times[outside[-1]], times[outside[-1] + 1]
+    return root_scalar(lambda t: abs(swing(t, start)) - band, bracket=ends, xtol=1e-14).root
 
 
 def settling(block, start=START, band=2e-3, since=0.2, t1=3.0):
