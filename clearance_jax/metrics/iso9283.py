@@ -31,8 +31,9 @@ def pose_accuracy(attained: Any, commanded: Any) -> Accuracy:
 
         AP_P = |mean(x_j) - x_c|,   AP_x = mean(x_j) - x_c,
 
-    in the unit of the positions, of shape (cycles, axes) and (axes,). Of angles `by_axis` is what the norm calls AP_a,
-    AP_b, AP_c.
+    in the unit of the positions. Of angles `by_axis` is what the norm calls AP_a, AP_b, AP_c.
+
+    **Arguments:** `attained`: positions, shape (cycles, axes); `commanded`: the position, shape (axes,).
     """
     cloud = _cloud(attained, least=1)
     off = jnp.mean(cloud, axis=0) - jnp.asarray(commanded, float)
@@ -44,7 +45,9 @@ def pose_repeatability(attained: Any) -> Scalar:
 
         RP_l = mean(l_j) + 3 S_l,   l_j = |x_j - mean(x)|,   S_l^2 = sum (l_j - mean(l))^2 / (n - 1),
 
-    in the unit of the positions, shape (cycles, axes).
+    in the unit of the positions.
+
+    **Arguments:** `attained`: positions, shape (cycles, axes).
     """
     return _repeatability(_cloud(attained))
 
@@ -52,6 +55,8 @@ def pose_repeatability(attained: Any) -> Scalar:
 def orientation_repeatability(angles: Any) -> Axes:
     """The repeatability of orientation about each axis, RP_a = 3 S_a with S_a^2 = sum (a_j - mean(a))^2 / (n - 1); the
     norm writes it with both signs.
+
+    **Arguments:** `angles`: shape (cycles, axes), in any unit.
     """
     return 3 * jnp.std(_cloud(angles), axis=0, ddof=1)
 
@@ -63,6 +68,8 @@ def path_accuracy(attained: Any, commanded: Any) -> Scalar:
 
     Here x_ij is where the path j goes through the plane across the commanded path at its place i: `crossings` finds
     these points.
+
+    **Arguments:** `attained`: paths, shape (cycles, samples, axes); `commanded`: the path, shape (places, axes).
     """
     return jnp.max(jnp.linalg.norm(jnp.mean(crossings(attained, commanded), axis=0) - commanded, axis=-1))
 
@@ -72,6 +79,8 @@ def path_repeatability(attained: Any, commanded: Any) -> Scalar:
     through the plane across the commanded path (see `path_accuracy`),
 
         RT_p = max_i (mean_j(l_ij) + 3 S_li),   l_ij = |x_ij - mean_j(x_ij)|.
+
+    **Arguments:** `attained`: paths, shape (cycles, samples, axes); `commanded`: the path, shape (places, axes).
     """
     found = crossings(attained, commanded)
     _cloud(found[:, 0])
