@@ -27,7 +27,7 @@ class Accuracy(NamedTuple):
 
 
 def pose_accuracy(attained: Any, commanded: Any) -> Accuracy:
-    """The pose accuracy AP of positions: from the commanded position to the barycentre of those attained,
+    """The pose accuracy AP of positions: from the commanded position to the barycentre of those attained:
 
         AP_P = |mean(x_j) - x_c|,   AP_x = mean(x_j) - x_c,
 
@@ -41,7 +41,7 @@ def pose_accuracy(attained: Any, commanded: Any) -> Accuracy:
 
 
 def pose_repeatability(attained: Any) -> Scalar:
-    """The pose repeatability RP_l of positions: the radius of a sphere about their barycentre,
+    """The pose repeatability RP_l of positions: the radius of a sphere about their barycentre:
 
         RP_l = mean(l_j) + 3 S_l,   l_j = |x_j - mean(x)|,   S_l^2 = sum (l_j - mean(l))^2 / (n - 1),
 
@@ -62,7 +62,7 @@ def orientation_repeatability(angles: Any) -> Axes:
 
 
 def path_accuracy(attained: Any, commanded: Any) -> Scalar:
-    """The path accuracy AT_p: the largest distance of the mean path from the commanded one over all places i,
+    """The path accuracy AT_p: the largest distance of the mean path from the commanded one over all places i:
 
         AT_p = max_i |mean_j(x_ij) - x_ci|.
 
@@ -76,7 +76,7 @@ def path_accuracy(attained: Any, commanded: Any) -> Scalar:
 
 def path_repeatability(attained: Any, commanded: Any) -> Scalar:
     """The path repeatability RT_p: the largest over all places of the repeatability of the points where the paths go
-    through the plane across the commanded path (see `path_accuracy`),
+    through the plane across the commanded path (see `path_accuracy`):
 
         RT_p = max_i (mean_j(l_ij) + 3 S_li),   l_ij = |x_ij - mean_j(x_ij)|.
 
