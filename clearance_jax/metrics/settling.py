@@ -47,6 +47,7 @@ class SettlingTime(AbstractMetric):
 
     def value(self, reply):
         (record,), (picked,) = reply.solution.records, reply.picked
+        assert picked is not None
         entered = record.slope < 0
         value = signal_at(self.signal, reply, picked.time, picked.y)[0] - self.band
         # The time of the entry moves with the signal and with the band; it itself is as the observer found it.

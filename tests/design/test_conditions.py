@@ -45,7 +45,9 @@ def test_twice_the_speed_is_half_the_time(kind):
     mechanism = two_links(DRIVES[kind])
     (found,) = condition_product(mechanism, speeds=[2.0]).values()
     faster = cj.replace(mechanism, found)
-    before, after = (m.joints[0].motion.drive for m in (mechanism, faster))
+    before, after = (next(m.coordinates()).motion.drive for m in (mechanism, faster))
+    assert before is not None
+    assert after is not None
     for time in TIMES:
         place, rate, second = (float(x) for x in before(jnp.asarray(time)))
         expected = place, 2 * rate, 4 * second
@@ -72,7 +74,8 @@ def test_a_payload_in_space_moves_the_whole_tensor():
     def of(points, masses):
         centre = masses @ points / masses.sum()
         arms = points - centre
-        tensor = sum(m * (a @ a * np.eye(3) - np.outer(a, a)) for m, a in zip(masses, arms, strict=True))
+        pairs = zip(masses, arms, strict=True)
+        tensor = np.sum([m * (a @ a * np.eye(3) - np.outer(a, a)) for m, a in pairs], axis=0)
         return masses.sum(), centre, [tensor[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
 
     ones, halves = np.full(8, 0.3), np.full(4, 0.2)
