@@ -55,6 +55,7 @@ from .mechanism.loads import Force as Force
 from .mechanism.loads import Torque as Torque
 from .mechanism.loads import Wrench as Wrench
 from .mechanism.mechanism import Mechanism as Mechanism
+from .mechanism.misalignment import with_misalignment as with_misalignment
 from .mechanism.paths import Pose as Pose
 from .mechanism.placement import Axis as Axis
 from .mechanism.placement import Gravity as Gravity

@@ -75,6 +75,15 @@ def _convert(value: str, text: tuple[float, str], unit: str, where: str) -> floa
     return magnitude
 
 
+@functools.cache
+def time_power(unit: str) -> int:
+    """The power of time in an SI unit: -1 in "rad/s", 0 in none."""
+    if not unit:
+        return 0
+    whole = f"1{unit}" if unit.startswith("/") else unit
+    return round(float(registry().Quantity(f"1 {whole}").dimensionality.get("[time]", 0)))
+
+
 def format_quantity(value: float, unit: str, digits: int = 6) -> str:
     """A quantity in SI as it is read in a workshop: lengths below a millimetre in um, below a metre in mm."""
     if unit == "m" and abs(value) < 1:

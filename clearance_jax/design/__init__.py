@@ -4,6 +4,7 @@ from clearance_jax.design.answer import Design
 from clearance_jax.design.budget import ErrorBudget, error_budget
 from clearance_jax.design.certificate import Certificate
 from clearance_jax.design.classes import ChosenClasses, ToleranceClass, fit_costs
+from clearance_jax.design.conditions import Payload, condition_product
 from clearance_jax.design.costs import AbstractCost, CostTable, Exponential, ExponentialReciprocal, Reciprocal
 from clearance_jax.design.drawing import JointDrawing
 from clearance_jax.design.evaluation import Evaluation
@@ -45,6 +46,7 @@ __all__ = [
     "Maintenance",
     "Method",
     "Part",
+    "Payload",
     "Program",
     "Reciprocal",
     "Response",
@@ -59,6 +61,7 @@ __all__ = [
     "Yield",
     "YieldEstimate",
     "chosen_fits",
+    "condition_product",
     "error_budget",
     "findings",
     "fit_costs",

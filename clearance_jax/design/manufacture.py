@@ -6,13 +6,14 @@ A model of your own is a subclass of `AbstractManufacture`. With a line in `MANU
 import abc
 import dataclasses
 from collections.abc import Mapping
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import scipy.stats
 
 from clearance_jax.errors import ClearanceError
 from clearance_jax.parameters import describe, physical
+from clearance_jax.sweep.scatter import check_scatter
 
 # Relative standard deviation from which on a number scatters log-normally.
 WIDE = 0.2
@@ -22,12 +23,14 @@ class Part(NamedTuple):
     """A part as it is made.
 
     - `title`: what it adds to the title of the condition; `is_design`: whether it is the design itself.
-    - `factors` (n,): on the variables of the design; `others`: factors on other numbers, by name.
+    - `factors` (n,): on the variables of the design; `others`: factors on other numbers, by name; `values`: other
+      numbers as they are, by name.
     """
 
     title: str
     factors: np.ndarray
     others: Mapping[str, float] = {}
+    values: Mapping[str, float] = {}
     is_design: bool = False
 
 
@@ -129,7 +132,9 @@ class Yield(AbstractManufacture):
     **Arguments:**
 
     - `scatter`: name -> relative standard deviation, of variables and of any other number, also of wear
-      ("wear.coefficient"). The numbers are independent; their distribution is normal, and from 0.2 on log-normal.
+      ("wear.coefficient"). The numbers are independent; their distribution is normal, and from 0.2 on log-normal. A
+      number that is no variable may have a distribution instead (`cj.scatter(...)`, or one of `scipy.stats`), as one
+      must whose mean is zero.
     - `target`: the share.
     - `samples`: of a scrambled Sobol sequence with this `seed`, the same for all designs (common random numbers). So
       few purely random samples would say little about rare parts.
@@ -139,7 +144,7 @@ class Yield(AbstractManufacture):
     a derivative. With fewer than 1 / (1 - target) samples, one of them decides.
     """
 
-    scatter: Mapping[str, float] = describe(
+    scatter: Mapping[str, Any] = describe(
         "relative standard deviations by the numbers' names, below 100 percent; log-normal from 20 percent on",
         '{ "slider.mass" = "2 percent" }',
     )
@@ -163,7 +168,9 @@ class Yield(AbstractManufacture):
                 f"{self.samples}."
             )
         for name, deviation in self.scatter.items():
-            if not 0 <= deviation < 1:
+            if not isinstance(deviation, int | float):
+                check_scatter(name, deviation)
+            elif not 0 <= deviation < 1:
                 raise ClearanceError(
                     f"The scatter of `{name}` must be relative, not negative and below 1 (100 %), but it is "
                     f"{deviation:g}."
@@ -172,15 +179,20 @@ class Yield(AbstractManufacture):
     def parts(self, names, fresh=0, seed=None):
         draws = self.draws(names, fresh, seed)
         rows = np.stack([draws[name] for name in names], axis=1)
-        others = {name: column for name, column in draws.items() if name not in names}
+        factors, values = {}, {}
+        for name, column in draws.items():
+            if name not in names:
+                (factors if isinstance(self.scatter[name], int | float) else values)[name] = column
         return [
-            Part(f", sample {i + 1}", row, {name: column[i] for name, column in others.items()})
+            Part(f", sample {i + 1}", row, *({n: column[i] for n, column in of.items()} for of in (factors, values)))
             for i, row in enumerate(rows)
         ]
 
     def draws(self, names: tuple[str, ...], fresh: int = 0, seed: int | None = None) -> dict[str, np.ndarray]:
-        """Factors on each scattered number, shape (samples,); of `names` all, 1 where one does not scatter. Of `fresh`
-        samples, so many purely random ones.
+        """Factors on each scattered number, shape (samples,), and the numbers themselves of those that have a
+        distribution; of `names` all, 1 where one does not scatter. Of `fresh` samples, so many purely random ones.
+
+        **Raises:** `ClearanceError` for a variable with a distribution.
         """
         self.check()
         count, seed = fresh or self.samples, self.seed if seed is None else seed
@@ -191,6 +203,13 @@ class Yield(AbstractManufacture):
             normal = scipy.stats.norm.ppf(sequence[:count])
         found = {name: np.ones(count) for name in names}
         for (name, deviation), column in zip(self.scatter.items(), normal.T, strict=True):
+            if not isinstance(deviation, int | float):
+                if name in names:
+                    raise ClearanceError(
+                        f"`{name}` is a variable: it scatters about what is designed, so give a relative deviation."
+                    )
+                found[name] = deviation.ppf(scipy.stats.norm.cdf(column))
+                continue
             # A normal factor that scatters by so much would be negative for some.
             wide = np.sqrt(np.log1p(deviation**2))
             found[name] = 1 + deviation * column if deviation < WIDE else np.exp(wide * column - 0.5 * wide**2)

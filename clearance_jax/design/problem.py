@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Unpack
 
+from clearance_jax._patterns import expand
 from clearance_jax.ask.place import place_of
 from clearance_jax.design.answer import Design
 from clearance_jax.design.classes import Candidates
@@ -15,6 +16,7 @@ from clearance_jax.design.search import search
 from clearance_jax.design.specification import Limit, Specification
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.parameters import parameters
 from clearance_jax.solve.settings import DYNAMICS, SolveOptions
 
 
@@ -24,10 +26,11 @@ class ToleranceProblem:
     **Arguments:**
 
     - `mechanism`, `t1`: the motion, from `t0` to `t1` [s].
-    - `variables`: name -> (least, greatest) value, positive, in the parameter's SI unit.
+    - `variables`: name -> (least, greatest) value, positive, in the parameter's SI unit. A name may have a star:
+      "*.radial_clearance" is that of every joint.
     - `limits`: a list of `Limit`.
-    - `cost`: one cost function for all variables, or name -> cost function. `None`: the largest clearance is wanted,
-      the same for all variables.
+    - `cost`: one cost function for all variables, or name -> cost function, names with a star too. `None`: the
+      largest clearance is wanted, the same for all variables.
     - `conditions`: name of the condition -> values by parameter name (speeds, loads, friction, phases), or a list of
       such values. Every limit must hold in each condition. `None`: the mechanism as it is.
     - `manufacture`: which parts are made: a `Band`, a `Yield` or a model of your own; `None`: parts as designed.
@@ -54,7 +57,9 @@ class ToleranceProblem:
         cost_unit: str = "cost units",
         **options: Unpack[SolveOptions],
     ):
-        fidelity = options.pop("fidelity", DYNAMICS)
+        fidelity, known = options.pop("fidelity", DYNAMICS), parameters(mechanism)
+        variables = expand(variables, known)
+        cost = expand(cost, known) if isinstance(cost, Mapping) else cost
         self.specification = Specification(
             mechanism,
             float(t1),

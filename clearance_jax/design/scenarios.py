@@ -30,6 +30,7 @@ def scenarios_of(specification: Specification, fresh: int = 0, seed: int | None 
         worth = {n: _worth(specification, values, n) for n in manufacture.scattered if n not in names}
         for part in parts:
             moved = {n: jnp.asarray(worth[n] * factor, float) for n, factor in part.others.items()}
+            moved |= {n: jnp.asarray(value, float) for n, value in part.values.items()}
             title = specification.suffix(condition) + part.title
             designed = None if part.is_design else given
             found.append(Scenario(title, {**given, **moved}, part.factors, designed))

@@ -12,6 +12,7 @@ from clearance_jax._module import Module
 from clearance_jax.design import worn
 from clearance_jax.design.manufacture import AbstractManufacture, AsDesigned
 from clearance_jax.errors import ClearanceError, quote
+from clearance_jax.mechanism.breaks import drive_breaks
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMeasure, Function, as_measure, begin_of
 from clearance_jax.metrics.reductions import AbstractMetric, At, Peak
@@ -189,6 +190,8 @@ class Specification:
             for scattered in self.manufacture.scattered:
                 self.worth(scattered)
             known = parameters(now)
+            if any(given.startswith("drive.") for given in values):
+                self._check_end(now)
         except ClearanceError as error:
             raise ClearanceError(f"In `{name}`: {error}") from None
         for variable in self.variables:
@@ -196,6 +199,16 @@ class Specification:
                 raise ClearanceError(f"`{variable}` is a variable, so `{name}` cannot set it.")
             if variable in known and np.ndim(known[variable].value):
                 raise ClearanceError(f"`{variable}` is an array: name one of its entries, `{variable}.0`.")
+
+    def _check_end(self, mechanism: Mechanism) -> None:
+        """Raise where a condition's drives move beyond the end, which those of the mechanism do not."""
+        last = [max(np.asarray(drive_breaks(m)).tolist(), default=0.0) for m in (mechanism, self.mechanism)]
+        end = self.t1 * (1 + 1e-9)
+        if last[0] > end >= last[1]:
+            raise ClearanceError(
+                f"its drives move until {last[0]:.6g} s, and the motion ends at t1 = {self.t1:.6g} s, before they come "
+                f"to rest: let it last as long as the slowest condition, t1 = {last[0]:.6g}."
+            )
 
     def worth(self, name: str) -> Any:
         """The value of a number, the mechanism's or that of wear. **Raises** `ClearanceError` for an unknown one."""

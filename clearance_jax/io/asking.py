@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from clearance_jax._patterns import expand
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.io.files import read_toml
 from clearance_jax.io.metric import Span, metric_of
@@ -17,7 +18,7 @@ from clearance_jax.io.study_keys import SCATTER, SOLVE, STUDY
 from clearance_jax.io.table import Table, naming, variant
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMetric
-from clearance_jax.parameters import PARAMETER, replace, units_of, values_of
+from clearance_jax.parameters import PARAMETER, parameters, replace, units_of, values_of
 from clearance_jax.sweep.scatter import scatter
 from clearance_jax.units import to_si
 
@@ -87,7 +88,7 @@ class Asked:
 
     def scatter(self, names: Iterable[str] | None, model: Any, where: str) -> dict[str, Scatter]:
         """How numbers of a model scatter (`None`: all that scatter); `where` it is asked for."""
-        tables = {name: (values, there) for name, values, there in self.table.entries("scatter")}
+        tables = expand_entries(self.table, "scatter", model)
         wanted = tuple(tables) if names is None else tuple(names)
         if not wanted:
             raise ClearanceError(f"{where}: nothing scatters. Say how, by tables `[scatter.NAME]`.")
@@ -101,12 +102,19 @@ class Asked:
             found[name] = _scatter(Table(values, there, SCATTER, {PARAMETER: unit}))
         return found
 
-    def distributions(self, names: Iterable[str] | None, where: str) -> dict[str, Any]:
-        """The same, of the mechanism's numbers, as distributions."""
-        return {
-            name: _distribution(name, given, self.mechanism)
-            for name, given in self.scatter(names, self.mechanism, where).items()
-        }
+    def distributions(self, names: Iterable[str] | None, where: str, model: Any = None) -> dict[str, Any]:
+        """The same as distributions, of a model's numbers (`None`: the mechanism's)."""
+        model = self.mechanism if model is None else model
+        return {name: _distribution(name, given, model) for name, given in self.scatter(names, model, where).items()}
+
+
+def expand_entries(table: Table, key: str, model: Any) -> dict[str, tuple[Any, str]]:
+    """Of each entry of a key's table, whose names are numbers of a model, its value and where it stands; an entry whose
+    name has a star is one for each number that it fits.
+    """
+    with naming(table.key(key)):
+        given = {name: (values, where) for name, values, where in table.entries(key)}
+        return expand(given, parameters(model)) if any("*" in name for name in given) else given
 
 
 def _scatter(table: Table) -> Scatter:
@@ -122,10 +130,10 @@ def _scatter(table: Table) -> Scatter:
     return Scatter(table.get("distribution"), table.get("mean"), deviation, relative, lower, upper, table.where)
 
 
-def _distribution(name: str, given: Scatter, mechanism: Mechanism) -> Any:
+def _distribution(name: str, given: Scatter, model: Any) -> Any:
     mean, deviation = given.mean, given.deviation
     if given.distribution != "uniform":
-        mean = float(np.asarray(values_of(mechanism, [name])[name])) if mean is None else mean
+        mean = float(np.asarray(values_of(model, [name])[name])) if mean is None else mean
         deviation = abs(mean) * given.relative if given.relative is not None else deviation
     elif given.relative is not None:
         deviation = given.relative

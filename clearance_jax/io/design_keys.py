@@ -6,7 +6,20 @@ from clearance_jax.design.methods import METHOD_CHOICES
 from clearance_jax.design.specification import FIDELITY_CHOICES
 from clearance_jax.io.asking_keys import METRIC
 from clearance_jax.io.fields import kinds_of
-from clearance_jax.io.kinds import Flag, Names, Quantities, Quantity, Sub, Text, Whole, Wholes, Word
+from clearance_jax.io.kinds import (
+    LONGEST_PATH,
+    Flag,
+    Moments,
+    Names,
+    Place,
+    Quantities,
+    Quantity,
+    Sub,
+    Text,
+    Whole,
+    Wholes,
+    Word,
+)
 from clearance_jax.io.table import Keys
 from clearance_jax.parameters import PARAMETER
 from clearance_jax.solve.settings import MOST_SAMPLES
@@ -18,7 +31,7 @@ DESIGN = Keys(
     (
         Sub(
             "variable",
-            "the clearances (or other numbers) that are looked for, by name",
+            "the clearances (or other numbers) that are looked for, by name; `*` stands for any part of a name",
             '{ "wrist.radial_clearance" = { lower = "10 um", upper = "1 mm" } }',
             form="tables by name",
             required=True,
@@ -37,6 +50,26 @@ DESIGN = Keys(
             form="tables of values by name",
             absent="the scene as it is",
         ),
+        Sub(
+            "trajectory",
+            "CSV files of trajectories, by names of yours: every condition holds along each",
+            '{ pick = "pick.csv", place = "place.csv" }',
+            form="paths by name",
+            absent="the drives of the scene",
+        ),
+        Sub(
+            "payload",
+            "payloads, by names of yours: every condition holds with each",
+            '{ light = { body = "slider", mass = "0.5 kg" } }',
+            form="tables by name",
+            absent="none",
+        ),
+        Quantities(
+            "speed",
+            "factors on the speed of the drives: every condition holds at each",
+            "[0.5, 1]",
+            absent="[1]",
+        ),
         Sub("manufacture", "how parts come out of manufacture", '{ kind = "band", least = 0.8 }', absent="as designed"),
         Sub("verify", "how the answer is proved", "{ sweep = 40 }"),
         Text("cost_unit", "what costs are counted in", '"EUR"', absent="cost units", longest=20),
@@ -53,6 +86,31 @@ DESIGN = Keys(
             absent="as in `solve`, or dynamics",
         ),
         Whole("most", "evaluations after which the search stops", "500", least=1, absent="1000000"),
+    ),
+)
+TRAJECTORY = Text("trajectory.NAME", "a file of a trajectory", '"pick.csv"', longest=LONGEST_PATH)
+PAYLOAD = Keys(
+    "design.payload.NAME",
+    "Payloads",
+    "What a body carries: it becomes heavier, with another centre of mass and another inertia.",
+    (
+        Text("body", "the body that carries it", '"slider"', required=True),
+        Quantity("mass", "its mass", '"0.5 kg"', unit="kg", bounds={"least": 0.0}, required=True),
+        Place(
+            "center_of_mass",
+            "its centre of mass in the body's frame",
+            '["60 mm", "0 mm"]',
+            unit="m",
+            absent="the frame's origin",
+        ),
+        Moments(
+            "inertia",
+            "its inertia about its centre of mass, along the body's axes",
+            '"1e-4 kg*m^2"',
+            unit="kg*m^2",
+            bounds={"above": 0.0},
+            absent="a point mass",
+        ),
     ),
 )
 LIMIT = Keys(
@@ -156,6 +214,7 @@ DESIGN_TABLES = (
     DESIGN,
     VARIABLE,
     *COST_TABLES.values(),
+    PAYLOAD,
     LIMIT,
     *MANUFACTURE_TABLES.values(),
     VERIFY,

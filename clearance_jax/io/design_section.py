@@ -1,22 +1,33 @@
 """The section `design` of a study: a tolerance problem, how it is solved, and how its answer is proved."""
 
 import itertools
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from clearance_jax.design.classes import Candidates, classes_of, priced
+from clearance_jax.design.conditions import Payload, condition_product
 from clearance_jax.design.costs import COSTS, POWER, AbstractCost
 from clearance_jax.design.manufacture import MANUFACTURE, AbstractManufacture
 from clearance_jax.design.problem import ToleranceProblem
 from clearance_jax.design.specification import Limit
 from clearance_jax.errors import ClearanceError, quote
-from clearance_jax.io.asking import Asked, Scatter
+from clearance_jax.io.asking import Asked, expand_entries
 from clearance_jax.io.asking_keys import METRIC
-from clearance_jax.io.design_keys import COST_TABLES, DESIGN, LIMIT, MANUFACTURE_TABLES, VARIABLE, VERIFY
+from clearance_jax.io.design_keys import (
+    COST_TABLES,
+    DESIGN,
+    LIMIT,
+    MANUFACTURE_TABLES,
+    PAYLOAD,
+    TRAJECTORY,
+    VARIABLE,
+    VERIFY,
+)
 from clearance_jax.io.settings import values_by_name
 from clearance_jax.io.table import Chosen, Table, entries, naming
+from clearance_jax.io.trajectory import read_trajectory
 from clearance_jax.io.wear_section import WearAsked
 from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.motion_laws import Spline
 from clearance_jax.parameters import PARAMETER, units_of
 from clearance_jax.wear import AfterWear
 
@@ -33,6 +44,11 @@ def design_of(study: Asked, wear: WearAsked | None) -> DesignAsked:
     """What the section says. **Raises:** `ClearanceError` naming the key and the fix."""
     table = study.table.table("design", DESIGN)
     mechanism, model = (study.mechanism,) * 2 if wear is None else (wear.model.mechanism, wear.model)
+    trajectories = _trajectories(table, study, mechanism)
+    for drives in itertools.islice(trajectories.values(), 1):  # the others are numbers of these drives
+        if wear is not None:
+            raise ClearanceError(f"{table.key('trajectory')}: with a section `wear` the scene drives the mechanism.")
+        model = mechanism = mechanism.with_drives(drives)
     variables, costs = _variables(table, mechanism)
     limits = [_limit(name, Table(values, where, LIMIT), study, wear) for name, values, where in table.entries("limit")]
     problem = ToleranceProblem(
@@ -41,7 +57,7 @@ def design_of(study: Asked, wear: WearAsked | None) -> DesignAsked:
         variables,
         limits,
         cost=costs or None,
-        conditions=_conditions(table, model),
+        conditions=_conditions(table, mechanism, model, trajectories),
         manufacture=_manufacture(table, study, model),
         cost_unit=table.get("cost_unit") or "cost units",
         **{**study.options, **table.only("fidelity")},
@@ -80,9 +96,28 @@ def _classes(top: Table, problem: ToleranceProblem) -> Candidates:
     return found
 
 
-def _conditions(table: Table, model: Any) -> dict[str, dict[str, float]]:
+def _trajectories(table: Table, study: Asked, mechanism: Mechanism) -> dict[str, dict[str, Spline]]:
+    """Drives by the names of trajectories."""
+    found = {}
+    for name, file, where in table.entries("trajectory"):
+        with naming(where):
+            found[name] = read_trajectory(study.path.parent / TRAJECTORY.read(file, where, {}), mechanism)
+    return found
+
+
+def _conditions(table: Table, mechanism: Mechanism, model: Any, trajectories: dict) -> dict[str, dict[str, Any]]:
+    """Every condition that is written down, along every trajectory, with every payload, at every speed."""
     tables = table.entries("condition")
-    return {name: values_by_name(entries(values, where), model) for name, values, where in tables}
+    given = {name: values_by_name(entries(values, where), model) for name, values, where in tables}
+    payloads = {}
+    for name, values, where in table.entries("payload"):
+        with naming(where):
+            payloads[name] = Payload(**Table(values, where, PAYLOAD).arguments())
+    speeds = table.get("speed") if table.has("speed") else None
+    if not (trajectories or payloads or speeds):
+        return given
+    with naming(table.where):
+        return condition_product(mechanism, trajectories, payloads, speeds, given)
 
 
 # Variables and what they cost ----------------------------------------------------------------------------------------
@@ -91,7 +126,7 @@ def _conditions(table: Table, model: Any) -> dict[str, dict[str, float]]:
 def _variables(top: Table, mechanism: Mechanism) -> tuple[dict[str, tuple[float, float]], dict[str, AbstractCost]]:
     """Bounds and costs by the variables' names."""
     bounds, costs = {}, {}
-    for name, values, where in top.entries("variable"):
+    for name, (values, where) in expand_entries(top, "variable", mechanism).items():
         with naming(where):
             unit = units_of(mechanism, [name])[name]
         table = Table(values, where, VARIABLE, {PARAMETER: unit})
@@ -149,20 +184,24 @@ def _manufacture(top: Table, study: Asked, model: Any) -> AbstractManufacture | 
     kind, table = top.variant("manufacture", MANUFACTURE_TABLES)
     given = table.arguments("kind", "of")
     if "of" in [key.name for key in MANUFACTURE_TABLES[kind].keys]:
-        given["scatter"] = _relative(study.scatter(table.get("of"), model, table.where))
+        given["scatter"] = _scatter(study, table, model, tuple(expand_entries(top, "variable", study.mechanism)))
     return MANUFACTURE[kind](**given)
 
 
-def _relative(scatter: Mapping[str, Scatter]) -> dict[str, float]:
-    """Relative deviations of numbers that scatter about what is designed."""
-    found = {}
-    for name, given in scatter.items():
-        if given.relative is None or any(number is not None for number in (given.mean, given.lower, given.upper)):
+def _scatter(study: Asked, table: Table, model: Any, variables: tuple[str, ...]) -> dict[str, Any]:
+    """Relative deviations of numbers that scatter about what is designed, or what the scene has; distributions of
+    others.
+    """
+    found, asked = {}, study.scatter(table.get("of"), model, table.where)
+    for name, given in asked.items():
+        about = given.relative is not None and (given.mean, given.lower, given.upper) == (None, None, None)
+        if about and given.distribution != "uniform":
+            found[name] = given.relative
+        elif name in variables:
             raise ClearanceError(
-                f"{given.where}: of a yield a number scatters about what is designed, or what the scene has: give a "
-                "`deviation` in percent, and nothing else."
+                f"{given.where}: of a yield a variable scatters about what is designed: give a `deviation` in percent, "
+                "and nothing else; it scatters normal or log-normal, not uniform."
             )
-        if given.distribution == "uniform":
-            raise ClearanceError(f"{given.where}: of a yield a number scatters normal or log-normal, not uniform.")
-        found[name] = given.relative
+        else:
+            found |= study.distributions([name], table.where, model)
     return found

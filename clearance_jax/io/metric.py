@@ -5,11 +5,12 @@ import itertools
 from typing import NamedTuple
 
 from clearance_jax.errors import ClearanceError, quote, suggest
-from clearance_jax.io.metric_keys import COUNTS, OF, OF_ANY_JOINT, RECURRENCES, REDUCTIONS, SIGNALS
+from clearance_jax.io.metric_keys import COUNTS, OF, OF_ANY_JOINT, OF_SIGNAL, RECURRENCES, REDUCTIONS, SETTLING, SIGNALS
 from clearance_jax.io.recurrence_keys import recurrence_of
 from clearance_jax.io.table import Chosen, Table
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMetric
+from clearance_jax.metrics.settling import SettlingTime
 from clearance_jax.metrics.signals import AbstractSignal
 
 
@@ -21,12 +22,16 @@ class Span(NamedTuple):
 
 
 def metric_of(read: Chosen, mechanism: Mechanism, span: Span) -> AbstractMetric:
-    """A metric of a `kind`: of a `signal` of a `point`, `body` or `joint` ("at" given `times`); a count of a `joint`;
-    or what repeats with the drive.
+    """A metric of a `kind`: of a `signal` of a `point`, `body` or `joint` ("at" given `times`); a settling time; a
+    count of a `joint`; or what repeats with the drive.
     """
     kind, table = read
     if kind in RECURRENCES:
         return recurrence_of(read)
+    if kind == SETTLING:
+        signal = signal_of(table, mechanism)
+        since = _since(table, span) if table.has("since") else None
+        return SettlingTime(signal, table.get("band", {OF_SIGNAL: signal.unit}), since)
     if kind in COUNTS:
         metric = COUNTS[kind](**_of(COUNTS[kind], kind, table, mechanism))
     else:

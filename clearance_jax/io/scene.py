@@ -21,6 +21,7 @@ from clearance_jax.mechanism.compliance import Compliance, with_compliance
 from clearance_jax.mechanism.controllers import ComputedTorque, Reference
 from clearance_jax.mechanism.loads import Force, Torque, Wrench
 from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.misalignment import with_misalignment
 from clearance_jax.mechanism.placement import Gravity, Orientation, Position
 from clearance_jax.mechanism.structure import check_model
 from clearance_jax.mechanism.tree import SLIDING, TURNING, Prismatic
@@ -101,6 +102,9 @@ def _whole(top: Table, path: Path) -> tuple[Mechanism, Trajectory | None]:
                 "away."
             )
         mechanism = mechanism.with_drives(trajectory.drives)
+    if top.has("misalignment"):
+        with naming(top.key("misalignment")):
+            mechanism = with_misalignment(mechanism, top.get("misalignment"))
     for name, values, where in top.entries("compliance"):
         mechanism = _compliant(mechanism, name, values, where)
     controllers = [_controller(*part, path, mechanism) for part in top.parts("controller")]

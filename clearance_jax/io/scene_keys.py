@@ -87,6 +87,12 @@ SCENE = Keys(
             '{ cut = { body = "slider", force = ["-100 N", "0 N"] } }',
             form="tables by name",
         ),
+        Names(
+            "misalignment",
+            "joints whose places, axes and zeros can be off, by numbers that are zero at first",
+            '["axis_2"]',
+            absent="none",
+        ),
         Sub(
             "compliance",
             "drives that give way, by the joint that they drive",

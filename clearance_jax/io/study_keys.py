@@ -88,8 +88,9 @@ SOLVE = (
 SCATTER = Keys(
     'scatter."NAME"',
     "Scatter",
-    "How a number scatters, by its dotted name: normal, and with `lower` or `upper` normal with what lies beyond "
-    "sorted out; or of another distribution. Samples of a sweep and yields of a design ask for it.",
+    "How a number scatters, by its dotted name (`*` stands for any part of it): normal, and with `lower` or `upper` "
+    "normal with what lies beyond sorted out; or of another distribution. Samples of a sweep and yields of a design "
+    "ask for it.",
     (
         Word("distribution", "how it scatters", '"normal"', allowed=DISTRIBUTIONS, default="normal"),
         Quantity("mean", "its mean", '"0.14 kg"', unit=PARAMETER, absent="the scene's value, or the design's"),

@@ -17,7 +17,14 @@ from clearance_jax.mechanism.form import Form
 from clearance_jax.mechanism.loads import Wrench
 from clearance_jax.mechanism.placement import Gravity, Inertia
 from clearance_jax.mechanism.play import without_play
-from clearance_jax.mechanism.tree import SLIDING, TURNING, AbstractJoint, AbstractPlayed, Coordinate
+from clearance_jax.mechanism.tree import (
+    SLIDING,
+    TURNING,
+    AbstractJoint,
+    AbstractPlayed,
+    Coordinate,
+    without_misalignment,
+)
 from clearance_jax.parameters import Parametrised
 from clearance_jax.spatial import Term
 
@@ -157,8 +164,8 @@ class AbstractMechanism(Parametrised):
         return Form(free, conditions, len(list(self.coordinates())), bool(self.clearance_joints()), self.is_plane)
 
     def ideal(self: Kind) -> Kind:
-        """The same mechanism with every clearance taken away."""
-        return self.hold_pins({})
+        """The same mechanism with every clearance and misalignment taken away."""
+        return self.hold_pins({})._with_joints(without_misalignment)
 
     def hold_pins(self: Kind, play: Mapping[str, Sequence[Term]]) -> Kind:
         """The ideal mechanism whose pins are held in their sleeves, by the name of each joint at given values of its

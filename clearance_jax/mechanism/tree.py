@@ -389,3 +389,16 @@ class Fixed(AbstractJoint):
 
     def joint_constraint(self):
         return JointConstraint(None, ((X, Y), (Y, Z), (Z, X)), ((X, X), (Y, Y), (Z, Z)))
+
+
+class Misalignment(Fixed):
+    """How far a joint's frame is off the one that it is meant to have (see `with_misalignment`). The ideal mechanism
+    has none.
+    """
+
+
+def without_misalignment(joint: AbstractJoint) -> AbstractJoint:
+    """The joint where it is meant to be."""
+    if not isinstance(joint, Misalignment):
+        return joint
+    return Fixed(joint.name, joint.parent, joint.child)

@@ -1,8 +1,18 @@
 """What is asked of a motion: a reduction over time (`Peak`, `Rms`, `At`, ...) of a signal (`PositionError`, ...)."""
 
+from clearance_jax.metrics.iso9283 import (
+    Accuracy,
+    orientation_repeatability,
+    path_accuracy,
+    path_repeatability,
+    pose_accuracy,
+    pose_repeatability,
+)
 from clearance_jax.metrics.measure import AbstractMetric, Function, Reply, Request
+from clearance_jax.metrics.path import PathDeviation
 from clearance_jax.metrics.recurrence import LyapunovExponent, PoincareSection
 from clearance_jax.metrics.reductions import At, EnergyLost, Impacts, Mean, Peak, PNorm, Rms, SoftPeak
+from clearance_jax.metrics.settling import SettlingTime
 from clearance_jax.metrics.signals import (
     AbstractSignal,
     Acceleration,
@@ -10,7 +20,6 @@ from clearance_jax.metrics.signals import (
     JointMoment,
     JointReaction,
     OrientationError,
-    PathDeviation,
     PositionError,
 )
 
@@ -18,6 +27,7 @@ __all__ = [
     "AbstractMetric",
     "AbstractSignal",
     "Acceleration",
+    "Accuracy",
     "At",
     "ContactForce",
     "EnergyLost",
@@ -36,5 +46,11 @@ __all__ = [
     "Reply",
     "Request",
     "Rms",
+    "SettlingTime",
     "SoftPeak",
+    "orientation_repeatability",
+    "path_accuracy",
+    "path_repeatability",
+    "pose_accuracy",
+    "pose_repeatability",
 ]

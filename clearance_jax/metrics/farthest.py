@@ -33,6 +33,9 @@ class Farthest(AbstractSignal):
     def unit(self) -> str:  # type: ignore[override]
         return self.signal.unit
 
+    def prepare(self, mechanism, t1, options):
+        return Farthest(self.signal.prepare(mechanism, t1, options))
+
     def value(self, time, y, mechanism: PreparedMechanism, reference: Array | None):
         joints = mechanism.clearance_joints()
         counts = [len(joint.joint.play()) for joint in joints]

@@ -24,7 +24,7 @@ from clearance_jax.metrics.signals import (
     AbstractSignal,
     clearance_index,
 )
-from clearance_jax.solve.observers import PeakFinder, Picked, TouchCounter
+from clearance_jax.solve.observers import PeakFinder, Picked, TouchCounter, without_derivatives
 from clearance_jax.solve.settings import SolveOptions, evenly, settings_of
 from clearance_jax.solve.simulate import run
 
@@ -56,8 +56,8 @@ class Peak(AbstractMetric):
 
     def request(self, mechanism, t1, options):
         # Where the peaks are is looked for without derivatives.
-        fixed, end, others = _without_derivatives((mechanism, t1, options))
-        signal, since = self.signal.bind(fixed, end, others), _without_derivatives(self.since)
+        fixed, end, others = without_derivatives((mechanism, t1, options))
+        signal, since = self.signal.bind(fixed, end, others), without_derivatives(self.since)
         return Request((PeakFinder(signal, self.count, end - others.t0, since),), since=self.since)
 
     def value(self, reply):
@@ -100,11 +100,6 @@ def _as_seen_jvp(primals, tangents):
     return value, rate
 
 
-def _without_derivatives(tree):
-    """The same numbers, without derivatives."""
-    return jax.tree.map(lambda x: jax.lax.stop_gradient(x) if eqx.is_array(x) else x, tree)
-
-
 def signal_at(signal: AbstractSignal, reply: Reply, times: Array, y: Array) -> Array:
     """A signal of states at increasing times."""
     return signal.of(reply.solution, times, y, reply.mechanism, reply.t1, reply.options)
@@ -120,7 +115,7 @@ class Rms(AbstractMetric):
     since: Scalar | None = _since()
 
     def request(self, mechanism, t1, options):
-        return Request(integrands=(self.signal.integrand(mechanism, 2),), since=self.since)
+        return Request(integrands=(self.signal.integrand(mechanism, t1, options, 2),), since=self.since)
 
     def value(self, reply):
         # Away from zero by nothing that counts: a signal that is zero throughout has no derivative to give.
@@ -139,7 +134,7 @@ class Mean(AbstractMetric):
     since: Scalar | None = _since()
 
     def request(self, mechanism, t1, options):
-        return Request(integrands=(self.signal.integrand(mechanism, 1),), since=self.since)
+        return Request(integrands=(self.signal.integrand(mechanism, t1, options, 1),), since=self.since)
 
     def value(self, reply):
         return reply.integrals[0] / reply.span
@@ -253,7 +248,7 @@ class Impacts(AbstractMetric):
     since: Scalar | None = _since()
 
     def request(self, mechanism, t1, options):
-        counter = TouchCounter(clearance_index(mechanism, self.joint), _without_derivatives(self.since))
+        counter = TouchCounter(clearance_index(mechanism, self.joint), without_derivatives(self.since))
         return Request((counter,), since=self.since)
 
     def value(self, reply):

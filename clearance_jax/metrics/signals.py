@@ -27,7 +27,7 @@ from clearance_jax.solve.settings import DYNAMICS, Settings, evenly
 from clearance_jax.solve.simulate import run
 from clearance_jax.solve.solution import Solution
 from clearance_jax.solve.tolerances import largest_length
-from clearance_jax.spatial import absent, add, cross, length_of, minus, rotation_between, subtract
+from clearance_jax.spatial import Vector, add, as_array, length_of, minus, rotation_between, subtract
 
 # Samples of an ideal mechanism's free motion, to find peaks of an error with; their values are solved for exactly.
 TABLE = 1001
@@ -52,27 +52,36 @@ class AbstractSignal(Module):
     def of(self, solution: Solution, times: Array, y: Array, mechanism: Mechanism, t1: Any, options: Settings) -> Array:
         """The signal of a solution's states at increasing times, shape (times,)."""
         # Signals forgive a NaN (a norm of NaN is 0): a failed lane is marked once more, on the signal itself.
-        factor = jnp.where(solution.succeeded, 1.0, jnp.nan)
-        reference = self._freely(mechanism, t1, times, options) if self.against_free(mechanism) else None
-        return factor * _along(self, times, y, mechanism, reference)
+        factor, ready = jnp.where(solution.succeeded, 1.0, jnp.nan), self.prepare(mechanism, t1, options)
+        reference = self._freely(mechanism, t1, times, options) if ready.against_free(mechanism) else None
+        return factor * _along(ready, times, y, mechanism, reference)
 
     def bind(self, mechanism: Mechanism, t1: Any, options: Settings) -> Callable:
         """The signal as a function of (time, state, mechanism) alone, for an observer."""
-        if not self.against_free(mechanism):
-            return Instant(self)
+        own = self.prepare(mechanism, t1, options)
+        if not own.against_free(mechanism):
+            return Instant(own)
         times = evenly(options.t0, t1, TABLE)
         y = self._freely(mechanism, t1, times, options)
         ready = mechanism.ideal().prepare()
-        return Tabulated(self, times, y, jax.vmap(lambda t, y: slope(t, y, ready))(times, y))
+        return Tabulated(own, times, y, jax.vmap(lambda t, y: slope(t, y, ready))(times, y))
 
-    def integrand(self, mechanism: Mechanism, power: int) -> "Integrand":
+    def integrand(self, mechanism: Mechanism, t1: Any, options: Settings, power: int) -> "Integrand":
         """A power of the signal, to be integrated along with the motion."""
-        if self.against_free(mechanism):
+        own = self.prepare(mechanism, t1, options)
+        if own.against_free(mechanism):
             raise ClearanceError(
                 "An average of an error against an ideal mechanism that moves freely is not integrated along. Drive "
                 "its joints, or average samples: `At(signal, times)`."
             )
-        return Integrand(self, power)
+        return Integrand(own, power)
+
+    def prepare(self, mechanism: Mechanism, t1: Any, options: Settings) -> "AbstractSignal":
+        """The signal with what it needs of the whole ideal motion, which is computed once a solve; by default it needs
+        nothing.
+        """
+        del mechanism, t1, options
+        return self
 
     def against_free(self, mechanism: Mechanism) -> bool:
         """Whether it needs an ideal mechanism that moves freely."""
@@ -164,7 +173,8 @@ def clearance_index(mechanism: AbstractMechanism, name: str) -> int:
     return index_of("clearance joint", name, [joint.name for joint in mechanism.clearance_joints()])
 
 
-def _named_point(mechanism: AbstractMechanism, name: str):
+def named_point(mechanism: AbstractMechanism, name: str):
+    """The point of a name. **Raises** `ClearanceError` for an unknown one."""
     return mechanism.points[index_of("point", name, [point.name for point in mechanism.points])]
 
 
@@ -172,12 +182,17 @@ def _frames(mechanism: PreparedMechanism, time, y) -> Frames:
     return frames(mechanism, time, layout(mechanism).split(y))
 
 
-def _deviation(signal, time, y, mechanism, reference):
-    """Actual minus ideal place of a point, and the ideal velocity."""
-    point = _named_point(mechanism, signal.point)
-    here, ideal = _frames(mechanism, time, y)[point.body], _frames(mechanism.ideal(), time, reference)[point.body]
-    actual, wanted = here.point(point.at.vector), ideal.point(point.at.vector)
-    return subtract(actual, wanted), ideal.velocity_at(wanted)
+def point_at(name: str, mechanism: PreparedMechanism, time, y) -> Vector:
+    """The place of a named point in a state [m]."""
+    point = named_point(mechanism, name)
+    return _frames(mechanism, time, y)[point.body].point(point.at.vector)
+
+
+def motion_of(name: str, mechanism: PreparedMechanism, time, y) -> tuple[Array, Array]:
+    """Place [m] and velocity [m/s] of a named point in a state, shape (3,)."""
+    frame = _frames(mechanism, time, y)[named_point(mechanism, name).body]
+    place = frame.point(named_point(mechanism, name).at.vector)
+    return as_array(place), as_array(frame.velocity_at(place))
 
 
 class PositionError(AbstractSignal):
@@ -191,28 +206,8 @@ class PositionError(AbstractSignal):
         return play_size(mechanism)  # a distance has a kink at zero
 
     def value(self, time, y, mechanism, reference):
-        off, _ = _deviation(self, time, y, mechanism, reference)
-        return length_of(off)
-
-
-class PathDeviation(AbstractSignal):
-    """The distance of a named `point` from its ideal path [m], measured normal to this path at the place of the ideal
-    point. Where the ideal point stands still, it is the distance from this point.
-    """
-
-    unit: ClassVar[str] = "m"
-    point: str = eqx.field(static=True)
-    needs_ideal: ClassVar[bool] = True
-
-    def scale(self, mechanism):
-        return play_size(mechanism)
-
-    def value(self, time, y, mechanism, reference):
-        off, velocity = _deviation(self, time, y, mechanism, reference)
-        speed = length_of(velocity)
-        across = cross(velocity, off)
-        normal = jnp.abs(jnp.asarray(across[2], float)) if absent(across[:2]) else length_of(across)
-        return jnp.where(speed > 0, normal / jnp.where(speed > 0, speed, 1.0), length_of(off))
+        ideal = point_at(self.point, mechanism.ideal(), time, reference)
+        return length_of(subtract(point_at(self.point, mechanism, time, y), ideal))
 
 
 class OrientationError(AbstractSignal):
@@ -260,7 +255,7 @@ class Acceleration(AbstractSignal):
     point: str = eqx.field(static=True)
 
     def value(self, time, y, mechanism, reference):
-        point = _named_point(mechanism, self.point)
+        point = named_point(mechanism, self.point)
         now = balance(mechanism, time, layout(mechanism).split(y))
         frame = now.motion[point.body]
         at = frame.point(point.at.vector)

@@ -104,7 +104,7 @@ STEPS = 100
 PIECES = 4
 
 
-def _without_derivatives(tree):
+def without_derivatives(tree):
     """The same numbers, without derivatives."""
     return jax.tree.map(lambda x: jax.lax.stop_gradient(x) if eqx.is_array(x) else x, tree)
 
@@ -206,8 +206,8 @@ class PeakFinder(AbstractObserver):
         (t0, t1), h, plan = times, times[1] - times[0], layout(problem.mechanism)
         skipped = 0.0 if self.since is None else jnp.clip((self.since - t0) / h, 0.0, 1.0)
         # Where a peak is has no derivative here: the signal's at a fixed time is the peak's.
-        start, width, part, whole = _without_derivatives((t0, h, skipped, problem))
-        own = tuple(motion(whole, end) for end in _without_derivatives(ends))
+        start, width, part, whole = without_derivatives((t0, h, skipped, problem))
+        own = tuple(motion(whole, end) for end in without_derivatives(ends))
 
         def inside(s, skipped):
             """Place in the step of a place in the part of it that counts."""

@@ -150,7 +150,7 @@ def scene(body="", kind="revolute", main="", pin=""):
 
 
 def test_examples_of_the_top_a_body_a_spring_and_a_solve_are_read(tmp_path):
-    parts = ("solve", "body", "joint", "spring", "point", "wrench", "controller", "robot", "compliance")
+    parts = ("solve", "body", "joint", "spring", "point", "wrench", "controller", "robot", "compliance", "misalignment")
     top = lines(example(scene_keys.SCENE, *parts))
     rest = "[spring.coil]\n" + lines(example(scene_keys.SPRING)) + "[solve]\n" + lines(example(scene_keys.SOLVE))
     rest += "[wrench.cut]\n" + lines(example(scene_keys.WRENCH))
@@ -439,7 +439,7 @@ def test_times_belong_to_values_at_them(metric, words, tmp_path):
 
 
 def test_examples_of_the_rest_of_a_design_are_read(tmp_path):
-    skip = "variable", "limit", "condition", "manufacture", "verify"
+    skip = "variable", "limit", "condition", "manufacture", "verify", "trajectory"
     rest = "[solve]\n" + lines(example(study_keys.SOLVE)) + "[design]\n" + lines(example(design_keys.DESIGN, *skip))
     rest += '[scatter."slider.mass"]\ndeviation = "2 percent"\n[design.verify]\n' + lines(example(design_keys.VERIFY))
     for word, values in design_keys.MANUFACTURE_TABLES.items():

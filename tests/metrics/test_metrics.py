@@ -112,7 +112,7 @@ def test_orientation_and_path(mechanism):
     angle = at(metrics.At(metrics.OrientationError("conrod"), [0.003]), mechanism, 5e-4)
     assert 0 < float(angle[0]) < 5e-3  # some clearance over a conrod's length
     path = at(metrics.At(metrics.PathDeviation("piston"), [0.003]), mechanism, 5e-4)
-    assert float(path[0]) == 0.0  # a piston leaves its straight path by nothing
+    assert float(path[0]) < 1e-12  # a piston leaves its straight path by nothing but what closes its loop
 
 
 def test_whole_numbers_have_no_derivative(mechanism):

@@ -1,0 +1,28 @@
+"""Names with a star, which stand for all the names that they fit."""
+
+from collections.abc import Iterable, Mapping
+from fnmatch import fnmatchcase
+from typing import TypeVar
+
+from clearance_jax.errors import ClearanceError, suggest
+
+Given = TypeVar("Given")
+
+
+def expand(given: Mapping[str, Given], known: Iterable[str]) -> dict[str, Given]:
+    """What is given by names, of which some have a star: "*.radial_clearance" stands for every known name that ends so.
+    A name that is written out has what is given for it alone.
+
+    **Raises:** `ClearanceError` for a name with a star that fits no known one.
+    """
+    found: dict[str, Given] = {}
+    names = list(known)
+    for name, value in given.items():
+        if "*" not in name:
+            found[name] = value
+            continue
+        fitting = [own for own in names if fnmatchcase(own, name)]
+        if not fitting:
+            raise ClearanceError(f"`{name}` fits no parameter. " + suggest(name, names))
+        found |= {own: value for own in fitting if own not in given and own not in found}
+    return found

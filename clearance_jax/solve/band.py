@@ -1,0 +1,88 @@
+"""An observer that finds when a signal last comes below a bound."""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from clearance_jax.mechanism.state import layout
+from clearance_jax.solve.interpolate import between, tops
+from clearance_jax.solve.observers import PIECES, STEPS, AbstractObserver, Picked, without_derivatives
+from clearance_jax.solve.problem import motion
+
+# Halvings that find the entry in a part of a step: it is then known to the last digit.
+HALVINGS = 50
+
+
+class Entry(NamedTuple):
+    """The last entry so far: its `time` [s] and state `y`, the signal's `slope` there [1/s] (zero: none yet); `inside`:
+    whether the signal is below the bound at the end of the last step.
+    """
+
+    time: Array
+    y: Array
+    slope: Array
+    inside: Array
+
+
+class LastEntry(AbstractObserver):
+    """Finds the last time at which a signal comes from above `bound` to below it. On each part of a step the signal is
+    the cubic through values and slopes at the part's ends: it says whether the signal is above. In the last part that
+    has an entry halvings of the signal itself find its time.
+    """
+
+    signal: Any
+    bound: Any
+    span: Any = jnp.inf
+    """Length of the motion [s]."""
+
+    @property
+    def longest(self):
+        return self.span / STEPS
+
+    def start(self, t0, y0, problem):
+        return Entry(t0, y0, jnp.asarray(0.0), jnp.asarray(False))
+
+    def __call__(self, record, times, ends, problem):
+        (t0, t1), plan = times, layout(problem.mechanism)
+        start, width, whole, bound = without_derivatives((t0, t1 - t0, problem, self.bound))
+        own = tuple(motion(whole, end) for end in without_derivatives(ends))
+
+        def along(x):
+            y = between(own, width, x, plan)
+            return jnp.asarray(self.signal(start + x * width, y, whole.mechanism), float) - bound
+
+        def at(x):
+            return jax.jvp(along, (x,), (jnp.ones_like(x),))
+
+        places = jnp.linspace(0.0, 1.0, PIECES + 1)
+        value, slope = jax.lax.map(at, places)
+        top, height, _ = tops(value, slope, 1 / PIECES)
+        # Each part that ends below and is above somewhere: at its top or where it begins.
+        above = (height > 0) | (value[:-1] > 0)
+        enters = above & (value[1:] <= 0)
+        last = PIECES - 1 - jnp.argmax(enters[::-1])
+        found = jnp.any(enters)
+        low = (last + jnp.where(height[last] > 0, top[last], 0.0)) / PIECES
+
+        def goes_on(now):
+            return found & (now[0] < HALVINGS)
+
+        def halve(now):
+            k, low, high = now
+            middle = (low + high) / 2
+            stays = along(middle) > 0
+            return k + 1, jnp.where(stays, middle, low), jnp.where(stays, high, middle)
+
+        _, _, x = jax.lax.while_loop(goes_on, halve, (jnp.asarray(0), low, (last + 1) / PIECES))
+        _, rate = at(x)
+        return Entry(
+            jnp.where(found, t0 + x * (t1 - t0), record.time),
+            jnp.where(found, between(ends, t1 - t0, x, plan), record.y),
+            jnp.where(found, rate / width, record.slope),
+            value[-1] <= 0,
+        )
+
+    def finish(self, record):
+        return record._replace(y=None), Picked(record.time[None], record.y[None], jnp.zeros(1))

@@ -1,0 +1,137 @@
+"""Conditions as a product of trajectories, payloads and speeds: their numbers, their motions, what is refused."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import clearance_jax as cj
+from clearance_jax import design, metrics
+from clearance_jax.design.conditions import Payload, condition_product
+from clearance_jax.design.scenarios import scenarios_of
+from clearance_jax.errors import ClearanceError
+
+TIMES = [0.1, 0.25, 0.4]
+DRIVES = {
+    "quintic": cj.drives.Quintic([0.0, 0.3, 0.5], [0.1, 1.0, 0.2], [0.0, -1.0, 0.0]),
+    "trapezoid": cj.drives.Trapezoid([0.0, 0.3], [0.5, -0.2], speed=3.0, acceleration=40.0, offset=0.1),
+    "durations": cj.drives.Trapezoid([0.0, 0.3], [0.5, -0.2], duration=[0.25, 0.2], cruise=0.4),
+    "steps": cj.drives.Step5Sum([0.0, 0.2], [0.2, 0.45], [0.3, 0.4]),
+    "harmonic": cj.drives.Harmonic(0.3, 12.0, 0.4, 0.1),
+    "speed": cj.drives.ConstantSpeed(2.0, 0.3),
+    "spline": cj.drives.Spline([0.0, 0.1, 0.3, 0.4, 0.5], [0.0, 0.3, 0.2, 0.5, 0.1]),
+    "held": cj.drives.Constant(0.4),
+}
+
+
+def two_links(shoulder, elbow=DRIVES["held"], hand=None):
+    """A plane arm of two links, the second of which may carry a hand."""
+    upper = cj.Body("upper", 2.0, 0.03, cj.Position(0.2, 0.0))
+    fore = cj.Body("fore", 1.0, 0.01, cj.Position(0.1, 0.0))
+    joints = [
+        cj.Revolute("shoulder", "ground", "upper", motion=cj.Motion(shoulder)),
+        cj.Revolute("elbow", "upper", "fore", at_parent=cj.Position(0.4), motion=cj.Motion(elbow)),
+    ]
+    bodies = [upper, fore]
+    if hand is not None:
+        bodies.append(hand)
+        joints.append(cj.Fixed("grip", "fore", "hand"))
+    point = cj.Point("tip", "fore", cj.Position(0.3))
+    return cj.Mechanism(tuple(bodies), tuple(joints), points=(point,), gravity=cj.Gravity(y=-9.81))
+
+
+@pytest.mark.parametrize("kind", list(DRIVES))
+def test_twice_the_speed_is_half_the_time(kind):
+    """The same course, with rates that are consistent with it."""
+    mechanism = two_links(DRIVES[kind])
+    (found,) = condition_product(mechanism, speeds=[2.0]).values()
+    faster = cj.replace(mechanism, found)
+    before, after = (next(m.coordinates()).motion.drive for m in (mechanism, faster))
+    assert before is not None
+    assert after is not None
+    for time in TIMES:
+        place, rate, second = (float(x) for x in before(jnp.asarray(time)))
+        expected = place, 2 * rate, 4 * second
+        np.testing.assert_allclose([float(x) for x in after(jnp.asarray(time / 2))], expected, rtol=1e-9, atol=1e-9)
+
+
+def test_a_payload_is_a_body_that_is_fixed_to_its_carrier():
+    """Torques of the motors with the payload as a body of its own, and with it in its carrier's numbers."""
+    place, mass, inertia = (0.3, 0.05), 0.7, 2e-3
+    shoulder, elbow = DRIVES["quintic"], DRIVES["harmonic"]
+    carried = two_links(shoulder, elbow, cj.Body("hand", mass, inertia, cj.Position(*place)))
+    plain = two_links(shoulder, elbow)
+    (values,) = condition_product(plain, payloads={"hand": Payload("fore", mass, place, inertia)}).values()
+    one, other = (cj.simulate(m, 0.4, save_at=TIMES) for m in (carried, cj.replace(plain, values)))
+    for name in ("shoulder.drive_force", "elbow.drive_force"):
+        np.testing.assert_allclose(one[name], other[name], rtol=1e-9)
+
+
+def test_a_payload_in_space_moves_the_whole_tensor():
+    """By the sum over point masses: eight corners of a box, and the payload as four more points."""
+    rng = np.random.default_rng(2)
+    box, load = rng.normal(0, 0.1, (8, 3)), rng.normal(0.1, 0.05, (4, 3))
+
+    def of(points, masses):
+        centre = masses @ points / masses.sum()
+        arms = points - centre
+        pairs = zip(masses, arms, strict=True)
+        tensor = np.sum([m * (a @ a * np.eye(3) - np.outer(a, a)) for m, a in pairs], axis=0)
+        return masses.sum(), centre, [tensor[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+
+    ones, halves = np.full(8, 0.3), np.full(4, 0.2)
+    mass, centre, tensor = of(box, ones)
+    body = cj.Body("fore", mass, cj.Inertia(*tensor), cj.Position(*centre))
+    held = cj.Motion(cj.drives.Constant(0.0))
+    mechanism = cj.Mechanism((body,), (cj.Revolute("j", "ground", "fore", axis="z", motion=held),))
+    extra, place, about = of(load, halves)
+    found = Payload("fore", extra, tuple(place), tuple(about)).values(mechanism)
+    mass, centre, tensor = of(np.concatenate([box, load]), np.concatenate([ones, halves]))
+    names = ["mass", *(f"center_of_mass.{x}" for x in "xyz")]
+    names += [f"inertia.{x}" for x in ("xx", "yy", "zz", "xy", "xz", "yz")]
+    np.testing.assert_allclose([found[f"fore.{n}"] for n in names], [mass, *centre, *tensor], rtol=1e-12)
+
+
+def test_a_product_names_its_conditions_and_they_are_solved_together():
+    trajectories = {
+        name: {"shoulder": cj.drives.Quintic([0.0, 0.2], [0.0, a])} for name, a in (("up", 1), ("down", -1))
+    }
+    mechanism = two_links(trajectories["up"]["shoulder"])
+    loads = {"empty": Payload("fore", 0.0), "full": Payload("fore", 2.0, (0.3, 0.0))}
+    others = {"cold": {"elbow.radial_clearance": 1e-5}}
+    played = mechanism.with_clearance("elbow", radial_clearance=2e-5, pin_radius=0.01, length=0.02)
+    found = condition_product(played, trajectories, loads, {"slow": 0.5, "fast": 1.0}, others)
+    assert list(found)[:3] == ["up, empty, cold, slow", "up, empty, cold, fast", "up, full, cold, slow"]
+    assert len(found) == 8
+    assert len({tuple(values) for values in found.values()}) == 1  # one program
+    np.testing.assert_allclose(found["down, full, cold, slow"]["drive.shoulder.times"], [0, 0.4])
+    limit = design.Limit(metrics.Peak(metrics.PositionError("tip")), 1e-4)
+    problem = design.ToleranceProblem(
+        played,
+        0.4,
+        {"fore.mass": (0.5, 2.0)},
+        [limit],
+        conditions=condition_product(played, trajectories, None, {"slow": 0.5, "fast": 1.0}),
+    )
+    assert next(s.title for s in scenarios_of(problem.specification)) == " (up, slow)"
+    with pytest.raises(ClearanceError, match=r"move until 0\.4 s.*t1 = 0\.4"):
+        design.ToleranceProblem(
+            played, 0.3, {"fore.mass": (0.5, 2.0)}, [limit], conditions=condition_product(played, speeds=[0.5])
+        )
+
+
+def test_what_makes_no_condition_is_refused():
+    mechanism = two_links(DRIVES["quintic"])
+    with pytest.raises(ClearanceError, match="another form"):
+        condition_product(mechanism, {"pick": {"shoulder": DRIVES["trapezoid"]}})
+    with pytest.raises(ClearanceError, match="another form"):
+        condition_product(mechanism, {"pick": {"shoulder": cj.drives.Quintic([0.0, 1.0], [0.0, 1.0], [0.0, 0.0])}})
+    with pytest.raises(ClearanceError, match="no body `for`"):
+        condition_product(mechanism, payloads={"a": Payload("for", 1.0)})
+    with pytest.raises(ClearanceError, match="must not be negative"):
+        Payload("fore", -1.0)
+    with pytest.raises(ClearanceError, match=r"changes `fore\.center_of_mass\.z`"):
+        condition_product(mechanism, payloads={"a": Payload("fore", 1.0, (0.1, 0.0, 0.2))})
+    with pytest.raises(ClearanceError, match="positive number"):
+        condition_product(mechanism, speeds=[0.0])
+    with pytest.raises(ClearanceError, match="another part"):
+        condition_product(mechanism, payloads={"a": Payload("fore", 1.0)}, others={"b": {"fore.mass": 3.0}})
