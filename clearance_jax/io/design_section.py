@@ -131,7 +131,9 @@ def _relative(scatter: Mapping[str, Scatter]) -> dict[str, float]:
                 f"{given.where}: of a yield a number scatters about what is designed, or what the scene has: give a "
                 "`deviation` in percent, and nothing else."
             )
-        if given.distribution == "uniform":
-            raise ClearanceError(f"{given.where}: of a yield a number scatters normal or log-normal, not uniform.")
+        if given.distribution not in ("normal", "log-normal"):
+            raise ClearanceError(
+                f"{given.where}: of a yield a number scatters normal or log-normal, not {given.distribution}."
+            )
         found[name] = given.relative
     return found

@@ -146,6 +146,8 @@ class AbstractClearance(Parametrised):
     element: eqx.AbstractVar[AbstractElement | None]
     tangents: eqx.AbstractClassVar[int]
     """Number of components of the slip."""
+    kind: ClassVar[str] = ""
+    """What scenes and datasets call it; empty: a kind of your own."""
     flat: ClassVar[bool] = False
     """Whether flat walls bound its slides across, each by itself; round ones bound them together."""
 

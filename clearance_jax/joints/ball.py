@@ -29,6 +29,7 @@ class SphericalClearance(AbstractClearance):
     element: AbstractElement | None = None
     ball_material: Material | None = None
     socket_material: Material | None = None
+    kind: ClassVar[str] = "ball"
     tangents: ClassVar[int] = 2
 
     def __check_init__(self):

@@ -54,6 +54,7 @@ class GuideClearance(AbstractClearance):
         example='"200 mm"',
         absent="long",
     )
+    kind: ClassVar[str] = "guide"
     tangents: ClassVar[int] = 2
     flat: ClassVar[bool] = True
 

@@ -30,8 +30,6 @@ class Sections(NamedTuple):
 class AbstractPin(AbstractClearance):
     """A pin in a sleeve, which may be worn."""
 
-    kind: eqx.AbstractClassVar[str]
-    """What a scene calls it."""
     radial_clearance: eqx.AbstractVar[Scalar]
     pin_radius: eqx.AbstractVar[Scalar]
     pin_material: eqx.AbstractVar[Material | None]

@@ -36,6 +36,8 @@ TABLE = 1001
 class AbstractSignal(Module):
     """A signal: a scalar function of time, state and mechanism, in the unit `unit`."""
 
+    word: ClassVar[str] = ""
+    """What study files call it; empty: they do not know it."""
     unit: ClassVar[str] = ""
     needs_ideal: ClassVar[bool] = False
 
@@ -183,6 +185,7 @@ def _deviation(signal, time, y, mechanism, reference):
 class PositionError(AbstractSignal):
     """The distance of a named `point` from where the ideal mechanism has it at the same time [m]."""
 
+    word: ClassVar[str] = "position-error"
     unit: ClassVar[str] = "m"
     point: str = eqx.field(static=True)
     needs_ideal: ClassVar[bool] = True
@@ -200,6 +203,7 @@ class PathDeviation(AbstractSignal):
     point. Where the ideal point stands still, it is the distance from this point.
     """
 
+    word: ClassVar[str] = "path-deviation"
     unit: ClassVar[str] = "m"
     point: str = eqx.field(static=True)
     needs_ideal: ClassVar[bool] = True
@@ -221,6 +225,7 @@ class OrientationError(AbstractSignal):
     that component of the rotation vector.
     """
 
+    word: ClassVar[str] = "orientation-error"
     unit: ClassVar[str] = "rad"
     body: str = eqx.field(static=True)
     axis: str | None = eqx.field(static=True, default=None)
@@ -244,6 +249,7 @@ class OrientationError(AbstractSignal):
 class ContactForce(AbstractSignal):
     """The normal contact force in a clearance `joint` [N]: the sum over all its contact points."""
 
+    word: ClassVar[str] = "contact-force"
     unit: ClassVar[str] = "N"
     joint: str = eqx.field(static=True)
 
@@ -256,6 +262,7 @@ class ContactForce(AbstractSignal):
 class Acceleration(AbstractSignal):
     """The size of the acceleration of a named `point` [m/s^2]."""
 
+    word: ClassVar[str] = "acceleration"
     unit: ClassVar[str] = "m/s^2"
     point: str = eqx.field(static=True)
 
@@ -281,6 +288,7 @@ class JointReaction(AbstractSignal):
     In an over-constrained loop this force is not determined: a condition that repeats others bears nothing here.
     """
 
+    word: ClassVar[str] = "joint-reaction"
     unit: ClassVar[str] = "N"
     joint: str = eqx.field(static=True)
 
@@ -294,6 +302,7 @@ class JointMoment(AbstractSignal):
     For over-constrained loops see `JointReaction`.
     """
 
+    word: ClassVar[str] = "joint-moment"
     unit: ClassVar[str] = "N m"
     joint: str = eqx.field(static=True)
 

@@ -151,12 +151,12 @@ def _attributes(mechanism: Mechanism, solved: Solution, message: str) -> dict[st
 
 
 def _numbers(mechanism: Mechanism) -> dict[str, Any]:
-    """Every number of the mechanism, and of every clearance joint what it is, `clearance.NAME`, and what of it is no
+    """Every number of the mechanism, and of every clearance joint its kind, `clearance.NAME`, and what of it is no
     number but chosen.
     """
     found: dict[str, Any] = {f"parameter.{n}": np.asarray(leaf.value) for n, leaf in parameters(mechanism).items()}
     for joint in mechanism.clearance_joints():
-        found[f"clearance.{joint.name}"] = type(joint.clearance).__name__
+        found[f"clearance.{joint.name}"] = joint.clearance.kind
         for field in dataclasses.fields(joint.clearance):
             value = getattr(joint.clearance, field.name)
             if field.metadata.get("static", False) and isinstance(value, int | float | str):
