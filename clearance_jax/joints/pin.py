@@ -11,7 +11,8 @@ from jaxtyping import Array, Float
 
 from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError
-from clearance_jax.joints._base import AbstractClearance, Relative
+from clearance_jax.joints._base import AbstractClearance
+from clearance_jax.joints.contact import Relative
 from clearance_jax.joints.fitting import Tolerance
 from clearance_jax.laws import Geometry, Material
 from clearance_jax.parameters import Demand
