@@ -130,7 +130,7 @@ def shaft(
     """The play of a pin that slides in its sleeve.
 
     **Arguments:** `radial_clearance`, `pin_radius`, `length` [m], `fit`, `temperature` [K], `normal` and `friction` as
-    of `fitted` for the kind "sleeve".
+    of `pin_clearance` for the kind "sleeve".
     """
     numbers: Any = {"length": length, "pin_radius": pin_radius, "fit": fit, "temperature": temperature}
     sleeve = pin_clearance(radial_clearance, kind="sleeve", **numbers, normal=normal, friction=friction)
@@ -148,7 +148,7 @@ def socket(
     """The play of a ball in a socket.
 
     **Arguments:** `radial_clearance` and `ball_radius` [m]; `normal` and `friction` laws, by default as those of
-    `fitted`.
+    `pin_clearance`.
 
     **Raises:** `ClearanceError` for what is missing, and for numbers that make no joint.
     """
@@ -193,8 +193,8 @@ def guide_clearance(
 
 
 class PlayNumbers(TypedDict, total=False):
-    """The numbers of a design that make a clearance. Each kind of joint takes some of them (`fitted`, `shaft`,
-    `socket`, `guided`).
+    """The numbers of a design that make a clearance. Each kind of joint takes some of them (`pin_clearance`,
+    `shaft`, `socket`, `guide_clearance`).
     """
 
     kind: str

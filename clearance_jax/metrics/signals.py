@@ -47,7 +47,7 @@ class AbstractSignal(Module):
 
     def scale(self, mechanism: PreparedMechanism) -> Scalar:
         """Magnitude of the signal, where an integral of it must itself be watched; infinite (the default): its kinks,
-        if any, are the laws' events, at whichb steps end anyway.
+        if any, are the laws' events, at which steps end anyway.
         """
         return jnp.asarray(jnp.inf)
 

@@ -43,18 +43,18 @@ class SolveOptions(TypedDict, total=False):
     - `start`: "centre": every pin starts in the middle of its sleeve (or at its `eccentricity`), and falls to the wall;
       "settled": every pin starts at the wall where the reaction of the ideal joint presses it, and moves along with the
       motion. A pin that nothing presses starts in the middle in both cases. If `y0` is given, `start` has no effect.
-    - `watch`: end steps at every event of the contact laws. If false, an ordinary PID controller chooses the steps, and
-      the error stays above a certain size.
-    - `books`: integrate work and losses, for `energy_residual`.
+    - `locate_events`: end steps at every event of the contact laws. If false, an ordinary PID controller chooses the
+      steps, and the error stays above a certain size.
+    - `energy_balance`: integrate work and losses, for `energy_residual`.
     - `derivatives`: "controlled": a differentiated solve integrates the derivatives as well, and controls their error;
-    - `fidelity`: "dynamics": the equations of motion; "quasi-static": at every instant the pose at which pins rest
-      under the load of the ideal motion, without swinging or impacts (see `solve.quasi_static`); "static": of an
-      error the largest that play alone allows at every instant, whatever the load (only for `measure` and what asks
-      through it). Tolerances, `start` and `watch` have no effect on the last two.
       first derivatives only, in forward or reverse mode. "screening": JAX differentiates the program as it stands
       (forward mode only). This is cheaper, for a first look; if contacts begin or end, it is wrong by 1e-3 and more at
       any tolerance.
     - `max_steps`: the number of steps after which a solve gives up.
+    - `fidelity`: "dynamics": the equations of motion; "quasi-static": at every instant the pose at which pins rest
+      under the load of the ideal motion, without swinging or impacts (see `solve.quasi_static`); "static": of an
+      error the largest that play alone allows at every instant, whatever the load (only for `measure` and what asks
+      through it). Tolerances, `start` and `locate_events` have no effect on the last two.
     """
 
     t0: Any
