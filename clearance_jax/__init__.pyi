@@ -56,12 +56,12 @@ from .mechanism.loads import Torque as Torque
 from .mechanism.loads import Wrench as Wrench
 from .mechanism.mechanism import Mechanism as Mechanism
 from .mechanism.misalignment import with_misalignment as with_misalignment
-from .mechanism.paths import Pose as Pose
 from .mechanism.placement import Axis as Axis
 from .mechanism.placement import Gravity as Gravity
 from .mechanism.placement import Inertia as Inertia
 from .mechanism.placement import Orientation as Orientation
 from .mechanism.placement import Position as Position
+from .mechanism.segments import Pose as Pose
 from .mechanism.tree import Fixed as Fixed
 from .mechanism.tree import Prismatic as Prismatic
 from .mechanism.tree import Revolute as Revolute

@@ -24,7 +24,7 @@ import numpy as np
 
 import clearance_jax as cj
 from clearance_jax.dynamics.field import slope
-from clearance_jax.solve.flow import initial_state
+from clearance_jax.solve.first_state import initial_state
 from experiments.common import CRANK_SPEED, output, seconds, slider_crank, table
 from experiments.publish import command, say
 

@@ -25,7 +25,8 @@ from clearance_jax.mechanism.motion_laws import AbstractDrive
 from clearance_jax.mechanism.state import layout
 from clearance_jax.solve.attempt import Options
 from clearance_jax.solve.codes import Result, words
-from clearance_jax.solve.flow import Inputs, flow, initial_state
+from clearance_jax.solve.first_state import initial_state
+from clearance_jax.solve.flow import Inputs, flow
 from clearance_jax.solve.problem import Problem
 from clearance_jax.solve.tolerances import LOCAL, largest_length, tolerances
 

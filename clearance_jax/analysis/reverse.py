@@ -22,7 +22,8 @@ from clearance_jax.parameters import replace
 from clearance_jax.solve.attempt import Options
 from clearance_jax.solve.codes import Result
 from clearance_jax.solve.driver import step_ends
-from clearance_jax.solve.flow import Inputs, initial, refuse_jumps, task_of
+from clearance_jax.solve.first_state import initial
+from clearance_jax.solve.flow import Inputs, refuse_jumps, task_of
 from clearance_jax.solve.problem import Problem, push
 from clearance_jax.solve.settings import Settings
 from clearance_jax.solve.solution import Solution

@@ -17,7 +17,7 @@ from clearance_jax.dynamics.chain import AbstractChain, Aim, Chain, chain_of, st
 from clearance_jax.dynamics.posture import Found, bounds, solve, sought_values
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.mechanism.paths import Pose
+from clearance_jax.mechanism.segments import Pose
 from clearance_jax.mechanism.state import parts
 from clearance_jax.spatial import as_array
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from clearance_jax._patterns import expand
 from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.io.asking_keys import SOLVING
 from clearance_jax.io.files import read_toml
 from clearance_jax.io.metric import Span, metric_of
 from clearance_jax.io.metric_keys import METRIC_KINDS
@@ -19,11 +20,11 @@ from clearance_jax.io.table import Table, naming, variant
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMetric
 from clearance_jax.parameters import PARAMETER, parameters, replace, units_of, values_of
-from clearance_jax.sweep.scatter import scatter
+from clearance_jax.sweep.scatter import arguments_of, scatter
 from clearance_jax.units import to_si
 
 # What a scene says of how it is solved that its studies take from it.
-OF_THE_SCENE = ("t0", "rtol", "solver", "start", "fidelity", "max_steps")
+OF_THE_SCENE = ("t0", "fidelity", *(key.name for key in SOLVING.keys))
 
 
 class Scatter(NamedTuple):
@@ -131,11 +132,10 @@ def _scatter(table: Table) -> Scatter:
 
 
 def _distribution(name: str, given: Scatter, model: Any) -> Any:
-    mean, deviation = given.mean, given.deviation
-    if given.distribution != "uniform":
-        mean = float(np.asarray(values_of(model, [name])[name])) if mean is None else mean
-        deviation = abs(mean) * given.relative if given.relative is not None else deviation
-    elif given.relative is not None:
-        deviation = given.relative
+    mean, deviation, known = given.mean, given.deviation, arguments_of(given.distribution)
+    if "mean" in known and mean is None:
+        mean = float(np.asarray(values_of(model, [name])[name]))
+    if given.relative is not None:
+        deviation = given.relative * (1.0 if mean is None else abs(mean))
     with naming(given.where):
-        return scatter(mean, deviation, given.lower, given.upper, given.distribution)  # pyright: ignore
+        return scatter(mean, deviation, given.lower, given.upper, given.distribution)

@@ -195,7 +195,7 @@ def _scatter(study: Asked, table: Table, model: Any, variables: tuple[str, ...])
     found, asked = {}, study.scatter(table.get("of"), model, table.where)
     for name, given in asked.items():
         about = given.relative is not None and (given.mean, given.lower, given.upper) == (None, None, None)
-        if about and given.distribution != "uniform":
+        if about and given.distribution in ("normal", "log-normal"):
             found[name] = given.relative
         elif name in variables:
             raise ClearanceError(

@@ -5,7 +5,7 @@ import itertools
 from typing import NamedTuple
 
 from clearance_jax.errors import ClearanceError, quote, suggest
-from clearance_jax.io.metric_keys import COUNTS, OF, OF_ANY_JOINT, OF_SIGNAL, RECURRENCES, REDUCTIONS, SETTLING, SIGNALS
+from clearance_jax.io.metric_keys import COUNTS, OF, OF_ANY_JOINT, OF_SIGNAL, RECURRENCES, REDUCTIONS, SIGNALS
 from clearance_jax.io.recurrence_keys import recurrence_of
 from clearance_jax.io.table import Chosen, Table
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -28,7 +28,7 @@ def metric_of(read: Chosen, mechanism: Mechanism, span: Span) -> AbstractMetric:
     kind, table = read
     if kind in RECURRENCES:
         return recurrence_of(read)
-    if kind == SETTLING:
+    if kind == SettlingTime.word:
         signal = signal_of(table, mechanism)
         since = _since(table, span) if table.has("since") else None
         return SettlingTime(signal, table.get("band", {OF_SIGNAL: signal.unit}), since)

@@ -1,6 +1,7 @@
 """The keys of metrics."""
 
 import dataclasses
+from typing import Any
 
 from clearance_jax import metrics
 from clearance_jax.io.fields import kind_of, summary
@@ -8,30 +9,30 @@ from clearance_jax.io.kinds import Key, Quantities, Quantity, Text, Word
 from clearance_jax.io.recurrence_keys import RECURRENCE_KEYS, RECURRENCES
 from clearance_jax.io.table import Keys
 
-SIGNALS = {
-    "position-error": metrics.PositionError,
-    "path-deviation": metrics.PathDeviation,
-    "orientation-error": metrics.OrientationError,
-    "contact-force": metrics.ContactForce,
-    "acceleration": metrics.Acceleration,
-    "joint-reaction": metrics.JointReaction,
-    "joint-moment": metrics.JointMoment,
-}
+
+def _by_word(base: type) -> dict[str, Any]:
+    """The public classes of a kind that have a word."""
+    public = (getattr(metrics, name) for name in metrics.__all__)
+    return {cls.word: cls for cls in public if issubclass(cls, base) and cls.word}
+
+
+def _has(cls: type, name: str) -> bool:
+    return any(field.name == name for field in dataclasses.fields(cls))
+
+
+SIGNALS = _by_word(metrics.AbstractSignal)
 OF_ANY_JOINT = metrics.JointReaction, metrics.JointMoment
 """Signals whose joint may be one without clearance."""
-REDUCTIONS = {"peak": metrics.Peak, "rms": metrics.Rms, "mean": metrics.Mean, "at": metrics.At}
-SETTLING, OF_SIGNAL = "settling-time", "the signal's"
-"""The kind that a band is of, and the unit of a band, which the signal decides."""
-COUNTS = {"energy-lost": metrics.EnergyLost, "impacts": metrics.Impacts}
+_METRICS = _by_word(metrics.AbstractMetric)
+REDUCTIONS = {word: cls for word, cls in _METRICS.items() if _has(cls, "signal")}
+COUNTS = {word: cls for word, cls in _METRICS.items() if not _has(cls, "signal")}
+OF_SIGNAL = "the signal's"
+"""The unit of a band, which the signal decides."""
 
 # What keys were called before studies had one form.
 RENAMED = {"metric": "kind", "bound": "design.limit.NAME.bound"}
 _KIND = Word(
-    "kind",
-    "what is asked of the motion",
-    '"peak"',
-    allowed=(*REDUCTIONS, SETTLING, *COUNTS, *RECURRENCES),
-    required=True,
+    "kind", "what is asked of the motion", '"peak"', allowed=(*REDUCTIONS, *COUNTS, *RECURRENCES), required=True
 )
 _SINCE = Quantity("since", "only what comes later counts", '"4 ms"', unit="s", absent="the start")
 # What a signal or a count is of; which of them it wants, its class says.
@@ -54,14 +55,19 @@ def _metric(kind: str, cls: type, *keys: Key) -> Keys:
     return kind_of("metric.NAME", "Metric", _KIND, kind, summary(cls), *keys)._replace(renamed=RENAMED)
 
 
+def _own(cls: type) -> tuple[Key, ...]:
+    """What a reduction takes beside its signal."""
+    return (_TIMES,) if _has(cls, "times") else (_BAND, _END) if _has(cls, "band") else (_SINCE,)
+
+
 METRIC_KINDS = {
+    **{kind: _metric(kind, cls, _SIGNAL, *OF.values(), *_own(cls)) for kind, cls in REDUCTIONS.items()},
     **{
-        kind: _metric(kind, cls, _SIGNAL, *OF.values(), _TIMES if kind == "at" else _SINCE)
-        for kind, cls in REDUCTIONS.items()
+        kind: _metric(
+            kind, cls, *(dataclasses.replace(OF[name], required=True) for name in OF if _has(cls, name)), _SINCE
+        )
+        for kind, cls in COUNTS.items()
     },
-    SETTLING: _metric(SETTLING, metrics.SettlingTime, _SIGNAL, *OF.values(), _BAND, _END),
-    "energy-lost": _metric("energy-lost", metrics.EnergyLost, _SINCE),
-    "impacts": _metric("impacts", metrics.Impacts, dataclasses.replace(OF["joint"], required=True), _SINCE),
     **{kind: _metric(kind, cls, *RECURRENCE_KEYS[kind]) for kind, cls in RECURRENCES.items()},
 }
 """Of each kind of metric its table."""

@@ -18,7 +18,7 @@ from clearance_jax.joints import (
 )
 from clearance_jax.joints.bearings import GROUPS
 from clearance_jax.joints.elements import ELEMENTS
-from clearance_jax.joints.presets import KINDS
+from clearance_jax.joints.presets import PINS
 from clearance_jax.laws import FRICTION_LAWS, NORMAL_LAWS, InternalHertz
 from clearance_jax.mechanism.tree import Revolute
 
@@ -56,7 +56,6 @@ def _optional(*keys: Key, **absent: str) -> tuple[Key, ...]:
     return tuple(dataclasses.replace(key, required=False, absent=absent.get(key.name, key.absent)) for key in keys)
 
 
-_OF_FACES = ("axial_clearance", "collar_radius", "ring")
 IN_A_SLEEVE = Keys(
     "joint.NAME",
     "Pin in a sleeve",
@@ -71,6 +70,7 @@ IN_A_SLEEVE = Keys(
         Sub("press", "the housing into which the sleeve, a bush, is pressed", '{ fit = "H7/p6", diameter = "26 mm" }'),
     ),
 )
+_SHARED = {key.name for key in IN_A_SLEEVE.keys}
 PIN = (
     Keys(
         "joint.NAME",
@@ -82,10 +82,10 @@ PIN = (
                 "kind",
                 "what the pin may do: turn (`pin`), or tilt in a sleeve too",
                 '"sleeve"',
-                allowed=KINDS,
+                allowed=tuple(PINS),
                 default="pin",
             ),
-            *_optional(*keys_of(SleeveClearance, *_OF_FACES)),
+            *_optional(*(key for one in PINS.values() for key in keys_of(one) if key.name not in _SHARED)),
             Sub(
                 "bearing",
                 "a rolling bearing, instead: one with radial play, or one of an arm's joint, whose rings tilt too",

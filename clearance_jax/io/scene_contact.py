@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.io.fields import keys_of
 from clearance_jax.io.play_keys import (
     BALL,
     BEARINGS,
@@ -28,7 +29,6 @@ from clearance_jax.joints import (
     Fitting,
     GuideClearance,
     PressFit,
-    RevoluteClearance,
     SleeveClearance,
     SphericalClearance,
     Tolerance,
@@ -37,7 +37,7 @@ from clearance_jax.joints import (
     rolling_bearing,
 )
 from clearance_jax.joints.elements import ELEMENTS
-from clearance_jax.joints.presets import flat_contact, round_contact
+from clearance_jax.joints.presets import PINS, flat_contact, round_contact
 from clearance_jax.laws import FRICTION_LAWS, NORMAL_LAWS, AbstractFrictionLaw, AbstractNormalLaw, InternalHertz
 from clearance_jax.mechanism.compounds import Cylindrical, Spherical
 from clearance_jax.mechanism.placement import Position
@@ -45,7 +45,7 @@ from clearance_jax.mechanism.tree import Prismatic, Revolute
 from clearance_jax.parameters import check_demands
 
 RADIAL, DIAMETRAL, PIN_RADIUS, SLEEVE = "radial_clearance", "diametral_clearance", "pin_radius", "sleeve_radius"
-OF_A_SLEEVE = ("axial_clearance", "stations", "pin", "collar_radius", "ring")
+COMMON = RADIAL, PIN_RADIUS
 OF_A_FACE = ("collar_radius", "ring")
 OF_A_FIT = ("temperature", "pin_expansion", "sleeve_expansion", "press")
 EXPANSIONS = ("pin_expansion", "sleeve_expansion")
@@ -84,31 +84,33 @@ def play_of(kind: type, table: Table, path: Path, usual: bool = False) -> dict[s
     return {"clearance": clearance, "eccentricity": start}
 
 
-def _pin(table: Table, usual: bool) -> RevoluteClearance | SleeveClearance:
-    if table.has("bearing"):
-        return _bearing(table)
-    if table.get("kind") == "sleeve":
-        return _sleeve(table, usual)
-    for key in OF_A_SLEEVE:
-        if table.has(key):
-            raise ClearanceError(f'{table.key(key)} belongs to a sleeve: add `kind = "sleeve"` too.')
-    clearance, pin, tolerance = _radii(table, usual)
-    laws = _laws(table, round_contact(clearance) if usual else None)
-    return RevoluteClearance(clearance, pin, *laws, length=table.get("length"), tolerance=tolerance)
+def _pin(table: Table, usual: bool) -> AbstractPin:
+    return _bearing(table) if table.has("bearing") else _in_a_sleeve(PINS[table.get("kind")], table, usual)
 
 
-def _sleeve(table: Table, usual: bool) -> SleeveClearance:
-    table.need("length")
+def _shaft(table: Table, usual: bool) -> AbstractPin:
+    return _in_a_sleeve(SleeveClearance, table, usual)
+
+
+def _in_a_sleeve(make: Any, table: Table, usual: bool) -> AbstractPin:
+    own = {key.name: key.required for key in keys_of(make) if key.name not in COMMON}
+    for kind, other in PINS.items():
+        for key in (key.name for key in keys_of(other)):
+            if key in table.values and key not in (*own, *COMMON, "length"):
+                raise ClearanceError(f'{table.key(key)} belongs to a {kind}: add `kind = "{kind}"` too.')
+    for key, required in own.items():
+        if required:
+            table.need(key)
     for key in OF_A_FACE:
         if key in table.values and "axial_clearance" not in table.values:
             raise ClearanceError(
                 f"{table.key(key)} has no effect without `axial_clearance`: only then are there faces."
             )
     clearance, pin, tolerance = _radii(table, usual)
-    laws = _laws(table, round_contact(clearance) if usual else None)
-    numbers = {key: table.get(key) for key in OF_A_SLEEVE if key in table.values}
+    normal, friction = _laws(table, round_contact(clearance) if usual else None)
+    given = {key: table.get(key) for key in ("length", *own) if key in table.values}
     with naming(table.where):
-        return SleeveClearance(clearance, pin, table.get("length"), *laws, tolerance=tolerance, **numbers)
+        return make(clearance, pin, normal=normal, friction=friction, tolerance=tolerance, **given)
 
 
 def _ball(table: Table, usual: bool) -> SphericalClearance:
@@ -130,7 +132,7 @@ def _guide(table: Table, usual: bool) -> GuideClearance:
     )
 
 
-def _bearing(table: Table) -> RevoluteClearance | SleeveClearance:
+def _bearing(table: Table) -> AbstractPin:
     for key in PIN.keys:
         if key.name not in WITH_A_BEARING and table.has(key.name):
             raise ClearanceError(f"{table.key(key.name)} has no effect beside a `bearing`, which is a whole joint.")
@@ -157,7 +159,7 @@ class Play(NamedTuple):
 
 PLAYS = {
     Revolute: Play(PIN, (RADIAL, DIAMETRAL, "fit", "bearing"), _pin, True),
-    Cylindrical: Play(SHAFT, (RADIAL, DIAMETRAL, "fit"), _sleeve, True),
+    Cylindrical: Play(SHAFT, (RADIAL, DIAMETRAL, "fit"), _shaft, True),
     Spherical: Play(BALL, (RADIAL,), _ball),
     Prismatic: Play(GUIDE, ("side_clearance",), _guide),
 }

@@ -92,7 +92,7 @@ SCATTER = Keys(
     "normal with what lies beyond sorted out; or of another distribution. Samples of a sweep and yields of a design "
     "ask for it.",
     (
-        Word("distribution", "how it scatters", '"normal"', allowed=DISTRIBUTIONS, default="normal"),
+        Word("distribution", "how it scatters", '"normal"', allowed=tuple(DISTRIBUTIONS), default="normal"),
         Quantity("mean", "its mean", '"0.14 kg"', unit=PARAMETER, absent="the scene's value, or the design's"),
         Quantity(
             "deviation",

@@ -44,7 +44,7 @@ SWEEP = Keys(
 AGAIN = (
     Keys(
         "sweep.again",
-        "How lanes that failed are solved once more",
+        "How samples that failed are solved once more",
         "Those alone; what is absent is as in `solve`.",
         (),
     )
@@ -114,7 +114,7 @@ AXIS_TABLES = {
     "sensitivity": _axis(
         "sensitivity",
         "Parameters that scatter independently, drawn so that Sobol's sensitivity indices follow: for d of them there "
-        "are `count` (d + 2) lanes.",
+        "are `count` (d + 2) samples.",
         _OF,
         _count("256"),
         _SEED,

@@ -1,17 +1,11 @@
 """Clearance joints: geometry x normal law x friction law."""
 
-from clearance_jax.joints._base import (
-    AbstractClearance,
-    Action,
-    ContactPoint,
-    PlayCoordinate,
-    PreparedClearance,
-    Relative,
-)
+from clearance_jax.joints._base import AbstractClearance, PreparedClearance
 from clearance_jax.joints._element import AbstractElement, Offset
 from clearance_jax.joints.ball import SphericalClearance
 from clearance_jax.joints.bearings import rolling_bearing
 from clearance_jax.joints.bore import Modes
+from clearance_jax.joints.contact import Action, ContactPoint, PlayCoordinate, Relative
 from clearance_jax.joints.elements import PlayDamper, PreloadedBearing
 from clearance_jax.joints.fitting import Fitting, PressFit, Tolerance
 from clearance_jax.joints.guide import GuideClearance

@@ -10,7 +10,7 @@ and is done here, by the joint with its laws' constants: `PreparedClearance`.
 
 import abc
 from collections.abc import Callable, Sequence
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -23,116 +23,11 @@ from clearance_jax._numerics import safe_unit
 from clearance_jax._sharing import compute_once, share
 from clearance_jax._types import Flag, Scalar
 from clearance_jax.joints._element import AbstractElement, Offset
+from clearance_jax.joints.contact import Action, ContactPoint, PlayCoordinate, PointAction, Relative
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Touch
 from clearance_jax.laws._base import Memory, PreparedFriction, PreparedNormal, Slip
-from clearance_jax.laws.geometry import Local
 from clearance_jax.parameters import Parametrised
-from clearance_jax.spatial import ZERO, Matrix, Pair, Term, Vector, Z, add, cross, dot, minus, plus, scale, times
-
-
-class Relative(NamedTuple):
-    """Pose and velocity of the pin relative to the sleeve, in the sleeve's axes, of which z is the joint's own.
-
-    - `place` [m]: of the pin's centre from the sleeve's; `angle` [rad]: how the pin is turned about z, in the plane.
-    - `rows`: in space the rows of the rotation matrix of the pin; `None` in the plane.
-    - `velocity` [m/s] and `spin` [rad/s], as an observer on the sleeve sees them.
-    """
-
-    place: Vector
-    angle: Term
-    velocity: Vector
-    spin: Vector
-    rows: Matrix | None = None
-
-    @property
-    def axis(self) -> Vector:
-        """The pin's own axis."""
-        return Z if self.rows is None else (self.rows[0][2], self.rows[1][2], self.rows[2][2])
-
-    def velocity_at(self, arm: Vector) -> Vector:
-        """Velocity of the pin's point at an arm from its centre."""
-        return add(self.velocity, cross(self.spin, arm))
-
-
-class PlayCoordinate(NamedTuple):
-    """One coordinate that play adds to a joint of the tree.
-
-    - `suffix`: the end of its name; `scale`: its size for error control (a clearance [m], or an angle [rad]).
-    - `slides`, `turns`: the axis of the sleeve along which it slides or about which it turns; the other is `None`.
-    """
-
-    suffix: str
-    scale: Scalar
-    slides: Vector | None = None
-    turns: Vector | None = None
-
-
-class ContactPoint(NamedTuple):
-    """Where two surfaces touch, or are nearest, in the sleeve's axes. If a joint has several points, each number is an
-    array.
-
-    - `penetration` [m] (negative: a gap) and `penetration_rate` [m/s].
-    - `slip` [m/s]: velocity of the pin's surface on the sleeve's, along the `tangents`.
-    - `normal`: from the pin's surface into the sleeve's: the gradient of the penetration by the place of the pin.
-    - `arm` [m]: from the pin's centre to the point.
-    - `local`: what is different at this point for the laws; `share`: its part of the joint's normal force, if there are
-      several points.
-    """
-
-    penetration: Scalar
-    penetration_rate: Scalar
-    slip: Slip
-    normal: Vector
-    tangents: tuple[Vector, ...]
-    arm: Vector
-    local: Local = None
-    share: Scalar | None = None
-
-    @property
-    def law_view(self) -> "ContactPoint":
-        """What laws know of it."""
-        return self._replace(normal=(), tangents=(), arm=())
-
-
-class PointAction(NamedTuple):
-    """What one contact point does, or each of several: forces on the pin [N], memory's rate, elastic energy [J]."""
-
-    penetration: Scalar
-    penetration_rate: Scalar
-    slip: Slip
-    normal_force: Scalar
-    traction: Slip
-    memory_rate: Memory
-    elastic_energy: Scalar
-
-
-class Action(NamedTuple):
-    """What a joint does to the pin at one instant, in the sleeve's axes.
-
-    - `force` [N] at the pin's centre, `torque` [N m] about it; `points`: what happens at each contact point.
-    - `memory_rate`: the time derivative of the memory of its laws.
-    - `elastic_energy` [J]; `friction_power` [W]: lost in friction; `absorbed_power` [W]: absorbed otherwise.
-    """
-
-    force: Vector
-    torque: Vector
-    points: PointAction
-    memory_rate: Memory
-    elastic_energy: Scalar
-    absorbed_power: Scalar
-    friction_power: Scalar
-
-    @property
-    def normal_force(self) -> Scalar:
-        """The sum of its points' normal forces [N]."""
-        return jnp.sum(self.points.normal_force)
-
-    @property
-    def deepest(self) -> PointAction:
-        """What happens at the point of largest penetration."""
-        if not jnp.ndim(self.points.penetration):
-            return self.points
-        return jax.tree.map(lambda values: values[jnp.argmax(self.points.penetration)], self.points)
+from clearance_jax.spatial import ZERO, Pair, Vector, Z, add, cross, dot, minus, plus, scale, times
 
 
 class AbstractClearance(Parametrised):
@@ -146,6 +41,8 @@ class AbstractClearance(Parametrised):
     element: eqx.AbstractVar[AbstractElement | None]
     tangents: eqx.AbstractClassVar[int]
     """Number of components of the slip."""
+    kind: ClassVar[str] = ""
+    """What scenes and datasets call it; empty: a kind of your own."""
     flat: ClassVar[bool] = False
     """Whether flat walls bound its slides across, each by itself; round ones bound them together."""
 
@@ -195,6 +92,11 @@ class AbstractClearance(Parametrised):
             sine, cosine = cross(Z, at.axis), at.axis[2]
         across = _only(slides, at.place), _only(slides, at.velocity)
         return Offset(*across, _only(turns, sine), cosine, _only(turns, at.spin))
+
+    @property
+    def laws(self) -> tuple[AbstractNormalLaw | AbstractFrictionLaw, ...]:
+        """Its contact laws."""
+        return (self.normal,) if self.friction is None else (self.normal, self.friction)
 
     def prepare(self) -> "PreparedClearance":
         """The joint with its laws' constants (once a solve)."""
@@ -248,9 +150,22 @@ class PreparedClearance(Module):
     friction: PreparedFriction | None
 
     @property
+    def laws(self) -> tuple[AbstractNormalLaw | AbstractFrictionLaw, ...]:
+        """Its contact laws, as the user gave them."""
+        return self.joint.laws
+
+    @property
     def remembers(self) -> tuple[str, ...]:
         """Names of its memory variables."""
         return self.joint.remembers
+
+    def play(self) -> tuple[PlayCoordinate, ...]:
+        """The coordinates that it adds to the tree."""
+        return self.joint.play()
+
+    def without_friction(self) -> "PreparedClearance":
+        """The same joint without its friction law."""
+        return PreparedClearance(self.joint, self.normal, None)
 
     def act(self, at: Relative, memory: Memory) -> Action:
         """Forces on the pin for a relative motion and the joint's memory."""
@@ -341,7 +256,7 @@ class PreparedClearance(Module):
         size, x, y = safe_unit(*(jnp.asarray(component, float) for component in force))
         wall: Vector = (-x, -y, 0.0)
         free, still = self.joint.travel(wall), tuple(jnp.zeros(()) for _ in self.remembers)
-        smooth = PreparedClearance(self.joint, self.normal, None)
+        smooth = self.without_friction()
 
         def borne(depth):
             at = Relative(self.joint.press(wall, depth), 0.0, ZERO, ZERO)

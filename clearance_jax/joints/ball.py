@@ -7,7 +7,8 @@ import jax.numpy as jnp
 from clearance_jax._numerics import safe_sqrt
 from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError
-from clearance_jax.joints._base import AbstractClearance, AbstractElement, ContactPoint, PlayCoordinate
+from clearance_jax.joints._base import AbstractClearance, AbstractElement
+from clearance_jax.joints.contact import ContactPoint, PlayCoordinate
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Material
 from clearance_jax.parameters import Demand, physical
 from clearance_jax.spatial import Vector, X, Y, Z, across, dot, scale
@@ -29,6 +30,7 @@ class SphericalClearance(AbstractClearance):
     element: AbstractElement | None = None
     ball_material: Material | None = None
     socket_material: Material | None = None
+    kind: ClassVar[str] = "ball"
     tangents: ClassVar[int] = 2
 
     def __check_init__(self):

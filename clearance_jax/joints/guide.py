@@ -11,7 +11,8 @@ import numpy as np
 
 from clearance_jax._sharing import compute_once
 from clearance_jax._types import Scalar
-from clearance_jax.joints._base import AbstractClearance, AbstractElement, ContactPoint, PlayCoordinate, Relative
+from clearance_jax.joints._base import AbstractClearance, AbstractElement
+from clearance_jax.joints.contact import ContactPoint, PlayCoordinate, Relative
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Material
 from clearance_jax.parameters import Demand, physical
 from clearance_jax.spatial import Vector, X, Y, Z, dot
@@ -54,6 +55,7 @@ class GuideClearance(AbstractClearance):
         example='"200 mm"',
         absent="long",
     )
+    kind: ClassVar[str] = "guide"
     tangents: ClassVar[int] = 2
     flat: ClassVar[bool] = True
 

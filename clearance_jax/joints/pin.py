@@ -11,7 +11,8 @@ from jaxtyping import Array, Float
 
 from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError
-from clearance_jax.joints._base import AbstractClearance, Relative
+from clearance_jax.joints._base import AbstractClearance
+from clearance_jax.joints.contact import Relative
 from clearance_jax.joints.fitting import Tolerance
 from clearance_jax.laws import Geometry, Material
 from clearance_jax.parameters import Demand
@@ -30,8 +31,6 @@ class Sections(NamedTuple):
 class AbstractPin(AbstractClearance):
     """A pin in a sleeve, which may be worn."""
 
-    kind: eqx.AbstractClassVar[str]
-    """What a scene calls it."""
     radial_clearance: eqx.AbstractVar[Scalar]
     pin_radius: eqx.AbstractVar[Scalar]
     pin_material: eqx.AbstractVar[Material | None]

@@ -1,6 +1,7 @@
 """Joints with play as a designer first thinks of them: a clearance, a radius, a length; the rest as is usual."""
 
-from collections.abc import Callable
+import dataclasses
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, TypedDict
 
 import jax.numpy as jnp
@@ -11,11 +12,13 @@ from clearance_jax.joints.ball import SphericalClearance
 from clearance_jax.joints.checks import check_larger, check_sizes
 from clearance_jax.joints.fitting import BRONZE, STEEL, Fitting
 from clearance_jax.joints.guide import GuideClearance
+from clearance_jax.joints.pin import AbstractPin
 from clearance_jax.joints.revolute import RevoluteClearance
 from clearance_jax.joints.sleeve import SleeveClearance
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, HuntCrossley, InternalHertz, Material
 
-KINDS = ("pin", "sleeve")
+PINS: Mapping[str, type[AbstractPin]] = {one.kind: one for one in (RevoluteClearance, SleeveClearance)}
+"""Pins in sleeves, by the word that scenes have for them."""
 # Assumed damping factor of Hunt and Crossley's law [s/m]: at 0.1 m/s an impact loses some 2 % of its speed. Give a law
 # where damping matters.
 DAMPING = 0.3
@@ -54,7 +57,7 @@ def pin_clearance(
     temperature: Any = None,
     normal: AbstractNormalLaw | None = None,
     friction: AbstractFrictionLaw | None = None,
-) -> RevoluteClearance | SleeveClearance:
+) -> AbstractPin:
     """The play of a pin in a sleeve, from the numbers of a design.
 
     **Arguments:**
@@ -75,15 +78,17 @@ def pin_clearance(
     check_sizes(
         radial_clearance=radial_clearance, axial_clearance=axial_clearance, length=length, pin_radius=pin_radius
     )
-    if kind not in KINDS:
-        raise ClearanceError(f"`kind` must be {' or '.join(KINDS)}, but it is {quote(kind)}.")
-    if kind == "sleeve" and length is None:
-        raise ClearanceError("A sleeve needs its `length`. Give it.")
-    if kind == "pin" and axial_clearance is not None:
+    if kind not in PINS:
+        raise ClearanceError(f"`kind` must be {' or '.join(PINS)}, but it is {quote(kind)}.")
+    fields = {field.name: field for field in dataclasses.fields(PINS[kind])}
+    if length is None and fields["length"].default is dataclasses.MISSING:
+        raise ClearanceError(f"A {kind} needs its `length`. Give it.")
+    if axial_clearance is not None and "axial_clearance" not in fields:
         raise ClearanceError("An `axial_clearance` is that of a sleeve: give `kind` sleeve, and its `length`, too.")
-    if pin_radius is None and length is None:
-        raise ClearanceError("Play needs the `pin_radius`, or the `length` of the contact. Give one of them.")
-    pin_radius = length / 2 if pin_radius is None else pin_radius
+    if pin_radius is None:
+        if length is None:
+            raise ClearanceError("Play needs the `pin_radius`, or the `length` of the contact. Give one of them.")
+        pin_radius = length / 2
     tolerance = None
     if fit is not None or temperature is not None:
         radial_clearance, tolerance = radial_clearance_of(radial_clearance, pin_radius, fit, temperature)
@@ -91,9 +96,10 @@ def pin_clearance(
         raise ClearanceError("Play needs its `radial_clearance`, or a `fit`. Give one of them.")
     check_larger("pin_radius", pin_radius, "the radial clearance", radial_clearance, "or there is no pin")
     normal = round_contact(radial_clearance) if normal is None else normal
-    if kind == "pin":
-        return RevoluteClearance(radial_clearance, pin_radius, normal, friction, length=length, tolerance=tolerance)
-    return SleeveClearance(radial_clearance, pin_radius, length, normal, friction, axial_clearance, tolerance=tolerance)
+    make: Any = PINS[kind]
+    own = {} if axial_clearance is None else {"axial_clearance": axial_clearance}
+    numbers = {"radial_clearance": radial_clearance, "pin_radius": pin_radius, "length": length, "tolerance": tolerance}
+    return make(**numbers, **own, normal=normal, friction=friction)
 
 
 def radial_clearance_of(radial_clearance: Any, pin_radius: Any, fit: str | Fitting | None, temperature: Any):
@@ -124,7 +130,7 @@ def shaft(
     """The play of a pin that slides in its sleeve.
 
     **Arguments:** `radial_clearance`, `pin_radius`, `length` [m], `fit`, `temperature` [K], `normal` and `friction` as
-    of `fitted` for the kind "sleeve".
+    of `pin_clearance` for the kind "sleeve".
     """
     numbers: Any = {"length": length, "pin_radius": pin_radius, "fit": fit, "temperature": temperature}
     sleeve = pin_clearance(radial_clearance, kind="sleeve", **numbers, normal=normal, friction=friction)
@@ -142,7 +148,7 @@ def socket(
     """The play of a ball in a socket.
 
     **Arguments:** `radial_clearance` and `ball_radius` [m]; `normal` and `friction` laws, by default as those of
-    `fitted`.
+    `pin_clearance`.
 
     **Raises:** `ClearanceError` for what is missing, and for numbers that make no joint.
     """
@@ -187,8 +193,8 @@ def guide_clearance(
 
 
 class PlayNumbers(TypedDict, total=False):
-    """The numbers of a design that make a clearance. Each kind of joint takes some of them (`fitted`, `shaft`,
-    `socket`, `guided`).
+    """The numbers of a design that make a clearance. Each kind of joint takes some of them (`pin_clearance`,
+    `shaft`, `socket`, `guide_clearance`).
     """
 
     kind: str

@@ -6,7 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from clearance_jax.joints._base import AbstractClearance, PlayCoordinate
+from clearance_jax.joints._base import AbstractClearance
+from clearance_jax.joints.contact import PlayCoordinate
 
 
 def farthest(clearance: AbstractClearance, weights: Float[Array, " play"]) -> Float[Array, " play"]:

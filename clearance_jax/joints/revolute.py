@@ -15,9 +15,10 @@ from jaxtyping import Array, Float
 from clearance_jax._numerics import safe_unit
 from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError
-from clearance_jax.joints._base import AbstractElement, ContactPoint, PlayCoordinate
+from clearance_jax.joints._base import AbstractElement
 from clearance_jax.joints.bore import FEWEST, Bore, Modes
 from clearance_jax.joints.checks import warn_of_pin
+from clearance_jax.joints.contact import ContactPoint, PlayCoordinate
 from clearance_jax.joints.fitting import Tolerance
 from clearance_jax.joints.pin import AbstractPin, depth_demand
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Material

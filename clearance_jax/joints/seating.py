@@ -15,7 +15,8 @@ from jaxtyping import Array, Float
 
 from clearance_jax._small_matrices import small_eigh, small_inverse
 from clearance_jax._types import Flag, Scalar
-from clearance_jax.joints._base import TOUCHING, PlayCoordinate, PreparedClearance, Relative
+from clearance_jax.joints._base import TOUCHING, PreparedClearance
+from clearance_jax.joints.contact import PlayCoordinate, Relative
 from clearance_jax.spatial import IDENTITY, ZERO, Rotation, Term, Vector, add, as_array, dot, scale, subtract
 
 # Iterations at most (some twenty are usual); halvings of a step; iterations at the end, without springs.
@@ -129,7 +130,7 @@ def seat(clearance: PreparedClearance, load: Load, start: Values, near: Near | N
     **Arguments:** `clearance`: the joint; `load`; `start` (play,): where the search begins [m or rad]. A coordinate
     that nothing resists stays there.
     """
-    smooth = PreparedClearance(clearance.joint, clearance.normal, None)
+    smooth = clearance.without_friction()
     still, begun = jax.lax.stop_gradient(((smooth, load), start))
     size = as_array([one.scale for one in still[0].joint.play()])
     whole = Seating(*still, size, jnp.ones(len(size), bool), begun / size)
@@ -246,7 +247,7 @@ class Seating(NamedTuple):
     def inverse(self, x: Values) -> Array:
         """The inverse of the slope of the residual, friction included: zero along what contacts do not hold."""
         slope = value_and_jacobian(self.residual, x)[1]
-        smooth = self._replace(clearance=PreparedClearance(self.clearance.joint, self.clearance.normal, None))
+        smooth = self._replace(clearance=self.clearance.without_friction())
         stiff = slope if self.clearance.friction is None else value_and_jacobian(smooth.residual, x)[1]
         return self._held(slope, stiff)[0]
 
@@ -270,7 +271,7 @@ def stiffness_at(clearance: PreparedClearance, place: Values) -> Array:
     play = clearance.joint.play()
     size = as_array([one.scale for one in play])
     nowhere = Load(ZERO, ZERO)
-    smooth = PreparedClearance(clearance.joint, clearance.normal, None)
+    smooth = clearance.without_friction()
     held, at, size = jax.lax.stop_gradient((smooth, place, size))
     return value_and_jacobian(Seating(held, nowhere, size, jnp.zeros(len(size), bool), at).residual, at / size)[1]
 

@@ -22,8 +22,9 @@ from clearance_jax._numerics import safe_unit
 from clearance_jax._sharing import compute_once
 from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError, quote
-from clearance_jax.joints._base import AbstractElement, ContactPoint, PlayCoordinate, Relative
+from clearance_jax.joints._base import AbstractElement
 from clearance_jax.joints.bore import FEWEST, Bore
+from clearance_jax.joints.contact import ContactPoint, PlayCoordinate, Relative
 from clearance_jax.joints.fitting import Tolerance
 from clearance_jax.joints.pin import AbstractPin, Sections, depth_demand
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Material

@@ -10,7 +10,6 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from clearance_jax.errors import ClearanceError, suggest
-from clearance_jax.joints import PreparedClearance
 from clearance_jax.mechanism.body import Body, Point, Spring
 from clearance_jax.mechanism.controllers import AbstractController, Reference
 from clearance_jax.mechanism.form import Form
@@ -56,8 +55,7 @@ class ClearanceJoint(NamedTuple):
     @property
     def laws(self) -> tuple[Any, ...]:
         """Its contact laws, as the user gave them."""
-        joint = self.clearance.joint if isinstance(self.clearance, PreparedClearance) else self.clearance
-        return (joint.normal,) if joint.friction is None else (joint.normal, joint.friction)
+        return self.clearance.laws
 
     @property
     def size(self) -> Array:

@@ -11,15 +11,10 @@ from clearance_jax._types import Rows, Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import AbstractClearance, PreparedClearance
 from clearance_jax.mechanism.body import Motion
+from clearance_jax.mechanism.joint_keys import TURN_CHILD, TURN_PARENT, axis_key, orientation_key
 from clearance_jax.mechanism.placement import ORIGIN, Axis, Orientation, Position, PreparedOrientation, present
 from clearance_jax.mechanism.tree import (
-    AT_CHILD,
-    AT_PARENT,
-    CHILD,
-    PARENT,
     SLIDING,
-    TURN_CHILD,
-    TURN_PARENT,
     TURNING,
     AbstractJoint,
     AbstractPlayed,
@@ -27,11 +22,6 @@ from clearance_jax.mechanism.tree import (
     JointConstraint,
     alignment,
     along,
-    angle_key,
-    axis_key,
-    body_key,
-    orientation_key,
-    place_key,
 )
 from clearance_jax.parameters import Parametrised, describe, flatten, physical
 from clearance_jax.spatial import UNIT, Vector, X, Y, Z, quaternion_of
@@ -119,12 +109,6 @@ class Ball(Module):
 class Spherical(AbstractPlayed):
     """A ball in its socket, ideal or with clearance. Its coordinate is an orientation."""
 
-    name: str = eqx.field(static=True)
-    parent: str = body_key(*PARENT)
-    child: str = body_key(*CHILD)
-    at_parent: Position = place_key(AT_PARENT)
-    at_child: Position = place_key(AT_CHILD)
-    angle: Scalar | None = angle_key()
     motion: Ball = flatten(default_factory=Ball)
     """The motion of the ball: always free."""
     orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_PARENT)
@@ -144,12 +128,6 @@ class Universal(AbstractJoint):
     perpendicular to the first.
     """
 
-    name: str = eqx.field(static=True)
-    parent: str = body_key(*PARENT)
-    child: str = body_key(*CHILD)
-    at_parent: Position = place_key(AT_PARENT)
-    at_child: Position = place_key(AT_CHILD)
-    angle: Scalar | None = angle_key()
     turn_1: Turn = turn_key("motion of the turn about x of the joint's frame")
     turn_2: Turn = turn_key("motion of the turn about y, after that")
     orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_PARENT)
@@ -170,12 +148,6 @@ class Cylindrical(AbstractPlayed):
     clearance: that of a sleeve without axial play.
     """
 
-    name: str = eqx.field(static=True)
-    parent: str = body_key(*PARENT)
-    child: str = body_key(*CHILD)
-    at_parent: Position = place_key(AT_PARENT)
-    at_child: Position = place_key(AT_CHILD)
-    angle: Scalar | None = angle_key()
     slide: Slide = slide_key("motion along the axis")
     turn: Turn = turn_key("motion about the axis")
     orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_PARENT)
@@ -205,12 +177,6 @@ class Planar(AbstractJoint):
     z.
     """
 
-    name: str = eqx.field(static=True)
-    parent: str = body_key(*PARENT)
-    child: str = body_key(*CHILD)
-    at_parent: Position = place_key(AT_PARENT)
-    at_child: Position = place_key(AT_CHILD)
-    angle: Scalar | None = angle_key()
     slide_x: Slide = slide_key("motion along the first axis")
     slide_y: Slide = slide_key("motion along the second axis")
     turn: Turn = turn_key("motion about the axis")
@@ -239,12 +205,6 @@ class Planar(AbstractJoint):
 class Free(AbstractJoint):
     """No connection: three slides along the axes of the joint's frame on the parent, and a ball."""
 
-    name: str = eqx.field(static=True)
-    parent: str = body_key(*PARENT)
-    child: str = body_key(*CHILD)
-    at_parent: Position = place_key(AT_PARENT)
-    at_child: Position = place_key(AT_CHILD)
-    angle: Scalar | None = angle_key()
     slide_x: Slide = slide_key("motion along the first axis")
     slide_y: Slide = slide_key("motion along the second axis")
     slide_z: Slide = slide_key("motion along the third axis")

@@ -71,20 +71,8 @@ class ConstantSpeed(AbstractDrive):
         return self.start + self.speed * time, self.speed, 0.0
 
 
-def _check_steps(drive) -> None:
-    shapes = {drive.begin.shape, drive.end.shape, drive.rise.shape}
-    if len(shapes) > 1 or drive.begin.ndim != 1:
-        raise ClearanceError("A step drive needs `begin`, `end` and `rise` as lists of one length.")
-    if not isinstance(drive.begin - drive.end, Tracer) and not np.all(drive.end > drive.begin):
-        raise ClearanceError("Every step of a drive must end after it begins.")
-
-
-class StepSum(AbstractDrive):
-    """q = offset + sum of rise_i STEP(t, begin_i, 0, end_i, 1), with the cubic STEP of ADAMS. q'' jumps at both ends of
-    each step.
-
-    **Arguments:** `begin`, `end` [s] and `rise` [rad or m], all of shape (n,); `offset` [rad or m].
-    """
+class AbstractSteps(AbstractDrive):
+    """A sum of steps, which may overlap."""
 
     begin: Values = begin_key()
     end: Values = physical("s", help="when each step ends", example='["0.5 s", "1.5 s"]')
@@ -92,7 +80,22 @@ class StepSum(AbstractDrive):
     offset: Scalar = offset_key()
 
     def __check_init__(self):
-        _check_steps(self)
+        shapes = {self.begin.shape, self.end.shape, self.rise.shape}
+        if len(shapes) > 1 or self.begin.ndim != 1:
+            raise ClearanceError("A step drive needs `begin`, `end` and `rise` as lists of one length.")
+        if not isinstance(self.begin - self.end, Tracer) and not np.all(self.end > self.begin):
+            raise ClearanceError("Every step of a drive must end after it begins.")
+
+    def breaks(self):
+        return jnp.concatenate([self.begin, self.end])
+
+
+class StepSum(AbstractSteps):
+    """q = offset + sum of rise_i STEP(t, begin_i, 0, end_i, 1), with the cubic STEP of ADAMS. q'' jumps at both ends of
+    each step.
+
+    **Arguments:** `begin`, `end` [s] and `rise` [rad or m], all of shape (n,); `offset` [rad or m].
+    """
 
     @whole
     def __call__(self, time):
@@ -104,20 +107,9 @@ class StepSum(AbstractDrive):
         v = jnp.sum(jnp.where(inside, self.rise * 6 * s * (1 - s) / span, 0.0))
         return q, v, jnp.sum(jnp.where(inside, self.rise * (6 - 12 * s) / span**2, 0.0))
 
-    def breaks(self):
-        return jnp.concatenate([self.begin, self.end])
 
-
-class Step5Sum(AbstractDrive):
+class Step5Sum(AbstractSteps):
     """The same as `StepSum`, with the quintic STEP5: q'' is continuous, and q''' jumps at both ends of each step."""
-
-    begin: Values = begin_key()
-    end: Values = physical("s", help="when each step ends", example='["0.5 s", "1.5 s"]')
-    rise: Values = rise_key()
-    offset: Scalar = offset_key()
-
-    def __check_init__(self):
-        _check_steps(self)
 
     @whole
     def __call__(self, time):
@@ -126,9 +118,6 @@ class Step5Sum(AbstractDrive):
         q = self.offset + jnp.sum(self.rise * s**3 * (10 + s * (6 * s - 15)))
         v = jnp.sum(self.rise * 30 * s * s * (1 - s) ** 2 / span)
         return q, v, jnp.sum(self.rise * 60 * s * (1 - s) * (1 - 2 * s) / span**2)
-
-    def breaks(self):
-        return jnp.concatenate([self.begin, self.end])
 
 
 class Harmonic(AbstractDrive):

@@ -67,7 +67,7 @@ def _change(joint: AbstractPlayed, preset: Preset, numbers: Mapping[str, Any]) -
     own: Any = joint.clearance
     sizes = {name: value for name, value in numbers.items() if name in preset.fields}
     check_sizes(**sizes)
-    kind = getattr(own, "kind", type(own).__name__)
+    kind = own.kind or type(own).__name__
     if numbers.get("kind", kind) != kind:
         raise ClearanceError(f"Joint `{joint.name}` has play of another kind, `{kind}`. Give it a whole clearance.")
     if any(word in numbers for word in FIT):

@@ -21,8 +21,21 @@ from clearance_jax.joints import AbstractClearance, PlayCoordinate, PreparedClea
 from clearance_jax.joints.checks import check_start
 from clearance_jax.mechanism.body import Motion
 from clearance_jax.mechanism.frame import Frame
-from clearance_jax.mechanism.placement import ORIGIN, Axis, Orientation, Position, PreparedOrientation, as_axis
-from clearance_jax.parameters import Parametrised, describe, flatten, outside, physical
+from clearance_jax.mechanism.joint_keys import (
+    AT_CHILD,
+    AT_PARENT,
+    CHILD,
+    PARENT,
+    TURN_CHILD,
+    TURN_PARENT,
+    angle_key,
+    axis_key,
+    body_key,
+    orientation_key,
+    place_key,
+)
+from clearance_jax.mechanism.placement import ORIGIN, Axis, Orientation, Position, PreparedOrientation
+from clearance_jax.parameters import Parametrised, describe, flatten, outside
 from clearance_jax.spatial import (
     IDENTITY,
     UNIT,
@@ -91,56 +104,18 @@ TURNING = {"coordinate": "rad", "effort": "N*m"}
 SLIDING = {"coordinate": "m", "effort": "N"}
 
 
-def body_key(help: str, example: str):
-    """A field that names a body."""
-    return describe(help, example, static=True)
-
-
-def place_key(help: str):
-    """A field that is a place on a body."""
-    return describe(help, '["50 mm", "0 mm"]', "the frame's origin", default=ORIGIN)
-
-
-def angle_key():
-    """The field of the angle of a joint's frame."""
-    help = "angle of the joint's frame in the parent's, about z: a slide moves along its x axis; the child turns too"
-    return physical("rad", default=None, help=help, example='"90 deg"', absent="0 deg")
-
-
-def orientation_key(help: str):
-    """A field that is an orientation."""
-    return describe(help, '["90 deg", "0 deg", "0 deg"]', "not turned", default=None)
-
-
-def axis_key(default: str):
-    """A field that is an axis of the joint's frame."""
-    about = {"help": AXIS, "example": '"z"', "absent": default}
-    return eqx.field(metadata=about, converter=as_axis, default=Axis(default))
-
-
-PARENT = "the body that the joint is on (its sleeve), or `ground`", '"ground"'
-CHILD = "the body that the joint carries (its pin)", '"crank"'
-AXIS = (
-    "what it turns about or slides along, of a planar joint the normal of its plane: an axis of its frame, by its "
-    "letter or by three numbers"
-)
-AT_PARENT, AT_CHILD = "place of the joint in the parent's frame", "place of the joint in the child's frame"
-TURN_PARENT = "roll, pitch and yaw of the joint's frame in the parent's, instead of `angle`"
-TURN_CHILD = "roll, pitch and yaw of the joint's frame in the child's"
-
-
 class AbstractJoint(Parametrised):
     """A joint: places the child's frame on the parent's, or holds two bodies that are placed."""
 
-    name: eqx.AbstractVar[str]
+    name: str = eqx.field(static=True)
     """The joint's name."""
-    parent: eqx.AbstractVar[str]
-    child: eqx.AbstractVar[str]
-    at_parent: eqx.AbstractVar[Position]
-    at_child: eqx.AbstractVar[Position]
-    angle: eqx.AbstractVar[Scalar | None]
-    orientation: eqx.AbstractVar[Orientation | PreparedOrientation | None]
-    child_orientation: eqx.AbstractVar[Orientation | PreparedOrientation | None]
+    parent: str = body_key(*PARENT)
+    child: str = body_key(*CHILD)
+    at_parent: Position = place_key(AT_PARENT)
+    at_child: Position = place_key(AT_CHILD)
+    angle: Scalar | None = angle_key()
+    orientation: eqx.AbstractVar[Orientation | PreparedOrientation | None]  # pyright: ignore[reportGeneralTypeIssues]
+    child_orientation: eqx.AbstractVar[Orientation | PreparedOrientation | None]  # pyright: ignore[reportGeneralTypeIssues]
 
     def __check_init__(self):
         if self.angle is not None and self.orientation is not None:
@@ -218,9 +193,9 @@ class AbstractPlayed(AbstractJoint):
     element (with clearance) or a constraint (ideal).
     """
 
-    clearance: eqx.AbstractVar[AbstractClearance | PreparedClearance | None]
+    clearance: eqx.AbstractVar[AbstractClearance | PreparedClearance | None]  # pyright: ignore[reportGeneralTypeIssues]
     """The play of the joint; `None`: an ideal joint."""
-    eccentricity: eqx.AbstractVar[Position]
+    eccentricity: eqx.AbstractVar[Position]  # pyright: ignore[reportGeneralTypeIssues]
     """Where the pin starts in its sleeve [m], in the sleeve's axes; by default in the middle."""
 
     def __check_init__(self):
@@ -263,8 +238,7 @@ class AbstractPlayed(AbstractJoint):
 
     def play(self) -> tuple[PlayCoordinate, ...]:
         """What its clearance adds to the tree."""
-        clearance = self.clearance.joint if isinstance(self.clearance, PreparedClearance) else self.clearance
-        return () if clearance is None else clearance.play()
+        return () if self.clearance is None else self.clearance.play()
 
     def play_coordinates(self) -> tuple[Coordinate, ...]:
         """The same as coordinates. Play starts where `eccentricity` says, tilts at zero."""
@@ -288,12 +262,6 @@ class Revolute(AbstractPlayed):
     space.
     """
 
-    name: str = eqx.field(static=True)
-    parent: str = body_key(*PARENT)
-    child: str = body_key(*CHILD)
-    at_parent: Position = place_key(AT_PARENT)
-    at_child: Position = place_key(AT_CHILD)
-    angle: Scalar | None = angle_key()
     motion: Motion = flatten(default_factory=Motion)
     """How its angle moves: by a drive, or freely."""
     clearance: AbstractClearance | PreparedClearance | None = flatten(default=None)
@@ -338,12 +306,6 @@ class Prismatic(AbstractPlayed):
     x.
     """
 
-    name: str = eqx.field(static=True)
-    parent: str = body_key(*PARENT)
-    child: str = body_key(*CHILD)
-    at_parent: Position = place_key(AT_PARENT)
-    at_child: Position = place_key(AT_CHILD)
-    angle: Scalar | None = angle_key()
     motion: Motion = flatten(default_factory=Motion)
     """How its slide moves: by a drive, or freely."""
     orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_PARENT)
@@ -375,12 +337,6 @@ class Prismatic(AbstractPlayed):
 class Fixed(AbstractJoint):
     """A rigid connection of two bodies."""
 
-    name: str = eqx.field(static=True)
-    parent: str = body_key(*PARENT)
-    child: str = body_key(*CHILD)
-    at_parent: Position = place_key(AT_PARENT)
-    at_child: Position = place_key(AT_CHILD)
-    angle: Scalar | None = angle_key()
     orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_PARENT)
     child_orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_CHILD)
 

@@ -55,7 +55,7 @@ class Powers(Module):
         return jnp.stack([action.normal_force, action.friction_power, action.absorbed_power])
 
     def scale(self, mechanism):
-        """Infinite: kinks are the laws' events, at whichb steps end anyway."""
+        """Infinite: kinks are the laws' events, at which steps end anyway."""
         return jnp.asarray(jnp.inf)
 
 

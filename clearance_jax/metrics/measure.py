@@ -8,7 +8,7 @@ import abc
 import dataclasses
 import inspect
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple, Unpack
+from typing import Any, ClassVar, NamedTuple, Unpack
 
 import equinox as eqx
 import jax
@@ -119,6 +119,9 @@ class AbstractMeasure(Module):
 
 class AbstractMetric(AbstractMeasure):
     """A metric: a number of a motion, or a few numbers."""
+
+    word: ClassVar[str] = ""
+    """What study files call it; empty: they do not know it."""
 
     @property
     def base_metric(self) -> "AbstractMetric":

@@ -71,6 +71,7 @@ class Curve(Module):
 class OnPath(AbstractSignal):
     """The distance of a named `point` from a `curve` [m]."""
 
+    word: ClassVar[str] = "path-deviation"
     unit: ClassVar[str] = "m"
     point: str = eqx.field(static=True)
     curve: Curve
@@ -97,6 +98,7 @@ class PathDeviation(AbstractSignal):
     thousandth of the play); under a transformation, as in sweeps and designs, it is then not a number.
     """
 
+    word: ClassVar[str] = "path-deviation"
     unit: ClassVar[str] = "m"
     point: str = eqx.field(static=True)
     samples: int = eqx.field(static=True, default=TABLE)

@@ -50,6 +50,7 @@ class Peak(AbstractMetric):
     **Arguments:** `signal`; `count`; `since`: only times after it count [s], `None`: all. It must lie before the end.
     """
 
+    word: ClassVar[str] = "peak"
     signal: AbstractSignal
     count: int = eqx.field(static=True, default=1)
     since: Scalar | None = _since()
@@ -111,6 +112,7 @@ class Rms(AbstractMetric):
     **Arguments:** `signal`; `since`: only times after it count [s], `None`: all.
     """
 
+    word: ClassVar[str] = "rms"
     signal: AbstractSignal
     since: Scalar | None = _since()
 
@@ -130,6 +132,7 @@ class Mean(AbstractMetric):
     **Arguments:** `signal`; `since`: only times after it count [s], `None`: all.
     """
 
+    word: ClassVar[str] = "mean"
     signal: AbstractSignal
     since: Scalar | None = _since()
 
@@ -148,6 +151,7 @@ class At(AbstractMetric):
     **Returns:** the values, shape (times,).
     """
 
+    word: ClassVar[str] = "at"
     signal: AbstractSignal
     times: Float[Array, " times"] = eqx.field(converter=lambda t: jnp.atleast_1d(jnp.asarray(t, float)))
 
@@ -219,6 +223,7 @@ class EnergyLost(AbstractMetric):
     **Arguments:** `since`: only losses after this time count [s], `None`: all.
     """
 
+    word: ClassVar[str] = "energy-lost"
     unit: ClassVar[str] = "J"
     since: Scalar | None = _since()
 
@@ -244,6 +249,7 @@ class Impacts(AbstractMetric):
     **Arguments:** `joint`: its name; `since`: only times after it count [s], `None`: all.
     """
 
+    word: ClassVar[str] = "impacts"
     joint: str = eqx.field(static=True)
     since: Scalar | None = _since()
 

@@ -35,6 +35,7 @@ class SettlingTime(AbstractMetric):
     **Raises:** `ClearanceError` without `since` where no drive has such a time, as one of constant speed.
     """
 
+    word: ClassVar[str] = "settling-time"
     unit: ClassVar[str] = "s"
     signal: AbstractSignal
     band: Scalar = eqx.field(converter=lambda b: jnp.asarray(b, float))

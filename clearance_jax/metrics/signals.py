@@ -36,6 +36,8 @@ TABLE = 1001
 class AbstractSignal(Module):
     """A signal: a scalar function of time, state and mechanism, in the unit `unit`."""
 
+    word: ClassVar[str] = ""
+    """What study files call it; empty: they do not know it."""
     unit: ClassVar[str] = ""
     needs_ideal: ClassVar[bool] = False
 
@@ -45,7 +47,7 @@ class AbstractSignal(Module):
 
     def scale(self, mechanism: PreparedMechanism) -> Scalar:
         """Magnitude of the signal, where an integral of it must itself be watched; infinite (the default): its kinks,
-        if any, are the laws' events, at whichb steps end anyway.
+        if any, are the laws' events, at which steps end anyway.
         """
         return jnp.asarray(jnp.inf)
 
@@ -198,6 +200,7 @@ def motion_of(name: str, mechanism: PreparedMechanism, time, y) -> tuple[Array, 
 class PositionError(AbstractSignal):
     """The distance of a named `point` from where the ideal mechanism has it at the same time [m]."""
 
+    word: ClassVar[str] = "position-error"
     unit: ClassVar[str] = "m"
     point: str = eqx.field(static=True)
     needs_ideal: ClassVar[bool] = True
@@ -216,6 +219,7 @@ class OrientationError(AbstractSignal):
     that component of the rotation vector.
     """
 
+    word: ClassVar[str] = "orientation-error"
     unit: ClassVar[str] = "rad"
     body: str = eqx.field(static=True)
     axis: str | None = eqx.field(static=True, default=None)
@@ -239,6 +243,7 @@ class OrientationError(AbstractSignal):
 class ContactForce(AbstractSignal):
     """The normal contact force in a clearance `joint` [N]: the sum over all its contact points."""
 
+    word: ClassVar[str] = "contact-force"
     unit: ClassVar[str] = "N"
     joint: str = eqx.field(static=True)
 
@@ -251,6 +256,7 @@ class ContactForce(AbstractSignal):
 class Acceleration(AbstractSignal):
     """The size of the acceleration of a named `point` [m/s^2]."""
 
+    word: ClassVar[str] = "acceleration"
     unit: ClassVar[str] = "m/s^2"
     point: str = eqx.field(static=True)
 
@@ -276,6 +282,7 @@ class JointReaction(AbstractSignal):
     In an over-constrained loop this force is not determined: a condition that repeats others bears nothing here.
     """
 
+    word: ClassVar[str] = "joint-reaction"
     unit: ClassVar[str] = "N"
     joint: str = eqx.field(static=True)
 
@@ -289,6 +296,7 @@ class JointMoment(AbstractSignal):
     For over-constrained loops see `JointReaction`.
     """
 
+    word: ClassVar[str] = "joint-moment"
     unit: ClassVar[str] = "N m"
     joint: str = eqx.field(static=True)
 

@@ -55,7 +55,7 @@ def figures(
     **Arguments:** `dataset`: of a sweep; `indices`: sensitivity indices of results, by their names; `local`: their
     derivatives by every number.
 
-    **Raises:** `ClearanceError` for a dataset that is no sweep, or in which no lane has a result.
+    **Raises:** `ClearanceError` for a dataset that is no sweep, or in which no sample has a result.
     """
     kept = [*results(dataset), *results_of(dataset, "PoincareSection"), *results_of(dataset, "LyapunovExponent")]
     dataset = tidy(dataset[[CODE, *kept]].load())  # a store is read once
@@ -66,7 +66,7 @@ def figures(
         for names in (results(dataset), results_of(dataset, "PoincareSection"), results_of(dataset, "LyapunovExponent"))
     )
     if not numbers or not (plain or points or rates):
-        raise ClearanceError("There is nothing to draw: nothing varies in this sweep, or no lane has a result.")
+        raise ClearanceError("There is nothing to draw: nothing varies in this sweep, or no sample has a result.")
     plain, out = [name for name in plain if name not in rates], {}
     for name in plain:
         if len(axes) >= 2:
@@ -260,7 +260,7 @@ def parallel_coordinates(dataset: xr.Dataset, colour: str, names: list[str] | No
     columns = {name: one.factor * of_lanes(dataset, dataset[name]) for name, one in how.items()}
     whole = np.flatnonzero(np.all([np.isfinite(values) for values in columns.values()], axis=0))
     if not whole.size:
-        raise ClearanceError("There is nothing to draw: no lane has all of these results.")
+        raise ClearanceError("There is nothing to draw: no sample has all of these results.")
     # The highest on top; of many lanes some, evenly chosen by that.
     order = whole[np.argsort(columns[colour][whole], kind="stable")]
     order = order[spread_places(len(order), LINES)]

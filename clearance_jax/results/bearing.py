@@ -6,6 +6,7 @@ import numpy as np
 import xarray as xr
 
 from clearance_jax.errors import ClearanceError, suggest
+from clearance_jax.joints import GuideClearance, RevoluteClearance, SleeveClearance
 from clearance_jax.results.episodes import SHORTEST
 
 # Of a contact pattern: what is added where a face bears.
@@ -27,10 +28,8 @@ class Spans(NamedTuple):
         return float(np.sum(lasts[chosen]) / np.sum(lasts))
 
 
-PLANE = "RevoluteClearance"
-"""What a pin in a plane sleeve is."""
-SLEEVE = "SleeveClearance"
-"""What a pin is that tilts in a sleeve of some length."""
+PLANE, SLEEVE, GUIDE = RevoluteClearance.kind, SleeveClearance.kind, GuideClearance.kind
+"""A pin in a plane sleeve, one that tilts in a sleeve of some length, a block in a guide."""
 
 
 def require_joint(dataset: xr.Dataset, joint: str) -> str:
@@ -42,7 +41,7 @@ def require_joint(dataset: xr.Dataset, joint: str) -> str:
 
 
 def kind(dataset: xr.Dataset, joint: str) -> str:
-    """The class of a clearance joint."""
+    """The kind of a clearance joint, as its class says it; empty of a user's own."""
     return str(dataset.attrs.get(f"clearance.{joint}", ""))
 
 

@@ -79,7 +79,7 @@ def _samples(solved: Solution) -> tuple[np.ndarray, np.ndarray]:
     """Times and states that the solve reached."""
     if solved.time.ndim != 1:
         raise ClearanceError(
-            f"A dataset holds one solve, but this is a batch of shape {solved.time.shape[:-1]}. Take one lane: "
+            f"A dataset holds one solve, but this is a batch of shape {solved.time.shape[:-1]}. Take one sample: "
             "`jax.tree.map(lambda x: x[i], solution)`."
         )
     time, y = np.asarray(solved.time), np.asarray(solved.y)
@@ -153,12 +153,12 @@ def _attributes(mechanism: Mechanism, solved: Solution, message: str) -> dict[st
 
 
 def _numbers(mechanism: Mechanism) -> dict[str, Any]:
-    """Every number of the mechanism, and of every clearance joint what it is, `clearance.NAME`, and what of it is no
+    """Every number of the mechanism, and of every clearance joint its kind, `clearance.NAME`, and what of it is no
     number but chosen.
     """
     found: dict[str, Any] = {f"parameter.{n}": np.asarray(leaf.value) for n, leaf in parameters(mechanism).items()}
     for joint in mechanism.clearance_joints():
-        found[f"clearance.{joint.name}"] = type(joint.clearance).__name__
+        found[f"clearance.{joint.name}"] = joint.clearance.kind
         for field in dataclasses.fields(joint.clearance):
             value = getattr(joint.clearance, field.name)
             if field.metadata.get("static", False) and isinstance(value, int | float | str):

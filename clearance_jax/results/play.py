@@ -6,18 +6,14 @@ import numpy as np
 import xarray as xr
 
 from clearance_jax.errors import ClearanceError
+from clearance_jax.joints.presets import PINS
 from clearance_jax.joints.sleeve import lobatto
-from clearance_jax.results.bearing import PLANE, SLEEVE, at_step, kind, number, require_joint
+from clearance_jax.results.bearing import GUIDE, SLEEVE, at_step, kind, number, require_joint
 
 # Of the pin's radius: that of a collar whose size is not given.
 COLLAR_RADIUS = 1.5
-# Of a joint's class the numbers that say how large it is, and how much play it has.
-SIZES = {
-    "RevoluteClearance": ("pin_radius", "radial_clearance"),
-    "SleeveClearance": ("pin_radius", "radial_clearance"),
-    "SphericalClearance": ("ball_radius", "radial_clearance"),
-    "GuideClearance": ("height", "side_clearance"),
-}
+# The numbers that say how large a joint is, and how much play it has: of a pin, of a ball, of a block.
+SIZES = ("pin_radius", "radial_clearance"), ("ball_radius", "radial_clearance"), ("height", "side_clearance")
 
 
 class Play(NamedTuple):
@@ -95,13 +91,12 @@ def penetration(places: np.ndarray, clearance: float, depth: np.ndarray) -> np.n
 
 def play(dataset: xr.Dataset, joint: str) -> Play | None:
     """Of a clearance joint; `None` of one of a user's own class, or of which not all is known."""
-    of = kind(dataset, joint)
-    radius, clearance = (number(dataset, joint, name) for name in SIZES.get(of, ("", "")))
-    tilt, length = _tilt(dataset, joint), number(dataset, joint, "length")
-    if radius is None or clearance is None or tilt is None:
+    sizes, tilt, length = _sizes(dataset, joint), _tilt(dataset, joint), number(dataset, joint, "length")
+    if sizes is None or tilt is None:
         return None
+    of, (radius, clearance) = kind(dataset, joint), sizes
     place = dataset["eccentricity"].sel(joint=joint).values
-    if of == "GuideClearance":
+    if of == GUIDE:
         block, ends = (radius, number(dataset, joint, "width")), np.array([-0.5, 0.5]) * (length or 0.0)
         return Play(place, tilt, None, radius / 2, clearance, length or 0.0, through=False, heights=ends, block=block)
     turn = dataset["q"].sel(coordinate=joint).values if joint in dataset["coordinate"].values else None
@@ -119,12 +114,19 @@ def play(dataset: xr.Dataset, joint: str) -> Play | None:
     )
 
 
+def _sizes(dataset: xr.Dataset, joint: str) -> tuple[float, float] | None:
+    """How large a joint of a known kind is, and how much play it has [m]."""
+    known = ([number(dataset, joint, name) for name in names] for names in SIZES)
+    found = [(size, play) for size, play in known if size is not None and play is not None]
+    return found[0] if found and kind(dataset, joint) else None
+
+
 def _tilt(dataset: xr.Dataset, joint: str) -> np.ndarray | None:
     """How a pin leans; of a block in the plane that closes a loop nothing says it."""
     if "pin_tilt" in dataset:
         return dataset["pin_tilt"].sel(joint=joint).values
     tilt, turn = np.zeros((dataset.sizes["time"], 2)), f"{joint}.tilt_y"
-    if kind(dataset, joint) == "GuideClearance":
+    if kind(dataset, joint) == GUIDE:
         if turn not in dataset["coordinate"].values:
             return None
         tilt[:, 0] = np.sin(dataset["q"].sel(coordinate=turn).values)
@@ -179,7 +181,7 @@ def station_paths(dataset: xr.Dataset, joint: str) -> list[PinPath]:
     **Raises** `ClearanceError` of a joint that is no pin in a sleeve.
     """
     found = play(dataset, require_joint(dataset, joint))
-    if found is None or kind(dataset, joint) not in (PLANE, SLEEVE):
+    if found is None or kind(dataset, joint) not in PINS:
         raise ClearanceError(f"`{joint}` has no pin in a sleeve: it is a {kind(dataset, joint) or 'joint unknown'}.")
     time, *at = _series(dataset, joint, "eccentricity", *(["pin_tilt"] if found.length is not None else []))
     centres = found._replace(**dict(zip(("place", "tilt"), at, strict=False))).centres(found.heights)

@@ -17,7 +17,8 @@ from clearance_jax.mechanism.state import layout
 from clearance_jax.parameters import as_leaf
 from clearance_jax.solve import effort
 from clearance_jax.solve.codes import Result
-from clearance_jax.solve.flow import Inputs, closed_start, flow, plain_flow, states_of, with_states
+from clearance_jax.solve.first_state import closed_start
+from clearance_jax.solve.flow import Inputs, flow, plain_flow, states_of, with_states
 from clearance_jax.solve.quasi_static import quasi_static
 from clearance_jax.solve.settings import DYNAMICS, STATIC, Settings, SolveOptions, settings_of
 from clearance_jax.solve.solution import Solution

@@ -1,15 +1,44 @@
 """How a number scatters: one of scipy's frozen distributions, as it is given or by mean, deviation and bounds."""
 
+import inspect
 import math
-from typing import Any, Literal
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 import scipy.stats
 
 from clearance_jax.errors import ClearanceError, quote
 
-Distribution = Literal["normal", "log-normal", "uniform"]
-DISTRIBUTIONS: tuple[Distribution, ...] = ("normal", "log-normal", "uniform")
+
+def normal(mean: float, deviation: float, lower: float | None = None, upper: float | None = None) -> Any:
+    """Normal; with bounds what lies beyond is sorted out."""
+    _check_deviation(mean, deviation)
+    if lower is None and upper is None:
+        return scipy.stats.norm(mean, deviation)
+    ends = -math.inf if lower is None else lower, math.inf if upper is None else upper
+    _check_bounds(*ends)
+    low, high = ((end - mean) / deviation for end in ends)
+    return scipy.stats.truncnorm(low, high, loc=mean, scale=deviation)
+
+
+def log_normal(mean: float, deviation: float) -> Any:
+    """Log-normal, by the mean and the standard deviation of the number itself."""
+    _check_deviation(mean, deviation)
+    if mean <= 0:
+        raise ClearanceError(f"The mean of a log-normal scatter must be above zero, but it is {mean:g}.")
+    wide = math.log1p((deviation / mean) ** 2)
+    return scipy.stats.lognorm(math.sqrt(wide), scale=mean * math.exp(-0.5 * wide))
+
+
+def uniform(lower: float, upper: float) -> Any:
+    """Uniform between two bounds."""
+    _check_bounds(lower, upper)
+    return scipy.stats.uniform(lower, upper - lower)
+
+
+DISTRIBUTIONS: Mapping[str, Callable[..., Any]] = {"normal": normal, "log-normal": log_normal, "uniform": uniform}
+"""By the word of a study; what each takes, its arguments say."""
 
 
 def scatter(
@@ -17,7 +46,7 @@ def scatter(
     deviation: float | None = None,
     lower: float | None = None,
     upper: float | None = None,
-    distribution: Distribution = "normal",
+    distribution: str = "normal",
 ) -> Any:
     """How a number scatters: a frozen distribution of `scipy.stats`. You may use any other of those in its place.
 
@@ -32,32 +61,21 @@ def scatter(
     """
     if distribution not in DISTRIBUTIONS:
         raise ClearanceError(f"`distribution` must be {', '.join(DISTRIBUTIONS)}, but it is {quote(distribution)}.")
-    if distribution == "uniform":
-        if mean is not None or deviation is not None:
-            raise ClearanceError(
-                "A uniform scatter has a `lower` and an `upper` bound: leave `mean` and `deviation` out."
-            )
-        if lower is None or upper is None:
-            raise ClearanceError("A uniform scatter needs a `lower` and an `upper` bound.")
-        _check_bounds(lower, upper)
-        return scipy.stats.uniform(lower, upper - lower)
-    if mean is None or deviation is None:
-        raise ClearanceError(f"A {distribution} scatter needs `mean` and `deviation`.")
-    if not (math.isfinite(mean) and 0 < deviation < math.inf):
-        raise ClearanceError(f"`deviation` must be greater than zero and finite, but it is {deviation:g}.")
-    if distribution == "log-normal":
-        if lower is not None or upper is not None:
-            raise ClearanceError("A log-normal scatter has no bounds: leave `lower` and `upper` out.")
-        if mean <= 0:
-            raise ClearanceError(f"The mean of a log-normal scatter must be above zero, but it is {mean:g}.")
-        wide = math.log1p((deviation / mean) ** 2)
-        return scipy.stats.lognorm(math.sqrt(wide), scale=mean * math.exp(-0.5 * wide))
-    if lower is None and upper is None:
-        return scipy.stats.norm(mean, deviation)
-    ends = -math.inf if lower is None else lower, math.inf if upper is None else upper
-    _check_bounds(*ends)
-    low, high = ((end - mean) / deviation for end in ends)
-    return scipy.stats.truncnorm(low, high, loc=mean, scale=deviation)
+    given = {"mean": mean, "deviation": deviation, "lower": lower, "upper": upper}
+    given = {name: number for name, number in given.items() if number is not None}
+    known = arguments_of(distribution)
+    for name in given.keys() - known.keys():
+        raise ClearanceError(f"A {distribution} scatter has no `{name}`: leave it out. It has {', '.join(known)}.")
+    needed = [name for name, required in known.items() if required]
+    if not given.keys() >= set(needed):
+        raise ClearanceError(f"A {distribution} scatter needs `{'` and `'.join(needed)}`.")
+    return DISTRIBUTIONS[distribution](**given)
+
+
+def arguments_of(distribution: str) -> dict[str, bool]:
+    """The numbers that a distribution takes, and whether each must be there."""
+    taken = inspect.signature(DISTRIBUTIONS[distribution]).parameters.values()
+    return {one.name: one.default is one.empty for one in taken}
 
 
 def check_scatter(name: str, given: Any) -> None:
@@ -77,6 +95,11 @@ def in_words(given: Any) -> list[Any]:
     if dist is None:  # of scipy's newer kind, which says itself what it is
         return [repr(given)]
     return [dist.name, *map(float, given.args), *(f"{key}={float(value)!r}" for key, value in given.kwds.items())]
+
+
+def _check_deviation(mean: float, deviation: float) -> None:
+    if not (math.isfinite(mean) and 0 < deviation < math.inf):
+        raise ClearanceError(f"`deviation` must be greater than zero and finite, but it is {deviation:g}.")
 
 
 def _check_bounds(lower: float, upper: float) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 import clearance_jax as cj
 from clearance_jax import laws
 from clearance_jax.dynamics.field import slope
-from clearance_jax.solve.flow import initial_state
+from clearance_jax.solve.first_state import initial_state
 from experiments.common import output, slider_crank, table
 from experiments.reference.baselines import run_compiled
 from experiments.reference.make import REVOLUTION, load_variation

@@ -13,7 +13,7 @@ from clearance_jax import laws, metrics
 from clearance_jax.dynamics.reactions import joint_reactions
 from clearance_jax.dynamics.seated import Seated
 from clearance_jax.errors import ClearanceError
-from clearance_jax.solve.flow import closed_start, initial_state
+from clearance_jax.solve.first_state import closed_start, initial_state
 from clearance_jax.solve.start import rest_words
 
 CLEARANCE, GRAVITY = "wrist.radial_clearance", 9.81

@@ -18,7 +18,7 @@ from clearance_jax.dynamics.settled import settle_start
 from clearance_jax.joints.seating import Load, pose_at, relative_at, seat
 from clearance_jax.joints.sleeve import lobatto
 from clearance_jax.mechanism.state import layout
-from clearance_jax.solve.flow import initial_state
+from clearance_jax.solve.first_state import initial_state
 
 RADIAL, AXIAL, RADIUS, LENGTH, STIFFNESS = 1e-4, 5e-5, 0.01, 0.04, 1e12
 SCALES = [RADIAL, RADIAL, AXIAL, 2 * RADIAL / LENGTH, 2 * RADIAL / LENGTH]

@@ -17,7 +17,7 @@ from clearance_jax.dynamics.field import slope
 from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.dynamics.observe import observe
 from clearance_jax.mechanism.state import initial_values, layout
-from clearance_jax.solve.flow import closed_start
+from clearance_jax.solve.first_state import closed_start
 
 GRAVITY = cj.Gravity(0.7, -9.81)
 

@@ -110,7 +110,7 @@ def test_a_file_says_what_its_joints_are(arm, tmp_path):
     assert again.identical(arm)
     said = {name: value for name, value in again.attrs.items() if name.startswith("clearance.hip")}
     assert said == {
-        "clearance.hip": "SleeveClearance",
+        "clearance.hip": "sleeve",
         "clearance.hip.pin": "through",
         "clearance.hip.stations": 5,
         "clearance.hip.ring": 8,
@@ -262,7 +262,7 @@ def test_what_is_no_play_is_refused(crank, lift):
     with pytest.raises(ClearanceError, match=r"no clearance joint `wirst`.*Did you mean `wrist`"):
         spans(crank, "wirst")
     with pytest.raises(ClearanceError, match="no pin in a sleeve"):
-        station_paths(crank.assign_attrs({"clearance.wrist": "GuideClearance"}), "wrist")
+        station_paths(crank.assign_attrs({"clearance.wrist": "guide"}), "wrist")
 
 
 def frames_of(gif: Any) -> int:

@@ -236,7 +236,7 @@ def test_what_fits_a_sweep_is_drawn():
     }
     with pytest.raises(ClearanceError, match="no result of a sweep"):
         sweep_figures.figures(over.drop_vars("code"))
-    with pytest.raises(ClearanceError, match="no lane has a result"):
+    with pytest.raises(ClearanceError, match="no sample has a result"):
         sweep_figures.figures(over.assign(error=np.nan * over["error"]))
     with pytest.raises(ClearanceError, match="no result `eror`"):
         sweep_figures.heat_map(over, "eror")

@@ -22,7 +22,7 @@ from clearance_jax.dynamics.field import slope
 from clearance_jax.dynamics.observe import observe
 from clearance_jax.laws.normal.restitution import exact_ratio
 from clearance_jax.results.works import ContactWarning
-from clearance_jax.solve.flow import initial_state
+from clearance_jax.solve.first_state import initial_state
 
 MASS, SPEED, GRAVITY = 0.14, 0.5, 9.81
 CLEARANCE, RADIUS, GAP = 1e-3, 0.01, 1e-5

@@ -1,0 +1,116 @@
+"""What is known of a contact: relative motion, play coordinates, contact points, and what these do."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from clearance_jax._types import Scalar
+from clearance_jax.laws._base import Memory, Slip
+from clearance_jax.laws.geometry import Local
+from clearance_jax.spatial import Matrix, Term, Vector, Z, add, cross
+
+
+class Relative(NamedTuple):
+    """Pose and velocity of the pin relative to the sleeve, in the sleeve's axes, of which z is the joint's own.
+
+    - `place` [m]: of the pin's centre from the sleeve's; `angle` [rad]: how the pin is turned about z, in the plane.
+    - `rows`: in space the rows of the rotation matrix of the pin; `None` in the plane.
+    - `velocity` [m/s] and `spin` [rad/s], as an observer on the sleeve sees them.
+    """
+
+    place: Vector
+    angle: Term
+    velocity: Vector
+    spin: Vector
+    rows: Matrix | None = None
+
+    @property
+    def axis(self) -> Vector:
+        """The pin's own axis."""
+        return Z if self.rows is None else (self.rows[0][2], self.rows[1][2], self.rows[2][2])
+
+    def velocity_at(self, arm: Vector) -> Vector:
+        """Velocity of the pin's point at an arm from its centre."""
+        return add(self.velocity, cross(self.spin, arm))
+
+
+class PlayCoordinate(NamedTuple):
+    """One coordinate that play adds to a joint of the tree.
+
+    - `suffix`: the end of its name; `scale`: its size for error control (a clearance [m], or an angle [rad]).
+    - `slides`, `turns`: the axis of the sleeve along which it slides or about which it turns; the other is `None`.
+    """
+
+    suffix: str
+    scale: Scalar
+    slides: Vector | None = None
+    turns: Vector | None = None
+
+
+class ContactPoint(NamedTuple):
+    """Where two surfaces touch, or are nearest, in the sleeve's axes. If a joint has several points, each number is an
+    array.
+
+    - `penetration` [m] (negative: a gap) and `penetration_rate` [m/s].
+    - `slip` [m/s]: velocity of the pin's surface on the sleeve's, along the `tangents`.
+    - `normal`: from the pin's surface into the sleeve's: the gradient of the penetration by the place of the pin.
+    - `arm` [m]: from the pin's centre to the point.
+    - `local`: what is different at this point for the laws; `share`: its part of the joint's normal force, if there are
+      several points.
+    """
+
+    penetration: Scalar
+    penetration_rate: Scalar
+    slip: Slip
+    normal: Vector
+    tangents: tuple[Vector, ...]
+    arm: Vector
+    local: Local = None
+    share: Scalar | None = None
+
+    @property
+    def law_view(self) -> "ContactPoint":
+        """What laws know of it."""
+        return self._replace(normal=(), tangents=(), arm=())
+
+
+class PointAction(NamedTuple):
+    """What one contact point does, or each of several: forces on the pin [N], memory's rate, elastic energy [J]."""
+
+    penetration: Scalar
+    penetration_rate: Scalar
+    slip: Slip
+    normal_force: Scalar
+    traction: Slip
+    memory_rate: Memory
+    elastic_energy: Scalar
+
+
+class Action(NamedTuple):
+    """What a joint does to the pin at one instant, in the sleeve's axes.
+
+    - `force` [N] at the pin's centre, `torque` [N m] about it; `points`: what happens at each contact point.
+    - `memory_rate`: the time derivative of the memory of its laws.
+    - `elastic_energy` [J]; `friction_power` [W]: lost in friction; `absorbed_power` [W]: absorbed otherwise.
+    """
+
+    force: Vector
+    torque: Vector
+    points: PointAction
+    memory_rate: Memory
+    elastic_energy: Scalar
+    absorbed_power: Scalar
+    friction_power: Scalar
+
+    @property
+    def normal_force(self) -> Scalar:
+        """The sum of its points' normal forces [N]."""
+        return jnp.sum(self.points.normal_force)
+
+    @property
+    def deepest(self) -> PointAction:
+        """What happens at the point of largest penetration."""
+        if not jnp.ndim(self.points.penetration):
+            return self.points
+        return jax.tree.map(lambda values: values[jnp.argmax(self.points.penetration)], self.points)

@@ -1,0 +1,60 @@
+"""The state with which a solve begins: given values, loops assembled, pins settled where that is asked for."""
+
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from clearance_jax._solo import whole
+from clearance_jax._types import Scalar
+from clearance_jax.dynamics.closures import StartErrors, assemble
+from clearance_jax.dynamics.control import renew
+from clearance_jax.dynamics.energy import balance_at_start
+from clearance_jax.dynamics.settled import settle_start
+from clearance_jax.mechanism.prepared import PreparedMechanism
+from clearance_jax.mechanism.state import initial_values, layout
+from clearance_jax.solve.attempt import CENTRE, SETTLED
+from clearance_jax.solve.problem import Problem, widths
+
+
+def initial(problem: Problem, t0: Scalar, y0: Array | None, start: str = CENTRE) -> tuple[Array, StartErrors]:
+    """The state at t0 with its quadratures, and how far it is from what it is to be."""
+    size, mechanism = problem.size, problem.mechanism
+    errors = StartErrors.nothing()
+    if y0 is None:
+        y0, errors = closed_start(mechanism, t0, start)
+    energy_balance = []
+    if problem.energy_balance:
+        energy_balance = [y0[size:] if y0.shape[0] > size else balance_at_start(t0, y0, mechanism)]
+    return jnp.concatenate([y0[:size], *energy_balance, jnp.zeros(sum(widths(problem)))]), errors
+
+
+@whole
+def initial_state(mechanism: PreparedMechanism, t0: Scalar, start: str = CENTRE) -> Array:
+    """The state `[q, v, memory]` at t0, see `closed_start`."""
+    return closed_start(mechanism, t0, start)[0]
+
+
+def closed_start(mechanism: PreparedMechanism, t0: Scalar, start: str = CENTRE) -> tuple[Array, StartErrors]:
+    """The state at t0: the given initial values, then the nearest ones at which every loop is assembled; and how far
+    it is from what it is to be (of a mechanism that is not to be assembled, no loop is).
+
+    Every joint with clearance starts with its pin at `eccentricity` in the sleeve and at rest relative to it, that is,
+    with the positions and velocities of the ideal mechanism; or, where the `start` is to be settled, pressed at the
+    wall (see `settle_start`).
+    """
+    if start == SETTLED and mechanism.clearance_joints():
+        y, errors = settle_start(t0, mechanism)
+        return measure_first(t0, jnp.concatenate([y, jnp.zeros(layout(mechanism).held)]), mechanism), errors
+    y = jnp.concatenate([initial_values(mechanism), jnp.zeros(layout(mechanism).remembered)])
+    errors = StartErrors.nothing()
+    if mechanism.loops and mechanism.assemble:
+        y, opened = assemble(t0, y, mechanism)
+        errors = errors._replace(loops=opened)
+    return measure_first(t0, y, mechanism), errors
+
+
+def measure_first(t0: Scalar, y: Array, mechanism: PreparedMechanism) -> Array:
+    """The state with what everything that is sampled commands at the start."""
+    plan = layout(mechanism)
+    if not plan.held:
+        return y
+    return y.at[plan.size - plan.held : plan.size].set(jnp.stack(renew(mechanism, t0, plan.split(y), starts=True)))
