@@ -233,6 +233,8 @@ def _normal(joint: Table) -> AbstractNormalLaw:
         )
     word, table = joint.variant("normal", NORMAL_TABLES)
     make: Any = NORMAL_LAWS[word]
+    if "stiffness" not in {key.name for key in NORMAL_TABLES[word].keys}:
+        return make(**table.arguments("law"))
     table.need("stiffness")
     values = table.arguments("law", "stiffness")
     if isinstance(table.values["stiffness"], dict):

@@ -24,7 +24,8 @@ from clearance_jax._sharing import compute_once, share
 from clearance_jax._types import Flag, Scalar
 from clearance_jax.joints._element import AbstractElement, Offset
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Touch
-from clearance_jax.laws._base import Memory, PreparedFriction, PreparedNormal, Slip
+from clearance_jax.laws._base import Memory, PreparedNormal, Slip
+from clearance_jax.laws._friction import PreparedFriction
 from clearance_jax.laws.geometry import Local
 from clearance_jax.parameters import Parametrised
 from clearance_jax.spatial import ZERO, Matrix, Pair, Term, Vector, Z, add, cross, dot, minus, plus, scale, times

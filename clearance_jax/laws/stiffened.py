@@ -28,6 +28,9 @@ class Stiffened(AbstractNormalLaw):
     def localise(self, constants, local):
         return self.law.localise(constants, local)
 
+    def validity(self, constants):
+        return self.law.validity(constants)
+
     def formula(self, constants, penetration, penetration_rate, memory):
         return self.factor * self.law.formula(constants, penetration, penetration_rate, memory)
 
