@@ -29,7 +29,7 @@ class Dahl(AbstractFrictionLaw):
     **Arguments:** `coefficient` mu, `bristle_stiffness` s0 [1/m].
     """
 
-    coefficient: Scalar = physical("", above=0.0, help="coefficient of friction", example="0.1")
+    coefficient: Scalar = physical("", above=0.0, help="coefficient of friction mu", example="0.1")
     bristle_stiffness: Scalar = physical("1/m", above=0.0, **STIFFNESS)
     smoothness: ClassVar[Smoothness] = "C0"
     bristles: ClassVar[tuple[str, ...]] = ("bristle",)
@@ -65,7 +65,7 @@ class ElastoPlastic(AbstractFrictionLaw):
     bristle_damping: Scalar = physical(
         "s/m", least=0.0, default=0.0, help="damping s1 of the bristles", example='"10 s/m"'
     )
-    viscous: Scalar = physical("s/m", least=0.0, default=0.0, help="viscous friction", example='"0.1 s/m"')
+    viscous: Scalar = physical("s/m", least=0.0, default=0.0, help="viscous friction s2", example='"0.1 s/m"')
     breakaway_share: Scalar = physical(
         "", above=0.0, below=1.0, default=0.5, help="share of the deflection that is elastic", example="0.7"
     )

@@ -115,7 +115,7 @@ class BengisuAkay(AbstractFrictionLaw):
 
     static_coefficient: Scalar = physical("", least=0.0, **STATIC)
     dynamic_coefficient: Scalar = physical("", least=0.0, **DYNAMIC)
-    transition_speed: Scalar = physical("m/s", above=0.0, help="slip of the peak", example='"10 mm/s"')
+    transition_speed: Scalar = physical("m/s", above=0.0, help="slip v_t of the peak", example='"10 mm/s"')
     decay_speed: Scalar = physical(
         "m/s", above=0.0, help="slip over which friction falls from its peak", example='"5 mm/s"'
     )
@@ -148,7 +148,7 @@ class Stribeck(AbstractFrictionLaw):
     stribeck_speed: Scalar = physical("m/s", above=0.0, help="slip v_s between the two", example='"1 mm/s"')
     transition_speed: Scalar = physical("m/s", above=0.0, help=COMPLETE, example='"10 mm/s"')
     shape: Scalar = physical("", least=1.0, default=2.0, help="exponent p of the fall from the peak", example="1")
-    viscous: Scalar = physical("s/m", least=0.0, default=0.0, help="viscous friction", example='"0.1 s/m"')
+    viscous: Scalar = physical("s/m", least=0.0, default=0.0, help="viscous friction s2", example='"0.1 s/m"')
     smoothness: ClassVar[Smoothness] = "C1"
 
     def traction(self, constants, slip, normal_force, memory):
