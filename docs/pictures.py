@@ -58,7 +58,7 @@ def examples() -> tuple[dict, dict]:
         "pereira": laws.pereira(*STEEL, restitution=0.7),
         "goldsmith": laws.goldsmith(*STEEL, restitution=0.7),
         "dubowsky-freudenstein": laws.dubowsky_freudenstein(*STEEL, restitution=0.7),
-        "winkler": laws.Winkler(2e14, 0.7),
+        "winkler": laws.Winkler(2e13, 0.7),
         "standard-linear-solid": laws.StandardLinearSolid(2.4e8, 0.4, 5e-5),
     }
     friction = {
@@ -119,6 +119,7 @@ def normal_laws() -> None:
         axis.plot(depth * 1e6, force / 1e3)
         axis.set_title(f"{name}\nclass {law.smoothness}", fontsize=9)
         axis.grid(alpha=0.3)
+    axes[0].set_ylim(-0.6, 7.5)
     for axis in axes[len(normal) :]:
         axis.axis("off")
     figure.supxlabel("penetration, µm", fontsize=9)
