@@ -84,6 +84,7 @@ from .solve.simulate import simulate as simulate
 from .solve.solution import Solution as Solution
 from .solve.trace import Trace as Trace
 from .solve.trace import trace as trace
+from .solve.validity import within_validity as within_validity
 from .sweep.axes import Choice as Choice
 from .sweep.axes import Sampled as Sampled
 from .sweep.axes import Zipped as Zipped

@@ -65,6 +65,7 @@ def simulate(
     from clearance_jax.results.store import save
     from clearance_jax.solve.simulate import EnergyWarning, doubt
     from clearance_jax.solve.trace import trace
+    from clearance_jax.solve.validity import invalid
 
     check_distinct(scene=scene_file, trajectory=trajectory, output=output, plot=plot, movie=movie)
     check_writable(output, DATASETS)
@@ -101,6 +102,7 @@ def simulate(
         )
     _report(mechanism, result, dataset)
     warn(doubt(result.solution))
+    warn(invalid(result.solution))
     if output is not None:
         save(dataset, output)
         say_written("dataset", output)

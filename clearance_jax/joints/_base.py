@@ -195,7 +195,7 @@ class AbstractClearance(Parametrised):
         elif at.rows is not None:  # a pin may turn about its axis, and is not tilted by that
             sine, cosine = cross(Z, at.axis), at.axis[2]
         across = _only(slides, at.place), _only(slides, at.velocity)
-        return Offset(*across, _only(turns, sine), cosine, _only(turns, at.spin))
+        return Offset(*across, _only(turns, sine), cosine, _only(turns, at.spin), at.spin[2])
 
     def prepare(self) -> "PreparedClearance":
         """The joint with its laws' constants (once a solve)."""

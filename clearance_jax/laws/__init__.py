@@ -1,6 +1,6 @@
 """Contact laws, each for one contact point."""
 
-from clearance_jax.laws._base import AbstractNormalLaw, AbstractStiffness, SmoothedOnset, Touch, Validity
+from clearance_jax.laws._base import AbstractNormalLaw, AbstractStiffness, SmoothedOnset, Touch
 from clearance_jax.laws._friction import AbstractFrictionLaw
 from clearance_jax.laws.friction import (
     FRICTION_LAWS,
@@ -81,7 +81,6 @@ __all__ = [
     "Threlfall",
     "Touch",
     "Tsuji",
-    "Validity",
     "Winkler",
     "bai_zhao",
     "dubowsky_freudenstein",

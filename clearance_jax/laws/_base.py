@@ -49,13 +49,6 @@ class Touch(NamedTuple):
     elapsed: Scalar
 
 
-class Validity(NamedTuple):
-    """Where a law holds: up to a `penetration` [m] (infinite: at any); the `reason` says in words why."""
-
-    penetration: Scalar
-    reason: str
-
-
 class AbstractStiffness(Module):
     """A stiffness that is computed from the joint's geometry instead of being given as a number."""
 
@@ -127,9 +120,14 @@ class AbstractNormalLaw(AbstractLaw):
     def energy(self, constants: Any, penetration: Scalar) -> Scalar:
         """The elastic energy [J] stored at a penetration [m]; what the force does beyond it is counted as loss."""
 
-    def validity(self, constants: Any) -> Validity | None:
-        """Up to which penetration the law holds; `None` (the default) if nothing is known."""
+    def validity(self, constants: Any) -> Scalar | None:
+        """Up to which penetration [m] the law holds (infinite: at any); `None` (the default) if nothing is known."""
         return None
+
+    @property
+    def validity_reason(self) -> str:
+        """Why the law does not hold beyond, in words."""
+        return ""
 
     def event_functions(
         self, constants: Any, penetration: Scalar, penetration_rate: Scalar, memory: Memory
@@ -246,6 +244,10 @@ class SmoothedOnset(AbstractNormalLaw):
 
     def validity(self, constants):
         return self.law.validity(constants)
+
+    @property
+    def validity_reason(self):
+        return self.law.validity_reason
 
     def formula(self, constants, penetration, penetration_rate, memory):
         ratio = penetration / self.width

@@ -145,10 +145,10 @@ def test_a_logarithm_goes_on_along_its_tangent():
     law = laws.johnson(E_1, E_2)
     ready = law.prepare(GEOMETRY)
     limit = law.validity(ready.constants)
-    assert float(limit.penetration) == pytest.approx(0.4925 * CLEARANCE, rel=1e-3)
-    assert float(limit.penetration) < 4 * np.exp(-2) * CLEARANCE  # where the relation turns back
+    assert float(limit) == pytest.approx(0.4925 * CLEARANCE, rel=1e-3)
+    assert float(limit) < 4 * np.exp(-2) * CLEARANCE  # where the relation turns back
     slope = jax.vmap(jax.grad(lambda d: ready.force(d, STILL, ())))
-    here, beyond = slope(limit.penetration * jnp.array([1 - 1e-9, 3.0]))
+    here, beyond = slope(limit * jnp.array([1 - 1e-9, 3.0]))
     assert float(here) == pytest.approx(float(beyond), rel=1e-6)
     assert float(beyond) == pytest.approx(2 * np.pi * MODULUS * LENGTH, rel=1e-12)
 

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError
-from clearance_jax.laws._base import AbstractNormalLaw, Smoothness, Validity
+from clearance_jax.laws._base import AbstractNormalLaw, Smoothness
 from clearance_jax.laws.geometry import Geometry, Material
 from clearance_jax.laws.normal import ratios, relations
 from clearance_jax.laws.normal.relations import Line, Relation
@@ -117,7 +117,12 @@ class LineContact(AbstractLineLaw):
         return (penetration - self.relation.limit(constants.line),) if self.relation.bends else ()
 
     def validity(self, constants):
-        return Validity(self.relation.limit(constants.line), self.relation.reason)
+        limit = self.relation.limit(constants.line)
+        return jnp.zeros_like(limit) if self.relation.comparison else limit
+
+    @property
+    def validity_reason(self):
+        return self.relation.reason
 
 
 def johnson(pin_modulus, sleeve_modulus, **options) -> LineContact:

@@ -30,7 +30,8 @@ class Line(NamedTuple):
 
 class Relation(NamedTuple):
     """F'/E* [m] as `force(line, d)`, its integral `work(line, d)` [m^2], the penetration `limit(line)` [m] up to which
-    it holds; the `reason` says what ends there; `bends`: whether the formula is another one beyond.
+    it holds; the `reason` says what ends there; `bends`: whether the formula is another one beyond;
+    `comparison`: whether it serves for comparison only, and holds nowhere.
     """
 
     force: Callable[[Line, Scalar], Scalar]
@@ -38,6 +39,7 @@ class Relation(NamedTuple):
     limit: Callable[[Line], Scalar]
     reason: str
     bends: bool = False
+    comparison: bool = False
 
 
 # Relations with a logarithm: d = x (C - ln x) with d over 4 c and x = F'/(4 pi E* c) ---------------------------------
@@ -108,8 +110,12 @@ def _with_length(power: int) -> Relation:
     return _logarithmic(constant)
 
 
-GOLDSMITH = _with_length(1)
-DUBOWSKY_FREUDENSTEIN = _with_length(3)
+GOLDSMITH = _with_length(1)._replace(
+    comparison=True, reason="it is for comparison only, its force depends on the unit of length (mm)"
+)
+DUBOWSKY_FREUDENSTEIN = _with_length(3)._replace(
+    comparison=True, reason="it is for comparison only, its logarithm has the length of the line in it"
+)
 
 # Relations in closed form --------------------------------------------------------------------------------------------
 
