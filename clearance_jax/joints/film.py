@@ -21,8 +21,8 @@ class ShortBearing(AbstractElement):
     held above `roughness`, so that its force stays finite where the normal law bears the rest of the load.
 
     Over the width z of the sleeve p = -(6 m / h^3) (L^2/4 - z^2) (h' + w h_t / 2), with the height h = c - x cos t - y
-    sin t at the angle t, its rate h', its slope h_t over the angle, and the pin's turning w. The friction of a full film
-    and the moment of the pressures slow the pin down.
+    sin t at the angle t, its rate h', its slope h_t over the angle, and the pin's turning w. The friction of a full
+    film and the moment of the pressures slow the pin down.
 
     **Source:** Ocvirk 1952. The integrals over the angle are in closed form, by Sommerfeld's substitution.
 
