@@ -80,6 +80,7 @@ from .results.store import load_dataset as load_dataset
 from .results.store import save as save
 from .solve.batch import BatchReport as BatchReport
 from .solve.batch import batch as batch
+from .solve.law_validity import within_validity as within_validity
 from .solve.settings import SolveOptions as SolveOptions
 from .solve.simulate import simulate as simulate
 from .solve.solution import Solution as Solution

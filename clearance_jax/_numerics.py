@@ -115,3 +115,15 @@ def step5(s: Real) -> Real:
     """The quintic STEP from 0 at s <= 0 to 1 at s >= 1: s^3 (10 - 15 s + 6 s^2). C2."""
     s = jnp.clip(s, 0.0, 1.0)
     return s * s * s * (10 + s * (6 * s - 15))
+
+
+def step7(s: Real) -> Real:
+    """The STEP of seventh order from 0 at s <= 0 to 1 at s >= 1: s^4 (35 - 84 s + 70 s^2 - 20 s^3). C3."""
+    s = jnp.clip(s, 0.0, 1.0)
+    return s**4 * (35 + s * (s * (70 - 20 * s) - 84))
+
+
+def step7_slope(s: Real) -> Real:
+    """Its derivative, 140 s^3 (1 - s)^3. C2."""
+    s = jnp.clip(s, 0.0, 1.0)
+    return 140 * (s * (1 - s)) ** 3

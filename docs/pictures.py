@@ -26,7 +26,9 @@ REVOLUTION = 0.012
 """Of the slider-crank [s]."""
 BEARING = 0.035
 """When the robot's pin bears at both edges [s]."""
-STEEL_PIN = Geometry(0.01, 0.0101, 1e-4)
+STEEL_PIN = Geometry(0.01, 0.0101, 1e-4, 0.02)
+STEEL = 2.07e11, 2.07e11
+"""Young's moduli [Pa]."""
 
 
 def examples() -> tuple[dict, dict]:
@@ -39,12 +41,38 @@ def examples() -> tuple[dict, dict]:
         "exact-restitution": laws.exact_restitution(STIFFNESS, 0.7),
         "lankarani-nikravesh": laws.lankarani_nikravesh(STIFFNESS, 0.7),
         "flores": laws.flores(STIFFNESS, 0.7),
+        "hunt-crossley-1975": laws.hunt_crossley(STIFFNESS, 0.7),
+        "herbert-mcwhannell": laws.herbert_mcwhannell(STIFFNESS, 0.7),
+        "lee-wang": laws.lee_wang(STIFFNESS, 0.7),
+        "gonthier": laws.gonthier(STIFFNESS, 0.7),
+        "zhiying-qishao": laws.zhiying_qishao(STIFFNESS, 0.7),
+        "hu-guo": laws.hu_guo(STIFFNESS, 0.7),
+        "gharib-hurmuzlu": laws.gharib_hurmuzlu(STIFFNESS, 0.7),
+        "tsuji": laws.Tsuji(STIFFNESS, 0.7, MASS),
+        "anagnostopoulos": laws.Anagnostopoulos(2.4e8, 0.7, MASS),
+        "johnson": laws.johnson(*STEEL, restitution=0.7),
+        "radzimovsky": laws.radzimovsky(*STEEL, restitution=0.7),
+        "esdu-78035": laws.esdu(*STEEL, restitution=0.7),
+        "liu": laws.liu(*STEEL, restitution=0.7),
+        "bai-zhao": laws.bai_zhao(*STEEL, restitution=0.7),
+        "pereira": laws.pereira(*STEEL, restitution=0.7),
+        "goldsmith": laws.goldsmith(*STEEL, restitution=0.7),
+        "dubowsky-freudenstein": laws.dubowsky_freudenstein(*STEEL, restitution=0.7),
+        "winkler": laws.Winkler(2e13, 0.7),
+        "standard-linear-solid": laws.StandardLinearSolid(2.4e8, 0.4, 5e-5),
     }
     friction = {
         "cubic": laws.CubicCoulomb(0.3, 1e-2),
         "tanh": laws.TanhCoulomb(0.3, 1e-2),
         "brown-mcphee": laws.BrownMcPhee(0.4, 0.3, 1e-2),
         "lugre": laws.LuGre(0.4, 0.3, 1e-2, 1e4, 0.0, 0.0),
+        "adams": laws.AdamsFriction(0.4, 0.3, 3e-3, 1e-2),
+        "threlfall": laws.Threlfall(0.3, 1e-2),
+        "ambrosio": laws.Ambrosio(0.3, 3e-3, 1e-2),
+        "bengisu-akay": laws.BengisuAkay(0.4, 0.3, 1e-2, 5e-3),
+        "stribeck": laws.Stribeck(0.4, 0.3, 1e-2, 2e-3),
+        "dahl": laws.Dahl(0.3, 1e4),
+        "elasto-plastic": laws.ElastoPlastic(0.4, 0.3, 1e-2, 1e4),
     }
     return normal, friction
 
@@ -57,26 +85,32 @@ def saved(figure: Figure, name: str, dpi: float = 110) -> None:
 
 def impact(law) -> tuple[np.ndarray, np.ndarray]:
     """Penetration [m] and force [N] of a free impact, from touch to separation."""
-    ready, memory = law.prepare(STEEL_PIN), (SPEED,) * len(law.remembers)
+    ready = law.prepare(STEEL_PIN)
+    memory = [SPEED if name == "impact_speed" else 0.0 for name in law.remembers]
 
-    def force(depth, rate):
-        return float(ready.force(np.asarray(depth), np.asarray(rate), memory))
+    def numbers(y):
+        depth, rate, *kept = (np.asarray(x) for x in y)
+        return depth, rate, tuple(kept)
+
+    def force(*y):
+        return float(ready.force(*numbers(y)))
+
+    def flow(t, y):
+        return [y[1], -force(*y) / MASS, *(float(r) for r in ready.memory_rate(*numbers(y)))]
 
     def apart(t, y):
         return y[0] - 1e-12
 
     apart.terminal, apart.direction = True, -1
-    start = (0.0, [1e-11, SPEED])
-    found = solve_ivp(
-        lambda t, y: [y[1], -force(*y) / MASS], (0, 1e-3), start[1], events=apart, rtol=1e-7, max_step=2e-6
-    )
+    start = (0.0, [1e-11, SPEED, *memory])
+    found = solve_ivp(flow, (0, 1e-3), start[1], events=apart, rtol=1e-7, max_step=2e-6)
     return found.y[0], np.array([force(*y) for y in found.y.T])
 
 
 def normal_laws() -> None:
     """Force over penetration in one impact, and what restitution it delivers."""
-    figure = Figure(figsize=(9, 4.6), layout="constrained")
-    axes = figure.subplots(2, 4, sharex=True, sharey=True).ravel()
+    figure = Figure(figsize=(9, 9.6), layout="constrained")
+    axes = figure.subplots(6, 5, sharex=True, sharey=True).ravel()
     normal, _ = examples()
     elastic = impact(normal["hertz"])
     for axis, (name, law) in zip(axes, normal.items(), strict=False):
@@ -85,7 +119,9 @@ def normal_laws() -> None:
         axis.plot(depth * 1e6, force / 1e3)
         axis.set_title(f"{name}\nclass {law.smoothness}", fontsize=9)
         axis.grid(alpha=0.3)
-    axes[-1].axis("off")
+    axes[0].set_ylim(-0.6, 7.5)
+    for axis in axes[len(normal) :]:
+        axis.axis("off")
     figure.supxlabel("penetration, µm", fontsize=9)
     figure.supylabel("normal force, kN", fontsize=9)
     saved(figure, "normal_laws.png")
@@ -93,9 +129,10 @@ def normal_laws() -> None:
 
 def friction_laws() -> None:
     """Traction over slip; LuGre, which has memory, in a slow oscillation."""
-    figure = Figure(figsize=(9, 2.9), layout="constrained")
+    figure = Figure(figsize=(9, 7.2), layout="constrained")
+    axes = figure.subplots(3, 4, sharey=True).ravel()
     slips = np.linspace(-0.03, 0.03, 401)
-    for axis, (name, law) in zip(figure.subplots(1, 4, sharey=True), examples()[1].items(), strict=True):
+    for axis, (name, law) in zip(axes, examples()[1].items(), strict=False):
         ready = law.prepare(STEEL_PIN)
         if law.bristles:
             slip, ratio = _oscillation(ready)
@@ -107,6 +144,7 @@ def friction_laws() -> None:
         axis.grid(alpha=0.3)
         if axis.get_subplotspec().is_first_col():
             axis.set_ylabel("traction / normal force")
+    axes[-1].axis("off")
     saved(figure, "friction_laws.png")
 
 

@@ -8,6 +8,7 @@ from clearance_jax import laws
 from clearance_jax.laws.stiffened import Stiffened
 
 K = 6.61e10
+STEEL = 2.07e11, 2.07e11
 NORMAL = {
     "kelvin-voigt": laws.LinearKelvinVoigt(1e7, 500.0),
     "kelvin-voigt-unclipped": laws.LinearKelvinVoigt(1e7, 500.0, clipped=False),
@@ -20,12 +21,44 @@ NORMAL = {
     "exact-restitution": laws.exact_restitution(K, 0.7),
     "lankarani-nikravesh": laws.lankarani_nikravesh(K, 0.7),
     "flores": laws.flores(K, 0.7),
+    "hunt-crossley-1975": laws.hunt_crossley(K, 0.7),
+    "herbert-mcwhannell": laws.herbert_mcwhannell(K, 0.7),
+    "lee-wang": laws.lee_wang(K, 0.7),
+    "gonthier": laws.gonthier(K, 0.7),
+    "zhiying-qishao": laws.zhiying_qishao(K, 0.7),
+    "hu-guo": laws.hu_guo(K, 0.7),
+    "gharib-hurmuzlu": laws.gharib_hurmuzlu(K, 0.7),
+    "tsuji": laws.Tsuji(K, 0.7, 0.14),
+    "tsuji-clipped": laws.Tsuji(K, 0.7, 0.14, clipped=True),
+    "anagnostopoulos": laws.Anagnostopoulos(1e7, 0.7, 0.14),
+    "johnson": laws.johnson(*STEEL),
+    "johnson-damped": laws.johnson(*STEEL, restitution=0.7),
+    "radzimovsky": laws.radzimovsky(*STEEL),
+    "esdu-78035": laws.esdu(*STEEL),
+    "liu": laws.liu(*STEEL),
+    "bai-zhao": laws.bai_zhao(*STEEL, restitution=0.7),
+    "pereira": laws.pereira(*STEEL, restitution=0.7),
+    "goldsmith": laws.goldsmith(*STEEL),
+    "dubowsky-freudenstein": laws.dubowsky_freudenstein(*STEEL),
+    "winkler": laws.Winkler(2e13),
+    "winkler-damped": laws.Winkler(2e13, 0.7),
+    "standard-linear-solid": laws.StandardLinearSolid(1e7, 0.4, 5e-3),
+    "smoothed-hunt-crossley": laws.HuntCrossley(K, 0.5).smoothed(1e-6),
+    "smoothed-flores": laws.flores(K, 0.7).smoothed(1e-6),
 }
 FRICTION = {
     "cubic": laws.CubicCoulomb(0.3, 1e-2),
     "tanh": laws.TanhCoulomb(0.3, 1e-2),
     "brown-mcphee": laws.BrownMcPhee(0.4, 0.3, 1e-2),
     "lugre": laws.LuGre(0.4, 0.3, 1e-3, 1e5, 1e-2, 0.0),
+    "adams": laws.AdamsFriction(0.4, 0.3, 1e-3, 1e-2),
+    "threlfall": laws.Threlfall(0.3, 1e-2),
+    "ambrosio": laws.Ambrosio(0.3, 1e-3, 1e-2),
+    "bengisu-akay": laws.BengisuAkay(0.4, 0.3, 1e-2, 5e-3),
+    "stribeck": laws.Stribeck(0.4, 0.3, 1e-3, 1e-2),
+    "stribeck-1": laws.Stribeck(0.4, 0.3, 1e-3, 1e-2, 1.0),
+    "dahl": laws.Dahl(0.3, 1e5),
+    "elasto-plastic": laws.ElastoPlastic(0.4, 0.3, 1e-3, 1e5, 1e-2),
 }
 
 

@@ -13,7 +13,7 @@ from clearance_jax.io.table import Keys
 def _by_word(base: type) -> dict[str, Any]:
     """The public classes of a kind that have a word."""
     public = (getattr(metrics, name) for name in metrics.__all__)
-    return {cls.word: cls for cls in public if issubclass(cls, base) and cls.word}
+    return {cls.word: cls for cls in public if isinstance(cls, type) and issubclass(cls, base) and cls.word}
 
 
 def _has(cls: type, name: str) -> bool:

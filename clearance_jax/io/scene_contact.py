@@ -49,6 +49,7 @@ COMMON = RADIAL, PIN_RADIUS
 OF_A_FACE = ("collar_radius", "ring")
 OF_A_FIT = ("temperature", "pin_expansion", "sleeve_expansion", "press")
 EXPANSIONS = ("pin_expansion", "sleeve_expansion")
+LAYER = '"2e13 Pa/m"'
 WITH_A_BEARING = ("bearing", "friction", "element", "eccentricity")
 
 
@@ -235,9 +236,13 @@ def _normal(joint: Table) -> AbstractNormalLaw:
         )
     word, table = joint.variant("normal", NORMAL_TABLES)
     make: Any = NORMAL_LAWS[word]
+    if "stiffness" not in {key.name for key in NORMAL_TABLES[word].keys}:
+        return make(**table.arguments("law"))
     table.need("stiffness")
     values = table.arguments("law", "stiffness")
     if isinstance(table.values["stiffness"], dict):
+        if word == "winkler":
+            raise ClearanceError(f"{table.key('stiffness')} must be a quantity such as {LAYER}: a layer has no radii.")
         inner = table.table("stiffness", STIFFNESS)
         return make(stiffness=InternalHertz(**inner.arguments()), **values)
     # In which unit, the law knows once it has its other numbers.

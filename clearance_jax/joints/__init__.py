@@ -7,6 +7,7 @@ from clearance_jax.joints.bearings import rolling_bearing
 from clearance_jax.joints.bore import Modes
 from clearance_jax.joints.contact import Action, ContactPoint, PlayCoordinate, Relative
 from clearance_jax.joints.elements import PlayDamper, PreloadedBearing
+from clearance_jax.joints.film import ShortBearing
 from clearance_jax.joints.fitting import Fitting, PressFit, Tolerance
 from clearance_jax.joints.guide import GuideClearance
 from clearance_jax.joints.pin import AbstractPin, Sections
@@ -33,6 +34,7 @@ __all__ = [
     "Relative",
     "RevoluteClearance",
     "Sections",
+    "ShortBearing",
     "SleeveClearance",
     "SphericalClearance",
     "Tolerance",

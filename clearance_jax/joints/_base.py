@@ -25,7 +25,8 @@ from clearance_jax._types import Flag, Scalar
 from clearance_jax.joints._element import AbstractElement, Offset
 from clearance_jax.joints.contact import Action, ContactPoint, PlayCoordinate, PointAction, Relative
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Touch
-from clearance_jax.laws._base import Memory, PreparedFriction, PreparedNormal, Slip
+from clearance_jax.laws._base import Memory, PreparedNormal, Slip
+from clearance_jax.laws._friction import PreparedFriction
 from clearance_jax.parameters import Parametrised
 from clearance_jax.spatial import ZERO, Pair, Vector, Z, add, cross, dot, minus, plus, scale, times
 
@@ -91,7 +92,7 @@ class AbstractClearance(Parametrised):
         elif at.rows is not None:  # a pin may turn about its axis, and is not tilted by that
             sine, cosine = cross(Z, at.axis), at.axis[2]
         across = _only(slides, at.place), _only(slides, at.velocity)
-        return Offset(*across, _only(turns, sine), cosine, _only(turns, at.spin))
+        return Offset(*across, _only(turns, sine), cosine, _only(turns, at.spin), at.spin[2])
 
     @property
     def laws(self) -> tuple[AbstractNormalLaw | AbstractFrictionLaw, ...]:

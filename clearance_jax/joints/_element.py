@@ -15,6 +15,7 @@ class Offset(NamedTuple):
     """The part of a pin's motion that is play, in the sleeve's axes. Other components are absent.
 
     - `place` [m] and `velocity` [m/s] of the pin's centre; `spin` [rad/s].
+    - `roll` [rad/s]: how fast the pin turns about the sleeve's axis, which is no play.
     - `sine`: the sine of the tilt, along the axis about which the pin is tilted; `cosine`: the cosine of the tilt.
     """
 
@@ -23,6 +24,7 @@ class Offset(NamedTuple):
     sine: Vector
     cosine: Term
     spin: Vector
+    roll: Term = 0.0
 
 
 class AbstractElement(Parametrised):

@@ -11,6 +11,7 @@ import numpy as np
 from clearance_jax._types import Scalar
 from clearance_jax.joints._element import AbstractElement, Offset
 from clearance_jax.joints.checks import check_sizes
+from clearance_jax.joints.film import ShortBearing
 from clearance_jax.laws import Geometry
 from clearance_jax.parameters import physical
 from clearance_jax.spatial import Term, Vector, add, dot, plus, scale, times
@@ -128,5 +129,5 @@ def _opening(stiffness: Scalar, preload: Scalar | None, at: Vector) -> Scalar | 
     return 1.0 if preload is None else jnp.sqrt(1 + (stiffness / preload) ** 2 * jnp.asarray(dot(at, at), float))
 
 
-ELEMENTS = {"damper": PlayDamper, "preloaded-bearing": PreloadedBearing}
+ELEMENTS = {"damper": PlayDamper, "preloaded-bearing": PreloadedBearing, "short-bearing": ShortBearing}
 """By their words in scene files."""

@@ -18,20 +18,16 @@ ends (which are always ends of integration steps).
 """
 
 import abc
-from collections.abc import Callable
 from typing import Any, ClassVar, Literal, NamedTuple
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
-from jaxtyping import Array
 
 from clearance_jax._module import Module
-from clearance_jax._numerics import positive_part, safe_norm
-from clearance_jax._sharing import share
+from clearance_jax._numerics import positive_part, step7, step7_slope
 from clearance_jax._types import Flag, Scalar
 from clearance_jax.laws.geometry import Geometry, Local
-from clearance_jax.parameters import Parametrised
+from clearance_jax.parameters import Parametrised, flatten, physical
 
 Smoothness = Literal["C-1", "C0", "C1", "C2"]
 Memory = tuple[Scalar, ...]
@@ -101,6 +97,15 @@ class AbstractNormalLaw(AbstractLaw):
         """Whether the force is max(0, formula), because the formula may pull."""
         return True
 
+    def smoothed(self, width: Any = None, *, penetration: Any = 1e-6, rtol: Any = 1e-6) -> "AbstractNormalLaw":
+        """The law with an onset of two continuous derivatives, over the depth `width` [m]; beyond it
+        nothing changes.
+
+        **Arguments:** `width`; by default so that its bias is below `rtol` in impacts as deep as `penetration` [m] or
+        deeper.
+        """
+        return SmoothedOnset(self, smooth_width(self, penetration, rtol) if width is None else width)
+
     def prepare(self, geometry: Geometry) -> "PreparedNormal":
         """The law with its constants."""
         return PreparedNormal(self, self.constants(geometry))
@@ -114,6 +119,15 @@ class AbstractNormalLaw(AbstractLaw):
     @abc.abstractmethod
     def energy(self, constants: Any, penetration: Scalar) -> Scalar:
         """The elastic energy [J] stored at a penetration [m]; what the force does beyond it is counted as loss."""
+
+    def validity(self, constants: Any) -> Scalar | None:
+        """Up to which penetration [m] the law holds (infinite: at any); `None` (the default) if nothing is known."""
+        return None
+
+    @property
+    def validity_reason(self) -> str:
+        """Why the law does not hold beyond, in words."""
+        return ""
 
     def event_functions(
         self, constants: Any, penetration: Scalar, penetration_rate: Scalar, memory: Memory
@@ -183,102 +197,84 @@ class PreparedNormal(Module):
         return self.law.memory_scale(self.constants)
 
 
-# Friction ------------------------------------------------------------------------------------------------------------
+# A smooth onset ------------------------------------------------------------------------------------------------------
+
+SMOOTHED: dict[Smoothness, Smoothness] = {"C-1": "C0", "C0": "C0", "C1": "C2", "C2": "C2"}
+"""The class of a law with a smooth onset, by its own: a force that is cut off where it would pull keeps that kink."""
 
 
-class AbstractFrictionLaw(AbstractLaw):
-    """A friction law: the traction along the surface at one contact point."""
+class SmoothedOnset(AbstractNormalLaw):
+    """F = S F_e + S' U + S (F - F_e), with S = STEP7(d / w): the elastic energy U of the law, and its damping, grow
+    over the depth w from nothing at first touch. F_e is the elastic force of the law, that is, its force at rest.
 
-    bristles: ClassVar[tuple[str, ...]] = ()
-    """Names of its memory, of each of which there is one for every component of the slip."""
+    Beyond the depth w force and elastic energy are those of the law: what is lost of an impact is the damping within w,
+    and the time that is spent there. The energy is S U exactly, so that an elastic law stays elastic.
 
-    def prepare(self, geometry: Geometry) -> "PreparedFriction":
-        """The law with its constants."""
-        return PreparedFriction(self, self.constants(geometry))
-
-    @abc.abstractmethod
-    def traction(self, constants: Any, slip: Slip, normal_force: Scalar, memory: Bristles) -> Slip:
-        """The traction on the pin [N] for a slip [m/s], a normal force [N] and the law's memory."""
-
-    def event_functions(self, constants: Any, slip: Slip, normal_force: Scalar, memory: Bristles) -> tuple[Scalar, ...]:
-        """Smooth functions whose signs tell on which piece of the law, or side of its steep layer, a slip lies: inside
-        (negative) or outside (positive), as |slip|^2 - v^2; none by default.
-        """
-        return ()
-
-    def memory_rate(self, constants: Any, slip: Slip, normal_force: Scalar, memory: Bristles) -> Bristles:
-        """Time derivative of the memory; zero by default."""
-        return tuple(tuple(jnp.zeros_like(m) for m in one) for one in memory)
-
-    def latch(self, constants: Any, memory: Bristles, touch: Touch) -> Bristles:
-        """The memory after an instant at which contact began or ended; unchanged by default."""
-        return memory
-
-    def memory_scale(self, constants: Any) -> Memory:
-        """Magnitude of each kind of memory for error control; infinite (the default) where it only latches."""
-        return tuple(jnp.asarray(jnp.inf) for _ in self.bristles)
-
-
-class PreparedFriction(Module):
-    """A friction law with the constants of one joint: what a step evaluates. Its memory is flat, component
-    by component.
+    **Arguments:** `law`; `width` w [m] > 0: much larger than the round-off of d, and small against the penetration.
+    `law.smoothed()` chooses one.
     """
 
-    law: AbstractFrictionLaw
-    constants: Any
+    law: AbstractNormalLaw = flatten()
+    width: Scalar = physical("m", above=0.0)
 
-    def at(self, local: Local) -> "PreparedFriction":
-        """The same law at a contact point of its own."""
-        return self if local is None else PreparedFriction(self.law, self.law.localise(self.constants, local))
+    @property
+    def smoothness(self) -> Smoothness:  # type: ignore[override]
+        return SMOOTHED[self.law.smoothness]
 
-    def traction(self, slip: Slip, normal_force: Scalar, memory: Memory) -> Slip:
-        """The traction on the pin [N]."""
-        return self.law.traction(self.constants, slip, normal_force, self._split(memory, slip))
+    @property
+    def clips(self):
+        return self.law.clips
 
-    def event_functions(
-        self, slip: Slip, normal_force: Scalar, memory: Memory, presses: Flag, before: Slip
-    ) -> tuple[Scalar, ...]:
-        """Functions whose signs make the zone; 1 where nothing presses.
+    @property
+    def acts_apart(self):  # type: ignore[override]
+        return self.law.acts_apart
 
-        From one side of a layer straight to the other no sign of |slip|^2 - v^2 changes between two samples: so what
-        lies outside also tells whether it still goes the way it went `before`.
-        """
-        zones = self.law.event_functions(self.constants, slip, normal_force, self._split(memory, slip))
-        ahead = sum(s * b for s, b in zip(slip, before, strict=True))
-        sides = [jnp.where(zone > 0, ahead, 1.0) for zone in zones]
-        return tuple(jnp.where(presses, function, 1.0) for function in (*zones, *sides))
+    @property
+    def remembers(self):  # type: ignore[override]
+        return self.law.remembers
 
-    def memory_rate(self, penetration: Scalar, slip: Slip, normal_force: Scalar, memory: Memory) -> Memory:
-        """Time derivative of the memory; zero while apart, but for a law that acts there."""
-        rates = self.law.memory_rate(self.constants, slip, normal_force, self._split(memory, slip))
-        flat = tuple(rate for one in rates for rate in one)
-        return flat if self.law.acts_apart else tuple(jnp.where(penetration > 0, r, 0.0) for r in flat)
+    def units(self):
+        return self.law.units()
 
-    def latch(self, memory: Memory, touch: Touch) -> Memory:
-        """The memory after an instant at which contact began or ended."""
-        new = self.law.latch(self.constants, self._split(memory, touch.slip), touch)
-        return tuple(m for one in new for m in one)
+    def constants(self, geometry):
+        return self.law.constants(geometry)
 
-    def memory_scale(self, components: int) -> Memory:
-        """Magnitude of each memory variable."""
-        return tuple(scale for scale in self.law.memory_scale(self.constants) for _ in range(components))
+    def localise(self, constants, local):
+        return self.law.localise(constants, local)
 
-    def _split(self, memory: Memory, slip: Slip) -> Bristles:
-        n = len(slip)
-        return tuple(tuple(memory[i * n : (i + 1) * n]) for i in range(len(self.law.bristles)))
+    def validity(self, constants):
+        return self.law.validity(constants)
+
+    @property
+    def validity_reason(self):
+        return self.law.validity_reason
+
+    def formula(self, constants, penetration, penetration_rate, memory):
+        ratio = penetration / self.width
+        whole = self.law.formula(constants, penetration, penetration_rate, memory)
+        return step7(ratio) * whole + step7_slope(ratio) / self.width * self.law.energy(constants, penetration)
+
+    def event_functions(self, constants, penetration, penetration_rate, memory):
+        return (penetration - self.width, *self.law.event_functions(constants, penetration, penetration_rate, memory))
+
+    def energy(self, constants, penetration):
+        return step7(penetration / self.width) * self.law.energy(constants, penetration)
+
+    def memory_rate(self, constants, penetration, penetration_rate, memory):
+        return self.law.memory_rate(constants, penetration, penetration_rate, memory)
+
+    def latch(self, constants, memory, touch):
+        return self.law.latch(constants, memory, touch)
+
+    def memory_scale(self, constants):
+        return self.law.memory_scale(constants)
 
 
-def along_slip(profile: Callable[[Array], Array], slip: Slip) -> Slip:
-    """`profile(|slip|)` along the slip, for an odd `profile` of one number."""
-    if len(slip) == 1:
-        return (profile(slip[0]),)
-    speed = safe_norm(*slip)
-    moving = speed > 0
-    ratio = jnp.where(moving, profile(speed) / jnp.where(moving, speed, 1.0), jax.grad(profile)(jnp.zeros(())))
-    ratio = share(ratio)
-    return tuple(ratio * s for s in slip)
+def smooth_width(law: AbstractNormalLaw, penetration: Any, rtol: Any) -> Any:
+    """The width w [m] with a bias below `rtol` in impacts as deep as `penetration`.
 
-
-def outside(slip: Slip, speed: Scalar) -> Scalar:
-    """|slip|^2 - speed^2: positive outside a layer, negative inside."""
-    return sum(s * s for s in slip) - speed * speed
+    Damping that jumps to its full size loses a share w / d of itself, one that grows with the elastic force (w / d)^2.5
+    at most for n >= 3/2; of a kink (n = 1, a damping that grows) it is (w / d)^2.
+    """
+    order = {"C-1": 1.0, "C0": 1.25}.get(law.smoothness, 2.0)
+    return penetration * rtol ** (1 / order)

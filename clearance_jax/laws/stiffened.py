@@ -28,6 +28,13 @@ class Stiffened(AbstractNormalLaw):
     def localise(self, constants, local):
         return self.law.localise(constants, local)
 
+    def validity(self, constants):
+        return self.law.validity(constants)
+
+    @property
+    def validity_reason(self):
+        return self.law.validity_reason
+
     def formula(self, constants, penetration, penetration_rate, memory):
         return self.factor * self.law.formula(constants, penetration, penetration_rate, memory)
 

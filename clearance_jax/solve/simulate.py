@@ -19,6 +19,7 @@ from clearance_jax.solve import effort
 from clearance_jax.solve.codes import Result
 from clearance_jax.solve.first_state import closed_start
 from clearance_jax.solve.flow import Inputs, flow, plain_flow, states_of, with_states
+from clearance_jax.solve.law_validity import warn_of_validity
 from clearance_jax.solve.quasi_static import quasi_static
 from clearance_jax.solve.settings import DYNAMICS, STATIC, Settings, SolveOptions, settings_of
 from clearance_jax.solve.solution import Solution
@@ -47,7 +48,8 @@ def simulate(mechanism: Mechanism, t1: Any, *, throw: bool = True, **options: Un
     finite or out of bounds, for a loop that cannot be closed, and for a pin that finds no place of rest in a settled
     start; `RuntimeError` for a solve that fails before it reaches `t1`.
 
-    **Warns:** `EnergyWarning` if the energy residual is large.
+    **Warns:** `EnergyWarning` if the energy residual is large; `ValidityWarning` if a contact law is used where it does
+    not hold (of a batch see `within_validity`).
     """
     books = options.get("fidelity", DYNAMICS) == DYNAMICS
     if options.get("fidelity") == STATIC:
@@ -56,6 +58,7 @@ def simulate(mechanism: Mechanism, t1: Any, *, throw: bool = True, **options: Un
         )
     solution = _run(mechanism, t1, settings_of(mechanism, t1, options, energy_balance=books), throw)
     warn_of_energy(solution)
+    warn_of_validity(solution)
     return solution
 
 

@@ -9,6 +9,7 @@ import clearance_jax as cj
 from experiments import (
     batches,
     bifurcation,
+    contact_laws,
     cores,
     first_results,
     forward_dynamics,
@@ -61,6 +62,12 @@ def test_work_precision(tmp_path):
     assert {"scipy odeint + numba", "numba DOP853"} <= {p.tool for p in points}
     assert (tmp_path / "out" / "work_precision_quick.png").stat().st_size > 10_000
     assert "tsit5, no events" in (tmp_path / "out" / "work_precision_quick.md").read_text()
+
+
+def test_contact_laws(tmp_path):
+    biases = contact_laws.main(quick=True)
+    assert all(0 < bias < contact_laws.RTOL for bias in biases.values())
+    assert "| tsuji, 0.7 | 0.7000 |" in (tmp_path / "out" / "contact_laws_speeds_quick.md").read_text()
 
 
 # Cases that share a compiled program; stiffness, many clearances and chaos only run in full, by the command.

@@ -2,11 +2,38 @@
 tests.
 """
 
+from clearance_jax.laws.friction.bristles import Dahl, ElastoPlastic
 from clearance_jax.laws.friction.coulomb import CubicCoulomb, TanhCoulomb
 from clearance_jax.laws.friction.lugre import LuGre
 from clearance_jax.laws.friction.stribeck import BrownMcPhee
+from clearance_jax.laws.friction.velocity import AdamsFriction, Ambrosio, BengisuAkay, Stribeck, Threlfall
 
-FRICTION_LAWS = {"cubic": CubicCoulomb, "tanh": TanhCoulomb, "brown-mcphee": BrownMcPhee, "lugre": LuGre}
+FRICTION_LAWS = {
+    "cubic": CubicCoulomb,
+    "tanh": TanhCoulomb,
+    "brown-mcphee": BrownMcPhee,
+    "lugre": LuGre,
+    "adams": AdamsFriction,
+    "threlfall": Threlfall,
+    "ambrosio": Ambrosio,
+    "bengisu-akay": BengisuAkay,
+    "stribeck": Stribeck,
+    "dahl": Dahl,
+    "elasto-plastic": ElastoPlastic,
+}
 """Friction laws by the name a scene file gives them."""
 
-__all__ = ["FRICTION_LAWS", "BrownMcPhee", "CubicCoulomb", "LuGre", "TanhCoulomb"]
+__all__ = [
+    "FRICTION_LAWS",
+    "AdamsFriction",
+    "Ambrosio",
+    "BengisuAkay",
+    "BrownMcPhee",
+    "CubicCoulomb",
+    "Dahl",
+    "ElastoPlastic",
+    "LuGre",
+    "Stribeck",
+    "TanhCoulomb",
+    "Threlfall",
+]

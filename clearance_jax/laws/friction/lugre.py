@@ -6,7 +6,8 @@ import jax.numpy as jnp
 
 from clearance_jax._numerics import safe_norm
 from clearance_jax._types import Scalar
-from clearance_jax.laws._base import AbstractFrictionLaw, Smoothness
+from clearance_jax.laws._base import Smoothness
+from clearance_jax.laws._friction import AbstractFrictionLaw
 from clearance_jax.parameters import physical
 
 

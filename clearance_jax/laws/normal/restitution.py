@@ -8,45 +8,13 @@ from collections.abc import Callable
 from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 
 from clearance_jax._types import Scalar
 from clearance_jax.laws._base import Smoothness, stiffness_of
+from clearance_jax.laws.normal import ratios
 from clearance_jax.laws.normal._power import STIFFNESS, AbstractPowerLaw, power, power_energy
 from clearance_jax.parameters import physical
-
-
-def lankarani_nikravesh_ratio(restitution):
-    """A = 3 (1 - e^2) / 4 (Lankarani and Nikravesh 1990, doi 10.1115/1.2912617)."""
-    return 0.75 * (1 - restitution**2)
-
-
-def flores_ratio(restitution):
-    """A = 8 (1 - e) / (5 e) (Flores et al. 2011, doi 10.1007/s11044-010-9237-4)."""
-    return 1.6 * (1 - restitution) / restitution
-
-
-def exact_ratio(restitution):
-    """The root of a (1 + e) = ln((1 + a)/(1 - a e)): delivers e exactly for every n, K, mass and speed.
-
-    Derived from the phase-plane integral of the impact. Newton from a fit that is good to 0.002 in e; the last of the
-    iterations is the implicit derivative, the ones before it are hidden from differentiation.
-    """
-    e = restitution
-    # Newton for w = ln(1 - a e): near a = 1/e (small e) the logarithm's pole is gone, and for e -> 1 the fit starts on
-    # the right side of the trivial root a = 0.
-    fit = (1 - e) / e * (1.5 - 0.5 * (1 - e) ** 2.85)
-    start = jnp.where(e < 0.3, jnp.log1p(1 / e) - (1 + e) / e, jnp.log1p(-e * jnp.where(e < 0.3, 0.0, fit)))
-
-    def newton(w, e):
-        a = -jnp.expm1(w) / e
-        slope = 1 - jnp.exp(w) / e * ((1 + e) - 1 / (1 + a))
-        return w - (w - jnp.log1p(a) + a * (1 + e)) / slope
-
-    fixed = jax.lax.stop_gradient(e)
-    w = jax.lax.fori_loop(0, 12, lambda _, w: newton(w, fixed), jax.lax.stop_gradient(start))
-    return -jnp.expm1(newton(jax.lax.stop_gradient(w), e)) / e
 
 
 class Damped(NamedTuple):
@@ -66,7 +34,7 @@ class RestitutionLaw(AbstractPowerLaw):
 
     stiffness: Any = physical(STIFFNESS, above=0.0, help="stiffness K", example='"2.487e6 N/mm^1.5"')
     restitution: Scalar = physical("", above=0.0, below=1.0, help="coefficient of restitution e", example="0.7")
-    ratio: Callable = eqx.field(static=True, default=exact_ratio)
+    ratio: Callable = eqx.field(static=True, default=ratios.exact_ratio)
     exponent: Scalar | None = physical(
         "", least=1.0, default=None, help="exponent n of the penetration", example="1.5", absent="1.5"
     )
@@ -84,6 +52,11 @@ class RestitutionLaw(AbstractPowerLaw):
         elastic = constants.stiffness * power(penetration, self.exponent)
         return elastic * (1 + constants.damping_ratio * penetration_rate / speed)
 
+    @property
+    def delivered_restitution(self) -> Scalar:
+        """The restitution that a free impact faster than `minimum_impact_speed` really has."""
+        return ratios.delivered_restitution(self.ratio(self.restitution))
+
     def energy(self, constants, penetration):
         return power_energy(constants.stiffness, penetration, self.exponent)
 
@@ -98,7 +71,7 @@ def exact_restitution(stiffness, restitution, **options) -> RestitutionLaw:
 
     **Arguments:** as those of `RestitutionLaw`, without `ratio`.
     """
-    return RestitutionLaw(stiffness, restitution, exact_ratio, **options)
+    return RestitutionLaw(stiffness, restitution, ratios.exact_ratio, **options)
 
 
 def lankarani_nikravesh(stiffness, restitution, **options) -> RestitutionLaw:
@@ -107,7 +80,7 @@ def lankarani_nikravesh(stiffness, restitution, **options) -> RestitutionLaw:
 
     **Arguments:** `stiffness`, `restitution` and the others of `RestitutionLaw`, without `ratio`.
     """
-    return RestitutionLaw(stiffness, restitution, lankarani_nikravesh_ratio, **options)
+    return RestitutionLaw(stiffness, restitution, ratios.lankarani_nikravesh_ratio, **options)
 
 
 def flores(stiffness, restitution, **options) -> RestitutionLaw:
@@ -115,4 +88,62 @@ def flores(stiffness, restitution, **options) -> RestitutionLaw:
 
     **Arguments:** `stiffness`, `restitution` and the others of `RestitutionLaw`, without `ratio`.
     """
-    return RestitutionLaw(stiffness, restitution, flores_ratio, **options)
+    return RestitutionLaw(stiffness, restitution, ratios.flores_ratio, **options)
+
+
+def hunt_crossley(stiffness, restitution, **options) -> RestitutionLaw:
+    """The restitution law of Hunt and Crossley (1975, doi 10.1115/1.3423596) with the speed of the
+    last impact; `HuntCrossley` has a fixed factor. It delivers e = 0.66 for 0.5 and 0.91 for 0.9.
+
+    **Arguments:** `stiffness`, `restitution` and the others of `RestitutionLaw`, without `ratio`.
+    """
+    return RestitutionLaw(stiffness, restitution, ratios.hunt_crossley_ratio, **options)
+
+
+def herbert_mcwhannell(stiffness, restitution, **options) -> RestitutionLaw:
+    """The restitution law of Herbert and McWhannell (1977). It delivers e = 0.59 for 0.5 and 0.90 for 0.9.
+
+    **Arguments:** `stiffness`, `restitution` and the others of `RestitutionLaw`, without `ratio`.
+    """
+    return RestitutionLaw(stiffness, restitution, ratios.herbert_mcwhannell_ratio, **options)
+
+
+def lee_wang(stiffness, restitution, **options) -> RestitutionLaw:
+    """The restitution law of Lee and Wang (1983). It delivers e = 0.80 for 0.5 and 0.95 for 0.9.
+
+    **Arguments:** `stiffness`, `restitution` and the others of `RestitutionLaw`, without `ratio`.
+    """
+    return RestitutionLaw(stiffness, restitution, ratios.lee_wang_ratio, **options)
+
+
+def gonthier(stiffness, restitution, **options) -> RestitutionLaw:
+    """The restitution law of Gonthier et al. (2004). It delivers e = 0.49 for 0.5 and 0.88 for 0.9.
+
+    **Arguments:** `stiffness`, `restitution` and the others of `RestitutionLaw`, without `ratio`.
+    """
+    return RestitutionLaw(stiffness, restitution, ratios.gonthier_ratio, **options)
+
+
+def zhiying_qishao(stiffness, restitution, **options) -> RestitutionLaw:
+    """The restitution law of Zhiying and Qishao (2006). It delivers e = 0.48 for 0.5 and 0.90 for 0.9.
+
+    **Arguments:** `stiffness`, `restitution` and the others of `RestitutionLaw`, without `ratio`.
+    """
+    return RestitutionLaw(stiffness, restitution, ratios.zhiying_qishao_ratio, **options)
+
+
+def hu_guo(stiffness, restitution, **options) -> RestitutionLaw:
+    """The restitution law of Hu and Guo (2015). It delivers e = 0.49 for 0.5 and 0.90 for 0.9.
+
+    **Arguments:** `stiffness`, `restitution` and the others of `RestitutionLaw`, without `ratio`.
+    """
+    return RestitutionLaw(stiffness, restitution, ratios.hu_guo_ratio, **options)
+
+
+def gharib_hurmuzlu(stiffness, restitution, **options) -> RestitutionLaw:
+    """The restitution law of Gharib and Hurmuzlu (2012). It delivers e = 0.41 for 0.5 and 0.57 for 0.9: it is for
+    small ones.
+
+    **Arguments:** `stiffness`, `restitution` and the others of `RestitutionLaw`, without `ratio`.
+    """
+    return RestitutionLaw(stiffness, restitution, ratios.gharib_hurmuzlu_ratio, **options)

@@ -1,0 +1,167 @@
+"""Friction laws of the slip alone, from the literature: T = -mu(|v|) N v/|v|. Each of them creeps under load."""
+
+from typing import ClassVar
+
+import jax.numpy as jnp
+
+from clearance_jax._numerics import step3
+from clearance_jax._types import Scalar
+from clearance_jax.laws._base import Smoothness
+from clearance_jax.laws._friction import AbstractFrictionLaw, along_slip, outside
+from clearance_jax.parameters import Demand, physical
+
+COEFFICIENT = {"help": "coefficient of friction mu", "example": "0.1"}
+COMPLETE = "slip at which the friction is all but complete"
+STATIC = {"help": "coefficient mu_s at the peak", "example": "0.2"}
+DYNAMIC = {"help": "coefficient mu_d at high slip", "example": "0.1"}
+
+
+def _magnitude(v: Scalar) -> tuple[Scalar, Scalar]:
+    """|v| and the sign of v; its slope at zero is that of v > 0."""
+    sign = jnp.where(v < 0, -1.0, 1.0)
+    return sign * v, sign
+
+
+class AdamsFriction(AbstractFrictionLaw):
+    """The contact friction of MSC ADAMS: a STEP from -mu_s to mu_s for |v| < v_s, one from mu_s to mu_d for |v| up to
+    v_d, and mu_d beyond.
+
+    **Arguments:** `static_coefficient` mu_s, `dynamic_coefficient` mu_d; `stiction_speed` v_s (stiction transition
+    velocity) and `transition_speed` v_d > v_s (friction transition velocity) [m/s].
+    """
+
+    static_coefficient: Scalar = physical("", least=0.0, **STATIC)
+    dynamic_coefficient: Scalar = physical("", least=0.0, **DYNAMIC)
+    stiction_speed: Scalar = physical("m/s", above=0.0, help="slip v_s of the peak", example='"1 mm/s"')
+    transition_speed: Scalar = physical("m/s", above=0.0, help=COMPLETE, example='"10 mm/s"')
+    smoothness: ClassVar[Smoothness] = "C1"
+
+    def demands(self):
+        least = self.stiction_speed
+        yield Demand("transition_speed", self.transition_speed > least, lambda: f"must be above {least:g} m/s")
+
+    def traction(self, constants, slip, normal_force, memory):
+        def profile(v):
+            speed, sign = _magnitude(v)
+            rise = self.static_coefficient * (2 * step3(0.5 + 0.5 * speed / self.stiction_speed) - 1)
+            fall = step3((speed - self.stiction_speed) / (self.transition_speed - self.stiction_speed))
+            return -normal_force * sign * (rise + (self.dynamic_coefficient - self.static_coefficient) * fall)
+
+        return along_slip(profile, slip)
+
+    def event_functions(self, constants, slip, normal_force, memory):
+        return outside(slip, self.stiction_speed), outside(slip, self.transition_speed)
+
+
+class Threlfall(AbstractFrictionLaw):
+    """T = -mu N (1 - exp(-3 |v|/v_r)) for |v| <= v_r, and what this is at v_r beyond, 0.95 mu N (Threlfall 1978).
+
+    **Arguments:** `coefficient` mu, `transition_speed` v_r [m/s].
+    """
+
+    coefficient: Scalar = physical("", least=0.0, **COEFFICIENT)
+    transition_speed: Scalar = physical("m/s", above=0.0, help=COMPLETE, example='"10 mm/s"')
+    smoothness: ClassVar[Smoothness] = "C0"
+
+    def traction(self, constants, slip, normal_force, memory):
+        def profile(v):
+            speed, sign = _magnitude(v)
+            ratio = jnp.minimum(speed / self.transition_speed, 1.0)
+            return self.coefficient * normal_force * sign * jnp.expm1(-3 * ratio)
+
+        return along_slip(profile, slip)
+
+    def event_functions(self, constants, slip, normal_force, memory):
+        return (outside(slip, self.transition_speed),)
+
+
+class Ambrosio(AbstractFrictionLaw):
+    """T = -mu c N with c = 0 for |v| <= v_0, (|v| - v_0)/(v_1 - v_0) up to v_1, 1 beyond (Ambrosio 2003). Below v_0
+    nothing holds a pin.
+
+    **Arguments:** `coefficient` mu; `free_speed` v_0, `transition_speed` v_1 > v_0 [m/s].
+    """
+
+    coefficient: Scalar = physical("", least=0.0, **COEFFICIENT)
+    free_speed: Scalar = physical(
+        "m/s", above=0.0, help="slip v_0 below which there is no friction", example='"1 mm/s"'
+    )
+    transition_speed: Scalar = physical("m/s", above=0.0, help=COMPLETE, example='"10 mm/s"')
+    smoothness: ClassVar[Smoothness] = "C0"
+
+    def demands(self):
+        least = self.free_speed
+        yield Demand("transition_speed", self.transition_speed > least, lambda: f"must be above {least:g} m/s")
+
+    def traction(self, constants, slip, normal_force, memory):
+        def profile(v):
+            speed, sign = _magnitude(v)
+            ramp = jnp.clip((speed - self.free_speed) / (self.transition_speed - self.free_speed), 0.0, 1.0)
+            return -self.coefficient * normal_force * sign * ramp
+
+        return along_slip(profile, slip)
+
+    def event_functions(self, constants, slip, normal_force, memory):
+        return outside(slip, self.free_speed), outside(slip, self.transition_speed)
+
+
+class BengisuAkay(AbstractFrictionLaw):
+    """T = -N (mu_s - mu_s (|v|/v_0 - 1)^2) for |v| <= v_0, -N (mu_d + (mu_s - mu_d) exp(-x (|v| - v_0))) beyond
+    (Bengisu and Akay 1994).
+
+    **Arguments:** `static_coefficient` mu_s, `dynamic_coefficient` mu_d; `transition_speed` v_0 and `decay_speed` 1/x
+    [m/s].
+    """
+
+    static_coefficient: Scalar = physical("", least=0.0, **STATIC)
+    dynamic_coefficient: Scalar = physical("", least=0.0, **DYNAMIC)
+    transition_speed: Scalar = physical("m/s", above=0.0, help="slip v_t of the peak", example='"10 mm/s"')
+    decay_speed: Scalar = physical(
+        "m/s", above=0.0, help="slip over which friction falls from its peak", example='"5 mm/s"'
+    )
+    smoothness: ClassVar[Smoothness] = "C0"
+
+    def traction(self, constants, slip, normal_force, memory):
+        def profile(v):
+            speed, sign = _magnitude(v)
+            ratio = jnp.minimum(speed / self.transition_speed, 1.0)
+            beyond = jnp.maximum(speed - self.transition_speed, 0.0)
+            fall = (self.static_coefficient - self.dynamic_coefficient) * jnp.expm1(-beyond / self.decay_speed)
+            return -normal_force * sign * (self.static_coefficient * ratio * (2 - ratio) + fall)
+
+        return along_slip(profile, slip)
+
+    def event_functions(self, constants, slip, normal_force, memory):
+        return (outside(slip, self.transition_speed),)
+
+
+class Stribeck(AbstractFrictionLaw):
+    """T = -N ((mu_d + (mu_s - mu_d) exp(-(|v|/v_s)^p)) tanh(v/v_t) + k v): the curve of Tustin, and of Bo and
+    Pavelescu, whose jump at zero slip is made steep (Andersson et al. 2007, without k).
+
+    **Arguments:** `static_coefficient` mu_s, `dynamic_coefficient` mu_d; `stribeck_speed` v_s, `transition_speed` v_t
+    [m/s]; `shape` p >= 1 (Tustin: 1; Bo and Pavelescu: 2); `viscous` k [s/m].
+    """
+
+    static_coefficient: Scalar = physical("", least=0.0, **STATIC)
+    dynamic_coefficient: Scalar = physical("", least=0.0, **DYNAMIC)
+    stribeck_speed: Scalar = physical("m/s", above=0.0, help="slip v_s between the two", example='"1 mm/s"')
+    transition_speed: Scalar = physical("m/s", above=0.0, help=COMPLETE, example='"10 mm/s"')
+    shape: Scalar = physical("", least=1.0, default=2.0, help="exponent p of the fall from the peak", example="1")
+    viscous: Scalar = physical("s/m", least=0.0, default=0.0, help="viscous friction s2", example='"0.1 s/m"')
+    smoothness: ClassVar[Smoothness] = "C1"
+
+    def traction(self, constants, slip, normal_force, memory):
+        def profile(v):
+            speed, _ = _magnitude(v)
+            moving = speed > 0
+            power = jnp.where(moving, (jnp.where(moving, speed, 1.0) / self.stribeck_speed) ** self.shape, 0.0)
+            fall = (self.static_coefficient - self.dynamic_coefficient) * jnp.exp(-power)
+            rise = jnp.tanh(v / self.transition_speed)
+            return -normal_force * ((self.dynamic_coefficient + fall) * rise + self.viscous * v)
+
+        return along_slip(profile, slip)
+
+    def event_functions(self, constants, slip, normal_force, memory):
+        # As of `TanhCoulomb`.
+        return (outside(slip, 2 * self.transition_speed),)

@@ -1,0 +1,88 @@
+"""Laws whose restitution is the same at every impact speed, without memory: F = K d^n + c d^((n-1)/2) d'.
+
+With u ~ d^((n+1)/2) an impact of a mass m is that of a linear oscillator of the damping ratio b = -ln e /
+sqrt(pi^2 + ln^2 e), for which c = b sqrt(2 (n + 1) m K). So they need the effective mass of the impact, m1 m2/(m1 + m2)
+of two free bodies.
+"""
+
+from typing import Any, ClassVar
+
+import jax.numpy as jnp
+
+from clearance_jax._numerics import safe_sqrt
+from clearance_jax._types import Scalar
+from clearance_jax.laws._base import AbstractNormalLaw, Smoothness, stiffness_of
+from clearance_jax.laws.normal._power import power, power_energy
+from clearance_jax.laws.normal.restitution import Damped
+from clearance_jax.parameters import describe, physical
+
+MASS = "effective mass of the impact, m1 m2/(m1 + m2) of two free bodies"
+CLIPPED = "whether the force never pulls: max(0, F)"
+
+
+def damping_of(stiffness: Scalar, restitution: Scalar, mass: Scalar, exponent: float) -> Scalar:
+    """The coefficient b sqrt(2 (n + 1) m K) of d^((n-1)/2) d'."""
+    logarithm = jnp.log(restitution)
+    ratio = -logarithm / jnp.sqrt(jnp.pi**2 + logarithm**2)
+    return ratio * jnp.sqrt(2 * (exponent + 1) * mass * stiffness)
+
+
+class Tsuji(AbstractNormalLaw):
+    """F = K d^(3/2) + sqrt(5) b sqrt(m K) d^(1/4) d', with b = -ln e / sqrt(pi^2 + ln^2 e) (Tsuji et al. 1992). It
+    delivers e at every speed if it may pull before separation, as it does by default. The slope of its damping is
+    infinite at first touch.
+
+    **Arguments:** `stiffness` K [N/m^1.5]; `restitution` e in (0, 1); `effective_mass` m [kg]; `clipped`: F is never
+    below zero: it delivers 0.902, 0.718, 0.550, 0.397 for 0.9, 0.7, 0.5, 0.3 then.
+    """
+
+    stiffness: Any = physical("N/m^1.5", above=0.0, help="stiffness K", example='"2.487e6 N/mm^1.5"')
+    restitution: Scalar = physical("", above=0.0, below=1.0, help="coefficient of restitution e", example="0.7")
+    effective_mass: Scalar = physical("kg", above=0.0, help=MASS, example='"2 kg"')
+    clipped: bool = describe(CLIPPED, "true", static=True, default=False)
+    smoothness: ClassVar[Smoothness] = "C0"
+
+    @property
+    def clips(self):
+        return self.clipped
+
+    def constants(self, geometry):
+        stiffness = stiffness_of(self.stiffness, geometry)
+        return Damped(stiffness, damping_of(stiffness, self.restitution, self.effective_mass, 1.5))
+
+    def formula(self, constants, penetration, penetration_rate, memory):
+        quarter = safe_sqrt(safe_sqrt(penetration))
+        return constants.stiffness * power(penetration, None) + constants.damping_ratio * quarter * penetration_rate
+
+    def energy(self, constants, penetration):
+        return power_energy(constants.stiffness, penetration, None)
+
+
+class Anagnostopoulos(AbstractNormalLaw):
+    """F = K d + 2 b sqrt(m K) d', with b = -ln e / sqrt(pi^2 + ln^2 e) (Anagnostopoulos 1988). It delivers e at every
+    speed if it may pull before separation, as it does by default. The force jumps at first touch (class C-1).
+
+    **Arguments:** `stiffness` K [N/m]; `restitution` e in (0, 1); `effective_mass` m [kg]; `clipped`: F is never below
+    zero.
+    """
+
+    stiffness: Any = physical("N/m", above=0.0, help="stiffness k", example='"1e7 N/m"')
+    restitution: Scalar = physical("", above=0.0, below=1.0, help="coefficient of restitution e", example="0.7")
+    effective_mass: Scalar = physical("kg", above=0.0, help=MASS, example='"2 kg"')
+    clipped: bool = describe(CLIPPED, "true", static=True, default=False)
+    smoothness: ClassVar[Smoothness] = "C-1"
+    smooth_alternative: ClassVar[str] = "`exact_restitution` (class C1)"
+
+    @property
+    def clips(self):
+        return self.clipped
+
+    def constants(self, geometry):
+        stiffness = stiffness_of(self.stiffness, geometry)
+        return Damped(stiffness, damping_of(stiffness, self.restitution, self.effective_mass, 1.0))
+
+    def formula(self, constants, penetration, penetration_rate, memory):
+        return constants.stiffness * penetration + constants.damping_ratio * penetration_rate
+
+    def energy(self, constants, penetration):
+        return 0.5 * constants.stiffness * jnp.where(penetration > 0, penetration, 0.0) ** 2

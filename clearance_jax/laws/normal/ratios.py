@@ -1,0 +1,94 @@
+"""The damping ratio a(e) of the laws F = K d^n (1 + a(e) d'/v0), and the restitution that a ratio delivers.
+
+A free impact of any mass, stiffness, exponent and speed delivers the root e of a (1 + e) = ln((1 + a)/(1 - a e)), which
+follows from the phase-plane integral of the impact. Every ratio but the exact one is an approximation of it.
+"""
+
+import jax
+import jax.numpy as jnp
+
+from clearance_jax._types import Scalar
+
+
+def hunt_crossley_ratio(restitution):
+    """A = 3 (1 - e) / 2 (Hunt and Crossley 1975, doi 10.1115/1.3423596)."""
+    return 1.5 * (1 - restitution)
+
+
+def herbert_mcwhannell_ratio(restitution):
+    """A = 6 (1 - e) / ((2 e - 1)^2 + 3) (Herbert and McWhannell 1977)."""
+    return 6 * (1 - restitution) / ((2 * restitution - 1) ** 2 + 3)
+
+
+def lee_wang_ratio(restitution):
+    """A = 3 (1 - e) / 4 (Lee and Wang 1983)."""
+    return 0.75 * (1 - restitution)
+
+
+def gonthier_ratio(restitution):
+    """A = (1 - e^2) / e (Gonthier et al. 2004)."""
+    return (1 - restitution**2) / restitution
+
+
+def zhiying_qishao_ratio(restitution):
+    """A = 3 (1 - e^2) exp(2 (1 - e)) / 4 (Zhiying and Qishao 2006)."""
+    return 0.75 * (1 - restitution**2) * jnp.exp(2 * (1 - restitution))
+
+
+def hu_guo_ratio(restitution):
+    """A = 3 (1 - e) / (2 e) (Hu and Guo 2015)."""
+    return 1.5 * (1 - restitution) / restitution
+
+
+def gharib_hurmuzlu_ratio(restitution):
+    """A = 1 / e (Gharib and Hurmuzlu 2012); its source was not at hand. Poor for e above 0.3."""
+    return 1 / restitution
+
+
+def lankarani_nikravesh_ratio(restitution):
+    """A = 3 (1 - e^2) / 4 (Lankarani and Nikravesh 1990, doi 10.1115/1.2912617)."""
+    return 0.75 * (1 - restitution**2)
+
+
+def flores_ratio(restitution):
+    """A = 8 (1 - e) / (5 e) (Flores et al. 2011, doi 10.1007/s11044-010-9237-4)."""
+    return 1.6 * (1 - restitution) / restitution
+
+
+def exact_ratio(restitution):
+    """The root of a (1 + e) = ln((1 + a)/(1 - a e)): delivers e exactly for every n, K, mass and speed.
+
+    Derived from the phase-plane integral of the impact. Newton from a fit that is good to 0.002 in e; the last of the
+    iterations is the implicit derivative, the ones before it are hidden from differentiation.
+    """
+    e = restitution
+    # Newton for w = ln(1 - a e): near a = 1/e (small e) the logarithm's pole is gone, and for e -> 1 the fit starts on
+    # the right side of the trivial root a = 0.
+    fit = (1 - e) / e * (1.5 - 0.5 * (1 - e) ** 2.85)
+    start = jnp.where(e < 0.3, jnp.log1p(1 / e) - (1 + e) / e, jnp.log1p(-e * jnp.where(e < 0.3, 0.0, fit)))
+
+    def newton(w, e):
+        a = -jnp.expm1(w) / e
+        slope = 1 - jnp.exp(w) / e * ((1 + e) - 1 / (1 + a))
+        return w - (w - jnp.log1p(a) + a * (1 + e)) / slope
+
+    fixed = jax.lax.stop_gradient(e)
+    w = jax.lax.fori_loop(0, 12, lambda _, w: newton(w, fixed), jax.lax.stop_gradient(start))
+    return -jnp.expm1(newton(jax.lax.stop_gradient(w), e)) / e
+
+
+def delivered_restitution(ratio: Scalar) -> Scalar:
+    """The restitution e that a damping ratio a > 0 delivers: the root of a (1 + e) = ln((1 + a)/(1 - a e)).
+
+    Newton for w = ln(1 - a e), of a concave function: it comes to the root from the left. The last iteration is the
+    implicit derivative.
+    """
+
+    def newton(w, a):
+        # a (1 + e) - ln(1 + a) + w = 0 with a e = 1 - exp(w).
+        return w - (a - jnp.expm1(w) - jnp.log1p(a) + w) / (1 - jnp.exp(w))
+
+    fixed = jax.lax.stop_gradient(ratio)
+    # The root without the exponential lies left of it. A small ratio halves its way first.
+    w = jax.lax.fori_loop(0, 40, lambda _, w: newton(w, fixed), jnp.log1p(fixed) - fixed - 1)
+    return -jnp.expm1(newton(jax.lax.stop_gradient(w), ratio)) / ratio

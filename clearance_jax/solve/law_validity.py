@@ -1,0 +1,64 @@
+"""Whether the contact laws of a solved motion were asked where they hold."""
+
+import warnings
+from collections.abc import Iterator
+
+import jax
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array
+
+from clearance_jax.joints import AbstractClearance
+from clearance_jax.solve.solution import Solution
+from clearance_jax.units import format_quantity
+
+
+class ValidityWarning(UserWarning):
+    """A contact law was asked for forces at penetrations at which it does not hold."""
+
+
+def within_validity(solution: Solution) -> dict[str, Array]:
+    """By joint, whether its normal law held at every sample of a motion (a flag; of a batch one for each motion).
+    Joints whose law says nothing of its validity are left out. What happens between samples is not seen.
+
+    **Arguments:** `solution`: of `cj.simulate`.
+    """
+    return {name: deepest <= limit for name, deepest, limit, _ in _asked(solution)}
+
+
+def _asked(solution: Solution) -> Iterator[tuple[str, Array, Array, str]]:
+    """Of each joint whose law says where it holds: its name, the deepest penetration, its limit, and why."""
+    for joint in solution.mechanism.clearance_joints():
+        limit = _limit
+        for _ in range(solution.time.ndim - 1):
+            limit = jax.vmap(limit)
+        found = limit(joint.clearance)
+        if found is not None:
+            penetration = solution[f"{joint.name}.penetration"]
+            deepest = penetration.max(axis=-1) if solution.sampled else penetration
+            yield joint.name, deepest, found, joint.clearance.normal.validity_reason
+
+
+def _limit(clearance: AbstractClearance) -> Array | None:
+    """Up to which penetration [m] a joint's normal law holds; `None`: it does not say."""
+    normal = clearance.prepare().normal
+    return normal.law.validity(normal.constants)
+
+
+def invalid(solution: Solution) -> str:
+    """Which laws of a single solve were asked where they do not hold, in words; empty where none was."""
+    said = [
+        f"joint `{name}`: {format_quantity(float(deepest), 'm', 3)} is beyond "
+        f"{format_quantity(float(limit), 'm', 3)}, {reason}"
+        for name, deepest, limit, reason in _asked(solution)
+        if float(deepest) > float(limit)
+    ]
+    return f"A contact law is used where it does not hold: {'; '.join(said)}. Use another law there." if said else ""
+
+
+def warn_of_validity(solution: Solution) -> None:
+    """Warn of a single solve whose laws were asked where they do not hold."""
+    traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(solution))
+    said = "" if traced or np.ndim(solution.code) else invalid(solution)
+    if said:
+        warnings.warn(said, ValidityWarning, stacklevel=3)

@@ -1,0 +1,69 @@
+"""The film of a short bearing against its closed form, and against a quadrature of Reynolds' equation."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from clearance_jax import laws
+from clearance_jax.joints._element import Offset
+from clearance_jax.joints.film import ShortBearing
+
+VISCOSITY, CLEARANCE, RADIUS, LENGTH = 0.05, 1e-4, 0.02, 0.015
+GEOMETRY = laws.Geometry(*(jnp.asarray(x) for x in (RADIUS, RADIUS + CLEARANCE, CLEARANCE, LENGTH)))
+FILM = ShortBearing(VISCOSITY, 1e-7)
+
+
+@jax.jit
+def wrench(place, velocity, roll):
+    zero = (0.0, 0.0, 0.0)
+    offset = Offset((*place, 0.0), (*velocity, 0.0), zero, 1.0, zero, roll)
+    (x, y, _), (_, _, torque) = FILM.wrench(offset, GEOMETRY)
+    return jnp.stack([x, y, torque])
+
+
+def film(place, velocity, roll):
+    return np.asarray(wrench(*(tuple(jnp.asarray(float(c)) for c in p) for p in (place, velocity)), jnp.asarray(roll)))
+
+
+@pytest.mark.parametrize("e", [0.05, 0.3, 0.7, 0.95])
+def test_a_turning_pin_is_carried_as_ocvirk_says(e):
+    x, y, _ = film((e * CLEARANCE, 0.0), (0.0, 0.0), 50.0)
+    # W = m U L^3/(4 c^2) e/(1 - e^2)^2 sqrt(16 e^2 + pi^2 (1 - e^2)), tan phi = pi sqrt(1 - e^2)/(4 e).
+    speed = 50.0 * RADIUS
+    load = VISCOSITY * speed * LENGTH**3 / (4 * CLEARANCE**2) * e / (1 - e * e) ** 2
+    assert np.hypot(x, y) == pytest.approx(load * np.sqrt(16 * e * e + np.pi**2 * (1 - e * e)), rel=1e-12)
+    assert x < 0 < y  # away from the wall, and on in the sense of the turning
+    assert abs(y / x) == pytest.approx(np.pi * np.sqrt(1 - e * e) / (4 * e), rel=1e-12)
+
+
+@pytest.mark.parametrize("roll", [0.0, 80.0, -300.0])
+def test_squeeze_and_turning_by_quadrature(roll):
+    rng = np.random.default_rng(3)
+    for _ in range(6):
+        place, velocity = CLEARANCE * 0.6 * rng.uniform(-1, 1, 2), 0.01 * rng.uniform(-1, 1, 2)
+        angle = np.linspace(0, 2 * np.pi, 200_001)[:-1]
+        normal = np.array([np.cos(angle), np.sin(angle)])
+        height = CLEARANCE - place @ normal
+        rate, slope = -velocity @ normal, place[0] * np.sin(angle) - place[1] * np.cos(angle)
+        # d/dz (h^3 dp/dz) = 12 m (dh/dt + w/2 dh/dt_angle), and its integral over z: L^3/12 of the right-hand side.
+        pressure = np.maximum(-VISCOSITY * LENGTH**3 / height**3 * (rate + 0.5 * roll * slope), 0.0)
+        force = -RADIUS * np.mean(pressure * normal, axis=1) * 2 * np.pi
+        found = film(place, velocity, roll)
+        np.testing.assert_allclose(found[:2], force, rtol=1e-6, atol=1e-6 * np.abs(force).max())
+        # It never adds power.
+        assert found[:2] @ velocity + found[2] * roll <= 0
+
+
+def test_a_film_gives_over_to_contact():
+    """Beyond the wall its force is finite, and its slope has no jump where it is held."""
+    deep = film((1.2 * CLEARANCE, 0.0), (1e-3, 0.0), 0.0)
+    held = film((1.0 * CLEARANCE, 0.0), (1e-3, 0.0), 0.0)
+    np.testing.assert_allclose(deep, held, rtol=1e-12)
+    assert np.all(np.isfinite(film((0.0, 0.0), (0.0, 0.0), 0.0)))
+    slope = jax.jit(
+        jax.grad(lambda x: wrench((x, jnp.zeros(())), (jnp.asarray(1e-3), jnp.zeros(())), jnp.zeros(()))[0])
+    )
+    begin = CLEARANCE - 2e-7
+    before, after = (float(slope(jnp.asarray(begin + d))) for d in (-1e-12, 1e-12))
+    assert before == pytest.approx(after, rel=1e-3)

@@ -1,0 +1,46 @@
+"""A law that is used beyond its validity says so."""
+
+import warnings
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import clearance_jax as cj
+from clearance_jax import laws
+from clearance_jax.solve.law_validity import ValidityWarning, within_validity
+
+STEEL = 2.07e11, 2.07e11
+
+
+def pendulum(law, mass=1.0):
+    play = cj.RevoluteClearance(1e-4, 0.01, law, length=0.02)
+    return cj.Mechanism(
+        bodies=(cj.Body("arm", mass, 0.01, cj.Position(0.1)),),
+        joints=(cj.Revolute("hip", "ground", "arm", clearance=play),),
+        gravity=cj.Gravity(y=-9.81),
+    )
+
+
+def test_one_motion_warns_with_its_numbers():
+    with pytest.warns(ValidityWarning, match=r"joint `hip`: .*m is beyond 0 um, it is for comparison only") as caught:
+        cj.simulate(pendulum(laws.goldsmith(*STEEL, restitution=0.5)), 6e-3, save_at=50)
+    assert len(caught) == 1
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        motion = cj.simulate(pendulum(laws.johnson(*STEEL, restitution=0.5)), 6e-3, save_at=50)
+    assert float(np.max(motion["hip.penetration"])) > 0
+    assert bool(within_validity(motion)["hip"])
+    assert within_validity(cj.simulate(pendulum(laws.HuntCrossley(1e9, 0.5)), 1e-3)) == {}
+
+
+def test_a_batch_has_flags():
+    """A soft material, and a heavier pin, goes beyond where the relation turns back."""
+    mechanism = pendulum(laws.johnson(5e6, 5e6, restitution=0.5))
+
+    def motion(mass):
+        return cj.simulate(cj.replace(mechanism, {"arm.mass": mass}), 8e-3, save_at=50)
+
+    found = jax.vmap(motion)(jnp.array([0.1, 100.0]))
+    assert within_validity(found)["hip"].tolist() == [True, False]
