@@ -105,9 +105,11 @@ def sample(plan: SamplingPlan, mechanism, metric, t1, options: Settings) -> Samp
 
 
 class Statistics(NamedTuple):
-    """What samples say of a gradient, per parameter but for `digits` and `departure`; named as in the report, and
+    """What samples say of a gradient, per parameter but for `digits`, `departed` and `departure`; named as in the
+    report, and
 
     - `error`: of the gradient; `predicted`: the change of the metric over a step, by the gradient;
+    - `departed`: how far the metric is at most from what the gradient predicts within the step;
     - `mean`, `deviation` of the derivative over the scatter; `slope`, `slope_error` of the metric's regression there.
     """
 
@@ -115,6 +117,7 @@ class Statistics(NamedTuple):
     digits: np.floating
     predicted: np.ndarray
     linearity: np.ndarray
+    departed: np.floating
     departure: np.floating
     mean: np.ndarray
     deviation: np.ndarray
@@ -134,7 +137,7 @@ def statistics(plan: SamplingPlan, seen: Samples) -> Statistics:
         error = np.abs(seen.finer - gradient)
         predicted = plan.step * unit * gradient
         missed = np.maximum(np.abs(seen.up - predicted), np.abs(seen.down + predicted))
-        departed = np.abs(seen.changes - seen.within @ gradient)
+        departed = np.max(np.abs(seen.changes - seen.within @ gradient), initial=0.0)
         mean, deviation = slopes.mean(0), slopes.std(0, ddof=1)
         slope, slope_error = regression(seen.draws, seen.cloud)
         return Statistics(
@@ -142,7 +145,8 @@ def statistics(plan: SamplingPlan, seen: Samples) -> Statistics:
             digits=np.max(error * unit) / np.max(np.abs(gradient) * unit),
             predicted=predicted,
             linearity=missed / np.abs(predicted),
-            departure=np.max(departed, initial=0.0) / np.sum(np.abs(predicted)),
+            departed=departed,
+            departure=departed / np.sum(np.abs(predicted)),
             mean=mean,
             deviation=deviation,
             slope=slope,

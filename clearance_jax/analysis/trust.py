@@ -181,10 +181,10 @@ def _reasons(plan: SamplingPlan, thresholds: TrustThresholds, seen: Samples, fou
     if found.digits > thresholds.digits and np.any(judged):
         reasons.append(f"The gradient changes by {found.digits:.1g} of itself when the tolerance is ten times tighter.")
     if found.departure > thresholds.departure and np.any(judged):
-        off, whole = found.departure * np.sum(np.abs(found.predicted)), np.sum(np.abs(found.predicted))
         reasons.append(
-            f"Within the step of {plan.step:.0%} the metric is up to {off:.3g} away from what the gradient predicts, "
-            f"which for the whole step is {whole:.3g}: it jumps there, or another motion begins."
+            f"Within the step of {plan.step:.0%} the metric is up to {found.departed:.3g} away from what the gradient "
+            f"predicts, which is {np.sum(np.abs(found.predicted)):.3g} for the whole step: it jumps there, or another "
+            "motion begins."
         )
     for k in np.flatnonzero(judged).tolist():
         reasons += _doubts(plan, thresholds, seen, found, k)
