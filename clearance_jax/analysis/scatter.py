@@ -13,11 +13,14 @@ from clearance_jax.solve.settings import Settings
 
 
 class SamplingPlan(NamedTuple):
-    """Where a metric is sampled: about the numbers `centre` of `names`, a `step` away and over their `scatter`."""
+    """Where a metric is sampled: about the numbers `centre` of `names`, a `step` away, at `probes` within the step, and
+    over their `scatter`.
+    """
 
     names: tuple[str, ...]
     centre: np.ndarray
     step: float
+    probes: int
     scatter: float
     samples: int
     rtol: float
@@ -29,18 +32,31 @@ class SamplingPlan(NamedTuple):
         return np.where(self.centre == 0, 1.0, np.abs(self.centre))
 
     def moves(self) -> np.ndarray:
-        """Changes (lanes, parameters): twice none, a step up by each, a step down by each, draws of the scatter."""
+        """Changes (lanes, parameters): twice none, a step up by each, a step down by each, those within the step, draws
+        of the scatter.
+        """
         p, unit = len(self.names), self.unit
         # Antithetic pairs: the mean of a linear metric is then exact.
         half = np.random.default_rng(self.seed).standard_normal((-(-self.samples // 2), p))
         draws = self.scatter * unit * np.concatenate([half, -half])[: self.samples]
-        return np.concatenate([np.zeros((2, p)), np.diag(self.step * unit), np.diag(-self.step * unit), draws])
+        ends = np.diag(self.step * unit)
+        return np.concatenate([np.zeros((2, p)), ends, -ends, self._within(), draws])
+
+    def _within(self) -> np.ndarray:
+        """Changes within the step (probes, parameters), of all parameters together. Each parameter's are evenly spaced
+        (a Latin hypercube), so that the distance between neighbours does not grow with the number of parameters.
+        """
+        even = (2 * np.arange(self.probes) + 1) / self.probes - 1
+        rng = np.random.default_rng(self.seed)
+        columns = [even, *(rng.permutation(even) for _ in self.names[1:])]
+        return self.step * self.unit * np.stack(columns, 1)
 
 
 class Samples(NamedTuple):
-    """The metric and its gradient at the design, a step away from it, and over the scatter.
+    """The metric and its gradient at the design, a step away from it, within the step, and over the scatter.
 
-    `finer`: the gradient at rtol/10; `up`, `down`: changes of the metric over a step by each parameter; `draws`
+    `finer`: the gradient at rtol/10; `up`, `down`: changes of the metric over a step by each parameter; `within`
+    (probes, parameters): changes within the step that could be solved, `changes` of the metric there; `draws`
     (samples, parameters) of the scatter that could be solved, `cloud` and `slopes` there; `complete`: all could be
     solved; `second`: value and gradient of the second highest peak, of a metric that is a peak.
     """
@@ -50,6 +66,8 @@ class Samples(NamedTuple):
     finer: np.ndarray
     up: np.ndarray
     down: np.ndarray
+    within: np.ndarray
+    changes: np.ndarray
     draws: np.ndarray
     cloud: np.ndarray
     slopes: np.ndarray
@@ -59,7 +77,7 @@ class Samples(NamedTuple):
 
 def sample(plan: SamplingPlan, mechanism, metric, t1, options: Settings) -> Samples:
     """All solves of the metric, by one program."""
-    p, samples, rtol, moves = len(plan.names), plan.samples, plan.rtol, plan.moves()
+    p, rtol, moves = len(plan.names), plan.rtol, plan.moves()
     rtols = np.where(np.arange(len(moves)) == 1, rtol / 10, rtol)
     # Of a peak the second highest is looked at too: where they tie, the metric has a kink.
     peak = isinstance(metric, Peak) and metric.count == 1
@@ -72,17 +90,26 @@ def sample(plan: SamplingPlan, mechanism, metric, t1, options: Settings) -> Samp
     second = (values[0, 1], slopes[0, 1]) if peak else None
     values, slopes = (values[:, 0], slopes[:, 0]) if peak else (values, slopes)
     fine = np.isfinite(values) & np.all(np.isfinite(slopes), axis=1)
-    if not fine[0] or np.sum(fine[-samples:]) < p + 3:
+    step, within, scatter = (
+        slice(2, 2 + 2 * p),
+        slice(2 + 2 * p, len(moves) - plan.samples),
+        slice(-plan.samples, None),
+    )
+    if not fine[0] or np.sum(fine[scatter]) < p + 3:
         raise RuntimeError("The solve stopped before t1, so there is no value to differentiate. Simulate to see why.")
-    up, down = values[2 : 2 + p] - values[0], values[2 + p : 2 + 2 * p] - values[0]
-    draws, cloud, over = (x[-samples:][fine[-samples:]] for x in (moves, values, slopes))
-    return Samples(values[0], slopes[0], slopes[1], up, down, draws, cloud, over, bool(np.all(fine)), second)
+    up, down = np.split(values[step] - values[0], 2)
+    inner, changes = (x[within][fine[within]] for x in (moves, values - values[0]))
+    draws, cloud, over = (x[scatter][fine[scatter]] for x in (moves, values, slopes))
+    complete = bool(np.all(fine))
+    return Samples(values[0], slopes[0], slopes[1], up, down, inner, changes, draws, cloud, over, complete, second)
 
 
 class Statistics(NamedTuple):
-    """What samples say of a gradient, per parameter but for `digits`; named as in the report, and
+    """What samples say of a gradient, per parameter but for `digits`, `departed` and `departure`; named as in the
+    report, and
 
     - `error`: of the gradient; `predicted`: the change of the metric over a step, by the gradient;
+    - `departed`: how far the metric is at most from what the gradient predicts within the step;
     - `mean`, `deviation` of the derivative over the scatter; `slope`, `slope_error` of the metric's regression there.
     """
 
@@ -90,6 +117,8 @@ class Statistics(NamedTuple):
     digits: np.floating
     predicted: np.ndarray
     linearity: np.ndarray
+    departed: np.floating
+    departure: np.floating
     mean: np.ndarray
     deviation: np.ndarray
     slope: np.ndarray
@@ -108,6 +137,7 @@ def statistics(plan: SamplingPlan, seen: Samples) -> Statistics:
         error = np.abs(seen.finer - gradient)
         predicted = plan.step * unit * gradient
         missed = np.maximum(np.abs(seen.up - predicted), np.abs(seen.down + predicted))
+        departed = np.max(np.abs(seen.changes - seen.within @ gradient), initial=0.0)
         mean, deviation = slopes.mean(0), slopes.std(0, ddof=1)
         slope, slope_error = regression(seen.draws, seen.cloud)
         return Statistics(
@@ -115,6 +145,8 @@ def statistics(plan: SamplingPlan, seen: Samples) -> Statistics:
             digits=np.max(error * unit) / np.max(np.abs(gradient) * unit),
             predicted=predicted,
             linearity=missed / np.abs(predicted),
+            departed=departed,
+            departure=departed / np.sum(np.abs(predicted)),
             mean=mean,
             deviation=deviation,
             slope=slope,

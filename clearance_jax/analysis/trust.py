@@ -1,10 +1,10 @@
 """Whether a derivative is worth believing: an exact derivative of a chaotic motion is useless to an optimiser.
 
 `gradient_report` measures, at the present design, what an optimiser would rely on: that the derivative does not change
-with the tolerance, that the metric follows it over the intended step, that it stays the same over the scatter with
-which parts are made, and that the slope of the metric over that scatter is the derivative's (jumps and kinks show
-there); how fast neighbouring motions part, and so for how long a derivative can mean anything. It compiles two
-programs, the metric's and the motion's, and again only for another structure: numbers and `t1` are arguments.
+with the tolerance, that the metric follows it over the intended step and within it, that it stays the same over the
+scatter with which parts are made, and that the slope of the metric over that scatter is the derivative's (jumps and
+kinks show there); how fast neighbouring motions part, and so for how long a derivative can mean anything. It compiles
+two programs, the metric's and the motion's, and again only for another structure: numbers and `t1` are arguments.
 """
 
 import warnings
@@ -30,13 +30,15 @@ from clearance_jax.solve.settings import ALL, SolveOptions, settings_of
 
 class TrustThresholds(Module):
     """The thresholds of the tests of a derivative. Their defaults were chosen on cases for which the right verdict is
-    known (`experiments/trust.py`).
+    known (`experiments/trust`).
     """
 
     digits: float = 1e-3
     """Largest relative difference between tolerances rtol and rtol/10."""
     linearity: float = 0.5
     """Largest |change - predicted| / |predicted| over the intended step."""
+    departure: float = 0.5
+    """Largest |change - predicted| within the step, over the change that is predicted for the whole step."""
     signal_to_noise: float = 3.0
     """Smallest |mean| / standard deviation of the derivative over the scatter."""
     slope: float = 0.3
@@ -71,6 +73,8 @@ class GradientReport(Module):
     - `digits`: relative difference of the gradients at rtol and rtol/10.
     - `linearity` (parameters,): difference between the change of the metric over a step and the change that the
       gradient predicts, relative to the latter.
+    - `departure`: the largest such difference at any of the `probes` within the step, where all parameters change
+      together, relative to the change that the gradient predicts for a step by all of them.
     - `signal_to_noise`, `slope_ratio` (slope of the metric over the scatter, over the mean derivative), `slope_z`
       (their difference in standard errors), all (parameters,); `heavy_tail`: the largest derivative over the median
       one.
@@ -86,6 +90,7 @@ class GradientReport(Module):
     gradient_error: Float[Array, " parameters"]
     digits: Array
     linearity: Float[Array, " parameters"]
+    departure: Array
     signal_to_noise: Float[Array, " parameters"]
     slope_ratio: Float[Array, " parameters"]
     slope_z: Float[Array, " parameters"]
@@ -115,7 +120,7 @@ class GradientReport(Module):
         return "\n".join(lines)
 
 
-def _check(mechanism, wrt, samples, on_untrusted) -> tuple[tuple[str, ...], np.ndarray]:
+def _check(mechanism, wrt, samples, probes, on_untrusted) -> tuple[tuple[str, ...], np.ndarray]:
     """Names and numbers of the parameters, once it is seen that there is something to report on."""
     names = (wrt,) if isinstance(wrt, str) else tuple(wrt)
     given = values_of(mechanism, names)
@@ -124,6 +129,8 @@ def _check(mechanism, wrt, samples, on_untrusted) -> tuple[tuple[str, ...], np.n
     p = len(names)
     if samples < p + 3:
         raise ClearanceError(f"{p} parameters need `samples` of at least {p + 3}, not {samples}.")
+    if probes < 0:
+        raise ClearanceError(f"`probes` must be 0 or more, but it is {probes}.")
     if on_untrusted not in ("ignore", "warn", "raise", "smooth"):
         raise ClearanceError(f"There is no on_untrusted={on_untrusted!r}. Allowed: ignore, warn, raise, smooth.")
     return names, np.array([float(v) for v in given.values()])
@@ -173,6 +180,12 @@ def _reasons(plan: SamplingPlan, thresholds: TrustThresholds, seen: Samples, fou
     judged = change > max(thresholds.minor * np.max(change), plan.rtol * abs(seen.value))
     if found.digits > thresholds.digits and np.any(judged):
         reasons.append(f"The gradient changes by {found.digits:.1g} of itself when the tolerance is ten times tighter.")
+    if found.departure > thresholds.departure and np.any(judged):
+        reasons.append(
+            f"Within the step of {plan.step:.0%} the metric is up to {found.departed:.3g} away from what the gradient "
+            f"predicts, which is {np.sum(np.abs(found.predicted)):.3g} for the whole step: it jumps there, or another "
+            "motion begins."
+        )
     for k in np.flatnonzero(judged).tolist():
         reasons += _doubts(plan, thresholds, seen, found, k)
     # An explanation, not a test: of a tie that turns no peak over within the step an optimiser feels nothing.
@@ -188,6 +201,7 @@ def gradient_report(
     t1: Any,
     *,
     step: float = 0.02,
+    probes: int = 96,
     scatter: float = 0.01,
     samples: int = 16,
     period: Any = None,
@@ -202,6 +216,9 @@ def gradient_report(
 
     - `mechanism`, `metric`, `wrt`, `t1` [s]: as of `sensitivities`.
     - `step`: the change that an optimiser would make, relative to each parameter (absolute for a parameter of zero).
+    - `probes`: at so many points within the step the metric is compared with what the gradient predicts. The points of
+      each parameter are evenly spaced, 2 `step` / `probes` apart. An island of other motion that is wider is seen; a
+      narrower one may lie between two points.
     - `scatter`: the standard deviation of made parts, given in the same way. `samples` of it are drawn with one `seed`,
       the same for all designs (common random numbers).
     - `period`: of a periodic drive [s]: adds the Floquet multipliers.
@@ -214,9 +231,9 @@ def gradient_report(
     too few samples, and a law of class C-1; `RuntimeError` if the motion itself, or too many of the scatter, cannot be
     solved to the end.
     """
-    names, centre = _check(mechanism, wrt, samples, on_untrusted)
+    names, centre = _check(mechanism, wrt, samples, probes, on_untrusted)
     settings = settings_of(mechanism, t1, options, KNOWN)
-    plan = SamplingPlan(names, centre, step, scatter, samples, float(settings.rtol), seed)
+    plan = SamplingPlan(names, centre, step, probes, scatter, samples, float(settings.rtol), seed)
     t1 = jnp.asarray(t1, float)
     seen = sample(plan, mechanism, as_metric(metric), t1, settings)
     found = statistics(plan, seen)
@@ -236,6 +253,7 @@ def gradient_report(
         gradient_error=jnp.asarray(found.slope_error if smoothed else found.error),
         digits=jnp.asarray(found.digits),
         linearity=jnp.asarray(found.linearity),
+        departure=jnp.asarray(found.departure),
         signal_to_noise=jnp.asarray(found.signal_to_noise),
         slope_ratio=jnp.asarray(found.slope_ratio),
         slope_z=jnp.asarray(found.slope_z),

@@ -202,6 +202,8 @@ def _distrust(specification: Specification, x: np.ndarray) -> str:
                     limit.metric.base_metric,
                     names,
                     specification.t1,
+                    # An island narrower than an eighth of the step misleads no search.
+                    probes=16,
                     samples=max(16, len(names) + 3),
                     on_untrusted="ignore",
                     **specification.options,

@@ -11,8 +11,10 @@ from clearance_jax.analysis.scatter import regression
 from clearance_jax.analysis.trust import UntrustedGradient
 from clearance_jax.errors import ClearanceError
 from clearance_jax.solve.settings import Settings
-from experiments import trust as experiment
-from experiments.trust import CHAOTIC, NAME, REGULAR, place, scene
+from experiments.trust import __main__ as experiment
+from experiments.trust.cases import evaluated
+from experiments.trust.horizon import CHAOTIC, FACTOR, REGULAR
+from experiments.trust.scenes import NAME, place, scene
 
 CALM, WILD = scene(REGULAR["R2, periodic"]), scene(CHAOTIC["A2"])
 # Past four impacts of the one, and past the horizon of the other.
@@ -28,7 +30,7 @@ def test_of_a_peak_the_second_is_looked_at_in_the_same_part_of_the_motion(monkey
         raise Asked(metric.count, float(metric.since))
 
     monkeypatch.setattr(scatter, "lanes", lanes)
-    plan = scatter.SamplingPlan((NAME,), np.ones(1), 0.02, 0.01, 4, 1e-8, 0)
+    plan = scatter.SamplingPlan((NAME,), np.ones(1), 0.02, 8, 0.01, 4, 1e-8, 0)
     with pytest.raises(Asked, match=r"\(2, 0.125\)"):
         scatter.sample(plan, CALM, cj.metrics.Peak(cj.metrics.Acceleration("pin"), since=0.125), SHORT, Settings())
 
@@ -68,7 +70,7 @@ def test_a_chaotic_motion_is_not():
     numbers = CHAOTIC["A2"]
     moves = 0.01 * numbers.clearance * np.concatenate([half, -half])
     points = numbers.clearance + moves.T
-    values = experiment.evaluated("place", np.array([numbers]), np.array([LONG]), points)[0]
+    values = evaluated("place", np.array([numbers]), np.array([LONG]), points)[0]
     np.testing.assert_allclose(smooth.gradient, regression(moves, values)[0], rtol=1e-2)
     assert abs(smooth.gradient[0]) < 0.5 * abs(warned.gradient[0])
     assert smooth.gradient_error[0] > 0
@@ -104,6 +106,8 @@ def test_messages():
         cj.gradient_report(CALM, place, ["play.radal_clearance"], SHORT)
     with pytest.raises(ClearanceError, match="least 4"):
         cj.gradient_report(CALM, place, [NAME], SHORT, samples=3)
+    with pytest.raises(ClearanceError, match="`probes` must be 0 or more"):
+        cj.gradient_report(CALM, place, [NAME], SHORT, probes=-1)
     with pytest.raises(ClearanceError, match="C-1"):
         cj.gradient_report(scene(REGULAR["R1, periodic"], laws.LinearKelvinVoigt), place, [NAME], SHORT)
     drive = cj.Motion(cj.drives.StepSum([0.0, 1.0], [0.5, 1.5], [0.1, 0.1]))
@@ -120,12 +124,14 @@ def test_a_metric_of_several_numbers_is_refused():
 @pytest.mark.optimised
 def test_experiment(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
-    horizons, verdicts = experiment.main(quick=True)
+    horizons, verdicts, islands = experiment.main(quick=True)
     for row in horizons:
         if row.chaotic:
-            assert row.factor <= experiment.FACTOR
+            assert row.factor <= FACTOR
         else:
             assert row.predicted == np.inf
     assert not any(v.trusted for v in verdicts if v.good is False)
     assert any(v.trusted for v in verdicts if v.good)
+    # Wider than the distance between two probes, none is missed.
+    assert set(islands.values()) == {1.0}
     assert (tmp_path / "out" / "trust_verdicts_quick.md").exists()

@@ -17,8 +17,9 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.metrics.measure import Request
 from clearance_jax.runs.identity import differences
 from clearance_jax.solve.settings import Settings
-from experiments.trust import CHAOTIC, scene
-from experiments.trust import NAME as PLAY
+from experiments.trust.horizon import CHAOTIC
+from experiments.trust.scenes import NAME as PLAY
+from experiments.trust.scenes import scene
 from optimize import (
     allocate_four_bar,
     allocate_planar_arm,

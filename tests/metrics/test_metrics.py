@@ -15,7 +15,8 @@ from clearance_jax.metrics.joint_work import JointWork
 from clearance_jax.metrics.measure import _together
 from experiments.common import slider_crank
 from experiments.reference.make import load_variation
-from experiments.trust import REGULAR, scene
+from experiments.trust.horizon import REGULAR
+from experiments.trust.scenes import scene
 
 CLEARANCE, FRICTION = "wrist.radial_clearance", "wrist.friction.coefficient"
 T1, SINCE = 0.012, 6e-4
