@@ -65,6 +65,15 @@ class Design:
         return [name for name, limit in pairs if limit > -self.method.slack]
 
     @property
+    def deciders(self) -> list[str]:
+        """What decides the design, in words: each active limit; or, where none is, what else."""
+        if self.active or not self.feasible:
+            return [f"decided by: {name}" for name in self.active]
+        at = np.isclose(self.evaluation.x, self.program.lower) | np.isclose(self.evaluation.x, self.program.upper)
+        who = "the bounds of the variables do" if np.any(at) else "the solver stopped short of one"
+        return [f"no limit decides: {who}"]
+
+    @property
     def counts(self) -> str:
         """How many designs were evaluated, by each model of the motion, in words."""
         cheap = self.program.cheap
@@ -106,11 +115,7 @@ class Design:
         ]
         if not self.specification.common:
             lines.append(f"  cost {self.objective:.6g} {self.specification.cost_unit}")
-        lines += [f"  decided by: {name}" for name in self.active]
-        if self.feasible and not self.active:
-            at = np.isclose(self.evaluation.x, self.program.lower) | np.isclose(self.evaluation.x, self.program.upper)
-            who = "the bounds of the variables do" if np.any(at) else "the solver stopped short of one"
-            lines.append(f"  no limit decides: {who}")
+        lines += [f"  {text}" for text in self.deciders]
         lines.append(f"  {self.method.name}: {self.counts}")
         lines += [f"  {text}" for text in (self.stop_reason, self.note) if text]
         return "\n".join(lines)
