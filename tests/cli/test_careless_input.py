@@ -8,6 +8,7 @@ import time
 import warnings
 from importlib import metadata
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -285,6 +286,16 @@ def test_an_unknown_command_is_answered_with_those_there_are(monkeypatch, capsys
     assert ended.value.code == 2
     said = " ".join(capsys.readouterr().err.split())
     assert "No such command 'optimize'. Allowed: simulate, run, info, plot, animate, cache (`run` does what" in said
+
+
+def test_play_that_rings_is_answered_with_what_damps_it(monkeypatch):
+    modes = [SimpleNamespace(frequency=318.7, ratio=ratio) for ratio in (-0.012, 0.67)]
+    monkeypatch.setattr("clearance_jax.analysis.modes.seated_modes", lambda _: modes)
+    said = " ".join(CliRunner().invoke(app, ["info", str(SCENE)]).output.split())
+    assert (
+        "warning: 1 of these with a damping ratio below 1 % (they ring for long, or grow where it is negative)" in said
+    )
+    assert "Give the joints an `element`" in said
 
 
 def test_a_sleeve_in_a_plane_scene_is_named(tmp_path):
