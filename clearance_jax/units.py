@@ -64,6 +64,8 @@ def _convert(value: str, text: tuple[float, str], unit: str, where: str) -> floa
         quantity = registry().Quantity(*text) if unit == "K" else registry().Quantity(f"{text[0]!r} {text[1]}")
         magnitude = float(quantity.to(unit).magnitude)
     except pint.DimensionalityError as error:
+        if not text[1]:
+            raise ClearanceError(f'{where} needs a unit: write it as "{text[0]:g} {unit}".') from None
         raise ClearanceError(
             f"{where} must be in {unit} or a unit of that dimension, but {quote(value)} is in {error.units1}."
         ) from None

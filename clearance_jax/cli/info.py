@@ -150,8 +150,9 @@ def _modes_words(mechanism) -> Iterator[str]:
     weak = sum(mode.ratio < WEAKLY_DAMPED for mode in modes[:MODES])
     if weak:
         yield (
-            f"warning: {weak} of these have a damping ratio below {100 * WEAKLY_DAMPED:g} %: they ring for long, which "
-            "no real joint does. Give the joint an `element` (a damper, a preloaded bearing), or friction."
+            f"warning: {weak} of these with a damping ratio below {100 * WEAKLY_DAMPED:g} % (they ring for long, or "
+            "grow where it is negative), which no real joint does. Give the joints an `element` (a damper, a preloaded "
+            "bearing), friction, or a normal law with more damping."
         )
 
 

@@ -53,7 +53,8 @@ def about(
     """What stands before any command."""
 
 
-for command in (simulate, run, info, plot, animate, cache):
+COMMANDS = simulate, run, info, plot, animate, cache
+for command in COMMANDS:
     app.command()(command)
 
 
@@ -68,7 +69,10 @@ def main() -> None:
         with _block_imports(*(_UNUSED if sys.argv[1:2] == ["simulate"] else ())):
             raise SystemExit(app(sys.argv[1:] or ["--help"], standalone_mode=False))
     except UsageError as error:
-        _fail(f"{error.format_message().rstrip('.')}. See `clearance --help`.")
+        text = error.format_message().rstrip(".")
+        if text.startswith("No such command"):
+            text += f". Allowed: {', '.join(command.__name__ for command in COMMANDS)} (`run` does what a study asks)"
+        _fail(f"{text}. See `clearance --help`.")
     except ClearanceError as error:
         _fail(str(error))
     except KeyboardInterrupt:

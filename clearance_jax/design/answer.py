@@ -68,6 +68,15 @@ class Design:
         return [name for name, limit in pairs if limit > -self.method.slack]
 
     @property
+    def deciders(self) -> tuple[str, ...]:
+        """What decides the design, in words: limits, or the bounds of the variables."""
+        if self.active or not self.feasible or self.classes is not None:
+            return tuple(f"{'decided by' if self.feasible else 'not held'}: {name}" for name in self.active)
+        at = np.isclose(self.evaluation.x, self.program.lower) | np.isclose(self.evaluation.x, self.program.upper)
+        who = "the bounds of the variables do" if np.any(at) else "the solver stopped short of one"
+        return (f"no limit decides: {who}",)
+
+    @property
     def counts(self) -> str:
         """How many designs were evaluated, by each model of the motion, in words."""
         cheap = self.program.cheap
@@ -113,11 +122,7 @@ class Design:
         ]
         if not self.specification.common:
             lines.append(f"  cost {self.objective:.6g} {self.specification.cost_unit}")
-        lines += [f"  {'decided by' if self.feasible else 'not held'}: {name}" for name in self.active]
-        if self.feasible and not self.active and self.classes is None:
-            at = np.isclose(self.evaluation.x, self.program.lower) | np.isclose(self.evaluation.x, self.program.upper)
-            who = "the bounds of the variables do" if np.any(at) else "the solver stopped short of one"
-            lines.append(f"  no limit decides: {who}")
+        lines += [f"  {text}" for text in self.deciders]
         lines.append(f"  {self.method.name}: {self.counts}")
         if self.classes is not None:
             lines += [f"  {text}" for text in self.classes.sentences]

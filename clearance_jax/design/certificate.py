@@ -73,6 +73,8 @@ class Certificate:
         alone = "in one piece" if len(self.islands) == 1 else f"in {len(self.islands)} ISLANDS"
         lines.append(f"  Along that line designs hold {alone}: {spans} times the design.")
         optimal = f"(Karush-Kuhn-Tucker) residual {self.residual:.1e}"
+        if np.isnan(self.residual):
+            optimal = "is not known, as no slope was asked for"
         optimal = "is not known, as slopes say nothing" if self.among else optimal
         lines.append(f"  {self.optimality or f'Optimality {optimal}'}.")
         for name, price in self.prices.items():
@@ -84,8 +86,8 @@ class Certificate:
             lines.append(f"  {self.yield_estimate}")
         for name, value in self.static.items():
             lines.append(
-                f"  Of {name} play alone, at rest, could make {format_quantity(value, 'm', 4)}; "
-                "more is motion or force."
+                f"  {name}: play alone, at rest, could cause {format_quantity(value, 'm', 4)}; "
+                "what is above that comes from motion or force."
             )
         if self.starts:
             others = [s for s in self.starts if s < self.objective - 1e-4 * abs(self.objective)]

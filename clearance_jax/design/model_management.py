@@ -133,7 +133,7 @@ def model_management(program: Program, start: np.ndarray, tolerance: float = 1e-
         ratio = (here.merit(price) - there.merit(price)) / promised
         failed = 0 if ratio > 0 or promised <= tolerance else failed + 1
         if failed >= PATIENCE:
-            raise UselessSlopes(f"{failed} steps in a row gain nothing of what slopes promise")
+            raise UselessSlopes(f"{failed} steps in a row gained nothing of what the slopes promised")
         if ratio < POOR and promised > tolerance:
             radius = 0.5 * min(radius, step)
         elif ratio > GOOD and step > 0.99 * radius:

@@ -147,7 +147,7 @@ def _managed(
     stop_reason = _runs(program, MATCHED, x, starts, seed, **tolerance)
     if not stop_reason.startswith(USELESS):
         return _explained(_design(specification, program, MATCHED, stop_reason, ""))
-    note = f"{stop_reason.removeprefix(USELESS)}, so values alone were matched"
+    note = f"{stop_reason.removeprefix(USELESS)}, so the search compared values alone, and a better design may exist"
     if not specification.manufacture.is_design:
         stop_reason = _runs(program, MATCHED_VALUES, x, starts, seed, **tolerance)
         return _design(specification, program, MATCHED_VALUES, stop_reason, note)

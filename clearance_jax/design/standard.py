@@ -42,7 +42,7 @@ class StandardFits(NamedTuple):
         lines = [f"{name}: {found}" for name, found in self.fits.items()]
         greatest, least = self.shares
         lines.append(
-            f"Of its bound the worst limit has {greatest:.4f} with every clearance at its greatest, "
+            f"The worst limit reaches {greatest:.4f} of its bound with every clearance at its greatest, "
             f"{least:.4f} at its least."
         )
         return "\n".join([*lines, str(self.yield_estimate)])

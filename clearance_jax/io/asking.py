@@ -47,6 +47,8 @@ class Asked:
     def __init__(self, path: Path):
         self.path = path
         self.text, values = read_toml(path, "study file")
+        if "scene" not in values and ("body" in values or "joint" in values):
+            raise ClearanceError(f"`{path}` is a scene, and not a study: use `clearance simulate`, or `cj.load`.")
         self.table = Table(values, f"{path}:", STUDY)
         self.name = self.table.get("name") or path.stem
         self.scene: Scene = read_scene(path.parent / self.table.get("scene"))

@@ -57,6 +57,8 @@ def read_scene(path: str | Path) -> Scene:
         text, mechanism = read_robot(path)
         return Scene(mechanism, {}, text)
     text, values = read_toml(path, "scene file")
+    if "scene" in values:
+        raise ClearanceError(f"`{path}` is a study, and not a scene: use `clearance run`.")
     with naming(str(path)), jax.ensure_compile_time_eval(), warnings.catch_warnings():
         warnings.simplefilter("ignore", ImplausibleWarning)
         # Numbers stay numbers where a scene is loaded inside a jitted function.

@@ -40,7 +40,10 @@ def means_of(options: Options, allowed) -> Means:
     """What a solve is judged by."""
     longest = None
     for observer in options.observers:
-        longest = observer.longest if longest is None else jnp.minimum(longest, observer.longest)
+        # A plain number is every lane's; as an array it would have no axis of lanes.
+        both = isinstance(longest, float) and isinstance(observer.longest, float)
+        least = min if both else jnp.minimum
+        longest = observer.longest if longest is None else least(longest, observer.longest)
     return Means(allowed, options.locate_events, float(options.solver.error_order(None)), longest)
 
 

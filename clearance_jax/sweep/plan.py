@@ -29,7 +29,7 @@ class SweepPlan(NamedTuple):
     place: str
 
     def __str__(self) -> str:
-        new = f", {self.known} of them known" if self.known else ""
+        new = f" ({self.known} of them known)" if self.known else ""
         time = "a time not known" if self.seconds is None else shown_time(self.seconds)
         where = f", at most {size(self.disk)} on disk" if self.disk else ""
         return (

@@ -39,7 +39,9 @@ def open_store(
     narrower = _narrower(path)
     with refuse_in_words(f"`{path}`"):
         if path.exists() and not resume:
-            raise ClearanceError(f"`{path}` exists already. Go on with it by `resume`, or choose another path.")
+            raise ClearanceError(
+                f"`{path}` exists already. Go on with it by `resume` (`--resume`), or choose another path."
+            )
         if path.exists():
             grid = snap(grid, _regions_of(path, grid, provenance))
         if not path.exists():

@@ -8,6 +8,7 @@ import time
 import warnings
 from importlib import metadata
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from typer.testing import CliRunner
 import clearance_jax as cj
 from clearance_jax.cli.common import check_writable
 from clearance_jax.cli.interruption import Interruption
-from clearance_jax.cli.main import app
+from clearance_jax.cli.main import app, main
 from clearance_jax.cli.pace import Pace, shown_duration
 from clearance_jax.errors import LONGEST, ClearanceError, cut, quote
 from clearance_jax.io.given_play import with_play
@@ -253,6 +254,9 @@ def test_settings_are_given_once_and_in_bounds():
         (["simulate", "{scene}", "--samples", str(10**12)], f"between 2 and {MOST_SAMPLES}"),
         (["simulate", "{scene}", "--set", "slider.mass=1kg", "--set", "slider.mass=2kg"], "a second time"),
         (["simulate", "{scene}", "--t1", "mm"], "it lacks a number"),
+        (["simulate", "{scene}", "--t1", "5"], '`--t1` needs a unit: write it as "5 s".'),
+        (["simulate", "{study}"], "`study.toml` is a study, and not a scene: use `clearance run`"),
+        (["run", "{scene}"], "`s.toml` is a scene, and not a study: use `clearance simulate`"),
         (["plot", "."], "Cannot read `.` as a store of a sweep"),
         (["run", "{study}", "--record", "{study}"], "are the same file"),
         (["run", "{study}", "--report", "missing/a.html"], "its folder does not exist"),
@@ -273,6 +277,25 @@ def test_bad_commands_are_refused_before_anything_is_solved(arguments, words, tm
     assert isinstance(result.exception, ClearanceError)
     assert words in str(result.exception)
     assert {path.name for path in tmp_path.iterdir()} == {"s.toml", "study.toml", "sweep.toml"}
+
+
+def test_an_unknown_command_is_answered_with_those_there_are(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["clearance", "optimize", "study.toml"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert "No such command 'optimize'. Allowed: simulate, run, info, plot, animate, cache (`run` does what" in said
+
+
+def test_play_that_rings_is_answered_with_what_damps_it(monkeypatch):
+    modes = [SimpleNamespace(frequency=318.7, ratio=ratio) for ratio in (-0.012, 0.67)]
+    monkeypatch.setattr("clearance_jax.analysis.modes.seated_modes", lambda _: modes)
+    said = " ".join(CliRunner().invoke(app, ["info", str(SCENE)]).output.split())
+    assert (
+        "warning: 1 of these with a damping ratio below 1 % (they ring for long, or grow where it is negative)" in said
+    )
+    assert "Give the joints an `element`" in said
 
 
 def test_a_sleeve_in_a_plane_scene_is_named(tmp_path):

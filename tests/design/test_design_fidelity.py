@@ -192,7 +192,7 @@ def test_useless_slopes_are_seen_and_values_are_matched_in_their_place():
     assert -0.03 <= steep.best.worst <= 0
     assert_allclose(steep.best.objective, 1 / 0.1 * np.sqrt([1.2, 2.5, 0.8]).sum() ** 2, rtol=0.05)
     wrong = pair(slope=-1.0)
-    assert "gain nothing of what slopes promise" in design.run(wrong, MATCHED, np.full(3, 0.05))
+    assert "gained nothing of what the slopes promised" in design.run(wrong, MATCHED, np.full(3, 0.05))
     # Alone they end a search too, which keeps a design that holds.
     alone = power([1.2, 2.5, 0.8], 0.1, slope=1e9)
     assert "slopes say nothing" in design.run(alone, "slsqp", np.full(3, 0.05))

@@ -99,6 +99,20 @@ def test_peak_contact_force_is_the_traces(mechanism):
     assert int(at(metrics.Impacts("wrist"), mechanism, 5e-4)) == episodes.sizes["episode"]
 
 
+def test_a_batch_counts_several_impacts_at_once(mechanism):
+    asked = {"all": metrics.Impacts("wrist"), "late": metrics.Impacts("wrist", since=SINCE)}
+
+    def counts(clearance):
+        return cj.measure(cj.replace(mechanism, {CLEARANCE: clearance}), asked, 2e-3, rtol=1e-6)
+
+    clearances = jnp.array([3e-4, 5e-4])
+    found = jax.jit(jax.vmap(counts))(clearances)
+    for i, clearance in enumerate(clearances):
+        alone = counts(clearance)
+        assert {name: int(count[i]) for name, count in found.items()} == {name: int(alone[name]) for name in asked}
+    assert all(found["all"] > 0)
+
+
 def test_soft_peaks_bound_the_largest_sample(mechanism):
     largest = float(jnp.max(at(metrics.At(ERROR, np.linspace(0, T1, 1001)), mechanism, 5e-4)))
     ready = cj.replace(mechanism, {CLEARANCE: 5e-4})

@@ -43,6 +43,14 @@ def test_a_page_says_what_a_drawing_needs():
     assert "EUR" in page[page.index("What another bound") :]
 
 
+def test_the_first_card_says_what_decides_and_what_is_not_proved():
+    found = dataclasses.replace(answer([piston_limit()]), note="slopes were of no use")
+    page = text_of(render(made(found)))
+    first = page[: page.index("For the drawing")]
+    assert "Decided by: piston: position error, peak 1." in first
+    assert "slopes were of no use." in first
+
+
 def test_limits_have_bound_share_and_instant():
     (row,) = rows_of(render(made(answer([piston_limit()]))), "limit")
     assert row == ["piston: position error, peak 1", "199.98 µm", "200 µm", "99.9900 %", "3.4 ms"]

@@ -77,7 +77,7 @@ def test_resuming_runs_only_what_is_missing(tmp_path, whole):
 def test_another_question_is_refused_in_words(tmp_path, monkeypatch):
     path = tmp_path / "a.zarr"
     swept(path)
-    with pytest.raises(cj.ClearanceError, match=r"exists already\. Go on with it by `resume`"):
+    with pytest.raises(cj.ClearanceError, match=r"exists already\. Go on with it by `resume` \(`--resume`\)"):
         swept(path)
     with pytest.raises(cj.ClearanceError, match=r"`axis drive.main.speed` is .*15 from .* here and .*16 from"):
         swept(path, resume=True, speeds=SPEEDS[:15])
