@@ -55,7 +55,7 @@ def run_sweep(
             say(f"Interrupted. What is done is kept: clearance run {file} -o {output} --resume")
             raise typer.Exit(130) from None
     why = f": {dataset.attrs['failures']}" if dataset.attrs["failed"] else ""
-    say(f"{dataset.attrs['lanes']} lanes, {dataset.attrs['failed']} failed{why}")
+    say(f"{dataset.attrs['lanes']} samples, {dataset.attrs['failed']} failed{why}")
     say_written("store", output)
     if plot is not None:
         draw_sweep(dataset, plot)

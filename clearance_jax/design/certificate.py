@@ -81,8 +81,8 @@ class Certificate:
             lines.append(f"  {self.yield_estimate}")
         for name, value in self.static.items():
             lines.append(
-                f"  Of {name} play alone, at rest, could make {format_quantity(value, 'm', 4)}; "
-                "more is motion or force."
+                f"  Limit on {name}: at rest, play alone causes an error of at most {format_quantity(value, 'm', 4)}. "
+                "Motion and forces cause the rest."
             )
         if self.starts:
             others = [s for s in self.starts if s < self.objective - 1e-4 * abs(self.objective)]

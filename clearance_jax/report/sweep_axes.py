@@ -67,7 +67,7 @@ def _monotone(values: np.ndarray) -> bool:
 def lanes_of(dataset: xr.Dataset) -> tuple[str, ...]:
     """The dimensions along which lanes lie. **Raises** `ClearanceError` for a dataset that is no sweep."""
     if CODE not in dataset:
-        raise ClearanceError("There is nothing to draw: this is no result of a sweep, for no lane has a `code`.")
+        raise ClearanceError("There is nothing to draw: this is no result of a sweep, for no sample has a `code`.")
     return tuple(str(dim) for dim in dataset[CODE].dims)
 
 

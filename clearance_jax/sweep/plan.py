@@ -33,7 +33,7 @@ class SweepPlan(NamedTuple):
         time = "a time not known" if self.seconds is None else shown_time(self.seconds)
         where = f", at most {size(self.disk)} on disk" if self.disk else ""
         return (
-            f"{self.lanes} lanes{new} in {self.regions} regions, {self.programs} programs, on {self.place}: {time} "
+            f"{self.lanes} samples{new} in {self.regions} regions, {self.programs} programs, on {self.place}: {time} "
             f"after compiling, {size(self.memory)} of answers in memory{where}"
         )
 
@@ -61,7 +61,7 @@ class SweepProgress(NamedTuple):
 
     def __str__(self) -> str:
         left = "" if self.left is None else f", {shown_time(self.left)} to go"
-        return f"{self.done} of {self.lanes} lanes, {self.failed} failed, {self.rate:.3g} a second{left}"
+        return f"{self.done} of {self.lanes} samples, {self.failed} failed, {self.rate:.3g} a second{left}"
 
 
 def check_room(path: Path, needed: int) -> None:
@@ -71,8 +71,8 @@ def check_room(path: Path, needed: int) -> None:
     # Where nothing can be written at all the disk says so itself.
     if needed > free > 0:
         raise ClearanceError(
-            f"`{path}` may take {size(needed)}, but there are {size(free)} free. Ask for fewer lanes or outputs, or "
-            "choose another disk."
+            f"`{path}` may take {size(needed)}, but there are {size(free)} free. Ask for fewer samples or outputs, "
+            "or choose another disk."
         )
 
 

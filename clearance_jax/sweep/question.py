@@ -56,7 +56,7 @@ def _end(t1: Any, first: Mapping[str, Any], times: Any) -> float:
     if t1 is not None:
         raise ClearanceError("`t1` is an axis and an argument. Take one of the two away.")
     if isinstance(times, int | np.integer):
-        raise ClearanceError("Where `t1` differs from lane to lane `times` must be times [s], not their number.")
+        raise ClearanceError("Where `t1` differs from sample to sample `times` must be times [s], not their number.")
     return first["t1"]
 
 

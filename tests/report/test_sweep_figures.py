@@ -112,7 +112,7 @@ def test_a_heat_map_has_a_cell_for_every_lane():
     assert np.ma.count_masked(cells[1]) == 1
     assert maps[-1].get_xlabel() == "wrist radial clearance, mm"
     assert maps[0].get_ylabel() == "drive main speed, rad/s"
-    assert figure.get_suptitle() == "of 1344 lanes 1 failed (grey)"
+    assert figure.get_suptitle() == "of 1344 samples 1 failed (grey)"
     running = grid()
     running["code"][5:] = sweep_axes.NOT_RUN
     assert "1 failed and 1024 not run yet" in sweep_figures.heat_map(running, "error").get_suptitle()
@@ -236,7 +236,7 @@ def test_what_fits_a_sweep_is_drawn():
     }
     with pytest.raises(ClearanceError, match="no result of a sweep"):
         sweep_figures.figures(over.drop_vars("code"))
-    with pytest.raises(ClearanceError, match="no lane has a result"):
+    with pytest.raises(ClearanceError, match="no sample has a result"):
         sweep_figures.figures(over.assign(error=np.nan * over["error"]))
     with pytest.raises(ClearanceError, match="no result `eror`"):
         sweep_figures.heat_map(over, "eror")

@@ -180,11 +180,11 @@ sweep.axis."wrist.radial_clearance" = {{ kind = "values", values = ["0.1 mm", "0
     first = run("--plot", str(pictures))
     assert first.exit_code == 0, first.output
     assert {path.name for path in pictures.iterdir()} == {"guide.velocity_over_wrist.radial_clearance.png"}
-    assert "4 lanes in 1 regions, 1 programs, on 1 cores" in first.output
-    assert "4 lanes, 2 failed: 2 the largest number of steps was reached" in first.output
+    assert "4 samples in 1 regions, 1 programs, on 1 cores" in first.output
+    assert "4 samples, 2 failed: 2 the largest number of steps was reached" in first.output
     assert "exists already" in str(run().exception)
     grown = run("--resume", said=text.replace('"0.5 mm"]', '"0.5 mm", "0.55 mm"]'))
-    assert "5 lanes, 2 failed" in grown.output
+    assert "5 samples, 2 failed" in grown.output
     found = xr.open_zarr(store)
     assert found.attrs["study"] == path.read_text()
     assert found["wrist.radial_clearance"].attrs["units"] == "m"

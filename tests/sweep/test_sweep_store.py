@@ -49,7 +49,7 @@ def test_a_store_holds_the_same(tmp_path, whole):
     assert (plan.lanes, plan.known, plan.regions, plan.programs) == (512, 0, 8, 1)
     assert plan.seconds is not None
     assert plan.disk == 512 * (1 + 4 + 4 + 1 + 8 + 16)
-    assert "512 lanes in 8 regions, 1 programs" in str(plan)
+    assert "512 samples in 8 regions, 1 programs" in str(plan)
     assert (seen[-1].done, seen[-1].failed, seen[-1].left) == (512, 0, 0.0)
     # Whoever has only xarray reads it, and sees its units.
     plain = xr.open_zarr(tmp_path / "a.zarr")
