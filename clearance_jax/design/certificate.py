@@ -82,7 +82,7 @@ class Certificate:
         for name, value in self.static.items():
             lines.append(
                 f"  Limit on {name}: at rest, play alone causes an error of at most {format_quantity(value, 'm', 4)}. "
-                "Motion and forces cause the rest."
+                "A larger error comes from motion or forces."
             )
         if self.starts:
             others = [s for s in self.starts if s < self.objective - 1e-4 * abs(self.objective)]
