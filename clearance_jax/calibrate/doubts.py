@@ -39,9 +39,9 @@ def doubts(task: Task, fit: Fit, known: Confidence) -> Iterator[str]:
     yield from (said for name, said in _autocorrelation(task, fit) if name not in exact)
     if fit.steps >= MANY and fit.doubtful > MISLED * fit.steps:
         yield (
-            f"{fit.doubtful} of {fit.steps} steps of the search brought less than a quarter of the improvement that the "
-            "derivatives predicted: the derivatives may be misleading, as in chaotic motion. Measure a shorter time, or "
-            "try more starts."
+            f"{fit.doubtful} of {fit.steps} steps of the search brought less than a quarter of the improvement that "
+            "the derivatives predicted: the derivatives may be misleading, as in chaotic motion. Measure a shorter "
+            "time, or try more starts."
         )
     try:
         yield from () if exact or fit.ending == INTERRUPTED else _bends(task, fit, known)
@@ -62,7 +62,9 @@ def _undetermined(group: Unidentified, units: Mapping[str, str]) -> str:
             "its bounds. Fix it, or measure something that depends on it."
         )
     if len(group.directions) == len(group.names):
-        return f"The data do not determine {listed(group.names)}, nor any combination of them. Fix them, or measure more."
+        return (
+            f"The data do not determine {listed(group.names)}, nor any combination of them. Fix them, or measure more."
+        )
     how = ""
     if len(group.directions) == 1:
         parts = zip(group.names, group.directions[0], strict=True)
@@ -104,8 +106,8 @@ def _sizes(task: Task, fit: Fit) -> Iterator[str]:
             )
         if size < low:
             yield (
-                f"The residuals of `{name}` are only {np.sqrt(size):.2g} times as large as its noise (reduced chi-square "
-                f"{size:.2g}): the noise is smaller than the given deviation, and the intervals are too wide."
+                f"The residuals of `{name}` are only {np.sqrt(size):.2g} times as large as its noise (reduced "
+                f"chi-square {size:.2g}): the noise is smaller than the given deviation, and the intervals are too wide."
             )
 
 
