@@ -3,7 +3,8 @@
 Qian et al. 2022 (doi 10.3390/app122111041) simulate joint 5 of a tool-changing robot with three clearances, four drives
 and three coefficients of friction, one varied at a time. This page uses the plane model of the scenes
 `joint5_velocity_1..4` in the literal reading of `experiments.paper` (damping of Eq. 7, radial clearance). It varies all
-three together: clearances up to 1 mm in 200 steps, the four drives of Table 2, and friction from 0 to 0.5. A sample is one motion of the sweep. All its results come from one solve. An interrupted run continues when it is started again.
+three together: clearances up to 1 mm in 200 steps, the four drives of Table 2, and friction from 0 to 0.5. A sample is
+one motion of the sweep. All its results come from one solve. An interrupted run continues when it is started again.
 
 The number of impacts depends on the damping. So the four drives are swept again with the damping of Table 1 (e = 0.42).
 

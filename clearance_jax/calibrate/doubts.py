@@ -107,7 +107,8 @@ def _sizes(task: Task, fit: Fit) -> Iterator[str]:
         if size < low:
             yield (
                 f"The residuals of `{name}` are only {np.sqrt(size):.2g} times as large as its noise (reduced "
-                f"chi-square {size:.2g}): the noise is smaller than the given deviation, and the intervals are too wide."
+                f"chi-square {size:.2g}): the noise is smaller than the given deviation. The intervals are too "
+                "wide."
             )
 
 

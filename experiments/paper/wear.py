@@ -203,8 +203,8 @@ def figure_15(readings: tuple[Reading, ...]) -> Figure:
 
 def verdict_table(found: list[tuple[Claim, dict[Reading, Finding]]], readings: tuple[Reading, ...], out: Path) -> None:
     write(
-        "## Verdicts\n\nThe table has one number for each reading, and says whether the claim holds there. The start-up "
-        f"is the first {START:.0%} of the run.\n"
+        "## Verdicts\n\nThe table has one number for each reading, and says whether the claim holds there. The "
+        f"start-up is the first {START:.0%} of the run.\n"
     )
     rows = []
     for claim, own in found:
@@ -221,8 +221,8 @@ def run_table(readings: tuple[Reading, ...], out: Path) -> None:
     """One run in each reading, and 1000 of them."""
     write(
         "## The runs\n\n*Volume by 1000 steps*: the paper's sum over equal steps (its Eq. 12), compared with the "
-        "quadrature: the quotient minus one. *Foundation*: the volume on an elastic foundation, divided by k F s (the volume of a "
-        "flat patch). *Solved*: the number of runs that were simulated for the 1000 runs.\n"
+        "quadrature: the quotient minus one. *Foundation*: the volume on an elastic foundation, divided by k F s "
+        "(the volume of a flat patch). *Solved*: the number of runs that were simulated for the 1000 runs.\n"
     )
     rows = []
     for reading in readings:
