@@ -3,14 +3,14 @@
 Qian et al. 2022 (doi 10.3390/app122111041) simulate joint 5 of a tool-changing robot with three clearances, four drives
 and three coefficients of friction, one varied at a time. This page uses the plane model of the scenes
 `joint5_velocity_1..4` in the literal reading of `experiments.paper` (damping of Eq. 7, radial clearance). It varies all
-three together: clearances up to 1 mm in 200 steps, the four drives of Table 2, and friction from 0 to 0.5. A lane is
+three together: clearances up to 1 mm in 200 steps, the four drives of Table 2, and friction from 0 to 0.5. A sample is
 one motion of the sweep. All its results come from one solve. An interrupted run continues when it is started again.
 
 The number of impacts depends on the damping. So the four drives are swept again with the damping of Table 1 (e = 0.42).
 
 - Deviation: the largest distance of the end from where the ideal robot has it. Velocity fluctuation: root mean square
   of the end's speed less the ideal one's. Peak acceleration: of the end. Impacts: how often pin and sleeve meet.
-- Lanes at the paper's clearances are compared with the traced single solves of `experiments.paper`.
+- Samples at the paper's clearances are compared with the traced single solves of `experiments.paper`.
 - A trend is described by its Spearman rank correlation with the clearance (+1: always rising). If a result scales with
   the clearance, the exponent of the power law through the values from 50 um on is given too.
 """
@@ -112,7 +112,7 @@ def sweep(
         rtol=RTOL,
         energy_balance=True,
     )
-    say(f"a lane takes {found['steps'].median():.0f} steps (median)")
+    say(f"a sample takes {found['steps'].median():.0f} steps (median)")
     found = found.drop_vars([*columns, "t1"]).assign_coords(drive=list(speeds))
     for name, one in RESULTS.items():
         found[name].attrs = {"units": one.unit, "long_name": one.words}
@@ -228,7 +228,7 @@ def main(quick: bool = False) -> tuple[xr.Dataset, list[Trend]]:
             )
             for size, name, value, traced in singles(found)
         ]
-        head = ("clearance", "result", "lane", "traced solve", "relative difference")
+        head = ("clearance", "result", "sample", "traced solve", "relative difference")
         table(head, beside, output("paper_sweeps_singles.md"))
     shown = {
         "drives": (

@@ -3,22 +3,23 @@
 `fidelity="quasi-static"` is compared with the dynamics from a settled start, in random cases of five mechanisms: the
 loaded slider-crank, joint 5 in the plane, the tool changer, the arm of six axes with three sleeves, and an arm of the
 UR5's layout with three sleeves (built from the lengths and masses that are published with its Denavit-Hartenberg
-parameters, not a model of that product). Random are clearances (5 to 300 um), loads and payloads, speeds and times of
-moves, postures, friction, and whether a move is a quintic or a trapezoid of accelerations. Every second case has
-dampers over its play, of random size. The dynamics have rtol 1e-6 (the UR5's layout 1e-5).
+parameters, not a model of that product). Clearances (5 to 300 um), loads and payloads, speeds and times of moves,
+postures and friction are random. A move is a quintic or a trapezoid, at random. Every second case has dampers of random
+size in its play. The dynamics have rtol 1e-6 (the UR5's layout 1e-5).
 
-- *Ratio*: the peak of the end point's position error by poses over that by dynamics, after the first tenth of the
-  motion.
-- *Gap*: the 95th percentile over time (after the same tenth, 181 samples) of the distance between the two errors, as
-  vectors, over the peak by dynamics.
-- *Ringing*: what `solution.validity` expects, over the largest error along the poses. Up to `SMALL` it says *follows*,
-  up to `LARGE` *peak only*, beyond *not valid*.
+- *Ratio*: the peak of the end point's position error in the poses, divided by that in the dynamics, after the first
+  tenth of the motion.
+- *Gap*: the 95th percentile over time (after the same tenth, 181 samples) of the distance between the two error
+  vectors, divided by the peak in the dynamics.
+- *Ringing*: the ringing that `solution.validity` estimates, divided by the largest error of the poses. The word is
+  *follows* up to the first threshold (`SMALL`), *peak only* up to the second (`LARGE`), and *not valid* beyond.
 
-What is asked of the words: where it says *follows* (at least 20 % of the cases) the gap is at most 15 %; where it says
-*peak only* the ratio is within 25 % of 1, and half of them within 10 %; it says *not valid* in at most 30 %.
+The words must meet these requirements. *Follows*: at least 20 % of the cases, and the gap of each is at most 15 %.
+*Peak only*: the ratio of each case is within 25 % of 1, and that of half of the cases within 10 %. *Not valid*: at most
+30 % of the cases.
 
-The cases of one seed are to calibrate the two thresholds, those of the other to check them. What is measured of a
-mechanism is kept in out/quasi_static_NAME.npz, and a later run of the same cases reads it.
+The cases of one random seed calibrate the two thresholds. The cases of another seed check them. The measured values of
+a mechanism are kept in out/quasi_static_NAME.npz, and a later run of the same cases reads them.
 """
 
 from pathlib import Path

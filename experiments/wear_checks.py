@@ -214,25 +214,28 @@ def crank_turn() -> Published:
 
 PUBLISHED = """## Published findings
 
-Of the papers only abstracts could be read here: no dimension, load, speed, material or coefficient of theirs is known,
-so none of their depths can be compared, only shapes and how wear goes on.
+Only the abstracts of these papers were available. Their dimensions, loads, speeds, materials and coefficients are not
+known. So only shapes and the progress of wear can be compared, and not depths.
 
 - **Not evenly round the joint** (wear in revolute clearance joints, ASME IDETC/CIE 2007, 4806X, p. 357): contact is
-  wider and more frequent in some regions. Wrist pin of the slider-crank at 5000 rpm, two turns: deepest over mean depth
-  {p.uneven:.1f}; {p.unworn:.0%} of the sleeve less than a tenth as deep as the deepest; {p.away:.0%} of the wear within
-  45 deg of the rod's axis, where the loads of the dead centres are (of an even one 50 %).
+  wider and more frequent in some regions. Here: the wrist pin of the slider-crank at 5000 rpm, for two turns. The
+  largest depth is {p.uneven:.1f} times the mean depth. In {p.unworn:.0%} of the sleeve the depth is less than a tenth
+  of the largest one. {p.away:.0%} of the wear is within 45 deg of the rod's axis, in which the loads of the dead
+  centres act (uniform wear would have 50 % there).
 - **Volumes agree, profiles do not** (Mukras et al. 2010, J. Tribol. 132, 031604): an elastic foundation and a
   finite-element pressure predict nearly the same volumes, which an experiment confirms, and substantially different
-  profiles. Same motion, foundation (10 mm of steel) over Hertz's line contact: volume {p.volumes:.3f}, deepest
-  {p.depths:.2f}. Volumes agree; how far profiles differ is the foundation's stiffness, which nobody knows well: a soft
-  one makes more of a difference (Fig. 14 in [Paper wear](paper_wear.md)).
+  profiles. Here: the same motion, on a foundation (10 mm of steel) and with Hertz's line contact. The volume on the
+  foundation is {p.volumes:.3f} times the other one, and the largest depth {p.depths:.2f} times. So the volumes agree.
+  The difference of the profiles depends on the stiffness of the foundation, which is hardly known. It is larger for a
+  soft foundation (Fig. 14 in [Paper wear](paper_wear.md)).
 - **Depth goes on linearly** ("Evolution of Wear in a Two-Dimensional Bushing"): constant load, uniform pressure, and an
-  experiment. Running in above: depth goes with the distance to the power of {early:.2f} at first (closed form 2/3) and
-  {late:.2f} in the end (closed form to 1). A uniform pressure gives a final rate of k F' / (2 R), which is pi / 4 of
-  ours, whose pressure is a cosine.
+  experiment. Here: the running in above. The depth grows with the distance to the power of {early:.2f} at first (closed
+  form: 2/3) and of {late:.2f} in the end (closed form: it tends to 1). A uniform pressure gives a final rate of k F' /
+  (2 R). This is pi / 4 of the rate here, where the pressure is a cosine.
 - **Edges wear most in joints with tilt** (Zhang et al. 2023, Chin. J. Mech. Eng.): see the map. The cutter hangs nearer
-  to one edge, which is {edges[0]:.2f} times as deep as the middle third; the other, which hardly bears, {edges[1]:.2f}
-  times. (A weight beyond the sleeve wears both, on opposite sides, and nothing between: `tests/wear/test_wear.py`.)
+  to one edge. The wear at this edge is {edges[0]:.2f} times as deep as in the middle third. The other edge bears hardly
+  any load, and its wear is {edges[1]:.2f} times as deep. (A weight beyond the sleeve wears both edges, on opposite
+  sides, and nothing between them: `tests/wear/test_wear.py`.)
 """
 
 

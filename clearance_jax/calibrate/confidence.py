@@ -35,8 +35,9 @@ class Confidence(NamedTuple):
 
     - `covariance` (n, n), `deviations` (n,), `intervals` (n, 2) that hold the true value with the probability `LEVEL`,
       `correlation` (n, n); huge where the data say nothing.
-    - `axes` (n, n): of the ellipsoid of that probability each axis as a column, as changes over the numbers' `sizes`
-      (n,), with which intervals are compared; `lengths` (n,): half of each, the shortest first.
+    - `axes` (n, n): of the ellipsoid whose extent along each number is its interval, each axis as a column, as changes
+      over the numbers' `sizes` (n,), with which intervals are compared; `lengths` (n,): half of each, the shortest
+      first.
     - `factor`: from a deviation to half of an interval; `inflation`: by what the noise enlarges the covariance.
     - `unidentified`: what the data cannot determine.
     """

@@ -13,9 +13,9 @@ from clearance_jax.units import format_quantity
 IMPROBABLE = 1e-3
 # Residuals of which it is asked whether they follow each other, at least.
 FEWEST = 10
-# From this factor on between what the derivatives promise at the end of an interval and what the motion shows there.
+# From this factor on between what the derivatives predict at the end of an interval and what the motion shows there.
 BENT = 2.0
-# From this share on of steps that brought much less than promised, of at least so many.
+# From this share on of steps that brought much less than predicted, of at least so many.
 MISLED, MANY = 0.5, 4
 # Nearer to a bound than this part of its size a number lies at it.
 AT_BOUND = 1e-6
@@ -32,21 +32,21 @@ def doubts(task: Task, fit: Fit, known: Confidence) -> Iterator[str]:
     exact = list(_exact(task, fit))
     if exact:
         yield (
-            f"The residuals of {listed(exact)} are no larger than the errors of the solves: the intervals are a guess. "
-            "Choose a smaller `rtol`."
+            f"The residuals of {listed(exact)} are no larger than the errors of the solves: the intervals are a rough "
+            "guess. Choose a smaller `rtol`."
         )
     yield from _sizes(task, fit)
     yield from (said for name, said in _autocorrelation(task, fit) if name not in exact)
     if fit.steps >= MANY and fit.doubtful > MISLED * fit.steps:
         yield (
-            f"Of {fit.steps} steps of the search {fit.doubtful} brought less than a quarter of the decrease that the "
-            "derivatives had promised: they may mislead, as in chaotic motion. Measure a shorter time, or try more "
-            "starts."
+            f"{fit.doubtful} of {fit.steps} steps of the search brought less than a quarter of the improvement that "
+            "the derivatives predicted: the derivatives may be misleading, as in chaotic motion. Measure a shorter "
+            "time, or try more starts."
         )
     try:
         yield from () if exact or fit.ending == INTERRUPTED else _bends(task, fit, known)
     except KeyboardInterrupt:
-        yield "Interrupted: whether the motion differs at the ends of the intervals as expected was not looked at."
+        yield "Interrupted: the motion at the ends of the intervals was not compared with what the derivatives predict."
 
 
 def listed(names: Sequence[str]) -> str:
@@ -58,11 +58,13 @@ def listed(names: Sequence[str]) -> str:
 def _undetermined(group: Unidentified, units: Mapping[str, str]) -> str:
     if len(group.names) == 1:
         return (
-            f"The data say nothing of {listed(group.names)}: its interval is larger than the number itself, or than "
+            f"The data do not determine {listed(group.names)}: its interval is larger than the number itself, or than "
             "its bounds. Fix it, or measure something that depends on it."
         )
     if len(group.directions) == len(group.names):
-        return f"The data say nothing of {listed(group.names)}, nor of combinations of them. Fix them, or measure more."
+        return (
+            f"The data do not determine {listed(group.names)}, nor any combination of them. Fix them, or measure more."
+        )
     how = ""
     if len(group.directions) == 1:
         parts = zip(group.names, group.directions[0], strict=True)
@@ -84,7 +86,7 @@ def _at_bounds(task: Task, fit: Fit) -> Iterator[str]:
     names = [name for name, there in zip(variables.names, near, strict=True) if there]
     if names:
         verb, its = ("lies at a bound", "its interval") if len(names) == 1 else ("lie at bounds", "their intervals")
-        yield f"{listed(names)} {verb}: a better fit may lie beyond, and {its} cannot be believed. Widen the bounds."
+        yield f"{listed(names)} {verb}: a better value may lie beyond, and {its} cannot be trusted. Widen the bounds."
 
 
 def _sizes(task: Task, fit: Fit) -> Iterator[str]:
@@ -100,13 +102,13 @@ def _sizes(task: Task, fit: Fit) -> Iterator[str]:
         if size > high:
             yield (
                 f"The residuals of `{name}` are {np.sqrt(size):.3g} times as large as its noise (reduced chi-square "
-                f"{size:.3g}): the mechanism does not move as it was measured, there are outliers, or the deviation is "
-                "larger than given."
+                f"{size:.3g}): the model is wrong, there are outliers, or the noise is larger than the given deviation."
             )
         if size < low:
             yield (
-                f"The residuals of `{name}` are only {np.sqrt(size):.2g} of the deviation that is given (reduced "
-                f"chi-square {size:.2g}): the noise is smaller, and the intervals are too wide."
+                f"The residuals of `{name}` are only {np.sqrt(size):.2g} times as large as its noise (reduced "
+                f"chi-square {size:.2g}): the noise is smaller than the given deviation. The intervals are too "
+                "wide."
             )
 
 
@@ -127,9 +129,9 @@ def _autocorrelation(task: Task, fit: Fit) -> Iterator[tuple[str, str]]:
         follows = np.sum(psi[1:] * psi[:-1]) / max(np.sum(psi**2), np.finfo(float).tiny)
         if len(psi) >= FEWEST and follows * np.sqrt(len(psi)) > norm.ppf(1 - IMPROBABLE):
             said = (
-                f"The residuals of `{name}` follow each other (correlation {follows:.2f} from one instant to the next, "
-                f"of noise 0 ± {1 / np.sqrt(len(psi)):.2f}): the model misses something, or the noise is not "
-                "independent. The intervals are then too narrow."
+                f"The residuals of `{name}` follow each other (their correlation from one instant to the next is "
+                f"{follows:.2f}, that of independent noise is 0 ± {1 / np.sqrt(len(psi)):.2f}): the model lacks an "
+                "effect, or the noise is not independent. The intervals are then too narrow."
             )
             yield name, said
 
@@ -167,6 +169,6 @@ def _bends(task: Task, fit: Fit, known: Confidence) -> Iterator[str]:
     if unsure:
         names = [name for name in variables.names if name in unsure]
         yield (
-            f"At the ends of the intervals, mainly of {listed(names)}, the motion does not differ as its derivatives "
-            "say: it is too nonlinear there, or the derivatives mislead. The intervals are a rough guess."
+            f"At the ends of the intervals, mainly of {listed(names)}, the motion is not the one that the derivatives "
+            "predict: it is too nonlinear there, or the derivatives are misleading. The intervals are a rough guess."
         )

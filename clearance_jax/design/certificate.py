@@ -86,8 +86,8 @@ class Certificate:
             lines.append(f"  {self.yield_estimate}")
         for name, value in self.static.items():
             lines.append(
-                f"  {name}: play alone, at rest, could cause {format_quantity(value, 'm', 4)}; "
-                "what is above that comes from motion or force."
+                f"  Limit on {name}: at rest, play alone causes an error of at most {format_quantity(value, 'm', 4)}. "
+                "A larger error comes from motion or forces."
             )
         if self.starts:
             others = [s for s in self.starts if s < self.objective - 1e-4 * abs(self.objective)]

@@ -123,8 +123,9 @@ GUIDE = (
     Keys(
         "joint.NAME",
         "Clearance of a prismatic joint",
-        "A block in a guide, whose corners meet the guide's walls. Of the guide's axes z is along it; of a joint that "
-        "slides along x in the plane, x is across.",
+        "A block in a guide, whose corners meet the guide's walls. The guide has its own axes: z is the "
+        "direction in which the joint slides. If this is the joint's x axis, the guide's x is the joint's y, and its y "
+        "the joint's z.",
         _optional(*keys_of(GuideClearance)),
         'type = "prismatic"',
     )

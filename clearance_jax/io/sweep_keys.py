@@ -38,7 +38,7 @@ SWEEP = Keys(
         ),
         Names("by", "numbers by which answers are differentiated", '["wrist.radial_clearance"]', absent="none"),
         Names("derivatives_of", "the metrics and quantities that are differentiated", '["peak"]', absent="all of them"),
-        Sub("again", "how lanes that failed are solved once more", '{ solver = "dopri8" }', absent="they are not"),
+        Sub("again", "how samples that failed are solved once more", '{ solver = "dopri8" }', absent="they are not"),
     ),
 )
 AGAIN = (

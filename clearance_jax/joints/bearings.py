@@ -99,7 +99,8 @@ def rolling_bearing(
     **Arguments:**
 
     - `bore` [m]; `group` of ISO 5753-1, by default CN, whose mean clearance is taken; or `internal_clearance` [m]: the
-      radial one, measured at the diameter. A mounted and warm bearing has less clearance than a new one.
+      radial one, measured at the diameter, of the mounted and warm bearing (it is less than that of a new one). It is
+      used as it is.
     - `balls` and `ball_diameter` [m]; or `rollers` and `roller_length` [m].
     - `friction`: by default none.
 

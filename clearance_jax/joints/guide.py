@@ -21,8 +21,9 @@ from clearance_jax.spatial import Vector, X, Y, Z, dot
 class GuideClearance(AbstractClearance):
     """The play of a block in its guide.
 
-    In the frame of the guide z is along the guide. In a plane mechanism, whose joint slides along x, x is here the
-    direction across the guide in the plane.
+    The guide has a frame of its own, of which z is the direction in which the joint slides. If the joint slides along
+    the x axis of its frame, the guide's x axis is the joint's y axis (across the guide in the plane), and the guide's y
+    axis is the joint's z axis.
 
     **Arguments:**
 

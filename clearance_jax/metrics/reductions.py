@@ -243,7 +243,7 @@ class EnergyLost(AbstractMetric):
 
 
 class Impacts(AbstractMetric):
-    """The number of times that the surfaces of a joint meet (NaN for a failed lane of a batch). It has no derivative:
+    """The number of times that the surfaces of a joint meet (NaN for a failed motion of a batch). It has no derivative:
     to ask for one is an error.
 
     **Arguments:** `joint`: its name; `since`: only times after it count [s], `None`: all.

@@ -52,7 +52,9 @@ def section(dataset: xr.Dataset, name: str) -> list[xr.DataArray]:
     if len(own) == 1:
         return [one]
     if len(own) != 2:
-        raise ClearanceError(f"`{name}` is no Poincare section: it has {len(own)} own dimensions, not 1 or 2.")
+        raise ClearanceError(
+            f"`{name}` is no Poincare section: beside those of samples it has {len(own)} dimensions, not 1 or 2."
+        )
     units = str(one.attrs.get("units", "")).split(", ")
     units = units if len(units) == one.sizes[own[1]] else units[:1] * one.sizes[own[1]]
     labels = one[own[1]].values  # where there are no labels, whole numbers

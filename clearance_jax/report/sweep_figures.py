@@ -141,7 +141,7 @@ def heat_map(dataset: xr.Dataset, name: str, x: str | None = None, y: str | None
     counts = zip(endings(dataset), ("failed", "not run yet"), strict=True)
     missing = " and ".join(f"{count} {said}" for count, said in counts if count)
     if missing:
-        figure.suptitle(f"of {one.size} lanes {missing} (grey)", fontsize=9)
+        figure.suptitle(f"of {one.size} samples {missing} (grey)", fontsize=9)
     return figure
 
 
@@ -223,7 +223,7 @@ def _band(axes: Any, part: xr.Dataset, name: str, x: str, how: tuple[Shown, Show
         # Bands of several curves lie over one another: of these the inner ones.
         for low, high, dark in BANDS if alone else BANDS[1:]:
             edges = [np.quantile(group, [low, high]) if group.size else [np.nan] * 2 for group in groups]
-            told = f"{low:.0%} to {high:.0%} of the lanes" if alone else None
+            told = f"{low:.0%} to {high:.0%} of the samples" if alone else None
             below, above = of.factor * np.array(edges).T
             axes.fill_between(
                 across.factor * places, below, above, color=colour, alpha=dark if alone else FAINT, lw=0, label=told

@@ -79,7 +79,7 @@ def _samples(solved: Solution) -> tuple[np.ndarray, np.ndarray]:
     """Times and states that the solve reached."""
     if solved.time.ndim != 1:
         raise ClearanceError(
-            f"A dataset holds one solve, but this is a batch of shape {solved.time.shape[:-1]}. Take one sample: "
+            f"A dataset holds one solve, but this is a batch of shape {solved.time.shape[:-1]}. Take one motion: "
             "`jax.tree.map(lambda x: x[i], solution)`."
         )
     time, y = np.asarray(solved.time), np.asarray(solved.y)

@@ -62,13 +62,13 @@ def sobol_indices(dataset: xr.Dataset, name: str, seed: int = 0) -> Indices:
     """
     values, numbers = dataset[name], _design(dataset[name])
     if numbers is None:
-        raise ClearanceError(f"The lanes of `{name}` are not those of `sobol_samples`: there are no indices of them.")
+        raise ClearanceError(f"The samples of `{name}` are not those of `sobol_samples`: there are no indices of them.")
     count, blocks = len(numbers), np.stack(list(numbers.values()), -1)
     samples = values.size // (count + 2)
     found = values.values.astype(float).reshape(count + 2, samples)
     whole = np.flatnonzero(np.all(np.isfinite(found), axis=0))
     if not whole.size:
-        raise ClearanceError(f"In every sample of `{name}` a lane failed: there are no indices of it.")
+        raise ClearanceError(f"In each draw of `{name}` a motion failed: there are no indices of it.")
     rng = np.random.default_rng(seed)
     kept = np.where(np.isin(np.arange(samples), whole), np.arange(samples), rng.choice(whole, samples))
     used = found[:, kept]

@@ -46,7 +46,7 @@ class BatchReport(NamedTuple):
     def __str__(self) -> str:
         known = "lane efficiency not known" if self.efficiency is None else f"lane efficiency {self.efficiency:.3f}"
         return (
-            f"{self.lanes} lanes in {self.chunks} chunks on {self.cores} cores: {self.running:.3g} s after "
+            f"{self.lanes} samples in {self.chunks} chunks on {self.cores} cores: {self.running:.3g} s after "
             f"{self.compiling:.3g} s of compiling, {known} (order: {self.order})"
         )
 

@@ -55,7 +55,7 @@ ENDINGS = {
     "validity": Kind(
         (), (), "i1", "1", f"whether poses can be believed ({', '.join(f'{k} {w}' for k, w in enumerate(LEVELS))})"
     ),
-    "again": Kind((), (), "i1", "1", "how often the lane was run again with other settings"),
+    "again": Kind((), (), "i1", "1", "how often the sample was solved again with other settings"),
 }
 
 

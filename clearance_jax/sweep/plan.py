@@ -71,8 +71,8 @@ def check_room(path: Path, needed: int) -> None:
     # Where nothing can be written at all the disk says so itself.
     if needed > free > 0:
         raise ClearanceError(
-            f"`{path}` may take {size(needed)}, but there are {size(free)} free. Ask for fewer samples or outputs, or "
-            "choose another disk."
+            f"`{path}` may take {size(needed)}, but there are {size(free)} free. Ask for fewer samples or outputs, "
+            "or choose another disk."
         )
 
 

@@ -3,59 +3,67 @@
 VERDICTS = """\
 ## Verdicts
 
-Of {statements} statements {everywhere} hold in every reading, {somewhere} in some, {nowhere} in none. The numbers are
-those of the literal reading. The start-up is the first {start:.0f} % of a motion. Numbers in a row rise or fall if each
-does and the last differs from the first by 5 %. Touches are episodes of contact of the joint as a whole. A fluctuation
-is the end's speed, or the magnitude of the difference of accelerations, against the ideal robot at the same time. T4
-hangs on how bursts are compared: by the largest value in each window, as here, it holds; by rank correlation, or by the
-range in each window, which were tried first, it failed in several readings."""
+{everywhere} of {statements} statements hold in every reading, {somewhere} in some, {nowhere} in none. The numbers in
+the table are those of the literal reading. The start-up is the first {start:.0f} % of a motion. A series of numbers
+counts as rising if each number is larger than the one before, and the last is larger than the first by at least 5 %
+(and likewise for falling). Touches are contact episodes of the joint as a whole. The fluctuation of the speed is the
+end's speed minus that of the ideal robot at the same time. The fluctuation of the acceleration is the magnitude of the
+difference of the two accelerations. The verdict on T4 depends on the way in which bursts are compared. By the largest
+value in each window (as here) T4 holds. Two other ways were tried first, rank correlation and the range in each window.
+With these T4 failed in several readings."""
 
 SWINGING = """\
-Why the drive does not change the frequency (T15c, T15d) and clearance does (T11): the drive says how the payload turns,
-so that with its pin it can but swing in the sleeve, as a pendulum as long as the centres of pin and sleeve are apart.
-In the plane at c = 0.1 / 0.2 / 1 mm these are {lengths} mm apart on average, of which follow {known} Hz; found are
-{found} Hz. What makes it swing are the jumps of the drive's acceleration where its steps meet."""
+The clearance changes the frequency (T11), but the drive does not (T15c, T15d). The reason is this. The
+drive prescribes the angle of the payload. So the payload can only move together with its pin, which swings in the
+sleeve like a pendulum. The length of this pendulum is the distance between the centres of pin and sleeve. In the plane
+with c = 0.1 / 0.2 / 1 mm this distance is {lengths} mm on average. Pendulums of these lengths have frequencies of
+{known} Hz. The simulation has {found} Hz. The acceleration of the drive jumps where its steps meet, and these jumps
+start the swinging."""
 
-READINGS = "Of every reading: whether the statement holds in it."
+READINGS = "The next table shows for every reading whether the statement holds."
 
 PRINTED = """\
 ## The two printed numbers
 
-The largest speed and acceleration of the end under Velocity_1, and how many times the printed one each is. The speed is
-right by the choice of the arm's length. The acceleration of the first impact depends on all that is unknown; where the
-pin lies in its sleeve already there is no such impact."""
+The table has the largest speed and the largest acceleration of the end under Velocity_1, and each of them divided by
+the printed number. The speed agrees because the arm's length was chosen for it. The acceleration of the first impact
+depends on everything that is unknown. There is no such impact if the pin lies on its sleeve at the start."""
 
-NEAREST = "The printed acceleration is nearest to that of: {nearest}."
+NEAREST = "The reading whose acceleration is nearest to the printed one: {nearest}."
 
 FIGURES = """\
 ## Figures
 
-The literal reading (Fig. 6: with either damping). Dashed: the robot without clearance. Forces and accelerations are on
-logarithmic axes."""
+The figures show the literal reading (Fig. 6 with both dampings). Dashed lines show the robot without clearance. Forces
+and accelerations are on logarithmic axes."""
 
 CHOICES = """\
 ## Which choices matter
 
-Each choice alone against the literal reading: every number over that of the literal reading, ranked by the geometric
-mean of these factors, up or down. The paper's own are its contradictions, its slip in Table 1 (K has lost a root, and R
-is that of a pin beside a pin) and how it starts; the others are unknown."""
+Each choice is changed alone. The table has every number, divided by that of the literal reading. The choices are ranked
+by the geometric mean of these factors (a factor below 1 counts as its inverse). "Its own" marks contradictions of the
+paper, its error in Table 1 (K lacks a root, and R is that of a pin beside a pin) and the start of its pin. The paper
+says nothing about the other choices ("unknown")."""
 
 RANKED = """\
-In {world} what matters most is: {most} (a factor of {by:.1f}). Next of what is the paper's own: {next}
-({next_by:.1f}). Least: {least} ({least_by:.1f})."""
+In {world} this choice matters most: {most} (a factor of {by:.1f}). The next of the paper's own choices:
+{next} ({next_by:.1f}). This choice matters least: {least} ({least_by:.1f})."""
 
 COMPENSATION = """\
 ## Outlook: error compensation
 
-Friction 0.3, Velocity_1. A model predicts the end's error; averaged over 100 ms, it is taken off the drives, once and
-twice. Errors are RMS from {since:.0f} ms on; in brackets that part of them which the drives can reach at all: the
-direction in which joint 5 moves the end, the arm's plane, or all of space. A wrong model reckons with {wrong:.0f} % of
-the clearance. In space the wrist also swings across the arm, along its pin, where nothing but friction holds it."""
+The friction coefficient is 0.3, and the drive is Velocity_1. A model predicts the error of the end. This error is
+averaged over 100 ms and subtracted from the targets of the drives. This is done once, and then a second time for the
+error that remains. Errors are RMS values from {since:.0f} ms on. In brackets stands the part of the error in directions
+in which the drives can move the end: one direction (joint 5), the plane of the arm, or all directions. A wrong model
+has {wrong:.0f} % of the true clearance. In space the wrist also moves across the arm, along its pin. Only friction
+resists this motion."""
 
 TRAJECTORY = """\
 ## Outlook: the trajectory
 
-Joint 5 in the plane, friction 0.3. Derivatives by the durations of the three segments of Velocity_1 (0.5 s each), from
-one solve to {horizon:g} s; their largest error against central differences of further solves, relative to the largest
-of them; and what the value becomes where {moved:.0f} ms are moved between the segments, down the gradient with their
-sum kept: as the derivatives predict it, and as it is."""
+Joint 5 in the plane, friction 0.3. The table has the derivatives by the durations of the three segments of Velocity_1
+(0.5 s each), from one solve to {horizon:g} s. *Error* is their largest difference from central differences of further
+solves, divided by the largest derivative. The durations are then changed by {moved:.0f} ms in the direction in which
+the value falls fastest, without a change of their sum. *Predicted* is the value that the derivatives predict for this
+change, and *found* is the simulated value."""

@@ -1,20 +1,21 @@
-"""The paper's wear of joint 5, Figs. 14 and 15, and its claims T20 to T22: `python -m experiments.paper.wear`.
+"""The wear of joint 5 in the paper (Figs. 14 and 15) is reproduced, and its claims T20 to T22 are tested:
+`python -m experiments.paper.wear`.
 
-The paper: a clearance of 0.1 mm, -180 deg/s for 0.5 s in 1000 steps, k = 6e-14 without a unit, wear amplified by 10^3.
-This page takes k in 1/Pa (in mm^2/N the wear would be too small to be seen, amplified or not). The drive turns at -180
-deg/s from the very start. The pin is then at rest in the middle of its sleeve, and the arm is level. There is no
-friction. Pressures are those of the paper: Hertz's line contact, with the signs and the root that are missing in its
-Eqs. 15 and 16.
+The paper has a clearance of 0.1 mm, a drive of -180 deg/s for 0.5 s in 1000 steps, k = 6e-14 without a unit, and wear
+amplified by 10^3. This page takes k in 1/Pa (in mm^2/N the wear would be too small to be seen, amplified or not). The
+drive turns at -180 deg/s from the very start. The pin is then at rest in the middle of its sleeve, and the arm is
+level. There is no friction. Pressures are those of the paper: Hertz's line contact, with the signs and the root that
+are missing in its Eqs. 15 and 16.
 
 Two things are ASSUMED, because the paper does not say them. The contact is 50 mm long. The pressures on the worn
 profile are those of an elastic foundation that is as soft as the paper's K (which is much softer than two steel
 cylinders). The paper amplifies the wear of one run by 10^3. This page also computes 1000 runs, each on the sleeve that
 the runs before have worn.
 
-What cannot be known: how the motion starts, the length of the contact, the sampling of the curves (Fig. 14 and 15 are
-pictures without a number in the text), whether wear fed back into the motion, and what carries the pin: 300 kg at
-176.62 mm, as in [Paper](paper.md). So claims are judged by the shape of the curves, in four readings of damping and
-clearance. Depths can be compared in order of magnitude only.
+The following is not known: the start of the motion, the length of the contact, the sampling of the curves (the text has
+no number from Figs. 14 and 15), whether the worn sleeve was used in the motion, and the load. The load is assumed to be
+300 kg at 176.62 mm, as in [Paper](paper.md). So claims are judged by the shape of the curves, in four readings of
+damping and clearance. Depths can be compared in order of magnitude only.
 """
 
 from collections.abc import Callable
@@ -109,42 +110,44 @@ CLAIMS = (
         "wear is not uniform round the sleeve",
         "largest depth over the mean one",
         uneven,
-        f"Not uniform is taken as {UNEVEN:g} times the mean; a sleeve worn evenly would have 1. The weight holds the "
-        "pin at the bottom of its sleeve, which is all that wears: no collision is needed for it.",
+        f"Wear counts as not uniform if the largest depth is at least {UNEVEN:g} times the mean depth. (The factor of "
+        "uniform wear is 1.) The weight holds the pin at the bottom of its sleeve, and only the bottom wears. No "
+        "collision is needed for this.",
     ),
     Claim(
         "T20b",
         "it is largest where force times slip is",
         "deepest sector, that of most force times slip (patch)",
         where_force_slides,
-        "Both are angles of the sleeve, and agree where they are less than a patch's half width apart. A linear law "
-        "can do nothing else, so this tests the program more than the claim.",
+        "The two numbers are angles of the sleeve. They agree if their difference is less than half the width of a "
+        "patch. With a linear law they must agree, so this tests the program more than the claim.",
     ),
     Claim(
         "T20c",
         "initial wear is larger",
         "wear a time, start-up and after it, over the mean",
         at_start,
-        "Forces are largest at the start (T2), but wear a time is not: what wears is force times slip, and the slip "
-        "of a pin that turns evenly is its radius times its speed. So wear goes with the impulse. That of impacts is "
-        "the load's over the time in which the pin was free: however hard they are, they add nothing to it, and while "
-        "the pin falls through its play at first nothing wears. A law that grows faster than pressure would see them.",
+        "Forces are largest at the start (T2), but the rate of wear is not. Wear is proportional to force times slip, "
+        "and a pin that turns evenly has a constant slip (its radius times its angular speed). So wear is proportional "
+        "to the impulse of the force. The impulse of an impact is equal to the impulse of the load over the time in "
+        "which the pin was free. So impacts add no wear, however hard they are, and there is no wear during the first "
+        "fall. Impacts would matter in a law in which wear grows faster than pressure.",
     ),
     Claim(
         "T21",
         "amplified, the worn profile is no circle",
         "off the nearest circle, over the clearance",
         off_circle,
-        f"Fitted is the circle, of any radius anywhere, nearest to the profile amplified by {RUNS}; no circle is what "
-        f"is more than {ROUND:g} of the clearance off.",
+        f"The profile, amplified by {RUNS}, is compared with the nearest circle of any radius and centre. It counts as "
+        f"no circle if the largest distance is more than {ROUND:g} of the clearance.",
     ),
     Claim(
         "T22",
         "wear, repeated, makes the clearance grow",
         "mean eccentricity after start-up: 0, 500, 1000 runs",
         grows,
-        "The wear of one run times 1000 is too deep at one place: on the sleeve as it wears the pressure falls, and "
-        "1000 runs wear it wider and less deep (Fig. 15, dotted).",
+        "The wear of one run, multiplied by 1000, is too deep at one place. The pressure falls while the sleeve wears, "
+        "so 1000 runs make a wider and less deep profile (Fig. 15, dotted).",
     ),
 )
 
@@ -200,8 +203,8 @@ def figure_15(readings: tuple[Reading, ...]) -> Figure:
 
 def verdict_table(found: list[tuple[Claim, dict[Reading, Finding]]], readings: tuple[Reading, ...], out: Path) -> None:
     write(
-        "## Verdicts\n\nA number of each reading, and whether the claim holds there. The start-up is the first "
-        f"{START:.0%} of the run.\n"
+        "## Verdicts\n\nThe table has one number for each reading, and says whether the claim holds there. The "
+        f"start-up is the first {START:.0%} of the run.\n"
     )
     rows = []
     for claim, own in found:
@@ -217,9 +220,9 @@ def verdict_table(found: list[tuple[Claim, dict[Reading, Finding]]], readings: t
 def run_table(readings: tuple[Reading, ...], out: Path) -> None:
     """One run in each reading, and 1000 of them."""
     write(
-        "## The runs\n\n*Volume by 1000 steps*: what the paper's sum over equal steps (its Eq. 12) finds over the "
-        "quadrature's, less one. *Foundation*: volume over k F s, which a flat patch has, on an elastic foundation. "
-        "*Solved*: runs that the life of 1000 took.\n"
+        "## The runs\n\n*Volume by 1000 steps*: the paper's sum over equal steps (its Eq. 12), compared with the "
+        "quadrature: the quotient minus one. *Foundation*: the volume on an elastic foundation, divided by k F s "
+        "(the volume of a flat patch). *Solved*: the number of runs that were simulated for the 1000 runs.\n"
     )
     rows = []
     for reading in readings:

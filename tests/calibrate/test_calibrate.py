@@ -174,7 +174,7 @@ def test_a_number_without_influence_is_named():
     measured = data(LONG, noise=3e-4, seed=1)
     found = cj.calibrate(start(**{WALL: 1.2e-2, WEIGHT: GRAVITY}), measured, names, rtol=RTOL)
     assert found.undetermined == (STIFFNESS,)
-    assert any(f"say nothing of `{STIFFNESS}`" in note for note in found.notes)
+    assert any(f"do not determine `{STIFFNESS}`" in note for note in found.notes)
     assert found.values[RESTITUTION] == pytest.approx(TRUTH[RESTITUTION], abs=0.01)
 
 
@@ -466,7 +466,7 @@ def test_a_report_says_what_is_not_determined(tmp_path):
     page = (tmp_path / "r.html").read_text(encoding="utf-8")
     assert "&lt;ball&gt;" in page
     assert "not determined" in page
-    assert "The data say nothing of" in page
+    assert "The data do not determine" in page
     assert "Other minima" in page
     assert "3.25" in page
     with pytest.raises(cj.ClearanceError, match="Cannot write the report"):

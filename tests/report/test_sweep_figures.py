@@ -112,7 +112,7 @@ def test_a_heat_map_has_a_cell_for_every_lane():
     assert np.ma.count_masked(cells[1]) == 1
     assert maps[-1].get_xlabel() == "wrist radial clearance, mm"
     assert maps[0].get_ylabel() == "drive main speed, rad/s"
-    assert figure.get_suptitle() == "of 1344 lanes 1 failed (grey)"
+    assert figure.get_suptitle() == "of 1344 samples 1 failed (grey)"
     running = grid()
     running["code"][5:] = sweep_axes.NOT_RUN
     assert "1 failed and 1024 not run yet" in sweep_figures.heat_map(running, "error").get_suptitle()
