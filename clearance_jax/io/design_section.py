@@ -75,7 +75,7 @@ def design_of(study: Asked, wear: WearAsked | None) -> DesignAsked:
 def _classes(top: Table, problem: ToleranceProblem) -> Candidates:
     """The fits to choose from by variable, with their costs where these are given; checked before any solve."""
     found = {}
-    for name, values, where in top.entries("variable"):
+    for name, (values, where) in expand_entries(top, "variable", problem.specification.mechanism).items():
         table = Table(values, where, VARIABLE, {PARAMETER: problem.specification.units[name]})
         if not table.has("classes"):
             if table.has("class_costs"):
