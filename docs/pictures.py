@@ -124,7 +124,7 @@ def normal_laws() -> None:
         axis.axis("off")
     figure.supxlabel("penetration, µm", fontsize=9)
     figure.supylabel("normal force, kN", fontsize=9)
-    saved(figure, "normal_laws.png")
+    saved(figure, "normal_laws.png", dpi=90)
 
 
 def friction_laws() -> None:
