@@ -39,7 +39,6 @@ def problems(quick: bool) -> dict[str, ToleranceProblem]:
     if not quick:
         found["four-bar"] = settled(allocate_four_bar.problem(), 0.25)
         found["planar arm, 3 joints"] = settled(allocate_planar_arm.problem(3), 0.5)
-        found["planar arm, 5 joints"] = settled(allocate_planar_arm.problem(5), 0.5)
     return found
 
 
