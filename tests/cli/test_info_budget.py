@@ -50,7 +50,7 @@ def test_a_budget_is_about_one_point():
         (["--t1", "1 ms"], "`--t1` is about the error budget"),
         (["--budget", "--ideal"], "which `--ideal` takes away"),
         (["--budget", "--plot", "budget.txt"], "must end in .png"),
-        (["--budget", "--t1", "1"], "must be in s"),
+        (["--budget", "--t1", "1"], "needs a unit"),
     ],
 )
 def test_what_says_nothing_of_a_budget_is_refused(arguments, message):

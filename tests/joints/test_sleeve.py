@@ -238,7 +238,7 @@ def test_the_command_line_gives_a_robots_joint_play():
     for wrong, words in {
         "axis_9:radial_clearance=0.1mm,length=40mm": "There is no joint `axis_9`",
         "axis_5:radial_clearance=0.1mm": "needs the `pin_radius`, or the `length`",
-        "axis_5:radial_clearance=0.1,length=40mm": "must be in m or a unit of that dimension",
+        "axis_5:radial_clearance=0.1,length=40mm": "needs a unit: write it as",
         "axis_5:kind=sleeve,axial_clearance=-0.1mm,radial_clearance=0.1mm,length=1cm": "`axial_clearance` must be",
         "axis_5:play=0.1mm": "is no NUMBER=VALUE",
         "axis_5": "must read JOINT:radial_clearance=0.1mm",
