@@ -9,7 +9,6 @@ from . import wear as wear
 from ._version import __version__ as __version__
 from .analysis.modes import seated_modes as seated_modes
 from .analysis.periodic import periodic_motion as periodic_motion
-from .analysis.sensitivity import hessian as hessian
 from .analysis.sensitivity import sensitivities as sensitivities
 from .analysis.trust import gradient_report as gradient_report
 from .calibrate.result import Calibration as Calibration
@@ -80,7 +79,6 @@ from .results.store import load_dataset as load_dataset
 from .results.store import save as save
 from .solve.batch import BatchReport as BatchReport
 from .solve.batch import batch as batch
-from .solve.law_validity import within_validity as within_validity
 from .solve.settings import SolveOptions as SolveOptions
 from .solve.simulate import simulate as simulate
 from .solve.solution import Solution as Solution

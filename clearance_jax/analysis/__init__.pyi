@@ -2,6 +2,9 @@ from .cycle import PeriodicMotion as PeriodicMotion
 from .modes import Mode as Mode
 from .sensitivity import Hessian as Hessian
 from .sensitivity import Sensitivities as Sensitivities
+from .sensitivity import hessian as hessian
 from .trust import GradientReport as GradientReport
 from .trust import TrustThresholds as TrustThresholds
 from .trust import UntrustedGradient as UntrustedGradient
+from .validity import ValidityWarning as ValidityWarning
+from .validity import within_validity as within_validity

@@ -17,16 +17,7 @@ class ValidityWarning(UserWarning):
     """A contact law was asked for forces at penetrations at which it does not hold."""
 
 
-def within_validity(solution: Solution) -> dict[str, Array]:
-    """By joint, whether its normal law held at every sample of a motion (a flag; of a batch one for each motion).
-    Joints whose law says nothing of its validity are left out. What happens between samples is not seen.
-
-    **Arguments:** `solution`: of `cj.simulate`.
-    """
-    return {name: deepest <= limit for name, deepest, limit, _ in _asked(solution)}
-
-
-def _asked(solution: Solution) -> Iterator[tuple[str, Array, Array, str]]:
+def asked_of_laws(solution: Solution) -> Iterator[tuple[str, Array, Array, str]]:
     """Of each joint whose law says where it holds: its name, the deepest penetration, its limit, and why."""
     for joint in solution.mechanism.clearance_joints():
         limit = _limit
@@ -50,7 +41,7 @@ def invalid(solution: Solution) -> str:
     said = [
         f"joint `{name}`: {format_quantity(float(deepest), 'm', 3)} is beyond "
         f"{format_quantity(float(limit), 'm', 3)}, {reason}"
-        for name, deepest, limit, reason in _asked(solution)
+        for name, deepest, limit, reason in asked_of_laws(solution)
         if float(deepest) > float(limit)
     ]
     return f"A contact law is used where it does not hold: {'; '.join(said)}. Use another law there." if said else ""

@@ -49,7 +49,7 @@ def simulate(mechanism: Mechanism, t1: Any, *, throw: bool = True, **options: Un
     start; `RuntimeError` for a solve that fails before it reaches `t1`.
 
     **Warns:** `EnergyWarning` if the energy residual is large; `ValidityWarning` if a contact law is used where it does
-    not hold (of a batch see `within_validity`).
+    not hold (of a batch see `cj.analysis.within_validity`).
     """
     books = options.get("fidelity", DYNAMICS) == DYNAMICS
     if options.get("fidelity") == STATIC:

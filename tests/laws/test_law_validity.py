@@ -9,7 +9,7 @@ import pytest
 
 import clearance_jax as cj
 from clearance_jax import laws
-from clearance_jax.solve.law_validity import ValidityWarning, within_validity
+from clearance_jax.analysis.validity import ValidityWarning, within_validity
 
 STEEL = 2.07e11, 2.07e11
 

@@ -255,7 +255,7 @@ def test_hessian_against_the_oscillators_closed_form():
     """Position (v / w) sin(w t) with w = sqrt(k / m): second derivatives by k and m."""
     mechanism, t1 = oscillator(), 0.9
     names = [n for n in cj.parameters(mechanism) if n.endswith(("stiffness", "mass"))]
-    found = cj.hessian(mechanism, lambda m, s: s.final[0], names, t1, rtol=1e-10)
+    found = cj.analysis.hessian(mechanism, lambda m, s: s.final[0], names, t1, rtol=1e-10)
 
     def exact(p):
         given = dict(zip(names, p, strict=True))

@@ -134,6 +134,7 @@ def test_sincos_derivatives():
 STEPS = {
     "step3": (numerics.step3, np.polynomial.Polynomial([0, 0, 3, -2]), 1),
     "step5": (numerics.step5, np.polynomial.Polynomial([0, 0, 0, 10, -15, 6]), 2),
+    "step7": (numerics.step7, np.polynomial.Polynomial([0, 0, 0, 0, 35, -84, 70, -20]), 3),
 }
 
 
@@ -166,11 +167,17 @@ class TestStep:
         for order in range(continuous + 2):
             jumps = [float(function(jnp.asarray(end + h)) - function(jnp.asarray(end - h))) for end in (0.0, 1.0)]
             if order <= continuous:
-                assert np.max(np.abs(jumps)) < 100 * h
+                steepest = np.max(np.abs(polynomial.deriv(order + 1)(np.linspace(0.0, 1.0, 101))))
+                assert np.max(np.abs(jumps)) < 1.01 * h * steepest
             else:
-                steepest = polynomial.deriv(order)
-                np.testing.assert_allclose(jumps, [steepest(0.0), -steepest(1.0)], rtol=1e-6)
+                jump = polynomial.deriv(order)
+                np.testing.assert_allclose(jumps, [jump(0.0), -jump(1.0)], rtol=1e-6)
             function = jax.grad(function)
+
+
+def test_the_slope_of_the_seventh_step():
+    s = jnp.array([-1.0, 0.0, 1e-6, 0.2, 0.5, 0.9, 1.0, 3.0])
+    np.testing.assert_allclose(numerics.step7_slope(s), jax.vmap(jax.grad(numerics.step7))(s), rtol=1e-11, atol=1e-13)
 
 
 def test_every_public_function_is_tested_here():
@@ -181,5 +188,5 @@ def test_every_public_function_is_tested_here():
     }
     assert public == {
         *("sincos", "safe_sqrt", "safe_norm", "safe_unit", "positive_part", "power_three_halves", "positive_power"),
-        *("step3", "step5"),
+        *("step3", "step5", "step7", "step7_slope"),
     }

@@ -101,7 +101,7 @@ DOORS = {
     "metric": lambda **o: PEAK(CRANK, T1, **o),
     "times": lambda **o: PEAK.times(CRANK, T1, **o),
     "sensitivities": lambda **o: cj.sensitivities(CRANK, PEAK, [NAME], T1, **o),
-    "hessian": lambda **o: cj.hessian(CRANK, PEAK, [NAME], T1, **o),
+    "hessian": lambda **o: cj.analysis.hessian(CRANK, PEAK, [NAME], T1, **o),
     "gradient_report": lambda **o: cj.gradient_report(CRANK, PEAK, [NAME], T1, **o),
     "periodic_motion": lambda **o: cj.periodic_motion(CRANK, 0.012, **o),
     "design": lambda **o: cj.design.ToleranceProblem(CRANK, T1, {NAME: (1e-5, 1e-3)}, [LIMIT], **o),

@@ -59,7 +59,9 @@ def test_examples_of_the_section_are_read(tmp_path):
     assert float(clearance.clearance.sleeve_material.modulus) == pytest.approx(110e9)
     assert (float(read.model.cycle), read.cycles, read.model.joint) == (0.012, 100000, "pin")
     assert read.options == {"sectors": 720, "tolerance": 0.01, "longest": 1000}
-    assert read.solve == {"rtol": 1e-8, "solver": "dopri8", "start": "settled", "max_steps": 100000}
+    assert read.solve == {"rtol": 1e-8, "solver": "dopri8", "start": "settled", "max_steps": 100000} | {
+        "fidelity": "quasi-static"
+    }
     assert float(read.model.mechanism.bodies[0].mass) == 5
     assert read.journal == tmp_path / "wear.journal"
     # What is said nowhere is the scene's.
