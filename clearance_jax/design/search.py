@@ -147,13 +147,14 @@ def _managed(
     stop_reason = _runs(program, MATCHED, x, starts, seed, **tolerance)
     if not stop_reason.startswith(USELESS):
         return _explained(_design(specification, program, MATCHED, stop_reason, ""))
-    note = f"{stop_reason.removeprefix(USELESS)}, so the search compared values alone, and a better design may exist"
+    why = stop_reason.removeprefix(USELESS)
+    note = f"{why[0].upper()}{why[1:]}. So the search compared values alone, and a better design may exist"
     if not specification.manufacture.is_design:
         stop_reason = _runs(program, MATCHED_VALUES, x, starts, seed, **tolerance)
         return _design(specification, program, MATCHED_VALUES, stop_reason, note)
     among, asked = Neighbours(), specification.manufacture
     specification = dataclasses.replace(specification, manufacture=among)
-    note += f"; of every limit the largest counts among {among.samples} designs within {among.scatter:.0%}"
+    note += f". Of every limit it takes the largest value of {among.samples} designs within {among.scatter:.0%}"
     note += f" (one more exceeds it with a probability of {1 / (among.samples + 1):.0%})"
     left = {"most": given["most"] - program.gradients}
     wider = formulate(specification, **{**given, **left}, known=program.points)

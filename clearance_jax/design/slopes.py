@@ -24,6 +24,6 @@ def check_slopes(program: Program, point: Evaluation) -> None:
     k = int(np.argmax(np.where(point.limits > NEAR - 1, steep, 0.0)))
     if point.limits[k] > NEAR - 1 and steep[k] > STEEPEST:
         raise UselessSlopes(
-            f"slopes say nothing here: by its slope {program.limit_names[k]} would change {0.01 * steep[k]:.1g} times "
-            "its own size where a variable changes by 1 %. Neighbouring motions part (chaos, ringing)"
+            f"slopes are useless here: by its slope, {program.limit_names[k]} would change {0.01 * steep[k]:.1g} times "
+            "its own size where a variable changes by 1 %. Neighbouring motions move apart (chaos, ringing)"
         )
