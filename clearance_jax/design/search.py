@@ -203,7 +203,7 @@ def _distrust(specification: Specification, x: np.ndarray) -> str:
                     limit.metric.base_metric,
                     names,
                     specification.t1,
-                    # An island narrower than an eighth of the step misleads no search.
+                    # Fewer than a report has by default: every limit in every condition is asked.
                     probes=16,
                     samples=max(16, len(names) + 3),
                     on_untrusted="ignore",

@@ -197,13 +197,59 @@ class PreparedNormal(Module):
         return self.law.memory_scale(self.constants)
 
 
+# Laws made of another ------------------------------------------------------------------------------------------------
+
+
+class AbstractModifiedLaw(AbstractNormalLaw):
+    """A normal law that changes the force and the energy of another one, its `law`; all else is that of the law."""
+
+    law: eqx.AbstractVar[AbstractNormalLaw]
+
+    @property
+    def clips(self):
+        return self.law.clips
+
+    @property
+    def acts_apart(self):  # type: ignore[override]
+        return self.law.acts_apart
+
+    @property
+    def remembers(self):  # type: ignore[override]
+        return self.law.remembers
+
+    @property
+    def validity_reason(self):
+        return self.law.validity_reason
+
+    def constants(self, geometry):
+        return self.law.constants(geometry)
+
+    def localise(self, constants, local):
+        return self.law.localise(constants, local)
+
+    def validity(self, constants):
+        return self.law.validity(constants)
+
+    def event_functions(self, constants, penetration, penetration_rate, memory):
+        return self.law.event_functions(constants, penetration, penetration_rate, memory)
+
+    def memory_rate(self, constants, penetration, penetration_rate, memory):
+        return self.law.memory_rate(constants, penetration, penetration_rate, memory)
+
+    def latch(self, constants, memory, touch):
+        return self.law.latch(constants, memory, touch)
+
+    def memory_scale(self, constants):
+        return self.law.memory_scale(constants)
+
+
 # A smooth onset ------------------------------------------------------------------------------------------------------
 
 SMOOTHED: dict[Smoothness, Smoothness] = {"C-1": "C0", "C0": "C0", "C1": "C2", "C2": "C2"}
 """The class of a law with a smooth onset, by its own: a force that is cut off where it would pull keeps that kink."""
 
 
-class SmoothedOnset(AbstractNormalLaw):
+class SmoothedOnset(AbstractModifiedLaw):
     """F = S F_e + S' U + S (F - F_e), with S = STEP7(d / w): the elastic energy U of the law, and its damping, grow
     over the depth w from nothing at first touch. F_e is the elastic force of the law, that is, its force at rest.
 
@@ -221,33 +267,8 @@ class SmoothedOnset(AbstractNormalLaw):
     def smoothness(self) -> Smoothness:  # type: ignore[override]
         return SMOOTHED[self.law.smoothness]
 
-    @property
-    def clips(self):
-        return self.law.clips
-
-    @property
-    def acts_apart(self):  # type: ignore[override]
-        return self.law.acts_apart
-
-    @property
-    def remembers(self):  # type: ignore[override]
-        return self.law.remembers
-
     def units(self):
         return self.law.units()
-
-    def constants(self, geometry):
-        return self.law.constants(geometry)
-
-    def localise(self, constants, local):
-        return self.law.localise(constants, local)
-
-    def validity(self, constants):
-        return self.law.validity(constants)
-
-    @property
-    def validity_reason(self):
-        return self.law.validity_reason
 
     def formula(self, constants, penetration, penetration_rate, memory):
         ratio = penetration / self.width
@@ -255,19 +276,10 @@ class SmoothedOnset(AbstractNormalLaw):
         return step7(ratio) * whole + step7_slope(ratio) / self.width * self.law.energy(constants, penetration)
 
     def event_functions(self, constants, penetration, penetration_rate, memory):
-        return (penetration - self.width, *self.law.event_functions(constants, penetration, penetration_rate, memory))
+        return (penetration - self.width, *super().event_functions(constants, penetration, penetration_rate, memory))
 
     def energy(self, constants, penetration):
         return step7(penetration / self.width) * self.law.energy(constants, penetration)
-
-    def memory_rate(self, constants, penetration, penetration_rate, memory):
-        return self.law.memory_rate(constants, penetration, penetration_rate, memory)
-
-    def latch(self, constants, memory, touch):
-        return self.law.latch(constants, memory, touch)
-
-    def memory_scale(self, constants):
-        return self.law.memory_scale(constants)
 
 
 def smooth_width(law: AbstractNormalLaw, penetration: Any, rtol: Any) -> Any:
