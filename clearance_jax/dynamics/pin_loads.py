@@ -15,7 +15,6 @@ from clearance_jax.dynamics.equations import Balance, accelerations, balance
 from clearance_jax.dynamics.frames import Frames, Pair
 from clearance_jax.dynamics.kinematics import across_loop, pin_and_axes
 from clearance_jax.dynamics.reactions import held_reactions, hold_still
-from clearance_jax.joints import PreparedClearance
 from clearance_jax.joints.seating import FreeMotion, Load, relative_at
 from clearance_jax.mechanism._base import ClearanceJoint
 from clearance_jax.mechanism.prepared import PreparedMechanism
@@ -75,7 +74,7 @@ def _friction(joint: ClearanceJoint, play: Array, free: FreeMotion) -> Load:
     at = relative_at(joint.joint.play(), play, free)
     memory = tuple(jnp.zeros(()) for _ in joint.clearance.remembers)
     whole = joint.clearance.act(at, memory)
-    smooth = PreparedClearance(joint.clearance.joint, joint.clearance.normal, None)
+    smooth = joint.clearance.without_friction()
     bare = smooth.act(at, memory[: len(smooth.remembers)])
     return Load(subtract(whole.force, bare.force), subtract(whole.torque, bare.torque))
 

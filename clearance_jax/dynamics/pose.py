@@ -57,14 +57,22 @@ class Pose(NamedTuple):
 
 
 def check_driven(mechanism: AbstractMechanism) -> None:
-    """**Raises** `ClearanceError` for a mechanism without play, and for one whose ideal motion does not follow from its
-    drives: a pose is of one that does.
+    """**Raises** `ClearanceError` for a mechanism without play, for one whose ideal motion does not follow from its
+    drives, and for laws and elements whose forces do not follow from places and slips.
     """
     if not mechanism.clearance_joints():
         raise ClearanceError(
             "A mechanism without play is where its drives put it, whatever the load. Give a joint clearance, or use "
             '`fidelity = "dynamics"`.'
         )
+    for joint in mechanism.clearance_joints():
+        for part in (*joint.clearance.laws, joint.clearance.element):
+            if part is not None and not part.has_static_force:
+                raise ClearanceError(
+                    f"A quasi-static pose needs forces that follow from places and slips, but those of "
+                    f"`{type(part).__name__}` in the joint `{joint.name}` depend on what was before, or on how the pin "
+                    'moves in its play. Use another one, or `fidelity = "dynamics"`.'
+                )
     ideal = mechanism.ideal()
     free, loops = ideal.free_coordinates(), ideal.closures()
     held = 2 * len(loops) if ideal.is_plane else sum(loop.joint_constraint().count for loop in loops)

@@ -50,8 +50,15 @@ def settle_start(time: Scalar, mechanism: PreparedMechanism) -> tuple[Array, Sta
 
     A pin that nothing presses starts at its `eccentricity`, as it does without this.
 
-    **Raises:** `ClearanceError` where loops are not to be assembled, or where the ideal joints hold each other.
+    **Raises:** `ClearanceError` where loops are not to be assembled, where the ideal joints hold each other, or where a
+    normal law has no place of rest.
     """
+    for joint in mechanism.clearance_joints():
+        if not joint.clearance.normal.law.has_static_force:
+            raise ClearanceError(
+                f'`start = "settled"` does not know how far `{type(joint.clearance.normal.law).__name__}` in the joint '
+                f'`{joint.name}` has given way before. Use `start = "centre"`.'
+            )
     if not mechanism.assemble:
         raise ClearanceError(
             '`start = "settled"` puts every pin at its wall, but `assemble = false` asks for exactly the given initial '

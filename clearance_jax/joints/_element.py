@@ -32,6 +32,8 @@ class AbstractElement(Parametrised):
 
     stiff: ClassVar[bool] = False
     """Whether it holds its pin, so that the pin rests where the element and the wall bear the load together."""
+    has_static_force: ClassVar[bool] = True
+    """Whether it bears loads by its place, and not by the motion of the pin alone."""
 
     @abc.abstractmethod
     def wrench(self, offset: Offset, geometry: Geometry) -> tuple[Vector, Vector]:

@@ -1,5 +1,7 @@
 """A film of oil between pin and sleeve: the short journal bearing."""
 
+from typing import ClassVar
+
 import jax.numpy as jnp
 import numpy as np
 
@@ -29,6 +31,7 @@ class ShortBearing(AbstractElement):
     **Arguments:** `viscosity` m [Pa s]; `roughness` [m]: the least height of the film.
     """
 
+    has_static_force: ClassVar[bool] = False
     viscosity: Scalar = physical("Pa*s", above=0.0, help="viscosity of the oil", example='"0.1 Pa*s"')
     roughness: Scalar = physical("m", above=0.0, help="least height of the film", example='"0.5 um"')
 

@@ -284,7 +284,7 @@ def held_stiffness(clearance: PreparedClearance, place: Values, load: Load) -> A
     bears.
     """
     size = as_array([one.scale for one in clearance.joint.play()])
-    smooth = PreparedClearance(clearance.joint, clearance.normal, None)
+    smooth = clearance.without_friction()
     still = jax.lax.stop_gradient((smooth, load, size))
     pin = Seating(*still, jnp.ones(len(size), bool), jax.lax.stop_gradient(place) / still[2])
     pin = pin._replace(counts=pin.more_than_round_off())

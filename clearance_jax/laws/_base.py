@@ -26,6 +26,7 @@ import jax.numpy as jnp
 from clearance_jax._module import Module
 from clearance_jax._numerics import positive_part, step7, step7_slope
 from clearance_jax._types import Flag, Scalar
+from clearance_jax.errors import ClearanceError
 from clearance_jax.laws.geometry import Geometry, Local
 from clearance_jax.parameters import Parametrised, flatten, physical
 
@@ -52,14 +53,26 @@ class Touch(NamedTuple):
 class AbstractStiffness(Module):
     """A stiffness that is computed from the joint's geometry instead of being given as a number."""
 
+    exponent: ClassVar[float] = 1.5
+    """The exponent n of its unit N/m^n."""
+
     @abc.abstractmethod
     def value(self, geometry: Geometry) -> Scalar:
         """The stiffness in N/m^n."""
 
 
-def stiffness_of(given: Any, geometry: Geometry) -> Scalar:
-    """A law's stiffness: the number that it was given, or the one that its geometry has."""
-    return given.value(geometry) if isinstance(given, AbstractStiffness) else given
+def stiffness_of(given: Any, geometry: Geometry, linear: bool = False) -> Scalar:
+    """A law's stiffness: the number that it was given, or the one that its geometry has. **Raises** `ClearanceError`
+    where this one is not `linear` in the penetration and the law is.
+    """
+    if not isinstance(given, AbstractStiffness):
+        return given
+    if linear and given.exponent != 1.0:
+        raise ClearanceError(
+            f"A law that is linear in the penetration has a stiffness in N/m, but `{type(given).__name__}` computes "
+            f"one in N/m^{given.exponent:g}. Give a number."
+        )
+    return given.value(geometry)
 
 
 class AbstractLaw(Parametrised):
@@ -70,6 +83,8 @@ class AbstractLaw(Parametrised):
     """What to use where derivatives are wanted, for a law of class C-1."""
     acts_apart: ClassVar[bool] = False
     """Whether it acts, and its memory goes on, where the surfaces are apart."""
+    has_static_force: ClassVar[bool] = True
+    """Whether its force in a lasting state follows from the place and the slip, so that a pin has a place of rest."""
 
     def constants(self, geometry: Geometry) -> Any:
         """What follows from the law's numbers and the geometry (once a solve, not once a step); nothing by default."""
@@ -126,7 +141,7 @@ class AbstractNormalLaw(AbstractLaw):
 
     @property
     def validity_reason(self) -> str:
-        """Why the law does not hold beyond, in words."""
+        """Why the law does not hold beyond, in words; a law without a reason has no limit."""
         return ""
 
     def event_functions(
@@ -212,6 +227,10 @@ class AbstractModifiedLaw(AbstractNormalLaw):
     @property
     def acts_apart(self):  # type: ignore[override]
         return self.law.acts_apart
+
+    @property
+    def has_static_force(self):  # type: ignore[override]
+        return self.law.has_static_force
 
     @property
     def remembers(self):  # type: ignore[override]

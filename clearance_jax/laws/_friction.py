@@ -22,6 +22,10 @@ class AbstractFrictionLaw(AbstractLaw):
     bristles: ClassVar[tuple[str, ...]] = ()
     """Names of its memory, of each of which there is one for every component of the slip."""
 
+    @property
+    def has_static_force(self):  # type: ignore[override]
+        return not self.bristles
+
     def prepare(self, geometry: Geometry) -> "PreparedFriction":
         """The law with its constants."""
         return PreparedFriction(self, self.constants(geometry))

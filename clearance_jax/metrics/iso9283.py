@@ -71,7 +71,8 @@ def path_accuracy(attained: Any, commanded: Any) -> Scalar:
 
     **Arguments:** `attained`: paths, shape (cycles, samples, axes); `commanded`: the path, shape (places, axes).
     """
-    return jnp.max(jnp.linalg.norm(jnp.mean(crossings(attained, commanded), axis=0) - commanded, axis=-1))
+    off = jnp.mean(crossings(attained, commanded), axis=0) - jnp.asarray(commanded, float)
+    return jnp.max(jnp.linalg.norm(off, axis=-1))
 
 
 def path_repeatability(attained: Any, commanded: Any) -> Scalar:

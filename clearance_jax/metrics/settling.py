@@ -25,7 +25,8 @@ class SettlingTime(AbstractMetric):
     after its end is not seen.
 
     At the last entry into the band e(t; p) = band, so the derivative is (d band - de/dp) / (de/dt) (implicit function
-    theorem). It is zero where the settling time is zero or infinite. It does not exist where an earlier or a later
+    theorem). It is zero where the settling time is zero or infinite, and where the signal jumps into the band, whose
+    instant counts as fixed. It does not exist where an earlier or a later
     swing just touches the band: there the settling time jumps by as much as a swing lasts. A limit that is smooth there
     says the same of a given time T: `Peak(signal, since=since + T)` must not exceed the band.
 
@@ -49,12 +50,11 @@ class SettlingTime(AbstractMetric):
     def value(self, reply):
         (record,), (picked,) = reply.solution.records, reply.picked
         assert picked is not None
-        entered = record.slope < 0
         value = signal_at(self.signal, reply, picked.time, picked.y)[0] - self.band
         # The time of the entry moves with the signal and with the band; it itself is as the observer found it.
-        moved = (value - jax.lax.stop_gradient(value)) / jnp.where(entered, record.slope, -1.0)
+        moved = (value - jax.lax.stop_gradient(value)) / jnp.where(record.slope < 0, record.slope, -jnp.inf)
         passed = jax.lax.stop_gradient(picked.time[0]) - moved - reply.begin
-        passed = jnp.where(entered & (passed > 0), passed, 0.0)
+        passed = jnp.where(record.entered & (passed > 0), passed, 0.0)
         # A lane that failed is not a number, and not infinite.
         found = jnp.where(record.inside, passed, jnp.inf)
         return jnp.where(reply.solution.succeeded, found, jnp.nan)

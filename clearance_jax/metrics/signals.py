@@ -79,8 +79,8 @@ class AbstractSignal(Module):
         return Integrand(own, power)
 
     def prepare(self, mechanism: Mechanism, t1: Any, options: Settings) -> "AbstractSignal":
-        """The signal with what it needs of the whole ideal motion, which is computed once a solve; by default it needs
-        nothing.
+        """The signal with what it needs of the whole ideal motion, which is not computed at every step; by default it
+        needs nothing.
         """
         del mechanism, t1, options
         return self

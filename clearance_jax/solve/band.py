@@ -16,10 +16,11 @@ HALVINGS = 50
 
 
 class Entry(NamedTuple):
-    """The last entry so far: its `time` [s] and state `y`, the signal's `slope` there [1/s] (zero: none yet); `inside`:
-    whether the signal is below the bound at the end of the last step.
+    """The last entry so far: whether there is one (`entered`), its `time` [s] and state `y`, the signal's `slope` there
+    [1/s] (infinite where it jumps); `inside`: whether the signal is below the bound at the end of the last step.
     """
 
+    entered: Array
     time: Array
     y: Array
     slope: Array
@@ -28,8 +29,9 @@ class Entry(NamedTuple):
 
 class LastEntry(AbstractObserver):
     """Finds the last time at which a signal comes from above `bound` to below it. On each part of a step the signal is
-    the cubic through values and slopes at the part's ends: it says whether the signal is above. In the last part that
-    has an entry halvings of the signal itself find its time.
+    the cubic through values and slopes at the part's ends: its top says where the signal may be above. In the last part
+    that has an entry halvings of the signal itself find its time. Between two steps a signal may jump: a drive's
+    acceleration does, or a force at an event.
     """
 
     signal: Any
@@ -42,7 +44,8 @@ class LastEntry(AbstractObserver):
         return self.span / STEPS
 
     def start(self, t0, y0, problem):
-        return Entry(t0, y0, jnp.asarray(0.0), jnp.asarray(False))
+        # The first step begins as if the signal came from outside: an entry at the start is a settling time of zero.
+        return Entry(jnp.asarray(False), t0, y0, jnp.asarray(-jnp.inf), jnp.asarray(False))
 
     def __call__(self, record, times, ends, problem):
         (t0, t1), plan = times, layout(problem.mechanism)
@@ -58,13 +61,15 @@ class LastEntry(AbstractObserver):
 
         places = jnp.linspace(0.0, 1.0, PIECES + 1)
         value, slope = jax.lax.map(at, places)
-        top, height, _ = tops(value, slope, 1 / PIECES)
+        top, _, _ = tops(value, slope, 1 / PIECES)
+        tallest = (jnp.arange(PIECES) + top) / PIECES
+        over = jax.lax.map(along, tallest) > 0
         # Each part that ends below and is above somewhere: at its top or where it begins.
-        above = (height > 0) | (value[:-1] > 0)
-        enters = above & (value[1:] <= 0)
+        enters = (over | (value[:-1] > 0)) & (value[1:] <= 0)
         last = PIECES - 1 - jnp.argmax(enters[::-1])
         found = jnp.any(enters)
-        low = (last + jnp.where(height[last] > 0, top[last], 0.0)) / PIECES
+        jumps = ~record.inside & (value[0] <= 0)
+        low = jnp.where(over[last], tallest[last], last / PIECES)
 
         def goes_on(now):
             return found & (now[0] < HALVINGS)
@@ -77,10 +82,13 @@ class LastEntry(AbstractObserver):
 
         _, _, x = jax.lax.while_loop(goes_on, halve, (jnp.asarray(0), low, (last + 1) / PIECES))
         _, rate = at(x)
+        x = jnp.where(found, x, 0.0)
+        new = found | jumps
         return Entry(
-            jnp.where(found, t0 + x * (t1 - t0), record.time),
-            jnp.where(found, between(ends, t1 - t0, x, plan), record.y),
-            jnp.where(found, rate / width, record.slope),
+            record.entered | new,
+            jnp.where(new, t0 + x * (t1 - t0), record.time),
+            jnp.where(new, between(ends, t1 - t0, x, plan), record.y),
+            jnp.where(new, jnp.where(found, rate / width, -jnp.inf), record.slope),
             value[-1] <= 0,
         )
 

@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Iterator
 
+import equinox as eqx
 import jax
 import numpy as np
 from jax.core import Tracer
@@ -20,6 +21,8 @@ class ValidityWarning(UserWarning):
 def asked_of_laws(solution: Solution) -> Iterator[tuple[str, Array, Array, str]]:
     """Of each joint whose law says where it holds: its name, the deepest penetration, its limit, and why."""
     for joint in solution.mechanism.clearance_joints():
+        if not joint.clearance.normal.validity_reason:
+            continue
         limit = _limit
         for _ in range(solution.time.ndim - 1):
             limit = jax.vmap(limit)
@@ -30,6 +33,7 @@ def asked_of_laws(solution: Solution) -> Iterator[tuple[str, Array, Array, str]]
             yield joint.name, deepest, found, joint.clearance.normal.validity_reason
 
 
+@eqx.filter_jit
 def _limit(clearance: AbstractClearance) -> Array | None:
     """Up to which penetration [m] a joint's normal law holds; `None`: it does not say."""
     normal = clearance.prepare().normal

@@ -5,6 +5,7 @@ grid; integrals are sums over the grid by Simpson's rule. Poses are found withou
 Newton's steps at the poses that are read, so a peak's costs one pose and not the grid.
 """
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -30,7 +31,7 @@ from clearance_jax.solve.observers import AbstractObserver, Picked
 from clearance_jax.solve.settings import STATIC, Settings, evenly
 from clearance_jax.solve.solution import Solution
 from clearance_jax.solve.tolerances import largest_length
-from clearance_jax.solve.validity import Validity, validity_of
+from clearance_jax.solve.validity import NOT_VALID, Validity, validity_of
 
 # Intervals of the grid; Simpson's rule wants an even number.
 INTERVALS = 200
@@ -144,6 +145,8 @@ def _found(asked: Asked, observers: tuple, seats: bool) -> Poses:
     picked = tuple(observer.among(grid, on_grid.y, ready) for observer in observers)
     good = are_poses(asked.mechanism, every.errors) & bounds_hold(asked.mechanism) & jnp.all(jnp.isfinite(every.y))
     validity = validity_of(grid, on_grid, ideal[back][:count], ready) if seats else None
+    if validity is not None:
+        validity = dataclasses.replace(validity, level=jnp.where(good, validity.level, NOT_VALID))
     return Poses(grid, on_grid, times[back][asked.places], at_times, picked, good, validity)
 
 

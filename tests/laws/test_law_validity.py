@@ -10,6 +10,7 @@ import pytest
 import clearance_jax as cj
 from clearance_jax import laws
 from clearance_jax.analysis.validity import ValidityWarning, within_validity
+from clearance_jax.errors import ClearanceError
 
 STEEL = 2.07e11, 2.07e11
 
@@ -44,3 +45,18 @@ def test_a_batch_has_flags():
 
     found = jax.vmap(motion)(jnp.array([0.1, 100.0]))
     assert within_validity(found)["hip"].tolist() == [True, False]
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        laws.LinearKelvinVoigt(laws.InternalHertz(*STEEL), 10.0),
+        laws.StandardLinearSolid(laws.InternalHertz(*STEEL), 0.5, 5e-3),
+        laws.Anagnostopoulos(laws.InternalHertz(*STEEL), 0.7, 1.0),
+    ],
+    ids=["kelvin-voigt", "standard-linear-solid", "anagnostopoulos"],
+)
+def test_a_linear_law_takes_no_stiffness_of_another_unit(law):
+    """N/m^1.5 was taken for N/m, without a word."""
+    with pytest.raises(ClearanceError, match=r"stiffness in N/m, but `InternalHertz` computes one in N/m\^1.5"):
+        cj.simulate(pendulum(law), 1e-4)

@@ -153,6 +153,13 @@ def test_what_is_settled_at_once_and_what_never_settles(block):
     assert (float(value), float(slope)) == (np.inf, 0.0)
 
 
+def test_a_signal_that_jumps_into_the_band_settles_there(arm):
+    """The arm turns at constant acceleration, and stops turning at once when its drive's last piece ends."""
+    turn = arm.ideal().with_drives({"hip": cj.drives.StepSum([0.0], [0.05], [0.3])})
+    found = metrics.SettlingTime(metrics.Acceleration("tip"), 10.0, 0.01)(turn, T1)
+    assert float(found) == pytest.approx(0.04, abs=1e-9)
+
+
 def test_a_settling_time_of_lanes_and_of_poses(block):
     bands = jnp.asarray([1e-3, 2e-3, 1e-9])
     found = jax.vmap(lambda band: settling(block, band=band))(bands)

@@ -355,3 +355,40 @@ def test_the_command_line_says_it_and_writes_it(tmp_path):
         assert dataset.sizes["time"] == 11
     wrong = CliRunner().invoke(app, [*words, "static"])
     assert "`--fidelity` must be dynamics or quasi-static" in str(wrong.exception)
+
+
+FILM = cj.joints.ShortBearing(0.1, 1e-6)
+
+
+@pytest.mark.parametrize(
+    ("normal", "friction", "element"),
+    [
+        (laws.HuntCrossley(STIFFNESS, 0.5), laws.LuGre(0.4, 0.3, 1e-3, 1e5, 100.0, 0.0), None),
+        (laws.HuntCrossley(STIFFNESS, 0.5), laws.Dahl(0.3, 1e5), None),
+        (laws.StandardLinearSolid(1e8, 0.5, 5e-3), None, None),
+        (laws.HuntCrossley(STIFFNESS, 0.5).smoothed(1e-7), laws.Dahl(0.3, 1e5), None),
+        (laws.HuntCrossley(STIFFNESS, 0.5), None, FILM),
+    ],
+    ids=["lugre", "dahl", "solid", "smoothed and dahl", "film"],
+)
+def test_forces_that_depend_on_the_past_or_on_motion_have_no_poses(normal, friction, element):
+    play = cj.RevoluteClearance(CLEARANCE, RADIUS, normal, friction, element, length=0.02)
+    hub = cj.Revolute("hub", "ground", "wheel", motion=cj.Motion(cj.drives.ConstantSpeed(50.0)), clearance=play)
+    mechanism = cj.Mechanism((cj.Body("wheel", MASS, 0.01),), (hub,), gravity=cj.Gravity(y=-GRAVITY))
+    with pytest.raises(ClearanceError, match="needs forces that follow from places and slips"):
+        cj.simulate(mechanism, 0.01, **POSES)
+    if isinstance(normal, laws.StandardLinearSolid):
+        with pytest.raises(ClearanceError, match='Use `start = "centre"`'):
+            cj.simulate(mechanism, 0.001, start="settled")
+
+
+def test_pins_that_nothing_holds_and_poses_that_are_none_are_not_valid():
+    floating = dataclasses.replace(wheel(), gravity=cj.Gravity())
+    assert int(validity(cj.simulate(floating, 0.01, **POSES)).level) == NOT_VALID
+
+    def solve(clearance):
+        return cj.simulate(cj.replace(wheel(), {"hub.radial_clearance": clearance}), 0.01, throw=False, **POSES)
+
+    found = jax.vmap(solve)(jnp.asarray([CLEARANCE, -CLEARANCE]))
+    assert found.succeeded.tolist() == [True, False]
+    assert validity(found).level.tolist() == [FOLLOWS, NOT_VALID]

@@ -78,7 +78,7 @@ class Anagnostopoulos(AbstractNormalLaw):
         return self.clipped
 
     def constants(self, geometry):
-        stiffness = stiffness_of(self.stiffness, geometry)
+        stiffness = stiffness_of(self.stiffness, geometry, linear=True)
         return Damped(stiffness, damping_of(stiffness, self.restitution, self.effective_mass, 1.0))
 
     def formula(self, constants, penetration, penetration_rate, memory):

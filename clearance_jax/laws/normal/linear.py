@@ -27,7 +27,7 @@ class LinearKelvinVoigt(AbstractNormalLaw):
         return self.clipped
 
     def constants(self, geometry):
-        return stiffness_of(self.stiffness, geometry)
+        return stiffness_of(self.stiffness, geometry, linear=True)
 
     def formula(self, constants, penetration, penetration_rate, memory):
         return constants * penetration + self.damping * penetration_rate

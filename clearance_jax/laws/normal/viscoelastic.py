@@ -48,6 +48,7 @@ class StandardLinearSolid(AbstractNormalLaw):
     smoothness: ClassVar[Smoothness] = "C0"
     remembers: ClassVar[tuple[str, ...]] = ("flow",)
     acts_apart: ClassVar[bool] = True
+    has_static_force: ClassVar[bool] = False
 
     def units(self):
         try:
@@ -58,7 +59,7 @@ class StandardLinearSolid(AbstractNormalLaw):
 
     def constants(self, geometry):
         usual = self._stretch(USUAL * geometry.radial_clearance)
-        return Relaxing(stiffness_of(self.stiffness, geometry), usual)
+        return Relaxing(stiffness_of(self.stiffness, geometry, self.exponent is None), usual)
 
     def _stretch(self, penetration):
         return (
