@@ -157,3 +157,27 @@ def block_in_a_guide(clearance, size, motion) -> Iterator[Contact]:
             n = sign[wall] * np.eye(3)[wall]
             depth = n @ corner - half[wall] - clearance
             yield Contact(1.0, depth, n, corner, (z, np.cross(z, n)))
+
+
+class Filling(NamedTuple):
+    """A preloaded bearing: stiffness and preload across, along and in tilt, and its damping time [s]."""
+
+    stiffness: tuple[float, float, float]
+    preload: tuple[float, float, float]
+    damping_time: float
+
+
+def preloaded_bearing(filling: Filling, motion: Motion) -> Vector:
+    """The force and moment of `preloaded-bearing` in a joint with play in all its directions, shape (6,)."""
+    z, a = np.array([0.0, 0.0, 1.0]), motion.rotation[:, 2]
+    theta = np.arctan2(np.hypot(a[0], a[1]), a[2])
+    about = np.cross(z, a) / np.hypot(a[0], a[1])
+    across = np.array([1.0, 1.0, 0.0])
+    deflections = motion.place * across, motion.place * z, 2 * np.sin(theta / 2) * about
+    rates = motion.velocity * across, motion.velocity * z, motion.spin * across
+    lever = 1.0, 1.0, np.cos(theta / 2)
+    borne = [
+        -k * f * x / np.sqrt(1 + (k * np.linalg.norm(x) / p) ** 2) - filling.damping_time * k * v
+        for k, p, x, v, f in zip(filling.stiffness, filling.preload, deflections, rates, lever, strict=True)
+    ]
+    return np.concatenate([borne[0] + borne[1], borne[2]])

@@ -124,6 +124,22 @@ def test_a_joint_exerts_the_wrench_that_the_docs_say(name):
         assert np.all(off <= 1e-9 * size + 1e-12)
 
 
+FILLING = docs.Filling((2e7, 1e7, 800.0), (300.0, 200.0, 0.8), 1e-5)
+
+
+def test_a_preloaded_bearing_exerts_the_wrench_that_the_docs_say():
+    case = CASES["inside, faces"]()
+    element = cj.joints.PreloadedBearing(*FILLING.stiffness, *FILLING.preload, FILLING.damping_time)
+    given = list(motions(case))
+    # Of the joint without contact: its walls are far away.
+    joint = cj.SleeveClearance(0.005, RADIUS, LENGTH, laws.Hertz(1e9), None, 0.005, element)
+    ours = library_wrenches(joint, given)
+    theirs = np.stack([docs.preloaded_bearing(FILLING, m) for m in given])
+    for part in (slice(0, 3), slice(3, 6)):
+        size = np.linalg.norm(theirs[:, part], axis=1)
+        assert np.all(np.linalg.norm(ours[:, part] - theirs[:, part], axis=1) <= 1e-9 * size)
+
+
 MASSES, INERTIAS = (1.5, 0.4), (np.array([2e-3, 3e-3, 4e-3]), np.array([5e-4, 8e-4, 6e-4]))
 AT_SLEEVE, AT_PIN = np.array([0.1, -0.05, 0.2]), np.array([0.02, 0.03, -0.04])
 TURNED_SLEEVE, TURNED_PIN = (0.4, -0.7, 1.1), (-0.3, 0.9, 0.5)
