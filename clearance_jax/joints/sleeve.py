@@ -5,7 +5,9 @@ sum, by weights, is a quadrature of the contact along its length. Axial play end
 collar of the pin bears at points of a ring.
 
 A force is along the gradient of its penetration, and acts where that gradient's moment is, so that power balances
-exactly, tilted too. What is left out is of second order in the tilt: a tilted pin's section is not quite round.
+exactly, tilted too. The penetrations leave out what is of second order in the tilt: a tilted pin's section is not quite
+round. Friction leaves out what is of first order: it acts along the directions of the sleeve, which are not quite
+square to the gradient of a tilted pin.
 
 A worn sleeve has a bore of its own at every station (see `joints.bore`).
 """
