@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from clearance_jax._small_matrices import small_eigh, small_inverse
@@ -19,8 +20,12 @@ from clearance_jax.joints._base import TOUCHING, PreparedClearance
 from clearance_jax.joints.contact import PlayCoordinate, Relative
 from clearance_jax.spatial import IDENTITY, ZERO, Rotation, Term, Vector, add, as_array, dot, scale, subtract
 
-# Iterations at most (some twenty are usual); halvings of a step; iterations at the end, without springs.
-MOST, HALVINGS, LAST = 200, 12, 5
+# Iterations at most (some twenty are usual).
+MOST = 200
+# Parts of a step that a search tries, and iterations at its end, without springs. Fewer of both where Newton steps of all
+# joints follow (see `Near`): of a pose of three sleeves that is a quarter of the time.
+PARTS, LAST = 0.5 ** np.arange(12), 5
+FEWER_PARTS, FEWER_LAST = 0.5 ** np.array([0, 1, 3, 6]), 1
 # Loads begin where they press so deep (in parts of the play), and are by so much less each time as one is nearly borne.
 WIDE, LESS, NEAR = 0.3, 8.0, 0.1
 # Of the load: what is left when a search ends; such as it may be where it helps no more; what is left of a search from
@@ -115,7 +120,9 @@ class Seat(NamedTuple):
 
 
 class Near(NamedTuple):
-    """Where a search may begin that knows a `place` near its end [m or rad], if it is `known`."""
+    """Where a search may begin that knows a `place` near its end [m or rad], if it is `known`. What it finds bears the
+    load but for a millionth of it, or better: Newton steps of all joints follow.
+    """
 
     place: Values
     known: Flag
@@ -136,7 +143,7 @@ def seat(clearance: PreparedClearance, load: Load, start: Values, near: Near | N
     whole = Seating(*still, size, jnp.ones(len(size), bool), begun / size)
     search = whole._replace(counts=whole.more_than_round_off())
     near = None if near is None else near._replace(place=jax.lax.stop_gradient(near.place) / size)
-    found, inverse, loose, stiffness = search.rest(search.find(near))
+    found, inverse, loose, stiffness = search.rest(search.find(near), LAST if near is None else FEWER_LAST)
     found = found + loose @ ((start - begun) / size)
     differentiated = search._replace(clearance=smooth, load=load)
 
@@ -203,7 +210,7 @@ class Seating(NamedTuple):
         widens it falls to the real one. A search from `near` begins with the real load.
         """
         springs, whole = self.springs, jnp.linalg.norm(self.asked)
-        parts = 0.5 ** jnp.arange(HALVINGS)
+        parts = jnp.asarray(PARTS if near is None else FEWER_PARTS)
 
         def residual(x, factor):
             return self.residual(x, factor) + factor * springs * (x - self.start)
@@ -216,7 +223,7 @@ class Seating(NamedTuple):
             further = jax.vmap(lambda part: residual(x + part * step, factor))(parts)
             # As far as the energy falls, or nearly: the largest part at which it does not rise half as steeply.
             good = (further @ step) <= 0.5 * jnp.abs(g @ step)
-            part = jnp.where(jnp.any(good), jnp.argmax(good), HALVINGS - 1)
+            part = jnp.where(jnp.any(good), jnp.argmax(good), len(parts) - 1)
             before, after = jnp.linalg.norm(g), jnp.linalg.norm(further[part])
             stuck = (after > 0.5 * before) & (before < SOLVED * asked)
             x = jnp.where(stuck, x, x + parts[part] * step)
@@ -231,7 +238,7 @@ class Seating(NamedTuple):
         begin = x, factor, jnp.asarray(0), whole <= 0
         return jax.lax.while_loop(lambda carry: ~carry[3] & (carry[2] < MOST), once, begin)[0]
 
-    def rest(self, x: Values) -> tuple[Values, Array, Array, Array]:
+    def rest(self, x: Values, iterations: int) -> tuple[Values, Array, Array, Array]:
         """The equilibrium without springs, near that with them: of what contacts hold more firmly than springs do, the
         rest at the start. And there the inverse of the slope, the projection on the rest, and the slope.
         """
@@ -242,7 +249,7 @@ class Seating(NamedTuple):
             return x - inverse @ g - loose @ (x - self.start), inverse, loose, slope
 
         nothing = jnp.zeros((len(x), len(x)))
-        return jax.lax.fori_loop(0, LAST, once, (x, nothing, nothing, nothing))
+        return jax.lax.fori_loop(0, iterations, once, (x, nothing, nothing, nothing))
 
     def inverse(self, x: Values) -> Array:
         """The inverse of the slope of the residual, friction included: zero along what contacts do not hold."""
