@@ -23,7 +23,7 @@ from clearance_jax._numerics import safe_unit
 from clearance_jax._sharing import compute_once, share
 from clearance_jax._types import Flag, Scalar
 from clearance_jax.joints._element import AbstractElement, Offset
-from clearance_jax.joints.contact import Action, ContactPoint, PlayCoordinate, PointAction, Relative
+from clearance_jax.joints.contact import Action, ContactPoint, PlayCoordinate, PointAction, Relative, carry
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Touch
 from clearance_jax.laws._base import Memory, PreparedNormal, Slip
 from clearance_jax.laws._friction import PreparedFriction
@@ -200,7 +200,8 @@ class PreparedClearance(Module):
         if self.friction is not None:
             friction = self.friction.at(point.local)
             traction = friction.traction(slip, force, rest)
-            rates = (*rates, *friction.memory_rate(depth, slip, force, rest))
+            bending = friction.memory_rate(depth, slip, force, rest)
+            rates = (*rates, *(bending if point.turning is None else carry(bending, rest, point.turning)))
         rates = (*rates, jnp.zeros_like(force)) if memory else ()
         return PointAction(depth, rate, slip, force, traction, rates, times(share, normal.energy(depth)))
 

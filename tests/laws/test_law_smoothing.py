@@ -1,6 +1,6 @@
 """Friction laws without corners: two continuous derivatives, nothing changed beyond the width, a bias as told."""
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import catalogue
 import jax
@@ -107,7 +107,7 @@ def test_a_smooth_law_is_its_own_smooth_form():
 class Untold(laws.AbstractFrictionLaw):
     """A law with a corner that it does not tell of."""
 
-    smoothness: ClassVar = "C0"
+    smoothness: ClassVar[Any] = "C0"
 
     def traction(self, constants, slip, normal_force, memory):
         return tuple(-normal_force * jnp.clip(1e3 * v, -1.0, 1.0) for v in slip)
