@@ -73,7 +73,8 @@ def flow_of(bearing, speed):
         # The sleeve is at the rod's end, and the pin at the slider.
         apart = np.array([place, 0.0]) - crank - ROD * along
         relative = np.array([velocity, 0.0]) - moving - ROD * spin * across - spin * np.array([-apart[1], apart[0]])
-        *force, torque, rates = bearing(along @ apart, across @ apart, along @ relative, across @ relative, -spin, memory)
+        seen = (axis @ vector for vector in (apart, relative) for axis in (along, across))
+        *force, torque, rates = bearing(*seen, -spin, memory)
         fx, fy = force[0] * along + force[1] * across
         arm = np.array([place, 0.0]) - crank
         moment = -(arm[0] * fy - arm[1] * fx) - torque + ROD_MASS * CENTRE * speed**2 * (across @ crank)
@@ -102,7 +103,7 @@ def reference(motion, bearing, speed, memory=()):
 @pytest.mark.parametrize(("speed", "end"), [(30.0, 0.02), (800.0, 0.003)], ids=["light", "heavy"])
 def test_a_film_carries_a_light_load_and_hands_a_heavy_one_over(speed, end):
     law, oil = laws.HuntCrossley(WALL, DAMPING), cj.joints.ShortBearing(VISCOSITY, ROUGHNESS)
-    play = cj.RevoluteClearance(CLEARANCE, RADIUS, law, element=oil, length=LENGTH)
+    play = cj.RevoluteClearance(CLEARANCE, RADIUS, law, None, oil, LENGTH)
     motion = cj.simulate(machine(play, speed), end, rtol=1e-10, save_at=9)
     found = reference(motion, lubricated, speed)
     np.testing.assert_allclose(motion["guide"], found[1], rtol=0, atol=1e-7 * CLEARANCE)
