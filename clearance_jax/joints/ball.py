@@ -35,10 +35,11 @@ class SphericalClearance(AbstractClearance):
     ball_material: Material | None = None
     socket_material: Material | None = None
     kind: ClassVar[str] = "ball"
+    tangents: ClassVar[int] = 2
 
     @property
-    def tangents(self) -> int:  # type: ignore[override]
-        """Two; but no two directions are continuous over a whole socket, so that bristles have all three axes."""
+    def slip_components(self):
+        # No two directions are continuous over a whole socket: bristles have all three axes.
         return 3 if self.friction is not None and self.friction.bristles else 2
 
     def demands(self):
@@ -61,7 +62,7 @@ class SphericalClearance(AbstractClearance):
         normal: Vector = scale(1.0 / jnp.where(distance > 0, distance, 1.0), (x, y, z))
         arm = scale(self.ball_radius + self.radial_clearance - distance, normal)
         velocity, turning = at.velocity_at(arm), None
-        if self.tangents == 3:
+        if self.slip_components == 3:
             tangents, turning = UNIT, scale(1.0 / jnp.where(distance > 0, distance, 1.0), cross(normal, at.velocity))
             slip = subtract(velocity, scale(dot(normal, velocity), normal))
         else:

@@ -119,8 +119,12 @@ class Action(NamedTuple):
         return jax.tree.map(lambda values: values[jnp.argmax(self.points.penetration)], self.points)
 
 
-def carry(rates: Memory, memory: Memory, turning: Vector) -> Memory:
-    """The rates of vectors, component by component, that a plane carries with it as it turns [rad/s]."""
+def carry(rates: Memory, memory: Memory, turning: Vector | None) -> Memory:
+    """The rates of vectors, component by component, that a plane carries with it as it turns [rad/s]; as they are where
+    nothing is said of it.
+    """
+    if turning is None:
+        return rates
     vectors = [(memory[i], memory[i + 1], memory[i + 2]) for i in range(0, len(memory), 3)]
     turned = [term for vector in vectors for term in cross(turning, vector)]
     return tuple(rate + term for rate, term in zip(rates, turned, strict=True))
