@@ -223,7 +223,9 @@ class SmoothedFriction(AbstractModifiedFriction):
         total = jnp.zeros_like(v)
         for kink in self.law.kinks():
             x = v - kink.speed
-            total += self.width * corner(x / self.width) * (0.5 * kink.slope + 0.25 * kink.curvature * x)
+            # By its sign, so that the derivative at the corner itself is the mean of both sides, as the law's is.
+            added = self.width * corner(x * jnp.sign(x) / self.width)
+            total += added * (0.5 * kink.slope + 0.25 * kink.curvature * x)
         return total
 
     def event_functions(self, constants, slip, normal_force, memory):

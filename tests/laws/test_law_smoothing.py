@@ -38,6 +38,9 @@ def test_a_smoothed_law_has_two_continuous_derivatives(name):
     before, after = (np.asarray(bend(jnp.asarray(ends + step))) for step in (-1e-11, 1e-11))
     size = np.abs(np.asarray(bend(jnp.linspace(-2e-2, 2e-2, 4001)))).max()
     np.testing.assert_allclose(before, after, atol=1e-6 * size)
+    steep = jax.jit(jax.vmap(jax.grad(coefficient(smooth))))
+    here, beside = (np.asarray(steep(jnp.asarray(told) + step)) for step in (0.0, 1e-12))
+    np.testing.assert_allclose(here, beside, atol=1e-6 * np.abs(here).max())
     # The law itself has the jumps that it tells of: the curvature, or that of a slope within a step.
     slope = jax.jit(jax.vmap(jax.grad(coefficient(law))))
     low, high = (np.array(told) + step for step in (-1e-11, 1e-11))
