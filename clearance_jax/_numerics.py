@@ -127,3 +127,9 @@ def step7_slope(s: Real) -> Real:
     """Its derivative, 140 s^3 (1 - s)^3. C2."""
     s = jnp.clip(s, 0.0, 1.0)
     return 140 * (s * (1 - s)) ** 3
+
+
+def corner(s: Real) -> Real:
+    """What the C2 form of |s| has more than |s|: (1 - |s|)^3 (3 + |s|) / 8 for |s| < 1, and nothing beyond."""
+    s = jnp.abs(s)
+    return jnp.maximum(1 - s, 0.0) ** 3 * (3 + s) / 8

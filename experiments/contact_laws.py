@@ -1,4 +1,4 @@
-"""What contact laws deliver, and what a smooth onset changes: `python -m experiments.contact_laws`.
+"""What contact laws deliver, and what smoothing changes: `python -m experiments.contact_laws`.
 
 *Restitution*: a free impact of the laws F = K d^n (1 + a(e) d'/v0) delivers the root e of a (1 + e) = ln((1 + a)/(1 - a
 e)), whatever n, K, mass and speed are. Other laws are solved as a free impact of 0.14 kg on a pin of 10 mm in a sleeve
@@ -7,6 +7,12 @@ of 10.1 mm and 20 mm of steel, at three speeds.
 *A smooth onset*: the same impact at 0.5 m/s, of laws and of the same laws `smoothed` over a width w; d is the deepest
 penetration. The bias is the largest of those of restitution, of the peak force and of the duration, relative. The last
 column is that of the width that `law.smoothed(penetration=d, rtol=1e-4)` chooses.
+
+*Friction without corners*: a block of 1 kg on a spring of 1 kN/m, pressed with 10 N on a base that moves with 0.1 m/s
+sin(20/s t), over 0.4 s, of friction laws and of the same laws `smoothed` over a width w; v is the law's speed (the slip
+at which friction is all but complete, or the Stribeck speed of bristles). The bias is the largest of those of place,
+speed and lost work over the motion, relative to their largest values. The last column is that of the width that
+`law.smoothed(rtol=1e-4)` chooses. For bristles the width is a share of a usual slip of 1 mm/s.
 """
 
 from typing import Any, NamedTuple
@@ -67,6 +73,22 @@ SMOOTHED = (
 )
 WIDTHS = (0.3, 0.1, 0.03, 0.01, 0.003)
 RTOL = 1e-4
+
+
+# Friction laws by their names, and their speeds [m/s].
+FRICTION: dict[str, tuple[Any, float]] = {
+    "cubic": (laws.CubicCoulomb(0.3, 1e-2), 1e-2),
+    "adams": (laws.AdamsFriction(0.4, 0.3, 1e-2, 3e-2), 1e-2),
+    "threlfall": (laws.Threlfall(0.3, 1e-2), 1e-2),
+    "ambrosio": (laws.Ambrosio(0.3, 5e-3, 1e-2), 1e-2),
+    "bengisu-akay": (laws.BengisuAkay(0.4, 0.3, 1e-2, 5e-3), 1e-2),
+    "stribeck, p = 1": (laws.Stribeck(0.4, 0.3, 5e-3, 1e-2, 1.0), 1e-2),
+    "lugre": (laws.LuGre(0.4, 0.3, 1e-3, 1e4, 1.0), 1e-3),
+    "dahl": (laws.Dahl(0.3, 1e4), 1e-3),
+    "elasto-plastic": (laws.ElastoPlastic(0.4, 0.3, 1e-3, 1e4, 1.0), 1e-3),
+}
+LOAD, BLOCK, SPRING, END = 10.0, 1.0, 1e3, 0.4
+BASE_SPEED, BASE_RATE = 0.1, 20.0
 
 
 class Impact(NamedTuple):
@@ -172,11 +194,52 @@ def smoothing(quick: bool) -> dict[str, float]:
     return found
 
 
+def rubbed(law: Any, end: float) -> np.ndarray:
+    """Place [m], speed [m/s] and lost work [J] of the block at 401 instants, shape (3, 401), by DOP853."""
+    count = len(law.bristles)
+
+    @jax.jit
+    def flow(t, y):
+        slip, memory = (y[1] - BASE_SPEED * jnp.sin(BASE_RATE * t),), tuple((z,) for z in y[3:])
+        (traction,) = law.traction(None, slip, jnp.asarray(LOAD), memory)
+        rates = law.memory_rate(None, slip, jnp.asarray(LOAD), memory)
+        force = traction - SPRING * y[0]
+        return jnp.stack([y[1], force / BLOCK, -traction * slip[0], *(rate for (rate,) in rates)])
+
+    out = solve_ivp(
+        lambda t, y: np.asarray(flow(t, jnp.asarray(y))), (0, end), np.zeros(3 + count), "DOP853",
+        t_eval=np.linspace(0, end, 401), rtol=1e-12, atol=1e-16,
+    )  # fmt: skip
+    return out.y[:3]
+
+
+def friction(quick: bool) -> dict[str, float]:
+    """Bias of friction laws without corners over the width; returns that of the width that each law chooses."""
+    write("## Bias of friction without corners\n")
+    widths, end = (WIDTHS[1:2], 0.1 * END) if quick else (WIDTHS, END)
+    found, rows = {}, []
+    for name in ("threlfall", "dahl") if quick else FRICTION:
+        law, speed = FRICTION[name]
+        whole = rubbed(law, end)
+
+        def bias(smooth, whole=whole):
+            difference = np.abs(rubbed(smooth, end) - whole).max(axis=1)
+            return float(np.max(difference / np.abs(whole).max(axis=1)))
+
+        chosen = law.smoothed(rtol=RTOL)
+        biases, found[name] = [bias(law.smoothed(w * speed)) for w in widths], bias(chosen)
+        told = f"{found[name]:.1e} ({float(chosen.width) / speed:.1g} v)"
+        rows.append((name, law.smoothness, *(f"{b:.1e}" for b in biases), told))
+    head = ("law", "class", *(f"w = {w:g} v" for w in widths), f"chosen for {RTOL:g}")
+    table(head, rows, output(f"contact_laws_friction{'_quick' if quick else ''}.md"))
+    return found
+
+
 def main(quick: bool = False) -> dict[str, float]:
     """Write the tables; returns the bias of the widths that laws choose for a relative tolerance of 1e-4."""
     restitutions(quick)
     others(quick)
-    return smoothing(quick)
+    return smoothing(quick) | friction(quick)
 
 
 if __name__ == "__main__":

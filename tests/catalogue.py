@@ -59,6 +59,10 @@ FRICTION = {
     "stribeck-1": laws.Stribeck(0.4, 0.3, 1e-3, 1e-2, 1.0),
     "dahl": laws.Dahl(0.3, 1e5),
     "elasto-plastic": laws.ElastoPlastic(0.4, 0.3, 1e-3, 1e5, 1e-2),
+    "smoothed-cubic": laws.CubicCoulomb(0.3, 1e-2).smoothed(1e-3),
+    "smoothed-threlfall": laws.Threlfall(0.3, 1e-2).smoothed(1e-3),
+    "smoothed-lugre": laws.LuGre(0.4, 0.3, 1e-3, 1e5, 1e-2, 0.0).smoothed(1e-5),
+    "smoothed-elasto-plastic": laws.ElastoPlastic(0.4, 0.3, 1e-3, 1e5, 1e-2).smoothed(1e-5),
 }
 
 

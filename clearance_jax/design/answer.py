@@ -30,6 +30,7 @@ class Design:
     - `specification`: what was asked; `program`: every point that was evaluated; `method`: the optimiser.
     - `evaluation`: the best point; `stop_reason`: why the search stopped early, or empty; `note`: on the choice of the
       method, or empty.
+    - `before`: where the search went by smoothed laws first, their widths [m] and designs.
     - `classes`: the classes of the clearances, whose greatest ones `evaluation` has; `None`: none were asked for.
     """
 
@@ -40,6 +41,7 @@ class Design:
     stop_reason: str
     note: str
     classes: ChosenClasses | None = None
+    before: tuple[tuple[float, "Design"], ...] = ()
 
     @property
     def clearances(self) -> dict[str, float]:
@@ -124,6 +126,7 @@ class Design:
             lines.append(f"  cost {self.objective:.6g} {self.specification.cost_unit}")
         lines += [f"  {text}" for text in self.deciders]
         lines.append(f"  {self.method.name}: {self.counts}")
+        lines += [f"  before, with laws smoothed over {width:g} m: {found.counts}" for width, found in self.before]
         if self.classes is not None:
             lines += [f"  {text}" for text in self.classes.sentences]
         lines += [f"  {text}" for text in (self.stop_reason, self.note) if text]

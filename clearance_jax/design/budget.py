@@ -15,6 +15,7 @@ from clearance_jax.dynamics.pose import check_driven, displaced, ideal_states, p
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.laws.stiffened import Stiffened
 from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.mechanism.play import change_each_play
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.results.dataset import picture_dataset
@@ -187,7 +188,7 @@ def _with_stiffness(mechanism: Mechanism, factor: float) -> Mechanism:
     def stiffer(clearance):
         return dataclasses.replace(clearance, normal=Stiffened(clearance.normal, factor))
 
-    return _with_clearances(mechanism, stiffer)
+    return change_each_play(mechanism, stiffer)
 
 
 def _closed(mechanism: Mechanism) -> Mechanism:
@@ -197,14 +198,7 @@ def _closed(mechanism: Mechanism) -> Mechanism:
         own = {name: getattr(clearance, name, None) for name in CLEARANCES}
         return dataclasses.replace(clearance, **{name: CLOSED * x for name, x in own.items() if x is not None})
 
-    return _with_clearances(mechanism, closer)
-
-
-def _with_clearances(mechanism: Mechanism, change: Any) -> Mechanism:
-    for joint in mechanism.clearance_joints():
-        own = mechanism.joint(joint.name)
-        mechanism = mechanism.with_joint(dataclasses.replace(own, clearance=change(joint.clearance)))
-    return mechanism
+    return change_each_play(mechanism, closer)
 
 
 # In print ------------------------------------------------------------------------------------------------------------

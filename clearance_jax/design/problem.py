@@ -8,6 +8,7 @@ from clearance_jax._patterns import expand
 from clearance_jax.ask.place import place_of
 from clearance_jax.design.answer import Design
 from clearance_jax.design.classes import Candidates
+from clearance_jax.design.continuation import continued
 from clearance_jax.design.costs import AbstractCost
 from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.manufacture import AbstractManufacture, AsDesigned
@@ -86,6 +87,7 @@ class ToleranceProblem:
         fidelity: str | None = None,
         classes: Candidates | None = None,
         diameters: Mapping[str, float] | None = None,
+        smoothing: Sequence[float | int] = (0.0,),
     ) -> Design:
         """The best design that is found. Its limits hold in a simulation of their own (see `Design.feasible`).
 
@@ -105,14 +107,20 @@ class ToleranceProblem:
           `ToleranceClass`es. The answer is the cheapest combination that holds the limits, by branch and bound, with
           every clearance at the greatest of its class. `diameters`: nominal ones by variable [m], by default twice the
           joint's pin radius.
+        - `smoothing`: widths [m] of smoothed normal laws (see `law.smoothed`) by which the search goes, such as (1e-6,
+          1e-7, 0): each from the answer of the one before, and with up to `most` evaluations. The last one must be 0:
+          the answer is that of the laws themselves. `Design.before` has the others.
 
-        **Raises:** `ClearanceError` for classes that say nothing, or have no cost.
+        **Raises:** `ClearanceError` for classes that say nothing or have no cost, and for widths that do not fall to 0.
         """
         with place_of(cluster) as place:
             specification = self.specification if fidelity is None else self.specification.judged_by(fidelity)
-            given = {"record": record, "most": most, "progress": progress, "place": place}
+            given = {"method": method, "seed": seed, "most": most, "progress": progress, "place": place}
             given |= {"classes": classes, "diameters": diameters}
-            return search(specification, method, start, starts, seed, **given)
+            widths = tuple(map(float, smoothing))
+            if widths == (0.0,):
+                return search(specification, start=start, starts=starts, record=record, **given)
+            return continued(specification, widths, start, starts, record, **given)
 
 
 def _costs(cost, names) -> tuple[Callable, ...]:

@@ -3,12 +3,12 @@
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from clearance_jax._numerics import safe_norm
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.energy import BALANCE_TERMS, drive_forces, energies, read_balance
 from clearance_jax.dynamics.equations import Balance, balance
 from clearance_jax.dynamics.reactions import reactions
 from clearance_jax.joints import Action
+from clearance_jax.laws._friction import speed_of
 from clearance_jax.mechanism._base import AbstractMechanism, ClearanceJoint
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, actuated_coordinates, layout, parts
@@ -60,7 +60,7 @@ def contacts(mechanism: PreparedMechanism, now: Balance) -> dict[str, Array]:
         "contact_force": jnp.stack([action.normal_force for action in now.actions.values()]),
         "contact_power": jnp.stack([_power(action) for action in now.actions.values()]),
         "friction_force": jnp.stack([_friction(mechanism, now, joint) for joint in mechanism.clearance_joints()]),
-        "slip_velocity": jnp.stack([p.slip[0] if len(p.slip) == 1 else safe_norm(*p.slip) for p in points]),
+        "slip_velocity": jnp.stack([p.slip[0] if len(p.slip) == 1 else speed_of(p.slip) for p in points]),
     }
 
 

@@ -23,7 +23,7 @@ from clearance_jax._numerics import safe_unit
 from clearance_jax._sharing import compute_once, share
 from clearance_jax._types import Flag, Scalar
 from clearance_jax.joints._element import AbstractElement, Offset
-from clearance_jax.joints.contact import Action, ContactPoint, PlayCoordinate, PointAction, Relative
+from clearance_jax.joints.contact import Action, ContactPoint, PlayCoordinate, PointAction, Relative, carry
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Touch
 from clearance_jax.laws._base import Memory, PreparedNormal, Slip
 from clearance_jax.laws._friction import PreparedFriction
@@ -41,7 +41,7 @@ class AbstractClearance(Parametrised):
     friction: eqx.AbstractVar[AbstractFrictionLaw | None]
     element: eqx.AbstractVar[AbstractElement | None]
     tangents: eqx.AbstractClassVar[int]
-    """Number of components of the slip."""
+    """Number of directions in which it can slip."""
     kind: ClassVar[str] = ""
     """What scenes and datasets call it; empty: a kind of your own."""
     flat: ClassVar[bool] = False
@@ -51,6 +51,11 @@ class AbstractClearance(Parametrised):
     def count(self) -> int:
         """Number of contact points."""
         return 1
+
+    @property
+    def slip_components(self) -> int:
+        """Number of components of the slip, and of what bristles remember: one along each tangent."""
+        return self.tangents
 
     @abc.abstractmethod
     def play(self) -> tuple[PlayCoordinate, ...]:
@@ -112,7 +117,7 @@ class AbstractClearance(Parametrised):
         """
         own = self.normal.remembers
         if self.friction is not None:
-            ends = ("",) if self.tangents == 1 else tuple(f"_{k + 1}" for k in range(self.tangents))
+            ends = ("",) if self.slip_components == 1 else tuple(f"_{k + 1}" for k in range(self.slip_components))
             own += tuple(name + end for name in self.friction.bristles for end in ends)
         own = (*own, "touching") if own else ()
         return own if self.count == 1 else tuple(f"{name}_{i + 1}" for i in range(self.count) for name in own)
@@ -200,7 +205,7 @@ class PreparedClearance(Module):
         if self.friction is not None:
             friction = self.friction.at(point.local)
             traction = friction.traction(slip, force, rest)
-            rates = (*rates, *friction.memory_rate(depth, slip, force, rest))
+            rates = (*rates, *carry(friction.memory_rate(depth, slip, force, rest), rest, point.turning))
         rates = (*rates, jnp.zeros_like(force)) if memory else ()
         return PointAction(depth, rate, slip, force, traction, rates, times(share, normal.energy(depth)))
 
@@ -290,7 +295,7 @@ class PreparedClearance(Module):
         """Magnitude of each memory variable for error control; infinite for one that only changes by latching."""
         if not self.remembers:
             return ()
-        friction = () if self.friction is None else self.friction.memory_scale(self.joint.tangents)
+        friction = () if self.friction is None else self.friction.memory_scale(self.joint.slip_components)
         return (*self.normal.memory_scale(), *friction, jnp.asarray(jnp.inf)) * self.joint.count
 
     # Laws are written for one point: mapped over several they stand once in the program.

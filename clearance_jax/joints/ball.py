@@ -6,18 +6,22 @@ import jax.numpy as jnp
 
 from clearance_jax._numerics import safe_sqrt
 from clearance_jax._types import Scalar
-from clearance_jax.errors import ClearanceError
 from clearance_jax.joints._base import AbstractClearance, AbstractElement
 from clearance_jax.joints.contact import ContactPoint, PlayCoordinate
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Material
 from clearance_jax.parameters import Demand, physical
-from clearance_jax.spatial import Vector, X, Y, Z, across, dot, scale
+from clearance_jax.spatial import UNIT, Vector, X, Y, Z, across, cross, dot, scale, subtract
 
 
 class SphericalClearance(AbstractClearance):
     """The play of a ball in its socket.
 
     As for a pin in a sleeve (see `revolute`), the contact point lies on the surface of the socket (Flores et al. 2006).
+
+    The bristles of a friction law are a vector in the socket's axes, square to the normal. As the contact moves over
+    the socket the plane of contact carries them with it, without turning them about the normal (parallel transport),
+    so that no direction of the socket is special and their length stays. A ball that turns about the normal alone does
+    not slip, and nothing resists it.
 
     **Arguments:** `radial_clearance`: socket radius minus ball radius [m], > 0; `ball_radius` [m], > 0; `normal` and
     `friction` laws; `element`: what acts without touch; `ball_material`, `socket_material`: for laws that need them.
@@ -33,12 +37,10 @@ class SphericalClearance(AbstractClearance):
     kind: ClassVar[str] = "ball"
     tangents: ClassVar[int] = 2
 
-    def __check_init__(self):
-        if self.friction is not None and self.friction.bristles:
-            raise ClearanceError(
-                "A ball's socket has no directions along which a friction law's bristles could be remembered: choose a "
-                "law without memory (cubic, tanh, brown-mcphee)."
-            )
+    @property
+    def slip_components(self):
+        # No two directions are continuous over a whole socket: bristles have all three axes.
+        return 3 if self.friction is not None and self.friction.bristles else 2
 
     def demands(self):
         least = self.radial_clearance
@@ -58,16 +60,22 @@ class SphericalClearance(AbstractClearance):
         x, y, z = (jnp.asarray(term, float) for term in at.place)
         distance = safe_sqrt(x * x + y * y + z * z)
         normal: Vector = scale(1.0 / jnp.where(distance > 0, distance, 1.0), (x, y, z))
-        tangents = across(normal)
         arm = scale(self.ball_radius + self.radial_clearance - distance, normal)
-        velocity = at.velocity_at(arm)
+        velocity, turning = at.velocity_at(arm), None
+        if self.slip_components == 3:
+            tangents, turning = UNIT, scale(1.0 / jnp.where(distance > 0, distance, 1.0), cross(normal, at.velocity))
+            slip = subtract(velocity, scale(dot(normal, velocity), normal))
+        else:
+            tangents = across(normal)
+            slip = tuple(dot(tangent, velocity) for tangent in tangents)
         return ContactPoint(
             penetration=distance - self.radial_clearance,
             penetration_rate=jnp.asarray(dot(normal, at.velocity), float),
-            slip=tuple(jnp.asarray(dot(tangent, velocity), float) for tangent in tangents),
+            slip=tuple(jnp.asarray(term, float) for term in slip),
             normal=normal,
             tangents=tangents,
             arm=arm,
+            turning=turning,
         )
 
     def travel(self, along):

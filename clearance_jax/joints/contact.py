@@ -56,6 +56,8 @@ class ContactPoint(NamedTuple):
     - `slip` [m/s]: velocity of the pin's surface on the sleeve's, along the `tangents`.
     - `normal`: from the pin's surface into the sleeve's: the gradient of the penetration by the place of the pin.
     - `arm` [m]: from the pin's centre to the point.
+    - `turning` [rad/s]: how fast the plane of contact turns, without turning about its normal, where the slip is given
+      along all three axes; `None`: along the tangents, which turn with it.
     - `local`: what is different at this point for the laws; `share`: its part of the joint's normal force, if there are
       several points.
     """
@@ -68,6 +70,7 @@ class ContactPoint(NamedTuple):
     arm: Vector
     local: Local = None
     share: Scalar | None = None
+    turning: Vector | None = None
 
     @property
     def law_view(self) -> "ContactPoint":
@@ -114,3 +117,14 @@ class Action(NamedTuple):
         if not jnp.ndim(self.points.penetration):
             return self.points
         return jax.tree.map(lambda values: values[jnp.argmax(self.points.penetration)], self.points)
+
+
+def carry(rates: Memory, memory: Memory, turning: Vector | None) -> Memory:
+    """The rates of vectors, component by component, that a plane carries with it as it turns [rad/s]; as they are where
+    nothing is said of it.
+    """
+    if turning is None:
+        return rates
+    vectors = [(memory[i], memory[i + 1], memory[i + 2]) for i in range(0, len(memory), 3)]
+    turned = [term for vector in vectors for term in cross(turning, vector)]
+    return tuple(rate + term for rate, term in zip(rates, turned, strict=True))

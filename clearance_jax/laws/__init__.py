@@ -1,7 +1,7 @@
 """Contact laws, each for one contact point."""
 
 from clearance_jax.laws._base import AbstractNormalLaw, AbstractStiffness, SmoothedOnset, Touch
-from clearance_jax.laws._friction import AbstractFrictionLaw
+from clearance_jax.laws._friction import AbstractFrictionLaw, Kink, SmoothedFriction
 from clearance_jax.laws.friction import (
     FRICTION_LAWS,
     AdamsFriction,
@@ -12,6 +12,7 @@ from clearance_jax.laws.friction import (
     Dahl,
     ElastoPlastic,
     LuGre,
+    SmoothedBristles,
     Stribeck,
     TanhCoulomb,
     Threlfall,
@@ -69,11 +70,14 @@ __all__ = [
     "Hertz",
     "HuntCrossley",
     "InternalHertz",
+    "Kink",
     "LineContact",
     "LinearKelvinVoigt",
     "LuGre",
     "Material",
     "RestitutionLaw",
+    "SmoothedBristles",
+    "SmoothedFriction",
     "SmoothedOnset",
     "StandardLinearSolid",
     "Stribeck",

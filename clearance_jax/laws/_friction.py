@@ -1,19 +1,36 @@
 """What a friction law is, for one contact point; its sign convention is that of `_base`."""
 
 import abc
+import functools
+import operator
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
 from clearance_jax._module import Module
-from clearance_jax._numerics import safe_norm
+from clearance_jax._numerics import corner, safe_sqrt
 from clearance_jax._sharing import share
 from clearance_jax._types import Flag, Scalar
-from clearance_jax.laws._base import AbstractLaw, Bristles, Memory, Slip, Touch
+from clearance_jax.errors import ClearanceError
+from clearance_jax.laws._base import AbstractLaw, Bristles, Memory, Slip, Smoothness, Touch
 from clearance_jax.laws.geometry import Geometry, Local
+from clearance_jax.parameters import flatten, physical
+
+
+class Kink(NamedTuple):
+    """Where the coefficient of friction has a corner over the slip: at the `speed` [m/s] its `slope` jumps by so much
+    [s/m], and its `curvature` [s^2/m^2]. At the speed 0 they are one half of the jump. `coefficient`: the largest one
+    of the law, against which a change is small or not.
+    """
+
+    speed: Scalar | float
+    coefficient: Scalar
+    slope: Scalar | float
+    curvature: Scalar
 
 
 class AbstractFrictionLaw(AbstractLaw):
@@ -25,6 +42,26 @@ class AbstractFrictionLaw(AbstractLaw):
     @property
     def has_static_force(self):  # type: ignore[override]
         return not self.bristles
+
+    def smoothed(self, width: Any = None, *, rtol: Any = 1e-6) -> "AbstractFrictionLaw":
+        """The law with two continuous derivatives: every corner of its curve is rounded over the `width` [m/s] on
+        either side of it, and nothing changes elsewhere. A law of class C2 has no corner and is returned as it is.
+
+        **Arguments:** `width`; by default so that no coefficient changes by more than `rtol` of the largest.
+
+        **Raises:** `ClearanceError` for a law that does not tell its corners.
+        """
+        if self.smoothness == "C2":
+            return self
+        kinks = self.kinks()
+        if not kinks:
+            name = type(self).__name__
+            raise ClearanceError(f"`{name}` does not tell where its corners are: give the class a method `kinks`.")
+        return SmoothedFriction(self, smooth_speed(kinks, rtol) if width is None else width)
+
+    def kinks(self) -> tuple[Kink, ...]:
+        """The corners of the coefficient of friction over the slip, at speeds from 0 on; none by default."""
+        return ()
 
     def prepare(self, geometry: Geometry) -> "PreparedFriction":
         """The law with its constants."""
@@ -106,13 +143,106 @@ def along_slip(profile: Callable[[Array], Array], slip: Slip) -> Slip:
     """`profile(|slip|)` along the slip, for an odd `profile` of one number."""
     if len(slip) == 1:
         return (profile(slip[0]),)
-    speed = safe_norm(*slip)
+    speed = speed_of(slip)
     moving = speed > 0
     ratio = jnp.where(moving, profile(speed) / jnp.where(moving, speed, 1.0), jax.grad(profile)(jnp.zeros(())))
     ratio = share(ratio)
     return tuple(ratio * s for s in slip)
 
 
+def speed_of(slip: Slip) -> Scalar:
+    """The size of a slip, or of a deflection of as many components."""
+    if len(slip) == 1:
+        return jnp.abs(slip[0])
+    return safe_sqrt(functools.reduce(operator.add, (s * s for s in slip)))
+
+
 def outside(slip: Slip, speed: Scalar) -> Scalar:
     """|slip|^2 - speed^2: positive outside a layer, negative inside."""
     return sum(s * s for s in slip) - speed * speed
+
+
+# Without corners -----------------------------------------------------------------------------------------------------
+
+
+class AbstractModifiedFriction(AbstractFrictionLaw):
+    """A friction law that changes the traction of another one, its `law`; all else is that of the law."""
+
+    law: eqx.AbstractVar[AbstractFrictionLaw]
+
+    @property
+    def bristles(self):  # type: ignore[override]
+        return self.law.bristles
+
+    @property
+    def acts_apart(self):  # type: ignore[override]
+        return self.law.acts_apart
+
+    def units(self):
+        return self.law.units()
+
+    def constants(self, geometry):
+        return self.law.constants(geometry)
+
+    def localise(self, constants, local):
+        return self.law.localise(constants, local)
+
+    def event_functions(self, constants, slip, normal_force, memory):
+        return self.law.event_functions(constants, slip, normal_force, memory)
+
+    def memory_rate(self, constants, slip, normal_force, memory):
+        return self.law.memory_rate(constants, slip, normal_force, memory)
+
+    def latch(self, constants, memory, touch):
+        return self.law.latch(constants, memory, touch)
+
+    def memory_scale(self, constants):
+        return self.law.memory_scale(constants)
+
+
+class SmoothedFriction(AbstractModifiedFriction):
+    """T = T_law - N sum_k C(|v| - v_k), C(x) = (j + x k / 2) (w - |x|)^3 (3 w + |x|) / (16 w^3) for |x| < w: at every
+    corner v_k of the `law`, where its slope jumps by j and its curvature by k, a polynomial takes the jumps away.
+
+    Further than w from every corner the traction is that of the law.
+
+    **Arguments:** `law`; `width` w [m/s] > 0. `law.smoothed()` chooses one.
+    """
+
+    law: AbstractFrictionLaw = flatten()
+    width: Scalar = physical("m/s", above=0.0)
+    smoothness: ClassVar[Smoothness] = "C2"
+
+    def traction(self, constants, slip, normal_force, memory):
+        whole = self.law.traction(constants, slip, normal_force, memory)
+        rounded = along_slip(lambda v: -normal_force * (self._round(v) - self._round(-v)), slip)
+        return tuple(t + r for t, r in zip(whole, rounded, strict=True))
+
+    def _round(self, v: Scalar) -> Scalar:
+        """What the corners on one side add to the coefficient."""
+        total = jnp.zeros_like(v)
+        for kink in self.law.kinks():
+            x = v - kink.speed
+            # By its sign, so that the derivative at the corner itself is the mean of both sides, as the law's is.
+            added = self.width * corner(x * jnp.sign(x) / self.width)
+            total += added * (0.5 * kink.slope + 0.25 * kink.curvature * x)
+        return total
+
+    def event_functions(self, constants, slip, normal_force, memory):
+        ends = tuple(outside(slip, kink.speed + self.width) for kink in self.law.kinks())
+        return (*super().event_functions(constants, slip, normal_force, memory), *ends)
+
+
+def smooth_speed(kinks: tuple[Kink, ...], rtol: Any) -> Any:
+    """The width w [m/s] over which rounded corners change no coefficient by more than `rtol` of the largest: a jump j
+    of the slope changes it by 3/16 j w, one of the curvature k by less than 0.011 k w^2.
+    """
+    widths = []
+    for kink in kinks:
+        # At zero both sides of it are half a corner.
+        room = rtol * kink.coefficient * jnp.where(jnp.asarray(kink.speed) > 0, 1.0, 0.5)
+        slope, curvature = 3 / 16 * jnp.abs(kink.slope), 0.011 * jnp.abs(kink.curvature)
+        # The root of slope w + curvature w^2 = room; any, where nothing jumps.
+        divisor = slope + safe_sqrt(slope**2 + 4 * curvature * room)
+        widths.append(jnp.where(divisor > 0, 2 * room / jnp.where(divisor > 0, divisor, 1.0), 1.0))
+    return functools.reduce(jnp.minimum, widths)

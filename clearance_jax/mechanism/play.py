@@ -1,7 +1,7 @@
 """Play given to a joint, whole or by a designer's numbers (each kind of joint takes its own), and taken away."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -112,3 +112,11 @@ def without_play(joint: AbstractJoint, values: Sequence[Term] | None) -> Abstrac
         else:
             changed |= {"angle": None, "orientation": as_prepared(product(joint.turned.rows, tilt))}
     return dataclasses.replace(ideal, **changed)
+
+
+def change_each_play(mechanism: Any, change: Callable[[Any], Any]) -> Any:
+    """The mechanism with `change(clearance)` in the place of every clearance."""
+    for joint in mechanism.clearance_joints():
+        own = mechanism.joint(joint.name)
+        mechanism = mechanism.with_joint(dataclasses.replace(own, clearance=change(joint.clearance)))
+    return mechanism

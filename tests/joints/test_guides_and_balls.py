@@ -12,6 +12,7 @@ from clearance_jax import laws
 SIDE, LENGTH, HEIGHT = 1e-3, 0.1, 0.1
 LAW: Any = laws.HuntCrossley(1e9, 0.5)
 RUBBING: Any = laws.TanhCoulomb(0.1, 0.01)
+BRISTLES: Any = laws.LuGre(0.2, 0.15, 0.01, 2e4, 1e-2)
 FLAT = cj.GuideClearance(SIDE, LENGTH, HEIGHT, LAW, RUBBING)
 BOX = cj.GuideClearance(SIDE, LENGTH, HEIGHT, LAW, RUBBING, width=0.06)
 BALL = cj.SphericalClearance(1e-4, 0.01, LAW, RUBBING)
@@ -69,13 +70,14 @@ def test_a_guide_closes_a_loop_as_it_does_in_a_tree():
     np.testing.assert_allclose(ends[0][:6], ends[1][:6], rtol=0, atol=1e-8)
 
 
-def test_a_ball_in_a_plane_motion_is_a_pin():
+@pytest.mark.parametrize("friction", [None, BRISTLES], ids=["smooth", "bristles"])
+def test_a_ball_in_a_plane_motion_is_a_pin(friction):
     """A pendulum on a ball that starts at the wall below, in the plane of x and z, against a pin about y."""
     inertia = cj.Inertia(0.03, 0.03, 0.03)
     bodies = (cj.Body("arm", 2.0, inertia, cj.Position(x=0.2)),)
     low = cj.Position(0.0, None, -0.5e-4)
-    play = cj.SphericalClearance(1e-4, 0.01, LAW)
-    pin = cj.RevoluteClearance(1e-4, 0.01, LAW)
+    play = cj.SphericalClearance(1e-4, 0.01, LAW, friction)
+    pin = cj.RevoluteClearance(1e-4, 0.01, LAW, friction)
     # The sleeve's axes about y: z and x.
     across = cj.Position(-0.5e-4, 0.0)
     turning = cj.Revolute("hip", "ground", "arm", axis="y", clearance=pin, eccentricity=across)
@@ -84,9 +86,11 @@ def test_a_ball_in_a_plane_motion_is_a_pin():
         cj.Mechanism(bodies, (j,), points=(cj.Point("end", "arm", cj.Position(x=0.4)),), gravity=cj.Gravity(z=-9.81))
         for j in (turning, ball)
     )
-    ends = [cj.simulate(m, 0.15, rtol=1e-10, save_at=4)["end.position"] for m in (pinned, balled)]
+    motions = [cj.simulate(m, 0.15, rtol=1e-10, save_at=4) for m in (pinned, balled)]
+    ends = [motion["end.position"] for motion in motions]
     np.testing.assert_allclose(ends[0], ends[1], rtol=0, atol=1e-9)
     assert abs(float(ends[0][-1, 2])) > 0.05
+    assert max(float(motion.energy_residual) for motion in motions) < 1e-9
 
 
 def test_a_cylindrical_joint_takes_a_sleeve():

@@ -180,6 +180,16 @@ def test_the_slope_of_the_seventh_step():
     np.testing.assert_allclose(numerics.step7_slope(s), jax.vmap(jax.grad(numerics.step7))(s), rtol=1e-11, atol=1e-13)
 
 
+def test_a_rounded_corner():
+    """With |s| it is the even quartic (3 + 6 s^2 - s^4) / 8 within 1; at 0 its slope is that of s > 0."""
+    s = np.array([-3.0, -1.0, -0.4, -1e-12, 0.0, 1e-12, 0.4, 1.0, 3.0])
+    inside = np.abs(s) < 1
+    expected = np.where(inside, (3 + 6 * s**2 - s**4) / 8 - np.abs(s), 0.0)
+    np.testing.assert_allclose(jax.vmap(numerics.corner)(jnp.asarray(s)), expected, rtol=0, atol=2 * ULP)
+    slopes = np.where(inside, (3 * s - s**3) / 2 - np.where(s < 0, -1.0, 1.0), 0.0)
+    np.testing.assert_allclose(jax.vmap(jax.grad(numerics.corner))(jnp.asarray(s)), slopes, rtol=0, atol=4 * ULP)
+
+
 def test_every_public_function_is_tested_here():
     public = {
         name
@@ -188,5 +198,5 @@ def test_every_public_function_is_tested_here():
     }
     assert public == {
         *("sincos", "safe_sqrt", "safe_norm", "safe_unit", "positive_part", "power_three_halves", "positive_power"),
-        *("step3", "step5", "step7", "step7_slope"),
+        *("step3", "step5", "step7", "step7_slope", "corner"),
     }

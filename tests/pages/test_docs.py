@@ -10,6 +10,9 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+import catalogue
+import jax
+import jax.numpy as jnp
 import pytest
 import typer
 from places import ROOT
@@ -19,7 +22,7 @@ from clearance_jax.cli.main import UsageError, app
 from clearance_jax.io.keys import reference
 from clearance_jax.io.scene import load_scene
 from clearance_jax.io.study import load_study
-from clearance_jax.laws import FRICTION_LAWS, NORMAL_LAWS
+from clearance_jax.laws import FRICTION_LAWS, NORMAL_LAWS, Geometry
 
 DOCS = ROOT / "docs"
 GENERATED = DOCS / "reference"
@@ -240,6 +243,40 @@ def test_every_law_has_a_paragraph_and_a_curve():
     for name in (*NORMAL_LAWS, *FRICTION_LAWS):
         assert re.search(rf"^(`[\w-]+`, )*`{name}`", page, re.MULTILINE), name
         assert f'"{name}": ' in pictures, name
+
+
+def test_the_tables_of_laws_are_those_of_the_code():
+    page = (DOCS / "laws.md").read_text(encoding="utf-8")
+    rows = dict(re.findall(r"^\| `([\w-]+)` \| (C[-\d]+ .*?\| C[-\d]+) \|", page, re.MULTILINE))
+    assert sorted(rows) == sorted([*NORMAL_LAWS, *FRICTION_LAWS])
+    for name, row in rows.items():
+        law: Any = (catalogue.NORMAL if name in NORMAL_LAWS else catalogue.FRICTION)[name]
+        assert row.split(" | ")[0].split()[0] == law.smoothness, name
+        assert row.split(" | ")[-1] == law.smoothed(1e-6).smoothness, name
+    # Limits of the penetration over the clearance.
+    sizes = (jnp.asarray(x) for x in (0.01, 0.0101, 1e-4, 0.02))
+    geometry = Geometry(*sizes)
+    for name, limit in re.findall(r"^\| `([\w-]+)` \|.* d up to ([\d.]+) c \|$", page, re.MULTILINE):
+        law = catalogue.NORMAL[name]
+        assert float(law.validity(law.constants(geometry))) / 1e-4 == pytest.approx(float(limit), abs=0.06), name
+
+
+def test_what_the_table_says_that_laws_deliver():
+    """Within so many per cent of the restitution given, from it on or up to it, on this side of it."""
+    page, asked = (DOCS / "laws.md").read_text(encoding="utf-8"), 0
+    told = re.findall(r"^\| `([\w-]+)` \|[^|]*\|[^|]*\|([^|]*within (\d) %[^|]*)\|", page, re.MULTILINE)
+    for name, words, share in told:
+        least, most = (re.search(pattern, words) for pattern in (r"from e = ([\d.]+) on", r"up to e = ([\d.]+)"))
+        every = jnp.linspace(0.05, 0.99, 30)
+        found = jax.vmap(lambda e, make=NORMAL_LAWS[name]: make(1e10, e).delivered_restitution)(every)
+        for e, delivered in zip(every.tolist(), found.tolist(), strict=True):
+            if "above e" in words or "below e" in words:
+                assert (delivered > e) == ("above e" in words), (name, e)
+            if (least is None or e >= float(least[1])) and (most is None or e <= float(most[1])):
+                assert abs(delivered / e - 1) <= 0.01 * float(share), (name, e, delivered)
+                asked += 1
+    assert len(told) == 9
+    assert asked > 60
 
 
 # Links ---------------------------------------------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 tests.
 """
 
+from clearance_jax.laws.friction._bristles import SmoothedBristles
 from clearance_jax.laws.friction.bristles import Dahl, ElastoPlastic
 from clearance_jax.laws.friction.coulomb import CubicCoulomb, TanhCoulomb
 from clearance_jax.laws.friction.lugre import LuGre
@@ -33,6 +34,7 @@ __all__ = [
     "Dahl",
     "ElastoPlastic",
     "LuGre",
+    "SmoothedBristles",
     "Stribeck",
     "TanhCoulomb",
     "Threlfall",

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 
 from clearance_jax._types import Scalar
 from clearance_jax.laws._base import Smoothness
-from clearance_jax.laws._friction import AbstractFrictionLaw, along_slip, outside
+from clearance_jax.laws._friction import AbstractFrictionLaw, Kink, along_slip, outside
 from clearance_jax.parameters import physical
 
 
@@ -30,6 +30,10 @@ class CubicCoulomb(AbstractFrictionLaw):
             return -0.5 * self.coefficient * normal_force * x * (3 - x * x)
 
         return along_slip(profile, slip)
+
+    def kinks(self):
+        mu, fast = self.coefficient, self.transition_speed
+        return (Kink(fast, mu, 0.0, 3 * mu / fast**2),)
 
     def event_functions(self, constants, slip, normal_force, memory):
         return (outside(slip, self.transition_speed),)

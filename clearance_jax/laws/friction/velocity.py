@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from clearance_jax._numerics import step3
 from clearance_jax._types import Scalar
 from clearance_jax.laws._base import Smoothness
-from clearance_jax.laws._friction import AbstractFrictionLaw, along_slip, outside
+from clearance_jax.laws._friction import AbstractFrictionLaw, Kink, along_slip, outside
 from clearance_jax.parameters import Demand, physical
 
 COEFFICIENT = {"help": "coefficient of friction mu", "example": "0.1"}
@@ -49,6 +49,11 @@ class AdamsFriction(AbstractFrictionLaw):
 
         return along_slip(profile, slip)
 
+    def kinks(self):
+        static, slow, fast = self.static_coefficient, self.stiction_speed, self.transition_speed
+        fall = 6 * (self.dynamic_coefficient - static) / (fast - slow) ** 2
+        return Kink(slow, static, 0.0, fall + 3 * static / slow**2), Kink(fast, static, 0.0, fall)
+
     def event_functions(self, constants, slip, normal_force, memory):
         return outside(slip, self.stiction_speed), outside(slip, self.transition_speed)
 
@@ -70,6 +75,11 @@ class Threlfall(AbstractFrictionLaw):
             return self.coefficient * normal_force * sign * jnp.expm1(-3 * ratio)
 
         return along_slip(profile, slip)
+
+    def kinks(self):
+        mu, fast = self.coefficient, self.transition_speed
+        end = 3 * jnp.exp(-3.0) * mu
+        return Kink(0.0, mu, 0.0, -9 * mu / fast**2), Kink(fast, mu, -end / fast, 3 * end / fast**2)
 
     def event_functions(self, constants, slip, normal_force, memory):
         return (outside(slip, self.transition_speed),)
@@ -101,6 +111,11 @@ class Ambrosio(AbstractFrictionLaw):
 
         return along_slip(profile, slip)
 
+    def kinks(self):
+        mu, slow, fast = self.coefficient, self.free_speed, self.transition_speed
+        slope, none = mu / (fast - slow), jnp.zeros_like(mu)
+        return Kink(slow, mu, slope, none), Kink(fast, mu, -slope, none)
+
     def event_functions(self, constants, slip, normal_force, memory):
         return outside(slip, self.free_speed), outside(slip, self.transition_speed)
 
@@ -131,6 +146,11 @@ class BengisuAkay(AbstractFrictionLaw):
 
         return along_slip(profile, slip)
 
+    def kinks(self):
+        static, fast, decay = self.static_coefficient, self.transition_speed, self.decay_speed
+        fall, bend = static - self.dynamic_coefficient, 2 * static / fast**2
+        return Kink(0.0, static, 0.0, -bend), Kink(fast, static, -fall / decay, fall / decay**2 + bend)
+
     def event_functions(self, constants, slip, normal_force, memory):
         return (outside(slip, self.transition_speed),)
 
@@ -149,7 +169,13 @@ class Stribeck(AbstractFrictionLaw):
     transition_speed: Scalar = physical("m/s", above=0.0, help=COMPLETE, example='"10 mm/s"')
     shape: Scalar = physical("", least=1.0, default=2.0, help="exponent p of the fall from the peak", example="1")
     viscous: Scalar = physical("s/m", least=0.0, default=0.0, help="viscous friction s2", example='"0.1 s/m"')
-    smoothness: ClassVar[Smoothness] = "C1"
+
+    @property
+    def smoothness(self) -> Smoothness:  # type: ignore[override]
+        try:
+            return "C2" if float(self.shape) > 1 else "C1"
+        except TypeError:  # traced
+            return "C1"
 
     def traction(self, constants, slip, normal_force, memory):
         def profile(v):
@@ -161,6 +187,11 @@ class Stribeck(AbstractFrictionLaw):
             return -normal_force * ((self.dynamic_coefficient + fall) * rise + self.viscous * v)
 
         return along_slip(profile, slip)
+
+    def kinks(self):
+        # |v|^p has a corner in its second derivative for p = 1 alone.
+        bend = 2 * (self.dynamic_coefficient - self.static_coefficient) / (self.stribeck_speed * self.transition_speed)
+        return (Kink(0.0, self.static_coefficient, 0.0, jnp.where(self.shape == 1, bend, 0.0)),)
 
     def event_functions(self, constants, slip, normal_force, memory):
         # As of `TanhCoulomb`.

@@ -17,6 +17,16 @@ def power(penetration: Scalar, exponent: Scalar | None) -> Scalar:
     return power_three_halves(penetration) if exponent is None else positive_power(penetration, exponent)
 
 
+def stiffness_unit(exponent: Scalar | None, absent: float = 1.5) -> dict[str, str]:
+    """The unit of a stiffness of a power law, whose exponent is `absent` where it is `None`."""
+    # A traced exponent has no value to show.
+    try:
+        n = absent if exponent is None else float(exponent)
+    except TypeError:
+        return {}
+    return {STIFFNESS: f"N/m^{n:g}"}
+
+
 class AbstractPowerLaw(AbstractNormalLaw):
     """A law whose elastic part is K d^n (n = `None`: 3/2)."""
 
@@ -24,12 +34,7 @@ class AbstractPowerLaw(AbstractNormalLaw):
     exponent: eqx.AbstractVar[Scalar | None]
 
     def units(self):
-        # A traced exponent has no value to show.
-        try:
-            n = 1.5 if self.exponent is None else float(self.exponent)
-        except TypeError:
-            return {}
-        return {STIFFNESS: f"N/m^{n:g}"}
+        return stiffness_unit(self.exponent)
 
     def constants(self, geometry: Geometry) -> Any:
         return stiffness_of(self.stiffness, geometry)

@@ -1,6 +1,5 @@
 """Laws of a pin that touches its sleeve along a line: F = E* L f(d) (1 + a(e) d'/v0), for elastic relations f."""
 
-import abc
 from collections.abc import Callable
 from typing import ClassVar, NamedTuple
 
@@ -9,14 +8,12 @@ import jax.numpy as jnp
 
 from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError
-from clearance_jax.laws._base import AbstractNormalLaw, Smoothness
+from clearance_jax.laws._base import Smoothness
 from clearance_jax.laws.geometry import Geometry, Material
 from clearance_jax.laws.normal import ratios, relations
+from clearance_jax.laws.normal._impact import RESTITUTION, SLOWEST, AbstractImpactLaw
 from clearance_jax.laws.normal.relations import Line, Relation
 from clearance_jax.parameters import physical
-
-RESTITUTION = "coefficient of restitution e"
-SLOWEST = "the least impact speed that it reckons with"
 
 
 def line_of(geometry: Geometry, modulus: Scalar, name: str) -> Line:
@@ -36,47 +33,7 @@ class LineConstants(NamedTuple):
     damping_ratio: Scalar | None
 
 
-class AbstractLineLaw(AbstractNormalLaw):
-    """A law of line contact with an elastic force, and a damping that remembers the speed of the last impact; without
-    `restitution` it is elastic.
-    """
-
-    restitution: eqx.AbstractVar[Scalar | None]
-    ratio: eqx.AbstractVar[Callable]
-    minimum_impact_speed: eqx.AbstractVar[Scalar]
-
-    @property
-    def remembers(self):  # type: ignore[override]
-        return () if self.restitution is None else ("impact_speed",)
-
-    @property
-    def clips(self):
-        return self.restitution is not None
-
-    @property
-    def damping_ratio(self) -> Scalar | None:
-        """a(e); `None`: elastic."""
-        return None if self.restitution is None else self.ratio(self.restitution)
-
-    def formula(self, constants, penetration, penetration_rate, memory):
-        elastic = self.elastic(constants, penetration)
-        if constants.damping_ratio is None:
-            return elastic
-        speed = jnp.maximum(memory[0], self.minimum_impact_speed)
-        return elastic * (1 + constants.damping_ratio * penetration_rate / speed)
-
-    @abc.abstractmethod
-    def elastic(self, constants: LineConstants, penetration: Scalar) -> Scalar:
-        """The elastic force [N]."""
-
-    def latch(self, constants, memory, touch):
-        if not memory:
-            return memory
-        speed = jnp.where(touch.began, jnp.maximum(touch.penetration_rate, self.minimum_impact_speed), memory[0])
-        return (jnp.where(touch.ended, 0.0, speed),)
-
-
-class LineContact(AbstractLineLaw):
+class LineContact(AbstractImpactLaw):
     """F = E* L f(d) (1 + a(e) d'/v0), with 1/E* = (1 - nu_1^2)/E_1 + (1 - nu_2^2)/E_2, the length L of the contact and
     the speed v0 of the last impact.
 
@@ -197,7 +154,7 @@ def dubowsky_freudenstein(pin_modulus, sleeve_modulus, **options) -> LineContact
     return LineContact(pin_modulus, sleeve_modulus, relation=relations.DUBOWSKY_FREUDENSTEIN, **options)
 
 
-class Winkler(AbstractLineLaw):
+class Winkler(AbstractImpactLaw):
     """F = k L R e (t - sin t cos t) (1 + a(e) d'/v0), cos t = c/e, e = c + d: an elastic layer in the sleeve, each
     piece of which is a spring, p = k u.
 

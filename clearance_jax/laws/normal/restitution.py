@@ -8,12 +8,12 @@ from collections.abc import Callable
 from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
-import jax.numpy as jnp
 
 from clearance_jax._types import Scalar
 from clearance_jax.laws._base import Smoothness, stiffness_of
 from clearance_jax.laws.normal import ratios
-from clearance_jax.laws.normal._power import STIFFNESS, AbstractPowerLaw, power, power_energy
+from clearance_jax.laws.normal._impact import RESTITUTION, SLOWEST, AbstractImpactLaw
+from clearance_jax.laws.normal._power import STIFFNESS, power, power_energy, stiffness_unit
 from clearance_jax.parameters import physical
 
 
@@ -24,7 +24,7 @@ class Damped(NamedTuple):
     damping_ratio: Scalar
 
 
-class RestitutionLaw(AbstractPowerLaw):
+class RestitutionLaw(AbstractImpactLaw):
     """F = max(0, K d^n (1 + a d'/v0)), with a = ratio(e) and v0 the speed of the last impact.
 
     **Arguments:** `stiffness` K [N/m^n]; `restitution` e in (0, 1); `ratio`: the function a(e), which tells the laws of
@@ -33,36 +33,25 @@ class RestitutionLaw(AbstractPowerLaw):
     """
 
     stiffness: Any = physical(STIFFNESS, above=0.0, help="stiffness K", example='"2.487e6 N/mm^1.5"')
-    restitution: Scalar = physical("", above=0.0, below=1.0, help="coefficient of restitution e", example="0.7")
+    restitution: Scalar = physical("", above=0.0, below=1.0, help=RESTITUTION, example="0.7")
     ratio: Callable = eqx.field(static=True, default=ratios.exact_ratio)
     exponent: Scalar | None = physical(
         "", least=1.0, default=None, help="exponent n of the penetration", example="1.5", absent="1.5"
     )
-    minimum_impact_speed: Scalar = physical(
-        "m/s", above=0.0, default=1e-3, help="the least impact speed that it reckons with", example='"1 mm/s"'
-    )
+    minimum_impact_speed: Scalar = physical("m/s", above=0.0, default=1e-3, help=SLOWEST, example='"1 mm/s"')
     smoothness: ClassVar[Smoothness] = "C1"
-    remembers: ClassVar[tuple[str, ...]] = ("impact_speed",)
+
+    def units(self):
+        return stiffness_unit(self.exponent)
 
     def constants(self, geometry):
         return Damped(stiffness_of(self.stiffness, geometry), self.ratio(self.restitution))
 
-    def formula(self, constants, penetration, penetration_rate, memory):
-        speed = jnp.maximum(memory[0], self.minimum_impact_speed)
-        elastic = constants.stiffness * power(penetration, self.exponent)
-        return elastic * (1 + constants.damping_ratio * penetration_rate / speed)
-
-    @property
-    def delivered_restitution(self) -> Scalar:
-        """The restitution that a free impact faster than `minimum_impact_speed` really has."""
-        return ratios.delivered_restitution(self.ratio(self.restitution))
+    def elastic(self, constants, penetration):
+        return constants.stiffness * power(penetration, self.exponent)
 
     def energy(self, constants, penetration):
         return power_energy(constants.stiffness, penetration, self.exponent)
-
-    def latch(self, constants, memory, touch):
-        speed = jnp.where(touch.began, jnp.maximum(touch.penetration_rate, self.minimum_impact_speed), memory[0])
-        return (jnp.where(touch.ended, 0.0, speed),)
 
 
 def exact_restitution(stiffness, restitution, **options) -> RestitutionLaw:

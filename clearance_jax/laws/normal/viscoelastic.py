@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from clearance_jax._numerics import positive_part
 from clearance_jax._types import Scalar
 from clearance_jax.laws._base import AbstractNormalLaw, Smoothness, stiffness_of
-from clearance_jax.laws.normal._power import STIFFNESS, power, power_energy
+from clearance_jax.laws.normal._power import STIFFNESS, power, power_energy, stiffness_unit
 from clearance_jax.parameters import physical
 
 # A penetration, over the clearance, that the error control takes for usual.
@@ -51,11 +51,7 @@ class StandardLinearSolid(AbstractNormalLaw):
     has_static_force: ClassVar[bool] = False
 
     def units(self):
-        try:
-            n = 1.0 if self.exponent is None else float(self.exponent)
-        except TypeError:  # traced
-            return {}
-        return {STIFFNESS: f"N/m^{n:g}"}
+        return stiffness_unit(self.exponent, absent=1.0)
 
     def constants(self, geometry):
         usual = self._stretch(USUAL * geometry.radial_clearance)
