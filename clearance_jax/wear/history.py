@@ -24,7 +24,7 @@ from clearance_jax.errors import ClearanceError, WornThrough
 from clearance_jax.parameters import values_of
 from clearance_jax.runs.identity import numbers, settings, versions
 from clearance_jax.runs.journal import Journal
-from clearance_jax.solve.settings import SolveOptions
+from clearance_jax.solve.settings import SolveOptions, with_solver
 from clearance_jax.units import format_quantity
 from clearance_jax.wear.criteria import AbstractCriterion, criterion_of, end_slopes
 from clearance_jax.wear.identity import description
@@ -283,6 +283,7 @@ def simulate_wear(
     """
     names, criterion = tuple(by), criterion_of(until)
     values_of(model, names)  # an unknown name raises here
+    options = with_solver(model, options)
     if names and criterion is not None and not criterion.has_derivatives:
         raise ClearanceError(
             f"A life until `{type(criterion).__name__}` has no derivatives: leave out `by`, or take another `until`."
