@@ -171,8 +171,8 @@ def check_arguments(mechanism: Mechanism, t0: Any, t1: Any, rtol: Any, solver: A
         raise ClearanceError(f"There is no solver {solver!r}. " + suggest(solver, SOLVER_WORDS))
     if not isinstance(solver, str | diffrax.AbstractERK):
         raise ClearanceError(
-            f"`solver` must be {' or '.join(map(repr, SOLVER_WORDS))} or an explicit diffrax Runge-Kutta solver such as "
-            f"`diffrax.Dopri5()`, but it is {solver!r}."
+            f"`solver` must be {' or '.join(map(repr, SOLVER_WORDS))} or an explicit diffrax Runge-Kutta solver such "
+            f"as `diffrax.Dopri5()`, but it is {solver!r}."
         )
 
 

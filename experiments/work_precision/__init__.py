@@ -15,6 +15,7 @@ handed the library's compiled field, called through numpy, and the reference is 
 then no tighter tolerance was tried.
 """
 
+import time
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -32,8 +33,8 @@ PEER_RTOLS = (1e-4, 1e-6, 1e-8, 1e-10)
 QUICK_RTOLS, QUICK_TOOLS = (1e-5, 1e-8), ("tsit5", "tsit5, no events")
 UNMEASURED = (
     "CasADi in scenes other than the slider-cranks with one clearance: it needs the equations in its own expressions.",
-    "Exudyn in other scenes, and with its own clearance objects, whose force law is another one. In the slider-cranks it "
-    "has the same law as a user function; it gives the end of a solve only.",
+    "Exudyn in other scenes, and with its own clearance objects, whose force law is another one. In the slider-cranks "
+    "it has the same law as a user function, and gives the end of a solve only.",
     "Derivatives by tools that give none (differences of solves are in `experiments.reference.sensitivity_baselines`).",
     "In space: dopri8 without events, derivatives by dopri8 and by diffrax, and implicit solvers of diffrax.",
     "Time to compile, batches, and GPUs, which have pages of their own; computers other than this one.",
@@ -49,22 +50,24 @@ class Found(NamedTuple):
 
 def main(quick: bool = False) -> Found:
     suffix = "_quick" if quick else ""
-    cases, points = [], []
+    cases, points, began = [], [], time.perf_counter()
     for scene in scenes.ALL[:1] if quick else scenes.ALL:
         case = scenes.Case(scene)
         points += measured(case, quick)
         cases.append(case)
-        print(f"{scene.name}: {sum(p.scene == scene.name for p in points)} runs", flush=True)
+        took = time.perf_counter() - began
+        print(f"{scene.name}: {sum(p.scene == scene.name for p in points)} runs, {took:.0f} s until now", flush=True)
     write("## Scenes and references")
     references(cases, suffix)
     write(
-        "## Least times\n\nIn ms, with which errors of positions stay below a bound at that and every tighter tolerance."
+        "## Least times\n\nThe least times [ms] with which errors of positions stay below a bound, at that and every "
+        "tighter tolerance tried."
     )
     summary(points, suffix)
     write("## Findings\n\n" + "\n\n".join(findings.sentences(points, cases)))
     write(
-        '## What `solver="auto"` chooses\n\nTime of dopri8 over that of tsit5, for the error of positions that tsit5 has '
-        'at the rtol of the column; `*`: "auto" takes dopri8; `-`: not reached.'
+        '## What `solver="auto"` chooses\n\nThe time of dopri8 over that of tsit5, for the error of positions that '
+        'tsit5 has at the rtol of the column; `*`: "auto" takes dopri8; `-`: not reached.'
     )
     table(*findings.choices(points, cases), output(f"work_precision_auto{suffix}.md"))
     say(findings.cost_of_choice(points, cases))

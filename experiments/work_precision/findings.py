@@ -77,7 +77,7 @@ def _list(values: Sequence[float]) -> str:
     return ", ".join(f"{value:.0e}" for value in values)
 
 
-# The choice of a solver ------------------------------------------------------------------------------------------------
+# The choice of a solver -----------------------------------------------------------------------------------------------
 
 
 def at_equal_error(points: Sequence[Point], name: str, rtol: float) -> float:
@@ -98,7 +98,7 @@ def at_equal_error(points: Sequence[Point], name: str, rtol: float) -> float:
 
 
 def choices(points: Sequence[Point], cases: Sequence[Case]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """A table: by scene and rtol the time of dopri8 over that of tsit5 at equal error, `*` where "auto" takes dopri8."""
+    """A table: by scene and rtol the time of dopri8 over that of tsit5 at equal error; `*`: "auto" takes dopri8."""
     rtols = sorted({p.rtol for p in points if p.tool == LOW}, reverse=True)
     rows = []
     for case in cases:

@@ -65,7 +65,7 @@ def by_c(case: Case, program: Any) -> End:
 
 
 def by_peers(case: Case, hmax: float) -> dict[str, End]:
-    """odeint and CVODE with numba's right-hand side, and CasADi; `hmax`: the longest step [s], 0: any."""
+    """By odeint and CVODE with numba's right-hand side, and CasADi; `hmax`: the longest step [s], 0: any."""
     from scipy.integrate import odeint
 
     field, bounded = peers.Field(case), ", steps <= 1 us" if hmax else ""
@@ -227,7 +227,8 @@ def _verdicts(scene: str, bound: float, i: int, least: dict[str, list[Point | No
     if C in reached:
         ratio = took / reached[C]
         lines.append(
-            f"{label} {best_tool} takes {ratio:.2f} x the time of C (wanted: <= {MOST_OVER_C:g}): {_word(ratio <= MOST_OVER_C)}"
+            f"{label} {best_tool} takes {ratio:.2f} x the time of C (wanted: <= {MOST_OVER_C:g}): "
+            f"{_word(ratio <= MOST_OVER_C)}"
         )
     else:
         lines.append(f"{label} C does not reach it, or there is no C compiler: nothing to compare with")

@@ -11,7 +11,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -185,5 +184,5 @@ class Case:
         return np.abs(y - self.truth).max(0) / size
 
     def slope_error(self, slope: np.ndarray) -> float:
-        """The largest error of the derivative at the end, relative to the largest magnitude over time of each state's."""
+        """The largest error of the derivative at the end, relative to each component's largest magnitude over time."""
         return float(np.max(np.abs(slope - self.slope) / self.slope_size))
