@@ -32,6 +32,8 @@ PACKAGES = {
 """Optional packages by what needs them."""
 PATIENCE = 8.0
 """Seconds after which a solve is broken off."""
+FIRST_STEP = 1e-6
+"""diffrax's first step, as a part of the motion: its own choice finds none where a pin starts in its sleeve's middle."""
 MOST_STEPS = {"Tsit5": 300_000, "Kvaerno5": 20_000}
 LSODA, CVODE, CASADI = "LSODA (odeint)", "CVODE", "CVODES (CasADi)"
 
@@ -194,7 +196,7 @@ def by_diffrax(case: Case, method: str, slope: bool) -> Callable[[float], Run]:
             solver,
             times[0],
             times[-1],
-            None,
+            FIRST_STEP * times[-1],
             jnp.asarray(case.y0),
             prepared,
             saveat=diffrax.SaveAt(ts=times),
