@@ -33,7 +33,7 @@ PACKAGES = {
 PATIENCE = 8.0
 """Seconds after which a solve is broken off."""
 FIRST_STEP = 1e-6
-"""diffrax's first step, as a part of the motion: its own choice finds none where a pin starts in its sleeve's middle."""
+"""diffrax's first step, as a part of the motion: its own choice finds none where a pin starts in the middle."""
 MOST_STEPS = {"Tsit5": 300_000, "Kvaerno5": 20_000}
 LSODA, CVODE, CASADI = "LSODA (odeint)", "CVODE", "CVODES (CasADi)"
 
