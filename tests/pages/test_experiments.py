@@ -26,6 +26,7 @@ from experiments import (
     wear_kills,
     work_precision,
 )
+from experiments.work_precision.pictures import draw
 from experiments.work_precision.points import Point, cheapest
 
 # rtol, error of positions and time of made runs.
@@ -71,7 +72,9 @@ def test_work_precision(tmp_path, monkeypatch):
     assert all(p.position <= 1e-4 for p in others)
     assert all(p.position <= 1e-5 for p in found.one if p.rtol == 1e-8)
     out = tmp_path / "out"
-    assert (out / "work_precision_quick.png").stat().st_size > 10_000
+    assert (out / "work_precision_quick.png").read_bytes().startswith(b"\x89PNG")
+    (panel,) = draw(found.points).axes
+    assert len(panel.lines) == len({p.tool for p in found.points}) >= 4
     assert "| tsit5, no events " in (out / "work_precision_quick.md").read_text()
     assert "Exudyn: not installed, not measured." in work_precision.unmeasured()
 
