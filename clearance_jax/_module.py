@@ -1,6 +1,8 @@
 """The base of the library's own modules: an `equinox.Module` whose attributes are looked up as those of any object."""
 
-from typing import TYPE_CHECKING
+import weakref
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 
@@ -15,3 +17,30 @@ class Module(eqx.Module):
 
     if not TYPE_CHECKING:  # a class with this method may have any attribute, as far as a type checker knows
         __getattribute__ = object.__getattribute__
+
+
+class structural_property:
+    """A property that follows from a module's structure, computed once for each module.
+
+    `functools.cached_property` would keep it among the module's attributes, where equinox counts it as a part of the
+    pytree's structure: the same module, asked and not asked, would be trees of different structures, which are compiled
+    twice and do not go together. Here it is kept aside.
+    """
+
+    def __init__(self, function: Callable[[Any], Any]):
+        self.function = function
+        self.__doc__ = function.__doc__
+        self._known: dict[int, tuple[weakref.ref, Any]] = {}
+
+    def __get__(self, module: Any, owner: Any = None) -> Any:
+        if module is None:
+            return self
+        key = id(module)
+        if key not in self._known or self._known[key][0]() is not module:
+            value = self.function(module)
+            self._known[key] = weakref.ref(module, lambda gone: self._forget(key, gone)), value
+        return self._known[key][1]
+
+    def _forget(self, key: int, gone: weakref.ref) -> None:
+        if key in self._known and self._known[key][0] is gone:
+            del self._known[key]

@@ -41,7 +41,7 @@ def simulate(
     ] = None,
     rtol: Annotated[float | None, typer.Option(help="Accuracy, e.g. 1e-8 (default: the scene's).")] = None,
     samples: Annotated[int | None, typer.Option(help="Number of output times.", min=2)] = None,
-    solver: Annotated[str | None, typer.Option(help="tsit5, or dopri8 for rtol below 1e-8.")] = None,
+    solver: Annotated[str | None, typer.Option(help="tsit5, dopri8 for rtol below 1e-8, or auto.")] = None,
     start: Annotated[str | None, typer.Option(help="Where pins start: centre, or settled at their walls.")] = None,
     fidelity: Annotated[
         str | None, typer.Option(help="The model of the motion: dynamics, or quasi-static (a pose at every instant).")
@@ -160,12 +160,12 @@ def _check_magnified(mechanism: Any, joint: str | None, movie: Path | None) -> N
 def _options(scene_file: Path, given: dict[str, Any]) -> dict[str, Any]:
     """How to solve: what is given on the command line, in the scene or by a trajectory, or else usual."""
     from clearance_jax.solve.attempt import STARTS
-    from clearance_jax.solve.settings import OF_MOTIONS, SOLVERS
+    from clearance_jax.solve.settings import OF_MOTIONS, SOLVER_WORDS
     from clearance_jax.units import to_si
 
     solver = given.get("solver")
-    if solver is not None and solver not in SOLVERS:
-        raise ClearanceError(f"`--solver` must be {' or '.join(SOLVERS)}, but it is {solver!r}.")
+    if solver is not None and solver not in SOLVER_WORDS:
+        raise ClearanceError(f"`--solver` must be {' or '.join(SOLVER_WORDS)}, but it is {solver!r}.")
     if given.get("start") not in (None, *STARTS):
         raise ClearanceError(f"`--start` must be {' or '.join(STARTS)}, but it is {given['start']!r}.")
     if given.get("fidelity") not in (None, *OF_MOTIONS):

@@ -3,7 +3,7 @@
 from clearance_jax.io.kinds import Quantity, Whole, Word
 from clearance_jax.io.table import Keys
 from clearance_jax.solve.attempt import STARTS
-from clearance_jax.solve.settings import SOLVERS
+from clearance_jax.solve.settings import SOLVER_WORDS
 
 METRIC = "the metric's"
 """The unit of a bound, which the metric decides."""
@@ -19,7 +19,13 @@ SOLVING = Keys(
             bounds={"above": 0.0, "below": 1.0},
             absent="1e-8",
         ),
-        Word("solver", "the solver: `dopri8` for rtol below 1e-8", '"dopri8"', allowed=tuple(SOLVERS), absent="tsit5"),
+        Word(
+            "solver",
+            "the solver: `dopri8` for rtol below 1e-8, or `auto`, which chooses by the scene and by rtol",
+            '"dopri8"',
+            allowed=SOLVER_WORDS,
+            absent="tsit5",
+        ),
         Word(
             "start",
             "where pins start: in the middle of their sleeves, or at the walls where the joints' forces press them",

@@ -1,7 +1,6 @@
 """What both kinds of mechanism have, the user's and the one that is prepared for a solve, and their structure."""
 
 import abc
-import functools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple, TypeVar
 
@@ -9,6 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from clearance_jax._module import structural_property
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.mechanism.body import Body, Point, Spring
 from clearance_jax.mechanism.controllers import AbstractController, Reference
@@ -106,7 +106,7 @@ class AbstractMechanism(Parametrised):
         return tuple(loop for loop in self.loops if getattr(loop, "clearance", None) is None)
 
     # By structure alone, and asked some hundred times while a solve is traced.
-    @functools.cached_property
+    @structural_property
     def is_plane(self) -> bool:
         """Whether nothing in it leaves the plane z = 0, by its structure."""
         places = [part.center_of_mass for part in self.bodies] + [point.at for point in self.points]

@@ -10,11 +10,11 @@ Where a joint joins two bodies that are placed already it closes a loop: it has 
 
 import abc
 import dataclasses
-import functools
 from typing import NamedTuple
 
 import equinox as eqx
 
+from clearance_jax._module import structural_property
 from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import AbstractClearance, PlayCoordinate, PreparedClearance
@@ -144,7 +144,7 @@ class AbstractJoint(Parametrised):
                 changed[field.name] = value.prepare()
         return dataclasses.replace(self, **changed) if changed else self
 
-    @functools.cached_property
+    @structural_property
     def is_plane(self) -> bool:
         """Whether it keeps what it carries in the plane z = 0, by its structure."""
         turned = (self.orientation, self.child_orientation)

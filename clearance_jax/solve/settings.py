@@ -20,6 +20,7 @@ from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.state import layout
 from clearance_jax.parameters import as_leaf, check_values
 from clearance_jax.solve.attempt import CENTRE, STARTS, Options
+from clearance_jax.solve.choice import AUTO, choose_solver
 
 # Output times at most: of each some hundred numbers are kept, together a gigabyte.
 MOST_SAMPLES = 1_000_000
@@ -29,6 +30,8 @@ FIDELITIES = DYNAMICS, QUASI_STATIC, STATIC = "dynamics", "quasi-static", "stati
 # Those that give a motion.
 OF_MOTIONS = (DYNAMICS, QUASI_STATIC)
 SOLVERS = {"tsit5": diffrax.Tsit5, "dopri8": diffrax.Dopri8}
+# What a user may write in the place of a solver's name.
+SOLVER_WORDS = (*SOLVERS, AUTO)
 
 
 class SolveOptions(TypedDict, total=False):
@@ -40,7 +43,8 @@ class SolveOptions(TypedDict, total=False):
     - `rtol`: the relative accuracy (1e-8). Absolute tolerances follow from it and from the lengths and speeds of the
       scene.
     - `atol`: absolute tolerances in their place, one number for each state component `[q, v, memory]`, shape (n,).
-    - `solver`: "tsit5", "dopri8" (for rtol below 1e-8), or an explicit Runge-Kutta solver of diffrax.
+    - `solver`: "tsit5", "dopri8" (for rtol below 1e-8), "auto" (one of the two, by the scene and by `rtol`; whatever
+      is kept of the solve names the one that was chosen), or an explicit Runge-Kutta solver of diffrax.
     - `y0`: start from this state, shape (n,), instead of the mechanism's initial one.
     - `start`: "centre": every pin starts in the middle of its sleeve (or at its `eccentricity`), and falls to the wall;
       "settled": every pin starts at the wall where the reaction of the ideal joint presses it, and moves along with the
@@ -123,10 +127,28 @@ def settings_of(
         raise ClearanceError(f"`start` must be {' or '.join(STARTS)}, but it is {quote(asked.start)}.")
     if asked.fidelity not in FIDELITIES:
         raise ClearanceError(f"`fidelity` must be {' or '.join(FIDELITIES)}, but it is {quote(asked.fidelity)}.")
+    solver = choose_solver(mechanism, asked.rtol) if _is_auto(asked.solver) else asked.solver
     t0, t1, rtol, atol = (as_leaf(x) for x in (asked.t0, t1, asked.rtol, asked.atol))
     return asked._replace(
-        t0=t0, rtol=rtol, atol=atol, y0=_initial(mechanism, asked.y0), save_at=_times(asked.save_at, t0, t1)
+        solver=solver,
+        t0=t0,
+        rtol=rtol,
+        atol=atol,
+        y0=_initial(mechanism, asked.y0),
+        save_at=_times(asked.save_at, t0, t1),
     )
+
+
+def with_solver(model: Any, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Options of a solve with the solver that "auto" stands for, for what is told apart by its options."""
+    if not _is_auto(options.get("solver")):
+        return dict(options)
+    rtol = options.get("rtol", Settings().rtol)
+    return {**options, "solver": choose_solver(model, rtol)}
+
+
+def _is_auto(solver: Any) -> bool:
+    return isinstance(solver, str) and solver == AUTO
 
 
 def check_names(given: Iterable[str], known: Iterable[str]) -> None:
@@ -145,12 +167,12 @@ def check_arguments(mechanism: Mechanism, t0: Any, t1: Any, rtol: Any, solver: A
         raise ClearanceError(f"`t1` must be finite and greater than `t0`, but t0 = {float(t0)} and t1 = {float(t1)}.")
     if not isinstance(rtol, Tracer) and not 0 < float(rtol) < 1:
         raise ClearanceError(f"`rtol` must be between 0 and 1, for instance 1e-8, but it is {float(rtol)}.")
-    if isinstance(solver, str) and solver not in SOLVERS:
-        raise ClearanceError(f"There is no solver {solver!r}. " + suggest(solver, SOLVERS))
+    if isinstance(solver, str) and solver not in SOLVER_WORDS:
+        raise ClearanceError(f"There is no solver {solver!r}. " + suggest(solver, SOLVER_WORDS))
     if not isinstance(solver, str | diffrax.AbstractERK):
         raise ClearanceError(
-            f"`solver` must be {' or '.join(map(repr, SOLVERS))} or an explicit diffrax Runge-Kutta solver such as "
-            f"`diffrax.Dopri5()`, but it is {solver!r}."
+            f"`solver` must be {' or '.join(map(repr, SOLVER_WORDS))} or an explicit diffrax Runge-Kutta solver such "
+            f"as `diffrax.Dopri5()`, but it is {solver!r}."
         )
 
 

@@ -24,7 +24,7 @@ from clearance_jax.errors import ClearanceError, WornThrough
 from clearance_jax.parameters import values_of
 from clearance_jax.runs.identity import numbers, settings, versions
 from clearance_jax.runs.journal import Journal
-from clearance_jax.solve.settings import SolveOptions
+from clearance_jax.solve.settings import SolveOptions, with_solver
 from clearance_jax.units import format_quantity
 from clearance_jax.wear.criteria import AbstractCriterion, criterion_of, end_slopes
 from clearance_jax.wear.identity import description
@@ -283,13 +283,14 @@ def simulate_wear(
     """
     names, criterion = tuple(by), criterion_of(until)
     values_of(model, names)  # an unknown name raises here
+    how_to_solve = with_solver(model, options)
     if names and criterion is not None and not criterion.has_derivatives:
         raise ClearanceError(
             f"A life until `{type(criterion).__name__}` has no derivatives: leave out `by`, or take another `until`."
         )
 
     def rate(depth: Profile, after: int) -> np.ndarray:
-        found = model.cycle_wears(np.atleast_2d(depth), names, after, dict(options))
+        found = model.cycle_wears(np.atleast_2d(depth), names, after, how_to_solve)
         return found if names else found[0]
 
     def beyond(depth: Profile) -> float:
@@ -299,8 +300,8 @@ def simulate_wear(
     how = {"cycles": _lived(cycles), "sectors": sectors, "tolerance": tolerance, "longest": longest, "by": list(names)}
     with _journal(journal) as kept:
         if kept is not None:
-            kept.ask(description(model, criterion, **how, **options))
-        begin = model.begin(sectors or model.sectors(dict(options)))
+            kept.ask(description(model, criterion, **how, **how_to_solve))
+        begin = model.begin(sectors or model.sectors(how_to_solve))
         stack = begin if not names else np.concatenate([begin[None], np.zeros((len(names), begin.size))])
         ends = None if criterion is None else beyond
         blocks = _march(rate, stack, cycles, tolerance, longest, ends, kept, progress)

@@ -3,10 +3,10 @@
    The equations are those of experiments/reference/problems.py (ADAMS IMPACT, tanh friction), the integrator is Tsit5
    with an elementary error control, started again at nothing. `scalar N RTOL SECONDS EVENTS` solves N clearances, 0.05
    to 0.5 mm, over and over for that long, and writes N final states (phi, x, phi_dot, x_dot), then the CPU seconds of
-   one round and the attempts in it. With EVENTS 0 no contact is watched for, so short touches are lost as any adaptive
-   solver loses them. With EVENTS 1 steps end where the force law changes: touch, the depth of full damping, and the
-   force's zero, found on the cubic through a step's ends at four places and by bisection, as the usual event location
-   does; the step is tried again up to a little past it. */
+   one round and the attempts in it. A fifth word is a clearance [m] for all of the N. With EVENTS 0 no contact is
+   watched for, so short touches are lost as any adaptive solver loses them. With EVENTS 1 steps end where the force law
+   changes: touch, the depth of full damping, and the force's zero, found on the cubic through a step's ends at four
+   places and by bisection, as the usual event location does; the step is tried again up to a little past it. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -151,7 +151,8 @@ static double now(void) {
 }
 
 int main(int count, char **words) {
-    if (count != 5) return 2;
+    if (count != 5 && count != 6) return 2;
+    const double same = count == 6 ? atof(words[5]) : 0;
     const int events = atoi(words[4]);
     const int lanes = atoi(words[1]);
     const double rtol = atof(words[2]), most = atof(words[3]), pi = acos(-1);
@@ -162,8 +163,10 @@ int main(int count, char **words) {
     for (double begin = now(); now() < begin + most;) {
         const double clock = now();
         attempts = 0;
-        for (int i = 0; i < lanes; i++)
-            attempts += solve(5e-5 + i * 4.5e-4 / (lanes > 1 ? lanes - 1 : 1), rtol, 2 * pi / W, events, y + STATES * i);
+        for (int i = 0; i < lanes; i++) {
+            const double clearance = same > 0 ? same : 5e-5 + i * 4.5e-4 / (lanes > 1 ? lanes - 1 : 1);
+            attempts += solve(clearance, rtol, 2 * pi / W, events, y + STATES * i);
+        }
         best = fmin(best, now() - clock);
     }
     for (int i = 0; i < lanes; i++) printf("%.17g %.17g %.17g %.17g\n", y[4 * i], y[4 * i + 1], y[4 * i + 2], y[4 * i + 3]);

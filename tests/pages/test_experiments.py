@@ -26,6 +26,11 @@ from experiments import (
     wear_kills,
     work_precision,
 )
+from experiments.work_precision.pictures import draw
+from experiments.work_precision.points import Point, cheapest
+
+# rtol, error of positions and time of made runs.
+RUNS = ((1e-3, 5e-5, 0.5), (1e-4, 2e-4, 1.0), (1e-5, 9e-5, 2.0), (1e-6, 1e-6, 3.0))
 
 
 @pytest.fixture(autouse=True)
@@ -54,14 +59,36 @@ def test_a_run_that_is_broken_off_leaves_what_it_found(tmp_path, monkeypatch):
     assert publish.UNENDED not in whole
 
 
-def test_work_precision(tmp_path):
-    points = work_precision.main(quick=True)
-    ours = [p for p in points if p.tool in work_precision.SOLVERS]
+def test_work_precision(tmp_path, monkeypatch):
+    monkeypatch.setitem(work_precision.peers.PACKAGES, "Exudyn", "a_package_that_nobody_has")
+    found = work_precision.main(quick=True)
+    ours = [p for p in found.points if p.tool in work_precision.QUICK_TOOLS]
     assert {p.rtol for p in ours} == {1e-5, 1e-8}
-    assert all(p.error <= 3000 * p.rtol for p in ours)
-    assert {"scipy odeint + numba", "numba DOP853"} <= {p.tool for p in points}
-    assert (tmp_path / "out" / "work_precision_quick.png").stat().st_size > 10_000
-    assert "tsit5, no events" in (tmp_path / "out" / "work_precision_quick.md").read_text()
+    located = [p for p in ours if p.tool == "tsit5"]
+    assert all(p.state <= 3000 * p.rtol and p.force <= 3000 * p.rtol for p in located)
+    assert all(p.slope <= 3000 * p.rtol for p in located)
+    assert {"LSODA (odeint) + numba", "DOP853 in numba"} <= {p.tool for p in found.points}
+    others = [p for p in found.points if p not in ours and p.rtol == 1e-8]
+    assert all(p.position <= 1e-4 for p in others)
+    assert all(p.position <= 1e-5 for p in found.one if p.rtol == 1e-8)
+    out = tmp_path / "out"
+    assert (out / "work_precision_quick.png").read_bytes().startswith(b"\x89PNG")
+    (panel,) = draw(found.points).axes
+    assert len(panel.lines) == len({p.tool for p in found.points}) >= 4
+    assert "| tsit5, no events " in (out / "work_precision_quick.md").read_text()
+    assert "Exudyn: not installed, not measured." in work_precision.unmeasured()
+
+
+def test_least_times_count_only_what_stays_within_the_bound():
+    runs = [Point("a", "b", rtol, error, *[0.0] * 3, 1, took, took) for rtol, error, took in RUNS]
+    best = cheapest(runs, 1e-4)
+    assert best is not None
+    # The run at 1e-3 was lucky: the next tighter one is worse than the bound.
+    assert (best.rtol, best.seconds) == (1e-5, 2.0)
+    assert cheapest(runs, 1e-9) is None
+    # A solve that gave up at the tightest tolerance says nothing of the others.
+    lost = runs[0]._replace(rtol=1e-8, position=np.nan, seconds=np.nan)
+    assert cheapest([*runs, lost], 1e-4) == best
 
 
 def test_contact_laws(tmp_path):

@@ -285,6 +285,7 @@ def test_a_life_of_another_question_is_not_gone_on_with(tmp_path):
         (r"`bound \(until\)` is 2e-07 here and 1e-07 there", {"until": wear.Deepest(2e-7)}),
         (r"`code of test.*<lambda> \(until\)` is .* here and absent there", {"until": lambda depth: depth[0] - 1e-7}),
         (r"`by` is \[.wear.coefficient.\] here and \[\] there", {"by": ("wear.coefficient",)}),
+        ("`solver` is dopri8 here and absent there", {"solver": "auto"}),
     ):
         with pytest.raises(ClearanceError, match=f"belongs to another question: .*{words}"):
             lived(**other)
