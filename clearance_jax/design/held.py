@@ -17,8 +17,9 @@ from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.motion_laws import HeldSpline, Spline
 from clearance_jax.parameters import follow, leaves
 
-# A motion ends at rest if its speed at the end is at most this part of its largest one.
-REST = 0.05
+# A motion ends at rest if its speed at the end is at most this part of its largest one; of few rows a cubic says so only
+# roughly: of a quintic from rest to rest over n intervals it makes about 30 / n^3.
+REST, ROUGH, MOST = 0.01, 50.0, 0.25
 # What is no motion at all: a change of a coordinate, relative to its size or to 1 rad or 1 m.
 STILL = 1e-9
 
@@ -89,10 +90,10 @@ def _end_speed(spline: Spline, name: str, t0: float, t1: float) -> tuple[float, 
         return end, False
     if np.ptp(values) > STILL * max(1.0, float(np.max(np.abs(values)))):
         largest = max(abs(float(law(jnp.asarray(time))[1])) for time in times)
-        if abs(end) > REST * largest:
+        if abs(end) > min(REST + ROUGH / (len(times) - 1) ** 3, MOST) * largest:
             raise ClearanceError(
                 f"the table of `{name}` ends at {times[-1]:.6g} s, before t1 = {t1:.6g} s, and not at rest: its speed "
                 f"there is {abs(end) / largest:.0%} of its largest. Let the motion end there (`t1`), or give a table "
-                "that comes to rest or goes on until t1."
+                "that goes on until t1 or comes to rest (rows that repeat the last value)."
             )
     return 0.0, True
