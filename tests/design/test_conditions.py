@@ -182,3 +182,39 @@ def test_a_table_that_ends_in_motion_or_begins_late_is_refused():
     late = two_links(cj.drives.Spline(GRID + 0.1, AT_REST.values))
     with pytest.raises(ClearanceError, match=r"begins at 0\.1 s, after the motion"):
         asked_of(late)
+
+
+# Scatter about a condition's numbers -------------------------------------------------------------------------------
+
+
+def sampled(scatter, condition, mechanism=None):
+    mechanism = two_links(AT_REST) if mechanism is None else mechanism
+    limit = design.Limit(metrics.Peak(metrics.PositionError("tip")), 1e-4)
+    scattered = design.Yield(scatter, target=0.5, samples=4)
+    return design.ToleranceProblem(
+        mechanism, 0.4, {"upper.mass": (0.5, 2.0)}, [limit], conditions=condition, manufacture=scattered
+    ).specification
+
+
+def test_a_relative_scatter_is_about_the_value_of_the_condition():
+    conditions = {"full": {"fore.mass": 3.0}, "bent": {"drive.shoulder.values": np.asarray(AT_REST.values) + 1.0}}
+    found = scenarios_of(sampled({"fore.mass": 0.1, "drive.shoulder.values.0": 0.01}, conditions))
+    masses = [float(one.values["fore.mass"]) for one in found]
+    factors = np.array(masses[4:]) / 1.0
+    np.testing.assert_allclose(np.array(masses[:4]) / 3.0, factors, rtol=1e-12)
+    firsts = [float(one.values["drive.shoulder.values.0"]) for one in found]
+    np.testing.assert_allclose(np.array(firsts[4:]) / 1.2, np.array(firsts[:4]) / 0.2, rtol=1e-12)
+
+
+def test_a_distribution_in_place_of_a_condition_s_value_is_refused():
+    scatter = {"fore.mass": cj.scatter(1.0, 0.01)}
+    with pytest.raises(ClearanceError, match=r"In `full`: `fore\.mass` scatters by a distribution.*in percent"):
+        sampled(scatter, {"full": {"fore.mass": 3.0}})
+    assert len(scenarios_of(sampled(scatter, {"empty": {"upper.inertia": 0.05}}))) == 4
+
+
+def test_a_relative_scatter_of_zero_is_refused():
+    with pytest.raises(ClearanceError, match=r"`fore\.center_of_mass\.y` is zero, and so a relative scatter"):
+        sampled({"fore.center_of_mass.y": 0.1}, None)
+    with pytest.raises(ClearanceError, match=r"In `none`: `fore\.center_of_mass\.x` is zero"):
+        sampled({"fore.center_of_mass.x": 0.1}, {"none": {"fore.center_of_mass.x": 0.0}})
