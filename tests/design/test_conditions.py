@@ -218,3 +218,13 @@ def test_a_relative_scatter_of_zero_is_refused():
         sampled({"fore.center_of_mass.y": 0.1}, None)
     with pytest.raises(ClearanceError, match=r"In `none`: `fore\.center_of_mass\.x` is zero"):
         sampled({"fore.center_of_mass.x": 0.1}, {"none": {"fore.center_of_mass.x": 0.0}})
+
+
+def test_entries_of_arrays_are_scaled_with_them():
+    mechanism = two_links(DRIVES["spline"])
+    (found,) = condition_product(mechanism, speeds=[2.0], others={"": {"drive.shoulder.times.3": 0.45}}).values()
+    np.testing.assert_allclose(found["drive.shoulder.times"], [0.0, 0.05, 0.15, 0.225, 0.25])
+    assert "drive.shoulder.times.3" not in found
+    up = {"shoulder": DRIVES["spline"]}
+    with pytest.raises(ClearanceError, match="another part"):
+        condition_product(mechanism, {"up": up}, others={"b": {"drive.shoulder.values.1": 3.0}})
