@@ -26,6 +26,7 @@ from clearance_jax.results.places import Outline, outline
 from clearance_jax.solve.settings import QUASI_STATIC
 
 CUT_SHORT = "Interrupted before every statement was made."
+NO_CLASSES = "No classes were chosen, so there is nothing to explain or to verify."
 INFEASIBLE = "No design holds every limit, so there is nothing to explain or to verify."
 # Parts that are tried with standard fits: of each a motion, or the motions of a life.
 SAMPLES, LIVED = 200, 20
@@ -81,7 +82,7 @@ class Findings(NamedTuple):
         """Whether the limits are held, and who says so."""
         design = self.design
         if not design.feasible:
-            return f"No feasible design: {design.program.worst_violation(design.evaluation)}."
+            return f"No feasible design: {design.lack}."
         if self.certificate is None:
             return "Every limit is held. Not verified by another solver."
         held = "are held" if self.certificate.holds else "are NOT held"
@@ -94,7 +95,7 @@ def known_findings(design: Design, certificate: Certificate | None = None) -> Fi
     return Findings(
         design,
         certificate,
-        notes=() if design.feasible else (INFEASIBLE,),
+        notes=() if design.feasible else (NO_CLASSES if design.evaluation.feasible else INFEASIBLE,),
         standings=standings(design),
         drawings=joint_drawings(design, {}),
         software=software,

@@ -300,6 +300,10 @@ class Specification:
         """How a title names a condition: not at all where there is one only."""
         return f" ({condition})" if self.label(condition) else ""
 
+    def as_designed(self) -> "Specification":
+        """The same for parts that come out exactly as designed; limits that are judged among neighbours still are."""
+        return self if self.manufacture.among else self.nominal()
+
     def nominal(self) -> "Specification":
         """The same for parts that come out exactly as designed."""
         return dataclasses.replace(self, manufacture=AsDesigned())
