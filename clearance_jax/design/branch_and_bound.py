@@ -61,7 +61,7 @@ class BranchAndBound:
     of a program from a start, which returns why it stopped early; `holds`: whether a point (n,) of the lists, which
     holds the limits of the program, holds in whatever else is asked of it; `costs`: if every variable has a list, by
     place what its values cost, whose sum is the objective: then a node costs at least the least sum above its bound;
-    `gradients`: whether slopes may be asked for; `resolution`: to which part of its value a relaxation finds an optimum.
+    `gradients`: whether slopes may be asked for; `resolution`: to which part of it a relaxation finds its optimum.
     """
 
     def __init__(

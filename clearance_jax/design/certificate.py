@@ -24,7 +24,7 @@ class Certificate:
     - `price_checks`: name -> (price, price by solving again with the bound 1 % up and down), if asked for.
     - `among`: among which parts each limit is judged at once, in words: then neither a scale nor slopes say anything.
     - `optimality`: of chosen classes what is known instead, in words; `least`: the most violated scaled limit with
-      every clearance at the least of its class.
+      every clearance at the least of its class; `target`: which yield was asked for.
     - `yield_estimate`: of a `Yield`, on fresh samples; `static`: for each limit on a point's error, how far play alone
       can move the point of the mechanism at rest [m].
     - `starts`: the objectives that other starts led to; `goal`: what a looser bound does, in words.
@@ -49,6 +49,7 @@ class Certificate:
     among: str = ""
     optimality: str = ""
     least: float | None = None
+    target: float | None = None
 
     @property
     def holds(self) -> bool:
@@ -56,6 +57,16 @@ class Certificate:
         ends.
         """
         return self.worst <= 1e-6 and (self.least is None or self.least <= 1e-6)
+
+    @property
+    def _missed(self) -> str:
+        """How a yield that lies below its target is said."""
+        return "" if self.yields else f" THAT IS BELOW THE TARGET, {self.target:.4%}."
+
+    @property
+    def yields(self) -> bool:
+        """Whether the share of the fresh samples that holds all limits is at least its target."""
+        return self.yield_estimate is None or self.target is None or self.yield_estimate.share >= self.target
 
     def __str__(self) -> str:
         at = ", ".join(
@@ -89,7 +100,7 @@ class Certificate:
                 text += f" (re-optimised: {self.price_checks[name][1]:.4g} %)"
             lines.append(text + ".")
         if self.yield_estimate is not None:
-            lines.append(f"  {self.yield_estimate}")
+            lines.append(f"  {self.yield_estimate}" + self._missed)
         for name, value in self.static.items():
             lines.append(
                 f"  Limit on {name}: at rest, play alone causes an error of at most {format_quantity(value, 'm', 4)}. "

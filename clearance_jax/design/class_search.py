@@ -85,9 +85,7 @@ def without_classes(design: Design, result: ChosenClasses, stop_reason: str) -> 
     return dataclasses.replace(design, stop_reason=design.stop_reason or stop_reason, classes=result, note=note)
 
 
-def _refusal(
-    design: Design, tightest: Evaluation, lists: Mapping[int, np.ndarray], doubts: tuple[str, ...]
-) -> str:
+def _refusal(design: Design, tightest: Evaluation, lists: Mapping[int, np.ndarray], doubts: tuple[str, ...]) -> str:
     """Why no combination of classes will do, and what would help."""
     program, cost = design.program, f"{design.objective:.6g} {design.specification.cost_unit}"
     none = "no combination of the classes holds every limit"

@@ -62,8 +62,9 @@ class Findings(NamedTuple):
 
     @property
     def good(self) -> bool:
-        """Whether the limits are held, for all that is known."""
-        return self.design.feasible and (self.certificate is None or self.certificate.holds)
+        """Whether the limits are held, by as many parts as were asked for, for all that is known."""
+        proof = self.certificate
+        return self.design.feasible and (proof is None or (proof.holds and proof.yields))
 
     @property
     def outline(self) -> Outline | None:
@@ -85,6 +86,8 @@ class Findings(NamedTuple):
             return f"No feasible design: {design.lack}."
         if self.certificate is None:
             return "Every limit is held. Not verified by another solver."
+        if self.certificate.holds and not self.certificate.yields:
+            return f"The yield is below its target, {self.certificate.target:.4%}. {self.certificate.yield_estimate}"
         held = "are held" if self.certificate.holds else "are NOT held"
         return f"The limits {held} in a fresh simulation by another solver ({self.certificate.solver})."
 

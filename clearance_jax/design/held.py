@@ -17,8 +17,8 @@ from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.motion_laws import HeldSpline, Spline
 from clearance_jax.parameters import follow, leaves
 
-# A motion ends at rest if its speed at the end is at most this part of its largest one; of few rows a cubic says so only
-# roughly: of a quintic from rest to rest over n intervals it makes about 30 / n^3.
+# A motion ends at rest if its speed at the end is at most this part of its largest one. Of few rows a cubic says so
+# only roughly: a quintic from rest to rest over n intervals seems to end at about 30 / n^3 of its largest speed.
 REST, ROUGH, MOST = 0.01, 50.0, 0.25
 # What is no motion at all: a change of a coordinate, relative to its size or to 1 rad or 1 m.
 STILL = 1e-9

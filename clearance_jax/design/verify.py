@@ -45,11 +45,11 @@ def certify(
 ) -> Certificate:
     """Check the point that a method has found with another solver and a tenfold tighter tolerance.
 
-    **Arguments:** `least` (n,): the other end of what is made, which must hold too; `sweep`: scalings at which the limits are looked at between a tenth of the design and the bounds;
-    `starts`: random starts of the same method; `reoptimise`: check the prices by solving again with changed bounds;
-    `samples`: fresh ones for a `Yield`; `solver`: which one (default: another than the design's); `place`: where
-    many simulations are solved; `progress`: called with each evaluation, of which there will be about
-    `expected_evaluations`.
+    **Arguments:** `least` (n,): the other end of what is made, which must hold too; `sweep`: scalings at which the
+    limits are looked at between a tenth of the design and the bounds; `starts`: random starts of the same method;
+    `reoptimise`: check the prices by solving again with changed bounds; `samples`: fresh ones for a `Yield`; `solver`:
+    which one (default: another than the design's); `place`: where many simulations are solved; `progress`: called with
+    each evaluation, of which there will be about `expected_evaluations`.
     """
     solver, rtol = solver or OTHER.get(specification.solver, "tsit5"), 0.1 * specification.rtol
     # The dynamics have the last word on what poses have found.
@@ -78,6 +78,7 @@ def certify(
         yield_estimate=fresh_yield(specification, point.x, samples, place=place)
         if specification.manufacture.is_sampled
         else None,
+        target=getattr(specification.manufacture, "target", None),
         static=_static(specification, point.x),
         solver=solver,
         rtol=rtol,

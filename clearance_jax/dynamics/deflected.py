@@ -10,7 +10,6 @@ from jaxtyping import Array
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.field import slope
 from clearance_jax.mechanism.body import Motion
-from clearance_jax.mechanism.compounds import Ball
 from clearance_jax.mechanism.driving import gives_way, with_motions
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import initial_values, layout, parts

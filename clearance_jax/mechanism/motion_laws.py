@@ -254,8 +254,8 @@ def spline_curvature(times: Values, values: Values, ends: str, end_speed: Scalar
     """Q'' at the knots of a cubic spline, differentiable by times and values.
 
     At an inner knot h_a m_a + 2 (h_a + h_b) m + h_b m_b = 6 (slope_b - slope_a), for the intervals before and after.
-    The two end values are eliminated: three bands are left, whatever the ends. `end_speed`: q' at the last knot, in place
-    of what `ends` says there.
+    The two end values are eliminated: three bands are left, whatever the ends. `end_speed`: q' at the last knot, in
+    place of what `ends` says there.
     """
     h = jnp.diff(times)
     slope = jnp.diff(values) / h

@@ -177,7 +177,7 @@ def test_a_table_that_covers_the_motion_stays_as_it_is():
 
 def test_a_table_that_ends_in_motion_or_begins_late_is_refused():
     moving = two_links(DRIVES["spline"])
-    with pytest.raises(ClearanceError, match=r"In `speed 2`: the table of `drive\.shoulder` ends at 0\.25 s.*not at rest"):
+    with pytest.raises(ClearanceError, match=r"In `speed 2`: the table of `drive\.shoulder` ends.*not at rest"):
         asked_of(moving, condition_product(moving, speeds=[2.0]), t1=0.5)
     late = two_links(cj.drives.Spline(GRID + 0.1, AT_REST.values))
     with pytest.raises(ClearanceError, match=r"begins at 0\.1 s, after the motion"):

@@ -219,7 +219,9 @@ def test_a_search_that_fails_is_no_proof_that_nothing_holds():
     """Relaxations that find nothing, although a combination of each box holds."""
     weights, values = np.ones(3), np.array([0.02, 0.04, 0.06])
     asked = program(weights, 0.15)
-    found = BranchAndBound(asked, dict.fromkeys(range(3), values), lambda box, start: "gave up").search(np.full(3, 0.05))
+    found = BranchAndBound(asked, dict.fromkeys(range(3), values), lambda box, start: "gave up").search(
+        np.full(3, 0.05)
+    )
     assert found.best is not None
     combinations = map(np.array, itertools.product(values, repeat=3))
     assert_allclose(found.best.objective, min(float((1 / x).sum()) for x in combinations if x.sum() <= 0.15), rtol=1e-9)
@@ -243,6 +245,7 @@ def test_without_gradients_no_slopes_are_asked_for():
         asked.at = at
         how = {"gradients": gradients, "resolution": 1e-4}
         found = BranchAndBound(asked, dict.fromkeys(range(3), values), relax_without, **how).search(np.full(3, 0.05))
+        assert found.best is not None
         return any(slopes), found.best.objective
 
     (none, best), (some, other) = search(False), search(True)

@@ -142,7 +142,7 @@ def test_a_trajectory_moves_the_motor_and_the_spring_stays(tmp_path):
     assert list(drives) == ["hub_motor"]
     moved = soft.with_drives(drives)
     assert [c.name for c in moved.free_coordinates()] == ["hub"]
-    with pytest.raises(ClearanceError, match="would take its spring away. Drive its motor, `hub_motor`"):
+    with pytest.raises(ClearanceError, match=r"would take its spring away\. Drive its motor, `hub_motor`"):
         soft.with_drives({"hub": cj.drives.Constant(0.0)})
     file.write_text("time [s], hub [deg], hub_motor [deg]\n0, 0, 0\n0.1, 1, 1\n0.2, 3, 3\n0.3, 4, 4\n")
     with pytest.raises(ClearanceError, match="move the same motor"):
