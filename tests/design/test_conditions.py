@@ -151,7 +151,9 @@ def asked_of(mechanism, conditions=None, t1=0.4):
 def shoulder_of(problem, condition):
     whole = problem.specification
     moved = whole.move(whole.mechanism, whole.conditions[condition])
-    return next(moved.coordinates()).motion.drive
+    drive = next(moved.coordinates()).motion.drive
+    assert drive is not None
+    return drive
 
 
 def test_a_table_that_ends_before_the_motion_rests_at_its_last_value():
