@@ -12,7 +12,8 @@ from numpy.testing import assert_allclose
 import clearance_jax as cj
 from clearance_jax import design
 from clearance_jax.design.branch_and_bound import BranchAndBound
-from clearance_jax.design.classes import SMALLEST, ChosenClasses, classes_of
+from clearance_jax.design.class_search import without_classes
+from clearance_jax.design.classes import NONE_CHOSEN, SMALLEST, ChosenClasses, classes_of
 from clearance_jax.design.findings import _fit, known_findings
 from clearance_jax.design.run import INTERRUPTED, SPENT
 from clearance_jax.errors import ClearanceError
@@ -118,6 +119,9 @@ def test_an_interrupted_search_keeps_its_best_and_goes_on(asked, chosen, tmp_pat
     assert_allclose(rest.evaluation.x, chosen.evaluation.x, rtol=1e-12)
     # Before the first class nothing but a continuous design is known.
     early = asked.solve(classes=CLASSES, most=3)
+    assert early.stop_reason == SPENT
+    assert not early.feasible
+    early = without_classes(chosen, NONE_CHOSEN, SPENT)
     assert early.stop_reason == SPENT
     assert "stopped before any class was chosen" in early.note
     assert not early.feasible
