@@ -8,9 +8,6 @@ from clearance_jax.cli.motion import check_covered, driven_by, usual_end
 from clearance_jax.cli.posture import is_robot, say_held
 from clearance_jax.errors import ClearanceError, suggest
 
-# What a scene says of its solve that a budget takes over: it has instants and models of its own.
-TAKEN = ("t0", "rtol", "solver", "start", "max_steps")
-
 
 def say_budget(
     scene: Any,
@@ -27,7 +24,7 @@ def say_budget(
     check_distinct(scene=scene_file, trajectory=trajectory, plot=plot)
     check_writable(plot, FIGURES)
     if point is not None and is_robot(scene_file):
-        scene = scene._replace(mechanism=_with_point(scene_file, point))
+        scene = scene._replace(mechanism=_with_point(scene.mechanism, scene_file, point))
     driven, lead, held = driven_by(scene, scene_file, trajectory)
     mechanism = change(driven, settings, False, clearance)
     name = _point(mechanism, point)
@@ -36,9 +33,10 @@ def say_budget(
     check_covered(lead, {**options, "t1": end})
     say_held(held, lead is None, end if lead is None and t1 is None else None)
     from clearance_jax.design.budget import error_budget
+    from clearance_jax.design.specification import KNOWN
 
     with errors.status("compiling and solving (of an arm this takes about a minute)"):
-        budget = error_budget(mechanism, name, end, **{n: options[n] for n in TAKEN if n in options})
+        budget = error_budget(mechanism, name, end, **{n: options[n] for n in KNOWN if n in options})
     say(str(budget))
     if plot is not None:
         from clearance_jax.report.budget_figure import budget_figure
@@ -48,11 +46,10 @@ def say_budget(
         say_written("figure", plot)
 
 
-def _with_point(robot: Path, link: str) -> Any:
+def _with_point(mechanism: Any, robot: Path, link: str) -> Any:
     """A robot with the frame of one of its links as its point."""
     from clearance_jax.io.urdf import load_urdf
 
-    mechanism = load_urdf(robot)
     return mechanism if link in [point.name for point in mechanism.points] else load_urdf(robot, end_effector=link)
 
 

@@ -38,10 +38,9 @@ def run_design(
     if report is not None:
         write_report(found, report, study.name, study.text)
         say_written("report", report)
-    refuted = found.certificate is not None and not found.certificate.holds
     if _interruption(design) or CUT_SHORT in found.notes:
         raise typer.Exit(130)
-    if refuted or not design.feasible:
+    if not found.good:
         raise typer.Exit(1)
 
 

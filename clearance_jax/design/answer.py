@@ -7,7 +7,7 @@ import numpy as np
 
 from clearance_jax.ask.place import place_of
 from clearance_jax.design.certificate import Certificate
-from clearance_jax.design.classes import ChosenClasses
+from clearance_jax.design.classes import ChosenClasses, least_ends
 from clearance_jax.design.evaluate import fresh_yield
 from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.manufacture import YieldEstimate
@@ -60,8 +60,15 @@ class Design:
 
     @property
     def feasible(self) -> bool:
-        """Whether every limit is held."""
-        return self.evaluation.feasible
+        """Whether every limit is held; by classes that were chosen, if classes were asked for."""
+        return not self.lack
+
+    @property
+    def lack(self) -> str:
+        """Why it is no answer, in words; empty where it is one."""
+        if not self.evaluation.feasible:
+            return self.program.worst_violation(self.evaluation)
+        return "no classes were chosen" if self.classes is not None and not self.classes.chosen else ""
 
     @property
     def active(self) -> list[str]:
@@ -72,8 +79,9 @@ class Design:
     @property
     def deciders(self) -> tuple[str, ...]:
         """What decides the design, in words: limits, or the bounds of the variables."""
-        if self.active or not self.feasible or self.classes is not None:
-            return tuple(f"{'decided by' if self.feasible else 'not held'}: {name}" for name in self.active)
+        held = self.evaluation.feasible
+        if self.active or not held or self.classes is not None:
+            return tuple(f"{'decided by' if held else 'not held'}: {name}" for name in self.active)
         at = np.isclose(self.evaluation.x, self.program.lower) | np.isclose(self.evaluation.x, self.program.upper)
         who = "the bounds of the variables do" if np.any(at) else "the solver stopped short of one"
         return (f"no limit decides: {who}",)
@@ -99,13 +107,14 @@ class Design:
         **Raises:** `ClearanceError` where the design is not feasible.
         """
         if not self.feasible:
-            raise ClearanceError(
-                f"There is no feasible design to verify: {self.program.worst_violation(self.evaluation)}."
-            )
+            raise ClearanceError(f"There is no feasible design to verify: {self.lack}.")
         if self.classes is not None and (options.get("starts") or options.get("reoptimise")):
             raise ClearanceError("Of chosen classes neither other starts nor prices are looked for: leave these out.")
         with place_of(cluster) as place:
-            found = certify(self.specification, self.method, self.evaluation, place=place, **options)
+            least = None
+            if self.classes is not None:
+                least = least_ends(self.program.names, self.evaluation.x, self.classes.chosen)
+            found = certify(self.specification, self.method, self.evaluation, least=least, place=place, **options)
         optimality = "" if self.classes is None else self.classes.optimality
         return dataclasses.replace(found, optimality=optimality)
 
@@ -116,7 +125,7 @@ class Design:
 
     def __str__(self) -> str:
         lines = [
-            "Design" if self.feasible else f"NO FEASIBLE DESIGN: {self.program.worst_violation(self.evaluation)}",
+            "Design" if self.feasible else f"NO FEASIBLE DESIGN: {self.lack}",
             *(
                 f"  {name} = {format_quantity(value, unit)}{self._class_words(name)}"
                 for (name, unit), value in zip(self.units.items(), self.clearances.values(), strict=True)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clearance_jax.design.evaluation import Evaluation
+from clearance_jax.design.evaluation import SLACK, Evaluation
 from clearance_jax.design.program import BudgetSpent, Program
 from clearance_jax.design.run import INTERRUPTED, SPENT
 
@@ -60,7 +60,8 @@ class BranchAndBound:
     **Arguments:** `lists`: values by the variable's place, increasing, within the program's bounds; `relax`: a search
     of a program from a start, which returns why it stopped early; `holds`: whether a point (n,) of the lists, which
     holds the limits of the program, holds in whatever else is asked of it; `costs`: if every variable has a list, by
-    place what its values cost, whose sum is the objective: then a node costs at least the least sum above its bound.
+    place what its values cost, whose sum is the objective: then a node costs at least the least sum above its bound;
+    `gradients`: whether slopes may be asked for; `resolution`: to which part of it a relaxation finds its optimum.
     """
 
     def __init__(
@@ -70,7 +71,10 @@ class BranchAndBound:
         relax: Callable[[Program, np.ndarray], str],
         holds: Callable[[np.ndarray], bool] = lambda x: True,
         costs: Mapping[int, np.ndarray] | None = None,
+        gradients: bool = True,
+        resolution: float = GAP,
     ):
+        self._gradients, self._resolution = gradients, resolution
         self.program, self._relax, self._holds = program, relax, holds
         self._places, self._lists = tuple(lists), tuple(np.asarray(values, float) for values in lists.values())
         self._costs = None if costs is None else tuple(np.asarray(costs[i], float) for i in lists)
@@ -87,13 +91,14 @@ class BranchAndBound:
             while heap and not self._cut(heap[0][0]):
                 least = heap[0][0]
                 node = heap[0][-1]
-                found = self._look(node)
+                found, ahead = self._look(node)
                 heapq.heappop(heap)
-                relaxed = relaxed or found
-                if found is None or self._cut(found.objective):
+                relaxed = found if self._nodes == 1 else relaxed
+                reached = -np.inf if found is None else found.objective - self._resolution * abs(found.objective)
+                if ahead is None or self._cut(reached):
                     continue
-                for child in self._split(node, found.x):
-                    bound = self._raised(child, max(least, found.objective))
+                for child in self._split(node, ahead):
+                    bound = self._raised(child, max(least, reached))
                     if bound < np.inf:
                         heapq.heappush(heap, (bound, next(order), child))
         except KeyboardInterrupt:
@@ -114,19 +119,28 @@ class BranchAndBound:
             return bound
         parts = [c[low : high + 1] for c, low, high in zip(self._costs, node.low, node.high, strict=True)]
         sums = functools.reduce(np.add.outer, parts)
-        # A relaxation is solved to some digits, and round-off differs from the objective's.
+        # Round-off differs from the objective's.
         return float(np.min(sums[sums >= bound - GAP * abs(bound)], initial=np.inf))
 
-    def _look(self, node: Node) -> Evaluation | None:
-        """The optimum of a node's relaxation, if one is found. The combination below it is tried."""
+    def _look(self, node: Node) -> tuple[Evaluation | None, np.ndarray | None]:
+        """The optimum of a node's relaxation, if one is found, and where the node is split, if it is to be. The
+        combination below this point is tried.
+        """
         lower, upper = self._box(node)
         self._nodes += 1
-        if node.tighter and self._hopeless(lower):
-            return None
+        if node.tighter and self._hopeless(lower, upper):
+            return None, None
         found = self._optimum(lower, upper, np.clip(node.start, lower, upper))
-        if found is not None:
-            self._try(self._below(node, found.x))
-        return found
+        ahead = None if found is None else found.x
+        if found is None:
+            self.program.at(lower)
+            held = [point for point in self._known(lower, upper) if point.feasible]
+            if held:
+                self._doubts.append("found nothing in a box, in which a point holds")
+                ahead = min(held, key=lambda point: point.objective).x
+        if ahead is not None:
+            self._try(self._below(node, ahead))
+        return found, ahead
 
     def _box(self, node: Node) -> tuple[np.ndarray, np.ndarray]:
         lower, upper = self.program.lower.copy(), self.program.upper.copy()
@@ -134,12 +148,24 @@ class BranchAndBound:
             lower[i], upper[i] = values[low], values[high]
         return lower, upper
 
-    def _hopeless(self, corner: np.ndarray) -> bool:
-        """Whether the smallest values of a box violate a limit that grows with every variable."""
-        point = self.program.at(corner, True)
+    def _hopeless(self, lower: np.ndarray, upper: np.ndarray) -> bool:
+        """Whether the smallest values of a box violate a limit that grows with every variable.
+
+        The slopes are those at these values: it is no proof where a known point of the box has less of this limit.
+        """
+        if not self._gradients:
+            return False
+        point = self.program.at(lower, True)
         if point.feasible or not np.isfinite(point.worst) or point.jacobian is None:
             return False
-        return bool(np.all(point.jacobian[int(np.argmax(point.limits))] >= 0))
+        k = int(np.argmax(point.limits))
+        if not np.all(point.jacobian[k] >= 0):
+            return False
+        return all(p.limits[k] >= point.limits[k] - SLACK for p in self._known(lower, upper))
+
+    def _known(self, lower: np.ndarray, upper: np.ndarray) -> list[Evaluation]:
+        """The points of a box that were evaluated."""
+        return [p for p in self.program.history if np.all(p.x >= lower) and np.all(p.x <= upper)]
 
     def _optimum(self, lower: np.ndarray, upper: np.ndarray, start: np.ndarray) -> Evaluation | None:
         free = lower < upper
@@ -147,6 +173,7 @@ class BranchAndBound:
             point = self.program.at(lower)
             return point if point.feasible else None
         box = self.program.within(lower, upper)
+        before = len(box.history)
         said = self._relax(box, start[free])
         if said == INTERRUPTED:
             raise KeyboardInterrupt
@@ -154,7 +181,8 @@ class BranchAndBound:
             raise BudgetSpent
         if said:
             self._doubts.append(said)
-        if box.best is None:
+        # What was known before is no optimum.
+        if box.best is None or (said and not any(point.feasible for point in box.history[before:])):
             return None
         x = lower.copy()
         x[free] = box.best.x

@@ -9,7 +9,7 @@ import numpy as np
 from clearance_jax.ask.place import Place
 from clearance_jax.design.answer import Design
 from clearance_jax.design.branch_and_bound import BranchAndBound, Found
-from clearance_jax.design.classes import SMALLEST, ChosenClasses, ToleranceClass
+from clearance_jax.design.classes import ChosenClasses, ToleranceClass, least_ends
 from clearance_jax.design.evaluate import FEW, simulations_of
 from clearance_jax.design.evaluation import SLACK, Evaluation
 from clearance_jax.design.program import Program
@@ -36,7 +36,9 @@ def choose_classes(
         return run(box, design.method, start, **options)
 
     costs = _sums(design, lists) if len(lists) == len(program.names) else None
-    found = BranchAndBound(program, lists, relax, ends.hold, costs).search(design.evaluation.x)
+    # What nobody has said of a method is as coarse as how it meets limits.
+    how = {"gradients": design.method.gradients, "resolution": options.get("tolerance", design.method.slack)}
+    found = BranchAndBound(program, lists, relax, ends.hold, costs, **how).search(design.evaluation.x)
     chosen = {} if found.best is None else _names(program, classes, found.best.x)
     result = ChosenClasses(
         chosen,
@@ -67,24 +69,33 @@ def _design(design: Design, result: ChosenClasses, found: Found, lists: Mapping[
     if found.best is not None:
         return dataclasses.replace(design, evaluation=found.best, **stopped)
     if found.stop_reason:
-        return dataclasses.replace(design, **stopped)
+        return without_classes(design, result, found.stop_reason)
     x = design.evaluation.x.copy()
     for i, values in lists.items():
         x[i] = values[0]
     tightest = design.program.at(x, design.method.gradients)
-    note = f"{design.note}; " * bool(design.note) + _refusal(design, tightest, lists)
+    note = f"{design.note}; " * bool(design.note) + _refusal(design, tightest, lists, found.doubts)
     return dataclasses.replace(design, evaluation=tightest, **{**stopped, "note": note})
 
 
-def _refusal(design: Design, tightest: Evaluation, lists: Mapping[int, np.ndarray]) -> str:
+def without_classes(design: Design, result: ChosenClasses, stop_reason: str) -> Design:
+    """The continuous design of a search that was stopped before it had found a combination that holds."""
+    note = "stopped before any class was chosen: the clearances are those of a continuous design"
+    note = "; ".join(text for text in (design.note, note) if text)
+    return dataclasses.replace(design, stop_reason=design.stop_reason or stop_reason, classes=result, note=note)
+
+
+def _refusal(design: Design, tightest: Evaluation, lists: Mapping[int, np.ndarray], doubts: tuple[str, ...]) -> str:
     """Why no combination of classes will do, and what would help."""
     program, cost = design.program, f"{design.objective:.6g} {design.specification.cost_unit}"
+    none = "no combination of the classes holds every limit"
+    if doubts:
+        none = "no combination of the classes was found that holds every limit (searches failed, so there may be one)"
     if tightest.feasible:
         return (
-            "no combination of the classes holds every limit with all clearances at their least too. Choose classes "
-            "with larger least clearances, or add some"
+            f"{none} with all clearances at their least too. Choose classes with larger least clearances, or add some"
         )
-    text = "no combination of the classes holds every limit: with the tightest of each, "
+    text = f"{none}: with the tightest of each, "
     text += f"{program.worst_violation(tightest)}. Without classes the design costs {cost}. "
     if tightest.jacobian is None or not np.isfinite(tightest.worst):
         return text + "Add tighter classes, or loosen the bound"
@@ -97,7 +108,7 @@ class _Least:
     """Whether combinations hold with every clearance at its least."""
 
     def __init__(self, design: Design, classes: Mapping[str, tuple[ToleranceClass, ...]], place: Place):
-        specification = design.specification.nominal()
+        specification = design.specification.as_designed()
         self._program, self._classes = design.program, classes
         self._simulations, self._scenarios = simulations_of(specification, place=place), scenarios_of(specification)
         self._exact = design.program.gradients > 0 and len(specification.variables) <= FEW
@@ -105,8 +116,6 @@ class _Least:
 
     def hold(self, x: np.ndarray) -> bool:
         """Whether the combination whose greatest clearances are `x` (n,) holds."""
-        least = x.copy()
-        for name, one in _names(self._program, self._classes, x).items():
-            least[self._program.names.index(name)] = max(one.least, SMALLEST)
+        least = least_ends(self._program.names, x, _names(self._program, self._classes, x))
         self.solves += 1
         return float(np.max(self._simulations.worst(least, self._scenarios, self._exact))) <= SLACK

@@ -1,6 +1,7 @@
 """Classes that a clearance can be made in: ISO 286 fits, or clearances between limits, and what each costs."""
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
@@ -72,6 +73,8 @@ class ChosenClasses:
     def optimality(self) -> str:
         """How good the choice is, in words."""
         least = "By the bounds of the search no combination of classes is cheaper"
+        if not np.isfinite(self.gap):
+            return "The search has no bound yet, so another combination of classes may be cheaper"
         text = least if self.gap <= CHEAPEST else f"{least} by more than {self.gap:.2%}"
         return text + " (some bounds are in doubt)" * bool(self.doubts)
 
@@ -79,10 +82,20 @@ class ChosenClasses:
     def sentences(self) -> list[str]:
         """How the search went, and how good the choice is."""
         searched = f"branch and bound: {self.nodes} nodes, {self.solves} solves for {self.combinations} combinations"
-        if not self.chosen:
-            return [searched]
-        lines = [f"{searched}. {self.optimality}; continuous clearances would cost {self.relaxed:.6g}"]
+        lines = [searched]
+        if self.chosen:
+            continuous = "" if np.isnan(self.relaxed) else f"; continuous clearances would cost {self.relaxed:.6g}"
+            lines = [f"{searched}. {self.optimality}{continuous}"]
         return lines + [f"a bound is in doubt, as its search {doubt}" for doubt in self.doubts]
+
+
+NONE_CHOSEN = ChosenClasses({}, np.nan, -np.inf, np.nan, 0, 0, 0, ())
+"""Of a search that was stopped before its first box."""
+
+
+def least_ends(names: Sequence[str], x: np.ndarray, chosen: Mapping[str, ToleranceClass]) -> np.ndarray:
+    """Variables (n,) of these names, of which those with classes are at the least value that is made."""
+    return np.array([max(chosen[n].least, SMALLEST) if n in chosen else v for n, v in zip(names, x, strict=True)])
 
 
 def fit_costs(names: Iterable[str], diameter: float, hole: AbstractCost, shaft: AbstractCost) -> dict[str, float]:
@@ -178,7 +191,7 @@ def _within(variable: str, read: Sequence[ToleranceClass], between: tuple[float,
 def priced(specification: Specification, classes: Mapping[str, tuple[ToleranceClass, ...]]) -> Specification:
     """The same problem, in which a variable whose classes have costs costs what they do, with a curve between them.
 
-    **Raises:** `ClearanceError` where a variable then has no cost.
+    **Raises:** `ClearanceError` where a variable then has no cost, and where a looser class costs more.
     """
     own = dict(zip(specification.variables, specification.costs, strict=False))
     own |= {name: _curve(listed) for name, listed in classes.items() if listed[0].cost is not None}
@@ -187,6 +200,14 @@ def priced(specification: Specification, classes: Mapping[str, tuple[ToleranceCl
             raise ClearanceError(
                 f"Classes are chosen by cost, but `{name}` has none. Give every variable a cost, or its classes costs."
             )
+    for name, listed in classes.items():
+        costs = [float(own[name](one.greatest)) for one in listed]
+        for (tight, less), (loose, more) in itertools.pairwise(zip(listed, costs, strict=True)):
+            if more > less * (1 + CHEAPEST):
+                raise ClearanceError(
+                    f"The class {loose.name} of `{name}` costs more ({more:g}) than the tighter one {tight.name} "
+                    f"({less:g}), but the search wants costs that fall as the clearance grows. Leave {loose.name} out."
+                )
     return dataclasses.replace(specification, costs=tuple(own[name] for name in specification.variables))
 
 

@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from clearance_jax.design.worn import sets
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.mechanism.body import Body
 from clearance_jax.mechanism.breaks import drive_breaks
@@ -103,8 +104,9 @@ def condition_product(
     for moved, loaded, other in itertools.product(*axes):
         values = _apart((moved, loaded, other))
         for name, factor in faster.items() or [("", 1.0)]:
-            own = values | (_scaled(mechanism, values, float(factor), name) if faster else {})
-            found[", ".join(n for n in (moved[0], loaded[0], other[0], name) if n) or "as given"] = own
+            own = _scaled(mechanism, values, float(factor), name) if faster else {}
+            kept = {n: value for n, value in values.items() if n.rpartition(".")[0] not in own}  # entries are in arrays
+            found[", ".join(n for n in (moved[0], loaded[0], other[0], name) if n) or "as given"] = kept | own
     return found
 
 
@@ -112,7 +114,7 @@ def _apart(parts: Sequence[tuple[str, Values]]) -> Values:
     """All values together, each set once."""
     values: Values = {}
     for name, own in parts:
-        for twice in values.keys() & own.keys():
+        for twice in (given for given in own if sets(values, given)):
             raise ClearanceError(f"`{name}` sets `{twice}`, which another part of the same condition sets too.")
         values |= own
     return values
@@ -139,12 +141,12 @@ def _scaled(mechanism: Mechanism, values: Values, factor: float, name: str) -> V
         raise ClearanceError(f"`{name}`: a speed must be a positive number, but it is {factor}.")
     if mechanism.controllers:
         raise ClearanceError("Speeds scale drives, and controllers follow references of their own: set their numbers.")
-    found = {}
-    for n, leaf in parameters(mechanism).items():
+    found, once = {}, replace(mechanism, values)
+    for n, leaf in parameters(once).items():
         power = time_power(leaf.unit) if _is_course(leaf) else 0
         if power:
-            found[n] = np.asarray(values.get(n, leaf.value), float) * factor**-power
-    _check_scaled(replace(mechanism, values), replace(mechanism, values | found), factor, name)
+            found[n] = np.asarray(leaf.value, float) * factor**-power
+    _check_scaled(once, replace(once, found), factor, name)
     return found
 
 

@@ -26,6 +26,7 @@ from clearance_jax.results.places import Outline, outline
 from clearance_jax.solve.settings import QUASI_STATIC
 
 CUT_SHORT = "Interrupted before every statement was made."
+NO_CLASSES = "No classes were chosen, so there is nothing to explain or to verify."
 INFEASIBLE = "No design holds every limit, so there is nothing to explain or to verify."
 # Parts that are tried with standard fits: of each a motion, or the motions of a life.
 SAMPLES, LIVED = 200, 20
@@ -61,8 +62,9 @@ class Findings(NamedTuple):
 
     @property
     def good(self) -> bool:
-        """Whether the limits are held, for all that is known."""
-        return self.design.feasible and (self.certificate is None or self.certificate.holds)
+        """Whether the limits are held, by as many parts as were asked for, for all that is known."""
+        proof = self.certificate
+        return self.design.feasible and (proof is None or (proof.holds and proof.yields))
 
     @property
     def outline(self) -> Outline | None:
@@ -81,9 +83,11 @@ class Findings(NamedTuple):
         """Whether the limits are held, and who says so."""
         design = self.design
         if not design.feasible:
-            return f"No feasible design: {design.program.worst_violation(design.evaluation)}."
+            return f"No feasible design: {design.lack}."
         if self.certificate is None:
             return "Every limit is held. Not verified by another solver."
+        if self.certificate.holds and not self.certificate.yields:
+            return f"The yield is below its target, {self.certificate.target:.4%}. {self.certificate.yield_estimate}"
         held = "are held" if self.certificate.holds else "are NOT held"
         return f"The limits {held} in a fresh simulation by another solver ({self.certificate.solver})."
 
@@ -94,7 +98,7 @@ def known_findings(design: Design, certificate: Certificate | None = None) -> Fi
     return Findings(
         design,
         certificate,
-        notes=() if design.feasible else (INFEASIBLE,),
+        notes=() if design.feasible else (NO_CLASSES if design.evaluation.feasible else INFEASIBLE,),
         standings=standings(design),
         drawings=joint_drawings(design, {}),
         software=software,

@@ -57,12 +57,10 @@ def _no_motion(specification: Specification, program: Program) -> str:
 def _ending(specification: Specification, mechanism: Mechanism) -> str:
     """Why a motion has no end, in words; empty where it has one."""
     try:
-        simulate(mechanism, specification.t1, **specification.solving)
+        found = simulate(mechanism, specification.t1, throw=False, **specification.solving)
     except ClearanceError as error:
         return f"a solve says: {error}"
-    except RuntimeError:
-        return simulate(mechanism, specification.t1, throw=False, **specification.solving).message
-    return ""
+    return "" if bool(found.succeeded) else found.message
 
 
 def _posed(specification: Specification, program: Program, title: str) -> str:
@@ -77,7 +75,7 @@ def _posed(specification: Specification, program: Program, title: str) -> str:
         return ""
     if specification.manufacture.among:
         return ""
-    cheap = formulate(specification.judged_by(QUASI_STATIC))
+    cheap = program.cheap or formulate(specification.judged_by(QUASI_STATIC))
     posed, solved = cheap.at(program.lower, True), program.at(program.lower, True)
     rows = np.flatnonzero(np.array(program.groups) == title)
     k = int(rows[np.argmax(solved.limits[rows])])

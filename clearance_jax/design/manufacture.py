@@ -66,6 +66,14 @@ class AbstractManufacture(abc.ABC):
         """Raise `ClearanceError` for numbers that say nothing."""
         return
 
+    def check_worth(self, name: str, worth: Any, is_given: bool) -> None:
+        """Raise `ClearanceError` where a number of a condition cannot scatter as it is asked to.
+
+        **Arguments:** `name` of one that scatters and is no variable; what it is `worth` in the condition; `is_given`:
+        whether the condition sets it.
+        """
+        return
+
     @abc.abstractmethod
     def parts(self, names: tuple[str, ...], fresh: int = 0, seed: int | None = None) -> list[Part]:
         """The parts that must hold the limits, of a design with variables of these names; of samples so many `fresh`
@@ -175,6 +183,20 @@ class Yield(AbstractManufacture):
                     f"The scatter of `{name}` must be relative, not negative and below 1 (100 %), but it is "
                     f"{deviation:g}."
                 )
+
+    def check_worth(self, name, worth, is_given):
+        deviation = self.scatter[name]
+        if not isinstance(deviation, int | float):
+            if is_given:
+                raise ClearanceError(
+                    f"`{name}` scatters by a distribution, which would take the place of the condition's value. Give a "
+                    "relative deviation (in percent), which is one about this value, or leave it out of the condition."
+                )
+        elif deviation and not np.any(worth):
+            raise ClearanceError(
+                f"`{name}` is zero, and so a relative scatter (in percent) of it is none. Give a distribution with an "
+                "absolute deviation."
+            )
 
     def parts(self, names, fresh=0, seed=None):
         draws = self.draws(names, fresh, seed)

@@ -11,6 +11,7 @@ from clearance_jax.design.classes import Candidates
 from clearance_jax.design.continuation import continued
 from clearance_jax.design.costs import AbstractCost
 from clearance_jax.design.evaluation import Evaluation
+from clearance_jax.design.held import with_held_ends
 from clearance_jax.design.manufacture import AbstractManufacture, AsDesigned
 from clearance_jax.design.methods import Method
 from clearance_jax.design.search import search
@@ -33,7 +34,8 @@ class ToleranceProblem:
     - `cost`: one cost function for all variables, or name -> cost function, names with a star too. `None`: the
       largest clearance is wanted, the same for all variables.
     - `conditions`: name of the condition -> values by parameter name (speeds, loads, friction, phases), or a list of
-      such values. Every limit must hold in each condition. `None`: the mechanism as it is.
+      such values. Every limit must hold in each condition. `None`: the mechanism as it is. A spline whose table ends
+      before t1 in a condition must end at rest, and keeps its last value.
     - `manufacture`: which parts are made: a `Band`, a `Yield` or a model of your own; `None`: parts as designed.
     - `options`: `simulate`'s `t0`, `rtol`, `solver`, `start`, `max_steps`, and `fidelity`: by which model of the motion
       designs are judged: "dynamics"; "quasi-static": by poses, without swinging and impacts (fast, and no proof);
@@ -42,8 +44,8 @@ class ToleranceProblem:
 
     Its `specification` holds all of this in one form.
 
-    **Raises:** `ClearanceError` for unknown names or options, two limits of one title, and numbers that are not finite
-    or out of bounds.
+    **Raises:** `ClearanceError` for unknown names or options, two limits of one title, numbers that are not finite or
+    out of bounds, and tables of motions that begin after `t0`, or end before `t1` and not at rest.
     """
 
     def __init__(
@@ -61,7 +63,7 @@ class ToleranceProblem:
         fidelity, known = options.pop("fidelity", DYNAMICS), parameters(mechanism)
         variables = expand(variables, known)
         cost = expand(cost, known) if isinstance(cost, Mapping) else cost
-        self.specification = Specification(
+        asked = Specification(
             mechanism,
             float(t1),
             {name: (float(low), float(high)) for name, (low, high) in variables.items()},
@@ -73,6 +75,7 @@ class ToleranceProblem:
             cost_unit,
             fidelity,
         )
+        self.specification = with_held_ends(asked)
 
     def solve(
         self,

@@ -27,7 +27,7 @@ def scenarios_of(specification: Specification, fresh: int = 0, seed: int | None 
     parts = manufacture.parts(names, fresh, seed)
     for condition, values in specification.conditions.items():
         given = {name: jnp.asarray(value, float) for name, value in values.items()}
-        worth = {n: _worth(specification, values, n) for n in manufacture.scattered if n not in names}
+        worth = {n: np.asarray(specification.worth(n, values)) for n in manufacture.scattered if n not in names}
         for part in parts:
             moved = {n: jnp.asarray(worth[n] * factor, float) for n, factor in part.others.items()}
             moved |= {n: jnp.asarray(value, float) for n, value in part.values.items()}
@@ -35,8 +35,3 @@ def scenarios_of(specification: Specification, fresh: int = 0, seed: int | None 
             designed = None if part.is_design else given
             found.append(Scenario(title, {**given, **moved}, part.factors, designed))
     return found
-
-
-def _worth(specification: Specification, values: Mapping, name: str) -> np.ndarray:
-    """A number as a condition has it."""
-    return np.asarray(values[name] if name in values else specification.worth(name), float)

@@ -12,8 +12,8 @@ import numpy as np
 from clearance_jax.analysis.trust import gradient_report
 from clearance_jax.ask.place import HERE, Place
 from clearance_jax.design.answer import Design
-from clearance_jax.design.class_search import choose_classes
-from clearance_jax.design.classes import Candidates, classes_of, priced
+from clearance_jax.design.class_search import choose_classes, without_classes
+from clearance_jax.design.classes import NONE_CHOSEN, Candidates, classes_of, priced
 from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.formulation import formulate, unposed
 from clearance_jax.design.infeasible import why_infeasible
@@ -55,8 +55,7 @@ def search(
     if not design.feasible:
         return design
     if design.stop_reason in (INTERRUPTED, SPENT):
-        note = "stopped before any class was chosen: the clearances are those of a continuous design"
-        return dataclasses.replace(design, note="; ".join(text for text in (design.note, note) if text))
+        return without_classes(design, NONE_CHOSEN, design.stop_reason)
     return choose_classes(design, listed, place, **_options(specification, design.method))
 
 

@@ -3,6 +3,7 @@
 import dataclasses
 import re
 from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any
 
 import equinox as eqx
@@ -189,6 +190,9 @@ class Specification:
                 check_values(replace(metric.model(now), worn.values_for(metric, now, metrics, values)))
             for scattered in self.manufacture.scattered:
                 self.worth(scattered)
+                if scattered not in self.variables:
+                    sets = worn.sets(values, scattered)
+                    self.manufacture.check_worth(scattered, self.worth(scattered, values), sets)
             known = parameters(now)
             if any(given.startswith("drive.") for given in values):
                 self._check_end(now)
@@ -210,9 +214,12 @@ class Specification:
                 f"to rest: let it last as long as the slowest condition, t1 = {last[0]:.6g}."
             )
 
-    def worth(self, name: str) -> Any:
-        """The value of a number, the mechanism's or that of wear. **Raises** `ClearanceError` for an unknown one."""
-        return worn.worth(self.mechanism, [limit.metric for limit in self.limits], name)
+    def worth(self, name: str, given: Mapping[str, Any] = MappingProxyType({})) -> Any:
+        """The value of a number, the mechanism's or that of wear, in a condition that sets the `given` values.
+
+        **Raises:** `ClearanceError` for an unknown one.
+        """
+        return worn.worth(self.mechanism, [limit.metric for limit in self.limits], name, given)
 
     def move(self, mechanism: Mechanism, values: Mapping[str, Any]) -> Mechanism:
         """A mechanism as a condition or a scenario has it, whose values may be of wear too."""
@@ -292,6 +299,10 @@ class Specification:
     def suffix(self, condition: str) -> str:
         """How a title names a condition: not at all where there is one only."""
         return f" ({condition})" if self.label(condition) else ""
+
+    def as_designed(self) -> "Specification":
+        """The same for parts that come out exactly as designed; limits that are judged among neighbours still are."""
+        return self if self.manufacture.among else self.nominal()
 
     def nominal(self) -> "Specification":
         """The same for parts that come out exactly as designed."""

@@ -128,12 +128,13 @@ def _judged(design: Design, made: Mapping[str, ToleranceClass], samples: int, se
     """Limits with classes at their ends, and the yield of parts that are made to them."""
     specification = design.specification.nominal()
     names, designed = list(design.clearances), specification.values(design.evaluation.x)
-    simulations, scenarios = simulations_of(specification, place=place), scenarios_of(specification)
+    judge = design.specification.as_designed()
+    simulations, scenarios = simulations_of(judge, place=place), scenarios_of(specification)
     exact = design.program.gradients > 0 and len(designed) <= FEW
 
     def worst(end: str) -> float:
         ends = [max(getattr(made[n], end), SMALLEST) if n in made else x for n, x in zip(names, designed, strict=True)]
-        return float(np.max(simulations.worst(np.array(ends), scenarios, exact)))
+        return float(np.max(simulations.worst(np.array(ends), scenarios_of(judge), exact)))
 
     rng = np.random.default_rng(seed)
     drawn = np.tile(designed, (samples, 1))

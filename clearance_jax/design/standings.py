@@ -17,14 +17,14 @@ SHOWN = 12
 class Standing(NamedTuple):
     """How near a limit (its `label`) is to its bound in one scenario.
 
-    - `share`: of the bound; `value` and `bound` in `unit`; `None` for a risk, which has no unit of its own.
+    - `share`: of the bound; `value` and `bound` in `unit`; of a risk of several limits shares of their bounds.
     - `time`: when it is met [s], if the metric is a peak.
     """
 
     label: str
     unit: str
-    value: float | None
-    bound: float | None
+    value: float
+    bound: float
     share: float
     time: float | None
 
@@ -37,7 +37,7 @@ def standings(design: Design, look: Callable[[Scenario], Observed | None] | None
     program, limits = design.program, design.evaluation.limits
     order = np.argsort(-np.nan_to_num(limits, nan=np.inf))[:SHOWN]
     if design.specification.manufacture.title:
-        return tuple(Standing(program.limit_names[k], "", None, None, float(1 + limits[k]), None) for k in order)
+        return tuple(_risk(design, program.limit_names[k], float(1 + limits[k])) for k in order)
     specification = design.specification
     # Where a limit is judged among parts at once, it is one number a condition, and the design itself is looked at.
     scenarios = scenarios_of(specification.nominal() if specification.manufacture.among else specification)
@@ -54,6 +54,13 @@ def standings(design: Design, look: Callable[[Scenario], Observed | None] | None
         time = None if asked.ages else _instant(seen.get(number), limit, place)
         out.append(Standing(program.limit_names[k], asked.metric.unit, value, asked.bound, share, time))
     return tuple(out)
+
+
+def _risk(design: Design, label: str, share: float) -> Standing:
+    """What all parts come to together: of one limit in its unit, of several a share of their bounds."""
+    limits = design.specification.limits
+    bound, unit = (limits[0].bound, limits[0].metric.unit) if len(limits) == 1 else (1.0, "")
+    return Standing(label, unit, share * bound, bound, share, None)
 
 
 def _rows(design: Design, scenarios: int) -> list[tuple[int, int]]:

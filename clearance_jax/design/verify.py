@@ -7,13 +7,14 @@ import scipy.optimize
 
 from clearance_jax.ask.place import HERE, Place
 from clearance_jax.design.certificate import Certificate
-from clearance_jax.design.evaluate import fresh_yield
+from clearance_jax.design.evaluate import FEW, fresh_yield, simulations_of
 from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.formulation import formulate
 from clearance_jax.design.methods import Method
 from clearance_jax.design.optimality import optimality
 from clearance_jax.design.program import Program
 from clearance_jax.design.run import INTERRUPTED, run
+from clearance_jax.design.scenarios import scenarios_of
 from clearance_jax.design.specification import Specification
 from clearance_jax.design.static import static_error, static_weights
 from clearance_jax.errors import ClearanceError
@@ -32,6 +33,7 @@ def certify(
     method: Method,
     point: Evaluation,
     *,
+    least: np.ndarray | None = None,
     sweep: int = 40,
     starts: int = 0,
     reoptimise: bool = False,
@@ -43,11 +45,11 @@ def certify(
 ) -> Certificate:
     """Check the point that a method has found with another solver and a tenfold tighter tolerance.
 
-    **Arguments:** `sweep`: scalings at which the limits are looked at between a tenth of the design and the bounds;
-    `starts`: random starts of the same method; `reoptimise`: check the prices by solving again with changed bounds;
-    `samples`: fresh ones for a `Yield`; `solver`: which one (default: another than the design's); `place`: where
-    many simulations are solved; `progress`: called with each evaluation, of which there will be about
-    `expected_evaluations`.
+    **Arguments:** `least` (n,): the other end of what is made, which must hold too; `sweep`: scalings at which the
+    limits are looked at between a tenth of the design and the bounds; `starts`: random starts of the same method;
+    `reoptimise`: check the prices by solving again with changed bounds; `samples`: fresh ones for a `Yield`; `solver`:
+    which one (default: another than the design's); `place`: where many simulations are solved; `progress`: called with
+    each evaluation, of which there will be about `expected_evaluations`.
     """
     solver, rtol = solver or OTHER.get(specification.solver, "tsit5"), 0.1 * specification.rtol
     # The dynamics have the last word on what poses have found.
@@ -76,11 +78,22 @@ def certify(
         yield_estimate=fresh_yield(specification, point.x, samples, place=place)
         if specification.manufacture.is_sampled
         else None,
+        target=getattr(specification.manufacture, "target", None),
         static=_static(specification, point.x),
         solver=solver,
         rtol=rtol,
         among=specification.manufacture.among,
+        least=None if least is None else _worst_at(specification, least, rtol, solver, place, method.gradients),
     )
+
+
+def _worst_at(
+    specification: Specification, x: np.ndarray, rtol: float, solver: str, place: Place, exact: bool
+) -> float:
+    """The most violated limit of designs, which may lie outside of the bounds of the variables."""
+    judge = specification.as_designed().judged_by(DYNAMICS)
+    simulations = simulations_of(judge, rtol, solver, place)
+    return float(np.max(simulations.worst(x, scenarios_of(judge), exact and len(x) <= FEW)))
 
 
 def _static(specification: Specification, x: np.ndarray) -> dict[str, float]:

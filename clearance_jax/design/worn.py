@@ -1,6 +1,7 @@
 """Numbers that are not the mechanism's own but move a limit all the same: those of how its parts wear."""
 
 from collections.abc import Iterable, Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -37,17 +38,38 @@ def replace_values(mechanism: Mechanism, measures: Iterable[AbstractMeasure], va
     return replace(mechanism, own(mechanism, measures, values)) if values else mechanism
 
 
-def worth(mechanism: Mechanism, measures: Iterable[AbstractMeasure], name: str) -> Any:
-    """The value of a number of the mechanism, or of wear.
+def sets(values: Mapping[str, Any], name: str) -> bool:
+    """Whether values set a number: itself, its array, or an entry of it."""
+    return any(name == given or _within(name, given) or _within(given, name) for given in values)
+
+
+def worth(
+    mechanism: Mechanism,
+    measures: Iterable[AbstractMeasure],
+    name: str,
+    given: Mapping[str, Any] = MappingProxyType({}),
+) -> Any:
+    """The value of a number of the mechanism, or of wear, where some numbers have `given` values.
 
     **Raises:** `ClearanceError` for an unknown one, and where limits do not agree about it.
     """
-    models = [measure.model(mechanism) for measure in measures]
-    having = [model for model in models if _has(parameters(model), name)] or [mechanism]
+
+    def as_given(model: Any) -> Any:
+        known = parameters(model)
+        return replace(model, {n: value for n, value in given.items() if _has(known, n)})
+
+    models = [as_given(measure.model(mechanism)) for measure in measures]
+    having = [model for model in models if _has(parameters(model), name)] or [as_given(mechanism)]
     found = [values_of(model, [name])[name] for model in having]
     if not all(np.array_equal(value, found[0]) for value in found):
         raise ClearanceError(f"The limits do not agree about `{name}`: give them the same law and pressure.")
     return found[0]
+
+
+def _within(entry: str, array: str) -> bool:
+    """Whether a name is an entry `array.i` of an array."""
+    head, _, tail = entry.rpartition(".")
+    return head == array and tail.isdecimal()
 
 
 def _has(known: Mapping[str, Any], name: str) -> bool:

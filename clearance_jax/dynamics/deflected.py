@@ -10,9 +10,7 @@ from jaxtyping import Array
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.field import slope
 from clearance_jax.mechanism.body import Motion
-from clearance_jax.mechanism.compliance import DriveSpring
-from clearance_jax.mechanism.compounds import Ball
-from clearance_jax.mechanism.driving import with_motions
+from clearance_jax.mechanism.driving import gives_way, with_motions
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import initial_values, layout, parts
 from clearance_jax.mechanism.tree import AbstractJoint, Coordinate
@@ -51,8 +49,3 @@ def deflect(time: Scalar, mechanism: PreparedMechanism) -> PreparedMechanism:
         return with_motions(joint, change)
 
     return dataclasses.replace(mechanism, joints=tuple(move(joint) for joint in mechanism.joints))
-
-
-def gives_way(motion: Motion | Ball) -> bool:
-    """Whether it is that of a drive's spring."""
-    return any(isinstance(actuator, DriveSpring) for actuator in motion.actuators)

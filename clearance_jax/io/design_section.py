@@ -49,7 +49,8 @@ def design_of(study: Asked, wear: WearAsked | None) -> DesignAsked:
         if wear is not None:
             raise ClearanceError(f"{table.key('trajectory')}: with a section `wear` the scene drives the mechanism.")
         model = mechanism = mechanism.with_drives(drives)
-    variables, costs = _variables(table, mechanism)
+    tables = _variable_tables(table, mechanism)
+    variables, costs = _variables(tables)
     limits = [_limit(name, Table(values, where, LIMIT), study, wear) for name, values, where in table.entries("limit")]
     problem = ToleranceProblem(
         mechanism,
@@ -58,13 +59,13 @@ def design_of(study: Asked, wear: WearAsked | None) -> DesignAsked:
         limits,
         cost=costs or None,
         conditions=_conditions(table, mechanism, model, trajectories),
-        manufacture=_manufacture(table, study, model),
+        manufacture=_manufacture(table, study, model, tuple(tables)),
         cost_unit=table.get("cost_unit") or "cost units",
         **{**study.options, **table.only("fidelity")},
     )
     search = {"method": table.get("method"), **table.only("starts", "most")}
     verify = table.table("verify", VERIFY)
-    if classes := _classes(table, problem):
+    if classes := _classes(table, tables, problem):
         search["classes"] = classes
         for key in ("starts", "reoptimise"):
             if verify.has(key):
@@ -72,11 +73,10 @@ def design_of(study: Asked, wear: WearAsked | None) -> DesignAsked:
     return DesignAsked(problem, search, verify.arguments())
 
 
-def _classes(top: Table, problem: ToleranceProblem) -> Candidates:
+def _classes(top: Table, tables: dict[str, Table], problem: ToleranceProblem) -> Candidates:
     """The fits to choose from by variable, with their costs where these are given; checked before any solve."""
     found = {}
-    for name, (values, where) in expand_entries(top, "variable", problem.specification.mechanism).items():
-        table = Table(values, where, VARIABLE, {PARAMETER: problem.specification.units[name]})
+    for name, table in tables.items():
         if not table.has("classes"):
             if table.has("class_costs"):
                 raise ClearanceError(f"{table.key('class_costs')} has no effect without `classes`. Add them.")
@@ -123,13 +123,21 @@ def _conditions(table: Table, mechanism: Mechanism, model: Any, trajectories: di
 # Variables and what they cost ----------------------------------------------------------------------------------------
 
 
-def _variables(top: Table, mechanism: Mechanism) -> tuple[dict[str, tuple[float, float]], dict[str, AbstractCost]]:
-    """Bounds and costs by the variables' names."""
-    bounds, costs = {}, {}
+def _variable_tables(top: Table, mechanism: Mechanism) -> dict[str, Table]:
+    """The variables' tables by name, each with the unit of its variable."""
+    found = {}
     for name, (values, where) in expand_entries(top, "variable", mechanism).items():
         with naming(where):
             unit = units_of(mechanism, [name])[name]
-        table = Table(values, where, VARIABLE, {PARAMETER: unit})
+        found[name] = Table(values, where, VARIABLE, {PARAMETER: unit})
+    return found
+
+
+def _variables(tables: dict[str, Table]) -> tuple[dict[str, tuple[float, float]], dict[str, AbstractCost]]:
+    """Bounds and costs by the variables' names."""
+    bounds, costs = {}, {}
+    for name, table in tables.items():
+        unit, where = table.words[PARAMETER], table.where
         bounds[name] = lower, upper = table.get("lower"), table.get("upper")
         if not 0 < lower < upper:
             raise ClearanceError(
@@ -178,13 +186,13 @@ def _limit(name: str, table: Table, study: Asked, wear: WearAsked | None) -> Lim
 # Manufacture ---------------------------------------------------------------------------------------------------------
 
 
-def _manufacture(top: Table, study: Asked, model: Any) -> AbstractManufacture | None:
+def _manufacture(top: Table, study: Asked, model: Any, variables: tuple[str, ...]) -> AbstractManufacture | None:
     if not top.has("manufacture"):
         return None
     kind, table = top.variant("manufacture", MANUFACTURE_TABLES)
     given = table.arguments("kind", "of")
     if "of" in [key.name for key in MANUFACTURE_TABLES[kind].keys]:
-        given["scatter"] = _scatter(study, table, model, tuple(expand_entries(top, "variable", study.mechanism)))
+        given["scatter"] = _scatter(study, table, model, variables)
     return MANUFACTURE[kind](**given)
 
 

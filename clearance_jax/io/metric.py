@@ -2,7 +2,7 @@
 
 import dataclasses
 import itertools
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from clearance_jax.errors import ClearanceError, quote, suggest
 from clearance_jax.io.metric_keys import COUNTS, OF, OF_ANY_JOINT, OF_SIGNAL, RECURRENCES, REDUCTIONS, SIGNALS
@@ -10,7 +10,6 @@ from clearance_jax.io.recurrence_keys import recurrence_of
 from clearance_jax.io.table import Chosen, Table
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMetric
-from clearance_jax.metrics.settling import SettlingTime
 from clearance_jax.metrics.signals import AbstractSignal
 
 
@@ -28,18 +27,20 @@ def metric_of(read: Chosen, mechanism: Mechanism, span: Span) -> AbstractMetric:
     kind, table = read
     if kind in RECURRENCES:
         return recurrence_of(read)
-    if kind == SettlingTime.word:
-        signal = signal_of(table, mechanism)
-        since = _since(table, span) if table.has("since") else None
-        return SettlingTime(signal, table.get("band", {OF_SIGNAL: signal.unit}), since)
+    make = (COUNTS if kind in COUNTS else REDUCTIONS)[kind]
+    wanted = {field.name for field in dataclasses.fields(make)}
+    given: dict[str, Any] = {}
     if kind in COUNTS:
-        metric = COUNTS[kind](**_of(COUNTS[kind], kind, table, mechanism))
+        given |= _of(make, kind, table, mechanism)
     else:
-        signal = signal_of(table, mechanism)
-        metric = REDUCTIONS[kind](signal, *([_times(table, span)] if kind == "at" else []))
-    if kind != "at" and table.has("since"):
-        metric = dataclasses.replace(metric, since=_since(table, span))
-    return metric
+        given["signal"] = signal_of(table, mechanism)
+    if "times" in wanted:
+        given["times"] = _times(table, span)
+    if "band" in wanted:
+        given["band"] = table.get("band", {OF_SIGNAL: given["signal"].unit})
+    if "since" in wanted and table.has("since"):
+        given["since"] = _since(table, span)
+    return make(**given)
 
 
 def signal_of(table: Table, mechanism: Mechanism) -> AbstractSignal:

@@ -241,7 +241,7 @@ def _normal(joint: Table) -> AbstractNormalLaw:
     table.need("stiffness")
     values = table.arguments("law", "stiffness")
     if isinstance(table.values["stiffness"], dict):
-        if word == "winkler":
+        if not getattr(make, "has_radii", True):
             raise ClearanceError(f"{table.key('stiffness')} must be a quantity such as {LAYER}: a layer has no radii.")
         inner = table.table("stiffness", STIFFNESS)
         return make(stiffness=InternalHertz(**inner.arguments()), **values)

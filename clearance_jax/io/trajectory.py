@@ -9,7 +9,7 @@ import numpy as np
 
 from clearance_jax.errors import ClearanceError, quote, suggest
 from clearance_jax.io.columns import TIME, Head, Line, Meant, read_columns
-from clearance_jax.mechanism.driving import drivable
+from clearance_jax.mechanism.driving import drivable, gives_way, motor_of
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.motion_laws import Spline
 from clearance_jax.units import to_si
@@ -36,11 +36,11 @@ class Trajectory(NamedTuple):
 def read_trajectory(
     path: str | Path, mechanism: Mechanism | None = None, ends: str = "not-a-knot"
 ) -> dict[str, Spline]:
-    """Drives from a trajectory file, by the names of their coordinates. Give them to `mechanism.driven`.
+    """Drives from a trajectory file, by the names of their coordinates. Give them to `mechanism.with_drives`.
 
     The file is a CSV file in UTF-8. Its header has a column `time` and one for each joint, with units in brackets (`hip
     [deg]`; without them s, rad and m). It has at least four rows. Empty lines, and those that begin with `#`, are
-    ignored.
+    ignored. A column of a joint whose drive gives way is the motion of its motor.
 
     **Arguments:** `path`: of the file; `mechanism`: whose coordinates the columns must be, with units that fit; `ends`:
     what holds at both ends of the splines, "not-a-knot", "natural" (q'' = 0) or "clamped" (at rest).
@@ -58,11 +58,25 @@ def read_trajectory(
     times = table[:, [column.name for column in columns].index(TIME)]
     _check_times(times, rows)
     with jax.ensure_compile_time_eval():  # numbers stay numbers inside a jitted function
-        return {
+        found = {
             column.name: _spline(times, values, ends, f"`{path}`, column `{column.name}`")
             for column, values in zip(columns, table.T, strict=True)
             if column.name != TIME
         }
+    return found if mechanism is None else _of_motors(found, mechanism, path)
+
+
+def _of_motors(drives: dict[str, Spline], mechanism: Mechanism, path: Path) -> dict[str, Spline]:
+    """Drives of the motors, where drives give way."""
+    known, found = drivable(mechanism.joints), {}
+    for name, drive in drives.items():
+        moved = motor_of(name) if gives_way(known[name].motion) else name
+        if moved != name and moved in drives:
+            raise ClearanceError(
+                f"`{path}`: the columns `{name}` and `{moved}` move the same motor. Take one of them away."
+            )
+        found[moved] = drive
+    return found
 
 
 def _units(mechanism: Mechanism | None) -> dict[str, str] | None:

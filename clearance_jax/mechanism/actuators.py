@@ -112,6 +112,10 @@ class JointSpring(AbstractActuator):
         return -self.stiffness * (position - self.rest) - self.damping * velocity
 
 
+class DriveSpring(JointSpring):
+    """The spring and damper of a drive. A settled start is deflected by the load that it bears."""
+
+
 class JointFriction(AbstractActuator):
     """Coulomb friction in the gears, seals and bearings of a joint: -f tanh(q' / v). It is smooth where the motion
     reverses.

@@ -10,16 +10,13 @@ import dataclasses
 
 from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError
-from clearance_jax.mechanism.actuators import JointSpring
+from clearance_jax.mechanism.actuators import DriveSpring
 from clearance_jax.mechanism.body import Body, Motion
+from clearance_jax.mechanism.driving import motor_of
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.placement import ORIGIN
 from clearance_jax.mechanism.tree import AbstractJoint, Prismatic, Revolute
 from clearance_jax.parameters import Parametrised, physical
-
-
-class DriveSpring(JointSpring):
-    """The spring and damper of a drive. A settled start is deflected by the load that it bears."""
 
 
 class Compliance(Parametrised):
@@ -67,7 +64,7 @@ def with_compliance(mechanism: Mechanism, name: str, compliance: Compliance) -> 
     rotor = f"{name}_rotor"
     motion = dataclasses.replace(joint.motion, rotor_inertia=compliance.rotor_inertia)
     ideal = {"clearance": None, "eccentricity": ORIGIN, "at_child": ORIGIN, "child_orientation": None}
-    motor = dataclasses.replace(joint, name=f"{name}_motor", child=rotor, motion=motion, **ideal)
+    motor = dataclasses.replace(joint, name=motor_of(name), child=rotor, motion=motion, **ideal)
     spring = Motion(actuators=(DriveSpring(compliance.stiffness, compliance.damping),))
     link = dataclasses.replace(joint, parent=rotor, at_parent=ORIGIN, angle=None, orientation=None, motion=spring)
     joints: list[AbstractJoint] = []

@@ -4,7 +4,9 @@ import dataclasses
 from collections.abc import Callable, Collection, Iterable, Mapping
 
 from clearance_jax.errors import ClearanceError, quote, suggest
+from clearance_jax.mechanism.actuators import DriveSpring
 from clearance_jax.mechanism.body import Motion
+from clearance_jax.mechanism.compounds import Ball
 from clearance_jax.mechanism.motion_laws import AbstractMotionLaw
 from clearance_jax.mechanism.tree import AbstractJoint, Coordinate
 
@@ -14,6 +16,16 @@ def drivable(joints: Iterable[AbstractJoint]) -> dict[str, Coordinate]:
     space.
     """
     return {c.name: c for joint in joints for c in joint.own_coordinates() if _field(joint, c) is not None}
+
+
+def motor_of(name: str) -> str:
+    """The coordinate of the motor of an elastic drive, whose link the coordinate `name` turns."""
+    return f"{name}_motor"
+
+
+def gives_way(motion: Motion | Ball) -> bool:
+    """Whether it is that of a drive's spring."""
+    return any(isinstance(actuator, DriveSpring) for actuator in motion.actuators)
 
 
 def with_motions(joint: AbstractJoint, change: Callable[[Coordinate], Motion]) -> AbstractJoint:
@@ -63,6 +75,11 @@ def check_drives(joints: Iterable[AbstractJoint], drives: Mapping[str, object]) 
     for name, drive in drives.items():
         if name not in known:
             raise ClearanceError(f"There is no coordinate `{name}` to drive. " + suggest(str(name), known))
+        if gives_way(known[name].motion):
+            raise ClearanceError(
+                f"The drive of `{name}` gives way, and a drive of this coordinate would take its spring away. Drive "
+                f"its motor, `{motor_of(name)}`."
+            )
         if not isinstance(drive, AbstractMotionLaw):
             raise ClearanceError(
                 f"`{name}` must be driven by a drive, for instance `Constant(0.5)`, but it was given {quote(drive)}."

@@ -107,8 +107,8 @@ class Mechanism(AbstractMechanism):
         **Arguments:** `drives`: drives by the name of a coordinate of the tree. If a joint has one coordinate only,
         this is the name of the joint.
 
-        **Raises:** `ClearanceError` for an unknown coordinate, for a coordinate of play, and for a joint that closes a
-        loop.
+        **Raises:** `ClearanceError` for an unknown coordinate, for a coordinate of play, for a joint that closes a
+        loop, and for one whose drive gives way: drive its motor.
         """
         check_drives(self.joints, drives)
         return self._with_joints(lambda joint: with_drives(joint, drives))

@@ -17,7 +17,7 @@ from clearance_jax._numerics import sincos
 from clearance_jax._solo import whole
 from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError
-from clearance_jax.parameters import describe, physical
+from clearance_jax.parameters import describe, flatten, physical
 from clearance_jax.spatial import Term, total
 
 Values = Float[Array, " n"]
@@ -195,6 +195,45 @@ class PreparedSpline(AbstractMotionLaw):
         return self.times
 
 
+class HeldSpline(AbstractMotionLaw):
+    """A spline that keeps its last value after its table.
+
+    **Arguments:** `table`, whose `ends` hold at the beginning; `end_speed` [rad/s or m/s]: q' at its end. Where a
+    motion goes beyond the table it must be zero, or q' jumps.
+    """
+
+    table: Spline = flatten()
+    end_speed: Scalar = physical("coordinate/s", default=0.0)
+
+    @whole
+    def __call__(self, time):
+        return self.prepare()(time)
+
+    def breaks(self):
+        return self.table.breaks()
+
+    @whole
+    def prepare(self):
+        own = self.table
+        curvature = spline_curvature(own.times, own.values, own.ends, self.end_speed)
+        return PreparedHeldSpline(PreparedSpline(own.times, own.values, curvature))
+
+
+class PreparedHeldSpline(AbstractMotionLaw):
+    """A spline that keeps its last value after its table: what a solve evaluates of a `HeldSpline`."""
+
+    table: PreparedSpline = flatten()
+
+    def __call__(self, time):
+        last = self.table.times[-1]
+        q, v, a = self.table(jnp.minimum(time, last))
+        before = time < last
+        return jnp.where(before, q, self.table.values[-1]), jnp.where(before, v, 0.0), jnp.where(before, a, 0.0)
+
+    def breaks(self):
+        return self.table.breaks()
+
+
 class DriveSum(AbstractDrive):
     """The sum of several motion laws: drives, as a user gives it; what they are prepared to, once it is prepared."""
 
@@ -211,15 +250,18 @@ class DriveSum(AbstractDrive):
         return DriveSum(tuple(drive.prepare() for drive in self.terms))
 
 
-def spline_curvature(times: Values, values: Values, ends: str) -> Values:
+def spline_curvature(times: Values, values: Values, ends: str, end_speed: Scalar | None = None) -> Values:
     """Q'' at the knots of a cubic spline, differentiable by times and values.
 
     At an inner knot h_a m_a + 2 (h_a + h_b) m + h_b m_b = 6 (slope_b - slope_a), for the intervals before and after.
-    The two end values are eliminated: three bands are left, whatever the ends.
+    The two end values are eliminated: three bands are left, whatever the ends. `end_speed`: q' at the last knot, in
+    place of what `ends` says there.
     """
     h = jnp.diff(times)
     slope = jnp.diff(values) / h
     begin, end = _end(ends, h[0], h[1], slope[0]), _end(ends, h[-1], h[-2], -slope[-1])
+    if end_speed is not None:
+        end = _end("clamped", h[-1], h[-2], end_speed - slope[-1])
     below = h[:-1].at[0].set(0.0).at[-1].add(h[-1] * end.second)
     middle = (2 * (h[:-1] + h[1:])).at[0].add(h[0] * begin.first).at[-1].add(h[-1] * end.first)
     above = h[1:].at[-1].set(0.0).at[0].add(h[0] * begin.second)

@@ -36,7 +36,7 @@ def test_a_budget_is_about_one_point():
     robot = SCENES / "six_axes.urdf"
     with pytest.raises(ClearanceError, match=r"has 2 \(jaw_left_frame, jaw_right_frame\)"):
         info(str(robot), "--budget")
-    assert [point.name for point in _with_point(robot, "tcp").points] == ["tcp"]
+    assert [point.name for point in _with_point(load_scene(robot).mechanism, robot, "tcp").points] == ["tcp"]
     with pytest.raises(ClearanceError, match=r"no link 'tpc'. Did you mean `tcp`"):
         info(str(robot), "--budget", "--point", "tpc")
     with pytest.raises(ClearanceError, match=r"there is no point `pistn`. Did you mean `piston`"):

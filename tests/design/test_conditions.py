@@ -135,3 +135,98 @@ def test_what_makes_no_condition_is_refused():
         condition_product(mechanism, speeds=[0.0])
     with pytest.raises(ClearanceError, match="another part"):
         condition_product(mechanism, payloads={"a": Payload("fore", 1.0)}, others={"b": {"fore.mass": 3.0}})
+
+
+# Tables that end before the motion does ------------------------------------------------------------------------------
+
+GRID = np.linspace(0.0, 0.4, 21)
+AT_REST = cj.drives.Spline(GRID, 0.2 + 0.5 * (GRID / 0.4) ** 3 * (10 - 15 * GRID / 0.4 + 6 * (GRID / 0.4) ** 2))
+
+
+def asked_of(mechanism, conditions=None, t1=0.4):
+    limit = design.Limit(metrics.Peak(metrics.PositionError("tip")), 1e-4)
+    return design.ToleranceProblem(mechanism, t1, {"fore.mass": (0.5, 2.0)}, [limit], conditions=conditions)
+
+
+def shoulder_of(problem, condition):
+    whole = problem.specification
+    moved = whole.move(whole.mechanism, whole.conditions[condition])
+    drive = next(moved.coordinates()).motion.drive
+    assert drive is not None
+    return drive
+
+
+def test_a_table_that_ends_before_the_motion_rests_at_its_last_value():
+    """At twice the speed; at the given one, which covers the motion, no number changes."""
+    plain = two_links(AT_REST).with_clearance("elbow", radial_clearance=2e-5, pin_radius=0.01, length=0.02)
+    problem = asked_of(plain, condition_product(plain, speeds=[1.0, 2.0]))
+    for time in (0.2, 0.25, 0.4):
+        place, rate, second = shoulder_of(problem, "speed 2")(jnp.asarray(time))
+        assert (float(place), float(rate), float(second)) == (float(AT_REST.values[-1]), 0.0, 0.0)
+    assert abs(float(shoulder_of(problem, "speed 2")(jnp.asarray(0.2 - 1e-9))[1])) < 1e-5
+    for time in (0.0, 0.13, 0.31, 0.399):
+        own, other = (law(jnp.asarray(time)) for law in (AT_REST, shoulder_of(problem, "speed 1")))
+        np.testing.assert_allclose([float(x) for x in other], [float(x) for x in own], rtol=1e-12, atol=1e-11)
+    whole = problem.specification
+    assert len({tuple(values) for values in whole.conditions.values()}) == 1  # one program
+
+
+def test_a_table_that_covers_the_motion_stays_as_it_is():
+    plain = two_links(AT_REST)
+    assert asked_of(plain).specification.mechanism is plain
+    assert asked_of(plain, t1=0.3).specification.mechanism is plain
+
+
+def test_a_table_that_ends_in_motion_or_begins_late_is_refused():
+    moving = two_links(DRIVES["spline"])
+    with pytest.raises(ClearanceError, match=r"In `speed 2`: the table of `drive\.shoulder` ends.*not at rest"):
+        asked_of(moving, condition_product(moving, speeds=[2.0]), t1=0.5)
+    late = two_links(cj.drives.Spline(GRID + 0.1, AT_REST.values))
+    with pytest.raises(ClearanceError, match=r"begins at 0\.1 s, after the motion"):
+        asked_of(late)
+
+
+# Scatter about a condition's numbers -------------------------------------------------------------------------------
+
+
+def sampled(scatter, condition, mechanism=None):
+    mechanism = two_links(AT_REST) if mechanism is None else mechanism
+    limit = design.Limit(metrics.Peak(metrics.PositionError("tip")), 1e-4)
+    scattered = design.Yield(scatter, target=0.5, samples=4)
+    return design.ToleranceProblem(
+        mechanism, 0.4, {"upper.mass": (0.5, 2.0)}, [limit], conditions=condition, manufacture=scattered
+    ).specification
+
+
+def test_a_relative_scatter_is_about_the_value_of_the_condition():
+    conditions = {"full": {"fore.mass": 3.0}, "bent": {"drive.shoulder.values": np.asarray(AT_REST.values) + 1.0}}
+    found = scenarios_of(sampled({"fore.mass": 0.1, "drive.shoulder.values.0": 0.01}, conditions))
+    masses = [float(one.values["fore.mass"]) for one in found]
+    factors = np.array(masses[4:]) / 1.0
+    np.testing.assert_allclose(np.array(masses[:4]) / 3.0, factors, rtol=1e-12)
+    firsts = [float(one.values["drive.shoulder.values.0"]) for one in found]
+    np.testing.assert_allclose(np.array(firsts[4:]) / 1.2, np.array(firsts[:4]) / 0.2, rtol=1e-12)
+
+
+def test_a_distribution_in_place_of_a_condition_s_value_is_refused():
+    scatter = {"fore.mass": cj.scatter(1.0, 0.01)}
+    with pytest.raises(ClearanceError, match=r"In `full`: `fore\.mass` scatters by a distribution.*in percent"):
+        sampled(scatter, {"full": {"fore.mass": 3.0}})
+    assert len(scenarios_of(sampled(scatter, {"empty": {"upper.inertia": 0.05}}))) == 4
+
+
+def test_a_relative_scatter_of_zero_is_refused():
+    with pytest.raises(ClearanceError, match=r"`fore\.center_of_mass\.y` is zero, and so a relative scatter"):
+        sampled({"fore.center_of_mass.y": 0.1}, None)
+    with pytest.raises(ClearanceError, match=r"In `none`: `fore\.center_of_mass\.x` is zero"):
+        sampled({"fore.center_of_mass.x": 0.1}, {"none": {"fore.center_of_mass.x": 0.0}})
+
+
+def test_entries_of_arrays_are_scaled_with_them():
+    mechanism = two_links(DRIVES["spline"])
+    (found,) = condition_product(mechanism, speeds=[2.0], others={"": {"drive.shoulder.times.3": 0.45}}).values()
+    np.testing.assert_allclose(found["drive.shoulder.times"], [0.0, 0.05, 0.15, 0.225, 0.25])
+    assert "drive.shoulder.times.3" not in found
+    up = {"shoulder": DRIVES["spline"]}
+    with pytest.raises(ClearanceError, match="another part"):
+        condition_product(mechanism, {"up": up}, others={"b": {"drive.shoulder.values.1": 3.0}})

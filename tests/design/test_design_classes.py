@@ -1,5 +1,6 @@
 """Designs whose clearances are made in classes: branch and bound against enumeration."""
 
+import dataclasses
 import itertools
 
 import jax
@@ -11,7 +12,8 @@ from numpy.testing import assert_allclose
 import clearance_jax as cj
 from clearance_jax import design
 from clearance_jax.design.branch_and_bound import BranchAndBound
-from clearance_jax.design.classes import SMALLEST, classes_of
+from clearance_jax.design.class_search import without_classes
+from clearance_jax.design.classes import NONE_CHOSEN, SMALLEST, ChosenClasses, classes_of
 from clearance_jax.design.findings import _fit, known_findings
 from clearance_jax.design.run import INTERRUPTED, SPENT
 from clearance_jax.errors import ClearanceError
@@ -118,7 +120,14 @@ def test_an_interrupted_search_keeps_its_best_and_goes_on(asked, chosen, tmp_pat
     # Before the first class nothing but a continuous design is known.
     early = asked.solve(classes=CLASSES, most=3)
     assert early.stop_reason == SPENT
-    assert "stopped before any class was chosen" in early.note or not early.feasible
+    assert not early.feasible
+    early = without_classes(chosen, NONE_CHOSEN, SPENT)
+    assert early.stop_reason == SPENT
+    assert "stopped before any class was chosen" in early.note
+    assert not early.feasible
+    assert str(early).startswith("NO FEASIBLE DESIGN: no classes were chosen")
+    with pytest.raises(ClearanceError, match="no classes were chosen"):
+        early.verify()
 
 
 def test_searched_by_poses_it_is_the_same_choice(asked, chosen):
@@ -131,6 +140,9 @@ def test_searched_by_poses_it_is_the_same_choice(asked, chosen):
 def test_what_is_said_of_chosen_classes(chosen):
     certificate = chosen.verify(sweep=2, solver="tsit5")
     assert certificate.holds
+    assert certificate.least is not None
+    assert "With every clearance at the least of its class" in str(certificate)
+    assert not dataclasses.replace(certificate, least=0.1).holds
     assert "no combination of classes is cheaper" in str(certificate)
     assert "Karush" not in str(certificate)
     with pytest.raises(ClearanceError, match="neither other starts nor prices"):
@@ -207,6 +219,70 @@ def test_a_combination_that_fails_elsewhere_is_passed_over():
     assert_allclose(found.best.objective, min(float((1 / x).sum()) for x in held), rtol=1e-9)
 
 
+def test_a_search_that_fails_is_no_proof_that_nothing_holds():
+    """Relaxations that find nothing, although a combination of each box holds."""
+    weights, values = np.ones(3), np.array([0.02, 0.04, 0.06])
+    asked = program(weights, 0.15)
+    found = BranchAndBound(asked, dict.fromkeys(range(3), values), lambda box, start: "gave up").search(
+        np.full(3, 0.05)
+    )
+    assert found.best is not None
+    combinations = map(np.array, itertools.product(values, repeat=3))
+    assert_allclose(found.best.objective, min(float((1 / x).sum()) for x in combinations if x.sum() <= 0.15), rtol=1e-9)
+    assert found.relaxed is None
+    assert found.doubts
+
+
+def test_without_gradients_no_slopes_are_asked_for():
+    weights, values = np.ones(3), np.array([0.02, 0.04, 0.06])
+
+    def search(gradients):
+        asked, slopes = program(weights, 0.15), []
+
+        def relax_without(box, start):
+            return design.run(box, "cobyqa", start)
+
+        def at(x, gradient=False, plain=asked.at):
+            slopes.append(gradient)
+            return plain(x, gradient)
+
+        asked.at = at
+        how = {"gradients": gradients, "resolution": 1e-4}
+        found = BranchAndBound(asked, dict.fromkeys(range(3), values), relax_without, **how).search(np.full(3, 0.05))
+        assert found.best is not None
+        return any(slopes), found.best.objective
+
+    (none, best), (some, other) = search(False), search(True)
+    assert (none, some) == (False, True)
+    assert_allclose(best, other)
+
+
+def test_slopes_that_a_known_point_refutes_prune_nothing():
+    """A limit that rises from the smallest values on, and falls beyond 0.03: the best value is the largest."""
+
+    def evaluate(x, gradient):
+        height = 1 - ((x[0] - 0.03) / 0.02) ** 2
+        slope = np.array([[-2 * (x[0] - 0.03) / 0.02**2]])
+        return design.Evaluation(x, float(1 / x[0]), np.array([height]), -1 / x**2, slope)
+
+    asked = design.Program(evaluate, ["c"], np.array([1e-3]), np.array([0.1]), ["hump"])
+    asked.at(np.array([0.08]))
+    searched = BranchAndBound(asked, {0: np.array([0.005, 0.02, 0.08])}, lambda box, start: "gave up")
+    assert searched._hopeless(np.array([0.02]), np.array([0.03]))
+    assert not searched._hopeless(np.array([0.02]), np.array([0.08]))
+
+
+def test_what_is_said_where_no_class_is_chosen():
+    none = ChosenClasses({}, np.nan, -np.inf, np.nan, 3, 9, 27, ("gave up",))
+    assert none.sentences == [
+        "branch and bound: 3 nodes, 9 solves for 27 combinations",
+        "a bound is in doubt, as its search gave up",
+    ]
+    early = dataclasses.replace(none, chosen={"a": design.ToleranceClass("fine", 0.0, 1e-5)}, cost=2.0, doubts=())
+    assert "inf" not in early.optimality
+    assert "another combination of classes may be cheaper" in early.optimality
+
+
 # Classes ----------------------------------------------------------------------------------------------------------
 
 
@@ -238,6 +314,12 @@ def test_a_class_without_cost_is_refused():
     bare = design.ToleranceProblem(whole.mechanism, whole.t1, whole.variables, list(whole.limits))
     with pytest.raises(ClearanceError, match="chosen by cost"):
         bare.solve(classes={"wrist.radial_clearance": {"H7/g6": 2.0, "H7/f7": 1.0}})
+
+
+def test_classes_whose_costs_rise_are_refused(asked):
+    rising = {ARM[0]: {"H7/g6": 3.0, "H7/f7": 4.0}}
+    with pytest.raises(ClearanceError, match=r"H7/f7 of `joint1.*` costs more \(4\) than the tighter one H7/g6 \(3\)"):
+        asked.solve(classes=rising)
 
 
 def test_the_cost_of_a_fit_is_that_of_its_tolerances():

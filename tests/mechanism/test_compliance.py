@@ -11,6 +11,7 @@ import clearance_jax as cj
 from clearance_jax.dynamics.deflected import deflect
 from clearance_jax.dynamics.energy import energies
 from clearance_jax.dynamics.field import slope
+from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.state import initial_values, layout
 
 INERTIA, ROTOR, STIFFNESS = 0.03, 0.5, 800.0
@@ -131,3 +132,18 @@ def test_a_scene_says_which_drive_gives_way(tmp_path):
         path.write_text(SCENE.replace(wrong, said), encoding="utf-8")
         with pytest.raises(cj.ClearanceError, match="compliance"):
             cj.load(path)
+
+
+def test_a_trajectory_moves_the_motor_and_the_spring_stays(tmp_path):
+    soft = cj.with_compliance(wheel(cj.Motion(cj.drives.Constant(0.0))), "hub", cj.Compliance(STIFFNESS, 2.0))
+    file = tmp_path / "move.csv"
+    file.write_text("time [s], hub [deg]\n0, 0\n0.1, 1\n0.2, 3\n0.3, 4\n")
+    drives = cj.read_trajectory(file, soft)
+    assert list(drives) == ["hub_motor"]
+    moved = soft.with_drives(drives)
+    assert [c.name for c in moved.free_coordinates()] == ["hub"]
+    with pytest.raises(ClearanceError, match=r"would take its spring away\. Drive its motor, `hub_motor`"):
+        soft.with_drives({"hub": cj.drives.Constant(0.0)})
+    file.write_text("time [s], hub [deg], hub_motor [deg]\n0, 0, 0\n0.1, 1, 1\n0.2, 3, 3\n0.3, 4, 4\n")
+    with pytest.raises(ClearanceError, match="move the same motor"):
+        cj.read_trajectory(file, soft)

@@ -18,6 +18,7 @@ import clearance_jax as cj
 from clearance_jax import design, metrics
 from clearance_jax.design.findings import CUT_SHORT, known_findings
 from clearance_jax.design.loads import pin_size
+from clearance_jax.design.manufacture import YieldEstimate
 from clearance_jax.design.observed import Observed
 from clearance_jax.design.standings import standings
 from clearance_jax.errors import ClearanceError
@@ -272,3 +273,21 @@ def test_a_robots_figure_shows_coordinates_points_and_drives():
     (speed,) = figure.axes[2].lines
     expected = np.hypot(0.3 * 2.0, 0.1 * 3.0 * np.cos(3.0 * dataset["time"].values))
     np.testing.assert_allclose(np.asarray(speed.get_ydata()), expected, rtol=1e-6)
+
+
+def test_a_yield_below_its_target_is_no_good_news():
+    """The row of a yield has its bound, and the headline says that too few fresh samples hold."""
+    scattered = design.Yield({CLEARANCE: 0.05}, target=0.95, samples=4)
+    found = known_findings(answer([piston_limit()], manufacture=scattered))
+    (row, *_) = found.standings
+    assert (row.unit, row.bound) == ("m", 2e-4)
+    assert row.value == pytest.approx(2e-4 * row.share)
+    for samples, good in ((YieldEstimate(0.97, 0.96, 1000), True), (YieldEstimate(0.93, 0.92, 1000), False)):
+        proof = design.Certificate(
+            {CLEARANCE: "m"}, np.array([1e-4]), -0.01, "piston", np.nan, (), np.nan, {}, {}, (), 1.0, "lowers the cost",
+            samples, {}, "dopri8", 1e-8, target=0.95,
+        )  # fmt: skip
+        told = found._replace(certificate=proof)
+        assert told.good is good
+        assert ("The yield is below its target, 95.0000%" in text_of(render(told))) is not good
+        assert ("BELOW THE TARGET" in str(proof)) is not good

@@ -169,6 +169,8 @@ class Winkler(AbstractImpactLaw):
     minimum_impact_speed: Scalar = physical("m/s", above=0.0, default=1e-3, help=SLOWEST, example='"1 mm/s"')
     ratio: Callable = eqx.field(static=True, default=ratios.exact_ratio)
     smoothness: ClassVar[Smoothness] = "C1"
+    has_radii: ClassVar[bool] = False
+    """Whether the stiffness may be that of two round bodies by their radii: a layer's is its own."""
 
     def constants(self, geometry):
         return LineConstants(line_of(geometry, self.stiffness, "Winkler"), self.damping_ratio)
