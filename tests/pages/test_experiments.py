@@ -15,6 +15,7 @@ from experiments import (
     forward_dynamics,
     gpu,
     hard_cases,
+    needs,
     paper_sweeps,
     publish,
     quasi_static,
@@ -95,6 +96,19 @@ def test_batches():
 
 def test_lanes_beside_scalar_c():
     assert scalar.main(quick=True) <= 1e-4
+
+
+def test_what_a_scene_does_not_have_costs_nothing():
+    rows = needs.main(quick=True)
+    whole, *others = rows
+    assert [row.removed for row in others] == list(needs.OF_ALL)
+    assert all(row.states <= whole.states and row.attempt < whole.attempt for row in others)
+    of_field = {row.removed: row.field for row in others}
+    for removed in ("friction", "a clearance", "gravity", "energy balance"):
+        assert of_field[removed] < whole.field
+    assert needs.not_lower(rows) == []
+    # A row that costs as much as the whole scene is found.
+    assert needs.not_lower([whole, whole._replace(removed="gravity")])
 
 
 def test_robots_against_newton_and_euler():
