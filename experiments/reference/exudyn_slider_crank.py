@@ -79,9 +79,7 @@ def simulate(clearance: float, t1: float, steps: int) -> np.ndarray:
 
     def body(mass, inertia, place, velocity):
         node = mbs.AddNode(items.NodeRigidBody2D(referenceCoordinates=[*place, 0.0], initialVelocities=velocity))
-        return node, mbs.AddObject(
-            items.ObjectRigidBody2D(physicsMass=mass, physicsInertia=inertia, nodeNumber=node)
-        )
+        return node, mbs.AddObject(items.ObjectRigidBody2D(physicsMass=mass, physicsInertia=inertia, nodeNumber=node))
 
     def marker(number, x):
         return mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=number, localPosition=[x, 0.0, 0.0]))
@@ -102,8 +100,12 @@ def simulate(clearance: float, t1: float, steps: int) -> np.ndarray:
         [marker(crank[1], p.crank / 2), marker(rod[1], -p.rod / 2)],
     ):
         mbs.AddObject(items.ObjectJointRevolute2D(markerNumbers=pair))
-    fix(crank[0], 2, offsetUserFunction=lambda mbs, t, item, offset: p.speed * t,
-        offsetUserFunction_t=lambda mbs, t, item, offset: p.speed)
+    fix(
+        crank[0],
+        2,
+        offsetUserFunction=lambda mbs, t, item, offset: p.speed * t,
+        offsetUserFunction_t=lambda mbs, t, item, offset: p.speed,
+    )
     fix(slider[0], 1)
     fix(slider[0], 2)
     mbs.AddObject(

@@ -39,7 +39,9 @@ TEXT = """
   {hold}
 </mujoco>
 """
-CONNECTED = """<equality><connect site1="sleeve" site2="pin" solref="{soft!r} 1" solimp="0.9999 0.9999 1"/></equality>"""
+CONNECTED = (
+    """<equality><connect site1="sleeve" site2="pin" solref="{soft!r} 1" solimp="0.9999 0.9999 1"/></equality>"""
+)
 LIMITED = """<tendon><spatial name="play" limited="true" range="0 {clearance!r}" solreflimit="{soft!r} 1"
   solimplimit="0.9999 0.9999 1"><site site="sleeve"/><site site="pin"/></spatial></tendon>"""
 
@@ -50,7 +52,7 @@ def simulate(clearance: float, t1: float, step: float, samples: int) -> tuple[np
     """
     import mujoco
 
-    *law, speed, crank, rod, rod_mass, rod_inertia, slider_mass = slider_crank_parameters(clearance).tolist()
+    speed, crank, rod, rod_mass, rod_inertia, slider_mass = slider_crank_parameters(clearance)[-6:].tolist()
     soft = STIFFNESS * step
     hold = CONNECTED.format(soft=soft) if clearance == 0 else LIMITED.format(soft=soft, clearance=clearance)
     model = mujoco.MjModel.from_xml_string(
