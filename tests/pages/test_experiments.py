@@ -18,6 +18,7 @@ from experiments import (
     needs,
     paper_sweeps,
     publish,
+    published,
     quasi_static,
     robots,
     scalar,
@@ -109,6 +110,22 @@ def test_what_a_scene_does_not_have_costs_nothing():
     assert needs.not_lower(rows) == []
     # A row that costs as much as the whole scene is found.
     assert needs.not_lower([whole, whole._replace(removed="gravity")])
+
+
+def test_published_numbers_and_other_programs():
+    peers, numbers, problems = published.main(quick=True)
+    assert [number.verdict for number in numbers] == ["agrees"] * len(numbers)
+    assert numbers[0]._replace(ours=numbers[0].ours * 1.001).verdict == "differs"
+    assert [problem.verdict for problem in problems] == ["agrees"]
+    # Whatever of the other programs is installed.
+    exudyn = [peer.position for peer in peers if peer.program == "Exudyn"]
+    assert exudyn == [] or (exudyn[-1] < 1e-8 and exudyn[-1] < 0.1 * exudyn[0])
+    assert all(peer.position < 2e-6 for peer in peers if peer.program == "MuJoCo")
+
+
+def test_a_program_that_is_not_installed_is_left_out(capsys):
+    assert not published.installed("no_such_program")
+    assert "no_such_program is not installed" in capsys.readouterr().out
 
 
 def test_robots_against_newton_and_euler():
