@@ -60,14 +60,15 @@ def four_bars(windows: int = 2) -> cj.Mechanism:
     """
     inertia, middle, end = 1 / 12, cj.Position(0.5, 0.0), cj.Position(1.0, 0.0)
     up, turning = np.pi / 2, -1.0
-    names = ["bar0"]
+    names, loops = ["bar0"], []
     joints = [cj.Revolute("A0", "ground", "bar0", motion=cj.Motion(position=up, velocity=turning))]
-    loops = []
     for k in range(1, windows + 1):
         level, bar = f"level{k}", f"bar{k}"
         names += [level, bar]
+        # The first bar stands on the ground; the others hang from a level one, upside down.
+        before, at, turned = ("bar0", end, -up) if k == 1 else (f"bar{k - 1}", cj.Position(), up)
         joints += [
-            cj.Revolute(f"B{k}", f"bar{k - 1}", level, end, motion=cj.Motion(position=-up, velocity=-turning)),
+            cj.Revolute(f"B{k}", before, level, at, motion=cj.Motion(position=turned, velocity=-turning)),
             cj.Revolute(f"C{k}", level, bar, end, motion=cj.Motion(position=-up, velocity=turning)),
         ]
         loops.append(cj.Revolute(f"A{k}", "ground", bar, cj.Position(float(k), 0.0), end))
