@@ -16,11 +16,11 @@ memory* marks numbers of Flores and Ambrosio (2004) that no source at hand confi
 nothing. Their slider-crank has the law of Lankarani and Nikravesh, a restitution of 0.9 and no friction.
 
 **The IFToMM library of computational benchmarks.** `experiments/iftomm.py` has the mechanisms and the sources of the
-reference numbers. The uncertainty of a curve is half of its last digit. In A02 all bars lie level several times in a
-motion. In this singular pose each window may fold either way, so the conditions of the loops and the energy no longer
-say which way the motion goes on. The library has no rule for that: it goes on on another branch than the reference, or
-stops. The flexible rod of the slider-crank of the Test Set for IVP Solvers cannot be set up, because all bodies of the
-library are rigid.
+reference numbers. A curve has six digits; that of A05 is taken to be as good as that of A02, whose motion is known (the
+pose of a parallelogram is one angle). The number of A02 comes from Exudyn, and its uncertainty is twice its difference
+from the same parallelograms. Several times in this motion all bars lie level: a singular pose, in which the conditions
+of the loops repeat each other. The flexible rod of the slider-crank of the Test Set for IVP Solvers cannot be set up,
+because all bodies of the library are rigid.
 """
 
 import dataclasses
@@ -221,13 +221,14 @@ def show_peers(peers: list[Peer], path: str) -> None:
 def show_numbers(numbers: list[Number], path: str) -> None:
     table(
         ("source", "quantity", "published", "uncertainty", "ours", "verdict"),
-        [
-            (n.source, n.quantity, n.published if isinstance(n.published, str) else f"{n.published:.7g}", "unknown" if n.uncertainty is None else f"{n.uncertainty:.1e}",
-             f"{n.ours:.7g}", n.verdict)
-            for n in numbers
-        ],
+        [(n.source, n.quantity, *(shown(x) for x in (n.published, n.uncertainty, n.ours)), n.verdict) for n in numbers],
         output(path),
-    )  # fmt: skip
+    )
+
+
+def shown(value: float | str | None) -> str:
+    """A number in a table."""
+    return "unknown" if value is None else value if isinstance(value, str) else f"{value:.7g}"
 
 
 def show_problems(rows: list[iftomm.Compared], path: str) -> None:
