@@ -1,4 +1,5 @@
-"""The cost of what a scene contains, and of nothing else: `python -m experiments.needs` writes out/needs.md.
+"""The cost of what a scene contains, and of nothing else: `python -m experiments.needs` writes a table for
+each scene to out/.
 
 Each scene is measured whole, and then with one thing removed. What is removed leaves the compiled program: a friction
 law of coefficient zero still costs its operations, no friction law costs none. *States* is the length of the state
@@ -29,7 +30,7 @@ from clearance_jax.mechanism.state import layout
 from experiments.common import SCENES, output, seconds, slider_crank, table
 from experiments.hlo import arithmetic, busiest_loop
 from experiments.operations import SIMPLIFIED, four_bar, joint5_with_friction
-from experiments.publish import command, say
+from experiments.publish import command, say, write
 
 WHOLE = "nothing"
 
@@ -212,14 +213,13 @@ def main(quick: bool = False) -> list[Row]:
     """Write the table; returns its rows."""
     rows = []
     for scene in QUICK if quick else SCENE:
-        for removed in (WHOLE, *SCENE[scene].removable):
-            rows.append(row_of(scene, removed, quick))
-            print(*rows[-1], flush=True)
-    table(
-        ("scene", "removed", "states", "field", "attempt", "compile [s]", "time [us]"),
-        [(r.scene, r.removed, r.states, r.field, r.attempt, *timed(r)) for r in rows],
-        output(f"needs{'_quick' if quick else ''}.md"),
-    )
+        write(f"## {scene[0].upper()}{scene[1:]}\n")
+        rows += [row_of(scene, removed, quick) for removed in (WHOLE, *SCENE[scene].removable)]
+        table(
+            ("removed", "states", "field", "attempt", "compile [s]", "time [us]"),
+            [(r.removed, r.states, r.field, r.attempt, *timed(r)) for r in rows if r.scene == scene],
+            output(f"needs_{scene.split()[0]}{'_quick' if quick else ''}.md"),
+        )
     kept = ", ".join(f"{row.removed} ({row.scene})" for row in not_lower(rows))
     say(f"Removed without a fall of the counts: {kept}." if kept else "Whatever is removed, the counts fall.")
     return rows

@@ -1,4 +1,4 @@
-"""Published numbers and other programs beside the library: `python -m experiments.published` writes out/published.md.
+"""Published numbers and other programs beside the library: `python -m experiments.published` writes its tables to out/.
 
 **The same slider-crank in other programs.** It has one pin with 0.5 mm of play, between conrod and slider, and its
 crank turns at 5000 rpm. *Exudyn* has bodies, joints and steps of its own, and the library's contact law as a function
@@ -221,14 +221,17 @@ def show_peers(peers: list[Peer], path: str) -> None:
 def show_numbers(numbers: list[Number], path: str) -> None:
     table(
         ("source", "quantity", "published", "uncertainty", "ours", "verdict"),
-        [(n.source, n.quantity, *(shown(x) for x in (n.published, n.uncertainty, n.ours)), n.verdict) for n in numbers],
+        [
+            (n.source, n.quantity, shown(n.published), shown(n.uncertainty, ".1e"), shown(n.ours), n.verdict)
+            for n in numbers
+        ],
         output(path),
     )
 
 
-def shown(value: float | str | None) -> str:
+def shown(value: float | str | None, digits: str = ".7g") -> str:
     """A number in a table."""
-    return "unknown" if value is None else value if isinstance(value, str) else f"{value:.7g}"
+    return "unknown" if value is None else value if isinstance(value, str) else f"{value:{digits}}"
 
 
 def show_problems(rows: list[iftomm.Compared], path: str) -> None:
