@@ -1,5 +1,5 @@
-"""The cost of what a scene contains, and of nothing else: `python -m experiments.needs` writes a table for
-each scene to out/.
+"""The cost of what a scene contains, and of nothing else: `python -m experiments.needs` writes a table for each
+scene to out/.
 
 Each scene is measured whole, and then with one thing removed. What is removed leaves the compiled program: a friction
 law of coefficient zero still costs its operations, no friction law costs none. *States* is the length of the state

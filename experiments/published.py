@@ -5,15 +5,16 @@ crank turns at 5000 rpm. *Exudyn* has bodies, joints and steps of its own, and t
 (ADAMS IMPACT with a tanh friction). So the motions must agree, and they do as Exudyn's step falls. *MuJoCo* has another
 law: its joints and limits are soft constraints, whose stiffness follows from the step. Its ideal slider-crank is
 compared with the closed form of the slider's position. Its slider-crank with play is compared only in kind: the pin is
-held to the sleeve by a limit of the distance, which has no Hertz stiffness, no friction, and next to no rebound.
+held to the sleeve by a limit of the distance, which has no Hertz stiffness and no friction. A soft limit rests at the
+play itself, so how often its distance crosses the play (*touches*) says little.
 Exudyn and MuJoCo are no dependencies (`pip install exudyn mujoco`); one that is missing is left out.
 
 **Published numbers.** *Siconos*: free motion of a slider-crank before its slider touches the guide. The source makes
-steps of 1e-4 s by a scheme of first order. The same scheme for equations written by hand gives the effect of this step,
-which is most of the uncertainty; "less its step" are the published numbers without it, whose uncertainty is twice what
-the hand-written scheme differs from the source. *From
-memory* marks numbers of Flores and Ambrosio (2004) that no source at hand confirms: they are compared, and prove
-nothing. Their slider-crank has the law of Lankarani and Nikravesh, a restitution of 0.9 and no friction.
+steps of 1e-4 s by a scheme of first order. The same scheme, for equations written by hand, gives the effect of this
+step, which is most of the uncertainty. *Less its step* are the published numbers without this effect; their uncertainty
+is twice what the hand-written scheme differs from the source. *From memory* marks numbers of Flores and Ambrosio (2004)
+that no source at hand confirms: they are compared, and prove nothing. Their slider-crank has the law of Lankarani and
+Nikravesh, a restitution of 0.9 and no friction; its peaks are those of the second revolution.
 
 **The IFToMM library of computational benchmarks.** `experiments/iftomm.py` has the mechanisms and the sources of the
 reference numbers. A curve has six digits; that of A05 is taken to be as good as that of A02, whose motion is known (the

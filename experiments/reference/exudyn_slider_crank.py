@@ -79,7 +79,7 @@ def simulate(clearance: float, t1: float, steps: int) -> np.ndarray:
 
     def body(mass, inertia, place, velocity):
         node = mbs.AddNode(items.NodeRigidBody2D(referenceCoordinates=[*place, 0.0], initialVelocities=velocity))
-        return node, mbs.AddObject(items.ObjectRigidBody2D(physicsMass=mass, physicsInertia=inertia, nodeNumber=node))
+        return node, mbs.AddObject(items.ObjectRigidBody2D(mass=mass, inertia=inertia, nodeNumber=node))
 
     def marker(number, x):
         return mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=number, localPosition=[x, 0.0, 0.0]))
@@ -118,8 +118,7 @@ def simulate(clearance: float, t1: float, steps: int) -> np.ndarray:
     settings = exudyn.SimulationSettings()
     settings.timeIntegration.numberOfSteps, settings.timeIntegration.endTime = steps, t1
     settings.timeIntegration.verboseMode = 0
-    settings.solutionSettings.writeSolutionToFile = False
-    settings.solutionSettings.sensorsWritePeriod = t1
+    settings.solution.file.write = False
     settings.timeIntegration.newton.absoluteTolerance = 1e-11
     settings.timeIntegration.newton.relativeTolerance = 1e-11
     mbs.SolveDynamic(settings, solverType=exudyn.DynamicSolverType.TrapezoidalIndex2)
