@@ -171,7 +171,7 @@ def compare_pendulum() -> list[Compared]:
     times, *known = curve("pendulum_p1")
     found = cj.simulate(pendulum(), 10.0, save_at=times, rtol=1e-10)
     error = np.abs(np.asarray(found["P1.position"]) - np.stack(known, 1)).max()
-    return [compared("A01 simple pendulum", "P1, 10 s [m]", error, SIX, found)]
+    return [comparison("A01 simple pendulum", "P1, 10 s [m]", error, SIX, found)]
 
 
 def compare_four_bars() -> list[Compared]:
@@ -183,8 +183,8 @@ def compare_four_bars() -> list[Compared]:
     end, whole = np.abs(position[-1] - FOUR_BARS_END).max(), np.abs(position - exact).max()
     title = "A02 two four-bars"
     return [
-        compared(title, "B0 at 10 s, by Exudyn [m]", end, 2 * published, found),
-        compared(title, "B0, 10 s, as parallelograms [m]", whole, 1e-6, found),
+        comparison(title, "B0 at 10 s, by Exudyn [m]", end, 2 * published, found),
+        comparison(title, "B0, 10 s, as parallelograms [m]", whole, 1e-6, found),
     ]
 
 
@@ -193,8 +193,8 @@ def compare_squeezer() -> list[Compared]:
     end = np.array([float(found[f"{name}.position"]) for name in squeezer.NAMES])
     title = "A03 Andrews' squeezer"
     return [
-        compared(title, "angles at 0.03 s, as published [rad]", np.abs(end - squeezer.PUBLISHED).max(), 2e-9, found),
-        compared(title, "angles at 0.03 s, recomputed [rad]", np.abs(end - squeezer.COMPUTED).max(), 1e-11, found),
+        comparison(title, "angles at 0.03 s, as published [rad]", np.abs(end - squeezer.PUBLISHED).max(), 2e-9, found),
+        comparison(title, "angles at 0.03 s, recomputed [rad]", np.abs(end - squeezer.COMPUTED).max(), 1e-11, found),
     ]
 
 
@@ -205,17 +205,17 @@ def compare_bricard() -> list[Compared]:
     # One time has no more digits than the places have: the places at it are known so much less well.
     late = np.where(np.isclose(np.round(times / 0.2) * 0.2, times, atol=1e-9), 0.0, 5e-6)
     error = np.max(np.abs(position - np.stack(known, 1)) - late[:, None] * np.abs(velocity))
-    return [compared("A04 Bricard's mechanism", "P3, 10 s [m]", error, SIX, found)]
+    return [comparison("A04 Bricard's mechanism", "P3, 10 s [m]", error, SIX, found)]
 
 
 def compare_governor() -> list[Compared]:
     times, known = curve("governor_s")
     found = cj.simulate(governor(), float(times[-1]), save_at=times, rtol=1e-8)
     error = np.abs(np.asarray(found["s.position"]) - known).max()
-    return [compared("A05 flyball governor", "s, 3 s [m]", error, max(SIX, error_of_curves()), found)]
+    return [comparison("A05 flyball governor", "s, 3 s [m]", error, max(SIX, error_of_curves()), found)]
 
 
-def compared(problem: str, quantity: str, error: float, digits: float, found: cj.Solution) -> Compared:
+def comparison(problem: str, quantity: str, error: float, digits: float, found: cj.Solution) -> Compared:
     """A row, of the solve that it is about."""
     return Compared(
         problem, quantity, float(error), digits, float(found.energy_residual), str(found.message) or "reached t1"

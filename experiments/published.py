@@ -71,7 +71,7 @@ class Number(NamedTuple):
         return "agrees" if abs(self.ours - self.published) <= self.uncertainty else "differs"
 
 
-def installed(name: str) -> bool:
+def is_installed(name: str) -> bool:
     """Whether a program is there; said where it is not."""
     there = importlib.util.find_spec(name) is not None
     if not there:
@@ -177,7 +177,7 @@ def of_siconos() -> list[Number]:
     ours = np.stack([turned / (2 * np.pi), turned + swung, fast, fast + slow, height], 1)
     names = ("crank [turns]", "rod [rad]", "speed of the crank [rad/s]", "speed of the rod [rad/s]", "height / play")
     for at, mine in zip(s.PUBLISHED, ours, strict=True):
-        published, at_its_step = np.array(s.PUBLISHED[at]), s.stepped(at, s.STEP)
+        published, at_its_step = np.array(s.PUBLISHED[at]), s.scheme(at, s.STEP)
         step, rest = at_its_step - s.without_step(at), np.abs(published - at_its_step)
         for k, name in enumerate(names):
             what = f"{name}, {at:g} s"
@@ -223,14 +223,14 @@ def show_numbers(numbers: list[Number], path: str) -> None:
     table(
         ("source", "quantity", "published", "uncertainty", "ours", "verdict"),
         [
-            (n.source, n.quantity, shown(n.published), shown(n.uncertainty, ".1e"), shown(n.ours), n.verdict)
+            (n.source, n.quantity, text_of(n.published), text_of(n.uncertainty, ".1e"), text_of(n.ours), n.verdict)
             for n in numbers
         ],
         output(path),
     )
 
 
-def shown(value: float | str | None, digits: str = ".7g") -> str:
+def text_of(value: float | str | None, digits: str = ".7g") -> str:
     """A number in a table."""
     return "unknown" if value is None else value if isinstance(value, str) else f"{value:{digits}}"
 
@@ -251,12 +251,12 @@ def main(quick: bool = False) -> tuple[list[Peer], list[Number], list[iftomm.Com
     name = f"published{'_quick' if quick else ''}"
     peers: list[Peer] = []
     write("## The same slider-crank in other programs\n")
-    if installed("exudyn"):
+    if is_installed("exudyn"):
         peers += with_exudyn(5e-4, (1e-6, 2.5e-7)) if quick else with_exudyn(REVOLUTION, (1e-6, 5e-7, 2.5e-7, 1.25e-7))
-    if installed("mujoco"):
+    if is_installed("mujoco"):
         peers += with_mujoco(REVOLUTION, (4e-6,) if quick else (4e-6, 2e-6, 1e-6))
     show_peers(peers, f"{name}_peers.md")
-    if installed("mujoco") and not quick:
+    if is_installed("mujoco") and not quick:
         table(
             ("program", "in contact", "touches", "penetration [um]", "deviation [mm]"),
             [

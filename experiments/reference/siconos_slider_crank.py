@@ -2,7 +2,7 @@
 
 Flores, Leine, Glocker (2010), Multibody System Dynamics 23, 165-190, as github.com/siconos/siconos has it
 (Examples/Mechanics/SliderCrank, `SliderCrankMoreauJeanDirectProjectionOSI.ref`): crank, rod and slider, hung up at the
-ground only, thrown at 150 rad/s. The published rows come from steps of 1e-4 s of a scheme of first order. `stepped` is
+ground only, thrown at 150 rad/s. The published rows come from steps of 1e-4 s of a scheme of first order. `scheme` is
 such a scheme (theta = 1/2, the mass matrix of the new position) for equations written by hand; as it reproduces the
 rows, the equations are theirs, and what is left is their step. Nothing here imports the library.
 """
@@ -36,7 +36,7 @@ def load(q: np.ndarray, v: np.ndarray) -> np.ndarray:
     return across * np.array([v[1] ** 2, -(v[0] ** 2)]) - weight
 
 
-def stepped(t1: float, step: float) -> np.ndarray:
+def scheme(t1: float, step: float) -> np.ndarray:
     """The quantities of `PUBLISHED` at `t1`, by steps of the scheme."""
     q, v = np.zeros(2), START.copy()
     for _ in range(round(t1 / step)):
@@ -51,4 +51,4 @@ def stepped(t1: float, step: float) -> np.ndarray:
 
 def without_step(t1: float) -> np.ndarray:
     """The same in the limit of small steps."""
-    return 2 * stepped(t1, 5e-6) - stepped(t1, 1e-5)
+    return 2 * scheme(t1, 5e-6) - scheme(t1, 1e-5)

@@ -124,7 +124,7 @@ def test_published_numbers_and_other_programs():
 
 
 def test_a_program_that_is_not_installed_is_left_out(capsys):
-    assert not published.installed("no_such_program")
+    assert not published.is_installed("no_such_program")
     assert "no_such_program is not installed" in capsys.readouterr().out
 
 
