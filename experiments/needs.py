@@ -142,8 +142,6 @@ SCENE: dict[str, Scene] = {
     "four-bar, three clearances": Scene(lambda: Model(falling(four_bar()), "tip"), 0.02, OF_ALL),
     "joint 5 in the plane": Scene(lambda: Model(joint5_with_friction(), "end"), 0.5, OF_ALL),
     "disc in a worn sleeve": Scene(lambda: Model(worn_disc(), None), 0.05, OF_WEAR),
-        lambda: Model(worn_disc(), None), 0.05, ("wear", "friction", "a clearance", "gravity")
-    ),
     "tool changer in space": Scene(lambda: Model(tool_changer(), None), 0.02, ("axial play", *WITHOUT_METRIC)),
 }
 

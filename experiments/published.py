@@ -239,7 +239,7 @@ def show_problems(rows: list[iftomm.Compared], path: str) -> None:
     table(
         ("problem", "quantity", "difference", "uncertainty", "energy residual", "ended", "verdict"),
         [
-            (r.problem, r.quantity, f"{r.error:.1e}", f"{r.digits:.0e}", f"{r.energy:.0e}", r.ended, r.verdict)
+            (r.problem, r.quantity, f"{r.error:.1e}", f"{r.digits:.1e}", f"{r.energy:.0e}", r.ended, r.verdict)
             for r in rows
         ],
         output(path),
