@@ -19,6 +19,7 @@ MOVES = {
 }
 CALLS = {"fusion", "call", "while", "conditional"}
 _HEAD = re.compile(r"^(?:ENTRY )?%?([\w.\-]+) .*\{$|^(?:ENTRY )?%?([\w.\-]+) \{$")
+_ENTRY = re.compile(r"^ENTRY %?([\w.\-]+) ", re.MULTILINE)
 _LINE = re.compile(r"^\s+(?:ROOT )?%?([\w.\-]+) = (\(.*?\)|\S+) ([a-z][\w\-]*)\((.*)$")
 _CALLED = re.compile(r"(?:calls|body|to_apply|true_computation|false_computation)=%?([\w.\-]+)")
 _BRANCHES = re.compile(r"branch_computations=\{([^}]*)\}")
@@ -64,6 +65,20 @@ def _operation(kind: str, shape: str, rest: str) -> Operation:
 def busiest_loop(text: str) -> int:
     """The arithmetic of one turn of the loop that has most of it."""
     program = read(text)
+    counted = counts(program)
+    loops = [x for inside in program.values() for x in inside.values() if x.kind == "while"]
+    return max((sum(counted[name] for name in loop.called) for loop in loops), default=0)
+
+
+def arithmetic(text: str) -> int:
+    """The arithmetic of a whole program."""
+    entry = _ENTRY.search(text)
+    assert entry is not None
+    return counts(read(text))[entry[1]]
+
+
+def counts(program: Program) -> dict[str, int]:
+    """The arithmetic of every computation of a program, with what it calls."""
     counted: dict[str, int] = {}
 
     def of(name: str) -> int:
@@ -80,5 +95,4 @@ def busiest_loop(text: str) -> int:
         # A reduction computes once for every entry that it reads.
         return inside[operation.operands[0]].size if operation.kind == "reduce" else operation.size
 
-    loops = [x for inside in program.values() for x in inside.values() if x.kind == "while"]
-    return max(sum(of(name) for name in loop.called) for loop in loops)
+    return {name: of(name) for name in program}

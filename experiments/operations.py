@@ -21,7 +21,7 @@ from experiments.publish import command
 
 # LLVM comes after XLA, and changes none of what is counted.
 _FUSED = {"xla_backend_optimization_level": 0}
-_SIMPLIFIED = _FUSED | {"xla_disable_hlo_passes": "fusion"}
+SIMPLIFIED = _FUSED | {"xla_disable_hlo_passes": "fusion"}
 
 
 class Row(NamedTuple):
@@ -44,7 +44,7 @@ def four_bar() -> cj.Mechanism:
     return mechanism.with_clearance("crankpin", play).with_clearance("pivot", play)
 
 
-def friction() -> cj.Mechanism:
+def joint5_with_friction() -> cj.Mechanism:
     return cj.replace(joint5(), {"joint5.friction.coefficient": 0.3})
 
 
@@ -54,7 +54,7 @@ PROGRAMS: dict[str, tuple[Callable, str, dict[str, Any]]] = {
     "slider-crank, energy balance": (slider_crank, "wrist", {"energy_balance": True}),
     "slider-crank, Dopri8": (slider_crank, "wrist", {"solver": "dopri8"}),
     "four-bar": (four_bar, "knuckle", {}),
-    "joint 5, friction": (friction, "joint5", {}),
+    "joint 5, friction": (joint5_with_friction, "joint5", {}),
 }
 
 
@@ -70,7 +70,7 @@ def counted(program: str) -> Row:
 
     lowered = jax.jit(jax.vmap(lane)).lower(jnp.linspace(5e-5, 5e-4, LANES))
     texts = [lowered.as_text(dialect="hlo", debug_info=True)]
-    texts += [lowered.compile(compiler_options=options).as_text() for options in (_SIMPLIFIED, _FUSED)]
+    texts += [lowered.compile(compiler_options=options).as_text() for options in (SIMPLIFIED, _FUSED)]
     return Row(program, *(busiest_loop(text) / LANES for text in texts))
 
 

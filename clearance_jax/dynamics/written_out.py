@@ -215,7 +215,7 @@ class WrittenOut(Module, Frames):
             acceleration = frame.acceleration_at(centre)
             if extra is not None:
                 acceleration = add(acceleration, extra.at(body.name, centre))
-            force = scale(body.mass, subtract(self.mechanism.gravity.vector, acceleration))
+            force = self._weight_and_inertia(body.mass, acceleration)
             moment = cross(subtract(centre, frame.pivot), force)
         if body.inertia is not None:
             inertia = inertia_of(body, frame)
@@ -223,6 +223,13 @@ class WrittenOut(Module, Frames):
             gyroscopic = cross(frame.spin, inertia.apply(frame.spin))
             moment = subtract(moment, add(inertia.apply(spin_rate), gyroscopic))
         return Wrench(force, moment)
+
+    def _weight_and_inertia(self, mass: Term, acceleration: Vector) -> Vector:
+        """M (g - a). Without gravity one change of sign serves all components."""
+        gravity = self.mechanism.gravity.vector
+        if absent(gravity):
+            return scale(minus(0.0, mass), acceleration)
+        return scale(mass, subtract(gravity, acceleration))
 
     def load_without_rotors(self, pairs, acceleration):
         load: list[Term] = [0.0] * self.count

@@ -10,46 +10,14 @@ and performance measurement. Multibody System Dynamics 16, 179-190. The referenc
 compare OpenSim with it (github.com/RehabEngGroup/MBSbenchmarksInOpenSim, help/images/4MBS_PlotResults.pdf).
 """
 
-import itertools
-
 import numpy as np
 import pytest
 from places import REFERENCE
 
 import clearance_jax as cj
+from experiments.iftomm import bricard
 
 KNOWN = np.loadtxt(REFERENCE / "bricard_p3.csv", delimiter=",", skiprows=1, unpack=True)
-# A to F, where rods meet; the joint there turns about the axis.
-CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, -1, 0], [1, -1, 1], [0, -1, 1], [0, 0, 1]], float)
-AXES = "yzxyzx"
-
-
-def bricard(cut: int) -> cj.Mechanism:
-    """The loop closed by one of its joints, from 0 at A to 5 at F: the rods before it hang on the ground by A, those
-    after it by F. All frames lie along the world's axes at the start.
-    """
-    bodies, joints = [], []
-    for i, (a, b) in enumerate(itertools.pairwise(CORNERS)):
-        start, end = (a, b) if i < cut else (b, a)
-        # A rod has next to no inertia about itself.
-        inertia = np.where(a == b, 1 / 12, 1e-9)
-        bodies.append(cj.Body(f"rod{i}", 1.0, inertia.tolist(), cj.Position(*((end - start) / 2))))
-
-    def at(corner, i):
-        """A corner as rod i, or the ground, has it, which hangs on the corner nearer to the ground."""
-        return cj.Position(*(CORNERS[corner] - (CORNERS[i if i < cut else i + 1] if 0 <= i < 5 else 0.0)))
-
-    def named(i):
-        return f"rod{i}" if 0 <= i < 5 else "ground"
-
-    for i in range(cut):
-        joints.append(cj.Revolute(f"j{i}", named(i - 1), named(i), at(i, i - 1), axis=AXES[i]))
-    for i in range(5, cut, -1):
-        joints.append(cj.Revolute(f"j{i}", named(i), named(i - 1), at(i, i), axis=AXES[i]))
-    loop = cj.Revolute(f"j{cut}", named(cut - 1), named(cut), at(cut, cut - 1), at(cut, cut), axis=AXES[cut])
-    p3 = 1 if cut >= 2 else 2
-    points = (cj.Point("P3", f"rod{p3}", at(2, p3)),)
-    return cj.Mechanism(tuple(bodies), tuple(joints), (loop,), points=points, gravity=cj.Gravity(y=-9.81))
 
 
 @pytest.mark.parametrize("cut", [5, 3])

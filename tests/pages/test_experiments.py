@@ -15,8 +15,10 @@ from experiments import (
     forward_dynamics,
     gpu,
     hard_cases,
+    needs,
     paper_sweeps,
     publish,
+    published,
     quasi_static,
     robots,
     scalar,
@@ -122,6 +124,35 @@ def test_batches():
 
 def test_lanes_beside_scalar_c():
     assert scalar.main(quick=True) <= 1e-4
+
+
+def test_what_a_scene_does_not_have_costs_nothing():
+    rows = needs.main(quick=True)
+    whole, *others = rows
+    assert [row.removed for row in others] == list(needs.OF_ALL)
+    assert all(row.states <= whole.states and row.attempt < whole.attempt for row in others)
+    of_field = {row.removed: row.field for row in others}
+    for removed in ("friction", "a clearance", "gravity", "energy balance"):
+        assert of_field[removed] < whole.field
+    assert needs.not_lower(rows) == []
+    # A row that costs as much as the whole scene is found.
+    assert needs.not_lower([whole, whole._replace(removed="gravity")])
+
+
+def test_published_numbers_and_other_programs():
+    peers, numbers, problems = published.main(quick=True)
+    assert [number.verdict for number in numbers] == ["agrees"] * len(numbers)
+    assert numbers[0]._replace(ours=numbers[0].ours * 1.001).verdict == "differs"
+    assert [problem.verdict for problem in problems] == ["agrees"]
+    # Whatever of the other programs is installed.
+    exudyn = [peer.position for peer in peers if peer.program == "Exudyn"]
+    assert exudyn == [] or (exudyn[-1] < 1e-8 and exudyn[-1] < 0.1 * exudyn[0])
+    assert all(peer.position < 2e-6 for peer in peers if peer.program == "MuJoCo")
+
+
+def test_a_program_that_is_not_installed_is_left_out(capsys):
+    assert not published.is_installed("no_such_program")
+    assert "no_such_program is not installed" in capsys.readouterr().out
 
 
 def test_robots_against_newton_and_euler():
