@@ -24,7 +24,9 @@ def amplified(
     """
     start = problem.start(p)
     truth = dop853(problem, t, p, limit=limit)
-    changes = np.diag(units) if len(units) <= MOST else units * np.random.default_rng(0).choice([-1, 1], (3, len(units)))
+    changes = (
+        np.diag(units) if len(units) <= MOST else units * np.random.default_rng(0).choice([-1, 1], (3, len(units)))
+    )
     largest = 1.0
     for change in CHANGE * changes:
         moved = problem._replace(start=lambda _, change=change: start + change)

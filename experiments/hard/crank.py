@@ -21,7 +21,9 @@ PROBLEM = PROBLEMS["slider_crank"]
 def truth_of(t: np.ndarray, p: np.ndarray) -> tuple[Solution, float]:
     """The reference and its amplification; its longest step is as the crank's speed allows."""
     scale = PROBLEM.scale(p)
-    return amplified(PROBLEM, t, p, np.array([p[CLEARANCE] / p[LENGTH], p[CLEARANCE], scale[2], scale[3]]), np.asarray, 1e-3 / p[LAW])
+    return amplified(
+        PROBLEM, t, p, np.array([p[CLEARANCE] / p[LENGTH], p[CLEARANCE], scale[2], scale[3]]), np.asarray, 1e-3 / p[LAW]
+    )
 
 
 def frame(t: np.ndarray, speed: float) -> Callable:

@@ -1,6 +1,6 @@
 """Several pins at once in the plane. Reference: Newton's and Euler's laws of every body, switchings located."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 

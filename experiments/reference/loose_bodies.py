@@ -155,18 +155,14 @@ def loose_margins(mode, signals, p):
 def loose_mode_after(mode, which, signals, p):
     out, k = mode.copy(), MODE * (which // MARGINS)
     one = (mode[k], mode[k + 1], mode[k + 2])
-    out[k], out[k + 1], out[k + 2] = mode_after(
-        one, which % MARGINS, (signals[k], signals[k + 1], signals[k + 2]), p
-    )
+    out[k], out[k + 1], out[k + 2] = mode_after(one, which % MARGINS, (signals[k], signals[k + 1], signals[k + 2]), p)
     return out
 
 
 # ---- scenes ----------------------------------------------------------------------------------------------------------
 
 
-def parameters(
-    law: list[float], bodies: list[Body], pins: list[Pin], spring: tuple[float, ...] = (0.0,) * 7
-) -> Array:
+def parameters(law: list[float], bodies: list[Body], pins: list[Pin], spring: tuple[float, ...] = (0.0,) * 7) -> Array:
     """The numbers of a scene; `law`: the first eight of `problems`."""
 
     def from_centre(body, point):
