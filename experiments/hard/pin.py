@@ -138,8 +138,10 @@ def deep_overlap(quick: bool) -> Row:
 def bouncing(quick: bool) -> Row:
     impacts, clearance = (5 if quick else 1000), 1e-3
     m = pin(laws.Hertz(HERTZ), clearance)
-    # From the centre the pin falls through the clearance and comes back: one impact every 2 sqrt(2 c / g).
-    end = 2 * np.sqrt(2 * clearance / GRAVITY) * (impacts + 0.25)
+    # From the centre the pin falls through the clearance and comes back; Hertz's impact lasts 2.943 d / v.
+    speed = np.sqrt(2 * GRAVITY * clearance)
+    deepest = (5 * MASS * speed**2 / (4 * HERTZ)) ** 0.4
+    end = (2 * speed / GRAVITY + 2.943 * deepest / speed) * (impacts + 0.25)
     counts = []
 
     def drift(solution):
