@@ -15,7 +15,7 @@ def arm() -> cj.Mechanism:
     robot = cj.load_urdf(SCENES / "six_axes.urdf", end_effector="tcp")
     posture = {"axis_1": 0.0, "axis_2": 0.5, "axis_3": 1.0, "axis_4": 0.0, "axis_5": 0.5, "axis_6": 0.0}
     drives = {name: cj.drives.Constant(value) for name, value in posture.items()}
-    robot = robot.with_drives(drives | {"finger_left": cj.drives.Constant(0.0)})
+    robot = robot.with_drives(drives | {finger: cj.drives.Constant(0.0) for finger in ("finger_left", "finger_right")})
     for name in posture:
         robot = robot.with_clearance(name, **SLEEVE)
     return robot
