@@ -90,7 +90,7 @@ def folded(quick: bool) -> Row:
     p = slider_crank_parameters(2e-4)
     p[RADIUS] = p[LENGTH] = 0.1
     p[LAW] /= 5
-    t = np.linspace(0, 0.02 if quick else 0.06, 201)
+    t = np.linspace(0, 0.01 if quick else 0.02, 201)
     values = {
         "drive.main.speed": p[LAW],
         "crankpin.at_parent.x": p[RADIUS],
@@ -99,7 +99,7 @@ def folded(quick: bool) -> Row:
         "guide.position": p[RADIUS] + p[LENGTH],
     }
     return against_located(
-        "a singular pose: crank as long as conrod", with_values(p, values), p, t, "folded at 90 deg and 270 deg"
+        "a singular pose: crank as long as conrod", with_values(p, values), p, t, "folds at 90 deg, after 15 ms"
     )
 
 
@@ -129,7 +129,7 @@ def many_clearances(quick: bool) -> Row:
     clearances = np.linspace(0.05e-3, 0.5e-3, 10 if quick else 200)
     t = np.linspace(0, 12e-3, 101)
     mechanism = slider_crank()
-    truths, amplifications = zip(*(truth_of(t, slider_crank_parameters(c)) for c in clearances), strict=True)
+    truths = [dop853(PROBLEM, t, slider_crank_parameters(c)) for c in clearances]
     at_middle: list[np.ndarray] = []
 
     def solve(rtol):
@@ -143,9 +143,7 @@ def many_clearances(quick: bool) -> Row:
         return Solved(solution, float(errors.max()))
 
     counts = [len(truth.switchings) for truth in truths]
-    row = examine(
-        f"{clearances.size} clearances, 0.05 to 0.5 mm (batch)", 4, solve, "", amplification=max(amplifications)
-    )
+    row = examine(f"{clearances.size} clearances, 0.05 to 0.5 mm (batch)", 4, solve, "")
     middle = at_middle[1]
     said = (
         f"{min(counts)} to {max(counts)} switchings, each against its own reference; at rtol {row.rtols[1]:g} the "
