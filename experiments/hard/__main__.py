@@ -39,11 +39,20 @@ def main(quick: bool = False, cases: Sequence = CASES) -> list[Row]:
     return rows
 
 
-def cells(row: Row) -> list[str | int]:
+def cells(row: Row) -> list[str]:
     at = "" if row.rtols == RTOLS else f"rtol {', '.join(f'{rtol:g}' for rtol in row.rtols)}; "
     passed = "NOT PASSED: " + "; ".join(row.broken) if row.broken else "yes"
     errors = [f"{e:.1e}" for e in row.errors]
-    return [row.case, row.states, row.steps, *errors, f"{row.energy:.1e}", row.result, passed, at + row.remark]
+    return [
+        row.case,
+        str(row.states),
+        str(row.steps),
+        *errors,
+        f"{row.energy:.1e}",
+        row.result,
+        passed,
+        at + row.remark,
+    ]
 
 
 def summary(rows: Sequence[Row]) -> str:
