@@ -68,19 +68,19 @@ def dop853_step(field, mode, inside, t, y, h, p, size):
 
 
 @njit
-def margin_at(field, signals, mode, inside, t, y, h, p, size, which):
+def margin_at(field, signals, margins, mode, inside, t, y, h, p, size, which):
     """One margin at t + h."""
     new, _ = dop853_step(field, mode, inside, t, y, h, p, size)
     return margins(mode, signals(t + h, new, p), p)[which]
 
 
 @njit
-def dip(field, signals, mode, inside, t, y, low, high, p, size, which):
+def dip(field, signals, margins, mode, inside, t, y, low, high, p, size, which):
     """Golden section for a negative margin between two positive ones; returns where one was found, or -1."""
     ratio = (np.sqrt(5.0) - 1) / 2
     a, b = high - ratio * (high - low), low + ratio * (high - low)
-    fa = margin_at(field, signals, mode, inside, t, y, a, p, size, which)
-    fb = margin_at(field, signals, mode, inside, t, y, b, p, size, which)
+    fa = margin_at(field, signals, margins, mode, inside, t, y, a, p, size, which)
+    fb = margin_at(field, signals, margins, mode, inside, t, y, b, p, size, which)
     for _ in range(40):
         if fa < 0:
             return a
@@ -89,22 +89,22 @@ def dip(field, signals, mode, inside, t, y, low, high, p, size, which):
         if fa < fb:
             high, b, fb = b, a, fa
             a = high - ratio * (high - low)
-            fa = margin_at(field, signals, mode, inside, t, y, a, p, size, which)
+            fa = margin_at(field, signals, margins, mode, inside, t, y, a, p, size, which)
         else:
             low, a, fa = a, b, fb
             b = low + ratio * (high - low)
-            fb = margin_at(field, signals, mode, inside, t, y, b, p, size, which)
+            fb = margin_at(field, signals, margins, mode, inside, t, y, b, p, size, which)
     return -1.0
 
 
 @njit
-def bisect(field, signals, mode, inside, t, y, low, high, p, size, which):
+def bisect(field, signals, margins, mode, inside, t, y, low, high, p, size, which):
     """Shortest step known to lie beyond the root of a margin, to the last bit of t + h."""
     while high - low > 1e-18:
         middle = 0.5 * (low + high)
         if middle <= low or middle >= high:
             break
-        if margin_at(field, signals, mode, inside, t, y, middle, p, size, which) < 0:
+        if margin_at(field, signals, margins, mode, inside, t, y, middle, p, size, which) < 0:
             high = middle
         else:
             low = middle
@@ -112,23 +112,24 @@ def bisect(field, signals, mode, inside, t, y, low, high, p, size, which):
 
 
 @njit
-def first_crossing(field, signals, mode, inside, t, y, h, p, size):
+def first_crossing(field, signals, margins, mode, inside, t, y, h, p, size):
     """(step to the first switching in (0, h], which margin), or (h, -1)."""
-    seen = np.empty((SAMPLES + 1, 4))
-    seen[0] = margins(mode, signals(t, y, p), p)
+    first = margins(mode, signals(t, y, p), p)
+    seen = np.empty((SAMPLES + 1, len(first)))
+    seen[0] = first
     for j in range(1, SAMPLES + 1):
         new, _ = dop853_step(field, mode, inside, t, y, h * j / SAMPLES, p, size)
         seen[j] = margins(mode, signals(t + h * j / SAMPLES, new, p), p)
         best, which = h, -1
-        for i in range(4):
+        for i in range(len(first)):
             low, high = h * (j - 1) / SAMPLES, -1.0
             if seen[j, i] < 0:
                 high = h * j / SAMPLES
             elif j > 1 and seen[j - 2, i] > seen[j - 1, i] and seen[j - 1, i] <= seen[j, i]:
                 low = h * (j - 2) / SAMPLES
-                high = dip(field, signals, mode, inside, t, y, low, h * j / SAMPLES, p, size, i)
+                high = dip(field, signals, margins, mode, inside, t, y, low, h * j / SAMPLES, p, size, i)
             if high > 0:
-                root = bisect(field, signals, mode, inside, t, y, low, high, p, size, i)
+                root = bisect(field, signals, margins, mode, inside, t, y, low, high, p, size, i)
                 if which < 0 or root < best:
                     best, which = root, i
         if which >= 0:
@@ -137,7 +138,7 @@ def first_crossing(field, signals, mode, inside, t, y, h, p, size):
 
 
 @njit
-def _dop853(field, signals, y, stops, p, size, limit):
+def _dop853(field, signals, mode_of, margins, mode_after, y, stops, p, size, limit):
     out = np.empty((len(stops), len(y)))
     log = [(stops[0], 0.0, 0.0)]
     t, out[0] = stops[0], y
@@ -154,7 +155,7 @@ def _dop853(field, signals, y, stops, p, size, limit):
                 continue
             # A step shortened to reach an output time says nothing against the longer step planned before it.
             proposal = max(trial * min(5.0, 0.9 * max(error, 1e-9) ** -0.125), h if last else 0.0)
-            found, which = first_crossing(field, signals, mode, inside, t, y, trial, p, size)
+            found, which = first_crossing(field, signals, margins, mode, inside, t, y, trial, p, size)
             if which >= 0:
                 new, error = dop853_step(field, mode, inside, t, y, found, p, size)
                 if error > 1 and found > SHORTEST:
@@ -175,7 +176,7 @@ def dop853(problem: Problem, t: Array, p: Array, rtol: float = 1e-14, limit: flo
     """States at times t; `rtol` times the problem's scale is the error allowed per step, `limit` the longest step."""
     stops, wanted = stops_of(t, p, problem)
     size, limit = rtol * problem.scale(p), problem.step_limit if limit is None else limit
-    y, log, steps = _dop853(problem.field, problem.signals, problem.start(p), stops, p, size, limit)
+    y, log, steps = _dop853(problem.field, problem.signals, *problem.rules, problem.start(p), stops, p, size, limit)
     return Solution(y[wanted], log, steps)
 
 

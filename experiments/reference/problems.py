@@ -243,8 +243,13 @@ def joint5_start(p: Array) -> Array:
 # ---- as the integrators see them ------------------------------------------------------------------------------------
 
 
+ONE_PIN = (njit(mode_of), njit(margins), njit(mode_after))
+
+
 class Problem(NamedTuple):
-    """One mechanism. `field(mode, inside, t, y, p)` and `signals(t, y, p)` are compiled, their twins are not."""
+    """One mechanism. `field(mode, inside, t, y, p)` and `signals(t, y, p)` are compiled, their twins are not. `rules`:
+    the compiled `mode_of`, `margins` and `mode_after`; those above are for one pin.
+    """
 
     field: Callable[..., Any]
     signals: Callable[..., Any]
@@ -255,6 +260,7 @@ class Problem(NamedTuple):
     scale: Callable[[Array], Array]
     borders: Callable[[Array], Array]
     step_limit: float
+    rules: tuple[Callable[..., Any], ...] = ONE_PIN
 
 
 def slider_crank_scale(p: Array) -> Array:
