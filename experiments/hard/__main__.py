@@ -11,7 +11,7 @@ A case passes if at each of its tolerances
 - the error is at most 3000 rtol; or 10 A rtol, if that is more. A says by how much the scene amplifies a small change
   of its start (in units of the clearance and of the speed of the machine), measured on the reference. A scene with A
   above 1e7 is chaotic: its states are not compared;
-- the residual of the energy balance is at most 100 rtol (or 1e-12),
+- the residual of the energy balance is at most 10 rtol (or 1e-12),
 - the further conditions in its remark hold.
 
 "Steps" are those at the middle tolerance, "energy" is the residual at the tightest. What a case breaks stands in its

@@ -17,7 +17,7 @@ CHAOTIC = 1e7
 """A scene that amplifies a change by more than this has no states that mean anything at rtol 1e-8."""
 FLOOR = 1e-12
 """Errors and residuals below this are round-off: they need not fall with the tolerance."""
-ENERGY = 100.0
+ENERGY = 10.0
 """The residual of the energy balance may be so many rtol."""
 
 

@@ -27,14 +27,14 @@ from experiments import (
     wear_kills,
     work_precision,
 )
+from experiments.hard import __main__ as hard
+from experiments.hard import crank, pin, rubbing, several
+from experiments.hard.case import Solved, examine
 from experiments.work_precision.pictures import draw
 from experiments.work_precision.points import Point, cheapest
 
 # rtol, error of positions and time of made runs.
 RUNS = ((1e-3, 5e-5, 0.5), (1e-4, 2e-4, 1.0), (1e-5, 9e-5, 2.0), (1e-6, 1e-6, 3.0))
-from experiments.hard import __main__ as hard
-from experiments.hard import crank, pin, rubbing, several
-from experiments.hard.case import Solved, examine
 
 
 @pytest.fixture(autouse=True)
@@ -84,7 +84,7 @@ def test_work_precision(tmp_path, monkeypatch):
 
 
 def test_least_times_count_only_what_stays_within_the_bound():
-    runs = [Point("a", "b", rtol, error, *[0.0] * 3, 1, took, took) for rtol, error, took in RUNS]
+    runs = [Point("a", "b", rtol, error, 0.0, 0.0, 0.0, 1, took, took) for rtol, error, took in RUNS]
     best = cheapest(runs, 1e-4)
     assert best is not None
     # The run at 1e-3 was lucky: the next tighter one is worse than the bound.
