@@ -29,13 +29,15 @@ CASES = (*crank.CASES, *pin.CASES, *rubbing.CASES, *several.CASES, *space.CASES,
 
 
 def main(quick: bool = False, cases: Sequence = CASES) -> list[Row]:
-    rows = []
-    for case in cases:
-        rows.append(case(quick))
-        print(f"{rows[-1].case}: {rows[-1].errors}, {rows[-1].broken or 'passed'}", flush=True)
+    rows: list[Row] = []
     head = ("case", "states", "steps", *(f"error {k}" for k in (1, 2, 3)), "energy", "result", "passed", "remark")
-    table(head, [cells(row) for row in rows], output(f"hard{'_quick' if quick else ''}.md"))
-    say(summary(rows))
+    try:
+        for case in cases:
+            rows.append(case(quick))
+            print(f"{rows[-1].case}: {rows[-1].errors}, {rows[-1].broken or 'passed'}", flush=True)
+    finally:  # a case that raises, or an interruption, costs no other one
+        table(head, [cells(row) for row in rows], output(f"hard{'_quick' if quick else ''}.md"))
+        say(summary(rows))
     return rows
 
 

@@ -22,7 +22,7 @@ def arm() -> cj.Mechanism:
 
 
 def resting(quick: bool) -> Row:
-    robot, end = arm(), (0.01 if quick else 10.0)
+    robot, end = arm(), (0.01 if quick else 1.0)
     coordinates = robot.free_coordinates()
     sizes = np.array([float(c.play) for c in coordinates if c.play is not None])
 

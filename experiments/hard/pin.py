@@ -116,7 +116,17 @@ def chattering(quick: bool) -> Row:
 
 def grazing_throw(quick: bool) -> Row:
     """A throw whose top lies a nanometre beyond the wall: a millionth of the clearance."""
-    c, beyond = 1e-3, 1e-6
+    return _thrown(1e-6)
+
+
+def bare_touch(quick: bool) -> Row:
+    """A throw whose top lies a picometre beyond the wall: less than what a loose tolerance resolves."""
+    return _thrown(1e-9)
+
+
+def _thrown(beyond: float) -> Row:
+    """`beyond`: how far the top lies beyond the wall, in parts of the clearance."""
+    c = 1e-3
     up = float(np.sqrt(2 * GRAVITY * c * (1 + beyond)))
     scene = Scene(c, HERTZ, 2000.0, 1e-5, (0.0, 0.0, 0.0, up), 1e-4)
     end = 1.5 * up / GRAVITY
@@ -124,9 +134,10 @@ def grazing_throw(quick: bool) -> Row:
     for rtol in RTOLS:
         trace = cj.trace(m, end, y0=np.array(scene.start), save_at=11, **traced(rtol))
         counts.append(int(np.sum(np.diff((trace.y[:, 1] > c).astype(int)) == 1)))
-    said = f"top 1e-9 m beyond the wall; contacts seen: {', '.join(map(str, counts))} of 1"
-    checks = [("a contact as deep as rtol times the clearance is not seen", min(counts) == 1)]
-    return scene.examine("grazing throw", end, said, UPRIGHT, checks=checks)
+    said = f"top {c * beyond:.0e} m beyond the wall; contacts seen: {', '.join(map(str, counts))} of 1"
+    due = [count for count, rtol in zip(counts, RTOLS, strict=True) if beyond >= rtol]
+    checks = [("a contact as deep as rtol times the clearance is not seen", all(count == 1 for count in due))]
+    return scene.examine(f"grazing throw, {c * beyond:.0e} m deep", end, said, UPRIGHT, checks=checks)
 
 
 def deep_overlap(quick: bool) -> Row:
@@ -275,4 +286,4 @@ def lift_off(quick: bool) -> Row:
     )
 
 
-CASES = (plastic, chattering, grazing_throw, deep_overlap, bouncing, jumps, resting, slow_hour, lift_off)
+CASES = (plastic, chattering, grazing_throw, bare_touch, deep_overlap, bouncing, jumps, resting, slow_hour, lift_off)
