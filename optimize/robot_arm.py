@@ -17,7 +17,7 @@ from clearance_jax.design.evaluate import simulations_of
 from clearance_jax.design.scenarios import scenarios_of
 from clearance_jax.design.specification import Limit
 from clearance_jax.io.study import Study, load_study
-from clearance_jax.solve.settings import DYNAMICS
+from clearance_jax.solve.settings import DYNAMICS, QUASI_STATIC
 from experiments.common import output, table
 from experiments.publish import command, say
 
@@ -33,7 +33,8 @@ def changed(problem: ToleranceProblem, bound: float, quick: bool = False) -> Tol
     (limit,) = asked.limits
     conditions = dict(list(asked.conditions.items())[: 1 if quick else None])
     t1, limits = (0.1 if quick else 1.0) * asked.t1, [Limit(limit.metric, bound, limit.name)]
-    return ToleranceProblem(asked.mechanism, t1, asked.variables, limits, costs, conditions, **asked.options)
+    how = {**asked.options, "fidelity": QUASI_STATIC}
+    return ToleranceProblem(asked.mechanism, t1, asked.variables, limits, costs, conditions, **how)
 
 
 def dynamic_errors(problem: ToleranceProblem, design: Design) -> np.ndarray:
