@@ -75,20 +75,23 @@ WIDTHS = (0.3, 0.1, 0.03, 0.01, 0.003)
 RTOL = 1e-4
 
 
-# Friction laws by their names, and their speeds [m/s].
-FRICTION: dict[str, tuple[Any, float]] = {
-    "cubic": (laws.CubicCoulomb(0.3, 1e-2), 1e-2),
-    "adams": (laws.AdamsFriction(0.4, 0.3, 1e-2, 3e-2), 1e-2),
-    "threlfall": (laws.Threlfall(0.3, 1e-2), 1e-2),
-    "ambrosio": (laws.Ambrosio(0.3, 5e-3, 1e-2), 1e-2),
-    "bengisu-akay": (laws.BengisuAkay(0.4, 0.3, 1e-2, 5e-3), 1e-2),
-    "stribeck, p = 1": (laws.Stribeck(0.4, 0.3, 5e-3, 1e-2, 1.0), 1e-2),
-    "lugre": (laws.LuGre(0.4, 0.3, 1e-3, 1e4, 1.0), 1e-3),
-    "dahl": (laws.Dahl(0.3, 1e4), 1e-3),
-    "elasto-plastic": (laws.ElastoPlastic(0.4, 0.3, 1e-3, 1e4, 1.0), 1e-3),
-}
 LOAD, BLOCK, SPRING, END = 10.0, 1.0, 1e3, 0.4
 BASE_SPEED, BASE_RATE = 0.1, 20.0
+
+
+def friction_laws() -> dict[str, tuple[Any, float]]:
+    """Friction laws by their names, and their speeds [m/s]."""
+    return {
+        "cubic": (laws.CubicCoulomb(0.3, 1e-2), 1e-2),
+        "adams": (laws.AdamsFriction(0.4, 0.3, 1e-2, 3e-2), 1e-2),
+        "threlfall": (laws.Threlfall(0.3, 1e-2), 1e-2),
+        "ambrosio": (laws.Ambrosio(0.3, 5e-3, 1e-2), 5e-3),
+        "bengisu-akay": (laws.BengisuAkay(0.4, 0.3, 1e-2, 5e-3), 1e-2),
+        "stribeck, p = 1": (laws.Stribeck(0.4, 0.3, 5e-3, 1e-2, 1.0), 1e-2),
+        "lugre": (laws.LuGre(0.4, 0.3, 1e-3, 1e4, 1.0), 1e-3),
+        "dahl": (laws.Dahl(0.3, 1e4), 1e-3),
+        "elasto-plastic": (laws.ElastoPlastic(0.4, 0.3, 1e-3, 1e4, 1.0), 1e-3),
+    }
 
 
 class Impact(NamedTuple):
@@ -218,8 +221,9 @@ def friction(quick: bool) -> dict[str, float]:
     write("## Bias of friction without corners\n")
     widths, end = (WIDTHS[1:2], 0.1 * END) if quick else (WIDTHS, END)
     found, rows = {}, []
-    for name in ("threlfall", "dahl") if quick else FRICTION:
-        law, speed = FRICTION[name]
+    every = friction_laws()
+    for name in ("threlfall", "dahl") if quick else every:
+        law, speed = every[name]
         whole = rubbed(law, end)
 
         def bias(smooth, whole=whole):

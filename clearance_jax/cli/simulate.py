@@ -41,7 +41,7 @@ def simulate(
     ] = None,
     rtol: Annotated[float | None, typer.Option(help="Accuracy, e.g. 1e-8 (default: the scene's).")] = None,
     samples: Annotated[int | None, typer.Option(help="Number of output times.", min=2)] = None,
-    solver: Annotated[str | None, typer.Option(help="tsit5, dopri8 for rtol below 1e-8, or auto.")] = None,
+    solver: Annotated[str | None, typer.Option(help="tsit5, dopri8 for rtol of 1e-6 or less, or auto.")] = None,
     start: Annotated[str | None, typer.Option(help="Where pins start: centre, or settled at their walls.")] = None,
     fidelity: Annotated[
         str | None, typer.Option(help="The model of the motion: dynamics, or quasi-static (a pose at every instant).")

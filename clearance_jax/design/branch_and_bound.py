@@ -173,7 +173,6 @@ class BranchAndBound:
             point = self.program.at(lower)
             return point if point.feasible else None
         box = self.program.within(lower, upper)
-        before = len(box.history)
         said = self._relax(box, start[free])
         if said == INTERRUPTED:
             raise KeyboardInterrupt
@@ -181,8 +180,8 @@ class BranchAndBound:
             raise BudgetSpent
         if said:
             self._doubts.append(said)
-        # What was known before is no optimum.
-        if box.best is None or (said and not any(point.feasible for point in box.history[before:])):
+        # What the search did not ask for is no optimum.
+        if box.best is None or (said and not any(point.feasible for point in box.asked)):
             return None
         x = lower.copy()
         x[free] = box.best.x

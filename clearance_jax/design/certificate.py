@@ -73,17 +73,21 @@ class Certificate:
             f"{name} = {format_quantity(value, unit)}"
             for (name, unit), value in zip(self.names.items(), self.x, strict=True)
         )
-        verdict = "The limits hold" if self.holds else "THE LIMITS DO NOT HOLD"
+        greatest = self.worst <= 1e-6
+        verdict = "The limits hold" if greatest else "THE LIMITS DO NOT HOLD"
         met = f"meet it at {self.scale:.9f} times the design"
         if np.isnan(self.scale):
-            met = "meet no limit within their bounds" if self.holds else "hold at no size within their bounds"
+            met = "meet no limit within their bounds" if greatest else "hold at no size within their bounds"
         lines = [
             f"Certificate for {at}",
             f"  {verdict} in a fresh simulation ({self.solver}, rtol {self.rtol:.0e}): the closest is {self.limit}, at "
             f"{1 + self.worst:.9f} of its bound.",
         ]
         if self.least is not None:
-            lines.append(f"  With every clearance at the least of its class: {1 + self.least:.9f} of the bound.")
+            verdict = "the limits hold" if self.least <= 1e-6 else "THE LIMITS DO NOT HOLD"
+            lines.append(
+                f"  With every clearance at the least of its class {verdict}: {1 + self.least:.9f} of the bound."
+            )
         if not self.among:
             lines.append(f"  Scaled together, the clearances {met}.")
         spans = ", ".join(f"{a:.4g} to {b:.4g}" for a, b in self.islands) or "none"

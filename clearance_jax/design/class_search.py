@@ -93,7 +93,8 @@ def _refusal(design: Design, tightest: Evaluation, lists: Mapping[int, np.ndarra
         none = "no combination of the classes was found that holds every limit (searches failed, so there may be one)"
     if tightest.feasible:
         return (
-            f"{none} with all clearances at their least too. Choose classes with larger least clearances, or add some"
+            f"{none}. With all clearances at their least the tightest ones do not hold. Choose classes with larger "
+            "least clearances, or add some"
         )
     text = f"{none}: with the tightest of each, "
     text += f"{program.worst_violation(tightest)}. Without classes the design costs {cost}. "

@@ -8,6 +8,7 @@ import dataclasses
 from typing import NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -89,7 +90,8 @@ def _end_speed(spline: Spline, name: str, t0: float, t1: float) -> tuple[float, 
     if t1 <= times[-1] + hair:
         return end, False
     if np.ptp(values) > STILL * max(1.0, float(np.max(np.abs(values)))):
-        largest = max(abs(float(law(jnp.asarray(time))[1])) for time in times)
+        largest = float(jnp.max(jnp.abs(jax.vmap(law)(jnp.asarray(times))[1])))
+        largest = max(largest, float(np.max(np.abs(np.diff(values) / np.diff(times)))))
         if abs(end) > min(REST + ROUGH / (len(times) - 1) ** 3, MOST) * largest:
             raise ClearanceError(
                 f"the table of `{name}` ends at {times[-1]:.6g} s, before t1 = {t1:.6g} s, and not at rest: its speed "

@@ -80,6 +80,8 @@ class Program:
         if self._record is not None:
             self._record.ask({**(identity or {}), "variables": list(names), "limits": list(limit_names)})
         self.history: list[Evaluation] = []
+        self.asked: list[Evaluation] = []
+        """The points that were asked for, new ones and known ones."""
         self._known: dict[bytes, Evaluation] = {}
         self.evaluations = self.gradients = 0
         read = () if self._record is None else map(evaluation_of, self._record.records)
@@ -91,10 +93,11 @@ class Program:
         """The point at `x`, from memory where it is known."""
         x = np.clip(np.asarray(x, float), self.lower, self.upper)
         known = self._recall(x)
-        if known is not None and (known.gradient is not None or not gradient):
-            return known
-        self._spend()
-        return self._note(self._evaluate(x, gradient))
+        if known is None or (known.gradient is None and gradient):
+            self._spend()
+            known = self._note(self._evaluate(x, gradient))
+        self.asked.append(known)
+        return known
 
     def _recall(self, x: np.ndarray) -> Evaluation | None:
         """What is known of a point, to round-off: logarithms and bounds give the same one with other last digits.

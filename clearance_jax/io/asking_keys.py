@@ -21,7 +21,7 @@ SOLVING = Keys(
         ),
         Word(
             "solver",
-            "the solver: `dopri8` for rtol below 1e-8, or `auto`, which chooses by the scene and by rtol",
+            "the solver: `dopri8` for rtol of 1e-6 or less, or `auto`, which chooses by rtol",
             '"dopri8"',
             allowed=SOLVER_WORDS,
             absent="tsit5",

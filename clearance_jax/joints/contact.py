@@ -120,8 +120,8 @@ class Action(NamedTuple):
 
 
 def carry(rates: Memory, memory: Memory, turning: Vector | None) -> Memory:
-    """The rates of vectors, component by component, that a plane carries with it as it turns [rad/s]; as they are where
-    nothing is said of it.
+    """The rates of vectors, component by component, that a plane carries with it while it turns [rad/s]; unchanged if
+    `turning` is `None`.
     """
     if turning is None:
         return rates

@@ -2,6 +2,7 @@
 
 import abc
 import functools
+import itertools
 import operator
 from collections.abc import Callable
 from typing import Any, ClassVar, NamedTuple
@@ -18,7 +19,7 @@ from clearance_jax._types import Flag, Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.laws._base import AbstractLaw, Bristles, Memory, Slip, Smoothness, Touch
 from clearance_jax.laws.geometry import Geometry, Local
-from clearance_jax.parameters import flatten, physical
+from clearance_jax.parameters import Demand, flatten, physical
 
 
 class Kink(NamedTuple):
@@ -47,12 +48,15 @@ class AbstractFrictionLaw(AbstractLaw):
         """The law with two continuous derivatives: every corner of its curve is rounded over the `width` [m/s] on
         either side of it, and nothing changes elsewhere. A law of class C2 has no corner and is returned as it is.
 
-        **Arguments:** `width`; by default so that no coefficient changes by more than `rtol` of the largest.
+        **Arguments:** `width`; by default so that no coefficient changes by more than `rtol` > 0 of the largest.
 
-        **Raises:** `ClearanceError` for a law that does not tell its corners.
+        **Raises:** `ClearanceError` for a law that does not tell its corners, and for a width so large that corners
+        meet.
         """
         if self.smoothness == "C2":
             return self
+        if width is None and isinstance(rtol, (int, float)) and not rtol > 0:
+            raise ClearanceError(f"`rtol` must be above 0, but it is {rtol:g}: a corner is rounded over some width.")
         kinks = self.kinks()
         if not kinks:
             name = type(self).__name__
@@ -213,6 +217,12 @@ class SmoothedFriction(AbstractModifiedFriction):
     width: Scalar = physical("m/s", above=0.0)
     smoothness: ClassVar[Smoothness] = "C2"
 
+    def demands(self):
+        speeds = [kink.speed for kink in self.law.kinks()]
+        most = functools.reduce(jnp.minimum, [_room(low, high) for low, high in itertools.pairwise([None, *speeds])])
+        words = "must be at most {:g} m/s: the next corner of the law is as near as that".format
+        yield Demand("width", self.width <= most, lambda: words(most))
+
     def traction(self, constants, slip, normal_force, memory):
         whole = self.law.traction(constants, slip, normal_force, memory)
         rounded = along_slip(lambda v: -normal_force * (self._round(v) - self._round(-v)), slip)
@@ -233,6 +243,13 @@ class SmoothedFriction(AbstractModifiedFriction):
         return (*super().event_functions(constants, slip, normal_force, memory), *ends)
 
 
+def _room(low: Scalar | float | None, high: Scalar | float) -> Scalar:
+    """The largest width of two corners at successive speeds; of the first one (`None` before it) and of its image."""
+    if low is None:
+        return jnp.where(jnp.asarray(high) > 0, high, jnp.inf)
+    return 0.5 * (jnp.asarray(high) - low)
+
+
 def smooth_speed(kinks: tuple[Kink, ...], rtol: Any) -> Any:
     """The width w [m/s] over which rounded corners change no coefficient by more than `rtol` of the largest: a jump j
     of the slope changes it by 3/16 j w, one of the curvature k by less than 0.011 k w^2.
@@ -244,5 +261,7 @@ def smooth_speed(kinks: tuple[Kink, ...], rtol: Any) -> Any:
         slope, curvature = 3 / 16 * jnp.abs(kink.slope), 0.011 * jnp.abs(kink.curvature)
         # The root of slope w + curvature w^2 = room; any, where nothing jumps.
         divisor = slope + safe_sqrt(slope**2 + 4 * curvature * room)
-        widths.append(jnp.where(divisor > 0, 2 * room / jnp.where(divisor > 0, divisor, 1.0), 1.0))
+        widths.append(jnp.where(slope + curvature > 0, 2 * room / jnp.where(divisor > 0, divisor, 1.0), jnp.inf))
+    speeds = [kink.speed for kink in kinks]
+    widths += [_room(low, high) for low, high in itertools.pairwise([None, *speeds])]
     return functools.reduce(jnp.minimum, widths)

@@ -216,18 +216,21 @@ class HeldSpline(AbstractMotionLaw):
     def prepare(self):
         own = self.table
         curvature = spline_curvature(own.times, own.values, own.ends, self.end_speed)
-        return PreparedHeldSpline(PreparedSpline(own.times, own.values, curvature))
+        return PreparedHeldSpline(PreparedSpline(own.times, own.values, curvature), self.end_speed)
 
 
 class PreparedHeldSpline(AbstractMotionLaw):
     """A spline that keeps its last value after its table: what a solve evaluates of a `HeldSpline`."""
 
     table: PreparedSpline = flatten()
+    end_speed: Scalar = physical("coordinate/s")
 
     def __call__(self, time):
         last = self.table.times[-1]
-        q, v, a = self.table(jnp.minimum(time, last))
-        before = time < last
+        # A table that does not come to rest ends with the motion: at its last instant, or round-off after it, it moves.
+        moves = self.end_speed != 0
+        q, v, a = self.table(jnp.where(moves, time, jnp.minimum(time, last)))
+        before = (time < last) | moves
         return jnp.where(before, q, self.table.values[-1]), jnp.where(before, v, 0.0), jnp.where(before, a, 0.0)
 
     def breaks(self):

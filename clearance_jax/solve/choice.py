@@ -1,4 +1,4 @@
-"""`solver="auto"`: the solver that a scene and a tolerance call for.
+"""`solver="auto"`: the solver that a tolerance calls for, in a kind of scene.
 
 The rule follows what docs/benchmarks/work_precision.md measures: the solver of order eight takes longer steps, and wins
 below a tolerance that depends on what limits the steps of a scene.
@@ -17,7 +17,7 @@ LOW, HIGH = "tsit5", "dopri8"
 SMOOTH, PLANE, SPACE = "without play", "plane", "space"
 LIMITS = {SMOOTH: 1e-6, PLANE: 1e-6, SPACE: 1e-6}
 """By kind of scene the largest rtol at which the solver of order eight is chosen. Near it the two take about the same
-time for the same error. The page has no scene without play: that limit is the plane's."""
+time for the same error. The page found the same limit in the plane and in space; it has no scene without play."""
 
 
 def kind_of(model: Any) -> str:

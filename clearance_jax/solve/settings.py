@@ -43,7 +43,7 @@ class SolveOptions(TypedDict, total=False):
     - `rtol`: the relative accuracy (1e-8). Absolute tolerances follow from it and from the lengths and speeds of the
       scene.
     - `atol`: absolute tolerances in their place, one number for each state component `[q, v, memory]`, shape (n,).
-    - `solver`: "tsit5", "dopri8" (for rtol below 1e-8), "auto" (one of the two, by the scene and by `rtol`; whatever
+    - `solver`: "tsit5", "dopri8" (for rtol of 1e-6 or less), "auto" (one of the two, by `rtol`; whatever
       is kept of the solve names the one that was chosen), or an explicit Runge-Kutta solver of diffrax.
     - `y0`: start from this state, shape (n,), instead of the mechanism's initial one.
     - `start`: "centre": every pin starts in the middle of its sleeve (or at its `eccentricity`), and falls to the wall;

@@ -39,7 +39,7 @@ def simulate(mechanism: Mechanism, t1: Any, *, throw: bool = True, **options: Un
     - `save_at`: number of samples at equal distances in time (both ends included), or an array of times [s] of shape
       (samples,); `None`: only the end.
     - `rtol`: the relative accuracy. Absolute tolerances follow from it and from the lengths and speeds of the scene.
-    - `solver`: "tsit5", "dopri8" (for rtol below 1e-8), "auto" (one of the two, by the scene and by `rtol`), or an
+    - `solver`: "tsit5", "dopri8" (for rtol of 1e-6 or less), "auto" (one of the two, by `rtol`), or an
       explicit Runge-Kutta solver of diffrax.
     - `throw`: raise an error if the solve fails. Inside jit or vmap nothing is raised: see `Solution.code`.
     - `atol`, `y0`, `start`, `locate_events`, `energy_balance` (true here), `derivatives`, `max_steps`, `fidelity`: see

@@ -49,7 +49,7 @@ class AbstractBristles(AbstractFrictionLaw):
 
     def smoothed(self, width: Any = None, *, rtol: Any = 1e-6, speed: Any = 1e-3) -> "SmoothedBristles":
         """The law with |v| in the rate of its bristles rounded over the `width` [m/s] about zero slip. A pin under load
-        creeps then, at less than 3/8 of the width; faster than the width the law is as it was.
+        creeps then, slower than the width; faster than the width the law is as it was.
 
         **Arguments:** `width`; by default `rtol` times the `speed` [m/s] of a usual slip.
         """
@@ -95,7 +95,8 @@ class AbstractLuGre(AbstractBristles):
 
 
 class SmoothedBristles(AbstractModifiedFriction):
-    """A `law` whose bristles have |v| + (w - |v|)^3 (3 w + |v|) / (8 w^3) in the place of |v| for |v| < w.
+    """A `law` whose bristles have r(v) = |v| + (w - |v|)^3 (3 w + |v|) / (8 w^3) in the place of |v| for |v| < w;
+    `ElastoPlastic` (v_z + r(v_z)) / 2 in the place of max(0, v_z).
 
     **Arguments:** `law`; `width` w [m/s] > 0. `law.smoothed()` chooses one.
     """

@@ -52,7 +52,8 @@ class AdamsFriction(AbstractFrictionLaw):
     def kinks(self):
         static, slow, fast = self.static_coefficient, self.stiction_speed, self.transition_speed
         fall = 6 * (self.dynamic_coefficient - static) / (fast - slow) ** 2
-        return Kink(slow, static, 0.0, fall + 3 * static / slow**2), Kink(fast, static, 0.0, fall)
+        most = jnp.maximum(static, self.dynamic_coefficient)
+        return Kink(slow, most, 0.0, fall + 3 * static / slow**2), Kink(fast, most, 0.0, fall)
 
     def event_functions(self, constants, slip, normal_force, memory):
         return outside(slip, self.stiction_speed), outside(slip, self.transition_speed)
@@ -149,7 +150,8 @@ class BengisuAkay(AbstractFrictionLaw):
     def kinks(self):
         static, fast, decay = self.static_coefficient, self.transition_speed, self.decay_speed
         fall, bend = static - self.dynamic_coefficient, 2 * static / fast**2
-        return Kink(0.0, static, 0.0, -bend), Kink(fast, static, -fall / decay, fall / decay**2 + bend)
+        most = jnp.maximum(static, self.dynamic_coefficient)
+        return Kink(0.0, most, 0.0, -bend), Kink(fast, most, -fall / decay, fall / decay**2 + bend)
 
     def event_functions(self, constants, slip, normal_force, memory):
         return (outside(slip, self.transition_speed),)
