@@ -22,6 +22,9 @@ _FLAGS = {
     _WHOLE_LOOPS: f"--xla_backend_extra_options={_WHOLE_LOOPS}=100000000",
     _WIDE_VECTORS: f"--{_WIDE_VECTORS}=512",
 }
+# XLA's threads. A kernel of LAPACK for many matrices shares its work among them, and the program that asked for it
+# holds one of them meanwhile: as many programs side by side as there are threads wait for each other for ever.
+_THREADS = "PJRT_NPROC"
 
 
 def configure(*, cache: bool | str | Path = False) -> None:
@@ -51,6 +54,8 @@ def configure(*, cache: bool | str | Path = False) -> None:
                 f'or set the environment variable XLA_FLAGS="{" ".join(wanted)}".'
             )
         os.environ["XLA_FLAGS"] = " ".join([flags, *wanted]).strip()
+    if not xla_bridge.backends_are_initialized() and "NPROC" not in os.environ:
+        os.environ.setdefault(_THREADS, str(2 * (os.cpu_count() or 1)))
     folder = user_cache() if cache is True or not cache else Path(cache)
     if cache and "JAX_COMPILATION_CACHE_DIR" not in os.environ:
         jax.config.update("jax_compilation_cache_dir", str(folder))

@@ -16,6 +16,8 @@ FLAGS |= {"xla_cpu_use_fusion_emitters": "false"} if jax.__version_info__ < (0, 
 for flag, value in FLAGS.items():
     if flag not in os.environ.get("XLA_FLAGS", ""):
         os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --{flag}={value}".strip()
+# As `configure` sets it, before JAX starts.
+os.environ.setdefault("PJRT_NPROC", str(2 * (os.cpu_count() or 1)))
 # But for those marked `optimised`: they run longer than they compile, or count what the compiler computes twice.
 
 

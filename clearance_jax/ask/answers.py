@@ -1,4 +1,6 @@
-"""Answers to a question at points: one by one, as lanes, or on a cluster, by how many they are."""
+"""Answers to a question at points: one by one on every core, as lanes, or on a cluster, by how many they are."""
+
+from concurrent.futures import ThreadPoolExecutor
 
 import jax
 import numpy as np
@@ -7,6 +9,7 @@ from clearance_jax.ask.cluster import lanes_on
 from clearance_jax.ask.lanes import Columns, answer, lanes
 from clearance_jax.ask.place import HERE, Place
 from clearance_jax.ask.question import Answer, Question
+from clearance_jax.solve.batch import side_by_side, usual_cores
 
 # Up to so many points are answered one by one where lanes are not asked for: their program compiles sooner.
 FEW = 250
@@ -19,9 +22,28 @@ def answers(question: Question, points: Columns, place: Place = HERE) -> Answer:
         if place.client is None:
             return lanes(question, points, cores=place.cores)
         return lanes_on(place.client, question, points, place.cores or 1)
-    # Points of other names share the program of these.
-    found = [answer(question.at({name: column[i] for name, column in points.items()})) for i in range(count)]
+    found = _side_by_side(question, points, count, place.cores or usual_cores())
     return jax.tree.map(lambda *one: np.stack([np.asarray(x) for x in one]), *found)
+
+
+def _side_by_side(question: Question, points: Columns, count: int, cores: int) -> list[Answer]:
+    """The answers one by one, on every core."""
+
+    def at(i: int) -> Answer:
+        # Points of other names share the program of these.
+        numbers = {name: column[i] for name, column in points.items()}
+        return jax.block_until_ready(answer(question.at(numbers)))
+
+    # The first compiles for all.
+    first = at(0)
+    if count == 1 or cores == 1:
+        return [first, *map(at, range(1, count))]
+    with ThreadPoolExecutor(min(cores, side_by_side())) as pool:
+        try:
+            return [first, *pool.map(at, range(1, count))]
+        except BaseException:  # an interruption too: what has not begun is not to begin
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
 
 
 def as_lanes(count: int, place: Place) -> bool:

@@ -91,7 +91,7 @@ def batch(
     whatever the function raises. Ctrl-C stops the batch when the running chunks have ended.
     """
     leaves, count = _leaves(function, lanes)
-    cores, costs = _whole("cores", cores, usual_cores()), _costs(cost, count)
+    cores, costs = min(_whole("cores", cores, usual_cores()), side_by_side()), _costs(cost, count)
     chunk = _whole("chunk", chunk, chunk_on())
     started = time.perf_counter()
     work = _Work(function, leaves, jax.tree.structure(lanes), min(count, chunk), ready)
@@ -243,8 +243,17 @@ def _array(leaf: Any) -> np.ndarray:
 
 
 def cores_here() -> int:
-    """How many cores the process may use: of a machine that is shared often not all."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    """How many cores the process may use for programs side by side: of a machine that is shared often not all."""
+    here = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return min(here, side_by_side())
+
+
+def side_by_side() -> int:
+    """How many programs may run side by side on the CPU: fewer than XLA has threads, or kernels that share their work
+    among them wait for ever (see `configure`, which gives it more threads than there are cores).
+    """
+    threads = os.environ.get("PJRT_NPROC") or os.environ.get("NPROC") or os.cpu_count() or 1
+    return max(1, int(threads) - 1)
 
 
 def usual_cores() -> int:

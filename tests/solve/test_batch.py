@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import clearance_jax as cj
+from clearance_jax.solve.batch import cores_here, side_by_side
 from clearance_jax.solve.codes import Result
 from clearance_jax.solve.effort import count, effort
 from clearance_jax.solve.expected import as_numbers, cut, largest_of, pilots, sorted_lanes
@@ -309,3 +310,28 @@ def test_too_many_numbers_are_not_fitted():
     tried, others = np.arange(64), np.arange(64, 200)
     assert sorted_lanes(numbers, attempts, tried, others, 0.0, 32) is None
     assert sorted_lanes(numbers[:, :2], attempts, tried, others, 0.0, 32) is not None
+
+
+def test_programs_with_large_batches_of_lapack_end_side_by_side():
+    """Each of its kernels shares its work among XLA's threads, and waits for them: some must be left (it hung else)."""
+
+    def factors(c):
+        matrix = (2 + c) * jnp.eye(36) + 0.01
+
+        def once(_, x):
+            return 1e-3 * jnp.linalg.cholesky((1 + x) * matrix).sum()
+
+        return jax.lax.fori_loop(0, 50, once, c)
+
+    found = cj.batch(factors, jnp.linspace(0.0, 1.0, 4 * CHUNK), cores=2)
+    assert np.all(np.isfinite(np.asarray(found)))
+
+
+def test_fewer_programs_run_side_by_side_than_xla_has_threads(monkeypatch):
+    monkeypatch.setenv("PJRT_NPROC", "2")
+    assert (side_by_side(), cores_here()) == (1, 1)
+    reports: list[Any] = []
+    cj.batch(lambda c: 2 * c, jnp.arange(3.0 * CHUNK), cores=2, report=reports.append)
+    assert reports[0].cores == 1
+    monkeypatch.setenv("PJRT_NPROC", "9")
+    assert side_by_side() == 8
