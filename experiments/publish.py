@@ -102,7 +102,7 @@ def command(main: Callable, doc: str | None, quick: str = "a tiny version of eac
     given = parser.parse_args()
     if given.quick and given.save:
         parser.error("what a quick run finds is not worth publishing: give `--save` alone")
-    named = re.search(r"python -m ([\w.]+(?: \w+)?)`", doc)
+    named = re.search(r"python -m\s+([\w.]+(?: \w+)?)`", doc)
     if given.save:
         if not named:
             parser.error("the documentation of an experiment must name its command, `python -m ...`: it names the page")

@@ -63,6 +63,15 @@ def test_a_run_that_is_broken_off_leaves_what_it_found(tmp_path, monkeypatch):
     assert publish.UNENDED not in whole
 
 
+@pytest.mark.parametrize("gap", [" ", "\n"])
+def test_a_page_is_named_by_its_command_wherever_the_line_ends(tmp_path, monkeypatch, gap):
+    for name, value in {"PAGES": tmp_path, "found": [], "drawn": [], "pages": [], "commit": lambda: "abc"}.items():
+        monkeypatch.setattr(publish, name, value)
+    monkeypatch.setattr("sys.argv", ["some", "--save"])
+    publish.command(lambda quick: publish.say("first"), f"Some: `python -m{gap}experiments.some`.")
+    assert "first" in (tmp_path / "some.md").read_text(encoding="utf-8")
+
+
 def test_work_precision(tmp_path, monkeypatch):
     monkeypatch.setitem(work_precision.peers.PACKAGES, "Exudyn", "a_package_that_nobody_has")
     found = work_precision.main(quick=True)
