@@ -23,7 +23,7 @@ from clearance_jax.spatial import IDENTITY, ZERO, Rotation, Term, Vector, add, a
 # Iterations at most (some twenty are usual).
 MOST = 200
 # Parts of a step that a search tries, and iterations at its end, without springs. Fewer of both where Newton steps of
-# all joints follow (see `Near`): of a pose of three sleeves that is a quarter of the time.
+# all joints follow (see `Near`): of a pose of three sleeves that is about a fifth of the time.
 PARTS, LAST = 0.5 ** np.arange(12), 5
 FEWER_PARTS, FEWER_LAST = 0.5 ** np.array([0, 1, 3, 6]), 1
 # Loads begin where they press so deep (in parts of the play), and are by so much less each time as one is nearly borne.
