@@ -75,7 +75,8 @@ def batch(
     - `function`: takes one lane, a tree of numbers, and returns a tree of arrays: quantities, metrics, a whole
       `Solution`.
     - `lanes`: a tree of arrays of shape (N, ...): the first axis counts the lanes. The units are those of the function.
-    - `cores`: how many chunks run at the same time; by default all that this process may use, on a GPU one.
+    - `cores`: how many chunks run at the same time; by default all that this process may use, on a GPU one. They are
+      fewer than XLA's threads (`configure` gives it enough): a process without `configure` leaves one core free.
     - `chunk`: lanes of a chunk, by default 64. If JAX has a GPU, it is 65 536: there thousands of lanes take as long as
       one.
     - `cost`: how lanes are sorted, because lanes with equally many step attempts fill a chunk best. "learned": the
