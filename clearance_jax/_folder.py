@@ -3,15 +3,17 @@
 import contextlib
 import os
 import stat
-import tempfile
 from hashlib import blake2b
 from pathlib import Path
+from uuid import uuid4
 
 # Files of which the least recently used go when there are more bytes than this: some thousand programs.
 LARGEST = 1 << 30
 _MARK = b"clearance_jax program 1\n"
 _DIGEST = 32
 ENDING = ".program"
+# What a process that was killed while it wrote may leave.
+_PARTIAL = ".partial"
 # What JAX's own cache writes.
 _JAX_ENDINGS = "-cache", "-atime"
 
@@ -79,24 +81,28 @@ def read(folder: Path, name: str) -> bytes | None:
 
 
 def write(folder: Path, name: str, content: bytes, largest: int = LARGEST) -> bool:
-    """Keep this; whether that was possible. The file gets its name when it is whole."""
+    """Keep this; whether that was possible."""
     try:
         if not make_writable(folder):
             return False
-        with tempfile.NamedTemporaryFile(dir=folder, prefix=".", suffix=".partial", delete=False) as file:
-            try:
-                file.write(_MARK + _digest(name, content) + content)
-                file.close()
-                os.replace(file.name, folder / f"{name}{ENDING}")
-            except BaseException:
-                file.close()
-                with contextlib.suppress(OSError):
-                    os.unlink(file.name)
-                raise
+        write_whole(folder / f"{name}{ENDING}", _MARK + _digest(name, content) + content)
         _let_go(folder, largest)
         return True
     except OSError:
         return False
+
+
+def write_whole(path: Path, content: bytes, mode: int = 0o600) -> None:
+    """Write a file, which gets its name when it is whole. **Raises** `OSError` where that is not possible."""
+    part = path.with_name(f".{path.name}.{uuid4().hex}{_PARTIAL}")
+    try:
+        with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), "wb") as file:
+            file.write(content)
+        os.replace(part, path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            os.unlink(part)
+        raise
 
 
 def size(folder: Path, endings: tuple[str, ...] = (ENDING,)) -> tuple[int, int]:
@@ -110,7 +116,7 @@ def jax_size(folder: Path) -> tuple[int, int]:
     return size(folder, _JAX_ENDINGS[:1])[0], size(folder, _JAX_ENDINGS)[1]
 
 
-def clear(folder: Path, endings: tuple[str, ...] = (ENDING, ".partial")) -> int:
+def clear(folder: Path, endings: tuple[str, ...] = (ENDING, _PARTIAL)) -> int:
     """Remove every file with these endings, and nothing else; how many files cannot be removed."""
     left = 0
     for *_, path in _files(folder, endings):
@@ -123,7 +129,7 @@ def clear(folder: Path, endings: tuple[str, ...] = (ENDING, ".partial")) -> int:
 
 def jax_clear(folder: Path) -> int:
     """Remove what JAX's own cache keeps, and nothing else; how many files cannot be removed."""
-    return clear(folder, _JAX_ENDINGS)
+    return clear(folder, (*_JAX_ENDINGS, _PARTIAL))
 
 
 def _digest(name: str, content: bytes) -> bytes:

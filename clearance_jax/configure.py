@@ -7,6 +7,7 @@ import jax
 from jax._src import xla_bridge  # the only place that knows whether a backend has started
 
 from clearance_jax._folder import programs_in, user_cache
+from clearance_jax._jax_cache import use_whole_entries
 from clearance_jax._kept import keep_in
 from clearance_jax.errors import ClearanceError
 
@@ -40,7 +41,8 @@ def configure(*, cache: bool | str | Path = False) -> None:
       Programs of single solves, of their derivatives and of datasets are kept ready to run, in the folder `programs`
       below it: a second process only loads them. The environment variable CLEARANCE_KEPT=0 switches this off. All other
       programs go to JAX's own cache, in the same folder or where the environment variable JAX_COMPILATION_CACHE_DIR
-      says. `clearance cache` shows both caches, and `clearance cache --clear` empties them.
+      says. An entry is written whole or not at all, so that several processes may share a folder, and what cannot be
+      read is compiled anew. `clearance cache` shows both caches, and `clearance cache --clear` empties them.
 
     **Raises:** `ClearanceError` if JAX has started already without the setting.
     """
@@ -61,5 +63,6 @@ def configure(*, cache: bool | str | Path = False) -> None:
         jax.config.update("jax_compilation_cache_dir", str(folder))
     keep_in(programs_in(folder) if cache else None)
     if cache:
+        use_whole_entries()
         # However small: keeping a program costs 1 ms, and reading it half of what compiling takes.
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)

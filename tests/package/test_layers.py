@@ -40,6 +40,7 @@ ORDER = (
 LEAVES = {"_alike", "_frame", "_module", "_solo", "_types", "_numerics", "_once", "_sharing", "_version"}
 LEAVES |= {"errors", "extras", "configure", "units", "parameters", "_small_matrices"}
 LEAVES |= {"_code", "_folder", "_kept", "_library", "_patterns", "_remembered", "_structure", "_surroundings"}
+LEAVES |= {"_jax_cache"}
 # What runs on a device is `analysis` and all that it needs; `units` reads and writes for people.
 HOST_ONLY = {"xarray", "matplotlib", "PIL", "pint", "scipy", "typer", "rich", "tomllib", "jinja2", "xml", "defusedxml"}
 DEVICE_EXCEPT = {f"{PACKAGE}.units"}

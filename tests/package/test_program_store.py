@@ -22,6 +22,7 @@ from typer.testing import CliRunner
 import clearance_jax as cj
 from clearance_jax import _folder, _kept, _surroundings
 from clearance_jax._code import altered
+from clearance_jax._jax_cache import WholeEntries
 from clearance_jax._kept import keep_in, kept_jit
 from clearance_jax._structure import Reader, Untold, text
 from clearance_jax.cli.main import app
@@ -522,7 +523,7 @@ def test_the_command_shows_and_empties_what_is_kept(tmp_path, monkeypatch):
     programs = tmp_path / "clearance_jax" / "programs"
     _folder.write(programs, "one", bytes(3 << 20))
     (tmp_path / "jax").mkdir()
-    for name in ("jit_f-123-cache", "jit_f-123-atime", "a thesis.txt"):
+    for name in ("jit_f-123-cache", "jit_f-123-atime", ".jit_f-123-cache.0.partial", "a thesis.txt"):
         (tmp_path / "jax" / name).write_text("content")
     (programs / "mine.txt").write_text("of the user's")
     shown = CliRunner().invoke(app, ["cache"]).output
@@ -532,3 +533,65 @@ def test_the_command_shows_and_empties_what_is_kept(tmp_path, monkeypatch):
     assert [path.name for path in programs.iterdir()] == ["mine.txt"]
     assert [path.name for path in (tmp_path / "jax").iterdir()] == ["a thesis.txt"]
     assert f"{programs}: 0 programs" in CliRunner().invoke(app, ["cache"]).output
+
+
+# A process of its own, with JAX's cache in a folder: warnings are errors.
+CACHED = """
+import sys
+import clearance_jax as cj
+cj.configure(cache=sys.argv[1])
+import jax, jax.numpy as jnp
+from jax._src import monitoring
+hits = []
+monitoring.register_event_listener(lambda event, **_: hits.append(event))
+sys.stdin.readline()
+for power in range(int(sys.argv[2])):
+    jax.jit(lambda x: jnp.sin(x) ** power + power)(jnp.arange(3.0)).block_until_ready()
+print(hits.count("/jax/compilation_cache/cache_hits"), hits.count("/jax/compilation_cache/cache_misses"))
+"""
+
+
+def cached(folder, programs, count=1):
+    """What `count` processes that begin together say: how many programs each found in the folder, and compiled."""
+    env = {name: value for name, value in os.environ.items() if name != "JAX_COMPILATION_CACHE_DIR"}
+    call = [sys.executable, "-W", "error", "-c", CACHED, str(folder), str(programs)]
+    pipes = {name: subprocess.PIPE for name in ("stdin", "stdout", "stderr")}
+    began = [subprocess.Popen(call, text=True, env=env, **pipes) for _ in range(count)]
+    said = [process.communicate("go\n") for process in began]
+    assert not any(process.returncode for process in began), said
+    return [tuple(map(int, out.split())) for out, _ in said]
+
+
+def test_what_of_jaxs_cache_cannot_be_read_is_compiled_anew(tmp_path):
+    ((_, compiled),) = cached(tmp_path, 1)
+    entries = sorted(tmp_path.glob("*-cache"))
+    assert len(entries) == compiled > 0
+    whole = {path: path.read_bytes() for path in entries}
+    for path, content in whole.items():
+        path.write_bytes(content[: len(content) // 2])
+    assert cached(tmp_path, 1) == [(0, compiled)]
+    assert cached(tmp_path, 1) == [(compiled, 0)]
+    assert sorted(tmp_path.glob("*-cache")) == entries
+
+
+def test_two_processes_may_begin_together_with_an_empty_cache(tmp_path):
+    programs = 40
+    found = cached(tmp_path, programs, count=2)
+    assert all(hits + misses >= programs for hits, misses in found)
+    ((hits, misses),) = cached(tmp_path, programs)
+    assert misses == 0
+    assert len(list(tmp_path.glob("*-cache"))) == hits
+    assert not list(tmp_path.glob("*.partial"))
+
+
+def test_an_entry_gets_its_name_when_it_is_whole(tmp_path, monkeypatch):
+    seen = []
+    replace = os.replace
+    monkeypatch.setattr(os, "replace", lambda part, path: (seen.append(path.exists()), replace(part, path)))
+    WholeEntries(str(tmp_path), max_size=-1).put("key", b"content")
+    assert seen == [False]
+    assert [path.name for path in tmp_path.iterdir()] == ["key-cache"]
+    monkeypatch.setattr(os, "replace", lambda *_: (_ for _ in ()).throw(OSError("no space")))
+    with pytest.raises(OSError, match="no space"):
+        WholeEntries(str(tmp_path), max_size=-1).put("other", b"content")
+    assert [path.name for path in tmp_path.iterdir()] == ["key-cache"]

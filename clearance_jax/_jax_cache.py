@@ -1,0 +1,56 @@
+"""JAX's cache of compiled programs, made safe for several processes: an entry is written whole or not at all, and one
+that cannot be read is removed, so that its program is compiled anew.
+
+JAX writes an entry in place. Another process that reads it meanwhile, or after the writer was killed, gets half of it,
+warns, and does not write it again.
+"""
+
+import contextlib
+
+from jax._src import compilation_cache  # what makes JAX's cache, and how it packs its entries
+from jax._src import config as jax_config
+from jax._src.lru_cache import LRUCache
+
+from clearance_jax import _folder
+
+
+class WholeEntries(LRUCache):
+    """JAX's cache in a folder, of whole entries."""
+
+    def get(self, key: str) -> bytes | None:
+        """What was kept under a key; `None` where nothing was, or what was is not whole."""
+        packed = super().get(key)
+        if packed is not None:
+            try:
+                # Unpacking takes a fortieth of the time of loading. Its checksum tells what is whole.
+                compilation_cache.decompress_executable(packed)
+            except Exception:  # whatever the packer in use says of it
+                with contextlib.suppress(OSError):
+                    self._file(key).unlink(missing_ok=True)
+                return None
+        return packed
+
+    def put(self, key: str, value: bytes) -> None:
+        """Keep this under a key. A cache of limited size has a lock, which readers wait for."""
+        if self.eviction_enabled:
+            super().put(key, value)
+        elif not self._file(key).exists():
+            _folder.write_whole(self._file(key), value, 0o666)  # less the umask, as JAX does
+
+    def _file(self, key: str):
+        return self.path / f"{key}-cache"
+
+
+def use_whole_entries() -> None:
+    """Let JAX's own cache be of whole entries from now on."""
+    compilation_cache.get_file_cache = _make
+    compilation_cache.reset_cache()
+
+
+def _make(path: str):
+    if "://" in path or jax_config.compilation_cache_check_contents.value:  # not a folder here; a cache of another kind
+        return _jaxs_own(path)
+    return WholeEntries(path, max_size=jax_config.compilation_cache_max_size.value), path
+
+
+_jaxs_own = compilation_cache.get_file_cache
