@@ -19,6 +19,8 @@ _FACTOR = rf"{_SYMBOL}{_POWER}"
 _PRODUCT = rf"{_FACTOR}(?:\s*[*/·\s]\s*{_FACTOR})*"
 _GROUP = rf"(?:{_FACTOR}|\(\s*{_PRODUCT}\s*\))"
 _UNIT = rf"(?:1\s*/\s*)?{_GROUP}(?:\s*[*/·\s]\s*{_GROUP})*"
+# Half of the world writes 0,1 for a tenth, or 1,000 for a thousand: which of the two, nobody can tell.
+_COMMA = re.compile(r"\s*([+-]?\d+,\d+(?:[eE][+-]?\d+)?)")
 _QUANTITY = re.compile(rf"\s*({_NUMBER})\s*({_UNIT}|/\s*{_UNIT}|/\s*\(\s*{_NUMBER}\s*{_UNIT}\s*\))?\s*")
 
 ANGLES = ("radian", "degree", "turn", "revolution", "arc", "grade", "cycle")
@@ -44,6 +46,8 @@ def to_si(value: Any, unit: str, where: str) -> float:
     """
     if unit in ("", "1"):
         if isinstance(value, bool) or not isinstance(value, int | float):
+            if isinstance(value, str):
+                check_comma(value, where)
             raise ClearanceError(f"{where} must be a bare number, but it is {quote(value)}.")
         return _float(value, where)
     if isinstance(value, bool) or not isinstance(value, str):
@@ -98,6 +102,7 @@ def _check(value: str, unit: str, where: str) -> tuple[float, str]:
     """A quantity that pint may read, in the form NUMBER UNIT (or NUMBER / (NUMBER UNIT)): its number, and the rest."""
     if len(value) > LONGEST:
         raise ClearanceError(_unread(value, unit, where, f"longer than {LONGEST} characters"))
+    check_comma(value, where)
     match = _QUANTITY.fullmatch(" ".join(value.split()))  # one space at a time, or the pattern would try them all
     if match is None:
         lacks = "it lacks a number" if not re.search(r"\d", value) else "it must read NUMBER UNIT"
@@ -105,6 +110,15 @@ def _check(value: str, unit: str, where: str) -> tuple[float, str]:
     # pint would take a long row of digits for a whole number without end.
     number = _float(match[1].replace("_", ""), where)
     return number, (match[2] or "").replace("·", "*")
+
+
+def check_comma(text: str, where: str) -> None:
+    """Raise for a number with a comma at the beginning of a text."""
+    found = _COMMA.match(text)
+    if found is not None:
+        raise ClearanceError(
+            f"{where} has a comma in its number: {quote(text)}. Write a decimal point: {found[1].replace(',', '.')}."
+        )
 
 
 def _unread(value: str, unit: str, where: str, why: str) -> str:

@@ -180,7 +180,7 @@ BAD = {
         "`xyz` of <origin> must be written as plain decimal numbers, but it holds 'nan'",
     ),
     "an infinite place": (ORIGIN, '<origin xyz="1e999 0 0"/>', "must be finite and below 1e+100, but it holds '1e999'"),
-    "a comma": (ORIGIN, '<origin xyz="0,4 0 0"/>', "but it holds '0,4'"),
+    "a comma": (ORIGIN, '<origin xyz="0,4 0 0"/>', "has a comma in its number: '0,4'. Write a decimal point: 0.4"),
     "an underscore": (ORIGIN, '<origin xyz="1_0 0 0"/>', "but it holds '1_0'"),
     "foreign digits": (ORIGIN, '<origin xyz="٣ 0 0"/>', "plain decimal numbers"),
     "an expression": (ORIGIN, '<origin xyz="0.2*2 0 0"/>', "but it holds '0.2*2'"),

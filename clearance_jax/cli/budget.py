@@ -31,7 +31,7 @@ def say_budget(
     options = usual_end(lead, held) | scene.solve
     end = _end(scene_file, options, t1)
     check_covered(lead, {**options, "t1": end})
-    say_held(held, lead is None, end if lead is None and t1 is None else None)
+    say_held(held, lead is None, end if lead is None and t1 is None else None, driven)
     from clearance_jax.design.budget import error_budget
     from clearance_jax.design.specification import KNOWN
 

@@ -66,6 +66,8 @@ def _print_terms(mechanism) -> None:
 
     plan = layout(mechanism)
     console.print(f"[bold]{escape(mechanism.name)}[/bold]")
+    for note in mechanism.notes:
+        console.print(escape(note), highlight=False, soft_wrap=True)
     console.print(
         f"states: {plan.size} (positions and speeds of {', '.join(plan.positions) or 'nothing'}"
         + (f"; {plan.remembered} memory variables" if plan.remembered else "")

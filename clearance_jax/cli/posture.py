@@ -36,13 +36,31 @@ def undriven(mechanism: Any) -> tuple[str, ...]:
     )
 
 
-def say_held(names: tuple[str, ...], every: bool, seconds: float | None) -> None:
-    """Print that joints are held, for how long where nobody said that, and how they are driven instead."""
+def say_held(names: tuple[str, ...], every: bool, seconds: float | None, mechanism: Any) -> None:
+    """Print that joints are held, for how long where nobody said that, what is not, and how they are driven instead."""
     if not names:
         return
+    loose = _loose(mechanism, names)
     which = "No joint of this robot is driven" if every else f"Nothing drives {', '.join(names)}"
+    what = "what is not driven" if loose or not every else "each"
+    moving = f". {', '.join(loose)} cannot be held: what hangs on it moves freely, and falls" if loose else ""
     until = "" if seconds is None else f", for {seconds:g} s (`--t1` for another time)"
     say(
-        f"{which}: {'each' if every else 'what is not driven'} is held where it stands{until}. Drive joints by "
-        "`--trajectory FILE` (a CSV table of times and joint values), or by a scene with a table `[robot]`."
+        f"{which}: {what} is held where it stands{until}{moving}. Drive joints by `--trajectory FILE` (a CSV table of "
+        "times and joint values), or by a scene with a table `[robot]`."
+    )
+
+
+def _loose(mechanism: Any, held: tuple[str, ...]) -> tuple[str, ...]:
+    """The joints of a robot of which no drive or controller moves some coordinate, and that are not held: floating and
+    planar ones.
+    """
+    commanded = {reference.name for controller in mechanism.controllers for reference in controller.references}
+    return tuple(
+        joint.name
+        for joint in mechanism.joints
+        if any(
+            coordinate.play is None and coordinate.motion.is_free and coordinate.name not in {*commanded, *held}
+            for coordinate in joint.own_coordinates()
+        )
     )

@@ -77,7 +77,7 @@ def simulate(
     options = _options(scene_file, usual | scene.solve | {k: v for k, v in given.items() if v is not None})
     check_covered(lead, options)
     end = options.pop("t1")
-    say_held(held, lead is None, end if lead is None and t1 is None else None)
+    say_held(held, lead is None, end if lead is None and t1 is None else None, driven)
     with progress_bar() as bar, warnings.catch_warnings():
         warnings.simplefilter("ignore", EnergyWarning)  # said below, after the result
         task = bar.add_task("compiling and solving", total=1.0)

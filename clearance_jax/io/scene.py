@@ -15,7 +15,7 @@ from clearance_jax.io.scene_keys import BODY, COMPLIANCE, CONTROLLER, POINT, SCE
 from clearance_jax.io.scene_robot import NO_ROBOT, body_of, robot_of
 from clearance_jax.io.table import Table, naming
 from clearance_jax.io.trajectory import Trajectory, read_trajectory
-from clearance_jax.io.urdf import read_robot
+from clearance_jax.io.urdf import read_robot, warn_of_notes
 from clearance_jax.mechanism.body import Body, Point, Spring
 from clearance_jax.mechanism.compliance import Compliance, with_compliance
 from clearance_jax.mechanism.controllers import ComputedTorque, Reference
@@ -39,7 +39,7 @@ class Scene(NamedTuple):
 
 
 def load_scene(path: str | Path) -> Scene:
-    """Read a scene file, and warn where its sizes are not to be believed.
+    """Read a scene file, and warn where its sizes are not to be believed and of what in its robot was not read.
 
     **Raises:** `ClearanceError` naming the file, the key and the fix.
     """
@@ -47,6 +47,7 @@ def load_scene(path: str | Path) -> Scene:
     said = implausible(scene.mechanism)
     if said:
         warnings.warn(f"{path}: {said}", ImplausibleWarning, stacklevel=2)
+    warn_of_notes(path, scene.mechanism)
     return scene
 
 
@@ -93,6 +94,7 @@ def _whole(top: Table, path: Path) -> tuple[Mechanism, Trajectory | None]:
         top.get("name") or path.stem,
         top.get("assemble"),
         tuple(_wrench(*part, path) for part in top.parts("wrench")),
+        notes=robot.notes,
     )
     trajectory = None
     if robot.trajectory is not None:

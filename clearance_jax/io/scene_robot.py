@@ -23,13 +23,14 @@ from clearance_jax.mechanism.tree import SLIDING, TURNING, AbstractJoint, Fixed,
 
 
 class Robot(NamedTuple):
-    """What a robot brings into a scene; `trajectory`: the file that drives it."""
+    """What a robot brings into a scene; `trajectory`: the file that drives it; `notes`: what of it was not read."""
 
     bodies: tuple[Body, ...] = ()
     joints: tuple[AbstractJoint, ...] = ()
     points: tuple[Point, ...] = ()
     gravity: Gravity | None = None
     trajectory: Path | None = None
+    notes: tuple[str, ...] = ()
 
 
 NO_ROBOT = Robot()
@@ -51,6 +52,7 @@ def robot_of(top: Table, path: Path) -> Robot:
         found.points,
         found.gravity,
         path.parent / table.get("trajectory") if table.has("trajectory") else None,
+        found.notes,
     )
 
 
@@ -63,7 +65,9 @@ def _joint(joint: AbstractJoint, values: Any, where: str, path: Path) -> Abstrac
     given, own = motion_of(table, path), joint.motion
     if given.drive is None:
         position = given.position if table.has("position") else own.position
-        given = dataclasses.replace(given, position=position, actuators=(*own.actuators, *given.actuators))
+        rotor = own.rotor_inertia if given.rotor_inertia is None else given.rotor_inertia
+        actuators = *own.actuators, *given.actuators
+        given = dataclasses.replace(given, position=position, actuators=actuators, rotor_inertia=rotor)
     motion = dataclasses.replace(given, limits=own.limits)
     return dataclasses.replace(joint, motion=motion, **play_of(kind, table, path, usual=True))
 

@@ -1,5 +1,6 @@
 """Robots from URDF files."""
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -36,9 +37,9 @@ def load_urdf(
     """The mechanism of a robot's URDF file.
 
     Links that are fixed to one another become one body, with the name of the first of them. Joints keep their names and
-    limits (`Motion.limits`, which do not bound the motion), and their damping and friction as actuators (for a planar
-    or floating joint along each of its motions, in N s/m along and N m s/rad about). A coordinate starts at zero, or in
-    the middle of its limits if zero is outside of them.
+    limits (`Motion.limits`, which do not bound the motion), and their springs, damping and friction as actuators (for a
+    planar or floating joint along each of its motions, in N s/m along and N m s/rad about). The rotors of motors become
+    `Motion.rotor_inertia`. A coordinate starts at zero, or in the middle of its limits if zero is outside of them.
 
     **Arguments:**
 
@@ -51,8 +52,22 @@ def load_urdf(
       itself.
 
     **Raises:** `ClearanceError` naming the file, the line, the element and the fix, for whatever is wrong or missing.
+
+    **Warns:** `NotReadWarning` of what in the file may be physics and was not read. The mechanism's `notes` say it too.
     """
-    return read_robot(path, base=base, gravity=gravity, end_effector=end_effector, mimic=mimic)[1]
+    mechanism = read_robot(path, base=base, gravity=gravity, end_effector=end_effector, mimic=mimic)[1]
+    warn_of_notes(path, mechanism)
+    return mechanism
+
+
+class NotReadWarning(UserWarning):
+    """A file holds what may be physics, and what was not read."""
+
+
+def warn_of_notes(path: str | Path, mechanism: Mechanism) -> None:
+    """Warn of what was not read in a mechanism's file."""
+    if mechanism.notes:
+        warnings.warn(f"{path}: {'; '.join(mechanism.notes)}", NotReadWarning, stacklevel=3)
 
 
 def read_robot(
@@ -137,6 +152,7 @@ def _mechanism(robot: Robot, free: bool, gravity: Gravity, asked: list[str] | No
         points=tuple(_point(whole, link, points[link], bodies) for link in links),
         gravity=gravity,
         name=robot.name,
+        notes=(f"not read: {', '.join(robot.unread)}",) if robot.unread else (),
     )
 
 

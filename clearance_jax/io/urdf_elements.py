@@ -1,7 +1,7 @@
 """Elements of a URDF file read one by one: their names, numbers and children, with messages that say where they stand.
 
-What a file holds beside the dynamics (pictures, collision shapes, plugins) is passed over; a word that is nearly one of
-those that are read is not, for then what was meant would be missing without a sign.
+What a file holds beside the dynamics (pictures, collision shapes, plugins) is passed over (`urdf_unread` says what
+else); a word that is nearly one of those that are read is not, for then what was meant would be missing without a sign.
 """
 
 import difflib
@@ -14,10 +14,11 @@ from clearance_jax.errors import ClearanceError, quote, suggest
 from clearance_jax.io.kinds import check_text
 from clearance_jax.io.urdf_parts import Triple
 from clearance_jax.io.xml_file import Element
+from clearance_jax.units import check_comma
 
 # What is read, and what else has its place there: children, and attributes.
 CHILDREN = {
-    "robot": ("link", "joint", "material", "transmission", "gazebo"),
+    "robot": ("link", "joint", "material", "transmission", "gazebo", "force_element"),
     "link": ("inertial", "visual", "collision"),
     "inertial": ("origin", "mass", "inertia"),
     "joint": (
@@ -28,6 +29,7 @@ CHILDREN = {
         "limit",
         "mimic",
         "dynamics",
+        "joint_properties",
         "calibration",
         "safety_controller",
     ),
@@ -42,9 +44,10 @@ ATTRIBUTES = {
     "parent": ("link",),
     "child": ("link",),
     "axis": ("xyz",),
-    "limit": ("lower", "upper", "velocity", "effort"),
+    "limit": ("lower", "upper", "velocity", "effort", "damping", "friction"),
     "mimic": ("joint", "multiplier", "offset"),
-    "dynamics": ("damping", "friction"),
+    "dynamics": ("damping", "friction", "spring_stiffness", "spring_reference", "armature"),
+    "joint_properties": ("damping", "friction"),
 }
 # An `origin` says the whole pose: any other word there (`quat_xyzw`) says something of it too.
 CLOSED = ("origin", "axis", "mass", "inertia")
@@ -59,7 +62,7 @@ LARGEST = 1e100
 def place(element: Element) -> str:
     """How a message names an element: its line, its tag, and its name."""
     name = element.attributes.get("name")
-    return f"line {element.line}: {element.tag[:60]}" + ("" if name is None else f" {_name(name)}")
+    return f"line {element.line}: {element.word[:60]}" + ("" if name is None else f" {_name(name)}")
 
 
 def _name(name: str) -> str:
@@ -126,11 +129,13 @@ def numbers(
         return default
     words = text(element, attribute, where).split()
     if len(words) != count:
+        for word in words:
+            check_comma(word, f"{where}: `{attribute}` of <{element.tag}>")
         raise ClearanceError(
             f"{where}: `{attribute}` of <{element.tag}> must be {_count(count)}, but it is "
             f"{quote(element.attributes[attribute])}."
         )
-    return tuple(_number(word, f"{where}: `{attribute}` of <{element.tag}>") for word in words)
+    return tuple(parse_number(word, f"{where}: `{attribute}` of <{element.tag}>") for word in words)
 
 
 def number(element: Element, attribute: str, where: str, default: float | None = None) -> float:
@@ -149,8 +154,12 @@ def _count(count: int) -> str:
     return "one number" if count == 1 else f"{count} numbers with spaces between them"
 
 
-def _number(word: str, where: str) -> float:
+def parse_number(word: str, where: str) -> float:
+    """A plain decimal number. **Raises** `ClearanceError` for another text, and one that is not finite."""
     if not NUMBER.fullmatch(word):
+        check_comma(word, where)
+        if "," in word:
+            raise ClearanceError(f"{where} has a comma: {quote(word)}. Separate numbers by spaces only.")
         raise ClearanceError(f"{where} must be written as plain decimal numbers, but it holds {quote(word)}.")
     value = float(word)
     if not abs(value) < LARGEST:

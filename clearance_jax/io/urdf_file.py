@@ -1,6 +1,7 @@
 """URDF files to links and joints, each checked by itself and then together: nothing is loaded by halves.
 
-What does not move a robot is passed over: pictures, collision shapes, materials, transmissions, plugins of simulators.
+What does not move a robot is passed over: pictures, collision shapes, materials, plugins of simulators. What else is
+not read is listed (`urdf_unread`).
 """
 
 from pathlib import Path
@@ -22,8 +23,10 @@ from clearance_jax.io.urdf_elements import (
     pose,
     text,
 )
+from clearance_jax.io.urdf_extras import check_loops, spring_of, with_extras
 from clearance_jax.io.urdf_parts import KINDS, MAY_MIMIC, WITH_AXIS, Joint, Link, Matrix3, Mimic, Robot
 from clearance_jax.io.urdf_tree import robot_of
+from clearance_jax.io.urdf_unread import unread
 from clearance_jax.io.xml_file import Element, read_xml
 from clearance_jax.mechanism.limits import Limits
 
@@ -47,10 +50,11 @@ def describe(top: Element) -> Robot:
         raise ClearanceError(f"a URDF file must hold a <robot>, but it holds a <{top.tag[:60]}>. Give another file.")
     _check_expanded(top)
     check_spelling(top, "the robot")
+    check_loops(top)
     links = tuple(_link(element) for element in top.children if element.tag == "link")
     joints = tuple(_joint(element) for element in top.children if element.tag == "joint")
     name = text(top, "name", "the robot") if top.attributes.get("name", "").strip() else "robot"
-    return robot_of(name, links, joints)
+    return robot_of(name, links, with_extras(joints, top))._replace(unread=unread(top))
 
 
 def _check_expanded(top: Element) -> None:
@@ -108,20 +112,30 @@ def _joint(element: Element) -> Joint:
     damping, friction = _losses(element, kind, where)
     mimic = _mimic(element, kind, where)
     limits = _limits(element, kind, where)
-    return Joint(name, kind, parent, child, xyz, rpy, axis, limits, mimic, damping, friction, element.line)
+    spring = spring_of(element, kind, where)
+    return Joint(name, kind, parent, child, xyz, rpy, axis, limits, mimic, damping, friction, element.line, *spring)
 
 
 def _losses(element: Element, kind: str, where: str) -> tuple[float, float]:
-    dynamics = only(element, "dynamics", where)
-    if dynamics is None:
-        return 0.0, 0.0
-    found = number(dynamics, "damping", where, 0.0), number(dynamics, "friction", where, 0.0)
-    for key, value in zip(("damping", "friction"), found, strict=True):
-        if value < 0:
-            raise ClearanceError(f"{where}: its {key} must be at least 0, but it is {value:g}. Correct <dynamics>.")
-    if found[1] > 0 and kind == "floating":
+    """Damping and friction, from whichever element the file's dialect has for them."""
+    found = {"damping": 0.0, "friction": 0.0}
+    said: dict[str, str] = {}
+    for tag in ("dynamics", "limit", "joint_properties"):
+        given = only(element, tag, where)
+        for key in found if given is not None else ():
+            if key not in given.attributes:
+                continue
+            value = number(given, key, where)
+            if value < 0:
+                raise ClearanceError(f"{where}: its {key} must be at least 0, but it is {value:g}. Correct <{tag}>.")
+            if key in said and value != found[key]:
+                raise ClearanceError(
+                    f"{where}: its {key} is {found[key]:g} in <{said[key]}> and {value:g} in <{tag}>. Leave one."
+                )
+            found[key], said[key] = value, tag
+    if found["friction"] > 0 and kind == "floating":
         raise ClearanceError(f"{where} is floating, and turns about no axis of its own: remove its friction.")
-    return found
+    return found["damping"], found["friction"]
 
 
 def _limits(element: Element, kind: str, where: str) -> Limits | None:

@@ -25,12 +25,15 @@ def joint_of(joint: Joint, name: str, parent: str, child: str) -> AbstractJoint:
 
 
 def _motion(joint: Joint) -> Motion:
-    return Motion(position=_start(joint.limits or Limits()), actuators=_losses(joint), limits=joint.limits)
+    rotor = joint.rotor if joint.rotor > 0 else None
+    start = _start(joint.limits or Limits())
+    return Motion(position=start, actuators=_losses(joint), limits=joint.limits, rotor_inertia=rotor)
 
 
 def _losses(joint: Joint) -> tuple[AbstractActuator, ...]:
-    """Its damping and its friction, each along every coordinate of the joint."""
-    damper = (JointSpring(0.0, joint.damping),) if joint.damping > 0 else ()
+    """Its spring, damping and friction, each along every coordinate of the joint."""
+    spring = JointSpring(joint.stiffness, joint.damping, joint.rest)
+    damper = (spring,) if joint.damping > 0 or joint.stiffness > 0 else ()
     return (*damper, JointFriction(joint.friction)) if joint.friction > 0 else damper
 
 

@@ -49,7 +49,8 @@ class Joint(NamedTuple):
     """A joint: its frame is the child's, at zero at the pose `xyz`, `rpy` in the parent's frame.
 
     **Arguments:** `kind`: one of `KINDS`; `axis`: a unit vector in the joint's frame; `damping` [N m s/rad or N s/m];
-    `friction` [N m or N].
+    `friction` [N m or N]; `stiffness` of a spring [N m/rad or N/m], relaxed at `rest` [rad or m]; `rotor` [kg m^2 or
+    kg]: inertia of its motor, seen through its gears.
     """
 
     name: str
@@ -64,6 +65,9 @@ class Joint(NamedTuple):
     damping: float
     friction: float
     line: int
+    stiffness: float = 0.0
+    rest: float = 0.0
+    rotor: float = 0.0
 
     @property
     def moves(self) -> bool:
@@ -72,9 +76,12 @@ class Joint(NamedTuple):
 
 
 class Robot(NamedTuple):
-    """A whole file: links in its order, joints parents first, and the link that no joint carries."""
+    """A whole file: links in its order, joints parents first, the link that no joint carries, and what of the file was
+    not read, in words.
+    """
 
     name: str
     links: tuple[Link, ...]
     joints: tuple[Joint, ...]
     root: str
+    unread: tuple[str, ...] = ()

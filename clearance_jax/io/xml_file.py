@@ -22,14 +22,25 @@ DEEPEST = 100
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Element:
-    """An element: its tag (`{namespace}name` where it has a namespace), attributes, children, and the line that it
-    begins at. Texts between elements are left out.
+    """An element: its tag (`{namespace}name` where it has a namespace), attributes, children, the line that it begins
+    at, and the pieces of the text in it.
     """
 
     tag: str
     attributes: dict[str, str]
     line: int
     children: list["Element"] = dataclasses.field(default_factory=list)
+    pieces: list[str] = dataclasses.field(default_factory=list)
+
+    @property
+    def text(self) -> str:
+        """The text in it, without that of its children."""
+        return "".join(self.pieces).strip()
+
+    @property
+    def word(self) -> str:
+        """Its tag without a namespace."""
+        return self.tag.rpartition("}")[2]
 
 
 class _Builder:
@@ -54,7 +65,8 @@ class _Builder:
         self.open.pop()
 
     def data(self, text: str) -> None:
-        """Texts are left out."""
+        if self.open:
+            self.open[-1].pieces.append(text)
 
     def close(self) -> None:
         """The tree is at the top."""

@@ -46,6 +46,7 @@ class Mechanism(AbstractMechanism):
     - `springs`, `points`, `wrenches` (external loads), `controllers`: further parts, as their classes say.
     - `gravity`: acceleration of free fall [m/s^2].
     - `name`: what reports call the mechanism.
+    - `notes`: what is to be known of it, for instance what in its file was not read; in sentences.
     - `assemble`: whether a solve first closes the loops. If not, it starts from exactly the given initial values.
 
     **Raises:** `ClearanceError` if two names are the same, if a name refers to nothing, and for a loop joint with
@@ -62,6 +63,7 @@ class Mechanism(AbstractMechanism):
     assemble: bool = eqx.field(static=True, default=True)
     wrenches: tuple[Wrench, ...] = ()
     controllers: tuple[AbstractController, ...] = ()
+    notes: tuple[str, ...] = eqx.field(static=True, default=())
 
     def __check_init__(self):
         parts = (*self.bodies, *self.joints, *self.loops, *self.springs, *self.points, *self.wrenches)

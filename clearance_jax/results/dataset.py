@@ -58,6 +58,8 @@ def to_dataset(
     coords: dict[str, Any] = {"time": ("time", time, {"units": "s"})}
     coords |= {name: label for name, label in labelled.items() if label[0] in used}
     said = _attributes(mechanism, solved, solution.message or "successful")
+    if mechanism.notes:
+        said["notes"] = "; ".join(mechanism.notes)
     if solved.rests:
         said["start"] = solved.rests
     if solved.validity is not None:
