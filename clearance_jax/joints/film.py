@@ -15,7 +15,6 @@ from clearance_jax.laws import Geometry
 from clearance_jax.parameters import physical
 from clearance_jax.spatial import Vector
 
-
 # Places around a worn sleeve at which the pressure is summed, at least.
 PLACES = 720
 
