@@ -9,9 +9,11 @@ import pytest
 
 import clearance_jax as cj
 from clearance_jax import laws
+from clearance_jax.design.static import static_error
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import Relative
 from clearance_jax.joints.bore import Bore, finer
+from clearance_jax.joints.reach import farthest
 
 C, PIN = 1e-4, 25e-3
 ANGLES = 2 * np.pi * np.arange(360) / 360
@@ -140,6 +142,20 @@ def test_books_close_and_the_error_follows_rtol_on_a_worn_profile():
     errors = np.array([np.abs(solved(rtol) - reference).max() / C for rtol in rtols])
     assert np.all(errors < 50 * rtols)
     assert errors[-1] < 1e-3 * errors[0]
+
+
+def test_the_farthest_that_play_lets_a_pin_go_is_in_the_worn_bore():
+    """Of a sleeve that is off its middle by a, c + a from there; the sum of weights takes the deepest place."""
+    a, way = 0.3 * C, np.array([0.6, -0.8])
+    off = jnp.asarray(a * (1 + np.cos(ANGLES)))
+    clearance = rotor(off).joint("pin").clearance
+    found = jax.jit(lambda weights: farthest(clearance, weights))
+    np.testing.assert_allclose(found(jnp.asarray(3.0 * way)), (C + a) * way + [a, 0], atol=1e-3 * C)
+    np.testing.assert_array_equal(found(jnp.zeros(2)), 0)
+    assert static_error(rotor(off), {"pin": 2.0}) == pytest.approx(2 * (C + 2 * a), rel=1e-12)
+    sleeve = cj.SleeveClearance(C, PIN, 0.05, laws.HuntCrossley(1e10, 50.0)).worn(np.zeros(16))
+    with pytest.raises(ClearanceError, match="worn by stations"):
+        farthest(sleeve, jnp.ones(4))
 
 
 def test_profiles_that_are_none():
