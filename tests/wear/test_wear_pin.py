@@ -79,13 +79,16 @@ def test_a_pin_that_turns_by_part_of_a_sector_loses_nothing():
 
 
 def test_sectors_of_a_pin_that_lie_across_those_of_its_sleeve_lack_a_quarter_of_a_square():
-    """Of a parabolic patch that reaches a to either side the largest depth lacks (w / a)^2 / 4, beside what the mean
-    over a sector lacks: as docs/wear.md says.
+    """Of a parabolic patch that reaches a to either side the largest depth lacks (w / a)^2 / 4, beside what it lacks in
+    sectors that lie as the pin's do: as docs/wear.md says.
     """
     spread, count = 0.2, 360
-    x = (2 * np.pi * np.arange(count) / count - np.pi) / spread
-    means = jnp.asarray(np.maximum(1 - x * x, 0.0))
-    across = accumulated._turn(means, jnp.asarray(np.pi / count))
     width = 2 * np.pi / count
-    assert 1 - float(across.max()) == pytest.approx((width / spread) ** 2 / 4, rel=1e-9)
-    assert float(across.sum()) == pytest.approx(float(means.sum()), rel=1e-12)
+
+    def patch(begin):
+        x = (width * (np.arange(count) + begin) - np.pi) / spread
+        return np.maximum(1 - x * x, 0.0)
+
+    across = accumulated._turn(jnp.asarray(patch(0.0)), jnp.asarray(width / 2))
+    assert patch(-0.5).max() - float(across.max()) == pytest.approx((width / spread) ** 2 / 4, rel=1e-9)
+    assert float(across.sum()) == pytest.approx(patch(0.0).sum(), rel=1e-12)
