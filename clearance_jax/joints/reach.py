@@ -10,6 +10,7 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.joints._base import AbstractClearance
 from clearance_jax.joints.contact import PlayCoordinate
 from clearance_jax.joints.pin import AbstractPin
+from clearance_jax.spatial import as_array
 
 
 def farthest(clearance: AbstractClearance, weights: Float[Array, " play"]) -> Float[Array, " play"]:
@@ -52,7 +53,7 @@ def _in_bore(clearance: AbstractClearance, weights: Array) -> Array:
     size = jnp.linalg.norm(jnp.where(weights == 0, 0.0, weights))
     known = size > 0
     x, y = jnp.where(known, weights / jnp.where(known, size, 1.0), jnp.array([1.0, 0.0]))
-    return jnp.where(known, jnp.stack(clearance.press((x, y, 0.0), jnp.zeros(()))[:2]), 0.0)
+    return jnp.where(known, as_array(clearance.press((x, y, 0.0), jnp.zeros(()))[:2]), 0.0)
 
 
 def _groups(play: Sequence[PlayCoordinate]) -> tuple[list[int], list[int], list[int]]:
