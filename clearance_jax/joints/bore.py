@@ -166,7 +166,7 @@ def spline(values: Float[Array, "*sections sectors"], places: np.ndarray) -> Flo
     next one.
     """
     count = values.shape[-1]
-    waves = jnp.asarray(2 * np.pi * np.arange(count // 2 + 1) / count)
+    waves = jnp.asarray(2 * np.pi * np.arange(count // 2 + 1) / count)[(None,) * (values.ndim - 1)]
     bent = jnp.fft.irfft(jnp.fft.rfft(values) * (2 * jnp.cos(waves) - 2) * 6 / (4 + 2 * jnp.cos(waves)), count)
     x = places[(None,) * values.ndim]
     (a, b), (p, q) = ((v[..., None], jnp.roll(v, -1, axis=-1)[..., None]) for v in (values, bent))
