@@ -14,7 +14,7 @@ from clearance_jax.dynamics.mobility import mobility
 from clearance_jax.dynamics.observe import axes_of
 from clearance_jax.dynamics.quantities import evaluate
 from clearance_jax.errors import ClearanceError
-from clearance_jax.joints import AbstractClearance, PlayCoordinate
+from clearance_jax.joints import AbstractClearance, AbstractPin, PlayCoordinate
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.placement import Position
 from clearance_jax.mechanism.tree import AbstractPlayed
@@ -81,13 +81,22 @@ def static_weights(
 
 
 def static_error(mechanism: Mechanism, weights: dict[str, float]) -> float:
-    """The sum of weights (of `static_weights`, of joints with clearance) times the mechanism's clearances [m]."""
+    """The sum of weights (of `static_weights`, of joints with clearance) times the mechanism's clearances [m]; of a
+    worn sleeve the clearance where it is worn deepest.
+    """
     total = 0.0
     for name, weight in weights.items():
-        play = _play_of(mechanism, name.removesuffix(AXIAL))
+        joint = name.removesuffix(AXIAL)
+        play = _play_of(mechanism, joint)
         size = next(one.scale for one in play if one.suffix == ".play_z") if name.endswith(AXIAL) else play[0].scale
-        total += weight * float(size)
+        total += weight * (float(size) + (0.0 if name.endswith(AXIAL) else _worn(mechanism, joint)))
     return total
+
+
+def _worn(mechanism: Mechanism, name: str) -> float:
+    """How deep a joint's sleeve is worn off at most [m]."""
+    clearance = getattr(mechanism.joint(name), "clearance", None)
+    return 0.0 if not isinstance(clearance, AbstractPin) or clearance.depth is None else float(clearance.profile.max())
 
 
 def _play_of(mechanism: Mechanism, name: str) -> tuple[PlayCoordinate, ...]:

@@ -15,8 +15,9 @@ from clearance_jax.dynamics.frames import Frames, rotors
 from clearance_jax.dynamics.kinematics import frames, plays, spring_state
 from clearance_jax.joints import PreparedClearance
 from clearance_jax.joints._base import each_joint
+from clearance_jax.mechanism.compounds import Ball
 from clearance_jax.mechanism.prepared import PreparedMechanism
-from clearance_jax.mechanism.state import State, layout
+from clearance_jax.mechanism.state import State, layout, parts
 from clearance_jax.spatial import Term, plus, times, total
 
 # Quadratures beside the state. What contacts and dampers absorb, minus what contacts hold elastically, is the damping
@@ -29,8 +30,9 @@ HAIR = 16 * float(np.finfo(np.float64).eps)
 
 
 def powers(mechanism: PreparedMechanism, time: Scalar, state: State, now: Balance) -> Rows:
-    """Rates of the energy balance: work of drives, actuators and loads, work absorbed by normal forces and dampers,
-    loss in friction, and the sum of the absolute powers (the energy exchanged, against which a residual is judged).
+    """Rates of the energy balance: work of drives, actuators and loads, work absorbed by normal forces, films and
+    dampers, loss in friction, and the sum of the absolute powers (the energy exchanged, against which a residual is
+    judged).
     """
     drive = total(times(effort, speed) for effort, speed in drive_forces(mechanism, now))
     for effort, speed in zip(now.efforts, state.v, strict=True):
@@ -38,10 +40,29 @@ def powers(mechanism: PreparedMechanism, time: Scalar, state: State, now: Balanc
     drive = plus(drive, load_power(mechanism, time, now.motion))
     absorbed: Term = total(action.absorbed_power for action in now.actions.values())
     friction: Term = total(action.friction_power for action in now.actions.values())
+    # What joints lose is in the efforts, and is no work of theirs.
+    damped, rubbed = joint_losses(mechanism, state)
+    drive, absorbed, friction = plus(drive, plus(damped, rubbed)), plus(absorbed, damped), plus(friction, rubbed)
     for spring in mechanism.springs:
         absorbed = plus(absorbed, spring.damping * spring_state(spring, now.motion).rate ** 2)
     exchanged = jnp.abs(jnp.asarray(drive)) + now.motion.kinetic_exchange(now.acceleration)
     return tuple(jnp.asarray(power, float) for power in (drive, absorbed, friction, exchanged))
+
+
+def joint_losses(mechanism: PreparedMechanism, state: State) -> tuple[Term, Term]:
+    """Powers lost in the damping and in the friction of free coordinates: of actuators that lose some, and of balls."""
+    damped, rubbed = [], []
+    for part in parts(mechanism):
+        motion = part.coordinate.motion
+        if isinstance(motion, Ball):
+            if motion.damping is not None:
+                damped.append(motion.damping * sum(spin**2 for spin in state.v[part.v]))
+            continue
+        for actuator in motion.actuators:
+            losses = actuator.losses(state.v[part.v.start])
+            damped.append(losses[0])
+            rubbed.append(losses[1])
+    return total(damped), total(rubbed)
 
 
 def drive_forces(mechanism: PreparedMechanism, now: Balance) -> list[tuple[Term, Term]]:

@@ -108,7 +108,11 @@ class AbstractClearance(Parametrised):
         """The joint with its laws' constants (once a solve)."""
         geometry = self.geometry()
         friction = None if self.friction is None else self.friction.prepare(geometry)
-        return PreparedClearance(self, self.normal.prepare(geometry), friction)
+        return PreparedClearance(self.ready(), self.normal.prepare(geometry), friction)
+
+    def ready(self) -> "AbstractClearance":
+        """The joint with what depends on its numbers alone computed (once a solve); by default there is nothing."""
+        return self
 
     @property
     def remembers(self) -> tuple[str, ...]:

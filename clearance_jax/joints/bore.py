@@ -3,12 +3,19 @@
 The pin is round, so at the angle t of the sleeve it stands d(t) = e . n(t) - c - h(t) in the wall, for small plays and
 depths h. It touches where that is largest. The largest over the sectors is a smooth one,
 
-    d = T log(sum_j exp(d_j / T) / m),    T = c w^2,    m = sqrt(2 pi),    w: the width of a sector,
+    d = T log(sum_j exp(d_j / T) / m),    T = w^2 max(|e|, c / 2),    w: the width of a sector,
 
 with T some 1e-4 of the clearance: as wide that the sum over sectors is an integral to 1e-8 of T (the bell that a round
-wall makes of exp(d / T) is w wide), so that the pin does not feel the sectors; m makes d that of a round sleeve where h
-is 0. Where a profile bears at two places at once, both are in the sum. d is convex and has all derivatives in e and h,
-and the force is along its gradient: so power balances, and seats are unique.
+wall makes of exp(d / T) is w wide), so that the pin does not feel the sectors. T grows with the eccentricity, and m is
+the sum of a round wall: so d and its gradient, a unit vector, are those of a round sleeve where h is the same
+everywhere, however wide the sectors are. (Nearer to the middle than c / 2 nothing touches, and T is constant.)
+
+Where a profile bears at two places at once, both are in the sum, and the gradient is shorter than one. d is convex but
+for walls that are as sharp as a sector, and it has all derivatives in e and h where a pin can touch; the force is along
+its gradient: so power balances, and seats are unique.
+
+Of a profile of few sectors more are made, by the spline that a foundation has too: of `FINE` the gradient's length is
+within 1e-3 of one.
 """
 
 from typing import NamedTuple
@@ -18,6 +25,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from clearance_jax._numerics import safe_unit
 from clearance_jax._sharing import compute_once
 from clearance_jax._types import Scalar
 from clearance_jax.parameters import Parametrised, physical
@@ -25,6 +33,8 @@ from clearance_jax.spatial import Vector
 
 # Sectors below which a sleeve is a polygon rather than a profile.
 FEWEST = 16
+# Sectors of which a profile has at least so many when a pin meets it.
+FINE = 180
 # Newton iterations for a distance to the wall, which begin at it but for the blend; halvings for where on it a force
 # holds the pin.
 ITERATIONS, HALVINGS = 6, 44
@@ -50,7 +60,9 @@ class Depth(NamedTuple):
 
 
 class Bore(NamedTuple):
-    """The shape of a bore: radial clearance where nothing is worn, and the depths worn off, by sector [m]."""
+    """The shape of a bore: radial clearance where nothing is worn, and the depths worn off, by sector [m]. (Of few
+    sectors: see `finer`.)
+    """
 
     clearance: Scalar
     depth: Float[Array, " sectors"]
@@ -70,13 +82,21 @@ class Bore(NamedTuple):
     def depth_at(self, x: Scalar, y: Scalar) -> Depth:
         """How deep a pin stands in the wall."""
         cosines, sines = self._cosines, self._sines
-        blend = self.clearance * (2 * np.pi / self.depth.shape[0]) ** 2
+        square = (2 * np.pi / self.depth.shape[0]) ** 2
+        far, nx, ny = safe_unit(x, y)
+        grows = far > 0.5 * self.clearance
+        blend = square * jnp.where(grows, far, 0.5 * self.clearance)
         each = compute_once(x * cosines + y * sines - self.depth)
         top = jax.lax.stop_gradient(jnp.max(each))
-        weight = compute_once(jnp.exp((each - top) / blend))
+        below = (each - top) / blend
+        weight = compute_once(jnp.exp(below))
         whole = jnp.sum(weight)
-        value = top + blend * jnp.log(whole / np.sqrt(2 * np.pi)) - self.clearance
-        return Depth(value, jnp.sum(weight * cosines) / whole, jnp.sum(weight * sines) / whole)
+        # A round wall's sum, whose largest term would be one.
+        more = jnp.log(whole) - np.log(np.sum(np.exp((np.cos(self._angles) - 1) / square)))
+        # By how much the sum grows with T.
+        wider = jnp.where(grows, square * (more - jnp.sum(weight * below) / whole), 0.0)
+        gx, gy = jnp.sum(weight * cosines) / whole + wider * nx, jnp.sum(weight * sines) / whole + wider * ny
+        return Depth(top + blend * more - self.clearance, gx, gy)
 
     def distance(self, x: Scalar, y: Scalar, depth: Scalar) -> Scalar:
         """How far from the middle a pin stands so deep in the wall, along a direction."""
@@ -131,3 +151,23 @@ class Bore(NamedTuple):
             lack, turned = miss(self, ahead, depth, x, y)
             x, y = x - inverse * (d * lack - b * turned), y - inverse * (a * turned - c * lack)
         return x, y
+
+
+def finer(depth: Float[Array, "*sections sectors"]) -> Float[Array, "*sections fine"]:
+    """The profile at `FINE` places or more, the first where the first sector is; as it is, if it has so many."""
+    parts = -(-FINE // depth.shape[-1])
+    if parts == 1:
+        return depth
+    return spline(depth, np.arange(parts) / parts).reshape(*depth.shape[:-1], -1)
+
+
+def spline(values: Float[Array, "*sections sectors"], places: np.ndarray) -> Float[Array, "*sections sectors places"]:
+    """The periodic cubic spline through values at the middles of sectors, at places from 0 to 1 between each and the
+    next one.
+    """
+    count = values.shape[-1]
+    waves = jnp.asarray(2 * np.pi * np.arange(count // 2 + 1) / count)[(None,) * (values.ndim - 1)]
+    bent = jnp.fft.irfft(jnp.fft.rfft(values) * (2 * jnp.cos(waves) - 2) * 6 / (4 + 2 * jnp.cos(waves)), count)
+    x = places[(None,) * values.ndim]
+    (a, b), (p, q) = ((v[..., None], jnp.roll(v, -1, axis=-1)[..., None]) for v in (values, bent))
+    return a * (1 - x) + b * x + ((1 - x) ** 3 - (1 - x)) * p / 6 + (x**3 - x) * q / 6

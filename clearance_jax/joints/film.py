@@ -4,14 +4,19 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 from clearance_jax._numerics import safe_unit
 from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints._element import AbstractElement, Offset
+from clearance_jax.joints.bore import Bore, finer
 from clearance_jax.laws import Geometry
 from clearance_jax.parameters import physical
 from clearance_jax.spatial import Vector
+
+# Places around a worn sleeve at which the pressure is summed, at least.
+PLACES = 720
 
 
 class ShortBearing(AbstractElement):
@@ -24,11 +29,18 @@ class ShortBearing(AbstractElement):
 
     Over the width z of the sleeve p = -(6 m / h^3) (L^2/4 - z^2) (h' + w h_t / 2), with the height h = c - x cos t - y
     sin t at the angle t, its rate h', its slope h_t over the angle, and the pin's turning w. The friction of a full
-    film and the moment of the pressures slow the pin down.
+    film and the moment of the pressures slow the pin down. In space the film is that of the pin's middle: it does not
+    know of a tilt.
 
-    **Source:** Ocvirk 1952. The integrals over the angle are in closed form, by Sommerfeld's substitution.
+    In a worn sleeve the height is h = c + d(t) - x cos t - y sin t, with the depth d of the wear at the angle t. The
+    film of a sleeve that is worn by stations is not known.
+
+    **Source:** Ocvirk 1952. The integrals over the angle are in closed form, by Sommerfeld's substitution; in a worn
+    sleeve they are sums over places around it.
 
     **Arguments:** `viscosity` m [Pa s]; `roughness` [m]: the least height of the film.
+
+    **Raises:** `ClearanceError` for a joint without `length`, and for a sleeve that is worn by stations.
     """
 
     has_static_force: ClassVar[bool] = False
@@ -39,10 +51,13 @@ class ShortBearing(AbstractElement):
         """Force and torque of the film on the pin."""
         if geometry.length is None or geometry.kind == "flat":
             raise ClearanceError("A film needs a pin in a sleeve with a `length`: give the joint its `length`.")
-        c, length, radius = geometry.radial_clearance, geometry.length, geometry.pin_radius
         x, y = (jnp.asarray(term, float) for term in offset.place[:2])
         u, v = (jnp.asarray(term, float) for term in offset.velocity[:2])
         turning = jnp.asarray(offset.roll, float)
+        if geometry.depth is not None:
+            fx, fy, torque = self._worn(geometry, (x, y), (u, v), turning)
+            return (fx, fy, 0.0), (0.0, 0.0, torque)
+        c, length, radius = geometry.radial_clearance, geometry.length, geometry.pin_radius
         distance, nx, ny = safe_unit(x, y)
         nx = jnp.where(distance > 0, nx, 1.0)
         e = self._eccentricity(distance / c, self.roughness / c)
@@ -56,6 +71,37 @@ class ShortBearing(AbstractElement):
         torque = shear + 0.5 * scale * beside * e * c
         return (fx, fy, 0.0), (0.0, 0.0, torque)
 
+    def _worn(
+        self, geometry: Geometry, place: tuple[Scalar, Scalar], velocity: tuple[Scalar, Scalar], turning: Scalar
+    ) -> tuple[Scalar, Scalar, Scalar]:
+        """Force and torque in a worn sleeve."""
+        c, length, radius = geometry.radial_clearance, geometry.length, geometry.pin_radius
+        assert geometry.depth is not None
+        if geometry.depth.ndim > 1:
+            raise ClearanceError(
+                "A film must be in a round sleeve, or in one that is worn alike all along it (a joint in the plane), "
+                "but this one is worn by stations. Leave out its `depth` or its film."
+            )
+        # As in a round sleeve, a pin that comes nearer than twice the roughness is held off.
+        bore = Bore(c, finer(geometry.depth))
+        wall = bore.depth_at(*place)
+        closed = 1 + wall.value / c
+        lift = (closed - self._eccentricity(closed, self.roughness / c)) * c
+        x, y = place[0] - lift * wall.x, place[1] - lift * wall.y
+        depth, rise = _between(bore.depth)
+        angles = 2 * np.pi * (np.arange(depth.shape[0]) + 0.5) / depth.shape[0]
+        cosines, sines, width = jnp.asarray(np.cos(angles)), jnp.asarray(np.sin(angles)), 2 * np.pi / len(angles)
+        # Elsewhere it may still be too near where it bears at two places.
+        height = jnp.maximum(c + depth - x * cosines - y * sines, self.roughness)
+        slope = rise + x * sines - y * cosines
+        closing = velocity[0] * cosines + velocity[1] * sines - 0.5 * turning * slope
+        # The pressure, summed over the width of the film.
+        pressure = self.viscosity * length**3 * _mean_positive(closing) / height**3
+        around = radius * width
+        fx, fy = -around * jnp.sum(pressure * cosines), -around * jnp.sum(pressure * sines)
+        shear = self.viscosity * radius**2 * length * turning * jnp.sum(1 / height)
+        return fx, fy, around * (0.5 * jnp.sum(pressure * slope) - shear)
+
     def _eccentricity(self, ratio: Scalar, least: Scalar) -> Scalar:
         """The eccentricity over the clearance, held below 1 - least from 1 - 2 least on; three derivatives continue."""
         begin = 1 - 2 * least
@@ -63,6 +109,23 @@ class ShortBearing(AbstractElement):
         # The integral of 1 - STEP5.
         rise = s - s**4 * (2.5 + s * (s - 3))
         return jnp.minimum(ratio, begin) + 2 * least * rise
+
+
+def _between(depth: Array) -> tuple[Array, Array]:
+    """The depths at parts of the sectors, the places at a half of a part, then one and a half and so on; and their
+    slope over the angle. Straight from a sector's middle to the next.
+    """
+    parts, rise = -(-PLACES // depth.shape[0]), jnp.roll(depth, -1) - depth
+    at = ((np.arange(parts) + 0.5) / parts)[None]
+    slope = jnp.repeat(rise * (depth.shape[0] / (2 * np.pi)), parts)
+    return (depth[:, None] + rise[:, None] * at).ravel(), slope
+
+
+def _mean_positive(values: Array) -> Array:
+    """The means over sectors of the positive part of what is linear in each, from the values at their middles."""
+    reach = 0.25 * jnp.abs(jnp.roll(values, -1) - jnp.roll(values, 1))
+    cut = jnp.abs(values) < reach
+    return jnp.where(cut, (values + reach) ** 2 / (4 * jnp.where(cut, reach, 1.0)), jnp.maximum(values, 0.0))
 
 
 def _loads(e: Scalar, closing: Scalar, around: Scalar) -> tuple[Scalar, Scalar]:

@@ -12,6 +12,7 @@ from jaxtyping import Array, Float
 from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints._base import AbstractClearance
+from clearance_jax.joints.bore import finer
 from clearance_jax.joints.contact import Relative
 from clearance_jax.joints.fitting import Tolerance
 from clearance_jax.laws import Geometry, Material
@@ -48,6 +49,10 @@ class AbstractPin(AbstractClearance):
     def profile(self) -> Any:
         """By how much the sleeve is worn off in all [m], of the shape of `depth`; `None`: it is round."""
         return self.depth
+
+    def ready(self):
+        """The same with its profile as pins meet it."""
+        return self if self.depth is None else self.worn(finer(self.profile))
 
     @property
     def section_count(self) -> int:

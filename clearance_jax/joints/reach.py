@@ -6,8 +6,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from clearance_jax.errors import ClearanceError
 from clearance_jax.joints._base import AbstractClearance
 from clearance_jax.joints.contact import PlayCoordinate
+from clearance_jax.joints.pin import AbstractPin
+from clearance_jax.spatial import as_array
 
 
 def farthest(clearance: AbstractClearance, weights: Float[Array, " play"]) -> Float[Array, " play"]:
@@ -16,11 +19,19 @@ def farthest(clearance: AbstractClearance, weights: Float[Array, " play"]) -> Fl
     A pin in a sleeve may have each end of its axis anywhere in the radial clearance; a block in a guide each end at any
     wall. Axial play and a turn about the axis have their own bounds. (Walls may stop a pin before, where a face and an
     edge touch at once: no pin goes further.)
+
+    **Raises:** `ClearanceError` for a sleeve that is worn by stations.
     """
     play = clearance.play()
     within = _box if clearance.flat else _ball
+    worn = isinstance(clearance, AbstractPin) and clearance.depth is not None
     if all(one.turns is None for one in play):
-        return play[0].scale * within(weights)
+        return _in_bore(clearance, weights) if worn else play[0].scale * within(weights)
+    if worn:
+        raise ClearanceError(
+            "How far play lets a pin go that tilts must be asked of a round sleeve, but this one is worn by stations. "
+            "Leave out its `depth`, or ask for the motion itself."
+        )
     across, tilts, alone = _groups(play)
     radial, tilt = play[across[0]].scale, play[tilts[0]].scale
     half = radial / tilt
@@ -35,6 +46,14 @@ def farthest(clearance: AbstractClearance, weights: Float[Array, " play"]) -> Fl
     for k in alone:
         found = found.at[k].set(play[k].scale * jnp.sign(weights[k]))
     return found
+
+
+def _in_bore(clearance: AbstractClearance, weights: Array) -> Array:
+    """The place in a worn bore that is farthest along a direction, where its wall is square to it."""
+    size = jnp.linalg.norm(jnp.where(weights == 0, 0.0, weights))
+    known = size > 0
+    x, y = jnp.where(known, weights / jnp.where(known, size, 1.0), jnp.array([1.0, 0.0]))
+    return jnp.where(known, as_array(clearance.press((x, y, 0.0), jnp.zeros(()))[:2]), 0.0)
 
 
 def _groups(play: Sequence[PlayCoordinate]) -> tuple[list[int], list[int], list[int]]:

@@ -16,7 +16,7 @@ from clearance_jax._numerics import safe_unit
 from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints._base import AbstractElement
-from clearance_jax.joints.bore import FEWEST, Bore, Modes
+from clearance_jax.joints.bore import FEWEST, Bore, Modes, finer
 from clearance_jax.joints.checks import warn_of_pin
 from clearance_jax.joints.contact import ContactPoint, PlayCoordinate
 from clearance_jax.joints.fitting import Tolerance
@@ -93,6 +93,7 @@ class RevoluteClearance(AbstractPin):
             self.length,
             self.pin_material,
             self.sleeve_material,
+            depth=self.profile,
         )
 
     def points(self, at):
@@ -130,7 +131,7 @@ class RevoluteClearance(AbstractPin):
 
     @property
     def _bore(self) -> Bore:
-        return Bore(self.radial_clearance, self.profile)
+        return Bore(self.radial_clearance, finer(self.profile))
 
     def worn(self, depth: Any) -> "RevoluteClearance":
         return dataclasses.replace(self, depth=jnp.asarray(depth, float), modes=None)

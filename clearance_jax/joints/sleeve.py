@@ -25,7 +25,7 @@ from clearance_jax._sharing import compute_once
 from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.joints._base import AbstractElement
-from clearance_jax.joints.bore import FEWEST, Bore
+from clearance_jax.joints.bore import FEWEST, Bore, finer
 from clearance_jax.joints.contact import ContactPoint, PlayCoordinate, Relative
 from clearance_jax.joints.fitting import Tolerance
 from clearance_jax.joints.pin import AbstractPin, Sections, depth_demand
@@ -161,6 +161,7 @@ class SleeveClearance(AbstractPin):
             self.pin_material,
             self.sleeve_material,
             "line",
+            self.depth,
         )
 
     def points(self, at):
@@ -224,7 +225,7 @@ class SleeveClearance(AbstractPin):
         assert self.depth is not None
         among, beyond = slice(self.stations), (0, x.size - self.stations)
         found = jax.vmap(lambda depth, x, y: Bore(self.radial_clearance, depth).depth_at(x, y))(
-            self.depth, x[among], y[among]
+            finer(self.depth), x[among], y[among]
         )
         deep, gx, gy = (jnp.pad(term, beyond) for term in found)
         along = minus(0.0, plus(times(gx, slope[0]), times(gy, slope[1])))
@@ -288,7 +289,7 @@ class SleeveClearance(AbstractPin):
             return self.radial_clearance
         x, y = (jnp.asarray(c, float) for c in along[:2])
         bores = jax.vmap(lambda depth: Bore(self.radial_clearance, depth).distance(x, y, jnp.zeros(())))
-        return jnp.min(bores(self.depth))
+        return jnp.min(bores(finer(self.depth)))
 
 
 def lobatto(count: int) -> tuple[np.ndarray, np.ndarray]:

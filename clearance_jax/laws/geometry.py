@@ -2,6 +2,8 @@
 
 from typing import Any, Literal, NamedTuple
 
+from jaxtyping import Array
+
 from clearance_jax._module import Module
 from clearance_jax._types import Scalar
 from clearance_jax.parameters import physical
@@ -26,6 +28,8 @@ class Geometry(NamedTuple):
       `sleeve_material`. Length and materials are `None` if they are not known.
     - `kind`: whether the contact is that of a "point", of a "line" along the sleeve, or of "flat" walls, which have no
       radii.
+    - `depth`: the wear of the sleeve [m], shape (sectors,) or (sections, sectors); `None`: it is round. Radii and
+      clearance are those of the round one.
     """
 
     pin_radius: Scalar
@@ -35,6 +39,7 @@ class Geometry(NamedTuple):
     pin_material: Material | None = None
     sleeve_material: Material | None = None
     kind: Literal["point", "line", "flat"] = "point"
+    depth: Array | None = None
 
 
 # What differs from one contact point to another of the same joint (the curvature of a worn wall, say): the law's own

@@ -10,6 +10,7 @@ from clearance_jax._types import Scalar
 from clearance_jax.mechanism.motion_laws import AbstractMotionLaw, Values
 from clearance_jax.mechanism.sampling import check_period, names_key, period_key
 from clearance_jax.parameters import physical
+from clearance_jax.spatial import Term
 
 __all__ = ["AbstractActuator", "ConstantEffort", "JointFriction", "JointSpring", "Servo"]
 
@@ -20,6 +21,13 @@ class AbstractActuator(Module):
     @abc.abstractmethod
     def __call__(self, time: Scalar, position: Scalar, velocity: Scalar) -> Scalar:
         """The force [N] or torque [N m], by the position and velocity that it measures."""
+
+    def losses(self, velocity: Scalar) -> tuple[Term, Term]:
+        """The power that it loses in damping and in friction [W], by the coordinate's velocity. The energy balance
+        counts the rest of its power as work, by default all of it.
+        """
+        del velocity
+        return 0.0, 0.0
 
     def prepare(self) -> "AbstractActuator":
         """The actuator with what depends only on its numbers computed (once a solve)."""
@@ -98,7 +106,9 @@ class Servo(AbstractActuator):
 
 
 class JointSpring(AbstractActuator):
-    """A spring and a damper in a joint: -k (q - q0) - b q'. The energy balance counts its work as that of actuators."""
+    """A spring and a damper in a joint: -k (q - q0) - b q'. The energy balance counts the work of the spring as that of
+    actuators, and what the damper takes as a damping loss.
+    """
 
     stiffness: Scalar = physical("effort/coordinate", least=0.0, help="stiffness k", example='"50 N*m/rad"')
     damping: Scalar = physical(
@@ -111,6 +121,9 @@ class JointSpring(AbstractActuator):
     def __call__(self, time, position, velocity):
         return -self.stiffness * (position - self.rest) - self.damping * velocity
 
+    def losses(self, velocity):
+        return self.damping * velocity**2, 0.0
+
 
 class DriveSpring(JointSpring):
     """The spring and damper of a drive. A settled start is deflected by the load that it bears."""
@@ -120,8 +133,8 @@ class JointFriction(AbstractActuator):
     """Coulomb friction in the gears, seals and bearings of a joint: -f tanh(q' / v). It is smooth where the motion
     reverses.
 
-    The energy balance counts its work as that of actuators. The friction does not depend on the load of the joint. For
-    friction that does, give the joint a clearance with a friction law.
+    The energy balance counts what it takes as a friction loss. The friction does not depend on the load of the joint.
+    For friction that does, give the joint a clearance with a friction law.
 
     **Arguments:**
 
@@ -137,3 +150,6 @@ class JointFriction(AbstractActuator):
 
     def __call__(self, time, position, velocity):
         return -self.effort * jnp.tanh(velocity / self.transition_speed)
+
+    def losses(self, velocity):
+        return 0.0, self.effort * jnp.tanh(velocity / self.transition_speed) * velocity

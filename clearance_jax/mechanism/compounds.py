@@ -75,7 +75,7 @@ class Ball(Module):
     in the child's axes.
 
     **Arguments:** `start`: initial orientation of the child's joint frame in the parent's; `spin`: initial spin;
-    `damping` [N m s/rad]: of the spin. The energy balance counts its work as that of actuators.
+    `damping` [N m s/rad]: of the spin. The energy balance counts what it takes as a damping loss.
     """
 
     start: Orientation = describe(

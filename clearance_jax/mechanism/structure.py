@@ -132,6 +132,11 @@ def check_control(controllers: Sequence[AbstractController], coordinates: Sequen
     every = {c.name: c for c in coordinates if not c.is_ball}
     free = {name for name, c in every.items() if c.motion.is_free and c.play is None}
     for c in every.values():
+        if c.motion.actuators and not c.motion.is_free:
+            raise ClearanceError(
+                f"`{c.name}` must have a drive or actuators, but it has both: a drive prescribes its motion, whatever "
+                "else acts on it. Leave out the drive or the actuators (friction and springs among them)."
+            )
         for actuator in c.motion.actuators:
             _check_encoder(f"An actuator of `{c.name}`", actuator.measures(), c, every)
     owner: dict[str, str] = {}

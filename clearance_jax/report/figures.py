@@ -14,7 +14,7 @@ from clearance_jax.report.play_figures import draw_path, with_share
 from clearance_jax.report.style import STYLED, legend_below
 from clearance_jax.results.bearing import at_steps
 from clearance_jax.results.first_fall import seconds
-from clearance_jax.results.play import middle_path
+from clearance_jax.results.play import middle_path, worn_depth
 
 ECCENTRICITY = "pin from sleeve centre (dashed: clearance)"
 STATES = (("free", "tab:blue"), ("contact", "tab:green"), ("impact", "tab:red"))
@@ -60,7 +60,7 @@ def _eccentricity(axis, dataset: xr.Dataset) -> None:
         places = places[:, :2]  # across the sleeve
         colour = curve(axis, factor * time, np.hypot(*places.T) * 1e3, str(joint))
         clearance = dataset.attrs.get(f"parameter.{joint}.radial_clearance")
-        if clearance is not None:
+        if clearance is not None and not np.any(worn_depth(dataset, str(joint))):
             axis.axhline(float(clearance) * 1e3, color=colour, ls="--", lw=0.8, alpha=0.7)
     axis.set(ylabel="eccentricity, mm")
     if dataset.sizes["joint"] > 1:

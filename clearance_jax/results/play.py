@@ -2,10 +2,12 @@
 
 from typing import NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
 from clearance_jax.errors import ClearanceError
+from clearance_jax.joints.bore import finer
 from clearance_jax.joints.presets import PINS
 from clearance_jax.joints.sleeve import lobatto
 from clearance_jax.results.bearing import GUIDE, SLEEVE, at_step, kind, number, require_joint
@@ -62,8 +64,9 @@ class Play(NamedTuple):
 
 
 def worn_depth(dataset: xr.Dataset, joint: str) -> np.ndarray:
-    """By how much a sleeve is worn off [m], (1 or stations, sectors); of a round one by nothing."""
-    return np.atleast_2d(np.asarray(dataset.attrs.get(f"parameter.{joint}.depth", np.zeros(1)), float))
+    """By how much a sleeve is worn off [m], (1 or stations, places), as its pin meets it; of a round one by nothing."""
+    depth = dataset.attrs.get(f"parameter.{joint}.depth")
+    return np.zeros((1, 1)) if depth is None else np.atleast_2d(finer(jnp.asarray(depth, float)))
 
 
 def pin_travel(clearance: float, depth: np.ndarray) -> np.ndarray:

@@ -35,7 +35,8 @@ CHUNK = 64
 class Contacts(NamedTuple):
     """When and how a pin rubs in its sleeve.
 
-    - `time` [s]: nodes in the steps, and `weight` [s]: the time that each stands for, shape (times,).
+    - `time` since the motion began [s]: nodes in the steps, and `weight` [s]: the time that each stands for, shape
+      (times,).
     - Of every section of the sleeve, shape (times, sections): normal `force` [N], at least 0; `angle` of its direction
       around the sleeve [rad]; `speed` of the pin's surface on the sleeve's [m/s]; `traction`: the ratio |T| / N.
     - `place` of the pin's centre [m], shape (times, sections, 2).
@@ -94,7 +95,8 @@ def contacts(trace: Trace, joint: str, parts: int = 1) -> Contacts:
         seen = _look(mechanism, joint, jnp.asarray(time[taken]), jnp.asarray(y[taken]), parts)
         kept = A_STEP * parts * (min(first + CHUNK, count) - first)
         found.append(jax.tree.map(lambda x, kept=kept: np.asarray(x)[:kept], seen))
-    return Contacts(*(jnp.asarray(np.concatenate(part)) for part in zip(*found, strict=True)))
+    whole = Contacts(*(jnp.asarray(np.concatenate(part)) for part in zip(*found, strict=True)))
+    return whole._replace(time=whole.time - time[0])
 
 
 def look(mechanism: Mechanism, joint: str, times: Array, states: Array) -> Contacts:
@@ -105,7 +107,8 @@ def look(mechanism: Mechanism, joint: str, times: Array, states: Array) -> Conta
     heads = [x.reshape(count, CHUNK, *x.shape[1:])[:, :1] for x in (times, states)]
     parts = [jnp.concatenate(pair, axis=1) for pair in zip(heads, follow, strict=True)]
     seen = jax.lax.map(lambda part: _look(mechanism, joint, part[0], part[1], 1), (parts[0], parts[1]))
-    return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), seen)
+    whole = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), seen)
+    return whole._replace(time=whole.time - times[0])
 
 
 def largest_swing(seen: Contacts, angle: Array, allowed: Array, parts: int) -> Array:

@@ -24,7 +24,7 @@ class SlidingState(NamedTuple):
     """What happens at places of a surface: arrays of one shape, or numbers.
 
     - `pressure` [Pa], at least 0; `speed` of the other surface on it [m/s], at least 0.
-    - `traction`: the ratio |T| / N; `time` that the joint has run [s].
+    - `traction`: the ratio |T| / N; `time` that the joint has run [s], from 0 when it is new.
     """
 
     pressure: Array

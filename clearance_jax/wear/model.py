@@ -86,13 +86,16 @@ class WearModel(Module):
         derivatives by each of the named numbers, (1 + names, sectors).
 
         **Raises:** `WornThrough` where the motion stops, and where a cycle wears off more than the clearance;
-        `WearFailure` where it wears off so much of what the pin stands in a foundation that depths run away.
+        `WearFailure` where it wears off so much of what the pin stands in a foundation that depths run away;
+        `ClearanceError` for the name "cycle".
         """
+        if "cycle" in names:
+            raise ClearanceError("There is no derivative by `cycle`, which moves the end of the motion: leave it out.")
         now = self.at(stack[0])
         motion = trace(now, float(self.cycle), **{"save_at": None, **options})
         if motion.message:
             raise WornThrough(f"After {after} cycles the motion stopped: {motion.message}")
-        before = jnp.asarray(after * self.cycle, float)
+        before = jnp.asarray(after * (self.cycle - motion.time[0]), float)
         sleeve, seen = sections_of(now, self.joint), contacts(motion, self.joint)
         profile = jnp.asarray(stack[0])
         if after == 0:

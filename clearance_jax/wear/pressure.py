@@ -16,6 +16,7 @@ from jaxtyping import Array, Float
 from clearance_jax._numerics import safe_sqrt
 from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError
+from clearance_jax.joints.bore import spline
 from clearance_jax.laws import Geometry, Material
 from clearance_jax.parameters import Parametrised, physical
 
@@ -265,13 +266,5 @@ def foundation(material: Material, thickness: float) -> Foundation:
 
 
 def refine(values: Float[Array, " sectors"], parts: int) -> Float[Array, " fine"]:
-    """The periodic cubic spline through values at the middles of sectors, at the middles of an even number of parts of
-    each.
-    """
-    count = values.shape[0]
-    waves = jnp.asarray(2 * np.pi * np.arange(count // 2 + 1) / count)
-    bent = jnp.fft.irfft(jnp.fft.rfft(values) * (2 * jnp.cos(waves) - 2) * 6 / (4 + 2 * jnp.cos(waves)), count)
-    x = ((np.arange(parts) + 0.5) / parts)[None]
-    (a, b), (p, q) = ((v[:, None], jnp.roll(v, -1)[:, None]) for v in (values, bent))
-    between = a * (1 - x) + b * x + ((1 - x) ** 3 - (1 - x)) * p / 6 + (x**3 - x) * q / 6
-    return jnp.roll(between.ravel(), parts // 2)
+    """The spline through values at the middles of sectors, at the middles of an even number of parts of each."""
+    return jnp.roll(spline(values, (np.arange(parts) + 0.5) / parts).ravel(), parts // 2)

@@ -90,7 +90,7 @@ def wear(
     - `depth` (sectors,) or (sections, sectors) [m]: the earlier wear of the sleeve, on which a `Foundation` depends; by
       default that of the joint, or none, in so many `sectors` (by default as many as the patches need for an error of
       the largest depth below 1 %, at least 360; a warning says if you give too few).
-    - `before`: how long the joint has run before [s], for laws that depend on it.
+    - `before`: how long the joint has run before the motion [s], for laws that depend on it.
 
     **Raises:** `ClearanceError` for a joint that does not wear or lacks a length or a material, for a patch that is too
     wide for a flat one, and if pressures do not add up to the force.

@@ -4,8 +4,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.optimize
 
 from clearance_jax import laws
+from clearance_jax.errors import ClearanceError
 from clearance_jax.joints._element import Offset
 from clearance_jax.joints.film import ShortBearing
 
@@ -67,3 +69,83 @@ def test_a_film_gives_over_to_contact():
     begin = CLEARANCE - 2e-7
     before, after = (float(slope(jnp.asarray(begin + d))) for d in (-1e-12, 1e-12))
     assert before == pytest.approx(after, rel=1e-3)
+
+
+# A worn sleeve ------------------------------------------------------------------------------------------------------
+
+SOME = (0.4, -0.5), (3e-3, 2e-3), 40.0
+
+
+@jax.jit
+def worn(depth, place, velocity, roll):
+    zero = (0.0, 0.0, 0.0)
+    offset = Offset((*place, 0.0), (*velocity, 0.0), zero, 1.0, zero, roll)
+    (x, y, _), (_, _, torque) = FILM.wrench(offset, GEOMETRY._replace(depth=depth))
+    return jnp.stack([x, y, torque])
+
+
+@pytest.mark.parametrize("sectors", [16, 360])
+@pytest.mark.parametrize("off", [0.0, 5e-5])
+def test_an_evenly_worn_sleeve_is_a_larger_one(sectors, off):
+    """Also where roughness holds the film, and where the pin stands in the wall."""
+    larger = CLEARANCE + off
+    for size, rtol in ((0.0, 1e-4), (0.6, 1e-4), (0.95, 1e-4), (0.9985, 1e-3), (1.01, 1e-3)):
+        place = tuple(jnp.asarray(size * larger * c) for c in (0.6, -0.8))
+        velocity = tuple(jnp.asarray(c) for c in SOME[1])
+        found = np.asarray(worn(jnp.full(sectors, off), place, velocity, jnp.asarray(40.0)))
+        zero = (0.0, 0.0, 0.0)
+        geometry = GEOMETRY._replace(radial_clearance=jnp.asarray(larger))
+        force, torque = FILM.wrench(Offset((*place, 0.0), (*velocity, 0.0), zero, 1.0, zero, 40.0), geometry)
+        expected = np.array([*force[:2], torque[2]])
+        np.testing.assert_allclose(found[:2], expected[:2], rtol=rtol, atol=rtol * np.abs(expected[:2]).max())
+        assert found[2] == pytest.approx(expected[2], rel=rtol)
+
+
+def test_a_pin_is_carried_where_the_worn_sleeve_carries_it():
+    """At rest under a load it is as far out as Ocvirk's load says of the larger clearance."""
+    load, c = 100.0, CLEARANCE + 5e-5
+    speed = 50.0 * RADIUS
+
+    def ocvirk(e):
+        whole = VISCOSITY * speed * LENGTH**3 / (4 * c**2) * e / (1 - e * e) ** 2
+        return whole * np.sqrt(16 * e * e + np.pi**2 * (1 - e * e)) - load
+
+    e = scipy.optimize.brentq(ocvirk, 0.01, 0.99)
+    place, still = (jnp.asarray(e * c), jnp.zeros(())), (jnp.zeros(()), jnp.zeros(()))
+    x, y, _ = np.asarray(worn(jnp.full(360, 5e-5), place, still, jnp.asarray(50.0)))
+    assert np.hypot(x, y) == pytest.approx(load, rel=1e-4)
+
+
+def test_a_profile_by_quadrature_and_its_derivatives():
+    """The pressure of the local height, integrated over the angle; the derivatives by place, and by depth."""
+    sectors, (place, velocity, roll) = 360, SOME
+    place = CLEARANCE * np.array(place)
+
+    def profile(angle):
+        return 3e-5 * (1 + np.sin(2 * angle) * np.cos(angle - 1.0))
+
+    angle = np.linspace(0, 2 * np.pi, 200_001)[:-1]
+    normal = np.array([np.cos(angle), np.sin(angle)])
+    height = CLEARANCE + profile(angle) - place @ normal
+    rate, slope = -np.array(velocity) @ normal, np.gradient(height, angle)
+    pressure = np.maximum(-VISCOSITY * LENGTH**3 / height**3 * (rate + 0.5 * roll * slope), 0.0)
+    force = -RADIUS * np.mean(pressure * normal, axis=1) * 2 * np.pi
+    shear = VISCOSITY * RADIUS**3 * LENGTH * roll * np.mean(1 / height) * 2 * np.pi
+    torque = np.pi * RADIUS * np.mean(pressure * slope) - shear
+    given = tuple(map(jnp.asarray, place)), tuple(map(jnp.asarray, velocity)), jnp.asarray(roll)
+    depth = jnp.asarray(profile(2 * np.pi * np.arange(sectors) / sectors))
+    found = np.asarray(worn(depth, *given))
+    np.testing.assert_allclose(found, [*force, torque], rtol=1e-3)
+    assert found[:2] @ np.array(velocity) + found[2] * roll <= 0
+
+    @jax.jit
+    def along(step):
+        return worn(depth * (1 + step), (given[0][0] * (1 + step), given[0][1]), *given[1:])
+
+    differences = (along(1e-5) - along(-1e-5)) / 2e-5
+    np.testing.assert_allclose(jax.jvp(along, (0.0,), (1.0,))[1], differences, rtol=1e-6)
+
+
+def test_a_sleeve_that_is_worn_by_stations_has_no_film():
+    with pytest.raises(ClearanceError, match="worn by stations"):
+        worn(jnp.zeros((4, 360)), (jnp.zeros(()),) * 2, (jnp.zeros(()),) * 2, jnp.zeros(()))

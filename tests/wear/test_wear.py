@@ -87,6 +87,17 @@ def test_more_sectors_change_the_volume_on_a_foundation_ever_less():
     assert flat < volumes[-1] < flat / lean
 
 
+@pytest.mark.parametrize(("degrees", "more"), [(30, 1.028), (60, 1.115), (80, 1.212)])
+def test_the_volume_of_a_wide_patch_is_that_of_its_pressures(degrees, more):
+    """Beyond k F s by 2 (sin a - a cos a) / (a - sin a cos a): the figures of docs/wear.md."""
+    a = np.radians(degrees)
+    ratio = 2 * (np.sin(a) - a * np.cos(a)) / (a - np.sin(a) * np.cos(a))
+    assert ratio == pytest.approx(more, abs=5e-4)
+    force = LENGTH * STIFFNESS * (PIN + CLEARANCE) * CLEARANCE / np.cos(a) * (a - np.sin(a) * np.cos(a))
+    found = wear.wear_of(pressing(force), SLEEVE, wear.Archard(K), PRESSURES["foundation"], depth=depths(720))
+    assert float(found.volume / found.flat_volume) == pytest.approx(ratio, rel=1e-4)
+
+
 def test_a_worn_sleeve_bears_more_evenly():
     """On the profile that a patch has worn off, the same force has less pressure: what wear is slowed down by."""
     foundation = PRESSURES["foundation"]

@@ -258,6 +258,31 @@ def test_life_and_its_derivatives_of_a_pin_that_turns_under_its_weight():
     assert (watched.attrs["units"], watched.attrs["bound"]) == ("m", 1e-6)
 
 
+@pytest.mark.parametrize("t0", [0.0, 1.0, -0.04, 0.045])
+def test_running_in_counts_the_time_that_the_joint_has_run(t0):
+    """Whenever its cycles begin: of one cycle, new and later, its derivative, and a life."""
+    steady, factor, duration, period = turning(), 10.0, 2.0, 0.05
+    law = wear.RunningIn(steady.wear, factor, duration)
+    model = dataclasses.replace(steady, wear=law, cycle=jnp.asarray(t0 + period))
+    reach = 25e-3 - (196.2 / 1e10) ** (2 / 3)
+    rate = 1e-13 * 196.2 * 3.0 * reach / (2 * 0.2 * 25.1e-3 * 0.05)
+
+    def exact(begin, end):
+        return rate * (end - begin - (factor - 1) * duration * (np.exp(-end / duration) - np.exp(-begin / duration)))
+
+    asked = {"start": "settled", "t0": t0}
+    for after in (0, 60):
+        expected = exact(after * period, (after + 1) * period)
+        stack = np.zeros((2, 90))
+        off, slope = model.cycle_wears(stack, ("wear.law.coefficient",), after, asked)
+        assert off.max() == pytest.approx(expected, rel=1e-6)
+        assert slope.max() == pytest.approx(expected / 1e-13, rel=1e-6)
+    found = wear.simulate_wear(model, 200, sectors=90, tolerance=1e-3, **asked)
+    assert found.depth[-1].max() == pytest.approx(exact(0.0, 10.0), rel=1e-3)
+    with pytest.raises(ClearanceError, match="no derivative by `cycle`"):
+        model.cycle_wears(stack, ("cycle",), 0, asked)
+
+
 def test_a_life_of_another_question_is_not_gone_on_with(tmp_path):
     """Coefficient, pressure, criterion, derivatives: nothing is read before all are compared."""
     model = turning()

@@ -10,6 +10,7 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import Sections
 from clearance_jax.laws import Geometry, Material
 from clearance_jax.wear import Contacts
+from clearance_jax.wear import worn as accumulated
 
 PIN, CLEARANCE, LENGTH, K = 25e-3, 1e-4, 50e-3, 6e-14
 STEEL = Material(2.06e11)
@@ -75,3 +76,19 @@ def test_a_pin_that_turns_by_part_of_a_sector_loses_nothing():
             assert np.cos(centre - (2.0 - turn)) == pytest.approx(1, abs=1e-6)
     with pytest.raises(ClearanceError, match="`of` must be sleeve or pin"):
         wear.wear_of(seen, sleeve, LAW, wear.HertzLine(), of="bush", depth=jnp.zeros(360))
+
+
+def test_sectors_of_a_pin_that_lie_across_those_of_its_sleeve_lack_a_quarter_of_a_square():
+    """Of a parabolic patch that reaches a to either side the largest depth lacks (w / a)^2 / 4, beside what it lacks in
+    sectors that lie as the pin's do: as docs/wear.md says.
+    """
+    spread, count = 0.2, 360
+    width = 2 * np.pi / count
+
+    def patch(begin):
+        x = (width * (np.arange(count) + begin) - np.pi) / spread
+        return np.maximum(1 - x * x, 0.0)
+
+    across = accumulated._turn(jnp.asarray(patch(0.0)), jnp.asarray(width / 2))
+    assert patch(-0.5).max() - float(across.max()) == pytest.approx((width / spread) ** 2 / 4, rel=1e-9)
+    assert float(across.sum()) == pytest.approx(patch(0.0).sum(), rel=1e-12)
