@@ -196,5 +196,5 @@ def _report(mechanism, result, dataset) -> None:
         console.print(f"{dataset.sizes['episode']} contact episodes, {said}", soft_wrap=True)
     if "point" in dataset.coords:
         for point in dataset["point"].values:
-            for name, called in (("velocity", "speed"), ("acceleration", "acceleration")):
-                console.print(f"{point}: largest {called} {peak_words(dataset, name, point)}", soft_wrap=True)
+            for name in ("speed", "acceleration"):
+                console.print(f"{point}: largest {name} {peak_words(dataset, name, point)}", soft_wrap=True)
