@@ -73,8 +73,8 @@ class Findings(NamedTuple):
 
     @property
     def worst(self) -> dict[str, str]:
-        """By joint the condition in which its force is largest."""
-        rising = sorted(self.loads, key=lambda load: load.largest)
+        """By joint the condition in which its force is largest, first falls left out."""
+        rising = sorted(self.loads, key=lambda load: load.largest if load.after is None else load.after)
         found = {load.joint: load.condition for load in rising}
         return {load.joint: found[load.joint] for load in self.loads}
 

@@ -14,6 +14,7 @@ import clearance_jax as cj
 from clearance_jax import laws
 from clearance_jax.dynamics.observe import observe
 from clearance_jax.mechanism.state import layout
+from clearance_jax.metrics.first_fall import FirstFall
 from clearance_jax.results import blocks, episodes
 from clearance_jax.results.blocks import in_blocks
 from clearance_jax.results.first_fall import first_fall_ends, loads, peak_words
@@ -450,3 +451,14 @@ def test_the_largest_speed_of_a_motion_without_play_is_that_of_its_steps():
     np.testing.assert_allclose(found["largest_speed"], [[0.5 * np.sqrt(turn2)]], rtol=1e-9)
     np.testing.assert_allclose(found["largest_acceleration"], [[0.5 * turn2]], rtol=1e-9)
     assert found.sizes["after"] == 1
+
+
+def test_the_first_fall_of_a_solve_ends_where_that_of_its_trace_does(crank):
+    """The metric of designs' reports, and the rule of datasets, that share nothing."""
+    mechanism, trace = crank
+    over = first_fall_ends(cj.to_dataset(mechanism, trace))
+    found = [FirstFall(joint.name)(mechanism, 4e-3) for joint in mechanism.clearance_joints()]
+    np.testing.assert_allclose(found, over, rtol=1e-9)
+    resting = cj.trace(mechanism, 1e-4, save_at=2, start="settled")
+    assert [first_fall_ends(cj.to_dataset(mechanism, resting))] == [[-np.inf]]
+    assert float(FirstFall(mechanism.clearance_joints()[0].name)(mechanism, 1e-4, start="settled")) == -np.inf
