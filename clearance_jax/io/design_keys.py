@@ -143,7 +143,12 @@ VERIFY = Keys(
         ),
         Whole("starts", "random starts of the same method", "3", most=10_000, absent="0"),
         Whole(
-            "samples", "fresh samples, where manufacture is a yield", "1000", least=1, most=MOST_SAMPLES, absent="1000"
+            "samples",
+            "fresh samples, where manufacture is a yield",
+            "1000",
+            least=1,
+            most=MOST_SAMPLES,
+            absent="20 / (1 - target)",
         ),
         Flag("reoptimise", "whether the prices of the limits are checked by solving again", "true", absent="false"),
     ),
