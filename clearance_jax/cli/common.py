@@ -130,13 +130,13 @@ def warn(text: str) -> None:
 
 
 @contextmanager
-def aloud(category: type[Warning]) -> Iterator[None]:
-    """Warnings of that category become a line on the screen each."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", category)
+def aloud(*categories: type[Warning]) -> Iterator[None]:
+    """Warnings become a line on the screen each, as they come; of these categories all."""
+    with warnings.catch_warnings():
+        warnings.showwarning = lambda message, *_, **__: warn(str(message))
+        for category in categories:
+            warnings.simplefilter("always", category)
         yield
-    for warning in caught:
-        warn(str(warning.message))
 
 
 def say_written(what: str, path: Path) -> None:
