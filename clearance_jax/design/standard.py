@@ -125,7 +125,7 @@ def _loosest(design: Design, lists: Mapping[int, Sequence[fits.Fit]], place: Pla
     """Of each list of fits the place of one, the loosest that hold the limits together; `None`: none do."""
     specification = design.specification.nominal()
     designed, fitted = specification.values(design.evaluation.x), list(lists)
-    chosen = {i: max(sum(_greatest(f) <= designed[i] for f in lists[i]) - 1, 0) for i in fitted}
+    chosen = {i: max(sum(_greatest(f) <= float(designed[i]) for f in lists[i]) - 1, 0) for i in fitted}
     simulations, scenarios = simulations_of(specification, place=place), scenarios_of(specification)
     exact = design.program.gradients > 0 and len(designed) <= FEW  # by the program that is compiled already
 

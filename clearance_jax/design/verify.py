@@ -49,7 +49,7 @@ def certify(
     limits are looked at between a tenth of the design and the bounds; `starts`: random starts of the same method;
     `reoptimise`: check the prices by solving again with changed bounds; `samples`: fresh ones for a `Yield` (default:
     as many as its target needs); `solver`: which one (default: another than the design's); `place`: where many
-    simulations are solved; `progress`: called with each evaluation, of which there will be about `expected_evaluations`.
+    simulations are solved; `progress`: called with each evaluation, about `expected_evaluations` of them.
     """
     solver, rtol = solver or OTHER.get(specification.solver, "tsit5"), 0.1 * specification.rtol
     # The dynamics have the last word on what poses have found.

@@ -1,16 +1,24 @@
-"""What samples say of a yield: the margin of a search against order statistics, and how many it takes."""
+"""What samples say of a yield: the margin of a search against order statistics, how many it takes, and the fits of
+parts that are made to it.
+"""
 
 import sys
+from typing import Any
 
 import numpy as np
 import pytest
 import scipy.stats
 from catalogue import slider_crank
+from made_findings import made, piston_limit, rows_of
 from numpy.testing import assert_allclose
+from places import SCENES
 
+import clearance_jax as cj
 from clearance_jax import design, metrics
 from clearance_jax.design import yields
+from clearance_jax.design.drawing import joint_drawings
 from clearance_jax.errors import ClearanceError
+from clearance_jax.report.html import render
 
 NAME = "wrist.radial_clearance"
 # How far a play that scatters by 10 % may be designed where all that counts is its size.
@@ -113,3 +121,86 @@ def test_what_an_estimate_says_of_a_target():
     assert clean.against(0.98) == ""
     assert clean.against(None) == ""
     assert "BELOW" in yields.estimate_yield(np.arange(200) >= 3).against(0.99)
+
+
+# Fits -----------------------------------------------------------------------------------------------------------------
+
+CRANKPIN, WRIST, MASS = "crankpin.radial_clearance", "wrist.radial_clearance", "slider.mass"
+
+
+class Sum:
+    """In the place of simulations: the error is the sum of both plays, times what the slider's mass is of its own."""
+
+    def __init__(self, bound: float, mass: float):
+        self.bound, self.mass = bound, mass
+
+    def worst(self, x, scenarios, exact=False):
+        masses = [float(s.values.get(MASS, self.mass)) / self.mass for s in scenarios]
+        errors = np.array([(x * s.factors).sum() for s in scenarios]) * np.array(masses)
+        return errors / self.bound - 1
+
+
+def fitted(monkeypatch, designed, least=1e-6, manufacture: Any = None) -> design.Design:
+    """A design of two pins of 20 mm, whose plays add up to the bound."""
+    mechanism = cj.load(SCENES / "slider_crank_loaded.toml")
+    between = {CRANKPIN: (least, 1e-3), WRIST: (least, 1e-3)}
+    problem = design.ToleranceProblem(
+        mechanism, 0.1, between, [piston_limit()], design.Reciprocal(1e-4), manufacture=manufacture
+    )
+    asked, x = problem.specification, np.array(designed)
+    fake = Sum(float(x.sum()), float(cj.parameters(mechanism)[MASS].value))
+    for module in ("standard", "evaluate"):
+        monkeypatch.setattr(sys.modules[f"clearance_jax.design.{module}"], "simulations_of", lambda *_, **__: fake)
+
+    def evaluate(x, gradient):
+        return design.Evaluation(x, float((1e-4 / x).sum()), np.array([-1e-6]), -1e-4 / x**2, np.ones((1, 2)))
+
+    program = design.Program(evaluate, asked.names, *asked.bounds, ["piston"])
+    return design.Design(asked, program, design.METHODS["slsqp"], program.at(x, True), "", "")
+
+
+def test_a_fit_beyond_what_is_allowed_says_so(monkeypatch):
+    """One joint takes what the other leaves: its fit is wider than its clearance was designed, and the page says it."""
+    answer = fitted(monkeypatch, (33.64e-6, 36.5e-6))
+    found = design.nearest_fits(answer, dict.fromkeys((CRANKPIN, WRIST), 0.02))
+    assert found is not None
+    wide = [name for name, fit in found.fits.items() if fit.radial_clearance[1] > answer.clearances[name]]
+    assert wide
+    for name, fit in found.fits.items():
+        remark = found.remarks.get(name, "")
+        assert (" um, as others are tighter" in remark) is (name in wide)
+        assert fit.radial_clearance[0] >= 1e-6  # the least of the study is kept
+    assert sum(fit.radial_clearance[1] for fit in found.fits.values()) <= 70.14e-6
+    drawn = joint_drawings(answer, found.fits, found.remarks)
+    rows = rows_of(render(made(answer)._replace(fits=found, drawings=drawn)), "joint")
+    cells = {row[0] + ".radial_clearance": row[4] for row in rows if "Ø" in row[1]}
+    assert {name for name, cell in cells.items() if "may be above the designed 3" in cell} == set(wide)
+    assert "as others are tighter" in str(found)
+
+
+def test_the_least_play_of_a_study_is_kept_where_fits_can(monkeypatch):
+    """H9/h8 holds the limits too, but may leave no play."""
+    answer = fitted(monkeypatch, (40e-6, 40e-6), least=10e-6)
+    found = design.nearest_fits(answer)
+    assert found is not None
+    assert all(fit.radial_clearance[0] >= 10e-6 for fit in found.fits.values())
+    # Nothing common lies between 10 and 11 um: what comes nearest is said to.
+    tight = design.nearest_fits(fitted(monkeypatch, (11e-6, 11e-6), least=10e-6))
+    assert tight is not None
+    assert all("may be below the least of the study, 10 um" in tight.remarks[name] for name in tight.fits)
+    assert "below the least of the study" in str(tight)
+
+
+def test_fits_of_a_yield_scatter_with_all_that_scatters(monkeypatch):
+    """With the slider's mass too few parts hold by the fits that hold as designed, so they are tighter."""
+    plain = design.nearest_fits(fitted(monkeypatch, (40e-6, 40e-6)))
+    heavy = design.Yield({MASS: 0.6}, target=0.95, samples=128)
+    found = design.nearest_fits(fitted(monkeypatch, (40e-6, 40e-6), manufacture=heavy))
+    assert plain is not None
+    assert found is not None
+    assert plain.yield_estimate == (1.0, yields.estimate_yield(np.ones(299, bool)).least, 299)
+    assert plain.target is None
+    assert found.yield_estimate.samples == 59
+    assert found.yield_estimate.share >= 0.95
+    ends = [sum(fit.radial_clearance[1] for fit in one.fits.values()) for one in (plain, found)]
+    assert ends[1] < ends[0]
