@@ -11,7 +11,7 @@ from catalogue import slider_crank
 
 from clearance_jax import design, metrics
 from clearance_jax.design.drawing import joint_drawings
-from clearance_jax.design.manufacture import YieldEstimate
+from clearance_jax.design.yields import YieldEstimate
 from clearance_jax.joints import fits
 from clearance_jax.results.dataset import picture_dataset
 from clearance_jax.results.marks import picture

@@ -5,8 +5,9 @@ from typing import Annotated, Any
 
 import typer
 
-from clearance_jax.cli.common import check_distinct, check_readable, check_writable, progress_bar, say_written
+from clearance_jax.cli.common import check_distinct, check_readable, check_writable, errors, say_written
 from clearance_jax.cli.interruption import Interruption
+from clearance_jax.cli.pace import Shown
 
 Magnified = Annotated[
     str | None,
@@ -57,11 +58,11 @@ def check_film(path: Path | None) -> None:
 
 def write_film(film: Any, path: Path) -> None:
     """Draw a film, showing how far it is."""
-    with progress_bar() as bar, Interruption() as asked:
-        task = bar.add_task(f"drawing {len(film)} frames", total=1.0)
+    with Shown(errors, parts=True) as shown, Interruption() as asked:
+        shown.update(f"drawing {len(film)} frames")
 
         def progress(done: float) -> None:
-            bar.update(task, completed=done)
+            shown.update(part=done)
             asked.check()
 
         film.save(path, progress)

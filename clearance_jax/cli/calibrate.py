@@ -5,10 +5,10 @@ from typing import Any
 
 import typer
 from rich.markup import escape
-from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from clearance_jax.cli.common import console, errors, say, say_written
 from clearance_jax.cli.interruption import Interruption
+from clearance_jax.cli.pace import Shown
 
 
 def run_calibrate(study: Any, *, output: Path | None, report: Path | None, starts: int | None) -> None:
@@ -18,14 +18,13 @@ def run_calibrate(study: Any, *, output: Path | None, report: Path | None, start
     from clearance_jax.results.store import save
 
     given = study.calibrate | ({} if starts is None else {"starts": starts})
-    with _bar() as bar, Interruption() as asked:
-        task, points = bar.add_task("compiling"), []
+    with Shown(errors) as shown, Interruption() as asked:
+        shown.phase("compiling")
+        points = []
 
         def progress(point: Any) -> None:
             points.append(point)
-            bar.update(task, description=f"{len(points)} motions")
-            if not point.reached:
-                bar.update(task, description=f"{len(points)} motions, the last one failed")
+            shown.update(f"{len(points)} motions" + ("" if point.reached else ", the last one failed"))
             asked.check()
 
         try:
@@ -46,6 +45,3 @@ def run_calibrate(study: Any, *, output: Path | None, report: Path | None, start
     if not found.converged:
         raise typer.Exit(1)
 
-
-def _bar() -> Progress:
-    return Progress(SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), console=errors)

@@ -14,7 +14,6 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from clearance_jax.errors import ClearanceError, quote
 
@@ -111,12 +110,6 @@ def check_distinct(**paths: Path | None) -> None:
             )
 
 
-def progress_bar() -> Progress:
-    """What shows how far a command is; it vanishes at the end."""
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"))
-    return Progress(*columns, TimeElapsedColumn(), console=errors, transient=True)
-
-
 def say(text: str) -> None:
     """Print a text as it is."""
     console.print(text, highlight=False, markup=False, soft_wrap=True)
@@ -130,13 +123,13 @@ def warn(text: str) -> None:
 
 
 @contextmanager
-def aloud(category: type[Warning]) -> Iterator[None]:
-    """Warnings of that category become a line on the screen each."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", category)
+def aloud(*categories: type[Warning]) -> Iterator[None]:
+    """Warnings become a line on the screen each, as they come; of these categories all."""
+    with warnings.catch_warnings():
+        warnings.showwarning = lambda message, *_, **__: warn(str(message))
+        for category in categories:
+            warnings.simplefilter("always", category)
         yield
-    for warning in caught:
-        warn(str(warning.message))
 
 
 def say_written(what: str, path: Path) -> None:

@@ -5,36 +5,52 @@ from typing import Any
 
 import typer
 from rich.markup import escape
-from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from clearance_jax.cli.common import aloud, console, errors, say, say_written
 from clearance_jax.cli.interruption import Interruption
-from clearance_jax.cli.pace import Pace, shown_duration
+from clearance_jax.cli.pace import Pace, Shown, shown_duration
 from clearance_jax.errors import ClearanceError
+
+# Free coordinates of a plane mechanism above which compiling takes minutes: with 36 it is two and a half.
+MANY = 16
 
 
 def run_design(
-    study: Any, *, report: Path | None, verify: bool, cluster: str | None, record: Path | None, **search: Any
+    study: Any,
+    *,
+    report: Path | None,
+    verify: bool,
+    tradeoff: bool,
+    cluster: str | None,
+    record: Path | None,
+    **search: Any,
 ) -> None:
     """The design of a study, its proof and its report. Ctrl-C stops the search and keeps the best design so far."""
     from clearance_jax.ask.place import place_of
     from clearance_jax.design.findings import CUT_SHORT
+    from clearance_jax.design.yields import YieldWarning
     from clearance_jax.report.html import write_report
     from clearance_jax.runs.journal import RunWarning
 
-    doubts = aloud(RunWarning)
-    with doubts, place_of(cluster) as place, _bar() as bar, Interruption() as asked:  # one cluster for all that follows
-        pace, client = Pace(asked.check), place.client
-        say(_preparation(study.design.problem.specification.mechanism))
+    doubts, shown = aloud(RunWarning, YieldWarning), Shown(errors)
+    # One cluster for all that follows.
+    with doubts, place_of(cluster) as place, shown, Interruption() as asked:
+        pace, client, specification = Pace(asked.check), place.client, study.design.problem.specification
+        say(_preparation(specification.mechanism))
+        if specification.manufacture.is_sampled:
+            say(f"Parts: {specification.manufacture}.")
         given = {**search, "record": record, "cluster": client}
-        design = _search(study.design, {k: v for k, v in given.items() if v is not None}, bar, pace)
+        design = _search(study.design, {k: v for k, v in given.items() if v is not None}, shown, pace)
         console.print(f"[bold]{escape(study.name)}[/bold]")
         say(str(design))
-        found = _explain(study.design, design, verify, client, report is not None, bar, pace)
+        trade = {} if tradeoff and study.design.tradeoff is None else study.design.tradeoff
+        found = _explain(study.design, design, verify, client, report is not None, trade, shown, pace)
     for text in found.notes:
         say(text)
     if found.fits is not None:
         say(str(found.fits))
+    if found.tradeoff is not None:
+        say(str(found.tradeoff))
     if report is not None:
         write_report(found, report, study.name, study.text)
         say_written("report", report)
@@ -42,10 +58,6 @@ def run_design(
         raise typer.Exit(130)
     if not found.good:
         raise typer.Exit(1)
-
-
-def _bar() -> Progress:
-    return Progress(SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), console=errors)
 
 
 def check_method(method: str | None) -> str | None:
@@ -71,19 +83,23 @@ def _preparation(mechanism: Any) -> str:
     from clearance_jax.mechanism.state import layout
 
     count = len(layout(mechanism).velocities)
-    kind, how_long = ("plane", "about ten seconds") if mechanism.is_plane else ("spatial", "about a minute")
+    kind = "plane" if mechanism.is_plane else "spatial"
+    how_long = "about ten seconds" if mechanism.is_plane else "about a minute"
+    if mechanism.is_plane and count > MANY:
+        how_long = "minutes"
     return (
         f"Compiling the program that evaluates designs (a {kind} mechanism with {count} coordinates: this takes "
         f"{how_long}, more on a busy machine; programs that were compiled before are read again)."
     )
 
 
-def _search(study, given: dict[str, Any], bar: Progress, pace: Pace):
+def _search(study, given: dict[str, Any], shown: Shown, pace: Pace):
     """The design, with the best so far shown on the way."""
     from clearance_jax.design.specification import AUTO
     from clearance_jax.solve.settings import QUASI_STATIC
 
-    task, points, common = bar.add_task("compiling"), [], study.problem.specification.common
+    points, common = [], study.problem.specification.common
+    shown.phase("search: compiling")
     auto = given.get("fidelity", study.problem.specification.fidelity) == AUTO
 
     def progress(point):
@@ -94,7 +110,7 @@ def _search(study, given: dict[str, Any], bar: Progress, pace: Pace):
         held = [p.objective for p in judged if p.feasible]
         best = "none holds every limit yet" if not held else f"best {-min(held) if common else min(held):.6g}"
         poses = f" and {len(points) - len(judged)} by poses" * auto
-        bar.update(task, description=f"{len(judged)} designs{poses}, {best}")
+        shown.update(f"search: {len(judged)} designs{poses}, {best}")
 
     try:
         return study.problem.solve(progress=progress, **{**study.solve, **given})
@@ -109,7 +125,7 @@ def _interruption(design) -> bool:
     return design.stop_reason == INTERRUPTED
 
 
-def _verify(study, design, client: Any, bar: Progress, pace: Pace):
+def _verify(study, design, client: Any, shown: Shown, pace: Pace):
     """The certificate, with how long it will take said before and how far it has come said on the way."""
     from clearance_jax.design.verify import expected_evaluations
 
@@ -119,35 +135,38 @@ def _verify(study, design, client: Any, bar: Progress, pace: Pace):
 
     def progress(_point):
         done.tick()
-        bar.update(bar.task_ids[0], description=f"verifying, evaluation {done.count} of some {count}")
+        shown.update(f"judge: evaluation {done.count} of some {count}")
 
-    bar.update(bar.task_ids[0], description="verifying, compiling")
+    shown.phase("judge: compiling")
     return design.verify(**study.verify, cluster=client, progress=progress)
 
 
-def _explain(study, design, verify: bool, client: Any, report: bool, bar: Progress, pace: Pace):
-    """What can be said of the design: its certificate, and for a report whatever else.
+def _explain(study, design, verify: bool, client: Any, report: bool, trade: dict | None, shown: Shown, pace: Pace):
+    """What can be said of the design: its certificate, a trade-off if it is asked for, and for a report whatever else.
 
     An interruption keeps what is known by then.
     """
     from clearance_jax.design import findings
-    from clearance_jax.design.findings import CUT_SHORT, known_findings
+    from clearance_jax.design.findings import CUT_SHORT, known_findings, with_tradeoff
 
     if _interruption(design):
         return known_findings(design)
-    task, certificate = bar.task_ids[0], None
+    certificate, phases = None, set()
 
     def progress(name):
         pace.check()
-        bar.update(task, description=name)
+        # "trade-off, bound 3 of 7 (1.1 times), 12 designs" is one phase with all that goes before.
+        phase = name.split(" (")[0]
+        (shown.update if phase in phases else shown.phase)(name)
+        phases.add(phase)
 
     try:
         if design.feasible and verify:
-            certificate = _verify(study, design, client, bar, pace)
+            certificate = _verify(study, design, client, shown, pace)
             say(str(certificate))
     except KeyboardInterrupt:
         found = known_findings(design)
         return found._replace(notes=(*found.notes, CUT_SHORT))
     if not report:
-        return known_findings(design, certificate)
-    return findings(design, certificate, progress, client)
+        return with_tradeoff(known_findings(design, certificate), progress, client, trade)
+    return findings(design, certificate, progress, client, trade)

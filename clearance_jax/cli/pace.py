@@ -1,7 +1,71 @@
-"""How long things will take, from how long they have taken."""
+"""How far a command has come, and how long things will take, from how long they have taken."""
 
+import threading
 import time
 from collections.abc import Callable
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+# Where there is no terminal a line is written at least so often [s].
+EVERY = 30.0
+
+
+class Shown:
+    """How far a command has come: on a terminal one line that changes, elsewhere (a file, a pipe) plain lines: one for
+    each phase, and while it lasts one every half a minute, also where nothing is heard of the work itself.
+
+    **Arguments:** `console` to write to; `parts`: whether the work says which part of it is done; `every` [s]: how
+    often.
+    """
+
+    def __init__(self, console: Console, parts: bool = False, every: float = EVERY):
+        self._console, self._parts, self._every, self._done = console, parts, every, threading.Event()
+        self._text, self._part, self._began = "", None, time.monotonic()
+        self._bar = self._beat = None
+        if console.is_terminal:
+            known = (BarColumn(), TextColumn("{task.percentage:>3.0f} %")) if parts else (SpinnerColumn(),)
+            columns = *known, TextColumn("{task.description}"), TimeElapsedColumn()
+            self._bar = Progress(*columns, console=console, transient=parts)
+            self._task = self._bar.add_task("", total=1.0)
+
+    def __enter__(self) -> "Shown":
+        if self._bar is not None:
+            self._bar.start()
+        else:
+            self._beat = threading.Thread(target=self._tell, daemon=True)
+            self._beat.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._done.set()
+        if self._beat is not None:
+            self._beat.join()
+        if self._bar is not None:
+            self._bar.stop()
+
+    def phase(self, text: str) -> None:
+        """Something else begins."""
+        self._began = time.monotonic()
+        self.update(text, 0.0 if self._parts else None)
+        if self._bar is None:
+            self._print(text)
+
+    def update(self, text: str | None = None, part: float | None = None) -> None:
+        """It has come so far: in words, and which part of it is done."""
+        self._text = self._text if text is None else text
+        self._part = self._part if part is None else part
+        if self._bar is not None:
+            self._bar.update(self._task, description=self._text, completed=self._part or 0.0)
+
+    def _tell(self) -> None:
+        while not self._done.wait(self._every):
+            if self._text:
+                part = f"{self._part:.0%}, " if self._part else ""
+                self._print(f"{self._text} ({part}{time.monotonic() - self._began:.0f} s)")
+
+    def _print(self, text: str) -> None:
+        self._console.print(text, highlight=False, markup=False, soft_wrap=True)
 
 
 class Pace:

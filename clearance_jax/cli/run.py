@@ -28,6 +28,7 @@ FOR = {
     "--fidelity": ("design",),
     "--starts": ("design", "calibrate"),
     "--no-verify": ("design",),
+    "--tradeoff": ("design",),
 }
 
 
@@ -61,6 +62,10 @@ def run(
     ] = None,
     starts: Annotated[int | None, typer.Option(help="Number of starts, the first in the middle.", min=1)] = None,
     verify: Annotated[bool, typer.Option(help="Prove a design by another solver (takes a while).")] = True,
+    tradeoff: Annotated[
+        bool,
+        typer.Option("--tradeoff", help="Say what other bounds of a design's limit would mean (a search for each)."),
+    ] = False,
     cores: Annotated[int | None, typer.Option(help="How many cores a sweep takes (default: all).", min=1)] = None,
     cluster: Annotated[
         str | None,
@@ -84,6 +89,7 @@ def run(
         "--fidelity": fidelity,
         "--starts": starts,
         "--no-verify": None if verify else True,
+        "--tradeoff": tradeoff or None,
     }
     method, fidelity = check_method(method), known_fidelity(fidelity)
     check_writable(report, (".html", ".htm"))
@@ -109,7 +115,7 @@ def run(
         run_calibrate(study, output=output, report=report, starts=starts)
     if "design" in asked:
         how = {"method": method, "fidelity": fidelity, "starts": starts}
-        run_design(study, report=report, verify=verify, cluster=cluster, record=record, **how)
+        run_design(study, report=report, verify=verify, tradeoff=tradeoff, cluster=cluster, record=record, **how)
 
 
 def _load(path: Path) -> Any:

@@ -20,13 +20,14 @@ from clearance_jax.cli.common import (
     check_distinct,
     check_writable,
     console,
-    progress_bar,
+    errors,
     read_scene,
     say_written,
     warn,
 )
 from clearance_jax.cli.interruption import Interruption
 from clearance_jax.cli.motion import check_covered, driven_by, usual_end
+from clearance_jax.cli.pace import Shown
 from clearance_jax.cli.posture import say_held
 from clearance_jax.errors import ClearanceError, quote, suggest
 
@@ -78,23 +79,23 @@ def simulate(
     check_covered(lead, options)
     end = options.pop("t1")
     say_held(held, lead is None, end if lead is None and t1 is None else None, driven)
-    with progress_bar() as bar, warnings.catch_warnings():
+    with Shown(errors, parts=True) as shown, warnings.catch_warnings():
         warnings.simplefilter("ignore", EnergyWarning)  # said below, after the result
-        task = bar.add_task("compiling and solving", total=1.0)
+        shown.update("compiling and solving")
         solve = {"save_at" if name == "samples" else name: value for name, value in options.items()}
 
         with Interruption() as asked:
 
             def progress(done: float) -> None:
-                bar.update(task, completed=done)
+                shown.update(part=done)
                 asked.check()
 
             result = _solved(mechanism, end, solve, progress)
-        bar.update(task, description="observing", completed=0.0)
+        shown.update("observing", 0.0)
         dataset = _observe(
             mechanism,
             result,
-            progress=lambda f: bar.update(task, completed=f),
+            progress=lambda part: shown.update(part=part),
             scene=scene.text,
             settings=" ".join([*(settings or []), *(clearance or [])]),
             trajectory="" if lead is None else str(lead.path),
@@ -196,5 +197,5 @@ def _report(mechanism, result, dataset) -> None:
         console.print(f"{dataset.sizes['episode']} contact episodes, {said}", soft_wrap=True)
     if "point" in dataset.coords:
         for point in dataset["point"].values:
-            for name, called in (("velocity", "speed"), ("acceleration", "acceleration")):
-                console.print(f"{point}: largest {called} {peak_words(dataset, name, point)}", soft_wrap=True)
+            for name in ("speed", "acceleration"):
+                console.print(f"{point}: largest {name} {peak_words(dataset, name, point)}", soft_wrap=True)

@@ -5,10 +5,10 @@ from typing import Any
 
 import typer
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TextColumn
 
 from clearance_jax.cli.common import aloud, console, errors, say, say_written
 from clearance_jax.cli.interruption import Interruption
+from clearance_jax.cli.pace import Shown
 from clearance_jax.cli.pictures import draw_sweep
 from clearance_jax.errors import ClearanceError
 from clearance_jax.extras import require
@@ -34,11 +34,11 @@ def run_sweep(
     from clearance_jax.sweep.run import sweep as swept
 
     console.print(f"[bold]{escape(study.name)}[/bold]")
-    with aloud(RunWarning), _bar() as bar, Interruption() as asked:
-        task = bar.add_task("", total=None, said="compiling")
+    with aloud(RunWarning), Shown(errors, parts=True) as shown, Interruption() as asked:
+        shown.phase("compiling")
 
         def progress(now: Any) -> None:
-            bar.update(task, total=now.lanes, completed=now.done, said=str(now))
+            shown.update(str(now), now.done / now.lanes)
             asked.check()
 
         try:
@@ -60,7 +60,3 @@ def run_sweep(
     if plot is not None:
         draw_sweep(dataset, plot)
 
-
-def _bar() -> Progress:
-    columns = (BarColumn(), TextColumn("{task.percentage:>3.0f} %"), TextColumn("{task.fields[said]}"))
-    return Progress(*columns, console=errors, transient=True)

@@ -6,12 +6,11 @@ from typing import Any
 
 import typer
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TextColumn
 
 from clearance_jax.cli.animate import write_film
 from clearance_jax.cli.common import aloud, console, errors, say, say_written
 from clearance_jax.cli.interruption import Interruption
-from clearance_jax.cli.pace import shown_duration
+from clearance_jax.cli.pace import Shown, shown_duration
 from clearance_jax.errors import ClearanceError
 
 
@@ -27,13 +26,14 @@ def run_wear(study: Any, file: Path, output: Path, *, resume: bool, plot: Path |
             f"`{journal}` keeps a life that has begun. Go on with it by `--resume`, or delete it, or give another `-o`."
         )
     console.print(f"[bold]{escape(study.name)}[/bold]")
-    with _bar() as bar, Interruption() as asked:
+    with Shown(errors, parts=True) as shown, Interruption() as asked:
         try:
             with aloud(SectorsWarning), aloud(RunWarning):
-                dataset = _simulate(study, journal, _Told(bar, asked, study.wear.cycles))
+                dataset = _simulate(study, journal, _Told(shown, asked, study.wear.cycles))
         except (KeyboardInterrupt, ClearanceError):
             if not asked.heard:
                 raise
+            _keep(study, journal, output)
             say(f"Interrupted. What is done is kept: clearance run {file} -o {output} --resume")
             raise typer.Exit(130) from None
     for line in _words(dataset):
@@ -55,21 +55,33 @@ def run_wear(study: Any, file: Path, output: Path, *, resume: bool, plot: Path |
 def _simulate(study: Any, journal: Path, told: "_Told") -> Any:
     """The life as a dataset."""
     from clearance_jax.wear.history import simulate_wear
-    from clearance_jax.wear.record import to_dataset
 
     given = study.wear
     found = simulate_wear(
         given.model, given.cycles, **given.options, until=given.until, journal=journal, progress=told, **given.solve
     )
     told.say("reading off")
+    return _dataset(study, found)
+
+
+def _dataset(study: Any, found: Any, **said: Any) -> Any:
+    from clearance_jax.wear.record import to_dataset
+
+    given = study.wear
     words = {} if given.until is None else {"watched": given.words}
     texts = {"scene": study.scene_text, "study": study.text}
-    return to_dataset(found, given.model, name=study.name, **words, **texts)
+    return to_dataset(found, given.model, name=study.name, **words, **texts, **said)
 
 
-def _bar() -> Progress:
-    columns = (BarColumn(), TextColumn("{task.percentage:>3.0f} %"), TextColumn("{task.fields[said]}"))
-    return Progress(*columns, console=errors, transient=True)
+def _keep(study: Any, journal: Path, output: Path) -> None:
+    """The part of a life that is done, as a dataset."""
+    from clearance_jax.results.store import save
+    from clearance_jax.wear.history import lived_so_far
+
+    found = lived_so_far(study.wear.model, journal, study.wear.until)
+    if found is not None:
+        save(_dataset(study, found, result=f"interrupted after {int(found.cycles[-1])} cycles"), output)
+        say_written("dataset", output)
 
 
 class _Told:
@@ -78,22 +90,22 @@ class _Told:
     The time that is left is that of the last block for each cycle: jumps grow, so that at first it is too long.
     """
 
-    def __init__(self, bar: Progress, asked: Interruption, cycles: int):
-        self._bar, self._over_time, self._cycles = bar, asked, cycles
-        self._task = bar.add_task("", total=1.0, said="compiling")
+    def __init__(self, shown: Shown, asked: Interruption, cycles: int):
+        self._shown, self._over_time, self._cycles = shown, asked, cycles
+        shown.phase("compiling")
         self._at, self._done = time.monotonic(), 0.0
 
     def __call__(self, done: float) -> None:
         now = time.monotonic()
         left = (now - self._at) / max(done - self._done, 1e-12) * (1 - done)
         self._at, self._done = now, done
-        self._bar.update(self._task, completed=done)
+        self._shown.update(part=done)
         self.say(f"cycle {round(done * self._cycles)} of {self._cycles}, {shown_duration(left)} left")
         self._over_time.check()
 
     def say(self, text: str) -> None:
         """What is done now."""
-        self._bar.update(self._task, said=text)
+        self._shown.update(text)
 
 
 def _words(dataset: Any) -> list[str]:

@@ -13,7 +13,7 @@ from clearance_jax.design.findings import Findings, findings
 from clearance_jax.design.formulation import formulate
 from clearance_jax.design.loads import JointLoad
 from clearance_jax.design.maintenance import Maintenance, maintenances
-from clearance_jax.design.manufacture import AbstractManufacture, AsDesigned, Band, Part, Yield, YieldEstimate
+from clearance_jax.design.manufacture import AbstractManufacture, AsDesigned, Band, Part, Yield
 from clearance_jax.design.methods import METHODS, Method
 from clearance_jax.design.problem import ToleranceProblem
 from clearance_jax.design.program import Program
@@ -24,6 +24,7 @@ from clearance_jax.design.standard import StandardFits, chosen_fits, nearest_fit
 from clearance_jax.design.standings import Standing
 from clearance_jax.design.static import static_weights
 from clearance_jax.design.time_histories import TimeHistory, time_histories
+from clearance_jax.design.yields import YieldEstimate, YieldWarning
 
 __all__ = [
     "METHODS",
@@ -60,6 +61,7 @@ __all__ = [
     "Tradeoff",
     "Yield",
     "YieldEstimate",
+    "YieldWarning",
     "chosen_fits",
     "condition_product",
     "error_budget",

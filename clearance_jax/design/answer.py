@@ -10,11 +10,11 @@ from clearance_jax.design.certificate import Certificate
 from clearance_jax.design.classes import ChosenClasses, least_ends
 from clearance_jax.design.evaluate import fresh_yield
 from clearance_jax.design.evaluation import Evaluation
-from clearance_jax.design.manufacture import YieldEstimate
 from clearance_jax.design.methods import Method
 from clearance_jax.design.program import Program
 from clearance_jax.design.specification import Specification
 from clearance_jax.design.verify import certify
+from clearance_jax.design.yields import YieldEstimate
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import replace

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 
-from clearance_jax.design.manufacture import YieldEstimate
+from clearance_jax.design.yields import YieldEstimate
 from clearance_jax.units import format_quantity
 
 
@@ -59,11 +59,6 @@ class Certificate:
         return self.worst <= 1e-6 and (self.least is None or self.least <= 1e-6)
 
     @property
-    def _missed(self) -> str:
-        """How a yield that lies below its target is said."""
-        return "" if self.yields else f" THAT IS BELOW THE TARGET, {self.target:.4%}."
-
-    @property
     def yields(self) -> bool:
         """Whether the share of the fresh samples that holds all limits is at least its target."""
         return self.yield_estimate is None or self.target is None or self.yield_estimate.share >= self.target
@@ -104,7 +99,7 @@ class Certificate:
                 text += f" (re-optimised: {self.price_checks[name][1]:.4g} %)"
             lines.append(text + ".")
         if self.yield_estimate is not None:
-            lines.append(f"  {self.yield_estimate}" + self._missed)
+            lines.append(f"  {self.yield_estimate} {self.yield_estimate.against(self.target)}".rstrip())
         for name, value in self.static.items():
             lines.append(
                 f"  Limit on {name}: at rest, play alone causes an error of at most {format_quantity(value, 'm', 4)}. "

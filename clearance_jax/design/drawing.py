@@ -1,6 +1,7 @@
 """What the drawing of each clearance joint says: nominal diameter, and the deviations of hole and shaft."""
 
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 from clearance_jax.design.answer import Design
@@ -15,7 +16,7 @@ class JointDrawing(NamedTuple):
 
     - `diameter` [m]: the nominal one; `clearance` [m]: the radial one. If it is `designed`, it is the largest that is
       allowed, and otherwise that of the mechanism.
-    - `fit`: the fit whose clearance is never larger; `None`: not known.
+    - `fit`: as of `nearest_fits`; `None`: not known. `remark`: where it goes beyond what is allowed by itself.
     """
 
     joint: str
@@ -23,10 +24,13 @@ class JointDrawing(NamedTuple):
     clearance: float
     designed: bool
     fit: Fit | None
+    remark: str = ""
 
 
-def joint_drawings(design: Design, fits: Mapping[str, Fit]) -> tuple[JointDrawing, ...]:
-    """Of every clearance joint of a design, whose fits are known by variable."""
+def joint_drawings(
+    design: Design, fits: Mapping[str, Fit], remarks: Mapping[str, str] = MappingProxyType({})
+) -> tuple[JointDrawing, ...]:
+    """Of every clearance joint of a design, whose fits, and what is to be said of them, are known by variable."""
     return tuple(
         JointDrawing(
             joint.name,
@@ -34,6 +38,7 @@ def joint_drawings(design: Design, fits: Mapping[str, Fit]) -> tuple[JointDrawin
             first_clearance(joint),
             joint.name + CLEARANCE in design.clearances,
             fits.get(joint.name + CLEARANCE),
+            remarks.get(joint.name + CLEARANCE, ""),
         )
         for joint in design.mechanism.clearance_joints()
     )

@@ -15,10 +15,10 @@ from clearance_jax.ask.answers import answers, as_lanes
 from clearance_jax.ask.lanes import answer
 from clearance_jax.ask.place import HERE, Place
 from clearance_jax.ask.question import Question, shapes_of
-from clearance_jax.design.manufacture import YieldEstimate, estimate_yield
 from clearance_jax.design.scenarios import Scenario, scenarios_of
 from clearance_jax.design.specification import Specification
 from clearance_jax.design.worn import own, values_for
+from clearance_jax.design.yields import YieldEstimate, estimate_yield, samples_to_judge
 from clearance_jax.errors import ClearanceError, WearFailure, WornThrough
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMeasure
@@ -215,9 +215,12 @@ def yield_of(
 
 
 def fresh_yield(
-    specification: Specification, x: np.ndarray, samples: int = 10_000, seed: int = 12345, place: Place = HERE
+    specification: Specification, x: np.ndarray, samples: int | None = None, seed: int = 12345, place: Place = HERE
 ) -> YieldEstimate:
-    """The yield of a design (its variables, shape (n,)) on fresh samples; the worst condition's."""
+    """The yield of a design (its variables, shape (n,)) on fresh samples (default: as many as its target needs); the
+    worst condition's.
+    """
     if not specification.manufacture.is_sampled:
         raise ClearanceError("Only a problem with `manufacture=Yield(...)` has a yield.")
+    samples = samples_to_judge(getattr(specification.manufacture, "target", None)) if samples is None else samples
     return yield_of(specification, x, scenarios_of(specification, samples, seed), place=place)

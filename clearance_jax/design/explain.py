@@ -1,14 +1,17 @@
 """Why an answer is what it is: what each clearance contributes to an error, and what a looser bound would save."""
 
-from collections.abc import Sequence
-from typing import NamedTuple
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from clearance_jax.ask.place import Place, place_of
 from clearance_jax.design.answer import Design
 from clearance_jax.design.evaluate import simulations_of
 from clearance_jax.design.evaluation import SLACK, Evaluation
 from clearance_jax.design.formulation import formulate
+from clearance_jax.design.program import Program
 from clearance_jax.design.run import INTERRUPTED, run
 from clearance_jax.design.scenarios import scenarios_of
 from clearance_jax.errors import ClearanceError, suggest
@@ -116,36 +119,45 @@ class Tradeoff(NamedTuple):
     label: str
     asked: float
 
+    def __str__(self) -> str:
+        lines = [f"Trade-off of {self.label}:"]
+        for bound, objective, at in zip(self.bounds, self.objectives, self.designs, strict=True):
+            found = "no design was found" if at is None else f"objective {objective:.6g}, " + ", ".join(
+                f"{name} = {value:.6g}" for name, value in at.items()
+            )
+            lines.append(f"  bound {format_quantity(float(bound), self.unit, 5)}: {found}")
+        return "\n".join(lines)
 
-def tradeoff(design: Design, limit: str = "", factors: Sequence[float] = FACTORS) -> Tradeoff:
+
+def tradeoff(
+    design: Design,
+    limit: str = "",
+    factors: Sequence[float] = FACTORS,
+    progress: Callable[[str], None] | None = None,
+    cluster: Any = None,
+) -> Tradeoff:
     """The cost (or minus the common clearance) as a function of the bound of one limit. The problem is solved again for
-    each bound.
+    each bound but its own, outwards from the design, from the answer of the bound before.
+
+    Every point is kept in the record of the design, if it has one. So a trade-off that was interrupted goes on from it.
 
     **Arguments:** `design`: the answer of a problem; `limit`: its title, by default that of the limit nearest to its
-    bound; `factors`: on the bound.
+    bound; `factors`: on the bound; `progress`: called with each evaluation, in words; `cluster`: as of
+    `ToleranceProblem.solve`.
 
-    **Raises:** `ClearanceError` for an unknown limit.
+    **Raises:** `ClearanceError` for an unknown limit, and for factors that are not positive.
     """
-    program = formulate(design.specification, known=design.program.points)
-    titles = list(dict.fromkeys(program.groups))
-    limit = limit or program.groups[int(np.argmax(design.evaluation.limits))]
+    titles = list(dict.fromkeys(design.program.groups))
+    limit = limit or design.program.groups[int(np.argmax(design.evaluation.limits))]
     if limit not in titles:
         raise ClearanceError(f"There is no limit {limit!r}. " + suggest(limit, titles))
-    rows = np.array([group == limit for group in program.groups])
-
-    def best(factor) -> Evaluation | None:
-        """Of all that was evaluated, for whichever bound."""
-        held = [p for p in program.history if np.all((1 + p.limits) / np.where(rows, factor, 1.0) - 1 <= SLACK)]
-        return min(held, key=lambda p: p.objective, default=None)
-
-    # Outwards from the design: what was found for one bound is where the next one starts.
-    for factor in sorted(factors, key=lambda f: abs(np.log(f))):
-        known = best(factor) or design.evaluation
-        if run(program.with_bound(limit, factor), design.method, known.x) == INTERRUPTED:
-            raise KeyboardInterrupt
+    if not factors or not all(math.isfinite(f) and f > 0 for f in factors):
+        raise ClearanceError(f"`factors` must be positive numbers, but they are {list(factors)}.")
+    with place_of(cluster) as place:
+        program = _traded(design, limit, factors, progress, place)
+    ends = [_best(program, limit, factor) for factor in factors]
     asked = {own.title: own for own in design.specification.limits}.get(limit)
     bound, unit, label = (1.0, "", limit) if asked is None else (asked.bound, asked.metric.unit, asked.label)
-    ends = [best(f) for f in factors]
     return Tradeoff(
         limit,
         unit,
@@ -155,3 +167,41 @@ def tradeoff(design: Design, limit: str = "", factors: Sequence[float] = FACTORS
         label,
         bound,
     )
+
+
+def _traded(
+    design: Design, limit: str, factors: Sequence[float], progress: Callable[[str], None] | None, place: Place
+) -> Program:
+    """The problem of a design with every point that its bounds were searched by."""
+    said = ""
+
+    def tell(_: Evaluation) -> None:
+        if progress is not None:
+            progress(f"{said}, {program.solves} designs")
+
+    # What the record holds need not be known twice.
+    known = {"record": design.program.record} if design.program.record else {"known": design.program.points}
+    program = formulate(design.specification, place=place, progress=tell, **known)
+    # From the bound before and not from the best point that is known: read back from a record, a search takes the same
+    # way again, and solves nothing.
+    answers = {1.0: design.evaluation.x}
+    outwards = sorted({f for f in factors if f != 1.0}, key=lambda f: abs(math.log(f)))
+    for i, factor in enumerate(outwards):
+        said = f"trade-off, bound {i + 1} of {len(outwards)} ({factor:g} times)"
+        if progress is not None:
+            progress(said)
+        moved = program.with_bound(limit, factor)
+        nearest = min(answers, key=lambda f: abs(math.log(f / factor)))
+        if run(moved, design.method, answers[nearest]) == INTERRUPTED:
+            raise KeyboardInterrupt
+        held = [point for point in moved.asked if point.feasible]
+        if held:
+            answers[factor] = min(held, key=lambda point: point.objective).x
+    return program
+
+
+def _best(program: Program, limit: str, factor: float) -> Evaluation | None:
+    """Of all that was evaluated, for whichever bound."""
+    moved = np.where([group == limit for group in program.groups], factor, 1.0)
+    held = [p for p in program.history if np.all((1 + p.limits) / moved - 1 <= SLACK)]
+    return min(held, key=lambda p: p.objective, default=None)

@@ -1,5 +1,6 @@
 """From what is asked to a program of numbers: objective, scaled limits and their derivatives at a point."""
 
+import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
@@ -69,8 +70,10 @@ def _program(specification: Specification, simulations: Simulations, **options: 
     def several(points):
         return _evaluate_points(specification, points, scenarios, simulations)
 
+    drawn = dataclasses.replace(specification, manufacture=specification.manufacture.without_margin)
+
     def fresh(x, samples, seed):
-        return _evaluate(specification, x, True, scenarios_of(specification, samples, seed), simulations)
+        return _evaluate(drawn, x, True, scenarios_of(drawn, samples, seed), simulations)
 
     program = Program(
         evaluate,

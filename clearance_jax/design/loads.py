@@ -1,18 +1,21 @@
 """What each clearance joint bears at a design: what its bearing is chosen by."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from clearance_jax.design.observed import Observed
 from clearance_jax.mechanism._base import ClearanceJoint
 from clearance_jax.mechanism.mechanism import Mechanism
+from clearance_jax.metrics.instants import Instants
 
 
 class JointLoad(NamedTuple):
     """The load of a `joint` in one `condition`.
 
     - `largest`: the largest normal force [N], at `time` [s]; `mean`: its mean over time [N].
+    - `first_fall`: whether the largest one belongs to the first fall of a pin that started in mid-air; then `after` is
+      the largest one after it [N], at `time_after` [s] (`None`: not known, or none).
     - `impacts`: how often pin and sleeve meet; `friction_loss`, `contact_loss`: energy lost in friction and in contact
       damping [J].
     - `diameter` of the pin and `length` of the contact [m]; `None`: not known.
@@ -32,6 +35,9 @@ class JointLoad(NamedTuple):
     length: float | None
     force: tuple[float, ...] | None = None
     moment: float | None = None
+    first_fall: bool = False
+    after: float | None = None
+    time_after: float | None = None
 
     @property
     def largest_pressure(self) -> float | None:
@@ -46,13 +52,13 @@ class JointLoad(NamedTuple):
 
 def joint_loads(mechanism: Mechanism, condition: str, times: np.ndarray, seen: Observed) -> tuple[JointLoad, ...]:
     """Of every clearance joint of the mechanism that was observed, at sample `times` [s] as to its components."""
-    found = zip(mechanism.clearance_joints(), seen.forces, seen.works, seen.impacts, strict=True)
+    found = zip(mechanism.clearance_joints(), seen.forces, seen.falls, seen.works, seen.impacts, strict=True)
     out = []
-    for joint, force, work, impacts in found:
-        turned, k = {}, int(np.argmin(np.abs(times - float(force.times[0]))))
+    for joint, force, over, work, impacts in found:
+        turned, k = _of_fall(force, float(over)), int(np.argmin(np.abs(times - float(force.times[0]))))
         if not mechanism.is_plane:
             exerted, moment = seen.wrenches[joint.name]
-            turned = {"force": tuple(exerted[k].tolist()), "moment": float(np.hypot(*moment[k, :2]))}
+            turned |= {"force": tuple(exerted[k].tolist()), "moment": float(np.hypot(*moment[k, :2]))}
         out.append(
             JointLoad(
                 joint.name,
@@ -68,6 +74,17 @@ def joint_loads(mechanism: Mechanism, condition: str, times: np.ndarray, seen: O
             )
         )
     return tuple(out)
+
+
+def _of_fall(force: Instants, over: float) -> dict[str, Any]:
+    """Whether the largest of a joint's forces belongs to its pin's first fall, which is over at a time [s]; and the
+    largest one after it.
+    """
+    if force.times[0] > over:
+        return {}
+    later = np.flatnonzero((force.times > over) & (force.values > 0))
+    after = {"after": float(force.values[later[0]]), "time_after": float(force.times[later[0]])} if later.size else {}
+    return {"first_fall": True} | after
 
 
 def first_clearance(joint: ClearanceJoint) -> float:

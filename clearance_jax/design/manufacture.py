@@ -11,6 +11,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 import scipy.stats
 
+from clearance_jax.design.yields import CONFIDENCE, samples_needed, samples_to_search, worst_parts, yield_supported
 from clearance_jax.errors import ClearanceError
 from clearance_jax.parameters import describe, physical
 from clearance_jax.sweep.scatter import check_scatter
@@ -61,6 +62,16 @@ class AbstractManufacture(abc.ABC):
     def scattered(self) -> tuple[str, ...]:
         """Names of the numbers that scatter."""
         return ()
+
+    @property
+    def doubt(self) -> str:
+        """Why an answer may not have what is asked for, as far as it is known before the search; empty: nothing."""
+        return ""
+
+    @property
+    def without_margin(self) -> "AbstractManufacture":
+        """The same for samples that are drawn anew at every step, whose chance averages out."""
+        return self
 
     def check(self) -> None:
         """Raise `ClearanceError` for numbers that say nothing."""
@@ -145,11 +156,15 @@ class Yield(AbstractManufacture):
       must whose mean is zero.
     - `target`: the share.
     - `samples`: of a scrambled Sobol sequence with this `seed`, the same for all designs (common random numbers). So
-      few purely random samples would say little about rare parts.
+      few purely random samples would say little about rare parts. `None`: the power of two that is at least
+      5 / (1 - target).
+    - `confidence`: with which the made parts have this yield; 0: no margin is left for the samples being few.
 
     The design is limited by the conditional value at risk of the worst scaled limit: its mean over the worst (1 -
     target) of the samples (Rockafellar and Uryasev 2000). It is at least the quantile that the yield is about, and has
-    a derivative. With fewer than 1 / (1 - target) samples, one of them decides.
+    a derivative. Of few samples it is too small by chance. So the mean is taken over fewer of them, as many as the
+    `confidence` allows (`design.yields.confidence_of` has the formula). With fewer than log(1 - confidence) /
+    log(target) samples, the worst one decides, and a `YieldWarning` says which yield they support.
     """
 
     scatter: Mapping[str, Any] = describe(
@@ -157,8 +172,13 @@ class Yield(AbstractManufacture):
         '{ "slider.mass" = "2 percent" }',
     )
     target: float = physical("", above=0.0, below=1.0, default=0.99, help="the share", example="0.95")
-    samples: int = describe("samples of a Sobol sequence", "256", least=1, most=1_000_000, default=256)
+    samples: int | None = describe(
+        "samples of a Sobol sequence", "256", "what the target needs", least=1, most=1_000_000, default=None
+    )
     seed: int = describe("its seed", "1", default=0)
+    confidence: float = physical(
+        "", least=0.0, below=1.0, default=CONFIDENCE, help="with which the made parts have this share", example="0.9"
+    )
     is_sampled: ClassVar[bool] = True
 
     @property
@@ -169,11 +189,32 @@ class Yield(AbstractManufacture):
     def scattered(self):
         return tuple(self.scatter)
 
+    @property
+    def count(self) -> int:
+        """How many samples there are."""
+        return samples_to_search(self.target) if self.samples is None else self.samples
+
+    @property
+    def doubt(self):
+        if not self.confidence or self.count >= samples_needed(self.target, self.confidence):
+            return ""
+        supported = yield_supported(self.count, self.confidence)
+        return (
+            f"{self.count} samples support a yield of {supported:.4g} at {self.confidence:.4g} confidence, but the "
+            f"target is {self.target:.6g}: the made parts may fall short of it. Give at least "
+            f"{samples_needed(self.target, self.confidence)} `samples`, or leave them out "
+            f"({samples_to_search(self.target)})."
+        )
+
+    @property
+    def without_margin(self):
+        return dataclasses.replace(self, confidence=0.0)
+
     def check(self):
-        if not 0 < self.target < 1 or self.samples < 1:
+        if not 0 < self.target < 1 or not 0 <= self.confidence < 1 or (self.samples is not None and self.samples < 1):
             raise ClearanceError(
-                f"`Yield` wants a target between 0 and 1, and at least one sample, but they are {self.target} and "
-                f"{self.samples}."
+                "`Yield` wants a target between 0 and 1, a confidence from 0 to below 1, and at least one sample, but "
+                f"they are {self.target}, {self.confidence} and {self.samples}."
             )
         for name, deviation in self.scatter.items():
             if not isinstance(deviation, int | float):
@@ -217,7 +258,7 @@ class Yield(AbstractManufacture):
         **Raises:** `ClearanceError` for a variable with a distribution.
         """
         self.check()
-        count, seed = fresh or self.samples, self.seed if seed is None else seed
+        count, seed = fresh or self.count, self.seed if seed is None else seed
         if fresh or not self.scatter:
             normal = np.random.default_rng(seed).standard_normal((count, len(self.scatter)))
         else:
@@ -247,12 +288,18 @@ class Yield(AbstractManufacture):
         ]
 
     def weights(self, worst: np.ndarray) -> np.ndarray:
-        """Of each sample (its worst scaled limit) in the conditional value at risk; they add up to 1."""
-        tail = max((1 - self.target) * len(worst), 1.0)
+        """Of each sample (its worst scaled limit) in the mean of the worst of them; they add up to 1."""
+        tail = worst_parts(len(worst), self.target, self.confidence)
         order = np.argsort(-worst)
         weights = np.zeros(len(worst))
         weights[order] = np.clip(tail - np.arange(len(worst)), 0.0, 1.0) / tail
         return weights
+
+    def __str__(self) -> str:
+        worst = worst_parts(self.count, self.target, self.confidence)
+        numbers = ", ".join(self.scatter) or "nothing"
+        asked = f"{numbers} scattered; {self.target:.6g} of the parts must hold every limit"
+        return f"{asked}: of {self.count} samples the worst {worst:.3g} on average"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -288,23 +335,3 @@ class Neighbours(AbstractManufacture):
 
 MANUFACTURE: Mapping[str, type[AbstractManufacture]] = {"band": Band, "yield": Yield}
 """By the word of a study."""
-
-
-class YieldEstimate(NamedTuple):
-    """A yield from `samples` fresh samples: the `share` that holds all limits, and the `least` yield that this proves
-    at 95 % confidence (Clopper and Pearson 1934).
-    """
-
-    share: float
-    least: float
-    samples: int
-
-    def __str__(self) -> str:
-        return f"Yield {self.share:.4%} of {self.samples} fresh samples: at least {self.least:.4%} at 95 % confidence."
-
-
-def estimate_yield(held: np.ndarray) -> YieldEstimate:
-    """From which samples (n,) held all limits."""
-    n, k = len(held), int(np.sum(held))
-    least = float(scipy.stats.beta.ppf(0.05, k, n - k + 1)) if k else 0.0
-    return YieldEstimate(k / n, least, n)

@@ -19,6 +19,7 @@ from clearance_jax.design.specification import Specification
 from clearance_jax.dynamics.equations import balance
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout
+from clearance_jax.metrics.first_fall import FirstFall
 from clearance_jax.metrics.instants import PeakInstants
 from clearance_jax.metrics.joint_work import JointWork
 from clearance_jax.metrics.measure import AbstractMetric, Request
@@ -29,19 +30,23 @@ from clearance_jax.solve.settings import DYNAMICS
 from clearance_jax.spatial import as_array
 
 SAMPLES = 2001
+# So many peaks of each force are looked at: of a pin that falls first, the largest after its fall is among them.
+FORCES = 8
 
 
 class Observed(NamedTuple):
     """What was asked of a scenario, metric by metric, and then, in the same places, what was found:
 
     - by limit, `limits` (`Instants` of a peak, else the values) and `signals` over time (`None`: it has none);
-    - by clearance joint, `forces` (`Instants` of the largest), `works` (`Work`) and `impacts`;
+    - by clearance joint, `forces` (`Instants` of the largest), `falls` (when the first fall is over [s]), `works`
+      (`Work`) and `impacts`;
     - over time, `picture`: what one shows (`results.marks.picture`), and in space `wrenches` on the pins.
     """
 
     limits: tuple[Any, ...]
     signals: tuple[Any, ...]
     forces: tuple[Any, ...]
+    falls: tuple[Any, ...]
     works: tuple[Any, ...]
     impacts: tuple[Any, ...]
     picture: Any
@@ -95,7 +100,8 @@ def _request(specification: Specification) -> Observed:
     return Observed(
         tuple(PeakInstants(metric) if isinstance(metric, Peak) else metric for metric in metrics),
         tuple(None if signal is None else At(signal, times) for signal in signals),
-        tuple(PeakInstants(Peak(ContactForce(name))) for name in joints),
+        tuple(PeakInstants(Peak(ContactForce(name), count=FORCES)) for name in joints),
+        tuple(FirstFall(name) for name in joints),
         tuple(JointWork(name) for name in joints),
         tuple(Impacts(name) for name in joints),
         Samples(picture, times),

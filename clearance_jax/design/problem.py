@@ -1,5 +1,6 @@
 """The question a designer asks: which clearances, so that errors and forces stay within bounds, at the least cost."""
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Unpack
@@ -16,6 +17,7 @@ from clearance_jax.design.manufacture import AbstractManufacture, AsDesigned
 from clearance_jax.design.methods import Method
 from clearance_jax.design.search import search
 from clearance_jax.design.specification import Limit, Specification
+from clearance_jax.design.yields import YieldWarning
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import parameters
@@ -114,8 +116,12 @@ class ToleranceProblem:
           1e-7, 0): each from the answer of the one before, and with up to `most` evaluations. The last one must be 0:
           the answer is that of the laws themselves. `Design.before` has the others.
 
+        **Warns:** `YieldWarning` where the samples of a `Yield` are too few to support it.
+
         **Raises:** `ClearanceError` for classes that say nothing or have no cost, and for widths that do not fall to 0.
         """
+        if doubt := self.specification.manufacture.doubt:
+            warnings.warn(doubt, YieldWarning, stacklevel=2)
         with place_of(cluster) as place:
             specification = self.specification if fidelity is None else self.specification.judged_by(fidelity)
             given = {"method": method, "seed": seed, "most": most, "progress": progress, "place": place}

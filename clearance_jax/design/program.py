@@ -89,6 +89,11 @@ class Program:
             if point.fidelity == fidelity:
                 self._keep(point)
 
+    @property
+    def record(self) -> Path | None:
+        """The file with every point, if there is one."""
+        return None if self._record is None else self._record.path
+
     def at(self, x: np.ndarray, gradient: bool = False) -> Evaluation:
         """The point at `x`, from memory where it is known."""
         x = np.clip(np.asarray(x, float), self.lower, self.upper)

@@ -1,6 +1,7 @@
 """The nearest standard fits to a design, and the share of what is made with them that holds the limits."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,11 +12,14 @@ from clearance_jax.design.answer import Design
 from clearance_jax.design.classes import SMALLEST, ToleranceClass, diameters_of
 from clearance_jax.design.evaluate import FEW, simulations_of, yield_of
 from clearance_jax.design.evaluation import SLACK
-from clearance_jax.design.manufacture import YieldEstimate
 from clearance_jax.design.scenarios import Scenario, scenarios_of
+from clearance_jax.design.yields import USUAL, YieldEstimate, samples_needed
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import fits
+from clearance_jax.units import format_quantity
 
+# A part of a clearance that no drawing shows.
+HAIR = 1e-6
 # Standard deviations between the middle and the limits of a tolerance.
 SIGMAS = 3.0
 
@@ -25,13 +29,16 @@ class StandardFits(NamedTuple):
 
     - `fits`: by variable (a variable that is no joint's clearance keeps its designed value).
     - `worst`, `least`: the most violated scaled limit with every clearance at its fit's greatest, and at its least.
-    - `yield_estimate`: of random samples.
+    - `yield_estimate`: of random samples; `target`: the yield that was asked for (`None`: none was).
+    - `remarks`: by variable, where a fit goes beyond what the study allows by itself.
     """
 
     fits: dict[str, fits.Fit]
     worst: float
     least: float
     yield_estimate: YieldEstimate
+    target: float | None = None
+    remarks: Mapping[str, str] = MappingProxyType({})
 
     @property
     def shares(self) -> tuple[float, float]:
@@ -39,48 +46,86 @@ class StandardFits(NamedTuple):
         return 1 + self.worst, 1 + self.least
 
     def __str__(self) -> str:
-        lines = [f"{name}: {found}" for name, found in self.fits.items()]
+        lines = [f"{name}: {found}" + self._remark(name) for name, found in self.fits.items()]
         greatest, least = self.shares
         lines.append(
             f"The worst limit reaches {greatest:.4f} of its bound with every clearance at its greatest, "
             f"{least:.4f} at its least."
         )
-        return "\n".join([*lines, str(self.yield_estimate)])
+        return "\n".join([*lines, self.judgement])
+
+    @property
+    def judgement(self) -> str:
+        """What the samples say, also of the yield that was asked for."""
+        return f"{self.yield_estimate} {self.yield_estimate.against(self.target)}".rstrip()
+
+    def _remark(self, name: str) -> str:
+        return f" ({self.remarks[name]})" if name in self.remarks else ""
 
 
 def nearest_fits(
     design: Design,
     diameters: Mapping[str, float] | None = None,
-    samples: int = 200,
+    samples: int | None = None,
     seed: int = 0,
     cluster: Any = None,
 ) -> StandardFits | None:
     """The loosest common fits whose greatest clearances, all together, hold the limits; `None` if there are none.
 
     The search begins with the loosest fits within the designed clearances. As long as the limits hold, it loosens one
-    joint after the other by one fit: the one that gains most. Holes and shafts of the samples are normal about the
-    middle of their tolerances, whose limits are three standard deviations away.
+    joint after the other by one fit: the one that gains most. So a fit may be looser than its joint's clearance was
+    designed, where others are tighter. Fits lie within the bounds of their variables, as far as such fits hold the
+    limits. `remarks` say where one does not, and where one is looser than designed. Of a `Yield` all fits get tighter
+    until the share of the samples that holds the limits is its target.
+
+    Holes and shafts of the samples are normal about the middle of their tolerances, whose limits are three standard
+    deviations away. What else a `Yield` lets scatter, scatters in them too.
 
     **Arguments:** `design`: the answer of a problem; `diameters`: nominal ones by variable [m], by default twice the
-    joint's pin radius; `samples`: how many for the yield, by `seed`; `cluster`: as of `ToleranceProblem.solve`.
+    joint's pin radius; `samples`: how many for the yield, by `seed` (default: the fewest that can prove the target, of
+    a problem without one 99 %); `cluster`: as of `ToleranceProblem.solve`.
     """
     with place_of(cluster) as place:
         return _nearest(design, diameters or {}, samples, seed, place)
 
 
 def _nearest(
-    design: Design, diameters: Mapping[str, float], samples: int, seed: int, place: Place
+    design: Design, diameters: Mapping[str, float], samples: int | None, seed: int, place: Place
 ) -> StandardFits | None:
-    specification = design.specification.nominal()
-    names = list(design.clearances)
-    designed = specification.values(design.evaluation.x)
+    specification, names = design.specification, list(design.clearances)
     sizes = {**diameters_of(design.mechanism, names), **diameters}
     fitted = [i for i, name in enumerate(names) if name in sizes]
     if not fitted:
         raise ClearanceError("No variable is a radial clearance of known diameter: give `diameters`.")
-    # The tightest first: a chosen fit is a place in its list.
-    lists = {i: sorted(fits.fits_within(sizes[names[i]], 1.0), key=_greatest) for i in fitted}
-    chosen = {i: max(sum(_greatest(f) <= designed[i] for f in lists[i]) - 1, 0) for i in fitted}
+    between = list(specification.variables.values())
+    within = {i: fits.fits_within(sizes[names[i]], between[i][1], between[i][0]) for i in fitted}
+    every = {i: fits.fits_within(sizes[names[i]], 1.0) for i in fitted}
+    # Where none within the bounds of the study holds the limits, others are given, and remarked on.
+    for candidates in (within, every):
+        # The tightest first: a chosen fit is a place in its list.
+        lists = {i: sorted(found, key=_greatest) for i, found in candidates.items()}
+        chosen = _loosest(design, lists, place) if all(lists.values()) else None
+        if chosen is not None:
+            break
+    else:
+        return None
+    while True:
+        made = {names[i]: _as_class(lists[i][k]) for i, k in chosen.items()}
+        found = _judged(design, made, samples, seed, place)
+        if found.target is None or found.yield_estimate.share >= found.target or not any(chosen.values()):
+            return found
+        chosen = _tighter(chosen)
+
+
+def _tighter(chosen: Mapping[int, int]) -> dict[int, int]:
+    return {i: max(place - 1, 0) for i, place in chosen.items()}
+
+
+def _loosest(design: Design, lists: Mapping[int, Sequence[fits.Fit]], place: Place) -> dict[int, int] | None:
+    """Of each list of fits the place of one, the loosest that hold the limits together; `None`: none do."""
+    specification = design.specification.nominal()
+    designed, fitted = specification.values(design.evaluation.x), list(lists)
+    chosen = {i: max(sum(_greatest(f) <= float(designed[i]) for f in lists[i]) - 1, 0) for i in fitted}
     simulations, scenarios = simulations_of(specification, place=place), scenarios_of(specification)
     exact = design.program.gradients > 0 and len(designed) <= FEW  # by the program that is compiled already
 
@@ -95,18 +140,17 @@ def _nearest(
         # A tightest fit wider than the design, islands, or errors that do not grow with the clearance: all tighter.
         if not any(chosen.values()):
             return None
-        chosen = {i: max(place - 1, 0) for i, place in chosen.items()}
+        chosen = _tighter(chosen)
     growing = True
     while growing:
         looser = [{**chosen, i: place + 1} for i, place in chosen.items() if place + 1 < len(lists[i])]
         looser.sort(key=lambda p: _gain(design, lists, chosen, p), reverse=True)
         growing = next((p for p in looser if worst(p) <= SLACK), None)
         chosen = growing or chosen
-    made = {names[i]: lists[i][place] for i, place in chosen.items()}
-    return _judged(design, {name: _as_class(fit) for name, fit in made.items()}, samples, seed, place)
+    return chosen
 
 
-def chosen_fits(design: Design, samples: int = 200, seed: int = 0, cluster: Any = None) -> StandardFits:
+def chosen_fits(design: Design, samples: int | None = None, seed: int = 0, cluster: Any = None) -> StandardFits:
     """The classes that a design has chosen, as `nearest_fits` gives fits.
 
     **Arguments:** `design`: the answer of a problem that was solved with `classes`; `samples`, `seed`, `cluster`: as of
@@ -124,27 +168,55 @@ def _as_class(fit: fits.Fit) -> ToleranceClass:
     return ToleranceClass(fit.name, *fit.radial_clearance, fit=fit)
 
 
-def _judged(design: Design, made: Mapping[str, ToleranceClass], samples: int, seed: int, place: Place) -> StandardFits:
+def _judged(
+    design: Design, made: Mapping[str, ToleranceClass], samples: int | None, seed: int, place: Place
+) -> StandardFits:
     """Limits with classes at their ends, and the yield of parts that are made to them."""
-    specification = design.specification.nominal()
+    specification, judge = design.specification, design.specification.as_designed()
     names, designed = list(design.clearances), specification.values(design.evaluation.x)
-    judge = design.specification.as_designed()
-    simulations, scenarios = simulations_of(judge, place=place), scenarios_of(specification)
+    target = getattr(specification.manufacture, "target", None)
+    samples = samples_needed(target or USUAL) if samples is None else samples
+    simulations = simulations_of(judge, place=place)
     exact = design.program.gradients > 0 and len(designed) <= FEW
 
     def worst(end: str) -> float:
         ends = [max(getattr(made[n], end), SMALLEST) if n in made else x for n, x in zip(names, designed, strict=True)]
         return float(np.max(simulations.worst(np.array(ends), scenarios_of(judge), exact)))
 
-    rng = np.random.default_rng(seed)
-    drawn = np.tile(designed, (samples, 1))
-    for i, name in enumerate(names):
-        if name in made:
-            drawn[:, i] = np.maximum(_draw(made[name], samples, rng), SMALLEST)
-    sampled = [Scenario(s.title, s.values, row / designed, s.values) for s in scenarios for row in drawn]
     found = {name: one.fit for name, one in made.items() if one.fit is not None}
-    estimate = yield_of(specification, designed, sampled, exact, place)
-    return StandardFits(found, worst("greatest"), worst("least"), estimate)
+    sampled = _sampled(design, made, samples, seed)
+    estimate = yield_of(specification.nominal(), designed, sampled, exact, place)
+    remarks = {n: text for n, one in made.items() if (text := _beyond(design, n, one))}
+    return StandardFits(found, worst("greatest"), worst("least"), estimate, target, remarks)
+
+
+def _sampled(design: Design, made: Mapping[str, ToleranceClass], samples: int, seed: int) -> list[Scenario]:
+    """Parts made to classes, in every condition; other numbers scatter as the problem says."""
+    names, designed = list(design.clearances), design.specification.values(design.evaluation.x)
+    rng = np.random.default_rng(seed)
+    drawn = {names.index(name): np.maximum(_draw(one, samples, rng), SMALLEST) for name, one in made.items()}
+    if design.specification.manufacture.is_sampled:
+        sampled = scenarios_of(design.specification, samples, seed)
+    else:
+        whole = scenarios_of(design.specification.nominal())
+        sampled = [s._replace(designed=s.values) for s in whole for _ in range(samples)]
+    factors = np.array([s.factors for s in sampled], float)
+    for i, column in drawn.items():
+        factors[:, i] = np.tile(column / designed[i], len(sampled) // samples)
+    return [s._replace(factors=row) for s, row in zip(sampled, factors, strict=True)]
+
+
+def _beyond(design: Design, name: str, made: ToleranceClass) -> str:
+    """Where a class goes beyond what a variable may be by itself, in words."""
+    designed, (least, most) = design.clearances[name], design.specification.variables[name]
+    found = []
+    if made.least < least * (1 - HAIR):
+        found.append(f"may be below the least of the study, {format_quantity(least, 'm', 4)}")
+    if made.greatest > most * (1 + HAIR):
+        found.append(f"may be above the greatest of the study, {format_quantity(most, 'm', 4)}")
+    elif made.greatest > designed * (1 + HAIR):
+        found.append(f"may be above the designed {format_quantity(designed, 'm', 4)}, as others are tighter")
+    return "; ".join(found)
 
 
 def _greatest(found: fits.Fit) -> float:

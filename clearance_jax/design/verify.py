@@ -37,7 +37,7 @@ def certify(
     sweep: int = 40,
     starts: int = 0,
     reoptimise: bool = False,
-    samples: int = 1000,
+    samples: int | None = None,
     seed: int = 0,
     solver: str | None = None,
     place: Place = HERE,
@@ -47,9 +47,9 @@ def certify(
 
     **Arguments:** `least` (n,): the other end of what is made, which must hold too; `sweep`: scalings at which the
     limits are looked at between a tenth of the design and the bounds; `starts`: random starts of the same method;
-    `reoptimise`: check the prices by solving again with changed bounds; `samples`: fresh ones for a `Yield`; `solver`:
-    which one (default: another than the design's); `place`: where many simulations are solved; `progress`: called with
-    each evaluation, of which there will be about `expected_evaluations`.
+    `reoptimise`: check the prices by solving again with changed bounds; `samples`: fresh ones for a `Yield` (default:
+    as many as its target needs); `solver`: which one (default: another than the design's); `place`: where many
+    simulations are solved; `progress`: called with each evaluation, about `expected_evaluations` of them.
     """
     solver, rtol = solver or OTHER.get(specification.solver, "tsit5"), 0.1 * specification.rtol
     # The dynamics have the last word on what poses have found.

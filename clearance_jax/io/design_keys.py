@@ -1,6 +1,7 @@
 """Every key of a study's section `design`. A new key is a line here, and its use."""
 
 from clearance_jax.design.costs import COSTS
+from clearance_jax.design.explain import FACTORS
 from clearance_jax.design.manufacture import MANUFACTURE
 from clearance_jax.design.methods import METHOD_CHOICES
 from clearance_jax.design.specification import FIDELITY_CHOICES
@@ -72,6 +73,7 @@ DESIGN = Keys(
         ),
         Sub("manufacture", "how parts come out of manufacture", '{ kind = "band", least = 0.8 }', absent="as designed"),
         Sub("verify", "how the answer is proved", "{ sweep = 40 }"),
+        Sub("tradeoff", "what other bounds would mean", "{ factors = [0.8, 1.25] }", absent="not asked"),
         Text("cost_unit", "what costs are counted in", '"EUR"', absent="cost units", longest=20),
         Word("method", "the method of the search", '"slsqp"', allowed=METHOD_CHOICES, default="slsqp"),
         Whole(
@@ -143,9 +145,24 @@ VERIFY = Keys(
         ),
         Whole("starts", "random starts of the same method", "3", most=10_000, absent="0"),
         Whole(
-            "samples", "fresh samples, where manufacture is a yield", "1000", least=1, most=MOST_SAMPLES, absent="1000"
+            "samples",
+            "fresh samples, where manufacture is a yield",
+            "1000",
+            least=1,
+            most=MOST_SAMPLES,
+            absent="20 / (1 - target)",
         ),
         Flag("reoptimise", "whether the prices of the limits are checked by solving again", "true", absent="false"),
+    ),
+)
+
+TRADEOFF = Keys(
+    "design.tradeoff",
+    "Trade-off",
+    "What other bounds of a limit would mean: the problem is solved again for each.",
+    (
+        Text("limit", "the limit", '"tip"', absent="that nearest to its bound"),
+        Quantities("factors", "on its bound", "[0.8, 1, 1.25]", absent=f"{list(FACTORS)}"),
     ),
 )
 
@@ -218,5 +235,6 @@ DESIGN_TABLES = (
     LIMIT,
     *MANUFACTURE_TABLES.values(),
     VERIFY,
+    TRADEOFF,
 )
 """Every table of the section, in the order of the reference."""

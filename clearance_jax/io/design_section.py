@@ -9,7 +9,7 @@ from clearance_jax.design.costs import COSTS, POWER, AbstractCost
 from clearance_jax.design.manufacture import MANUFACTURE, AbstractManufacture
 from clearance_jax.design.problem import ToleranceProblem
 from clearance_jax.design.specification import Limit
-from clearance_jax.errors import ClearanceError, quote
+from clearance_jax.errors import ClearanceError, quote, suggest
 from clearance_jax.io.asking import Asked, expand_entries
 from clearance_jax.io.asking_keys import METRIC
 from clearance_jax.io.design_keys import (
@@ -18,6 +18,7 @@ from clearance_jax.io.design_keys import (
     LIMIT,
     MANUFACTURE_TABLES,
     PAYLOAD,
+    TRADEOFF,
     TRAJECTORY,
     VARIABLE,
     VERIFY,
@@ -33,11 +34,14 @@ from clearance_jax.wear import AfterWear
 
 
 class DesignAsked(NamedTuple):
-    """What the section says: the problem, and how to solve and to verify it (arguments of `solve` and `verify`)."""
+    """What the section says: the problem, and how to solve and to verify it (arguments of `solve` and `verify`), and to
+    trade it off, if that is asked for (of `tradeoff`).
+    """
 
     problem: ToleranceProblem
     solve: dict[str, Any]
     verify: dict[str, Any]
+    tradeoff: dict[str, Any] | None = None
 
 
 def design_of(study: Asked, wear: WearAsked | None) -> DesignAsked:
@@ -70,7 +74,21 @@ def design_of(study: Asked, wear: WearAsked | None) -> DesignAsked:
         for key in ("starts", "reoptimise"):
             if verify.has(key):
                 raise ClearanceError(f"{verify.key(key)} has no effect where `classes` are chosen. Leave it out.")
-    return DesignAsked(problem, search, verify.arguments())
+    return DesignAsked(problem, search, verify.arguments(), _tradeoff(table, [limit.title for limit in limits]))
+
+
+def _tradeoff(top: Table, limits: list[str]) -> dict[str, Any] | None:
+    """Options of a trade-off, if one is asked for."""
+    if not top.has("tradeoff"):
+        return None
+    table = top.table("tradeoff", TRADEOFF)
+    limit = table.get("limit")
+    if limit and limit not in limits:
+        raise ClearanceError(f"{table.key('limit')}: there is no limit {quote(limit)}. " + suggest(limit, limits))
+    for factor in table.get("factors") or ():
+        if not factor > 0:
+            raise ClearanceError(f"{table.key('factors')} must be above 0, but one is {factor:g}. Leave it out.")
+    return table.arguments()
 
 
 def _classes(top: Table, tables: dict[str, Table], problem: ToleranceProblem) -> Candidates:

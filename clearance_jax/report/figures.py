@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from clearance_jax.errors import ClearanceError
 from clearance_jax.report.panels import Panel, curve, of_points, panels, time_axis
-from clearance_jax.report.play_figures import draw_path, with_share
+from clearance_jax.report.play_figures import MOST, bearing_most, draw_path, with_share
 from clearance_jax.report.style import STYLED, legend_below
 from clearance_jax.results.bearing import at_steps
 from clearance_jax.results.first_fall import seconds
@@ -23,7 +23,7 @@ STATES = (("free", "tab:blue"), ("contact", "tab:green"), ("impact", "tab:red"))
 @STYLED
 def overview(dataset: xr.Dataset) -> Figure:
     """Of a mechanism with clearances eccentricity, contact force, speed and acceleration of the named points, and the
-    pins' paths; of another one its coordinates, points, drives or reactions.
+    pins' paths (of many joints, of those that bear most); of another one its coordinates, points, drives or reactions.
 
     **Raises:** `ClearanceError` for a dataset that is no motion, or shows nothing.
     """
@@ -38,24 +38,45 @@ def overview(dataset: xr.Dataset) -> Figure:
             "There is nothing to draw: this is no result of `clearance simulate`, or nothing in it moves."
         )
     columns = 2 if len(shown) <= 4 else 3 if len(shown) <= 6 else 4
-    rows = -(-len(shown) // columns)
-    figure = Figure(figsize=(13, 7.5) if joints else (4.5 * columns, 3.5 * rows), layout="constrained")
-    parts: Any = figure.subfigures(1, 2, width_ratios=(2, 1)) if joints else (figure, None)
+    rows, across = -(-len(shown) // columns), 1 if len(joints) <= 2 else 2
+    size = (11 + 2.2 * across, 7.5) if joints else (4.5 * columns, 3.5 * rows)
+    figure = Figure(figsize=size, layout="constrained")
+    parts: Any = figure.subfigures(1, 2, width_ratios=(2, 0.6 + 0.4 * across)) if joints else (figure, None)
     left, right = parts
     for i, (panel, letter) in enumerate(zip(shown, ascii_lowercase, strict=False)):
         axis = left.add_subplot(rows, columns, i + 1, projection=panel.projection)
         panel.draw(axis, dataset)
         axis.set_title(f"({letter}) {panel.title}")
     if joints:
-        for axis, joint in zip(np.atleast_1d(right.subplots(len(joints), 1)), joints, strict=True):
-            pin_path(axis, dataset, joint)
-    figure.suptitle(f"{dataset.attrs.get('mechanism', '')}   ({dataset.attrs.get('result', '')})")
+        _pin_paths(right, dataset, bearing_most(dataset), across)
+    title = f"{dataset.attrs.get('mechanism', '')}   ({dataset.attrs.get('result', '')})"
+    if len(joints) > MOST:
+        title += f"\nof {len(joints)} joints with play the {MOST} that bear most"
+    figure.suptitle(title)
     return figure
+
+
+def _pin_paths(figure: Any, dataset: xr.Dataset, joints: list[str], across: int) -> None:
+    """The paths of pins, in a grid with one legend."""
+    axes = figure.subplots(-(-len(joints) // across), across, squeeze=False).flat
+    if len(joints) == 1:
+        pin_path(axes[0], dataset, joints[0])
+        return
+    named = {}
+    for axis, joint in zip(axes, joints, strict=False):
+        _draw_states(axis, dataset, joint, shares=False)
+        axis.set_title(joint, fontsize=9)
+        axis.tick_params(labelsize=7)
+        named |= dict(zip(*reversed(axis.get_legend_handles_labels()), strict=True))
+    for axis in list(axes)[len(joints) :]:
+        axis.set_axis_off()
+    figure.suptitle("pin centres in their sleeves: e_y over e_x, µm", fontsize=10)
+    figure.legend(named.values(), named.keys(), loc="outside lower center", ncols=4, frameon=False, fontsize=8)
 
 
 def _eccentricity(axis, dataset: xr.Dataset) -> None:
     factor = time_axis(axis, float(dataset["time"][-1]))
-    for joint in dataset["joint"].values:
+    for joint in bearing_most(dataset):
         time, places = at_steps(dataset, joint, "eccentricity")
         places = places[:, :2]  # across the sleeve
         colour = curve(axis, factor * time, np.hypot(*places.T) * 1e3, str(joint))
@@ -63,13 +84,13 @@ def _eccentricity(axis, dataset: xr.Dataset) -> None:
         if clearance is not None and not np.any(worn_depth(dataset, str(joint))):
             axis.axhline(float(clearance) * 1e3, color=colour, ls="--", lw=0.8, alpha=0.7)
     axis.set(ylabel="eccentricity, mm")
-    if dataset.sizes["joint"] > 1:
-        legend_below(axis, fontsize=8)
 
 
 def _force(axis, dataset: xr.Dataset) -> None:
     factor = time_axis(axis, float(dataset["time"][-1]))
-    for index, joint in enumerate(dataset["joint"].values):
+    joints = [str(name) for name in dataset["joint"].values]
+    for place, joint in enumerate(bearing_most(dataset)):
+        index = joints.index(joint)
         time, force = at_steps(dataset, joint, "contact_force")
         colour = curve(axis, factor * time, force, str(joint))
         if "peak_force" in dataset:
@@ -81,7 +102,7 @@ def _force(axis, dataset: xr.Dataset) -> None:
                 ms=4,
                 color=colour,
                 mfc="none",
-                label="refined peaks" if index == 0 else None,
+                label="refined peaks" if place == 0 else None,
             )
     axis.set(ylabel="normal force, N", ylim=(0, None))
     _fit_peaks(axis, dataset)
@@ -110,15 +131,20 @@ def _fit_peaks(axis, dataset: xr.Dataset) -> None:
 
 def pin_path(axis, dataset: xr.Dataset, joint: str) -> None:
     """The pin centre's path inside the clearance circle, coloured by contact state."""
+    _draw_states(axis, dataset, joint, shares=True)
+    axis.set(xlabel="e_x, µm", ylabel="e_y, µm", title=f"pin centre in the sleeve of {joint}")
+    legend_below(axis, 2, fontsize=8)
+
+
+def _draw_states(axis, dataset: xr.Dataset, joint: str, shares: bool) -> None:
+    """A pin's path; `shares`: the states with their parts of the time."""
     path = middle_path(dataset, joint)
     states = {
-        code: (with_share(name, path.share(code)), colour)
+        code: (with_share(name, path.share(code)) if shares else name, colour)
         for code, (name, colour) in enumerate(STATES)
         if np.any(path.state == code)
     }
     draw_path(axis, path, states)
-    axis.set(xlabel="e_x, µm", ylabel="e_y, µm", title=f"pin centre in the sleeve of {joint}")
-    legend_below(axis, 2, fontsize=8)
 
 
 def save_figure(figure: Figure, path) -> None:

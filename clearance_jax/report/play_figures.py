@@ -30,12 +30,15 @@ FACES = ("on a face", "tab:purple")
 BAR, FACE_BAR = 0.55, 0.16
 # Orbits in a row at most; the least share of the time that is said in a number.
 ROW, TOLD = 4, 0.005
+# Of more joints than these figures show the paths of those that bear most, and say so.
+MOST = 6
 BEARING = {0: ("apart", "tab:blue"), 1: ("bears here", "tab:red")}
 
 
 @STYLED
 def play(dataset: xr.Dataset, edges: bool = False) -> Figure:
-    """When each clearance joint bears how, and below it the orbits of its pin at every station of its sleeve.
+    """When each clearance joint bears how, and below it the orbits of its pin at every station of its sleeve (of many
+    joints, of those that bear most).
 
     **Arguments:** `edges`: the orbits at the sleeve's edges only.
 
@@ -44,8 +47,9 @@ def play(dataset: xr.Dataset, edges: bool = False) -> Figure:
     joints = [str(name) for name in dataset["joint"].values] if "joint" in dataset.coords else []
     if not joints:
         raise ClearanceError("There is nothing to draw: no joint of this result has clearance.")
-    plane = [joint for joint in joints if kind(dataset, joint) == PLANE]
-    orbits_of = [_paths(dataset, joint, edges) for joint in joints if kind(dataset, joint) == SLEEVE]
+    most = bearing_most(dataset)
+    plane = [joint for joint in most if kind(dataset, joint) == PLANE]
+    orbits_of = [_paths(dataset, joint, edges) for joint in most if kind(dataset, joint) == SLEEVE]
     orbits_of += [[path for joint in plane for path in station_paths(dataset, joint)]] if plane else []
     heights = [0.9 + 0.55 * len(joints), *(0.7 + 2.8 * -(-len(group) // ROW) for group in orbits_of)]
     figure = Figure(figsize=(11, sum(heights)), layout="constrained")
@@ -53,8 +57,19 @@ def play(dataset: xr.Dataset, edges: bool = False) -> Figure:
     timeline(parts[0].subplots(), dataset)
     for part, group in zip(parts[1:], orbits_of, strict=True):
         _draw(part, group)
-    figure.suptitle(f"{dataset.attrs.get('mechanism', '')}: where pins bear")
+    title = f"{dataset.attrs.get('mechanism', '')}: where pins bear"
+    if len(joints) > MOST:
+        title += f"\npaths of the {MOST} of {len(joints)} that bear most"
+    figure.suptitle(title)
     return figure
+
+
+def bearing_most(dataset: xr.Dataset) -> list[str]:
+    """The joints that a figure shows: those with the largest forces, in their own order."""
+    joints = [str(name) for name in dataset["joint"].values]
+    forces = dataset["step_force" if "step_force" in dataset else "contact_force"].values
+    most = np.argsort(-np.max(forces, axis=0), kind="stable")[:MOST]
+    return [joints[k] for k in sorted(most)]
 
 
 def timeline(axis: Any, dataset: xr.Dataset, joints: list[str] | None = None) -> None:

@@ -108,8 +108,9 @@ def _along(
     return seen, rates
 
 
-def _contact_inside(mechanism: PreparedMechanism, time: Scalar, y: Array, h: Scalar, s: Scalar) -> Inside:
-    """The contacts at a fraction s of the step of size h that starts at a step end.
+def _inside(mechanism: PreparedMechanism, time: Scalar, y: Array, h: Scalar, s: Scalar) -> dict[str, Any]:
+    """The contacts, and velocity and acceleration of the points, at a fraction s of the step of size h that starts at a
+    step end.
 
     One step of the eighth order leads there, whatever the solve's own solver: between the ends of its long steps an
     interpolated penetration would be good for six digits.
@@ -118,11 +119,16 @@ def _contact_inside(mechanism: PreparedMechanism, time: Scalar, y: Array, h: Sca
     part, y = s * jnp.maximum(h - 16 * jnp.finfo(h.dtype).eps * jnp.abs(time), 0.0), y[: layout(mechanism).size]
     end = time + part
     trial = try_step(Problem(mechanism), EXACT, (time, end), y, jnp.zeros_like(y), True)
-    seen, (force_rate, power_rate) = _along(mechanism, end, trial.end, trial.slope1)
-    return Inside(seen["contact_force"], force_rate * h, seen["contact_power"], power_rate * h)
+    if not mechanism.clearance_joints():
+        seen, contact = _observe(mechanism, end, trial.end), {}
+    else:
+        seen, (force_rate, power_rate) = _along(mechanism, end, trial.end, trial.slope1)
+        contact = {"contact": Inside(seen["contact_force"], force_rate * h, seen["contact_power"], power_rate * h)}
+    return contact | {name: seen[name] for name in OF_POINTS if name in seen}
 
 
 EXACT = diffrax.Dopri8()
 RATES = ("force_rate", "power_rate")
+OF_POINTS = ("velocity", "acceleration")
 observed, observed_with_rates = _batch(_observe), _batch(_observe_with_rates)
-contact_inside = _batch(_contact_inside)
+inside = _batch(_inside)

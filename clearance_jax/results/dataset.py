@@ -14,14 +14,19 @@ from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import parameters
 from clearance_jax.results import blocks, episodes, marks
 from clearance_jax.results.blocks import Progress, in_blocks
+from clearance_jax.results.extremes import of_points
+from clearance_jax.results.first_fall import first_falls_over
 from clearance_jax.results.peaks import peaks
-from clearance_jax.results.variables import EPISODES, STEPS, VARIABLES, attributes
+from clearance_jax.results.variables import EPISODES, EXTREMES, STEPS, VARIABLES, attributes
 from clearance_jax.results.works import ContactWarning, doubt, works
 from clearance_jax.solve.solution import Solution
 from clearance_jax.solve.trace import Trace
 
 # Part of the work done once every sample and step end has been looked at: what is left are the peaks inside steps.
 _LOOKED_AT = 0.9
+# What is wanted of the step ends: of contacts as `episodes.StepEnds` has it, and where pins are.
+_OF_CONTACTS = ("penetration", "penetration_rate", "contact_force", "force_rate", "contact_power", "power_rate")
+_OF_PINS = ("eccentricity", "contact_pattern", "pin_tilt")
 
 
 def to_dataset(
@@ -29,23 +34,35 @@ def to_dataset(
 ) -> xr.Dataset:
     """Everything observable of a solution as an `xarray.Dataset`, each variable with its unit.
 
-    A `Trace` also gives contact episodes and the contact state at every step end. If joints of a settled start begin at
-    relative rest, the attribute `start` says so.
+    A `Trace` also gives contact episodes, the contact state at every step end, and the largest speed and acceleration
+    of each named point (`largest_speed`, `largest_acceleration`), inside the steps too. If joints of a settled start
+    begin at relative rest, the attribute `start` says so.
 
     **Arguments:** `mechanism`; `solution`: a `Solution` or a `Trace` of its motion; `progress`: called with the
     fraction done; `provenance`: anything to be kept as attributes, beside version, result and counts.
     """
     joints = len(mechanism.clearance_joints())
-    traced = solution if isinstance(solution, Trace) and joints and solution.time.size > 1 else None
+    shown = joints or mechanism.points
+    traced = solution if isinstance(solution, Trace) and shown and solution.time.size > 1 else None
     solved = solution.solution if isinstance(solution, Trace) else solution
     time, y = _samples(solved)
     share = 1.0 if traced is None else _LOOKED_AT * time.size / (time.size + traced.time.size)
-    program = blocks.observed if traced is None or time.size > blocks.SHARED else blocks.observed_with_rates
+    alone = traced is None or not joints or time.size > blocks.SHARED
+    program = blocks.observed if alone else blocks.observed_with_rates
     seen = in_blocks(program, mechanism, time, y, progress=_part(progress, 0.0, share))
     seen = {name: values for name, values in seen.items() if name not in blocks.RATES}
-    steps, table, impacts = {}, {}, [episodes.NO_IMPACTS] * joints
+    steps, table, impacts, extremes = {}, {}, [episodes.NO_IMPACTS] * joints, {}
     if traced is not None:
-        steps, table, impacts = _of_trace(mechanism, traced, _part(progress, share, 1.0))
+        rest = _part(progress, share, 1.0)
+        ends = _step_ends(mechanism, traced, _part(rest, 0.0, _LOOKED_AT))
+        falls_over = -np.inf
+        if joints:
+            steps, table, impacts = _of_contacts(mechanism, traced, ends)
+            falls_over = max(falls_over, *first_falls_over(traced.time, steps["step_state"]))
+        if mechanism.points:
+            extremes = of_points(mechanism, traced, ends, falls_over)
+        if rest is not None:
+            rest(1.0)
     if joints:
         seen["contact_state"] = _states(time, seen["penetration"], impacts)
     labelled = labels(mechanism) | marks.labels(mechanism)
@@ -53,10 +70,13 @@ def to_dataset(
         **_variables("time", seen, VARIABLES, labelled),
         **_variables("step", steps, STEPS, labelled),
         **_variables("episode", table, EPISODES, labelled),
+        **_variables("after", {name: extremes[name] for name in extremes if name != "after"}, EXTREMES, labelled),
     }
     used = {dim for dims, _, _ in data.values() for dim in dims}
     coords: dict[str, Any] = {"time": ("time", time, {"units": "s"})}
     coords |= {name: label for name, label in labelled.items() if label[0] in used}
+    if extremes:
+        coords["after"] = ("after", extremes["after"], {"units": "s"})
     said = _attributes(mechanism, solved, solution.message or "successful")
     if mechanism.notes:
         said["notes"] = "; ".join(mechanism.notes)
@@ -89,19 +109,23 @@ def _samples(solved: Solution) -> tuple[np.ndarray, np.ndarray]:
     return time[reached], y[reached]
 
 
-def _of_trace(mechanism: Mechanism, trace: Trace, progress: Progress | None) -> tuple[dict, dict, list]:
+def _step_ends(mechanism: Mechanism, trace: Trace, progress: Progress | None) -> dict[str, np.ndarray]:
+    """What is observed at the step ends."""
+    program = blocks.observed_with_rates if mechanism.clearance_joints() else blocks.observed
+
+    def some(*given):
+        found = program(*given)  # far more than is wanted of as many states as there are steps
+        return {name: found[name] for name in (*_OF_CONTACTS, *_OF_PINS, *blocks.OF_POINTS) if name in found}
+
+    return in_blocks(some, mechanism, np.asarray(trace.time), np.asarray(trace.y), progress=progress)
+
+
+def _of_contacts(mechanism: Mechanism, trace: Trace, seen: dict[str, np.ndarray]) -> tuple[dict, dict, list]:
     """The variables of the step ends, the table of episodes, and of each joint when its impacts begin and end."""
     t, y = np.asarray(trace.time), np.asarray(trace.y)
-    names = "penetration", "penetration_rate", "contact_force", "force_rate", "contact_power", "power_rate"
-
-    def program(*given):
-        found = blocks.observed_with_rates(*given)  # far more than is wanted of as many states as there are steps
-        return {name: found[name] for name in (*names, "eccentricity", "contact_pattern", "pin_tilt") if name in found}
-
-    seen = in_blocks(program, mechanism, t, y, progress=_part(progress, 0.0, _LOOKED_AT))
     tables, impacts = [], []
     for joint in range(seen["penetration"].shape[1]):
-        ends = episodes.StepEnds(t, *(seen[name][:, joint] for name in names))
+        ends = episodes.StepEnds(t, *(seen[name][:, joint] for name in _OF_CONTACTS))
         spans = episodes.spans(t, ends.penetration)
         inside = _inside(mechanism, y, joint, ends)
         top, work = peaks(ends, spans, inside), works(ends, spans, inside)
@@ -118,8 +142,6 @@ def _of_trace(mechanism: Mechanism, trace: Trace, progress: Progress | None) -> 
     }
     if "pin_tilt" in seen:
         steps |= {"step_pattern": seen["contact_pattern"], "step_tilt": seen["pin_tilt"]}
-    if progress is not None:
-        progress(1.0)
     return steps, {name: np.concatenate([rows[name] for rows in tables]) for name in EPISODES}, impacts
 
 
@@ -129,7 +151,7 @@ def _inside(mechanism: Mechanism, y: np.ndarray, joint: int, ends: episodes.Step
     def look(step, s):
         begin = ends.time[step]
         arrays = begin, y[step], ends.time[step + 1] - begin, s
-        found = in_blocks(blocks.contact_inside, mechanism, *arrays, size=blocks.FEW)
+        found = in_blocks(blocks.inside, mechanism, *arrays, size=blocks.FEW)["contact"]
         return blocks.Inside(*(values[:, joint] for values in found))
 
     return look

@@ -41,7 +41,11 @@ def first_fall_ends(dataset: xr.Dataset) -> np.ndarray:
 
     **Arguments:** a dataset of a trace.
     """
-    time, states = dataset["step_time"].values, dataset["step_state"].values
+    return first_falls_over(dataset["step_time"].values, dataset["step_state"].values)
+
+
+def first_falls_over(time: np.ndarray, states: np.ndarray) -> np.ndarray:
+    """The same from the times [s] and contact states (steps, joints) of the step ends."""
     return np.array([_end(time, own) for own in states.T])
 
 
@@ -67,21 +71,25 @@ def loads(dataset: xr.Dataset) -> Loads | None:
 
 
 def peak_words(dataset: xr.Dataset, name: str, point: str) -> str:
-    """The largest size of a point's velocity or acceleration in words: when, whether pins were still falling for the
-    first time, and the largest one after that.
+    """The largest "speed" or "acceleration" of a point in words: when, whether pins were still falling for the first
+    time, and the largest one after that. Without a trace it is the largest of the samples, which is said.
     """
-    time, unit = dataset["time"].values, dataset[name].attrs["units"]
-    size = np.linalg.norm(dataset[name].sel(point=point).values, axis=-1)
+    vector = "velocity" if name == "speed" else name
+    unit = dataset[vector].attrs["units"]
 
-    def say(k: int) -> str:
-        return f"{size[k]:.6g} {unit} at {seconds(float(time[k]))}"
+    def say(value: float, time: float) -> str:
+        return f"{value:.6g} {unit} at {seconds(time)}"
 
-    largest = int(np.argmax(size))
-    falling = time <= max(first_fall_ends(dataset), default=-np.inf) if "step_state" in dataset else time < time[0]
-    if not falling[largest]:
-        return say(largest)
-    text = f"{say(largest)}, as pins first fall"
-    return text if np.all(falling) else f"{text}; after it {say(int(np.argmax(np.where(falling, 0.0, size))))}"
+    if f"largest_{name}" not in dataset:
+        size = np.linalg.norm(dataset[vector].sel(point=point).values, axis=-1)
+        k = int(np.argmax(size))
+        return f"{say(float(size[k]), float(dataset['time'][k]))}, of {size.size} samples"
+    values, times = (dataset[f"largest_{name}{end}"].sel(point=point).values for end in ("", "_time"))
+    over = max(first_fall_ends(dataset), default=-np.inf) if "step_state" in dataset else -np.inf
+    text = say(values[0], times[0])
+    if times[0] > over:
+        return text
+    return f"{text}, as pins first fall" + (f"; after it {say(values[1], times[1])}" if len(values) > 1 else "")
 
 
 def _all(dataset: xr.Dataset) -> list[Load]:

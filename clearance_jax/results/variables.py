@@ -32,6 +32,16 @@ EPISODES = {
     ),
 }
 
+# Of a trace: what `after` [s] is the start or the end of the first falls.
+EXTREMES = {
+    f"largest_{name}{ending}": Variable(("point",), unit, meaning)
+    for name, of in (("speed", "m/s"), ("acceleration", "m/s^2"))
+    for ending, unit, meaning in (
+        ("", of, f"largest {name} from the instant `after` on, within the steps too"),
+        ("_time", "s", f"when the {name} is largest"),
+    )
+}
+
 
 def attributes(variable: Variable, labelled: dict[str, tuple[str, list[str]]]) -> dict[str, str]:
     """A variable's attributes: its unit where that is one for all its entries, and what it means."""

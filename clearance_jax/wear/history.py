@@ -310,3 +310,20 @@ def simulate_wear(
         return found
     ending = jnp.asarray(blocks[-1].ending)
     return found._replace(end_slopes=np.asarray(end_slopes(criterion, model, names, ending)))
+
+
+def lived_so_far(model: WearModel, journal: str | Path, until: Any = None) -> WearHistory | None:
+    """What of an interrupted `simulate_wear` its journal keeps; `None` where no block is done.
+
+    **Arguments:** `model`, `journal`, `until`: as of `simulate_wear`.
+    """
+    with closing(Journal(journal, ordered=True)) as kept:
+        blocks = [Block(**record) for record in kept.records]
+    if not blocks:
+        return None
+    criterion, size = criterion_of(until), np.atleast_2d(blocks[0].depth).shape[-1]
+    begin = model.begin(size)
+    beyond = None if criterion is None else float(criterion.beyond(model.at(begin), model.joint))
+    stack = np.zeros(np.shape(blocks[0].depth))
+    stack[... if stack.ndim == 1 else 0] = begin
+    return _history([Block(0, 1, stack.tolist(), 0, beyond), *blocks])._replace(until=criterion)

@@ -9,7 +9,7 @@ from catalogue import slider_crank
 import clearance_jax as cj
 from clearance_jax import design, metrics
 from clearance_jax.ask.question import Answer
-from clearance_jax.design import evaluate, manufacture, verify
+from clearance_jax.design import evaluate, verify, yields
 from clearance_jax.design.evaluate import simulations_of
 from clearance_jax.design.formulation import _identity
 from clearance_jax.design.scenarios import scenarios_of
@@ -82,7 +82,7 @@ def test_stochastic_approximation_finds_the_best_yield(target):
     def fresh(x, samples, seed):
         rows = problem.weights * (1 + scatter * np.random.default_rng(seed).standard_normal((samples, 3)))
         worst = rows @ x / closed_form.BOUND - 1
-        weights = design.Yield({}, target).weights(worst)
+        weights = design.Yield({}, target, confidence=0.0).weights(worst)
         return point(x, weights[None] @ worst, weights @ rows)
 
     def program(**options):
@@ -308,15 +308,16 @@ def test_largest_clearance_of_the_papers_robot(monkeypatch, tmp_path, capsys):
 
 
 def test_conditional_value_at_risk():
-    part = design.Yield({}, 0.9, 25)
+    part = design.Yield({}, 0.9, 25, confidence=0.0)
     worst = np.random.default_rng(0).standard_normal(25)
     weights = part.weights(worst)
     np.testing.assert_allclose(weights.sum(), 1.0)
     top = np.sort(worst)[::-1]
     np.testing.assert_allclose(weights @ worst, (top[0] + top[1] + 0.5 * top[2]) / 2.5)
     # Clopper and Pearson: 459 clean samples prove 99 % at 99 %, so 299 do at 95 % (Wilks 1941).
-    assert manufacture.estimate_yield(np.ones(299, bool)).least >= 0.99
-    assert manufacture.estimate_yield(np.ones(298, bool)).least < 0.99
+    assert yields.estimate_yield(np.ones(299, bool)).least >= 0.99
+    assert yields.estimate_yield(np.ones(298, bool)).least < 0.99
+    assert yields.samples_needed(0.99) == 299
     with pytest.raises(ClearanceError, match="must be relative"):
         design.Yield({NAME: 1.0}).draws((NAME,))
 

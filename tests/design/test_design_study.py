@@ -1,19 +1,23 @@
 """Studies of designs, `clearance run` of them, and the report."""
 
+import io
 import re
 import signal
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from places import ROOT
+from rich.console import Console
 from typer.testing import CliRunner
 
 import clearance_jax as cj
 from clearance_jax import design, metrics
 from clearance_jax.cli.main import app, main
+from clearance_jax.cli.pace import Shown
 from clearance_jax.design import formulation
 from clearance_jax.errors import ClearanceError
 from clearance_jax.io.study import load_study
@@ -176,7 +180,7 @@ def test_every_study_of_the_repository_loads():
 def test_optimize_command(study, tmp_path):
     """Answer, certificate, report and record; a second run goes on from the record."""
     report, record = tmp_path / "r.html", tmp_path / "p.jsonl"
-    arguments = ["run", str(study), "--report", str(report), "--record", str(record)]
+    arguments = ["run", str(study), "--report", str(report), "--record", str(record), "--tradeoff"]
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 0, result.output
     assert "decided by: piston: position error, peak" in result.output
@@ -197,10 +201,12 @@ def test_optimize_command(study, tmp_path):
     )
     error = metrics.Peak(metrics.PositionError("piston"))(mechanism, 1e-3, rtol=1e-7)
     np.testing.assert_allclose(error, 1e-4, rtol=1e-4)
-    again = ["run", str(study), "--record", str(record), "--no-verify", "--cluster", "local"]
+    kept = record.read_bytes()
+    again = ["run", str(study), "--record", str(record), "--no-verify", "--tradeoff", "--cluster", "local"]
     again = CliRunner().invoke(app, again)
     assert again.exit_code == 0, again.output
     assert "0 evaluations with gradients, 0 without" in again.output
+    assert record.read_bytes() == kept  # nor did the trade-off solve anything
 
 
 def test_an_interrupted_search_keeps_its_best(study, monkeypatch):
@@ -250,6 +256,89 @@ def test_an_interruption_before_the_first_design_is_said(study, monkeypatch):
     result = CliRunner().invoke(app, ["run", str(study)])
     assert result.exit_code == 130
     assert "nothing to keep" in result.output
+
+
+def proportional(calls):
+    """In the place of simulations: an error that is the clearance, of a bound of 0.1 mm."""
+
+    def evaluated(specification, x, gradient, scenarios, simulations):
+        calls.append(float(x[0]))
+        limits = np.array([x[0] / 1e-4 - 1, -0.5, -0.5])
+        return design.Evaluation(x, float(1e-4 / x[0]), limits, -1e-4 / x**2, np.array([[1e4], [0.0], [0.0]]))
+
+    return evaluated
+
+
+def test_a_trade_off_begins_with_the_answer_and_goes_on_from_the_record(study, tmp_path, monkeypatch):
+    """Its own bound is not searched again, an interrupted one goes on, and one that is done solves nothing."""
+    calls, said = [], []
+    monkeypatch.setattr(formulation, "_evaluate", proportional(calls))
+    record = tmp_path / "p.jsonl"
+    answer = load_study(study).design.problem.solve(record=record)
+    np.testing.assert_allclose(answer.evaluation.x, 1e-4, rtol=1e-6)
+
+    def interrupt(text):
+        said.append(text)
+        if text.startswith("trade-off, bound 2 of 2") and text.endswith("designs"):
+            raise KeyboardInterrupt
+
+    before = len(calls)
+    with pytest.raises(KeyboardInterrupt):
+        design.tradeoff(answer, factors=(0.8, 1.0, 1.25), progress=interrupt)
+    assert [text for text in said if "designs" not in text] == [
+        "trade-off, bound 1 of 2 (0.8 times)",
+        "trade-off, bound 2 of 2 (1.25 times)",
+    ]
+    first, asked = len(calls) - before, len(calls)
+    found = design.tradeoff(answer, factors=(0.8, 1.0, 1.25))
+    np.testing.assert_allclose(found.objectives, [1 / 0.8, 1.0, 0.8], rtol=1e-6)
+    np.testing.assert_allclose(found.bounds, [0.8e-4, 1e-4, 1.25e-4])
+    assert len(set(calls[asked:]) & set(calls[before:asked])) == 0
+    assert first > 0
+    done = len(calls)
+    again = load_study(study).design.problem.solve(record=record)
+    np.testing.assert_array_equal(design.tradeoff(again, factors=(0.8, 1.0, 1.25)).objectives, found.objectives)
+    assert len(calls) == done
+    assert answer.program.history[-1].x[0] == pytest.approx(1e-4, rel=1e-3)  # the answer's own search is as it was
+    assert "bound 80 um: objective 1.25" in str(found)
+    with pytest.raises(ClearanceError, match="must be positive"):
+        design.tradeoff(answer, factors=(-1.0,))
+
+
+def test_a_trade_off_is_made_on_request_only(study, monkeypatch):
+    """By the study or the command line; without a terminal every phase is a line."""
+    monkeypatch.setattr(formulation, "_evaluate", proportional([]))
+    plain = CliRunner().invoke(app, ["run", str(study), "--no-verify"])
+    assert plain.exit_code == 0, plain.output
+    assert "search: compiling" in plain.output
+    assert "rade-off" not in plain.output
+    asked = CliRunner().invoke(app, ["run", str(study), "--no-verify", "--tradeoff"])
+    assert "trade-off, bound 7 of 7 (2 times)" in asked.output
+    assert "Trade-off of piston: position error:" in asked.output
+    study.write_text(STUDY + "[design.tradeoff]\nfactors = [0.8, 1]\n")
+    asked = CliRunner().invoke(app, ["run", str(study), "--no-verify"])
+    assert "trade-off, bound 1 of 1 (0.8 times)" in asked.output
+    study.write_text(STUDY + '[design.tradeoff]\nlimit = "no"\n')
+    asked = CliRunner().invoke(app, ["run", str(study)])
+    assert "there is no limit" in str(asked.exception)
+
+
+def test_where_there_is_no_terminal_progress_is_plain_lines():
+    text = io.StringIO()
+    with Shown(Console(file=text, force_terminal=False), every=0.01) as shown:
+        shown.phase("search")
+        shown.update("search: 3 designs")
+        deadline = time.monotonic() + 30
+        while "3 designs (0 s)" not in text.getvalue() and time.monotonic() < deadline:
+            time.sleep(0.01)
+    lines = text.getvalue().splitlines()
+    assert lines[0] == "search"
+    assert lines[-1] == "search: 3 designs (0 s)"
+    alive = io.StringIO()
+    with Shown(Console(file=alive, force_terminal=True, width=80)) as shown:
+        shown.phase("judge")
+    assert "judge" in alive.getvalue()
+    assert "(0 s)" not in alive.getvalue()
 
 
 def test_infeasible_designs_report_what_is_violated(study, tmp_path):

@@ -26,6 +26,7 @@ from experiments import (
     wear_jumps,
     wear_kills,
     work_precision,
+    yields,
 )
 from experiments.hard import __main__ as hard
 from experiments.hard import crank, pin, rubbing, several
@@ -197,6 +198,15 @@ def test_quasi_static():
     assert not any(quasi_static.broken(row) for row in rows)
     # What was measured is read and not measured again.
     assert quasi_static.main(quick=True) == rows
+
+
+def test_yields():
+    """64 samples without a margin fall short of 99 %, and 512 with one do not."""
+    few, _, _, enough = yields.main(quick=True)
+    assert (few.confidence, few.samples) == (0.0, 64)
+    assert few.below >= 4
+    assert (enough.confidence, enough.samples, enough.below) == (0.95, 512, 0)
+    assert 1.0 < enough.cost < 1.1
 
 
 def test_settled_starts():

@@ -17,10 +17,10 @@ from matplotlib.figure import Figure
 import clearance_jax as cj
 from clearance_jax import design, metrics
 from clearance_jax.design.findings import CUT_SHORT, known_findings
-from clearance_jax.design.loads import pin_size
-from clearance_jax.design.manufacture import YieldEstimate
+from clearance_jax.design.loads import _of_fall, pin_size
 from clearance_jax.design.observed import Observed
 from clearance_jax.design.standings import standings
+from clearance_jax.design.yields import YieldEstimate
 from clearance_jax.errors import ClearanceError
 from clearance_jax.metrics.instants import Instants
 from clearance_jax.report import mechanism_figure, words
@@ -108,6 +108,30 @@ def test_loads_have_pressures_only_where_a_length_is_known():
     without = text_of(render(made(answer([piston_limit()]), length=None)))
     assert "no joint says the length" in without
     assert "MPa" not in without
+
+
+def test_a_load_of_the_first_fall_is_named_as_such():
+    found = made(answer([piston_limit()]))
+    fell = found.loads[0]._replace(first_fall=True, after=213.0, time_after=0.02)
+    others = [fell._replace(joint="hip", first_fall=False, after=None), fell._replace(joint="knee", after=None)]
+    page = render(found._replace(loads=(fell, *others), motions={}))
+    rows = rows_of(page[page.index("Loads of the joints") :], "joint")
+    assert [row[1:4] for row in rows] == [
+        ["2449 N (first fall)", "0.4285 ms", "213 N at 20 ms"],
+        ["2449 N", "0.4285 ms", "the same"],
+        ["2449 N (first fall)", "0.4285 ms", "not known"],
+    ]
+    assert "falls to its wall first" in text_of(page)
+    fallen = render(found._replace(loads=(fell,)))
+    assert "Path of the pin in the sleeve of wrist" in fallen
+    assert "falls to its wall first" not in text_of(render(found))
+
+
+def test_the_largest_force_after_the_first_fall_is_found():
+    force = Instants(np.array([9.0, 8.0, 5.0]), np.array([1e-3, 1.2e-3, 4e-3]))
+    assert _of_fall(force, 2e-3) == {"first_fall": True, "after": 5.0, "time_after": 4e-3}
+    assert _of_fall(force, -np.inf) == {}
+    assert _of_fall(force, 5e-3) == {"first_fall": True}
 
 
 def test_names_are_text_and_the_page_needs_nothing_else():

@@ -14,6 +14,7 @@ import xarray as xr
 from matplotlib.animation import FFMpegWriter
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.legend import Legend
 from matplotlib.text import Text
 from PIL import Image
 from places import SCENES
@@ -27,6 +28,7 @@ from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import Relative
 from clearance_jax.joints.sleeve import lobatto
 from clearance_jax.report import magnified, play_figures
+from clearance_jax.report.figures import overview
 from clearance_jax.report.magnified import Section, Side
 from clearance_jax.report.skeleton import Skeleton
 from clearance_jax.results.bearing import FACE, spans
@@ -254,6 +256,40 @@ def test_joints_of_the_plane_stand_side_by_side(crank):
     share = lasts / float(crank["time"][-1])
     assert orbit.get_title() == f"wrist: bears {share:.0%}"
     assert set(bars(bars_of)) == {f"apart ({1 - share:.0%})", f"in contact ({share:.0%})"}
+
+
+def many(dataset, count):
+    """A dataset of one joint as that of so many, each with another force."""
+    names = [f"axis_{k + 1}_joint" for k in range(count)]
+    factors = xr.DataArray(np.random.default_rng(3).permutation(np.linspace(0.5, 2.0, count)), dims="joint")
+    of_episodes = [name for name in dataset if dataset[name].dims == ("episode",)]
+    out = dataset.drop_vars(of_episodes).isel(joint=[0] * count).assign_coords(joint=names)
+    out = out.assign({name: out[name] * factors for name in ("contact_force", "step_force")})
+    tiled = {name: ("episode", np.tile(dataset[name], count), dataset[name].attrs) for name in of_episodes}
+    tiled["episode_joint"] = "episode", np.repeat(np.arange(count), dataset.sizes["episode"]), {}
+    numbers = {k.replace("wrist", name): v for k, v in dataset.attrs.items() if "wrist" in k for name in names}
+    largest = sorted(names[k] for k in np.argsort(factors.values)[-6:])
+    return out.assign(tiled).assign_attrs(numbers), largest
+
+
+@pytest.mark.parametrize("count", [4, 12, 30])
+def test_a_figure_of_many_joints_shows_those_that_bear_most(crank, count):
+    """One legend of the joints and one of their pins, no two texts over each other, and no word of the layout."""
+    dataset, largest = many(crank, count)
+    for figure in (overview(dataset), play_figures.play(dataset)):
+        figure.draw_without_rendering()
+        titles = [text for text in figure.findobj(Text) if text.get_visible() and len(text.get_text().strip()) > 4]
+        boxes = [(text.get_text(), text.get_window_extent()) for text in {id(text): text for text in titles}.values()]
+        for k, (text, box) in enumerate(boxes):
+            for other, its in boxes[k + 1 :]:
+                assert not box.overlaps(its), (text, other)
+        assert len(figure.findobj(Legend)) == 2
+        shown = [axis.get_title().split(":")[0] for axis in figure.axes]
+        shown = sorted(name for name in shown if name.startswith("axis_"))
+        assert shown == (largest if count > 6 else list(dataset["joint"].values))
+        assert (f"the 6 of {count}" in figure.get_suptitle() or f"of {count} joints" in figure.get_suptitle()) == (
+            count > 6
+        )
 
 
 def test_what_is_no_play_is_refused(crank, lift):

@@ -14,6 +14,7 @@ import clearance_jax as cj
 from clearance_jax import laws
 from clearance_jax.dynamics.observe import observe
 from clearance_jax.mechanism.state import layout
+from clearance_jax.metrics.first_fall import FirstFall
 from clearance_jax.results import blocks, episodes
 from clearance_jax.results.blocks import in_blocks
 from clearance_jax.results.first_fall import first_fall_ends, loads, peak_words
@@ -56,7 +57,7 @@ def test_a_dataset_of_any_length_runs_the_same_programs(crank):
     cj.to_dataset(mechanism, trace)
     # Few samples are observed by the program of the step ends.
     assert samples.plain.alone._cache_size() == before
-    programs: list[Any] = [blocks.observed, blocks.observed_with_rates, blocks.contact_inside]
+    programs: list[Any] = [blocks.observed, blocks.observed_with_rates, blocks.inside]
     compiled = [program.plain.alone._cache_size() for program in programs]
     other = cj.replace(mechanism, {"conrod.mass": 0.2})
     for steps, samples in ((100, 5), (trace.time.size // 2, 11)):
@@ -110,23 +111,23 @@ def test_a_peak_of_the_first_fall_is_named_as_such(crank):
 
 def test_an_acceleration_of_the_first_fall_is_named_as_such():
     """The pin strikes at 2 ms and leaves at 3 ms; what shakes the machine at 5 ms is its own."""
-    time = np.linspace(0.0, 6e-3, 7)
-    size = np.array([0.0, 0.0, 9.0, 1.0, 1.0, 4.0, 1.0])
-    states = np.array([0, 0, 2, 0, 1, 1, 1])
+    time, states = np.linspace(0.0, 6e-3, 7), np.array([0, 0, 2, 0, 1, 1, 1])
     dataset = xr.Dataset(
         {
-            "acceleration": (("time", "point", "axis"), np.stack([size, 0 * size], 1)[:, None], {"units": "m/s^2"}),
+            "acceleration": (("time", "point", "axis"), np.zeros((7, 1, 2)), {"units": "m/s^2"}),
+            "largest_acceleration": (("after", "point"), [[9.0], [4.0]]),
+            "largest_acceleration_time": (("after", "point"), [[2e-3], [5e-3]]),
             "step_state": (("step", "joint"), states[:, None]),
             "step_time": ("step", time),
         },
-        {"time": time, "point": ["tip"]},
+        {"time": time, "point": ["tip"], "after": [0.0, 3e-3]},
     )
     assert peak_words(dataset, "acceleration", "tip") == (
         "9 m/s^2 at 2 ms, as pins first fall; after it 4 m/s^2 at 5 ms"
     )
-    settled = dataset.assign(step_state=dataset.step_state.clip(min=1))
+    settled = dataset.assign(step_state=dataset.step_state.clip(min=1)).isel(after=[0])
     assert peak_words(settled, "acceleration", "tip") == "9 m/s^2 at 2 ms"
-    ideal = dataset.drop_vars(["step_state", "step_time"])
+    ideal = dataset.drop_vars(["step_state", "step_time"]).isel(after=[0])
     assert peak_words(ideal, "acceleration", "tip") == "9 m/s^2 at 2 ms"
 
 
@@ -135,7 +136,7 @@ def test_a_peak_in_space_counts_every_axis():
     values[1, 0] = 3.0, 4.0, 12.0
     velocity = xr.DataArray(values, dims=("time", "point", "axis"), attrs={"units": "m/s"})
     dataset = xr.Dataset({"velocity": velocity}, {"time": [0.0, 1e-3, 2e-3], "point": ["tip"]})
-    assert peak_words(dataset, "velocity", "tip") == "13 m/s at 1 ms"
+    assert peak_words(dataset, "speed", "tip") == "13 m/s at 1 ms, of 3 samples"
 
 
 def test_a_pin_that_starts_at_its_wall_does_not_fall(crank):
@@ -403,7 +404,7 @@ def test_the_force_inside_a_step_ends_as_the_step(long_steps):
     t, y = trace.time, trace.y
     seen = in_blocks(blocks.observed_with_rates, mechanism, t, y)
     arrays = t[:-1], y[:-1], np.diff(t), np.ones(t.size - 1)
-    force, slope, *_ = in_blocks(blocks.contact_inside, mechanism, *arrays, size=blocks.FEW)
+    force, slope, *_ = in_blocks(blocks.inside, mechanism, *arrays, size=blocks.FEW)["contact"]
     expected = seen["contact_force"][1:]
     np.testing.assert_allclose(force, expected, rtol=1e-7, atol=1e-9 * expected.max())
     # At a break the rate is that after it, but the step ends before it.
@@ -412,3 +413,52 @@ def test_the_force_inside_a_step_ends_as_the_step(long_steps):
     expected, found = seen["force_rate"][1:][smooth], (slope / np.diff(t)[:, None])[smooth]
     np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-7 * np.abs(expected).max())
     assert layout(mechanism).remembered == 2
+
+
+def test_the_largest_speed_and_acceleration_are_those_of_the_motion(crank):
+    """Whatever the samples, and nothing that many samples see is larger."""
+    mechanism, trace = crank
+    found = cj.to_dataset(mechanism, trace)
+    dense = cj.to_dataset(mechanism, cj.trace(mechanism, 4e-3, save_at=20001))
+    over = first_fall_ends(found).max()
+    assert 0 < over < 4e-3
+    assert found["after"].values[0] == 0.0
+    assert found["after"].values[1] > over
+    for name, vector in (("speed", "velocity"), ("acceleration", "acceleration")):
+        sizes = np.linalg.norm(dense[vector].values[:, 0], axis=-1)
+        for window, begin in enumerate(found["after"].values):
+            largest, time = (float(found[f"largest_{name}{end}"][window, 0]) for end in ("", "_time"))
+            seen = sizes[dense.time.values >= begin].max()
+            assert seen * (1 - 1e-9) <= largest <= seen * (1 + 1e-4), (name, window)
+            beside = np.interp(time, dense.time.values, sizes)
+            np.testing.assert_allclose(beside, largest, rtol=1e-3)
+            np.testing.assert_allclose(dense[f"largest_{name}"][window, 0], largest, rtol=1e-9)
+    assert sizes[:: 20000 // 20].max() < 0.9 * sizes.max()  # what 21 samples see of the acceleration
+    words = peak_words(found, "acceleration", str(found["point"].values[0]))
+    assert ", as pins first fall; after it " in words
+    few = cj.to_dataset(mechanism, trace.solution)
+    assert peak_words(few, "speed", str(few["point"].values[0])).endswith(", of 21 samples")
+
+
+def test_the_largest_speed_of_a_motion_without_play_is_that_of_its_steps():
+    """A pendulum from the horizontal: at the bottom w^2 = 2 m g d / J, v = w d and a = w^2 d."""
+    rod = cj.Body("rod", mass=1.0, inertia=0.02)
+    tip = cj.Point("tip", "rod", cj.Position(0.0, 0.0))
+    pivot = cj.Revolute("pivot", "ground", "rod", motion=cj.Motion(position=0.0), at_child=cj.Position(-0.5, 0.0))
+    pendulum = cj.Mechanism((rod,), (pivot,), points=(tip,), gravity=cj.Gravity(0.0, -9.81))
+    found = cj.to_dataset(pendulum, cj.trace(pendulum, 0.8, save_at=3, rtol=1e-10))
+    turn2 = 2 * 9.81 * 0.5 / (0.02 + 0.25)
+    np.testing.assert_allclose(found["largest_speed"], [[0.5 * np.sqrt(turn2)]], rtol=1e-9)
+    np.testing.assert_allclose(found["largest_acceleration"], [[0.5 * turn2]], rtol=1e-9)
+    assert found.sizes["after"] == 1
+
+
+def test_the_first_fall_of_a_solve_ends_where_that_of_its_trace_does(crank):
+    """The metric of designs' reports, and the rule of datasets, that share nothing."""
+    mechanism, trace = crank
+    over = first_fall_ends(cj.to_dataset(mechanism, trace))
+    found = [FirstFall(joint.name)(mechanism, 4e-3) for joint in mechanism.clearance_joints()]
+    np.testing.assert_allclose(found, over, rtol=1e-9)
+    resting = cj.trace(mechanism, 1e-4, save_at=2, start="settled")
+    assert [first_fall_ends(cj.to_dataset(mechanism, resting))] == [[-np.inf]]
+    assert float(FirstFall(mechanism.clearance_joints()[0].name)(mechanism, 1e-4, start="settled")) == -np.inf

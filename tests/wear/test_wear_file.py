@@ -298,17 +298,23 @@ def test_the_command_lives_until_the_end_and_goes_on_where_it_was_stopped(tmp_pa
 
     def stopping(journal: Journal, **record: Any) -> None:
         add(journal, **record)
-        if len(Journal(journal.path).records) in (2, 5):
-            signal.raise_signal(signal.SIGINT)
+        if done := {2: signal.SIGINT, 5: signal.SIGTERM}.get(len(Journal(journal.path).records)):
+            signal.raise_signal(done)
 
     monkeypatch.setattr(Journal, "add", stopping)
     stopped = run()
     assert stopped.exit_code == 130
     assert "Interrupted. What is done is kept" in stopped.output
-    assert not result.exists()
     assert "keeps a life that has begun" in str(run().exception)
-    again = run("--resume")
-    assert again.exit_code == 130, again.output
+    for records in (2, 5):
+        part = cj.load_dataset(result)
+        assert part.sizes["cycle"] == 1 + records
+        assert part.attrs["result"] == f"interrupted after {int(lived[records])} cycles"
+        for name in ("depth", "watched", "radial_clearance"):
+            np.testing.assert_array_equal(part[name].values, expected[name].values[: 1 + records])
+        if records == 2:
+            again = run("--resume")
+            assert again.exit_code == 130, again.output
     done = run("--resume")
     assert done.exit_code == 0, done.output
     assert cj.load_dataset(result).identical(expected)
