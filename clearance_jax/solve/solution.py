@@ -6,6 +6,7 @@ from typing import Any
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float, Int
@@ -159,9 +160,14 @@ def _whole(numbers: Any, structure: Any) -> Mechanism:
 def _evaluate(numbers: Any, structure: Any, variable: str, time: Array, y: Array) -> Array:
     """A variable of every state, over the axes of `time`, of which all but the last are a batch's."""
 
+    def at(time, y, ready):
+        # Not every quantity of a state that is no number is none: a norm of NaN is 0.
+        known = jnp.where(jnp.isfinite(time) & jnp.all(jnp.isfinite(y)), 1.0, jnp.nan)
+        return known * evaluate(variable, time, y, ready)
+
     def along(numbers, time, y):
         ready = _whole(numbers, structure).prepare()
-        return jax.vmap(lambda t, y: evaluate(variable, t, y, ready))(time, y)
+        return jax.vmap(lambda t, y: at(t, y, ready))(time, y)
 
     for _ in range(time.ndim - 1):
         along = jax.vmap(along)
