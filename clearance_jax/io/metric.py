@@ -52,7 +52,7 @@ def signal_of(table: Table, mechanism: Mechanism) -> AbstractSignal:
     word = table.get("signal")
     given = _of(SIGNALS[word], word, table, mechanism)
     if "quantity" in given:
-        given["unit"] = quantities(mechanism, energy_balance=False)[given["quantity"]].unit
+        given["called"] = quantities(mechanism, energy_balance=False)[given["quantity"]].unit
     return SIGNALS[word](**given)
 
 

@@ -1,6 +1,6 @@
 """When something happens in a motion: a signal crosses a value."""
 
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -39,7 +39,7 @@ class CrossingTime(AbstractMetric):
     unit: ClassVar[str] = "s"
     signal: AbstractSignal
     level: Scalar = eqx.field(converter=lambda x: jnp.asarray(x, float), default=0.0)
-    direction: Literal["rising", "falling"] = eqx.field(static=True, default=RISING)
+    direction: str = eqx.field(static=True, default=RISING)
     since: Scalar | None = eqx.field(converter=lambda t: None if t is None else jnp.asarray(t, float), default=None)
 
     def __check_init__(self):

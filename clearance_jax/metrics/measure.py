@@ -23,7 +23,7 @@ from clearance_jax.metrics.farthest import Farthest
 from clearance_jax.solve.observers import AbstractObserver, Picked
 from clearance_jax.solve.problem import Problem, widths
 from clearance_jax.solve.settings import STATIC, Settings, SolveOptions, settings_of
-from clearance_jax.solve.simulate import run, times_reached
+from clearance_jax.solve.simulate import only_reached, run
 from clearance_jax.solve.solution import Solution
 
 
@@ -283,12 +283,12 @@ def measure_settings(
     requests = {name: metric.request(mechanism, t1, options) for name, metric in wanted.items()}
     begins = {name: begin_of(request.since, t1, options) for name, request in requests.items()}
     times = [_times(request, begins[name]) for name, request in requests.items()]
-    asked = [one for one in times if one is not None]
+    together = [one for one in times if one is not None]
     energy_balance = options.energy_balance or any(request.energy_balance for request in requests.values())
     solution = run(
         mechanism,
         t1,
-        options._replace(save_at=jnp.concatenate(asked) if asked else None, energy_balance=energy_balance),
+        options._replace(save_at=jnp.concatenate(together) if together else None, energy_balance=energy_balance),
         observers=tuple(o for request in requests.values() for o in request.observers),
         integrands=tuple(f for request in requests.values() for f in request.integrands),
     )
@@ -317,7 +317,7 @@ def measure_settings(
             some = jnp.where(begins[name] < t1, 1.0, jnp.nan)
             value = jax.tree.map(lambda v, some=some: some * v, value)
         # Once more, of the value: not every function of a number that is none is none.
-        out[name] = times_reached(solution, value) if isinstance(solution.final, Tracer) else value
+        out[name] = only_reached(solution, value) if isinstance(solution.final, Tracer) else value
     return out
 
 

@@ -307,13 +307,17 @@ class Quantity(AbstractSignal):
     """A number of the motion by its name, such as "crank.position" or "wrist.penetration": see `Solution.names`. It is
     in its SI unit. Work and losses since the start are none: ask for `EnergyLost`.
 
-    **Arguments:** `quantity`: the name; `unit`: what files and datasets call its unit. **Raises:** `ClearanceError` for
-    an unknown name, and for a quantity that is not a number.
+    **Arguments:** `quantity`: the name; `called`: what files and datasets call its unit. **Raises:** `ClearanceError`
+    for an unknown name, and for a quantity that is not a number.
     """
 
     word: ClassVar[str] = "quantity"
     quantity: str = eqx.field(static=True)
-    unit: str = eqx.field(static=True, default="")  # pyright: ignore[reportIncompatibleVariableOverride]
+    called: str = eqx.field(static=True, default="")
+
+    @property
+    def unit(self):  # pyright: ignore[reportIncompatibleVariableOverride]
+        return self.called
 
     def prepare(self, mechanism, t1, options):
         index_of("quantity", self.quantity, numbers_of(mechanism))

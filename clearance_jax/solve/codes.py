@@ -31,7 +31,7 @@ WORDS = {
     Result.INTERRUPTED: "interrupted",
     Result.NO_POSE: "at some instant a pin finds no rest under its load, or a loop cannot be closed",
     Result.SAMPLE_TIMES: "a sample time in `save_at` is not between `t0` and `t1`",
-    Result.TOLERANCE: "a tolerance (`rtol` or `atol`) is not positive, or smaller than 64-bit numbers resolve",
+    Result.TOLERANCE: "`rtol` or `atol` is smaller than 64-bit numbers resolve, or `rtol` is not below 1",
     Result.LEFT: "a block has slid out of its guide (`guide_length`)",
 }
 

@@ -110,11 +110,11 @@ def _without_failed(solution: Solution) -> Solution:
     so that nothing is made of where that was.
     """
     # A factor, not a selection: a selection's derivative in reverse would be a silent zero.
-    marked = times_reached(solution, solution)
+    marked = only_reached(solution, solution)
     return dataclasses.replace(marked, end_time=solution.end_time)
 
 
-def times_reached(solution: Solution, tree: Any) -> Any:
+def only_reached(solution: Solution, tree: Any) -> Any:
     """A tree whose numbers, and their derivatives, are NaN where the motion did not reach its end."""
     factor = jnp.where(solution.succeeded, 1.0, jnp.nan)
     return jax.tree.map(lambda x: factor * x if jnp.issubdtype(jnp.result_type(x), jnp.inexact) else x, tree)

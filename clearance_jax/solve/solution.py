@@ -42,6 +42,7 @@ class Solution(Module):
       (samples, n).
     - `initial`: the state at the start, shape (n,); `final`: the state at the end, which was reached at `end_time` [s].
     - `code`: how the solve ended (`codes.Result`); `succeeded`: whether it reached t1; `message`: why not, in words.
+      Inside jit, vmap or a derivative every other number of one that did not, but `end_time`, is NaN.
     - `steps`, `rejected`: how many steps were made, and how many attempts were rejected.
     - `energy_balance`: whether the states have the energy balance's integrals.
     - `energy_residual`: |energy gained - work of drives + losses| / energy exchanged: a measure of the error.

@@ -129,7 +129,7 @@ bound = "30 ms"
     assert (float(metric.level), metric.direction, float(metric.since)) == (pytest.approx(-2e-6), "falling", 1e-3)
     for change, message in (
         (('"hip.penetration"', '"hip.penetratio"'), "no quantity 'hip.penetratio'. Did you mean"),
-        (('signal = "quantity"', 'signal = "contact-force"\njoint = "hip"'), "quantity` has no effect|quantity has no effect"),
+        (('signal = "quantity"', 'signal = "contact-force"\njoint = "hip"'), "quantity.* has no effect"),
         (('"-2 um"', '"2 N"'), "level"),
     ):
         with pytest.raises(ClearanceError, match=message):
