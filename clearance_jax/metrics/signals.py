@@ -327,7 +327,8 @@ class Quantity(AbstractSignal):
         found = quantities(mechanism, energy_balance=False)[self.quantity]
         if found.place is not None:
             return jnp.asarray(y[found.place], float)
-        return evaluate(found.variable, time, y, mechanism)[found.index]
+        # Without what is integrated along, which would be read as work and losses.
+        return evaluate(found.variable, time, y[: layout(mechanism).size], mechanism)[found.index]
 
 
 def numbers_of(mechanism: AbstractMechanism) -> list[str]:
