@@ -280,7 +280,8 @@ def advance(search: Search, y: Array, effort: Effort) -> tuple[Array, Any]:
     if mechanism.closures():
         y = project(t0, y, mechanism.prepare(), 2)
     solution = flow(Inputs(mechanism, t0, t0 + search.period, None, search.rtol, None, y), options=effort.options)
-    return jnp.where(solution.succeeded, solution.final, jnp.nan), solution.code
+    # A factor: the slopes of a selected NaN would be zeros.
+    return jnp.where(solution.succeeded, 1.0, jnp.nan) * solution.final, solution.code
 
 
 def scale(search: Search, y: Array) -> Array:

@@ -10,6 +10,7 @@ from clearance_jax.ask.question import Question
 from clearance_jax.errors import ClearanceError
 from clearance_jax.metrics.reductions import Peak
 from clearance_jax.solve.settings import Settings
+from clearance_jax.solve.tolerances import SMALLEST
 
 
 class SamplingPlan(NamedTuple):
@@ -55,10 +56,11 @@ class SamplingPlan(NamedTuple):
 class Samples(NamedTuple):
     """The metric and its gradient at the design, a step away from it, within the step, and over the scatter.
 
-    `finer`: the gradient at rtol/10; `up`, `down`: changes of the metric over a step by each parameter; `within`
-    (probes, parameters): changes within the step that could be solved, `changes` of the metric there; `draws`
-    (samples, parameters) of the scatter that could be solved, `cloud` and `slopes` there; `complete`: all could be
-    solved; `second`: value and gradient of the second highest peak, of a metric that is a peak.
+    `finer`: the gradient at rtol/10 (at 10 rtol, where floats resolve no less); `up`, `down`: changes of the metric
+    over a step by each parameter; `within` (probes, parameters): changes within the step that could be solved,
+    `changes` of the metric there; `draws` (samples, parameters) of the scatter that could be solved, `cloud` and
+    `slopes` there; `complete`: all could be solved; `second`: value and gradient of the second highest peak, of a
+    metric that is a peak.
     """
 
     value: np.floating
@@ -78,7 +80,8 @@ class Samples(NamedTuple):
 def sample(plan: SamplingPlan, mechanism, metric, t1, options: Settings) -> Samples:
     """All solves of the metric, by one program."""
     p, rtol, moves = len(plan.names), plan.rtol, plan.moves()
-    rtols = np.where(np.arange(len(moves)) == 1, rtol / 10, rtol)
+    other = rtol / 10 if rtol >= 10 * SMALLEST else 10 * rtol
+    rtols = np.where(np.arange(len(moves)) == 1, other, rtol)
     # Of a peak the second highest is looked at too: where they tie, the metric has a kink.
     peak = isinstance(metric, Peak) and metric.count == 1
     asked = dataclasses.replace(metric, count=2) if peak else metric

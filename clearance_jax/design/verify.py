@@ -22,6 +22,7 @@ from clearance_jax.metrics.reductions import Peak
 from clearance_jax.metrics.signals import PositionError
 from clearance_jax.parameters import replace
 from clearance_jax.solve.settings import DYNAMICS
+from clearance_jax.solve.tolerances import SMALLEST
 
 # Evaluations that the bisection for the scale takes, more or less: ten digits, superlinearly.
 BISECTION = 16
@@ -51,7 +52,7 @@ def certify(
     as many as its target needs); `solver`: which one (default: another than the design's); `place`: where many
     simulations are solved; `progress`: called with each evaluation, about `expected_evaluations` of them.
     """
-    solver, rtol = solver or OTHER.get(specification.solver, "tsit5"), 0.1 * specification.rtol
+    solver, rtol = solver or OTHER.get(specification.solver, "tsit5"), max(0.1 * specification.rtol, SMALLEST)
     # The dynamics have the last word on what poses have found.
     fresh = formulate(specification.judged_by(DYNAMICS), rtol, solver, place, progress=progress)
     at = fresh.at(point.x, method.gradients)

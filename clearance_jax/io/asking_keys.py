@@ -3,7 +3,8 @@
 from clearance_jax.io.kinds import Quantity, Whole, Word
 from clearance_jax.io.table import Keys
 from clearance_jax.solve.attempt import STARTS
-from clearance_jax.solve.settings import SOLVER_WORDS
+from clearance_jax.solve.settings import MAX_STEPS, SOLVER_WORDS
+from clearance_jax.solve.tolerances import SMALLEST
 
 METRIC = "the metric's"
 """The unit of a bound, which the metric decides."""
@@ -16,7 +17,7 @@ SOLVING = Keys(
             "rtol",
             "accuracy: the relative tolerance of the solve",
             "1e-8",
-            bounds={"above": 0.0, "below": 1.0},
+            bounds={"least": SMALLEST, "below": 1.0},
             absent="1e-8",
         ),
         Word(
@@ -33,6 +34,6 @@ SOLVING = Keys(
             allowed=STARTS,
             absent="centre",
         ),
-        Whole("max_steps", "steps after which a solve gives up", "100000", least=1, absent="10000000"),
+        Whole("max_steps", "steps after which a solve gives up", "100000", least=1, absent=str(MAX_STEPS)),
     ),
 )

@@ -56,7 +56,11 @@ SIGNAL_TABLE = Keys(
     (
         Text("quantity", "the quantity, by its name", '"tip.position.x"', absent="that of the column's name"),
         Word(
-            "signal", "a signal, instead of a quantity", '"position-error"', allowed=tuple(SIGNALS), absent="a quantity"
+            "signal",
+            "a signal, instead of a quantity",
+            '"position-error"',
+            allowed=tuple(word for word in SIGNALS if word != "quantity"),
+            absent="a quantity",
         ),
         *OF.values(),
         Quantity(

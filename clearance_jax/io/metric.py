@@ -4,13 +4,14 @@ import dataclasses
 import itertools
 from typing import Any, NamedTuple
 
+from clearance_jax.dynamics.quantities import quantities
 from clearance_jax.errors import ClearanceError, quote, suggest
-from clearance_jax.io.metric_keys import COUNTS, OF, OF_ANY_JOINT, OF_SIGNAL, RECURRENCES, REDUCTIONS, SIGNALS
+from clearance_jax.io.metric_keys import COUNTS, OF_ANY_JOINT, OF_METRIC, OF_SIGNAL, RECURRENCES, REDUCTIONS, SIGNALS
 from clearance_jax.io.recurrence_keys import recurrence_of
 from clearance_jax.io.table import Chosen, Table
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMetric
-from clearance_jax.metrics.signals import AbstractSignal
+from clearance_jax.metrics.signals import AbstractSignal, numbers_of
 
 
 class Span(NamedTuple):
@@ -21,8 +22,8 @@ class Span(NamedTuple):
 
 
 def metric_of(read: Chosen, mechanism: Mechanism, span: Span) -> AbstractMetric:
-    """A metric of a `kind`: of a `signal` of a `point`, `body` or `joint` ("at" given `times`); a settling time; a
-    count of a `joint`; or what repeats with the drive.
+    """A metric of a `kind`: of a `signal` of a `point`, `body`, `joint` or `quantity` ("at" given `times`); a settling
+    time, or that of a crossing; a count of a `joint`; or what repeats with the drive.
     """
     kind, table = read
     if kind in RECURRENCES:
@@ -38,6 +39,9 @@ def metric_of(read: Chosen, mechanism: Mechanism, span: Span) -> AbstractMetric:
         given["times"] = _times(table, span)
     if "band" in wanted:
         given["band"] = table.get("band", {OF_SIGNAL: given["signal"].unit})
+    if "level" in wanted:
+        given["level"] = table.get("level", {OF_SIGNAL: given["signal"].unit}) or 0.0
+        given |= {"direction": table.get("direction")} if table.has("direction") else {}
     if "since" in wanted and table.has("since"):
         given["since"] = _since(table, span)
     return make(**given)
@@ -46,7 +50,10 @@ def metric_of(read: Chosen, mechanism: Mechanism, span: Span) -> AbstractMetric:
 def signal_of(table: Table, mechanism: Mechanism) -> AbstractSignal:
     """The `signal` of a table, of the `point`, `body` or `joint` beside it."""
     word = table.get("signal")
-    return SIGNALS[word](**_of(SIGNALS[word], word, table, mechanism))
+    given = _of(SIGNALS[word], word, table, mechanism)
+    if "quantity" in given:
+        given["called"] = quantities(mechanism, energy_balance=False)[given["quantity"]].unit
+    return SIGNALS[word](**given)
 
 
 def _of(cls: type, word: str, table: Table, mechanism: Mechanism) -> dict[str, str]:
@@ -56,9 +63,10 @@ def _of(cls: type, word: str, table: Table, mechanism: Mechanism) -> dict[str, s
         "point": [point.name for point in mechanism.points],
         "body": [body.name for body in mechanism.bodies],
         "joint": [joint.name for joint in joints],
+        "quantity": numbers_of(mechanism),
     }
-    wanted = {field.name for field in dataclasses.fields(cls)} & set(OF)
-    for key in (key for key in OF if key in table.values and key not in wanted):
+    wanted = {field.name for field in dataclasses.fields(cls)} & set(OF_METRIC)
+    for key in (key for key in OF_METRIC if key in table.values and key not in wanted):
         raise ClearanceError(f"{table.key(key)} has no effect: `{word}` is of a {' and a '.join(wanted)}. Remove it.")
     found = {}
     for key in wanted:

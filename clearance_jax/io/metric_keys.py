@@ -8,6 +8,7 @@ from clearance_jax.io.fields import kind_of, summary
 from clearance_jax.io.kinds import Key, Quantities, Quantity, Text, Word
 from clearance_jax.io.recurrence_keys import RECURRENCE_KEYS, RECURRENCES
 from clearance_jax.io.table import Keys
+from clearance_jax.metrics.crossing import DIRECTIONS, RISING
 
 
 def _by_word(base: type) -> dict[str, Any]:
@@ -43,11 +44,16 @@ OF = {
         "joint", "the joint: with clearance, of contact-force; any, of joint-reaction and joint-moment", '"wrist"'
     ),
 }
+OF_METRIC = OF | {
+    "quantity": Text("quantity", "the name of a number of the motion, of quantity", '"wrist.penetration"')
+}
 _SIGNAL = Word("signal", "the signal that it is of", '"position-error"', allowed=tuple(SIGNALS), required=True)
 _BAND = Quantity(
     "band", "what it must not exceed any more", '"0.05 mm"', unit=OF_SIGNAL, bounds={"above": 0.0}, required=True
 )
 _END = Quantity("since", "when the move ends", '"4 ms"', unit="s", absent="where the last drive ends its move")
+_LEVEL = Quantity("level", "the value that it crosses", '"0.05 mm"', unit=OF_SIGNAL, absent="0")
+_DIRECTION = Word("direction", "in which it crosses the level", '"falling"', allowed=DIRECTIONS, absent=RISING)
 _TIMES = Quantities("times", "the times, increasing, from t0 to t1", '["0.5 ms", "1 ms"]', unit="s", required=True)
 
 
@@ -57,11 +63,13 @@ def _metric(kind: str, cls: type, *keys: Key) -> Keys:
 
 def _own(cls: type) -> tuple[Key, ...]:
     """What a reduction takes beside its signal."""
+    if _has(cls, "level"):
+        return _LEVEL, _DIRECTION, _SINCE
     return (_TIMES,) if _has(cls, "times") else (_BAND, _END) if _has(cls, "band") else (_SINCE,)
 
 
 METRIC_KINDS = {
-    **{kind: _metric(kind, cls, _SIGNAL, *OF.values(), *_own(cls)) for kind, cls in REDUCTIONS.items()},
+    **{kind: _metric(kind, cls, _SIGNAL, *OF_METRIC.values(), *_own(cls)) for kind, cls in REDUCTIONS.items()},
     **{
         kind: _metric(
             kind, cls, *(dataclasses.replace(OF[name], required=True) for name in OF if _has(cls, name)), _SINCE

@@ -79,6 +79,15 @@ class AbstractClearance(Parametrised):
         [m].
         """
 
+    @property
+    def has_ends(self) -> bool:
+        """Whether its walls end somewhere, beyond which its formulas do not hold (see `overhang`). Not by default."""
+        return False
+
+    def overhang(self, at: Relative) -> Scalar:
+        """How far a part of the pin is beyond the end of its walls [m] (negative: within them)."""
+        raise NotImplementedError(f"{type(self).__name__} has walls without ends.")
+
     def press(self, along: Vector, depth: Scalar) -> Vector:
         """Where the pin's centre is if a force along a direction (square to the axis) presses it so deep [m]."""
         return scale(self.travel(along) + depth, along)

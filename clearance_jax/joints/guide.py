@@ -32,8 +32,9 @@ class GuideClearance(AbstractClearance):
     - `width` [m]: across it along y; `None`: the guide holds the block in this direction, as in the plane.
     - `normal`: the normal law of one corner; `friction`: the friction law, or `None`; `element`: what acts without
       touch.
-    - `guide_length` [m]: the block must not be longer (the guide's edges would then touch it, and not the block's
-      corners); `None`: the guide is long.
+    - `guide_length` [m]: the guide extends by half of it to either side of the joint's place on the parent. Corners
+      touch walls, and edges of the guide do not touch the block: so the block must not be longer, and a solve ends with
+      an error where the block slides out. `None`: the guide is long.
     - `block_material`, `guide_material`: for laws that need them.
     """
 
@@ -127,6 +128,14 @@ class GuideClearance(AbstractClearance):
             tangents=(along, other),
             arm=arm,
         )
+
+    @property
+    def has_ends(self):
+        return self.guide_length is not None
+
+    def overhang(self, at):
+        assert self.guide_length is not None
+        return jnp.abs(jnp.asarray(at.place[2], float)) - (self.guide_length - self.length) / 2
 
     def travel(self, along):
         return self.side_clearance

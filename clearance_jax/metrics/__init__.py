@@ -1,5 +1,6 @@
 """What is asked of a motion: a reduction over time (`Peak`, `Rms`, `At`, ...) of a signal (`PositionError`, ...)."""
 
+from clearance_jax.metrics.crossing import CrossingTime
 from clearance_jax.metrics.iso9283 import (
     Accuracy,
     orientation_repeatability,
@@ -21,6 +22,7 @@ from clearance_jax.metrics.signals import (
     JointReaction,
     OrientationError,
     PositionError,
+    Quantity,
 )
 
 __all__ = [
@@ -30,6 +32,7 @@ __all__ = [
     "Accuracy",
     "At",
     "ContactForce",
+    "CrossingTime",
     "EnergyLost",
     "Function",
     "Impacts",
@@ -43,6 +46,7 @@ __all__ = [
     "Peak",
     "PoincareSection",
     "PositionError",
+    "Quantity",
     "Reply",
     "Request",
     "Rms",

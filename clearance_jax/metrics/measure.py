@@ -23,7 +23,7 @@ from clearance_jax.metrics.farthest import Farthest
 from clearance_jax.solve.observers import AbstractObserver, Picked
 from clearance_jax.solve.problem import Problem, widths
 from clearance_jax.solve.settings import STATIC, Settings, SolveOptions, settings_of
-from clearance_jax.solve.simulate import run
+from clearance_jax.solve.simulate import only_reached, run
 from clearance_jax.solve.solution import Solution
 
 
@@ -283,27 +283,26 @@ def measure_settings(
     requests = {name: metric.request(mechanism, t1, options) for name, metric in wanted.items()}
     begins = {name: begin_of(request.since, t1, options) for name, request in requests.items()}
     times = [_times(request, begins[name]) for name, request in requests.items()]
-    order, together = _together(times, mixed=any(request.since is not None for request in requests.values()))
+    together = [one for one in times if one is not None]
     energy_balance = options.energy_balance or any(request.energy_balance for request in requests.values())
     solution = run(
         mechanism,
         t1,
-        options._replace(save_at=together, energy_balance=energy_balance),
+        options._replace(save_at=jnp.concatenate(together) if together else None, energy_balance=energy_balance),
         observers=tuple(o for request in requests.values() for o in request.observers),
         integrands=tuple(f for request in requests.values() for f in request.integrands),
     )
     sizes = _sizes(mechanism, requests, energy_balance)
     out, seen, summed, samples = {}, 0, solution.final.shape[-1] - sum(map(sum, sizes.values())), 0
-    for name, request in requests.items():
+    for (name, request), asked in zip(requests.items(), times, strict=True):
         count = len(request.observers)
         part = slice(seen, seen + count)
         own = dataclasses.replace(solution, records=solution.records[part], picked=solution.picked[part])
         seen += count
-        asked, first = _times(request, begins[name]), solution.initial
+        first = solution.initial
         if asked is not None:
             size = asked.shape[0]
-            place = slice(samples, samples + size) if order is None else order[samples : samples + size]
-            own = dataclasses.replace(own, time=asked, y=solution.y[place], sampled=True)
+            own = dataclasses.replace(own, time=asked, y=solution.y[samples : samples + size], sampled=True)
             samples += size
         if request.since is not None:
             first = own.y[-1]
@@ -317,7 +316,8 @@ def measure_settings(
         if request.since is not None:
             some = jnp.where(begins[name] < t1, 1.0, jnp.nan)
             value = jax.tree.map(lambda v, some=some: some * v, value)
-        out[name] = value
+        # Once more, of the value: not every function of a number that is none is none.
+        out[name] = only_reached(solution, value) if isinstance(solution.final, Tracer) else value
     return out
 
 
@@ -337,20 +337,6 @@ def _times(request: Request, begin: Any) -> Array | None:
     if request.since is None:
         return request.times
     return jnp.concatenate([jnp.zeros(0) if request.times is None else request.times, jnp.asarray(begin)[None]])
-
-
-def _together(times: list[Array | None], mixed: bool) -> tuple[Array | None, Array | None]:
-    """All times in increasing order, and where each of them, one list after the other, is among these (`None`: as they
-    come); `mixed`: whether a list may itself be out of order.
-    """
-    asked = [t for t in times if t is not None]
-    if not asked:
-        return None, None
-    whole = jnp.concatenate(asked)
-    if len(asked) == 1 and not mixed:
-        return None, whole
-    order = jnp.argsort(whole)
-    return jnp.argsort(order), whole[order]
 
 
 def _sizes(mechanism: Mechanism, requests: dict[str, Request], energy_balance: bool) -> dict[str, list[int]]:

@@ -115,7 +115,6 @@ class PoincareSection(AbstractMetric):
         periods = jnp.floor((reply.t1 - reply.t0 - self.phase) / period + ROUNDED)
         begin = reply.t0 + (periods - (self.count - 1)) * period + self.phase
         factor = _few(reply.t0, begin, f"{self.count} points of a Poincare section")
-        factor = jnp.where(reply.solution.succeeded, factor, jnp.nan)
         names = [self.quantities] if isinstance(self.quantities, str) else self.quantities
         parts = {name: jnp.asarray(reply.solution[name], float) for name in names}
         for name in (name for name, part in parts.items() if part.ndim != 1):

@@ -68,8 +68,7 @@ class Peak(AbstractMetric):
             # What was seen was seen of a state not yet projected, or against an interpolated ideal.
             found = _at_peaks(self.signal, reply, picked)
         else:
-            seen = jnp.where(reply.solution.succeeded, picked.value, jnp.nan)
-            found = _as_seen(seen, (self.signal, reply, picked))
+            found = _as_seen(picked.value, (self.signal, reply, picked))
         return found[0] if self.count == 1 else found
 
     def times(self, mechanism: Mechanism, t1: Any, **options: Unpack[SolveOptions]) -> Float[Array, " count"]:
@@ -103,7 +102,7 @@ def _as_seen_jvp(primals, tangents):
 
 def signal_at(signal: AbstractSignal, reply: Reply, times: Array, y: Array) -> Array:
     """A signal of states at increasing times."""
-    return signal.of(reply.solution, times, y, reply.mechanism, reply.t1, reply.options)
+    return signal.of(times, y, reply.mechanism, reply.t1, reply.options)
 
 
 class Rms(AbstractMetric):
@@ -122,7 +121,6 @@ class Rms(AbstractMetric):
     def value(self, reply):
         # Away from zero by nothing that counts: a signal that is zero throughout has no derivative to give.
         square = reply.integrals[0] / reply.span
-        # Not `square > 0`: a failed lane is NaN and must stay so.
         return jnp.where(square == 0, 0.0, jnp.sqrt(jnp.where(square == 0, 1.0, square)))
 
 
@@ -146,7 +144,7 @@ class Mean(AbstractMetric):
 class At(AbstractMetric):
     """A signal at given times.
 
-    **Arguments:** `signal`; `times` [s], increasing, shape (times,).
+    **Arguments:** `signal`; `times` [s], shape (times,).
 
     **Returns:** the values, shape (times,).
     """
@@ -258,7 +256,7 @@ class Impacts(AbstractMetric):
         return Request((counter,), since=self.since)
 
     def value(self, reply):
-        count = jnp.where(reply.solution.succeeded, reply.solution.records[0].count, jnp.nan)
+        count = jnp.asarray(reply.solution.records[0].count, float)
         return _count(count, (reply.mechanism, reply.t1, reply.options))
 
 

@@ -13,7 +13,7 @@ from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMetric, Request
 from clearance_jax.metrics.reductions import signal_at
 from clearance_jax.metrics.signals import AbstractSignal
-from clearance_jax.solve.band import LastEntry
+from clearance_jax.solve.band import EntryFinder
 from clearance_jax.solve.observers import without_derivatives
 
 
@@ -45,7 +45,7 @@ class SettlingTime(AbstractMetric):
     def request(self, mechanism, t1, options):
         since = _end_of_move(mechanism) if self.since is None else self.since
         fixed, end, others, band = without_derivatives((mechanism, t1, options, self.band))
-        return Request((LastEntry(self.signal.bind(fixed, end, others), band, end - others.t0),), since=since)
+        return Request((EntryFinder(self.signal.bind(fixed, end, others), band, end - others.t0),), since=since)
 
     def value(self, reply):
         (record,), (picked,) = reply.solution.records, reply.picked
@@ -55,9 +55,7 @@ class SettlingTime(AbstractMetric):
         moved = (value - jax.lax.stop_gradient(value)) / jnp.where(record.slope < 0, record.slope, -jnp.inf)
         passed = jax.lax.stop_gradient(picked.time[0]) - moved - reply.begin
         passed = jnp.where(record.entered & (passed > 0), passed, 0.0)
-        # A lane that failed is not a number, and not infinite.
-        found = jnp.where(record.inside, passed, jnp.inf)
-        return jnp.where(reply.solution.succeeded, found, jnp.nan)
+        return jnp.where(record.inside, passed, jnp.inf)
 
 
 def _end_of_move(mechanism: Mechanism) -> Scalar:

@@ -15,6 +15,7 @@ from clearance_jax._types import Scalar
 from clearance_jax.dynamics.equations import balance
 from clearance_jax.dynamics.field import slope
 from clearance_jax.dynamics.kinematics import Frames, frames, relative_motions
+from clearance_jax.dynamics.quantities import evaluate, quantities
 from clearance_jax.dynamics.reactions import reactions
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.mechanism._base import AbstractMechanism
@@ -25,7 +26,6 @@ from clearance_jax.metrics.ideal import freedom, ideal_state
 from clearance_jax.solve.interpolate import hermite
 from clearance_jax.solve.settings import DYNAMICS, Settings, evenly
 from clearance_jax.solve.simulate import run
-from clearance_jax.solve.solution import Solution
 from clearance_jax.solve.tolerances import largest_length
 from clearance_jax.spatial import Vector, add, as_array, length_of, minus, rotation_between, subtract
 
@@ -51,12 +51,11 @@ class AbstractSignal(Module):
         """
         return jnp.asarray(jnp.inf)
 
-    def of(self, solution: Solution, times: Array, y: Array, mechanism: Mechanism, t1: Any, options: Settings) -> Array:
-        """The signal of a solution's states at increasing times, shape (times,)."""
-        # Signals forgive a NaN (a norm of NaN is 0): a failed lane is marked once more, on the signal itself.
-        factor, ready = jnp.where(solution.succeeded, 1.0, jnp.nan), self.prepare(mechanism, t1, options)
+    def of(self, times: Array, y: Array, mechanism: Mechanism, t1: Any, options: Settings) -> Array:
+        """The signal of a motion's states at increasing times, shape (times,)."""
+        ready = self.prepare(mechanism, t1, options)
         reference = self._freely(mechanism, t1, times, options) if ready.against_free(mechanism) else None
-        return factor * _along(ready, times, y, mechanism, reference)
+        return _along(ready, times, y, mechanism, reference)
 
     def bind(self, mechanism: Mechanism, t1: Any, options: Settings) -> Callable:
         """The signal as a function of (time, state, mechanism) alone, for an observer."""
@@ -302,3 +301,38 @@ class JointMoment(AbstractSignal):
 
     def value(self, time, y, mechanism, reference):
         return length_of(_reaction(mechanism, self.joint, time, y).moment)
+
+
+class Quantity(AbstractSignal):
+    """A number of the motion by its name, such as "crank.position" or "wrist.penetration": see `Solution.names`. It is
+    in its SI unit. Work and losses since the start are none: ask for `EnergyLost`.
+
+    **Arguments:** `quantity`: the name; `called`: what files and datasets call its unit. **Raises:** `ClearanceError`
+    for an unknown name, and for a quantity that is not a number.
+    """
+
+    word: ClassVar[str] = "quantity"
+    quantity: str = eqx.field(static=True)
+    called: str = eqx.field(static=True, default="")
+
+    @property
+    def unit(self):  # pyright: ignore[reportIncompatibleVariableOverride]
+        return self.called
+
+    def prepare(self, mechanism, t1, options):
+        index_of("quantity", self.quantity, numbers_of(mechanism))
+        return self
+
+    def value(self, time, y, mechanism, reference):
+        found = quantities(mechanism, energy_balance=False)[self.quantity]
+        if found.place is not None:
+            return jnp.asarray(y[found.place], float)
+        # Without what is integrated along, which would be read as work and losses.
+        return evaluate(found.variable, time, y[: layout(mechanism).size], mechanism)[found.index]
+
+
+def numbers_of(mechanism: AbstractMechanism) -> list[str]:
+    """The names of the quantities of a state that are numbers."""
+    known = quantities(mechanism, energy_balance=False)
+    vectors = {name.rpartition(".")[0] for name in known if name.endswith((".x", ".y", ".z"))}
+    return [name for name in known if name not in vectors]

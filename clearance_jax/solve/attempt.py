@@ -14,7 +14,8 @@ from jaxtyping import Array
 from clearance_jax._types import Each, EachFlag, Scalar
 from clearance_jax.solve.control import Control, Decision, Means, first_end, judge, next_step
 from clearance_jax.solve.lane_axis import each_lane, sharing_lanes
-from clearance_jax.solve.problem import Problem
+from clearance_jax.solve.problem import Problem, motion
+from clearance_jax.solve.refusal import has_left, leaves_walls
 from clearance_jax.solve.step import Trial, try_step
 from clearance_jax.solve.tableau import tableau_of
 
@@ -61,6 +62,9 @@ def decide(
     """
     with sharing_lanes(times[0]):
         decision = next_step(problem, judge(problem, trial, times, means, control), times, means, control)
+    if leaves_walls(problem.mechanism):
+        left = decision.keep & has_left(problem.mechanism, times[1], motion(problem, trial.end))
+        decision = decision._replace(collapsed=decision.collapsed | left)
     ends = trial.start, trial.end, trial.slope0, trial.slope1
 
     def see(observers, record, times, ends, problem):

@@ -1,7 +1,8 @@
-"""An observer that finds when a signal last comes below a bound."""
+"""Observers that find when a signal comes below a bound: for the last time, or for the first."""
 
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array
@@ -16,8 +17,9 @@ HALVINGS = 50
 
 
 class Entry(NamedTuple):
-    """The last entry so far: whether there is one (`entered`), its `time` [s] and state `y`, the signal's `slope` there
-    [1/s] (infinite where it jumps); `inside`: whether the signal is below the bound at the end of the last step.
+    """The entry that counts so far: whether there is one (`entered`), its `time` [s] and state `y`, and the signal's
+    `slope` there [1/s] (infinite where it jumps); `inside`: whether the signal is below the bound at the end of the
+    last step.
     """
 
     entered: Array
@@ -27,25 +29,29 @@ class Entry(NamedTuple):
     inside: Array
 
 
-class LastEntry(AbstractObserver):
-    """Finds the last time at which a signal comes from above `bound` to below it. On each part of a step the signal is
-    the cubic through values and slopes at the part's ends: its top says where the signal may be above. In the last part
-    that has an entry halvings of the signal itself find its time. Between two steps a signal may jump: a drive's
-    acceleration does, or a force at an event.
+class EntryFinder(AbstractObserver):
+    """Finds the last time at which a signal comes from above `bound` to below it, or the `first` after `since`. On
+    each part of a step the signal is the cubic through values and slopes at the part's ends: its top says where the
+    signal may be above. In the part that has the entry halvings of the signal itself find its time. Between two steps
+    a signal may jump: a drive's acceleration does, or a force at an event.
     """
 
     signal: Any
     bound: Any
     span: Any = jnp.inf
     """Length of the motion [s]."""
+    first: bool = eqx.field(static=True, default=False)
+    since: Any = None
+    """From when on entries count [s], of the first (`None`: from the start)."""
 
     @property
     def longest(self):
         return self.span / STEPS
 
     def start(self, t0, y0, problem):
-        # The first step begins as if the signal came from outside: an entry at the start is a settling time of zero.
-        return Entry(jnp.asarray(False), t0, y0, jnp.asarray(-jnp.inf), jnp.asarray(False))
+        # The first step begins as if the signal came from outside: an entry at the start is a settling time of zero. A
+        # first entry is one of a signal that has been outside.
+        return Entry(jnp.asarray(False), t0, y0, jnp.asarray(-jnp.inf), jnp.asarray(self.first))
 
     def __call__(self, record, times, ends, problem):
         (t0, t1), plan = times, layout(problem.mechanism)
@@ -59,17 +65,22 @@ class LastEntry(AbstractObserver):
         def at(x):
             return jax.jvp(along, (x,), (jnp.ones_like(x),))
 
-        places = jnp.linspace(0.0, 1.0, PIECES + 1)
+        begin = jnp.zeros(())
+        if self.since is not None:
+            begin = jnp.clip((without_derivatives(self.since) - start) / width, 0.0, 1.0)
+        places = begin + (1 - begin) * jnp.linspace(0.0, 1.0, PIECES + 1)
+        part = (1 - begin) / PIECES
         value, slope = jax.lax.map(at, places)
-        top, _, _ = tops(value, slope, 1 / PIECES)
-        tallest = (jnp.arange(PIECES) + top) / PIECES
+        top, _, _ = tops(value, slope, part)
+        tallest = places[:-1] + part * top
         over = jax.lax.map(along, tallest) > 0
         # Each part that ends below and is above somewhere: at its top or where it begins.
         enters = (over | (value[:-1] > 0)) & (value[1:] <= 0)
-        last = PIECES - 1 - jnp.argmax(enters[::-1])
-        found = jnp.any(enters)
+        here = jnp.argmax(enters) if self.first else PIECES - 1 - jnp.argmax(enters[::-1])
+        # A jump to where the step begins is a first entry before all that it has inside, and a last one after none.
         jumps = ~record.inside & (value[0] <= 0)
-        low = jnp.where(over[last], tallest[last], last / PIECES)
+        found = jnp.any(enters) & ~(jumps & self.first)
+        low = jnp.where(over[here], tallest[here], places[here])
 
         def goes_on(now):
             return found & (now[0] < HALVINGS)
@@ -80,16 +91,18 @@ class LastEntry(AbstractObserver):
             stays = along(middle) > 0
             return k + 1, jnp.where(stays, middle, low), jnp.where(stays, high, middle)
 
-        _, _, x = jax.lax.while_loop(goes_on, halve, (jnp.asarray(0), low, (last + 1) / PIECES))
+        _, _, x = jax.lax.while_loop(goes_on, halve, (jnp.asarray(0), low, places[here + 1]))
         _, rate = at(x)
         x = jnp.where(found, x, 0.0)
         new = found | jumps
+        if self.first:
+            new &= ~record.entered
         return Entry(
             record.entered | new,
             jnp.where(new, t0 + x * (t1 - t0), record.time),
             jnp.where(new, between(ends, t1 - t0, x, plan), record.y),
             jnp.where(new, jnp.where(found, rate / width, -jnp.inf), record.slope),
-            value[-1] <= 0,
+            (value[-1] <= 0) if self.since is None else (value[-1] <= 0) | (t1 <= self.since),
         )
 
     def finish(self, record):

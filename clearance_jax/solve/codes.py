@@ -18,6 +18,9 @@ class Result(enum.IntEnum):
     MAX_STEPS = 3
     INTERRUPTED = 4
     NO_POSE = 5
+    SAMPLE_TIMES = 6
+    TOLERANCE = 7
+    LEFT = 8
 
 
 WORDS = {
@@ -27,6 +30,9 @@ WORDS = {
     Result.MAX_STEPS: "the largest number of steps was reached",
     Result.INTERRUPTED: "interrupted",
     Result.NO_POSE: "at some instant a pin finds no rest under its load, or a loop cannot be closed",
+    Result.SAMPLE_TIMES: "a sample time in `save_at` is not between `t0` and `t1`",
+    Result.TOLERANCE: "`rtol` or `atol` is smaller than 64-bit numbers resolve, or `rtol` is not below 1",
+    Result.LEFT: "a block has slid out of its guide (`guide_length`)",
 }
 
 

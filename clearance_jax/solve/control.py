@@ -69,7 +69,7 @@ class Verdict(NamedTuple):
 
 class Decision(NamedTuple):
     """Whether a try is kept; start and end of the next one; whether that starts just past a break; what to remember;
-    whether the step size has collapsed.
+    whether the solve ends here: the step size has collapsed, or a part has left its walls.
     """
 
     keep: EachFlag

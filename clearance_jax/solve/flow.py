@@ -21,24 +21,22 @@ from clearance_jax.dynamics.energy import energy_residual
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.breaks import drive_breaks
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.parameters import bounds_hold
 from clearance_jax.solve import lanes
 from clearance_jax.solve.attempt import Options
-from clearance_jax.solve.codes import Result
 from clearance_jax.solve.driver import integrate
 from clearance_jax.solve.first_state import initial
 from clearance_jax.solve.lane_axis import from_lanes, to_lanes
 from clearance_jax.solve.lanes import batch_by
 from clearance_jax.solve.outcome import Outcome, Task
 from clearance_jax.solve.problem import Problem, basis, field, lift, motion, moves, push, sparsity
+from clearance_jax.solve.refusal import refusal_of, unresolved, why_stopped
 from clearance_jax.solve.solution import Solution
-from clearance_jax.solve.start import is_possible
 from clearance_jax.solve.tolerances import Tolerances, floors, tolerances
 
 
 class Inputs(NamedTuple):
-    """What a solve depends on: `simulate`'s numbers; `integrands`: functions of (time, state, mechanism), of any shape,
-    to be integrated along with the motion.
+    """What a solve depends on: `simulate`'s numbers, with sample times in increasing order; `integrands`: functions of
+    (time, state, mechanism), of any shape, to be integrated along with the motion.
     """
 
     mechanism: Mechanism
@@ -180,22 +178,15 @@ def refuse_jumps(mechanism: Mechanism) -> None:
 def task_of(inputs: Inputs, options: Options, directions: Any = None) -> Task:
     """What is to be solved: with directions (a tree like `inputs.varied`), states are stacks.
 
-    A lane of a batch with impossible numbers, or whose start is not what it is to be, ends where it begins, with a code
-    of its own.
+    What cannot be begun (see `refusal_of`) ends where it begins, with a code of its own.
     """
-    t0, t1, rtol, save_at = inputs.t0, inputs.t1, inputs.rtol, inputs.save_at
+    t0, t1, save_at = inputs.t0, inputs.t1, inputs.save_at
     problem, start, allowed, errors = problem_of(inputs, options, directions)
-    possible = (
-        jnp.all(jnp.isfinite(motion(problem, start)))
-        & jnp.isfinite(t1)
-        & (t1 > t0)
-        & (rtol > 0)
-        & (rtol < 1)
-        & bounds_hold(inputs.mechanism)
-        & is_possible(errors, inputs.mechanism)
-    )
+    refused = refusal_of(inputs.mechanism, (t0, t1), motion(problem, start), errors, save_at)
+    refused = unresolved(refused, inputs.rtol, inputs.atol, allowed)
+    possible = refused == 0
     save_at = None if save_at is None else jnp.where(possible, save_at, t0)
-    return Task(problem, t0, jnp.where(possible, t1, t0), start, save_at, allowed, possible, errors.seated)
+    return Task(problem, t0, jnp.where(possible, t1, t0), start, save_at, allowed, refused, errors.seated)
 
 
 def solution_of(task: Task, out: Outcome, t1: Array, options: Options) -> Solution:
@@ -213,7 +204,8 @@ def solution_of(task: Task, out: Outcome, t1: Array, options: Options) -> Soluti
     picked = tuple(
         None if one is None else one._replace(y=project_samples(problem, one.time, one.y)) for _, one in seen
     )
-    code = jnp.where(task.possible, out.code, int(Result.IMPOSSIBLE))
+    code = why_stopped(out.code, problem.mechanism, out.end_time, motion(problem, final))
+    code = jnp.where(task.refused > 0, task.refused, code)
     return Solution(
         time,
         y,
@@ -235,21 +227,7 @@ def solution_of(task: Task, out: Outcome, t1: Array, options: Options) -> Soluti
 def solve(inputs: Inputs, options: Options, which: Which = None, mapped: bool = True) -> Solution:
     """One motion (or stack), by diffrax; `mapped`: `jax.vmap` may make many of it."""
     task = task_of(inputs, options, _directions(inputs, which))
-    if not mapped and task.save_at is not None:
-        task = _in_order(task, task.save_at)
     return solution_of(task, integrate(task, options, _breaks_move(task), mapped), inputs.t1, options)
-
-
-def _in_order(task: Task, times: Array) -> Task:
-    """The task; not a possible one where sample times, which may not have been known before, do not increase or are not
-    within it (where diffrax samples it raises).
-    """
-    good = jnp.all(times[1:] >= times[:-1]) & jnp.all((times >= task.t0) & (times <= task.t1)) | ~task.possible
-    return task._replace(
-        t1=jnp.where(good, task.t1, task.t0),
-        save_at=jnp.where(good, times, task.t0),
-        possible=task.possible & good,
-    )
 
 
 def _directions(inputs: Inputs, which: Which) -> Any:

@@ -69,7 +69,7 @@ def _integrate(task: Task, options: Options) -> Outcome:
 
     # An impossible lane is to end where it begins. That its two times are equal would not see to that: what computes
     # them may be compiled twice, with other last digits, and a lane without numbers never gets across an ulp.
-    carry = start_carry(problem, options, means, task.t0, last, start)._replace(collapsed=~task.possible)
+    carry = start_carry(problem, options, means, task.t0, last, start)._replace(collapsed=task.refused > 0)
     state = carry, (samples, place, due)
     carry, (samples, *_) = jax.lax.while_loop(lambda s: jnp.any(goes_on(s[0])), once, state)
     code = jnp.where(carry.collapsed, int(Result.STEP_COLLAPSED), int(Result.MAX_STEPS))

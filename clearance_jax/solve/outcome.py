@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 from jaxtyping import Array
 
-from clearance_jax._types import Each, EachFlag
+from clearance_jax._types import Code, Each
 from clearance_jax.dynamics.seated import Seated
 from clearance_jax.solve.problem import Problem
 from clearance_jax.solve.tolerances import Tolerances
@@ -12,7 +12,8 @@ from clearance_jax.solve.tolerances import Tolerances
 
 class Task(NamedTuple):
     """A motion (or lanes of motions) to be integrated from `t0` to `t1`, from a state (or stack) `start`; `save_at`:
-    sample times; `seated`: how pins of a settled start begin. One that is not `possible` ends where it begins.
+    sample times; `seated`: how pins of a settled start begin. One that is `refused` (a `codes.Result` as a number; 0:
+    it is not) ends where it begins.
     """
 
     problem: Problem
@@ -21,7 +22,7 @@ class Task(NamedTuple):
     start: Array
     save_at: Array | None
     allowed: Tolerances
-    possible: EachFlag
+    refused: Code
     seated: Seated | None = None
 
 

@@ -18,7 +18,7 @@ from jaxtyping import Array, Float, Int
 
 from clearance_jax._kept import kept_jit
 from clearance_jax._solo import solo_jit
-from clearance_jax._types import Flag, Scalar
+from clearance_jax._types import Code, Flag, Scalar
 from clearance_jax.dynamics.closures import StartErrors
 from clearance_jax.dynamics.pose import Pose, check_driven, ideal_states, middle_pose, poses, with_derivatives
 from clearance_jax.errors import ClearanceError
@@ -28,6 +28,7 @@ from clearance_jax.parameters import bounds_hold
 from clearance_jax.solve.codes import Result
 from clearance_jax.solve.interpolate import hermite
 from clearance_jax.solve.observers import AbstractObserver, Picked
+from clearance_jax.solve.refusal import are_within, has_left, leaves_walls
 from clearance_jax.solve.settings import STATIC, Settings, evenly
 from clearance_jax.solve.solution import Solution
 from clearance_jax.solve.tolerances import largest_length
@@ -58,8 +59,8 @@ class Asked(NamedTuple):
 
 class Poses(NamedTuple):
     """Poses on the grid and at sample times (empty without samples): `times`, and the poses then; by each observer the
-    places on the grid that it picks, and what it saw there; whether each is a pose; and how far the motion can be
-    believed (`None`: pins are in the middle of their play).
+    places on the grid that it picks, and what it saw there; whether each is a pose (`good`), and whether a part has
+    left its walls at some; and how far the motion can be believed (`None`: pins are in the middle of their play).
     """
 
     grid: Array
@@ -68,6 +69,7 @@ class Poses(NamedTuple):
     at_times: Pose
     picked: tuple[tuple[Array, Array] | None, ...]
     good: Flag
+    left: Flag
     validity: Validity | None
 
 
@@ -144,10 +146,13 @@ def _found(asked: Asked, observers: tuple, seats: bool) -> Poses:
     on_grid, at_times = (jax.tree.map(lambda x, part=part: x[part], every) for part in (slice(count), asked.places))
     picked = tuple(observer.among(grid, on_grid.y, ready) for observer in observers)
     good = are_poses(asked.mechanism, every.errors) & bounds_hold(asked.mechanism) & jnp.all(jnp.isfinite(every.y))
+    left = jnp.asarray(False)
+    if leaves_walls(ready):
+        left = jnp.any(jax.vmap(lambda t, y: has_left(ready, t, y))(times[back], every.y))
     validity = validity_of(grid, on_grid, ideal[back][:count], ready) if seats else None
     if validity is not None:
         validity = dataclasses.replace(validity, level=jnp.where(good, validity.level, NOT_VALID))
-    return Poses(grid, on_grid, times[back][asked.places], at_times, picked, good, validity)
+    return Poses(grid, on_grid, times[back][asked.places], at_times, picked, good, left, validity)
 
 
 def are_poses(mechanism: Mechanism, errors: StartErrors) -> Flag:
@@ -227,13 +232,12 @@ def _solution(asked: Asked, found: Poses, read: Read) -> Solution:
     for one in found.picked:
         places, value = (None, None) if one is None else one
         picked.append(None if one is None else Picked(found.grid[places], next(picks), value))
-    possible = (asked.t1 > asked.t0) & found.good
     return Solution(
         time=asked.save_at if sampled else asked.t1[None],
         y=y,
         initial=jnp.concatenate([read.first, jnp.zeros_like(read.whole)]),
         final=final,
-        code=jnp.where(possible, int(Result.REACHED_END), int(Result.NO_POSE)),
+        code=_code(asked, found),
         steps=jnp.asarray(INTERVALS),
         rejected=jnp.asarray(0),
         energy_residual=jnp.asarray(jnp.nan),
@@ -245,6 +249,14 @@ def _solution(asked: Asked, found: Poses, read: Read) -> Solution:
         sampled=sampled,
         energy_balance=False,
     )
+
+
+def _code(asked: Asked, found: Poses) -> Code:
+    code = jnp.where((asked.t1 > asked.t0) & found.good, int(Result.REACHED_END), int(Result.NO_POSE))
+    code = jnp.where(found.left & (code == 0), int(Result.LEFT), code)
+    if asked.save_at is None:
+        return code
+    return jnp.where(are_within(asked.save_at, (asked.t0, asked.t1)), code, int(Result.SAMPLE_TIMES))
 
 
 def check_poses(mechanism: Mechanism, settings: Settings) -> None:

@@ -21,9 +21,14 @@ from clearance_jax.mechanism.state import layout
 from clearance_jax.parameters import as_leaf, check_values
 from clearance_jax.solve.attempt import CENTRE, STARTS, Options
 from clearance_jax.solve.choice import AUTO, choose_solver
+from clearance_jax.solve.tolerances import SMALLEST
 
 # Output times at most: of each some hundred numbers are kept, together a gigabyte.
 MOST_SAMPLES = 1_000_000
+# Attempts at a step after which a solve gives up: more than any motion on the pages of benchmarks takes. Those of a
+# small mechanism take seconds, so that numbers with which a motion does not end (a search tries them) are soon said to
+# be such.
+MAX_STEPS = 1_000_000
 DERIVATIVES = ("controlled", "screening")
 # Models of the motion, from the dearest to the cheapest.
 FIDELITIES = DYNAMICS, QUASI_STATIC, STATIC = "dynamics", "quasi-static", "static"
@@ -39,9 +44,9 @@ class SolveOptions(TypedDict, total=False):
 
     - `t0`: start [s] (0).
     - `save_at`: number of samples at equal distances in time (both ends included), or an array of times [s] of shape
-      (samples,); `None`: only the end.
-    - `rtol`: the relative accuracy (1e-8). Absolute tolerances follow from it and from the lengths and speeds of the
-      scene.
+      (samples,), in any order; `None`: only the end.
+    - `rtol`: the relative accuracy (1e-8), at least 1e-14: 64-bit numbers resolve no less. Absolute tolerances follow
+      from it and from the lengths and speeds of the scene.
     - `atol`: absolute tolerances in their place, one number for each state component `[q, v, memory]`, shape (n,).
     - `solver`: "tsit5", "dopri8" (for rtol of 1e-6 or less), "auto" (one of the two, by `rtol`; whatever
       is kept of the solve names the one that was chosen), or an explicit Runge-Kutta solver of diffrax.
@@ -56,7 +61,7 @@ class SolveOptions(TypedDict, total=False):
       first derivatives only, in forward or reverse mode. "screening": JAX differentiates the program as it stands
       (forward mode only). This is cheaper, for a first look; if contacts begin or end, it is wrong by 1e-3 and more at
       any tolerance.
-    - `max_steps`: the number of steps after which a solve gives up.
+    - `max_steps`: the number of attempted steps after which a solve gives up (1 000 000).
     - `fidelity`: "dynamics": the equations of motion; "quasi-static": at every instant the pose at which pins rest
       under the load of the ideal motion, without swinging or impacts (see `solve.quasi_static`); "static": of an
       error the largest that play alone allows at every instant, whatever the load (only for `measure` and what asks
@@ -90,7 +95,7 @@ class Settings(NamedTuple):
     locate_events: bool = True
     energy_balance: bool = False
     derivatives: str = "controlled"
-    max_steps: int = 10_000_000
+    max_steps: int = MAX_STEPS
     fidelity: str = DYNAMICS
 
     def as_options(self, observers: tuple = ()) -> Options:
@@ -165,8 +170,11 @@ def check_arguments(mechanism: Mechanism, t0: Any, t1: Any, rtol: Any, solver: A
     t0, t1, rtol = (_number(name, x) for name, x in {"t0": t0, "t1": t1, "rtol": rtol}.items())
     if not any(isinstance(t, Tracer) for t in (t0, t1)) and not -np.inf < float(t0) < float(t1) < np.inf:
         raise ClearanceError(f"`t1` must be finite and greater than `t0`, but t0 = {float(t0)} and t1 = {float(t1)}.")
-    if not isinstance(rtol, Tracer) and not 0 < float(rtol) < 1:
-        raise ClearanceError(f"`rtol` must be between 0 and 1, for instance 1e-8, but it is {float(rtol)}.")
+    if not isinstance(rtol, Tracer) and not SMALLEST <= float(rtol) < 1:
+        raise ClearanceError(
+            f"`rtol` must be between {SMALLEST:g} (64-bit numbers resolve no less) and 1, for instance 1e-8, but it is "
+            f"{float(rtol):g}."
+        )
     if isinstance(solver, str) and solver not in SOLVER_WORDS:
         raise ClearanceError(f"There is no solver {solver!r}. " + suggest(solver, SOLVER_WORDS))
     if not isinstance(solver, str | diffrax.AbstractERK):
@@ -211,9 +219,14 @@ def _times(save_at: Any, t0: Array, t1: Array) -> Array | None:
     times = jnp.asarray(save_at, float)
     if times.ndim != 1:
         raise ClearanceError(f"`save_at` must be a whole number of samples, or a list of times, not {quote(save_at)}.")
-    known = not any(isinstance(t, Tracer) for t in (t0, t1, times))
-    if known and times.size and not (np.all(np.diff(times) > 0) and times[0] >= t0 and times[-1] <= t1):
-        raise ClearanceError("The times in `save_at` must increase and lie between `t0` and `t1`.")
+    if not any(isinstance(t, Tracer) for t in (t0, t1, times)):
+        given = np.asarray(times)
+        outside = given[~((given >= t0) & (given <= t1))]
+        if outside.size:
+            raise ClearanceError(
+                f"The times in `save_at` must lie between t0 = {float(t0):g} s and t1 = {float(t1):g} s, but one is "
+                f"{outside[0]:g} s."
+            )
     return times
 
 

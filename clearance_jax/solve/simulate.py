@@ -2,10 +2,13 @@
 balance.
 """
 
+import dataclasses
 import warnings
 from typing import Any, Unpack
 
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array
 
@@ -18,7 +21,7 @@ from clearance_jax.parameters import as_leaf
 from clearance_jax.solve import effort
 from clearance_jax.solve.codes import Result
 from clearance_jax.solve.first_state import closed_start
-from clearance_jax.solve.flow import Inputs, flow, plain_flow, states_of, with_states
+from clearance_jax.solve.flow import Inputs, flow, plain_flow
 from clearance_jax.solve.law_validity import warn_of_validity
 from clearance_jax.solve.quasi_static import quasi_static
 from clearance_jax.solve.settings import DYNAMICS, STATIC, Settings, SolveOptions, settings_of
@@ -37,11 +40,13 @@ def simulate(mechanism: Mechanism, t1: Any, *, throw: bool = True, **options: Un
     - `mechanism`: what moves.
     - `t1`, `t0`: end and start [s].
     - `save_at`: number of samples at equal distances in time (both ends included), or an array of times [s] of shape
-      (samples,); `None`: only the end.
-    - `rtol`: the relative accuracy. Absolute tolerances follow from it and from the lengths and speeds of the scene.
+      (samples,), in any order; `None`: only the end.
+    - `rtol`: the relative accuracy, at least 1e-14. Absolute tolerances follow from it and from the lengths and speeds
+      of the scene.
     - `solver`: "tsit5", "dopri8" (for rtol of 1e-6 or less), "auto" (one of the two, by `rtol`), or an
       explicit Runge-Kutta solver of diffrax.
-    - `throw`: raise an error if the solve fails. Inside jit or vmap nothing is raised: see `Solution.code`.
+    - `throw`: raise an error if the solve fails; if false, return what was computed. Inside jit, vmap or a derivative
+      nothing is raised: every number of a solve that fails, and its derivative, is NaN, and `Solution.code` says why.
     - `atol`, `y0`, `start`, `locate_events`, `energy_balance` (true here), `derivatives`, `max_steps`, `fidelity`: see
       `SolveOptions`.
 
@@ -66,40 +71,88 @@ def simulate(mechanism: Mechanism, t1: Any, *, throw: bool = True, **options: Un
 def run(
     mechanism: Mechanism, t1: Any, settings: Settings, *, observers: tuple = (), integrands: tuple = ()
 ) -> Solution:
-    """`simulate` for metrics: with `observers` and `integrands`, sample times increasing but not strictly; states of a
-    failed lane are NaN, so that no metric is made of a motion that stopped early.
-    """
-    out = _run(mechanism, t1, settings, True, observers, integrands)
-    # A factor, not a selection: a selection's derivative in reverse would be a silent zero.
-    factor = jnp.where(out.succeeded, 1.0, jnp.nan)
-    return with_states(out, [out.initial, *(factor * y for y in states_of(out)[1:])])
+    """`simulate` for metrics: with `observers` and `integrands`, by options that have been read."""
+    return _run(mechanism, t1, settings, True, observers, integrands)
 
 
 def _run(mechanism, t1, settings: Settings, throw: bool, observers=(), integrands=()) -> Solution:
-    if settings.fidelity != DYNAMICS:
-        return _posed(mechanism, as_leaf(t1), settings, throw, observers, integrands)
+    settings, places = _in_order(settings)
+    if settings.fidelity == DYNAMICS:
+        solution = _moved(mechanism, as_leaf(t1), settings, throw, observers, integrands)
+    else:
+        solution = _posed(mechanism, as_leaf(t1), settings, throw, observers, integrands)
+    if places is not None:
+        solution = dataclasses.replace(solution, time=solution.time[places], y=solution.y[places])
+    if isinstance(solution.final, Tracer):
+        solution = _without_failed(solution)
+    return solution.of(mechanism)
+
+
+def _in_order(settings: Settings) -> tuple[Settings, Array | np.ndarray | None]:
+    """The settings with increasing sample times, and where among these each time is that was given (`None`: as it is
+    given).
+    """
+    times = settings.save_at
+    if times is None:
+        return settings, None
+    if isinstance(times, Tracer):
+        order = jnp.argsort(jax.lax.stop_gradient(times))
+        return settings._replace(save_at=times[order]), jnp.argsort(order)
+    known = np.asarray(times)
+    if np.all(np.diff(known) >= 0):
+        return settings, None
+    order = np.argsort(known, kind="stable")
+    return settings._replace(save_at=jnp.asarray(known[order])), np.argsort(order)
+
+
+def _without_failed(solution: Solution) -> Solution:
+    """The solution; of a motion that did not reach its end not a number in the place of every one but when it stopped,
+    so that nothing is made of where that was.
+    """
+    # A factor, not a selection: a selection's derivative in reverse would be a silent zero.
+    marked = only_reached(solution, solution)
+    return dataclasses.replace(marked, end_time=solution.end_time)
+
+
+def only_reached(solution: Solution, tree: Any) -> Any:
+    """A tree whose numbers, and their derivatives, are NaN where the motion did not reach its end."""
+    factor = jnp.where(solution.succeeded, 1.0, jnp.nan)
+    return jax.tree.map(lambda x: factor * x if jnp.issubdtype(jnp.result_type(x), jnp.inexact) else x, tree)
+
+
+def _moved(mechanism, t1, settings: Settings, throw: bool, observers: tuple, integrands: tuple) -> Solution:
     options = settings.as_options(observers)
     if layout(mechanism).size == 0:
         # Without states the energy balance is what there is to integrate.
         options = options._replace(energy_balance=True)
-    t1, given = as_leaf(t1), settings
-    inputs = Inputs(mechanism, given.t0, t1, given.save_at, given.rtol, given.atol, given.y0, integrands)
+    inputs = Inputs(mechanism, settings.t0, t1, settings.save_at, settings.rtol, settings.atol, settings.y0, integrands)
     solution = flow(inputs, options=options) if options.derivatives == "controlled" else plain_flow(inputs, options)
     effort.count(solution.steps, solution.rejected)
     if throw and not isinstance(solution.final, Tracer) and int(solution.code) != int(Result.REACHED_END):
-        if given.y0 is None:
-            check_start(mechanism, given.t0, _start_errors(mechanism, given.t0, options.start))
+        if settings.y0 is None:
+            check_start(mechanism, settings.t0, _start_errors(mechanism, settings.t0, options.start))
         raise RuntimeError(
-            f"The solve stopped before t1: {solution.message}. Pass `throw=False` to keep what was computed."
+            f"The solve stopped before t1: {solution.message}{_progress(solution, options.max_steps)}. "
+            "Pass `throw=False` to keep what was computed."
         )
-    return solution.of(mechanism)
+    return solution
+
+
+def _progress(solution: Solution, most: int) -> str:
+    """How far a single solve came that used up its steps, and what to do about it; empty for another."""
+    if int(solution.code) != int(Result.MAX_STEPS):
+        return ""
+    return (
+        f", {most} (`max_steps`), at t = {float(solution.end_time):.4g} s. A number may make the motion far too fast "
+        "or stiff; if it is as it should be, give more"
+    )
 
 
 def _posed(mechanism, t1, settings: Settings, throw: bool, observers: tuple, integrands: tuple) -> Solution:
     solution = quasi_static(mechanism, t1, settings, observers, integrands)
     if throw and not isinstance(solution.final, Tracer) and int(solution.code) != int(Result.REACHED_END):
         raise RuntimeError(f'There is no quasi-static motion: {solution.message}. Use `fidelity = "dynamics"`.')
-    return solution.of(mechanism)
+    return solution
 
 
 @solo_jit

@@ -6,6 +6,7 @@ from typing import Any
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float, Int
@@ -41,6 +42,7 @@ class Solution(Module):
       (samples, n).
     - `initial`: the state at the start, shape (n,); `final`: the state at the end, which was reached at `end_time` [s].
     - `code`: how the solve ended (`codes.Result`); `succeeded`: whether it reached t1; `message`: why not, in words.
+      Inside jit, vmap or a derivative every other number of one that did not, but `end_time`, is NaN.
     - `steps`, `rejected`: how many steps were made, and how many attempts were rejected.
     - `energy_balance`: whether the states have the energy balance's integrals.
     - `energy_residual`: |energy gained - work of drives + losses| / energy exchanged: a measure of the error.
@@ -159,9 +161,14 @@ def _whole(numbers: Any, structure: Any) -> Mechanism:
 def _evaluate(numbers: Any, structure: Any, variable: str, time: Array, y: Array) -> Array:
     """A variable of every state, over the axes of `time`, of which all but the last are a batch's."""
 
+    def at(time, y, ready):
+        # Not every quantity of a state that is no number is none: a norm of NaN is 0.
+        known = jnp.where(jnp.isfinite(time) & jnp.all(jnp.isfinite(y)), 1.0, jnp.nan)
+        return known * evaluate(variable, time, y, ready)
+
     def along(numbers, time, y):
         ready = _whole(numbers, structure).prepare()
-        return jax.vmap(lambda t, y: evaluate(variable, t, y, ready))(time, y)
+        return jax.vmap(lambda t, y: at(t, y, ready))(time, y)
 
     for _ in range(time.ndim - 1):
         along = jax.vmap(along)

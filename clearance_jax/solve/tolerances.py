@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from clearance_jax._types import Each, Scalar
+from clearance_jax._types import Each, Flag, Scalar
 from clearance_jax.dynamics.energy import BALANCE_TERMS
 from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.placement import Inertia
@@ -24,6 +24,10 @@ FLOOR = 1e-3
 # A contact less deep than this many rtol of the clearance may be passed by.
 FIT = 10.0
 _EPS = float(np.finfo(np.float64).eps)
+# The smallest rtol. A step's error is compared with a tenth of it, which is then five units of round-off. For the
+# slider-crank, the arm and the four-bar of the scenes errors fall down to here; below, steps multiply and errors do not
+# fall.
+SMALLEST = 1e-14
 # The parts of a step, at least and at most, by which a cut step ends past its event.
 SHORTEST, LONGEST = 1e-8, 1e-2
 
@@ -105,6 +109,16 @@ def _largest(inertia: Array | Inertia) -> Array:
     if isinstance(inertia, Inertia):
         return jnp.maximum(jnp.maximum(inertia.xx, inertia.yy), inertia.zz)
     return jnp.asarray(inertia)
+
+
+def are_resolved(rtol: Scalar, atol: Any, allowed: Tolerances) -> Flag:
+    """Whether floats resolve what a solve is allowed: by `rtol`, and by the `atol` that may override it."""
+    good = (rtol >= SMALLEST) & (rtol < 1)
+    if atol is None:
+        return good
+    unit = jnp.where(jnp.isfinite(allowed.unit), allowed.unit, 0.0)
+    enough = allowed.absolute + allowed.relative * unit >= LOCAL * SMALLEST * unit
+    return good & jnp.all(enough) & jnp.all(jnp.asarray(atol) > 0)
 
 
 def floors(varied: Any, directions: Any, unit: Array) -> Float[Array, " directions"]:

@@ -23,6 +23,7 @@ from clearance_jax.solve.attempt import Carry, Options, attempt, dense, means_of
 from clearance_jax.solve.codes import Result, words
 from clearance_jax.solve.flow import Inputs, problem_of, project_samples
 from clearance_jax.solve.problem import Problem
+from clearance_jax.solve.refusal import unresolved, why_stopped
 from clearance_jax.solve.settings import ALL, SolveOptions, settings_of
 from clearance_jax.solve.simulate import warn_of_energy
 from clearance_jax.solve.solution import Solution
@@ -136,7 +137,7 @@ def trace(
     settings = settings_of(mechanism, t1, options, KNOWN, energy_balance=True, save_at=1001)
     chosen, t0, t1 = settings.as_options(), float(settings.t0), float(t1)
     start, last = settings.t0, np.asarray(t1)
-    grid = np.array([t1]) if settings.save_at is None else np.asarray(settings.save_at)
+    grid = np.array([t1]) if settings.save_at is None else np.sort(np.asarray(settings.save_at))
     inputs = Inputs(mechanism, start, last, None, settings.rtol, settings.atol, settings.y0)
     problem, allowed, carry, errors = _begin(inputs, chosen)
     first = carry.y
@@ -145,7 +146,7 @@ def trace(
     times, states = [np.array([t0])], [np.asarray(first)[None]]
     sampled = np.full((grid.size, first.size), np.nan)
     sampled[grid == t0] = np.asarray(first)  # whatever happens, the start is known
-    code = Result.REACHED_END
+    code = Result(int(unresolved(jnp.asarray(0), settings.rtol, settings.atol, allowed)))
     try:
         while float(carry.time) < t1 and code == Result.REACHED_END:
             # One donated carry would save nothing: a block lasts long.
@@ -158,7 +159,7 @@ def trace(
             sampled[new] = some[new]
             if progress is not None:
                 progress((float(carry.time) - t0) / (t1 - t0))
-            code = _code(carry, t1, settings.max_steps)
+            code = _code(carry, t1, settings.max_steps, problem)
     except KeyboardInterrupt:
         code = Result.INTERRUPTED
     time, y = np.concatenate(times), np.concatenate(states)
@@ -182,9 +183,10 @@ def trace(
     return Trace(solution.of(mechanism), time, y, words(code))
 
 
-def _code(carry: Carry, t1: float, max_steps: int) -> Result:
+def _code(carry: Carry, t1: float, max_steps: int, problem: Problem) -> Result:
     """Whether another block may follow, and if not, why."""
     if bool(carry.collapsed):
-        return Result.STEP_COLLAPSED
+        stopped = jnp.asarray(int(Result.STEP_COLLAPSED))
+        return Result(int(why_stopped(stopped, problem.mechanism, carry.time, carry.y)))
     done = int(carry.accepted) + int(carry.rejected)
     return Result.MAX_STEPS if done >= max_steps and float(carry.time) < t1 else Result.REACHED_END

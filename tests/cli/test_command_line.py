@@ -65,7 +65,7 @@ CHANGES = [
     ("coefficient = 0.03", "coefficient = [0.03, 0.04]", "must be one quantity"),
     ('law = "adams-impact"', 'law = ["adams-impact"]', "one of the allowed words"),
     ('pin_radius = "10 mm"', 'sleeve_radius = "0.1 mm"', "there is no pin"),
-    ("rtol = 1e-8", "rtol = 0", "between 0 and 1"),
+    ("rtol = 1e-8", "rtol = 0", "at least 1e-14"),
 ]
 
 

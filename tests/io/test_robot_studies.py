@@ -111,6 +111,31 @@ def test_a_study_multiplies_trajectories_payloads_and_speeds(folder):
     assert float(rest.band) == pytest.approx(2e-5)
 
 
+def test_the_time_of_a_crossing_is_read_with_its_level_and_its_direction(folder):
+    crossing = '''[metric.touch]
+kind = "crossing-time"
+signal = "quantity"
+quantity = "hip.penetration"
+level = "-2 um"
+direction = "falling"
+since = "1 ms"
+[design.limit.touch]
+bound = "30 ms"
+[design.limit.tip]'''
+    asked = read(folder, ("[design.limit.tip]", crossing))
+    metric = {limit.name: limit for limit in asked.limits}["touch"].metric
+    assert isinstance(metric, metrics.CrossingTime)
+    assert metric.signal == metrics.Quantity("hip.penetration", "m")
+    assert (float(metric.level), metric.direction, float(metric.since)) == (pytest.approx(-2e-6), "falling", 1e-3)
+    for change, message in (
+        (('"hip.penetration"', '"hip.penetratio"'), "no quantity 'hip.penetratio'. Did you mean"),
+        (('signal = "quantity"', 'signal = "contact-force"\njoint = "hip"'), "quantity.* has no effect"),
+        (('"-2 um"', '"2 N"'), "level"),
+    ):
+        with pytest.raises(ClearanceError, match=message):
+            read(folder, ("[design.limit.tip]", crossing.replace(*change)))
+
+
 def test_conditions_that_are_written_down_are_multiplied_too(folder):
     asked = read(
         folder,

@@ -2,12 +2,15 @@
 
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from sleeves import act, checked, random_states, relative
 
 import clearance_jax as cj
 from clearance_jax import laws
+from clearance_jax.solve.codes import Result
 
 SIDE, LENGTH, HEIGHT = 1e-3, 0.1, 0.1
 LAW: Any = laws.HuntCrossley(1e9, 0.5)
@@ -58,6 +61,31 @@ def test_a_block_bounces_and_rubs_in_its_guide():
     # (Friction is Coulomb's to exp(-2 v / 0.01), and the block never slides slower than 0.3 m/s.)
     assert along == pytest.approx(0.5 + 0.2 * 0.2 - 0.1 * (9.81 * 0.2 + across), rel=1e-7)
     assert along < 0.4
+
+
+@pytest.mark.parametrize("solve", [cj.simulate, cj.trace])
+def test_a_block_that_slides_out_of_its_guide_ends_the_solve(solve):
+    """20 mm in a guide of 30 mm, at 0.5 m/s: it is out after 5 mm, at 0.01 s, and went on for 100 mm."""
+    short = cj.GuideClearance(1e-4, 0.02, 0.02, LAW, guide_length=0.03)
+    guide = cj.Prismatic("guide", "ground", "block", motion=cj.Motion(velocity=0.5), clearance=short)
+    m = slider((guide,))
+    if solve is cj.trace:
+        found = cj.trace(m, 0.2)
+        assert "slid out of its guide" in found.message
+        assert 0.01 < float(found.solution.end_time) < 0.02
+        return
+    with pytest.raises(RuntimeError, match="slid out of its guide"):
+        cj.simulate(m, 0.2)
+
+    def ending(velocity):
+        s = cj.simulate(cj.replace(m, {"guide.velocity": velocity}), 0.02, rtol=1e-7)
+        return s["guide"], s.code
+
+    places, codes = jax.jit(jax.vmap(ending))(jnp.array([0.2, 0.5, -0.5]))
+    assert codes.tolist() == [0, *[int(Result.LEFT)] * 2]
+    assert np.isnan(places).tolist() == [False, True, True]
+    # Pushed at 0.2 m/s^2 along the guide.
+    assert float(places[0]) < 0.005
 
 
 def test_a_guide_closes_a_loop_as_it_does_in_a_tree():

@@ -12,7 +12,8 @@ from clearance_jax import metrics
 from clearance_jax.errors import ClearanceError
 from clearance_jax.metrics.instants import PeakInstants
 from clearance_jax.metrics.joint_work import JointWork
-from clearance_jax.metrics.measure import _together
+from clearance_jax.solve.settings import Settings
+from clearance_jax.solve.simulate import _in_order
 from experiments.common import slider_crank
 from experiments.reference.make import load_variation
 from experiments.trust.horizon import REGULAR
@@ -330,9 +331,12 @@ def test_only_what_comes_after_since_counts(mechanism):
 
 
 def test_samples_of_one_metric_and_where_it_begins_to_count_are_put_in_order():
-    order, together = _together([jnp.array([7e-4, 9e-4, SINCE])], mixed=True)
-    np.testing.assert_array_equal(together, [SINCE, 7e-4, 9e-4])
-    np.testing.assert_array_equal(together[order], [7e-4, 9e-4, SINCE])
+    given = jnp.array([7e-4, 9e-4, SINCE])
+    settings, places = _in_order(Settings(save_at=given))
+    assert settings.save_at is not None
+    np.testing.assert_array_equal(settings.save_at, [SINCE, 7e-4, 9e-4])
+    np.testing.assert_array_equal(settings.save_at[places], given)
+    assert _in_order(settings) == (settings, None)
 
 
 def test_since_lies_before_the_end(mechanism):

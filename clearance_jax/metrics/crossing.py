@@ -1,0 +1,77 @@
+"""When something happens in a motion: a signal crosses a value."""
+
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from clearance_jax._module import Module
+from clearance_jax._types import Scalar
+from clearance_jax.errors import ClearanceError, quote
+from clearance_jax.metrics.measure import AbstractMetric, Request
+from clearance_jax.metrics.reductions import signal_at
+from clearance_jax.metrics.signals import AbstractSignal
+from clearance_jax.solve.band import EntryFinder
+from clearance_jax.solve.observers import without_derivatives
+
+DIRECTIONS = RISING, FALLING = "rising", "falling"
+
+
+class CrossingTime(AbstractMetric):
+    """The first time at which a signal crosses a `level` in a direction [s]: a touch, a point that arrives somewhere, a
+    crank that passes an angle. It is not a number if the signal does not.
+
+        cj.metrics.CrossingTime(cj.metrics.Quantity("wrist.penetration"))       # the first touch
+        cj.metrics.CrossingTime(cj.metrics.Quantity("crank.position"), 1.0)     # the crank passes 1 rad
+
+    A signal that begins beyond the level has to come back before it can cross it. At the crossing s(t; p) = level, so
+    the derivative is (d level - ds/dp) / (ds/dt) (implicit function theorem). It is zero where the signal jumps across
+    the level, whose instant counts as fixed; and it does not exist where an earlier swing just touches the level.
+
+    **Arguments:** `signal`; `level`, in the signal's unit; `direction`: "rising" (from below the level to above it) or
+    "falling"; `since`: only crossings after this time count [s], `None`: all.
+
+    **Raises:** `ClearanceError` for another direction.
+    """
+
+    word: ClassVar[str] = "crossing-time"
+    unit: ClassVar[str] = "s"
+    signal: AbstractSignal
+    level: Scalar = eqx.field(converter=lambda x: jnp.asarray(x, float), default=0.0)
+    direction: str = eqx.field(static=True, default=RISING)
+    since: Scalar | None = eqx.field(converter=lambda t: None if t is None else jnp.asarray(t, float), default=None)
+
+    def __check_init__(self):
+        if self.direction not in DIRECTIONS:
+            raise ClearanceError(
+                f"`direction` must be {' or '.join(map(quote, DIRECTIONS))}, but it is {quote(self.direction)}."
+            )
+
+    @property
+    def _sign(self) -> float:
+        return 1.0 if self.direction == FALLING else -1.0
+
+    def request(self, mechanism, t1, options):
+        fixed, end, others, level, since = without_derivatives((mechanism, t1, options, self.level, self.since))
+        signal = Signed(self.signal.bind(fixed, end, others), self._sign)
+        return Request((EntryFinder(signal, self._sign * level, end - others.t0, first=True, since=since),))
+
+    def value(self, reply):
+        (record,), (picked,) = reply.solution.records, reply.picked
+        assert picked is not None
+        above = self._sign * (signal_at(self.signal, reply, picked.time, picked.y)[0] - self.level)
+        # Newton's step on the signal itself, which is zero already but for what a closure moves: its derivative is that
+        # of the crossing.
+        moved = above / jnp.where(record.slope < 0, record.slope, -jnp.inf)
+        return jnp.where(record.entered, 1.0, jnp.nan) * (jax.lax.stop_gradient(picked.time[0]) - moved)
+
+
+class Signed(Module):
+    """A signal with a sign."""
+
+    signal: Any
+    sign: float = eqx.field(static=True)
+
+    def __call__(self, time, y, mechanism):
+        return self.sign * self.signal(time, y, mechanism)
