@@ -31,7 +31,8 @@ from clearance_jax.cli.pace import Shown
 from clearance_jax.cli.posture import say_held
 from clearance_jax.errors import ClearanceError, quote, suggest
 
-DEFAULTS = {"rtol": 1e-8, "samples": 1001, "solver": "tsit5"}
+# The steps are ten times those of Python's `simulate`: who waits sees how far the motion is, and may stop it.
+DEFAULTS = {"rtol": 1e-8, "samples": 1001, "solver": "tsit5", "max_steps": 10_000_000}
 
 
 def simulate(
