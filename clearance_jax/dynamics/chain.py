@@ -22,7 +22,7 @@ from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.body import GROUND, Body, Point
-from clearance_jax.mechanism.driving import drivable
+from clearance_jax.mechanism.driving import drivable, gives_way
 from clearance_jax.mechanism.limits import Limits
 from clearance_jax.mechanism.mechanism import NO_GRAVITY, Mechanism
 from clearance_jax.mechanism.prepared import PreparedMechanism
@@ -141,6 +141,8 @@ def chain_of(mechanism: Mechanism, point: str, joints: Sequence[str] | None) -> 
     if joints is None:
         resting = [joint for joint in own if any(c.is_ball for c in joint.own_coordinates())]
         found = drivable([joint for joint in own if joint not in resting])
+        # The spring of an elastic drive stays as it is: its motor moves the link.
+        found = {name: c for name, c in found.items() if not gives_way(c.motion)}
         joints = [name for name, c in found.items() if not ideal.closures() or not c.motion.is_free]
     bodies = tuple(Body(one.name) for one in ideal.bodies)
     free = dataclasses.replace(ideal.without_drives(joints), bodies=bodies, springs=(), gravity=NO_GRAVITY)

@@ -19,7 +19,7 @@ from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import AbstractClearance, PlayCoordinate, PreparedClearance
 from clearance_jax.joints.checks import check_start
-from clearance_jax.mechanism.body import Motion
+from clearance_jax.mechanism.body import Motion, Motor
 from clearance_jax.mechanism.frame import Frame
 from clearance_jax.mechanism.joint_keys import (
     AT_CHILD,
@@ -274,12 +274,14 @@ class Revolute(AbstractPlayed):
     orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_PARENT)
     child_orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_CHILD)
     axis: Axis = axis_key("z")
+    motor: Motor | None = None
+    """Of an elastic drive its motor: the joint turns by the sum of its angle and the spring's, `motion`."""
 
     def units(self):
         return TURNING
 
     def own_coordinates(self):
-        return (*self.play_coordinates(), Coordinate(self.name, self.motion, turns=Z))
+        return (*self.play_coordinates(), *(Coordinate(*one, turns=Z) for one in _moving(self)))
 
     @property
     def sleeve(self):
@@ -288,6 +290,12 @@ class Revolute(AbstractPlayed):
     def joint_constraint(self):
         line = self.axis.vector
         return JointConstraint(None, alignment(self.axis), ((line, line),))
+
+
+def _moving(joint: "Revolute | Prismatic") -> tuple[tuple[str, Motion], ...]:
+    """Names and motions of what moves along or about a joint's axis: an elastic drive's motor, and the spring."""
+    own = joint.name, joint.motion
+    return (own,) if joint.motor is None else ((joint.motor.name, joint.motor), own)
 
 
 def along(axis: Axis) -> Matrix:
@@ -313,13 +321,15 @@ class Prismatic(AbstractPlayed):
     axis: Axis = axis_key("x")
     clearance: AbstractClearance | PreparedClearance | None = flatten(default=None)
     eccentricity: Position = ORIGIN
+    motor: Motor | None = None
+    """The same as of a `Revolute`."""
 
     def units(self):
         return SLIDING
 
     def own_coordinates(self):
         # The block's play is where the block is: it slides first.
-        return (Coordinate(self.name, self.motion, slides=Z), *self.play_coordinates())
+        return (*(Coordinate(*one, slides=Z) for one in _moving(self)), *self.play_coordinates())
 
     @property
     def sleeve(self):
