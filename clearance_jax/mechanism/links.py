@@ -46,6 +46,11 @@ class Order(NamedTuple):
     parents: tuple[int, ...]
     carriers: dict[str, int]
 
+    @property
+    def swings(self) -> np.ndarray:
+        """The first links of swings, whose second tilts are the next links: the first does the turning of both."""
+        return np.array([i for i, c in enumerate(self.coordinates) if c.swings][::2], int)
+
 
 def order(joints: tuple[AbstractJoint, ...]) -> Order:
     """The links of a tree, in the order of its coordinates."""

@@ -57,7 +57,8 @@ from clearance_jax.spatial import (
 
 class Coordinate(NamedTuple):
     """One elementary coordinate of a joint: its name, how it moves, the axis it slides along or turns about (neither:
-    it is a ball, an orientation by a quaternion with three rates), and of a play coordinate its magnitude.
+    it is a ball, an orientation by a quaternion with three rates), and of a play coordinate its magnitude, and whether
+    it is one of the two tilts of a swing.
     """
 
     name: str
@@ -65,6 +66,7 @@ class Coordinate(NamedTuple):
     slides: Vector | None = None
     turns: Vector | None = None
     play: Scalar | None = None
+    swings: bool = False
 
     @property
     def is_ball(self) -> bool:
@@ -250,6 +252,7 @@ class AbstractPlayed(AbstractJoint):
                 play.slides,
                 play.turns,
                 play.scale,
+                play.swings,
             )
             for play in self.play()
         )
