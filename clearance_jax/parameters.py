@@ -226,34 +226,25 @@ def follow(module: Any, path: tuple[str, ...]) -> Any:
 
 def find(known: Mapping[str, Leaf], name: str) -> tuple[Leaf, int | None]:
     """The leaf that a name means, and the entry (`name.i`) of an array. **Raises** `ClearanceError` for neither."""
-    found = _lookup(known, name)
-    if found is None:
+    leaf, entry = lookup(known, name)
+    if leaf is None:
         raise ClearanceError(f"There is no parameter `{name}`. " + suggest(name, known))
-    leaf, entry = found
     shape = np.shape(leaf.value)
     if entry is not None and not (len(shape) == 1 and entry < shape[0]):
         raise ClearanceError(f"`{name.rpartition('.')[0]}` has shape {shape}: there is no entry {entry}.")
     return leaf, entry
 
 
-def is_known(known: Mapping[str, Leaf], name: str) -> bool:
-    """Whether a name means a number, or an array of which `name.i` is to be an entry."""
-    return _lookup(known, name) is not None
+def lookup(known: Mapping[str, Leaf], name: str) -> tuple[Leaf | None, int | None]:
+    """The leaf that a name means, present or former, and the entry of an array; `None` where it means nothing."""
 
+    def leaf(name: str) -> Leaf | None:
+        return known.get(name) or next((leaf for leaf in known.values() if leaf.former == name), None)
 
-def _lookup(known: Mapping[str, Leaf], name: str) -> tuple[Leaf, int | None] | None:
-    """The leaf that a name means, and the entry of it."""
-    whole = _leaf(known, name)
-    if whole is not None:
-        return whole, None
-    head, _, tail = name.rpartition(".")
-    array = _leaf(known, head) if tail.isdecimal() and len(tail) < 10 else None
-    return None if array is None else (array, int(tail))
-
-
-def _leaf(known: Mapping[str, Leaf], name: str) -> Leaf | None:
-    """The leaf of that name, present or former."""
-    return known.get(name) or next((leaf for leaf in known.values() if leaf.former == name), None)
+    whole, (head, _, tail) = leaf(name), name.rpartition(".")
+    if whole is None and tail.isdecimal() and len(tail) < 10:
+        return leaf(head), int(tail)
+    return whole, None
 
 
 def replace(module: Any, values: Mapping[str, Any]) -> Any:
