@@ -30,8 +30,8 @@ def _motion(joint: Joint) -> Motion:
 
 def _losses(joint: Joint) -> tuple[AbstractActuator, ...]:
     """Its damping and its friction, each along every coordinate of the joint."""
-    damper = (JointSpring(0.0, joint.damping, name="damper"),) if joint.damping > 0 else ()
-    return (*damper, JointFriction(joint.friction, name="friction")) if joint.friction > 0 else damper
+    damper = (JointSpring(0.0, joint.damping),) if joint.damping > 0 else ()
+    return (*damper, JointFriction(joint.friction)) if joint.friction > 0 else damper
 
 
 def _start(limits: Limits) -> float:

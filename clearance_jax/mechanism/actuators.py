@@ -18,8 +18,8 @@ __all__ = ["AbstractActuator", "ConstantEffort", "JointFriction", "JointSpring",
 class AbstractActuator(Module):
     """A force along one free coordinate: a torque [N m] along an angle, a force [N] along a slide.
 
-    **Arguments:** `name`, by keyword: its numbers are then those of `hip.actuator.NAME`, else of `hip.0`, by its place
-    among the actuators of the coordinate.
+    **Arguments:** `name`, by keyword: its numbers are then called `hip.actuator.NAME.stiffness`, say, else by its place
+    among the actuators of the coordinate, `hip.0.stiffness`.
     """
 
     name: str | None = eqx.field(static=True, default=None, kw_only=True)
