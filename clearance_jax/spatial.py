@@ -216,12 +216,13 @@ def of_quaternion(w: Term, x: Term, y: Term, z: Term) -> Matrix:
 
 class Swing(NamedTuple):
     """A rotation about an axis in the plane of two perpendicular axes, by two tilts: `rows`, its matrix, and by each
-    tilt the spin per unit of its rate, in the axes `outside` and in the rotated axes `inside`.
+    tilt the spin per unit of its rate, in the axes `outside` and in the rotated axes `inside`; `part`: 1 / (1 + g^2).
     """
 
     rows: Matrix
     outside: tuple[Vector, Vector]
     inside: tuple[Vector, Vector]
+    part: Term
 
 
 def swing(u: Vector, v: Vector, a: Term, b: Term) -> Swing:
@@ -238,6 +239,7 @@ def swing(u: Vector, v: Vector, a: Term, b: Term) -> Swing:
         of_quaternion(1.0, *add(scale(x, u), scale(y, v))),
         (subtract(u_part, first), add(v_part, second)),
         (add(u_part, first), subtract(v_part, second)),
+        part,
     )
 
 

@@ -13,8 +13,9 @@ from jaxtyping import Array, Float
 
 from clearance_jax._module import Module
 from clearance_jax.mechanism.body import GROUND, Body, needs_six
+from clearance_jax.mechanism.coordinate import Coordinate
 from clearance_jax.mechanism.placement import Inertia
-from clearance_jax.mechanism.tree import AbstractJoint, Coordinate
+from clearance_jax.mechanism.tree import AbstractJoint
 from clearance_jax.spatial import IDENTITY, UNIT, ZERO, Rotation, Vector, add, as_array, product, scale, transpose
 
 # More coordinates than this make a table of what is computed once in a solve, where only compiling counts.

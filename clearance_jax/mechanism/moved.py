@@ -4,8 +4,9 @@ from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 from clearance_jax._types import Scalar
+from clearance_jax.mechanism.coordinate import Coordinate
 from clearance_jax.mechanism.frame import Column, Frame
-from clearance_jax.mechanism.tree import AbstractJoint, Coordinate
+from clearance_jax.mechanism.tree import AbstractJoint
 from clearance_jax.spatial import (
     UNIT,
     ZERO,
@@ -97,10 +98,9 @@ def swing_rates(at: Swing, by: Moved) -> tuple[Vector, Vector]:
     """The spin of a swing and the rate of its components, in the rotated axes."""
     (a, b), (p, q), (u, v) = by.q, by.v, by.a
     spin, faster = (add(scale(x, at.inside[0]), scale(y, at.inside[1])) for x, y in ((p, q), (u, v)))
-    # Its spin by the tilts' rates is divided by 1 + g^2, which grows.
+    # The spin is divided by 1 + g^2, which grows by 2 g g'.
     growth = times(0.5, plus(times(a, p), times(b, q)))
-    part = 1.0 / (1.0 + times(0.25, plus(times(a, a), times(b, b))))
-    return spin, subtract(faster, scale(times(part, growth), spin))
+    return spin, subtract(faster, scale(times(at.part, growth), spin))
 
 
 def beyond(frame: Frame, step: Step) -> Frame:
