@@ -3,9 +3,8 @@
 A number of the model (a mass, a clearance, a stiffness) is always an array leaf, never a Python float: a float field
 would be a compile-time constant (a new compilation for every value, and no derivative).
 
-What a name is follows from how the model is made. A member of a tuple that has a `name` starts a name of its own
-(`wrist.`); a flattened field adds nothing to it, a leading field goes in front (`drive.crank.speed`), any other adds
-itself.
+What a name is follows from how the model is made. A member that has a `name` starts a name of its own (`wrist.`); a
+flattened field adds nothing to it, a leading field goes in front (`drive.crank.speed`), any other adds itself.
 """
 
 import dataclasses
@@ -90,9 +89,11 @@ def describe(help: str, example: str, absent: str = "", *, least: int = 0, most:
     return eqx.field(metadata=metadata, **field)
 
 
-def flatten(**field):
-    """A field whose own name is left out of dotted parameter names: its members appear as its owner's."""
-    return eqx.field(metadata={"flattened": True}, **field)
+def flatten(member: str | None = None, **field):
+    """A field whose own name is left out of dotted parameter names: its members appear as its owner's; `member`: of a
+    tuple the word before the name of a member that has one.
+    """
+    return eqx.field(metadata={"flattened": True, "member": member}, **field)
 
 
 def lead(**field):
@@ -135,7 +136,7 @@ class Parametrised(Module):
 @dataclasses.dataclass(frozen=True)
 class Leaf:
     """One number of a model: dotted name, the attribute path to it, its value and its field's metadata; `owners`: the
-    parts that it belongs to, the nearest last.
+    parts that it belongs to, the nearest last; `former`: its name by the place of an actuator that has a name now.
     """
 
     name: str
@@ -143,6 +144,7 @@ class Leaf:
     value: Any
     metadata: Any
     owners: tuple[Any, ...] = ()
+    former: str | None = None
 
     @property
     def unit(self) -> str:
@@ -165,29 +167,40 @@ def resolve_unit(unit: str, words: Mapping[str, str]) -> str:
     return unit
 
 
-def leaves(module: eqx.Module, path: tuple[str, ...] = (), prefix: str = "", owners: tuple = ()) -> Iterator[Leaf]:
-    """Every number of `module`, with its dotted name and how to reach it."""
+def leaves(
+    module: eqx.Module, path: tuple[str, ...] = (), prefix: str = "", owners: tuple = (), former: str | None = None
+) -> Iterator[Leaf]:
+    """Every number of `module`, with its dotted name and how to reach it; `prefix`, `former`: what names begin with."""
     # Every lookup of a module by attribute is looked at: that would take twice as long.
     owners, held = (*owners, module), vars(module)
     for field in _fields(type(module)):
-        value, here = held[field.name], (*path, field.name)
-        name = prefix if field.metadata.get("flattened") else f"{prefix}{field.name}."
-        name = f"{field.name}.{prefix}" if field.metadata.get("leading") else name
+        value, here, name = held[field.name], (*path, field.name), _extended(prefix, field)
+        before = None if former is None else _extended(former, field)
         if "unit" in field.metadata and not isinstance(value, eqx.Module):
             if value is not None:
-                yield Leaf(name[:-1], here, value, field.metadata, owners)
+                yield Leaf(name[:-1], here, value, field.metadata, owners, before and before[:-1])
         elif isinstance(value, eqx.Module) and field.metadata.get("apart"):
             for leaf in leaves(value, here):
                 yield dataclasses.replace(leaf, name=name + leaf.name)
         elif isinstance(value, eqx.Module):
-            yield from leaves(value, here, name, owners)
+            own = getattr(value, "name", None)
+            yield from leaves(value, here, name if own is None else f"{own}.", owners, before)
         elif isinstance(value, tuple):
+            word = field.metadata.get("member")
             for index, member in enumerate(value):
                 if not isinstance(member, eqx.Module):
                     continue
-                own = getattr(member, "name", None)
-                inner = f"{name}{index}." if own is None else f"{own}."
-                yield from leaves(member, (*here, str(index)), inner, owners)
+                own, numbered = getattr(member, "name", None), f"{name}{index}."
+                inner = numbered if own is None else f"{own}." if word is None else f"{name}{word}.{own}."
+                old = None if own is None or word is None else numbered
+                yield from leaves(member, (*here, str(index)), inner, owners, old)
+
+
+def _extended(prefix: str, field: dataclasses.Field) -> str:
+    """What the names of a field's numbers begin with."""
+    if field.metadata.get("leading"):
+        return f"{field.name}.{prefix}"
+    return prefix if field.metadata.get("flattened") else f"{prefix}{field.name}."
 
 
 @functools.cache
@@ -213,15 +226,25 @@ def follow(module: Any, path: tuple[str, ...]) -> Any:
 
 def find(known: Mapping[str, Leaf], name: str) -> tuple[Leaf, int | None]:
     """The leaf that a name means, and the entry (`name.i`) of an array. **Raises** `ClearanceError` for neither."""
-    if name in known:
-        return known[name], None
-    head, _, tail = name.rpartition(".")
-    if not (tail.isdecimal() and len(tail) < 10 and head in known):
+    leaf, entry = lookup(known, name)
+    if leaf is None:
         raise ClearanceError(f"There is no parameter `{name}`. " + suggest(name, known))
-    shape = np.shape(known[head].value)
-    if not (len(shape) == 1 and int(tail) < shape[0]):
-        raise ClearanceError(f"`{head}` has shape {shape}: there is no entry {int(tail)}.")
-    return known[head], int(tail)
+    shape = np.shape(leaf.value)
+    if entry is not None and not (len(shape) == 1 and entry < shape[0]):
+        raise ClearanceError(f"`{name.rpartition('.')[0]}` has shape {shape}: there is no entry {entry}.")
+    return leaf, entry
+
+
+def lookup(known: Mapping[str, Leaf], name: str) -> tuple[Leaf | None, int | None]:
+    """The leaf that a name means, present or former, and the entry of an array; `None` where it means nothing."""
+
+    def leaf(name: str) -> Leaf | None:
+        return known.get(name) or next((leaf for leaf in known.values() if leaf.former == name), None)
+
+    whole, (head, _, tail) = leaf(name), name.rpartition(".")
+    if whole is None and tail.isdecimal() and len(tail) < 10:
+        return leaf(head), int(tail)
+    return whole, None
 
 
 def replace(module: Any, values: Mapping[str, Any]) -> Any:

@@ -214,6 +214,35 @@ def of_quaternion(w: Term, x: Term, y: Term, z: Term) -> Matrix:
     )
 
 
+class Swing(NamedTuple):
+    """A rotation about an axis in the plane of two perpendicular axes, by two tilts: `rows`, its matrix, and by each
+    tilt the spin per unit of its rate, in the axes `outside` and in the rotated axes `inside`; `part`: 1 / (1 + g^2).
+    """
+
+    rows: Matrix
+    outside: tuple[Vector, Vector]
+    inside: tuple[Vector, Vector]
+    part: Term
+
+
+def swing(u: Vector, v: Vector, a: Term, b: Term) -> Swing:
+    """The rotation about g = (a u + b v) / 2 by 2 atan |g|. Two turns one after the other, about u and v, would
+    prefer these to the other axes of their plane.
+
+    Its spin is 2 (g' + g x g') / (1 + g^2), and with the other sign of g x g' in the rotated axes (Rodrigues).
+    """
+    x, y = times(0.5, a), times(0.5, b)
+    part, normal = 1.0 / (1.0 + plus(times(x, x), times(y, y))), cross(u, v)
+    first, second = scale(times(part, y), normal), scale(times(part, x), normal)
+    u_part, v_part = scale(part, u), scale(part, v)
+    return Swing(
+        of_quaternion(1.0, *add(scale(x, u), scale(y, v))),
+        (subtract(u_part, first), add(v_part, second)),
+        (add(u_part, first), subtract(v_part, second)),
+        part,
+    )
+
+
 def quaternion_of(roll: Term, pitch: Term, yaw: Term) -> tuple[Term, ...]:
     """The quaternion (w, x, y, z) of Rz(yaw) Ry(pitch) Rx(roll)."""
     q: tuple[Term, ...] = (1.0, 0.0, 0.0, 0.0)

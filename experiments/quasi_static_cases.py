@@ -61,7 +61,7 @@ def loaded_crank(rng: Random, damped: bool) -> Case:
         cj.load(SCENES / "slider_crank_loaded.toml"),
         {
             "drive.main.speed": speed,
-            "guide.0.effort": -load,
+            "guide.actuator.load.effort": -load,
             "crankpin.radial_clearance": c[0],
             "wrist.radial_clearance": c[1],
         },

@@ -56,6 +56,7 @@ def poses(mechanism, time, q, local):
         origin = origin + rotation @ three(joint.at_parent)
         own = turn(jnp.array([0.0, 0.0, 1.0]), joint.angle) if joint.angle is not None else rpy(joint.orientation)
         rotation = rotation @ own
+        tilts = []
         for c in joint.coordinates():
             if c.is_ball:
                 at = places[c.name]
@@ -66,7 +67,12 @@ def poses(mechanism, time, q, local):
                 value = q[at.q.start] + local[at.v.start]
             else:
                 value = c.motion.drive(time)[0]
-            if c.turns is not None:
+            if c.swings:
+                tilts.append(jnp.array(c.turns, float) * value)
+                if len(tilts) == 2:  # two tilts are one rotation: Cayley's of half their sum
+                    half = hat(tilts[0] + tilts[1]) / 2
+                    rotation = rotation @ jnp.linalg.solve(jnp.eye(3) - half, jnp.eye(3) + half)
+            elif c.turns is not None:
                 rotation = rotation @ turn(jnp.array(c.turns, float), value)
             else:
                 origin = origin + rotation @ jnp.array(c.slides, float) * value

@@ -9,7 +9,7 @@ import numpy as np
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMeasure
-from clearance_jax.parameters import parameters, replace, values_of
+from clearance_jax.parameters import lookup, parameters, replace, values_of
 
 
 def own(mechanism: Mechanism, measures: Iterable[AbstractMeasure], values: Mapping[str, Any]) -> dict[str, Any]:
@@ -20,7 +20,7 @@ def own(mechanism: Mechanism, measures: Iterable[AbstractMeasure], values: Mappi
     models = [parameters(measure.model(mechanism)) for measure in measures]
 
     def of_wear(name: str) -> bool:
-        return not _has(known, name) and any(_has(model, name) for model in models)
+        return lookup(known, name)[0] is None and any(lookup(model, name)[0] for model in models)
 
     return {name: value for name, value in values.items() if not of_wear(name)}
 
@@ -30,7 +30,7 @@ def values_for(
 ) -> dict[str, Any]:
     """Those of the values that a measure's model takes: all but what is of the wear of other measures only."""
     known, kept = parameters(measure.model(mechanism)), own(mechanism, measures, values)
-    return {name: value for name, value in values.items() if name in kept or _has(known, name)}
+    return {name: value for name, value in values.items() if name in kept or lookup(known, name)[0]}
 
 
 def replace_values(mechanism: Mechanism, measures: Iterable[AbstractMeasure], values: Mapping[str, Any]) -> Mechanism:
@@ -56,10 +56,10 @@ def worth(
 
     def as_given(model: Any) -> Any:
         known = parameters(model)
-        return replace(model, {n: value for n, value in given.items() if _has(known, n)})
+        return replace(model, {n: value for n, value in given.items() if lookup(known, n)[0]})
 
     models = [as_given(measure.model(mechanism)) for measure in measures]
-    having = [model for model in models if _has(parameters(model), name)] or [as_given(mechanism)]
+    having = [model for model in models if lookup(parameters(model), name)[0]] or [as_given(mechanism)]
     found = [values_of(model, [name])[name] for model in having]
     if not all(np.array_equal(value, found[0]) for value in found):
         raise ClearanceError(f"The limits do not agree about `{name}`: give them the same law and pressure.")
@@ -70,9 +70,3 @@ def _within(entry: str, array: str) -> bool:
     """Whether a name is an entry `array.i` of an array."""
     head, _, tail = entry.rpartition(".")
     return head == array and tail.isdecimal()
-
-
-def _has(known: Mapping[str, Any], name: str) -> bool:
-    """Whether a number is known, or the array of which `name.i` is to be an entry."""
-    head, _, tail = name.rpartition(".")
-    return name in known or (tail.isdecimal() and head in known)

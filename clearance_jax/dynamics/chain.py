@@ -6,7 +6,7 @@ sought too.
 """
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import equinox as eqx
@@ -22,12 +22,13 @@ from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.body import GROUND, Body, Point
-from clearance_jax.mechanism.driving import drivable
+from clearance_jax.mechanism.coordinate import Coordinate
+from clearance_jax.mechanism.driving import drivable, gives_way
 from clearance_jax.mechanism.limits import Limits
 from clearance_jax.mechanism.mechanism import NO_GRAVITY, Mechanism
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, initial_values, layout, parts
-from clearance_jax.mechanism.tree import AbstractJoint, Coordinate
+from clearance_jax.mechanism.tree import AbstractJoint
 from clearance_jax.spatial import IDENTITY, Term, absent, as_array, length_of, rotation_between
 
 NO_LIMITS = Limits()
@@ -138,18 +139,33 @@ def chain_of(mechanism: Mechanism, point: str, joints: Sequence[str] | None) -> 
     for name in joints or ():
         if name not in known:
             raise ClearanceError(f"There is no coordinate `{name}` to move. " + suggest(name, known))
+    resting = [joint for joint in own if any(c.is_ball for c in joint.own_coordinates())]
+    found = drivable([joint for joint in own if joint not in resting])
+    # The spring of an elastic drive stays as it is: its motor moves the link.
+    found = {name: c for name, c in found.items() if not gives_way(c.motion)}
     if joints is None:
-        resting = [joint for joint in own if any(c.is_ball for c in joint.own_coordinates())]
-        found = drivable([joint for joint in own if joint not in resting])
         joints = [name for name, c in found.items() if not ideal.closures() or not c.motion.is_free]
+    if not joints:
+        raise _no_joint(point, found, bool(ideal.closures()))
     bodies = tuple(Body(one.name) for one in ideal.bodies)
     free = dataclasses.replace(ideal.without_drives(joints), bodies=bodies, springs=(), gravity=NO_GRAVITY)
     free = dataclasses.replace(free, wrenches=(), controllers=())
     passive = {c.name for joint in free.joints if joint.name in looped for c in joint.own_coordinates()}
     sought = [i for p in parts(free) if p.coordinate.name in {*joints, *passive} for i in range(p.v.start, p.v.stop)]
-    if not joints:
-        raise ClearanceError(f"No joint that a drive may prescribe moves point `{point}`. Name some in `joints`.")
     return Chain(free, point, tuple(joints), tuple(sought))
+
+
+def _no_joint(point: str, allowed: Iterable[str], looped: bool) -> ClearanceError:
+    """Why no joint moves a point, and which may."""
+    names = ", ".join(f"`{name}`" for name in allowed)
+    if not names:
+        return ClearanceError(f"No joint that a drive may prescribe moves point `{point}`.")
+    if not looped:
+        return ClearanceError(f"No joint is to move point `{point}`. Name some in `joints`: {names}.")
+    return ClearanceError(
+        f"The mechanism has closed loops, where joints with a drive move point `{point}` and the others follow, but "
+        f"none has a drive. Name in `joints` as many as the mechanism can move independently, of these: {names}."
+    )
 
 
 def _towards_ground(mechanism: AbstractMechanism, body: str) -> list[AbstractJoint]:

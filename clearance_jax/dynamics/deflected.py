@@ -10,10 +10,11 @@ from jaxtyping import Array
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.field import slope
 from clearance_jax.mechanism.body import Motion
+from clearance_jax.mechanism.coordinate import Coordinate
 from clearance_jax.mechanism.driving import gives_way, with_motions
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import initial_values, layout, parts
-from clearance_jax.mechanism.tree import AbstractJoint, Coordinate
+from clearance_jax.mechanism.tree import AbstractJoint
 
 # Newton's iterations: what gives way is nearly linear, and so the second is round-off; the last two have derivatives.
 ROUNDS = 4

@@ -10,9 +10,10 @@ from jaxtyping import Array
 from clearance_jax._numerics import sincos
 from clearance_jax._types import Scalar
 from clearance_jax.mechanism.links import Links, Order, rodrigues
+from clearance_jax.mechanism.moved import Moved, swing_rates
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, parts
-from clearance_jax.spatial import Term, as_array, of_quaternion
+from clearance_jax.spatial import Term, as_array, of_quaternion, swing, three
 
 
 class Motions(NamedTuple):
@@ -59,20 +60,39 @@ def given_motion(mechanism: PreparedMechanism, plan: Order, time: Scalar, state:
     return out
 
 
-def sweep(
-    mechanism: PreparedMechanism, plan: Order, links: Links, time: Scalar, state: State
-) -> tuple[list[Term], Motions]:
-    """Rates of the links' coordinates (of a ball zero), and the motion of every link and, behind them, of the
-    ground.
+class Swept(NamedTuple):
+    """Of the links' coordinates the `rates` (of a ball zero), and the `axes` that they slide along or turn about, in
+    their links' own axes; the `motions` of every link and, behind them, of the ground.
     """
+
+    rates: list[Term]
+    axes: Array
+    motions: Motions
+
+
+def sweep(mechanism: PreparedMechanism, plan: Order, links: Links, time: Scalar, state: State) -> Swept:
+    """Where the links are and how they move."""
     count, now = len(plan.coordinates), given_motion(mechanism, plan, time, state)
-    turning = np.array([float(c.turns is not None) for c in plan.coordinates])
+    turning = np.array([float(c.turns is not None and not c.swings) for c in plan.coordinates])
     sliding = np.array([float(c.slides is not None) for c in plan.coordinates])
     q, v, a = as_array(now.values), as_array(now.rates), as_array(now.accelerations)
     sine, cosine = sincos(turning * q)
     inner = rodrigues(links.axis, sine, cosine)
     for i, rows in now.turned.items():
         inner = inner.at[i].set(rows)
+    spun, spun_up = ((turning * rate)[:, None] * links.axis for rate in (v, a))
+    spun, axes = spun + jnp.stack(now.spins), links.axis
+    first = plan.swings
+    if first.size:
+        tilts = [(three(links.axis[i].T), q[i], v[i], a[i]) for i in (first, first + 1)]
+        (one, *x), (other, *y) = tilts
+        by = Moved(-1, (x[0], y[0]), (x[1], y[1]), (x[2], y[2]))
+        at = swing(one, other, *by.q)
+        spin, faster = swing_rates(at, by)
+        inner = inner.at[first].set(jnp.moveaxis(jnp.asarray(at.rows), -1, 0))
+        spun, spun_up = spun.at[first].set(jnp.stack(spin, -1)), spun_up.at[first].set(jnp.stack(faster, -1))
+        for k, axis in enumerate(at.inside):
+            axes = axes.at[first + k].set(jnp.stack(axis, -1))
     given = (
         np.array([parent if parent >= 0 else count for parent in plan.parents]),
         np.arange(count),
@@ -81,8 +101,8 @@ def sweep(
         (sliding * q)[:, None] * links.axis,
         (sliding * v)[:, None] * links.axis,
         (sliding * a)[:, None] * links.axis,
-        (turning * v)[:, None] * links.axis + jnp.stack(now.spins),
-        (turning * a)[:, None] * links.axis,
+        spun,
+        spun_up,
     )
     still = jnp.zeros((count + 1, 3))
     begin = Motions(jnp.broadcast_to(jnp.eye(3), (count + 1, 3, 3)), *[still] * 5)
@@ -107,4 +127,4 @@ def sweep(
         )
         return jax.tree.map(lambda x, y: jax.lax.dynamic_update_index_in_dim(x, y, i, 0), motions, new), None
 
-    return now.rates, jax.lax.scan(once, begin, given)[0]
+    return Swept(now.rates, axes, jax.lax.scan(once, begin, given)[0])

@@ -12,7 +12,7 @@ from clearance_jax._sharing import compute_once
 from clearance_jax._types import Rows, Scalar
 from clearance_jax.joints import Relative
 from clearance_jax.mechanism.frame import Frame
-from clearance_jax.mechanism.moved import Moved, Values, carry, motion_of
+from clearance_jax.mechanism.moved import Moved, Step, Values, carry, steps
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, parts
 from clearance_jax.spatial import Matrix, Vector, is_zero, minus, product
@@ -41,20 +41,19 @@ def tree_relative_motions(mechanism: PreparedMechanism, time: Scalar, values: Va
     for joint in joints:
         # Of a coordinate only how it moves: joints are alike whatever their coordinates are called and driven by.
         coordinates = joint.joint.own_coordinates()
-        several.append(tuple((c.slides, c.turns, motion_of(c, time, values)._replace(index=-1)) for c in coordinates))
+        moved = steps(coordinates, time, values)
+        several.append(tuple(step._replace(by=step.by._replace(index=-1)) for step in moved))
     found = (
         [_relative_motion(*one) for one in several] if mechanism.is_plane else side_by_side(_relative_motion, several)
     )
     return {joint.name: at for joint, at in zip(joints, found, strict=True)}
 
 
-def _relative_motion(*coordinates: tuple[Vector | None, Vector | None, Moved]) -> RelativeMotion:
-    """The pin's frame as the sleeve sees it, after elementary coordinates: what each slides along or turns about in the
-    sleeve's axes, and how it moves.
-    """
+def _relative_motion(*moved: Step) -> RelativeMotion:
+    """The pin's frame as the sleeve sees it, after steps in the sleeve's axes."""
     frame = Frame()
-    for coordinate in coordinates:
-        frame = carry(frame, *coordinate)
+    for step in moved:
+        frame = carry(frame, step)
     if frame.rotation.is_plane and is_zero(frame.position[2]):
         now = Relative(frame.position, frame.rotation.angle, frame.velocity, frame.spin)
     else:

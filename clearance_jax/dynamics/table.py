@@ -88,7 +88,7 @@ class Table(Frames):
         self.masks: Masks = masks(self.plan, mechanism.bodies)
         links = mechanism.links or links_of(mechanism.bodies, mechanism.joints)
         self.links = links
-        self.rates, self.motions = sweep(mechanism, self.plan, links, time, state)
+        self.rates, local, self.motions = sweep(mechanism, self.plan, links, time, state)
         self._frames: dict[str, tuple[Frame, Columns]] = {}
         carriers = np.array([self.plan.carriers[body.name] for body in mechanism.bodies])
         # Of what is fixed to the ground nothing moves: its carrier is the ground, behind all links.
@@ -106,8 +106,7 @@ class Table(Frames):
         whole = jnp.sum(links.mass)
         self.origin = links.mass @ self.centres / jnp.where(whole > 0, whole, 1.0)
         where = np.array(self.masks.links)
-        local = links.axis[where] + self.masks.local
-        axes = jnp.einsum("cij,cj->ci", m.rotation[where], local)
+        axes = jnp.einsum("cij,cj->ci", m.rotation[where], local[where] + self.masks.local)
         turns = self.masks.turns[:, None]
         self.column_spins = turns * axes
         self.column_slides = turns * jnp.cross(axes, self.origin[None] - m.place[where]) + (1 - turns) * axes

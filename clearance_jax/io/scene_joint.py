@@ -122,8 +122,8 @@ def motion_of(table: Table, path: Path) -> Motion:
     if drive is not None and any(table.has(key) for key in ("position", "velocity", "actuator")):
         raise ClearanceError(f"{table.where} has a drive: it takes no initial position or velocity and no actuator.")
     actuators = tuple(
-        _actuator(variant(values, where, ACTUATOR_TABLES, table.words), path)
-        for _, values, where in table.parts("actuator")
+        _actuator(name, variant(values, where, ACTUATOR_TABLES, table.words), path)
+        for name, values, where in table.parts("actuator")
     )
     rotor = table.get("rotor_inertia")
     if drive is not None and rotor is not None:
@@ -153,9 +153,9 @@ def _spline(table: Table, path: Path) -> Spline:
     return Spline(times, values * scale, table.get("ends"))
 
 
-def _actuator(read: Chosen, path: Path) -> AbstractActuator:
+def _actuator(name: str, read: Chosen, path: Path) -> AbstractActuator:
     cls, table = ACTUATORS[read.word], read.table
     values = table.arguments("type")
     if cls is Servo:
         values["target"] = drive_of(table, "target", path)
-    return cls(**values)
+    return cls(**values, name=name)

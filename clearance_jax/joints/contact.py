@@ -40,12 +40,14 @@ class PlayCoordinate(NamedTuple):
 
     - `suffix`: the end of its name; `scale`: its size for error control (a clearance [m], or an angle [rad]).
     - `slides`, `turns`: the axis of the sleeve along which it slides or about which it turns; the other is `None`.
+    - `swings`: whether it is one of two tilts, about perpendicular axes, that make one rotation (`spatial.swing`).
     """
 
     suffix: str
     scale: Scalar
     slides: Vector | None = None
     turns: Vector | None = None
+    swings: bool = False
 
 
 class ContactPoint(NamedTuple):

@@ -18,7 +18,7 @@ from clearance_jax._small_matrices import small_eigh, small_inverse
 from clearance_jax._types import Flag, Scalar
 from clearance_jax.joints._base import TOUCHING, PreparedClearance
 from clearance_jax.joints.contact import PlayCoordinate, Relative
-from clearance_jax.spatial import IDENTITY, ZERO, Rotation, Term, Vector, add, as_array, dot, scale, subtract
+from clearance_jax.spatial import IDENTITY, ZERO, Rotation, Term, Vector, add, as_array, dot, scale, subtract, swing
 
 # Iterations at most (some twenty are usual).
 MOST = 200
@@ -38,8 +38,8 @@ Values = Float[Array, " play"]
 
 
 class Pose(NamedTuple):
-    """A pin's pose in its sleeve's axes by its play: place [m], how it is turned, and of each coordinate the axis that
-    it slides along or turns about there.
+    """A pin's pose in its sleeve's axes by its play: place [m], how it is turned, and of each coordinate the velocity
+    or spin of the pin there per unit of its rate.
     """
 
     place: Vector
@@ -50,8 +50,14 @@ class Pose(NamedTuple):
 def pose_at(play: Sequence[PlayCoordinate], values: Sequence[Term] | Values) -> Pose:
     """The pose at given `values` (play,) of the coordinates of the `play` [m or rad]."""
     place, rotation, axes = ZERO, IDENTITY, []
+    tilts = [k for k, one in enumerate(play) if one.swings]
     for k, one in enumerate(play):
-        if one.turns is None:
+        if one.swings:
+            if k == tilts[0]:
+                swung = swing(*(play[i].turns or ZERO for i in tilts), *(values[i] for i in tilts))
+                axes += [rotation.apply(axis) for axis in swung.outside]
+                rotation = rotation.compose(swung.rows)
+        elif one.turns is None:
             assert one.slides is not None
             axes.append(rotation.apply(one.slides))
             place = add(place, scale(values[k], axes[-1]))

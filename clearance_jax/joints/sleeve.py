@@ -150,7 +150,8 @@ class SleeveClearance(AbstractPin):
         if self.axial_clearance is not None:
             slides.append(PlayCoordinate(".play_z", self.axial_clearance, slides=Z))
         tilt = self.largest_tilt
-        return (*slides, PlayCoordinate(".tilt_x", tilt, turns=X), PlayCoordinate(".tilt_y", tilt, turns=Y))
+        tilts = ((".tilt_x", X), (".tilt_y", Y))
+        return (*slides, *(PlayCoordinate(name, tilt, turns=axis, swings=True) for name, axis in tilts))
 
     def geometry(self):
         return Geometry(

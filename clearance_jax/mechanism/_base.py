@@ -12,6 +12,7 @@ from clearance_jax._module import structural_property
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.mechanism.body import Body, Point, Spring
 from clearance_jax.mechanism.controllers import AbstractController, Reference
+from clearance_jax.mechanism.coordinate import Coordinate
 from clearance_jax.mechanism.form import Form
 from clearance_jax.mechanism.loads import Wrench
 from clearance_jax.mechanism.placement import Gravity, Inertia
@@ -21,7 +22,6 @@ from clearance_jax.mechanism.tree import (
     TURNING,
     AbstractJoint,
     AbstractPlayed,
-    Coordinate,
     without_misalignment,
 )
 from clearance_jax.parameters import Parametrised

@@ -3,6 +3,7 @@
 import abc
 import dataclasses
 
+import equinox as eqx
 import jax.numpy as jnp
 
 from clearance_jax._module import Module
@@ -16,7 +17,13 @@ __all__ = ["AbstractActuator", "ConstantEffort", "JointFriction", "JointSpring",
 
 
 class AbstractActuator(Module):
-    """A force along one free coordinate: a torque [N m] along an angle, a force [N] along a slide."""
+    """A force along one free coordinate: a torque [N m] along an angle, a force [N] along a slide.
+
+    **Arguments:** `name`, by keyword: its numbers are then called `hip.actuator.NAME.stiffness`, say, else by its place
+    among the actuators of the coordinate, `hip.0.stiffness`.
+    """
+
+    name: str | None = eqx.field(static=True, default=None, kw_only=True)
 
     @abc.abstractmethod
     def __call__(self, time: Scalar, position: Scalar, velocity: Scalar) -> Scalar:

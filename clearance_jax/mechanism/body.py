@@ -150,7 +150,7 @@ class Motion(Module):
         help="initial rate of a free coordinate (a first guess where a loop must close)",
         example='"10 rad/s"',
     )
-    actuators: tuple[AbstractActuator, ...] = flatten(default=())
+    actuators: tuple[AbstractActuator, ...] = flatten("actuator", default=())
     limits: Limits | None = eqx.field(static=True, default=None)
     rotor_inertia: Scalar | None = physical(
         "effort*s^2/coordinate",
@@ -160,6 +160,11 @@ class Motion(Module):
         example='"1.5 kg*m^2"',
         absent="none",
     )
+
+    def __check_init__(self):
+        names = [actuator.name for actuator in self.actuators if actuator.name is not None]
+        if len({*names}) < len(names):
+            raise ClearanceError(f"Actuators of one coordinate must have names of their own, but these have: {names}.")
 
     @property
     def is_free(self) -> bool:
@@ -174,3 +179,12 @@ class Motion(Module):
     def initial(self) -> tuple[Rows, Rows]:
         """Position and velocity at the start, of a free coordinate."""
         return (self.position,), (self.velocity,)
+
+
+class Motor(Motion):
+    """The motion of the motor of an elastic drive, a coordinate of its joint beside the joint's own (see
+    `with_compliance`).
+    """
+
+    name: str = eqx.field(static=True, kw_only=True)
+    """The coordinate's name."""

@@ -1,9 +1,10 @@
 """Drives that give way: a motor turns its link through gears and shafts that are a spring and a damper.
 
-The joint is split. `NAME_motor` moves a rotor, a body without inertia of its own, as the joint's drive or actuators do;
-`NAME`, with the joint's play, is what the link turns on the rotor, held by the spring. A motor that actuators move has
-the inertia of its rotor as seen through its gears, `Motion.rotor_inertia`. (The flexible joint of Spong, Modeling and
-control of elastic joint robots, ASME Journal of Dynamic Systems, Measurement, and Control 109, 1987.)
+The joint then has two coordinates about its axis. `NAME_motor` is the motor's, which moves as the joint's drive or
+actuators say; `NAME` is the deflection of the spring, by which the link is ahead of it. The sleeve stands on the
+parent, and the pin turns in it with the link, by both together. A motor that actuators move has the inertia of its
+rotor as seen through its gears, `Motion.rotor_inertia`. (The flexible joint of Spong, Modeling and control of elastic
+joint robots, ASME Journal of Dynamic Systems, Measurement, and Control 109, 1987.)
 """
 
 import dataclasses
@@ -11,11 +12,10 @@ import dataclasses
 from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.actuators import DriveSpring
-from clearance_jax.mechanism.body import Body, Motion
+from clearance_jax.mechanism.body import Motion, Motor
 from clearance_jax.mechanism.driving import motor_of
 from clearance_jax.mechanism.mechanism import Mechanism
-from clearance_jax.mechanism.placement import ORIGIN
-from clearance_jax.mechanism.tree import AbstractJoint, Prismatic, Revolute
+from clearance_jax.mechanism.tree import Prismatic, Revolute
 from clearance_jax.parameters import Parametrised, physical
 
 
@@ -48,11 +48,14 @@ def with_compliance(mechanism: Mechanism, name: str, compliance: Compliance) -> 
     **Arguments:** `mechanism`; `name`: of a revolute or prismatic joint of the tree; `compliance`: spring and damper.
 
     **Raises:** `ClearanceError` for a joint of another kind, for a joint that nothing drives, for a rotor's inertia
-    under a drive (which prescribes the rotor's motion), and for its lack under actuators.
+    under a drive (which prescribes the rotor's motion), for its lack under actuators, and where the drive gives way
+    already.
     """
     joint = mechanism.joint(name)
     if not isinstance(joint, Revolute | Prismatic) or joint not in mechanism.joints:
         raise ClearanceError(f"The drive of joint `{name}` cannot give way: only those of pins and slides of the tree.")
+    if joint.motor is not None:
+        raise ClearanceError(f"The drive of joint `{name}` gives way already.")
     if joint.motion.is_free and not joint.motion.actuators:
         raise ClearanceError(f"Nothing drives joint `{name}`: give it a drive or an actuator before it gives way.")
     if joint.motion.is_free and compliance.rotor_inertia is None:
@@ -61,13 +64,6 @@ def with_compliance(mechanism: Mechanism, name: str, compliance: Compliance) -> 
         raise ClearanceError(
             f"`rotor_inertia` has no effect in joint `{name}`: its drive is followed exactly, whatever its motor is."
         )
-    rotor = f"{name}_rotor"
-    motion = dataclasses.replace(joint.motion, rotor_inertia=compliance.rotor_inertia)
-    ideal = {"clearance": None, "eccentricity": ORIGIN, "at_child": ORIGIN, "child_orientation": None}
-    motor = dataclasses.replace(joint, name=motor_of(name), child=rotor, motion=motion, **ideal)
-    spring = Motion(actuators=(DriveSpring(compliance.stiffness, compliance.damping),))
-    link = dataclasses.replace(joint, parent=rotor, at_parent=ORIGIN, angle=None, orientation=None, motion=spring)
-    joints: list[AbstractJoint] = []
-    for other in mechanism.joints:
-        joints += [motor, link] if other is joint else [other]
-    return dataclasses.replace(mechanism, bodies=(*mechanism.bodies, Body(rotor)), joints=tuple(joints))
+    inertia = {"rotor_inertia": compliance.rotor_inertia, "name": motor_of(name)}
+    spring = Motion(actuators=(DriveSpring(compliance.stiffness, compliance.damping, name="compliance"),))
+    return mechanism.with_joint(dataclasses.replace(joint, motor=Motor(**vars(joint.motion) | inertia), motion=spring))

@@ -11,6 +11,7 @@ from clearance_jax._types import Rows, Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import AbstractClearance, PreparedClearance
 from clearance_jax.mechanism.body import Motion
+from clearance_jax.mechanism.coordinate import Coordinate, JointConstraint
 from clearance_jax.mechanism.joint_keys import TURN_CHILD, TURN_PARENT, axis_key, orientation_key
 from clearance_jax.mechanism.placement import ORIGIN, Axis, Orientation, Position, PreparedOrientation, present
 from clearance_jax.mechanism.tree import (
@@ -18,8 +19,6 @@ from clearance_jax.mechanism.tree import (
     TURNING,
     AbstractJoint,
     AbstractPlayed,
-    Coordinate,
-    JointConstraint,
     alignment,
     along,
 )

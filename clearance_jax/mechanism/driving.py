@@ -7,8 +7,9 @@ from clearance_jax.errors import ClearanceError, quote, suggest
 from clearance_jax.mechanism.actuators import DriveSpring
 from clearance_jax.mechanism.body import Motion
 from clearance_jax.mechanism.compounds import Ball
+from clearance_jax.mechanism.coordinate import Coordinate
 from clearance_jax.mechanism.motion_laws import AbstractMotionLaw
-from clearance_jax.mechanism.tree import AbstractJoint, Coordinate
+from clearance_jax.mechanism.tree import AbstractJoint
 
 
 def drivable(joints: Iterable[AbstractJoint]) -> dict[str, Coordinate]:

@@ -13,8 +13,9 @@ from jaxtyping import Array, Float
 
 from clearance_jax._module import Module
 from clearance_jax.mechanism.body import GROUND, Body, needs_six
+from clearance_jax.mechanism.coordinate import Coordinate
 from clearance_jax.mechanism.placement import Inertia
-from clearance_jax.mechanism.tree import AbstractJoint, Coordinate
+from clearance_jax.mechanism.tree import AbstractJoint
 from clearance_jax.spatial import IDENTITY, UNIT, ZERO, Rotation, Vector, add, as_array, product, scale, transpose
 
 # More coordinates than this make a table of what is computed once in a solve, where only compiling counts.
@@ -45,6 +46,11 @@ class Order(NamedTuple):
     coordinates: tuple[Coordinate, ...]
     parents: tuple[int, ...]
     carriers: dict[str, int]
+
+    @property
+    def swings(self) -> np.ndarray:
+        """The first links of swings, whose second tilts are the next links: the first does the turning of both."""
+        return np.array([i for i, c in enumerate(self.coordinates) if c.swings][::2], int)
 
 
 def order(joints: tuple[AbstractJoint, ...]) -> Order:

@@ -26,7 +26,7 @@ from clearance_jax.mechanism.structure import (
     check_tilting,
     check_tree,
 )
-from clearance_jax.mechanism.tree import AbstractJoint
+from clearance_jax.mechanism.tree import AbstractJoint, Prismatic, Revolute
 
 NO_GRAVITY = Gravity()
 
@@ -67,7 +67,8 @@ class Mechanism(AbstractMechanism):
 
     def __check_init__(self):
         parts = (*self.bodies, *self.joints, *self.loops, *self.springs, *self.points, *self.wrenches)
-        check_names((*parts, *self.controllers))
+        motors = [joint.motor for joint in self.joints if isinstance(joint, Revolute | Prismatic)]
+        check_names((*parts, *self.controllers, *(motor for motor in motors if motor is not None)))
         check_tree(self.bodies, self.joints, self.loops)
         check_attached(self.bodies, self.springs, (*self.points, *self.wrenches))
         check_payloads(self.bodies, self.joints)

@@ -1,11 +1,27 @@
 """How coordinates move what hangs on them: frames along the tree, one elementary coordinate after the other."""
 
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 from clearance_jax._types import Scalar
+from clearance_jax.mechanism.coordinate import Coordinate
 from clearance_jax.mechanism.frame import Column, Frame
-from clearance_jax.mechanism.tree import AbstractJoint, Coordinate
-from clearance_jax.spatial import UNIT, ZERO, Term, Vector, of_quaternion, subtract, transpose
+from clearance_jax.mechanism.tree import AbstractJoint
+from clearance_jax.spatial import (
+    UNIT,
+    ZERO,
+    Swing,
+    Term,
+    Vector,
+    add,
+    of_quaternion,
+    plus,
+    scale,
+    subtract,
+    swing,
+    times,
+    transpose,
+)
 
 
 class Moved(NamedTuple):
@@ -31,10 +47,37 @@ def motion_of(coordinate: Coordinate, time: Scalar, values: Values) -> Moved:
     return Moved(-1, (q,), (v,), (a,))
 
 
-def carry(frame: Frame, slides: Vector | None, turns: Vector | None, by: Moved) -> Frame:
-    """The frame after an elementary coordinate, which slides along, or turns about, an axis (neither: it is a ball);
-    without a word of what moves it.
+class Step(NamedTuple):
+    """What moves a frame at once, and how: an elementary coordinate, which slides along, or turns about, an axis
+    (neither: it is a ball), or the two `tilts` of a swing about perpendicular axes.
     """
+
+    by: Moved
+    slides: Vector | None = None
+    turns: Vector | None = None
+    tilts: tuple[Vector, Vector] | None = None
+
+
+def steps(coordinates: Iterable[Coordinate], time: Scalar, values: Values) -> Iterator[Step]:
+    """The steps of a joint."""
+    tilt = None
+    for coordinate in coordinates:
+        step = Step(motion_of(coordinate, time, values), coordinate.slides, coordinate.turns)
+        if not coordinate.swings:
+            yield step
+        elif tilt is None:
+            tilt = step
+        else:
+            one, other = tilt.by, step.by
+            by = Moved(one.index, one.q + other.q, one.v + other.v, one.a + other.a)
+            yield Step(by, tilts=(tilt.turns or ZERO, step.turns or ZERO))
+
+
+def carry(frame: Frame, step: Step) -> Frame:
+    """The frame after a step, without a word of what moves it."""
+    by, slides, turns, tilts = step
+    if tilts is not None:
+        return _swing(frame, swing(*tilts, *by.q), by)
     if slides is None and turns is None:
         w, x, y, z = by.q
         (p, q, r), (a, b, c) = by.v, by.a
@@ -46,26 +89,47 @@ def carry(frame: Frame, slides: Vector | None, turns: Vector | None, by: Moved) 
     return frame.slid(slides, q, v, a)
 
 
-def beyond(coordinate: Coordinate, by: Moved, frame: Frame) -> Frame:
-    """The frame after an elementary coordinate of a joint."""
-    after = carry(frame, coordinate.slides, coordinate.turns, by)
-    if coordinate.is_ball:
+def _swing(frame: Frame, at: Swing, by: Moved) -> Frame:
+    """The frame after a swing."""
+    return frame.swivel(at.rows, *swing_rates(at, by))
+
+
+def swing_rates(at: Swing, by: Moved) -> tuple[Vector, Vector]:
+    """The spin of a swing and the rate of its components, in the rotated axes."""
+    (a, b), (p, q), (u, v) = by.q, by.v, by.a
+    spin, faster = (add(scale(x, at.inside[0]), scale(y, at.inside[1])) for x, y in ((p, q), (u, v)))
+    # The spin is divided by 1 + g^2, which grows by 2 g g'.
+    growth = times(0.5, plus(times(a, p), times(b, q)))
+    return spin, subtract(faster, scale(times(at.part, growth), spin))
+
+
+def beyond(frame: Frame, step: Step) -> Frame:
+    """The frame after a step of a joint."""
+    by, slides, turns, tilts = step
+    if tilts is not None:
+        at = swing(*tilts, *by.q)
+        after = _swing(frame, at, by)
+        for k, axis in enumerate(at.outside):
+            after = after.add_motion(Column(by.index + k, frame.rotation.apply(axis), frame.position), 0.0)
+        return after
+    after = carry(frame, step)
+    if slides is None and turns is None:
         for k, axis in enumerate(UNIT):
             after = after.add_motion(Column(by.index + k, after.rotation.apply(axis), after.position), 0.0)
         return after
-    if coordinate.turns is not None:
-        column = Column(by.index, frame.rotation.apply(coordinate.turns), frame.position)
+    if turns is not None:
+        column = Column(by.index, frame.rotation.apply(turns), frame.position)
     else:
-        assert coordinate.slides is not None
-        column = Column(by.index, frame.rotation.apply(coordinate.slides), None)
+        assert slides is not None
+        column = Column(by.index, frame.rotation.apply(slides), None)
     return after.add_motion(column, by.v[0])
 
 
 def place(joint: AbstractJoint, parent: Frame, time: Scalar, values: Values) -> Frame:
     """The child's frame."""
     frame = joint.on_parent(parent)
-    for coordinate in joint.coordinates():
-        frame = beyond(coordinate, motion_of(coordinate, time, values), frame)
+    for step in steps(joint.coordinates(), time, values):
+        frame = beyond(frame, step)
     frame = frame._replace(pivot=frame.position)
     if joint.child_orientation is not None:
         rows = joint.child_orientation.rotation.rows

@@ -10,7 +10,6 @@ Where a joint joins two bodies that are placed already it closes a loop: it has 
 
 import abc
 import dataclasses
-from typing import NamedTuple
 
 import equinox as eqx
 
@@ -19,7 +18,8 @@ from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import AbstractClearance, PlayCoordinate, PreparedClearance
 from clearance_jax.joints.checks import check_start
-from clearance_jax.mechanism.body import Motion
+from clearance_jax.mechanism.body import Motion, Motor
+from clearance_jax.mechanism.coordinate import Coordinate, JointConstraint
 from clearance_jax.mechanism.frame import Frame
 from clearance_jax.mechanism.joint_keys import (
     AT_CHILD,
@@ -53,52 +53,6 @@ from clearance_jax.spatial import (
     scale,
     transpose,
 )
-
-
-class Coordinate(NamedTuple):
-    """One elementary coordinate of a joint: its name, how it moves, the axis it slides along or turns about (neither:
-    it is a ball, an orientation by a quaternion with three rates), and of a play coordinate its magnitude.
-    """
-
-    name: str
-    motion: Motion
-    slides: Vector | None = None
-    turns: Vector | None = None
-    play: Scalar | None = None
-
-    @property
-    def is_ball(self) -> bool:
-        """Whether it is an orientation."""
-        return self.slides is None and self.turns is None
-
-    @property
-    def positions(self) -> tuple[str, ...]:
-        """Names of its positions."""
-        return tuple(f"{self.name}.{k}" for k in "wxyz") if self.is_ball else (self.name,)
-
-    @property
-    def velocities(self) -> tuple[str, ...]:
-        """Names of its velocities."""
-        return tuple(f"{self.name}.{k}" for k in "xyz") if self.is_ball else (self.name,)
-
-
-class JointConstraint(NamedTuple):
-    """What an ideal joint forbids, between the joint's frame A on the parent and its frame B on the child.
-
-    - `along`: the directions in A along which B's origin may not leave A's; `None`: none at all.
-    - `square`: pairs of an axis of A and one of B that stay perpendicular.
-    - `parallel`: axes of A and of B that are one line, pointing the same way.
-    """
-
-    along: tuple[Vector, ...] | None
-    square: tuple[tuple[Vector, Vector], ...]
-    parallel: tuple[tuple[Vector, Vector], ...] = ()
-
-    @property
-    def count(self) -> int:
-        """How many conditions it makes in space."""
-        return (3 if self.along is None else len(self.along)) + len(self.square)
-
 
 TURNING = {"coordinate": "rad", "effort": "N*m"}
 SLIDING = {"coordinate": "m", "effort": "N"}
@@ -250,6 +204,7 @@ class AbstractPlayed(AbstractJoint):
                 play.slides,
                 play.turns,
                 play.scale,
+                play.swings,
             )
             for play in self.play()
         )
@@ -274,12 +229,14 @@ class Revolute(AbstractPlayed):
     orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_PARENT)
     child_orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_CHILD)
     axis: Axis = axis_key("z")
+    motor: Motor | None = None
+    """Of an elastic drive its motor: the joint turns by the sum of its angle and the spring's, `motion`."""
 
     def units(self):
         return TURNING
 
     def own_coordinates(self):
-        return (*self.play_coordinates(), Coordinate(self.name, self.motion, turns=Z))
+        return (*self.play_coordinates(), *(Coordinate(*one, turns=Z) for one in _moving(self)))
 
     @property
     def sleeve(self):
@@ -288,6 +245,12 @@ class Revolute(AbstractPlayed):
     def joint_constraint(self):
         line = self.axis.vector
         return JointConstraint(None, alignment(self.axis), ((line, line),))
+
+
+def _moving(joint: "Revolute | Prismatic") -> tuple[tuple[str, Motion], ...]:
+    """Names and motions of what moves along or about a joint's axis: an elastic drive's motor, and the spring."""
+    own = joint.name, joint.motion
+    return (own,) if joint.motor is None else ((joint.motor.name, joint.motor), own)
 
 
 def along(axis: Axis) -> Matrix:
@@ -313,13 +276,15 @@ class Prismatic(AbstractPlayed):
     axis: Axis = axis_key("x")
     clearance: AbstractClearance | PreparedClearance | None = flatten(default=None)
     eccentricity: Position = ORIGIN
+    motor: Motor | None = None
+    """The same as of a `Revolute`."""
 
     def units(self):
         return SLIDING
 
     def own_coordinates(self):
         # The block's play is where the block is: it slides first.
-        return (Coordinate(self.name, self.motion, slides=Z), *self.play_coordinates())
+        return (*(Coordinate(*one, slides=Z) for one in _moving(self)), *self.play_coordinates())
 
     @property
     def sleeve(self):

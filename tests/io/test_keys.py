@@ -237,7 +237,12 @@ def test_examples_of_a_compliance_are_read(tmp_path):
     rest = "[compliance.main]\n" + lines(example(scene_keys.COMPLIANCE))
     torque = 'actuator.motor = { type = "constant", effort = "3 N*m" }'
     read = load(tmp_path, scene(main=torque) + rest)
-    assert float(read.mechanism.joint("main_motor").motion.rotor_inertia) == 1.5
+    assert float(cj.parameters(read.mechanism)["main_motor.rotor_inertia"].value) == 1.5
+    # The actuator's name is part of its parameters' names; its place among them was before, and still does.
+    assert "main_motor.actuator.motor.effort" in cj.parameters(read.mechanism)
+    for name in ("main_motor.actuator.motor.effort", "main_motor.0.effort"):
+        changed = cj.replace(read.mechanism, {name: 4.0})
+        assert float(cj.parameters(changed)["main_motor.actuator.motor.effort"].value) == 4.0
 
 
 # Of a drive with two sets of keys those of the other one.

@@ -1,5 +1,8 @@
 """Play in space: a pin of some length in a sleeve, against closed forms, the plane joint, and itself."""
 
+import dataclasses
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,8 +15,10 @@ import clearance_jax as cj
 from clearance_jax import laws
 from clearance_jax.cli.main import app
 from clearance_jax.dynamics.field import slope
+from clearance_jax.dynamics.kinematics import relative_accelerations
 from clearance_jax.joints import Relative
 from clearance_jax.joints.sleeve import lobatto
+from clearance_jax.mechanism.state import layout
 
 
 @pytest.mark.parametrize("pin", ["through", "inside"])
@@ -128,6 +133,49 @@ def test_the_error_of_an_arm_on_a_sleeve_follows_rtol_and_its_books_close():
         error = np.abs(s.final[:5] - best[:5]) / scale
         assert error.max() < 1e3 * rtol, rtol
         assert float(s.energy_residual) < 10 * rtol
+
+
+def tilted(effort=0.0):
+    """A sphere on a pin in its middle, which stands tilted, and its state."""
+    body = cj.Body("arm", 2.0, cj.Inertia(0.01, 0.01, 0.01))
+    motion = cj.Motion(actuators=(cj.actuators.ConstantEffort(effort),))
+    hip = cj.Revolute("hip", "ground", "arm", motion=motion, clearance=sleeve(), orientation=cj.Orientation(0.2, 0.3))
+    m = cj.Mechanism((body,), (hip,))
+    values = {"hip.tilt_x": 1e-3, "hip.tilt_y": -2e-3, "hip": 0.7}
+    plan = layout(m)
+    return m, jnp.zeros(plan.size).at[plan.q].set(jnp.asarray([values.get(name, 0.0) for name in plan.positions]))
+
+
+@pytest.mark.parametrize("form", ["written out", "table"])
+def test_a_drive_acts_about_the_bisector_of_the_axes_of_sleeve_and_pin(form):
+    """Of the axes z and p the torque T q is T (z + p) / (1 + z p): its power is that of its turn, whatever tilts."""
+    m, y = tilted(5.0)
+    ready = m.prepare().as_table() if form == "table" else m.prepare()
+    now = jnp.zeros(())
+    ((at, rate),) = relative_accelerations(now, y, slope(now, y, ready), ready)
+    z, p = np.array([0.0, 0.0, 1.0]), np.array(at.axis, float)
+    assert np.hypot(p[0], p[1]) == pytest.approx(np.hypot(1e-3, 2e-3), rel=1e-5)
+    np.testing.assert_allclose(rate.spin, 5.0 / 0.01 * (z + p) / (1 + z @ p), rtol=1e-12, atol=1e-11)
+
+
+@pytest.mark.parametrize("moved", ["driven", "actuated"])
+def test_how_frames_stand_about_the_axis_of_a_sleeve_does_not_change_the_motion(moved):
+    """Both frames turned by one angle: nothing physical. (The points of a face stand at angles of the sleeve.)"""
+    m = arm(sleeve(axial=None))
+    hip: Any = m.joint("hip")
+    stands = cj.Orientation(0.0, 0.0, 0.0)
+    motion = hip.motion if moved == "driven" else cj.Motion(actuators=(cj.actuators.ConstantEffort(5.0),))
+    hip = dataclasses.replace(hip, motion=motion, orientation=stands, child_orientation=stands)
+    m = m.with_joint(hip)
+
+    def run(angle):
+        turned = {"hip.orientation.yaw": angle, "hip.child_orientation.yaw": angle}
+        s = cj.simulate(cj.replace(m, turned), 0.02, rtol=1e-10)
+        return np.concatenate([s["tip.position"], [s["hip.position"], s["hip.contact_force"] * 1e-9]])
+
+    straight = run(0.0)
+    for angle in (0.7, np.pi / 2, 2.5):
+        np.testing.assert_allclose(run(angle), straight, atol=1e-7 * RADIAL, rtol=0.0)
 
 
 @pytest.mark.slow

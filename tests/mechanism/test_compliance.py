@@ -1,16 +1,21 @@
 """Drives that give way: against closed forms of two inertias on a spring, and of a loaded spring; settled starts."""
 
+import dataclasses
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import clearance_jax as cj
+from clearance_jax.dynamics.chain import chain_of
 from clearance_jax.dynamics.deflected import deflect
 from clearance_jax.dynamics.energy import energies
 from clearance_jax.dynamics.field import slope
+from clearance_jax.dynamics.kinematics import relative_motions
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.state import initial_values, layout
 
@@ -100,6 +105,101 @@ def test_a_settled_start_is_deflected_by_its_load():
     assert abs(float(held["hip.velocity"])) < 0.02 * abs(float(loose["hip.velocity"]))
 
 
+# A loose arm on a pin whose motor swings: mass, arm, gravity, play, pin, contact and friction.
+MASS, ARM, FALL, PLAY, PIN = 4.0, 0.3, 9.81, 1e-4, 0.015
+HARD, DAMPED, RUB, TURNOVER = 1e7, 2e3, 0.15, 0.05
+SWING, FAST, END = 0.5, 30.0, 0.06
+
+
+def swinging(stiffness):
+    """The library's, of the elasticity where there is one."""
+    normal = cj.laws.LinearKelvinVoigt(HARD, DAMPED)
+    play = cj.joints.RevoluteClearance(PLAY, PIN, normal, cj.laws.TanhCoulomb(RUB, TURNOVER))
+    swing = cj.Motion(cj.drives.Harmonic(SWING, FAST))
+    arm = cj.Mechanism(
+        bodies=(cj.Body("arm", MASS, INERTIA, cj.Position(ARM)),),
+        joints=(
+            cj.Revolute("hip", "ground", "arm", motion=swing, clearance=play, eccentricity=cj.Position(0.0, -PLAY)),
+        ),
+        gravity=cj.Gravity(0.0, -FALL),
+        points=(cj.Point("tip", "arm", cj.Position(2 * ARM)),),
+    )
+    return arm if stiffness is None else cj.with_compliance(arm, "hip", cj.Compliance(stiffness, 5.0))
+
+
+def own_swing(stiffness, damping):
+    """Newton and Euler of the arm on a sleeve that stands: its pin's place, its deflection, and what friction takes."""
+
+    def rate(t, y):
+        x, z, d, vx, vz, w, _ = y
+        angle, spin = SWING * np.sin(FAST * t) + d, SWING * FAST * np.cos(FAST * t) + w
+        far = np.hypot(x, z)
+        n = np.array([x, z]) / far
+        along = np.array([-n[1], n[0]])
+        reach = PLAY + PIN - far
+        slip = along @ [vx, vz] + reach * spin
+        press = max(0.0, HARD * (far - PLAY) + DAMPED * (n @ [vx, vz])) if far > PLAY else 0.0
+        rub = RUB * press * np.tanh(slip / TURNOVER)
+        force = -press * n - rub * along
+        turning = -reach * rub - stiffness * d - damping * w
+        # m (a + l (e' spin_rate - e spin^2)) = F + m g and I spin_rate = turning - l e' . F of the centre of mass.
+        e, across = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
+        spin_rate = (turning - ARM * across @ force) / INERTIA
+        a = force / MASS + [0, -FALL] - ARM * (across * spin_rate - e * spin**2)
+        prescribed = -SWING * FAST**2 * np.sin(FAST * t)
+        return [vx, vz, w, *a, spin_rate - prescribed, rub * slip]
+
+    at = [0.0, -PLAY, 0.0, 0.0, 0.0, 0.0, 0.0]
+    return solve_ivp(rate, (0, END), at, "Radau", rtol=1e-7, atol=1e-11).y[:, -1]
+
+
+def test_the_sleeve_of_an_elastic_drive_stands_on_its_parent():
+    """The pin slips by the motor's turn and the spring's: against own equations; where it is stiff, the rigid drive."""
+    soft = swinging(1e4)
+
+    def run(stiffness):
+        return cj.simulate(cj.replace(soft, {"hip.actuator.compliance.stiffness": stiffness}), END, rtol=1e-7)
+
+    found, own = run(1e4), own_swing(1e4, 5.0)
+    assert float(found["friction_loss"]) == pytest.approx(own[6], rel=1e-5)
+    assert float(found["hip"]) == pytest.approx(own[2], rel=1e-5)
+    at = [float(found["hip.play_x"]), float(found["hip.play_y"])]
+    np.testing.assert_allclose(at, own[:2], atol=1e-4 * PLAY)
+    stiff, rigid = run(1e8), cj.simulate(swinging(None), END, rtol=1e-7)
+    assert float(stiff["friction_loss"]) == pytest.approx(float(rigid["friction_loss"]), rel=1e-3)
+    gap = np.asarray(stiff["tip.position"]) - np.asarray(rigid["tip.position"])
+    assert np.max(np.abs(gap)) < 1e-2 * PLAY
+    assert float(stiff["hip_motor.drive_force"]) == pytest.approx(float(rigid["hip.drive_force"]), rel=1e-2)
+    assert float(stiff.energy_residual) < 1e-6
+
+
+@pytest.mark.parametrize("kind", ["sleeve", "guide"])
+def test_an_undeflected_drive_moves_the_pin_in_its_sleeve_as_a_rigid_one(kind):
+    """In space: what the contacts see of a sleeve, and of a guide, whose block the drive slides."""
+    drive = cj.Motion(cj.drives.Harmonic(0.1, 3.0))
+    if kind == "sleeve":
+        joint = cj.Revolute("main", "ground", "arm", motion=drive, axis=cj.Axis("y"))
+        play: dict[str, Any] = {"kind": "sleeve", "pin_radius": 0.01, "length": 0.03, "radial_clearance": 5e-5}
+        play["axial_clearance"] = 5e-5
+    else:
+        joint = cj.Prismatic("main", "ground", "arm", motion=drive)
+        play = {"side_clearance": 5e-5, "length": 0.04, "height": 0.02}
+    body = cj.Body("arm", MASS, cj.Inertia(0.01, 0.02, 0.03) if kind == "sleeve" else INERTIA)
+    rigid = cj.Mechanism(bodies=(body,), joints=(joint,)).with_clearance("main", **play)
+    soft = cj.with_compliance(rigid, "main", cj.Compliance(1e5, 5.0))
+    time, found = jnp.asarray(0.2), []
+    for m in (rigid, soft):
+        plan = layout(m)
+        names = [name for name in plan.positions if name != "main"]
+        values = {"main": 0.0} | dict(zip(names, 1e-5 * np.arange(1, 20), strict=False))
+        y = jnp.asarray([values[name] for name in plan.positions] * 2 + [0.0] * plan.remembered)
+        found += relative_motions(time, y, m.prepare())
+    for one, other in zip(jax.tree.leaves(found[0]), jax.tree.leaves(found[1]), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-18)
+    # And not by its deflection alone: the drive slides or turns it by a tenth.
+    assert np.max(np.abs(np.asarray(found[1].velocity)) if kind == "guide" else np.abs(found[1].spin[2])) > 0.2
+
+
 SCENE = """
 gravity = ["0 m/s^2", "-9.81 m/s^2"]
 [body.arm]
@@ -121,7 +221,7 @@ def test_a_scene_says_which_drive_gives_way(tmp_path):
     path = tmp_path / "arm.toml"
     path.write_text(SCENE, encoding="utf-8")
     m = cj.load(path)
-    assert [joint.name for joint in m.joints] == ["hip_motor", "hip"]
+    assert [c.name for c in m.coordinates()] == ["hip_motor", "hip"]
     assert [c.name for c in m.free_coordinates()] == ["hip"]
     for wrong, said in (
         ("[compliance.hip]", "[compliance.knee]"),
@@ -147,3 +247,19 @@ def test_a_trajectory_moves_the_motor_and_the_spring_stays(tmp_path):
     file.write_text("time [s], hub [deg], hub_motor [deg]\n0, 0, 0\n0.1, 1, 1\n0.2, 3, 3\n0.3, 4, 4\n")
     with pytest.raises(ClearanceError, match="move the same motor"):
         cj.read_trajectory(file, soft)
+
+
+def test_a_path_moves_the_motor_and_not_its_spring():
+    soft = cj.with_compliance(swinging(None), "hip", cj.Compliance(1e4))
+    chain = chain_of(soft, "tip", None)
+    assert chain.joints == ("hip_motor",)
+
+
+def test_what_gives_way_does_so_once():
+    soft = swinging(1e4)
+    with pytest.raises(ClearanceError, match="gives way already"):
+        cj.with_compliance(soft, "hip", cj.Compliance(1e4))
+    with pytest.raises(ClearanceError, match="`hip_motor` is used twice"):
+        cj.with_compliance(
+            dataclasses.replace(swinging(None), points=(cj.Point("hip_motor", "arm"),)), "hip", cj.Compliance(1e4)
+        )

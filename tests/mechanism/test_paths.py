@@ -200,6 +200,15 @@ def test_unknown_names_are_refused():
             cj.inverse_kinematics(two_links(), given.pop("point"), cj.Pose((0.5, 0.2)), **given)
 
 
+def test_what_may_be_prescribed_in_closed_loops_is_said():
+    free = delta([cj.drives.Constant(0.1)] * 3).without_drives([f"motor{i}" for i in range(3)])
+    words = r"none has a drive\. Name in `joints` .*, of these: .*`motor0`.*`motor1`.*`motor2`"
+    with pytest.raises(cj.ClearanceError, match=words):
+        cj.inverse_kinematics(free, "centre", cj.Pose((0.0, 0.0, -0.5)))
+    with pytest.raises(cj.ClearanceError, match=r"No joint is to move point `tip`\. Name some in `joints`: `shoulder`"):
+        cj.inverse_kinematics(two_links(), "tip", cj.Pose((0.5, 0.2)), joints=[])
+
+
 # Paths ----------------------------------------------------------------------------------------------------------------
 
 
