@@ -7,8 +7,8 @@ bristles (LuGre, Dahl, elasto-plastic), the flow of its wall (standard linear so
 contact is limited by how fast they give way: most of a motion's steps are those, and not those of its touches.
 
 A bristle bends while its point has touched, by what the start of a step latched. "By penetration": the same where it
-bends while the penetration is positive. Its rate jumps then inside every step across a touch, before that is cut. "Off" is
-how far the end of the motion is from that of the same law by what was latched (in m, rad, m/s and rad/s).
+bends while the penetration is positive. Its rate jumps then inside every step across a touch, before that is cut. "Off"
+is how far the end of the motion is from that of the same law by what was latched (in m, rad, m/s and rad/s).
 """
 
 from collections.abc import Callable

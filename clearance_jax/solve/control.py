@@ -31,8 +31,6 @@ _EPS = float(np.finfo(np.float64).eps)
 # more steps for a smaller error, and so its leave is smaller, by REFINED for each order above PLAIN_ORDER: Dopri8's is
 # a fifth of Tsit5's, which costs it a fifth more steps (and would cost Tsit5 a third), and gives 1 to 6 rtol.
 LENIENCE, PLAIN_ORDER, REFINED = 0.02, 5.0, 5.0 ** (1 / 3)
-# As much larger may they be in a step as short as the round-off of the time, if the motion is accurate.
-BLUNT = 1e3
 # The step size aimed at, over the one at which the error would be what is allowed; how much it may change at once.
 SAFETY, SHRINK, GROW = 0.85, 0.2, 2.0
 # Wherever a cut has not been enough to get clear of its event, the next goes so many times further past it; at most.
@@ -167,8 +165,8 @@ def next_step(problem: Problem, verdict: Verdict, times: tuple, means: Means, co
     h, cut, error = t1 - t0, verdict.cut, verdict.error
     accurate, shortest = error < 1, h <= 8 * _EPS * jnp.abs(t1)
     if problem.varies:
-        # A touch is known to the round-off of its time, and the derivatives' slope may jump there by any size.
-        accurate |= shortest & (verdict.of_motion < 1) & (error < BLUNT)
+        rough = lenience(means.order) * means.allowed.rough
+        accurate |= shortest & (verdict.of_motion < 1) & (error < rough)
     keep = share(accurate & ~cut)
     # A cut step says nothing about the step size (its tiny error is round-off): go back to the one that was cut.
     step = jnp.where(keep & (control.natural > 0), control.natural, h * factor(error, accurate, means.order))

@@ -23,6 +23,8 @@ LOCAL = 0.1
 FLOOR = 1e-3
 # A contact less deep than this many rtol of the clearance may be passed by.
 FIT = 10.0
+# A touch is known to the round-off of its time. A derivative that grows from it may be wrong there by this part.
+ROUGH = 1e-4
 _EPS = float(np.finfo(np.float64).eps)
 # The parts of a step, at least and at most, by which a cut step ends past its event.
 SHORTEST, LONGEST = 1e-8, 1e-2
@@ -47,6 +49,8 @@ class Tolerances(NamedTuple):
     - `fit`: how far inside a step pins may be from the curves that stand for them, over the clearance, and `noise`: how
       far they are by round-off alone.
     - `rate`: how fast the scene moves [1/s].
+    - `rough`: the part of itself by which a derivative may be wrong, over what is allowed, in a step as short as the
+      round-off of the time.
     """
 
     absolute: Float[Array, "n ..."]
@@ -56,6 +60,7 @@ class Tolerances(NamedTuple):
     fit: Each
     noise: Each
     rate: Each
+    rough: Each
     floor: Array | None = None
 
 
@@ -181,4 +186,5 @@ def tolerances(problem: Problem, y0: Array, t0: Scalar, t1: Scalar, rtol: Scalar
         fit=jnp.clip(FIT * rtol, noise, jnp.maximum(noise, 0.1)),
         noise=noise,
         rate=size.spin,
+        rough=ROUGH / local,
     )

@@ -19,8 +19,9 @@ MASS = "effective mass of the impact, m1 m2/(m1 + m2) of two free bodies"
 CLIPPED = "whether the force never pulls: max(0, F)"
 
 
-# An impact as slow as this [m/s] is one of the onset alone. A restitution changes by a third of it over the impact speed.
-ONSET = 1e-9
+# The depth of the onset is that of an impact as slow as this [m/s], so that a restitution changes by a third of it over
+# the speed of the impact; or this part of the clearance, as the round-off of a place hides what is less deep.
+SLOW, SHALLOW = 1e-9, 1e-10
 
 
 class Gradual(NamedTuple):
@@ -49,7 +50,7 @@ def damping_of(stiffness: Scalar, restitution: Scalar, mass: Scalar, exponent: f
 class Tsuji(AbstractNormalLaw):
     """F = K d^(3/2) + sqrt(5) b sqrt(m K) d^(1/4) d', with b = -ln e / sqrt(pi^2 + ln^2 e) (Tsuji et al. 1992). It
     delivers e at every speed if it may pull before separation, as it does by default. The slope of d^(1/4) would be
-    infinite at first touch: it starts with slope zero, over the depth of an impact at 1e-9 m/s.
+    infinite at first touch: it starts with slope zero, over the depth of an impact at 1e-9 m/s or 1e-10 clearances.
 
     **Arguments:** `stiffness` K [N/m^1.5]; `restitution` e in (0, 1); `effective_mass` m [kg]; `clipped`: F is never
     below zero: it delivers 0.902, 0.718, 0.550, 0.397 for 0.9, 0.7, 0.5, 0.3 then.
@@ -67,7 +68,7 @@ class Tsuji(AbstractNormalLaw):
 
     def constants(self, geometry):
         stiffness, mass = stiffness_of(self.stiffness, geometry), self.effective_mass
-        onset = (1.25 * mass * ONSET**2 / stiffness) ** 0.4
+        onset = jnp.maximum((1.25 * mass * SLOW**2 / stiffness) ** 0.4, SHALLOW * geometry.radial_clearance)
         return Gradual(stiffness, damping_of(stiffness, self.restitution, mass, 1.5), onset)
 
     def formula(self, constants, penetration, penetration_rate, memory):
