@@ -169,12 +169,13 @@ TSUJI, EXACT = laws.Tsuji(6.61e10, 0.7, 0.14), laws.exact_restitution(6.61e10, 0
 
 @pytest.mark.parametrize(
     ("law", "clearance", "speed", "rtol", "allowed"),
-    [(TSUJI, 1e-3, 0.5, 1e-8, 1e-5), (EXACT, 1e3, 30.0, 1e-10, 1e-3)],
+    [(TSUJI, 1e-3, 0.5, 1e-8, 1e-5), (EXACT, 1e3, 30.0, 1e-10, 1e-2)],
     ids=["steep onset", "round-off of time"],
 )
 def test_a_constant_share_of_a_change_of_speed_returns(law, clearance, speed, rtol, allowed):
     """dv/dv0 = -e of a free impact. The slope of Tsuji's force has a pole at first touch; after a gap of a kilometre
-    the time of the touch is known to a millionth of the impact, in which the derivative grows 1e6 times.
+    the derivative grows by the clearance over the penetration, 3e6, and falls again; so does what a place of 1000 m has
+    of round-off, 4e-10 penetrations: 1e-3 of the derivative is lost.
     """
     play = cj.RevoluteClearance(clearance, 10 * clearance, law)
     body, stands = cj.Body("pin", 0.14), cj.Motion(cj.drives.ConstantSpeed(0.0))
