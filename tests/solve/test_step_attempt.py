@@ -105,7 +105,7 @@ def test_programs_stay_small(solver):
 def test_what_a_law_remembers_hides_no_derivative():
     """A bristle's own column, a million times its length, measures the bristle's error, and nothing else's."""
     m = playful(laws.HuntCrossley(1e9, 0.5), catalogue.FRICTION["lugre"])
-    inputs = Inputs(m, *(jnp.asarray(x) for x in (0.0, 0.01)), None, jnp.asarray(1e-6), None, None)
+    inputs = Inputs(m, jnp.zeros(()), jnp.asarray(0.01), None, jnp.asarray(1e-6), None, None)
     leaves = jax.tree.leaves(inputs.varied, is_leaf=lambda x: x is None)
     first = next(i for i, leaf in enumerate(leaves) if eqx.is_inexact_array(leaf))
     options = Options(diffrax.Tsit5(), True, False, 100)
