@@ -157,7 +157,7 @@ def _oscillation(ready) -> tuple[np.ndarray, np.ndarray]:
 
     def bend_rate(t, z):
         one = np.asarray(1.0)
-        return [float(ready.memory_rate(one, (np.asarray(slip(t)),), one, (np.asarray(z[0]),))[0])]
+        return [float(ready.memory_rate((np.asarray(slip(t)),), one, (np.asarray(z[0]),))[0])]
 
     times = np.linspace(0, 4 * np.pi / frequency, 1601)
     bent = solve_ivp(bend_rate, (0, times[-1]), [0.0], t_eval=times, rtol=1e-8, atol=1e-12, method="LSODA").y[0]

@@ -209,16 +209,17 @@ class PreparedClearance(Module):
         return Action(force, torque, action, self._by_variable(action.memory_rate), stored, absorbed, rubbed)
 
     def _act_at(self, point: ContactPoint, memory: Memory) -> PointAction:
-        normal, (own, rest, _) = self.normal.at(point.local), self._parts(memory)
+        normal, (own, rest, touched) = self.normal.at(point.local), self._parts(memory)
         depth, rate, slip = point.penetration, point.penetration_rate, point.slip
         share = 1.0 if point.share is None else point.share
         force = times(share, normal.force(depth, rate, own))
-        rates = normal.memory_rate(depth, rate, own)
+        rates = while_touching(normal.law, touched, normal.memory_rate(depth, rate, own))
         traction: Slip = tuple(jnp.zeros_like(s) for s in slip)
         if self.friction is not None:
             friction = self.friction.at(point.local)
             traction = friction.traction(slip, force, rest)
-            rates = (*rates, *carry(friction.memory_rate(depth, slip, force, rest), rest, point.turning))
+            changes = while_touching(friction.law, touched, friction.memory_rate(slip, force, rest))
+            rates = (*rates, *carry(changes, rest, point.turning))
         rates = (*rates, jnp.zeros_like(force)) if memory else ()
         return PointAction(depth, rate, slip, force, traction, rates, times(share, normal.energy(depth)))
 
@@ -350,6 +351,15 @@ def each_joint(function: Callable, several: Sequence[tuple]) -> list[Any]:
     alone = [joint.joint.count == 1 for joint, *_ in several]
     beside = iter(side_by_side(function, [one for one, single in zip(several, alone, strict=True) if not single]))
     return [share(function(*one)) if single else next(beside) for one, single in zip(several, alone, strict=True)]
+
+
+def while_touching(law: AbstractNormalLaw | AbstractFrictionLaw, touched: Memory, rates: Memory) -> Memory:
+    """The rates of a law's memory; zero while apart, but for a law that acts there.
+
+    By what was latched, not by the penetration: a rate that jumps inside a step, at a touch that cuts it, would be an
+    error of the first order, and steps would shrink until they end at the touch by themselves.
+    """
+    return rates if law.acts_apart else tuple(jnp.where(touched[0] > 0.5, rate, 0.0) for rate in rates)
 
 
 def _only(among: Sequence[bool], vector: Vector) -> Vector:

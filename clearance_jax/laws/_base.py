@@ -199,9 +199,8 @@ class PreparedNormal(Module):
         return (*out, *(jnp.where(active, piece, 1.0) for piece in pieces)), presses
 
     def memory_rate(self, penetration: Scalar, penetration_rate: Scalar, memory: Memory) -> Memory:
-        """Time derivative of the memory; zero while apart, but for a law that acts there."""
-        rates = self.law.memory_rate(self.constants, penetration, penetration_rate, memory)
-        return rates if self.law.acts_apart else tuple(jnp.where(penetration > 0, r, 0.0) for r in rates)
+        """Time derivative of the memory, while it goes on."""
+        return self.law.memory_rate(self.constants, penetration, penetration_rate, memory)
 
     def latch(self, memory: Memory, touch: Touch) -> Memory:
         """The memory after an instant at which contact began or ended."""

@@ -123,11 +123,10 @@ class PreparedFriction(Module):
         sides = [jnp.where(zone > 0, ahead, 1.0) for zone in zones]
         return tuple(jnp.where(presses, function, 1.0) for function in (*zones, *sides))
 
-    def memory_rate(self, penetration: Scalar, slip: Slip, normal_force: Scalar, memory: Memory) -> Memory:
-        """Time derivative of the memory; zero while apart, but for a law that acts there."""
+    def memory_rate(self, slip: Slip, normal_force: Scalar, memory: Memory) -> Memory:
+        """Time derivative of the memory, while it goes on."""
         rates = self.law.memory_rate(self.constants, slip, normal_force, self._split(memory, slip))
-        flat = tuple(rate for one in rates for rate in one)
-        return flat if self.law.acts_apart else tuple(jnp.where(penetration > 0, r, 0.0) for r in flat)
+        return tuple(rate for one in rates for rate in one)
 
     def latch(self, memory: Memory, touch: Touch) -> Memory:
         """The memory after an instant at which contact began or ended."""

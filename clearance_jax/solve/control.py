@@ -16,6 +16,7 @@ from jaxtyping import Array
 from clearance_jax._sharing import share
 from clearance_jax._types import Each, EachFlag, Scalar
 from clearance_jax.mechanism.breaks import breaks_near
+from clearance_jax.mechanism.state import layout
 from clearance_jax.solve.events import curves, first_event
 from clearance_jax.solve.lane_axis import component_axis, each_lane, sum_components
 from clearance_jax.solve.problem import Problem, motion
@@ -57,11 +58,12 @@ class Control(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """On one try: its error over what is allowed, of motion and derivatives; whether it crosses an event, and the time
-    just past it, to which the next try goes; how far past an event that is [s].
+    """On one try: its error over what is allowed, of motion and derivatives, and of the motion alone; whether it
+    crosses an event, and the time just past it, to which the next try goes; how far past an event that is [s].
     """
 
     error: Each
+    of_motion: Each
     cut: EachFlag
     at: Each
     pad: Each
@@ -96,7 +98,7 @@ def judge(problem: Problem, trial: Trial, times: tuple, means: Means, control: C
     t0, t1 = times
     error, of_motion = scaled_error(problem, trial, means, t1)
     if not (means.locate_events and problem.mechanism.clearance_joints()):
-        return Verdict(error, jnp.zeros(jnp.shape(t1), bool), t1, jnp.zeros_like(t1))
+        return Verdict(error, of_motion, jnp.zeros(jnp.shape(t1), bool), t1, jnp.zeros_like(t1))
     ends = tuple(motion(problem, x) for x in (trial.start, trial.end, trial.slope0, trial.slope1))
     found, misfit = curves(times, ends, problem.mechanism)
     # Round-off is no misfit: in free flight, where it would be all the error there is, it would choose the next step.
@@ -111,7 +113,7 @@ def judge(problem: Problem, trial: Trial, times: tuple, means: Means, control: C
     at = t0 + s * h + pad
     # Where the motion is accurate the event is located, also where the derivatives, whose slope jumps there, are not:
     # shrinking the step towards the jump would end at a step of a round-off.
-    return Verdict(error, crossed & (at < t1 - pad) & (of_motion <= 1), at, pad)
+    return Verdict(error, of_motion, crossed & (at < t1 - pad) & (of_motion <= 1), at, pad)
 
 
 def lenience(order: float) -> float:
@@ -123,27 +125,36 @@ def scaled_error(problem: Problem, trial: Trial, means: Means, time: Each) -> tu
     """The error of a step over what is allowed, of motion and derivatives, and of the motion alone.
 
     A derivative is an error once it is wrong by a fraction of itself (impacts make it grow by orders of magnitude), not
-    of the motion; `floor` says from which size on.
+    of the motion; `floor` says from which size on. What laws remember is a kind of its own: it is measured by itself
+    and all else, and nothing else is measured by it.
     """
     y0, y1, error, axis = trial.start, trial.end, trial.error, component_axis(time)
     allowed = means.allowed
     controlled = jnp.isfinite(allowed.absolute)
     scale = jnp.where(controlled, allowed.absolute, 1.0)
-    count = jnp.maximum(jnp.sum(controlled, axis=axis), 1)
 
-    def rms(x):
-        wanted = jnp.where(jnp.broadcast_to(controlled, x.shape), x, 0.0)
-        return jnp.sqrt(sum_components(wanted * wanted, time) / count)
+    def rms(x, which=controlled):
+        wanted = jnp.where(jnp.broadcast_to(which, x.shape), x, 0.0)
+        return jnp.sqrt(sum_components(wanted * wanted, time) / jnp.maximum(jnp.sum(which, axis=axis), 1))
 
     size = jnp.maximum(jnp.abs(motion(problem, y0)), jnp.abs(motion(problem, y1)))
     of_motion = scaled = rms(motion(problem, error) / (scale + allowed.relative * size))
     if problem.varies:
         assert allowed.floor is not None
         unit = jnp.where(controlled, allowed.unit, 1.0)
-        columns = jnp.maximum(rms(y0[1:] / unit[None]), rms(y1[1:] / unit[None]))
-        # Shared: the reduction that follows goes through them lane by lane.
-        derivatives = share(rms(error[1:] / scale[None]) / (allowed.floor + columns))
-        scaled = jnp.maximum(scaled, lenience(means.order) * jnp.max(derivatives, axis=0))
+        begin, end, off = y0[1:] / unit[None], y1[1:] / unit[None], error[1:] / scale[None]
+        plan, kinds = layout(problem.mechanism), [controlled]
+        if plan.remembered:
+            # A bristle is a thousandth of a play long, so that its own derivative would hide all the others.
+            places = np.arange(y1.shape[axis]).reshape(-1, *[1] * jnp.ndim(time))
+            memory = (plan.v.stop <= places) & (places < plan.size)
+            kinds = [controlled & ~memory, controlled & memory]
+        columns, worst = allowed.floor, jnp.zeros_like(scaled)
+        for kind in kinds:
+            columns += jnp.maximum(rms(begin, kind), rms(end, kind))
+            # Shared: the reduction that follows goes through them lane by lane.
+            worst = jnp.maximum(worst, jnp.max(share(rms(off, kind) / columns), axis=0))
+        scaled = jnp.maximum(scaled, lenience(means.order) * worst)
     fine = jnp.isfinite(scaled) & jnp.all(jnp.isfinite(y1), axis=tuple(range(y1.ndim - jnp.ndim(time))))
     return jnp.where(fine, scaled, jnp.inf), jnp.where(fine, of_motion, jnp.inf)
 
@@ -152,7 +163,10 @@ def next_step(problem: Problem, verdict: Verdict, times: tuple, means: Means, co
     """What to do after a verdict."""
     t0, t1 = times
     h, cut, error = t1 - t0, verdict.cut, verdict.error
-    accurate = error < 1
+    accurate, shortest = error < 1, h <= 8 * _EPS * jnp.abs(t1)
+    if problem.varies:
+        rough = lenience(means.order) * means.allowed.rough
+        accurate |= shortest & (verdict.of_motion < 1) & (error < rough)
     keep = share(accurate & ~cut)
     # A cut step says nothing about the step size (its tiny error is round-off): go back to the one that was cut.
     step = jnp.where(keep & (control.natural > 0), control.natural, h * factor(error, accurate, means.order))
@@ -171,7 +185,7 @@ def next_step(problem: Problem, verdict: Verdict, times: tuple, means: Means, co
     if means.longest is not None:
         clipped = jnp.minimum(clipped, start + means.longest)
     natural = jnp.where(clipped < end, jnp.maximum(natural, end - start), natural)
-    collapsed = (error > 1) & (h <= 8 * _EPS * jnp.abs(t1))
+    collapsed = ~accurate & shortest
     return Decision(keep, start, clipped, past, Control(natural, reach, after_cut), collapsed)
 
 

@@ -23,6 +23,8 @@ LOCAL = 0.1
 FLOOR = 1e-3
 # A contact less deep than this many rtol of the clearance may be passed by.
 FIT = 10.0
+# A touch is known to the round-off of its time. A derivative that grows from it may be wrong there by this part.
+ROUGH = 1e-4
 _EPS = float(np.finfo(np.float64).eps)
 # The smallest rtol. A step's error is compared with a tenth of it, which is then five units of round-off. For the
 # slider-crank, the arm and the four-bar of the scenes errors fall down to here; below, steps multiply and errors do not
@@ -51,6 +53,8 @@ class Tolerances(NamedTuple):
     - `fit`: how far inside a step pins may be from the curves that stand for them, over the clearance, and `noise`: how
       far they are by round-off alone.
     - `rate`: how fast the scene moves [1/s].
+    - `rough`: the part of itself by which a derivative may be wrong, over what is allowed, in a step as short as the
+      round-off of the time.
     """
 
     absolute: Float[Array, "n ..."]
@@ -60,6 +64,7 @@ class Tolerances(NamedTuple):
     fit: Each
     noise: Each
     rate: Each
+    rough: Each
     floor: Array | None = None
 
 
@@ -174,7 +179,7 @@ def tolerances(problem: Problem, y0: Array, t0: Scalar, t1: Scalar, rtol: Scalar
     unit = jnp.stack([*position, *velocity, *memory]) if position or memory else jnp.zeros(0)
     local = LOCAL * rtol
     absolute = local * unit if atol is None else jnp.broadcast_to(jnp.asarray(atol, float), unit.shape)
-    relative = local * jnp.asarray([*adapt, *[1.0] * len(velocity), *[0.0] * len(memory)])
+    relative = local * jnp.asarray([*adapt, *[1.0] * (len(velocity) + len(memory))])
     energy_balance = len(BALANCE_TERMS) if problem.energy_balance else 0
     judged = jnp.where((not adapt) & (size.energy > 0), size.energy, jnp.inf)
     signals = [
@@ -195,4 +200,5 @@ def tolerances(problem: Problem, y0: Array, t0: Scalar, t1: Scalar, rtol: Scalar
         fit=jnp.clip(FIT * rtol, noise, jnp.maximum(noise, 0.1)),
         noise=noise,
         rate=size.spin,
+        rough=ROUGH / local,
     )

@@ -48,6 +48,16 @@ def test_a_stuck_ball_is_held_by_its_bristles(friction):
         assert float(action.friction_power) == 0.0
 
 
+@pytest.mark.parametrize("depth", [1e-6, -1e-6])
+@pytest.mark.parametrize("touched", [0.0, 1.0])
+def test_bristles_bend_while_their_point_has_touched(depth, touched):
+    """By what was latched: a rate that followed the penetration would jump inside the step across a touch."""
+    joint, slip = socket(LUGRE).prepare(), 0.3
+    at = relative((0.0, 0.0, -CLEARANCE - depth), (0.0, 0.0, 0.0), (slip, 0.0, 0.0))
+    rates = joint.act(at, (*(jnp.zeros(()),) * 3, jnp.asarray(touched))).memory_rate
+    np.testing.assert_allclose(rates, [touched * slip, 0, 0, 0], rtol=1e-12)
+
+
 def rolled(joint, place, velocity, spin, end, start):
     """The bristle [m] after a motion of the ball with a place and a velocity over time, and the rates of all it does:
     work of friction, and deflection times what gives way.

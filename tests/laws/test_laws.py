@@ -58,8 +58,8 @@ class TestNormal:
 
     def test_first_touch_is_as_smooth_as_the_class_says(self, name):
         law, memory = prepared(catalogue.NORMAL[name])
-        # The damping of Tsuji's law begins as the fourth root of the depth; line contacts are stiff at once.
-        small = {laws.Tsuji: 1e-60, laws.LineContact: 1e-15}.get(type(law.law), 1e-13)
+        # The damping of Tsuji's law begins within a picometre; line contacts are stiff at once.
+        small = {laws.Tsuji: 1e-16, laws.LineContact: 1e-15}.get(type(law.law), 1e-13)
         jump = law.force(jnp.asarray(small), jnp.asarray(1.0), memory)
         if law.law.smoothness == "C-1":
             assert jump > 100.0
@@ -149,12 +149,12 @@ class TestFriction:
         def plane(v, bend=1e-6):
             slip, force = (c * v, s * v), jnp.asarray(100.0)
             memory = tuple(jnp.asarray(x) for _ in range(count) for x in (c * bend, s * bend))
-            return law.traction(slip, force, memory), law.memory_rate(jnp.asarray(1e-6), slip, force, memory)
+            return law.traction(slip, force, memory), law.memory_rate(slip, force, memory)
 
         def line(v, bend=1e-6):
             memory = tuple(jnp.asarray(bend) for _ in range(count))
             force = jnp.asarray(100.0)
-            return law.traction((v,), force, memory), law.memory_rate(jnp.asarray(1e-6), (v,), force, memory)
+            return law.traction((v,), force, memory), law.memory_rate((v,), force, memory)
 
         # Not below 1e-9 m/s: there the slope of the ratio is what matters, and is checked at zero below.
         for slip in (-3.0, -1e-2, -1e-5, 1e-9, 1e-3, 1e-2, 0.5):
@@ -206,8 +206,6 @@ def test_a_law_may_act_apart_and_its_memory_goes_on():
     apart, age = jnp.asarray(-1e-4), (jnp.asarray(2.0),)
     assert float(law.force(apart, jnp.zeros(()), age)) == 2.0
     assert float(law.memory_rate(apart, jnp.zeros(()), age)[0]) == 1.0
-    lugre = catalogue.FRICTION["lugre"].prepare(GEOMETRY)
-    assert float(lugre.memory_rate(apart, (jnp.asarray(1.0),), jnp.zeros(()), (jnp.zeros(()),))[0]) == 0.0
 
 
 def test_smoothed_onset_is_the_law_beyond_its_width():

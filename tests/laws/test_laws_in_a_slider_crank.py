@@ -123,3 +123,9 @@ def test_a_solid_that_relaxes_in_a_slider_crank():
     assert float(motion.energy_residual) < 1e-8
     assert np.min(motion["wrist.penetration"]) < 0 < np.max(motion["wrist.penetration"])
     assert found[4].max() > 1e-6
+
+    # A flow that changes no force chooses no steps: as many as where nothing flows.
+    weak = cj.replace(machine(play, speed), {"wrist.normal.relaxing_share": 1e-3})
+    still = cj.replace(weak, {"wrist.normal.relaxation_time": 1e3})
+    steps = [int(cj.simulate(m, 4e-3, rtol=1e-10, save_at=9).steps) for m in (weak, still)]
+    assert steps[0] < 1.5 * steps[1]

@@ -67,7 +67,7 @@ def test_friction_laws(name):
     if law.law.bristles:
 
         def rate(s, n, z):
-            return law.memory_rate(jnp.asarray(1.0), (s,), n, (z,))[0]
+            return law.memory_rate((s,), n, (z,))[0]
 
         before = REFERENCE[f"{name}.memory_rate"]
         check_close(jax.vmap(rate)(slip, force, memory), before, np.abs(np.asarray(slip)))

@@ -14,6 +14,8 @@ from experiments import (
     first_results,
     forward_dynamics,
     gpu,
+    impacts,
+    memory,
     needs,
     paper_sweeps,
     publish,
@@ -138,6 +140,21 @@ def test_a_hard_case_says_which_bound_it_breaks():
     assert not row.falls
     assert "NOT PASSED: max steps" in hard.cells(row)[8]
     assert "0 of 1 cases pass. The error falls with rtol in 0 of the 1" in hard.summary([row])
+
+
+def test_steps_of_laws_with_memory():
+    without, latched, by_penetration = memory.main(quick=True)
+    assert without.touches == latched.touches == by_penetration.touches > 0
+    assert latched.rejected < 0.7 * by_penetration.rejected
+    np.testing.assert_allclose(latched.end, by_penetration.end, rtol=0, atol=1e-5)
+
+
+def test_impacts_over_decades():
+    for row in impacts.main(quick=True):
+        assert row.early == 0
+        assert row.error < 1e-4
+    refused, *_ = impacts.rows_of("anagnostopoulos, 0.7", quick=True)
+    assert refused.cell == "refused"
 
 
 def test_batches():

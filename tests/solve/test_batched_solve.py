@@ -141,6 +141,22 @@ def test_derivatives_of_a_batch_are_each_lanes():
     np.testing.assert_allclose(together, [alone(c) for c in CLEARANCES[:2]], rtol=1e-5)
 
 
+def test_derivatives_of_what_laws_remember_are_each_lanes():
+    play = cj.RevoluteClearance(1e-4, 0.01, catalogue.NORMAL["hunt-crossley"], catalogue.FRICTION["dahl"])
+    turns = cj.Motion(cj.drives.ConstantSpeed(1.0))
+    hip = cj.Revolute("hip", "ground", "pin", motion=turns, clearance=play)
+    m = cj.Mechanism((cj.Body("pin", 1.0),), (hip,), gravity=cj.Gravity(y=-9.81))
+
+    def lane(c):
+        def last(c):
+            changed = cj.replace(m, {"hip.radial_clearance": c})
+            return cj.simulate(changed, 6e-3, rtol=1e-6, energy_balance=False).final[:4]
+
+        return jax.jvp(last, (c,), (jnp.ones(()),))
+
+    same_as_alone(lane, jnp.asarray([8e-5, 1e-4]), 1e-6)
+
+
 @pytest.mark.parametrize("count", [1, 4, 5, 13])
 def test_chunks_put_results_back_in_order(count):
     seen = []

@@ -164,6 +164,32 @@ def test_derivative_by_time_is_the_rate():
         np.testing.assert_array_equal(np.delete(y_times[i], i, axis=1), 0.0)
 
 
+TSUJI, EXACT = laws.Tsuji(6.61e10, 0.7, 0.14), laws.exact_restitution(6.61e10, 0.7)
+
+
+@pytest.mark.parametrize(
+    ("law", "clearance", "speed", "rtol", "allowed"),
+    [(TSUJI, 1e-3, 0.5, 1e-8, 1e-5), (EXACT, 1e3, 30.0, 1e-10, 1e-2)],
+    ids=["steep onset", "round-off of time"],
+)
+def test_a_constant_share_of_a_change_of_speed_returns(law, clearance, speed, rtol, allowed):
+    """dv/dv0 = -e of a free impact. The slope of Tsuji's force has a pole at first touch; after a gap of a kilometre
+    the derivative grows by the clearance over the penetration, 3e6, and falls again; so does what a place of 1000 m has
+    of round-off, 4e-10 penetrations: 1e-3 of the derivative is lost.
+    """
+    play = cj.RevoluteClearance(clearance, 10 * clearance, law)
+    body, stands = cj.Body("pin", 0.14), cj.Motion(cj.drives.ConstantSpeed(0.0))
+    m = cj.Mechanism((body,), (cj.Revolute("j", "ground", "pin", motion=stands, clearance=play),))
+
+    def last(v):
+        start = jnp.zeros(4 + len(play.remembers)).at[2].set(v)
+        return cj.simulate(m, 1.5 * clearance / speed, y0=start, rtol=rtol).final[2]
+
+    value, rate = jax.jvp(last, (jnp.asarray(speed),), (jnp.ones(()),))
+    assert float(value) == pytest.approx(-0.7 * speed, rel=1e-8)
+    assert float(rate) == pytest.approx(-0.7, abs=allowed)
+
+
 def test_laws_that_jump_are_refused():
     play = cj.RevoluteClearance(1e-3, 0.01, laws.LinearKelvinVoigt(1e6, 100.0))
     m = pin().with_clearance("joint", play)

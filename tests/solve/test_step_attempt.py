@@ -18,9 +18,14 @@ from clearance_jax.dynamics.kinematics import relative_motions
 from clearance_jax.dynamics.observe import observe
 from clearance_jax.joints import AbstractClearance, AbstractElement
 from clearance_jax.joints.checks import ImplausibleWarning
+from clearance_jax.mechanism.state import layout
+from clearance_jax.solve.attempt import Options, means_of
 from clearance_jax.solve.codes import Result, code_of, words
-from clearance_jax.solve.control import factor, on_grid
+from clearance_jax.solve.control import factor, on_grid, scaled_error
 from clearance_jax.solve.events import Curve, EventJoints, first_of
+from clearance_jax.solve.flow import Inputs, problem_of
+from clearance_jax.solve.problem import basis
+from clearance_jax.solve.step import Trial
 from clearance_jax.solve.tableau import tableau_of
 from clearance_jax.spatial import ZERO, scale
 
@@ -95,6 +100,32 @@ def test_programs_stay_small(solver):
         own, barriers = operations(cj.load(SCENES / scene), t1, solver=solver)
         assert own <= most
         assert barriers <= 0.2 * own
+
+
+def test_what_a_law_remembers_hides_no_derivative():
+    """A bristle's own column, a million times its length, measures the bristle's error, and nothing else's."""
+    m = playful(laws.HuntCrossley(1e9, 0.5), catalogue.FRICTION["lugre"])
+    inputs = Inputs(m, jnp.zeros(()), jnp.asarray(0.01), None, jnp.asarray(1e-6), None, None)
+    leaves = jax.tree.leaves(inputs.varied, is_leaf=lambda x: x is None)
+    first = next(i for i, leaf in enumerate(leaves) if eqx.is_inexact_array(leaf))
+    options = Options(diffrax.Tsit5(), True, False, 100)
+    directions = basis(jax.tree.unflatten(
+        jax.tree.structure(inputs.varied, is_leaf=lambda x: x is None),
+        [leaf if i == first else None for i, leaf in enumerate(leaves)],
+    ))  # fmt: skip
+    problem, start, allowed, _ = problem_of(inputs, options, directions)
+    plan, unit, zeros = layout(problem.mechanism), allowed.unit, jnp.zeros_like(start)
+    speed, bristle = plan.v.start, plan.v.stop
+
+    def found(place, column):
+        end = zeros.at[1, speed].set(unit[speed]).at[1, bristle].set(column * unit[bristle])
+        error = zeros.at[1, place].set(unit[place])
+        trial = Trial(zeros, end, error, zeros, zeros, zeros)
+        return float(scaled_error(problem, trial, means_of(options, allowed), jnp.zeros(()))[0])
+
+    assert found(speed, 1e6) == found(speed, 0.0) > 1.0
+    assert found(bristle, 1e6) < 1e-4 * found(bristle, 0.0)
+    assert found(bristle, 0.0) > 1.0
 
 
 def test_operations_are_counted():

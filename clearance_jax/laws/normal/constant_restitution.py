@@ -5,11 +5,10 @@ sqrt(pi^2 + ln^2 e), for which c = b sqrt(2 (n + 1) m K). So they need the effec
 of two free bodies.
 """
 
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import jax.numpy as jnp
 
-from clearance_jax._numerics import safe_sqrt
 from clearance_jax._types import Scalar
 from clearance_jax.laws._base import AbstractNormalLaw, Smoothness, stiffness_of
 from clearance_jax.laws.normal._power import power, power_energy
@@ -18,6 +17,27 @@ from clearance_jax.parameters import describe, physical
 
 MASS = "effective mass of the impact, m1 m2/(m1 + m2) of two free bodies"
 CLIPPED = "whether the force never pulls: max(0, F)"
+
+
+# The depth of the onset is that of an impact as slow as this [m/s], so that a restitution changes by a third of it over
+# the speed of the impact; or this part of the clearance, as the round-off of a place hides what is less deep.
+SLOW, SHALLOW = 1e-9, 1e-10
+
+
+class Gradual(NamedTuple):
+    """Constants of `Tsuji`: beside those of a damped law the depth of its onset [m]."""
+
+    stiffness: Scalar
+    damping: Scalar
+    onset: Scalar
+
+
+def fourth_root(penetration: Scalar, onset: Scalar) -> Scalar:
+    """d^(1/4), but w^(1/4) P(d/w) for d < w, with the polynomial P that has two continuous derivatives at w, and whose
+    slope at first touch is zero: a derivative of a motion with an infinite one cannot be resolved in time.
+    """
+    s = jnp.clip(penetration / onset, 0.0, 1.0)
+    return jnp.sqrt(jnp.sqrt(jnp.maximum(penetration, onset))) * s * s * (165 + s * (77 * s - 210)) / 32
 
 
 def damping_of(stiffness: Scalar, restitution: Scalar, mass: Scalar, exponent: float) -> Scalar:
@@ -29,8 +49,8 @@ def damping_of(stiffness: Scalar, restitution: Scalar, mass: Scalar, exponent: f
 
 class Tsuji(AbstractNormalLaw):
     """F = K d^(3/2) + sqrt(5) b sqrt(m K) d^(1/4) d', with b = -ln e / sqrt(pi^2 + ln^2 e) (Tsuji et al. 1992). It
-    delivers e at every speed if it may pull before separation, as it does by default. The slope of its damping is
-    infinite at first touch.
+    delivers e at every speed if it may pull before separation, as it does by default. The slope of d^(1/4) would be
+    infinite at first touch: it starts with slope zero, over the depth of an impact at 1e-9 m/s or 1e-10 clearances.
 
     **Arguments:** `stiffness` K [N/m^1.5]; `restitution` e in (0, 1); `effective_mass` m [kg]; `clipped`: F is never
     below zero: it delivers 0.902, 0.718, 0.550, 0.397 for 0.9, 0.7, 0.5, 0.3 then.
@@ -47,12 +67,13 @@ class Tsuji(AbstractNormalLaw):
         return self.clipped
 
     def constants(self, geometry):
-        stiffness = stiffness_of(self.stiffness, geometry)
-        return Damped(stiffness, damping_of(stiffness, self.restitution, self.effective_mass, 1.5))
+        stiffness, mass = stiffness_of(self.stiffness, geometry), self.effective_mass
+        onset = jnp.maximum((1.25 * mass * SLOW**2 / stiffness) ** 0.4, SHALLOW * geometry.radial_clearance)
+        return Gradual(stiffness, damping_of(stiffness, self.restitution, mass, 1.5), onset)
 
     def formula(self, constants, penetration, penetration_rate, memory):
-        quarter = safe_sqrt(safe_sqrt(penetration))
-        return constants.stiffness * power(penetration, None) + constants.damping_ratio * quarter * penetration_rate
+        damping = constants.damping * fourth_root(penetration, constants.onset)
+        return constants.stiffness * power(penetration, None) + damping * penetration_rate
 
     def energy(self, constants, penetration):
         return power_energy(constants.stiffness, penetration, None)
