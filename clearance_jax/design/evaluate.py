@@ -22,7 +22,7 @@ from clearance_jax.design.yields import YieldEstimate, estimate_yield, samples_t
 from clearance_jax.errors import ClearanceError, WearFailure, WornThrough
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.measure import AbstractMeasure
-from clearance_jax.solve.batch import cores_here
+from clearance_jax.solve.batch import cores_here, side_by_side, usual_cores
 from clearance_jax.solve.settings import QUASI_STATIC, Settings
 from clearance_jax.wear import AbstractAged
 
@@ -102,13 +102,11 @@ class Simulations:
         return np.concatenate(limits), np.concatenate(rows) if gradient else None
 
     def _one_by_one(self, x: np.ndarray, scenarios: Sequence[Scenario], gradient: bool) -> Iterator[tuple]:
-        """`limits` in every scenario."""
-        if not self._aged:
-            yield from (self.limits(x, scenario, gradient) for scenario in scenarios)
-            return
-        # A life is host work between small solves: several go on beside each other. The first compiles for all.
+        """`limits` in every scenario, several beside each other. The first compiles for all."""
         yield self.limits(x, scenarios[0], gradient)
-        with ThreadPoolExecutor(self.place.cores or cores_here()) as pool:
+        # A life is host work between small solves, also where solves are those of a GPU.
+        usual = cores_here() if self._aged else usual_cores()
+        with ThreadPoolExecutor(min(self.place.cores or usual, side_by_side())) as pool:
             yield from pool.map(lambda scenario: self.limits(x, scenario, gradient), scenarios[1:])
 
     def worst(self, x: np.ndarray, scenarios: Sequence[Scenario], exact: bool = False) -> np.ndarray:

@@ -1,7 +1,8 @@
 """Why an answer is what it is: what each clearance contributes to an error, and what a looser bound would save."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -108,7 +109,7 @@ class Tradeoff(NamedTuple):
 
     - `bounds` (n,) in the limit's `unit`; `objectives` (n,), NaN: no design holds the bound; `designs`: the clearances
       by name, `None` there.
-    - `label`: what the limit is, in words; `asked`: the bound of the design problem itself.
+    - `label`: what the limit is, in words; `asked`: the bound of the design problem itself; `units` of the variables.
     """
 
     limit: str
@@ -118,14 +119,16 @@ class Tradeoff(NamedTuple):
     designs: tuple[dict[str, float] | None, ...]
     label: str
     asked: float
+    units: Mapping[str, str] = MappingProxyType({})
 
     def __str__(self) -> str:
         lines = [f"Trade-off of {self.label}:"]
         for bound, objective, at in zip(self.bounds, self.objectives, self.designs, strict=True):
-            found = "no design was found" if at is None else f"objective {objective:.6g}, " + ", ".join(
-                f"{name} = {value:.6g}" for name, value in at.items()
-            )
-            lines.append(f"  bound {format_quantity(float(bound), self.unit, 5)}: {found}")
+            # The objective of a largest clearance is minus that.
+            found = [f"cost {objective:.6g}"] if objective > 0 else []
+            found += [f"{n} = {format_quantity(x, self.units.get(n, ''), 5)}" for n, x in (at or {}).items()]
+            told = ", ".join(found) or "no design was found"
+            lines.append(f"  bound {format_quantity(float(bound), self.unit, 5)}: {told}")
         return "\n".join(lines)
 
 
@@ -166,6 +169,7 @@ def tradeoff(
         tuple(None if p is None else design.specification.clearances(p.x) for p in ends),
         label,
         bound,
+        design.units,
     )
 
 

@@ -20,6 +20,7 @@ from clearance_jax.design.scenarios import Scenario, scenarios_of
 from clearance_jax.design.standard import StandardFits, chosen_fits, nearest_fits
 from clearance_jax.design.standings import Standing, standings
 from clearance_jax.design.time_histories import TimeHistory, histories_of
+from clearance_jax.design.yields import samples_needed
 from clearance_jax.errors import ClearanceError
 from clearance_jax.results.dataset import picture_dataset
 from clearance_jax.results.places import Outline, outline
@@ -225,11 +226,13 @@ def _trade(
 
 
 def _fit(found: Findings, cluster: Any) -> Findings:
-    asked = found.design.specification
-    lives = any(limit.ages for limit in asked.limits) and not asked.manufacture.is_sampled
+    asked, samples = found.design.specification, None
+    if any(limit.ages for limit in asked.limits):
+        target = getattr(asked.manufacture, "target", None)
+        samples = LIVED if target is None else samples_needed(target)
     choose = nearest_fits if found.design.classes is None else chosen_fits
     try:
-        fits = choose(found.design, samples=LIVED if lives else None, cluster=cluster)
+        fits = choose(found.design, samples=samples, cluster=cluster)
     except ClearanceError as error:
         return _note(found, str(error))
     if fits is None:

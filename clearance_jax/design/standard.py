@@ -13,7 +13,7 @@ from clearance_jax.design.classes import SMALLEST, ToleranceClass, diameters_of
 from clearance_jax.design.evaluate import FEW, simulations_of, yield_of
 from clearance_jax.design.evaluation import SLACK
 from clearance_jax.design.scenarios import Scenario, scenarios_of
-from clearance_jax.design.yields import USUAL, YieldEstimate, samples_needed
+from clearance_jax.design.yields import USUAL, YieldEstimate, samples_needed, samples_to_judge
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import fits
 from clearance_jax.units import format_quantity
@@ -76,14 +76,14 @@ def nearest_fits(
     joint after the other by one fit: the one that gains most. So a fit may be looser than its joint's clearance was
     designed, where others are tighter. Fits lie within the bounds of their variables, as far as such fits hold the
     limits. `remarks` say where one does not, and where one is looser than designed. Of a `Yield` all fits get tighter
-    until the share of the samples that holds the limits is its target.
+    until the samples prove its target.
 
     Holes and shafts of the samples are normal about the middle of their tolerances, whose limits are three standard
     deviations away. What else a `Yield` lets scatter, scatters in them too.
 
     **Arguments:** `design`: the answer of a problem; `diameters`: nominal ones by variable [m], by default twice the
-    joint's pin radius; `samples`: how many for the yield, by `seed` (default: the fewest that can prove the target, of
-    a problem without one 99 %); `cluster`: as of `ToleranceProblem.solve`.
+    joint's pin radius; `samples`: how many for the yield, by `seed` (default: as many as the
+    target of a `Yield` needs, else the fewest that can prove 99 %); `cluster`: as of `ToleranceProblem.solve`.
     """
     with place_of(cluster) as place:
         return _nearest(design, diameters or {}, samples, seed, place)
@@ -112,7 +112,7 @@ def _nearest(
     while True:
         made = {names[i]: _as_class(lists[i][k]) for i, k in chosen.items()}
         found = _judged(design, made, samples, seed, place)
-        if found.target is None or found.yield_estimate.share >= found.target or not any(chosen.values()):
+        if not found.yield_estimate.against(found.target) or not any(chosen.values()):
             return found
         chosen = _tighter(chosen)
 
@@ -175,7 +175,8 @@ def _judged(
     specification, judge = design.specification, design.specification.as_designed()
     names, designed = list(design.clearances), specification.values(design.evaluation.x)
     target = getattr(specification.manufacture, "target", None)
-    samples = samples_needed(target or USUAL) if samples is None else samples
+    if samples is None:
+        samples = samples_needed(USUAL) if target is None else samples_to_judge(target)
     simulations = simulations_of(judge, place=place)
     exact = design.program.gradients > 0 and len(designed) <= FEW
 

@@ -74,16 +74,20 @@ def design_of(study: Asked, wear: WearAsked | None) -> DesignAsked:
         for key in ("starts", "reoptimise"):
             if verify.has(key):
                 raise ClearanceError(f"{verify.key(key)} has no effect where `classes` are chosen. Leave it out.")
-    return DesignAsked(problem, search, verify.arguments(), _tradeoff(table, [limit.title for limit in limits]))
+    return DesignAsked(problem, search, verify.arguments(), _tradeoff(table, problem))
 
 
-def _tradeoff(top: Table, limits: list[str]) -> dict[str, Any] | None:
+def _tradeoff(top: Table, problem: ToleranceProblem) -> dict[str, Any] | None:
     """Options of a trade-off, if one is asked for."""
     if not top.has("tradeoff"):
         return None
-    table = top.table("tradeoff", TRADEOFF)
-    limit = table.get("limit")
-    if limit and limit not in limits:
+    table, limit = top.table("tradeoff", TRADEOFF), None
+    limits = [limit.title for limit in problem.specification.limits]
+    if table.has("limit"):
+        limit = table.get("limit")
+        if problem.specification.manufacture.title:
+            raise ClearanceError(f"{table.key('limit')} has no effect: a yield is of all limits at once. Leave it out.")
+    if limit is not None and limit not in limits:
         raise ClearanceError(f"{table.key('limit')}: there is no limit {quote(limit)}. " + suggest(limit, limits))
     for factor in table.get("factors") or ():
         if not factor > 0:

@@ -300,7 +300,7 @@ def test_a_trade_off_begins_with_the_answer_and_goes_on_from_the_record(study, t
     np.testing.assert_array_equal(design.tradeoff(again, factors=(0.8, 1.0, 1.25)).objectives, found.objectives)
     assert len(calls) == done
     assert answer.program.history[-1].x[0] == pytest.approx(1e-4, rel=1e-3)  # the answer's own search is as it was
-    assert "bound 80 um: objective 1.25" in str(found)
+    assert "bound 80 um: cost 1.25, wrist.radial_clearance = 80 um" in str(found)
     with pytest.raises(ClearanceError, match="must be positive"):
         design.tradeoff(answer, factors=(-1.0,))
 

@@ -3,20 +3,25 @@ parts that are made to it.
 """
 
 import sys
+import threading
 from typing import Any
 
 import numpy as np
 import pytest
 import scipy.stats
 from catalogue import slider_crank
-from made_findings import made, piston_limit, rows_of
+from made_findings import piston_limit, rows_of
 from numpy.testing import assert_allclose
-from places import SCENES
+from places import ROOT, SCENES
 
 import clearance_jax as cj
 from clearance_jax import design, metrics
+from clearance_jax.ask.place import Place
 from clearance_jax.design import yields
 from clearance_jax.design.drawing import joint_drawings
+from clearance_jax.design.evaluate import Simulations
+from clearance_jax.design.findings import known_findings
+from clearance_jax.design.scenarios import Scenario
 from clearance_jax.errors import ClearanceError
 from clearance_jax.report.html import render
 
@@ -55,6 +60,13 @@ def test_the_margin_is_as_large_as_the_confidence_wants():
     assert yields.worst_parts(1024, 0.99, 0.95) == pytest.approx(10.24)
     assert yields.worst_parts(64, 0.99, 0.95) == 1
     assert yields.worst_parts(25, 0.9, 0.0) == pytest.approx(2.5)
+
+
+def test_the_docs_say_how_many():
+    text = (ROOT / "docs" / "design.md").read_text(encoding="utf-8")
+    for target in (0.9, 0.95, 0.99):
+        ways = (yields.samples_needed, yields.samples_to_search, yields.samples_to_judge)
+        assert " | ".join([f"| {100 * target:g} %", *(str(way(target)) for way in ways)]) in text
 
 
 def _yields(scatter: design.Yield, seeds: int = 100) -> np.ndarray:
@@ -123,6 +135,25 @@ def test_what_an_estimate_says_of_a_target():
     assert "BELOW" in yields.estimate_yield(np.arange(200) >= 3).against(0.99)
 
 
+def test_samples_that_are_asked_one_by_one_use_every_core(monkeypatch):
+    """Those with tables of values were solved one after the other: two meet here, or neither goes on."""
+    monkeypatch.setenv("PJRT_NPROC", "4")
+    meeting = threading.Barrier(2)
+
+    class Two(Simulations):
+        def __init__(self):
+            self.place, self._aged = Place(None, 2), {}
+
+        def limits(self, x, scenario, gradient):
+            if scenario.title != "first":
+                meeting.wait(timeout=60)
+            return np.array([len(scenario.title)]), None
+
+    tables = [Scenario(title, {"table": np.zeros((2, 2))}, np.ones(1)) for title in ("first", "a", "bb")]
+    found, _ = Two().together(np.ones(1), tables, False)
+    np.testing.assert_array_equal(found, [[5], [1], [2]])
+
+
 # Fits -----------------------------------------------------------------------------------------------------------------
 
 CRANKPIN, WRIST, MASS = "crankpin.radial_clearance", "wrist.radial_clearance", "slider.mass"
@@ -172,7 +203,7 @@ def test_a_fit_beyond_what_is_allowed_says_so(monkeypatch):
         assert fit.radial_clearance[0] >= 1e-6  # the least of the study is kept
     assert sum(fit.radial_clearance[1] for fit in found.fits.values()) <= 70.14e-6
     drawn = joint_drawings(answer, found.fits, found.remarks)
-    rows = rows_of(render(made(answer)._replace(fits=found, drawings=drawn)), "joint")
+    rows = rows_of(render(known_findings(answer)._replace(fits=found, drawings=drawn)), "joint")
     cells = {row[0] + ".radial_clearance": row[4] for row in rows if "Ø" in row[1]}
     assert {name for name, cell in cells.items() if "may be above the designed 3" in cell} == set(wide)
     assert "as others are tighter" in str(found)
@@ -200,7 +231,7 @@ def test_fits_of_a_yield_scatter_with_all_that_scatters(monkeypatch):
     assert found is not None
     assert plain.yield_estimate == (1.0, yields.estimate_yield(np.ones(299, bool)).least, 299)
     assert plain.target is None
-    assert found.yield_estimate.samples == 59
-    assert found.yield_estimate.share >= 0.95
+    assert found.yield_estimate.samples == 400
+    assert found.yield_estimate.least >= 0.95
     ends = [sum(fit.radial_clearance[1] for fit in one.fits.values()) for one in (plain, found)]
     assert ends[1] < ends[0]
