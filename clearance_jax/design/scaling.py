@@ -7,7 +7,7 @@ import numpy as np
 
 from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.program import Program
-from clearance_jax.design.slopes import check_slopes
+from clearance_jax.design.slopes import followed
 
 # Where an active limit is aimed at, in shares of its bound: inside, by less than anything else in the answer counts.
 INSIDE = 1e-10
@@ -45,9 +45,7 @@ class ScaledProgram:
     def slopes(self, z: np.ndarray) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
         """Objective and limits, and their derivatives. **Raises** `StandsStill`, `UselessSlopes`."""
         self._move(z)
-        point = self.program.at(np.exp(z), True)
-        check_slopes(self.program, point)
-        return self.slopes_of(point)
+        return self.slopes_of(followed(self.program, self.program.at(np.exp(z), True)))
 
     def values_of(self, point: Evaluation) -> tuple[float, np.ndarray]:
         """Objective and limits of an evaluated point."""
