@@ -110,7 +110,7 @@ def _interruption(design) -> bool:
 
 
 def _verify(study, design, client: Any, bar: Progress, pace: Pace):
-    """The certificate, with how long it will take said before and how far it has come said on the way."""
+    """The design and its certificate, with how long it will take said before and how far it has come on the way."""
     from clearance_jax.design.verify import expected_evaluations
 
     count = expected_evaluations(pace.count, design.specification.manufacture.among, **study.verify)
@@ -122,7 +122,7 @@ def _verify(study, design, client: Any, bar: Progress, pace: Pace):
         bar.update(bar.task_ids[0], description=f"verifying, evaluation {done.count} of some {count}")
 
     bar.update(bar.task_ids[0], description="verifying, compiling")
-    return design.verify(**study.verify, cluster=client, progress=progress)
+    return design.certified(**study.verify, cluster=client, progress=progress)
 
 
 def _explain(study, design, verify: bool, client: Any, report: bool, bar: Progress, pace: Pace):
@@ -143,7 +143,9 @@ def _explain(study, design, verify: bool, client: Any, report: bool, bar: Progre
 
     try:
         if design.feasible and verify:
-            certificate = _verify(study, design, client, bar, pace)
+            before, (design, certificate) = design, _verify(study, design, client, bar, pace)
+            if design.evaluation is not before.evaluation:
+                say(str(design))
             say(str(certificate))
     except KeyboardInterrupt:
         found = known_findings(design)

@@ -12,7 +12,7 @@ from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.methods import Method, cobyqa
 from clearance_jax.design.optimality import optimality
 from clearance_jax.design.program import Program
-from clearance_jax.design.scaling import ROUND_OFF, StandsStill
+from clearance_jax.design.scaling import FLOOR, ROUND_OFF, StandsStill
 
 # A residual of the conditions of optimality below which slopes have not misled.
 SETTLED = 0.05
@@ -60,14 +60,14 @@ def _outwards(program: Program, gradient: bool) -> None:
     best = _best(program)
     z, way = np.log(best.x), _gaining(program, best)
     end = float(_room(program, best, way).max())
-    low, high, step, narrow = (0.0, _excess(best)), None, STEP, np.inf
+    low, high, step, narrow = (0.0, _excess(program, best)), None, STEP, np.inf
     while low[0] < end and (high is None or (low[1] < -MET and high[0] - low[0] > SHORT)):
         if high is None:
             # Errors grow about as clearances do.
             s, step = min(low[0] + max(step, -1.01 * low[1]), end), LONGER * step
         else:
             s, narrow = _between(low, high, narrow), high[0] - low[0]
-        value = _excess(program.at(np.exp(z + s * way), gradient))
+        value = _excess(program, program.at(np.exp(z + s * way), gradient))
         low, high = ((s, value), high) if value <= 0 else (low, (s, value))
 
 
@@ -81,9 +81,9 @@ def _between(low: tuple[float, float], high: tuple[float, float], before: float)
     return low[0] + width * float(np.clip(share, 0.02, 0.98))
 
 
-def _excess(point: Evaluation) -> float:
+def _excess(program: Program, point: Evaluation) -> float:
     """The most violated limit as a logarithm, in which errors are nearly proportional to clearances."""
-    return float(np.log(max(1 + point.worst, 1e-3)))
+    return float(np.log(max(1 + point.worst, FLOOR))) + program.inside
 
 
 def _room(program: Program, best: Evaluation, way: np.ndarray) -> np.ndarray:

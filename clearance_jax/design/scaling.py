@@ -9,8 +9,6 @@ from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.program import Program
 from clearance_jax.design.slopes import followed
 
-# Where an active limit is aimed at, in shares of its bound: inside, by less than anything else in the answer counts.
-INSIDE = 1e-10
 # Share of its bound below which a limit is as good as zero.
 FLOOR = 1e-3
 # Points that differ by less in logarithms are the same to round-off; after so many of them a search stands still.
@@ -78,4 +76,4 @@ class ScaledProgram:
         return float(np.nan_to_num(np.log(max(share, 1e-12)) if self.positive else share, nan=1e2))
 
     def _limits(self, point: Evaluation) -> np.ndarray:
-        return np.nan_to_num(np.log(np.maximum(1 + point.limits, FLOOR)), nan=1e1) + INSIDE
+        return np.nan_to_num(np.log(np.maximum(1 + point.limits, FLOOR)), nan=1e1) + self.program.inside
