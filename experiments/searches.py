@@ -11,7 +11,7 @@ the bound is compared with the answer of the search:
 
 - *short*: by which part of the best value (clearance, or cost) the answer is worse. A negative number says that the
   answer is better than the best place of the sweep, which has gaps between its places.
-- *over*: by which part of its bound the error of the answer exceeds it, by the judge. The search itself held its limits.
+- *over*: by which part of its bound the error of the answer exceeds it, by the judge. The search held its limits.
 
 `SHORT` is the part that is allowed; what exceeds it is listed.
 """
@@ -51,7 +51,13 @@ KINDS = {
     "slider-crank": Kind("slider_crank", "piston", ("wrist.radial_clearance",), 600.0, 3.0, 7, 10),
     "four-bar": Kind("four_bar", "tip", ("knuckle.radial_clearance",), 150.0, 1.5, 7, 10),
     "slider-crank, two": Kind(
-        "slider_crank_two_clearances", "piston", ("crankpin.radial_clearance", "wrist.radial_clearance"), 600.0, 1.5, 6, 10
+        "slider_crank_two_clearances",
+        "piston",
+        ("crankpin.radial_clearance", "wrist.radial_clearance"),
+        600.0,
+        1.5,
+        6,
+        10,
     ),
 }
 
@@ -121,7 +127,8 @@ def _compare(name: str, kind: Kind, mechanism: cj.Mechanism, speed: float, judge
         inside = np.flatnonzero(np.all((places > 3e-5) & (places < 5e-4), axis=1))
         bound = float(errors[rng.choice(inside)] * rng.uniform(0.97, 1.03))
         start = np.exp(rng.uniform(np.log(LOWER), np.log(UPPER), n))
-        design = asked(kind, mechanism, speed, bound).solve(start=dict(zip(kind.variables, start.tolist(), strict=True)))
+        begin = dict(zip(kind.variables, start.tolist(), strict=True))
+        design = asked(kind, mechanism, speed, bound).solve(start=begin)
         x = design.evaluation.x
         centre = places[np.argmin(np.where(errors <= bound, value(places), np.inf))]
         near = np.clip(_grid(centre * (1 - AROUND[n]), centre * (1 + AROUND[n]), ABOUT[n]), LOWER, UPPER)
@@ -129,7 +136,8 @@ def _compare(name: str, kind: Kind, mechanism: cj.Mechanism, speed: float, judge
         tried, tried_errors = np.concatenate([places, near]), np.concatenate([errors, of_near[:-1]])
         best = tried[np.argmin(np.where(tried_errors <= bound, value(tried), np.inf))]
         short = float((value(x) - value(best)) / abs(value(best))) if design.feasible else np.inf
-        yield Row(name, speed, bound, x, best, short, float(of_near[-1] / bound - 1), design.program.solves, _said(design))
+        over = float(of_near[-1] / bound - 1)
+        yield Row(name, speed, bound, x, best, short, over, design.program.solves, _said(design))
 
 
 def asked(kind: Kind, mechanism: cj.Mechanism, speed: float, bound: float) -> ToleranceProblem:
@@ -151,10 +159,9 @@ def _tell(rows: list[Row]) -> None:
     for name in dict.fromkeys(row.kind for row in rows):
         own = [row for row in rows if row.kind == name]
         short, over, solves = (np.array([getattr(row, n) for row in own]) for n in ("short", "over", "solves"))
-        lines.append(
-            [name, len(own), int(np.sum(short > SHORT)), f"{np.median(short):.2%}", f"{short.max():.2%}"]
-            + [int(np.sum(over > 0)), f"{over.max():.1e}", f"{np.median(solves):.0f}", solves.max()]
-        )
+        found = [int(np.sum(short > SHORT)), f"{np.median(short):.2%}", f"{short.max():.2%}"]
+        judged = [int(np.sum(over > 0)), f"{over.max():.1e}"]
+        lines.append([name, len(own), *found, *judged, f"{np.median(solves):.0f}", solves.max()])
     head = ["problems of", "count", f"short by more than {SHORT:.0%}", "median", "largest"]
     table([*head, "over the bound", "by at most", "evaluations, median", "most"], lines, output("searches.md"))
     for row in (row for row in rows if row.short > SHORT):

@@ -38,11 +38,14 @@ def is_settled(program: Program, method: Method) -> bool:
 
 
 def by_values(program: Program, method: Method) -> bool:
-    """Search on from the best design that holds, by values alone, and say so; not if it is decided."""
+    """Search on from the best design that holds, by values alone, and say so; not if it is decided.
+
+    Of a program with a cheaper one beside it, whose evaluations are dear, only along a line.
+    """
     if is_settled(program, method):
         return False
     _outwards(program, method.gradients)
-    if len(program.names) > 1 and not is_settled(program, method):
+    if len(program.names) > 1 and program.cheap is None and not is_settled(program, method):
         with suppress(StandsStill):
             cobyqa(program, _best(program).x, LEAST_RADIUS, radius=RADIUS, most=EACH * len(program.names))
         _outwards(program, method.gradients)

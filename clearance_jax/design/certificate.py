@@ -7,7 +7,6 @@ import numpy as np
 from clearance_jax.design.manufacture import YieldEstimate
 from clearance_jax.units import format_quantity
 
-
 # A limit counts as held in a fresh simulation if it is violated by no more than this share of its bound.
 HELD = 1e-6
 

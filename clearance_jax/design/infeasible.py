@@ -68,11 +68,11 @@ def _carried(specification: Specification, program: Program, title: str) -> str:
     """What the ideal mechanism says of a limit on a force or an acceleration, at the smallest clearances."""
     limit = next((one for one in specification.limits if one.title == title), None)
     signal = None if limit is None else getattr(limit.metric.base_metric, "signal", None)
-    if not isinstance(signal, CARRIED) or specification.manufacture.title:
+    plain = all(name.endswith(CLEARANCE) for name in specification.variables) and not specification.manufacture.title
+    if not isinstance(signal, CARRIED) or not plain:
         return ""
-    rows = np.flatnonzero(np.array(program.groups) == title)
-    near = min((p for p in program.history if np.isfinite(p.worst)), key=lambda p: float(p.limits[rows].max()))
-    return carried_words(specification, program, near, int(rows[np.argmax(near.limits[rows])]))
+    rows, solved = np.flatnonzero(np.array(program.groups) == title), program.at(program.lower)
+    return carried_words(specification, program, solved, int(rows[np.argmax(solved.limits[rows])]))
 
 
 def _posed(specification: Specification, program: Program, title: str) -> str:
@@ -132,7 +132,7 @@ def _seen(program: Program, points: list[Evaluation], title: str, least: float) 
     if parts is None:
         return f"{said}. Loosen it, or widen the bounds of the variables"
     if np.abs(parts) @ np.log(program.upper / program.lower) < np.log(1 + least):
-        return f"{said}, and as they change it no variables will: loads, drives or other numbers of the joints decide it"
+        return f"{said}, and by what they change no variables will: loads, drives or other numbers decide it"
     i = int(np.argmax(np.abs(parts)))
     way = "smaller" if parts[i] > 0 else "larger"
     return f"{said}. A {way} `{program.names[i]}` helps most; let it go further, or loosen the bound"

@@ -112,8 +112,8 @@ def carried_words(specification: Specification, program: Program, solved: Evalua
     if light < 0.5 * carried:
         return text + "the weight of the parts decides it. Lighter parts help, or a looser bound."
     return text + (
-        f"loads and the inertia of the motion decide it ({format_quantity(light, unit, 3)} without weight). A slower or "
-        "smoother motion, lighter parts or smaller loads help, or a looser bound."
+        f"loads and the inertia of the motion decide it ({format_quantity(light, unit, 3)} without weight). A slower "
+        "or smoother motion, lighter parts or smaller loads help, or a looser bound."
     )
 
 

@@ -12,7 +12,7 @@ from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.formulation import formulate
 from clearance_jax.design.methods import Method
 from clearance_jax.design.optimality import optimality
-from clearance_jax.design.program import Program
+from clearance_jax.design.program import BudgetSpent, Program
 from clearance_jax.design.repair import feasible_neighbour
 from clearance_jax.design.run import INTERRUPTED, run
 from clearance_jax.design.scenarios import scenarios_of
@@ -70,9 +70,12 @@ def moved_inside(
         inner = program
         for name, part in tightened.items():
             inner = inner.with_bound(name, 1 - part)
-        # Smaller clearances first: that costs a solve, and a hair of the objective.
-        if feasible_neighbour(inner, point.x, method.gradients) is None:
-            run(inner, method, point.x)
+        try:
+            # Smaller clearances first: that costs a solve, and a hair of the objective.
+            if feasible_neighbour(inner, point.x, method.gradients) is None:
+                _run(inner, method, point.x)
+        except BudgetSpent:
+            break
         if inner.best is None:
             break
         point = program.at(inner.best.x, method.gradients)
@@ -100,8 +103,9 @@ def certify(
     **Arguments:** `least` (n,): the other end of what is made, which must hold too; `sweep`: scalings at which the
     limits are looked at between a tenth of the design and the bounds; `starts`: random starts of the same method;
     `reoptimise`: check the prices by solving again with changed bounds; `samples`: fresh ones for a `Yield`; `solver`:
-    which one (default: another than the design's); `fresh`: what `judge_of` gives, if it is there; `place`: where many simulations are solved; `progress`: called with
-    each evaluation, of which there will be about `expected_evaluations`.
+    which one (default: another than the design's); `fresh`: what `judge_of` gives, if it is there; `place`: where many
+    simulations are solved; `progress`: called with each evaluation, of which there will be about
+    `expected_evaluations`.
     """
     solver, rtol = _judging(specification, solver)
     fresh = fresh or judge_of(specification, solver, place, progress)

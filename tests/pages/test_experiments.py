@@ -21,6 +21,7 @@ from experiments import (
     quasi_static,
     robots,
     scalar,
+    searches,
     settled_starts,
     sweeps,
     wear_jumps,
@@ -197,6 +198,19 @@ def test_quasi_static():
     assert not any(quasi_static.broken(row) for row in rows)
     # What was measured is read and not measured again.
     assert quasi_static.main(quick=True) == rows
+
+
+@pytest.mark.slow
+def test_searches_against_sweeps():
+    rows = searches.main(quick=True)
+    assert len(rows) == 3
+    for row in rows:
+        assert row.short < searches.SHORT, row
+        assert row.over < 1e-5, row
+        assert row.solves < 30
+    # Answers are near the bound, and do not come from the sweep.
+    assert max(row.short for row in rows) > -searches.SHORT
+    assert not any(np.array_equal(row.x, row.best) for row in rows)
 
 
 def test_settled_starts():
