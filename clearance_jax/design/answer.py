@@ -125,7 +125,9 @@ class Design:
             parts = ", ".join(f"{name} by {part:.1e} of its bound" for name, part in tightened.items())
             moved = f"moved inside, as another solver judges: {parts}" * bool(parts)
             note = "; ".join(text for text in (self.note, moved) if text)
-            design = dataclasses.replace(self, evaluation=point, note=note)
+            # What was moved on purpose still decides.
+            method = self.method._replace(slack=self.method.slack + max(tightened.values(), default=0.0))
+            design = dataclasses.replace(self, evaluation=point, note=note, method=method)
             return design, design._certificate(place, fresh=fresh, **options)
 
     def _certificate(self, place: Place, **options: Any) -> Certificate:

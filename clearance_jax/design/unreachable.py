@@ -85,8 +85,9 @@ def floor_words(specification: Specification, program: Program, solved: Evaluati
     if not getattr(signal, "needs_ideal", False) or unposed(specification.nominal()):
         return ""
     cheap = program.cheap or formulate(specification.judged_by(QUASI_STATIC))
-    posed = cheap.at(program.lower, True)
-    if not 0 < posed.limits[int(program.leaders[k])] < np.inf:
+    posed, leader = cheap.at(program.lower, True), int(program.leaders[k])
+    assert posed.jacobian is not None
+    if not 0 < posed.limits[leader] < np.inf or posed.jacobian[leader] @ posed.x < 0:
         return ""
     return unreachable_words(specification, program, posed, solved, k)
 
@@ -105,15 +106,18 @@ def carried_words(specification: Specification, program: Program, solved: Evalua
     carried = _carried(specification, limit, ideal)
     if not carried > SURE * limit.bound:
         return ""
-    unit = limit.metric.unit
-    text = f"no clearances hold {program.limit_names[k]}. At the smallest ones it is {_value(limit, solved.limits[k])} "
-    text += f"of at most {_value(limit, 0.0)}, and without any clearance {format_quantity(carried, unit, 3)}: "
+    least, bound, carries = (
+        format_quantity(value, limit.metric.unit, 4)
+        for value in (float((1 + solved.limits[k]) * limit.bound), limit.bound, carried)
+    )
+    text = f"no clearances hold {program.limit_names[k]}. At the smallest ones it is {least} of at most {bound}, and "
+    text += f"without any clearance {carries}: "
     light = _carried(specification, limit, dataclasses.replace(ideal, gravity=NO_GRAVITY))
     if light < 0.5 * carried:
         return text + "the weight of the parts decides it. Lighter parts help, or a looser bound."
     return text + (
-        f"loads and the inertia of the motion decide it ({format_quantity(light, unit, 3)} without weight). A slower "
-        "or smoother motion, lighter parts or smaller loads help, or a looser bound."
+        f"loads and the inertia of the motion decide it ({format_quantity(light, limit.metric.unit, 4)} without "
+        "weight). A slower or smoother motion, lighter parts or smaller loads help, or a looser bound."
     )
 
 

@@ -34,11 +34,11 @@ def test_an_impossible_bound_names_the_joint_and_what_would_help(hopeless):
     said = str(hopeless)
     assert said.startswith("NO FEASIBLE DESIGN: piston")
     assert "not held: piston" in said
-    assert "no clearances within their bounds hold piston" in hopeless.note
-    assert "by quasi-static poses" in hopeless.note
-    assert "without any clearance, by the elasticity of the contacts alone" in hopeless.note
-    assert "Joint `wrist` contributes most" in hopeless.note
-    assert "a longer sleeve, a larger pin" in hopeless.note
+    assert "no clearances within their bounds hold piston" in hopeless.stop_reason
+    assert "by quasi-static poses" in hopeless.stop_reason
+    assert "without any clearance, by the elasticity of the contacts alone" in hopeless.stop_reason
+    assert "Joint `wrist` contributes most" in hopeless.stop_reason
+    assert "a longer sleeve, a larger pin" in hopeless.stop_reason
     # The nearest design is kept.
     assert np.allclose(hopeless.evaluation.x, 1e-5)
 

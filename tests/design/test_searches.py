@@ -113,7 +113,9 @@ def test_a_search_goes_on_to_the_limit_or_to_the_bounds(gradients):
         program.at(np.array(x), gradients)
     assert by_values(program, SLSQP._replace(gradients=gradients))
     assert program.best is not None
-    assert_allclose(program.best.x, [0.5, 1e-3], rtol=2e-3)
+    assert_allclose(program.best.x[0], 0.5, rtol=2e-3)
+    assert program.best.x[1] < 0.02
+    assert_allclose(program.best.objective, 2.001, rtol=0.01)
     assert not by_values(program, SLSQP._replace(gradients=gradients))
 
 
@@ -204,8 +206,8 @@ def test_a_force_below_the_ideal_reaction_is_refused_before_the_search():
     said = unreachable(asked, program, np.array([1e-4]), True)
     assert said.startswith("stopped before the search: no clearances hold wrist")
     assert program.solves == 2
-    stated = float(said.split("without any clearance ")[1].split(" kN")[0])
-    assert_allclose(1e3 * stated, reaction(), rtol=5e-3)
+    stated = float(said.split("without any clearance ")[1].split(" N")[0])
+    assert_allclose(stated, reaction(), rtol=1e-3)
     assert "inertia of the motion decide it" in said
     assert "smaller clearance" not in said
     # A search that has ended says the same.
