@@ -83,11 +83,12 @@ def main(quick: bool = False) -> list[Row]:
     rng, rows = np.random.default_rng(SEED), []
     for name, kind in kinds.items():
         mechanism = cj.load(SCENES / f"{kind.scene}.toml")
-        judged = judge_of(kind, mechanism)
+        judged, own = judge_of(kind, mechanism), []
         for speed in kind.speed * rng.uniform(0.3, 1.0, kind.speeds):
-            rows += list(_compare(name, kind, cj.replace(mechanism, {"drive.main.speed": speed}), speed, judged, rng))
-            print(f"{name}, {speed:.4g} rad/s: {len(rows)} problems", flush=True)
-    _tell(rows)
+            own += list(_compare(name, kind, cj.replace(mechanism, {"drive.main.speed": speed}), speed, judged, rng))
+            print(f"{name}, {speed:.4g} rad/s: {len(own)} problems", flush=True)
+        _tell(name, own)
+        rows += own
     return rows
 
 
@@ -154,16 +155,15 @@ def _said(design: Design) -> str:
     return "; ".join(text for text in (design.lack, design.stop_reason, design.note) if text)
 
 
-def _tell(rows: list[Row]) -> None:
-    lines = []
-    for name in dict.fromkeys(row.kind for row in rows):
-        own = [row for row in rows if row.kind == name]
-        short, over, solves = (np.array([getattr(row, n) for row in own]) for n in ("short", "over", "solves"))
-        found = [int(np.sum(short > SHORT)), f"{np.median(short):.2%}", f"{short.max():.2%}"]
-        judged = [int(np.sum(over > 0)), f"{over.max():.1e}"]
-        lines.append([name, len(own), *found, *judged, f"{np.median(solves):.0f}", solves.max()])
+def _tell(name: str, rows: list[Row]) -> None:
+    """The problems of one mechanism in a line, and those whose answers are short."""
+    short, over, solves = (np.array([getattr(row, n) for row in rows]) for n in ("short", "over", "solves"))
+    found = [int(np.sum(short > SHORT)), f"{np.median(short):.2%}", f"{short.max():.2%}"]
+    judged = [int(np.sum(over > 0)), f"{over.max():.1e}"]
     head = ["problems of", "count", f"short by more than {SHORT:.0%}", "median", "largest"]
-    table([*head, "over the bound", "by at most", "evaluations, median", "most"], lines, output("searches.md"))
+    head += ["over the bound", "by at most", "evaluations, median", "most"]
+    path = output(f"searches_{name.replace(', ', '_')}.md")
+    table(head, [[name, len(rows), *found, *judged, f"{np.median(solves):.0f}", solves.max()]], path)
     for row in (row for row in rows if row.short > SHORT):
         at, best = (", ".join(f"{1e6 * c:.2f}" for c in x) for x in (row.x, row.best))
         say(
