@@ -1,4 +1,4 @@
-"""Searches for designs against sweeps: `python -m experiments.searches` writes out/searches.md.
+"""Searches for designs against sweeps: `python -m experiments.searches` writes out/searches_*.md.
 
 200 problems of three mechanisms: how large may the clearance of a slider-crank's wrist or of a four-bar's knuckle be,
 and which clearances of a slider-crank with two such joints are the cheapest (costs are proportional to 1 / clearance),
