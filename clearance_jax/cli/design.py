@@ -126,7 +126,7 @@ def _interruption(design) -> bool:
 
 
 def _verify(study, design, client: Any, shown: Shown, pace: Pace):
-    """The certificate, with how long it will take said before and how far it has come said on the way."""
+    """The design and its certificate, with how long it will take said before and how far it has come on the way."""
     from clearance_jax.design.verify import expected_evaluations
 
     count = expected_evaluations(pace.count, design.specification.manufacture.among, **study.verify)
@@ -138,7 +138,7 @@ def _verify(study, design, client: Any, shown: Shown, pace: Pace):
         shown.update(f"judge: evaluation {done.count} of some {count}")
 
     shown.phase("judge: compiling")
-    return design.verify(**study.verify, cluster=client, progress=progress)
+    return design.certified(**study.verify, cluster=client, progress=progress)
 
 
 def _explain(study, design, verify: bool, client: Any, report: bool, trade: dict | None, shown: Shown, pace: Pace):
@@ -162,7 +162,9 @@ def _explain(study, design, verify: bool, client: Any, report: bool, trade: dict
 
     try:
         if design.feasible and verify:
-            certificate = _verify(study, design, client, shown, pace)
+            before, (design, certificate) = design, _verify(study, design, client, shown, pace)
+            if design.evaluation is not before.evaluation:
+                say(str(design))
             say(str(certificate))
     except KeyboardInterrupt:
         found = known_findings(design)

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from clearance_jax.ask.place import place_of
+from clearance_jax.ask.place import Place, place_of
 from clearance_jax.design.certificate import Certificate
 from clearance_jax.design.classes import ChosenClasses, least_ends
 from clearance_jax.design.evaluate import fresh_yield
@@ -13,12 +13,12 @@ from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.methods import Method
 from clearance_jax.design.program import Program
 from clearance_jax.design.specification import Specification
-from clearance_jax.design.verify import certify
+from clearance_jax.design.verify import certify, judge_of, moved_inside
 from clearance_jax.design.yields import YieldEstimate
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.parameters import replace
-from clearance_jax.solve.settings import DYNAMICS
+from clearance_jax.solve.settings import DYNAMICS, QUASI_STATIC
 from clearance_jax.units import format_quantity
 
 
@@ -106,15 +106,39 @@ class Design:
 
         **Raises:** `ClearanceError` where the design is not feasible.
         """
+        with place_of(cluster) as place:
+            return self._certificate(place, **options)
+
+    def certified(self, cluster: Any = None, **options: Any) -> tuple["Design", Certificate]:
+        """The design and its certificate. A design whose limits exceed their bounds in the fresh simulation by no more
+        than two solves differ is first moved inside, until they hold there too; its note then says by how much.
+
+        Arguments, and what it raises, as of `verify`. A design of chosen classes, or by quasi-static poses, stays.
+        """
+        asked = self.specification
+        fixed = self.classes is not None or asked.fidelity == QUASI_STATIC or asked.manufacture.among
+        with place_of(cluster) as place:
+            if fixed or not self.feasible:
+                return self, self._certificate(place, **options)
+            fresh = judge_of(asked, options.get("solver"), place, options.get("progress"))
+            point, tightened = moved_inside(self.program, self.method, self.evaluation, fresh)
+            parts = ", ".join(f"{name} by {part:.1e} of its bound" for name, part in tightened.items())
+            moved = f"moved inside, as another solver judges: {parts}" * bool(parts)
+            note = "; ".join(text for text in (self.note, moved) if text)
+            # What was moved on purpose still decides.
+            method = self.method._replace(slack=self.method.slack + max(tightened.values(), default=0.0))
+            design = dataclasses.replace(self, evaluation=point, note=note, method=method)
+            return design, design._certificate(place, fresh=fresh, **options)
+
+    def _certificate(self, place: Place, **options: Any) -> Certificate:
         if not self.feasible:
             raise ClearanceError(f"There is no feasible design to verify: {self.lack}.")
         if self.classes is not None and (options.get("starts") or options.get("reoptimise")):
             raise ClearanceError("Of chosen classes neither other starts nor prices are looked for: leave these out.")
-        with place_of(cluster) as place:
-            least = None
-            if self.classes is not None:
-                least = least_ends(self.program.names, self.evaluation.x, self.classes.chosen)
-            found = certify(self.specification, self.method, self.evaluation, least=least, place=place, **options)
+        least = None
+        if self.classes is not None:
+            least = least_ends(self.program.names, self.evaluation.x, self.classes.chosen)
+        found = certify(self.specification, self.method, self.evaluation, least=least, place=place, **options)
         optimality = "" if self.classes is None else self.classes.optimality
         return dataclasses.replace(found, optimality=optimality)
 

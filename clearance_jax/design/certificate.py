@@ -7,6 +7,9 @@ import numpy as np
 from clearance_jax.design.yields import YieldEstimate
 from clearance_jax.units import format_quantity
 
+# A limit counts as held in a fresh simulation if it is violated by no more than this share of its bound.
+HELD = 1e-6
+
 
 @dataclasses.dataclass(frozen=True)
 class Certificate:
@@ -56,7 +59,7 @@ class Certificate:
         """Whether the limits hold in the fresh simulation, to a millionth of their bounds; of chosen classes at both
         ends.
         """
-        return self.worst <= 1e-6 and (self.least is None or self.least <= 1e-6)
+        return self.worst <= HELD and (self.least is None or self.least <= HELD)
 
     @property
     def yields(self) -> bool:
@@ -68,7 +71,7 @@ class Certificate:
             f"{name} = {format_quantity(value, unit)}"
             for (name, unit), value in zip(self.names.items(), self.x, strict=True)
         )
-        greatest = self.worst <= 1e-6
+        greatest = self.worst <= HELD
         verdict = "The limits hold" if greatest else "THE LIMITS DO NOT HOLD"
         met = f"meet it at {self.scale:.9f} times the design"
         if np.isnan(self.scale):
@@ -79,7 +82,7 @@ class Certificate:
             f"{1 + self.worst:.9f} of its bound.",
         ]
         if self.least is not None:
-            verdict = "the limits hold" if self.least <= 1e-6 else "THE LIMITS DO NOT HOLD"
+            verdict = "the limits hold" if self.least <= HELD else "THE LIMITS DO NOT HOLD"
             lines.append(
                 f"  With every clearance at the least of its class {verdict}: {1 + self.least:.9f} of the bound."
             )

@@ -11,7 +11,7 @@ from clearance_jax.ask.place import HERE, Place
 from clearance_jax.design.evaluate import FEW, Simulations, simulations_of
 from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.manufacture import AsDesigned
-from clearance_jax.design.program import Program
+from clearance_jax.design.program import INSIDE, Program
 from clearance_jax.design.scenarios import Scenario, scenarios_of
 from clearance_jax.design.specification import AUTO, Specification
 from clearance_jax.errors import ClearanceError
@@ -19,6 +19,9 @@ from clearance_jax.metrics.reductions import Peak
 from clearance_jax.runs.identity import numbers, short, versions
 from clearance_jax.runs.identity import settings as in_words
 from clearance_jax.solve.settings import QUASI_STATIC
+
+# By which share of their bounds limits stay inside, over the tolerance of the solves: about what two solvers differ by.
+RESOLVED = 0.3
 
 
 def formulate(
@@ -85,6 +88,7 @@ def _program(specification: Specification, simulations: Simulations, **options: 
         several=None if place.client is None else several,
         fidelity=specification.judge,
         leaders=_leaders(specification, simulations, len(titles)),
+        inside=max(INSIDE, RESOLVED * float(simulations.solve.rtol)),
         **{"identity": _identity(specification, simulations), **options},
     )
     return program

@@ -7,7 +7,7 @@ from clearance_jax.design.formulation import formulate, unposed
 from clearance_jax.design.program import Program
 from clearance_jax.design.scenarios import scenarios_of
 from clearance_jax.design.specification import Specification
-from clearance_jax.design.unreachable import CLEARANCE, unreachable_words
+from clearance_jax.design.unreachable import CARRIED, CLEARANCE, carried_words, unreachable_words
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.signals import PositionError
@@ -32,7 +32,8 @@ def why_infeasible(specification: Specification, program: Program) -> str:
             f"other. Loosen one of {', '.join(f'`{title}`' for title in least)}, or let the variables go further"
         )
     title = max(never, key=lambda one: least[one])
-    return _posed(specification, program, title) or _seen(program, finite, title, least[title])
+    said = _carried(specification, program, title) or _posed(specification, program, title)
+    return said or _seen(program, finite, title, least[title])
 
 
 def _least(program: Program, points: list[Evaluation]) -> dict[str, float]:
@@ -61,6 +62,17 @@ def _ending(specification: Specification, mechanism: Mechanism) -> str:
     except ClearanceError as error:
         return f"a solve says: {error}"
     return "" if bool(found.succeeded) else found.message
+
+
+def _carried(specification: Specification, program: Program, title: str) -> str:
+    """What the ideal mechanism says of a limit on a force or an acceleration, at the smallest clearances."""
+    limit = next((one for one in specification.limits if one.title == title), None)
+    signal = None if limit is None else getattr(limit.metric.base_metric, "signal", None)
+    plain = all(name.endswith(CLEARANCE) for name in specification.variables) and not specification.manufacture.title
+    if not isinstance(signal, CARRIED) or not plain:
+        return ""
+    rows, solved = np.flatnonzero(np.array(program.groups) == title), program.at(program.lower)
+    return carried_words(specification, program, solved, int(rows[np.argmax(solved.limits[rows])]))
 
 
 def _posed(specification: Specification, program: Program, title: str) -> str:
@@ -113,15 +125,24 @@ def _seen(program: Program, points: list[Evaluation], title: str, least: float) 
     """What the evaluated designs say of a limit that none of them holds."""
     rows = np.flatnonzero(np.array(program.groups) == title)
     said = f"of {len(points)} designs that were evaluated none has {title} below {1 + least:.4g} times its bound"
-    steep = [p for p in points if p.jacobian is not None]
-    if not steep:
+    near = min(points, key=lambda p: float(p.limits[rows].max()))
+    parts = _by_values(points, rows)
+    if parts is None and near.jacobian is not None:
+        parts = near.jacobian[int(rows[np.argmax(near.limits[rows])])] * near.x
+    if parts is None:
         return f"{said}. Loosen it, or widen the bounds of the variables"
-    near = min(steep, key=lambda p: float(p.limits[rows].max()))
-    k = int(rows[np.argmax(near.limits[rows])])
-    assert near.jacobian is not None
-    parts = near.jacobian[k] * near.x
-    if np.abs(parts) @ np.log(program.upper / program.lower) < near.limits[k]:
-        return f"{said}, and by its slopes no variables will: loads, drives or other numbers of the joints decide it"
+    if np.abs(parts) @ np.log(program.upper / program.lower) < np.log(1 + least):
+        return f"{said}, and by what they change no variables will: loads, drives or other numbers decide it"
     i = int(np.argmax(np.abs(parts)))
     way = "smaller" if parts[i] > 0 else "larger"
     return f"{said}. A {way} `{program.names[i]}` helps most; let it go further, or loosen the bound"
+
+
+def _by_values(points: list[Evaluation], rows: np.ndarray) -> np.ndarray | None:
+    """The exponents of a limit as a product of powers of the variables, fitted to values; nothing where the points are
+    too few. Slopes may be those of a chaotic motion.
+    """
+    logs = np.log([p.x for p in points])
+    values = np.log([max(1 + float(p.limits[rows].max()), 1e-300) for p in points])
+    found, _, rank, _ = np.linalg.lstsq(logs - logs.mean(0), values - values.mean(), rcond=1e-6)
+    return found if rank == logs.shape[1] and len(points) > rank + 1 else None

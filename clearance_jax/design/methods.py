@@ -24,7 +24,8 @@ class Method(NamedTuple):
 
     - `name`; `solve`: `solve(program, start, **options)` returns why it stopped early, or nothing.
     - `gradients`: whether it uses them; `extra`: the extra of this library that it needs.
-    - `slack`: to which share of their bounds it meets limits.
+    - `slack`: to which share of their bounds it meets limits; `is_mean`: whether its answer is the mean of many points,
+      which no search of the program's own samples may move.
     """
 
     name: str
@@ -32,6 +33,7 @@ class Method(NamedTuple):
     gradients: bool = True
     extra: str = ""
     slack: float = 1e-3
+    is_mean: bool = False
 
 
 def slsqp(program: Program, start: np.ndarray, tolerance: float = 1e-10) -> str:
@@ -44,9 +46,13 @@ def trust_constr(program: Program, start: np.ndarray, tolerance: float = 1e-10) 
     return _scipy(program, start, "trust-constr", {"gtol": tolerance, "xtol": 1e-12, "maxiter": 500})
 
 
-def cobyqa(program: Program, start: np.ndarray, tolerance: float = 1e-6) -> str:
-    """Quadratic models without gradients (Ragonneau 2022), scipy's."""
-    return _scipy(program, start, "COBYQA", {"final_tr_radius": tolerance, "maxfev": 5000})
+def cobyqa(
+    program: Program, start: np.ndarray, tolerance: float = 1e-6, radius: float = 1.0, most: int = 5000
+) -> str:
+    """Quadratic models without gradients (Ragonneau 2022), scipy's; the first one within a `radius` in logarithms."""
+    return _scipy(
+        program, start, "COBYQA", {"final_tr_radius": tolerance, "initial_tr_radius": radius, "maxfev": most}
+    )
 
 
 def _scipy(program: Program, start, method: str, options: dict) -> str:
@@ -111,7 +117,7 @@ METHODS = {
     for method in (
         Method("slsqp", slsqp),
         Method("trust-constr", trust_constr),
-        Method("stochastic-approximation", stochastic_approximation),
+        Method("stochastic-approximation", stochastic_approximation, is_mean=True),
         Method("cobyqa", cobyqa, gradients=False),
         Method("cma-es", cma_es, gradients=False, extra="cma"),
     )

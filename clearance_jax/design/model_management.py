@@ -21,7 +21,7 @@ from clearance_jax.design.optimality import optimality
 from clearance_jax.design.program import Program
 from clearance_jax.design.repair import feasible_neighbour, nearly_best
 from clearance_jax.design.scaling import ScaledProgram, StandsStill
-from clearance_jax.design.slopes import UselessSlopes, check_slopes
+from clearance_jax.design.slopes import UselessSlopes, followed
 
 # The first trust region in logarithms, and the one below which the models do not agree at all.
 RADIUS, LEAST_RADIUS = 0.7, 1e-7
@@ -189,15 +189,17 @@ def _cheap_best(cheap: Program, start: np.ndarray, tolerance: float) -> Evaluati
 
 
 def _look(scaled: ScaledProgram, z: np.ndarray, leaders: np.ndarray | None = None) -> Look:
-    objective, limits, gradient, jacobian = scaled.slopes_of(scaled.program.at(np.exp(z), True))
+    return _seen(scaled, z, scaled.program.at(np.exp(z), True), leaders)
+
+
+def _seen(scaled: ScaledProgram, z: np.ndarray, point: Evaluation, leaders: np.ndarray | None = None) -> Look:
+    objective, limits, gradient, jacobian = scaled.slopes_of(point)
     rows = slice(None) if leaders is None else leaders
     return Look(z, objective, limits[rows], gradient, jacobian[rows])
 
 
 def _dear_look(program: Program, dear: ScaledProgram, z: np.ndarray) -> Look:
-    seen = _look(dear, z)
-    check_slopes(program, program.at(np.exp(z), True))
-    return seen
+    return _seen(dear, z, followed(program, program.at(np.exp(z), True)))
 
 
 def _matched(program: Program, cheap: ScaledProgram, here: Look, bend, near: bool) -> Corrected:

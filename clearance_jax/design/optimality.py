@@ -10,13 +10,15 @@ from clearance_jax.design.program import Program
 ACTIVE = 1e-4
 
 
-def optimality(program: Program, at: Evaluation) -> tuple[float, np.ndarray]:
-    """Residual of the conditions over the objective's gradient, and the limits' multipliers over the objective."""
+def optimality(program: Program, at: Evaluation, within: float = ACTIVE) -> tuple[float, np.ndarray]:
+    """Residual of the conditions over the objective's gradient, and the limits' multipliers over the objective; limits
+    `within` this share of their bounds are active.
+    """
     assert at.gradient is not None
     assert at.jacobian is not None
     size = max(abs(at.objective), 1e-300)
     gradient, jacobian = at.gradient * at.x / size, at.jacobian * at.x
-    active = np.flatnonzero(at.limits > -ACTIVE)
+    active = np.flatnonzero(at.limits > -within)
     walls = [(i, -1.0) for i in np.flatnonzero(at.x <= program.lower * (1 + 1e-9))]
     walls += [(i, 1.0) for i in np.flatnonzero(at.x >= program.upper * (1 - 1e-9))]
     columns = [*jacobian[active], *(sign * np.eye(len(at.x))[i] for i, sign in walls)]

@@ -21,6 +21,8 @@ from clearance_jax.solve.settings import DYNAMICS
 ROUND_OFF = 1e-14
 # Objectives that are the same to what solves resolve.
 TIE = 1e-8
+# Where an active limit is aimed at, in shares of its bound: inside, by less than anything else in the answer counts.
+INSIDE = 1e-10
 
 
 class BudgetSpent(Exception):
@@ -44,6 +46,7 @@ class Program:
     - `several`: `(points) -> Evaluations`, without gradients, where many at once are cheaper than one by one.
     - `fidelity`: the model of the motion that evaluates; a record may hold points of several.
     - `cheap`: the same problem by a cheaper model, whose points are counted by themselves (`None`: there is none).
+    - `inside`: by which share of its bound an active limit is to stay inside: more than solves differ by.
     - `leaders`: of each limit the place of one that is compared with it where models differ: of the peaks of a motion
       the highest (default: its own).
     """
@@ -66,6 +69,7 @@ class Program:
         fidelity: str = DYNAMICS,
         cheap: "Program | None" = None,
         leaders: np.ndarray | None = None,
+        inside: float = INSIDE,
     ):
         self.names, self.limit_names = tuple(names), tuple(limit_names)
         self.groups = tuple(groups or limit_names)
@@ -75,6 +79,7 @@ class Program:
                 raise ClearanceError(f"The bounds of `{name}` contradict each other: 0 < {low:g} < {high:g} must hold.")
         self._evaluate, self._fresh, self._several = evaluate, fresh, several
         self._most, self._progress, self.fidelity, self.cheap = most, progress, fidelity, cheap
+        self.inside = inside
         self.leaders = np.arange(len(self.limit_names)) if leaders is None else leaders
         self._record = None if record is None else Journal(record)
         if self._record is not None:
@@ -187,7 +192,7 @@ class Program:
         known = [shift(point) for point in self.history]
         fresh = None if self._fresh is None else lambda x, samples, seed: shift(self.fresh(x, samples, seed))
         cheap = None if self.cheap is None else self.cheap.with_bound(group, factor)
-        models: dict = {"fidelity": self.fidelity, "cheap": cheap, "leaders": self.leaders}
+        models: dict = {"fidelity": self.fidelity, "cheap": cheap, "leaders": self.leaders, "inside": self.inside}
         return Program(lambda x, gradient: shift(self.at(x, gradient)), *names, known=known, fresh=fresh, **models)
 
     def within(self, lower: np.ndarray, upper: np.ndarray) -> "Program":
@@ -224,6 +229,7 @@ class Program:
             fidelity=self.fidelity,
             cheap=None if self.cheap is None else self.cheap.within(lower, upper),
             leaders=self.leaders,
+            inside=self.inside,
         )
 
     @property

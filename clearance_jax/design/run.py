@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from clearance_jax.design.by_values import by_values, is_settled
 from clearance_jax.design.methods import Method, method_of
 from clearance_jax.design.program import BudgetSpent, Program
 from clearance_jax.design.repair import NEARLY, feasible_neighbour, nearly_best
@@ -11,7 +12,7 @@ from clearance_jax.design.slopes import UselessSlopes
 INTERRUPTED, SPENT = "interrupted", "stopped: as many evaluations as allowed"
 STILL = "stopped: the search stands still"
 USELESS = "stopped: "
-ADVICE = 'Choose `fidelity = "auto"`, or a method without gradients, such as cobyqa.'
+BY_VALUES = "So the search went on by values alone, and a better design may exist"
 
 
 def run(program: Program, method: str | Method, start: np.ndarray, **options) -> str:
@@ -28,17 +29,22 @@ def run(program: Program, method: str | Method, start: np.ndarray, **options) ->
         if program.cheap is None and not np.isfinite(program.at(start, method.gradients).worst):
             found = feasible_neighbour(program, start, method.gradients)
             start = start if found is None else found.x
-        said = method.solve(program, start, **options)
+        said, still = "", False
+        try:
+            said = method.solve(program, start, **options) or ""
+        except UselessSlopes as why:
+            said = f"{USELESS}{why}"
+            if program.cheap is not None:
+                return said
+        except StandsStill:
+            still = True
         _pull_inside(program, method.gradients)
-        return said or ""
-    except UselessSlopes as why:
-        if program.cheap is not None:
-            return f"{USELESS}{why}"
-        _pull_inside(program, method.gradients)
-        return f"{USELESS}{why}. {ADVICE}"
-    except StandsStill:
-        _pull_inside(program, method.gradients)
-        return _standing(program)
+        went_on = not method.is_mean and by_values(program, method)
+        if still:
+            return _standing(program)
+        if said and went_on:
+            return "" if is_settled(program, method) else f"{said}. {BY_VALUES}"
+        return said
     except BudgetSpent:
         return SPENT
     except KeyboardInterrupt:
@@ -50,10 +56,7 @@ def run(program: Program, method: str | Method, start: np.ndarray, **options) ->
 def _standing(program: Program) -> str:
     """What a search that stands still has come to: nothing need be said where a limit decides."""
     best = program.best
-    if best is None or np.any(best.limits > -NEARLY):
-        return ""
-    walls = np.isclose(best.x, program.lower) | np.isclose(best.x, program.upper)
-    return STILL if np.all(walls) else f"{STILL}, though neither a limit nor a bound decides"
+    return "" if best is None or np.any(best.limits > -NEARLY) else STILL
 
 
 def _pull_inside(program: Program, gradient: bool) -> None:

@@ -7,10 +7,8 @@ import numpy as np
 
 from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.program import Program
-from clearance_jax.design.slopes import check_slopes
+from clearance_jax.design.slopes import followed
 
-# Where an active limit is aimed at, in shares of its bound: inside, by less than anything else in the answer counts.
-INSIDE = 1e-10
 # Share of its bound below which a limit is as good as zero.
 FLOOR = 1e-3
 # Points that differ by less in logarithms are the same to round-off; after so many of them a search stands still.
@@ -45,9 +43,7 @@ class ScaledProgram:
     def slopes(self, z: np.ndarray) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
         """Objective and limits, and their derivatives. **Raises** `StandsStill`, `UselessSlopes`."""
         self._move(z)
-        point = self.program.at(np.exp(z), True)
-        check_slopes(self.program, point)
-        return self.slopes_of(point)
+        return self.slopes_of(followed(self.program, self.program.at(np.exp(z), True)))
 
     def values_of(self, point: Evaluation) -> tuple[float, np.ndarray]:
         """Objective and limits of an evaluated point."""
@@ -80,4 +76,4 @@ class ScaledProgram:
         return float(np.nan_to_num(np.log(max(share, 1e-12)) if self.positive else share, nan=1e2))
 
     def _limits(self, point: Evaluation) -> np.ndarray:
-        return np.nan_to_num(np.log(np.maximum(1 + point.limits, FLOOR)), nan=1e1) + INSIDE
+        return np.nan_to_num(np.log(np.maximum(1 + point.limits, FLOOR)), nan=1e1) + self.program.inside

@@ -100,6 +100,8 @@ def _continuous(
     method = method_of(method)
     if method.gradients:
         _check_derivatives(specification, x)
+    if said := _first(specification, program, x, method.gradients):
+        return _design(specification, program, method, said, note)
     stop_reason = _runs(program, method, x, starts, seed, **_options(specification, method))
     return _explained(_design(specification, program, method, stop_reason, note))
 
@@ -141,7 +143,7 @@ def _managed(
 ) -> Design:
     """The design found on poses and judged by the dynamics; where slopes of the dynamics say nothing, by values."""
     tolerance = _options(specification, MATCHED)
-    if said := _first(specification, program):
+    if said := _first(specification, program, x):
         return _design(specification, program, MATCHED, said, "")
     stop_reason = _runs(program, MATCHED, x, starts, seed, **tolerance)
     if not stop_reason.startswith(USELESS):
@@ -163,10 +165,10 @@ def _managed(
     return _design(specification, wider, MATCHED_VALUES, stop_reason, note)
 
 
-def _first(specification: Specification, program: Program) -> str:
+def _first(specification: Specification, program: Program, x: np.ndarray, gradient: bool = True) -> str:
     """Why no search need begin, in words; or why it was stopped before."""
     try:
-        return unreachable(specification, program)
+        return unreachable(specification, program, x, gradient)
     except BudgetSpent:
         return SPENT
     except KeyboardInterrupt:

@@ -1,13 +1,21 @@
 """A bound that no clearance can hold: said before anything is searched for, with what is left and what would help."""
 
+import dataclasses
+from typing import Any
+
 import numpy as np
 
 from clearance_jax.design.budget import CLOSED, RIGID
 from clearance_jax.design.evaluate import Simulations, simulations_of
 from clearance_jax.design.evaluation import Evaluation
+from clearance_jax.design.formulation import formulate, unposed
 from clearance_jax.design.program import Program
 from clearance_jax.design.scenarios import Scenario, scenarios_of
 from clearance_jax.design.specification import Limit, Specification
+from clearance_jax.dynamics.mobility import mobility
+from clearance_jax.errors import ClearanceError
+from clearance_jax.mechanism.mechanism import NO_GRAVITY, Mechanism
+from clearance_jax.metrics.signals import Acceleration, ContactForce, JointMoment, JointReaction
 from clearance_jax.parameters import parameters
 from clearance_jax.solve.settings import QUASI_STATIC
 from clearance_jax.units import format_quantity
@@ -16,16 +24,30 @@ CLEARANCE = "_clearance"
 # The numbers of a contact that its stiffness is proportional to.
 STIFFNESS = (".stiffness", "_modulus")
 
+# What the ideal mechanism has of these a mechanism with play has too, nearly or more.
+CARRIED = (ContactForce, JointReaction, JointMoment, Acceleration)
+# By how much of its bound the ideal mechanism must exceed it: friction takes a part of a load off the normal forces.
+SURE = 1.2
 
-def unreachable(specification: Specification, program: Program) -> str:
+
+def unreachable(specification: Specification, program: Program, start: np.ndarray, gradient: bool) -> str:
     """Why no design can hold a limit, in words; empty where one may.
 
-    Poses are asked first, at the smallest clearances. Where they violate a limit that grows with the clearances, the
-    dynamics are asked once.
+    The smallest clearances are asked: by poses first, if the program has them, else by the dynamics if the `start`
+    violates a limit. A limit that they violate, and that grows with the clearances, is then asked of the ideal
+    mechanism (`floor_words`).
     """
-    assert program.cheap is not None
     if not all(name.endswith(CLEARANCE) for name in specification.variables):
         return ""
+    if program.cheap is not None:
+        said = _by_poses(specification, program)
+    else:
+        said = _by_dynamics(specification, program, start, gradient)
+    return f"stopped before the search: {said}" if said else ""
+
+
+def _by_poses(specification: Specification, program: Program) -> str:
+    assert program.cheap is not None
     posed = program.cheap.at(program.lower, True)
     if not 0 < posed.worst < np.inf:
         return ""
@@ -35,7 +57,90 @@ def unreachable(specification: Specification, program: Program) -> str:
     assert posed.jacobian is not None
     if not 0 < solved.worst < np.inf or posed.jacobian[leader] @ posed.x < 0:
         return ""
-    return "stopped before the search: " + unreachable_words(specification, program, posed, solved, k)
+    return unreachable_words(specification, program, posed, solved, k)
+
+
+def _by_dynamics(specification: Specification, program: Program, start: np.ndarray, gradient: bool) -> str:
+    if specification.manufacture.title or any(limit.ages for limit in specification.limits):
+        return ""
+    begin = program.at(start, gradient)
+    if not 0 < begin.worst < np.inf:
+        return ""
+    solved = program.at(program.lower, gradient)
+    # What larger clearances have less of is for the search.
+    never = (solved.limits > 0) & (solved.limits <= begin.limits)
+    if not np.isfinite(solved.worst) or not np.any(never):
+        return ""
+    return floor_words(specification, program, solved, int(np.argmax(np.where(never, solved.limits, -np.inf))))
+
+
+def floor_words(specification: Specification, program: Program, solved: Evaluation, k: int) -> str:
+    """Why a limit, with its place `k`, is violated at the smallest clearances and at any: the ideal mechanism carries
+    too much, or the contacts give way too much; empty where neither is known.
+    """
+    limit = limit_of(specification, program, k)
+    signal = getattr(limit.metric.base_metric, "signal", None)
+    if isinstance(signal, CARRIED):
+        return carried_words(specification, program, solved, k)
+    if not getattr(signal, "needs_ideal", False) or unposed(specification.nominal()):
+        return ""
+    cheap = program.cheap or formulate(specification.judged_by(QUASI_STATIC))
+    posed, leader = cheap.at(program.lower, True), int(program.leaders[k])
+    assert posed.jacobian is not None
+    if not 0 < posed.limits[leader] < np.inf or posed.jacobian[leader] @ posed.x < 0:
+        return ""
+    return unreachable_words(specification, program, posed, solved, k)
+
+
+def limit_of(specification: Specification, program: Program, k: int) -> Limit:
+    """The designer's limit of a place."""
+    return next(one for one in specification.limits if one.title == program.groups[k])
+
+
+def carried_words(specification: Specification, program: Program, solved: Evaluation, k: int) -> str:
+    """What the ideal mechanism has of a force or an acceleration, if that is clearly more than the bound; of a force
+    that is the reaction of the joint.
+    """
+    limit, scenario = limit_of(specification, program, k), _scenario(specification, program, k)
+    ideal = specification.move(specification.mechanism, scenario.values).ideal()
+    carried = _carried(specification, limit, ideal)
+    if not carried > SURE * limit.bound:
+        return ""
+    least, bound, carries = (
+        format_quantity(value, limit.metric.unit, 4)
+        for value in (float((1 + solved.limits[k]) * limit.bound), limit.bound, carried)
+    )
+    text = f"no clearances hold {program.limit_names[k]}. At the smallest ones it is {least} of at most {bound}, and "
+    text += f"without any clearance {carries}: "
+    light = _carried(specification, limit, dataclasses.replace(ideal, gravity=NO_GRAVITY))
+    if light < 0.5 * carried:
+        return text + "the weight of the parts decides it. Lighter parts help, or a looser bound."
+    return text + (
+        f"loads and the inertia of the motion decide it ({format_quantity(light, limit.metric.unit, 4)} without "
+        "weight). A slower or smoother motion, lighter parts or smaller loads help, or a looser bound."
+    )
+
+
+def _carried(specification: Specification, limit: Limit, ideal: Mechanism) -> float:
+    """A metric of a force or an acceleration of the ideal mechanism; not a number where its reactions, or its motion,
+    are not determined.
+    """
+    metric: Any = limit.metric.base_metric
+    if isinstance(metric.signal, ContactForce):
+        metric = dataclasses.replace(metric, signal=JointReaction(metric.signal.joint))
+    options = {name: value for name, value in specification.options.items() if name != "start"}
+    try:
+        if ideal.may_repeat and mobility(ideal, specification.t0).repeated:
+            return np.nan
+        return float(np.max(np.asarray(metric(ideal, specification.t1, **options))))
+    except (ClearanceError, RuntimeError):
+        return np.nan
+
+
+def _scenario(specification: Specification, program: Program, k: int) -> Scenario:
+    """In which scenario a limit is."""
+    scenarios = scenarios_of(specification)
+    return scenarios[k * len(scenarios) // len(program.groups)]
 
 
 def unreachable_words(
@@ -48,7 +153,9 @@ def unreachable_words(
     text = f"no clearances within their bounds hold {label}. At the smallest ones it is "
     if specification.manufacture.title:
         return text + f"{1 + solved.limits[k]:.4g} times its bound (by poses {1 + posed.limits[leader]:.4g} times)."
-    limit = next(one for one in specification.limits if one.title == program.groups[k])
+    if isinstance(getattr(limit_of(specification, program, k).metric.base_metric, "signal", None), CARRIED):
+        return carried_words(specification, program, solved, k)
+    limit = limit_of(specification, program, k)
     simulations = simulations_of(specification.judged_by(QUASI_STATIC))
     scenarios, count = scenarios_of(specification), sum(simulations.sizes())
     scenario, row, x = scenarios[leader // count], leader % count, specification.values(posed.x)

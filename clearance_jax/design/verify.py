@@ -6,13 +6,14 @@ import numpy as np
 import scipy.optimize
 
 from clearance_jax.ask.place import HERE, Place
-from clearance_jax.design.certificate import Certificate
+from clearance_jax.design.certificate import HELD, Certificate
 from clearance_jax.design.evaluate import FEW, fresh_yield, simulations_of
 from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.formulation import formulate
 from clearance_jax.design.methods import Method
 from clearance_jax.design.optimality import optimality
-from clearance_jax.design.program import Program
+from clearance_jax.design.program import BudgetSpent, Program
+from clearance_jax.design.repair import feasible_neighbour
 from clearance_jax.design.run import INTERRUPTED, run
 from clearance_jax.design.scenarios import scenarios_of
 from clearance_jax.design.specification import Specification
@@ -27,6 +28,59 @@ from clearance_jax.solve.tolerances import SMALLEST
 # Evaluations that the bisection for the scale takes, more or less: ten digits, superlinearly.
 BISECTION = 16
 OTHER = {"tsit5": "dopri8"}
+# By so much the tolerance of the other solver is tighter.
+FINER = 0.1
+# The largest violation that is a difference of solves, and how often a design is moved inside; it is moved by more than
+# the violation.
+HAIR, TRIES, MORE = 1e-2, 4, 2.0
+
+
+def _judging(specification: Specification, solver: str | None) -> tuple[str, float]:
+    """The solver that judges, another than the design's by default, and its tolerance."""
+    return solver or OTHER.get(specification.solver, "tsit5"), max(FINER * specification.rtol, SMALLEST)
+
+
+def judge_of(
+    specification: Specification,
+    solver: str | None = None,
+    place: Place = HERE,
+    progress: Callable[[Evaluation], None] | None = None,
+) -> Program:
+    """The problem by another solver and a tenfold tighter tolerance; by the dynamics, which have the last word on what
+    poses have found.
+    """
+    solver, rtol = _judging(specification, solver)
+    return formulate(specification.judged_by(DYNAMICS), rtol, solver, place, progress=progress)
+
+
+def moved_inside(
+    program: Program, method: Method, point: Evaluation, fresh: Program
+) -> tuple[Evaluation, dict[str, float]]:
+    """The point that a method has found, moved inside until its limits hold by the `fresh` program too; and by which
+    parts of their bounds limits were tightened for that, by name.
+
+    Two solves differ, and more so after many impacts. A violation above `HAIR` is no such difference: nothing is done.
+    """
+    tightened: dict[str, float] = {}
+    for _ in range(TRIES):
+        judged = fresh.at(point.x, method.gradients)
+        over = {fresh.groups[k]: float(judged.limits[k]) for k in np.argsort(judged.limits) if judged.limits[k] > HELD}
+        if judged.worst > HAIR or not over:
+            break
+        tightened |= {name: tightened.get(name, 0.0) + MORE * part for name, part in over.items()}
+        inner = program
+        for name, part in tightened.items():
+            inner = inner.with_bound(name, 1 - part)
+        try:
+            # Smaller clearances first: that costs a solve, and a hair of the objective.
+            if feasible_neighbour(inner, point.x, method.gradients) is None:
+                _run(inner, method, point.x)
+        except BudgetSpent:
+            break
+        if inner.best is None:
+            break
+        point = program.at(inner.best.x, method.gradients)
+    return point, tightened
 
 
 def certify(
@@ -43,18 +97,19 @@ def certify(
     solver: str | None = None,
     place: Place = HERE,
     progress: Callable[[Evaluation], None] | None = None,
+    fresh: Program | None = None,
 ) -> Certificate:
     """Check the point that a method has found with another solver and a tenfold tighter tolerance.
 
     **Arguments:** `least` (n,): the other end of what is made, which must hold too; `sweep`: scalings at which the
     limits are looked at between a tenth of the design and the bounds; `starts`: random starts of the same method;
     `reoptimise`: check the prices by solving again with changed bounds; `samples`: fresh ones for a `Yield` (default:
-    as many as its target needs); `solver`: which one (default: another than the design's); `place`: where many
-    simulations are solved; `progress`: called with each evaluation, about `expected_evaluations` of them.
+    as many as its target needs); `solver`: which one (default: another than the design's); `fresh`: what `judge_of`
+    gives, if it is there; `place`: where many simulations are solved; `progress`: called with each evaluation, about
+    `expected_evaluations` of them.
     """
-    solver, rtol = solver or OTHER.get(specification.solver, "tsit5"), max(0.1 * specification.rtol, SMALLEST)
-    # The dynamics have the last word on what poses have found.
-    fresh = formulate(specification.judged_by(DYNAMICS), rtol, solver, place, progress=progress)
+    solver, rtol = _judging(specification, solver)
+    fresh = fresh or judge_of(specification, solver, place, progress)
     at = fresh.at(point.x, method.gradients)
     residual, multipliers = optimality(fresh, at) if at.gradient is not None else (np.nan, np.zeros(len(at.limits)))
     prices: dict[str, float] = {}
@@ -174,7 +229,7 @@ def _islands(program: Program, x: np.ndarray, count: int) -> tuple[tuple[float, 
     """Intervals of scalings whose designs hold, to the sweep's spacing."""
     low, high = _ends(program, x)
     s = np.unique(np.append(np.geomspace(max(low, 0.1), max(min(high, 10.0), 1.0), count), 1.0))
-    held = np.array([point.worst <= 1e-6 for point in program.at_each([v * x for v in s])])
+    held = np.array([point.worst <= HELD for point in program.at_each([v * x for v in s])])
     edges = np.flatnonzero(np.diff(np.concatenate([[False], held, [False]]).astype(int)))
     return tuple((float(s[a]), float(s[b - 1])) for a, b in edges.reshape(-1, 2))
 

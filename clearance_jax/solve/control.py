@@ -58,12 +58,11 @@ class Control(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """On one try: its error over what is allowed, of motion and derivatives, and of the motion alone; whether it
-    crosses an event, and the time just past it, to which the next try goes; how far past an event that is [s].
+    """On one try: its error over what is allowed; whether it crosses an event, and the time just past it, to which the
+    next try goes; how far past an event that is [s].
     """
 
     error: Each
-    of_motion: Each
     cut: EachFlag
     at: Each
     pad: Each
@@ -98,7 +97,7 @@ def judge(problem: Problem, trial: Trial, times: tuple, means: Means, control: C
     t0, t1 = times
     error, of_motion = scaled_error(problem, trial, means, t1)
     if not (means.locate_events and problem.mechanism.clearance_joints()):
-        return Verdict(error, of_motion, jnp.zeros(jnp.shape(t1), bool), t1, jnp.zeros_like(t1))
+        return Verdict(error, jnp.zeros(jnp.shape(t1), bool), t1, jnp.zeros_like(t1))
     ends = tuple(motion(problem, x) for x in (trial.start, trial.end, trial.slope0, trial.slope1))
     found, misfit = curves(times, ends, problem.mechanism)
     # Round-off is no misfit: in free flight, where it would be all the error there is, it would choose the next step.
@@ -113,7 +112,7 @@ def judge(problem: Problem, trial: Trial, times: tuple, means: Means, control: C
     at = t0 + s * h + pad
     # Where the motion is accurate the event is located, also where the derivatives, whose slope jumps there, are not:
     # shrinking the step towards the jump would end at a step of a round-off.
-    return Verdict(error, of_motion, crossed & (at < t1 - pad) & (of_motion <= 1), at, pad)
+    return Verdict(error, crossed & (at < t1 - pad) & (of_motion <= 1), at, pad)
 
 
 def lenience(order: float) -> float:
@@ -163,10 +162,7 @@ def next_step(problem: Problem, verdict: Verdict, times: tuple, means: Means, co
     """What to do after a verdict."""
     t0, t1 = times
     h, cut, error = t1 - t0, verdict.cut, verdict.error
-    accurate, shortest = error < 1, h <= 8 * _EPS * jnp.abs(t1)
-    if problem.varies:
-        rough = lenience(means.order) * means.allowed.rough
-        accurate |= shortest & (verdict.of_motion < 1) & (error < rough)
+    accurate = error < 1
     keep = share(accurate & ~cut)
     # A cut step says nothing about the step size (its tiny error is round-off): go back to the one that was cut.
     step = jnp.where(keep & (control.natural > 0), control.natural, h * factor(error, accurate, means.order))
@@ -185,7 +181,7 @@ def next_step(problem: Problem, verdict: Verdict, times: tuple, means: Means, co
     if means.longest is not None:
         clipped = jnp.minimum(clipped, start + means.longest)
     natural = jnp.where(clipped < end, jnp.maximum(natural, end - start), natural)
-    collapsed = ~accurate & shortest
+    collapsed = ~accurate & (h <= 8 * _EPS * jnp.abs(t1))
     return Decision(keep, start, clipped, past, Control(natural, reach, after_cut), collapsed)
 
 

@@ -23,8 +23,6 @@ LOCAL = 0.1
 FLOOR = 1e-3
 # A contact less deep than this many rtol of the clearance may be passed by.
 FIT = 10.0
-# A touch is known to the round-off of its time. A derivative that grows from it may be wrong there by this part.
-ROUGH = 1e-4
 _EPS = float(np.finfo(np.float64).eps)
 # The smallest rtol. A step's error is compared with a tenth of it, which is then five units of round-off. For the
 # slider-crank, the arm and the four-bar of the scenes errors fall down to here; below, steps multiply and errors do not
@@ -53,8 +51,6 @@ class Tolerances(NamedTuple):
     - `fit`: how far inside a step pins may be from the curves that stand for them, over the clearance, and `noise`: how
       far they are by round-off alone.
     - `rate`: how fast the scene moves [1/s].
-    - `rough`: the part of itself by which a derivative may be wrong, over what is allowed, in a step as short as the
-      round-off of the time.
     """
 
     absolute: Float[Array, "n ..."]
@@ -64,7 +60,6 @@ class Tolerances(NamedTuple):
     fit: Each
     noise: Each
     rate: Each
-    rough: Each
     floor: Array | None = None
 
 
@@ -200,5 +195,4 @@ def tolerances(problem: Problem, y0: Array, t0: Scalar, t1: Scalar, rtol: Scalar
         fit=jnp.clip(FIT * rtol, noise, jnp.maximum(noise, 0.1)),
         noise=noise,
         rate=size.spin,
-        rough=ROUGH / local,
     )

@@ -34,11 +34,11 @@ def test_an_impossible_bound_names_the_joint_and_what_would_help(hopeless):
     said = str(hopeless)
     assert said.startswith("NO FEASIBLE DESIGN: piston")
     assert "not held: piston" in said
-    assert "no clearances within their bounds hold piston" in hopeless.note
-    assert "by quasi-static poses" in hopeless.note
-    assert "without any clearance, by the elasticity of the contacts alone" in hopeless.note
-    assert "Joint `wrist` contributes most" in hopeless.note
-    assert "a longer sleeve, a larger pin" in hopeless.note
+    assert "no clearances within their bounds hold piston" in hopeless.stop_reason
+    assert "by quasi-static poses" in hopeless.stop_reason
+    assert "without any clearance, by the elasticity of the contacts alone" in hopeless.stop_reason
+    assert "Joint `wrist` contributes most" in hopeless.stop_reason
+    assert "a longer sleeve, a larger pin" in hopeless.stop_reason
     # The nearest design is kept.
     assert np.allclose(hopeless.evaluation.x, 1e-5)
 
@@ -103,7 +103,7 @@ def test_limits_that_contradict_each_other_are_named():
 def test_what_the_evaluated_designs_say():
     asked = small(1e-4).specification
     stiff = searched({"force": lambda c: 9.0 + 0.01 * c}, (0.05, 0.2, 0.5))
-    assert "none has force below 10 times its bound, and by its slopes no variables will" in why_infeasible(
+    assert "none has force below 10 times its bound, and by what they change no variables will" in why_infeasible(
         asked, stiff
     )
     falling = searched({"force": lambda c: 2.0 / c - 1}, (0.05, 0.2, 0.5))

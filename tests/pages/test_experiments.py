@@ -23,6 +23,7 @@ from experiments import (
     quasi_static,
     robots,
     scalar,
+    searches,
     settled_starts,
     sweeps,
     wear_jumps,
@@ -224,6 +225,19 @@ def test_yields():
     assert few.below >= 4
     assert (enough.confidence, enough.samples, enough.below) == (0.95, 512, 0)
     assert 1.0 < enough.cost < 1.1
+
+
+@pytest.mark.slow
+def test_searches_against_sweeps():
+    rows = searches.main(quick=True)
+    assert len(rows) == 3
+    for row in rows:
+        assert row.short < searches.SHORT, row
+        assert row.over < 1e-5, row
+        assert row.solves < 30
+    # Answers are near the bound, and do not come from the sweep.
+    assert max(row.short for row in rows) > -searches.SHORT
+    assert not any(np.array_equal(row.x, row.best) for row in rows)
 
 
 def test_settled_starts():

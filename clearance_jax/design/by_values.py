@@ -1,0 +1,104 @@
+"""The end of a search by values alone, where slopes say nothing or have misled it.
+
+First along a line from the best design that holds, to where a limit is met: by false position, and by bisection where
+that is slow. Of several variables then by quadratic models of values about that point, and along the line once more.
+"""
+
+from contextlib import suppress
+
+import numpy as np
+
+from clearance_jax.design.evaluation import Evaluation
+from clearance_jax.design.methods import Method, cobyqa
+from clearance_jax.design.optimality import optimality
+from clearance_jax.design.program import Program
+from clearance_jax.design.scaling import FLOOR, ROUND_OFF, StandsStill
+
+# A residual of the conditions of optimality below which slopes have not misled.
+SETTLED = 0.05
+# How near to its bound a limit, and how short an interval in logarithms, ends a search along a line.
+MET, SHORT = 1e-5, 1e-4
+# The first step along a line, and the factor of the next one.
+STEP, LONGER = 0.01, 2.0
+# Radius of the first model of values, in logarithms, and of the last one; evaluations for each variable.
+RADIUS, LEAST_RADIUS, EACH = 0.1, 1e-3, 15
+
+
+def is_settled(program: Program, method: Method) -> bool:
+    """Whether the best design is decided by limits that it meets, or by the bounds of its variables; by slopes, if the
+    method uses them.
+    """
+    best = program.best
+    if best is None or np.all(_room(program, best, _gaining(program, best)) <= 0):
+        return True
+    met = best.worst > -method.slack
+    if not method.gradients or best.gradient is None:
+        return met
+    return met and optimality(program, best, method.slack)[0] <= SETTLED
+
+
+def by_values(program: Program, method: Method) -> bool:
+    """Search on from the best design that holds, by values alone, and say so; not if it is decided.
+
+    Of a program with a cheaper one beside it, whose evaluations are dear, only along a line.
+    """
+    if is_settled(program, method):
+        return False
+    _outwards(program, method.gradients)
+    if len(program.names) > 1 and program.cheap is None and not is_settled(program, method):
+        with suppress(StandsStill):
+            cobyqa(program, _best(program).x, LEAST_RADIUS, radius=RADIUS, most=EACH * len(program.names))
+        _outwards(program, method.gradients)
+    return True
+
+
+def _best(program: Program) -> Evaluation:
+    best = program.best
+    assert best is not None
+    return best
+
+
+def _outwards(program: Program, gradient: bool) -> None:
+    """Go along the line on which all variables gain alike, until a limit is met or all are at their bounds."""
+    best = _best(program)
+    z, way = np.log(best.x), _gaining(program, best)
+    end = float(_room(program, best, way).max())
+    low, high, step, narrow = (0.0, _excess(program, best)), None, STEP, np.inf
+    while low[0] < end and (high is None or (low[1] < -MET and high[0] - low[0] > SHORT)):
+        if high is None:
+            # Errors grow about as clearances do.
+            s, step = min(low[0] + max(step, -1.01 * low[1]), end), LONGER * step
+        else:
+            s, narrow = _between(low, high, narrow), high[0] - low[0]
+        value = _excess(program, program.at(np.exp(z + s * way), gradient))
+        low, high = ((s, value), high) if value <= 0 else (low, (s, value))
+
+
+def _between(low: tuple[float, float], high: tuple[float, float], before: float) -> float:
+    """The next place of a bracket: where a line between its ends meets the bound, and their middle if that was slow."""
+    width = high[0] - low[0]
+    if not np.isfinite(high[1]) or width > 0.5 * before:
+        return low[0] + 0.5 * width
+    share = -low[1] / (high[1] - low[1])
+    # Off the ends, of which one would come again and again.
+    return low[0] + width * float(np.clip(share, 0.02, 0.98))
+
+
+def _excess(program: Program, point: Evaluation) -> float:
+    """The most violated limit as a logarithm, in which errors are nearly proportional to clearances."""
+    return float(np.log(max(1 + point.worst, FLOOR))) + program.inside
+
+
+def _room(program: Program, best: Evaluation, way: np.ndarray) -> np.ndarray:
+    """How far each variable can go in a direction until its bound, in logarithms."""
+    room = np.where(way > 0, np.log(program.upper / best.x), np.log(best.x / program.lower))
+    return np.where((way == 0) | (room < ROUND_OFF), 0.0, room)
+
+
+def _gaining(program: Program, best: Evaluation) -> np.ndarray:
+    """Of each variable the sign of the change that lowers the objective."""
+    if best.gradient is not None:
+        return -np.sign(best.gradient)
+    logs = np.log([point.x for point in program.history])
+    values = np.array([point.objective for point in program.history])
+    return -np.sign(np.linalg.lstsq(logs - logs.mean(0), values - values.mean(), rcond=None)[0])
