@@ -66,7 +66,7 @@ def _key(field: dataclasses.Field) -> Key:
     common |= {"default": None if required else field.default}
     if field.type == tuple[str, ...]:
         return Names(*words, **common)
-    if field.type is int:
+    if field.type in (int, int | None):
         return Whole(*words, least=about["least"], most=about["most"], **common)
     if get_origin(field.type) is Mapping:
         return Sub(*words, form="values by name", **common)
