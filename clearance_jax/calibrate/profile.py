@@ -18,7 +18,7 @@ STRAIGHT = 1.25
 # How much farther each trial goes, how far at least (where the cost has ripples it may fall again), and how many there
 # are at most; how often the last step is halved.
 FARTHER, WIDEST, TRIALS, HALVINGS = 1.5, 3.0, 12, 2
-# Where another minimum is looked for, over what the derivatives predict, along so many of the numbers that are known least.
+# Where another minimum is looked for, over what the derivatives predict, along so many of the numbers known least.
 FAR, LOOKED = (3.0, 9.0, 27.0), 2
 # At most so many corrections of the others are made at one place. A correction is worth a motion if it promises
 # this part of the rise.
