@@ -1,8 +1,8 @@
 """Calibrations of a pendulum on a pin: `python -m experiments.calibration` writes out/calibration.md.
 
 The data are made by a simulation that shares no code with the library (`experiments/reference/pendulum.py`): an arm of
-0.4 m falls from the horizontal on a pin with play, and 201 places of its tip, x and y, are read in 0.3 s with a noise of
-20 um. The play and the friction are then looked for, from 50 um and 0.1, within 10 um to 1 mm and 0 to 0.5, with all
+0.4 m falls from the horizontal on a pin with play, and 201 places of its tip, x and y, are read in 0.3 s with a noise
+of 20 um. The play and the friction are then looked for, from 50 um and 0.1, within 10 um to 1 mm and 0 to 0.5, with all
 options as they are by default. The bounces of the pin make minima beside the right one.
 
 Each row has calibrations with different noise. An interval of 95 % that is right holds the truth in 95 of 100 on
@@ -11,6 +11,7 @@ intervals. In the last row the model is wrong: it has ten times the transition s
 No interval can be right there, and what counts is that every answer says so.
 """
 
+import functools
 import time
 from typing import Any, NamedTuple
 
@@ -19,7 +20,6 @@ import xarray as xr
 
 import clearance_jax as cj
 from clearance_jax import laws
-from clearance_jax.mechanism.placement import Position
 from experiments.common import output, table
 from experiments.publish import command
 from experiments.reference.pendulum import Pendulum
@@ -55,16 +55,22 @@ def model(truth: Pendulum, play: float = 5e-5, friction: float = 0.1, speed: flo
         laws.TanhCoulomb(friction, speed * truth.transition_speed),
     )
     return cj.Mechanism(
-        bodies=(cj.Body("arm", truth.mass, truth.inertia, Position(truth.centre, 0.0)),),
+        bodies=(cj.Body("arm", truth.mass, truth.inertia, cj.Position(truth.centre, 0.0)),),
         joints=(cj.Revolute("hip", "ground", "arm", clearance=sleeve, motion=cj.Motion(position=0.0, velocity=0.0)),),
-        points=(cj.Point("tip", "arm", Position(truth.tip, 0.0)),),
+        points=(cj.Point("tip", "arm", cj.Position(truth.tip, 0.0)),),
         gravity=cj.Gravity(y=-truth.gravity),
     )
 
 
+@functools.cache
+def moved(truth: Pendulum, times: tuple[float, ...]) -> np.ndarray:
+    """Where its tip is."""
+    return truth.tip_at(np.array(times))
+
+
 def measured(truth: Pendulum, seed: int, times: np.ndarray = TIMES) -> xr.Dataset:
     """What was read of its tip."""
-    read = truth.tip_at(times) + NOISE * np.random.default_rng(seed).standard_normal((len(times), 2))
+    read = moved(truth, tuple(times)) + NOISE * np.random.default_rng(seed).standard_normal((len(times), 2))
     names = ("tip.position.x", "tip.position.y")
     return xr.Dataset({name: ("time", column) for name, column in zip(names, read.T, strict=True)}, {"time": times})
 
