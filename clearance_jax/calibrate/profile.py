@@ -13,8 +13,9 @@ from clearance_jax.calibrate.confidence import Confidence
 from clearance_jax.calibrate.fit import Fit, Task
 from clearance_jax.calibrate.readings import Point
 
-# Within this factor between what the derivatives predict at the end of an interval and the motion, they are believed.
-STRAIGHT = 1.25
+# Within this factor between what the derivatives predict at the end of an interval and the motion, they are believed;
+# beyond the second one it is said that they are not.
+STRAIGHT, BENT = 1.25, 2.0
 # How much farther each trial goes, how far at least (where the cost has ripples it may fall again), and how many there
 # are at most; how often the last step is halved.
 FARTHER, WIDEST, TRIALS, HALVINGS = 1.5, 3.0, 12, 2
@@ -46,9 +47,8 @@ def profile(task: Task, fit: Fit, known: Confidence) -> Profile:
                 end, straight = walk.look(k, sign, far)
                 if walk.better:
                     return Profile(known, walk.lowest)
-                if not straight:
-                    intervals[k, side] = sign * max(sign * intervals[k, side], sign * end)
-                    bent.append(task.variables.names[k])
+                intervals[k, side] = sign * max(sign * intervals[k, side], sign * end)
+                bent += [] if straight else [task.variables.names[k]]
     lower, upper = task.variables.lower[:, None], task.variables.upper[:, None]
     return Profile(known._replace(intervals=np.clip(intervals, lower, upper), bent=tuple(dict.fromkeys(bent))), None)
 
@@ -81,9 +81,11 @@ class _Walk:
                 self.better = True
                 break
             if not far and len(rises) == 1 and 1 / STRAIGHT <= rises[part] / (wanted * part**2) <= STRAIGHT:
-                return x[k] + way[k], True
+                break
         within = [part for part, rise in rises.items() if rise <= wanted]
-        return x[k] + max([min(1.0, most), *within]) * way[k], far and not within
+        end, first = max([min(1.0, most), *within]), next(iter(rises.items()), (1.0, wanted))
+        straight = 1 / BENT <= first[1] / (wanted * first[0] ** 2) <= BENT
+        return x[k] + end * way[k], not within if far else straight and end <= BENT
 
     def rise(self, k: int, place: np.ndarray, wanted: float) -> float:
         """By what the cost is larger with the number `k` at its place, the others corrected while that helps."""

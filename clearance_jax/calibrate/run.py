@@ -76,13 +76,13 @@ def calibrate(
     instruments = Instruments(mechanism, measurement, variables.names, t1, settings, progress)
     task = Task(instruments, variables, measurement, how)
     fits = search(task)
-    fits[0], known, interrupted = _known(task, fits[0])
+    fits[0], known, interrupted = settle(task, fits[0])
     notes = (*doubts(task, fits[0], known), *interrupted)
     found = replace(mechanism, dict(zip(variables.names, fits[0].point.x, strict=True)))
     return result_of(task, found, fits, known, notes)
 
 
-def _known(task: Task, fit: Fit) -> tuple[Fit, Confidence, tuple[str, ...]]:
+def settle(task: Task, fit: Fit) -> tuple[Fit, Confidence, tuple[str, ...]]:
     """How well the numbers are known, of a better fit where its interval has shown one; and what could not be told."""
     known = confidence(task, fit)
     try:
