@@ -103,6 +103,12 @@ class Fit(NamedTuple):
     steps: int = 0
     doubtful: int = 0
 
+    def after(self, earlier: "Fit | None") -> "Fit":
+        """The same with the steps of an earlier part of its search."""
+        if earlier is None:
+            return self
+        return self._replace(steps=self.steps + earlier.steps, doubtful=self.doubtful + earlier.doubtful)
+
 
 def descend(task: Task, first: Point, deviations: np.ndarray, least: float = 1e-8) -> Fit:
     """The minimum to which a start leads, by a trust region that is reflected at the bounds (Branch, Coleman and Li

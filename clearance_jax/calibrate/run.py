@@ -92,7 +92,7 @@ def settle(task: Task, fit: Fit) -> tuple[Fit, Confidence, tuple[str, ...]]:
             found = profile(task, fit, known)
             if found.better is None:
                 return fit, found.known, ()
-            fit = refine(task, descend(task, found.better, fit.deviations))
+            fit = refine(task, descend(task, found.better, fit.deviations).after(fit))
             known = confidence(task, fit)
     except KeyboardInterrupt:
         return fit, known, (f"Interrupted: {UNSEEN}.",)

@@ -97,7 +97,7 @@ def grow(task: Task, start: np.ndarray, deviations: np.ndarray) -> Iterator[Fit]
             if not tried:
                 continue
             first = min(tried, key=lambda point: part.cost(point, deviations))
-            best = descend(part, first, deviations, 1e-8 if part is task else COARSE)
+            best = descend(part, first, deviations, 1e-8 if part is task else COARSE).after(best)
         except KeyboardInterrupt:
             if best is None:
                 raise
@@ -121,7 +121,7 @@ def _counts(task: Task) -> list[int]:
 
 def refine(task: Task, fit: Fit) -> Fit:
     """The fit with deviations that its own residuals show, of the series for which none are given."""
-    given, steps, doubtful = task.given, fit.steps, fit.doubtful
+    given = task.given
     # A common factor moves no minimum of a sum of squares.
     alone = len(given) == 1 and task.options.loss == "linear"
     for _ in range(0 if np.all(given) else REFITS):
@@ -130,9 +130,8 @@ def refine(task: Task, fit: Fit) -> Fit:
         fit = fit._replace(deviations=shown, cost=task.cost(fit.point, shown))
         if settled or alone or fit.ending == INTERRUPTED:
             break
-        fit = descend(task, fit.point, shown)
-        steps, doubtful = steps + fit.steps, doubtful + fit.doubtful
-    return fit._replace(steps=steps, doubtful=doubtful)
+        fit = descend(task, fit.point, shown).after(fit)
+    return fit
 
 
 def _shown_deviations(task: Task, point: Point) -> np.ndarray:
