@@ -2,7 +2,8 @@
 
 With residuals r in units of their deviations, J their derivatives by n parameters and psi the derivative of the loss,
 the covariance is (J^T J)^-1 sum(psi^2) / (N - n) / mean(psi')^2 (Huber 1973, doi 10.1214/aos/1176342503): for least
-squares the reduced chi-square times (J^T J)^-1.
+squares the reduced chi-square times (J^T J)^-1. Residuals that follow each other count as fewer: the covariance is
+larger by how many of them tell what one independent residual would.
 """
 
 from collections.abc import Iterator
@@ -13,6 +14,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.stats import norm, t
 
 from clearance_jax.calibrate.fit import Fit, Task
+from clearance_jax.calibrate.residuals import residuals_of
 
 LEVEL = 0.95
 # Singular values below this part of the largest one are round-off and errors of the solves.
@@ -38,7 +40,9 @@ class Confidence(NamedTuple):
     - `axes` (n, n): of the ellipsoid whose extent along each number is its interval, each axis as a column, as changes
       over the numbers' `sizes` (n,), with which intervals are compared; `lengths` (n,): half of each, the shortest
       first.
-    - `factor`: from a deviation to half of an interval; `inflation`: by what the noise enlarges the covariance.
+    - `factor`: from a deviation to half of an interval; `inflation`: by what the noise enlarges the covariance;
+      `memory`: the part of it by which residuals follow each other.
+    - `bent`: the numbers whose interval is that of the motion itself, because it is not what the derivatives predict.
     - `unidentified`: what the data cannot determine.
     """
 
@@ -51,7 +55,9 @@ class Confidence(NamedTuple):
     lengths: np.ndarray
     factor: float
     inflation: float
+    memory: float
     unidentified: tuple[Unidentified, ...]
+    bent: tuple[str, ...] = ()
 
 
 def confidence(task: Task, fit: Fit) -> Confidence:
@@ -59,7 +65,8 @@ def confidence(task: Task, fit: Fit) -> Confidence:
     weighted, variables, x = task.weigh(fit.point, fit.deviations), task.variables, fit.point.x
     count, n = weighted.jacobian.shape
     size = variables.sizes(x)
-    inflation, factor = _noise(task, fit, count - n)
+    memory = float(np.sqrt(np.mean([one.memory**2 for one in residuals_of(task, fit)])))
+    inflation, factor = _noise(task, fit, count - n, memory)
     _, singular, rows = np.linalg.svd(weighted.jacobian * size, full_matrices=False)
     singular = np.maximum(singular, LEAST * max(singular[0], np.finfo(float).tiny))
     lengths = factor * np.sqrt(inflation) / singular
@@ -67,12 +74,14 @@ def confidence(task: Task, fit: Fit) -> Confidence:
     deviations = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(deviations, deviations)
     half = factor * deviations
-    intervals = np.stack([x - half, x + half], axis=1)
+    intervals = np.clip(np.stack([x - half, x + half], axis=1), variables.lower[:, None], variables.upper[:, None])
     unknown = tuple(_unidentified(variables.names, rows, lengths, size))
-    return Confidence(covariance, deviations, intervals, correlation, rows.T, size, lengths, factor, inflation, unknown)
+    return Confidence(
+        covariance, deviations, intervals, correlation, rows.T, size, lengths, factor, inflation, memory, unknown
+    )
 
 
-def _noise(task: Task, fit: Fit, freedom: int) -> tuple[float, float]:
+def _noise(task: Task, fit: Fit, freedom: int, memory: float) -> tuple[float, float]:
     """By what the noise enlarges the covariance, and how many deviations an interval reaches.
 
     Deviations that are given are believed, unless the residuals are larger than they allow.
@@ -83,8 +92,8 @@ def _noise(task: Task, fit: Fit, freedom: int) -> tuple[float, float]:
     shown = np.sum(psi**2) / max(freedom, 1) / max(np.mean(slope), np.finfo(float).eps) ** 2
     if given:
         # Robust losses take more variance than least squares, even where all is normal.
-        return max(1.0, float(shown)), float(norm.ppf(0.5 + LEVEL / 2))
-    return float(shown), float(t.ppf(0.5 + LEVEL / 2, freedom))
+        return max(1.0, float(shown)) * memory, float(norm.ppf(0.5 + LEVEL / 2))
+    return float(shown) * memory, float(t.ppf(0.5 + LEVEL / 2, max(freedom / memory, 1.0)))
 
 
 def _unidentified(

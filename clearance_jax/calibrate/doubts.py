@@ -3,18 +3,12 @@
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
-from scipy.stats import chi2, norm
 
 from clearance_jax.calibrate.confidence import Confidence, Unidentified
-from clearance_jax.calibrate.fit import INTERRUPTED, Fit, Task
+from clearance_jax.calibrate.fit import Fit, Task
+from clearance_jax.calibrate.residuals import Shown, residuals_of
 from clearance_jax.units import format_quantity
 
-# How improbable residuals must be, were they noise, before that is said.
-IMPROBABLE = 1e-3
-# Residuals of which it is asked whether they follow each other, at least.
-FEWEST = 10
-# From this factor on between what the derivatives predict at the end of an interval and what the motion shows there.
-BENT = 2.0
 # From this share on of steps that brought much less than predicted, of at least so many.
 MISLED, MANY = 0.5, 4
 # Nearer to a bound than this part of its size a number lies at it.
@@ -24,29 +18,33 @@ EXAMPLE = 0.1
 
 
 def doubts(task: Task, fit: Fit, known: Confidence) -> Iterator[str]:
-    """What a user must know before the numbers are believed; the motions at the ends of intervals are solved for it."""
+    """What a user must know before the numbers are believed."""
     if not fit.converged:
         yield f"The search has not converged: {fit.ending}. The numbers are those of the best motion so far."
     yield from (_undetermined(group, task.variables.units) for group in known.unidentified)
     yield from _at_bounds(task, fit)
-    exact = list(_exact(task, fit))
+    every = residuals_of(task, fit)
+    exact = [one.name for one in every if one.exact]
     if exact:
         yield (
             f"The residuals of {listed(exact)} are no larger than the errors of the solves: the intervals are a rough "
             "guess. Choose a smaller `rtol`."
         )
-    yield from _sizes(task, fit)
-    yield from (said for name, said in _autocorrelation(task, fit) if name not in exact)
+    inexact = [one for one in every if not one.exact]
+    yield from _sizes([one for one in every if one.given or not one.exact])
+    yield from _correlated(inexact, known)
     if fit.steps >= MANY and fit.doubtful > MISLED * fit.steps:
         yield (
             f"{fit.doubtful} of {fit.steps} steps of the search brought less than a quarter of the improvement that "
             "the derivatives predicted: the derivatives may be misleading, as in chaotic motion. Measure a shorter "
             "time, or try more starts."
         )
-    try:
-        yield from () if exact or fit.ending == INTERRUPTED else _bends(task, fit, known)
-    except KeyboardInterrupt:
-        yield "Interrupted: the motion at the ends of the intervals was not compared with what the derivatives predict."
+    if known.bent:
+        yield (
+            f"At the ends of the intervals, mainly of {listed(known.bent)}, the motion is not the one that the "
+            "derivatives predict. These intervals are those of the motion itself; the deviations and correlations are "
+            "a rough guess."
+        )
 
 
 def listed(names: Sequence[str]) -> str:
@@ -89,86 +87,34 @@ def _at_bounds(task: Task, fit: Fit) -> Iterator[str]:
         yield f"{listed(names)} {verb}: a better value may lie beyond, and {its} cannot be trusted. Widen the bounds."
 
 
-def _sizes(task: Task, fit: Fit) -> Iterator[str]:
-    """Whether residuals are as large as the deviations that are given say, series by series."""
-    share = len(task.variables.names) / np.sum(task.measurement.known)
-    square, freedom_each = task.loss.normal_squares()
-    for name, psi, given in zip(_names(task), _influences(task, fit), task.given, strict=True):
-        if not given:
-            continue
-        size = np.mean(psi**2) / (square * (1 - share))
-        freedom = freedom_each * len(psi) * (1 - share)
-        low, high = chi2.ppf([IMPROBABLE / 2, 1 - IMPROBABLE / 2], freedom) / freedom
-        if size > high:
+def _sizes(every: Sequence[Shown]) -> Iterator[str]:
+    """Whether residuals are as large as the deviations that are given say, or the readings' own roughness."""
+    for one in every:
+        times, square = f"{np.sqrt(one.size):.3g} times as large as", f"(reduced chi-square {one.size:.3g})"
+        if one.size > one.high and one.given:
             yield (
-                f"The residuals of `{name}` are {np.sqrt(size):.3g} times as large as its noise (reduced chi-square "
-                f"{size:.3g}): the model is wrong, there are outliers, or the noise is larger than the given deviation."
+                f"The residuals of `{one.name}` are {times} its noise {square}: the model is wrong, there are "
+                "outliers, or the noise is larger than the given deviation."
             )
-        if size < low:
+        elif one.size > one.high:
             yield (
-                f"The residuals of `{name}` are only {np.sqrt(size):.2g} times as large as its noise (reduced "
-                f"chi-square {size:.2g}): the noise is smaller than the given deviation. The intervals are too "
-                "wide."
+                f"The residuals of `{one.name}` are {times} the noise that the readings themselves show, from one "
+                "instant to the next: the model is wrong, there are outliers, or the noise is not independent."
+            )
+        if one.size < one.low:
+            yield (
+                f"The residuals of `{one.name}` are only {np.sqrt(one.size):.2g} times as large as its noise {square}: "
+                "the noise is smaller than the given deviation. The intervals are too wide."
             )
 
 
-def _exact(task: Task, fit: Fit) -> Iterator[str]:
-    """The series whose residuals are the solves' own errors."""
-    for one, model in zip(task.measurement.series, fit.point.values.T, strict=True):
-        there = np.isfinite(one.values)
-        off, values = (model - one.values)[there], one.values[there]
-        if np.sqrt(np.mean(off**2)) <= task.floor(values):
-            yield one.name
-
-
-def _autocorrelation(task: Task, fit: Fit) -> Iterator[tuple[str, str]]:
-    """Of which series, by name, it must be said that a residual tells the next one: the correlation of N
-    independent ones deviates by 1 / sqrt(N) (Anderson 1942, doi 10.1214/aoms/1177731638).
-    """
-    for name, psi in zip(_names(task), _influences(task, fit), strict=True):
-        follows = np.sum(psi[1:] * psi[:-1]) / max(np.sum(psi**2), np.finfo(float).tiny)
-        if len(psi) >= FEWEST and follows * np.sqrt(len(psi)) > norm.ppf(1 - IMPROBABLE):
-            said = (
-                f"The residuals of `{name}` follow each other (their correlation from one instant to the next is "
-                f"{follows:.2f}, that of independent noise is 0 ± {1 / np.sqrt(len(psi)):.2f}): the model lacks an "
-                "effect, or the noise is not independent. The intervals are then too narrow."
+def _correlated(every: Sequence[Shown], known: Confidence) -> Iterator[str]:
+    """Of which series it must be said that a residual tells the next one."""
+    for one in every:
+        if one.correlated:
+            yield (
+                f"The residuals of `{one.name}` follow each other (their correlation from one instant to the next is "
+                f"{one.follows:.2f}, that of independent noise is 0 ± {1 / np.sqrt(one.count):.2f}): the model lacks "
+                "an effect, or the noise is not independent. The intervals are made wider by the factor "
+                f"{np.sqrt(known.memory):.2g}, but if the model is wrong the truth may lie outside of them."
             )
-            yield name, said
-
-
-def _names(task: Task) -> list[str]:
-    return [one.name for one in task.measurement.series]
-
-
-def _influences(task: Task, fit: Fit) -> list[np.ndarray]:
-    """Of each series the residuals over their deviations, outliers as the loss counts them."""
-    off = (fit.point.values - task.measurement.values) / fit.deviations
-    return [task.loss.influence(one[there])[0] for one, there in zip(off.T, task.measurement.known.T, strict=True)]
-
-
-def _bends(task: Task, fit: Fit, known: Confidence) -> Iterator[str]:
-    """Whether the motion differs at the ends of the ellipsoid's axes as the derivatives say."""
-    variables, cost = task.variables, task.cost(fit.point, fit.deviations)
-    here = task.weigh(fit.point, fit.deviations)
-    unsure: set[str] = set()
-    undetermined = {name for group in known.unidentified for name in group.names}
-    for axis, length in zip(known.axes.T, known.lengths, strict=True):
-        main = variables.names[int(np.argmax(np.abs(axis)))]
-        step = known.sizes * axis * length
-        if main in undetermined or not np.all(np.isfinite(step)):
-            continue
-        for sign in (-1.0, 1.0):
-            x = fit.point.x + sign * step
-            if np.any(x <= variables.lower) or np.any(x >= variables.upper):
-                continue
-            end = task.instruments(x)
-            expected = task.loss.cost(here.residuals + sign * here.jacobian @ step) - cost
-            found = task.cost(end, fit.deviations) - cost if end.reached else np.inf
-            if not expected / BENT <= found <= BENT * expected:
-                unsure.add(main)
-    if unsure:
-        names = [name for name in variables.names if name in unsure]
-        yield (
-            f"At the ends of the intervals, mainly of {listed(names)}, the motion is not the one that the derivatives "
-            "predict: it is too nonlinear there, or the derivatives are misleading. The intervals are a rough guess."
-        )

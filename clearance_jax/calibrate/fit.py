@@ -1,22 +1,16 @@
-"""The fit: least squares over the numbers that are looked for, from one start or several."""
+"""The fit: least squares over the numbers that are looked for, from one point to the minimum it leads to."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.stats import qmc
 
 from clearance_jax.calibrate.losses import LOSSES, Loss
-from clearance_jax.calibrate.measurement import Measurement, Series
+from clearance_jax.calibrate.measurement import Measurement
 from clearance_jax.calibrate.options import FitOptions
 from clearance_jax.calibrate.readings import Instruments, Point
-from clearance_jax.errors import ClearanceError
 
-# From so many times between its bounds on a positive number is scattered by its logarithm.
-WIDE = 10.0
-# Refits by deviations that residuals have shown, at most, and how much these may change in the last one.
-REFITS, SETTLED = 8, 0.01
 # A trial step that brings less than this part of the decrease that the derivatives promise is a doubtful one.
 DOUBTFUL = 0.25
 # Of a step whose promise is a smaller part of the cost nothing is said.
@@ -71,6 +65,12 @@ class Task(NamedTuple):
         """Below which differences of such readings are the solves' own errors."""
         return self.instruments.accuracy * (float(np.max(np.abs(values))) or 1.0)
 
+    def until(self, count: int) -> "Task":
+        """The same of the first `count` measured instants, by motions that end there."""
+        if count == len(self.measurement.times):
+            return self
+        return self._replace(instruments=self.instruments.until(count), measurement=self.measurement.until(count))
+
     def weigh(self, point: Point, deviations: np.ndarray) -> "Weighted":
         """The residuals of what is known, model less measurement, over the series' deviations."""
         known = self.measurement.known
@@ -103,61 +103,16 @@ class Fit(NamedTuple):
     steps: int = 0
     doubtful: int = 0
 
-
-def search(task: Task) -> list[Fit]:
-    """Where every start led, the best first, its deviations estimated where none are given.
-
-    **Raises:** `ClearanceError` where no motion of a start reaches its end.
-    """
-    spread = np.array([_first_deviation(task, one) for one in task.measurement.series])
-    fits, why = [], ""
-    try:
-        for start in starts_of(task.variables, task.options):
-            first = task.instruments(start)
-            if first.reached:
-                fits.append(_descend(task, first, spread))
-            why = why or first.why
-            if fits and fits[-1].ending == INTERRUPTED:
-                break
-    except KeyboardInterrupt:
-        if not fits:
-            raise
-        fits = [fit._replace(converged=False, ending=INTERRUPTED) for fit in fits]
-    if not fits:
-        variables = task.variables
-        at = ", ".join(f"{name} = {value:.4g}" for name, value in zip(variables.names, variables.start, strict=True))
-        raise ClearanceError(
-            f"No motion from which the search could start reaches its end ({at}): "
-            f"{why or 'a reading or a derivative is not finite'}. Change the mechanism's numbers, or the bounds."
-        )
-    fits.sort(key=lambda fit: fit.cost)
-    return [_refine(task, fits[0]), *fits[1:]]
+    def after(self, earlier: "Fit | None") -> "Fit":
+        """The same with the steps of an earlier part of its search."""
+        if earlier is None:
+            return self
+        return self._replace(steps=self.steps + earlier.steps, doubtful=self.doubtful + earlier.doubtful)
 
 
-def _first_deviation(task: Task, series: Series) -> float:
-    """By what residuals are weighed at first: the noise, or how far the signal moves, or how large it is."""
-    values = series.values[np.isfinite(series.values)]
-    spread = float(np.std(values))
-    return series.deviation or (spread if spread > task.floor(values) else float(np.max(np.abs(values))) or 1.0)
-
-
-def starts_of(variables: Variables, options: FitOptions) -> Iterator[np.ndarray]:
-    """The mechanism's own numbers, and points scattered over the bounds."""
-    yield np.clip(variables.start, variables.lower, variables.upper)
-    if options.starts == 1:
-        return
-    lower, upper = variables.lower, variables.upper
-    by_log = (lower > 0) & (upper > WIDE * lower)
-    low, high = np.where(by_log, np.log(lower, where=by_log, out=lower.copy()), lower), upper.copy()
-    high[by_log] = np.log(upper[by_log])
-    for draw in qmc.LatinHypercube(len(lower), rng=np.random.default_rng(options.seed)).random(options.starts - 1):
-        between = low + draw * (high - low)
-        yield np.where(by_log, np.exp(np.where(by_log, between, 0.0)), between)
-
-
-def _descend(task: Task, first: Point, deviations: np.ndarray) -> Fit:
+def descend(task: Task, first: Point, deviations: np.ndarray, least: float = 1e-8) -> Fit:
     """The minimum to which a start leads, by a trust region that is reflected at the bounds (Branch, Coleman and Li
-    1999, doi 10.1137/S1064827595289108).
+    1999, doi 10.1137/S1064827595289108). It ends where a step brings less than the part `least` of the cost.
     """
     variables, loss, trials = task.variables, task.loss, [first]
     scale = variables.scale
@@ -181,6 +136,7 @@ def _descend(task: Task, first: Point, deviations: np.ndarray) -> Fit:
             loss=loss.rho,
             f_scale=loss.scale,
             max_nfev=task.options.most,
+            ftol=least,
         )
         point, converged, ending = task.instruments(found.x * scale), found.status > 0, SPENT
     except KeyboardInterrupt:
@@ -202,33 +158,3 @@ def _doubts(task: Task, trials: list[Point], deviations: np.ndarray) -> Iterator
             yield bool(got < DOUBTFUL * expected)
         if got > 0:
             base = trial
-
-
-def _refine(task: Task, fit: Fit) -> Fit:
-    """The fit with deviations that its own residuals show, of the series for which none are given."""
-    given, steps, doubtful = task.given, fit.steps, fit.doubtful
-    # A common factor moves no minimum of a sum of squares.
-    alone = len(given) == 1 and task.options.loss == "linear"
-    for _ in range(0 if np.all(given) else REFITS):
-        shown = np.where(given, fit.deviations, _shown_deviations(task, fit.point))
-        settled = np.all(np.abs(shown - fit.deviations) <= SETTLED * fit.deviations)
-        fit = fit._replace(deviations=shown, cost=task.cost(fit.point, shown))
-        if settled or alone or fit.ending == INTERRUPTED:
-            break
-        fit = _descend(task, fit.point, shown)
-        steps, doubtful = steps + fit.steps, doubtful + fit.doubtful
-    return fit._replace(steps=steps, doubtful=doubtful)
-
-
-def _shown_deviations(task: Task, point: Point) -> np.ndarray:
-    """The deviation of each series that its residuals show, shape (series,): their root mean square, or with a robust
-    loss their median, over the share of the numbers that the fit has not used up.
-    """
-    measurement, known = task.measurement, task.measurement.known
-    left, found = 1 - len(task.variables.names) / np.sum(known), []
-    for off, values, there in zip((point.values - measurement.values).T, measurement.values.T, known.T, strict=True):
-        size = np.abs(off[there])
-        # Of normal noise the median is 0.6745 deviations.
-        size = np.sqrt(np.mean(size**2)) if task.options.loss == "linear" else np.median(size) / 0.6745
-        found.append(max(size / np.sqrt(left), task.floor(values[there])))
-    return np.array(found)

@@ -44,6 +44,12 @@ class Measurement(NamedTuple):
         """Which of them there are, shape (times, series)."""
         return np.isfinite(self.values)
 
+    def until(self, count: int) -> "Measurement":
+        """The same instants, of which only the first `count` were measured."""
+        late = np.arange(len(self.times)) >= count
+        series = (one._replace(values=np.where(late, np.nan, one.values)) for one in self.series)
+        return Measurement(self.times, tuple(series))
+
     @property
     def missing(self) -> int:
         """How many are missing."""

@@ -19,10 +19,11 @@ class FitOptions(Module):
         default="linear",
         static=True,
     )
-    starts: int = describe(
+    starts: int | None = describe(
         "number of starts: the first at the scene's values, the others scattered over the bounds",
         "5",
-        default=1,
+        "one, and up to seven more while the residuals do not look like noise",
+        default=None,
         least=1,
         most=MOST_STARTS,
         static=True,
@@ -37,7 +38,8 @@ def fit_options(loss: Any, starts: Any, seed: Any, most: Any) -> FitOptions:
     """The options, checked. **Raises** `ClearanceError` naming what is wrong."""
     if loss not in LOSSES:
         raise ClearanceError(f"There is no loss {quote(loss)}. {suggest(str(loss), LOSSES)}")
-    limits = {"starts": (starts, 1, MOST_STARTS), "seed": (seed, 0, 10**9), "most": (most, 2, MOST_MOTIONS)}
+    limits = {"seed": (seed, 0, 10**9), "most": (most, 2, MOST_MOTIONS)}
+    limits |= {} if starts is None else {"starts": (starts, 1, MOST_STARTS)}
     for name, (value, low, high) in limits.items():
         if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
             raise ClearanceError(f"`{name}` must be a whole number from {low} to {high}, but it is {quote(value)}.")

@@ -1,5 +1,7 @@
 """What instruments would read of a motion, with its derivatives, at points of the numbers that are looked for."""
 
+import copy
+import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -56,7 +58,8 @@ class Point(NamedTuple):
 
 class Instruments:
     """The readings of a mechanism's motion at points of its numbers `names`, each point solved once; `points` lists
-    them all, in order, and `progress` is told of each. Differences below `accuracy` of a reading are the solves' own.
+    them all, in order, those of shorter motions too, and `progress` is told of each. Differences below `accuracy` of a
+    reading are the solves' own.
     """
 
     def __init__(
@@ -79,16 +82,25 @@ class Instruments:
             mechanism, {"": Readings(quantities, signals, measurement.times)}, t1, settings, names
         )
         self._names, self._progress = tuple(names), progress
+        self._times, self._count = measurement.times, len(measurement.times)
         self.accuracy = FLOOR * float(settings.rtol)
-        self._seen: dict[bytes, Point] = {}
+        self._seen: dict[tuple[int, bytes], Point] = {}
 
     @property
     def points(self) -> list[Point]:
         """Every point that was solved, in order."""
         return list(self._seen.values())
 
+    def until(self, count: int) -> "Instruments":
+        """The same by motions that end at the instant `count` and read their end ever after; it is the same program."""
+        other, end = copy.copy(self), self._times[count - 1]
+        readings = dataclasses.replace(self._question.metrics[""], times=np.minimum(self._times, end))
+        other._question = dataclasses.replace(self._question, metrics={"": readings}, t1=end)
+        other._count = count
+        return other
+
     def __call__(self, x: np.ndarray) -> Point:
-        key = np.asarray(x, float).tobytes()
+        key = self._count, np.asarray(x, float).tobytes()
         if key not in self._seen:
             found = answer(self._question, dict(zip(self._names, x, strict=True)))
             values = np.asarray(found.values[""])[:, self._order]

@@ -6,18 +6,25 @@ from typing import Any, Unpack
 import numpy as np
 import xarray as xr
 
-from clearance_jax.calibrate.confidence import confidence
+from clearance_jax.calibrate.confidence import Confidence, confidence
 from clearance_jax.calibrate.doubts import doubts
-from clearance_jax.calibrate.fit import Task, Variables, search
+from clearance_jax.calibrate.fit import INTERRUPTED, Fit, Task, Variables, descend
 from clearance_jax.calibrate.measurement import Measurement, read_measurement
 from clearance_jax.calibrate.options import FitOptions, fit_options
+from clearance_jax.calibrate.profile import profile
 from clearance_jax.calibrate.readings import Instruments, Point
+from clearance_jax.calibrate.residuals import residuals_of
 from clearance_jax.calibrate.result import Calibration, result_of
+from clearance_jax.calibrate.search import refine, search
 from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.metrics.signals import AbstractSignal
 from clearance_jax.parameters import Leaf, check_bounds, find, parameters, replace
 from clearance_jax.solve.settings import Settings, SolveOptions, settings_of
+
+# How often a better fit is gone after that the ends of the intervals have shown.
+ROUNDS = 4
+UNSEEN = "the motion at the ends of the intervals was not compared with what the derivatives predict"
 
 
 def calibrate(
@@ -28,7 +35,7 @@ def calibrate(
     signals: Mapping[str, str | AbstractSignal] | Sequence[str] | None = None,
     deviations: Mapping[str, Any] | None = None,
     loss: str = "linear",
-    starts: int = 1,
+    starts: int | None = None,
     seed: int = 0,
     most: int = 100,
     t1: Any = None,
@@ -50,7 +57,9 @@ def calibrate(
     - `deviations`: of each variable the standard deviation of its noise [SI]; what is absent is estimated from
       residuals.
     - `loss`: "linear", or one that outliers disturb less: "huber", "soft_l1", "cauchy", "arctan".
-    - `starts`: how many, the others scattered over the bounds by `seed`; `most`: motions after which one gives up.
+    - `starts`: how many, the first at the mechanism's own values, the others scattered over the bounds by `seed`;
+      `None`: one, and up to seven more while the residuals do not look like noise, until two agree. Each is fitted to
+      the first part of the measured time, and from there to longer ones. `most`: motions after which one gives up.
     - `t1`: end of the motion [s] (the last measured instant); `progress`: called with every point that was solved;
       `options`: as `simulate`'s.
 
@@ -67,10 +76,28 @@ def calibrate(
     instruments = Instruments(mechanism, measurement, variables.names, t1, settings, progress)
     task = Task(instruments, variables, measurement, how)
     fits = search(task)
-    known = confidence(task, fits[0])
-    notes = tuple(doubts(task, fits[0], known))
+    fits[0], known, interrupted = settle(task, fits[0])
+    notes = (*doubts(task, fits[0], known), *interrupted)
     found = replace(mechanism, dict(zip(variables.names, fits[0].point.x, strict=True)))
     return result_of(task, found, fits, known, notes)
+
+
+def settle(task: Task, fit: Fit) -> tuple[Fit, Confidence, tuple[str, ...]]:
+    """How well the numbers are known, of a better fit where its interval has shown one; and what could not be told."""
+    known = confidence(task, fit)
+    try:
+        for _ in range(ROUNDS):
+            if fit.ending == INTERRUPTED or any(one.exact for one in residuals_of(task, fit)):
+                return fit, known, ()
+            found = profile(task, fit, known)
+            if found.better is None:
+                return fit, found.known, ()
+            fit = refine(task, descend(task, found.better, fit.deviations).after(fit))
+            known = confidence(task, fit)
+    except KeyboardInterrupt:
+        return fit, known, (f"Interrupted: {UNSEEN}.",)
+    said = f"Each look at the ends of the intervals has shown a better fit nearby: {UNSEEN}. Try more starts."
+    return fit, known, (said,)
 
 
 def _variables(mechanism: Mechanism, given: Any, options: FitOptions) -> Variables:
@@ -92,7 +119,7 @@ def _variables(mechanism: Mechanism, given: Any, options: FitOptions) -> Variabl
                 f"The search starts at the mechanism's own `{name}` = {value:g} {leaf.unit}".rstrip()
                 + f", which is not between its bounds {low:g} and {high:g}. Change one of them."
             )
-        if options.starts > 1 and not np.isfinite(high - low):
+        if (options.starts or 1) > 1 and not np.isfinite(high - low):
             raise ClearanceError(f"Several starts are scattered over the bounds, but `{name}` has none. Give them.")
         ends.append((low, high))
         start.append(value)

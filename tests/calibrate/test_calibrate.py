@@ -14,17 +14,20 @@ from typer.testing import CliRunner
 
 import clearance_jax as cj
 from clearance_jax import laws, metrics
-from clearance_jax.calibrate.confidence import confidence
 from clearance_jax.calibrate.doubts import doubts
-from clearance_jax.calibrate.fit import Task, Variables, search, starts_of
+from clearance_jax.calibrate.fit import Task, Variables
 from clearance_jax.calibrate.losses import LOSSES
 from clearance_jax.calibrate.measurement import Measurement, Series, read_measurement
 from clearance_jax.calibrate.options import FitOptions
-from clearance_jax.calibrate.readings import Point
+from clearance_jax.calibrate.readings import Instruments, Point
+from clearance_jax.calibrate.residuals import _memory, _roughness
 from clearance_jax.calibrate.result import Minimum
+from clearance_jax.calibrate.run import settle
+from clearance_jax.calibrate.search import search, starts_of
 from clearance_jax.cli.main import app
 from clearance_jax.io import calibrate_keys
 from clearance_jax.io.keys import example
+from clearance_jax.solve.settings import settings_of
 
 SCENES = ROOT / "experiments" / "scenes"
 HEIGHT, GRAVITY, RTOL = 5e-3, 9.81, 1e-8
@@ -252,12 +255,14 @@ def test_several_starts_find_what_one_does_not():
     noise = 1e-3 * np.random.default_rng(1).standard_normal(101)
     measured = dataset(times, slide=np.asarray(cj.simulate(shaker, 1.0, save_at=times)["slide"]) + noise)
     far, seen = cj.replace(shaker, {name: 30.0}), []
-    one = cj.calibrate(far, measured, {name: (20.0, 80.0)})
+    one = cj.calibrate(far, measured, {name: (20.0, 80.0)}, starts=1)
     assert abs(one.values[name] - 50.0) > 1.0
     assert any("follow each other" in note for note in one.notes)
-    many = cj.calibrate(far, measured, {name: (20.0, 80.0)}, starts=12, progress=seen.append)
-    assert many.values[name] == pytest.approx(50.0, abs=3 * many.deviations[name])
-    assert many.motions == len(seen)
+    for starts in (None, 12):
+        many = cj.calibrate(far, measured, {name: (20.0, 80.0)}, starts=starts, progress=seen.append)
+        assert many.values[name] == pytest.approx(50.0, abs=3 * many.deviations[name])
+        assert many.notes == ()
+    assert many.motions < len(seen)
     assert len(many.others) > 3
     assert all(other.ratio > 10 for other in many.others)
     assert f"Another minimum, of {many.others[0].ratio:.3g} times the cost" in many.message
@@ -285,6 +290,9 @@ def task(model: Any, slopes: Any, x: float, seen: np.ndarray, noise: float = 0.0
     class Formula:
         accuracy, points = 1e-8, ()
 
+        def until(self, count):
+            return self
+
         def __call__(self, x):
             return Point(x, model(x[0])[:, None], slopes(x[0])[:, None, None], "")
 
@@ -294,8 +302,8 @@ def task(model: Any, slopes: Any, x: float, seen: np.ndarray, noise: float = 0.0
 
 
 def said(one: Task) -> list[str]:
-    fit = search(one)[0]
-    return list(doubts(one, fit, confidence(one, fit)))
+    fit, known, more = settle(one, search(one)[0])
+    return [*doubts(one, fit, known), *more]
 
 
 def test_steps_that_bring_less_than_promised_are_told():
@@ -321,6 +329,75 @@ def test_intervals_that_reach_beyond_what_derivatives_tell_are_told():
 
     kinked = task(model, lambda c: times * (10.0 if c > 3.0 else 1.0), 2.0, 3.0 * times + noise)
     assert any("at the ends of the intervals, mainly of `c`" in one.lower() for one in said(kinked))
+
+
+def test_an_interval_reaches_as_far_as_the_motion_allows():
+    """A reading that bends away: where its line has the end of the interval is known in closed form."""
+    times, noise = np.arange(30.0), 0.01 * np.random.default_rng(0).standard_normal(30)
+    # Without what a line would follow of it.
+    noise = noise - times * np.sum(times * noise) / np.sum(times**2)
+
+    def bent(c):
+        return c - 1000 * max(min(c - 3.0, 5e-4), 0.0) ** 2
+
+    one = task(
+        lambda c: times * bent(c), lambda c: times * (1 - 2000 * (c - 3.0) * (3.0 < c < 3.0005)), 2.9, 3.0 * times + noise
+    )
+    fit, known, _ = settle(one, search(one)[0])
+    half = stats.norm.ppf(0.975) * 0.01 * np.sqrt(known.inflation / np.sum(times**2))
+    end = 3.0 + (1 - np.sqrt(1 - 4e3 * half)) / 2e3
+    straight = fit.point.x[0] + known.factor * known.deviations[0]
+    assert fit.point.x[0] == pytest.approx(3.0, abs=1e-6)
+    assert straight + 5e-6 < end
+    assert known.intervals[0, 1] == pytest.approx(end, abs=0.15 * (end - fit.point.x[0]))
+
+
+def test_intervals_lie_within_the_bounds():
+    times, noise = np.arange(30.0), 0.01 * np.random.default_rng(0).standard_normal(30)
+    one = task(lambda c: c * times, lambda c: times, 2.0, 1e-4 * times + noise)
+    known = settle(one, search(one)[0])[1]
+    assert known.intervals[0, 0] == 0.0
+    assert 0.0 < known.intervals[0, 1] < 1e-3
+
+
+def test_residuals_that_follow_each_other_count_as_fewer():
+    """Of a first-order process with the correlation f the variance of a mean is (1 + f) / (1 - f) times as large."""
+    draws, psi = np.random.default_rng(0).standard_normal(200_000), np.zeros(200_000)
+    for i in range(1, len(psi)):
+        psi[i] = 0.8 * psi[i - 1] + draws[i]
+    assert _memory(psi) == pytest.approx(9.0, rel=0.1)
+    assert _memory(draws) == pytest.approx(1.0, abs=0.1)
+
+
+def test_readings_show_their_noise():
+    times = np.linspace(0.0, 1.0, 401)
+    noise = 1e-3 * np.random.default_rng(0).standard_normal(401)
+    moved = np.sin(10 * times) + np.where(times > 0.5, 1.0, 0.0)
+    assert _roughness(times, moved + noise) == pytest.approx(1e-3, rel=0.15)
+    assert np.isnan(_roughness(times[:40], noise[:40]))
+    assert np.isnan(_roughness(times**2, noise))
+
+
+def test_a_model_that_is_wrong_is_told_without_a_deviation():
+    """The ball fell at another gravity than the model's: 61 readings show how large their noise is."""
+    times = np.linspace(0.0, 0.03, 61)
+    wrong, measured = start(**{WEIGHT: 5.0}), data(times, noise=2e-5)
+    found = cj.calibrate(wrong, measured, {PLACE: (-0.02, 0.02), SPEED: (-0.2, 0.2)}, rtol=RTOL)
+    assert any("the noise that the readings themselves show" in note for note in found.notes)
+    (wider,) = [note for note in found.notes if "follow each other" in note]
+    assert "are made wider by the factor" in wider
+    assert "may lie outside" in wider
+
+
+def test_a_shorter_motion_reads_the_same_until_its_end():
+    settings = settings_of(ball(), 0.03, {"rtol": RTOL})
+    one = Instruments(ball(), read_measurement(ball(), data(SHORT)), tuple(FALL), 0.03, settings)
+    x = np.array([7e-3, 0.01, GRAVITY])
+    whole, part = one(x), one.until(12)(x)
+    np.testing.assert_allclose(part.values[:12], whole.values[:12], rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(part.values[12:], np.broadcast_to(part.values[11], (19, 1)))
+    np.testing.assert_allclose(part.slopes[:12], whole.slopes[:12], rtol=0, atol=1e-10)
+    assert len(one.points) == 2
 
 
 def test_a_number_at_its_bound_is_told():

@@ -9,6 +9,7 @@ import clearance_jax as cj
 from experiments import (
     batches,
     bifurcation,
+    calibration,
     contact_laws,
     cores,
     first_results,
@@ -326,6 +327,16 @@ def test_jumps_over_cycles():
 def test_lives_that_are_killed():
     found = wear_kills.main(quick=True)
     assert (found.kills, found.kept, found.identical) == (2, True, True)
+
+
+@pytest.mark.optimised
+def test_calibrations_of_a_pendulum_that_shares_no_code():
+    right, wrong = calibration.main(quick=True)
+    assert right[:5] == (2, 2, 2, 0, 0)
+    assert right.motions > 0
+    # The friction of a wrong model is wrong, and every answer says that it may be.
+    assert wrong.friction == 0
+    assert (wrong.silent, wrong.doubted) == (0, 1)
 
 
 def test_bifurcations(tmp_path):

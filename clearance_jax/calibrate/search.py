@@ -1,0 +1,148 @@
+"""The search for the best fit: from each start by motions that grow, and from more starts while the fit is bad."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.stats import qmc
+
+from clearance_jax.calibrate.fit import INTERRUPTED, Fit, Task, Variables, descend
+from clearance_jax.calibrate.measurement import Series
+from clearance_jax.calibrate.options import FitOptions
+from clearance_jax.calibrate.readings import Point
+from clearance_jax.calibrate.residuals import residuals_of
+from clearance_jax.errors import ClearanceError
+
+# From so many times between its bounds on a positive number is scattered by its logarithm.
+WIDE = 10.0
+# Refits by deviations that residuals have shown, at most, and how much these may change in the last one.
+REFITS, SETTLED = 8, 0.01
+# The first parts of the measured time that are fitted before all of it. The longer a motion, the narrower its minimum.
+PARTS = (0.125, 0.25, 0.5)
+# Numbers that a part must have for each that is looked for; and what ends the search in a part.
+ENOUGH, COARSE = 4, 1e-3
+# Starts at most where nobody has said how many, and of how many times the best cost two minima are the same.
+MOST_AUTOMATIC, SAME = 8, 1.01
+
+
+def search(task: Task) -> list[Fit]:
+    """Where every start led, the best first, its deviations estimated where none are given.
+
+    **Raises:** `ClearanceError` where no motion of a start reaches its end.
+    """
+    spread = np.array([_first_deviation(task, one) for one in task.measurement.series])
+    fits: list[Fit] = []
+    try:
+        for start in starts_of(task.variables, task.options):
+            fits += grow(task, start, spread)
+            if fits and (fits[-1].ending == INTERRUPTED or _enough(task, fits)):
+                break
+    except KeyboardInterrupt:
+        if not fits:
+            raise
+        fits = [fit._replace(converged=False, ending=INTERRUPTED) for fit in fits]
+    if not fits:
+        variables = task.variables
+        at = ", ".join(f"{name} = {value:.4g}" for name, value in zip(variables.names, variables.start, strict=True))
+        why = next((point.why for point in task.instruments.points if point.why), "")
+        raise ClearanceError(
+            f"No motion from which the search could start reaches its end ({at}): "
+            f"{why or 'a reading or a derivative is not finite'}. Change the mechanism's numbers, or the bounds."
+        )
+    fits.sort(key=lambda fit: fit.cost)
+    return [refine(task, fits[0]), *fits[1:]]
+
+
+def _enough(task: Task, fits: list[Fit]) -> bool:
+    """Where nobody has said how many starts: whether the best fit looks like noise, or two starts agree on it."""
+    if task.options.starts is not None:
+        return False
+    costs = sorted(fit.cost for fit in fits)
+    agreed = len(costs) > 1 and costs[1] <= SAME * costs[0]
+    best = min(fits, key=lambda fit: fit.cost)
+    best = best._replace(deviations=np.where(task.given, best.deviations, _shown_deviations(task, best.point)))
+    return agreed or all(one.like_noise for one in residuals_of(task, best))
+
+
+def _first_deviation(task: Task, series: Series) -> float:
+    """By what residuals are weighed at first: the noise, or how far the signal moves, or how large it is."""
+    values = series.values[np.isfinite(series.values)]
+    spread = float(np.std(values))
+    return series.deviation or (spread if spread > task.floor(values) else float(np.max(np.abs(values))) or 1.0)
+
+
+def starts_of(variables: Variables, options: FitOptions) -> Iterator[np.ndarray]:
+    """The mechanism's own numbers, and points scattered over the bounds."""
+    yield np.clip(variables.start, variables.lower, variables.upper)
+    lower, upper = variables.lower, variables.upper
+    count = options.starts or (MOST_AUTOMATIC if np.all(np.isfinite(upper - lower)) else 1)
+    if count == 1:
+        return
+    by_log = (lower > 0) & (upper > WIDE * lower)
+    low, high = np.where(by_log, np.log(lower, where=by_log, out=lower.copy()), lower), upper.copy()
+    high[by_log] = np.log(upper[by_log])
+    for draw in qmc.LatinHypercube(len(lower), rng=np.random.default_rng(options.seed)).random(count - 1):
+        between = low + draw * (high - low)
+        yield np.where(by_log, np.exp(np.where(by_log, between, 0.0)), between)
+
+
+def grow(task: Task, start: np.ndarray, deviations: np.ndarray) -> Iterator[Fit]:
+    """The minimum to which a start leads, none where its motion does not reach its end: fitted to a first part of the
+    measured time, and from there to longer ones.
+    """
+    best, places = None, [start]
+    for count in _counts(task):
+        part = task.until(count)
+        try:
+            tried = [point for point in map(part.instruments, places) if point.reached]
+            if not tried:
+                continue
+            first = min(tried, key=lambda point: part.cost(point, deviations))
+            best = descend(part, first, deviations, 1e-8 if part is task else COARSE).after(best)
+        except KeyboardInterrupt:
+            if best is None:
+                raise
+            best = best._replace(ending=INTERRUPTED, converged=False)
+        if best.ending == INTERRUPTED:
+            break
+        # A part may have led astray: the start may be nearer to what a longer one shows.
+        places = [best.point.x, start]
+    if best is not None:
+        point = task.instruments(best.point.x)
+        yield from (best._replace(point=point, cost=task.cost(point, deviations)),) if point.reached else ()
+
+
+def _counts(task: Task) -> list[int]:
+    """How many of the measured instants are fitted, in turn; at last all."""
+    times, known = task.measurement.times, np.cumsum(np.sum(task.measurement.known, axis=1))
+    ends = np.searchsorted(times, times[0] + np.array(PARTS) * (times[-1] - times[0]), side="right")
+    enough = {int(end) for end in ends if known[end - 1] >= ENOUGH * len(task.variables.names)}
+    return sorted(enough | {len(times)})
+
+
+def refine(task: Task, fit: Fit) -> Fit:
+    """The fit with deviations that its own residuals show, of the series for which none are given."""
+    given = task.given
+    # A common factor moves no minimum of a sum of squares.
+    alone = len(given) == 1 and task.options.loss == "linear"
+    for _ in range(0 if np.all(given) else REFITS):
+        shown = np.where(given, fit.deviations, _shown_deviations(task, fit.point))
+        settled = np.all(np.abs(shown - fit.deviations) <= SETTLED * fit.deviations)
+        fit = fit._replace(deviations=shown, cost=task.cost(fit.point, shown))
+        if settled or alone or fit.ending == INTERRUPTED:
+            break
+        fit = descend(task, fit.point, shown).after(fit)
+    return fit
+
+
+def _shown_deviations(task: Task, point: Point) -> np.ndarray:
+    """The deviation of each series that its residuals show, shape (series,): their root mean square, or with a robust
+    loss their median, over the share of the numbers that the fit has not used up.
+    """
+    measurement, known = task.measurement, task.measurement.known
+    left, found = 1 - len(task.variables.names) / np.sum(known), []
+    for off, values, there in zip((point.values - measurement.values).T, measurement.values.T, known.T, strict=True):
+        size = np.abs(off[there])
+        # Of normal noise the median is 0.6745 deviations.
+        size = np.sqrt(np.mean(size**2)) if task.options.loss == "linear" else np.median(size) / 0.6745
+        found.append(max(size / np.sqrt(left), task.floor(values[there])))
+    return np.array(found)
