@@ -7,7 +7,7 @@ import typer
 
 from clearance_jax.cli.common import check_distinct, check_readable, check_writable, errors, say_written
 from clearance_jax.cli.interruption import Interruption
-from clearance_jax.cli.pace import Shown
+from clearance_jax.cli.pace import ProgressDisplay
 
 Magnified = Annotated[
     str | None,
@@ -58,7 +58,7 @@ def check_film(path: Path | None) -> None:
 
 def write_film(film: Any, path: Path) -> None:
     """Draw a film, showing how far it is."""
-    with Shown(errors, parts=True) as shown, Interruption() as asked:
+    with ProgressDisplay(errors, parts=True) as shown, Interruption() as asked:
         shown.update(f"drawing {len(film)} frames")
 
         def progress(done: float) -> None:

@@ -8,7 +8,7 @@ from rich.markup import escape
 
 from clearance_jax.cli.common import console, errors, say, say_written
 from clearance_jax.cli.interruption import Interruption
-from clearance_jax.cli.pace import Shown
+from clearance_jax.cli.pace import ProgressDisplay
 
 
 def run_calibrate(study: Any, *, output: Path | None, report: Path | None, starts: int | None) -> None:
@@ -18,7 +18,7 @@ def run_calibrate(study: Any, *, output: Path | None, report: Path | None, start
     from clearance_jax.results.store import save
 
     given = study.calibrate | ({} if starts is None else {"starts": starts})
-    with Shown(errors) as shown, Interruption() as asked:
+    with ProgressDisplay(errors) as shown, Interruption() as asked:
         shown.phase("compiling")
         points = []
 

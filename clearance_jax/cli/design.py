@@ -8,7 +8,7 @@ from rich.markup import escape
 
 from clearance_jax.cli.common import aloud, console, errors, say, say_written
 from clearance_jax.cli.interruption import Interruption
-from clearance_jax.cli.pace import Pace, Shown, shown_duration
+from clearance_jax.cli.pace import Pace, ProgressDisplay, shown_duration
 from clearance_jax.errors import ClearanceError
 
 # Free coordinates of a plane mechanism above which compiling takes minutes: with 36 it is two and a half.
@@ -32,7 +32,7 @@ def run_design(
     from clearance_jax.report.html import write_report
     from clearance_jax.runs.journal import RunWarning
 
-    doubts, shown = aloud(RunWarning, YieldWarning), Shown(errors)
+    doubts, shown = aloud(RunWarning, YieldWarning), ProgressDisplay(errors)
     # One cluster for all that follows.
     with doubts, place_of(cluster) as place, shown, Interruption() as asked:
         pace, client, specification = Pace(asked.check), place.client, study.design.problem.specification
@@ -93,7 +93,7 @@ def _preparation(mechanism: Any) -> str:
     )
 
 
-def _search(study, given: dict[str, Any], shown: Shown, pace: Pace):
+def _search(study, given: dict[str, Any], shown: ProgressDisplay, pace: Pace):
     """The design, with the best so far shown on the way."""
     from clearance_jax.design.specification import AUTO
     from clearance_jax.solve.settings import QUASI_STATIC
@@ -125,7 +125,7 @@ def _interruption(design) -> bool:
     return design.stop_reason == INTERRUPTED
 
 
-def _verify(study, design, client: Any, shown: Shown, pace: Pace):
+def _verify(study, design, client: Any, shown: ProgressDisplay, pace: Pace):
     """The design and its certificate, with how long it will take said before and how far it has come on the way."""
     from clearance_jax.design.verify import expected_evaluations
 
@@ -141,7 +141,7 @@ def _verify(study, design, client: Any, shown: Shown, pace: Pace):
     return design.certified(**study.verify, cluster=client, progress=progress)
 
 
-def _explain(study, design, verify: bool, client: Any, report: bool, trade: dict | None, shown: Shown, pace: Pace):
+def _explain(study, design, verify: bool, client: Any, report: bool, trade: dict | None, shown: ProgressDisplay, pace: Pace):
     """What can be said of the design: its certificate, a trade-off if it is asked for, and for a report whatever else.
 
     An interruption keeps what is known by then.

@@ -11,7 +11,7 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeEl
 EVERY = 30.0
 
 
-class Shown:
+class ProgressDisplay:
     """How far a command has come: on a terminal one line that changes, elsewhere (a file, a pipe) plain lines: one for
     each phase, and while it lasts one every half a minute, also where nothing is heard of the work itself.
 
@@ -29,7 +29,7 @@ class Shown:
             self._bar = Progress(*columns, console=console, transient=parts)
             self._task = self._bar.add_task("", total=1.0)
 
-    def __enter__(self) -> "Shown":
+    def __enter__(self) -> "ProgressDisplay":
         if self._bar is not None:
             self._bar.start()
         else:

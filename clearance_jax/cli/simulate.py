@@ -27,7 +27,7 @@ from clearance_jax.cli.common import (
 )
 from clearance_jax.cli.interruption import Interruption
 from clearance_jax.cli.motion import check_covered, driven_by, usual_end
-from clearance_jax.cli.pace import Shown
+from clearance_jax.cli.pace import ProgressDisplay
 from clearance_jax.cli.posture import say_held
 from clearance_jax.errors import ClearanceError, quote, suggest
 
@@ -80,7 +80,7 @@ def simulate(
     check_covered(lead, options)
     end = options.pop("t1")
     say_held(held, lead is None, end if lead is None and t1 is None else None, driven)
-    with Shown(errors, parts=True) as shown, warnings.catch_warnings():
+    with ProgressDisplay(errors, parts=True) as shown, warnings.catch_warnings():
         warnings.simplefilter("ignore", EnergyWarning)  # said below, after the result
         shown.update("compiling and solving")
         solve = {"save_at" if name == "samples" else name: value for name, value in options.items()}

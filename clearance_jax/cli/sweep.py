@@ -8,7 +8,7 @@ from rich.markup import escape
 
 from clearance_jax.cli.common import aloud, console, errors, say, say_written
 from clearance_jax.cli.interruption import Interruption
-from clearance_jax.cli.pace import Shown
+from clearance_jax.cli.pace import ProgressDisplay
 from clearance_jax.cli.pictures import draw_sweep
 from clearance_jax.errors import ClearanceError
 from clearance_jax.extras import require
@@ -34,7 +34,7 @@ def run_sweep(
     from clearance_jax.sweep.run import sweep as swept
 
     console.print(f"[bold]{escape(study.name)}[/bold]")
-    with aloud(RunWarning), Shown(errors, parts=True) as shown, Interruption() as asked:
+    with aloud(RunWarning), ProgressDisplay(errors, parts=True) as shown, Interruption() as asked:
         shown.phase("compiling")
 
         def progress(now: Any) -> None:

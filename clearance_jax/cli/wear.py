@@ -10,7 +10,7 @@ from rich.markup import escape
 from clearance_jax.cli.animate import write_film
 from clearance_jax.cli.common import aloud, console, errors, say, say_written
 from clearance_jax.cli.interruption import Interruption
-from clearance_jax.cli.pace import Shown, shown_duration
+from clearance_jax.cli.pace import ProgressDisplay, shown_duration
 from clearance_jax.errors import ClearanceError
 
 
@@ -26,7 +26,7 @@ def run_wear(study: Any, file: Path, output: Path, *, resume: bool, plot: Path |
             f"`{journal}` keeps a life that has begun. Go on with it by `--resume`, or delete it, or give another `-o`."
         )
     console.print(f"[bold]{escape(study.name)}[/bold]")
-    with Shown(errors, parts=True) as shown, Interruption() as asked:
+    with ProgressDisplay(errors, parts=True) as shown, Interruption() as asked:
         try:
             with aloud(SectorsWarning), aloud(RunWarning):
                 dataset = _simulate(study, journal, _Told(shown, asked, study.wear.cycles))
@@ -90,7 +90,7 @@ class _Told:
     The time that is left is that of the last block for each cycle: jumps grow, so that at first it is too long.
     """
 
-    def __init__(self, shown: Shown, asked: Interruption, cycles: int):
+    def __init__(self, shown: ProgressDisplay, asked: Interruption, cycles: int):
         self._shown, self._over_time, self._cycles = shown, asked, cycles
         shown.phase("compiling")
         self._at, self._done = time.monotonic(), 0.0

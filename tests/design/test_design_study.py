@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 import clearance_jax as cj
 from clearance_jax import design, metrics
 from clearance_jax.cli.main import app, main
-from clearance_jax.cli.pace import Shown
+from clearance_jax.cli.pace import ProgressDisplay
 from clearance_jax.design import formulation
 from clearance_jax.errors import ClearanceError
 from clearance_jax.io.study import load_study
@@ -325,7 +325,7 @@ def test_a_trade_off_is_made_on_request_only(study, monkeypatch):
 
 def test_where_there_is_no_terminal_progress_is_plain_lines():
     text = io.StringIO()
-    with Shown(Console(file=text, force_terminal=False), every=0.01) as shown:
+    with ProgressDisplay(Console(file=text, force_terminal=False), every=0.01) as shown:
         shown.phase("search")
         shown.update("search: 3 designs")
         deadline = time.monotonic() + 30
@@ -335,7 +335,7 @@ def test_where_there_is_no_terminal_progress_is_plain_lines():
     assert lines[0] == "search"
     assert lines[-1] == "search: 3 designs (0 s)"
     alive = io.StringIO()
-    with Shown(Console(file=alive, force_terminal=True, width=80)) as shown:
+    with ProgressDisplay(Console(file=alive, force_terminal=True, width=80)) as shown:
         shown.phase("judge")
     assert "judge" in alive.getvalue()
     assert "(0 s)" not in alive.getvalue()
