@@ -141,7 +141,9 @@ def _verify(study, design, client: Any, shown: ProgressDisplay, pace: Pace):
     return design.certified(**study.verify, cluster=client, progress=progress)
 
 
-def _explain(study, design, verify: bool, client: Any, report: bool, trade: dict | None, shown: ProgressDisplay, pace: Pace):
+def _explain(
+    study, design, verify: bool, client: Any, report: bool, trade: dict | None, shown: ProgressDisplay, pace: Pace
+):
     """What can be said of the design: its certificate, a trade-off if it is asked for, and for a report whatever else.
 
     An interruption keeps what is known by then.

@@ -340,9 +340,11 @@ def test_an_interval_reaches_as_far_as_the_motion_allows():
     def bent(c):
         return c - 1000 * max(min(c - 3.0, 5e-4), 0.0) ** 2
 
-    one = task(
-        lambda c: times * bent(c), lambda c: times * (1 - 2000 * (c - 3.0) * (3.0 < c < 3.0005)), 2.9, 3.0 * times + noise
-    )
+
+    def slope(c):
+        return times * (1 - 2000 * (c - 3.0) * (3.0 < c < 3.0005))
+
+    one = task(lambda c: times * bent(c), slope, 2.9, 3.0 * times + noise)
     fit, known, _ = settle(one, search(one)[0])
     half = stats.norm.ppf(0.975) * 0.01 * np.sqrt(known.inflation / np.sum(times**2))
     end = 3.0 + (1 - np.sqrt(1 - 4e3 * half)) / 2e3
