@@ -1,0 +1,213 @@
+"""A motion: DOP853 at a tight tolerance, restarted wherever a contact begins or ends, a force starts or ceases to be cut
+off, and at the breaks of drives. In between the regime stays, so that all is smooth.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.integrate import DOP853
+from scipy.optimize import minimize_scalar
+
+from .model import read
+from .quantities import Vector, dot
+from .start import initial
+from .system import Now, Regime, System
+
+# Tolerances: relative, of places [m] and of velocities [m/s].
+RELATIVE, PLACES, SPEEDS = 5e-14, 1e-15, 1e-12
+# Places within a step at which the regime is looked at.
+WITHIN = (0.2, 0.4, 0.6, 0.8, 1.0)
+
+
+class Episode(NamedTuple):
+    """A contact: joint, begin and end [s] (NaN: it lasts), approach at touch [m/s] and largest normal force [N]."""
+
+    joint: str
+    begin: float
+    end: float
+    speed: float
+    peak: float
+
+
+class Solution(NamedTuple):
+    """A motion: `time` (samples,), quantities by name over it, contacts, and steps of the integrator."""
+
+    time: Vector
+    values: dict[str, Vector]
+    episodes: list[Episode]
+    steps: int
+
+
+class Motion:
+    """The solve of one scene."""
+
+    def __init__(self, scene: dict, t1: float, t0: float = 0.0, y0: Vector | None = None):
+        self.system = System(read(scene))
+        self.t0, self.t1 = t0, t1
+        self.y = initial(self.system, t0) if y0 is None else y0
+        self.plays = self.system.model.plays
+        speeds = tuple(np.full(j.play.count, j.play.normal.least_speed) for j in self.plays if j.play)
+        self.regime = self._regime(self.y, speeds)
+        self.start = self.y
+        self.open = {i: [t0, np.nan, []] for i in range(len(self.plays)) if self.regime.touches[i].any()}
+        self.episodes: list[Episode] = []
+        self.steps = 0
+
+    def _regime(self, y: Vector, speeds) -> Regime:
+        now = self.system.now(y)
+        touches, presses = [], []
+        for joint, memory, speed in zip(self.plays, self.system.memory(y), speeds, strict=True):
+            assert joint.play is not None
+            depth, force = joint.play.depths(self.system.pose(joint, now), memory, speed)
+            touches.append(depth > 0)
+            presses.append((depth > 0) & ((force > 0) | (not joint.play.normal.clipped)))
+        return Regime(tuple(touches), tuple(presses), speeds)
+
+    def _differs(self, y: Vector) -> bool:
+        new = self._regime(y, self.regime.speeds)
+        return any(
+            (a != b).any()
+            for olds, news in ((self.regime.touches, new.touches), (self.regime.presses, new.presses))
+            for a, b in zip(olds, news, strict=True)
+        )
+
+    def run(self, times: Vector) -> Solution:
+        """The motion, with quantities at the given times."""
+        t, samples, left = self.t0, [], [s for s in times if s > self.t0]
+        if len(left) < len(times):
+            samples.append(self._observe(self.t0, self.y))
+        ends = [*(b for b in self.system.model.breaks if self.t0 < b < self.t1), self.t1]
+        while ends:
+            t, self.y = self._until(t, ends[0], left, samples)
+            if t >= ends[0]:
+                ends.pop(0)
+        for i in list(self.open):
+            self._finish(i, np.nan)
+        keys = samples[0].keys()
+        self.episodes.sort(key=lambda episode: episode.begin)
+        return Solution(times, {key: np.array([s[key] for s in samples]) for key in keys}, self.episodes, self.steps)
+
+    def _until(self, t: float, end: float, left: list, samples: list) -> tuple[float, Vector]:
+        """Integrates to the end or the next change of regime."""
+        n, y = len(self.system.names), self.y
+        small = np.full(len(y), SPEEDS)
+        small[: 7 * n] = PLACES
+        small[13 * n : -3] = 1e-17
+        system, regime = self.system, self.regime
+        solver = DOP853(lambda t, y: system.rates(t, y, regime), t, y, end, rtol=RELATIVE, atol=small)
+        while solver.status == "running":
+            said = solver.step()
+            if solver.status == "failed":
+                raise RuntimeError(f"The second simulator stops at {solver.t} s: {said}")
+            self.steps += 1
+            begin, length, dense = solver.t_old, solver.t - solver.t_old, solver.dense_output()
+            stop = next((s for s in WITHIN if self._differs(dense(begin + s * length))), None)
+            if stop is not None:
+                low, high = begin + (WITHIN[WITHIN.index(stop) - 1] if stop != WITHIN[0] else 0) * length, begin + stop * length
+                for _ in range(60):
+                    middle = 0.5 * (low + high)
+                    if middle in (low, high):
+                        break
+                    low, high = (low, middle) if self._differs(dense(middle)) else (middle, high)
+                length = high - begin
+            self._save(left, samples, begin + length, dense)
+            for i in self.open:
+                self.open[i][2].append((begin, begin + length, dense))
+            if stop is not None:
+                return begin + length, self._switch(begin + length, dense(begin + length))
+        return end, solver.y
+
+    def _save(self, left, samples, now, dense):
+        while left and left[0] <= now:
+            time = left.pop(0)
+            samples.append(self._observe(time, dense(time)))
+
+    def _switch(self, t: float, y: Vector) -> Vector:
+        """The state with the regime that begins: touches rewrite impact speeds, and straighten bristles."""
+        old, at = self.regime, self._regime(y, self.regime.speeds)
+        y, now = y.copy(), self.system.now(y)
+        speeds, memories = [], self.system.memory(y)
+        for i, joint in enumerate(self.plays):
+            assert joint.play is not None
+            rate = joint.play.rates(self.system.pose(joint, now))
+            began, ended = at.touches[i] & ~old.touches[i], old.touches[i] & ~at.touches[i]
+            least = joint.play.normal.least_speed
+            speeds.append(np.where(began, np.maximum(rate, least), old.speeds[i]))
+            if joint.play.friction is not None and joint.play.friction.remembers:
+                bend = joint.play.split(memories[i])[1]
+                bend[began | ended] = 0.0
+            if at.touches[i].any() and not old.touches[i].any():
+                self.open[i] = [t, float(rate[began].max()), []]
+            if old.touches[i].any() and not at.touches[i].any():
+                self._finish(i, t)
+        self.regime = self._regime(y, tuple(speeds))._replace(touches=at.touches)
+        return y
+
+    def _finish(self, i: int, end: float) -> None:
+        """Closes a contact, with the largest normal force of its steps."""
+        begin, speed, pieces = self.open.pop(i)
+        steps = [(self._force(i, dense(b)), a, b, dense) for a, b, dense in pieces]
+        peak = self._force(i, pieces[0][2](pieces[0][0])) if pieces else 0.0
+        if steps:
+            top = max(range(len(steps)), key=lambda k: steps[k][0])
+            for k in {max(top - 1, 0), top, min(top + 1, len(steps) - 1)}:
+                force, a, b, dense = steps[k]
+                found = minimize_scalar(
+                    lambda t, dense=dense: -self._force(i, dense(t)), bounds=(a, b), method="bounded",
+                    options={"xatol": 1e-6 * (b - a)},
+                )
+                peak = max(peak, force, -found.fun)
+        self.episodes.append(Episode(self.plays[i].name, begin, end, speed, peak))
+
+    def _force(self, i: int, y: Vector) -> float:
+        return self._push(i, y, self.system.now(y)).normal
+
+    def _push(self, i: int, y: Vector, now: Now):
+        joint, memory = self.plays[i], self.system.memory(y)[i]
+        assert joint.play is not None
+        pose = self.system.pose(joint, now)
+        return joint.play.act(pose, memory, self.regime.speeds[i], self.regime.touches[i], self.regime.presses[i])
+
+    def _observe(self, t: float, y: Vector) -> dict[str, Vector | float]:
+        """Quantities by the library's names."""
+        system, now = self.system, self.system.now(y)
+        out: dict[str, Vector | float] = {}
+        for name, (body, at) in system.model.points.items():
+            place, velocity, _ = system.point(body, at, now)
+            out[f"{name}.position"], out[f"{name}.velocity"] = place, velocity
+        stored = []
+        for i, joint in enumerate(self.plays):
+            assert joint.play is not None
+            pose, push = system.pose(joint, now), self._push(i, y, now)
+            out[f"{joint.name}.play"] = pose.place
+            out[f"{joint.name}.contact_force"] = push.normal
+            out[f"{joint.name}.friction_force"] = push.traction
+            stored.append(joint.play.stored(pose))
+        started = [
+            joint.play.stored(system.pose(joint, system.now(self.start))) for joint in self.plays if joint.play is not None
+        ]
+        turned = now.matrix[:-1] @ system.inertia @ now.matrix[:-1].transpose(0, 2, 1)
+        w = now.turning[:-1]
+        kinetic = system.mass @ dot(now.velocity[:-1], now.velocity[:-1]) + dot(w, (turned @ w[:, :, None])[:, :, 0]).sum()
+        kinetic += self._rotors(now)
+        springs = 0.0
+        for spring in system.model.springs:
+            a, b = (system.point(body, at, now)[0] for body, at in zip(spring.bodies, spring.ends, strict=True))
+            springs += 0.5 * spring.stiffness * (np.linalg.norm(b - a) - spring.free_length) ** 2
+        out["kinetic_energy"] = 0.5 * kinetic
+        out["potential_energy"] = -float(system.mass @ (now.place[:-1] @ system.model.gravity))
+        out["elastic_energy"] = sum(stored) + springs
+        out["drive_work"], out["friction_loss"] = y[-3], y[-1]
+        out["damping_loss"] = y[-2] - sum(stored) + sum(started)
+        return out
+
+    def _rotors(self, now: Now) -> float:
+        system = self.system
+        jacobian = system.jacobian(now)[0][len(system.held) :]
+        rates = (jacobian * np.concatenate([now.velocity, now.turning], 1)).sum((1, 2))
+        return float(sum(system.own[i][1].rotor * rates[i] ** 2 for i in system.free))
+
+
+def solve(scene: dict, times: Vector, t1: float | None = None) -> Solution:
+    """The motion of a scene, with quantities at increasing times."""
+    return Motion(scene, float(times[-1]) if t1 is None else t1).run(np.asarray(times, float))
