@@ -97,7 +97,7 @@ def _trapezoid(table) -> Drive:
                 left = max(s - (duration - ramp), 0.0)
                 value += top * (0.5 * grown**2 / ramp + kept + left - 0.5 * left**2 / ramp)
                 rate += top * (grown - left) / ramp
-                second += top / ramp * ((s < ramp) - (s > duration - ramp))
+                second += top / ramp * (float(s < ramp) - float(s > duration - ramp))
         return value, rate, second
 
     return Drive(at, tuple(breaks))

@@ -199,7 +199,7 @@ def _ratio(table) -> float:
 
 
 def _logarithmic(offset):
-    """d = F'/(pi E*) (ln(4 pi E* c / F') + B); F by Newton in its logarithm, for a convex and monotonous function."""
+    """D = F'/(pi E*) (ln(4 pi E* c / F') + B); F by Newton in its logarithm, for a convex and monotonous function."""
 
     def of(table, geometry) -> Normal:
         modulus, length, c = np.pi * contact_modulus(table), geometry.length, geometry.clearance

@@ -49,8 +49,9 @@ class Coordinate(NamedTuple):
 
 
 class Joint(NamedTuple):
-    """A joint: its frames on parent and child (place and matrix), what it holds, its coordinates, its play with the place
-    where the pin starts; of a ball the initial orientation and spin."""
+    """A joint: its frames on parent and child (place and matrix), what it holds, its coordinates, its play with the
+    place where the pin starts; of a ball the initial orientation and spin.
+    """
 
     name: str
     kind: str

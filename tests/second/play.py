@@ -10,12 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from . import kernels
 from .filling import filling
 from .frictions import Friction, friction_law
 from .laws import Geometry, Normal, normal_law
 from .quantities import Vector, cross, dot, number
 
-Z = np.array([0.0, 0.0, 1.0])
+Z, ONE = np.array([0.0, 0.0, 1.0]), np.ones(1)
 
 
 class Pose(NamedTuple):
@@ -83,16 +84,11 @@ class Play(NamedTuple):
         rest = memory[own:]
         return flow, rest.reshape(self.count, self.directions) if len(rest) else np.zeros((self.count, self.directions))
 
-    def depths(self, pose: Pose, memory: Vector, speed: Vector) -> tuple[Vector, Vector]:
-        """Penetration and force before it is cut off, of every point: their signs make the regime."""
+    def depths(self, pose: Pose, memory: Vector, speed: Vector) -> tuple[Vector, Vector, Vector]:
+        """Penetration, its rate, and the force before it is cut off, of every point: signs make the regime."""
         at = self.points(pose)
-        rate = dot(at.gradient, pose.velocity + cross(pose.spin[None], at.place - pose.place))
-        return at.depth, self.normal.force(at.depth, rate, self.split(memory)[0], speed)
-
-    def rates(self, pose: Pose) -> Vector:
-        """Rate of the penetration of every point."""
-        at = self.points(pose)
-        return dot(at.gradient, pose.velocity + cross(pose.spin[None], at.place - pose.place))
+        _, rate, _ = kernels.slips(*at[2:], pose.place, pose.velocity, pose.spin)
+        return at.depth, rate, self.normal.force(at.depth, rate, self.split(memory)[0], speed)
 
     def stored(self, pose: Pose) -> float:
         """Elastic energy [J]."""
@@ -104,27 +100,21 @@ class Play(NamedTuple):
         """The joint's push in a regime: which points touch, and of which of these the force is not cut off."""
         at = self.points(pose)
         flow, bend = self.split(memory)
-        arm = at.place - pose.place
-        velocity = pose.velocity + cross(pose.spin[None], arm)
-        rate = dot(at.gradient, velocity)
+        arm, rate, slip = kernels.slips(*at[2:], pose.place, pose.velocity, pose.spin)
         normal = at.share * np.where(presses, self.normal.force(at.depth, rate, flow, speed), 0.0)
-        force = -normal[:, None] * at.gradient
-        slip = (at.tangents * velocity[:, None, :]).sum(-1)
         traction, bends = np.zeros_like(slip), np.zeros_like(bend)
         if self.friction is not None:
             traction = normal[:, None] * self.friction.traction(slip, bend)
-            force = force + (traction[:, :, None] * at.tangents).sum(1)
             if self.friction.remembers:
                 bends = np.where(touches[:, None], self.friction.rates(slip, bend), 0.0)
                 if self.round_socket:
                     bends = bends + touches[:, None] * cross(self._turning(pose, at), bend)
-        total, moment = force.sum(0), cross(arm, force).sum(0)
+        total, moment, friction = kernels.sums(normal, at.gradient, traction, at.tangents, arm)
         absorbed, rubbed = float(normal @ rate), -float((traction * slip).sum())
         if self.fills is not None:
             push, twist = self.fills(pose)
             total, moment = total + push, moment + twist
             absorbed -= float(push @ pose.velocity + twist @ pose.spin)
-        friction = (traction[:, :, None] * at.tangents).sum((0, 1))
         flows = self.normal.flows(at.depth, flow)
         return Push(total, moment, float(normal.sum()), friction, absorbed, rubbed, flows, bends)
 
@@ -168,7 +158,7 @@ def _pin(joint, plane):
         place = (c + r) * n
         if worn is not None:
             depth, n, place = _wall(worn, c, r, pose.place)
-        return Points(np.ones(1), np.array([depth]), n[None], place[None], cross(Z, n)[None, None])
+        return Points(ONE, np.array([depth]), n[None], place[None], np.array([[[-n[1], n[0], 0.0]]]))
 
     # Round play, and a tilt and a slide along the axis that stay held.
     return points, 1, 1, ("z", "turn x", "turn y"), geometry
@@ -244,7 +234,7 @@ def _ball(joint, plane):
         n = pose.place / distance if distance > 0 else np.array([1.0, 0.0, 0.0])
         # Along all three axes of the socket, square to the normal.
         square = np.eye(3) - np.outer(n, n)
-        return Points(np.ones(1), np.array([distance - c]), n[None], ((c + r) * n)[None], square[None])
+        return Points(ONE, np.array([distance - c]), n[None], ((c + r) * n)[None], square[None])
 
     return points, 1, 3, (), Geometry(c, r, c + r)
 

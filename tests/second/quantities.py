@@ -5,16 +5,11 @@ from numpy.typing import NDArray
 
 Vector = NDArray[np.float64]
 
-FACTORS = {
-    "mm": 1e-3,
-    "um": 1e-6,
-    "deg": np.pi / 180,
-    "rpm": 2 * np.pi / 60,
-    "ms": 1e-3,
-    "g": 1e-3,
-    "GPa": 1e9,
-}
-"""Units beside those of the SI."""
+FACTORS = {"mm": 1e-3, "um": 1e-6, "mm/s": 1e-3, "deg": np.pi / 180, "rpm": 2 * np.pi / 60}
+FACTORS |= {"ms": 1e-3, "us": 1e-6, "g": 1e-3, "GPa": 1e9}
+"""Units that are not those of the SI."""
+SI = ("m", "s", "kg", "N", "rad", "Pa", "N*m", "kg*m^2", "m/s", "rad/s", "m/s^2", "N*s/m", "N*m*s/rad", "N/m", "N*m/rad")
+SI += ("Pa*s", "Pa/m", "1/m", "s/m", "N/m^1.5", "N/m^1.4")
 
 
 def number(value) -> float:
@@ -22,6 +17,8 @@ def number(value) -> float:
     if not isinstance(value, str):
         return float(value)
     digits, _, unit = value.partition(" ")
+    if unit not in FACTORS and unit not in SI:
+        raise ValueError(f"The second simulator does not know the unit {unit!r}.")
     return float(digits) * FACTORS.get(unit, 1.0)
 
 
@@ -33,11 +30,9 @@ def vector(values=None) -> Vector:
 
 def cross(a: Vector, b: Vector) -> Vector:
     """Vector products along the last axis (`np.cross` takes ten times as long for a few vectors)."""
-    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
-    out[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
-    out[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
-    out[..., 2] = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-    return out
+    x = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
+    y = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
+    return np.stack([x, y, a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]], -1)
 
 
 def dot(a: Vector, b: Vector) -> Vector:
@@ -58,17 +53,6 @@ def roll_pitch_yaw(values) -> Vector:
     """The matrix of a roll, pitch and yaw."""
     roll, pitch, yaw = vector(values)
     return about(2, yaw) @ about(1, pitch) @ about(0, roll)
-
-
-def matrices(quaternions: Vector) -> Vector:
-    """Rotation matrices, shape (n, 3, 3), of quaternions (w, x, y, z), shape (n, 4), of about unit length."""
-    w, x, y, z = (quaternions / np.sqrt(dot(quaternions, quaternions))[:, None]).T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.array(rows).transpose(2, 0, 1)
 
 
 def quaternion(matrix: Vector) -> Vector:

@@ -75,15 +75,13 @@ def _fill(system: System, y: Vector, places: Places) -> None:
 
 def _close(system: System, y: Vector, t: float) -> None:
     """Newton for places, then the nearest velocities that the constraints allow, in place."""
-    n, rows = len(system.names), len(system.held)
-    active = [*range(rows), *(rows + i for i in system.driven)]
-    if not active:
+    n, rows, active, keep = len(system.names), len(system.held), system.active, system.keep
+    if not len(active):
         return
-    keep = (6 * np.arange(n)[:, None] + system.kept).ravel()
     for _ in range(12):
         now = system.now(y)
         miss = _misses(system, now, t)
-        held = system.jacobian(now)[0][active][:, :-1].reshape(len(active), -1)[:, keep]
+        held = system.jacobian(now)[0][np.ix_(active, keep)]
         step = np.zeros(6 * n)
         step[keep] = -np.linalg.lstsq(held, miss, rcond=1e-10)[0]
         for i, change in enumerate(step.reshape(n, 6)):
@@ -94,7 +92,7 @@ def _close(system: System, y: Vector, t: float) -> None:
             break
     if np.abs(step).max() > 1e-12:
         raise ValueError(f"The loops do not close: the last step is {np.abs(step).max():.1e}.")
-    held = system.jacobian(system.now(y))[0][active][:, :-1].reshape(len(active), -1)[:, keep]
+    held = system.jacobian(system.now(y))[0][np.ix_(active, keep)]
     rates = np.array([system.own[i][1].drive.at(t)[1] for i in system.driven])
     speeds = np.concatenate([y[7 * n : 10 * n].reshape(n, 3), y[10 * n : 13 * n].reshape(n, 3)], 1).reshape(-1)
     wrong = held @ speeds[keep] - np.concatenate([np.zeros(rows), rates])
