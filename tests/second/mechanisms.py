@@ -119,9 +119,9 @@ def _six_bar(chain, ground, driven):
 PLANE: dict[str, Callable[[Draw], Graph]] = {
     "pendulum": _pendulum,
     "chain": _chain,
-    "chain, two plays": _two_plays_in_a_chain,
+    "chain-two-plays": _two_plays_in_a_chain,
     "slider-crank": _slider_crank,
-    "loop, two plays": _two_plays_in_a_loop,
+    "loop-two-plays": _two_plays_in_a_loop,
     "guide": _guide,
     "four-bar": _four_bar,
     "watt-1": _six_bar(WATT, "A", "a"),

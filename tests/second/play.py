@@ -165,17 +165,21 @@ def _pin(joint, plane):
 
 
 def _wall(worn, c, r, place):
-    """A worn bore: the deepest place of the wall, blended over neighbouring sectors of the width w: d = T ln(sum
-    exp(d_j / T) / sqrt(2 pi)), T = c w^2 (`clearance_jax/joints/bore.py` states it). The force acts at the wall.
+    """A worn bore: the pin stands d = max over t of e . n(t) - h(t) - c in the wall, along n there. The depths h of the
+    sectors are samples of a smooth profile, taken by its Fourier series.
     """
-    angles = 2 * np.pi * np.arange(len(worn)) / len(worn)
-    outward = np.stack([np.cos(angles), np.sin(angles), 0 * angles], 1)
-    blend = c * (2 * np.pi / len(worn)) ** 2
-    each = outward @ place - worn
-    weight = np.exp((each - each.max()) / blend)
-    depth = each.max() + blend * np.log(weight.sum() / np.sqrt(2 * np.pi)) - c
-    n = weight @ outward / weight.sum()
-    n = n / np.sqrt(n @ n)
+    count, waves = len(worn), np.fft.rfft(worn) / len(worn)
+    orders = np.arange(1, len(waves))[np.abs(waves[1:]) > 1e-6 * np.abs(waves).max()]
+    twice = 2 * waves[orders]
+    angles = 2 * np.pi * np.arange(count) / count
+    t = angles[np.argmax(np.cos(angles) * place[0] + np.sin(angles) * place[1] - worn)]
+    for _ in range(4):
+        turned = np.exp(1j * orders * t)
+        slope = -np.sin(t) * place[0] + np.cos(t) * place[1] - (1j * orders * twice * turned).real.sum()
+        bend = -np.cos(t) * place[0] - np.sin(t) * place[1] + (orders**2 * twice * turned).real.sum()
+        t -= slope / bend
+    n = np.array([np.cos(t), np.sin(t), 0.0])
+    depth = n @ place - waves[0].real - (twice * np.exp(1j * orders * t)).real.sum() - c
     return depth, n, place + (r - depth) * n
 
 

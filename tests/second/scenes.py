@@ -12,6 +12,7 @@ from .quantities import number
 
 RESTART = 0.3
 """When a scene of that start is saved and goes on, over its end."""
+SECTORS = 720
 STARTS = ("centre", "off the centre", "restarted")
 BORES = ("round", "worn")
 TIMES = ("even", "uneven", "late")
@@ -49,7 +50,7 @@ class Scene(NamedTuple):
 
 def possible(case: Case) -> bool:
     """Whether its features go together."""
-    pin = case["mechanism"] not in ("guide", "sleeve", "sleeve, inside", "ball", "block")
+    pin = case["mechanism"] not in ("guide", "sleeve", "sleeve-inside", "ball", "block")
     wide = case["normal"] in ingredients.LINE
     if (wide or case["bore"] == "worn" or case["filling"] == "short-bearing") and not pin:
         return False
@@ -164,8 +165,9 @@ def _loosen(joint, case, draw, space):
     if case["filling"] != "none":
         joint["element"] = ingredients.filling(case["filling"], draw, joint, space)
     if case["bore"] == "worn":
-        angles = 2 * np.pi * np.arange(120) / 120
-        depth = clearance * draw.number(0.02, 0.1) * (1 + np.cos(angles - draw.number(-3.0, 3.0)))
+        angles, depth = 2 * np.pi * np.arange(SECTORS) / SECTORS, np.zeros(SECTORS)
+        for order in (1, 2):
+            depth += clearance * draw.number(0.02, 0.08) * (1 + np.cos(order * (angles - draw.number(-3.0, 3.0))))
         joint["worn"] = {"depth": [f"{float(x):.9g} m" for x in depth]}
     if case["start"] != "centre":
         angle, size = draw.number(-3.0, 3.0), draw.number(0.4, 0.9) * clearance

@@ -44,7 +44,7 @@ def _block(draw: Draw) -> dict:
 
 SPACE: dict[str, Callable[[Draw], dict]] = {
     "sleeve": _sleeve("through"),
-    "sleeve, inside": _sleeve("inside"),
+    "sleeve-inside": _sleeve("inside"),
     "ball": _ball,
     "block": _block,
 }

@@ -25,7 +25,8 @@ def initial(system: System, t0: float = 0.0) -> Vector:
 
 
 def _ideal(joint: Joint) -> Joint:
-    return joint._replace(held=HELD[joint.kind], play=None)
+    axes = np.eye(3) if joint.play is None else joint.play.axes
+    return joint._replace(held=HELD[joint.kind], play=None, eccentricity=axes @ joint.eccentricity)
 
 
 def _tree(model: Model, t0: float) -> Places:
@@ -52,7 +53,7 @@ def _tree(model: Model, t0: float) -> Places:
             else:
                 slid, fast = slid + value * np.eye(3)[k], rate * np.eye(3)[k]
         if joint.kind in ("spherical", "free"):
-            turned, spun = joint.ball[0], joint.ball[0] @ joint.on_child.T @ joint.ball[1]
+            turned, spun = joint.ball[0], joint.ball[0] @ joint.ball[1]
         spin = turning + frame @ spun
         child = frame @ turned @ joint.on_child.T
         at = place + frame @ slid
