@@ -70,10 +70,11 @@ def main() -> int:
 def run(i: int, case: dict, shown: int) -> dict:
     """One case: its features, whether both agree, and the worst comparisons."""
     begun = time.process_time()
-    out = {"case": i, "features": case}
+    scenes = [scene(case, i, k) for k in range(EACH)]
+    out = {"case": i, "features": scenes[0].case}
     try:
         with tempfile.TemporaryDirectory() as folder:
-            found = compare([scene(case, i, k) for k in range(EACH)], Path(folder))
+            found = compare(scenes, Path(folder))
         out["verdict"] = "agree" if found[0].ratio <= 1 else "disagree"
         out["worst"] = [one._asdict() for one in found[:shown]]
     except Exception as error:  # the others go on

@@ -176,7 +176,8 @@ def tables(graph: Graph, draw: Draw) -> dict:
         else:
             # It slides along the frame of its body, wherever this is parent or child.
             angle = f"{edge.direction - angles[parent]!r} rad"
-            joints[edge.name] = {"type": "prismatic", **table, "angle": angle}
+            start = {} if closes else {"position": "0 m"}
+            joints[edge.name] = {"type": "prismatic", **table, **start, "angle": angle}
     points = {}
     for body in bodies:
         points[f"{body}_a"] = {"body": body}

@@ -10,6 +10,7 @@ from scipy.optimize import minimize_scalar
 
 from . import kernels
 from .model import read
+from .play import Push
 from .quantities import Vector
 from .start import initial
 from .system import Now, Regime, System
@@ -42,16 +43,15 @@ class Solution(NamedTuple):
 class Motion:
     """The solve of one scene."""
 
-    def __init__(self, scene: dict, t1: float, t0: float = 0.0, y0: Vector | None = None):
-        self.system = System(read(scene))
-        self.t0, self.t1 = t0, t1
-        self.y = initial(self.system, t0) if y0 is None else y0
+    def __init__(self, scene: dict, t1: float):
+        self.system, self.t1 = System(read(scene)), t1
+        self.y = initial(self.system)
         self.plays = self.system.model.plays
         speeds = tuple(np.full(j.play.count, j.play.normal.least_speed) for j in self.plays if j.play)
         self.regime = self._regime(self.y, speeds)
         now = self.system.now(self.y)
         self.stored = sum(joint.play.stored(self.system.pose(joint, now)) for joint in self.plays if joint.play)
-        self.open = {i: [t0, np.nan, []] for i in range(len(self.plays)) if self.regime.touches[i].any()}
+        self.open = {i: [0.0, np.nan, []] for i in range(len(self.plays)) if self.regime.touches[i].any()}
         self.episodes: list[Episode] = []
         self.steps = 0
 
@@ -80,10 +80,10 @@ class Motion:
             return self._run(times)
 
     def _run(self, times: Vector) -> Solution:
-        t, samples, left = self.t0, [], [s for s in times if s > self.t0]
+        t, samples, left = 0.0, [], [s for s in times if s > 0]
         if len(left) < len(times):
-            samples.append(self._observe(self.t0, self.y))
-        ends = [*(b for b in self.system.model.breaks if self.t0 < b < self.t1), self.t1]
+            samples.append(self._observe(self.y))
+        ends = [*(b for b in self.system.model.breaks if 0 < b < self.t1), self.t1]
         while ends:
             t, self.y = self._until(t, ends[0], left, samples)
             if t >= ends[0]:
@@ -112,7 +112,7 @@ class Motion:
             length = length if change is None else change - begin
             self._save(left, samples, begin + length, dense)
             for i in self.open:
-                self.open[i][2].append((begin, begin + length, dense))
+                self.open[i][2].append((begin, begin + length, dense, self.regime))
             if change is not None:
                 return change, self._switch(change, dense(change))
         return end, solver.y
@@ -134,7 +134,7 @@ class Motion:
     def _save(self, left, samples, now, dense):
         while left and left[0] <= now:
             time = left.pop(0)
-            samples.append(self._observe(time, dense(time)))
+            samples.append(self._observe(dense(time)))
 
     def _switch(self, t: float, y: Vector) -> Vector:
         """The state with the regime that begins: touches rewrite impact speeds, and straighten bristles."""
@@ -160,29 +160,25 @@ class Motion:
     def _finish(self, i: int, end: float) -> None:
         """Closes a contact, with the largest normal force of its steps."""
         begin, speed, pieces = self.open.pop(i)
-        steps = [(self._force(i, dense(b)), a, b, dense) for a, b, dense in pieces]
-        peak = self._force(i, pieces[0][2](pieces[0][0])) if pieces else 0.0
-        if steps:
-            top = max(range(len(steps)), key=lambda k: steps[k][0])
-            for k in {max(top - 1, 0), top, min(top + 1, len(steps) - 1)}:
-                force, a, b, dense = steps[k]
-                found = minimize_scalar(
-                    lambda t, dense=dense: -self._force(i, dense(t)), bounds=(a, b), method="bounded",
-                    options={"xatol": 1e-6 * (b - a)},
-                )
-                peak = max(peak, force, -found.fun)
+        ends = [self._push(i, dense(b), regime).normal for _, b, dense, regime in pieces]
+        peak = self._push(i, pieces[0][2](pieces[0][0]), pieces[0][3]).normal if pieces else 0.0
+        top = int(np.argmax(ends)) if ends else 0
+        for a, b, dense, regime in pieces[max(top - 1, 0) : top + 2]:
+
+            def weaker(t, dense=dense, regime=regime):
+                return -self._push(i, dense(t), regime).normal
+
+            found = minimize_scalar(weaker, bounds=(a, b), method="bounded", options={"xatol": 1e-6 * (b - a)})
+            peak = max(peak, -found.fun, -weaker(b))
         self.episodes.append(Episode(self.plays[i].name, begin, end, speed, peak))
 
-    def _force(self, i: int, y: Vector) -> float:
-        return self._push(i, y, self.system.now(y)).normal
-
-    def _push(self, i: int, y: Vector, now: Now):
+    def _push(self, i: int, y: Vector, regime: Regime) -> Push:
         joint, memory = self.plays[i], self.system.memory(y)[i]
         assert joint.play is not None
-        pose = self.system.pose(joint, now)
-        return joint.play.act(pose, memory, self.regime.speeds[i], self.regime.touches[i], self.regime.presses[i])
+        pose = self.system.pose(joint, self.system.now(y))
+        return joint.play.act(pose, memory, regime.speeds[i], regime.touches[i], regime.presses[i])
 
-    def _observe(self, t: float, y: Vector) -> dict[str, Vector | float]:
+    def _observe(self, y: Vector) -> dict[str, Vector | float]:
         """Quantities by the library's names."""
         system, now = self.system, self.system.now(y)
         out: dict[str, Vector | float] = {}
@@ -192,10 +188,10 @@ class Motion:
         stored = []
         for i, joint in enumerate(self.plays):
             assert joint.play is not None
-            pose, push = system.pose(joint, now), self._push(i, y, now)
+            pose, push = system.pose(joint, now), self._push(i, y, self.regime)
             out[f"{joint.name}.play"] = pose.place
             out[f"{joint.name}.contact_force"] = push.normal
-            out[f"{joint.name}.friction_force"] = push.traction
+            out[f"{joint.name}.friction_force"] = float(np.sqrt(push.traction @ push.traction))
             stored.append(joint.play.stored(pose))
         out["kinetic_energy"] = 0.5 * self._twice_kinetic(now)
         springs = 0.0
@@ -215,8 +211,3 @@ class Motion:
         matrix, _ = kernels.mass_and_weight(now.matrix, now.turning, system.mass, system.inertia, np.zeros(3))
         rates = system.jacobian(now)[0][len(system.held) :] @ both
         return both[:-6] @ matrix @ both[:-6] + sum(system.own[i][1].rotor * rates[i] ** 2 for i in system.free)
-
-
-def solve(scene: dict, times: Vector, t1: float | None = None) -> Solution:
-    """The motion of a scene, with quantities at increasing times."""
-    return Motion(scene, float(times[-1]) if t1 is None else t1).run(np.asarray(times, float))

@@ -100,6 +100,8 @@ def scene(case: Case, structure: int, numbers: int = 0) -> Scene:
         _move(tables, case["motion"], draw, graph.driven, t1)
     for name in plays:
         _loosen(tables["joint"][name], case, draw, space)
+    if case["start"] == "off the centre" and not any("eccentricity" in table for table in tables["joint"].values()):
+        case = case | {"start": "centre"}
     if case["motion"] in ("load", "spring of points"):
         _pull(tables, case["motion"], draw, t1, space)
     times = {
@@ -169,7 +171,9 @@ def _loosen(joint, case, draw, space):
         for order in (1, 2):
             depth += clearance * draw.number(0.02, 0.08) * (1 + np.cos(order * (angles - draw.number(-3.0, 3.0))))
         joint["worn"] = {"depth": [f"{float(x):.9g} m" for x in depth]}
-    if case["start"] != "centre":
+    # A joint that closes a loop begins where the others have it.
+    closes = not space and "position" not in joint and "drive" not in joint
+    if case["start"] != "centre" and not closes:
         angle, size = draw.number(-3.0, 3.0), draw.number(0.4, 0.9) * clearance
         off = size * np.cos(angle), size * np.sin(angle)
         if joint["type"] == "prismatic":

@@ -5,20 +5,20 @@ from scipy.spatial.transform import Rotation
 
 from .model import DIRECTIONS, HELD, Joint, Model
 from .quantities import Vector, about, cross, quaternion
-from .system import System
+from .system import Now, System
 
 Places = dict[str, tuple[Vector, Vector, Vector, Vector]]
 
 
-def initial(system: System, t0: float = 0.0) -> Vector:
-    """The state at t0."""
+def initial(system: System) -> Vector:
+    """The state at t = 0."""
     model = system.model
-    places = _tree(model, t0)
+    places = _tree(model)
     # Until loops are closed pins stay in the middle of their sleeves, or at their eccentricity.
     closed = System(model._replace(joints=tuple(_ideal(joint) for joint in model.joints)))
     y = np.zeros(13 * len(system.names) + 3)
     _fill(system, y, places)
-    _close(closed, y, t0)
+    _close(closed, y)
     out = np.zeros(system.size)
     out[: 13 * len(system.names)] = y[:-3]
     return out
@@ -29,7 +29,7 @@ def _ideal(joint: Joint) -> Joint:
     return joint._replace(held=HELD[joint.kind], play=None, eccentricity=axes @ joint.eccentricity)
 
 
-def _tree(model: Model, t0: float) -> Places:
+def _tree(model: Model) -> Places:
     """Place of the origin, matrix, velocity of the origin and turning of every body that the tree places."""
     still = np.zeros(3)
     out: Places = {"ground": (still, np.eye(3), still, still)}
@@ -46,7 +46,7 @@ def _tree(model: Model, t0: float) -> Places:
         for coordinate in joint.coordinates:
             value, rate = coordinate.start, coordinate.rate
             if coordinate.drive is not None:
-                value, rate, _ = coordinate.drive.at(t0)
+                value, rate, _ = coordinate.drive.at(0.0)
             k = DIRECTIONS[coordinate.direction[-1]]
             if coordinate.direction.startswith("turn"):
                 turned, spun = about(k, value), rate * np.eye(3)[k]
@@ -74,14 +74,14 @@ def _fill(system: System, y: Vector, places: Places) -> None:
         y[10 * n + 3 * i : 10 * n + 3 * i + 3] = turning
 
 
-def _close(system: System, y: Vector, t: float) -> None:
+def _close(system: System, y: Vector) -> None:
     """Newton for places, then the nearest velocities that the constraints allow, in place."""
     n, rows, active, keep = len(system.names), len(system.held), system.active, system.keep
     if not len(active):
         return
     for _ in range(12):
         now = system.now(y)
-        miss = _misses(system, now, t)
+        miss = _misses(system, now)
         held = system.jacobian(now)[0][np.ix_(active, keep)]
         step = np.zeros(6 * n)
         step[keep] = -np.linalg.lstsq(held, miss, rcond=1e-10)[0]
@@ -94,7 +94,7 @@ def _close(system: System, y: Vector, t: float) -> None:
     if np.abs(step).max() > 1e-12:
         raise ValueError(f"The loops do not close: the last step is {np.abs(step).max():.1e}.")
     held = system.jacobian(system.now(y))[0][np.ix_(active, keep)]
-    rates = np.array([system.own[i][1].drive.at(t)[1] for i in system.driven])
+    rates = np.array([system.own[i][1].drive.at(0.0)[1] for i in system.driven])
     speeds = np.concatenate([y[7 * n : 10 * n].reshape(n, 3), y[10 * n : 13 * n].reshape(n, 3)], 1).reshape(-1)
     wrong = held @ speeds[keep] - np.concatenate([np.zeros(rows), rates])
     speeds[keep] -= np.linalg.lstsq(held, wrong, rcond=1e-10)[0]
@@ -102,7 +102,7 @@ def _close(system: System, y: Vector, t: float) -> None:
     y[7 * n : 10 * n], y[10 * n : 13 * n] = speeds[:, :3].ravel(), speeds[:, 3:].ravel()
 
 
-def _misses(system: System, now, t: float) -> Vector:
+def _misses(system: System, now: Now) -> Vector:
     """By how much every held or driven direction is off."""
     out = []
     for joint, way in system.held:
@@ -117,7 +117,7 @@ def _misses(system: System, now, t: float) -> Vector:
         i, j = (k + 1) % 3, (k + 2) % 3
         out.append(0.5 * (turned[j, i] - turned[i, j]))
     for i in system.driven:
-        out.append(system.coordinate(i, now) - system.own[i][1].drive.at(t)[0])
+        out.append(system.coordinate(i, now) - system.own[i][1].drive.at(0.0)[0])
     # A turn may be whole turns away from its drive.
     turns = [system.own[i][1].direction.startswith("turn") for i in system.driven]
     for k, is_turn in enumerate(turns):
