@@ -22,7 +22,9 @@ RTOL, AMPLIFIED = 1e-9, 1e4
 # The library smooths a worn bore over its sectors; the second simulator takes the profile as it is.
 WORN = 30.0
 # The relative step of a central difference, and the error of it, over the derivative's largest value.
-STEP, DIFFERENCE = 2e-5, 3e-4
+STEP, DIFFERENCE = 1e-4, 1e-4
+# What is next to nothing beside others of its kind counts as so much of these.
+LITTLE = 1e-3
 OPTIONS = {"rtol": RTOL, "solver": "dopri8"}
 ENERGIES = ("kinetic_energy", "potential_energy", "elastic_energy", "drive_work", "friction_loss", "damping_loss")
 
@@ -77,14 +79,29 @@ def _load(scene: Scene, folder: Path):
 
 
 def _values(scene: Scene, values, slopes, exact: Truth) -> list[Finding]:
-    out = []
+    out, sizes, changes = [], _largest(exact.motion.values), _largest(exact.senses)
     for name, found in values.items():
         right, sense = (_alike(these[name], found) for these in (exact.motion.values, exact.senses))
-        room = AMPLIFIED * RTOL * (np.abs(right).max() + np.abs(sense).max()) + 1e-14
+        size, change = (
+            max(np.abs(one).max(), LITTLE * largest[_kind(name)])
+            for one, largest in ((right, sizes), (sense, changes))
+        )
+        room = AMPLIFIED * RTOL * (size + change) + 1e-14
         out.append(_worst(name, found, right, room))
         if slopes:
-            room += DIFFERENCE * np.abs(sense).max()
-            out.append(_worst(f"d {name} / d {scene.name}", slopes[name], sense, room))
+            out.append(_worst(f"d {name} / d {scene.name}", slopes[name], sense, room + DIFFERENCE * change))
+    return out
+
+
+def _kind(name: str) -> str:
+    """What a quantity is: velocities are one kind, and energies."""
+    return name.rpartition(".")[2] if "." in name else "energy"
+
+
+def _largest(values: dict) -> dict[str, float]:
+    out: dict[str, float] = {}
+    for name, one in values.items():
+        out[_kind(name)] = max(out.get(_kind(name), 0.0), float(np.abs(one).max()))
     return out
 
 

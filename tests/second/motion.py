@@ -16,7 +16,7 @@ from .start import initial
 from .system import Now, Regime, System
 
 # Tolerances: relative, of places [m] and of velocities [m/s].
-RELATIVE, PLACES, SPEEDS = 1e-11, 2e-14, 2e-11
+RELATIVE, PLACES, SPEEDS = 1e-12, 1e-15, 1e-12
 # Places within a step at which the regime is looked at.
 WITHIN = (0.2, 0.4, 0.6, 0.8, 1.0)
 
