@@ -209,7 +209,7 @@ def _logarithmic(offset):
             return f / modulus * (np.log(4 * modulus * c / f) + offset)
 
         def line(d):
-            f = np.full_like(d, 1e-12)
+            f = 1e-3 * modulus * d
             # From below Newton's steps on the concave d(F') fall short, and so converge evenly.
             for _ in range(200):
                 slope = (np.log(4 * modulus * c / f) + offset - 1) / modulus
@@ -231,12 +231,12 @@ def _logarithmic(offset):
         def force(d):
             d = np.asarray(d, float)
             beyond = np.maximum(d - last, 0.0)
-            inside = np.clip(d, 1e-300, last)
+            inside = np.clip(d, 1e-200, last)
             return length * np.where(d > 0, line(inside) + steep * beyond, 0.0)
 
         def energy(d):
             beyond = np.maximum(d - last, 0.0)
-            inside = np.where(d > last, base, stored(np.clip(d, 1e-300, last)))
+            inside = np.where(d > last, base, stored(np.clip(d, 1e-200, last)))
             return length * np.where(d > 0, inside + end * beyond + 0.5 * steep * beyond**2, 0.0)
 
         return _damped(force, energy, _ratio(table), table)
