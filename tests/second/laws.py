@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq
+from scipy.optimize import root_scalar
 
 from .quantities import Vector, number
 
@@ -82,13 +82,13 @@ def normal_law(table: dict, geometry: Geometry) -> Normal:
 # Laws of a power of the penetration ---------------------------------------------------------------------------------
 
 
-def _exact(e):
+def _exact(e: float) -> float:
     """The root of a (1 + e) = ln((1 + a) / (1 - a e)) beside a = 0."""
 
     def miss(a):
         return a * (1 + e) - np.log1p(a) + np.log1p(-a * e)
 
-    return brentq(miss, 1e-9, (1 - 1e-15) / e, xtol=1e-15)
+    return root_scalar(miss, bracket=(1e-9, (1 - 1e-15) / e), xtol=1e-15).root
 
 
 RATIOS: dict[str, Callable[[float], float]] = {

@@ -107,6 +107,7 @@ class Motion:
             if solver.status == "failed":
                 raise RuntimeError(f"The second simulator stops at {solver.t} s: {said}")
             self.steps += 1
+            assert solver.t_old is not None
             begin, length, dense = solver.t_old, solver.t - solver.t_old, solver.dense_output()
             change = self._change(begin, length, dense)
             length = length if change is None else change - begin
@@ -144,7 +145,7 @@ class Motion:
         for i, joint in enumerate(self.plays):
             assert joint.play is not None
             _, rate, _ = joint.play.depths(self.system.pose(joint, now), memories[i], old.speeds[i])
-            began, ended = at.touches[i] & ~old.touches[i], old.touches[i] & ~at.touches[i]
+            began, ended = at.touches[i] > old.touches[i], at.touches[i] < old.touches[i]
             least = joint.play.normal.least_speed
             speeds.append(np.where(began, np.maximum(rate, least), old.speeds[i]))
             if joint.play.friction is not None and joint.play.friction.remembers:
@@ -169,7 +170,7 @@ class Motion:
                 return -self._push(i, dense(t), regime).normal
 
             found = minimize_scalar(weaker, bounds=(a, b), method="bounded", options={"xatol": 1e-6 * (b - a)})
-            peak = max(peak, -found.fun, -weaker(b))
+            peak = max(peak, -weaker(found.x), -weaker(b))
         self.episodes.append(Episode(self.plays[i].name, begin, end, speed, peak))
 
     def _push(self, i: int, y: Vector, regime: Regime) -> Push:
@@ -210,4 +211,4 @@ class Motion:
         both = np.concatenate([now.velocity, now.turning], 1).ravel()
         matrix, _ = kernels.mass_and_weight(now.matrix, now.turning, system.mass, system.inertia, np.zeros(3))
         rates = system.jacobian(now)[0][len(system.held) :] @ both
-        return both[:-6] @ matrix @ both[:-6] + sum(system.own[i][1].rotor * rates[i] ** 2 for i in system.free)
+        return float(both[:-6] @ matrix @ both[:-6]) + sum(system.own[i][1].rotor * rates[i] ** 2 for i in system.free)

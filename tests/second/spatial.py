@@ -6,7 +6,7 @@ from .ingredients import Draw
 
 
 def _body(draw: Draw) -> dict:
-    inertia = [f"{draw.number(1e-4, 4e-4)} kg*m^2" for _ in range(3)]
+    inertia = [f"{draw.number(1.5e-4, 2.8e-4)} kg*m^2" for _ in range(3)]
     centre = [f"{draw.number(-0.02, 0.02)} m" for _ in range(3)]
     return {"mass": draw.quantity(0.2, 0.6, "kg"), "inertia": inertia, "center_of_mass": centre}
 

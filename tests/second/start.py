@@ -79,11 +79,11 @@ def _close(system: System, y: Vector) -> None:
     n, rows, active, keep = len(system.names), len(system.held), system.active, system.keep
     if not len(active):
         return
+    step = np.zeros(6 * n)
     for _ in range(12):
         now = system.now(y)
         miss = _misses(system, now)
         held = system.jacobian(now)[0][np.ix_(active, keep)]
-        step = np.zeros(6 * n)
         step[keep] = -np.linalg.lstsq(held, miss, rcond=1e-10)[0]
         for i, change in enumerate(step.reshape(n, 6)):
             y[3 * i : 3 * i + 3] += change[:3]

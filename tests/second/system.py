@@ -230,7 +230,7 @@ class System:
             along = along / length
             rate = along @ (ends[1][1] - ends[0][1])
             tension = spring.stiffness * (length - spring.free_length) + spring.damping * rate
-            lost += spring.damping * rate**2
+            lost += float(spring.damping * rate**2)
             for body, (_, _, arm), sign in zip(spring.bodies, ends, (1.0, -1.0), strict=True):
                 pull = sign * tension * along
                 force[self.index[body]] += np.concatenate([pull, cross(arm, pull)])
@@ -246,5 +246,5 @@ class System:
             f, torque = factor * axes @ load.force, factor * axes @ load.torque
             _, velocity, arm = self.point(load.body, load.at, now)
             force[i] += np.concatenate([f, cross(arm, f) + torque])
-            power += f @ velocity + torque @ now.turning[i]
+            power += float(f @ velocity + torque @ now.turning[i])
         return power

@@ -9,7 +9,7 @@ from .scenes import changed, scene, value
 CASES = {
     "film": "pendulum, johnson, none, load, off the centre, round, short-bearing, batch, clearance",
     "four-bar": "four-bar, lankarani-nikravesh, lugre, harmonic, restarted, round, none, jit, mass",
-    "worn": "pendulum, tsuji, dahl, step5, off the centre, worn, preloaded-bearing, vmap, stiffness",
+    "worn": "pendulum, hu-guo, dahl, step5, off the centre, worn, preloaded-bearing, alone, stiffness",
     "guide": "guide, hunt-crossley, cubic, actuator servo, centre, round, none, alone, clearance",
     "sleeve": "sleeve, standard-linear-solid, tanh, load, off the centre, round, none, jit, mass",
 }
@@ -27,7 +27,7 @@ def test_both_simulators_agree(name, tmp_path):
     case = case_of(name)
     scenes = [scene(case, 0, k) for k in range(SCENES)]
     found = compare(scenes, tmp_path, contacts=name == "film", derivatives=1)
-    assert len(found) > 20 * SCENES
+    assert len(found) > 12 * SCENES  # quantities of one joint and one body
     assert found[0].ratio <= 1, found[:5]
 
 
