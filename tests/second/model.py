@@ -119,7 +119,7 @@ class Model(NamedTuple):
 def read(scene: dict) -> Model:
     """The model of a scene."""
     plane = _is_plane(scene)
-    joints = tuple(_joint(name, table, plane) for name, table in scene["joint"].items())
+    joints = tuple(_joint(name, table) for name, table in scene["joint"].items())
     return Model(
         {name: _body(table) for name, table in scene["body"].items()},
         joints,
@@ -154,8 +154,8 @@ def _body(table) -> Body:
     return Body(number(table["mass"]), tensor, vector(table.get("center_of_mass")))
 
 
-def _joint(name, table, plane) -> Joint:
-    kind, own = table["type"], play(table, plane)
+def _joint(name, table) -> Joint:
+    kind, own = table["type"], play(table)
     on_parent = roll_pitch_yaw(table.get("orientation"))
     if "angle" in table:
         on_parent = about(2, number(table["angle"]))

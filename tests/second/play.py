@@ -125,12 +125,12 @@ class Play(NamedTuple):
         return cross(n, along)
 
 
-def play(joint: dict, plane: bool) -> Play | None:
+def play(joint: dict) -> Play | None:
     """The play of a scene's joint, or nothing."""
     if "normal" not in joint:
         return None
     kind = joint.get("kind", "pin") if joint["type"] == "revolute" else joint["type"]
-    points, count, directions, held, geometry = KINDS[kind](joint, plane)
+    points, count, directions, held, geometry = KINDS[kind](joint)
     friction = friction_law(joint["friction"]) if "friction" in joint else None
     fills, stores = None, lambda pose: 0.0
     if "element" in joint:
@@ -146,7 +146,7 @@ def _radii(joint):
     return c, r, Geometry(c, r, r + c, number(joint.get("length", np.nan)))
 
 
-def _pin(joint, plane):
+def _pin(joint):
     c, r, geometry = _radii(joint)
     worn = np.array([number(x) for x in joint["worn"]["depth"]]) if "worn" in joint else None
 
@@ -190,7 +190,7 @@ def _lobatto(count):
     return places, 1 / (count * (count - 1) * legendre(places) ** 2)
 
 
-def _sleeve(joint, plane):
+def _sleeve(joint):
     """Stations along the sleeve, then the ring of the faces if there is axial play."""
     c, r, geometry = _radii(joint)
     axial = number(joint["axial_clearance"]) if "axial_clearance" in joint else None
@@ -230,7 +230,7 @@ def _sleeve(joint, plane):
     return points, len(heights) + ring, 2, (() if axial is not None else ("z",)), geometry
 
 
-def _ball(joint, plane):
+def _ball(joint):
     c, r = number(joint["radial_clearance"]), number(joint["ball_radius"])
 
     def points(pose):
@@ -243,7 +243,7 @@ def _ball(joint, plane):
     return points, 1, 3, (), Geometry(c, r, c + r)
 
 
-def _block(joint, plane):
+def _block(joint):
     c, length, height = (number(joint[key]) for key in ("side_clearance", "length", "height"))
     width = number(joint["width"]) if "width" in joint else None
     corners, walls = [], []
