@@ -2,7 +2,7 @@
 cut off, and at the breaks of drives. In between the regime stays, so that all is smooth.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.integrate import DOP853
@@ -169,7 +169,7 @@ class Motion:
             def weaker(t, dense=dense, regime=regime):
                 return -self._push(i, dense(t), regime).normal
 
-            found = minimize_scalar(weaker, bounds=(a, b), method="bounded", options={"xatol": 1e-6 * (b - a)})
+            found: Any = minimize_scalar(weaker, bounds=(a, b), method="bounded", options={"xatol": 1e-6 * (b - a)})
             peak = max(peak, -weaker(found.x), -weaker(b))
         self.episodes.append(Episode(self.plays[i].name, begin, end, speed, peak))
 
