@@ -9,7 +9,7 @@ export XLA_FLAGS ?= --xla_cpu_multi_thread_eigen=false
 # A file's tests share programs, and so stay in one process; the files that take longest begin.
 PYTEST := $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
-.PHONY: demo test quick account check docs reference pictures notebooks clean
+.PHONY: demo test quick nightly account check docs reference pictures notebooks clean
 
 .venv/installed: pyproject.toml
 	$(PYTHON) -m venv .venv
@@ -31,6 +31,10 @@ test: check
 # A part of `make test`, in two minutes: laws, numerics, keys, messages, layers (`QUICK` in tests/conftest.py).
 quick: check
 	$(PYTEST) -m quick
+
+# A thousand random scenes by the library and by the second simulator (tests/second): hours. It goes on where it was ended.
+nightly: .venv/installed
+	$(BIN)/python -m tests.second --out out/second
 
 # Where the suite's time goes, by file and by test: out/suite.md.
 account: .venv/installed

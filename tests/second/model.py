@@ -1,0 +1,251 @@
+"""A scene as it is read: bodies, joints as rows that they hold or drive, springs, loads. SI units."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .drives import Drive, drive
+from .play import Play, play
+from .quantities import Vector, about, number, roll_pitch_yaw, vector
+
+GROUND = "ground"
+DIRECTIONS = {"x": 0, "y": 1, "z": 2}
+# What an ideal joint holds: slides along and turns about the axes of its frame on the parent.
+HELD = {
+    "revolute": ("x", "y", "z", "turn x", "turn y"),
+    "prismatic": ("y", "z", "turn x", "turn y", "turn z"),
+    "spherical": ("x", "y", "z"),
+    "cylindrical": ("x", "y", "turn x", "turn y"),
+    "fixed": ("x", "y", "z", "turn x", "turn y", "turn z"),
+    "free": (),
+}
+# Its own coordinates, by their ends in a name.
+COORDINATES = {
+    "revolute": {"": "turn z"},
+    "prismatic": {"": "x"},
+    "cylindrical": {"_slide": "z", "_turn": "turn z"},
+}
+
+
+class Body(NamedTuple):
+    """Mass [kg], inertia about the centre of mass [kg m^2], and where that is in the body's frame [m]."""
+
+    mass: float
+    inertia: Vector
+    centre: Vector
+
+
+class Coordinate(NamedTuple):
+    """A joint's own slide or turn: its initial value and rate, its drive, rotor inertia and actuators."""
+
+    name: str
+    direction: str
+    start: float
+    rate: float
+    drive: Drive | None
+    rotor: float
+    efforts: tuple[Callable[[float, float, float], float], ...]
+
+
+class Joint(NamedTuple):
+    """A joint: its frames on parent and child (place and matrix), what it holds, its coordinates, its play with the
+    place where the pin starts; of a ball the initial orientation and spin.
+    """
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    at_parent: Vector
+    at_child: Vector
+    on_parent: Vector
+    on_child: Vector
+    held: tuple[str, ...]
+    coordinates: tuple[Coordinate, ...]
+    play: Play | None
+    eccentricity: Vector
+    ball: tuple[Vector, Vector]
+
+
+class Spring(NamedTuple):
+    """A spring and damper between two points."""
+
+    bodies: tuple[str, str]
+    ends: tuple[Vector, Vector]
+    stiffness: float
+    damping: float
+    free_length: float
+
+
+class Load(NamedTuple):
+    """A force on a point of a body and a torque, in world axes or those of the body, times a course."""
+
+    body: str
+    at: Vector
+    force: Vector
+    torque: Vector
+    turns_along: bool
+    course: Drive
+
+
+class Model(NamedTuple):
+    """A mechanism."""
+
+    bodies: dict[str, Body]
+    joints: tuple[Joint, ...]
+    springs: tuple[Spring, ...]
+    loads: tuple[Load, ...]
+    points: dict[str, tuple[str, Vector]]
+    gravity: Vector
+    plane: bool
+
+    @property
+    def plays(self) -> tuple[Joint, ...]:
+        """The joints with play."""
+        return tuple(joint for joint in self.joints if joint.play is not None)
+
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        """Instants at which a derivative of the motion jumps."""
+        found = [t for load in self.loads for t in load.course.breaks]
+        for joint in self.joints:
+            for coordinate in joint.coordinates:
+                found += coordinate.drive.breaks if coordinate.drive is not None else ()
+                found += [t for effort in coordinate.efforts for t in getattr(effort, "breaks", ())]
+        return tuple(sorted(set(found)))
+
+
+def read(scene: dict) -> Model:
+    """The model of a scene."""
+    plane = _is_plane(scene)
+    joints = tuple(_joint(name, table) for name, table in scene["joint"].items())
+    return Model(
+        {name: _body(table) for name, table in scene["body"].items()},
+        joints,
+        tuple(_spring(table) for table in scene.get("spring", {}).values()),
+        tuple(_load(table) for table in scene.get("wrench", {}).values()),
+        {name: (table["body"], vector(table.get("at"))) for name, table in scene.get("point", {}).items()},
+        vector(scene.get("gravity")),
+        plane,
+    )
+
+
+def _is_plane(scene) -> bool:
+    """A scene is in space if anything in it leaves the plane."""
+
+    def leaves(value, key="") -> bool:
+        if isinstance(value, dict):
+            return any(leaves(entry, name) for name, entry in value.items())
+        if isinstance(value, list) and key not in ("begin", "end", "rise", "times", "values", "duration", "depth"):
+            return len(value) == 3 and not (key == "torque" and not any(map(number, value[:2])))
+        return key == "kind" and value == "sleeve"
+
+    return not leaves(scene)
+
+
+def _body(table) -> Body:
+    given = table.get("inertia", 0.0)
+    if not isinstance(given, list):
+        tensor = np.diag([0.0, 0.0, number(given)])
+    else:
+        xx, yy, zz, xy, xz, yz = ([number(x) for x in given] + [0.0] * 3)[:6]
+        tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return Body(number(table["mass"]), tensor, vector(table.get("center_of_mass")))
+
+
+def _joint(name, table) -> Joint:
+    kind, own = table["type"], play(table)
+    on_parent = roll_pitch_yaw(table.get("orientation"))
+    if "angle" in table:
+        on_parent = about(2, number(table["angle"]))
+    held = HELD[kind]
+    if own is not None:
+        # The axes of a guide are others than the joint's.
+        letters = ["xyz"[own.axes[:, k].argmax()] for k in range(3)]
+        held = tuple(way[:-1] + letters["xyz".index(way[-1])] for way in own.held)
+    coordinates = tuple(
+        _coordinate(name + end, direction, table if not end else table.get(end[1:], {}))
+        for end, direction in COORDINATES.get(kind, {}).items()
+    )
+    spin = vector(table.get("spin"))
+    start = roll_pitch_yaw(table.get("start")) if kind in ("spherical", "free") else np.eye(3)
+    return Joint(
+        name,
+        kind,
+        table["parent"],
+        table["child"],
+        vector(table.get("at_parent")),
+        vector(table.get("at_child")),
+        on_parent,
+        roll_pitch_yaw(table.get("child_orientation")),
+        held,
+        coordinates,
+        own,
+        vector(table.get("eccentricity")),
+        (start, spin),
+    )
+
+
+def _coordinate(name, direction, table) -> Coordinate:
+    efforts = tuple(EFFORTS[actuator["type"]](actuator) for actuator in table.get("actuator", {}).values())
+    prescribed = drive(table["drive"]) if "drive" in table else None
+    return Coordinate(
+        name,
+        direction,
+        number(table.get("position", 0.0)),
+        number(table.get("velocity", 0.0)),
+        prescribed,
+        number(table.get("rotor_inertia", 0.0)),
+        efforts,
+    )
+
+
+class Servo:
+    """k (target - q) + b (target' - q')."""
+
+    def __init__(self, table):
+        self.target = drive(table["target"])
+        self.stiffness, self.damping, self.breaks = *_gains(table), self.target.breaks
+
+    def __call__(self, t, q, rate):
+        value, speed, _ = self.target.at(t)
+        return self.stiffness * (value - q) + self.damping * (speed - rate)
+
+
+def _gains(table):
+    return number(table["stiffness"]), number(table.get("damping", 0.0))
+
+
+def _rest(table):
+    (k, b), rest = _gains(table), number(table.get("rest", 0.0))
+    return lambda t, q, rate: -k * (q - rest) - b * rate
+
+
+def _constant(table):
+    effort = number(table["effort"])
+    return lambda t, q, rate: effort
+
+
+def _friction(table):
+    effort, speed = number(table["effort"]), number(table.get("transition_speed", 0.01))
+    return lambda t, q, rate: -effort * np.tanh(rate / speed)
+
+
+EFFORTS: dict[str, Any] = {"constant": _constant, "servo": Servo, "spring": _rest, "friction": _friction}
+
+
+def _spring(table) -> Spring:
+    return Spring(
+        (table["body_a"], table["body_b"]),
+        (vector(table.get("at_a")), vector(table.get("at_b"))),
+        number(table["stiffness"]),
+        number(table.get("damping", 0.0)),
+        number(table.get("free_length", 0.0)),
+    )
+
+
+def _load(table) -> Load:
+    course = drive(table["course"]) if "course" in table else drive({"type": "constant", "value": 1.0})
+    force, torque, at = (vector(table.get(key)) for key in ("force", "torque", "at"))
+    return Load(table["body"], at, force, torque, table.get("axes") == "body", course)

@@ -1,0 +1,127 @@
+"""The state with which a motion begins: the tree by its initial values, then every loop closed as if it were ideal."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from .model import DIRECTIONS, HELD, Joint, Model
+from .quantities import Vector, about, cross, quaternion
+from .system import Now, System
+
+Places = dict[str, tuple[Vector, Vector, Vector, Vector]]
+
+
+def initial(system: System) -> Vector:
+    """The state at t = 0."""
+    model = system.model
+    places = _tree(model)
+    # Until loops are closed pins stay in the middle of their sleeves, or at their eccentricity.
+    closed = System(model._replace(joints=tuple(_ideal(joint) for joint in model.joints)))
+    y = np.zeros(13 * len(system.names) + 3)
+    _fill(system, y, places)
+    _close(closed, y)
+    out = np.zeros(system.size)
+    out[: 13 * len(system.names)] = y[:-3]
+    return out
+
+
+def _ideal(joint: Joint) -> Joint:
+    axes = np.eye(3) if joint.play is None else joint.play.axes
+    return joint._replace(held=HELD[joint.kind], play=None, eccentricity=axes @ joint.eccentricity)
+
+
+def _tree(model: Model) -> Places:
+    """Place of the origin, matrix, velocity of the origin and turning of every body that the tree places."""
+    still = np.zeros(3)
+    out: Places = {"ground": (still, np.eye(3), still, still)}
+    for joint in model.joints:
+        if joint.child in out:
+            continue
+        origin, matrix, velocity, turning = out[joint.parent]
+        frame = matrix @ joint.on_parent
+        place = origin + matrix @ joint.at_parent
+        slid, turned = np.array(joint.eccentricity), np.eye(3)
+        if joint.play is not None:
+            slid = joint.play.axes @ slid
+        fast, spun = np.zeros(3), np.zeros(3)
+        for coordinate in joint.coordinates:
+            value, rate = coordinate.start, coordinate.rate
+            if coordinate.drive is not None:
+                value, rate, _ = coordinate.drive.at(0.0)
+            k = DIRECTIONS[coordinate.direction[-1]]
+            if coordinate.direction.startswith("turn"):
+                turned, spun = about(k, value), rate * np.eye(3)[k]
+            else:
+                slid, fast = slid + value * np.eye(3)[k], rate * np.eye(3)[k]
+        if joint.kind in ("spherical", "free"):
+            turned, spun = joint.ball[0], joint.ball[0] @ joint.ball[1]
+        spin = turning + frame @ spun
+        child = frame @ turned @ joint.on_child.T
+        at = place + frame @ slid
+        speed = velocity + cross(turning, at - origin) + frame @ fast
+        arm = child @ joint.at_child
+        out[joint.child] = at - arm, child, speed - cross(spin, arm), spin
+    return out
+
+
+def _fill(system: System, y: Vector, places: Places) -> None:
+    n = len(system.names)
+    for i, name in enumerate(system.names):
+        origin, matrix, velocity, turning = places[name]
+        arm = matrix @ system.centre[i]
+        y[3 * i : 3 * i + 3] = origin + arm
+        y[3 * n + 4 * i : 3 * n + 4 * i + 4] = quaternion(matrix)
+        y[7 * n + 3 * i : 7 * n + 3 * i + 3] = velocity + cross(turning, arm)
+        y[10 * n + 3 * i : 10 * n + 3 * i + 3] = turning
+
+
+def _close(system: System, y: Vector) -> None:
+    """Newton for places, then the nearest velocities that the constraints allow, in place."""
+    n, rows, active, keep = len(system.names), len(system.held), system.active, system.keep
+    if not len(active):
+        return
+    step = np.zeros(6 * n)
+    for _ in range(12):
+        now = system.now(y)
+        miss = _misses(system, now)
+        held = system.jacobian(now)[0][np.ix_(active, keep)]
+        step[keep] = -np.linalg.lstsq(held, miss, rcond=1e-10)[0]
+        for i, change in enumerate(step.reshape(n, 6)):
+            y[3 * i : 3 * i + 3] += change[:3]
+            moved = Rotation.from_rotvec(change[3:]).as_matrix() @ now.matrix[i]
+            y[3 * n + 4 * i : 3 * n + 4 * i + 4] = quaternion(moved)
+        if np.abs(step).max() < 1e-15:
+            break
+    if np.abs(step).max() > 1e-12:
+        raise ValueError(f"The loops do not close: the last step is {np.abs(step).max():.1e}.")
+    held = system.jacobian(system.now(y))[0][np.ix_(active, keep)]
+    rates = np.array([system.own[i][1].drive.at(0.0)[1] for i in system.driven])
+    speeds = np.concatenate([y[7 * n : 10 * n].reshape(n, 3), y[10 * n : 13 * n].reshape(n, 3)], 1).reshape(-1)
+    wrong = held @ speeds[keep] - np.concatenate([np.zeros(rows), rates])
+    speeds[keep] -= np.linalg.lstsq(held, wrong, rcond=1e-10)[0]
+    speeds = speeds.reshape(n, 6)
+    y[7 * n : 10 * n], y[10 * n : 13 * n] = speeds[:, :3].ravel(), speeds[:, 3:].ravel()
+
+
+def _misses(system: System, now: Now) -> Vector:
+    """By how much every held or driven direction is off."""
+    out = []
+    for joint, way in system.held:
+        pose = system.pose(joint, now)
+        k = DIRECTIONS[way[-1]]
+        if not way.startswith("turn"):
+            out.append(pose.place[k] - joint.eccentricity[k])
+            continue
+        turned = pose.rotation
+        if any(c.direction == "turn z" for c in joint.coordinates):
+            turned = turned @ about(2, -np.arctan2(turned[1, 0], turned[0, 0]))
+        i, j = (k + 1) % 3, (k + 2) % 3
+        out.append(0.5 * (turned[j, i] - turned[i, j]))
+    for i in system.driven:
+        out.append(system.coordinate(i, now) - system.own[i][1].drive.at(0.0)[0])
+    # A turn may be whole turns away from its drive.
+    turns = [system.own[i][1].direction.startswith("turn") for i in system.driven]
+    for k, is_turn in enumerate(turns):
+        if is_turn:
+            at = len(system.held) + k
+            out[at] = (out[at] + np.pi) % (2 * np.pi) - np.pi
+    return np.array(out)
