@@ -24,6 +24,8 @@ FAR, LOOKED = (3.0, 9.0, 27.0), 2
 # At most so many corrections of the others are made at one place. A correction is worth a motion if it promises
 # this part of the rise.
 WORTH, CORRECTIONS = 0.1, 4
+# Singular values below this part of the largest one are of what the data do not tell.
+UNTOLD = 1e-6
 # A cost that is less than that of the fit by this part of the wanted rise is a better minimum.
 BETTER = 0.02
 
@@ -67,8 +69,7 @@ class _Walk:
         end of its interval, or, `far` away, another minimum.
         """
         task, known, x = self.task, self.known, self.fit.point.x
-        # Where the others are best, were the motion linear: along the column of the covariance.
-        way = sign * known.factor * known.covariance[:, k] / known.deviations[k]
+        way = sign * known.factor * known.deviations[k] * self.others_follow(k)
         wanted = task.loss.cost(self.here.residuals + self.here.jacobian @ way) - self.cost
         bound = task.variables.upper[k] if sign > 0 else task.variables.lower[k]
         most = (bound - x[k]) / way[k]
@@ -85,7 +86,17 @@ class _Walk:
         within = [part for part, rise in rises.items() if rise <= wanted]
         end, first = max([min(1.0, most), *within]), next(iter(rises.items()), (1.0, wanted))
         straight = 1 / BENT <= first[1] / (wanted * first[0] ** 2) <= BENT
-        return x[k] + end * way[k], not within if far else straight and end <= BENT
+        return float(x[k] + end * way[k]), bool(not within if far else straight and end <= BENT)
+
+    def others_follow(self, k: int) -> np.ndarray:
+        """Per unit of the number `k` where the others are best, were the motion linear: along the column of the
+        covariance, but not along what the data do not tell, which would end at a bound.
+        """
+        sizes, way = self.known.sizes, np.ones(len(self.known.sizes))
+        others = np.arange(len(sizes)) != k
+        scaled = self.here.jacobian[:, others] * sizes[others]
+        way[others] = -sizes[others] * np.linalg.lstsq(scaled, self.here.jacobian[:, k], rcond=UNTOLD)[0]
+        return way
 
     def rise(self, k: int, place: np.ndarray, wanted: float) -> float:
         """By what the cost is larger with the number `k` at its place, the others corrected while that helps."""

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import importlib
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,8 @@ from clearance_jax.io import calibrate_keys
 from clearance_jax.io.keys import example
 from clearance_jax.solve.settings import settings_of
 
+search_module = importlib.import_module("clearance_jax.calibrate.search")
+profile_module = importlib.import_module("clearance_jax.calibrate.profile")
 SCENES = ROOT / "experiments" / "scenes"
 HEIGHT, GRAVITY, RTOL = 5e-3, 9.81, 1e-8
 RESTITUTION, WALL, WEIGHT = "sleeve.normal.restitution", "sleeve.radial_clearance", "gravity.x"
@@ -247,14 +250,18 @@ def test_signals_that_stand_still_are_signals():
     assert any("`sleeve.contact_force` are no larger than the errors" in note for note in found.notes)
 
 
-def test_several_starts_find_what_one_does_not():
-    """Of a vibration every frequency at which the beat fits is a minimum."""
+def test_several_starts_find_what_one_does_not(monkeypatch):
+    """Of a vibration every frequency at which the beat fits is a minimum; a motion that grows has fewer."""
     name, times = "drive.slide.angular_frequency", np.linspace(0.0, 1.0, 101)
     motion = cj.Motion(cj.drives.Harmonic(0.1, 50.0))
     shaker = cj.Mechanism((cj.Body("table", 1.0),), (cj.Prismatic("slide", "ground", "table", motion=motion),))
     noise = 1e-3 * np.random.default_rng(1).standard_normal(101)
     measured = dataset(times, slide=np.asarray(cj.simulate(shaker, 1.0, save_at=times)["slide"]) + noise)
     far, seen = cj.replace(shaker, {name: 30.0}), []
+    grown = cj.calibrate(far, measured, {name: (20.0, 80.0)}, starts=1)
+    assert grown.values[name] == pytest.approx(50.0, abs=3 * grown.deviations[name])
+    monkeypatch.setattr(search_module, "PARTS", ())
+    monkeypatch.setattr(profile_module, "FAR", ())
     one = cj.calibrate(far, measured, {name: (20.0, 80.0)}, starts=1)
     assert abs(one.values[name] - 50.0) > 1.0
     assert any("follow each other" in note for note in one.notes)
@@ -284,7 +291,7 @@ def test_starts_are_scattered_over_the_bounds_by_a_seed():
 # Derivatives that mislead --------------------------------------------------------------------------------------------
 
 
-def task(model: Any, slopes: Any, x: float, seen: np.ndarray, noise: float = 0.01) -> Task:
+def task(model: Any, slopes: Any, x: float, seen: np.ndarray, noise: float = 0.01, starts: int | None = None) -> Task:
     """A fit of one number `c` between 0 and 10 to a formula instead of a motion."""
 
     class Formula:
@@ -298,7 +305,7 @@ def task(model: Any, slopes: Any, x: float, seen: np.ndarray, noise: float = 0.0
 
     measured = Measurement(np.arange(float(seen.size)), (Series("y", "y", "", seen, noise),))
     variables = Variables(("c",), np.array([x]), np.zeros(1), np.full(1, 10.0), {"c": ""})
-    return Task(Formula(), variables, measured, FitOptions())  # pyright: ignore[reportArgumentType]
+    return Task(Formula(), variables, measured, FitOptions(starts=starts))  # pyright: ignore[reportArgumentType]
 
 
 def said(one: Task) -> list[str]:
@@ -314,7 +321,7 @@ def test_steps_that_bring_less_than_promised_are_told():
     def model(c):
         return c * times + 2.0 * np.sin(fast * c)
 
-    rippled = task(model, lambda c: times + 2.0 * fast * np.cos(fast * c), 2.0, 3.0 * times + noise)
+    rippled = task(model, lambda c: times + 2.0 * fast * np.cos(fast * c), 2.0, 3.0 * times + noise, starts=1)
     assert any("brought less than a quarter" in one for one in said(rippled))
     straight = task(lambda c: c * times, lambda c: times, 2.0, 3.0 * times + noise)
     assert said(straight) == []
@@ -420,8 +427,8 @@ def test_an_interrupted_search_keeps_its_best():
     found = cj.calibrate(start(), data(LONG, noise=5e-5), BOUNDS, progress=stop, rtol=RTOL)
     assert not found.converged
     assert "has not converged: it was interrupted" in found.notes[0]
-    assert found.motions == 4
-    first = seen[0].values[:, 0] - found.residuals[PLACE].values
+    assert found.motions == len(seen) == 5  # the best of a part of the time is asked for all of it
+    first = np.asarray(cj.simulate(start(), LONG[-1], save_at=LONG, rtol=RTOL)[PLACE]) - found.residuals[PLACE].values
     assert np.sum(found.residuals[f"{PLACE}_residual"] ** 2) < 0.5 * np.sum(first**2)
 
 
