@@ -1,8 +1,8 @@
 """Laws whose restitution is the same at every impact speed, without memory: F = K d^n + c d^((n-1)/2) d'.
 
 With u ~ d^((n+1)/2) an impact of a mass m is that of a linear oscillator of the damping ratio b = -ln e /
-sqrt(pi^2 + ln^2 e), for which c = b sqrt(2 (n + 1) m K). So they need the effective mass of the impact, m1 m2/(m1 + m2)
-of two free bodies.
+sqrt(pi^2 + ln(e)^2), for which c = b sqrt(2 (n + 1) m K). So they need the effective mass of the impact,
+m1 m2/(m1 + m2) of two free bodies.
 """
 
 from typing import Any, ClassVar
@@ -28,7 +28,7 @@ def damping_of(stiffness: Scalar, restitution: Scalar, mass: Scalar, exponent: f
 
 
 class Tsuji(AbstractNormalLaw):
-    """F = K d^(3/2) + sqrt(5) b sqrt(m K) d^(1/4) d', with b = -ln e / sqrt(pi^2 + ln^2 e) (Tsuji et al. 1992). It
+    """F = K d^(3/2) + sqrt(5) b sqrt(m K) d^(1/4) d', with b = -ln e / sqrt(pi^2 + ln(e)^2) (Tsuji et al. 1992). It
     delivers e at every speed if it may pull before separation, as it does by default. The slope of its damping is
     infinite at first touch.
 
@@ -59,7 +59,7 @@ class Tsuji(AbstractNormalLaw):
 
 
 class Anagnostopoulos(AbstractNormalLaw):
-    """F = K d + 2 b sqrt(m K) d', with b = -ln e / sqrt(pi^2 + ln^2 e) (Anagnostopoulos 1988). It delivers e at every
+    """F = K d + 2 b sqrt(m K) d', with b = -ln e / sqrt(pi^2 + ln(e)^2) (Anagnostopoulos 1988). It delivers e at every
     speed if it may pull before separation, as it does by default. The force jumps at first touch (class C-1).
 
     **Arguments:** `stiffness` K [N/m]; `restitution` e in (0, 1); `effective_mass` m [kg]; `clipped`: F is never below

@@ -9,7 +9,7 @@ from clearance_jax.parameters import describe, physical
 
 
 class LinearKelvinVoigt(AbstractNormalLaw):
-    """F = k d + b d'. The force jumps to b v at touch (class C-1: it has no derivative that can be trusted; use
+    """F = max(0, k d + b d'). The force jumps to b v at touch (class C-1: it has no derivative that can be trusted; use
     `HuntCrossley`).
 
     **Arguments:** `stiffness` k [N/m]; `damping` b [N s/m]; `clipped`: F is max(0, k d + b d'); otherwise it pulls
