@@ -171,6 +171,20 @@ def test_normal_laws_of_the_reference(name):
     check_normal(name, equations, whole=False)
 
 
+def test_restitutions_of_the_page():
+    """Of a spring and damper; the series of Hunt and Crossley's law."""
+    first, second = paragraph("kelvin-voigt").partition("With $\\zeta")[2].split("and without the cut")
+    first = "$\\zeta" + first
+    for damping in (50.0, 900.0):
+        for told, clipped in ((first, True), (first.rpartition("an impact")[0] + second, False)):
+            e = Equations(list(of_page(told)), {"b": damping, "k": 1e7, "m": 0.14}, True)("e")
+            law = laws.LinearKelvinVoigt(1e7, damping, clipped=clipped)
+            assert float(law.delivered_restitution(mass=0.14)) == pytest.approx(float(e), rel=1e-12)
+    (series,) = re.findall(r"\$(e = [^$]*) - \\dots\$", paragraph("hunt-crossley"))
+    e = Equations(list(of_page(f"${series}$")), {"lambda": 0.5, "v": 2e-3}, True)("e")
+    assert float(laws.HuntCrossley(1e10, 0.5).delivered_restitution(2e-3)) == pytest.approx(float(e), abs=1e-9)
+
+
 def test_the_exponent_of_pereira_on_both_sides():
     for clearance in (2e-5, 5e-4):
         line = relations.Line(*(jnp.asarray(x) for x in (clearance, R_J, R_I, LENGTH, E_STAR)))

@@ -1,10 +1,15 @@
 """The linear spring and damper."""
 
+import dataclasses
 from typing import Any, ClassVar
+
+import jax.numpy as jnp
 
 from clearance_jax._numerics import positive_part
 from clearance_jax._types import Scalar
 from clearance_jax.laws._base import AbstractNormalLaw, Smoothness, stiffness_of
+from clearance_jax.laws.free_impact import needed
+from clearance_jax.laws.normal.oscillator import oscillator_ratio, oscillator_restitution
 from clearance_jax.parameters import describe, physical
 
 
@@ -34,3 +39,14 @@ class LinearKelvinVoigt(AbstractNormalLaw):
 
     def energy(self, constants, penetration):
         return 0.5 * constants * positive_part(penetration) ** 2
+
+    def _critical(self, mass: Any, geometry: Any) -> Any:
+        """The damping above which an impact does not swing [N s/m]."""
+        return 2 * jnp.sqrt(self.constants(geometry) * needed(mass, "mass", self))
+
+    def delivered_restitution(self, speed=None, mass=None, geometry=None):
+        return oscillator_restitution(self.damping / self._critical(mass, geometry), self.clipped)
+
+    def for_restitution(self, restitution, speed=None, mass=None, geometry=None):
+        ratio = oscillator_ratio(jnp.asarray(restitution, float), self.clipped)
+        return dataclasses.replace(self, damping=ratio * self._critical(mass, geometry))
