@@ -174,6 +174,12 @@ class AbstractNormalLaw(AbstractLaw):
         """Why the law does not hold beyond, in words; a law without a reason has no limit."""
         return ""
 
+    def friction_lever(self, constants: Any, penetration: Scalar) -> Scalar | None:
+        """By how much further from the pin's axis than its contact point friction acts [m]: the pressures of a wide
+        contact lie around the pin, and all of them rub. `None` (the default): at the point.
+        """
+        return None
+
     def event_functions(
         self, constants: Any, penetration: Scalar, penetration_rate: Scalar, memory: Memory
     ) -> tuple[Scalar, ...]:
@@ -278,6 +284,9 @@ class AbstractModifiedLaw(AbstractNormalLaw):
 
     def validity(self, constants):
         return self.law.validity(constants)
+
+    def friction_lever(self, constants, penetration):
+        return self.law.friction_lever(constants, penetration)
 
     def event_functions(self, constants, penetration, penetration_rate, memory):
         return self.law.event_functions(constants, penetration, penetration_rate, memory)

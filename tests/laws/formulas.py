@@ -218,8 +218,8 @@ class Equations:
 
 def of_page(text: str) -> Iterator[tuple[str, str]]:
     """The equations between dollars; of a chain each link. Series are left out."""
-    for span in re.findall(r"\$+([^$]*=[^$]*)\$+", text):
-        if r"\dots" not in span:
+    for span in re.findall(r"\$\$?([^$]+)\$\$?", text):
+        if "=" in span and r"\dots" not in span:
             left, *rights = plain(span).split("=")
             yield from ((left.strip(), right.strip()) for right in rights)
 

@@ -124,6 +124,9 @@ def check_normal(name: str, equations: list[tuple[str, str]], whole: bool) -> Eq
         if "a" in from_page.definitions:
             damped = elastic * LENGTH * np.maximum(0, 1 + from_page("a") * rates / IMPACT_SPEED)
             assert np.all(np.abs(damped - force) <= 1e-9 * size), name
+    if "kappa" in from_page.definitions:
+        lever = jax.vmap(lambda d: law.friction_lever(ready.constants, d))(jnp.asarray(depths))
+        np.testing.assert_allclose(R_J * (from_page("kappa") - 1) + depths, lever, rtol=1e-6)
     if apart:
         rate = jax.vmap(lambda d, v: ready.memory_rate(d, v, memory)[0])(jnp.asarray(depths), jnp.asarray(rates))
         np.testing.assert_allclose(from_page("z'"), rate, rtol=1e-12, atol=1e-12)

@@ -6,6 +6,7 @@ from typing import ClassVar, NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 
+from clearance_jax._numerics import positive_part
 from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.laws._base import Smoothness
@@ -156,7 +157,8 @@ def dubowsky_freudenstein(pin_modulus, sleeve_modulus, **options) -> LineContact
 
 class Winkler(AbstractImpactLaw):
     """F = k L R e (t - sin t cos t) (1 + a(e) d'/v0), cos t = c/e, e = c + d: an elastic layer in the sleeve, each
-    piece of which is a spring, p = k u.
+    piece of which is a spring, p = k u. Friction acts all over the layer: its moment about the pin's axis is mu times
+    the radius and the sum of the pressures.
 
     **Arguments:** `stiffness` k [Pa/m], (1 - nu) E / ((1 + nu)(1 - 2 nu) h) for a thin layer h on a rigid base (see
     `cj.wear.foundation`); `restitution` e (`None`: elastic); `minimum_impact_speed` [m/s]; `ratio`: a(e).
@@ -182,3 +184,8 @@ class Winkler(AbstractImpactLaw):
     def energy(self, constants, penetration):
         line = constants.line
         return line.modulus * line.length * line.sleeve_radius * relations.foundation_work(line, penetration)
+
+    def friction_lever(self, constants, penetration):
+        # Each piece of the layer rubs on the pin's surface; the contact point lies on the sleeve's, d deeper.
+        radius, further = constants.line.pin_radius, relations.foundation_spread(constants.line, penetration) - 1
+        return radius * further + positive_part(penetration)

@@ -15,7 +15,7 @@ from clearance_jax.parameters import describe, physical
 
 class LinearKelvinVoigt(AbstractNormalLaw):
     """F = max(0, k d + b d'). The force jumps to b v at touch (class C-1: it has no derivative that can be trusted; use
-    `HuntCrossley`).
+    `HuntCrossley`). Without damping it is a spring, of class C0.
 
     **Arguments:** `stiffness` k [N/m]; `damping` b [N s/m]; `clipped`: F is max(0, k d + b d'); otherwise it pulls
     before separation.
@@ -24,8 +24,14 @@ class LinearKelvinVoigt(AbstractNormalLaw):
     stiffness: Any = physical("N/m", above=0.0, help="stiffness k", example='"1e7 N/m"')
     damping: Scalar = physical("N*s/m", least=0.0, help="damping b", example='"500 N*s/m"')
     clipped: bool = describe("whether the force never pulls: max(0, k d + b d')", "false", static=True, default=True)
-    smoothness: ClassVar[Smoothness] = "C-1"
     smooth_alternative: ClassVar[str] = "`HuntCrossley` (class C1)"
+
+    @property
+    def smoothness(self) -> Smoothness:  # type: ignore[override]
+        try:
+            return "C0" if float(self.damping) == 0 else "C-1"
+        except TypeError:  # traced, or one for each lane
+            return "C-1"
 
     @property
     def clips(self):
