@@ -24,7 +24,7 @@ class LinearKelvinVoigt(AbstractNormalLaw):
     stiffness: Any = physical("N/m", above=0.0, help="stiffness k", example='"1e7 N/m"')
     damping: Scalar = physical("N*s/m", least=0.0, help="damping b", example='"500 N*s/m"')
     clipped: bool = describe("whether the force never pulls: max(0, k d + b d')", "false", static=True, default=True)
-    smooth_alternative: ClassVar[str] = "`HuntCrossley` (class C1)"
+    smooth_alternative: ClassVar[str] = "`HuntCrossley` (class C1), or `damping` 0 that is not traced,"
 
     @property
     def smoothness(self) -> Smoothness:  # type: ignore[override]
