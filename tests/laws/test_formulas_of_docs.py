@@ -75,7 +75,7 @@ IN_MILLIMETRES = ("pereira", "goldsmith", "dubowsky-freudenstein")
 
 def paragraph(name: str) -> str:
     """What the page says of a law."""
-    found = re.search(rf"^(?:`[\w-]+`, )*`{name}`(?:, `[\w-]+`)*\n: (.*?)(?=\n\n[`#])", PAGE, re.MULTILINE | re.DOTALL)
+    found = re.search(rf"^(?:`[\w-]+`, )*`{name}`(?:, `[\w-]+`)*\n: (.*?)(?=\n\n\S)", PAGE, re.MULTILINE | re.DOTALL)
     assert found, f"the page has no paragraph of `{name}`"
     return found[1]
 
@@ -186,6 +186,17 @@ def test_restitutions_of_the_page():
     (series,) = re.findall(r"\$(e = [^$]*) - \\dots\$", paragraph("hunt-crossley"))
     e = Equations(list(of_page(f"${series}$")), {"lambda": 0.5, "v": 2e-3}, True)("e")
     assert float(laws.HuntCrossley(1e10, 0.5).delivered_restitution(2e-3)) == pytest.approx(float(e), abs=1e-9)
+
+
+def test_the_moment_of_friction_of_line_contacts():
+    (text,) = re.findall(r"^Friction acts all over the patch.*?(?=\n\n)", PAGE, re.MULTILINE | re.DOTALL)
+    law = laws.johnson(2.07e11, 2.07e11)
+    ready, depths = law.prepare(GEOMETRY), jnp.asarray(DEPTHS)
+    force = jax.vmap(lambda d: ready.force(d, jnp.zeros(()), ()))(depths)
+    found = Equations(list(of_page(text)), {**LINE, "F'": np.asarray(force) / LENGTH}, True)
+    lever = jax.vmap(lambda d: law.friction_lever(ready.constants, d))(depths)
+    np.testing.assert_allclose(R_J * (found("kappa") - 1), lever, rtol=1e-8)
+    assert found.used == set(found.definitions)
 
 
 def test_the_exponent_of_pereira_on_both_sides():

@@ -99,6 +99,24 @@ def test_the_spread_of_pressures_and_its_slope():
     assert np.isfinite(float(jax.grad(lambda d: relations.foundation_spread(line, d))(jnp.asarray(0.0))))
 
 
+@pytest.mark.parametrize("make", [laws.johnson, laws.liu])
+def test_line_contacts_rub_over_the_ellipse_of_hertz(make):
+    modulus = 2e11 / 2 / (1 - 0.3**2)
+    joint = cj.RevoluteClearance(PLAY, PIN, make(2e11, 2e11), laws.TanhCoulomb(MU, 1e-3), length=LENGTH)
+    for depth in (1e-7, 1e-5, 4e-5):
+        place, turning = (jnp.asarray(PLAY + depth), jnp.asarray(0.0), 0.0), (*ZERO[:2], jnp.asarray(40.0))
+        action = joint.prepare().act(Relative(place, 0.0, ZERO, turning), ())
+        force = float(action.normal_force)
+        half = np.sqrt(4 * force / LENGTH / (np.pi * modulus * PLAY))
+        assert half < np.pi / 2
+        x = np.cos(np.pi * (np.arange(400) + 0.5) / 400)  # Gauss and Chebyshev's, of the second kind
+        weights = 1 - x * x
+        spread = np.sum(weights) / np.sum(weights * np.cos(half * x))
+        arm = PIN - depth + PIN * (spread - 1)
+        assert float(-action.torque[2]) == pytest.approx(MU * force * arm, rel=1e-5)
+        assert float(action.friction_power) == pytest.approx(40.0 * float(-action.torque[2]), rel=1e-12)
+
+
 def test_a_disc_on_a_wide_bearing_comes_to_rest():
     """Its moment about the pin slows it down; all of its energy is friction."""
     joint, depth = wide(np.radians(60.0))

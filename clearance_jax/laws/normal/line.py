@@ -36,7 +36,7 @@ class LineConstants(NamedTuple):
 
 class LineContact(AbstractImpactLaw):
     """F = E* L f(d) (1 + a(e) d'/v0), with 1/E* = (1 - nu_1^2)/E_1 + (1 - nu_2^2)/E_2, the length L of the contact and
-    the speed v0 of the last impact.
+    the speed v0 of the last impact. Friction acts all over Hertz's patch, with the half angle of the elastic force.
 
     **Arguments:** `pin_modulus`, `sleeve_modulus` [Pa], `pin_poisson`, `sleeve_poisson`; `restitution` e (`None`:
     elastic); `minimum_impact_speed` [m/s]; `relation`: f, which tells the laws of this kind apart; `ratio`: a(e).
@@ -70,6 +70,10 @@ class LineContact(AbstractImpactLaw):
     def energy(self, constants, penetration):
         line = constants.line
         return line.modulus * line.length * self.relation.work(line, penetration)
+
+    def friction_lever(self, constants, penetration):
+        line = constants.line
+        return line.pin_radius * (relations.ellipse_spread(line, self.relation.force(line, penetration)) - 1)
 
     def event_functions(self, constants, penetration, penetration_rate, memory):
         return (penetration - self.relation.limit(constants.line),) if self.relation.bends else ()
