@@ -63,6 +63,7 @@ def physical(
     help: str = "",
     example: str = "",
     absent: str = "",
+    instead: str = "",
     **field,
 ):
     """A field of a class of your own that holds one physical number, or `None` where the quantity may be absent.
@@ -74,9 +75,10 @@ def physical(
       reader check them.
     - `help`, `example`, `absent`: for the reference of scene files: what the number is, its value in TOML, and what its
       absence means.
+    - `instead`: what to do instead, said where a value is out of bounds.
     - `field`: passed on to `dataclasses.field` (for instance `default`).
     """
-    metadata = {"unit": unit, "above": above, "least": least, "below": below}
+    metadata = {"unit": unit, "above": above, "least": least, "below": below, "instead": instead}
     metadata |= {"help": help, "example": example, "absent": absent}
     return eqx.field(**({"converter": as_leaf, "metadata": metadata} | field))
 
@@ -363,4 +365,5 @@ def check_bounds(value: Any, metadata: Mapping[str, Any], where: str, unit: str,
     if metadata.get("above") is not None and metadata.get("below") is not None:
         demanded = [f"between {metadata['above']:g} and {metadata['below']:g} {unit}".rstrip()]
     shown = quote(given)[1:-1] if isinstance(given, str) else f"{quote(value.tolist())} {unit}".rstrip()
-    raise ClearanceError(f"{where} must be {' and '.join(demanded)}, but it is {shown}.")
+    instead = f" {metadata['instead']}" if metadata.get("instead") else ""
+    raise ClearanceError(f"{where} must be {' and '.join(demanded)}, but it is {shown}.{instead}")

@@ -142,7 +142,7 @@ def restitutions(quick: bool) -> None:
     """The family: restitution set and delivered, as a table and a picture."""
     write("## Restitution set and delivered\n")
     rows = [
-        (name, *(f"{float(make(K, e).delivered_restitution):.4f}" for e in SET))  # one line a law
+        (name, *(f"{float(make(K, e).delivered_restitution()):.4f}" for e in SET))  # one line a law
         for name, make in FAMILY.items()
     ]
     table(("law", *(f"e = {e:g}" for e in SET)), rows, output(f"contact_laws{'_quick' if quick else ''}.md"))
@@ -151,7 +151,7 @@ def restitutions(quick: bool) -> None:
     figure = Figure(figsize=(6.4, 4.2), layout="constrained")
     axis, every = figure.subplots(), np.linspace(0.02, 0.995, 60)
     for name, make in FAMILY.items():
-        delivered = jax.vmap(lambda e, make=make: make(K, e).delivered_restitution)(jnp.asarray(every))
+        delivered = jax.vmap(lambda e, make=make: make(K, e).delivered_restitution())(jnp.asarray(every))
         axis.plot(every, delivered, label=name, color="black" if name == "exact-restitution" else None)
     axis.set(xlabel="restitution set", ylabel="restitution delivered", xlim=(0, 1), ylim=(0, 1))
     axis.legend(fontsize=7, ncols=2)

@@ -51,7 +51,9 @@ def contacts(mechanism: PreparedMechanism, now: Balance) -> dict[str, Array]:
     if len(axes_of(mechanism)) == 3:
         joints = [joint.clearance.joint for joint in mechanism.clearance_joints()]
         found = [joint.pattern(joint.points(at)) for joint, at in zip(joints, plays, strict=True)]
-        tilts = [as_array(at.axis[:2]) for at in plays]
+        # What has no axis, as a ball, does not lean.
+        leans = [any(one.turns is not None for one in joint.play()) for joint in joints]
+        tilts = [as_array(at.axis[:2]) if leant else jnp.zeros(2) for at, leant in zip(plays, leans, strict=True)]
         patterns = {"contact_pattern": jnp.stack(found), "pin_tilt": jnp.stack(tilts)}
     return patterns | {
         "eccentricity": jnp.stack([as_array(at.place[: len(axes_of(mechanism))]) for at in plays]),

@@ -55,7 +55,9 @@ OBSERVED = {
         "",
         "where a pin bears: 0 nowhere, 1 at an edge, 2 along a line, 3 at two opposite edges; 4 more on a face",
     ),
-    "pin_tilt": Variable(("joint", "across"), "rad", "how the pin's axis leans along the sleeve's x and y (in space)"),
+    "pin_tilt": Variable(
+        ("joint", "across"), "rad", "how the pin's axis leans along the sleeve's x and y (in space); 0 for a ball"
+    ),
     "joint_reaction": Variable(("any_joint", "axis"), "N", "force on the child body, world axes"),
     "joint_moment": Variable(
         ("any_joint", "axis"), "N m", "moment on the child body about the joint's place, world axes (in space)"

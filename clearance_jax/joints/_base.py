@@ -24,6 +24,7 @@ from clearance_jax._sharing import compute_once, share
 from clearance_jax._types import Flag, Scalar
 from clearance_jax.joints._element import AbstractElement, Offset
 from clearance_jax.joints.contact import Action, ContactPoint, PlayCoordinate, PointAction, Relative, carry
+from clearance_jax.joints.depth import depth_of
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Touch
 from clearance_jax.laws._base import Memory, PreparedNormal, Slip
 from clearance_jax.laws._friction import PreparedFriction
@@ -138,27 +139,6 @@ class AbstractClearance(Parametrised):
 
 # A force that would press a pin less deep than this part of its play is round-off: it does not say where.
 TOUCHING = 1e-9
-# Newton iterations for a depth; the longest of them, in powers of e.
-SEARCH, STRIDE = 16, 5.0
-
-
-def depth_of(borne: Callable[[Scalar], Scalar], force: Scalar, start: Scalar) -> Scalar:
-    """The penetration at which a joint bears a force > 0, by Newton in logarithms, in which every power law is a
-    straight line.
-
-    Differentiable twice, though the slope is hidden from differentiation: at the solution each iteration makes the
-    derivatives of the next order right.
-    """
-
-    def newton(_, logarithm):
-        depth = jnp.exp(logarithm)
-        now, stiffness = borne(depth), jax.lax.stop_gradient(jax.grad(borne)(jax.lax.stop_gradient(depth)))
-        presses = (now > 0) & (stiffness > 0)
-        now, stiffness = jnp.where(presses, now, force), jnp.where(presses, stiffness, 1.0)
-        step = jnp.log(now / force) * jax.lax.stop_gradient(now / (stiffness * depth))
-        return logarithm - jnp.where(presses, jnp.clip(step, -STRIDE, STRIDE), -1.0)
-
-    return jnp.exp(jax.lax.fori_loop(0, SEARCH, newton, jnp.log(start)))
 
 
 class PreparedClearance(Module):
@@ -188,7 +168,7 @@ class PreparedClearance(Module):
 
     def act(self, at: Relative, memory: Memory) -> Action:
         """Forces on the pin for a relative motion and the joint's memory."""
-        points = self.joint.points(at)
+        points = self.points(at)
         action = self._map(self._act_at)(points, self._by_point(memory))
         if self.joint.count > 1:
             # Six sums are made of it, each of which would compute it anew.
@@ -198,6 +178,9 @@ class PreparedClearance(Module):
             push = add(push, scale(traction, tangent))
         force, torque = self._sum(push), self._sum(cross(points.arm, push))
         rubbed = -sum(t * s for t, s in zip(action.traction, action.slip, strict=True))
+        if points.lever is not None:
+            torque = add(torque, self._sum((0.0, 0.0, points.lever * action.traction[0])))
+            rubbed -= points.sweep * action.traction[0]
         absorbed, rubbed, stored = self._sum(
             (action.normal_force * action.penetration_rate, rubbed, action.elastic_energy)
         )
@@ -208,9 +191,17 @@ class PreparedClearance(Module):
             stored += self._filling_energy(at)
         return Action(force, torque, action, self._by_variable(action.memory_rate), stored, absorbed, rubbed)
 
+    def points(self, at: Relative) -> ContactPoint:
+        """The contact points, with what the normal law knows of friction around the pin."""
+        points, normal = self.joint.points(at), self.normal
+        if self.friction is None:
+            return points
+        lever = self._map(lambda depth: normal.law.friction_lever(normal.constants, depth))(points.penetration)
+        return points if lever is None else points.rubbing_around(lever, at.spin[2])
+
     def _act_at(self, point: ContactPoint, memory: Memory) -> PointAction:
         normal, (own, rest, touched) = self.normal.at(point.local), self._parts(memory)
-        depth, rate, slip = point.penetration, point.penetration_rate, point.slip
+        depth, rate, slip = point.penetration, point.penetration_rate, point.rubbing
         share = 1.0 if point.share is None else point.share
         force = times(share, normal.force(depth, rate, own))
         rates = while_touching(normal.law, touched, normal.memory_rate(depth, rate, own))
@@ -221,7 +212,7 @@ class PreparedClearance(Module):
             changes = while_touching(friction.law, touched, friction.memory_rate(slip, force, rest))
             rates = (*rates, *carry(changes, rest, point.turning))
         rates = (*rates, jnp.zeros_like(force)) if memory else ()
-        return PointAction(depth, rate, slip, force, traction, rates, times(share, normal.energy(depth)))
+        return PointAction(depth, rate, point.slip, force, traction, rates, times(share, normal.energy(depth)))
 
     def event_functions(self, now: ContactPoint, memory: Memory, before: ContactPoint) -> tuple[Array, ...]:
         """Functions of the contact points whose signs make the regime of every law, each an array where there are
@@ -236,7 +227,7 @@ class PreparedClearance(Module):
         if self.friction is not None:
             share = 1.0 if point.share is None else point.share
             friction, force = self.friction.at(point.local), times(share, normal.force(depth, rate, own))
-            out = (*out, *friction.event_functions(point.slip, force, rest, presses, before.slip))
+            out = (*out, *friction.event_functions(point.rubbing, force, rest, presses, before.rubbing))
         return out
 
     def latch(self, memory: Memory, now: Relative, rate: Relative) -> Memory:

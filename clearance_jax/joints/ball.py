@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from clearance_jax._numerics import safe_sqrt
 from clearance_jax._types import Scalar
 from clearance_jax.joints._base import AbstractClearance, AbstractElement
+from clearance_jax.joints.checks import GRIPS
 from clearance_jax.joints.contact import ContactPoint, PlayCoordinate
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Material
 from clearance_jax.parameters import Demand, physical
@@ -27,7 +28,9 @@ class SphericalClearance(AbstractClearance):
     `friction` laws; `element`: what acts without touch; `ball_material`, `socket_material`: for laws that need them.
     """
 
-    radial_clearance: Scalar = physical("m", above=0.0, help="socket radius minus ball radius", example='"0.1 mm"')
+    radial_clearance: Scalar = physical(
+        "m", above=0.0, help="socket radius minus ball radius", example='"0.1 mm"', instead=GRIPS
+    )
     ball_radius: Scalar = physical("m", above=0.0, help="radius of the ball", example='"10 mm"')
     normal: AbstractNormalLaw  # pyright: ignore[reportGeneralTypeIssues]
     friction: AbstractFrictionLaw | None = None

@@ -11,6 +11,13 @@ from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.spatial import Vector
 from clearance_jax.units import format_quantity
 
+GRIPS = (
+    "Parts that grip each other have no play. Leave the clearance out: the joint is ideal then, and the actuator "
+    "`JointFriction` is its friction. If the grip gives way under a load, give the positive clearance at which the "
+    "parts bear hard, and the element `PreloadedBearing`."
+)
+"""What to use instead of a clearance that is zero or negative."""
+
 
 class ImplausibleWarning(UserWarning):
     """A mechanism has sizes that nobody can have meant."""
@@ -55,7 +62,8 @@ def check_sizes(unit: str = "m", **sizes: Any) -> None:
         if not np.all(np.isfinite(value)):
             raise ClearanceError(f"`{name}` must be finite, but it is {quote(value.tolist())}.")
         if not np.all(value > 0):
-            raise ClearanceError(f"`{name}` must be greater than 0 {unit}, but it is {_plain(value)} {unit}.")
+            grips = f" {GRIPS}" * name.endswith("_clearance")
+            raise ClearanceError(f"`{name}` must be greater than 0 {unit}, but it is {_plain(value)} {unit}.{grips}")
 
 
 def _plain(value: np.ndarray) -> str:

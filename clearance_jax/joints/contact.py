@@ -4,11 +4,12 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array
 
 from clearance_jax._types import Scalar
 from clearance_jax.laws._base import Memory, Slip
 from clearance_jax.laws.geometry import Local
-from clearance_jax.spatial import Matrix, Term, Vector, Z, add, cross
+from clearance_jax.spatial import Matrix, Term, Vector, Z, add, cross, plus, times
 
 
 class Relative(NamedTuple):
@@ -60,6 +61,8 @@ class ContactPoint(NamedTuple):
     - `arm` [m]: from the pin's centre to the point.
     - `turning` [rad/s]: how fast the plane of contact turns, without turning about its normal, where the slip is given
       along all three axes; `None`: along the tangents, which turn with it.
+    - `lever` [m]: by how much further from the pin's axis the friction around it acts, and `sweep` [m/s]: what the
+      pin's spin adds there to the slip; `None`: it acts at the point.
     - `local`: what is different at this point for the laws; `share`: its part of the joint's normal force, if there are
       several points.
     """
@@ -73,6 +76,21 @@ class ContactPoint(NamedTuple):
     local: Local = None
     share: Scalar | None = None
     turning: Vector | None = None
+    lever: Scalar | None = None
+    sweep: Scalar | None = None
+
+    @property
+    def rubbing(self) -> Slip:
+        """The slip by which friction has its power."""
+        return self.slip if self.sweep is None else (self.slip[0] + self.sweep, *self.slip[1:])
+
+    def rubbing_around(self, lever: Array, spin: Term) -> "ContactPoint":
+        """The same with friction that acts by a lever further from the pin's axis, about which the pin spins [rad/s];
+        faces of a sleeve are square to the axis, and keep theirs.
+        """
+        x, y, _ = self.normal
+        lever = jnp.where(plus(times(x, x), times(y, y)) > 0.5, lever, 0.0)
+        return self._replace(lever=lever, sweep=lever * spin)
 
     @property
     def law_view(self) -> "ContactPoint":

@@ -12,6 +12,7 @@ import numpy as np
 from clearance_jax._sharing import compute_once
 from clearance_jax._types import Scalar
 from clearance_jax.joints._base import AbstractClearance, AbstractElement
+from clearance_jax.joints.checks import GRIPS
 from clearance_jax.joints.contact import ContactPoint, PlayCoordinate, Relative
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, Geometry, Material
 from clearance_jax.parameters import Demand, physical
@@ -38,7 +39,9 @@ class GuideClearance(AbstractClearance):
     - `block_material`, `guide_material`: for laws that need them.
     """
 
-    side_clearance: Scalar = physical("m", above=0.0, help="play of the block to either side", example='"0.1 mm"')
+    side_clearance: Scalar = physical(
+        "m", above=0.0, help="play of the block to either side", example='"0.1 mm"', instead=GRIPS
+    )
     length: Scalar = physical("m", above=0.0, help="length of the block", example='"60 mm"')
     height: Scalar = physical("m", above=0.0, help="height of the block", example='"30 mm"')
     normal: AbstractNormalLaw  # pyright: ignore[reportGeneralTypeIssues]

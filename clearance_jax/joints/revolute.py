@@ -17,7 +17,7 @@ from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints._base import AbstractElement
 from clearance_jax.joints.bore import FEWEST, Bore, Modes, finer
-from clearance_jax.joints.checks import warn_of_pin
+from clearance_jax.joints.checks import GRIPS, warn_of_pin
 from clearance_jax.joints.contact import ContactPoint, PlayCoordinate
 from clearance_jax.joints.fitting import Tolerance
 from clearance_jax.joints.pin import AbstractPin, depth_demand
@@ -47,7 +47,11 @@ class RevoluteClearance(AbstractPin):
     """
 
     radial_clearance: Scalar = physical(
-        "m", above=0.0, help="sleeve radius minus pin radius; its presence makes the play", example='"0.1 mm"'
+        "m",
+        above=0.0,
+        help="sleeve radius minus pin radius; its presence makes the play",
+        example='"0.1 mm"',
+        instead=GRIPS,
     )
     pin_radius: Scalar = physical("m", above=0.0, help="radius of the pin", example='"10 mm"')
     normal: AbstractNormalLaw  # pyright: ignore[reportGeneralTypeIssues]

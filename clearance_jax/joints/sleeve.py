@@ -26,6 +26,7 @@ from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.joints._base import AbstractElement
 from clearance_jax.joints.bore import FEWEST, Bore, finer
+from clearance_jax.joints.checks import GRIPS
 from clearance_jax.joints.contact import ContactPoint, PlayCoordinate, Relative
 from clearance_jax.joints.fitting import Tolerance
 from clearance_jax.joints.pin import AbstractPin, Sections, depth_demand
@@ -70,13 +71,21 @@ class SleeveClearance(AbstractPin):
       the sleeve's x, the others evenly around it. `None`: the sleeve is round, and the program has nothing for wear.
     """
 
-    radial_clearance: Scalar = physical("m", above=0.0, help="sleeve radius minus pin radius", example='"0.1 mm"')
+    radial_clearance: Scalar = physical(
+        "m", above=0.0, help="sleeve radius minus pin radius", example='"0.1 mm"', instead=GRIPS
+    )
     pin_radius: Scalar = physical("m", above=0.0, help="radius of the pin", example='"10 mm"')
     length: Scalar = physical("m", above=0.0, help="length of the contact along the sleeve", example='"40 mm"')
     normal: AbstractNormalLaw
     friction: AbstractFrictionLaw | None = None
     axial_clearance: Scalar | None = physical(
-        "m", above=0.0, default=None, help="axial play to either side", example='"0.1 mm"', absent="held axially"
+        "m",
+        above=0.0,
+        default=None,
+        help="axial play to either side",
+        example='"0.1 mm"',
+        absent="held axially",
+        instead=GRIPS,
     )
     element: AbstractElement | None = None
     stations: int = describe("points along the sleeve, both edges among them", "8", static=True, default=8)

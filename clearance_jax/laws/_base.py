@@ -27,6 +27,7 @@ from clearance_jax._module import Module
 from clearance_jax._numerics import positive_part, step7, step7_slope
 from clearance_jax._types import Flag, Scalar
 from clearance_jax.errors import ClearanceError
+from clearance_jax.laws.free_impact import free_impact, needed
 from clearance_jax.laws.geometry import Geometry, Local
 from clearance_jax.parameters import Parametrised, flatten, physical
 
@@ -61,12 +62,14 @@ class AbstractStiffness(Module):
         """The stiffness in N/m^n."""
 
 
-def stiffness_of(given: Any, geometry: Geometry, linear: bool = False) -> Scalar:
+def stiffness_of(given: Any, geometry: Geometry | None, linear: bool = False) -> Scalar:
     """A law's stiffness: the number that it was given, or the one that its geometry has. **Raises** `ClearanceError`
     where this one is not `linear` in the penetration and the law is.
     """
     if not isinstance(given, AbstractStiffness):
         return given
+    if geometry is None:
+        raise ClearanceError("The stiffness follows from the joint: give its `geometry` (`laws.Geometry`).")
     if linear and given.exponent != 1.0:
         raise ClearanceError(
             f"A law that is linear in the penetration has a stiffness in N/m, but `{type(given).__name__}` computes "
@@ -121,6 +124,33 @@ class AbstractNormalLaw(AbstractLaw):
         """
         return SmoothedOnset(self, smooth_width(self, penetration, rtol) if width is None else width)
 
+    def delivered_restitution(self, speed: Any = None, mass: Any = None, geometry: Geometry | None = None) -> Scalar:
+        """The restitution that a free impact really has. Where it has no closed form, which can be differentiated, the
+        impact is simulated; NaN where the mass does not come off.
+
+        **Arguments:** `speed` before the impact [m/s]; `mass` [kg], m1 m2/(m1 + m2) of two free bodies; `geometry` of
+        the joint. What the restitution does not depend on may be left out; what is missing raises `ClearanceError`.
+        """
+        unknown = jnp.asarray(jnp.nan)
+        ready = self.prepare(Geometry(unknown, unknown, unknown) if geometry is None else geometry)
+        speed, mass = needed(speed, "speed", self), needed(mass, "mass", self)
+        zero, began = jnp.zeros(()), jnp.asarray(True)
+        touch = Touch(began, ~began, jnp.asarray(speed, float), (), zero)
+        memory = ready.latch(tuple(zero for _ in self.remembers), touch)
+        if not jnp.isfinite(self.formula(ready.constants, jnp.asarray(1e-9), touch.penetration_rate, memory)):
+            raise ClearanceError("This law depends on its joint: give the joint's `geometry` (`laws.Geometry`).")
+        return free_impact(ready, memory, jnp.asarray(speed, float), jnp.asarray(mass, float))
+
+    def for_restitution(
+        self, restitution: Any, speed: Any = None, mass: Any = None, geometry: Geometry | None = None
+    ) -> "AbstractNormalLaw":
+        """The law with the damping that delivers a `restitution` in (0, 1); the other arguments are those of
+        `delivered_restitution`.
+
+        **Raises:** `ClearanceError` for a law without damping, and where none delivers it.
+        """
+        raise ClearanceError(f"`{type(self).__name__}` has no damping that could be chosen for a restitution.")
+
     def prepare(self, geometry: Geometry) -> "PreparedNormal":
         """The law with its constants."""
         return PreparedNormal(self, self.constants(geometry))
@@ -143,6 +173,12 @@ class AbstractNormalLaw(AbstractLaw):
     def validity_reason(self) -> str:
         """Why the law does not hold beyond, in words; a law without a reason has no limit."""
         return ""
+
+    def friction_lever(self, constants: Any, penetration: Scalar) -> Scalar | None:
+        """By how much further from the pin's axis than its contact point friction acts [m]: the pressures of a wide
+        contact lie around the pin, and all of them rub. `None` (the default): at the point.
+        """
+        return None
 
     def event_functions(
         self, constants: Any, penetration: Scalar, penetration_rate: Scalar, memory: Memory
@@ -247,6 +283,9 @@ class AbstractModifiedLaw(AbstractNormalLaw):
 
     def validity(self, constants):
         return self.law.validity(constants)
+
+    def friction_lever(self, constants, penetration):
+        return self.law.friction_lever(constants, penetration)
 
     def event_functions(self, constants, penetration, penetration_rate, memory):
         return self.law.event_functions(constants, penetration, penetration_rate, memory)

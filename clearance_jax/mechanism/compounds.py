@@ -71,7 +71,7 @@ class Spin(Module):
 
 class Ball(Module):
     """The motion of a ball, which is always free. Its positions are a quaternion (w, x, y, z), its velocities the spin
-    in the child's axes.
+    about the axes of the joint's frame on the child.
 
     **Arguments:** `start`: initial orientation of the child's joint frame in the parent's; `spin`: initial spin;
     `damping` [N m s/rad]: of the spin. The energy balance counts what it takes as a damping loss.
@@ -84,7 +84,7 @@ class Ball(Module):
         default=Orientation(),
     )
     spin: Spin = describe(
-        "initial spin in the child's axes",
+        "initial spin about the axes of the joint's frame on the child (`child_orientation` turns it)",
         '["0 rad/s", "0 rad/s", "100 rad/s"]',
         "at rest",
         default_factory=Spin,

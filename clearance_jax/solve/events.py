@@ -188,7 +188,7 @@ def first_of(joints: EventJoints, begin: Each) -> Each:
     def each_joint(function):
         return each_lane(eqx.filter_vmap(function, in_axes=eqx.if_array(0)) if several else function, begin)
 
-    points_at = each_joint(lambda own, at: own.joint.points(at).law_view)
+    points_at = each_joint(lambda own, at: own.points(at).law_view)
     functions_at = each_joint(PreparedClearance.event_functions)
 
     def points(s):

@@ -45,7 +45,7 @@ def alone(kind, **options) -> Any:
         (
             cj.Revolute,
             {"radial_clearance": 1e-4, "length": 0.04, "axial_clearance": -1e-4},
-            "`axial_clearance` must be greater than 0 m, .* -0.0001",
+            "`axial_clearance` must be greater than 0 m, .* -0.0001 m. Parts that grip .*`JointFriction`",
         ),
         (cj.Revolute, {"radial_clearance": NAN, "length": 0.04}, "`radial_clearance` must be finite, but it is nan"),
         (cj.Revolute, {"radial_clearance": 1e-4, "length": 0.0}, "`length` must be greater than 0 m"),
@@ -236,7 +236,7 @@ BEARING = '{ bore = "25 mm", balls = 9, ball_diameter = "8 mm"'
         ("revolute", {}, r"joint.hip.normal belongs to a joint with clearance: add `radial_clearance`"),
         ("prismatic", {}, r"joint.hip.normal belongs to a joint with clearance: add `side_clearance`"),
         ("prismatic", SLEEVE, r"joint.hip.radial_clearance is not a known key"),
-        ("revolute", SLEEVE | {"axial_clearance": '"-0.1 mm"'}, r"joint.hip.axial_clearance must be greater than 0 m"),
+        ("revolute", SLEEVE | {"axial_clearance": '"-0.1 mm"'}, r"axial_clearance must be .*-0.1 mm\. Parts that grip"),
         ("revolute", SLEEVE | {"length": '"0 mm"'}, r"joint.hip.length must be greater than 0 m"),
         ("revolute", SLEEVE | {"length": '"nan mm"'}, r"joint.hip.length must be finite"),
         ("revolute", SLEEVE | {"length": '"4 mm"'}, r"joint.hip: `length` must be greater than 0.00447 m"),

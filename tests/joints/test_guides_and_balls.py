@@ -119,6 +119,8 @@ def test_a_ball_in_a_plane_motion_is_a_pin(friction):
     np.testing.assert_allclose(ends[0], ends[1], rtol=0, atol=1e-9)
     assert abs(float(ends[0][-1, 2])) > 0.05
     assert max(float(motion.energy_residual) for motion in motions) < 1e-9
+    # A ball has no axis that could lean, however it turned.
+    assert np.all(np.asarray(motions[1]["hip.pin_tilt"]) == 0)
 
 
 def test_a_cylindrical_joint_takes_a_sleeve():

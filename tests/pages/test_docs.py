@@ -268,7 +268,7 @@ def test_what_the_table_says_that_laws_deliver():
     for name, words, share in told:
         least, most = (re.search(pattern, words) for pattern in (r"from e = ([\d.]+) on", r"up to e = ([\d.]+)"))
         every = jnp.linspace(0.05, 0.99, 30)
-        found = jax.vmap(lambda e, make=NORMAL_LAWS[name]: make(1e10, e).delivered_restitution)(every)
+        found = jax.vmap(lambda e, make=NORMAL_LAWS[name]: make(1e10, e).delivered_restitution())(every)
         for e, delivered in zip(every.tolist(), found.tolist(), strict=True):
             if "above e" in words or "below e" in words:
                 assert (delivered > e) == ("above e" in words), (name, e)

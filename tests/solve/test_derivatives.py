@@ -215,6 +215,26 @@ def test_laws_that_jump_are_refused():
         )(1e-3)
 
 
+def test_a_spring_without_damping_has_derivatives():
+    """It does not jump. A drop and a bounce in closed form: the contact lasts 2 (pi - atan(v w/g)) / w."""
+    play = cj.RevoluteClearance(1e-3, 0.01, laws.LinearKelvinVoigt(1e6, 0.0))
+    m = pin().with_clearance("joint", play)
+
+    def height(c, k):
+        changed = cj.replace(m, {"joint.radial_clearance": c, "joint.normal.stiffness": k})
+        return cj.simulate(changed, END, energy_balance=False, rtol=1e-9, save_at=2)["joint.play_y"][-1]
+
+    def exact(c, k):
+        w, g = jnp.sqrt(k / 0.14), 9.81
+        speed = jnp.sqrt(2 * g * c)
+        since = END - speed / g - 2 * (jnp.pi - jnp.arctan(speed * w / g)) / w
+        return -c + speed * since - g * since**2 / 2
+
+    (value, found), (told, slopes) = (jax.value_and_grad(f, (0, 1))(1e-3, 1e6) for f in (height, exact))
+    assert float(value) == pytest.approx(float(told), rel=1e-7)
+    np.testing.assert_allclose(found, slopes, rtol=1e-6)
+
+
 # The experiment ------------------------------------------------------------------------------------------------------
 
 

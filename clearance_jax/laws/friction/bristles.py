@@ -41,9 +41,10 @@ class Dahl(AbstractBristles):
 
 
 class ElastoPlastic(AbstractLuGre):
-    """LuGre's friction with z' = v - a s0 v_z z / g(v), v_z = max(0, v z/|z|): a is 0 while |z| is below the share b of
-    g/s0, and grows to 1 at g/s0; v_z is |v| where the slip bends the bristle along itself, and 0 where it unbends it
-    (Dupont et al. 2002). So a pin does not drift under a small load that swings.
+    """LuGre's friction with z' = v - a s0 v_z z / g(v), v_z = max(0, v z/|z|), a = STEP5((s0 |z|/g(v) - b)/(1 - b)): a
+    is 0 while |z| is below the share b of g/s0, and grows to 1 at g/s0; v_z is |v| where the slip bends the bristle
+    along itself, and 0 where it unbends it (Dupont et al. 2002). So a pin does not drift under a small load that
+    swings.
 
     The growth is STEP5 instead of the paper's sine.
 

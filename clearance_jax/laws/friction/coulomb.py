@@ -11,7 +11,7 @@ from clearance_jax.parameters import physical
 
 
 class CubicCoulomb(AbstractFrictionLaw):
-    """T = -mu N (3 x - x^3)/2 with x = v/v_c for |x| <= 1, and Coulomb friction beyond. A pin creeps under load.
+    """T = -mu N (3 x - x^3)/2 with x = min(1, v/v_c): Coulomb friction from v_c on. A pin creeps under load.
 
     Source: Qian et al. 2022, Eq. 8 (doi 10.3390/app122111041), whose first branch must read -mu.
 

@@ -12,7 +12,7 @@ from clearance_jax.parameters import physical
 
 class BrownMcPhee(AbstractFrictionLaw):
     """T = -N (mu_d tanh(4 x) + (mu_s - mu_d) x / (x^2/4 + 3/4)^2), x = v/v_t (Brown and McPhee 2016,
-    doi 10.1007/s11044-015-9471-9). Smooth, with a peak near mu_s at x = 1.
+    doi 10.1007/s11044-015-9471-9). Smooth, with a peak near mu_s at v_t.
 
     **Arguments:** `static_coefficient` mu_s, `dynamic_coefficient` mu_d, `transition_speed` v_t [m/s].
     """

@@ -1,4 +1,7 @@
-"""Friction laws of the slip alone, from the literature: T = -mu(|v|) N v/|v|. Each of them creeps under load."""
+"""Friction laws of the slip alone, from the literature: T = -mu(|v|) N v/|v|. Each of them creeps under load.
+
+Their formulas are those of the size v of the slip.
+"""
 
 from typing import ClassVar
 
@@ -23,8 +26,8 @@ def _magnitude(v: Scalar) -> tuple[Scalar, Scalar]:
 
 
 class AdamsFriction(AbstractFrictionLaw):
-    """The contact friction of MSC ADAMS: a STEP from -mu_s to mu_s for |v| < v_s, one from mu_s to mu_d for |v| up to
-    v_d, and mu_d beyond.
+    """T = -N (mu_s STEP(v, -v_s, -1, v_s, 1) + (mu_d - mu_s) STEP(v, v_s, 0, v_d, 1)), the contact friction of MSC
+    ADAMS: from -mu_s to mu_s for |v| < v_s, from mu_s to mu_d for |v| up to v_d, and mu_d beyond.
 
     **Arguments:** `static_coefficient` mu_s, `dynamic_coefficient` mu_d; `stiction_speed` v_s (stiction transition
     velocity) and `transition_speed` v_d > v_s (friction transition velocity) [m/s].
@@ -60,7 +63,7 @@ class AdamsFriction(AbstractFrictionLaw):
 
 
 class Threlfall(AbstractFrictionLaw):
-    """T = -mu N (1 - exp(-3 |v|/v_r)) for |v| <= v_r, and what this is at v_r beyond, 0.95 mu N (Threlfall 1978).
+    """T = -mu N (1 - exp(-3 min(1, v/v_r))): 0.95 mu N from v_r on (Threlfall 1978).
 
     **Arguments:** `coefficient` mu, `transition_speed` v_r [m/s].
     """
@@ -87,8 +90,7 @@ class Threlfall(AbstractFrictionLaw):
 
 
 class Ambrosio(AbstractFrictionLaw):
-    """T = -mu c N with c = 0 for |v| <= v_0, (|v| - v_0)/(v_1 - v_0) up to v_1, 1 beyond (Ambrosio 2003). Below v_0
-    nothing holds a pin.
+    """T = -mu c_d N with c_d = min(1, max(0, (v - v_0)/(v_1 - v_0))) (Ambrosio 2003). Below v_0 nothing holds a pin.
 
     **Arguments:** `coefficient` mu; `free_speed` v_0, `transition_speed` v_1 > v_0 [m/s].
     """
@@ -122,10 +124,10 @@ class Ambrosio(AbstractFrictionLaw):
 
 
 class BengisuAkay(AbstractFrictionLaw):
-    """T = -N (mu_s - mu_s (|v|/v_0 - 1)^2) for |v| <= v_0, -N (mu_d + (mu_s - mu_d) exp(-x (|v| - v_0))) beyond
-    (Bengisu and Akay 1994).
+    """T = -N (mu_s x (2 - x) + (mu_s - mu_d) (exp(-y/v_1) - 1)) with x = min(1, v/v_0), y = max(0, v - v_0): a parabola
+    up to v_0, and a fall to mu_d beyond (Bengisu and Akay 1994).
 
-    **Arguments:** `static_coefficient` mu_s, `dynamic_coefficient` mu_d; `transition_speed` v_0 and `decay_speed` 1/x
+    **Arguments:** `static_coefficient` mu_s, `dynamic_coefficient` mu_d; `transition_speed` v_0 and `decay_speed` v_1
     [m/s].
     """
 
@@ -158,7 +160,7 @@ class BengisuAkay(AbstractFrictionLaw):
 
 
 class Stribeck(AbstractFrictionLaw):
-    """T = -N ((mu_d + (mu_s - mu_d) exp(-(|v|/v_s)^p)) tanh(v/v_t) + k v): the curve of Tustin, and of Bo and
+    """T = -N ((mu_d + (mu_s - mu_d) exp(-(v/v_s)^p)) tanh(v/v_t) + k v): the curve of Tustin, and of Bo and
     Pavelescu, whose jump at zero slip is made steep (Andersson et al. 2007, without k).
 
     **Arguments:** `static_coefficient` mu_s, `dynamic_coefficient` mu_d; `stribeck_speed` v_s, `transition_speed` v_t

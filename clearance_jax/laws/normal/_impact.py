@@ -1,6 +1,7 @@
 """What laws share that remember the speed of the last impact: F = F_e (1 + a(e) d'/v0)."""
 
 import abc
+import dataclasses
 from collections.abc import Callable
 from typing import Any
 
@@ -37,11 +38,18 @@ class AbstractImpactLaw(AbstractNormalLaw):
         """a(e); `None`: elastic."""
         return None if self.restitution is None else self.ratio(self.restitution)
 
-    @property
-    def delivered_restitution(self) -> Scalar:
-        """The restitution that a free impact faster than `minimum_impact_speed` really has."""
+    def delivered_restitution(self, speed=None, mass=None, geometry=None):
+        """The restitution that a free impact really has: without `speed`, of one faster than `minimum_impact_speed`."""
         ratio = self.damping_ratio
-        return jnp.ones(()) if ratio is None else ratios.delivered_restitution(ratio)
+        if ratio is None:
+            return jnp.ones(())
+        slow = 1.0 if speed is None else jnp.minimum(1.0, speed / self.minimum_impact_speed)
+        return ratios.delivered_restitution(ratio * slow)
+
+    def for_restitution(self, restitution, speed=None, mass=None, geometry=None):
+        """The law with the `restitution` as its own, and the ratio a(e) that delivers it."""
+        numbers = {"restitution": jnp.asarray(restitution, float), "ratio": ratios.exact_ratio}
+        return dataclasses.replace(self, **numbers)
 
     @abc.abstractmethod
     def elastic(self, constants: Any, penetration: Scalar) -> Scalar:

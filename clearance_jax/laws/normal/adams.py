@@ -1,10 +1,12 @@
 """The IMPACT function of MSC ADAMS."""
 
+import dataclasses
 from typing import Any, ClassVar
 
 from clearance_jax._numerics import step3
 from clearance_jax._types import Scalar
 from clearance_jax.laws._base import Smoothness
+from clearance_jax.laws.free_impact import damping_for, needed
 from clearance_jax.laws.normal._power import STIFFNESS, AbstractPowerLaw, power
 from clearance_jax.parameters import physical
 
@@ -36,3 +38,15 @@ class AdamsImpact(AbstractPowerLaw):
     def event_functions(self, constants, penetration, penetration_rate, memory):
         # The damping's curvature jumps at d_max, by 6 c_max / d_max^2: no error estimate sees it.
         return (penetration - self.full_damping_depth,)
+
+    def for_restitution(self, restitution, speed=None, mass=None, geometry=None):
+        """The law with the damping that delivers a `restitution`; of plain numbers, since impacts are simulated."""
+
+        def damped(damping):
+            return dataclasses.replace(self, damping=damping)
+
+        speed, mass = needed(speed, "speed", self), needed(mass, "mass", self)
+        guess = mass * speed / self.full_damping_depth
+        return damped(
+            damping_for(lambda c: damped(c).delivered_restitution(speed, mass, geometry), restitution, guess)
+        )

@@ -1,17 +1,23 @@
 """Laws whose restitution is the same at every impact speed, without memory: F = K d^n + c d^((n-1)/2) d'.
 
 With u ~ d^((n+1)/2) an impact of a mass m is that of a linear oscillator of the damping ratio b = -ln e /
-sqrt(pi^2 + ln^2 e), for which c = b sqrt(2 (n + 1) m K). So they need the effective mass of the impact, m1 m2/(m1 + m2)
-of two free bodies.
+sqrt(pi^2 + ln(e)^2), for which c = b sqrt(2 (n + 1) m K). So they need the effective mass of the impact,
+m1 m2/(m1 + m2) of two free bodies.
 """
 
+import dataclasses
 from typing import Any, ClassVar, NamedTuple
 
+import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
 
 from clearance_jax._types import Scalar
+from clearance_jax.errors import ClearanceError
 from clearance_jax.laws._base import AbstractNormalLaw, Smoothness, stiffness_of
 from clearance_jax.laws.normal._power import power, power_energy
+from clearance_jax.laws.normal.oscillator import oscillator_ratio, oscillator_restitution
 from clearance_jax.laws.normal.restitution import Damped
 from clearance_jax.parameters import describe, physical
 
@@ -42,13 +48,41 @@ def fourth_root(penetration: Scalar, onset: Scalar) -> Scalar:
 
 def damping_of(stiffness: Scalar, restitution: Scalar, mass: Scalar, exponent: float) -> Scalar:
     """The coefficient b sqrt(2 (n + 1) m K) of d^((n-1)/2) d'."""
-    logarithm = jnp.log(restitution)
-    ratio = -logarithm / jnp.sqrt(jnp.pi**2 + logarithm**2)
-    return ratio * jnp.sqrt(2 * (exponent + 1) * mass * stiffness)
+    return oscillator_ratio(restitution, False) * jnp.sqrt(2 * (exponent + 1) * mass * stiffness)
 
 
-class Tsuji(AbstractNormalLaw):
-    """F = K d^(3/2) + sqrt(5) b sqrt(m K) d^(1/4) d', with b = -ln e / sqrt(pi^2 + ln^2 e) (Tsuji et al. 1992). It
+class AbstractOscillator(AbstractNormalLaw):
+    """A law with the same restitution at every speed."""
+
+    restitution: eqx.AbstractVar[Scalar]
+    effective_mass: eqx.AbstractVar[Scalar]
+    clipped: eqx.AbstractVar[bool]
+
+    @property
+    def clips(self):
+        return self.clipped
+
+    def delivered_restitution(self, speed=None, mass=None, geometry=None):
+        """The restitution that a free impact really has; without `mass`, that of the effective mass."""
+        ratio = oscillator_ratio(self.restitution, False)
+        # The damping stays as the mass changes, which is not that for which it was chosen.
+        light = 1.0 if mass is None else jnp.sqrt(self.effective_mass / mass)
+        return oscillator_restitution(ratio * light, self.clipped)
+
+    def for_restitution(self, restitution, speed=None, mass=None, geometry=None):
+        """The law with the numbers that deliver a `restitution` for the `mass`, by default its own one."""
+        mass = self.effective_mass if mass is None else jnp.asarray(mass, float)
+        ratio = oscillator_ratio(jnp.asarray(restitution, float), self.clipped)
+        if not isinstance(ratio, Tracer) and not np.all(ratio < 1):
+            raise ClearanceError(
+                f"`restitution` must be above 0.1353 for `{type(self).__name__}` with `clipped`, which has no more "
+                "damping. Choose `exact_restitution`."
+            )
+        return dataclasses.replace(self, restitution=oscillator_restitution(ratio, False), effective_mass=mass)
+
+
+class Tsuji(AbstractOscillator):
+    """F = K d^(3/2) + sqrt(5) b sqrt(m K) d^(1/4) d', with b = -ln e / sqrt(pi^2 + ln(e)^2) (Tsuji et al. 1992). It
     delivers e at every speed if it may pull before separation, as it does by default. The slope of d^(1/4) would be
     infinite at first touch: it starts with slope zero, over the depth of an impact at 1e-9 m/s or 1e-10 clearances.
 
@@ -61,10 +95,6 @@ class Tsuji(AbstractNormalLaw):
     effective_mass: Scalar = physical("kg", above=0.0, help=MASS, example='"2 kg"')
     clipped: bool = describe(CLIPPED, "true", static=True, default=False)
     smoothness: ClassVar[Smoothness] = "C0"
-
-    @property
-    def clips(self):
-        return self.clipped
 
     def constants(self, geometry):
         stiffness, mass = stiffness_of(self.stiffness, geometry), self.effective_mass
@@ -79,8 +109,8 @@ class Tsuji(AbstractNormalLaw):
         return power_energy(constants.stiffness, penetration, None)
 
 
-class Anagnostopoulos(AbstractNormalLaw):
-    """F = K d + 2 b sqrt(m K) d', with b = -ln e / sqrt(pi^2 + ln^2 e) (Anagnostopoulos 1988). It delivers e at every
+class Anagnostopoulos(AbstractOscillator):
+    """F = K d + 2 b sqrt(m K) d', with b = -ln e / sqrt(pi^2 + ln(e)^2) (Anagnostopoulos 1988). It delivers e at every
     speed if it may pull before separation, as it does by default. The force jumps at first touch (class C-1).
 
     **Arguments:** `stiffness` K [N/m]; `restitution` e in (0, 1); `effective_mass` m [kg]; `clipped`: F is never below
@@ -93,10 +123,6 @@ class Anagnostopoulos(AbstractNormalLaw):
     clipped: bool = describe(CLIPPED, "true", static=True, default=False)
     smoothness: ClassVar[Smoothness] = "C-1"
     smooth_alternative: ClassVar[str] = "`exact_restitution` (class C1)"
-
-    @property
-    def clips(self):
-        return self.clipped
 
     def constants(self, geometry):
         stiffness = stiffness_of(self.stiffness, geometry, linear=True)

@@ -1,9 +1,14 @@
 """Hertz's elastic contact, and Hunt and Crossley's damping of it."""
 
+import dataclasses
 from typing import Any, ClassVar
+
+import jax.numpy as jnp
 
 from clearance_jax._types import Scalar
 from clearance_jax.laws._base import Smoothness
+from clearance_jax.laws.free_impact import needed
+from clearance_jax.laws.normal import ratios
 from clearance_jax.laws.normal._power import STIFFNESS, AbstractPowerLaw, power
 from clearance_jax.parameters import physical
 
@@ -24,6 +29,9 @@ class Hertz(AbstractPowerLaw):
     def formula(self, constants, penetration, penetration_rate, memory):
         return constants * power(penetration, self.exponent)
 
+    def delivered_restitution(self, speed=None, mass=None, geometry=None):
+        return jnp.ones(())
+
 
 class HuntCrossley(AbstractPowerLaw):
     """F = max(0, K d^n (1 + lambda d')) with a fixed factor: no memory, so restitution falls with impact speed,
@@ -41,3 +49,10 @@ class HuntCrossley(AbstractPowerLaw):
 
     def formula(self, constants, penetration, penetration_rate, memory):
         return constants * power(penetration, self.exponent) * (1 + self.damping_factor * penetration_rate)
+
+    def delivered_restitution(self, speed=None, mass=None, geometry=None):
+        return ratios.delivered_restitution(self.damping_factor * needed(speed, "speed", self))
+
+    def for_restitution(self, restitution, speed=None, mass=None, geometry=None):
+        ratio = ratios.exact_ratio(jnp.asarray(restitution, float))
+        return dataclasses.replace(self, damping_factor=ratio / needed(speed, "speed", self))

@@ -6,6 +6,7 @@ from typing import ClassVar, NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 
+from clearance_jax._numerics import positive_part
 from clearance_jax._types import Scalar
 from clearance_jax.errors import ClearanceError
 from clearance_jax.laws._base import Smoothness
@@ -35,7 +36,7 @@ class LineConstants(NamedTuple):
 
 class LineContact(AbstractImpactLaw):
     """F = E* L f(d) (1 + a(e) d'/v0), with 1/E* = (1 - nu_1^2)/E_1 + (1 - nu_2^2)/E_2, the length L of the contact and
-    the speed v0 of the last impact.
+    the speed v0 of the last impact. Friction acts all over Hertz's patch, with the half angle of the elastic force.
 
     **Arguments:** `pin_modulus`, `sleeve_modulus` [Pa], `pin_poisson`, `sleeve_poisson`; `restitution` e (`None`:
     elastic); `minimum_impact_speed` [m/s]; `relation`: f, which tells the laws of this kind apart; `ratio`: a(e).
@@ -69,6 +70,10 @@ class LineContact(AbstractImpactLaw):
     def energy(self, constants, penetration):
         line = constants.line
         return line.modulus * line.length * self.relation.work(line, penetration)
+
+    def friction_lever(self, constants, penetration):
+        line = constants.line
+        return line.pin_radius * (relations.ellipse_spread(line, self.relation.force(line, penetration)) - 1)
 
     def event_functions(self, constants, penetration, penetration_rate, memory):
         return (penetration - self.relation.limit(constants.line),) if self.relation.bends else ()
@@ -156,7 +161,8 @@ def dubowsky_freudenstein(pin_modulus, sleeve_modulus, **options) -> LineContact
 
 class Winkler(AbstractImpactLaw):
     """F = k L R e (t - sin t cos t) (1 + a(e) d'/v0), cos t = c/e, e = c + d: an elastic layer in the sleeve, each
-    piece of which is a spring, p = k u.
+    piece of which is a spring, p = k u. Friction acts all over the layer: its moment about the pin's axis is mu times
+    the radius and the sum of the pressures.
 
     **Arguments:** `stiffness` k [Pa/m], (1 - nu) E / ((1 + nu)(1 - 2 nu) h) for a thin layer h on a rigid base (see
     `cj.wear.foundation`); `restitution` e (`None`: elastic); `minimum_impact_speed` [m/s]; `ratio`: a(e).
@@ -182,3 +188,8 @@ class Winkler(AbstractImpactLaw):
     def energy(self, constants, penetration):
         line = constants.line
         return line.modulus * line.length * line.sleeve_radius * relations.foundation_work(line, penetration)
+
+    def friction_lever(self, constants, penetration):
+        # Each piece of the layer rubs on the pin's surface; the contact point lies on the sleeve's, d deeper.
+        radius, further = constants.line.pin_radius, relations.foundation_spread(constants.line, penetration) - 1
+        return radius * further + positive_part(penetration)

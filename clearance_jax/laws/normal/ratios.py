@@ -9,6 +9,9 @@ import jax.numpy as jnp
 
 from clearance_jax._types import Scalar
 
+# A ratio below which the restitution that it delivers is a series.
+SMALL = 1e-3
+
 
 def hunt_crossley_ratio(restitution):
     """A = 3 (1 - e) / 2 (Hunt and Crossley 1975, doi 10.1115/1.3423596)."""
@@ -81,8 +84,11 @@ def delivered_restitution(ratio: Scalar) -> Scalar:
     """The restitution e that a damping ratio a > 0 delivers: the root of a (1 + e) = ln((1 + a)/(1 - a e)).
 
     Newton for w = ln(1 - a e), of a concave function: it comes to the root from the left. The last iteration is the
-    implicit derivative.
+    implicit derivative. A small ratio has a series: there the function loses its digits.
     """
+    small = ratio < SMALL
+    series = 1 - ratio * (2 / 3 - ratio * (4 / 9 - ratio * (44 / 135 - ratio * (104 / 405))))
+    ratio = jnp.where(small, 1.0, ratio)
 
     def newton(w, a):
         # a (1 + e) - ln(1 + a) + w = 0 with a e = 1 - exp(w).
@@ -91,4 +97,4 @@ def delivered_restitution(ratio: Scalar) -> Scalar:
     fixed = jax.lax.stop_gradient(ratio)
     # The root without the exponential lies left of it. A small ratio halves its way first.
     w = jax.lax.fori_loop(0, 40, lambda _, w: newton(w, fixed), jnp.log1p(fixed) - fixed - 1)
-    return -jnp.expm1(newton(jax.lax.stop_gradient(w), ratio)) / ratio
+    return jnp.where(small, series, -jnp.expm1(newton(jax.lax.stop_gradient(w), ratio)) / ratio)

@@ -22,11 +22,10 @@ class Relaxing(NamedTuple):
 
 
 class StandardLinearSolid(AbstractNormalLaw):
-    """F = max(0, K (s - g z)) with s = d^n and z' = (s - z)/T: a spring beside a spring and damper in series. Under a
-    constant penetration the share g of the force relaxes with the time T.
+    """F = max(0, K (s - g z)) with s = max(0, d)^n and z' = (max(s, g z) - z)/T: a spring beside a spring and damper in
+    series. Under a constant penetration the share g of the force relaxes with the time T.
 
-    Where the pin is apart, or leaves a wall that is slower than itself, the wall recovers free of force:
-    z' = (g z - z)/T.
+    Where the pin is apart, or leaves a wall that is slower than itself, s < g z: the wall recovers free of force.
     The elastic energy is that of the spring that does not relax; what the other one holds counts as lost until it comes
     back.
 
