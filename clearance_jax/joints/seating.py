@@ -84,6 +84,29 @@ class Load(NamedTuple):
         return Load(subtract(self.force, other.force), subtract(self.moment, other.moment))
 
 
+class Turned(NamedTuple):
+    """How a load changes as its own pin moves, to first order: by `force` (3, play) and `moment` (3, play) for each
+    unit of a play coordinate, from where the pin was `at` (play,) [m or rad] as the load was asked for.
+
+    A weight that hangs below its sleeve bears no moment where it hangs straight: its moment passes through zero inside
+    of the play, and a search that takes it as given leaps from wall to wall.
+    """
+
+    force: Float[Array, "3 play"]
+    moment: Float[Array, "3 play"]
+    at: Values
+
+    def load(self, values: Values) -> Load:
+        """The change of the load at `values` (play,) of the play coordinates."""
+        moved = values - self.at
+        return Load(tuple(self.force @ moved), tuple(self.moment @ moved))
+
+    def along(self, play: Sequence[PlayCoordinate], axes: tuple[Vector, ...]) -> Float[Array, "play play"]:
+        """Its part along each play coordinate (rows) for each unit of another."""
+        one = jax.vmap(lambda force, moment: Load(tuple(force), tuple(moment)).along(play, axes))
+        return one(self.force.T, self.moment.T).T
+
+
 class FreeMotion(NamedTuple):
     """How a pin moves where its joint leaves it free, in the sleeve's axes: `velocity` of its centre along a slide
     [m/s], and `spin` [rad/s].
@@ -128,19 +151,21 @@ class Near(NamedTuple):
     known: Flag
 
 
-def seat(clearance: PreparedClearance, load: Load, start: Values, near: Near | None = None) -> Seat:
+def seat(
+    clearance: PreparedClearance, load: Load, start: Values, near: Near | None = None, turned: Turned | None = None
+) -> Seat:
     """The play at which the joint, without friction, exerts a given load on its pin.
 
     It can be differentiated twice by the numbers of the joint and the load: the last two Newton steps carry the
     derivatives.
 
     **Arguments:** `clearance`: the joint; `load`; `start` (play,): where the search begins [m or rad]. A coordinate
-    that nothing resists stays there.
+    that nothing resists stays there. `turned`: how the load changes as the pin moves (`None`: it does not).
     """
     smooth = clearance.without_friction()
-    still, begun = jax.lax.stop_gradient(((smooth, load), start))
+    still, begun, turned = jax.lax.stop_gradient(((smooth, load), start, turned))
     size = as_array([one.scale for one in still[0].joint.play()])
-    whole = Seating(*still, size, jnp.ones(len(size), bool), begun / size)
+    whole = Seating(*still, size, jnp.ones(len(size), bool), begun / size, turned=turned)
     search = whole._replace(counts=whole.more_than_round_off())
     near = None if near is None else near._replace(place=jax.lax.stop_gradient(near.place) / size)
     found, inverse, loose, stiffness = search.rest(search.find(near), LAST if near is None else FEWER_LAST)
@@ -160,7 +185,8 @@ def seat(clearance: PreparedClearance, load: Load, start: Values, near: Near | N
 
 class Seating(NamedTuple):
     """The problem: a pin, the load that it is to bear, the `size` of its play, which parts of the load `counts`, the
-    `start`, and how it moves where its joint leaves it `free` (`None`: not). Its unknowns x are the play in units of
+    `start`, how it moves where its joint leaves it `free` (`None`: not), and how the load is `turned` as the pin
+    moves (`None`: not). Its unknowns x are the play in units of
     its size; forces and moments are so too [J].
     """
 
@@ -170,6 +196,7 @@ class Seating(NamedTuple):
     counts: Array
     start: Values
     free: FreeMotion | None = None
+    turned: Turned | None = None
 
     def residual(self, x: Values, factor: Scalar | float = 1.0) -> Values:
         """The gradient of the energy: a multiple of the load, less what the joint bears."""
@@ -178,7 +205,8 @@ class Seating(NamedTuple):
         memory = tuple(jnp.zeros(()) for _ in self.clearance.remembers)
         action = self.clearance.act(relative_at(play, values, self.free), memory)
         borne = Load(action.force, action.torque).along(play, axes)
-        return self.size * (jnp.where(self.counts, factor * self.load.along(play, axes), 0.0) - borne)
+        load = self.load if self.turned is None else self.load.plus(self.turned.load(values))
+        return self.size * (jnp.where(self.counts, factor * load.along(play, axes), 0.0) - borne)
 
     @property
     def asked(self) -> Values:
@@ -188,10 +216,23 @@ class Seating(NamedTuple):
             jnp.where(self.counts, self.size * self.load.along(play, pose_at(play, 0 * self.size).axes), 0.0)
         )
 
+    def turning(self, x: Values) -> Array:
+        """The slope of the residual that the load's own change makes."""
+        play = self.clearance.joint.play()
+        if self.turned is None:
+            return jnp.zeros((len(x), len(x)))
+        slope = self.turned.along(play, pose_at(play, self.size * x).axes)
+        return jnp.where(self.counts[:, None], self.size[:, None] * slope * self.size[None, :], 0.0)
+
+    @property
+    def most(self) -> Values:
+        """The most that the load along each coordinate is anywhere in the play, about."""
+        return self.asked + jnp.sum(jnp.abs(self.turning(0 * self.size)), axis=1)
+
     @property
     def springs(self) -> Values:
         """So soft that they give way to contacts, and stiff enough to bring back to the start what nothing holds."""
-        return jnp.where(self.counts, PRESSED * self.asked, LOOSE * jnp.linalg.norm(self.asked))
+        return jnp.where(self.counts, PRESSED * self.most, LOOSE * jnp.linalg.norm(self.asked))
 
     def wall(self, depth: float) -> Array:
         """What the joint bears where the pin is pressed along its first slide by a part of its play: beyond it, or from
@@ -203,7 +244,8 @@ class Seating(NamedTuple):
 
     def more_than_round_off(self) -> Array:
         """Which parts of the load are more than round-off: of the largest, and of what presses at all."""
-        return (self.asked > TOUCHING * jnp.max(self.asked)) & (self.asked > self.wall(TOUCHING))
+        most = self.most
+        return (most > TOUCHING * jnp.max(most)) & (most > self.wall(TOUCHING))
 
     def find(self, near: Near | None = None) -> Values:
         """Where energy and springs are least. Where walls are stiff that is in a narrow, curved valley: so a load that
