@@ -101,11 +101,6 @@ class Turned(NamedTuple):
         moved = values - self.at
         return Load(tuple(self.force @ moved), tuple(self.moment @ moved))
 
-    def along(self, play: Sequence[PlayCoordinate], axes: tuple[Vector, ...]) -> Float[Array, "play play"]:
-        """Its part along each play coordinate (rows) for each unit of another."""
-        one = jax.vmap(lambda force, moment: Load(tuple(force), tuple(moment)).along(play, axes))
-        return one(self.force.T, self.moment.T).T
-
 
 class FreeMotion(NamedTuple):
     """How a pin moves where its joint leaves it free, in the sleeve's axes: `velocity` of its centre along a slide
@@ -216,18 +211,15 @@ class Seating(NamedTuple):
             jnp.where(self.counts, self.size * self.load.along(play, pose_at(play, 0 * self.size).axes), 0.0)
         )
 
-    def turning(self, x: Values) -> Array:
-        """The slope of the residual that the load's own change makes."""
-        play = self.clearance.joint.play()
-        if self.turned is None:
-            return jnp.zeros((len(x), len(x)))
-        slope = self.turned.along(play, pose_at(play, self.size * x).axes)
-        return jnp.where(self.counts[:, None], self.size[:, None] * slope * self.size[None, :], 0.0)
-
     @property
     def most(self) -> Values:
-        """The most that the load along each coordinate is anywhere in the play, about."""
-        return self.asked + jnp.sum(jnp.abs(self.turning(0 * self.size)), axis=1)
+        """The load along each coordinate, or what it is where the search begins: there it passes through zero only by
+        symmetry.
+        """
+        if self.turned is None:
+            return self.asked
+        begun = self.load.plus(self.turned.load(self.size * self.start))
+        return jnp.maximum(self.asked, self._replace(load=begun).asked)
 
     @property
     def springs(self) -> Values:
