@@ -144,7 +144,7 @@ def _derivatives(function: Callable, at: tuple, rate: tuple, tilts: tuple[Array,
     if not len(tilts[0]):
         value, change = jax.jvp(function, at, rate)
         return value, jax.tree.map(lambda leaf: leaf[None], change)
-    time, now = at
+    now = at[1]
     nothing = jnp.zeros(len(tilts[0])), Seats(jnp.zeros((len(tilts[0]), *now.y.shape)), tilts)
     along = jax.tree.map(lambda one, others: jnp.concatenate([one[None], others]), rate, nothing)
     values, changes = jax.vmap(lambda tangent: jax.jvp(function, at, tangent))(along)

@@ -33,6 +33,9 @@ WIDE, LESS, NEAR = 0.3, 8.0, 0.1
 ROUND_OFF, SOLVED, ALMOST = 1e-14, 1e-9, 1e-6
 # What springs hold per play: of the whole load along what it does not press, of its own along what it does.
 LOOSE, PRESSED = 1e-2, 1e-6
+# So far from where it was asked for a load changes with its pin, in sizes of the play: from wall to wall. A pin that
+# turns over in a sleeve far too soft would else find a rest where it hangs upside down.
+ACROSS = 2.0
 
 Values = Float[Array, " play"]
 
@@ -96,9 +99,9 @@ class Turned(NamedTuple):
     moment: Float[Array, "3 play"]
     at: Values
 
-    def load(self, values: Values) -> Load:
-        """The change of the load at `values` (play,) of the play coordinates."""
-        moved = values - self.at
+    def load(self, values: Values, size: Values) -> Load:
+        """The change of the load at `values` (play,) of the play coordinates, whose `size` is their play (play,)."""
+        moved = size * jnp.clip((values - self.at) / size, -ACROSS, ACROSS)
         return Load(tuple(self.force @ moved), tuple(self.moment @ moved))
 
 
@@ -200,7 +203,7 @@ class Seating(NamedTuple):
         memory = tuple(jnp.zeros(()) for _ in self.clearance.remembers)
         action = self.clearance.act(relative_at(play, values, self.free), memory)
         borne = Load(action.force, action.torque).along(play, axes)
-        load = self.load if self.turned is None else self.load.plus(self.turned.load(values))
+        load = self.load if self.turned is None else self.load.plus(self.turned.load(values, self.size))
         return self.size * (jnp.where(self.counts, factor * load.along(play, axes), 0.0) - borne)
 
     @property
@@ -218,7 +221,7 @@ class Seating(NamedTuple):
         """
         if self.turned is None:
             return self.asked
-        begun = self.load.plus(self.turned.load(self.size * self.start))
+        begun = self.load.plus(self.turned.load(self.size * self.start, self.size))
         return jnp.maximum(self.asked, self._replace(load=begun).asked)
 
     @property
