@@ -13,11 +13,13 @@ that bears little, or bears a moment that is about to change its side, has a pla
 than its pin can: that pin begins at relative rest.
 """
 
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from clearance_jax._types import Scalar
@@ -27,7 +29,7 @@ from clearance_jax.dynamics.equations import balance
 from clearance_jax.dynamics.reactions import held_reactions, hold_still
 from clearance_jax.dynamics.seated import Seated, followers, lowest_frequency, play_mobility
 from clearance_jax.errors import ClearanceError
-from clearance_jax.joints.seating import Load, Near, Seat, relative_at, seat, stiffness_at
+from clearance_jax.joints.seating import Load, Near, Seat, Turned, relative_at, seat, stiffness_at
 from clearance_jax.mechanism._base import ClearanceJoint
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import initial_values, layout, parts, position_rates
@@ -71,7 +73,9 @@ def settle_start(time: Scalar, mechanism: PreparedMechanism) -> tuple[Array, Sta
     begin = tuple(middle(joint) for joint in joints)
     sizes = [as_array([one.scale for one in joint.joint.play()]) for joint in joints]
 
-    def round_of(seated, settle, time, now: Seats):
+    tilts = _tilts(joints, sizes)
+
+    def loads_of(settle, time, now: Seats):
         held = hold_still(mechanism, {joint.name: tuple(own) for joint, own in zip(joints, now.play, strict=True)})
         y, opened = now.y, jnp.zeros(0)
         if loops:
@@ -81,23 +85,31 @@ def settle_start(time: Scalar, mechanism: PreparedMechanism) -> tuple[Array, Sta
         reactions = held_reactions(mechanism, time, motion).values()
         # Or else the compiler works the reactions out anew wherever a seat needs them.
         loads = jax.lax.optimization_barrier([(as_array(r.on_pin), as_array(r.turning)) for r in reactions])
-        found = seats_of(joints, loads, begin)
+        rates = as_array(position_rates(held, tuple(now.y[plan.q]), tuple(now.y[plan.v])))
+        return y, loads, jnp.concatenate([rates, as_array(motion.acceleration)]), opened
+
+    def seats_at(seated, now: Seats, y, loads, opened, turned):
+        found = seats_of(joints, loads, begin, turned=turned)
         pressed, left = tuple(one.presses for one in found), as_array([one.left for one in found])
         play = tuple(jnp.where(one.presses & seated, one.play, first) for one, first in zip(found, begin, strict=True))
         firm = tuple(one.stiffness for one in found)
-        rates = as_array(position_rates(held, tuple(now.y[plan.q]), tuple(now.y[plan.v])))
         last = [jnp.linalg.norm((new - old) / size) for new, old, size in zip(play, now.play, sizes, strict=True)]
         errors = StartErrors(opened, left, as_array(last))
-        return Seats(y, play), (jnp.concatenate([rates, as_array(motion.acceleration)]), (pressed, firm), errors)
+        return Seats(y, play), ((pressed, firm), errors)
 
     def once(k, carry):
         now, rate, _, _ = carry
         # Loops are closed with the pins where they were, and speeds belong to closed loops.
         seated, settle = k >= HELD, jnp.where(k >= HELD - 1, 1.0, 0.0)
-        moved, change, (slope, held, errors) = jax.jvp(
-            lambda time, now: round_of(seated, settle, time, now),
-            (time, now),
-            (jnp.ones_like(time), rate),
+        (y, loads, slope, opened), changes = _derivatives(
+            lambda time, now: loads_of(settle, time, now), (time, now), (jnp.ones_like(time), rate), tilts
+        )
+        y_rate, loads_rate, _, opened_rate = jax.tree.map(lambda leaf: leaf[0], changes)
+        turned = _turned(joints, changes[1], now.play, tilts)
+        moved, change, (held, errors) = jax.jvp(
+            lambda now, y, loads, opened: seats_at(seated, now, y, loads, opened, turned),
+            (now, y, loads, opened),
+            (rate, y_rate, loads_rate, opened_rate),
             has_aux=True,
         )
         return moved, Seats(slope, change.play), (change, held), errors
@@ -115,6 +127,44 @@ def settle_start(time: Scalar, mechanism: PreparedMechanism) -> tuple[Array, Sta
     # Loops that are closed by pins at rest move as they do with pins held.
     y = jnp.where(jnp.any(seated.rest > 0), resting.y, rate.y) if loops else rate.y
     return whole_state(mechanism, now, Seats(y, rates), pressed), errors._replace(seated=seated)
+
+
+def _tilts(joints: tuple[ClearanceJoint, ...], sizes: list[Array]) -> tuple[Array, ...]:
+    """Unit tangents of all play coordinates that turn a pin, by joint (tilts, play): by these, and next to nothing
+    else, the load of a pin changes as that pin moves.
+    """
+    own = [[one.slides is None and is_searched(joint) for one in joint.joint.play()] for joint in joints]
+    places = np.flatnonzero([turns for part in own for turns in part])
+    units = np.eye(sum(map(len, sizes)))[places]
+    return tuple(jnp.asarray(part) for part in np.split(units, np.cumsum([len(size) for size in sizes])[:-1], axis=1))
+
+
+def _derivatives(function: Callable, at: tuple, rate: tuple, tilts: tuple[Array, ...]) -> tuple[Any, Any]:
+    """What a function of time and `Seats` is, and its derivatives: first along `rate`, then by each of the `tilts`."""
+    if not len(tilts[0]):
+        value, change = jax.jvp(function, at, rate)
+        return value, jax.tree.map(lambda leaf: leaf[None], change)
+    now = at[1]
+    nothing = jnp.zeros(len(tilts[0])), Seats(jnp.zeros((len(tilts[0]), *now.y.shape)), tilts)
+    along = jax.tree.map(lambda one, others: jnp.concatenate([one[None], others]), rate, nothing)
+    values, changes = jax.vmap(lambda tangent: jax.jvp(function, at, tangent))(along)
+    return jax.tree.map(lambda leaf: leaf[0], values), changes
+
+
+def _turned(
+    joints: tuple[ClearanceJoint, ...], changes: list, play: tuple[Array, ...], tilts: tuple[Array, ...]
+) -> list[Turned | None]:
+    """How the load of each pin that tilts changes as that pin does, by derivatives (1 + tilts, 3) of its force and its
+    moment.
+    """
+    out = []
+    for k, joint in enumerate(joints):
+        if not is_searched(joint) or all(one.turns is None for one in joint.joint.play()):
+            out.append(None)
+            continue
+        force, moment = (part[1:].T @ tilts[k] for part in changes[k])
+        out.append(Turned(force, moment, play[k]))
+    return out
 
 
 def _keep_pace(
@@ -149,9 +199,11 @@ def seats_of(
     loads: list,
     begin: tuple[Array, ...],
     near: tuple[Near, ...] | None = None,
+    turned: Sequence[Turned | None] | None = None,
 ) -> list[Seat]:
     """Where each pin is pressed by force and moment; of pins in the plane by the force's direction, without a search.
-    The search for joints of one kind stands once in the program. `near`: places near those that are searched.
+    The search for joints of one kind stands once in the program. `near`: places near those that are searched;
+    `turned`: how their loads change as they move.
     """
     found: dict[int, Seat] = {}
     alike: dict[Any, list[int]] = {}
@@ -166,7 +218,11 @@ def seats_of(
     for own in alike.values():
         known = [None if near is None else near[k] for k in own]
         loaded = [Load(tuple(loads[k][0]), tuple(loads[k][1])) for k in own]
-        asked = [(joints[k].clearance, load, begin[k], at) for k, load, at in zip(own, loaded, known, strict=True)]
+        changes = [None if turned is None else turned[k] for k in own]
+        asked = [
+            (joints[k].clearance, load, begin[k], at, change)
+            for k, load, at, change in zip(own, loaded, known, changes, strict=True)
+        ]
         if len(own) == 1:
             found[own[0]] = seat(*asked[0])
             continue

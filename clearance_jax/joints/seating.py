@@ -33,6 +33,9 @@ WIDE, LESS, NEAR = 0.3, 8.0, 0.1
 ROUND_OFF, SOLVED, ALMOST = 1e-14, 1e-9, 1e-6
 # What springs hold per play: of the whole load along what it does not press, of its own along what it does.
 LOOSE, PRESSED = 1e-2, 1e-6
+# So far from where it was asked for a load changes with its pin, in sizes of the play: from wall to wall. A pin that
+# turns over in a sleeve far too soft would else find a rest where it hangs upside down.
+ACROSS = 2.0
 
 Values = Float[Array, " play"]
 
@@ -90,6 +93,24 @@ class Load(NamedTuple):
         return Load(subtract(self.force, other.force), subtract(self.moment, other.moment))
 
 
+class Turned(NamedTuple):
+    """How a load changes as its own pin moves, to first order: by `force` (3, play) and `moment` (3, play) for each
+    unit of a play coordinate, from where the pin was `at` (play,) [m or rad] as the load was asked for.
+
+    A weight that hangs below its sleeve bears no moment where it hangs straight: its moment passes through zero inside
+    of the play, and a search that takes it as given leaps from wall to wall.
+    """
+
+    force: Float[Array, "3 play"]
+    moment: Float[Array, "3 play"]
+    at: Values
+
+    def load(self, values: Values, size: Values) -> Load:
+        """The change of the load at `values` (play,) of the play coordinates, whose `size` is their play (play,)."""
+        moved = size * jnp.clip((values - self.at) / size, -ACROSS, ACROSS)
+        return Load(tuple(self.force @ moved), tuple(self.moment @ moved))
+
+
 class FreeMotion(NamedTuple):
     """How a pin moves where its joint leaves it free, in the sleeve's axes: `velocity` of its centre along a slide
     [m/s], and `spin` [rad/s].
@@ -134,19 +155,21 @@ class Near(NamedTuple):
     known: Flag
 
 
-def seat(clearance: PreparedClearance, load: Load, start: Values, near: Near | None = None) -> Seat:
+def seat(
+    clearance: PreparedClearance, load: Load, start: Values, near: Near | None = None, turned: Turned | None = None
+) -> Seat:
     """The play at which the joint, without friction, exerts a given load on its pin.
 
     It can be differentiated twice by the numbers of the joint and the load: the last two Newton steps carry the
     derivatives.
 
     **Arguments:** `clearance`: the joint; `load`; `start` (play,): where the search begins [m or rad]. A coordinate
-    that nothing resists stays there.
+    that nothing resists stays there. `turned`: how the load changes as the pin moves (`None`: it does not).
     """
     smooth = clearance.without_friction()
-    still, begun = jax.lax.stop_gradient(((smooth, load), start))
+    still, begun, turned = jax.lax.stop_gradient(((smooth, load), start, turned))
     size = as_array([one.scale for one in still[0].joint.play()])
-    whole = Seating(*still, size, jnp.ones(len(size), bool), begun / size)
+    whole = Seating(*still, size, jnp.ones(len(size), bool), begun / size, turned=turned)
     search = whole._replace(counts=whole.more_than_round_off())
     near = None if near is None else near._replace(place=jax.lax.stop_gradient(near.place) / size)
     found, inverse, loose, stiffness = search.rest(search.find(near), LAST if near is None else FEWER_LAST)
@@ -166,7 +189,8 @@ def seat(clearance: PreparedClearance, load: Load, start: Values, near: Near | N
 
 class Seating(NamedTuple):
     """The problem: a pin, the load that it is to bear, the `size` of its play, which parts of the load `counts`, the
-    `start`, and how it moves where its joint leaves it `free` (`None`: not). Its unknowns x are the play in units of
+    `start`, how it moves where its joint leaves it `free` (`None`: not), and how the load is `turned` as the pin
+    moves (`None`: not). Its unknowns x are the play in units of
     its size; forces and moments are so too [J].
     """
 
@@ -176,6 +200,7 @@ class Seating(NamedTuple):
     counts: Array
     start: Values
     free: FreeMotion | None = None
+    turned: Turned | None = None
 
     def residual(self, x: Values, factor: Scalar | float = 1.0) -> Values:
         """The gradient of the energy: a multiple of the load, less what the joint bears."""
@@ -184,7 +209,8 @@ class Seating(NamedTuple):
         memory = tuple(jnp.zeros(()) for _ in self.clearance.remembers)
         action = self.clearance.act(relative_at(play, values, self.free), memory)
         borne = Load(action.force, action.torque).along(play, axes)
-        return self.size * (jnp.where(self.counts, factor * self.load.along(play, axes), 0.0) - borne)
+        load = self.load if self.turned is None else self.load.plus(self.turned.load(values, self.size))
+        return self.size * (jnp.where(self.counts, factor * load.along(play, axes), 0.0) - borne)
 
     @property
     def asked(self) -> Values:
@@ -195,9 +221,19 @@ class Seating(NamedTuple):
         )
 
     @property
+    def most(self) -> Values:
+        """The load along each coordinate, or what it is where the search begins: there it passes through zero only by
+        symmetry.
+        """
+        if self.turned is None:
+            return self.asked
+        begun = self.load.plus(self.turned.load(self.size * self.start, self.size))
+        return jnp.maximum(self.asked, self._replace(load=begun).asked)
+
+    @property
     def springs(self) -> Values:
         """So soft that they give way to contacts, and stiff enough to bring back to the start what nothing holds."""
-        return jnp.where(self.counts, PRESSED * self.asked, LOOSE * jnp.linalg.norm(self.asked))
+        return jnp.where(self.counts, PRESSED * self.most, LOOSE * jnp.linalg.norm(self.asked))
 
     def wall(self, depth: float) -> Array:
         """What the joint bears where the pin is pressed along its first slide by a part of its play: beyond it, or from
@@ -209,7 +245,8 @@ class Seating(NamedTuple):
 
     def more_than_round_off(self) -> Array:
         """Which parts of the load are more than round-off: of the largest, and of what presses at all."""
-        return (self.asked > TOUCHING * jnp.max(self.asked)) & (self.asked > self.wall(TOUCHING))
+        most = self.most
+        return (most > TOUCHING * jnp.max(most)) & (most > self.wall(TOUCHING))
 
     def find(self, near: Near | None = None) -> Values:
         """Where energy and springs are least. Where walls are stiff that is in a narrow, curved valley: so a load that

@@ -367,3 +367,65 @@ def test_lanes_of_settled_starts_in_space_are_those_alone():
     assert 0 < np.mean(alone[1].seated.rest) < 1
     for ours, theirs in zip(jax.tree.leaves(together), jax.tree.leaves(alone), strict=True):
         np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-12)
+
+
+def leg() -> cj.Mechanism:
+    """A leg of a Unitree Go2 by its published masses, its foot part of the calf; play in two joints, held by drives."""
+    bodies = (
+        cj.Body("hip_link", 0.678, cj.Inertia(4.8e-4, 8.8e-4, 6e-4), cj.Position(-0.0054, 0.00194, -0.000105)),
+        cj.Body("thigh_link", 1.152, cj.Inertia(5.84e-3, 5.8e-3, 1.03e-3), cj.Position(-0.00374, -0.0223, -0.0327)),
+        cj.Body("calf_link", 0.194, cj.Inertia(1.6e-3, 1.6e-3, 4e-5), cj.Position(0.0044, -0.0008, -0.135)),
+    )
+    still = cj.Motion(cj.drives.Constant(0.0))
+    play = cj.SleeveClearance(RADIAL, RADIUS, 0.02, laws.Hertz(1e11), axial_clearance=AXIAL)
+    joints = (
+        cj.Revolute("hip", "ground", "hip_link", axis="x", motion=still),
+        cj.Revolute(
+            "thigh", "hip_link", "thigh_link", axis="y", at_parent=cj.Position(y=0.0955), motion=still, clearance=play
+        ),
+        cj.Revolute(
+            "calf", "thigh_link", "calf_link", axis="y", at_parent=cj.Position(z=-0.213), motion=still, clearance=play
+        ),
+    )
+    return cj.Mechanism(bodies, joints, gravity=cj.Gravity(z=-9.81))
+
+
+def test_a_moment_that_passes_through_zero_within_the_play_is_settled():
+    """A leg's calf hangs nearly straight: its pin tilts until its weight bears no moment. The whole vector field, with
+    the contacts' own forces, does not move it. (With its load taken as given the pin leapt from wall to wall: eight of
+    150 such postures were refused.)
+    """
+    m, rng = leg(), np.random.default_rng(5)
+
+    @jax.jit
+    def begin(m):
+        y, errors = settle_start(jnp.zeros(()), m)
+        return errors, slope(jnp.zeros(()), y, m)[layout(m).v]
+
+    for k in range(40):
+        # Every second leg hangs straight down from its hip, every fourth thigh too, every eighth calf.
+        angles = np.array([rng.uniform(-0.5, 0.5), rng.uniform(-1.5, 3.5), rng.uniform(-2.7, -0.84)])
+        angles[[k % 2 == 0, k % 4 == 0, k % 8 == 0]] = 0.0
+        changed = {f"drive.{name}.value": x for name, x in zip(("hip", "thigh", "calf"), angles, strict=True)}
+        for name in ("thigh", "calf"):
+            play = 10 ** rng.uniform(-5, -2.8)
+            length = {f"{name}.length": 10 ** rng.uniform(-2.2, -1.4)}
+            changed |= {f"{name}.radial_clearance": play, f"{name}.axial_clearance": play} | length
+        errors, left = begin(cj.replace(m, changed).prepare())
+        assert float(jnp.max(errors.unborne)) < 1e-4, k
+        assert float(jnp.max(errors.moved)) < 1e-6, k
+        # Of a gravity of 9.8 m/s^2, and of turns of some hundred rad/s^2.
+        np.testing.assert_allclose(left, 0.0, atol=0.2, err_msg=str(k))
+
+
+@pytest.mark.slow
+def test_the_arm_with_play_in_six_joints_settles_under_a_load_that_passes_through_zero():
+    """Its last sleeve bears its tool's moment about one axis; about the other it hangs straight within its play."""
+    m = cj.load("experiments/scenes/robot_arm.toml")
+    y, errors = jax.jit(settle_start)(jnp.zeros(()), m.prepare())
+    assert float(jnp.max(errors.moved)) < 1e-6
+    left = accelerations(m, 0.0, y).reshape(6, 5)
+    np.testing.assert_allclose(left[:, :3], 0.0, atol=0.02)
+    # About neither axis is the tilt of the last pin at its end.
+    tilt = np.asarray(y[:30].reshape(6, 5)[5, 3]) / (2 * 20e-6 / 0.04)
+    assert abs(tilt) < 0.1
