@@ -219,7 +219,7 @@ def check_friction(name: str, equations: list[tuple[str, str]], whole: bool) -> 
 
     def asked(v, z):
         memory = (z,) if law.bristles else ()
-        rate = ready.memory_rate(jnp.asarray(1e-6), (v,), load, memory)
+        rate = ready.memory_rate((v,), load, memory)
         return ready.traction((v,), load, memory)[0], rate[0] if rate else v
 
     traction, rate = (np.asarray(x) for x in jax.vmap(asked)(jnp.asarray(state["v"]), jnp.asarray(bends)))
@@ -265,7 +265,7 @@ def test_corners_are_rounded_by_the_polynomials_of_the_page():
     v = np.linspace(-0.9, 0.9, 7) * width
     found = Equations([*of_page(size.replace("$", "$y = ", 1))], {"w": width, "v": v}, True)
     one, rounded = jnp.ones(()), laws.Dahl(0.3, 1e5).smoothed(width).prepare(GEOMETRY)
-    rates = jax.vmap(lambda s: rounded.memory_rate(one, (s,), one, (1e-6 * one,))[0])
+    rates = jax.vmap(lambda s: rounded.memory_rate((s,), one, (1e-6 * one,))[0])
     np.testing.assert_allclose(v - 1e5 * found("y") * 1e-6 / 0.3, rates(jnp.asarray(v)), rtol=1e-10, atol=1e-15)
 
 
