@@ -55,24 +55,12 @@ def settle_start(time: Scalar, mechanism: PreparedMechanism) -> tuple[Array, Sta
     **Raises:** `ClearanceError` where loops are not to be assembled, where the ideal joints hold each other, or where a
     normal law has no place of rest.
     """
-    for joint in mechanism.clearance_joints():
-        if not joint.clearance.normal.law.has_static_force:
-            raise ClearanceError(
-                f'`start = "settled"` does not know how far `{type(joint.clearance.normal.law).__name__}` in the joint '
-                f'`{joint.name}` has given way before. Use `start = "centre"`.'
-            )
-    if not mechanism.assemble:
-        raise ClearanceError(
-            '`start = "settled"` puts every pin at its wall, but `assemble = false` asks for exactly the given initial '
-            "values. Leave one of them out."
-        )
-    mechanism = deflect(
-        time, mechanism.without_sampling()
-    )  # which acts at the start as it would if it were not sampled
+    _check(mechanism)
+    # What is sampled acts at the start as it would if it were not.
+    mechanism = deflect(time, mechanism.without_sampling())
     joints, loops, plan = mechanism.clearance_joints(), mechanism.loops, layout(mechanism.ideal())
     begin = tuple(middle(joint) for joint in joints)
     sizes = [as_array([one.scale for one in joint.joint.play()]) for joint in joints]
-
     tilts = _tilts(joints, sizes)
 
     def loads_of(settle, time, now: Seats):
@@ -127,6 +115,21 @@ def settle_start(time: Scalar, mechanism: PreparedMechanism) -> tuple[Array, Sta
     # Loops that are closed by pins at rest move as they do with pins held.
     y = jnp.where(jnp.any(seated.rest > 0), resting.y, rate.y) if loops else rate.y
     return whole_state(mechanism, now, Seats(y, rates), pressed), errors._replace(seated=seated)
+
+
+def _check(mechanism: PreparedMechanism) -> None:
+    """Raise for what has no settled start."""
+    for joint in mechanism.clearance_joints():
+        if not joint.clearance.normal.law.has_static_force:
+            raise ClearanceError(
+                f'`start = "settled"` does not know how far `{type(joint.clearance.normal.law).__name__}` in the joint '
+                f'`{joint.name}` has given way before. Use `start = "centre"`.'
+            )
+    if not mechanism.assemble:
+        raise ClearanceError(
+            '`start = "settled"` puts every pin at its wall, but `assemble = false` asks for exactly the given initial '
+            "values. Leave one of them out."
+        )
 
 
 def _tilts(joints: tuple[ClearanceJoint, ...], sizes: list[Array]) -> tuple[Array, ...]:

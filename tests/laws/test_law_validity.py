@@ -11,6 +11,7 @@ import clearance_jax as cj
 from clearance_jax import laws
 from clearance_jax.analysis.validity import ValidityWarning, within_validity
 from clearance_jax.errors import ClearanceError
+from clearance_jax.solve.law_validity import invalid
 
 STEEL = 2.07e11, 2.07e11
 
@@ -60,3 +61,17 @@ def test_a_linear_law_takes_no_stiffness_of_another_unit(law):
     """N/m^1.5 was taken for N/m, without a word."""
     with pytest.raises(ClearanceError, match=r"stiffness in N/m, but `InternalHertz` computes one in N/m\^1.5"):
         cj.simulate(pendulum(law), 1e-4)
+
+
+def test_a_pin_that_sinks_in_is_told():
+    """20 kg on a wall of 1 N/um sink in by 196 um: more than the play, and more than a tenth of a pin of 1 mm."""
+    disc = cj.Body("disc", 20.0, 0.1)
+
+    def hung(pin_radius):
+        clearance = cj.RevoluteClearance(1e-4, pin_radius, laws.LinearKelvinVoigt(1e6, 5e3))
+        pin = cj.Revolute("pin", "ground", "disc", motion=cj.Motion(cj.drives.Constant(0.0)), clearance=clearance)
+        return cj.Mechanism((disc,), (pin,), gravity=cj.Gravity(y=-9.81))
+
+    with pytest.warns(ValidityWarning, match=r"joint `pin`: 196 um deep, of a play of 100 um\. The contact"):
+        cj.simulate(hung(1e-3), 1e-3, start="settled")
+    assert invalid(cj.simulate(hung(1e-2), 1e-3, start="settled")) == ""
