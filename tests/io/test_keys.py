@@ -368,7 +368,7 @@ cost = {cost}
 {limit}
 """
 COST = inline(example(design_keys.COST_TABLES["reciprocal"]))
-PEAK = lines(example(metric_keys.METRIC_KINDS["peak"], "body", "joint", "times", "since"))
+PEAK = lines(example(metric_keys.METRIC_KINDS["peak"], "body", "joint", "quantity", "times", "since"))
 LIMIT = lines(example(design_keys.LIMIT, "cycles"))
 WEAR = "[wear]\n" + lines(example(wear_keys.WEAR, "cycles", "longest", "until", "journal"))
 
@@ -419,8 +419,9 @@ def test_a_wrong_wear_of_a_design_is_said(cycles, wear, words, tmp_path):
 
 @pytest.mark.parametrize("word", metric_keys.SIGNALS)
 def test_a_signal_says_what_it_is_of(word, tmp_path):
-    of = {"orientation-error": "body", "contact-force": "joint"}.get(word, "joint" if "joint" in word else "point")
-    name = {"body": "slider", "joint": "wrist", "point": "piston"}[of]
+    of = {"orientation-error": "body", "contact-force": "joint", "quantity": "quantity"}
+    of = of.get(word, "joint" if "joint" in word else "point")
+    name = {"body": "slider", "joint": "wrist", "point": "piston", "quantity": "wrist.penetration"}[of]
     bounds = {"rad": '"1 deg"', "N": '"1 kN"', "N m": '"1 N*m"', "m/s^2": '"5 m/s^2"'}
     bound = bounds.get(metric_keys.SIGNALS[word].unit, '"1 mm"')
     limit = f"bound = {bound}\n"

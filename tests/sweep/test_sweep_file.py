@@ -24,7 +24,7 @@ def lines(values: dict[str, str]) -> str:
 
 
 AXIS = '[sweep.axis."wrist.radial_clearance"]\n' + lines(example(sweep_keys.AXIS_TABLES["range"]))
-METRIC = "[metric.peak]\n" + lines(example(metric_keys.METRIC_KINDS["peak"], "body", "joint", "times"))
+METRIC = "[metric.peak]\n" + lines(example(metric_keys.METRIC_KINDS["peak"], "body", "joint", "quantity", "times"))
 
 
 SECTION = '[metric.section]\nkind = "poincare-section"\nquantities = ["guide.velocty"]\n'
@@ -110,7 +110,8 @@ def test_the_example_of_scatter_is_read(tmp_path):
 @pytest.mark.parametrize("word", metric_keys.METRIC_KINDS)
 def test_examples_of_metrics_are_read(word, tmp_path):
     skip = ("since",) if word == "at" else ("times",)
-    values = example(metric_keys.METRIC_KINDS[word], "body", "joint", "speed", *skip) | {"kind": f'"{word}"'}
+    values = example(metric_keys.METRIC_KINDS[word], "body", "joint", "quantity", "speed", *skip)
+    values |= {"kind": f'"{word}"'}
     values |= {"joint": '"wrist"'} if word == "impacts" else {}
     found = load(tmp_path, metric="[metric.x]\n" + lines(values))["outputs"]["x"]
     assert isinstance(found, cj.metrics.AbstractMetric)
