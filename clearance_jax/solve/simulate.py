@@ -178,6 +178,7 @@ def doubt(solution: Solution) -> str:
 
 def warn_of_energy(solution: Solution) -> None:
     """Warn of a single solve that is not to be trusted (under a transformation there is nobody to be warned)."""
-    said = "" if isinstance(solution.energy_residual, Tracer) else doubt(solution)
+    traced = any(isinstance(x, Tracer) for x in (solution.energy_residual, solution.code))
+    said = "" if traced else doubt(solution)
     if said:
         warnings.warn(said, EnergyWarning, stacklevel=3)
