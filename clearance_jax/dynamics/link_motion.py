@@ -90,7 +90,8 @@ def sweep(mechanism: PreparedMechanism, plan: Order, links: Links, time: Scalar,
         at = swing(one, other, *by.q)
         spin, faster = swing_rates(at, by)
         inner = inner.at[first].set(jnp.moveaxis(jnp.asarray(at.rows), -1, 0))
-        spun, spun_up = spun.at[first].set(jnp.stack(spin, -1)), spun_up.at[first].set(jnp.stack(faster, -1))
+        spun = jnp.asarray(spun).at[first].set(jnp.stack(spin, -1))
+        spun_up = jnp.asarray(spun_up).at[first].set(jnp.stack(faster, -1))
         for k, axis in enumerate(at.inside):
             axes = axes.at[first + k].set(jnp.stack(axis, -1))
     given = (

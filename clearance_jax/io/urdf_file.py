@@ -122,9 +122,9 @@ def _losses(element: Element, kind: str, where: str) -> tuple[float, float]:
     said: dict[str, str] = {}
     for tag in ("dynamics", "limit", "joint_properties"):
         given = only(element, tag, where)
-        for key in found if given is not None else ():
-            if key not in given.attributes:
-                continue
+        if given is None:
+            continue
+        for key in found.keys() & given.attributes.keys():
             value = number(given, key, where)
             if value < 0:
                 raise ClearanceError(f"{where}: its {key} must be at least 0, but it is {value:g}. Correct <{tag}>.")

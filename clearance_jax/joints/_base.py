@@ -303,6 +303,13 @@ class PreparedClearance(Module):
         friction = () if self.friction is None else self.friction.memory_scale(self.joint.slip_components)
         return (*self.normal.memory_scale(), *friction, jnp.asarray(jnp.inf)) * self.joint.count
 
+    def memory_growth(self) -> tuple[float, ...]:
+        """Of each memory variable 1 if its error is measured by its size too: what a normal law remembers grows with
+        the contact. A bristle is of one size.
+        """
+        own, every = len(self.normal.law.remembers), len(self.memory_scale()) // self.joint.count
+        return ((1.0,) * own + (0.0,) * (every - own)) * self.joint.count
+
     # Laws are written for one point: mapped over several they stand once in the program.
     def _map(self, function: Callable) -> Callable:
         if self.joint.count == 1:

@@ -76,6 +76,7 @@ class ShortBearing(AbstractElement):
     ) -> tuple[Scalar, Scalar, Scalar]:
         """Force and torque in a worn sleeve."""
         c, length, radius = geometry.radial_clearance, geometry.length, geometry.pin_radius
+        assert length is not None  # a film's joint has one
         assert geometry.depth is not None
         if geometry.depth.ndim > 1:
             raise ClearanceError(

@@ -46,7 +46,7 @@ def free_impact(ready: Any, memory: tuple[Scalar, ...], speed: Scalar, mass: Sca
 
     def attempt(carry):
         y, h, largest, count = carry
-        slopes = [slope(y)]
+        slopes, moved = [slope(y)], y
         for weights in STAGES:
             moved = y + h * sum(w * s for w, s in zip(weights, slopes, strict=True))
             slopes.append(slope(moved))

@@ -174,7 +174,9 @@ def tolerances(problem: Problem, y0: Array, t0: Scalar, t1: Scalar, rtol: Scalar
     unit = jnp.stack([*position, *velocity, *memory]) if position or memory else jnp.zeros(0)
     local = LOCAL * rtol
     absolute = local * unit if atol is None else jnp.broadcast_to(jnp.asarray(atol, float), unit.shape)
-    relative = local * jnp.asarray([*adapt, *[1.0] * (len(velocity) + len(memory))])
+    grows = [growth for joint in joints for growth in joint.clearance.memory_growth()]
+    grows += [0.0] * (len(memory) - len(grows))
+    relative = local * jnp.asarray([*adapt, *[1.0] * len(velocity), *grows])
     energy_balance = len(BALANCE_TERMS) if problem.energy_balance else 0
     judged = jnp.where((not adapt) & (size.energy > 0), size.energy, jnp.inf)
     signals = [

@@ -274,7 +274,8 @@ def test_a_trade_off_begins_with_the_answer_and_goes_on_from_the_record(study, t
     calls, said = [], []
     monkeypatch.setattr(formulation, "_evaluate", proportional(calls))
     record = tmp_path / "p.jsonl"
-    answer = load_study(study).design.problem.solve(record=record)
+    asked: Any = load_study(study).design
+    answer = asked.problem.solve(record=record)
     np.testing.assert_allclose(answer.evaluation.x, 1e-4, rtol=1e-6)
 
     def interrupt(text):
@@ -296,7 +297,8 @@ def test_a_trade_off_begins_with_the_answer_and_goes_on_from_the_record(study, t
     assert len(set(calls[asked:]) & set(calls[before:asked])) == 0
     assert first > 0
     done = len(calls)
-    again = load_study(study).design.problem.solve(record=record)
+    asked: Any = load_study(study).design
+    again = asked.problem.solve(record=record)
     np.testing.assert_array_equal(design.tradeoff(again, factors=(0.8, 1.0, 1.25)).objectives, found.objectives)
     assert len(calls) == done
     assert answer.program.history[-1].x[0] == pytest.approx(1e-4, rel=1e-3)  # the answer's own search is as it was

@@ -155,7 +155,7 @@ def test_a_drive_acts_about_the_bisector_of_the_axes_of_sleeve_and_pin(form):
     ((at, rate),) = relative_accelerations(now, y, slope(now, y, ready), ready)
     z, p = np.array([0.0, 0.0, 1.0]), np.array(at.axis, float)
     assert np.hypot(p[0], p[1]) == pytest.approx(np.hypot(1e-3, 2e-3), rel=1e-5)
-    np.testing.assert_allclose(rate.spin, 5.0 / 0.01 * (z + p) / (1 + z @ p), rtol=1e-12, atol=1e-11)
+    np.testing.assert_allclose(np.asarray(rate.spin), 5.0 / 0.01 * (z + p) / (1 + z @ p), rtol=1e-12, atol=1e-11)
 
 
 @pytest.mark.parametrize("moved", ["driven", "actuated"])

@@ -2,6 +2,8 @@
 that closes.
 """
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -148,7 +150,8 @@ def test_the_farthest_that_play_lets_a_pin_go_is_in_the_worn_bore():
     """Of a sleeve that is off its middle by a, c + a from there; the sum of weights takes the deepest place."""
     a, way = 0.3 * C, np.array([0.6, -0.8])
     off = jnp.asarray(a * (1 + np.cos(ANGLES)))
-    clearance = rotor(off).joint("pin").clearance
+    joint: Any = rotor(off).joint("pin")
+    clearance = joint.clearance
     found = jax.jit(lambda weights: farthest(clearance, weights))
     np.testing.assert_allclose(found(jnp.asarray(3.0 * way)), (C + a) * way + [a, 0], atol=1e-3 * C)
     np.testing.assert_array_equal(found(jnp.zeros(2)), 0)

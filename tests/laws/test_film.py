@@ -1,5 +1,7 @@
 """The film of a short bearing against its closed form, and against a quadrature of Reynolds' equation."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -110,7 +112,7 @@ def test_a_pin_is_carried_where_the_worn_sleeve_carries_it():
         whole = VISCOSITY * speed * LENGTH**3 / (4 * c**2) * e / (1 - e * e) ** 2
         return whole * np.sqrt(16 * e * e + np.pi**2 * (1 - e * e)) - load
 
-    e = scipy.optimize.brentq(ocvirk, 0.01, 0.99)
+    e: Any = scipy.optimize.brentq(ocvirk, 0.01, 0.99)
     place, still = (jnp.asarray(e * c), jnp.zeros(())), (jnp.zeros(()), jnp.zeros(()))
     x, y, _ = np.asarray(worn(jnp.full(360, 5e-5), place, still, jnp.asarray(50.0)))
     assert np.hypot(x, y) == pytest.approx(load, rel=1e-4)

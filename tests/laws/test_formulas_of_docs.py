@@ -154,7 +154,7 @@ def test_normal_laws_of_the_page(name):
 def test_normal_laws_of_the_reference(name):
     if name in MEMBERS:
         law: Any = catalogue.NORMAL[name]
-        text = inspect.getdoc(laws.RestitutionLaw).partition("\n\n")[0]
+        text = str(inspect.getdoc(laws.RestitutionLaw)).partition("\n\n")[0]
         told = Equations(list(of_docstring(law.ratio.__doc__.replace("A =", "a ="))), {"e": 0.7}, False)
         a = float(law.ratio(jnp.asarray(0.7)))
         if name != "exact-restitution":

@@ -10,6 +10,7 @@ import sys
 import textwrap
 import threading
 import types
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -555,7 +556,7 @@ def cached(folder, programs, count=1):
     """What `count` processes that begin together say: how many programs each found in the folder, and compiled."""
     env = {name: value for name, value in os.environ.items() if name != "JAX_COMPILATION_CACHE_DIR"}
     call = [sys.executable, "-W", "error", "-c", CACHED, str(folder), str(programs)]
-    pipes = {name: subprocess.PIPE for name in ("stdin", "stdout", "stderr")}
+    pipes: Any = {name: subprocess.PIPE for name in ("stdin", "stdout", "stderr")}
     began = [subprocess.Popen(call, text=True, env=env, **pipes) for _ in range(count)]
     said = [process.communicate("go\n") for process in began]
     assert not any(process.returncode for process in began), said

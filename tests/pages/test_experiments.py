@@ -154,6 +154,7 @@ def test_steps_of_laws_with_memory():
 def test_impacts_over_decades():
     for row in impacts.main(quick=True):
         assert row.early == 0
+        assert row.error is not None
         assert row.error < 1e-4
     refused, *_ = impacts.rows_of("anagnostopoulos, 0.7", quick=True)
     assert refused.cell == "refused"

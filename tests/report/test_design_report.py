@@ -218,7 +218,7 @@ def test_standings_know_which_limit_and_condition_a_row_is_of():
     def look(scenario):
         looked.append(scenario.title)
         times = Instants(np.ones(3), len(looked) + 0.1 * np.arange(3))
-        return Observed((times,), (None,), (), (), (), None)
+        return Observed((times,), (None,), (), (), (), (), None)
 
     rows = standings(found, look)
     assert looked == [" (slow)", " (fast)"]

@@ -54,6 +54,7 @@ def damping_of(stiffness: Scalar, restitution: Scalar, mass: Scalar, exponent: f
 class AbstractOscillator(AbstractNormalLaw):
     """A law with the same restitution at every speed."""
 
+    stiffness: eqx.AbstractVar[Any]
     restitution: eqx.AbstractVar[Scalar]
     effective_mass: eqx.AbstractVar[Scalar]
     clipped: eqx.AbstractVar[bool]
