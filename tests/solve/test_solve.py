@@ -259,7 +259,7 @@ def test_a_trace_of_many_blocks_is_the_solve():
         ({"rtol": 0.0}, "`rtol` must be between"),
         ({"t0": 2.0}, "greater than `t0`"),
         ({"solver": "tsit"}, "Did you mean `tsit5`"),
-        ({"save_at": [0.0, 2.0]}, "between `t0` and `t1`"),
+        ({"save_at": [0.0, 2.0]}, "must lie between t0 = 0 s and t1"),
         ({"y0": [0.0, 0.0]}, "`y0` must have shape"),
     ],
 )
