@@ -66,7 +66,7 @@ def simulate(
     driven, lead, held = driven_by(scene, scene_file, trajectory)
     mechanism = change(driven, settings, ideal, clearance)
     from clearance_jax.results.store import save
-    from clearance_jax.solve.law_validity import invalid
+    from clearance_jax.solve.law_validity import invalid, sunk
     from clearance_jax.solve.simulate import EnergyWarning, doubt
 
     check_distinct(scene=scene_file, trajectory=trajectory, output=output, plot=plot, movie=movie)
@@ -105,6 +105,9 @@ def simulate(
     _report(mechanism, result, dataset)
     warn(doubt(_solution(result)))
     warn(invalid(_solution(result)))
+    if "penetration" in dataset:
+        deepest = dataset["penetration"].max("time")
+        warn(sunk(mechanism, dict(zip(dataset["joint"].values.tolist(), deepest.values.tolist(), strict=True))))
     if output is not None:
         save(dataset, output)
         say_written("dataset", output)

@@ -1,7 +1,7 @@
 """Whether the contact laws of a solved motion were asked where they hold, and whether a contact bears its load."""
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import equinox as eqx
 import jax
@@ -10,6 +10,7 @@ from jax.core import Tracer
 from jaxtyping import Array
 
 from clearance_jax.joints import AbstractClearance
+from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.solve.solution import Solution
 from clearance_jax.units import format_quantity
 
@@ -19,7 +20,7 @@ SUNK = 0.1
 
 
 class ValidityWarning(UserWarning):
-    """A contact law was asked for forces at penetrations at which it does not hold, or a pin sank in."""
+    """A contact law was asked for forces at penetrations at which it does not hold."""
 
 
 def asked_of_laws(solution: Solution) -> Iterator[tuple[str, Array, Array, str]]:
@@ -41,13 +42,23 @@ def _deepest(solution: Solution, name: str) -> Array:
     return penetration.max(axis=-1) if solution.sampled else penetration
 
 
-def _sunk(solution: Solution) -> Iterator[str]:
-    """The joints of a single solve whose pin sinks in by more than its play and a part of its radius, in words."""
-    for joint in solution.mechanism.clearance_joints():
-        geometry, deepest = joint.clearance.geometry(), float(_deepest(solution, joint.name))
-        if deepest > max(float(geometry.radial_clearance), SUNK * float(geometry.pin_radius)):
-            sizes = (format_quantity(float(x), "m", 3) for x in (deepest, geometry.radial_clearance))
-            yield "joint `{}`: {} deep, of a play of {}".format(joint.name, *sizes)
+def sunk(mechanism: Mechanism, deepest: Mapping[str, float]) -> str:
+    """Which pins sink in by more than their play and a part of their radius, in words; empty where none does.
+
+    **Arguments:** `deepest`: of joints with clearance the deepest penetration that was seen [m].
+    """
+    said = []
+    for joint in mechanism.clearance_joints():
+        geometry, depth = joint.clearance.geometry(), deepest[joint.name]
+        if depth > max(float(geometry.radial_clearance), SUNK * float(geometry.pin_radius)):
+            sizes = (format_quantity(float(x), "m", 3) for x in (depth, geometry.radial_clearance))
+            said.append("joint `{}`: {} deep, of a play of {}".format(joint.name, *sizes))
+    if not said:
+        return ""
+    return (
+        f"A pin sinks in by more than its play: {'; '.join(said)}. The contact is too soft for its load: take a "
+        "stiffer or longer contact, or a larger pin."
+    )
 
 
 @eqx.filter_jit
@@ -58,22 +69,14 @@ def _limit(clearance: AbstractClearance) -> Array | None:
 
 
 def invalid(solution: Solution) -> str:
-    """Which laws of a single solve were asked where they do not hold, and which pins sank in, in words; empty where
-    none did.
-    """
+    """Which laws of a single solve were asked where they do not hold, in words; empty where none was."""
     said = [
         f"joint `{name}`: {format_quantity(float(deepest), 'm', 3)} is beyond "
         f"{format_quantity(float(limit), 'm', 3)}, {reason}"
         for name, deepest, limit, reason in asked_of_laws(solution)
         if float(deepest) > float(limit)
     ]
-    out = [f"A contact law is used where it does not hold: {'; '.join(said)}. Use another law there."] if said else []
-    if sunk := list(_sunk(solution)):
-        out.append(
-            f"A pin sinks in by more than its play: {'; '.join(sunk)}. The contact is too soft for its load: take a "
-            "stiffer or longer contact, or a larger pin."
-        )
-    return " ".join(out)
+    return f"A contact law is used where it does not hold: {'; '.join(said)}. Use another law there." if said else ""
 
 
 def warn_of_validity(solution: Solution) -> None:
