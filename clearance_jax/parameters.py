@@ -185,7 +185,7 @@ def leaves(
             for leaf in leaves(value, here):
                 yield dataclasses.replace(leaf, name=name + leaf.name)
         elif isinstance(value, eqx.Module):
-            own = getattr(value, "name", None)
+            own = None if field.metadata.get("flattened") else getattr(value, "name", None)
             yield from leaves(value, here, name if own is None else f"{own}.", owners, before)
         elif isinstance(value, tuple):
             word = field.metadata.get("member")

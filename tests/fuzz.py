@@ -262,7 +262,8 @@ def fuzz(count: int, seed: int = 0, solves: int = 0, say: Callable[[str], None] 
             try:
                 with no_longer_than(LONGEST_CASE), warnings.catch_warnings():
                     warnings.simplefilter("error")
-                    warnings.simplefilter("ignore", _implausible())
+                    for said in _said():
+                        warnings.simplefilter("ignore", said)
                     watch.on, watch.asked = True, case.arguments
                     end, loaded = tried(case, folder)
                 taken = time.monotonic() - begin
@@ -294,10 +295,12 @@ def fuzz(count: int, seed: int = 0, solves: int = 0, say: Callable[[str], None] 
     return Findings(ends, longest, wrong)
 
 
-def _implausible() -> type[Warning]:
+def _said() -> tuple[type[Warning], ...]:
+    """What a reader says of a file that it loads."""
     from clearance_jax.io.plausible import ImplausibleWarning
+    from clearance_jax.io.urdf import NotReadWarning
 
-    return ImplausibleWarning
+    return ImplausibleWarning, NotReadWarning
 
 
 def _solved_in_time(scene: Any) -> tuple[str, float]:

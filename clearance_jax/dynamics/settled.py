@@ -76,7 +76,8 @@ def settle_start(time: Scalar, mechanism: PreparedMechanism) -> tuple[Array, Sta
         rates = as_array(position_rates(held, tuple(now.y[plan.q]), tuple(now.y[plan.v])))
         return y, loads, jnp.concatenate([rates, as_array(motion.acceleration)]), opened
 
-    def seats_at(seated, now: Seats, y, loads, opened, turned):
+    def seats_at(seated, now: Seats, y, loads, opened, slopes):
+        turned = [None if own is None else Turned(*own, play) for own, play in zip(slopes, now.play, strict=True)]
         found = seats_of(joints, loads, begin, turned=turned)
         pressed, left = tuple(one.presses for one in found), as_array([one.left for one in found])
         play = tuple(jnp.where(one.presses & seated, one.play, first) for one, first in zip(found, begin, strict=True))
@@ -93,9 +94,10 @@ def settle_start(time: Scalar, mechanism: PreparedMechanism) -> tuple[Array, Sta
             lambda time, now: loads_of(settle, time, now), (time, now), (jnp.ones_like(time), rate), tilts
         )
         y_rate, loads_rate, _, opened_rate = jax.tree.map(lambda leaf: leaf[0], changes)
-        turned = _turned(joints, changes[1], now.play, tilts)
+        slopes = _slopes(joints, changes[1], tilts)
+        # Where a load is known changes with the pin, and so does the load there: its slope counts once.
         moved, change, (held, errors) = jax.jvp(
-            lambda now, y, loads, opened: seats_at(seated, now, y, loads, opened, turned),
+            lambda now, y, loads, opened: seats_at(seated, now, y, loads, opened, slopes),
             (now, y, loads, opened),
             (rate, y_rate, loads_rate, opened_rate),
             has_aux=True,
@@ -154,19 +156,16 @@ def _derivatives(function: Callable, at: tuple, rate: tuple, tilts: tuple[Array,
     return jax.tree.map(lambda leaf: leaf[0], values), changes
 
 
-def _turned(
-    joints: tuple[ClearanceJoint, ...], changes: list, play: tuple[Array, ...], tilts: tuple[Array, ...]
-) -> list[Turned | None]:
-    """How the load of each pin that tilts changes as that pin does, by derivatives (1 + tilts, 3) of its force and its
-    moment.
+def _slopes(
+    joints: tuple[ClearanceJoint, ...], changes: list, tilts: tuple[Array, ...]
+) -> list[tuple[Array, Array] | None]:
+    """How force and moment of each pin that tilts change as that pin does, (3, play) each, by derivatives (1 + tilts,
+    3) of its force and its moment.
     """
     out = []
     for k, joint in enumerate(joints):
-        if not is_searched(joint) or all(one.turns is None for one in joint.joint.play()):
-            out.append(None)
-            continue
-        force, moment = (part[1:].T @ tilts[k] for part in changes[k])
-        out.append(Turned(force, moment, play[k]))
+        turns = is_searched(joint) and any(one.turns is not None for one in joint.joint.play())
+        out.append(tuple(part[1:].T @ tilts[k] for part in changes[k]) if turns else None)
     return out
 
 

@@ -32,7 +32,7 @@ WIDE, LESS, NEAR = 0.3, 8.0, 0.1
 # near its end, which the iterations without springs finish.
 ROUND_OFF, SOLVED, ALMOST = 1e-14, 1e-9, 1e-6
 # What springs hold per play: of the whole load along what it does not press, of its own along what it does.
-LOOSE, PRESSED = 1e-2, 1e-6
+LOOSE, PRESSED = 1e-4, 1e-6
 # So far from where it was asked for a load changes with its pin, in sizes of the play: from wall to wall. A pin that
 # turns over in a sleeve far too soft would else find a rest where it hangs upside down.
 ACROSS = 2.0
@@ -167,14 +167,14 @@ def seat(
     that nothing resists stays there. `turned`: how the load changes as the pin moves (`None`: it does not).
     """
     smooth = clearance.without_friction()
-    still, begun, turned = jax.lax.stop_gradient(((smooth, load), start, turned))
+    still, begun, slope = jax.lax.stop_gradient(((smooth, load), start, turned))
     size = as_array([one.scale for one in still[0].joint.play()])
-    whole = Seating(*still, size, jnp.ones(len(size), bool), begun / size, turned=turned)
+    whole = Seating(*still, size, jnp.ones(len(size), bool), begun / size, turned=slope)
     search = whole._replace(counts=whole.more_than_round_off())
     near = None if near is None else near._replace(place=jax.lax.stop_gradient(near.place) / size)
     found, inverse, loose, stiffness = search.rest(search.find(near), LAST if near is None else FEWER_LAST)
     found = found + loose @ ((start - begun) / size)
-    differentiated = search._replace(clearance=smooth, load=load)
+    differentiated = search._replace(clearance=smooth, load=load, turned=turned)
 
     def once(_, carry):
         left = differentiated.residual(carry[0])
@@ -215,20 +215,21 @@ class Seating(NamedTuple):
     @property
     def asked(self) -> Values:
         """The load along each coordinate, from the middle."""
-        play = self.clearance.joint.play()
-        return jnp.abs(
-            jnp.where(self.counts, self.size * self.load.along(play, pose_at(play, 0 * self.size).axes), 0.0)
-        )
+        return jnp.where(self.counts, self._along(self.load, 0 * self.size), 0.0)
 
     @property
     def most(self) -> Values:
-        """The load along each coordinate, or what it is where the search begins: there it passes through zero only by
-        symmetry.
+        """The load along each coordinate, or what it is where it was asked for: of a pin that is tilted there it has
+        parts that from the middle pass through zero by symmetry.
         """
         if self.turned is None:
             return self.asked
-        begun = self.load.plus(self.turned.load(self.size * self.start, self.size))
-        return jnp.maximum(self.asked, self._replace(load=begun).asked)
+        return jnp.maximum(self.asked, jnp.where(self.counts, self._along(self.load, self.turned.at), 0.0))
+
+    def _along(self, load: Load, values: Values) -> Values:
+        """The sizes of a load's parts along each coordinate, at values of these."""
+        play = self.clearance.joint.play()
+        return jnp.abs(self.size * load.along(play, pose_at(play, values).axes))
 
     @property
     def springs(self) -> Values:

@@ -58,7 +58,13 @@ class AbstractActuator(Module):
 
 
 class ConstantEffort(AbstractActuator):
-    """A constant torque [N m] (or force [N] on a sliding joint)."""
+    """A constant torque or force.
+
+    **Arguments:**
+
+    - `effort`: the torque [N m] (of a slide: the force [N]).
+    - `name`: as of every actuator.
+    """
 
     effort: Scalar = physical("effort", help="torque (force on a sliding joint)", example='"-12 N*m"')
 
