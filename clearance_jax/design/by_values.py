@@ -28,7 +28,7 @@ def is_settled(program: Program, method: Method) -> bool:
     """Whether the best design is decided by limits that it meets, or by the bounds of its variables; by slopes, if the
     method uses them.
     """
-    best = program.best
+    best = program.found
     if best is None or np.all(_room(program, best, _gaining(program, best)) <= 0):
         return True
     met = best.worst > -method.slack
@@ -53,7 +53,7 @@ def by_values(program: Program, method: Method) -> bool:
 
 
 def _best(program: Program) -> Evaluation:
-    best = program.best
+    best = program.found
     assert best is not None
     return best
 
@@ -99,6 +99,6 @@ def _gaining(program: Program, best: Evaluation) -> np.ndarray:
     """Of each variable the sign of the change that lowers the objective."""
     if best.gradient is not None:
         return -np.sign(best.gradient)
-    logs = np.log([point.x for point in program.history])
-    values = np.array([point.objective for point in program.history])
+    logs = np.log([point.x for point in program.asked])
+    values = np.array([point.objective for point in program.asked])
     return -np.sign(np.linalg.lstsq(logs - logs.mean(0), values - values.mean(), rcond=None)[0])

@@ -6,6 +6,8 @@ import scipy.optimize
 from clearance_jax.design.evaluation import Evaluation
 from clearance_jax.design.program import Program
 
+# A variable is at a bound within this share of it: who pulls a design inside of its limits moves all variables a hair.
+AT_BOUND = 1e-6
 # A limit is active within this share of its bound.
 ACTIVE = 1e-4
 
@@ -19,8 +21,8 @@ def optimality(program: Program, at: Evaluation, within: float = ACTIVE) -> tupl
     size = max(abs(at.objective), 1e-300)
     gradient, jacobian = at.gradient * at.x / size, at.jacobian * at.x
     active = np.flatnonzero(at.limits > -within)
-    walls = [(i, -1.0) for i in np.flatnonzero(at.x <= program.lower * (1 + 1e-9))]
-    walls += [(i, 1.0) for i in np.flatnonzero(at.x >= program.upper * (1 - 1e-9))]
+    walls = [(i, -1.0) for i in np.flatnonzero(at.x <= program.lower * (1 + AT_BOUND))]
+    walls += [(i, 1.0) for i in np.flatnonzero(at.x >= program.upper * (1 - AT_BOUND))]
     columns = [*jacobian[active], *(sign * np.eye(len(at.x))[i] for i, sign in walls)]
     multipliers = np.zeros(len(at.limits))
     if not columns:

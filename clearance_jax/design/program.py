@@ -168,9 +168,12 @@ class Program:
         """The feasible point with the least objective; of those that agree with it to `TIE` the latest, to which a
         search has come last.
         """
-        held = [p for p in self.history if p.feasible]
-        least = min((p.objective for p in held), default=0.0)
-        return next((p for p in reversed(held) if p.objective <= least + TIE * abs(least)), None)
+        return _best(self.history)
+
+    @property
+    def found(self) -> Evaluation | None:
+        """The same of the points that were asked for: what a record knows besides does not change the way of a search."""
+        return _best(self.asked)
 
     @property
     def nearest(self) -> Evaluation | None:
@@ -250,3 +253,9 @@ class Program:
     def _keep(self, point: Evaluation) -> None:
         self.history.append(point)
         self._known[point.x.tobytes()] = point
+
+
+def _best(points: Sequence[Evaluation]) -> Evaluation | None:
+    held = [p for p in points if p.feasible]
+    least = min((p.objective for p in held), default=0.0)
+    return next((p for p in reversed(held) if p.objective <= least + TIE * abs(least)), None)

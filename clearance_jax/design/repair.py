@@ -10,10 +10,10 @@ NEARLY, PRICE = 1e-3, 3.0
 
 
 def nearly_best(program: Program) -> Evaluation | None:
-    """The best point that all but holds its limits; where there is none, the one with the least violation."""
-    near = [p for p in program.history if p.worst < NEARLY]
+    """The best point asked for that all but holds its limits; where there is none, the one with the least violation."""
+    near = [p for p in program.asked if p.worst < NEARLY]
     if not near:
-        return program.nearest
+        return min(program.asked, key=lambda p: p.worst, default=None)
     # A violation is worth some multiple of itself in objective: powers of clearances have small exponents.
     return min(near, key=lambda p: p.objective + PRICE * abs(p.objective) * max(p.worst, 0.0))
 

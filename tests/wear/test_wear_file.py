@@ -7,7 +7,6 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 import pytest
-import scipy.special
 from places import SCENES
 from typer.testing import CliRunner
 
@@ -285,10 +284,8 @@ def test_the_command_lives_until_the_end_and_goes_on_where_it_was_stopped(tmp_pa
     assert (tmp_path / "life.png").stat().st_size > 10_000
     expected = cj.load_dataset(whole)
     speed, lived = expected["watched"].values, expected["cycle"].values
-    # The depth in a wall that is rounded over sectors w wide is T log I0(e / T), with T = c w^2: where a round sleeve
-    # is met it grows by I1 / I0 of the way. In a worn one the pin meets the rounded edges of its pocket too.
-    x = (88 / (2 * np.pi)) ** 2
-    fall = (scipy.special.i0e(x) / scipy.special.i1e(x)) ** 2 * speed**2 / (2 * 9.81)
+    # In a worn sleeve the pin meets the rounded edges of its pocket too.
+    fall = speed**2 / (2 * 9.81)
     np.testing.assert_allclose(fall[0], 1e-4, rtol=1e-5)
     np.testing.assert_allclose(fall, expected["pin_travel"][:, 66], rtol=0.03)  # at 270 deg
     assert lived[-2] < expected.attrs["life"] <= lived[-1] < 100000
