@@ -44,4 +44,3 @@ def run_calibrate(study: Any, *, output: Path | None, report: Path | None, start
         raise typer.Exit(130)
     if not found.converged:
         raise typer.Exit(1)
-

@@ -59,4 +59,3 @@ def run_sweep(
     say_written("store", output)
     if plot is not None:
         draw_sweep(dataset, plot)
-

@@ -46,13 +46,9 @@ def trust_constr(program: Program, start: np.ndarray, tolerance: float = 1e-10) 
     return _scipy(program, start, "trust-constr", {"gtol": tolerance, "xtol": 1e-12, "maxiter": 500})
 
 
-def cobyqa(
-    program: Program, start: np.ndarray, tolerance: float = 1e-6, radius: float = 1.0, most: int = 5000
-) -> str:
+def cobyqa(program: Program, start: np.ndarray, tolerance: float = 1e-6, radius: float = 1.0, most: int = 5000) -> str:
     """Quadratic models without gradients (Ragonneau 2022), scipy's; the first one within a `radius` in logarithms."""
-    return _scipy(
-        program, start, "COBYQA", {"final_tr_radius": tolerance, "initial_tr_radius": radius, "maxfev": most}
-    )
+    return _scipy(program, start, "COBYQA", {"final_tr_radius": tolerance, "initial_tr_radius": radius, "maxfev": most})
 
 
 def _scipy(program: Program, start, method: str, options: dict) -> str:

@@ -172,7 +172,7 @@ class Program:
 
     @property
     def found(self) -> Evaluation | None:
-        """The same of the points that were asked for: what a record knows besides does not change the way of a search."""
+        """The same of the points that were asked for: what a record knows besides changes no search's way."""
         return _best(self.asked)
 
     @property

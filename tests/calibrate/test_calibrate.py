@@ -347,7 +347,6 @@ def test_an_interval_reaches_as_far_as_the_motion_allows():
     def bent(c):
         return c - 1000 * max(min(c - 3.0, 5e-4), 0.0) ** 2
 
-
     def slope(c):
         return times * (1 - 2000 * (c - 3.0) * (3.0 < c < 3.0005))
 

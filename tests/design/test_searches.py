@@ -156,9 +156,7 @@ def test_another_motion_is_no_difference_of_solves():
 @pytest.mark.parametrize("rtol", [1e-3, 1e-4])
 def test_what_coarse_solves_find_is_certified(rtol):
     peak = metrics.Peak(metrics.PositionError("piston"))
-    problem = design.ToleranceProblem(
-        slider_crank(), 1e-3, {NAME: (1e-5, 1e-3)}, [design.Limit(peak, 1e-4)], rtol=rtol
-    )
+    problem = design.ToleranceProblem(slider_crank(), 1e-3, {NAME: (1e-5, 1e-3)}, [design.Limit(peak, 1e-4)], rtol=rtol)
     found, certificate = problem.solve().certified(sweep=2, solver="tsit5")
     assert certificate.holds
     assert certificate.scale < 1.01

@@ -112,7 +112,7 @@ def test_a_study_multiplies_trajectories_payloads_and_speeds(folder):
 
 
 def test_the_time_of_a_crossing_is_read_with_its_level_and_its_direction(folder):
-    crossing = '''[metric.touch]
+    crossing = """[metric.touch]
 kind = "crossing-time"
 signal = "quantity"
 quantity = "hip.penetration"
@@ -121,7 +121,7 @@ direction = "falling"
 since = "1 ms"
 [design.limit.touch]
 bound = "30 ms"
-[design.limit.tip]'''
+[design.limit.tip]"""
     asked = read(folder, ("[design.limit.tip]", crossing))
     metric = {limit.name: limit for limit in asked.limits}["touch"].metric
     assert isinstance(metric, metrics.CrossingTime)

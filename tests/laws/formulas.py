@@ -107,9 +107,11 @@ class Formula:
     def _sum(self):
         total = self._product()
         while self._next() in ("+", "-"):
+
             def more():
                 sign = 1 if self._take() == "+" else -1
                 return sign, self._product()
+
             found = self._attempt(more)
             if found is None:
                 break
@@ -119,9 +121,11 @@ class Formula:
     def _product(self):
         total = self._signed()
         while (after := self._next()) and after not in ("+", "-", ")", ",", "^") and not (after == "|" and self.inside):
+
             def more():
                 over = self._next() in ("/", "*") and self._take()
                 return over, self._signed()
+
             found = self._attempt(more)
             if found is None:
                 break

@@ -54,9 +54,7 @@ def test_the_moment_is_that_of_the_pressures(degrees, torque):
 def test_power_balances_in_every_motion():
     """Of a pin that rolls, turns and slides, in the plane and in space with axial play: friction only takes."""
     joint, _ = wide(np.radians(60.0))
-    sleeve = cj.SleeveClearance(
-        PLAY, PIN, LENGTH, joint.normal, joint.friction, axial_clearance=1e-4, stations=4
-    )
+    sleeve = cj.SleeveClearance(PLAY, PIN, LENGTH, joint.normal, joint.friction, axial_clearance=1e-4, stations=4)
     rubbed = 0
     for at in random_states(12):
         # Rolling: the surfaces hardly slip at the contact point.

@@ -47,6 +47,4 @@ class AdamsImpact(AbstractPowerLaw):
 
         speed, mass = needed(speed, "speed", self), needed(mass, "mass", self)
         guess = mass * speed / self.full_damping_depth
-        return damped(
-            damping_for(lambda c: damped(c).delivered_restitution(speed, mass, geometry), restitution, guess)
-        )
+        return damped(damping_for(lambda c: damped(c).delivered_restitution(speed, mass, geometry), restitution, guess))
