@@ -70,6 +70,19 @@ def without_drives(joint: AbstractJoint, names: Collection[str]) -> AbstractJoin
     return with_motions(joint, change)
 
 
+def check_freed(joints: Iterable[AbstractJoint], names: Collection[str]) -> None:
+    """Raise for a coordinate that there is not, and for one whose drive gives way."""
+    known = drivable(joints)
+    for name in names:
+        if name not in known:
+            raise ClearanceError(f"There is no coordinate `{name}` to be freed. " + suggest(str(name), known))
+        if gives_way(known[name].motion):
+            raise ClearanceError(
+                f"The drive of `{name}` gives way, and without drives its spring would be gone. Free its motor, "
+                f"`{motor_of(name)}`."
+            )
+
+
 def check_drives(joints: Iterable[AbstractJoint], drives: Mapping[str, object]) -> None:
     """Raise for a coordinate that cannot be driven, and for what is no drive."""
     known = drivable(joints)

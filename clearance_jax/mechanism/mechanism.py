@@ -11,7 +11,7 @@ from clearance_jax.joints.presets import PlayNumbers
 from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.body import Body, Point, Spring
 from clearance_jax.mechanism.controllers import AbstractController
-from clearance_jax.mechanism.driving import check_drives, with_drives, without_drives
+from clearance_jax.mechanism.driving import check_drives, check_freed, with_drives, without_drives
 from clearance_jax.mechanism.loads import Wrench
 from clearance_jax.mechanism.placement import Gravity
 from clearance_jax.mechanism.play import with_play
@@ -128,7 +128,11 @@ class Mechanism(AbstractMechanism):
         return self._with_joints(lambda own: joint if own.name == joint.name else own)
 
     def without_drives(self, names: Collection[str]) -> "Mechanism":
-        """The same mechanism with the named coordinates free: without their drives and actuators."""
+        """The same mechanism with the named coordinates free: without their drives and actuators.
+
+        **Raises:** `ClearanceError` for an unknown coordinate, and for one whose drive gives way: free its motor.
+        """
+        check_freed((*self.joints, *self.loops), names)
         return self._with_joints(lambda joint: without_drives(joint, names))
 
     def _with_joints(self, change) -> "Mechanism":

@@ -6,7 +6,7 @@ from typing import Any
 
 import equinox as eqx
 
-from clearance_jax.errors import ClearanceError
+from clearance_jax.errors import ClearanceError, quote
 from clearance_jax.joints import AbstractClearance, AbstractPin, Tolerance
 from clearance_jax.joints.checks import check_sizes
 from clearance_jax.joints.presets import BALL, FIT, GUIDE, PIN, SHAFT, Preset, radial_clearance_of
@@ -21,7 +21,7 @@ PRESETS: Mapping[type[AbstractPlayed], Preset] = {Revolute: PIN, Prismatic: GUID
 """How play is made, by the kind of joint."""
 
 
-def with_play(joint: AbstractJoint, clearance: AbstractClearance | None, numbers: Mapping[str, Any]) -> AbstractPlayed:
+def with_play(joint: AbstractJoint, clearance: Any, numbers: Mapping[str, Any]) -> AbstractPlayed:
     """The joint with a whole `clearance`, with one made of a designer's `numbers`, or with some of its own replaced.
 
     **Raises:** `ClearanceError` for a joint of a kind that has no play, for numbers that are not of its kind, and for
@@ -34,6 +34,12 @@ def with_play(joint: AbstractJoint, clearance: AbstractClearance | None, numbers
         clearance = _make(joint, numbers)
     elif numbers:
         raise ClearanceError(f"Joint `{joint.name}` is given a whole clearance and numbers of one. Give one of them.")
+    elif not isinstance(clearance, AbstractClearance):
+        raise ClearanceError(
+            f"The clearance of joint `{joint.name}` is a whole one, such as `RevoluteClearance(...)`, not "
+            f"{quote(clearance)}. Give a number of it by its name: "
+            f"`with_clearance({joint.name!r}, radial_clearance=1e-4)`, say."
+        )
     check_demands(clearance, f"{joint.name}.")
     return dataclasses.replace(joint, clearance=clearance)
 

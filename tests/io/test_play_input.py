@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 import clearance_jax as cj
 from clearance_jax import laws
 from clearance_jax.cli.main import app
+from clearance_jax.mechanism.play import with_play
 from clearance_jax.parameters import bounds_hold, check_values
 
 NAN = float("nan")
@@ -162,6 +163,9 @@ def test_a_whole_clearance_must_be_of_the_joints_kind():
         alone(cj.Revolute).with_clearance("hip", short)
     with pytest.raises(cj.ClearanceError, match="a whole clearance and numbers of one"):
         alone(cj.Revolute).with_clearance("hip", axial, radial_clearance=1e-4)
+    for size in (1e-4, -1e-5, "0.1 mm"):
+        with pytest.raises(cj.ClearanceError, match=r"Give a number of it by its name: .*_clearance=1e-4"):
+            with_play(alone(cj.Revolute).joint("hip"), size, {})
     socket = alone(cj.Revolute, clearance=cj.SphericalClearance(1e-4, 0.01, LAW))
     with pytest.raises(cj.ClearanceError, match="of a kind that has no `fit`"):
         socket.with_clearance("hip", fit="H7/g6")

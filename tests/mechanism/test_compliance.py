@@ -253,6 +253,11 @@ def test_a_path_moves_the_motor_and_not_its_spring():
     soft = cj.with_compliance(swinging(None), "hip", cj.Compliance(1e4))
     chain = chain_of(soft, "tip", None)
     assert chain.joints == ("hip_motor",)
+    # Its spring is no drive that could be taken away.
+    with pytest.raises(ClearanceError, match=r"its spring would be gone\. Free its motor, `hip_motor`"):
+        chain_of(soft, "tip", ["hip"])
+    with pytest.raises(ClearanceError, match="There is no coordinate `hop` to be freed"):
+        soft.without_drives(["hop"])
 
 
 def test_what_gives_way_does_so_once():
