@@ -17,13 +17,12 @@ __all__ = ["AbstractActuator", "ConstantEffort", "JointFriction", "JointSpring",
 
 
 class AbstractActuator(Module):
-    """A force along one free coordinate: a torque [N m] along an angle, a force [N] along a slide.
-
-    **Arguments:** `name`, by keyword: its numbers are then called `hip.actuator.NAME.stiffness`, say, else by its place
-    among the actuators of the coordinate, `hip.0.stiffness`.
-    """
+    """A force along one free coordinate: a torque [N m] along an angle, a force [N] along a slide."""
 
     name: str | None = eqx.field(static=True, default=None, kw_only=True)
+    """By keyword. Its numbers are then called `hip.actuator.NAME.stiffness`, say, else by its place among the actuators
+    of the coordinate, `hip.0.stiffness`.
+    """
 
     @abc.abstractmethod
     def __call__(self, time: Scalar, position: Scalar, velocity: Scalar) -> Scalar:
@@ -58,13 +57,7 @@ class AbstractActuator(Module):
 
 
 class ConstantEffort(AbstractActuator):
-    """A constant torque or force.
-
-    **Arguments:**
-
-    - `effort`: the torque [N m] (of a slide: the force [N]).
-    - `name`: as of every actuator.
-    """
+    """A constant torque [N m] (or force [N] on a sliding joint)."""
 
     effort: Scalar = physical("effort", help="torque (force on a sliding joint)", example='"-12 N*m"')
 
