@@ -148,12 +148,12 @@ class System:
             )
             if joint.play is not None
         ]
-        acceleration, work, dampers = self._accelerations(t, now, pushes)
+        acceleration, work, dampers, dry = self._accelerations(t, now, pushes)
         out = np.zeros_like(y)
         out[: 3 * n], out[7 * n : 13 * n] = now.velocity[:-1].ravel(), acceleration
         out[3 * n : 7 * n] = kernels.quaternion_rates(y, n)
         out[13 * n : -3] = self._remembered(pushes)
-        out[-3:] = work, sum(p.absorbed for p in pushes) + dampers, sum(p.rubbed for p in pushes)
+        out[-3:] = work, sum(p.absorbed for p in pushes) + dampers, sum(p.rubbed for p in pushes) + dry
         return out
 
     def _remembered(self, pushes: list[Push]) -> Vector:
@@ -164,12 +164,14 @@ class System:
             rates += [push.bends.ravel()] if joint.play.friction is not None and joint.play.friction.remembers else []
         return np.concatenate(rates) if rates else np.zeros(0)
 
-    def _accelerations(self, t: float, now: Now, pushes: list[Push]) -> tuple[Vector, float, float]:
-        """Accelerations [all places, all turns], the power of drives, actuators and loads, and that of dampers."""
+    def _accelerations(self, t: float, now: Now, pushes: list[Push]) -> tuple[Vector, float, float, float]:
+        """Accelerations [all places, all turns], the power of drives, actuators and loads, and those of dampers and of
+        the friction of actuators.
+        """
         n, rows = len(self.names), len(self.held)
         jacobian, bias = self.jacobian(now)
         matrix, force = kernels.mass_and_weight(now.matrix, now.turning, self.mass, self.inertia, self.model.gravity)
-        power, lost = self._loaded(t, now, force), self._sprung(now, force)
+        power, lost, rubbed = self._loaded(t, now, force), self._sprung(now, force), 0.0
         for joint, push in zip(self.plays, pushes, strict=True):
             self._push(force, joint, now, push)
         force = force.ravel()
@@ -179,8 +181,10 @@ class System:
             if not (coordinate.efforts or coordinate.rotor):
                 continue
             rate = float(row @ both)
-            effort = sum(effort(t, self.coordinate(i, now), rate) for effort in coordinate.efforts)
-            power += effort * rate
+            effort = sum(effort.of(t, self.coordinate(i, now), rate) for effort in coordinate.efforts)
+            damped = sum(effort.damped(rate) for effort in coordinate.efforts)
+            dry = sum(effort.rubbed(rate) for effort in coordinate.efforts)
+            power, lost, rubbed = power + effort * rate + damped + dry, lost + damped, rubbed + dry
             force += (effort - coordinate.rotor * bias[rows + i]) * row
             matrix += coordinate.rotor * np.outer(row[:-6], row[:-6])
         drives = [self.own[i][1].drive.at(t) for i in self.driven]
@@ -191,7 +195,7 @@ class System:
         acceleration[self.keep] = out[: len(self.keep)]
         power += sum(m * rate for m, (_, rate, _) in zip(multipliers, drives, strict=True))
         acceleration = acceleration.reshape(n, 6)
-        return np.concatenate([acceleration[:, :3].ravel(), acceleration[:, 3:].ravel()]), power, lost
+        return np.concatenate([acceleration[:, :3].ravel(), acceleration[:, 3:].ravel()]), power, lost, rubbed
 
     def _least(self, matrix: Vector, right: Vector) -> Vector:
         """In space constraints may repeat each other: then the smallest multipliers."""
