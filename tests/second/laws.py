@@ -24,7 +24,7 @@ class Geometry(NamedTuple):
     length: float = np.nan
 
 
-def _none(depth, memory):
+def _none(depth, memory, presses):
     return np.zeros_like(memory)
 
 
@@ -37,7 +37,8 @@ class Normal(NamedTuple):
 
     - `force`: of penetration, its rate, memory and impact speed, before it is cut off.
     - `energy`: elastic energy of a penetration. `clipped`: whether the force never pulls.
-    - `least_speed`: the least impact speed. `memories`: 1 if it has memory, with the rate `flows`, also while apart.
+    - `least_speed`: the least impact speed. `memories`: 1 if it has memory, with the rate `flows`, also while apart, of
+      penetration, memory and whether it presses.
     - `lever`: of a penetration, by how much further from the pin's axis than the contact point friction acts.
     """
 
@@ -46,7 +47,7 @@ class Normal(NamedTuple):
     clipped: bool = True
     least_speed: float = 1.0
     memories: int = 0
-    flows: Callable[[Vector, Vector], Vector] = _none
+    flows: Callable[[Vector, Vector, Vector], Vector] = _none
     lever: Callable[[Vector], Vector] = _at_the_point
 
 
@@ -178,11 +179,12 @@ def _standard_linear_solid(table, geometry) -> Normal:
     g, time = float(table["relaxing_share"]), number(table["relaxation_time"])
 
     def force(d, rate, memory, speed):
-        return k * (power(np.maximum(d, 0.0), n) - g * memory)
+        return k * (power(d, n) - g * memory)
 
-    # The wall follows the pin, or recovers free of force where the pin is apart or faster than it.
-    def flows(d, memory):
-        return (np.maximum(power(np.maximum(d, 0.0), n), g * memory) - memory) / time
+    # The wall follows the pin, or recovers free of force where the pin is apart or faster. Which of both it does
+    # changes with the regime: a kink within a step that is cut there would spoil what comes before it too.
+    def flows(d, memory, presses):
+        return (np.where(presses, power(d, n), g * memory) - memory) / time
 
     return Normal(force, lambda d: (1 - g) * _elastic(k, n)(np.maximum(d, 0.0)), memories=1, flows=flows)
 

@@ -121,7 +121,7 @@ class Play(NamedTuple):
             push, twist = self.fills(pose)
             total, moment = total + push, moment + twist
             absorbed -= float(push @ pose.velocity + twist @ pose.spin)
-        flows = self.normal.flows(at.depth, flow)
+        flows = self.normal.flows(at.depth, flow, presses)
         return Push(total, moment, float(normal.sum()), friction, absorbed, rubbed, flows, bends)
 
     def _turning(self, pose: Pose, at: Points) -> Vector:
