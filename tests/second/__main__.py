@@ -21,7 +21,7 @@ from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from pathlib import Path
 
 from .case import EACH, run
-from .scenes import FEATURES, cases, scene, toml
+from .scenes import FEATURES, cases, crossable, pairs, scene, toml
 
 SHOWN = 5
 LASTING = 10
@@ -74,11 +74,14 @@ def run_all(left: list[tuple[int, dict]], processes: int, minutes: float) -> Ite
 
 
 def table(done: list[dict]) -> str:
-    """Which pairs of features were crossed, as a page: of every two kinds how many of the pairs, and which are left."""
-    lines = ["| features | pairs crossed | of |", "| --- | --- | --- |"]
+    """Which pairs of features were crossed, as a page: of every two kinds how many of the pairs that go together."""
+    among = crossable()
+    seen = among & set().union(*(pairs(case["features"]) for case in done if case["verdict"] == "agree"))
+    lines = [f"{len(seen)} of {len(among)} pairs of features were crossed.", ""]
+    lines += ["| features | pairs crossed | of |", "| --- | --- | --- |"]
     for one, two in itertools.combinations(FEATURES, 2):
-        seen = {(case["features"][one], case["features"][two]) for case in done if case["verdict"] == "agree"}
-        lines.append(f"| {one} x {two} | {len(seen)} | {len(FEATURES[one]) * len(FEATURES[two])} |")
+        counts = (sum({a[0], b[0]} == {one, two} for a, b in these) for these in (seen, among))
+        lines.append(f"| {one} x {two} | {' | '.join(map(str, counts))} |")
     return "\n".join(lines) + "\n"
 
 

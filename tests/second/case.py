@@ -32,7 +32,9 @@ def run(i: int, case: dict, shown: int) -> dict:
         with tempfile.TemporaryDirectory() as folder:
             found = compare(scenes, Path(folder), contacts=case["contacts"] == "compared", derivatives=1)
         out["verdict"] = "agree" if found[0].ratio <= 1 else "disagree"
-        out["worst"] = [one._asdict() for one in found[:shown]]
+        # Of every quantity its worst comparison.
+        worst = {one.what: one for one in reversed(found)}
+        out["worst"] = [one._asdict() for one in sorted(worst.values(), key=lambda one: -one.ratio)[:shown]]
     except Exception as error:  # the others go on
         out |= {"verdict": "failed", "worst": [], "error": f"{type(error).__name__}: {error}"[:500]}
     jax.clear_caches()

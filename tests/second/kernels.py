@@ -60,9 +60,9 @@ def pose(place, rotation, velocity, turning, a: int, b: int, on_parent, on_child
 
 
 @njit(cache=True)
-def jacobian(place, rotation, velocity, turning, parent, child, axis, on_parent, on_child, turns):
+def jacobian(place, rotation, velocity, turning, parent, child, axis, on_parent, on_child, turns, pin):
     """Of every row (a slide along, or a turn about, an axis of the parent) its dependence on all velocities, and the
-    bias of its second rate.
+    bias of its second rate. A turn of a `pin` (its axis in the child, or zero) that tilts is about the bisector.
     """
     rows, n = len(parent), len(place)
     out, bias = np.zeros((rows, 6 * n)), np.zeros(rows)
@@ -70,6 +70,17 @@ def jacobian(place, rotation, velocity, turning, parent, child, axis, on_parent,
         a, b = parent[i], child[i]
         d = rotation[a] @ axis[i]
         turned = cross(turning[a], d)
+        if turns[i] and pin[i].any():
+            # Its rate is (z + p) . (w_b - w_a) / (1 + z . p).
+            p = rotation[b] @ pin[i]
+            tilting = cross(turning[b], p)
+            whole = 1 + d @ p
+            about = (d + p) / whole
+            moved = (turned + tilting) / whole - about * (turned @ p + d @ tilting) / whole
+            out[i, 6 * b + 3 : 6 * b + 6] += about
+            out[i, 6 * a + 3 : 6 * a + 6] -= about
+            bias[i] = moved @ (turning[b] - turning[a])
+            continue
         if turns[i]:
             out[i, 6 * b + 3 : 6 * b + 6] += d
             out[i, 6 * a + 3 : 6 * a + 6] -= d

@@ -23,7 +23,8 @@ INTEGRALS = ("drive_work", "absorbed", "friction_loss")
 
 class Rows(NamedTuple):
     """Slides along and turns about an axis that is fixed to the parent: of each its indices of parent and child, the
-    axis and the joint's place in the parent, its place in the child (all from the centres of mass), whether it turns.
+    axis and the joint's place in the parent, its place in the child (all from the centres of mass), whether it turns,
+    and of a pin that may tilt its axis in the child (of others zero).
     """
 
     parent: Vector
@@ -32,6 +33,7 @@ class Rows(NamedTuple):
     on_parent: Vector
     on_child: Vector
     turns: Vector
+    pin: Vector
 
 
 class Now(NamedTuple):
@@ -49,6 +51,18 @@ class Regime(NamedTuple):
     touches: tuple[Vector, ...]
     presses: tuple[Vector, ...]
     speeds: tuple[Vector, ...]
+
+
+def tilts(joint: Joint, way: str) -> bool:
+    """Whether a joint's direction is the turn of a pin that tilts in its sleeve."""
+    return way == "turn z" and joint.play is not None and "turn x" not in joint.held
+
+
+def straight(p: Vector) -> Vector:
+    """The turn about an axis across z that takes z to the direction p."""
+    x, y, z = p
+    skew = np.array([[0.0, 0.0, x], [0.0, 0.0, y], [-x, -y, 0.0]])
+    return np.eye(3) + skew + skew @ skew / (1 + z)
 
 
 class System:
@@ -99,7 +113,8 @@ class System:
             axis = joint.on_parent[:, DIRECTIONS[way[-1]]]
             a, b = self.index[joint.parent], self.index[joint.child]
             arms = joint.at_parent - self.centre[a], joint.at_child - self.centre[b]
-            columns.append((a, b, axis, *arms, way.startswith("turn")))
+            pin = joint.on_child[:, 2] if tilts(joint, way) else np.zeros(3)
+            columns.append((a, b, axis, *arms, way.startswith("turn"), pin))
         return Rows(*(np.array(column) for column in zip(*columns, strict=True)))
 
     # Kinematics ------------------------------------------------------------------------------------------------------
@@ -123,7 +138,10 @@ class System:
         coordinate, pose = self.own[i][1], Pose(*kernels.pose(*at, *self.own_frames[i]))
         if not coordinate.direction.startswith("turn"):
             return pose.place[DIRECTIONS[coordinate.direction]]
-        angle = np.arctan2(pose.rotation[1, 0], pose.rotation[0, 0])
+        turned = pose.rotation
+        if tilts(self.own[i][0], coordinate.direction):
+            turned = straight(turned[:, 2]).T @ turned
+        angle = np.arctan2(turned[1, 0], turned[0, 0])
         return coordinate.start + (angle - coordinate.start + np.pi) % (2 * np.pi) - np.pi
 
     # Dynamics --------------------------------------------------------------------------------------------------------
