@@ -5,9 +5,10 @@
 It writes a line for every case (a structure, of which `EACH` scenes differ in their numbers) into a journal in that
 folder, and goes on with what is not there. At the end it writes the table of the pairs of features that were crossed.
 
-A thousand scenes have 334 structures, which cross 97 % of the pairs of features that go together. Most of the time goes
-into the library's programs, of which a structure has two to four; so more scenes of fewer structures would be quicker,
-but 250 structures cross 92 % of the pairs, and 200 cross 86 %.
+A thousand scenes have 334 structures, which cross 98 % of the pairs of features that go together: all but some pairs of
+mechanism, normal law, friction law and motion with each other. Most of the time goes into tracing and compiling the
+library's programs, of which a structure has one to three: some 90 s of a processor each, so that the thousand take some
+four hours on two. More scenes of fewer structures would be quicker, but 250 structures cross 93 %, and 200 cross 87 %.
 """
 
 import argparse
