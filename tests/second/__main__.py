@@ -4,33 +4,29 @@
 
 It writes a line for every case (a structure, of which `EACH` scenes differ in their numbers) into a journal in that
 folder, and goes on with what is not there. At the end it writes the table of the pairs of features that were crossed.
+
+A thousand scenes have 334 structures, which cross 98 % of the pairs of features that go together: all but some pairs of
+mechanism, normal law, friction law and motion with each other. Most of the time goes into tracing and compiling the
+library's programs, of which a structure has one to three: some 90 s of a processor each, so that the thousand take some
+four hours on two. More scenes of fewer structures would be quicker, but 250 structures cross 93 %, and 200 cross 87 %.
 """
 
 import argparse
 import itertools
 import json
-import os
+import multiprocessing
 import sys
-import tempfile
 import time
+from collections.abc import Iterator
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from pathlib import Path
 
-# As in tests/conftest.py: what is compiled here runs less than it compiles.
-os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
-if "xla_backend_optimization_level" not in os.environ.get("XLA_FLAGS", ""):
-    os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_backend_optimization_level=1".strip()
-os.environ.setdefault("CLEARANCE_KEPT", "0")
+from .case import EACH, run
+from .scenes import FEATURES, cases, crossable, pairs, scene, toml
 
-import jax
-
-import clearance_jax as cj
-
-from .compare import compare
-from .scenes import FEATURES, cases, scene, toml
-
-EACH = 3
-"""Scenes of one structure."""
 SHOWN = 5
+LASTING = 10
+"""Cases of one process: XLA does not give back all memory of the programs that it is told to forget."""
 
 
 def main() -> int:
@@ -41,8 +37,8 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=Path("out/second"))
     parser.add_argument("--only", type=int, help="one case, with every comparison and its first scene")
     parser.add_argument("--minutes", type=float, default=float("inf"), help="begin no case after so long")
+    parser.add_argument("--processes", type=int, default=2)
     given = parser.parse_args()
-    cj.configure()
     every = cases(-(-given.scenes // EACH), given.seed)
     given.out.mkdir(parents=True, exist_ok=True)
     journal = given.out / f"scenes_{given.seed}.jsonl"
@@ -51,15 +47,12 @@ def main() -> int:
         print(json.dumps(run(given.only, every[given.only], 10**6), indent=1))
         return 0
     done = [json.loads(line) for line in journal.read_text().splitlines()] if journal.exists() else []
-    begun = time.monotonic()
-    for i in sorted(set(range(len(every))) - {one["case"] for one in done}):
-        if time.monotonic() - begun > 60 * given.minutes:
-            break
-        done.append(run(i, every[i], SHOWN))
+    left = sorted(set(range(len(every))) - {one["case"] for one in done})
+    for one in run_all([(i, every[i]) for i in left], given.processes, given.minutes):
+        done.append(one)
         with journal.open("a") as file:
-            file.write(json.dumps(done[-1]) + "\n")
-        print(*(done[-1][key] for key in ("case", "verdict", "features", "seconds")), flush=True)
-        jax.clear_caches()
+            file.write(json.dumps(one) + "\n")
+        print(*(one[key] for key in ("case", "verdict", "features", "seconds")), flush=True)
     (given.out / "pairs.md").write_text(table(done))
     bad = [one for one in done if one["verdict"] != "agree"]
     print(f"{len(done)} cases, {EACH * len(done)} scenes; {len(bad)} cases disagree or failed.")
@@ -67,27 +60,29 @@ def main() -> int:
     return 1 if bad else 0
 
 
-def run(i: int, case: dict, shown: int) -> dict:
-    """One case: its features, whether both agree, and the worst comparisons."""
-    begun = time.process_time()
-    scenes = [scene(case, i, k) for k in range(EACH)]
-    out = {"case": i, "features": scenes[0].case}
-    try:
-        with tempfile.TemporaryDirectory() as folder:
-            found = compare(scenes, Path(folder))
-        out["verdict"] = "agree" if found[0].ratio <= 1 else "disagree"
-        out["worst"] = [one._asdict() for one in found[:shown]]
-    except Exception as error:  # the others go on
-        out |= {"verdict": "failed", "worst": [], "error": f"{type(error).__name__}: {error}"[:500]}
-    return out | {"seconds": round(time.process_time() - begun, 1)}
+def run_all(left: list[tuple[int, dict]], processes: int, minutes: float) -> Iterator[dict]:
+    """Cases as they are done."""
+    begun, running = time.monotonic(), set()
+    fresh = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(processes, fresh, max_tasks_per_child=LASTING) as pool:
+        while True:
+            while left and len(running) < processes and time.monotonic() - begun < 60 * minutes:
+                running.add(pool.submit(run, *left.pop(0), SHOWN))
+            if not running:
+                return
+            finished, running = wait(running, return_when=FIRST_COMPLETED)
+            yield from (one.result() for one in finished)
 
 
 def table(done: list[dict]) -> str:
-    """Which pairs of features were crossed, as a page: of every two kinds how many of the pairs, and which are left."""
-    lines = ["| features | pairs crossed | of |", "| --- | --- | --- |"]
+    """Which pairs of features were crossed, as a page: of every two kinds how many of the pairs that go together."""
+    among = crossable()
+    seen = among & set().union(*(pairs(case["features"]) for case in done if case["verdict"] == "agree"))
+    lines = [f"{len(seen)} of {len(among)} pairs of features were crossed.", ""]
+    lines += ["| features | pairs crossed | of |", "| --- | --- | --- |"]
     for one, two in itertools.combinations(FEATURES, 2):
-        seen = {(case["features"][one], case["features"][two]) for case in done if case["verdict"] == "agree"}
-        lines.append(f"| {one} x {two} | {len(seen)} | {len(FEATURES[one]) * len(FEATURES[two])} |")
+        counts = (sum({a[0], b[0]} == {one, two} for a, b in these) for these in (seen, among))
+        lines.append(f"| {one} x {two} | {' | '.join(map(str, counts))} |")
     return "\n".join(lines) + "\n"
 
 

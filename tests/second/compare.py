@@ -22,7 +22,7 @@ RTOL, AMPLIFIED = 1e-9, 1e3
 # The library smooths a worn bore over its sectors; the second simulator takes the profile as it is.
 WORN = 300.0
 # The relative step of a central difference, and the error of it, over the derivative's largest value.
-STEP, DIFFERENCE = 1e-4, 1e-4
+STEP, DIFFERENCE = 2e-5, 1e-4
 # What is next to nothing beside others of its kind counts as so much of these.
 LITTLE = 1e-3
 OPTIONS = {"rtol": RTOL, "solver": "dopri8"}
@@ -97,8 +97,7 @@ def _values(scene: Scene, values, slopes, exact: Truth) -> list[Finding]:
     for name, found in values.items():
         right, sense = (_alike(these[name], found) for these in (exact.motion.values, exact.senses))
         size, change = (
-            max(np.abs(one).max(), LITTLE * largest[_kind(name)])
-            for one, largest in ((right, sizes), (sense, changes))
+            max(np.abs(one).max(), LITTLE * largest[_kind(name)]) for one, largest in ((right, sizes), (sense, changes))
         )
         room = AMPLIFIED * RTOL * (size + change) + 1e-14
         out.append(_worst(name, found, right, room))

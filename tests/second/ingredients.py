@@ -148,10 +148,10 @@ EFFORTS = ("constant", "servo", "spring", "friction")
 MOTION = (*DRIVES, *(f"actuator {kind}" for kind in EFFORTS), "load", "spring of points")
 
 
-def drive(kind: str, draw: Draw, start: float, t1: float, turns: bool) -> dict:
+def drive(kind: str, draw: Draw, start: float, t1: float, turns: bool, pace: float = 1.0) -> dict:
     """A drive's table, of a coordinate that begins at `start` and moves fast enough for touches within t1."""
     unit, size = ("rad", 1.0) if turns else ("m", 0.05)
-    speed = draw.number(15.0, 40.0) * size * draw.one((-1, 1))
+    speed = float(f"{draw.number(15.0, 40.0) * size * pace:.4g}") * draw.one((-1, 1))
     at, rise = f"{start!r} {unit}", f"{speed * t1 * 0.4:.6g} {unit}"
     if kind == "constant-speed":
         return {"type": kind, "speed": f"{speed} {unit}/s", "start": at}

@@ -60,9 +60,9 @@ def pose(place, rotation, velocity, turning, a: int, b: int, on_parent, on_child
 
 
 @njit(cache=True)
-def jacobian(place, rotation, velocity, turning, parent, child, axis, on_parent, on_child, turns):
+def jacobian(place, rotation, velocity, turning, parent, child, axis, on_parent, on_child, turns, pin):
     """Of every row (a slide along, or a turn about, an axis of the parent) its dependence on all velocities, and the
-    bias of its second rate.
+    bias of its second rate. A turn of a `pin` (its axis in the child, or zero) that tilts is about the bisector.
     """
     rows, n = len(parent), len(place)
     out, bias = np.zeros((rows, 6 * n)), np.zeros(rows)
@@ -70,6 +70,17 @@ def jacobian(place, rotation, velocity, turning, parent, child, axis, on_parent,
         a, b = parent[i], child[i]
         d = rotation[a] @ axis[i]
         turned = cross(turning[a], d)
+        if turns[i] and pin[i].any():
+            # Its rate is (z + p) . (w_b - w_a) / (1 + z . p).
+            p = rotation[b] @ pin[i]
+            tilting = cross(turning[b], p)
+            whole = 1 + d @ p
+            about = (d + p) / whole
+            moved = (turned + tilting) / whole - about * (turned @ p + d @ tilting) / whole
+            out[i, 6 * b + 3 : 6 * b + 6] += about
+            out[i, 6 * a + 3 : 6 * a + 6] -= about
+            bias[i] = moved @ (turning[b] - turning[a])
+            continue
         if turns[i]:
             out[i, 6 * b + 3 : 6 * b + 6] += d
             out[i, 6 * a + 3 : 6 * a + 6] -= d
@@ -152,3 +163,41 @@ def sums(normal, gradient, traction, tangents, arm):
         force += own
         moment += cross(arm[i], own)
     return force, moment, rubbing
+
+
+@njit(cache=True, error_model="numpy")
+def line_force(d, modulus: float, c: float, offset: float):
+    """The F' of d = F'/m (ln(4 m c / F') + B), of every depth."""
+    out = np.empty(len(d))
+    for i in range(len(d)):
+        # From below Newton's steps on the concave d(F') fall short, and so converge evenly.
+        f = 1e-3 * modulus * d[i]
+        for _ in range(200):
+            grown = np.log(4 * modulus * c / f) + offset
+            step = (modulus * d[i] - f * grown) / (grown - 1)
+            f += step
+            if abs(step) <= 1e-15 * f:
+                break
+        out[i] = f
+    return out
+
+
+@njit(cache=True, error_model="numpy")
+def wall(x: float, y: float, cosines, sines, worn, orders, waves):
+    """The angle t at which e . n(t) - h(t) is largest, for e = (x, y) and depths h at even angles, and h there; in
+    between h is its Fourier series.
+    """
+    best = 0
+    for k in range(1, len(worn)):
+        if x * cosines[k] + y * sines[k] - worn[k] > x * cosines[best] + y * sines[best] - worn[best]:
+            best = k
+    t, depth = 2 * np.pi * best / len(worn), 0.0
+    for _ in range(5):
+        slope, bend, depth = -x * np.sin(t) + y * np.cos(t), -x * np.cos(t) - y * np.sin(t), 0.0
+        for k in range(len(orders)):
+            c, s = np.cos(orders[k] * t), np.sin(orders[k] * t)
+            depth += waves[k].real * c - waves[k].imag * s
+            slope += orders[k] * (waves[k].real * s + waves[k].imag * c)
+            bend += orders[k] ** 2 * (waves[k].real * c - waves[k].imag * s)
+        t -= slope / bend
+    return t, depth

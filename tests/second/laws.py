@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import root_scalar
 
+from . import kernels
 from .quantities import Vector, number
 
 
@@ -23,8 +24,12 @@ class Geometry(NamedTuple):
     length: float = np.nan
 
 
-def _none(depth, memory):
+def _none(depth, memory, presses):
     return np.zeros_like(memory)
+
+
+def _at_the_point(depth):
+    return np.zeros_like(depth)
 
 
 class Normal(NamedTuple):
@@ -32,7 +37,9 @@ class Normal(NamedTuple):
 
     - `force`: of penetration, its rate, memory and impact speed, before it is cut off.
     - `energy`: elastic energy of a penetration. `clipped`: whether the force never pulls.
-    - `least_speed`: the least impact speed. `memories`: 1 if it has memory, with the rate `flows`, also while apart.
+    - `least_speed`: the least impact speed. `memories`: 1 if it has memory, with the rate `flows`, also while apart, of
+      penetration, memory and whether it presses.
+    - `lever`: of a penetration, by how much further from the pin's axis than the contact point friction acts.
     """
 
     force: Callable[[Vector, Vector, Vector, Vector], Vector]
@@ -40,7 +47,8 @@ class Normal(NamedTuple):
     clipped: bool = True
     least_speed: float = 1.0
     memories: int = 0
-    flows: Callable[[Vector, Vector], Vector] = _none
+    flows: Callable[[Vector, Vector, Vector], Vector] = _none
+    lever: Callable[[Vector], Vector] = _at_the_point
 
 
 def power(depth, exponent):
@@ -171,11 +179,12 @@ def _standard_linear_solid(table, geometry) -> Normal:
     g, time = float(table["relaxing_share"]), number(table["relaxation_time"])
 
     def force(d, rate, memory, speed):
-        return k * (power(np.maximum(d, 0.0), n) - g * memory)
+        return k * (power(d, n) - g * memory)
 
-    # The wall follows the pin, or recovers free of force where the pin is apart or faster than it.
-    def flows(d, memory):
-        return (np.maximum(power(np.maximum(d, 0.0), n), g * memory) - memory) / time
+    # The wall follows the pin, or recovers free of force where the pin is apart or faster. Which of both it does
+    # changes with the regime: a kink within a step that is cut there would spoil what comes before it too.
+    def flows(d, memory, presses):
+        return (np.where(presses, power(d, n), g * memory) - memory) / time
 
     return Normal(force, lambda d: (1 - g) * _elastic(k, n)(np.maximum(d, 0.0)), memories=1, flows=flows)
 
@@ -198,26 +207,26 @@ def _ratio(table) -> float:
     return _exact(float(table["restitution"])) if "restitution" in table else 0.0
 
 
+def _of_hertz(force, table, geometry):
+    """The lever of Hertz's patch: r (kappa - 1), from the elastic force."""
+    size = 4 / (np.pi * contact_modulus(table) * geometry.clearance * geometry.length)
+
+    def lever(d):
+        x = np.minimum(size * force(np.maximum(d, 0.0)), np.pi**2 / 4)
+        return geometry.pin_radius * (1 / (1 - x / 8 + x**2 / 192 - x**3 / 9216 + x**4 / 737280) - 1)
+
+    return lever
+
+
 def _logarithmic(offset):
-    """D = F'/(pi E*) (ln(4 pi E* c / F') + B); F by Newton in its logarithm, for a convex and monotonous function."""
+    """D = F'/(pi E*) (ln(4 pi E* c / F') + B); F by Newton's method."""
 
     def of(table, geometry) -> Normal:
         modulus, length, c = np.pi * contact_modulus(table), geometry.length, geometry.clearance
-        last = 0.91 * 4 * c * np.exp(offset - 1)
-
-        def approach(f):
-            return f / modulus * (np.log(4 * modulus * c / f) + offset)
+        last = 1.5 * np.exp(-0.5) * 4 * c * np.exp(offset - 1)
 
         def line(d):
-            f = 1e-3 * modulus * d
-            # From below Newton's steps on the concave d(F') fall short, and so converge evenly.
-            for _ in range(200):
-                slope = (np.log(4 * modulus * c / f) + offset - 1) / modulus
-                step = (d - approach(f)) / slope
-                f = f + step
-                if np.all(np.abs(step) <= 1e-15 * f):
-                    break
-            return f
+            return kernels.line_force(d, modulus, c, offset)
 
         def stored(d):
             f = line(d)
@@ -239,7 +248,7 @@ def _logarithmic(offset):
             inside = np.where(d > last, base, stored(np.clip(d, 1e-200, last)))
             return length * np.where(d > 0, inside + end * beyond + 0.5 * steep * beyond**2, 0.0)
 
-        return _damped(force, energy, _ratio(table), table)
+        return _damped(force, energy, _ratio(table), table)._replace(lever=_of_hertz(force, table, geometry))
 
     return of
 
@@ -256,7 +265,7 @@ def _liu(table, geometry) -> Normal:
         r = np.sqrt(np.maximum(d, 0.0))[..., None] * 0.5 * (nodes + 1)
         return 0.5 * np.sqrt(np.maximum(d, 0.0)) * (weights * 2 * r * force(r * r)).sum(-1)
 
-    return _damped(force, energy, _ratio(table), table)
+    return _damped(force, energy, _ratio(table), table)._replace(lever=_of_hertz(force, table, geometry))
 
 
 def _winkler(table, geometry) -> Normal:
@@ -272,7 +281,15 @@ def _winkler(table, geometry) -> Normal:
         angle, root = np.arccos(np.minimum(c / e, 1.0)), np.sqrt(e * e - c * c)
         return k * (0.5 * e * e * angle + c * c * angle - 1.5 * c * root)
 
-    return _damped(force, energy, _ratio(table), table)
+    # Each piece of the layer rubs on the pin's surface; the contact point lies on the sleeve's, d deeper.
+    def lever(d):
+        d = np.maximum(d, 0.0)
+        angle = np.arccos(c / (c + d))
+        wide = np.maximum(angle, 3e-3)
+        kappa = 2 * (np.sin(wide) - wide * np.cos(wide)) / (wide - np.sin(wide) * np.cos(wide))
+        return geometry.pin_radius * (np.where(angle < 3e-3, 1 + angle**2 / 10, kappa) - 1) + d
+
+    return _damped(force, energy, _ratio(table), table)._replace(lever=lever)
 
 
 LINES: dict[str, Callable[[dict, Geometry], Normal]] = {

@@ -23,19 +23,22 @@ class Edge(NamedTuple):
 
 
 class Graph(NamedTuple):
-    """The joints of a mechanism; the one that may be driven, and those that may have play, the first if only one."""
+    """The joints of a mechanism; the one that may be driven, and those that may have play, the first if only one;
+    `pace`: by how much slower than others it moves, so that its impacts are as fast as theirs.
+    """
 
     edges: tuple[Edge, ...]
     driven: str
     playing: tuple[str, ...]
     plays: int = 1
+    pace: float = 1.0
 
 
 def _chain(draw) -> Graph:
     a = draw.rng.uniform(-np.pi, np.pi, 2)
     knee = 0.2 * np.array([np.cos(a[0]), np.sin(a[0])])
     edges = Edge("hip", GROUND, "thigh", (0.0, 0.0)), Edge("knee", "thigh", "shin", tuple(knee))
-    return Graph(edges, "hip", ("knee", "hip"))
+    return Graph(edges, "hip", ("knee", "hip"), pace=0.2)
 
 
 def _pendulum(draw) -> Graph:

@@ -1,7 +1,7 @@
 """A scene as it is read: bodies, joints as rows that they hold or drive, springs, loads. SI units."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,6 +36,21 @@ class Body(NamedTuple):
     centre: Vector
 
 
+def _nothing(rate: float) -> float:
+    return 0.0
+
+
+class Effort(NamedTuple):
+    """An actuator: its effort at a time, coordinate and rate, and of this rate the power that its damper and its
+    friction take, which is no work of the drives.
+    """
+
+    of: Callable[[float, float, float], float]
+    damped: Callable[[float], float] = _nothing
+    rubbed: Callable[[float], float] = _nothing
+    breaks: tuple[float, ...] = ()
+
+
 class Coordinate(NamedTuple):
     """A joint's own slide or turn: its initial value and rate, its drive, rotor inertia and actuators."""
 
@@ -45,7 +60,7 @@ class Coordinate(NamedTuple):
     rate: float
     drive: Drive | None
     rotor: float
-    efforts: tuple[Callable[[float, float, float], float], ...]
+    efforts: tuple[Effort, ...]
 
 
 class Joint(NamedTuple):
@@ -112,7 +127,7 @@ class Model(NamedTuple):
         for joint in self.joints:
             for coordinate in joint.coordinates:
                 found += coordinate.drive.breaks if coordinate.drive is not None else ()
-                found += [t for effort in coordinate.efforts for t in getattr(effort, "breaks", ())]
+                found += [t for effort in coordinate.efforts for t in effort.breaks]
         return tuple(sorted(set(found)))
 
 
@@ -201,38 +216,44 @@ def _coordinate(name, direction, table) -> Coordinate:
     )
 
 
-class Servo:
-    """k (target - q) + b (target' - q')."""
+def _servo(table) -> Effort:
+    """K (target - q) + b (target' - q')."""
+    target, (k, b) = drive(table["target"]), _gains(table)
 
-    def __init__(self, table):
-        self.target = drive(table["target"])
-        self.stiffness, self.damping, self.breaks = *_gains(table), self.target.breaks
+    def of(t, q, rate):
+        value, speed, _ = target.at(t)
+        return k * (value - q) + b * (speed - rate)
 
-    def __call__(self, t, q, rate):
-        value, speed, _ = self.target.at(t)
-        return self.stiffness * (value - q) + self.damping * (speed - rate)
+    return Effort(of, breaks=target.breaks)
 
 
 def _gains(table):
     return number(table["stiffness"]), number(table.get("damping", 0.0))
 
 
-def _rest(table):
+def _rest(table) -> Effort:
     (k, b), rest = _gains(table), number(table.get("rest", 0.0))
-    return lambda t, q, rate: -k * (q - rest) - b * rate
+    return Effort(lambda t, q, rate: -k * (q - rest) - b * rate, damped=lambda rate: b * rate * rate)
 
 
-def _constant(table):
+def _constant(table) -> Effort:
     effort = number(table["effort"])
-    return lambda t, q, rate: effort
+    return Effort(lambda t, q, rate: effort)
 
 
-def _friction(table):
+def _friction(table) -> Effort:
     effort, speed = number(table["effort"]), number(table.get("transition_speed", 0.01))
-    return lambda t, q, rate: -effort * np.tanh(rate / speed)
+    return Effort(
+        lambda t, q, rate: -effort * np.tanh(rate / speed), rubbed=lambda rate: effort * np.tanh(rate / speed) * rate
+    )
 
 
-EFFORTS: dict[str, Any] = {"constant": _constant, "servo": Servo, "spring": _rest, "friction": _friction}
+EFFORTS: dict[str, Callable[[dict], Effort]] = {
+    "constant": _constant,
+    "servo": _servo,
+    "spring": _rest,
+    "friction": _friction,
+}
 
 
 def _spring(table) -> Spring:

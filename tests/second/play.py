@@ -103,7 +103,12 @@ class Play(NamedTuple):
         arm, rate, slip = kernels.slips(*at[2:], pose.place, pose.velocity, pose.spin)
         normal = at.share * np.where(presses, self.normal.force(at.depth, rate, flow, speed), 0.0)
         traction, bends = np.zeros_like(slip), np.zeros_like(bend)
+        lever = np.zeros(self.count)
         if self.friction is not None:
+            if self.directions == 1:
+                # Friction all over a wide contact acts further from the pin's axis than at its point.
+                lever = self.normal.lever(at.depth)
+                slip = slip + lever[:, None] * pose.spin[2]
             traction = normal[:, None] * self.friction.traction(slip, bend)
             if self.friction.remembers:
                 bends = np.where(touches[:, None], self.friction.rates(slip, bend), 0.0)
@@ -111,11 +116,12 @@ class Play(NamedTuple):
                     bends = bends + touches[:, None] * cross(self._turning(pose, at), bend)
         total, moment, friction = kernels.sums(normal, at.gradient, traction, at.tangents, arm)
         absorbed, rubbed = float(normal @ rate), -float((traction * slip).sum())
+        moment = moment + (lever * traction[:, 0]).sum() * Z
         if self.fills is not None:
             push, twist = self.fills(pose)
             total, moment = total + push, moment + twist
             absorbed -= float(push @ pose.velocity + twist @ pose.spin)
-        flows = self.normal.flows(at.depth, flow)
+        flows = self.normal.flows(at.depth, flow, presses)
         return Push(total, moment, float(normal.sum()), friction, absorbed, rubbed, flows, bends)
 
     def _turning(self, pose: Pose, at: Points) -> Vector:
@@ -148,7 +154,7 @@ def _radii(joint):
 
 def _pin(joint):
     c, r, geometry = _radii(joint)
-    worn = np.array([number(x) for x in joint["worn"]["depth"]]) if "worn" in joint else None
+    wall = _wall([number(x) for x in joint["worn"]["depth"]], c, r) if "worn" in joint else None
 
     def points(pose):
         e = pose.place[:2]
@@ -156,31 +162,31 @@ def _pin(joint):
         depth = distance - c
         n = np.array([*(e / distance if distance > 0 else (1.0, 0.0)), 0.0])
         place = (c + r) * n
-        if worn is not None:
-            depth, n, place = _wall(worn, c, r, pose.place)
+        if wall is not None:
+            depth, n, place = wall(pose.place)
         return Points(ONE, np.array([depth]), n[None], place[None], np.array([[[-n[1], n[0], 0.0]]]))
 
     # Round play, and a tilt and a slide along the axis that stay held.
     return points, 1, 1, ("z", "turn x", "turn y"), geometry
 
 
-def _wall(worn, c, r, place):
+def _wall(depths, c, r):
     """A worn bore: the pin stands d = max over t of e . n(t) - h(t) - c in the wall, along n there. The depths h of the
     sectors are samples of a smooth profile, taken by its Fourier series.
     """
-    count, waves = len(worn), np.fft.rfft(worn) / len(worn)
+    worn, count = np.array(depths), len(depths)
+    waves = np.fft.rfft(worn) / count
     orders = np.arange(1, len(waves))[np.abs(waves[1:]) > 1e-6 * np.abs(waves).max()]
-    twice = 2 * waves[orders]
-    angles = 2 * np.pi * np.arange(count) / count
-    t = angles[np.argmax(np.cos(angles) * place[0] + np.sin(angles) * place[1] - worn)]
-    for _ in range(4):
-        turned = np.exp(1j * orders * t)
-        slope = -np.sin(t) * place[0] + np.cos(t) * place[1] - (1j * orders * twice * turned).real.sum()
-        bend = -np.cos(t) * place[0] - np.sin(t) * place[1] + (orders**2 * twice * turned).real.sum()
-        t -= slope / bend
-    n = np.array([np.cos(t), np.sin(t), 0.0])
-    depth = n @ place - waves[0].real - (twice * np.exp(1j * orders * t)).real.sum() - c
-    return depth, n, place + (r - depth) * n
+    mean, twice, angles = waves[0].real, 2 * waves[orders], 2 * np.pi * np.arange(count) / count
+    profile = np.cos(angles), np.sin(angles), worn, orders, twice
+
+    def wall(place):
+        t, further = kernels.wall(place[0], place[1], *profile)
+        n = np.array([np.cos(t), np.sin(t), 0.0])
+        depth = n @ place - mean - further - c
+        return depth, n, place + (r - depth) * n
+
+    return wall
 
 
 def _lobatto(count):

@@ -1,4 +1,4 @@
-"""Random mechanisms in space: one body with play in its joint, which falls and turns."""
+"""Random mechanisms in space: one body with play in its joint, which falls and turns, or is driven."""
 
 from collections.abc import Callable
 
@@ -27,7 +27,8 @@ def _sleeve(pin: str):
     def of(draw: Draw) -> dict:
         joint = {"type": "revolute", "kind": "sleeve", "pin": pin, "length": "40 mm", "stations": 4}
         joint |= {"axial_clearance": draw.quantity(20.0, 60.0, "um")} if draw.one((True, False)) else {}
-        return _scene(draw, {**joint, "velocity": draw.quantity(5.0, 20.0, "rad/s")})
+        start = {"position": draw.quantity(0.2, 1.0, "rad"), "velocity": draw.quantity(5.0, 20.0, "rad/s")}
+        return _scene(draw, {**joint, **start})
 
     return of
 
@@ -39,7 +40,8 @@ def _ball(draw: Draw) -> dict:
 
 
 def _block(draw: Draw) -> dict:
-    return _scene(draw, {"type": "prismatic", "width": "25 mm", "velocity": draw.quantity(0.1, 0.3, "m/s")})
+    start = {"position": draw.quantity(0.01, 0.03, "m"), "velocity": draw.quantity(0.1, 0.3, "m/s")}
+    return _scene(draw, {"type": "prismatic", "width": "25 mm", **start})
 
 
 SPACE: dict[str, Callable[[Draw], dict]] = {

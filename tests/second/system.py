@@ -23,7 +23,8 @@ INTEGRALS = ("drive_work", "absorbed", "friction_loss")
 
 class Rows(NamedTuple):
     """Slides along and turns about an axis that is fixed to the parent: of each its indices of parent and child, the
-    axis and the joint's place in the parent, its place in the child (all from the centres of mass), whether it turns.
+    axis and the joint's place in the parent, its place in the child (all from the centres of mass), whether it turns,
+    and of a pin that may tilt its axis in the child (of others zero).
     """
 
     parent: Vector
@@ -32,6 +33,7 @@ class Rows(NamedTuple):
     on_parent: Vector
     on_child: Vector
     turns: Vector
+    pin: Vector
 
 
 class Now(NamedTuple):
@@ -49,6 +51,18 @@ class Regime(NamedTuple):
     touches: tuple[Vector, ...]
     presses: tuple[Vector, ...]
     speeds: tuple[Vector, ...]
+
+
+def tilts(joint: Joint, way: str) -> bool:
+    """Whether a joint's direction is the turn of a pin that tilts in its sleeve."""
+    return way == "turn z" and joint.play is not None and "turn x" not in joint.held
+
+
+def straight(p: Vector) -> Vector:
+    """The turn about an axis across z that takes z to the direction p."""
+    x, y, z = p
+    skew = np.array([[0.0, 0.0, x], [0.0, 0.0, y], [-x, -y, 0.0]])
+    return np.eye(3) + skew + skew @ skew / (1 + z)
 
 
 class System:
@@ -99,7 +113,8 @@ class System:
             axis = joint.on_parent[:, DIRECTIONS[way[-1]]]
             a, b = self.index[joint.parent], self.index[joint.child]
             arms = joint.at_parent - self.centre[a], joint.at_child - self.centre[b]
-            columns.append((a, b, axis, *arms, way.startswith("turn")))
+            pin = joint.on_child[:, 2] if tilts(joint, way) else np.zeros(3)
+            columns.append((a, b, axis, *arms, way.startswith("turn"), pin))
         return Rows(*(np.array(column) for column in zip(*columns, strict=True)))
 
     # Kinematics ------------------------------------------------------------------------------------------------------
@@ -123,7 +138,10 @@ class System:
         coordinate, pose = self.own[i][1], Pose(*kernels.pose(*at, *self.own_frames[i]))
         if not coordinate.direction.startswith("turn"):
             return pose.place[DIRECTIONS[coordinate.direction]]
-        angle = np.arctan2(pose.rotation[1, 0], pose.rotation[0, 0])
+        turned = pose.rotation
+        if tilts(self.own[i][0], coordinate.direction):
+            turned = straight(turned[:, 2]).T @ turned
+        angle = np.arctan2(turned[1, 0], turned[0, 0])
         return coordinate.start + (angle - coordinate.start + np.pi) % (2 * np.pi) - np.pi
 
     # Dynamics --------------------------------------------------------------------------------------------------------
@@ -148,12 +166,12 @@ class System:
             )
             if joint.play is not None
         ]
-        acceleration, work, dampers = self._accelerations(t, now, pushes)
+        acceleration, work, dampers, dry = self._accelerations(t, now, pushes)
         out = np.zeros_like(y)
         out[: 3 * n], out[7 * n : 13 * n] = now.velocity[:-1].ravel(), acceleration
         out[3 * n : 7 * n] = kernels.quaternion_rates(y, n)
         out[13 * n : -3] = self._remembered(pushes)
-        out[-3:] = work, sum(p.absorbed for p in pushes) + dampers, sum(p.rubbed for p in pushes)
+        out[-3:] = work, sum(p.absorbed for p in pushes) + dampers, sum(p.rubbed for p in pushes) + dry
         return out
 
     def _remembered(self, pushes: list[Push]) -> Vector:
@@ -164,12 +182,14 @@ class System:
             rates += [push.bends.ravel()] if joint.play.friction is not None and joint.play.friction.remembers else []
         return np.concatenate(rates) if rates else np.zeros(0)
 
-    def _accelerations(self, t: float, now: Now, pushes: list[Push]) -> tuple[Vector, float, float]:
-        """Accelerations [all places, all turns], the power of drives, actuators and loads, and that of dampers."""
+    def _accelerations(self, t: float, now: Now, pushes: list[Push]) -> tuple[Vector, float, float, float]:
+        """Accelerations [all places, all turns], the power of drives, actuators and loads, and those of dampers and of
+        the friction of actuators.
+        """
         n, rows = len(self.names), len(self.held)
         jacobian, bias = self.jacobian(now)
         matrix, force = kernels.mass_and_weight(now.matrix, now.turning, self.mass, self.inertia, self.model.gravity)
-        power, lost = self._loaded(t, now, force), self._sprung(now, force)
+        power, lost, rubbed = self._loaded(t, now, force), self._sprung(now, force), 0.0
         for joint, push in zip(self.plays, pushes, strict=True):
             self._push(force, joint, now, push)
         force = force.ravel()
@@ -179,8 +199,10 @@ class System:
             if not (coordinate.efforts or coordinate.rotor):
                 continue
             rate = float(row @ both)
-            effort = sum(effort(t, self.coordinate(i, now), rate) for effort in coordinate.efforts)
-            power += effort * rate
+            effort = sum(effort.of(t, self.coordinate(i, now), rate) for effort in coordinate.efforts)
+            damped = sum(effort.damped(rate) for effort in coordinate.efforts)
+            dry = sum(effort.rubbed(rate) for effort in coordinate.efforts)
+            power, lost, rubbed = power + effort * rate + damped + dry, lost + damped, rubbed + dry
             force += (effort - coordinate.rotor * bias[rows + i]) * row
             matrix += coordinate.rotor * np.outer(row[:-6], row[:-6])
         drives = [self.own[i][1].drive.at(t) for i in self.driven]
@@ -191,7 +213,7 @@ class System:
         acceleration[self.keep] = out[: len(self.keep)]
         power += sum(m * rate for m, (_, rate, _) in zip(multipliers, drives, strict=True))
         acceleration = acceleration.reshape(n, 6)
-        return np.concatenate([acceleration[:, :3].ravel(), acceleration[:, 3:].ravel()]), power, lost
+        return np.concatenate([acceleration[:, :3].ravel(), acceleration[:, 3:].ravel()]), power, lost, rubbed
 
     def _least(self, matrix: Vector, right: Vector) -> Vector:
         """In space constraints may repeat each other: then the smallest multipliers."""

@@ -9,9 +9,9 @@ from .scenes import changed, scene, value
 CASES = {
     "film": "pendulum, johnson, none, load, off the centre, round, short-bearing, batch, clearance",
     "four-bar": "four-bar, lankarani-nikravesh, lugre, harmonic, restarted, round, none, jit, mass",
-    "worn": "pendulum, hu-guo, dahl, step5, off the centre, worn, preloaded-bearing, alone, stiffness",
+    "worn": "pendulum, tsuji, dahl, step5, off the centre, worn, preloaded-bearing, vmap, stiffness",
     "guide": "guide, hunt-crossley, cubic, actuator servo, centre, round, none, alone, clearance",
-    "sleeve": "sleeve, standard-linear-solid, tanh, load, off the centre, round, none, jit, mass",
+    "sleeve": "sleeve, standard-linear-solid, tanh, step5, off the centre, round, none, jit, mass",
 }
 KEYS = ("mechanism", "normal", "friction", "motion", "start", "bore", "filling", "solved", "by")
 SCENES = 6
