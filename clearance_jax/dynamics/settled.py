@@ -77,7 +77,7 @@ def settle_start(time: Scalar, mechanism: PreparedMechanism) -> tuple[Array, Sta
         return y, loads, jnp.concatenate([rates, as_array(motion.acceleration)]), opened
 
     def seats_at(seated, now: Seats, y, loads, opened, slopes):
-        turned = [None if own is None else Turned(*own, play) for own, play in zip(slopes, now.play, strict=True)]
+        turned = [own and Turned(own[0], own[1], play) for own, play in zip(slopes, now.play, strict=True)]
         found = seats_of(joints, loads, begin, turned=turned)
         pressed, left = tuple(one.presses for one in found), as_array([one.left for one in found])
         play = tuple(jnp.where(one.presses & seated, one.play, first) for one, first in zip(found, begin, strict=True))
@@ -165,7 +165,8 @@ def _slopes(
     out = []
     for k, joint in enumerate(joints):
         turns = is_searched(joint) and any(one.turns is not None for one in joint.joint.play())
-        out.append(tuple(part[1:].T @ tilts[k] for part in changes[k]) if turns else None)
+        force, moment = changes[k]
+        out.append((force[1:].T @ tilts[k], moment[1:].T @ tilts[k]) if turns else None)
     return out
 
 
