@@ -1,4 +1,7 @@
-"""What is computed thousands of times for small vectors, compiled by numba."""
+"""What is computed thousands of times for small vectors, compiled by numba.
+
+Numba keeps what it compiled under the name of this module: tests import it as `tests.second`, as `make nightly` does.
+"""
 
 import numpy as np
 from numba import njit

@@ -2,8 +2,8 @@
 
 import pytest
 
-from .compare import _values, compare, truth
-from .scenes import changed, scene, value
+from tests.second.compare import _values, compare, truth
+from tests.second.scenes import changed, scene, value
 
 # Six scenes each that differ in their numbers.
 CASES = {
