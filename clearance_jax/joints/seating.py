@@ -189,9 +189,8 @@ def seat(
 
 class Seating(NamedTuple):
     """The problem: a pin, the load that it is to bear, the `size` of its play, which parts of the load `counts`, the
-    `start`, how it moves where its joint leaves it `free` (`None`: not), and how the load is `turned` as the pin
-    moves (`None`: not). Its unknowns x are the play in units of
-    its size; forces and moments are so too [J].
+    `start`, how it moves where its joint leaves it `free` (`None`: not), and how the load is `turned` as the pin moves
+    (`None`: not). Its unknowns x are the play in units of its size; forces and moments are so too [J].
     """
 
     clearance: PreparedClearance

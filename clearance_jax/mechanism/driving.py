@@ -74,30 +74,28 @@ def check_freed(joints: Iterable[AbstractJoint], names: Collection[str]) -> None
     """Raise for a coordinate that there is not, and for one whose drive gives way."""
     known = drivable(joints)
     for name in names:
-        if name not in known:
-            raise ClearanceError(f"There is no coordinate `{name}` to be freed. " + suggest(str(name), known))
-        if gives_way(known[name].motion):
-            raise ClearanceError(
-                f"The drive of `{name}` gives way, and without drives its spring would be gone. Free its motor, "
-                f"`{motor_of(name)}`."
-            )
+        _check_driven(known, name, "be freed", "without drives its spring would be gone. Free")
 
 
 def check_drives(joints: Iterable[AbstractJoint], drives: Mapping[str, object]) -> None:
     """Raise for a coordinate that cannot be driven, and for what is no drive."""
     known = drivable(joints)
     for name, drive in drives.items():
-        if name not in known:
-            raise ClearanceError(f"There is no coordinate `{name}` to drive. " + suggest(str(name), known))
-        if gives_way(known[name].motion):
-            raise ClearanceError(
-                f"The drive of `{name}` gives way, and a drive of this coordinate would take its spring away. Drive "
-                f"its motor, `{motor_of(name)}`."
-            )
+        _check_driven(known, name, "drive", "a drive of this coordinate would take its spring away. Drive")
         if not isinstance(drive, AbstractMotionLaw):
             raise ClearanceError(
                 f"`{name}` must be driven by a drive, for instance `Constant(0.5)`, but it was given {quote(drive)}."
             )
+
+
+def _check_driven(known: Mapping[str, Coordinate], name: str, to: str, instead: str) -> None:
+    """Raise for a coordinate that is not known, or whose drive gives way; `to`: what it was to; `instead`: what the
+    motor is for.
+    """
+    if name not in known:
+        raise ClearanceError(f"There is no coordinate `{name}` to {to}. " + suggest(str(name), known))
+    if gives_way(known[name].motion):
+        raise ClearanceError(f"The drive of `{name}` gives way, and {instead} its motor, `{motor_of(name)}`.")
 
 
 def _field(joint: AbstractJoint, coordinate: Coordinate) -> str | None:
