@@ -63,8 +63,12 @@ class AbstractBristles(AbstractFrictionLaw):
         return (self.bend_rates(slip, memory[0]),)
 
     def latch(self, constants, memory, touch):
-        # The straight bristle has been bending with the slip since the touch.
-        bent = (jnp.where(touch.began, v * touch.elapsed, z) for v, z in zip(touch.slip, memory[0], strict=True))
+        # The straight bristle has been bending with the slip since the touch, and giving way: a fast slip bends it fully
+        # in less time than a step, and what is left of the derivative is as small as what a derivative is wanted of.
+        give = touch.elapsed * self.release(touch.slip, tuple(jnp.zeros_like(v) for v in touch.slip))
+        held = jnp.where(give > 0, -jnp.expm1(-give) / jnp.where(give > 0, give, 1.0), 1.0)
+        free = touch.elapsed * held
+        bent = (jnp.where(touch.began, v * free, z) for v, z in zip(touch.slip, memory[0], strict=True))
         return (tuple(jnp.where(touch.ended, 0.0, z) for z in bent),)
 
     def memory_scale(self, constants):
