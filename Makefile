@@ -9,7 +9,7 @@ export XLA_FLAGS ?= --xla_cpu_multi_thread_eigen=false
 # A file's tests share programs, and so stay in one process; the files that take longest begin.
 PYTEST := $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
-.PHONY: demo test quick nightly account check docs reference pictures notebooks clean
+.PHONY: demo test quick nightly account check types wheel lowest docs reference pictures notebooks clean
 
 .venv/installed: pyproject.toml
 	$(PYTHON) -m venv .venv
@@ -23,7 +23,26 @@ demo: .venv/installed
 
 check: .venv/installed
 	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
 	$(BIN)/pyright
+
+types: .venv/installed
+	$(BIN)/pyright
+
+# The library as users get it: the wheel, installed alone, reads a scene and solves it.
+wheel: .venv/installed
+	rm -rf out/wheel && mkdir -p out/wheel
+	$(BIN)/pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir out/wheel .
+	$(PYTHON) -m venv out/wheel/venv
+	out/wheel/venv/bin/pip install --quiet --disable-pip-version-check out/wheel/*.whl
+	cd out/wheel && venv/bin/clearance simulate ../../experiments/scenes/slider_crank.toml --t1 2ms -o slider_crank.nc
+
+# With the lowest versions that pyproject.toml names (`uv` resolves them): the quick part of the tests.
+lowest: .venv/installed
+	$(PYTHON) -m venv out/lowest
+	out/lowest/bin/pip install --quiet --disable-pip-version-check uv
+	out/lowest/bin/uv pip install --quiet --python out/lowest/bin/python --resolution lowest-direct -e ".[dev]"
+	out/lowest/bin/pytest -n 2 --dist loadfile --no-loadscope-reorder -m quick
 
 test: check
 	$(PYTEST)

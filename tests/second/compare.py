@@ -21,8 +21,8 @@ from .scenes import RESTART, Scene, changed, toml, value
 RTOL, AMPLIFIED = 1e-9, 1e3
 # The library smooths a worn bore over its sectors; the second simulator takes the profile as it is.
 WORN = 300.0
-# Relative steps of two central differences: noise shows in the short one, curvature and kinks in the long one. What they
-# differ by may be the error of the short one, but no more of the derivative's largest value than `BLURRED`.
+# Relative steps of two central differences: noise shows in the short one, curvature and kinks in the long one. What
+# they differ by may be the error of the short one, but no more of the derivative's largest value than `BLURRED`.
 STEPS, DIFFERENCE, BLURRED = (1e-4, 4e-4), 1e-4, 0.02
 # What is next to nothing beside others of its kind counts as so much of these.
 LITTLE = 1e-3

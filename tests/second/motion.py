@@ -1,6 +1,7 @@
 """A motion: DOP853 at a tight tolerance, restarted wherever a contact begins or ends, a force starts or ceases to be
-cut off, at the breaks of drives and at the samples. In between the regime stays, so that all is smooth, but for bristles
-where their slip turns round: steps err no more than they may there, what is between two steps does. So no sample is.
+cut off, at the breaks of drives and at the samples. In between the regime stays, so that all is smooth, but for
+bristles where their slip turns round: a step errs no more than it may there, but what is read off within it does, so
+that a step ends at every sample.
 """
 
 from typing import Any, NamedTuple
