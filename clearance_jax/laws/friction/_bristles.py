@@ -64,11 +64,11 @@ class AbstractBristles(AbstractFrictionLaw):
 
     def latch(self, constants, memory, touch):
         # The straight bristle has been bending with the slip since the touch, and giving way: a fast slip bends it fully
-        # in less time than a step, and what is left of the derivative is as small as what a derivative is wanted of.
-        give = touch.elapsed * self.release(touch.slip, tuple(jnp.zeros_like(v) for v in touch.slip))
-        held = jnp.where(give > 0, -jnp.expm1(-give) / jnp.where(give > 0, give, 1.0), 1.0)
-        free = touch.elapsed * held
-        bent = (jnp.where(touch.began, v * free, z) for v, z in zip(touch.slip, memory[0], strict=True))
+        # in less time than a step is long.
+        release = touch.elapsed * self.release(touch.slip, tuple(jnp.zeros_like(v) for v in touch.slip))
+        share = jnp.where(release > 0, -jnp.expm1(-release) / jnp.where(release > 0, release, 1.0), 1.0)
+        time = touch.elapsed * share
+        bent = (jnp.where(touch.began, v * time, z) for v, z in zip(touch.slip, memory[0], strict=True))
         return (tuple(jnp.where(touch.ended, 0.0, z) for z in bent),)
 
     def memory_scale(self, constants):
