@@ -1,4 +1,4 @@
-"""A body's inertia, and that of a body with all that hangs on it, in the words of `spatial`."""
+"""The inertia of a body, and of a body with all that hangs on it."""
 
 from typing import NamedTuple
 
@@ -12,14 +12,14 @@ from clearance_jax.symmetric import NOTHING, Symmetric, of_point, rotate, shift
 
 
 class Composite(NamedTuple):
-    """A body with all that hangs on it, as one: mass, mass times the arm of its centre, inertia, about its pivot."""
+    """A body with all that hangs on it as one: mass, mass times the arm of its centre, and inertia, about its pivot."""
 
     mass: Term
     moment: Vector
     inertia: Symmetric
 
     def move(self, by: Vector) -> "Composite":
-        """Seen from another pivot, from which `by` leads to its own."""
+        """The same about another pivot, from which `by` leads to its own."""
         if absent(by):
             return self
         moment = add(self.moment, scale(self.mass, by))
@@ -29,7 +29,7 @@ class Composite(NamedTuple):
         return Composite(plus(self.mass, other.mass), add(self.moment, other.moment), self.inertia + other.inertia)
 
     def compute_once(self) -> "Composite":
-        """With every number computed once."""
+        """The same with every number computed once."""
         mass, moment = compute_once((self.mass, self.moment))
         return Composite(mass, moment, Symmetric(lambda i, j: compute_once(self.inertia.entry(i, j))))
 

@@ -1,4 +1,4 @@
-"""Where everything is and how it moves: poses of the bodies, relative motion in the joints, springs."""
+"""Kinematics: frames of the bodies, relative motion in the joints, springs."""
 
 from typing import NamedTuple
 
@@ -35,14 +35,14 @@ from clearance_jax.spatial import (
 
 
 def frames(mechanism: PreparedMechanism, time: Scalar, state: State) -> Frames:
-    """Pose and motion of every body, in the form that the mechanism's equations have."""
+    """Pose and motion of every body, in the form of the mechanism's equations."""
     form = Table if mechanism.is_tabled else write_out
     return form(mechanism, time, state)
 
 
 class Play(NamedTuple):
-    """A clearance joint's relative motion; `rotation` takes the sleeve's axes to the world's, `pin` is the pin's centre
-    in the world.
+    """Relative motion of a clearance joint; `rotation` takes the sleeve's axes to the world's, `pin` is the pin's
+    centre in the world [m].
     """
 
     relative: Relative
@@ -51,14 +51,14 @@ class Play(NamedTuple):
 
 
 def plays(mechanism: PreparedMechanism, time: Scalar, state: State, motion: Frames) -> dict[str, Play]:
-    """Kinematics of every clearance joint: in the tree by its coordinates, which keep the digits of a small play on a
-    large machine; in a loop a difference of positions.
+    """Kinematics of every clearance joint: in the tree from its coordinates, which keep the digits of a small play on a
+    large machine; in a loop from a difference of positions.
     """
-    own = tree_relative_motions(mechanism, time, coordinate_values(mechanism, state))
+    in_tree = tree_relative_motions(mechanism, time, coordinate_values(mechanism, state))
     out = {}
     for joint in mechanism.clearance_joints():
         pin, rotation = pin_and_axes(joint, motion)
-        relative = share(own[joint.name].now) if joint.in_tree else across_loop(joint, pin, rotation, motion)
+        relative = share(in_tree[joint.name].now) if joint.in_tree else across_loop(joint, pin, rotation, motion)
         out[joint.name] = Play(relative, rotation, pin)
     return out
 
@@ -69,7 +69,7 @@ def pin_and_axes(joint: ClearanceJoint, motion: Frames) -> tuple[Vector, Rotatio
 
 
 def across_loop(joint: ClearanceJoint, centre: Vector, rotation: Rotation, motion: Frames) -> Relative:
-    """The relative motion of a joint that closes a loop, by the place of its pin's centre and the sleeve's axes."""
+    """The relative motion in a joint that closes a loop, from its pin's centre and the sleeve's axes."""
     sleeve, pin = motion[joint.parent], motion[joint.child]
     gap = subtract(centre, sleeve.point(joint.joint.at_parent.vector))
     # As the sleeve sees it: against its own point that the pin's centre is at.
@@ -84,12 +84,12 @@ def across_loop(joint: ClearanceJoint, centre: Vector, rotation: Rotation, motio
 
 
 def sleeve_axes(joint: AbstractPlayed, motion: Frames) -> Rotation:
-    """The sleeve's axes, of which z is the joint's own."""
+    """The sleeve's axes; z is the axis of the joint."""
     return _along(joint, sleeve_rotation(joint, motion))
 
 
 def pin_axes(joint: AbstractPlayed, motion: Frames) -> Rotation:
-    """The pin's axes, of which z is its own."""
+    """The pin's axes; z is the axis of the pin."""
     return _along(joint, joint.on_child(motion[joint.child]))
 
 
@@ -105,14 +105,14 @@ def sleeve_rotation(joint: AbstractJoint, motion: Frames) -> Rotation:
 def relative_motions(time: Scalar, y: Array | Rows, mechanism: PreparedMechanism) -> list[Relative]:
     """The relative motion in every clearance joint."""
     state = layout(mechanism).split(y)
-    own = tree_relative_motions(mechanism, time, coordinate_values(mechanism, state))
+    in_tree = tree_relative_motions(mechanism, time, coordinate_values(mechanism, state))
     loops = loop_plays(mechanism, time, state)
-    found = {name: at.now for name, at in own.items()} | {name: at.relative for name, (at, _) in loops.items()}
-    return [as_numbers(found[joint.name]) for joint in mechanism.clearance_joints()]
+    motions = {name: at.now for name, at in in_tree.items()} | {name: at.relative for name, (at, _) in loops.items()}
+    return [as_numbers(motions[joint.name]) for joint in mechanism.clearance_joints()]
 
 
 def loop_plays(mechanism: PreparedMechanism, time: Scalar, state: State) -> dict[str, tuple[Play, Frames]]:
-    """Kinematics of the clearance joints that close loops, and where everything is."""
+    """Kinematics of the clearance joints that close loops, with the frames of all bodies."""
     loops, out = [joint for joint in mechanism.clearance_joints() if not joint.in_tree], {}
     if not loops:
         return out
@@ -126,15 +126,15 @@ def loop_plays(mechanism: PreparedMechanism, time: Scalar, state: State) -> dict
 def relative_accelerations(
     time: Scalar, y: Array, slope: Array, mechanism: PreparedMechanism
 ) -> list[tuple[Relative, Relative]]:
-    """The relative motion in every clearance joint, and its rate along the motion, for a state and its slope."""
+    """The relative motion in every clearance joint and its rate, from a state and its slope."""
     plan = layout(mechanism)
     state, speeds = plan.split(y), tuple(slope[i] for i in range(plan.v.start, plan.v.stop))
-    found = tree_relative_motions(mechanism, time, coordinate_values(mechanism, state, speeds))
+    in_tree = tree_relative_motions(mechanism, time, coordinate_values(mechanism, state, speeds))
     loops = loop_plays(mechanism, time, state)
     out = []
     for joint in mechanism.clearance_joints():
         if joint.in_tree:
-            now, rate = found[joint.name]
+            now, rate = in_tree[joint.name]
         else:
             at, motion = loops[joint.name]
             now, rate = at.relative, loop_rate(joint, at, motion, motion.extra(list(speeds)))
@@ -174,7 +174,7 @@ class SpringState(NamedTuple):
 
 
 def spring_state(spring: Spring, motion: Frames) -> SpringState:
-    """What a spring does."""
+    """Elongation, tension and direction of a spring."""
     frame_a, frame_b = motion[spring.body_a], motion[spring.body_b]
     a, b = frame_a.point(spring.at_a.vector), frame_b.point(spring.at_b.vector)
     span = subtract(b, a)
@@ -185,7 +185,7 @@ def spring_state(spring: Spring, motion: Frames) -> SpringState:
 
 
 def _unit(span: Vector) -> tuple[Array, Vector]:
-    """Length and direction of a span; of none the direction is zero."""
+    """Length and direction of a span; the direction of a zero span is zero."""
     if is_zero(span[2]):
         length, x, y = safe_unit(jnp.asarray(span[0], dtype=float), jnp.asarray(span[1], dtype=float))
         return length, (x, y, 0.0)

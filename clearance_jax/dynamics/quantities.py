@@ -1,4 +1,4 @@
-"""What can be asked of a motion by name: `POINT.position`, `JOINT.contact_force`, `COORDINATE.velocity`, an energy.
+"""Quantities by name: `POINT.position`, `JOINT.contact_force`, `COORDINATE.velocity`, an energy.
 
 One table of variables with dimensions, units and meanings serves names, datasets and plots.
 """
@@ -25,9 +25,9 @@ from clearance_jax.spatial import as_array
 
 
 class Variable(NamedTuple):
-    """Dimensions after the leading one, SI unit, meaning.
+    """Dimensions after the leading one, SI unit and meaning of a variable.
 
-    A unit `see NAME` stands in the coordinate of that name, one for each entry of the variable's first dimension.
+    A unit `see NAME` is in the coordinate of that name, one for each entry of the variable's first dimension.
     """
 
     dims: tuple[str, ...]
@@ -81,7 +81,7 @@ OF_COORDINATES = {"q": "position", "v": "velocity"}
 
 
 def labels(mechanism: AbstractMechanism) -> dict[str, tuple[str, list[str]]]:
-    """What labels the entries of every dimension: by name its dimension and its values."""
+    """By name: a dimension and the labels of its entries."""
     coordinates = list(mechanism.coordinates())
     driven = [c for c in coordinates if not c.motion.is_free]
     moved = actuated_coordinates(mechanism)
@@ -103,7 +103,7 @@ def labels(mechanism: AbstractMechanism) -> dict[str, tuple[str, list[str]]]:
 
 
 class Quantity(NamedTuple):
-    """A named quantity: a `variable` of `OBSERVED` and which entry of it, or a `place` in the state; its unit."""
+    """An entry of a `variable` of `OBSERVED`, or a `place` in the state vector, with its unit."""
 
     variable: str
     index: tuple[int, ...]
@@ -112,14 +112,14 @@ class Quantity(NamedTuple):
 
 
 def quantities(mechanism: AbstractMechanism, energy_balance: bool) -> Mapping[str, Quantity]:
-    """Every quantity that has a name; `energy_balance`: whether states have the energy balance."""
+    """All quantities by name; `energy_balance`: whether states contain the energy balance."""
     # Names follow from the structure, and looking them up costs more than some solves: what has been asked is known.
     return _quantities(frame_of(mechanism), energy_balance)
 
 
 @functools.lru_cache(maxsize=256)
 def _quantities(frame: Frame, energy_balance: bool) -> Mapping[str, Quantity]:
-    """The same of a mechanism without its numbers."""
+    """`quantities` of a mechanism without its numbers."""
     with jax.ensure_compile_time_eval():  # what is kept must hold no tracers, whatever is being traced
         mechanism = frame.fill(jnp.asarray(np.ones(shape.shape)) for shape in frame.shapes)
     labelled, out = labels(mechanism), dict(_states(mechanism))
@@ -128,13 +128,13 @@ def _quantities(frame: Frame, energy_balance: bool) -> Mapping[str, Quantity]:
             continue
         if not described.dims and (energy_balance or variable not in OF_BALANCE):
             out[variable] = Quantity(variable, (), described.unit)
-        for name, found in _entries(variable, described, labelled):
-            out.setdefault(name, found)  # of a coordinate that is a state the place in it is known already
+        for name, quantity in _entries(variable, described, labelled):
+            out.setdefault(name, quantity)  # of a coordinate that is a state the place in it is known already
     return MappingProxyType(out)
 
 
 def _entries(variable: str, described: Variable, labelled: dict) -> Iterator[tuple[str, Quantity]]:
-    """Of a variable with dimensions: each entry by its name, and the components of one that is a vector."""
+    """The entries of a variable with dimensions, by name, and the components of vectors."""
     if not described.dims:
         return
     first, *rest = described.dims
@@ -150,7 +150,7 @@ def _entries(variable: str, described: Variable, labelled: dict) -> Iterator[tup
 
 
 def _states(mechanism: AbstractMechanism) -> Iterator[tuple[str, Quantity]]:
-    """What is read off a state as it is: free coordinates, their rates, and the laws' memory."""
+    """Quantities that are entries of the state: free coordinates, their rates, and the laws' memory."""
     plan = layout(mechanism)
     for c, q, v in parts(mechanism):
         unit = "rad" if c.slides is None else "m"
@@ -169,7 +169,7 @@ def _states(mechanism: AbstractMechanism) -> Iterator[tuple[str, Quantity]]:
 
 
 def evaluate(variable: str, time: Scalar, y: Array, mechanism: PreparedMechanism) -> Array:
-    """One variable of `OBSERVED`, of one state, at no more cost than it takes."""
+    """One variable of `OBSERVED` in one state, without computing the others where that is possible."""
     if variable in ("position", "velocity"):
         motion, axes, out = frames(mechanism, time, layout(mechanism).split(y)), len(axes_of(mechanism)), []
         for point in mechanism.points:

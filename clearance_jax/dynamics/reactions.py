@@ -1,4 +1,4 @@
-"""Forces in the joints: of a state, and of the ideal mechanism, whose joints tell where real pins are pressed."""
+"""Forces in the joints: of a state, and of the ideal mechanism, whose reactions press the pins."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -38,17 +38,17 @@ def joint_reactions(
 
     **Raises:** `ClearanceError` where the ideal joints hold each other (their reactions are not determined).
     """
-    held = hold_still(mechanism, play or {})
-    return held_reactions(mechanism, time, balance(held, time, layout(held).split(y)))
+    fixed = hold_still(mechanism, play or {})
+    return held_reactions(mechanism, time, balance(fixed, time, layout(fixed).split(y)))
 
 
 def hold_still(mechanism: PreparedMechanism, play: Mapping[str, Sequence[Term]]) -> PreparedMechanism:
-    """The mechanism with its pins held, see `joint_reactions`."""
+    """The ideal mechanism with its pins held and nothing sampled, see `joint_reactions`."""
     return determinate(mechanism.hold_pins(play).without_sampling()).as_small_program()
 
 
 def held_reactions(mechanism: PreparedMechanism, time: Scalar, now: Balance) -> dict[str, Reaction]:
-    """The reactions in the joints with clearance, of a balance of the mechanism with its pins held."""
+    """The reactions in the clearance joints, from a balance of the mechanism with pins held."""
     ideal = mechanism.ideal().at(time)
     exerted = dict(zip([j.name for j in ideal.all_joints()], reactions(ideal, now), strict=True))
     out = {}
@@ -61,7 +61,7 @@ def held_reactions(mechanism: PreparedMechanism, time: Scalar, now: Balance) -> 
 
 
 def determinate(ideal: PreparedMechanism) -> PreparedMechanism:
-    """The ideal mechanism, if its loops demand no more than its joints can give; else raises `ClearanceError`."""
+    """The ideal mechanism. **Raises** `ClearanceError` if its loops have more conditions than free coordinates."""
     if ideal.is_plane and 2 * len(ideal.closures()) > layout(ideal).free:
         raise ClearanceError(
             "Without its clearances this mechanism is over-constrained: how its ideal joints share the load is not "
@@ -71,9 +71,9 @@ def determinate(ideal: PreparedMechanism) -> PreparedMechanism:
 
 
 def reactions(mechanism: PreparedMechanism, now: Balance) -> list[Wrench]:
-    """Force and moment on the child in every joint, tree then loops, in the world's axes: by the momentum of what hangs
-    on it. The moment is that about the joint's place on the child; of a driven or actuated joint the effort is in it,
-    of one with clearance what its contacts do, and what it holds beside them.
+    """Force and moment on the child of every joint, tree then loops, in the world's axes, from the momentum of what
+    hangs on it. The moment is about the joint's place on the child. It includes the effort of a driven or actuated
+    joint, and both contact and holding forces of a joint with clearance.
     """
     wrenches = now.motion.wrenches(now.acceleration)
     by_name = dict(zip(now.actions, now.pairs, strict=False))
@@ -82,9 +82,9 @@ def reactions(mechanism: PreparedMechanism, now: Balance) -> list[Wrench]:
     for joint in mechanism.joints:
         pivot, missing = now.motion[joint.child].pivot, wrenches[joint.child]
         force, moment = scale(-1.0, missing.force), scale(-1.0, missing.moment)
-        beyond, own = mechanism.beyond(joint.child), by_name.get(joint.name)
+        beyond, joint_pair = mechanism.beyond(joint.child), by_name.get(joint.name)
         for pair in (*now.pairs, *now.closing):
-            if pair is own:
+            if pair is joint_pair:
                 continue
             inside = float((pair.child in beyond) - (pair.parent in beyond))
             force = subtract(force, scale(inside, pair.force))

@@ -1,7 +1,7 @@
-"""The dynamics of a large mechanism as products of arrays: a loop over its links says where everything is; composite
-bodies are sums by masks that say which column moves which body.
+"""The dynamics of a large mechanism as products of arrays: a loop over its links gives the frames; sums over bodies use
+masks that say which column moves which body.
 
-Moments are taken about the centre of mass of the whole.
+Moments are about the centre of mass of the whole.
 """
 
 from typing import ClassVar, NamedTuple
@@ -23,8 +23,8 @@ from clearance_jax.symmetric import ArrayRow, Dense
 
 
 class Columns(NamedTuple):
-    """The free columns of a table, as one: `spins` and velocities at the `origin` of what each moves, (columns, 3);
-    `moves`: which of them move a body, as zeros and ones.
+    """The free columns of a table as arrays: `spins`, velocities at the `origin` (`slides`), (columns, 3); `moves`: 1
+    for the columns that move a body, else 0.
     """
 
     spins: Float[Array, "columns 3"]
@@ -33,18 +33,18 @@ class Columns(NamedTuple):
     moves: np.ndarray
 
     def velocity_at(self, point: Vector) -> Float[Array, "columns 3"]:
-        """Velocity of a body's point by each of them."""
+        """Velocity of a body's point by each column."""
         arm = as_array(point) - self.origin
         return jnp.asarray(self.moves)[:, None] * (self.slides + jnp.cross(self.spins, arm[None]))
 
     @property
     def spin(self) -> Float[Array, "columns 3"]:
-        """Spin of a body by each of them."""
+        """Spin of a body by each column."""
         return jnp.asarray(self.moves)[:, None] * self.spins
 
 
 class Moves(AbstractMoves):
-    """What the free coordinates move, as one array."""
+    """Velocities or spins by the free coordinates, as one array."""
 
     def __init__(self, whole: Float[Array, "free 3"]):
         self.whole = whole
@@ -65,7 +65,7 @@ class Moves(AbstractMoves):
 
 
 class Extra(AbstractExtra):
-    """What free accelerations add, by products with the columns."""
+    """Extra accelerations as products with the columns."""
 
     def __init__(self, motion: "Table", acceleration: list[Term]):
         self._motion, self._acceleration = motion, acceleration
@@ -78,7 +78,7 @@ class Extra(AbstractExtra):
 
 
 class Table(Frames):
-    """Where everything of a large mechanism is and how it moves."""
+    """Frames and dynamics of a large mechanism."""
 
     is_solved_implicitly: ClassVar[bool] = False
 
@@ -118,16 +118,16 @@ class Table(Frames):
         return self._at(body)[0]
 
     def columns(self, body: str) -> Columns:
-        """The free columns, and which of them move a body."""
+        """The free columns, with marks of those that move a body."""
         return self._at(body)[1]
 
     def velocities(self, body, point, base=None, beside=ZERO):
-        own = self.columns(body).velocity_at(point)
-        return Moves(own if base is None else own - self.columns(base).velocity_at(beside))
+        moves = self.columns(body).velocity_at(point)
+        return Moves(moves if base is None else moves - self.columns(base).velocity_at(beside))
 
     def spins(self, body, base=None):
-        own = self.columns(body).spin
-        return Moves(own if base is None else own - self.columns(base).spin)
+        spin = self.columns(body).spin
+        return Moves(spin if base is None else spin - self.columns(base).spin)
 
     def extra(self, acceleration):
         return Extra(self, acceleration)
@@ -181,7 +181,7 @@ class Table(Frames):
         return Dense(jnp.linalg.cholesky(whole))
 
     def inertia_matrix(self) -> Array:
-        """That of the free velocities, of bodies alone."""
+        """The mass matrix of the free velocities, without rotors."""
         n, carried = self.count, jnp.asarray(self.masks.bodies[: self.count])
         spins, slides = self.column_spins[:n], self.column_slides[:n]
         mass, arms = self.links.mass, self.centres - self.origin[None]
@@ -199,8 +199,8 @@ class Table(Frames):
         return lower + jnp.where(both > 0, 0.0, lower.T)
 
     def deficits(self, acceleration: list[Term] | None = None) -> tuple[Array, Array]:
-        """Weight minus inertia forces of every body, and their moments about the origin, (bodies, 3) each; with the
-        free accelerations where they are given.
+        """Weight minus inertia forces of every body, and their moments about the origin, (bodies, 3) each;
+        `acceleration`: of the free coordinates.
         """
         at, spin_rate = self.accelerations, self.spin_rate
         if acceleration is not None:
@@ -212,7 +212,9 @@ class Table(Frames):
         return force, jnp.cross(self.centres - self.origin[None], force) - turning
 
     def add_accelerations(self, acceleration: Array) -> tuple[Array, Array]:
-        """What free accelerations add to the accelerations of the centres of mass, and to the spin rates, of bodies."""
+        """What free accelerations add to the accelerations of the bodies' centres of mass and to their spin rates,
+        (bodies, 3).
+        """
         n, carried = self.count, jnp.asarray(self.masks.bodies[: self.count])
         spin = jnp.einsum("cb,ci->bi", carried * acceleration[:, None], self.column_spins[:n])
         slide = jnp.einsum("cb,ci->bi", carried * acceleration[:, None], self.column_slides[:n])
@@ -241,12 +243,12 @@ class Table(Frames):
         return [(exerted[i], self.rates[links[i]]) for i in range(self.count, len(links))]
 
     def project(self, force: Array, moment: Array) -> Array:
-        """The bodies' wrenches by column, free ones first."""
+        """The bodies' wrenches projected on the columns, free ones first."""
         carried = self.masks.bodies
         return jnp.sum(self.column_slides * (carried @ force) + self.column_spins * (carried @ moment), axis=1)
 
     def pair(self, parent: str, child: str, force: Vector, torque: Vector, at: Vector) -> Array:
-        """A wrench pair by column."""
+        """A wrench pair projected on the columns."""
         links = (self.plan.carriers[name] for name in (child, parent))
         moves = np.subtract(*(self._movers(link) for link in links))
         push, arm = as_array(force), as_array(at) - self.origin
@@ -268,6 +270,6 @@ class Table(Frames):
         return sliding + jnp.sum(jnp.abs(self.spin * turning))
 
     def subtree(self, body: str) -> np.ndarray:
-        """Which bodies hang on a body, itself among them, as zeros and ones."""
+        """1 for a body and all that hangs on it, 0 for the others."""
         beyond = self.mechanism.beyond(body)
         return np.array([float(other.name in beyond) for other in self.mechanism.bodies])

@@ -1,13 +1,13 @@
-"""The dynamics of a small mechanism, written out number by number: the frames of its bodies, and the columns that say
-which coordinates move them.
+"""The dynamics of a small mechanism, written out number by number: the frames of its bodies, and the columns of the
+coordinates that move them.
 
-Kane's equations by composite bodies: what hangs on a joint moves as one body where only the joint's own coordinates
-move, so its mass, its centre and its inertia, summed from the leaves to the root, give a row of the mass matrix; and
-the sum of its weights and inertia forces, projected on the joint's columns, gives the load.
+Kane's equations by composite bodies. What hangs on a joint moves as one body if only the joint's own coordinates move,
+so its mass, centre and inertia, summed from the leaves to the root, give a row of the mass matrix. The sum of its
+weights and inertia forces, projected on the joint's columns, gives the load.
 
-Moments of what hangs on a joint are taken about the joint's own place, not about the world's origin: so nothing is lost
-on a mechanism that stands far from it. Only coordinates that are states have rows; a prescribed coordinate's driving
-force is found by projecting the same balance on its own column, where it is wanted (`drive_forces`).
+Moments of what hangs on a joint are about the joint's own place, which keeps the digits of a mechanism far from the
+world's origin. Only free coordinates have rows; `drive_forces` projects the same balance on the columns of prescribed
+ones.
 """
 
 from collections.abc import Iterator
@@ -49,7 +49,7 @@ from clearance_jax.symmetric import TermRow, factor
 
 
 class Moves(AbstractMoves):
-    """What the free coordinates move, one by one; of those that do not, zero."""
+    """Velocities or spins by the free coordinates, one by one; zero for those that do not move the body."""
 
     def __init__(self, every: list[Vector]):
         self.every = every
@@ -67,20 +67,18 @@ class Moves(AbstractMoves):
 
     def square(self, weights):
         squares = [dot(move, move) for move in self.every]
-        return total(times(weights[i], one) for i, one in enumerate(squares) if not is_zero(one))
+        return total(times(weights[i], square) for i, square in enumerate(squares) if not is_zero(square))
 
 
 class Extra(AbstractExtra):
-    """What moves a body moves all that hangs on it: so the sum over its columns is that of its parent and its own
-    ones.
-    """
+    """Extra accelerations of bodies. A body's sum over columns is its parent's sum and its own columns."""
 
     def __init__(self, motion: "WrittenOut", acceleration: list[Term]):
         self._motion, self._acceleration = motion, acceleration
         self._known: dict[tuple[int, ...], tuple[Vector, Vector, Vector]] = {}
 
     def _turn(self, columns: tuple[Column, ...]) -> tuple[Vector, Vector, Vector]:
-        """The spin rate by some columns, a place on the axis of the last that turns, and the acceleration there."""
+        """The spin rate by some columns, a place on the axis of the last one that turns, and the acceleration there."""
         if not columns:
             return ZERO, ZERO, ZERO
         key = tuple(column.index for column in columns)
@@ -104,7 +102,7 @@ class Extra(AbstractExtra):
 
 
 class WrittenOut(Module, Frames):
-    """The frames of all bodies by name; `count`: how many free velocities there are."""
+    """The frames of all bodies by name; `count`: the number of free velocities."""
 
     mechanism: PreparedMechanism
     bodies: dict[str, Frame]
@@ -135,13 +133,13 @@ class WrittenOut(Module, Frames):
         return Extra(self, acceleration)
 
     def own_columns(self) -> dict[str, tuple[Column, ...]]:
-        """By each body the free columns of the joint that carries it."""
+        """By body: the free columns of the joint that carries it."""
         return {j.child: self[j.child].free[len(self[j.parent].free) :] for j in self.mechanism.joints}
 
     # Inertia --------------------------------------------------------------------------------------------------------
 
     def composites(self) -> dict[str, Composite]:
-        """Of every body that a free coordinate moves, with all that hangs on it."""
+        """By body that a free coordinate moves: it and all that hangs on it, as one."""
         bodies, out = {body.name: body for body in self.mechanism.bodies}, {}
         for joint in reversed(self.mechanism.joints):
             frame = self[joint.child]
@@ -193,7 +191,7 @@ class WrittenOut(Module, Frames):
         return self._wrenches(self.extra(acceleration), every=True)
 
     def _wrenches(self, extra: Extra | None, every: bool = False) -> dict[str, Wrench]:
-        """`wrenches` of bodies that a free coordinate moves, or of `every` one."""
+        """`wrenches` of the bodies that a free coordinate moves, or of `every` body."""
         bodies, out = {body.name: body for body in self.mechanism.bodies}, {}
         for joint in reversed(self.mechanism.joints):
             frame = self[joint.child]
@@ -207,7 +205,7 @@ class WrittenOut(Module, Frames):
         return out
 
     def _deficit(self, body: Body, extra: Extra | None) -> Wrench:
-        """A body's weight minus its inertia forces, about its pivot."""
+        """Weight minus inertia forces of a body, about its pivot."""
         frame = self[body.name]
         centre = frame.point(body.center_of_mass.vector)
         force = moment = ZERO
@@ -243,7 +241,7 @@ class WrittenOut(Module, Frames):
         return load
 
     def _pair_load(self, pair: Pair) -> dict[int, Term]:
-        """Projection of a wrench pair on the free columns that move only one of its bodies (the others cancel)."""
+        """A wrench pair projected on the free columns that move only one of its bodies (the others cancel)."""
         child = {column.index: column for column in self[pair.child].free}
         parent = {column.index: column for column in self[pair.parent].free}
         out: dict[int, Term] = {}
@@ -256,12 +254,12 @@ class WrittenOut(Module, Frames):
     def drive_forces(self, pairs, acceleration):
         owners = self._prescribed_owners()
         wrenches = self.wrenches(acceleration)
-        found: dict[str, list[Term]] = {}
+        forces: dict[str, list[Term]] = {}
         for joint in self.mechanism.joints:
             frame, known = self[joint.child], len(owners[joint.parent])
-            own = zip(owners[joint.child][known:], frame.prescribed[known:], strict=True)
-            for key, (column, speed) in own:
-                found[key] = [minus(0.0, wrenches[joint.child].on(column, frame.pivot)), speed]
+            columns = zip(owners[joint.child][known:], frame.prescribed[known:], strict=True)
+            for key, (column, speed) in columns:
+                forces[key] = [minus(0.0, wrenches[joint.child].on(column, frame.pivot)), speed]
         for pair in pairs:
             for name, sign in ((pair.child, 1.0), (pair.parent, -1.0)):
                 other = pair.parent if sign > 0 else pair.child
@@ -270,16 +268,16 @@ class WrittenOut(Module, Frames):
                 for key, (column, _) in zip(owners[name], self[name].prescribed, strict=True):
                     if key in owners.get(other, ()):
                         continue
-                    found[key][0] = minus(found[key][0], times(sign, pair_work(pair, column)))
+                    forces[key][0] = minus(forces[key][0], times(sign, pair_work(pair, column)))
         # In the order of the coordinates, whatever the order of the bodies.
-        return [(found[c.name][0], found[c.name][1]) for c in self.mechanism.coordinates() if c.name in found]
+        return [(forces[c.name][0], forces[c.name][1]) for c in self.mechanism.coordinates() if c.name in forces]
 
     def _prescribed_owners(self) -> dict[str, tuple[str, ...]]:
-        """Names of the prescribed coordinates that move each body, in order from the ground."""
+        """By body: names of the prescribed coordinates that move it, from the ground on."""
         owners: dict[str, tuple[str, ...]] = {GROUND: ()}
         for joint in self.mechanism.joints:
-            own = tuple(c.name for c in joint.own_coordinates() if not c.motion.is_free)
-            owners[joint.child] = owners[joint.parent] + own
+            names = tuple(c.name for c in joint.own_coordinates() if not c.motion.is_free)
+            owners[joint.child] = owners[joint.parent] + names
         return owners
 
     # Energies -------------------------------------------------------------------------------------------------------
@@ -307,7 +305,7 @@ class WrittenOut(Module, Frames):
         return sum(every, jnp.zeros(()))
 
     def _inertial_powers(self, body: Body, extra: Extra) -> Iterator[tuple[Term, ...]]:
-        """Rates of a body's kinetic energy along and about each axis of the world."""
+        """Rates of a body's kinetic energy along and about each axis of the world [W]."""
         frame = self[body.name]
         centre = frame.point(body.center_of_mass.vector)
         if body.mass is not None:
@@ -330,5 +328,5 @@ def write_out(mechanism: PreparedMechanism, time: Scalar, state: State) -> Writt
 
 
 def pair_work(pair: Pair, column: Column) -> Term:
-    """Work of a pair's wrench on its child per unit rate of a column that moves the child only."""
+    """Power of a pair's wrench on its child per unit rate of a column that moves only the child."""
     return plus(dot(column.velocity_at(pair.at), pair.force), dot(column.spin, pair.torque))

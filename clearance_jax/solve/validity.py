@@ -21,8 +21,9 @@ from jaxtyping import Array, Float, Int
 
 from clearance_jax._module import Module
 from clearance_jax._types import Scalar
-from clearance_jax.dynamics.pose import Pose, size_of
+from clearance_jax.dynamics.pose import Pose
 from clearance_jax.dynamics.quantities import evaluate
+from clearance_jax.dynamics.settled import size_of
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.units import format_quantity
 
