@@ -20,8 +20,8 @@ from clearance_jax.spatial import ZERO, Term, Vector, as_array, cross, dot, minu
 
 # Factor on the inertia of a coordinate that is to stay: it takes less than a nanometre of a closing loop's metre.
 FIRM = 1e9
-# Newton iterations of an assembly: so many with pins all but held in their sleeves, then so many with all free; the
-# last of all only measures.
+# Newton iterations of an assembly: with pins almost held in their sleeves, then with everything free; the very last one
+# only measures.
 HELD, LOOSE = 8, 5
 
 

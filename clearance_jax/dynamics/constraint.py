@@ -16,8 +16,8 @@ from clearance_jax.mechanism.tree import AbstractJoint
 from clearance_jax.spatial import ZERO, absent, add, as_array, scale
 from clearance_jax.symmetric import AbstractConstraint, AbstractFactors
 
-# A condition of which less than this is its own, in the square of a sine, repeats others: such is the square of how
-# far from closed the stages of a step may be.
+# A condition repeats others if the square of the sine between them is below this. It is the square of how far loops may
+# be open at the stages of a step.
 REPEATED = 1e-6
 
 

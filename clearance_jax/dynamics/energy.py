@@ -23,9 +23,9 @@ from clearance_jax.spatial import Term, plus, times, total
 # Quadratures beside the state. What contacts and dampers absorb, minus what contacts hold elastically, is the damping
 # loss: an integral of the loss itself would have to follow an elastic energy that a clipped force no longer feels.
 BALANCE_TERMS = ("drive_work", "absorbed_work", "friction_loss", "exchanged")
-# Part of all energies that counts as exchanged: a million round-offs, so that one of them is a residual of a millionth.
+# Part of all energies that counts as exchanged: a million round-offs, so that one round-off is a residual of 1e-6.
 RESTING = 1e6 * float(np.finfo(np.float64).eps)
-# A step starts four round-offs past a break; the one before it ended as many before.
+# A step starts four round-offs past a break; the step before ended four round-offs before it.
 HAIR = 16 * float(np.finfo(np.float64).eps)
 
 

@@ -34,7 +34,7 @@ INSIDE = np.array([0.15, 0.35, 0.5, 0.65, 0.85])
 CORRECTIONS = 3
 # An interval of less than this part of the path is a place where no posture follows; knots at most, and passes.
 SHORTEST, MOST_KNOTS, PASSES = 1e-6, 20_000, 30
-# Two second rates are one if they differ by less than this part of the largest.
+# Second rates that differ by less than this part of the largest are equal.
 JUMP = 1e-9
 
 
@@ -209,7 +209,7 @@ def _refine(chain: Chain, path: PreparedPath, edges: np.ndarray, q: Array, toler
         bad = ~(error < tolerance) | ~reached
         if not bad.any():
             return edges, blocks
-        # Behind a place that is not reached nothing counts: first it must be known whether it is out of reach.
+        # Nothing counts beyond a place that is not reached, until it is known whether it is out of reach.
         lost = int(np.argmin(reached)) if not reached.all() else len(reached)
         bad[lost + 1 :] = False
         halvings = np.ones(len(bad), int)

@@ -21,9 +21,9 @@ from clearance_jax.mechanism.segments import Pose
 from clearance_jax.mechanism.state import parts
 from clearance_jax.spatial import as_array
 
-# Starts that are tried where the given one leads nowhere and the user named none.
+# Starts that are tried if the default one fails and the user named none.
 STARTS = 32
-# A singular value of less than this: a posture with no reach in some direction, as far as words are concerned.
+# Below this singular value, messages call a posture singular.
 SINGULAR = 1e-3
 
 
@@ -229,7 +229,7 @@ def in_the_way(chain: Chain, aim: Aim, solution: Found) -> str:
             "without orientation), or give it more joints."
         )
     left, sizes, _ = np.linalg.svd(np.asarray(solution.jacobian))
-    # What is left to go, as far as no joint goes there.
+    # The part of the residual along which no joint moves the point.
     beyond = left[:, np.append(sizes, np.zeros(asked - len(sizes))) < SINGULAR]
     direction = beyond @ (beyond.T @ np.asarray(solution.gap))
     if np.linalg.norm(direction) < SINGULAR * float(solution.left):

@@ -30,14 +30,14 @@ from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import initial_values, layout, position_rates
 from clearance_jax.spatial import as_array
 
-# Rounds that seat pins: each is nearer by the ratio of clearance to length, with friction by its coefficient. So many
-# from the middle of a sleeve, and so many from between two poses.
+# Rounds that seat pins, from the middle of a sleeve and from between two poses. Each reduces the error by the ratio of
+# clearance to length, with friction by its coefficient.
 SMOOTH, RUBBED = (2, 1), (6, 3)
-# One of so many poses begins at the middle; the others, in this order, between poses that are known by then, and that
-# are so far away.
+# One of STRIDE poses begins at the middle; the others, in this ORDER, between poses known by then, which are so far
+# AWAY.
 STRIDE, ORDER, AWAY = 8, (0, 4, 2, 6, 1, 3, 5, 7), (8, 4, 2, 2, 1, 1, 1, 1)
-# Newton steps on all joints together: until less than this part of a load is not borne, or so many; those of a
-# derivative.
+# Newton steps on all joints together: until the part of a load that is not borne is below this, or this many; and those
+# of a derivative.
 BORNE, STEPS, DIFFERENTIATED = 1e-9, 20, 6
 # Newton steps that close the loops of an ideal mechanism from one instant to the next.
 CLOSING = 6
@@ -150,7 +150,7 @@ def _pose(mechanism: PreparedMechanism, known: Flag, time: Scalar, ideal: Array,
         play, y, _ = carry
         now = pin_loads(time, mechanism, play, y)
         loads = [load.less(rub) for load, rub in zip(now.loads, now.friction, strict=True)]
-        # Or else the compiler works the reactions out anew wherever a seat needs them.
+        # Otherwise the compiler computes the reactions anew at every use.
         flat = jax.lax.optimization_barrier([(as_array(load.force), as_array(load.moment)) for load in loads])
         seats = seats_of(joints, flat, begin, tuple(Near(at, known | (k > 0)) for at in play))
         return tuple(seat.play for seat in seats), now.y, flat

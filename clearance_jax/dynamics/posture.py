@@ -21,15 +21,15 @@ from clearance_jax.spatial import as_array
 
 Positions = Float[Array, " positions"]
 Sought = Float[Array, " sought"]
-# Iterations at most; some ten are usual, more where the aim is out of reach.
+# Iterations at most; about ten are usual, more if the aim is out of reach.
 MOST = 100
-# The damping's factor at first; by how much it grows where a step makes things worse, and falls where it helps.
+# The first factor of the damping, and its change after a step that fails and after one that helps.
 DAMPING, WORSE, BETTER = 1.0, 4.0, 0.125
-# Singular values of less than this part of the largest are noise: no step is taken along what has so little reach.
+# Singular values below this part of the largest are noise: no step goes along their directions.
 NOISE = 1e-9
-# What is left (of the size of a chain, in radians) is round-off; such as it may be where limits or closures interfere.
+# Residuals (in chain sizes and radians): round-off; and solved, as far as limits or closures allow.
 ROUND_OFF, SOLVED = 1e-14, 1e-10
-# How often what is held at its limits is thought over in a step.
+# How often the set of coordinates at their limits is revised in a step.
 HOLDS = 3
 
 
@@ -116,7 +116,7 @@ def find(chain: PreparedChain, aim: Aim | None, time: Scalar, start: Positions) 
         before, after = now.left, jnp.linalg.norm(look.gap)
         better = after < before
         new = Found(q, look.gap, look.jacobian, at_limit, now.iterations, look.closed)
-        # At the first turn only the start is looked at: nothing is known before.
+        # The first iteration only evaluates the start: nothing is known before.
         first = now.iterations == 0
         new = jax.tree.map(lambda a, b: jnp.where(better | first, a, b), new, now)._replace(at_limit=at_limit)
         damping = jnp.where(first, damping, damping * jnp.where(better, BETTER, WORSE))
@@ -127,7 +127,7 @@ def find(chain: PreparedChain, aim: Aim | None, time: Scalar, start: Positions) 
     rows = jax.eval_shape(lambda q: look_at(chain, aim, time, q).gap, start).shape[0]
     nothing = jnp.zeros((rows, len(chain.sought)))
     none = jnp.zeros(len(chain.sought), bool)
-    # Nothing is left of nothing: the first step is none.
+    # With no residual the first step is zero.
     begin = Found(start, jnp.zeros(rows), nothing, none, jnp.asarray(0), jnp.asarray(True))
     carry = begin, jnp.asarray(DAMPING), jnp.asarray(False)
     solution, _, _ = jax.lax.while_loop(lambda carry: ~carry[2] & (carry[0].iterations < MOST), once, carry)

@@ -25,7 +25,7 @@ from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout, move, parts
 from clearance_jax.spatial import as_array, dot, minus, plus
 
-# A direction with less than this part of the largest stiffness is held by round-off.
+# A direction with less than this part of the largest stiffness is held by round-off only.
 LOOSE = 1e-12
 Square = Float[Array, "play play"]
 
@@ -86,7 +86,7 @@ def lowest_frequency(stiffness: Square, inverse: Square) -> Scalar:
     values, ways = small_eigh(stiffness)
     loose = jnp.sum(jnp.abs(values) <= LOOSE * jnp.max(jnp.abs(values)))
     root = (ways * jnp.sqrt(jnp.maximum(values, 0.0))[None, :]) @ ways.T
-    # What nothing holds comes first, with zeros.
+    # Directions that nothing holds come first, with zeros.
     squares, _ = small_eigh(root @ inverse @ root)
     return _frequency(squares[jnp.minimum(loose, len(squares) - 1)])
 

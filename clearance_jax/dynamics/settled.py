@@ -35,7 +35,7 @@ from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import initial_values, layout, parts, position_rates
 from clearance_jax.spatial import as_array, dot, hamilton, scale
 
-# Rounds with pins seated: each is nearer by the ratio of clearance to length.
+# Rounds with pins seated: each reduces the error by the ratio of clearance to length.
 ROUNDS = 16
 
 
@@ -68,10 +68,10 @@ def settle_start(time: Scalar, mechanism: PreparedMechanism) -> tuple[Array, Sta
         y, opened = now.y, jnp.zeros(0)
         if loops:
             y, opened = correct(time, y, fixed, fixed.loops, settle=settle)
-        # Of the state as it was before: so the kinematics stands once in the program, and is one round behind.
+        # Of the state before: so the kinematics stands once in the program, and is one round behind.
         motion = balance(fixed, time, plan.split(now.y))
         reactions = held_reactions(mechanism, time, motion).values()
-        # Or else the compiler works the reactions out anew wherever a seat needs them.
+        # Otherwise the compiler computes the reactions anew at every use.
         loads = jax.lax.optimization_barrier([(as_array(r.on_pin), as_array(r.turning)) for r in reactions])
         rates = as_array(position_rates(fixed, tuple(now.y[plan.q]), tuple(now.y[plan.v])))
         return y, loads, jnp.concatenate([rates, as_array(motion.acceleration)]), opened
@@ -95,7 +95,7 @@ def settle_start(time: Scalar, mechanism: PreparedMechanism) -> tuple[Array, Sta
         )
         y_rate, loads_rate, _, opened_rate = jax.tree.map(lambda leaf: leaf[0], changes)
         slopes = _slopes(joints, changes[1], tilts)
-        # Where a load is known changes with the pin, and so does the load there: its slope counts once.
+        # The load changes with the pin and with its place: its slope counts once.
         moved, change, (contacts, errors) = jax.jvp(
             lambda now, y, loads, opened: seats_at(seated, now, y, loads, opened, slopes),
             (now, y, loads, opened),

@@ -91,7 +91,7 @@ class Table(Frames):
         self.rates, local, self.motions = sweep(mechanism, self.plan, links, time, state)
         self._frames: dict[str, tuple[Frame, Columns]] = {}
         carriers = np.array([self.plan.carriers[body.name] for body in mechanism.bodies])
-        # Of what is fixed to the ground nothing moves: its carrier is the ground, behind all links.
+        # The carrier of a body fixed to the ground is the ground, behind all links.
         self.carriers = np.where(carriers < 0, len(self.plan.coordinates), carriers)
         m = self.motions
         self.turned = m.rotation[self.carriers]
@@ -194,7 +194,7 @@ class Table(Frames):
         force = masses[:, None] * slides + jnp.cross(spins, first)
         moment = jnp.einsum("cij,cj->ci", second, spins) + jnp.cross(first, slides)
         lower = jnp.asarray(self.masks.columns[:n, :n]) * (force @ slides.T + moment @ spins.T)
-        # Of two columns the further one's momentum counts; both of a ball move the same.
+        # Of two columns the momentum of the outer one counts; columns of one ball move the same bodies.
         both = self.masks.columns[:n, :n] * self.masks.columns[:n, :n].T
         return lower + jnp.where(both > 0, 0.0, lower.T)
 

@@ -1,9 +1,9 @@
-"""diffrax drives a single solve: our solver is the first half of an attempt, our controller the second.
+"""Single solves driven by diffrax: its solver is the first half of an attempt, its controller the second.
 
-The try goes from one to the other in the place of a bare error estimate, diffrax's only channel between them.
+The try passes from one to the other in place of a bare error estimate, diffrax's only channel between them.
 
-A motion is sampled by the controller, which has the try: diffrax checks sample times by calling Python from within the
-program, and such a program cannot be kept between processes. (They are checked where a solve is asked for.)
+The controller samples the motion, because it has the try. Diffrax would check sample times by calling Python from
+within the program, and such a program cannot be kept between processes. (They are checked before the solve.)
 """
 
 from typing import Any, ClassVar, NamedTuple
@@ -61,19 +61,19 @@ class Stepper(diffrax.AbstractAdaptiveSolver):
 
 
 class Samples(NamedTuple):
-    """The states at sample times so far, the first `count` of them; infinite for those to come."""
+    """The states at sample times so far: the first `count` of them, infinite for the others."""
 
     count: Array
     y: Array
 
     @classmethod
     def none(cls, at: Array, t0: Scalar, t1: Scalar, y0: Array) -> "Samples":
-        """Before the first step. What ends where it begins has no step, and its start as all samples."""
+        """Before the first step. A motion of no duration has no step, and its start as all samples."""
         y = jnp.broadcast_to(jnp.where(t0 == t1, y0, jnp.inf), (at.size, *y0.shape))
         return cls(jnp.where(t0 == t1, at.size, 0), y)
 
     def more(self, at: Array, step: Any, keep: Flag) -> "Samples":
-        """With those of a step (its interpolation), if it is kept."""
+        """With the samples in a step (its interpolation), if it is kept."""
 
         def goes_on(now):
             return keep & (now.count < at.size) & (at[jnp.minimum(now.count, at.size - 1)] <= step.t1)
@@ -85,7 +85,7 @@ class Samples(NamedTuple):
 
 
 class DriverState(NamedTuple):
-    """State of the controller: what the control remembers, what the observer has recorded, samples if any."""
+    """State of the controller: memory of the control, records of the observers, samples if any."""
 
     control: Control
     record: tuple
@@ -134,13 +134,13 @@ class Controller(diffrax.AbstractAdaptiveStepSizeController):
 
 
 def _own_field(t, y, args):
-    """Never called: `try_step` evaluates the field; diffrax asks for its shape."""
+    """Never called: `try_step` evaluates the field, and diffrax only asks for its shape."""
     return y
 
 
 def integrate(task: Task, options: Options, moving_breaks: bool = False, mapped: bool = False) -> Outcome:
-    """One motion (or stack) to its end. `mapped`: `jax.vmap` may make many of it. Then diffrax samples, since our loop
-    over samples would copy all of them for each.
+    """One motion (or stack) to its end. `mapped`: `jax.vmap` may batch it. Then diffrax samples, because our loop over
+    samples would copy all of them for each lane.
     """
     at = task.save_at
     by_diffrax = mapped and at is not None
@@ -157,14 +157,14 @@ def integrate(task: Task, options: Options, moving_breaks: bool = False, mapped:
 
 
 def step_ends(task: Task, options: Options) -> tuple[Array, Array]:
-    """Every step's end, the start first, then infinite; and the code with which the solve ends."""
+    """The start and the end of every step, then infinite; and the code with which the solve ends."""
     out = _by_diffrax(task, options, False, [diffrax.SubSaveAt(t0=True, steps=True)], False)
     assert out.ts is not None
     return out.ts[1], code_of(out.result)
 
 
 def _by_diffrax(task: Task, options: Options, moving_breaks: bool, subs: list, samples: bool) -> diffrax.Solution:
-    """Diffrax's solution: the end, and whatever else is to be saved; `samples`: the controller takes the task's."""
+    """Diffrax's solution: the end, and what `subs` save; `samples`: the controller takes the task's samples."""
     at = task.save_at if samples else None
     # To pyright the abstract rtol, atol and norm are fields, not properties.
     controller = Controller(options, means_of(options, task.allowed), at)  # pyright: ignore[reportCallIssue]

@@ -63,8 +63,9 @@ class AbstractBristles(AbstractFrictionLaw):
         return (self.bend_rates(slip, memory[0]),)
 
     def latch(self, constants, memory, touch):
-        # The straight bristle has been bending with the slip since the touch, and giving way: a fast slip bends it fully
-        # in less time than a step, and what is left of the derivative is as small as what a derivative is wanted of.
+        # The straight bristle has been bending with the slip since the touch, and giving way: a fast slip bends it
+        # fully in less time than a step, and what is left of the derivative is as small as what a derivative is wanted
+        # of.
         give = touch.elapsed * self.release(touch.slip, tuple(jnp.zeros_like(v) for v in touch.slip))
         held = jnp.where(give > 0, -jnp.expm1(-give) / jnp.where(give > 0, give, 1.0), 1.0)
         free = touch.elapsed * held
