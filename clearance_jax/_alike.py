@@ -18,9 +18,9 @@ def side_by_side(function: Callable, several: Sequence[tuple]) -> list[Any]:
             out[members[0]] = function(*several[members[0]])
             continue
         mapped = eqx.filter_vmap(function, in_axes=eqx.if_array(0))
-        found = mapped(*stack_trees([several[i] for i in members]))
+        stacked = mapped(*stack_trees([several[i] for i in members]))
         for k, i in enumerate(members):
-            out[i] = jax.tree.map(lambda x, k=k: x[k] if eqx.is_array(x) else x, found)
+            out[i] = jax.tree.map(lambda x, k=k: x[k] if eqx.is_array(x) else x, stacked)
     return out
 
 
@@ -29,10 +29,10 @@ def alike(several: Sequence[Any]) -> list[list[int]]:
     groups: list[tuple[Any, list[int]]] = []
     for i, tree in enumerate(several):
         leaves, structure = jax.tree.flatten(tree)
-        own = structure, [(x.shape, x.dtype) if eqx.is_array(x) else x for x in leaves]
-        known = next((members for other, members in groups if other == own), None)
+        signature = structure, [(x.shape, x.dtype) if eqx.is_array(x) else x for x in leaves]
+        known = next((members for other, members in groups if other == signature), None)
         if known is None:
-            groups.append((own, [i]))
+            groups.append((signature, [i]))
         else:
             known.append(i)
     return [members for _, members in groups]

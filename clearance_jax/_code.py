@@ -103,10 +103,10 @@ def lookup(kind: type) -> Any:
     """What stands where a class says that it comes from; a class that is not written in Python is itself."""
     if not in_python(kind):
         return kind
-    found: Any = sys.modules.get(kind.__module__)
+    target: Any = sys.modules.get(kind.__module__)
     for part in str(kind.__qualname__).split("."):
-        found = getattr(found, part, None)
-    return found
+        target = getattr(target, part, None)
+    return target
 
 
 def name_of(kind: Any) -> str:
@@ -134,8 +134,8 @@ def _codes(code: types.CodeType) -> Iterator[types.CodeType]:
 
 def names_in(code: types.CodeType) -> Iterator[str]:
     """The names that a function looks up in its module (and those of attributes)."""
-    for one in _codes(code):
-        yield from one.co_names
+    for inner in _codes(code):
+        yield from inner.co_names
 
 
 # Names of modules of this library that were altered in this process after they were read. JAX may have traced what they

@@ -69,13 +69,13 @@ def read(folder: Path, name: str) -> bytes | None:
             seen = os.fstat(handle)
             if not stat.S_ISREG(seen.st_mode) or seen.st_uid != os.getuid() or seen.st_mode & 0o022:
                 return None
-            found = file.read()
+            content = file.read()
         head = len(_MARK) + _DIGEST
-        if found[: len(_MARK)] != _MARK or found[len(_MARK) : head] != _digest(name, found[head:]):
+        if content[: len(_MARK)] != _MARK or content[len(_MARK) : head] != _digest(name, content[head:]):
             return None
         with contextlib.suppress(OSError):
             os.utime(path)  # what was used last goes last
-        return found[head:]
+        return content[head:]
     except OSError:
         return None
 
@@ -139,14 +139,14 @@ def _digest(name: str, content: bytes) -> bytes:
 
 def _files(folder: Path, endings: tuple[str, ...] = (ENDING,)) -> list[tuple[float, int, Path]]:
     """When each file was used last, its size, and where it is."""
-    found = []
+    files = []
     with contextlib.suppress(OSError):
         for path in folder.iterdir():
             with contextlib.suppress(OSError):
                 seen = path.lstat()
                 if path.name.endswith(endings) and stat.S_ISREG(seen.st_mode):
-                    found.append((seen.st_mtime, seen.st_size, path))
-    return found
+                    files.append((seen.st_mtime, seen.st_size, path))
+    return files
 
 
 def _let_go(folder: Path, largest: int) -> None:
@@ -155,7 +155,7 @@ def _let_go(folder: Path, largest: int) -> None:
     total = sum(size for _, size, _ in files)
     if total <= largest:
         return
-    for _, length, path in sorted(files, key=lambda one: one[0]):
+    for _, length, path in sorted(files, key=lambda file: file[0]):
         with contextlib.suppress(OSError):
             path.unlink()
         total -= length

@@ -117,10 +117,10 @@ class kept_jit:
         return self._programs[key]
 
     def _key(self, leaves: list, tree: Any) -> str:
-        names = [f"{one.__module__}.{one.__qualname__}" for one in self._made_of]
+        names = [f"{function.__module__}.{function.__qualname__}" for function in self._made_of]
         shapes = [str(_view(x)) if eqx.is_array(x) else "" for x in leaves]
         rest = text([x for x in leaves if not eqx.is_array(x)])
-        modules = [one.__module__ for one in self._made_of]
+        modules = [function.__module__ for function in self._made_of]
         return hash_texts(
             *names, repr(SOLO), tree_text(tree), rest, *shapes, library_text([*modules, *_homes(tree)]), surroundings()
         )
@@ -133,8 +133,8 @@ class kept_jit:
 
         def flat(*numbers):
             out = self.function(*eqx.combine(jax.tree.unflatten(tree, numbers), rest))
-            found, left = eqx.partition(out, eqx.is_array)
-            leaves, shape = jax.tree.flatten(found)
+            answer, left = eqx.partition(out, eqx.is_array)
+            leaves, shape = jax.tree.flatten(answer)
             places = jax.tree.unflatten(shape, [_Place(i) for i in range(len(leaves))])
             outside[:] = [eqx.combine(places, left, is_leaf=lambda x: isinstance(x, _Place))]
             return leaves
@@ -186,8 +186,8 @@ def _view(leaf: Any) -> Any:
 def _homes(tree: Any) -> set[str]:
     """The modules of a tree's classes."""
     data = tree.node_data()
-    found = set() if data is None else {data[0].__module__}
-    return found.union(*map(_homes, tree.children()))
+    modules = set() if data is None else {data[0].__module__}
+    return modules.union(*map(_homes, tree.children()))
 
 
 def _is_ordinary(leaves: list) -> bool:

@@ -25,27 +25,33 @@ def library_text(modules: Iterable[str]) -> str:
 
     **Raises:** `Untold` where code of the user's is a part of it.
     """
-    waiting, found = set(modules), {}
+    waiting, texts = set(modules), {}
     while waiting:
         name = waiting.pop()
         module = sys.modules.get(name)
-        if name in found or not name.startswith(_HEAD) or name in _ASIDE or module is None:
+        if name in texts or not name.startswith(_HEAD) or name in _ASIDE or module is None:
             continue
-        found[name], more = _module_text(name, module)
+        texts[name], more = _module_text(name, module)
         waiting |= more
-    return hash_texts(*(part for pair in sorted(found.items()) for part in pair))
+    return hash_texts(*(part for pair in sorted(texts.items()) for part in pair))
 
 
 def _module_text(name: str, module: types.ModuleType) -> tuple[str, set[str]]:
-    held = list(_contents(module))
+    contents = list(_contents(module))
     known = _read.get(name)
-    if known is None or len(known[0]) != len(held) or any(a is not b for a, b in zip(known[0], held, strict=True)):
+    if (
+        known is None
+        or len(known[0]) != len(contents)
+        or any(a is not b for a, b in zip(known[0], contents, strict=True))
+    ):
         reader = Reader(strict=True)
-        own = [(key, value) for key, value in sorted(vars(module).items()) if _counts(module, key, value)]
-        text = hash_texts(*(hash_texts(key, _tell(value, name, reader)) for key, value in own), *reader.code.values())
+        members = [(key, value) for key, value in sorted(vars(module).items()) if _counts(module, key, value)]
+        text = hash_texts(
+            *(hash_texts(key, _tell(value, name, reader)) for key, value in members), *reader.code.values()
+        )
         if known is not None and known[1] != text:
             altered.add(name)
-        known = _read[name] = held, text, {home for _, value in own for home in _homes(value)}
+        known = _read[name] = contents, text, {home for _, value in members for home in _homes(value)}
     return known[1], known[2]
 
 
@@ -85,8 +91,8 @@ def _tell(value: Any, home: str, reader: Reader) -> str:
     if isinstance(value, type):
         if value.__module__ != home:
             return name_of(value)
-        members = [(name, one) for name, one in sorted(vars(value).items()) if name not in MADE]
-        return hash_texts(name_of(value), *(hash_texts(name, _tell(one, "", reader)) for name, one in members))
+        members = [(name, member) for name, member in sorted(vars(value).items()) if name not in MADE]
+        return hash_texts(name_of(value), *(hash_texts(name, _tell(member, "", reader)) for name, member in members))
     if isinstance(value, types.ModuleType):
         return value.__name__
     inner = getattr(value, "__wrapped__", None)
@@ -110,7 +116,7 @@ def _homes(value: Any) -> Iterator[str]:
         yield value.__name__
         return
     inner = getattr(value, "__wrapped__", None)
-    for one in (value, inner, type(value)):
-        home = getattr(one, "__module__", None)
+    for part in (value, inner, type(value)):
+        home = getattr(part, "__module__", None)
         if isinstance(home, str):
             yield home

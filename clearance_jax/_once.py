@@ -69,8 +69,8 @@ def compute_once(function: Callable) -> Callable:
     def once(*arguments):
         program, out, rest = eqx.filter_make_jaxpr(function)(*arguments)
         numbers = jax.tree.leaves(eqx.filter(arguments, eqx.is_array))
-        found = jaxpr_as_fun(_Writer().close(program))(*numbers)
-        return eqx.combine(jax.tree.unflatten(jax.tree.structure(out), found), rest)
+        values = jaxpr_as_fun(_Writer().close(program))(*numbers)
+        return eqx.combine(jax.tree.unflatten(jax.tree.structure(out), values), rest)
 
     return once
 
@@ -169,4 +169,4 @@ def _variables(atoms: Any) -> Iterator[Var]:
 def _is_number(v: Var) -> bool:
     if type(v.aval) is not ShapedArray:  # a reference, say
         return False
-    return any(jnp.issubdtype(v.aval.dtype, one) for one in (jnp.bool_, jnp.floating))
+    return any(jnp.issubdtype(v.aval.dtype, kind) for kind in (jnp.bool_, jnp.floating))

@@ -15,14 +15,14 @@ def expand(given: Mapping[str, Given], known: Iterable[str]) -> dict[str, Given]
 
     **Raises:** `ClearanceError` for a name with a star that fits no known one.
     """
-    found: dict[str, Given] = {}
+    out: dict[str, Given] = {}
     names = list(known)
     for name, value in given.items():
         if "*" not in name:
-            found[name] = value
+            out[name] = value
             continue
-        fitting = [own for own in names if fnmatchcase(own, name)]
+        fitting = [match for match in names if fnmatchcase(match, name)]
         if not fitting:
             raise ClearanceError(f"`{name}` fits no parameter. " + suggest(name, names))
-        found |= {own: value for own in fitting if own not in given and own not in found}
-    return found
+        out |= {match: value for match in fitting if match not in given and match not in out}
+    return out

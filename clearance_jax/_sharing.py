@@ -65,8 +65,8 @@ def _barrier(x: jax.Array) -> jax.Array:
     # Nothing is beyond infinity. The one is made of `x` itself: one for all its entries would be inverted first, and
     # a product with the inverse is computed anew again.
     with jax.named_scope(BARRIER):
-        beyond, two, one = (lax.full(x.shape, value, x.dtype) for value in (np.inf, 2.0, 1.0))
-        return lax.div(x, lax.select(lax.gt(x, beyond), two, one))
+        beyond, two, unity = (lax.full(x.shape, value, x.dtype) for value in (np.inf, 2.0, 1.0))
+        return lax.div(x, lax.select(lax.gt(x, beyond), two, unity))
 
 
 barrier = Primitive(BARRIER)

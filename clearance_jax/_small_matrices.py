@@ -22,8 +22,8 @@ def _in_small_batches(function: Callable) -> Callable:
     @few.def_vmap
     def _more(size, batched, matrices):
         at_once = math.prod(matrices.shape[:-2]) * matrices.shape[-1] ** 3 <= LITTLE
-        found = few(matrices) if at_once else jax.lax.map(few, matrices)
-        return found, jax.tree.map(lambda _: True, found)
+        out = few(matrices) if at_once else jax.lax.map(few, matrices)
+        return out, jax.tree.map(lambda _: True, out)
 
     return few
 
@@ -31,8 +31,8 @@ def _in_small_batches(function: Callable) -> Callable:
 @_in_small_batches
 def small_eigh(matrix: Float[Array, "*batch n n"]) -> tuple[Float[Array, "*batch n"], Float[Array, "*batch n n"]]:
     """Eigenvalues and eigenvectors of a small symmetric matrix."""
-    found = jnp.linalg.eigh(matrix)
-    return found.eigenvalues, found.eigenvectors
+    eigen = jnp.linalg.eigh(matrix)
+    return eigen.eigenvalues, eigen.eigenvectors
 
 
 @_in_small_batches

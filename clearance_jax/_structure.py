@@ -69,8 +69,8 @@ def tree_text(tree: Any) -> str:
         data, children = node.node_data(), node.children()
         if data is None:
             return "leaf" if not children and node.num_leaves else "nothing"
-        kind, held = data
-        return hash_texts("node", reader.of(kind), reader.of(held), *map(of, children))
+        kind, static = data
+        return hash_texts("node", reader.of(kind), reader.of(static), *map(of, children))
 
     return reader.whole(of(tree))
 
@@ -87,9 +87,9 @@ class Reader:
         self._foreign = is_versioned if strict else elsewhere  # modules whose code counts by its name
         self._open = math.inf  # how far out the things lie that were met again within themselves
 
-    def whole(self, found: str) -> str:
+    def whole(self, digest: str) -> str:
         """A text with the code that it names."""
-        return hash_texts(found, *(part for pair in self.code.items() for part in pair))
+        return hash_texts(digest, *(part for pair in self.code.items() for part in pair))
 
     def forget(self) -> None:
         """Begin anew after an `Untold`."""
@@ -103,22 +103,22 @@ class Reader:
         if id(value) in self._done:
             return self._done[id(value)][1]
         here = len(self._within)
-        for depth, one in enumerate(self._within):
-            if one is value:
+        for depth, outer in enumerate(self._within):
+            if outer is value:
                 self._open = min(self._open, depth)
                 return f"above {here - depth}"
         before, self._open = self._open, math.inf
         self._within.append(value)
         try:
-            found = self._compound(value)
+            digest = self._compound(value)
         finally:
             self._within.pop()
         if self._open >= here:  # its text does not depend on where it stands
-            self._done[id(value)] = value, found  # the value stays, so that no other gets its id
+            self._done[id(value)] = value, digest  # the value stays, so that no other gets its id
             self._open = before
         else:
             self._open = min(before, self._open)
-        return found
+        return digest
 
     def _compound(self, value: Any) -> str:
         if isinstance(value, Tracer) and self._strict:
@@ -136,7 +136,7 @@ class Reader:
         if isinstance(value, enum.Enum):
             return hash_texts("enum", self.of(type(value)), value.name, self.of(value.value))
         if isinstance(value, Mapping) and not dataclasses.is_dataclass(value):
-            pairs = [hash_texts(self.of(key), self.of(one)) for key, one in value.items()]
+            pairs = [hash_texts(self.of(key), self.of(entry)) for key, entry in value.items()]
             return hash_texts("mapping", self.of(type(value)), *pairs, *self._beside(value))
         if isinstance(value, set | frozenset):
             return hash_texts("set", self.of(type(value)), *sorted(map(self.of, value)), *self._beside(value))
@@ -150,8 +150,8 @@ class Reader:
 
     def _beside(self, value: Any) -> list[str]:
         """What a container of a class of its own has beside what it contains."""
-        held = variables(value)
-        return ["beside", self.of(held)] if held else []
+        attributes = variables(value)
+        return ["beside", self.of(attributes)] if attributes else []
 
     def _array(self, value: Any) -> str:
         try:
@@ -205,21 +205,25 @@ class Reader:
         if inner is not None:
             # A rule of differentiation stands beside the function, for instance.
             beside = variables(value) if not type(value).__module__.startswith("jaxlib") else {}
-            held = {name: one for name, one in beside.items() if not name.startswith("__") and one is not inner}
-            return hash_texts(kind, self.of(inner), self.of(held))
+            attributes = {
+                name: attribute
+                for name, attribute in beside.items()
+                if not name.startswith("__") and attribute is not inner
+            }
+            return hash_texts(kind, self.of(inner), self.of(attributes))
         return self._object(value)
 
     def _object(self, value: Any) -> str:
         written = all(map(in_python, type(value).__mro__[:-1]))
-        held, slots = variables(value), any("__slots__" in vars(base) for base in type(value).__mro__[:-1])
+        attributes, slots = variables(value), any("__slots__" in vars(base) for base in type(value).__mro__[:-1])
         if dataclasses.is_dataclass(value):
             names = [field.name for field in dataclasses.fields(value)]
-            held = {name: getattr(value, name) for name in names if hasattr(value, name)} | held
-        elif not written or slots or (not held and not self._strict):
+            attributes = {name: getattr(value, name) for name in names if hasattr(value, name)} | attributes
+        elif not written or slots or (not attributes and not self._strict):
             return self._unknown(value)
         if not written and self._strict:
             raise Untold(f"an object of {name_of(type(value))}")
-        return hash_texts("object", self.of(type(value)), self.of(held))
+        return hash_texts("object", self.of(type(value)), self.of(attributes))
 
     def _unknown(self, value: Any) -> str:
         kind = self.of(type(value))
@@ -236,7 +240,7 @@ class Reader:
         """A function or class of the user's: by its code where another one has it, else by its name, with its code
         among those found.
         """
-        if any(self._is_own(one) for one in self._within[:-1]):
+        if any(self._is_own(outer) for outer in self._within[:-1]):
             return hash_texts(value.__qualname__, code)
         short, count = value.__qualname__, 1
         while short in self.code:
@@ -260,7 +264,7 @@ class Reader:
         self._check_own(kind)
         if self._is_own(kind):
             fields = dataclasses.fields(kind) if dataclasses.is_dataclass(kind) else ()
-            told = [hash_texts(one.name, self.of(dict(one.metadata)), self._factory(one)) for one in fields]
+            told = [hash_texts(field.name, self.of(dict(field.metadata)), self._factory(field)) for field in fields]
             maker = self.of(type(kind)) if self._is_own(type(kind)) else ""
             return self._own(kind, hash_texts(maker, *told, "|", *self._members(kind)))
         if self._strict and lookup(kind) is not kind:
@@ -277,7 +281,7 @@ class Reader:
             if self._foreign(base.__module__):
                 yield name_of(base)
                 continue
-            yield hash_texts(base.__name__, *(str(one) for one in sorted(getattr(base, "__abstractmethods__", ()))))
+            yield hash_texts(base.__name__, *map(str, sorted(getattr(base, "__abstractmethods__", ()))))
             for name, member in sorted(vars(base).items()):
                 if name not in MADE and not is_generated(member):
                     yield hash_texts(name, self.of(member))
@@ -285,18 +289,18 @@ class Reader:
     def _function(self, function: types.FunctionType) -> str:
         self._check_own(function)
         origin = function.__globals__.get("__name__")  # `functools.wraps` copies every other name
-        own = self._is_own(function)
+        is_own = self._is_own(function)
         # A script and the module that it is when it is imported are the same.
-        parts = [function.__qualname__ if own else f"{origin}.{function.__qualname__}"]
-        if own or self._strict or "<" in function.__qualname__:
+        parts = [function.__qualname__ if is_own else f"{origin}.{function.__qualname__}"]
+        if is_own or self._strict or "<" in function.__qualname__:
             parts.append(self._code(function.__code__))
         parts += [self.of(content(cell)) for cell in function.__closure__ or ()]
         parts += [self.of(function.__defaults__), self.of(function.__kwdefaults__)]
         # What it wraps, and its variables, may matter too.
-        for name, one in sorted(vars(function).items()):
-            if name == "__wrapped__" or (own and not name.startswith("__")):
-                parts.append(hash_texts(name, self.of(one)))
-        if not own:
+        for name, attribute in sorted(vars(function).items()):
+            if name == "__wrapped__" or (is_own and not name.startswith("__")):
+                parts.append(hash_texts(name, self.of(attribute)))
+        if not is_own:
             return hash_texts("function", *parts)
         known = function.__globals__
         parts += [
@@ -305,9 +309,9 @@ class Reader:
         return self._own(function, hash_texts(*parts))
 
     def _code(self, code: types.CodeType) -> str:
-        plain = [(type(one).__name__, one) for one in code.co_consts if type(one) in _PLAIN]
-        others = [self.of(one) for one in code.co_consts if type(one) not in _PLAIN]
-        order = [type(one) in _PLAIN for one in code.co_consts]
+        plain = [(type(constant).__name__, constant) for constant in code.co_consts if type(constant) in _PLAIN]
+        others = [self.of(constant) for constant in code.co_consts if type(constant) not in _PLAIN]
+        order = [type(constant) in _PLAIN for constant in code.co_consts]
         names = code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars
         numbers = code.co_flags, code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount
         return hash_texts(code.co_code, code.co_exceptiontable, repr((names, numbers, plain, order)), *others)

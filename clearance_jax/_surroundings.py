@@ -28,8 +28,8 @@ def surroundings() -> str:
 def settings() -> tuple:
     """The settings of JAX and Equinox that programs depend on."""
     # Named axes, an object without a text, are there only within a transformation.
-    found = (x for x in jax_config.trace_context() if not isinstance(x, jax_core.AxisEnv))
-    return (_jax.jax_enable_x64, equinox_config.EQX_ON_ERROR, *found)
+    context = (x for x in jax_config.trace_context() if not isinstance(x, jax_core.AxisEnv))
+    return (_jax.jax_enable_x64, equinox_config.EQX_ON_ERROR, *context)
 
 
 def is_plain() -> bool:
@@ -48,10 +48,10 @@ def source_digest() -> str:
     """All Python sources of this library as one short text, read once a process: the version's number alone does not
     tell two states of a working copy apart.
     """
-    found = hashlib.blake2b(digest_size=8)
+    digest = hashlib.blake2b(digest_size=8)
     for path in sorted(PACKAGE.rglob("*.py")):
-        found.update(path.relative_to(PACKAGE).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
-    return found.hexdigest()
+        digest.update(path.relative_to(PACKAGE).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+    return digest.hexdigest()
 
 
 @functools.cache

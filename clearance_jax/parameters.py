@@ -174,9 +174,9 @@ def leaves(
 ) -> Iterator[Leaf]:
     """Every number of `module`, with its dotted name and how to reach it; `prefix`, `former`: what names begin with."""
     # Every lookup of a module by attribute is looked at: that would take twice as long.
-    owners, held = (*owners, module), vars(module)
+    owners, values = (*owners, module), vars(module)
     for field in _fields(type(module)):
-        value, here, name = held[field.name], (*path, field.name), _extended(prefix, field)
+        value, here, name = values[field.name], (*path, field.name), _extended(prefix, field)
         before = None if former is None else _extended(former, field)
         if "unit" in field.metadata and not isinstance(value, eqx.Module):
             if value is not None:
@@ -185,16 +185,16 @@ def leaves(
             for leaf in leaves(value, here):
                 yield dataclasses.replace(leaf, name=name + leaf.name)
         elif isinstance(value, eqx.Module):
-            own = None if field.metadata.get("flattened") else getattr(value, "name", None)
-            yield from leaves(value, here, name if own is None else f"{own}.", owners, before)
+            label = None if field.metadata.get("flattened") else getattr(value, "name", None)
+            yield from leaves(value, here, name if label is None else f"{label}.", owners, before)
         elif isinstance(value, tuple):
             word = field.metadata.get("member")
             for index, member in enumerate(value):
                 if not isinstance(member, eqx.Module):
                     continue
-                own, numbered = getattr(member, "name", None), f"{name}{index}."
-                inner = numbered if own is None else f"{own}." if word is None else f"{name}{word}.{own}."
-                old = None if own is None or word is None else numbered
+                label, numbered = getattr(member, "name", None), f"{name}{index}."
+                inner = numbered if label is None else f"{label}." if word is None else f"{name}{word}.{label}."
+                old = None if label is None or word is None else numbered
                 yield from leaves(member, (*here, str(index)), inner, owners, old)
 
 

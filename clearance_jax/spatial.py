@@ -55,9 +55,9 @@ def times(a: Term, b: Term) -> Term:
     """A * b."""
     if is_zero(a) or is_zero(b):
         return 0.0
-    for one, other in ((a, b), (b, a)):
-        if isinstance(one, float) and abs(one) == 1.0:
-            return other if one > 0 else -other
+    for factor, other in ((a, b), (b, a)):
+        if isinstance(factor, float) and abs(factor) == 1.0:
+            return other if factor > 0 else -other
     return a * b
 
 

@@ -272,8 +272,8 @@ class Dense(AbstractFactors):
         return 1.0 / jnp.diagonal(self.lower) ** 2
 
     def solve(self, right):
-        found = cho_solve((self.lower, True), as_array(right))
-        return [found[i] for i in range(len(right))]
+        solution = cho_solve((self.lower, True), as_array(right))
+        return [solution[i] for i in range(len(right))]
 
     def constraint(self, rows, choose):
         jacobian = jnp.stack([row.array for row in rows])

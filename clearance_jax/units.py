@@ -114,10 +114,10 @@ def _check(value: str, unit: str, where: str) -> tuple[float, str]:
 
 def check_comma(text: str, where: str) -> None:
     """Raise for a number with a comma at the beginning of a text."""
-    found = _COMMA.match(text)
-    if found is not None:
+    match = _COMMA.match(text)
+    if match is not None:
         raise ClearanceError(
-            f"{where} has a comma in its number: {quote(text)}. Write a decimal point: {found[1].replace(',', '.')}."
+            f"{where} has a comma in its number: {quote(text)}. Write a decimal point: {match[1].replace(',', '.')}."
         )
 
 

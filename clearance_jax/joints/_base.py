@@ -97,7 +97,7 @@ class AbstractClearance(Parametrised):
         """What of a relative motion is play, for an element that fills it."""
         slides, turns = (
             tuple(any(axis[i] for axis in axes) for i in range(3))
-            for axes in zip(*((one.slides or ZERO, one.turns or ZERO) for one in self.play()), strict=True)
+            for axes in zip(*((c.slides or ZERO, c.turns or ZERO) for c in self.play()), strict=True)
         )
         sine, cosine = ZERO, 1.0
         if at.rows is not None and turns[2]:
@@ -129,12 +129,12 @@ class AbstractClearance(Parametrised):
         """Names of its memory variables, point by point: the laws', and whether the point touched (a law with memory
         needs to know).
         """
-        own = self.normal.remembers
+        names = self.normal.remembers
         if self.friction is not None:
             ends = ("",) if self.slip_components == 1 else tuple(f"_{k + 1}" for k in range(self.slip_components))
-            own += tuple(name + end for name in self.friction.bristles for end in ends)
-        own = (*own, "touching") if own else ()
-        return own if self.count == 1 else tuple(f"{name}_{i + 1}" for i in range(self.count) for name in own)
+            names += tuple(name + end for name in self.friction.bristles for end in ends)
+        names = (*names, "touching") if names else ()
+        return names if self.count == 1 else tuple(f"{name}_{i + 1}" for i in range(self.count) for name in names)
 
 
 # A force that would press a pin less deep than this part of its play is round-off: it does not say where.
@@ -200,11 +200,11 @@ class PreparedClearance(Module):
         return points if lever is None else points.rubbing_around(lever, at.spin[2])
 
     def _act_at(self, point: ContactPoint, memory: Memory) -> PointAction:
-        normal, (own, rest, touched) = self.normal.at(point.local), self._parts(memory)
+        normal, (normal_memory, rest, touched) = self.normal.at(point.local), self._parts(memory)
         depth, rate, slip = point.penetration, point.penetration_rate, point.rubbing
         share = 1.0 if point.share is None else point.share
-        force = times(share, normal.force(depth, rate, own))
-        rates = while_touching(normal.law, touched, normal.memory_rate(depth, rate, own))
+        force = times(share, normal.force(depth, rate, normal_memory))
+        rates = while_touching(normal.law, touched, normal.memory_rate(depth, rate, normal_memory))
         traction: Slip = tuple(jnp.zeros_like(s) for s in slip)
         if self.friction is not None:
             friction = self.friction.at(point.local)
@@ -221,12 +221,12 @@ class PreparedClearance(Module):
         return self._map(self._event_functions_at)(now, self._by_point(memory), before)
 
     def _event_functions_at(self, point: ContactPoint, memory: Memory, before: ContactPoint) -> tuple[Scalar, ...]:
-        normal, (own, rest, _) = self.normal.at(point.local), self._parts(memory)
+        normal, (normal_memory, rest, _) = self.normal.at(point.local), self._parts(memory)
         depth, rate = point.penetration, point.penetration_rate
-        out, presses = normal.event_functions(depth, rate, own)
+        out, presses = normal.event_functions(depth, rate, normal_memory)
         if self.friction is not None:
             share = 1.0 if point.share is None else point.share
-            friction, force = self.friction.at(point.local), times(share, normal.force(depth, rate, own))
+            friction, force = self.friction.at(point.local), times(share, normal.force(depth, rate, normal_memory))
             out = (*out, *friction.event_functions(point.rubbing, force, rest, presses, before.rubbing))
         return out
 
@@ -247,17 +247,17 @@ class PreparedClearance(Module):
 
     def _latch_at(self, point, rates, memory: Memory) -> Memory:
         (depth, speed, slip), (_, change, _) = point, rates
-        own, rest, touched = self._parts(memory)
+        normal_memory, rest, touched = self._parts(memory)
         touching, touched = depth > 0, touched[0] > 0.5
         # A solve may start deep in contact; only a touch at which little has changed since can be traced back.
         recent = jnp.abs(change * depth) < 0.01 * speed**2
         elapsed = jnp.where(recent, depth / jnp.where(recent, speed, 1.0), 0.0)
         then = jnp.where(recent, speed - change * elapsed, speed)
         touch = Touch(touching & ~touched, touched & ~touching, then, slip, elapsed)
-        own = self.normal.latch(own, touch)
+        normal_memory = self.normal.latch(normal_memory, touch)
         if self.friction is not None:
             rest = self.friction.latch(rest, touch)
-        return (*own, *rest, jnp.where(touching, 1.0, 0.0))
+        return (*normal_memory, *rest, jnp.where(touching, 1.0, 0.0))
 
     def seat(self, force: Pair) -> tuple[Pair, Flag]:
         """Where in its sleeve the pin is at rest under a force that the sleeve exerts on it [N], in the sleeve's axes:
@@ -307,8 +307,8 @@ class PreparedClearance(Module):
         """Of each memory variable 1 if its error is measured by its size too: what a normal law remembers grows with
         the contact. A bristle is of one size.
         """
-        own, every = len(self.normal.law.remembers), len(self.memory_scale()) // self.joint.count
-        return ((1.0,) * own + (0.0,) * (every - own)) * self.joint.count
+        growing, every = len(self.normal.law.remembers), len(self.memory_scale()) // self.joint.count
+        return ((1.0,) * growing + (0.0,) * (every - growing)) * self.joint.count
 
     # Laws are written for one point: mapped over several they stand once in the program.
     def _map(self, function: Callable) -> Callable:
@@ -347,8 +347,8 @@ def each_joint(function: Callable, several: Sequence[tuple]) -> list[Any]:
     in a batch.
     """
     alone = [joint.joint.count == 1 for joint, *_ in several]
-    beside = iter(side_by_side(function, [one for one, single in zip(several, alone, strict=True) if not single]))
-    return [share(function(*one)) if single else next(beside) for one, single in zip(several, alone, strict=True)]
+    beside = iter(side_by_side(function, [args for args, single in zip(several, alone, strict=True) if not single]))
+    return [share(function(*args)) if single else next(beside) for args, single in zip(several, alone, strict=True)]
 
 
 def while_touching(law: AbstractNormalLaw | AbstractFrictionLaw, touched: Memory, rates: Memory) -> Memory:

@@ -38,15 +38,15 @@ def above_pin(radial: Any, pin: Any) -> str:
     radial, pin = np.broadcast_arrays(radial, pin)
     first = np.unravel_index(np.argmax(large), large.shape)
     than = "above" if radial[first] > pin[first] else "as large as"
-    size, radius = (format_quantity(float(one[first]), "m") for one in (radial, pin))
+    size, radius = (format_quantity(float(length[first]), "m") for length in (radial, pin))
     return f"radial_clearance = {size} is {than} the pin's radius {radius}"
 
 
 def warn_of_pin(radial: Any, pin: Any) -> None:
     """Warn of a radial clearance that is as large as its pin's radius [m] or larger."""
-    said = above_pin(radial, pin)
-    if said:
-        text = f"This size is hardly meant: {said}. Check its unit; it is half the difference of the diameters."
+    reason = above_pin(radial, pin)
+    if reason:
+        text = f"This size is hardly meant: {reason}. Check its unit; it is half the difference of the diameters."
         warnings.warn(text, ImplausibleWarning, stacklevel=4)
 
 
@@ -68,7 +68,7 @@ def check_sizes(unit: str = "m", **sizes: Any) -> None:
 
 def _plain(value: np.ndarray) -> str:
     """A number, or several, without the last digits that a change of units leaves (-3e-05 for -30 um)."""
-    return quote(np.array([float(f"{one:.12g}") for one in value.ravel()]).reshape(value.shape).tolist())
+    return quote(np.array([float(f"{number:.12g}") for number in value.ravel()]).reshape(value.shape).tolist())
 
 
 def check_larger(name: str, size: Any, than: str, other: Any, why: str) -> None:

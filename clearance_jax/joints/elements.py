@@ -113,10 +113,10 @@ class PreloadedBearing(AbstractElement):
 
     def energy(self, offset: Offset, geometry: Geometry) -> Scalar:
         """What the springs hold [J]."""
-        held: Term = 0.0
+        stored: Term = 0.0
         for k, preload, at in self._springs(offset):
-            held = plus(held, times(k / (1 + _opening(k, preload, at)), dot(at, at)))
-        return jnp.asarray(held, float)
+            stored = plus(stored, times(k / (1 + _opening(k, preload, at)), dot(at, at)))
+        return jnp.asarray(stored, float)
 
 
 def _each(across: Scalar, along: Scalar, rate: Vector) -> Vector:

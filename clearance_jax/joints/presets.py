@@ -17,7 +17,7 @@ from clearance_jax.joints.revolute import RevoluteClearance
 from clearance_jax.joints.sleeve import SleeveClearance
 from clearance_jax.laws import AbstractFrictionLaw, AbstractNormalLaw, HuntCrossley, InternalHertz, Material
 
-PINS: Mapping[str, type[AbstractPin]] = {one.kind: one for one in (RevoluteClearance, SleeveClearance)}
+PINS: Mapping[str, type[AbstractPin]] = {pin.kind: pin for pin in (RevoluteClearance, SleeveClearance)}
 """Pins in sleeves, by the word that scenes have for them."""
 # Assumed damping factor of Hunt and Crossley's law [s/m]: at 0.1 m/s an impact loses some 2 % of its speed. Give a law
 # where damping matters.
@@ -97,9 +97,9 @@ def pin_clearance(
     check_larger("pin_radius", pin_radius, "the radial clearance", radial_clearance, "or there is no pin")
     normal = round_contact(radial_clearance) if normal is None else normal
     make: Any = PINS[kind]
-    own = {} if axial_clearance is None else {"axial_clearance": axial_clearance}
+    axial = {} if axial_clearance is None else {"axial_clearance": axial_clearance}
     numbers = {"radial_clearance": radial_clearance, "pin_radius": pin_radius, "length": length, "tolerance": tolerance}
-    return make(**numbers, **own, normal=normal, friction=friction)
+    return make(**numbers, **axial, normal=normal, friction=friction)
 
 
 def radial_clearance_of(radial_clearance: Any, pin_radius: Any, fit: str | Fitting | None, temperature: Any):

@@ -25,7 +25,7 @@ def farthest(clearance: AbstractClearance, weights: Float[Array, " play"]) -> Fl
     play = clearance.play()
     within = _box if clearance.flat else _ball
     worn = isinstance(clearance, AbstractPin) and clearance.depth is not None
-    if all(one.turns is None for one in play):
+    if all(c.turns is None for c in play):
         return _in_bore(clearance, weights) if worn else play[0].scale * within(weights)
     if worn:
         raise ClearanceError(
@@ -40,12 +40,12 @@ def farthest(clearance: AbstractClearance, weights: Float[Array, " play"]) -> Fl
         [[np.cross(_axis(play[t].turns), [0, 0, 1]) @ _axis(play[k].slides) for t in tilts] for k in across]
     )
     middle, end = weights[np.array(across)] / 2, leans @ weights[np.array(tilts)] / (2 * half)
-    one, other = radial * within(middle + end), radial * within(middle - end)
-    found = jnp.zeros(len(play)).at[np.array(across)].set((one + other) / 2)
-    found = found.at[np.array(tilts)].set(leans.T @ (one - other) / (2 * half))
+    upper, lower = radial * within(middle + end), radial * within(middle - end)
+    values = jnp.zeros(len(play)).at[np.array(across)].set((upper + lower) / 2)
+    values = values.at[np.array(tilts)].set(leans.T @ (upper - lower) / (2 * half))
     for k in alone:
-        found = found.at[k].set(play[k].scale * jnp.sign(weights[k]))
-    return found
+        values = values.at[k].set(play[k].scale * jnp.sign(weights[k]))
+    return values
 
 
 def _in_bore(clearance: AbstractClearance, weights: Array) -> Array:
@@ -58,8 +58,8 @@ def _in_bore(clearance: AbstractClearance, weights: Array) -> Array:
 
 def _groups(play: Sequence[PlayCoordinate]) -> tuple[list[int], list[int], list[int]]:
     """Slides across the axis, turns across it, and what is bounded by itself: along and about the axis."""
-    across = [k for k, one in enumerate(play) if one.slides is not None and _axis(one.slides)[2] == 0]
-    tilts = [k for k, one in enumerate(play) if one.turns is not None and _axis(one.turns)[2] == 0]
+    across = [k for k, c in enumerate(play) if c.slides is not None and _axis(c.slides)[2] == 0]
+    tilts = [k for k, c in enumerate(play) if c.turns is not None and _axis(c.turns)[2] == 0]
     return across, tilts, [k for k in range(len(play)) if k not in (*across, *tilts)]
 
 

@@ -53,20 +53,20 @@ class Pose(NamedTuple):
 def pose_at(play: Sequence[PlayCoordinate], values: Sequence[Term] | Values) -> Pose:
     """The pose at given `values` (play,) of the coordinates of the `play` [m or rad]."""
     place, rotation, axes = ZERO, IDENTITY, []
-    tilts = [k for k, one in enumerate(play) if one.swings]
-    for k, one in enumerate(play):
-        if one.swings:
+    tilts = [k for k, coordinate in enumerate(play) if coordinate.swings]
+    for k, coordinate in enumerate(play):
+        if coordinate.swings:
             if k == tilts[0]:
                 swung = swing(*(play[i].turns or ZERO for i in tilts), *(values[i] for i in tilts))
                 axes += [rotation.apply(axis) for axis in swung.outside]
                 rotation = rotation.compose(swung.rows)
-        elif one.turns is None:
-            assert one.slides is not None
-            axes.append(rotation.apply(one.slides))
+        elif coordinate.turns is None:
+            assert coordinate.slides is not None
+            axes.append(rotation.apply(coordinate.slides))
             place = add(place, scale(values[k], axes[-1]))
         else:
-            axes.append(rotation.apply(one.turns))
-            rotation = rotation.turn(one.turns, values[k])
+            axes.append(rotation.apply(coordinate.turns))
+            rotation = rotation.turn(coordinate.turns, values[k])
     return Pose(place, rotation, tuple(axes))
 
 
@@ -81,7 +81,7 @@ class Load(NamedTuple):
     def along(self, play: Sequence[PlayCoordinate], axes: tuple[Vector, ...]) -> Values:
         """Its part along each play coordinate [N or N m]."""
         return as_array(
-            [dot(self.force if one.turns is None else self.moment, a) for one, a in zip(play, axes, strict=True)]
+            [dot(self.force if c.turns is None else self.moment, a) for c, a in zip(play, axes, strict=True)]
         )
 
     def plus(self, other: "Load") -> "Load":
@@ -125,7 +125,7 @@ def relative_at(play: Sequence[PlayCoordinate], values: Values, free: FreeMotion
     it moves otherwise (`None`: at rest).
     """
     at, zero = pose_at(play, values), jnp.zeros(())
-    rows = None if all(one.turns is None for one in play) else at.rotation.rows
+    rows = None if all(c.turns is None for c in play) else at.rotation.rows
     free = FreeMotion((zero, zero, zero), (zero, zero, zero)) if free is None else free
     return Relative(at.place, 0.0, free.velocity, free.spin, rows)
 
@@ -168,23 +168,23 @@ def seat(
     """
     smooth = clearance.without_friction()
     still, begun, slope = jax.lax.stop_gradient(((smooth, load), start, turned))
-    size = as_array([one.scale for one in still[0].joint.play()])
+    size = as_array([c.scale for c in still[0].joint.play()])
     whole = Seating(*still, size, jnp.ones(len(size), bool), begun / size, turned=slope)
     search = whole._replace(counts=whole.more_than_round_off())
     near = None if near is None else near._replace(place=jax.lax.stop_gradient(near.place) / size)
-    found, inverse, loose, stiffness = search.rest(search.find(near), LAST if near is None else FEWER_LAST)
-    found = found + loose @ ((start - begun) / size)
+    x, inverse, loose, stiffness = search.rest(search.find(near), LAST if near is None else FEWER_LAST)
+    x = x + loose @ ((start - begun) / size)
     differentiated = search._replace(clearance=smooth, load=load, turned=turned)
 
     def once(_, carry):
         left = differentiated.residual(carry[0])
         return carry[0] - inverse @ left, jax.lax.stop_gradient(left)
 
-    found, left = jax.lax.fori_loop(0, 2, once, (found, jnp.zeros_like(found)))
+    x, left = jax.lax.fori_loop(0, 2, once, (x, jnp.zeros_like(x)))
     # What presses along a coordinate without load is a tilted pin's edge, which need not be held there.
     asked, left = (jnp.linalg.norm(jnp.where(search.counts, part, 0.0)) for part in (search.asked, left))
     left = jnp.where(asked > 0, left / jnp.where(asked > 0, asked, 1.0), 0.0)
-    return Seat(size * found, jnp.any(search.counts), left, 0.5 * (stiffness + stiffness.T))
+    return Seat(size * x, jnp.any(search.counts), left, 0.5 * (stiffness + stiffness.T))
 
 
 class Seating(NamedTuple):
@@ -308,8 +308,8 @@ class Seating(NamedTuple):
         stiff, ways = small_eigh(0.5 * (stiffness + stiffness.T))
         holds = stiff > (ways**2).T @ self.springs
         both = holds[:, None] & holds[None, :]
-        held = small_inverse(jnp.where(both, ways.T @ slope @ ways, jnp.eye(len(stiff))))
-        return ways @ jnp.where(both, held, 0.0) @ ways.T, ways @ jnp.where(holds[:, None], 0.0, ways.T)
+        inverse = small_inverse(jnp.where(both, ways.T @ slope @ ways, jnp.eye(len(stiff))))
+        return ways @ jnp.where(both, inverse, 0.0) @ ways.T, ways @ jnp.where(holds[:, None], 0.0, ways.T)
 
 
 def stiffness_at(clearance: PreparedClearance, place: Values) -> Array:
@@ -319,11 +319,11 @@ def stiffness_at(clearance: PreparedClearance, place: Values) -> Array:
     **Arguments:** `clearance`: the joint; `place` (play,): values of its play coordinates [m or rad].
     """
     play = clearance.joint.play()
-    size = as_array([one.scale for one in play])
+    size = as_array([c.scale for c in play])
     nowhere = Load(ZERO, ZERO)
     smooth = clearance.without_friction()
-    held, at, size = jax.lax.stop_gradient((smooth, place, size))
-    return value_and_jacobian(Seating(held, nowhere, size, jnp.zeros(len(size), bool), at).residual, at / size)[1]
+    joint, at, size = jax.lax.stop_gradient((smooth, place, size))
+    return value_and_jacobian(Seating(joint, nowhere, size, jnp.zeros(len(size), bool), at).residual, at / size)[1]
 
 
 def held_stiffness(clearance: PreparedClearance, place: Values, load: Load) -> Array:
@@ -333,7 +333,7 @@ def held_stiffness(clearance: PreparedClearance, place: Values, load: Load) -> A
     **Arguments:** `clearance`: the joint; `place` (play,): values of its play coordinates [m or rad]; `load`: what it
     bears.
     """
-    size = as_array([one.scale for one in clearance.joint.play()])
+    size = as_array([c.scale for c in clearance.joint.play()])
     smooth = clearance.without_friction()
     still = jax.lax.stop_gradient((smooth, load, size))
     pin = Seating(*still, jnp.ones(len(size), bool), jax.lax.stop_gradient(place) / still[2])

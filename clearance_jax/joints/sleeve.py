@@ -234,10 +234,10 @@ class SleeveClearance(AbstractPin):
         """At stations that are worn; what is asked beyond them, for points of faces, is nowhere."""
         assert self.depth is not None
         among, beyond = slice(self.stations), (0, x.size - self.stations)
-        found = jax.vmap(lambda depth, x, y: Bore(self.radial_clearance, depth).depth_at(x, y))(
+        depths = jax.vmap(lambda depth, x, y: Bore(self.radial_clearance, depth).depth_at(x, y))(
             finer(self.depth), x[among], y[among]
         )
-        deep, gx, gy = (jnp.pad(term, beyond) for term in found)
+        deep, gx, gy = (jnp.pad(term, beyond) for term in depths)
         along = minus(0.0, plus(times(gx, slope[0]), times(gy, slope[1])))
         # From the pin's axis along the force: it has no moment about a round pin.
         size, *_ = safe_unit(gx, gy)

@@ -83,7 +83,7 @@ class AbstractFrictionLaw(AbstractLaw):
 
     def memory_rate(self, constants: Any, slip: Slip, normal_force: Scalar, memory: Bristles) -> Bristles:
         """Time derivative of the memory; zero by default."""
-        return tuple(tuple(jnp.zeros_like(m) for m in one) for one in memory)
+        return tuple(tuple(jnp.zeros_like(m) for m in vector) for vector in memory)
 
     def latch(self, constants: Any, memory: Bristles, touch: Touch) -> Bristles:
         """The memory after an instant at which contact began or ended; unchanged by default."""
@@ -126,12 +126,12 @@ class PreparedFriction(Module):
     def memory_rate(self, slip: Slip, normal_force: Scalar, memory: Memory) -> Memory:
         """Time derivative of the memory, while it goes on."""
         rates = self.law.memory_rate(self.constants, slip, normal_force, self._split(memory, slip))
-        return tuple(rate for one in rates for rate in one)
+        return tuple(rate for vector in rates for rate in vector)
 
     def latch(self, memory: Memory, touch: Touch) -> Memory:
         """The memory after an instant at which contact began or ended."""
         new = self.law.latch(self.constants, self._split(memory, touch.slip), touch)
-        return tuple(m for one in new for m in one)
+        return tuple(m for vector in new for m in vector)
 
     def memory_scale(self, components: int) -> Memory:
         """Magnitude of each memory variable."""

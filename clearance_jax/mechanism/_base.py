@@ -137,11 +137,11 @@ class AbstractMechanism(Parametrised):
 
     def beyond(self, body: str) -> set[str]:
         """A body and every body that hangs on it."""
-        found = {body}
+        carried = {body}
         for joint in self.joints:
-            if joint.parent in found:
-                found.add(joint.child)
-        return found
+            if joint.parent in carried:
+                carried.add(joint.child)
+        return carried
 
     def joint(self, name: str) -> AbstractJoint:
         """The joint of that name. **Raises** `ClearanceError` for an unknown one."""

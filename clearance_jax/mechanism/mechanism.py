@@ -125,7 +125,7 @@ class Mechanism(AbstractMechanism):
 
     def with_joint(self, joint: AbstractJoint) -> "Mechanism":
         """The same mechanism with another joint in place of the joint that has the same name."""
-        return self._with_joints(lambda own: joint if own.name == joint.name else own)
+        return self._with_joints(lambda old: joint if old.name == joint.name else old)
 
     def without_drives(self, names: Collection[str]) -> "Mechanism":
         """The same mechanism with the named coordinates free: without their drives and actuators.

@@ -39,8 +39,8 @@ def least_jerk(times: Values, values: Values, speeds: Values | None) -> tuple[Va
         return known[:, 0], known[:, 1]
     sought = slice(0 if speeds is None else 1, 2)
     diagonal, beside, slope = _assemble(times, values, known)
-    found = _solve(diagonal[1:-1, sought, sought], beside[1:-1, sought, sought], -slope[1:-1, sought])
-    full = known.at[1:-1, sought].add(found)
+    correction = _solve(diagonal[1:-1, sought, sought], beside[1:-1, sought, sought], -slope[1:-1, sought])
+    full = known.at[1:-1, sought].add(correction)
     return full[:, 0], full[:, 1]
 
 

@@ -214,9 +214,9 @@ class HeldSpline(AbstractMotionLaw):
 
     @whole
     def prepare(self):
-        own = self.table
-        curvature = spline_curvature(own.times, own.values, own.ends, self.end_speed)
-        return PreparedHeldSpline(PreparedSpline(own.times, own.values, curvature), self.end_speed)
+        table = self.table
+        curvature = spline_curvature(table.times, table.values, table.ends, self.end_speed)
+        return PreparedHeldSpline(PreparedSpline(table.times, table.values, curvature), self.end_speed)
 
 
 class PreparedHeldSpline(AbstractMotionLaw):

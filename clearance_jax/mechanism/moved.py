@@ -68,8 +68,8 @@ def steps(coordinates: Iterable[Coordinate], time: Scalar, values: Values) -> It
         elif tilt is None:
             tilt = step
         else:
-            one, other = tilt.by, step.by
-            by = Moved(one.index, one.q + other.q, one.v + other.v, one.a + other.a)
+            first, second = tilt.by, step.by
+            by = Moved(first.index, first.q + second.q, first.v + second.v, first.a + second.a)
             yield Step(by, tilts=(tilt.turns or ZERO, step.turns or ZERO))
 
 

@@ -68,7 +68,7 @@ class CartesianPath(Module):
     begin: Scalar = physical("s", default=0.0)
 
     def __check_init__(self):
-        if not self.segments or not all(isinstance(one, AbstractSegment) for one in self.segments):
+        if not self.segments or not all(isinstance(segment, AbstractSegment) for segment in self.segments):
             raise ClearanceError("`segments` of a path must be one or more of `Line`, `Arc` and `Curve`.")
         given = [x is not None for x in (self.speed, self.acceleration)]
         if any(given) != all(given) or all(given) == (self.durations is not None):
@@ -78,7 +78,9 @@ class CartesianPath(Module):
                 f"`durations` of a path must have one number for each of its {len(self.segments)} segments, but their "
                 f"shape is {self.durations.shape}."
             )
-        if not self.oriented and any(pose.orientation is not None for one in self.segments for pose in one.poses):
+        if not self.oriented and any(
+            pose.orientation is not None for segment in self.segments for pose in segment.poses
+        ):
             raise ClearanceError("A pose of the path has an orientation, but its `start` has none: give it one too.")
         if not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(self)):
             self._check_numbers()
@@ -108,19 +110,19 @@ class CartesianPath(Module):
         """Of each segment where it begins and the poses that it leads to."""
         at, out = Corner(self.start.place, self.start.quaternion), []
         for segment in self.segments:
-            own = [at]
+            ends = [at]
             for pose in segment.poses:
-                turned = own[-1].quaternion if pose.orientation is None else pose.quaternion
-                own.append(Corner(pose.place, turned))
-            out.append(own)
-            at = own[-1]
+                turned = ends[-1].quaternion if pose.orientation is None else pose.quaternion
+                ends.append(Corner(pose.place, turned))
+            out.append(ends)
+            at = ends[-1]
         return out
 
     @whole
     def prepare(self) -> "PreparedPath":
         """The path with what depends only on its numbers computed."""
-        made = [one.stretches(own) for one, own in zip(self.segments, self.corners(), strict=True)]
-        lengths = jnp.stack([jnp.sum(jnp.stack([stretch.length for stretch in own])) for own in made])
+        made = [segment.stretches(ends) for segment, ends in zip(self.segments, self.corners(), strict=True)]
+        lengths = jnp.stack([jnp.sum(jnp.stack([stretch.length for stretch in stretches])) for stretches in made])
         if self.durations is not None:
             times = self.begin + jnp.concatenate([jnp.zeros(1), jnp.cumsum(self.durations)])
             still = jnp.zeros_like(times)
@@ -128,9 +130,9 @@ class CartesianPath(Module):
         else:
             begin = jnp.broadcast_to(self.begin, lengths.shape)
             law = Trapezoid(begin, lengths, self.speed, self.acceleration).prepare()
-        every = [stretch for own in made for stretch in own]
+        every = [stretch for stretches in made for stretch in stretches]
         stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *every)
-        lasts = np.cumsum([len(own) for own in made]) - 1
+        lasts = np.cumsum([len(stretches) for stretches in made]) - 1
         inner = tuple(i for i in range(len(every)) if i not in lasts)
         return PreparedPath(stacked, jnp.cumsum(stacked.length), law, self.oriented, inner)
 
@@ -163,8 +165,8 @@ class PreparedPath(Module):
         """Place and quaternion at a time, by what the path is like at the time `beside`."""
         here, _, _ = self.law.within(time, beside)
         index = jnp.sum(self.law.within(beside, beside)[0] >= self.ends[:-1])
-        own = jax.tree.map(lambda leaf: leaf[index], self.stretches)
-        return own.at((here - self.ends[index] + own.length) / own.length)
+        stretch = jax.tree.map(lambda leaf: leaf[index], self.stretches)
+        return stretch.at((here - self.ends[index] + stretch.length) / stretch.length)
 
     def motion(self, time: Scalar, beside: Scalar) -> tuple[Triple, Quadruple, Triple, Triple]:
         """The same, and velocity and spin."""

@@ -212,12 +212,12 @@ def check_inertia(tensor: np.ndarray, what: str) -> None:
         raise ClearanceError(f"{what} must be finite.")
     least, middle, most = np.linalg.eigvalsh(tensor)
     size = max(abs(most), abs(least))
-    found = f"its principal moments are {least:g}, {middle:g}, {most:g} kg m^2"
+    moments = f"its principal moments are {least:g}, {middle:g}, {most:g} kg m^2"
     if least < -1e-6 * size or most <= 0:
-        raise ClearanceError(f"{what} must be positive, but {found}.")
+        raise ClearanceError(f"{what} must be positive, but {moments}.")
     if least + middle < most * (1 - PRINTED):
         raise ClearanceError(
-            f"{what} belongs to no body: {found}, of which the largest is more than the other two together. Give it "
+            f"{what} belongs to no body: {moments}, of which the largest is more than the other two together. Give it "
             "about the centre of mass, in the body's axes."
         )
 

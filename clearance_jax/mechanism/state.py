@@ -53,7 +53,7 @@ def effort_sources(mechanism: AbstractMechanism) -> tuple[Acting, ...]:
 
 def actuated_coordinates(mechanism: AbstractMechanism) -> "tuple[Part, ...]":
     """The free coordinates on which something exerts efforts."""
-    names = {name for one in effort_sources(mechanism) for name in one.coordinates}
+    names = {name for source in effort_sources(mechanism) for name in source.coordinates}
     return tuple(part for part in parts(mechanism) if part.coordinate.name in names)
 
 
@@ -126,7 +126,9 @@ def layout(mechanism: AbstractMechanism) -> Layout:
     memories = tuple((j.name, j.clearance.remembers) for j in mechanism.clearance_joints())
     free = mechanism.free_coordinates()
     positions = tuple(name for c in free for name in c.positions)
-    efforts = tuple((one.name, one.coordinates) for one in effort_sources(mechanism) if one.period is not None)
+    efforts = tuple(
+        (source.name, source.coordinates) for source in effort_sources(mechanism) if source.period is not None
+    )
     return Layout(positions, tuple(name for c in free for name in c.velocities), memories, efforts)
 
 
@@ -160,8 +162,8 @@ def position_rates(mechanism: AbstractMechanism, q: Rows, v: Rows) -> Rows:
         return tuple(v)
     rates = []
     for part in parts(mechanism):
-        own = v[part.v]
-        rates += quaternion_rate(q[part.q], (own[0], own[1], own[2])) if part.coordinate.is_ball else own
+        speeds = v[part.v]
+        rates += quaternion_rate(q[part.q], (speeds[0], speeds[1], speeds[2])) if part.coordinate.is_ball else speeds
     return tuple(jnp.asarray(rate, float) for rate in rates)
 
 

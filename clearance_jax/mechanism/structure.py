@@ -152,11 +152,11 @@ def check_control(controllers: Sequence[AbstractController], coordinates: Sequen
             _check_encoder(what, reference.encoder, every[name], every)
 
 
-def _check_encoder(what: str, encoder: Sequence[str], own: Coordinate, every: dict[str, Coordinate]) -> None:
+def _check_encoder(what: str, encoder: Sequence[str], coordinate: Coordinate, every: dict[str, Coordinate]) -> None:
     for name in encoder:
         if name not in every:
             raise ClearanceError(f"{what} measures `{name}`, but there is no such coordinate. " + suggest(name, every))
-        if (every[name].slides is None) != (own.slides is None):
+        if (every[name].slides is None) != (coordinate.slides is None):
             raise ClearanceError(f"{what} measures `{name}`: an angle and a length cannot stand for each other.")
 
 
@@ -168,10 +168,13 @@ def check_model(controller: AbstractController, model: Any) -> Any:
             f"{what} has the loop `{model.loops[0].name}`, but inverse dynamics is of trees only. Give it a `model` "
             "without loops."
         )
-    free, own = {c.name for c in model.free_coordinates()}, {reference.name for reference in controller.references}
-    for name in sorted(free ^ own):
-        said = "and its references do not name it" if name in free else "but its references name it"
-        raise ClearanceError(f"{what} has {'the' if name in free else 'no'} free coordinate `{name}`, {said}.")
+    free, commanded = (
+        {c.name for c in model.free_coordinates()},
+        {reference.name for reference in controller.references},
+    )
+    for name in sorted(free ^ commanded):
+        reason = "and its references do not name it" if name in free else "but its references name it"
+        raise ClearanceError(f"{what} has {'the' if name in free else 'no'} free coordinate `{name}`, {reason}.")
     return model
 
 
@@ -182,8 +185,8 @@ def _check_known(owner: str, key: str, word: str, allowed: set[str]) -> None:
         )
 
 
-def _distinct(owner: str, one: str, other: str, first: str, second: str) -> None:
+def _distinct(owner: str, key: str, other_key: str, first: str, second: str) -> None:
     if first == second:
         raise ClearanceError(
-            f"`{owner}.{one}` and `{owner}.{other}` must name two bodies, but both name `{first}`. Change one."
+            f"`{owner}.{key}` and `{owner}.{other_key}` must name two bodies, but both name `{first}`. Change one."
         )

@@ -155,11 +155,11 @@ class AbstractPlayed(AbstractJoint):
     def __check_init__(self):
         if not isinstance(self.clearance, AbstractClearance):
             return
-        own = dataclasses.replace(self, clearance=None).own_coordinates()
+        moving = dataclasses.replace(self, clearance=None).own_coordinates()
         plays = outside(self.clearance).play()
         for play in plays:
-            slides = play.slides is not None and any(play.slides == c.slides for c in own)
-            turns = play.turns is not None and any(c.is_ball or play.turns == c.turns for c in own)
+            slides = play.slides is not None and any(play.slides == c.slides for c in moving)
+            turns = play.turns is not None and any(c.is_ball or play.turns == c.turns for c in moving)
             if slides or turns:
                 raise ClearanceError(
                     f"The clearance of joint `{self.name}`, a {type(self.clearance).__name__}, has the play "
@@ -236,7 +236,7 @@ class Revolute(AbstractPlayed):
         return TURNING
 
     def own_coordinates(self):
-        return (*self.play_coordinates(), *(Coordinate(*one, turns=Z) for one in _moving(self)))
+        return (*self.play_coordinates(), *(Coordinate(name, motion, turns=Z) for name, motion in _moving(self)))
 
     @property
     def sleeve(self):
@@ -249,8 +249,8 @@ class Revolute(AbstractPlayed):
 
 def _moving(joint: "Revolute | Prismatic") -> tuple[tuple[str, Motion], ...]:
     """Names and motions of what moves along or about a joint's axis: an elastic drive's motor, and the spring."""
-    own = joint.name, joint.motion
-    return (own,) if joint.motor is None else ((joint.motor.name, joint.motor), own)
+    link = joint.name, joint.motion
+    return (link,) if joint.motor is None else ((joint.motor.name, joint.motor), link)
 
 
 def along(axis: Axis) -> Matrix:
@@ -284,7 +284,7 @@ class Prismatic(AbstractPlayed):
 
     def own_coordinates(self):
         # The block's play is where the block is: it slides first.
-        return (*(Coordinate(*one, slides=Z) for one in _moving(self)), *self.play_coordinates())
+        return (*(Coordinate(name, motion, slides=Z) for name, motion in _moving(self)), *self.play_coordinates())
 
     @property
     def sleeve(self):

@@ -67,8 +67,8 @@ class AbstractBristles(AbstractFrictionLaw):
         # fully in less time than a step, and what is left of the derivative is as small as what a derivative is wanted
         # of.
         give = touch.elapsed * self.release(touch.slip, tuple(jnp.zeros_like(v) for v in touch.slip))
-        held = jnp.where(give > 0, -jnp.expm1(-give) / jnp.where(give > 0, give, 1.0), 1.0)
-        free = touch.elapsed * held
+        decay = jnp.where(give > 0, -jnp.expm1(-give) / jnp.where(give > 0, give, 1.0), 1.0)
+        free = touch.elapsed * decay
         bent = (jnp.where(touch.began, v * free, z) for v, z in zip(touch.slip, memory[0], strict=True))
         return (tuple(jnp.where(touch.ended, 0.0, z) for z in bent),)
 
@@ -95,8 +95,8 @@ class AbstractLuGre(AbstractBristles):
         return self.kinetic_coefficient + stribeck
 
     def bent(self, slip, normal_force, bend, rates):
-        held = (self.bristle_stiffness * z + self.bristle_damping * r for z, r in zip(bend, rates, strict=True))
-        return tuple(-normal_force * (h + self.viscous * v) for h, v in zip(held, slip, strict=True))
+        elastic = (self.bristle_stiffness * z + self.bristle_damping * r for z, r in zip(bend, rates, strict=True))
+        return tuple(-normal_force * (h + self.viscous * v) for h, v in zip(elastic, slip, strict=True))
 
 
 class SmoothedBristles(AbstractModifiedFriction):
