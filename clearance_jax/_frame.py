@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 
 
-class Frame(NamedTuple):
+class TreeShape(NamedTuple):
     """A tree with a shape in the place of every array; can be hashed where all else in the tree can."""
 
     structure: Any
@@ -25,10 +25,10 @@ class Frame(NamedTuple):
         return jax.tree.unflatten(self.structure, leaves)
 
 
-def frame_of(tree: Any) -> Frame:
+def tree_shape(tree: Any) -> TreeShape:
     """The frame of a tree of arrays, tracers, and whatever else."""
     leaves, structure = jax.tree.flatten(tree)
-    return Frame(structure, tuple(map(_shape, leaves)))
+    return TreeShape(structure, tuple(map(_shape, leaves)))
 
 
 def _shape(leaf: Any) -> Any:

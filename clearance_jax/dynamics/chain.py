@@ -40,7 +40,7 @@ class Aim(NamedTuple):
     rotation: Float[Array, "3 3"] | None
 
 
-class Look(NamedTuple):
+class PoseGap(NamedTuple):
     """Residual of a chain at some positions: the `gap` of the frame from its aim and of the closures (lengths divided
     by the chain's size), its `jacobian` by the sought velocities (slides in units of the size), its rate by prescribed
     motion (`drift`), and whether no axis of a closure points the wrong way (`closed`).
@@ -195,7 +195,7 @@ def start_of(mechanism: Mechanism, chain: Chain, time: Scalar) -> Float[Array, "
     return given
 
 
-def look_at(chain: PreparedChain, aim: Aim | None, time: Scalar, q: Float[Array, " positions"]) -> Look:
+def look_at(chain: PreparedChain, aim: Aim | None, time: Scalar, q: Float[Array, " positions"]) -> PoseGap:
     """The residual of a chain at positions, where only drives move; without an `aim`, that of its closures."""
     mechanism, size = chain.mechanism, chain.size
     plan = layout(mechanism)
@@ -232,4 +232,4 @@ def look_at(chain: PreparedChain, aim: Aim | None, time: Scalar, q: Float[Array,
         for cosine in wrong_way(loop, motion):
             closed &= jnp.asarray(cosine) > 0
     jacobian = jnp.stack(rows)[:, np.array(chain.sought)] * chain.units[None]
-    return Look(as_array(gaps), jacobian, as_array(drifts), closed)
+    return PoseGap(as_array(gaps), jacobian, as_array(drifts), closed)

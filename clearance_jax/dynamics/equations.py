@@ -15,7 +15,7 @@ from clearance_jax.dynamics.conditions import Condition, conditions
 from clearance_jax.dynamics.constraint import closing_pairs, constraint
 from clearance_jax.dynamics.control import exert
 from clearance_jax.dynamics.frames import Frames, Pair
-from clearance_jax.dynamics.kinematics import Play, frames, plays
+from clearance_jax.dynamics.kinematics import PinMotion, frames, plays
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import Action, PreparedClearance
 from clearance_jax.joints._base import each_joint
@@ -32,7 +32,7 @@ class Balance(NamedTuple):
     """
 
     motion: Frames
-    plays: dict[str, Play]
+    plays: dict[str, PinMotion]
     actions: dict[str, Action]
     pairs: list[Pair]
     efforts: list[Term]
@@ -53,7 +53,7 @@ def balance(mechanism: PreparedMechanism, time: Scalar, state: State) -> Balance
     return Balance(motion, pins, actions, pairs, efforts, share(acceleration), closing)
 
 
-def contact_pairs(mechanism: PreparedMechanism, plays: dict[str, Play], actions: dict[str, Action]) -> list[Pair]:
+def contact_pairs(mechanism: PreparedMechanism, plays: dict[str, PinMotion], actions: dict[str, Action]) -> list[Pair]:
     """Wrench pairs of the clearance joints."""
     pairs = []
     for joint in mechanism.clearance_joints():

@@ -18,7 +18,7 @@ from jaxtyping import Array, Float
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.chain import AbstractChain, Aim, Chain, PreparedChain, chain_of, look_at
 from clearance_jax.dynamics.inverse import Posture, begin_of, best, is_met, off, shown_length, why_unreached
-from clearance_jax.dynamics.posture import Found, aim_at, change, find, rates, sought_values
+from clearance_jax.dynamics.posture import PostureSolution, aim_at, change, find, rates, sought_values
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.minimum_jerk import HERMITE
@@ -51,12 +51,12 @@ class PathDrives(dict[str, Quintic]):
         self.deviation, self.angle, self.start = deviation, angle, start
 
 
-class Block(NamedTuple):
+class PathBlock(NamedTuple):
     """By interval: the solution at its end, and the sought values at both ends with the rates inside the interval; by
     place inside, how far the point is from the path [m], and by what angle [rad].
     """
 
-    solution: Found
+    solution: PostureSolution
     values: Float[Array, "intervals 2 sought"]
     speeds: Float[Array, "intervals 2 sought"]
     accelerations: Float[Array, "intervals 2 sought"]
@@ -65,7 +65,7 @@ class Block(NamedTuple):
 
 
 @eqx.filter_jit
-def follow_edges(given: Chain, path: PreparedPath, edges: Float[Array, " edges"], start: Array) -> Block:
+def follow_edges(given: Chain, path: PreparedPath, edges: Float[Array, " edges"], start: Array) -> PathBlock:
     """Follow a path from edge to edge, from a posture at the first edge."""
     chain = given.prepare()
 
@@ -109,7 +109,7 @@ def follow_edges(given: Chain, path: PreparedPath, edges: Float[Array, " edges"]
 
     args = edges[:-1], edges[1:], before, values, speeds, accelerations
     apart = jax.lax.map(lambda knots: jax.vmap(partial(inside, *knots))(jnp.asarray(INSIDE)), args)
-    return Block(solution, values, speeds, accelerations, *apart)
+    return PathBlock(solution, values, speeds, accelerations, *apart)
 
 
 def _hermite(h: Scalar, values: Array, speeds: Array, accelerations: Array, part: Scalar) -> Array:
@@ -227,7 +227,7 @@ def _refine(chain: Chain, path: PreparedPath, edges: np.ndarray, q: Array, toler
     raise ClearanceError(f"The path cannot be followed within {shown_length(tolerance)}: ask for less.")
 
 
-def _run(chain: Chain, path: PreparedPath, edges: np.ndarray, q: Array) -> Block:
+def _run(chain: Chain, path: PreparedPath, edges: np.ndarray, q: Array) -> PathBlock:
     """Follow the whole path block by block. Intervals of no length fill the last block."""
     count, out = len(edges) - 1, []
     padded = np.append(edges, np.full(-count % BLOCK, edges[-1]))
@@ -238,7 +238,7 @@ def _run(chain: Chain, path: PreparedPath, edges: np.ndarray, q: Array) -> Block
     return jax.tree.map(lambda *leaves: np.concatenate(leaves)[:count], *out)
 
 
-def _drive(knots: np.ndarray, blocks: Block, k: int) -> Quintic:
+def _drive(knots: np.ndarray, blocks: PathBlock, k: int) -> Quintic:
     """The drive of one coordinate."""
     values = np.append(blocks.values[:, 0, k], blocks.values[-1, 1, k])
     speeds = np.append(blocks.speeds[:, 0, k], blocks.speeds[-1, 1, k])
@@ -266,7 +266,7 @@ def _when(edges: np.ndarray, time: float) -> str:
     return f" at {time:.6g} s ({100 * part:.1f} % of the path's time)"
 
 
-def _stop_reason(chain: Chain, path: PreparedPath, edges, blocks: Block, bad: int, lost: int) -> str:
+def _stop_reason(chain: Chain, path: PreparedPath, edges, blocks: PathBlock, bad: int, lost: int) -> str:
     """Why a path cannot be followed beyond an interval, in words."""
     if bad == lost:
         solution = jax.tree.map(lambda leaf: jnp.asarray(leaf[bad]), blocks.solution)
@@ -284,7 +284,7 @@ def _stop_reason(chain: Chain, path: PreparedPath, edges, blocks: Block, bad: in
     )
 
 
-def _fastest(chain: Chain, blocks: Block, where: slice) -> tuple[str, float, str]:
+def _fastest(chain: Chain, blocks: PathBlock, where: slice) -> tuple[str, float, str]:
     """The coordinate that is fastest in some intervals, its speed and unit."""
     speeds = np.max(np.abs(np.nan_to_num(blocks.speeds[where])), axis=(0, 1)) / np.asarray(chain.units)
     k = int(np.argmax(speeds))
@@ -293,7 +293,7 @@ def _fastest(chain: Chain, blocks: Block, where: slice) -> tuple[str, float, str
     return coordinate.name, float(speeds[k] * np.asarray(chain.units)[k]), unit
 
 
-def _check_speeds(chain: Chain, knots: np.ndarray, blocks: Block) -> None:
+def _check_speeds(chain: Chain, knots: np.ndarray, blocks: PathBlock) -> None:
     """Raise for a joint that must be faster than its limit."""
     for k, limits in enumerate(chain.limits):
         speeds = np.max(np.abs(blocks.speeds[:, :, k]), axis=1)

@@ -10,7 +10,7 @@ from typing import ClassVar, NamedTuple
 
 from jaxtyping import Array, Float
 
-from clearance_jax.mechanism.frame import Column, Frame
+from clearance_jax.mechanism.frame import Frame, JacobianColumn
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import parts
 from clearance_jax.spatial import ZERO, Term, Vector, add, cross, dot, minus, subtract, times
@@ -27,24 +27,24 @@ class Pair(NamedTuple):
     at: Vector
 
 
-class Wrench(NamedTuple):
+class SpatialForce(NamedTuple):
     """A force and a moment about a pivot (or a momentum, and an angular momentum about it)."""
 
     force: Vector = ZERO
     moment: Vector = ZERO
 
-    def move(self, by: Vector) -> "Wrench":
+    def move(self, by: Vector) -> "SpatialForce":
         """The same wrench about another pivot, from which `by` leads to its own."""
-        return Wrench(self.force, add(self.moment, cross(by, self.force)))
+        return SpatialForce(self.force, add(self.moment, cross(by, self.force)))
 
-    def on(self, column: Column, pivot: Vector) -> Term:
+    def on(self, column: JacobianColumn, pivot: Vector) -> Term:
         """Its power per unit rate of a column."""
         if column.pivot is None:
             return dot(column.axis, self.force)
         return dot(column.axis, self.move(subtract(pivot, column.pivot)).moment)
 
-    def __add__(self, other) -> "Wrench":
-        return Wrench(add(self.force, other.force), add(self.moment, other.moment))
+    def __add__(self, other) -> "SpatialForce":
+        return SpatialForce(add(self.force, other.force), add(self.moment, other.moment))
 
 
 class AbstractMoves(abc.ABC):
@@ -117,7 +117,7 @@ class Frames(abc.ABC):
         """
 
     @abc.abstractmethod
-    def wrenches(self, acceleration: list[Term]) -> dict[str, Wrench]:
+    def wrenches(self, acceleration: list[Term]) -> dict[str, SpatialForce]:
         """By body: weight minus inertia forces of it and of all that hangs on it, about its pivot."""
 
     @abc.abstractmethod

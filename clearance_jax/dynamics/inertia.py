@@ -3,9 +3,9 @@
 from typing import NamedTuple
 
 from clearance_jax._sharing import compute_once
-from clearance_jax.dynamics.frames import Wrench
+from clearance_jax.dynamics.frames import SpatialForce
 from clearance_jax.mechanism.body import Body, needs_six
-from clearance_jax.mechanism.frame import Column, Frame
+from clearance_jax.mechanism.frame import Frame, JacobianColumn
 from clearance_jax.mechanism.placement import Inertia
 from clearance_jax.spatial import Term, Vector, Z, absent, add, cross, plus, same_line, scale, subtract
 from clearance_jax.symmetric import NOTHING, Symmetric, of_point, rotate, shift
@@ -33,10 +33,10 @@ class Composite(NamedTuple):
         mass, moment = compute_once((self.mass, self.moment))
         return Composite(mass, moment, Symmetric(lambda i, j: compute_once(self.inertia.entry(i, j))))
 
-    def momentum(self, column: Column, pivot: Vector) -> Wrench:
+    def momentum(self, column: JacobianColumn, pivot: Vector) -> SpatialForce:
         """Momentum and angular momentum (about its pivot) per unit rate of a column that moves all of it."""
         velocity, spin = column.velocity_at(pivot), column.spin
-        return Wrench(
+        return SpatialForce(
             add(scale(self.mass, velocity), cross(spin, self.moment)),
             add(self.inertia.apply(spin), cross(self.moment, velocity)),
         )

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 from clearance_jax._module import Module
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.chain import AbstractChain, Aim, Chain, chain_of, start_of
-from clearance_jax.dynamics.posture import Found, bounds, solve, sought_values
+from clearance_jax.dynamics.posture import PostureSolution, bounds, solve, sought_values
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.segments import Pose
@@ -108,7 +108,7 @@ def begin_of(mechanism: Mechanism, chain: Chain, start: Mapping[str, Any] | Post
 
 
 @eqx.filter_jit
-def search(chain: Chain, aim: Aim, time: Scalar, start: Array) -> Found:
+def search(chain: Chain, aim: Aim, time: Scalar, start: Array) -> PostureSolution:
     """`solve` of a chain that is not prepared. Turns without limits end within half a turn of the start."""
     solution = solve(chain.prepare(), aim, time, start)
     lower, upper = bounds(chain)
@@ -124,7 +124,7 @@ def search(chain: Chain, aim: Aim, time: Scalar, start: Array) -> Found:
 _searches = eqx.filter_jit(lambda chain, aim, time, starts: jax.vmap(lambda q: search(chain, aim, time, q))(starts))
 
 
-def best(chain: Chain, aim: Aim, time: Scalar, begin: Array, anywhere: bool, tolerance: float) -> Found:
+def best(chain: Chain, aim: Aim, time: Scalar, begin: Array, anywhere: bool, tolerance: float) -> PostureSolution:
     """The solution from a start. If that fails and the search may begin `anywhere`, the best solution of many
     starts.
     """
@@ -167,13 +167,13 @@ def off(chain: AbstractChain, aim: Aim, gap: Array) -> tuple[Array, Array]:
     return jnp.linalg.norm(gap[:places]) * chain.size, jnp.linalg.norm(angle)
 
 
-def is_met(chain: Chain, aim: Aim, solution: Found, tolerance: float) -> bool:
+def is_met(chain: Chain, aim: Aim, solution: PostureSolution, tolerance: float) -> bool:
     """Whether a solution is within the tolerance."""
     size = float(chain.size)
     return bool(solution.closed) and float(jnp.linalg.norm(solution.gap)) * size <= tolerance
 
 
-def _posture(chain: Chain, aim: Aim, solution: Found) -> Posture:
+def _posture(chain: Chain, aim: Aim, solution: PostureSolution) -> Posture:
     coordinates = {
         name: solution.q[place] for name, place in zip(chain.joints, chain.places(chain.joints), strict=True)
     }
@@ -192,7 +192,7 @@ def _check_plane(chain: Chain, pose: Pose) -> None:
 # In words -------------------------------------------------------------------------------------------------------------
 
 
-def why_unreached(chain: Chain, aim: Aim, solution: Found, when: str = "") -> str:
+def why_unreached(chain: Chain, aim: Aim, solution: PostureSolution, when: str = "") -> str:
     """Why a point does not reach its pose, in words."""
     distance, angle = (float(x) for x in off(chain, aim, solution.gap))
     place = np.asarray(aim.place)[: 2 if chain.mechanism.is_plane else 3]
@@ -210,7 +210,7 @@ def shown_length(length: float) -> str:
     return f"{1e3 * length:.4g} mm"
 
 
-def in_the_way(chain: Chain, aim: Aim, solution: Found) -> str:
+def in_the_way(chain: Chain, aim: Aim, solution: PostureSolution) -> str:
     """What keeps a posture from coming closer, in words."""
     lower, upper = bounds(chain)
     values, limited = np.asarray(sought_values(chain, solution.q)), []

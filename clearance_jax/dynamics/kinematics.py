@@ -10,7 +10,7 @@ from clearance_jax._sharing import compute_once, share
 from clearance_jax._types import Rows, Scalar
 from clearance_jax.dynamics.frames import AbstractExtra, Frames
 from clearance_jax.dynamics.relative_motion import as_numbers, coordinate_values, rate_of, tree_relative_motions
-from clearance_jax.dynamics.table import Table
+from clearance_jax.dynamics.table import TabledFrames
 from clearance_jax.dynamics.written_out import write_out
 from clearance_jax.joints import Relative
 from clearance_jax.mechanism._base import ClearanceJoint
@@ -36,11 +36,11 @@ from clearance_jax.spatial import (
 
 def frames(mechanism: PreparedMechanism, time: Scalar, state: State) -> Frames:
     """Pose and motion of every body, in the form of the mechanism's equations."""
-    form = Table if mechanism.is_tabled else write_out
+    form = TabledFrames if mechanism.is_tabled else write_out
     return form(mechanism, time, state)
 
 
-class Play(NamedTuple):
+class PinMotion(NamedTuple):
     """Relative motion of a clearance joint; `rotation` takes the sleeve's axes to the world's, `pin` is the pin's
     centre in the world [m].
     """
@@ -50,7 +50,7 @@ class Play(NamedTuple):
     pin: Vector
 
 
-def plays(mechanism: PreparedMechanism, time: Scalar, state: State, motion: Frames) -> dict[str, Play]:
+def plays(mechanism: PreparedMechanism, time: Scalar, state: State, motion: Frames) -> dict[str, PinMotion]:
     """Kinematics of every clearance joint: in the tree from its coordinates, which keep the digits of a small play on a
     large machine; in a loop from a difference of positions.
     """
@@ -59,7 +59,7 @@ def plays(mechanism: PreparedMechanism, time: Scalar, state: State, motion: Fram
     for joint in mechanism.clearance_joints():
         pin, rotation = pin_and_axes(joint, motion)
         relative = share(in_tree[joint.name].now) if joint.in_tree else across_loop(joint, pin, rotation, motion)
-        out[joint.name] = Play(relative, rotation, pin)
+        out[joint.name] = PinMotion(relative, rotation, pin)
     return out
 
 
@@ -111,7 +111,7 @@ def relative_motions(time: Scalar, y: Array | Rows, mechanism: PreparedMechanism
     return [as_numbers(motions[joint.name]) for joint in mechanism.clearance_joints()]
 
 
-def loop_plays(mechanism: PreparedMechanism, time: Scalar, state: State) -> dict[str, tuple[Play, Frames]]:
+def loop_plays(mechanism: PreparedMechanism, time: Scalar, state: State) -> dict[str, tuple[PinMotion, Frames]]:
     """Kinematics of the clearance joints that close loops, with the frames of all bodies."""
     loops, out = [joint for joint in mechanism.clearance_joints() if not joint.in_tree], {}
     if not loops:
@@ -119,7 +119,7 @@ def loop_plays(mechanism: PreparedMechanism, time: Scalar, state: State) -> dict
     motion = frames(mechanism, time, state)
     for joint in loops:
         pin, rotation = pin_and_axes(joint, motion)
-        out[joint.name] = Play(across_loop(joint, pin, rotation, motion), rotation, pin), motion
+        out[joint.name] = PinMotion(across_loop(joint, pin, rotation, motion), rotation, pin), motion
     return out
 
 
@@ -142,7 +142,7 @@ def relative_accelerations(
     return out
 
 
-def loop_rate(joint: ClearanceJoint, at: Play, motion: Frames, extra: AbstractExtra) -> Relative:
+def loop_rate(joint: ClearanceJoint, at: PinMotion, motion: Frames, extra: AbstractExtra) -> Relative:
     """The rate of the relative motion in a joint that closes a loop.
 
     With u the pin's place in the sleeve's axes, R these axes, w the sleeve's spin: u'' = R^T (a_pin - a_sleeve) - 2 w

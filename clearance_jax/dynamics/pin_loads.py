@@ -16,7 +16,7 @@ from clearance_jax.dynamics.equations import Balance, accelerations, balance
 from clearance_jax.dynamics.frames import Frames, Pair
 from clearance_jax.dynamics.kinematics import across_loop, pin_and_axes
 from clearance_jax.dynamics.reactions import held_reactions, hold_still
-from clearance_jax.joints.seating import FreeMotion, Load, relative_at
+from clearance_jax.joints.seating import FreeMotion, SeatLoad, relative_at
 from clearance_jax.mechanism._base import ClearanceJoint
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import layout, position_rates
@@ -34,8 +34,8 @@ class PinLoads(NamedTuple):
     y: Array
     rates: Array
     opened: Array
-    loads: tuple[Load, ...]
-    friction: tuple[Load, ...]
+    loads: tuple[SeatLoad, ...]
+    friction: tuple[SeatLoad, ...]
     free: tuple[FreeMotion, ...]
 
 
@@ -53,7 +53,7 @@ def pin_loads(time: Scalar, mechanism: PreparedMechanism, play: tuple[Array, ...
     if rubs:
         now = _rubbed(now, joints, friction)
     reactions = held_reactions(mechanism, time, now)
-    loads = tuple(Load(reactions[joint.name].on_pin, reactions[joint.name].turning) for joint in joints)
+    loads = tuple(SeatLoad(reactions[joint.name].on_pin, reactions[joint.name].turning) for joint in joints)
     if rubs:
         loads = tuple(load.plus(rub) for load, rub in zip(loads, friction, strict=True))
     rates = as_array(position_rates(fixed, tuple(y[plan.q]), tuple(y[plan.v])))
@@ -68,19 +68,19 @@ def _free_motion(joint: ClearanceJoint, motion: Frames) -> FreeMotion:
     return FreeMotion((0.0, 0.0, relative.velocity[2]) if slides else ZERO, relative.spin)
 
 
-def _friction(joint: ClearanceJoint, play: Array, free: FreeMotion) -> Load:
+def _friction(joint: ClearanceJoint, play: Array, free: FreeMotion) -> SeatLoad:
     """Force and moment of friction on a pin, in the sleeve's axes."""
     if joint.clearance.friction is None:
-        return Load(ZERO, ZERO)
+        return SeatLoad(ZERO, ZERO)
     at = relative_at(joint.joint.play(), play, free)
     memory = tuple(jnp.zeros(()) for _ in joint.clearance.remembers)
     whole = joint.clearance.act(at, memory)
     smooth = joint.clearance.without_friction()
     bare = smooth.act(at, memory[: len(smooth.remembers)])
-    return Load(subtract(whole.force, bare.force), subtract(whole.torque, bare.torque))
+    return SeatLoad(subtract(whole.force, bare.force), subtract(whole.torque, bare.torque))
 
 
-def _rubbed(now: Balance, joints: tuple[ClearanceJoint, ...], friction: tuple[Load, ...]) -> Balance:
+def _rubbed(now: Balance, joints: tuple[ClearanceJoint, ...], friction: tuple[SeatLoad, ...]) -> Balance:
     """The balance with friction in the joints. Its reactions are what joints bear beside friction."""
     pairs = list(now.pairs)
     for joint, rub in zip(joints, friction, strict=True):

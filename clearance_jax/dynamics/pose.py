@@ -24,7 +24,7 @@ from clearance_jax.dynamics.seated import lowest_frequency, play_mobility
 from clearance_jax.dynamics.settled import Seats, is_searched, middle, seats_of, size_of, whole_state
 from clearance_jax.errors import ClearanceError
 from clearance_jax.joints import PreparedClearance
-from clearance_jax.joints.seating import FreeMotion, Load, Near, Seating, held_stiffness
+from clearance_jax.joints.seating import FreeMotion, Near, Seating, SeatLoad, held_stiffness
 from clearance_jax.mechanism._base import AbstractMechanism
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import initial_values, layout, position_rates
@@ -43,7 +43,7 @@ BORNE, STEPS, DIFFERENTIATED = 1e-9, 20, 6
 CLOSING = 6
 
 
-class Pose(NamedTuple):
+class StaticPose(NamedTuple):
     """The pose at an instant: the state `y` with all play at rest, by joint the values of its `play` [m or rad], the
     `ideal` mechanism's state, how far it is from a pose (`errors`), and the lowest `frequency` about it [Hz].
     """
@@ -102,7 +102,7 @@ def ideal_states(mechanism: PreparedMechanism, times: Float[Array, " times"]) ->
     return jax.lax.scan(next_one, (times[0], closed(times[0], first)), times)[1]
 
 
-def poses(times: Float[Array, " times"], mechanism: PreparedMechanism, ideal: Float[Array, "times n"]) -> Pose:
+def poses(times: Float[Array, " times"], mechanism: PreparedMechanism, ideal: Float[Array, "times n"]) -> StaticPose:
     """The poses at increasing times, without derivatives, stacked along a first axis; `ideal`: the ideal mechanism's
     states then. A search begins between known poses, and ends where it would from any start.
     """
@@ -140,7 +140,7 @@ def _between(times: Array, play: Array, k: Array, away: Array) -> Array:
     return earlier + part[:, None] * (later - earlier)
 
 
-def _pose(mechanism: PreparedMechanism, known: Flag, time: Scalar, ideal: Array, near: tuple[Array, ...]) -> Pose:
+def _pose(mechanism: PreparedMechanism, known: Flag, time: Scalar, ideal: Array, near: tuple[Array, ...]) -> StaticPose:
     """The pose at a time, searched from play near it if that is known, else from the middle of the sleeves."""
     joints = mechanism.clearance_joints()
     begin = tuple(middle(joint) for joint in joints)
@@ -171,13 +171,13 @@ def _pose(mechanism: PreparedMechanism, known: Flag, time: Scalar, ideal: Array,
     size = jnp.concatenate([size_of(joint) for joint in joints])
     mobility = play_mobility(mechanism.as_small_program(), time, state) / (size[:, None] * size[None, :])
     pressed = [
-        (joint.clearance, at, Load(tuple(force), tuple(moment)))
+        (joint.clearance, at, SeatLoad(tuple(force), tuple(moment)))
         for joint, at, (force, moment) in zip(joints, step.play, loads, strict=True)
     ]
     stiffnesses = side_by_side(held_stiffness, pressed)
     firm = [jnp.where(presses, stiffness, 0.0) for stiffness, presses in zip(stiffnesses, step.pressed, strict=True)]
     frequency = lowest_frequency(jax.scipy.linalg.block_diag(*firm), mobility)
-    return Pose(state, step.play, step.y, StartErrors(step.opened, step.unborne, step.moved), frequency)
+    return StaticPose(state, step.play, step.y, StartErrors(step.opened, step.unborne, step.moved), frequency)
 
 
 def displaced(time: Scalar, mechanism: PreparedMechanism, play: tuple[Array, ...], ideal: Array) -> Array:
@@ -193,14 +193,14 @@ def displaced(time: Scalar, mechanism: PreparedMechanism, play: tuple[Array, ...
     return whole_state(mechanism, Seats(ideal, play), Seats(rates, still), free)
 
 
-def middle_pose(time: Scalar, mechanism: PreparedMechanism, ideal: Array) -> Pose:
+def middle_pose(time: Scalar, mechanism: PreparedMechanism, ideal: Array) -> StaticPose:
     """The state of the ideal motion with pins in the middle of their play, for joints that no load presses."""
     play = tuple(jnp.zeros(len(joint.joint.play())) for joint in mechanism.clearance_joints())
     nothing = StartErrors.nothing()
-    return Pose(displaced(time, mechanism, play, ideal), play, ideal, nothing, jnp.asarray(jnp.nan))
+    return StaticPose(displaced(time, mechanism, play, ideal), play, ideal, nothing, jnp.asarray(jnp.nan))
 
 
-def with_derivatives(time: Scalar, mechanism: PreparedMechanism, pose: Pose) -> Array:
+def with_derivatives(time: Scalar, mechanism: PreparedMechanism, pose: StaticPose) -> Array:
     """The state of a pose with its derivatives by the mechanism's numbers and the time. They are those of further
     Newton steps; each step reduces their error by the ratio of clearance to length.
     """
@@ -211,13 +211,13 @@ def with_derivatives(time: Scalar, mechanism: PreparedMechanism, pose: Pose) -> 
     return step.state(mechanism)
 
 
-def _unstepped(time: Scalar, mechanism: PreparedMechanism, play: tuple[Array, ...], y: Array) -> "Step":
+def _unstepped(time: Scalar, mechanism: PreparedMechanism, play: tuple[Array, ...], y: Array) -> "NewtonStep":
     """A step to begin with, before the first Newton step."""
     shapes = jax.eval_shape(lambda: newton(time, mechanism, play, y))
     return jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)._replace(play=play, y=y)
 
 
-class Step(NamedTuple):
+class NewtonStep(NamedTuple):
     """After a Newton step: the play, the ideal state and its rates, how far loops are open [m]; by joint, whether a
     load presses it, the part of the load that it did not bear before the step, and the part of its play by which it was
     moved.
@@ -237,7 +237,7 @@ class Step(NamedTuple):
         return whole_state(mechanism, Seats(self.y, self.play), Seats(self.rates, still), self.pressed)
 
 
-def newton(time: Scalar, mechanism: PreparedMechanism, play: tuple[Array, ...], y: Array) -> Step:
+def newton(time: Scalar, mechanism: PreparedMechanism, play: tuple[Array, ...], y: Array) -> NewtonStep:
     """One Newton step towards the pose. Its slope, that of the joints by their own play, has no derivative."""
     now, joints = pin_loads(time, mechanism, play, y), mechanism.clearance_joints()
     asked = [
@@ -245,10 +245,10 @@ def newton(time: Scalar, mechanism: PreparedMechanism, play: tuple[Array, ...], 
         for joint, load, free, at in zip(joints, now.loads, now.free, play, strict=True)
     ]
     new, pressed, unborne, moved = zip(*side_by_side(_joint_step, asked), strict=True)
-    return Step(tuple(new), now.y, now.rates, now.opened, tuple(pressed), as_array(unborne), as_array(moved))
+    return NewtonStep(tuple(new), now.y, now.rates, now.opened, tuple(pressed), as_array(unborne), as_array(moved))
 
 
-def _joint_step(clearance: PreparedClearance, start: Array, load: Load, free: FreeMotion, play: Array) -> tuple:
+def _joint_step(clearance: PreparedClearance, start: Array, load: SeatLoad, free: FreeMotion, play: Array) -> tuple:
     """A Newton step of one joint's play: the new play, whether a load presses it, the part of the load that was not
     borne, and the part of the play by which it was moved.
     """

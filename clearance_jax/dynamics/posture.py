@@ -33,9 +33,9 @@ ROUND_OFF, SOLVED = 1e-14, 1e-10
 HOLDS = 3
 
 
-class Found(NamedTuple):
+class PostureSolution(NamedTuple):
     """End of a search: positions, residual `gap` and its Jacobian there, which sought coordinates are `at_limit`, the
-    number of iterations; `closed` as in `Look`.
+    number of iterations; `closed` as in `PoseGap`.
     """
 
     q: Positions
@@ -84,7 +84,7 @@ def _damped_step(jacobian: Array, gap: Array, damping: Array) -> Sought:
     return -((factor * (u.T @ gap)) @ v)
 
 
-def find(chain: PreparedChain, aim: Aim | None, time: Scalar, start: Positions) -> Found:
+def find(chain: PreparedChain, aim: Aim | None, time: Scalar, start: Positions) -> PostureSolution:
     """Search from a start; a coordinate outside its limits is first brought to them."""
     lower, upper = bounds(chain)
     limited = bool(np.any(np.isfinite(lower)) or np.any(np.isfinite(upper)))
@@ -93,7 +93,7 @@ def find(chain: PreparedChain, aim: Aim | None, time: Scalar, start: Positions) 
     def held_of(values, step):
         return ((values <= lower) & (step < 0)) | ((values >= upper) & (step > 0))
 
-    def step_of(now: Found, damping):
+    def step_of(now: PostureSolution, damping):
         values = sought_values(chain, now.q)
         weight = damping * jnp.sum(now.gap**2)
         at_limit = held_of(values, -(now.gap @ now.jacobian))
@@ -115,7 +115,7 @@ def find(chain: PreparedChain, aim: Aim | None, time: Scalar, start: Positions) 
         look = look_at(chain, aim, time, q)
         before, after = now.left, jnp.linalg.norm(look.gap)
         better = after < before
-        new = Found(q, look.gap, look.jacobian, at_limit, now.iterations, look.closed)
+        new = PostureSolution(q, look.gap, look.jacobian, at_limit, now.iterations, look.closed)
         # The first iteration only evaluates the start: nothing is known before.
         first = now.iterations == 0
         new = jax.tree.map(lambda a, b: jnp.where(better | first, a, b), new, now)._replace(at_limit=at_limit)
@@ -128,13 +128,13 @@ def find(chain: PreparedChain, aim: Aim | None, time: Scalar, start: Positions) 
     nothing = jnp.zeros((rows, len(chain.sought)))
     none = jnp.zeros(len(chain.sought), bool)
     # With no residual the first step is zero.
-    begin = Found(start, jnp.zeros(rows), nothing, none, jnp.asarray(0), jnp.asarray(True))
+    begin = PostureSolution(start, jnp.zeros(rows), nothing, none, jnp.asarray(0), jnp.asarray(True))
     carry = begin, jnp.asarray(DAMPING), jnp.asarray(False)
     solution, _, _ = jax.lax.while_loop(lambda carry: ~carry[2] & (carry[0].iterations < MOST), once, carry)
     return solution
 
 
-def implicit_newton_step(chain: PreparedChain, aim: Aim | None, time: Scalar, solution: Found) -> Positions:
+def implicit_newton_step(chain: PreparedChain, aim: Aim | None, time: Scalar, solution: PostureSolution) -> Positions:
     """The positions of a solution, with the derivatives of the implicit function: those of one more Newton step."""
     still = jax.lax.stop_gradient(solution)
     jacobian = jnp.where(still.at_limit[None], 0.0, still.jacobian)
@@ -142,7 +142,7 @@ def implicit_newton_step(chain: PreparedChain, aim: Aim | None, time: Scalar, so
     return change(chain, still.q, _damped_step(jacobian, gap - still.gap, jnp.zeros(())) * chain.units)
 
 
-def solve(chain: PreparedChain, aim: Aim | None, time: Scalar, start: Positions) -> Found:
+def solve(chain: PreparedChain, aim: Aim | None, time: Scalar, start: Positions) -> PostureSolution:
     """`find` with derivatives by the mechanism's numbers, the aim and the time (not by the start)."""
     still = jax.lax.stop_gradient((chain, aim, time, start))
     solution = find(*still)

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from clearance_jax._frame import Frame, frame_of
+from clearance_jax._frame import TreeShape, tree_shape
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.energy import energies
 from clearance_jax.dynamics.kinematics import frames
@@ -102,7 +102,7 @@ def labels(mechanism: AbstractMechanism) -> dict[str, tuple[str, list[str]]]:
     }
 
 
-class Quantity(NamedTuple):
+class QuantityEntry(NamedTuple):
     """An entry of a `variable` of `OBSERVED`, or a `place` in the state vector, with its unit."""
 
     variable: str
@@ -111,14 +111,14 @@ class Quantity(NamedTuple):
     place: int | None = None
 
 
-def quantities(mechanism: AbstractMechanism, energy_balance: bool) -> Mapping[str, Quantity]:
+def quantities(mechanism: AbstractMechanism, energy_balance: bool) -> Mapping[str, QuantityEntry]:
     """All quantities by name; `energy_balance`: whether states contain the energy balance."""
     # Names follow from the structure, and looking them up costs more than some solves: what has been asked is known.
-    return _quantities(frame_of(mechanism), energy_balance)
+    return _quantities(tree_shape(mechanism), energy_balance)
 
 
 @functools.lru_cache(maxsize=256)
-def _quantities(frame: Frame, energy_balance: bool) -> Mapping[str, Quantity]:
+def _quantities(frame: TreeShape, energy_balance: bool) -> Mapping[str, QuantityEntry]:
     """`quantities` of a mechanism without its numbers."""
     with jax.ensure_compile_time_eval():  # what is kept must hold no tracers, whatever is being traced
         mechanism = frame.fill(jnp.asarray(np.ones(shape.shape)) for shape in frame.shapes)
@@ -127,13 +127,13 @@ def _quantities(frame: Frame, energy_balance: bool) -> Mapping[str, Quantity]:
         if variable in IN_SPACE and mechanism.is_plane:
             continue
         if not described.dims and (energy_balance or variable not in OF_BALANCE):
-            out[variable] = Quantity(variable, (), described.unit)
+            out[variable] = QuantityEntry(variable, (), described.unit)
         for name, quantity in _entries(variable, described, labelled):
             out.setdefault(name, quantity)  # of a coordinate that is a state the place in it is known already
     return MappingProxyType(out)
 
 
-def _entries(variable: str, described: Variable, labelled: dict) -> Iterator[tuple[str, Quantity]]:
+def _entries(variable: str, described: Variable, labelled: dict) -> Iterator[tuple[str, QuantityEntry]]:
     """The entries of a variable with dimensions, by name, and the components of vectors."""
     if not described.dims:
         return
@@ -142,30 +142,30 @@ def _entries(variable: str, described: Variable, labelled: dict) -> Iterator[tup
         unit = described.unit
         unit = labelled[unit.removeprefix("see ")][1][i] if unit.startswith("see ") else unit
         name = f"{label}.{OF_COORDINATES.get(variable, variable)}"
-        yield name, Quantity(variable, (i,), unit)
+        yield name, QuantityEntry(variable, (i,), unit)
         if variable == "q":
-            yield label, Quantity(variable, (i,), unit)
+            yield label, QuantityEntry(variable, (i,), unit)
         for k, axis in enumerate(labelled[rest[0]][1] if rest else ()):
-            yield f"{name}.{axis}", Quantity(variable, (i, k), unit)
+            yield f"{name}.{axis}", QuantityEntry(variable, (i, k), unit)
 
 
-def _states(mechanism: AbstractMechanism) -> Iterator[tuple[str, Quantity]]:
+def _states(mechanism: AbstractMechanism) -> Iterator[tuple[str, QuantityEntry]]:
     """Quantities that are entries of the state: free coordinates, their rates, and the laws' memory."""
     plan = layout(mechanism)
     for c, q, v in parts(mechanism):
         unit = "rad" if c.slides is None else "m"
         if not c.is_ball:  # an orientation is reported by its rotation vector, which is not in the state
-            yield c.name, Quantity("state", (), unit, q.start)
-            yield f"{c.name}.position", Quantity("state", (), unit, q.start)
+            yield c.name, QuantityEntry("state", (), unit, q.start)
+            yield f"{c.name}.position", QuantityEntry("state", (), unit, q.start)
         for i, name in enumerate(c.velocities):
-            yield f"{name}.velocity", Quantity("state", (), f"{unit}/s", plan.v.start + v.start + i)
+            yield f"{name}.velocity", QuantityEntry("state", (), f"{unit}/s", plan.v.start + v.start + i)
     for joint, names in plan.memories:
         for name in names:
-            yield f"{joint}.{name}", Quantity("state", (), "", plan.index(joint, name))
+            yield f"{joint}.{name}", QuantityEntry("state", (), "", plan.index(joint, name))
     kinds = {c.name: "N m" if c.slides is None else "N" for c, *_ in parts(mechanism)}
     for holder, names in plan.efforts:
         for name in names:
-            yield f"{holder}.{name}", Quantity("state", (), kinds[name], plan.index(holder, name))
+            yield f"{holder}.{name}", QuantityEntry("state", (), kinds[name], plan.index(holder, name))
 
 
 def evaluate(variable: str, time: Scalar, y: Array, mechanism: PreparedMechanism) -> Array:

@@ -7,7 +7,7 @@ from jaxtyping import Array
 
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.equations import Balance, balance
-from clearance_jax.dynamics.frames import Wrench
+from clearance_jax.dynamics.frames import SpatialForce
 from clearance_jax.dynamics.kinematics import sleeve_axes
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.prepared import PreparedMechanism
@@ -70,7 +70,7 @@ def determinate(ideal: PreparedMechanism) -> PreparedMechanism:
     return ideal
 
 
-def reactions(mechanism: PreparedMechanism, now: Balance) -> list[Wrench]:
+def reactions(mechanism: PreparedMechanism, now: Balance) -> list[SpatialForce]:
     """Force and moment on the child of every joint, tree then loops, in the world's axes, from the momentum of what
     hangs on it. The moment is about the joint's place on the child. It includes the effort of a driven or actuated
     joint, and both contact and holding forces of a joint with clearance.
@@ -78,7 +78,7 @@ def reactions(mechanism: PreparedMechanism, now: Balance) -> list[Wrench]:
     wrenches = now.motion.wrenches(now.acceleration)
     by_name = dict(zip(now.actions, now.pairs, strict=False))
     by_name |= dict(zip([j.name for j in mechanism.closures()], now.closing, strict=True))
-    out: list[Wrench] = []
+    out: list[SpatialForce] = []
     for joint in mechanism.joints:
         pivot, missing = now.motion[joint.child].pivot, wrenches[joint.child]
         force, moment = scale(-1.0, missing.force), scale(-1.0, missing.moment)
@@ -90,5 +90,5 @@ def reactions(mechanism: PreparedMechanism, now: Balance) -> list[Wrench]:
             force = subtract(force, scale(inside, pair.force))
             turning = add(cross(subtract(pair.at, pivot), pair.force), pair.torque)
             moment = subtract(moment, scale(inside, turning))
-        out.append(Wrench(force, moment))
-    return out + [Wrench(by_name[loop.name].force, by_name[loop.name].torque) for loop in mechanism.loops]
+        out.append(SpatialForce(force, moment))
+    return out + [SpatialForce(by_name[loop.name].force, by_name[loop.name].torque) for loop in mechanism.loops]

@@ -12,7 +12,7 @@ from clearance_jax._sharing import compute_once
 from clearance_jax._types import Rows, Scalar
 from clearance_jax.joints import Relative
 from clearance_jax.mechanism.frame import Frame
-from clearance_jax.mechanism.moved import Moved, Step, Values, carry, steps
+from clearance_jax.mechanism.moved import FrameStep, Moved, Values, carry, steps
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, parts
 from clearance_jax.spatial import Matrix, Vector, is_zero, minus, product
@@ -51,7 +51,7 @@ def tree_relative_motions(mechanism: PreparedMechanism, time: Scalar, values: Va
     return {joint.name: at for joint, at in zip(joints, motions, strict=True)}
 
 
-def _relative_motion(*moved: Step) -> RelativeMotion:
+def _relative_motion(*moved: FrameStep) -> RelativeMotion:
     """The pin's frame relative to the sleeve, after steps in the sleeve's axes."""
     frame = Frame()
     for step in moved:

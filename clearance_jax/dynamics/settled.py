@@ -29,7 +29,7 @@ from clearance_jax.dynamics.equations import balance
 from clearance_jax.dynamics.reactions import held_reactions, hold_still
 from clearance_jax.dynamics.seated import Seated, followers, lowest_frequency, play_mobility
 from clearance_jax.errors import ClearanceError
-from clearance_jax.joints.seating import Load, Near, Seat, Turned, relative_at, seat, stiffness_at
+from clearance_jax.joints.seating import Near, Seat, SeatLoad, Turned, relative_at, seat, stiffness_at
 from clearance_jax.mechanism._base import ClearanceJoint
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import initial_values, layout, parts, position_rates
@@ -226,7 +226,7 @@ def seats_of(
             alike.setdefault(jax.tree.structure(joint.clearance), []).append(k)
     for group in alike.values():
         known = [None if near is None else near[k] for k in group]
-        loaded = [Load(tuple(loads[k][0]), tuple(loads[k][1])) for k in group]
+        loaded = [SeatLoad(tuple(loads[k][0]), tuple(loads[k][1])) for k in group]
         changes = [None if turned is None else turned[k] for k in group]
         asked = [
             (joints[k].clearance, load, begin[k], at, change)

@@ -11,10 +11,10 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from clearance_jax._types import Scalar
-from clearance_jax.dynamics.frames import AbstractExtra, AbstractMoves, Frames, Wrench, rotors
+from clearance_jax.dynamics.frames import AbstractExtra, AbstractMoves, Frames, SpatialForce, rotors
 from clearance_jax.dynamics.link_motion import sweep
 from clearance_jax.mechanism.body import GROUND
-from clearance_jax.mechanism.frame import Column, Frame
+from clearance_jax.mechanism.frame import Frame, JacobianColumn
 from clearance_jax.mechanism.links import Masks, Order, links_of, masks, order
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State
@@ -22,7 +22,7 @@ from clearance_jax.spatial import IDENTITY, ZERO, Term, Vector, as_array, subtra
 from clearance_jax.symmetric import ArrayRow, Dense
 
 
-class Columns(NamedTuple):
+class ColumnArrays(NamedTuple):
     """The free columns of a table as arrays: `spins`, velocities at the `origin` (`slides`), (columns, 3); `moves`: 1
     for the columns that move a body, else 0.
     """
@@ -43,7 +43,7 @@ class Columns(NamedTuple):
         return jnp.asarray(self.moves)[:, None] * self.spins
 
 
-class Moves(AbstractMoves):
+class ArrayMoves(AbstractMoves):
     """Velocities or spins by the free coordinates, as one array."""
 
     def __init__(self, whole: Float[Array, "free 3"]):
@@ -64,10 +64,10 @@ class Moves(AbstractMoves):
         return jnp.sum(self.whole**2, axis=1) @ as_array(weights)
 
 
-class Extra(AbstractExtra):
+class ArrayExtra(AbstractExtra):
     """Extra accelerations as products with the columns."""
 
-    def __init__(self, motion: "Table", acceleration: list[Term]):
+    def __init__(self, motion: "TabledFrames", acceleration: list[Term]):
         self._motion, self._acceleration = motion, acceleration
 
     def at(self, body, point):
@@ -77,7 +77,7 @@ class Extra(AbstractExtra):
         return three(as_array(self._acceleration) @ self._motion.columns(body).spin)
 
 
-class Table(Frames):
+class TabledFrames(Frames):
     """Frames and dynamics of a large mechanism."""
 
     is_solved_implicitly: ClassVar[bool] = False
@@ -89,7 +89,7 @@ class Table(Frames):
         links = mechanism.links or links_of(mechanism.bodies, mechanism.joints)
         self.links = links
         self.rates, local, self.motions = sweep(mechanism, self.plan, links, time, state)
-        self._frames: dict[str, tuple[Frame, Columns]] = {}
+        self._frames: dict[str, tuple[Frame, ColumnArrays]] = {}
         carriers = np.array([self.plan.carriers[body.name] for body in mechanism.bodies])
         # The carrier of a body fixed to the ground is the ground, behind all links.
         self.carriers = np.where(carriers < 0, len(self.plan.coordinates), carriers)
@@ -117,26 +117,26 @@ class Table(Frames):
     def __getitem__(self, body):
         return self._at(body)[0]
 
-    def columns(self, body: str) -> Columns:
+    def columns(self, body: str) -> ColumnArrays:
         """The free columns, with marks of those that move a body."""
         return self._at(body)[1]
 
     def velocities(self, body, point, base=None, beside=ZERO):
         moves = self.columns(body).velocity_at(point)
-        return Moves(moves if base is None else moves - self.columns(base).velocity_at(beside))
+        return ArrayMoves(moves if base is None else moves - self.columns(base).velocity_at(beside))
 
     def spins(self, body, base=None):
         spin = self.columns(body).spin
-        return Moves(spin if base is None else spin - self.columns(base).spin)
+        return ArrayMoves(spin if base is None else spin - self.columns(base).spin)
 
     def extra(self, acceleration):
-        return Extra(self, acceleration)
+        return ArrayExtra(self, acceleration)
 
-    def _at(self, body: str) -> tuple[Frame, Columns]:
+    def _at(self, body: str) -> tuple[Frame, ColumnArrays]:
         if body not in self._frames:
             moves = self._movers(self.plan.carriers[body])
             n = self.count
-            free = Columns(self.column_spins[:n], self.column_slides[:n], self.origin, moves[:n])
+            free = ColumnArrays(self.column_spins[:n], self.column_slides[:n], self.origin, moves[:n])
             self._frames[body] = self._frame(body, moves), free
         return self._frames[body]
 
@@ -164,11 +164,11 @@ class Table(Frames):
         """Which columns move a link."""
         return self.masks.beyond[:, link] if link >= 0 else np.zeros(len(self.masks.links))
 
-    def _prescribed(self, column: int) -> tuple[Column, Term]:
+    def _prescribed(self, column: int) -> tuple[JacobianColumn, Term]:
         link = self.masks.links[column]
         axis = three(self.column_spins[column] if self.masks.turns[column] else self.column_slides[column])
         pivot = three(self.motions.place[link]) if self.masks.turns[column] else None
-        return Column(-1, axis, pivot), self.rates[link]
+        return JacobianColumn(-1, axis, pivot), self.rates[link]
 
     # Inertia and loads ----------------------------------------------------------------------------------------------
 
@@ -225,7 +225,7 @@ class Table(Frames):
         out = {}
         for joint in self.mechanism.joints:
             hanging = self.subtree(joint.child)
-            whole = Wrench(three(hanging @ force), three(hanging @ moment))
+            whole = SpatialForce(three(hanging @ force), three(hanging @ moment))
             out[joint.child] = whole.move(subtract(three(self.origin), self[joint.child].pivot))
         return out
 

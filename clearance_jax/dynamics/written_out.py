@@ -19,12 +19,12 @@ import jax.numpy as jnp
 from clearance_jax._module import Module
 from clearance_jax._sharing import compute_once
 from clearance_jax._types import Scalar
-from clearance_jax.dynamics.frames import AbstractExtra, AbstractMoves, Frames, Pair, Wrench, rotors
+from clearance_jax.dynamics.frames import AbstractExtra, AbstractMoves, Frames, Pair, SpatialForce, rotors
 from clearance_jax.dynamics.inertia import Composite, composite_of, inertia_of
 from clearance_jax.dynamics.relative_motion import coordinate_values
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.body import GROUND, Body
-from clearance_jax.mechanism.frame import Column, Frame
+from clearance_jax.mechanism.frame import Frame, JacobianColumn
 from clearance_jax.mechanism.moved import place
 from clearance_jax.mechanism.prepared import PreparedMechanism
 from clearance_jax.mechanism.state import State, layout
@@ -48,7 +48,7 @@ from clearance_jax.spatial import (
 from clearance_jax.symmetric import TermRow, factor
 
 
-class Moves(AbstractMoves):
+class TermMoves(AbstractMoves):
     """Velocities or spins by the free coordinates, one by one; zero for those that do not move the body."""
 
     def __init__(self, every: list[Vector]):
@@ -70,14 +70,14 @@ class Moves(AbstractMoves):
         return total(times(weights[i], square) for i, square in enumerate(squares) if not is_zero(square))
 
 
-class Extra(AbstractExtra):
+class TermExtra(AbstractExtra):
     """Extra accelerations of bodies. A body's sum over columns is its parent's sum and its own columns."""
 
     def __init__(self, motion: "WrittenOut", acceleration: list[Term]):
         self._motion, self._acceleration = motion, acceleration
         self._known: dict[tuple[int, ...], tuple[Vector, Vector, Vector]] = {}
 
-    def _turn(self, columns: tuple[Column, ...]) -> tuple[Vector, Vector, Vector]:
+    def _turn(self, columns: tuple[JacobianColumn, ...]) -> tuple[Vector, Vector, Vector]:
         """The spin rate by some columns, a place on the axis of the last one that turns, and the acceleration there."""
         if not columns:
             return ZERO, ZERO, ZERO
@@ -121,18 +121,18 @@ class WrittenOut(Module, Frames):
     def spins(self, body, base=None):
         return self._moves(body, base, lambda column: column.spin, lambda column: column.spin)
 
-    def _moves(self, body, base, of_body, of_base) -> Moves:
+    def _moves(self, body, base, of_body, of_base) -> TermMoves:
         moves = [ZERO] * self.count
         for column in self[body].free:
             moves[column.index] = of_body(column)
         for column in () if base is None else self[base].free:
             moves[column.index] = subtract(moves[column.index], of_base(column))
-        return Moves(moves)
+        return TermMoves(moves)
 
     def extra(self, acceleration):
-        return Extra(self, acceleration)
+        return TermExtra(self, acceleration)
 
-    def own_columns(self) -> dict[str, tuple[Column, ...]]:
+    def own_columns(self) -> dict[str, tuple[JacobianColumn, ...]]:
         """By body: the free columns of the joint that carries it."""
         return {j.child: self[j.child].free[len(self[j.parent].free) :] for j in self.mechanism.joints}
 
@@ -190,7 +190,7 @@ class WrittenOut(Module, Frames):
     def wrenches(self, acceleration):
         return self._wrenches(self.extra(acceleration), every=True)
 
-    def _wrenches(self, extra: Extra | None, every: bool = False) -> dict[str, Wrench]:
+    def _wrenches(self, extra: TermExtra | None, every: bool = False) -> dict[str, SpatialForce]:
         """`wrenches` of the bodies that a free coordinate moves, or of `every` body."""
         bodies, out = {body.name: body for body in self.mechanism.bodies}, {}
         for joint in reversed(self.mechanism.joints):
@@ -204,7 +204,7 @@ class WrittenOut(Module, Frames):
             out[joint.child] = whole if self.mechanism.is_plane else compute_once(whole)
         return out
 
-    def _deficit(self, body: Body, extra: Extra | None) -> Wrench:
+    def _deficit(self, body: Body, extra: TermExtra | None) -> SpatialForce:
         """Weight minus inertia forces of a body, about its pivot."""
         frame = self[body.name]
         centre = frame.point(body.center_of_mass.vector)
@@ -220,7 +220,7 @@ class WrittenOut(Module, Frames):
             spin_rate = frame.spin_rate if extra is None else add(frame.spin_rate, extra.spin_rate(body.name))
             gyroscopic = cross(frame.spin, inertia.apply(frame.spin))
             moment = subtract(moment, add(inertia.apply(spin_rate), gyroscopic))
-        return Wrench(force, moment)
+        return SpatialForce(force, moment)
 
     def _weight_and_inertia(self, mass: Term, acceleration: Vector) -> Vector:
         """M (g - a). Without gravity one change of sign serves all components."""
@@ -304,7 +304,7 @@ class WrittenOut(Module, Frames):
         every = [jnp.abs(jnp.asarray(power)) for by_axis in powers for power in by_axis]
         return sum(every, jnp.zeros(()))
 
-    def _inertial_powers(self, body: Body, extra: Extra) -> Iterator[tuple[Term, ...]]:
+    def _inertial_powers(self, body: Body, extra: TermExtra) -> Iterator[tuple[Term, ...]]:
         """Rates of a body's kinetic energy along and about each axis of the world [W]."""
         frame = self[body.name]
         centre = frame.point(body.center_of_mass.vector)
@@ -327,6 +327,6 @@ def write_out(mechanism: PreparedMechanism, time: Scalar, state: State) -> Writt
     return WrittenOut(mechanism, out, len(state.v))
 
 
-def pair_work(pair: Pair, column: Column) -> Term:
+def pair_work(pair: Pair, column: JacobianColumn) -> Term:
     """Power of a pair's wrench on its child per unit rate of a column that moves only the child."""
     return plus(dot(column.velocity_at(pair.at), pair.force), dot(column.spin, pair.torque))

@@ -40,7 +40,7 @@ ACROSS = 2.0
 Values = Float[Array, " play"]
 
 
-class Pose(NamedTuple):
+class PinPose(NamedTuple):
     """A pin's pose in its sleeve's axes by its play: place [m], how it is turned, and of each coordinate the velocity
     or spin of the pin there per unit of its rate.
     """
@@ -50,7 +50,7 @@ class Pose(NamedTuple):
     axes: tuple[Vector, ...]
 
 
-def pose_at(play: Sequence[PlayCoordinate], values: Sequence[Term] | Values) -> Pose:
+def pose_at(play: Sequence[PlayCoordinate], values: Sequence[Term] | Values) -> PinPose:
     """The pose at given `values` (play,) of the coordinates of the `play` [m or rad]."""
     place, rotation, axes = ZERO, IDENTITY, []
     tilts = [k for k, coordinate in enumerate(play) if coordinate.swings]
@@ -67,10 +67,10 @@ def pose_at(play: Sequence[PlayCoordinate], values: Sequence[Term] | Values) -> 
         else:
             axes.append(rotation.apply(coordinate.turns))
             rotation = rotation.turn(coordinate.turns, values[k])
-    return Pose(place, rotation, tuple(axes))
+    return PinPose(place, rotation, tuple(axes))
 
 
-class Load(NamedTuple):
+class SeatLoad(NamedTuple):
     """What the sleeve must exert on the pin, in the sleeve's axes: `force` [N], and `moment` about the pin's centre [N
     m].
     """
@@ -84,13 +84,13 @@ class Load(NamedTuple):
             [dot(self.force if c.turns is None else self.moment, a) for c, a in zip(play, axes, strict=True)]
         )
 
-    def plus(self, other: "Load") -> "Load":
+    def plus(self, other: "SeatLoad") -> "SeatLoad":
         """Both together."""
-        return Load(add(self.force, other.force), add(self.moment, other.moment))
+        return SeatLoad(add(self.force, other.force), add(self.moment, other.moment))
 
-    def less(self, other: "Load") -> "Load":
+    def less(self, other: "SeatLoad") -> "SeatLoad":
         """What is left of it without another."""
-        return Load(subtract(self.force, other.force), subtract(self.moment, other.moment))
+        return SeatLoad(subtract(self.force, other.force), subtract(self.moment, other.moment))
 
 
 class Turned(NamedTuple):
@@ -105,10 +105,10 @@ class Turned(NamedTuple):
     moment: Float[Array, "3 play"]
     at: Values
 
-    def load(self, values: Values, size: Values) -> Load:
+    def load(self, values: Values, size: Values) -> SeatLoad:
         """The change of the load at `values` (play,) of the play coordinates, whose `size` is their play (play,)."""
         moved = size * jnp.clip((values - self.at) / size, -ACROSS, ACROSS)
-        return Load(tuple(self.force @ moved), tuple(self.moment @ moved))
+        return SeatLoad(tuple(self.force @ moved), tuple(self.moment @ moved))
 
 
 class FreeMotion(NamedTuple):
@@ -156,7 +156,7 @@ class Near(NamedTuple):
 
 
 def seat(
-    clearance: PreparedClearance, load: Load, start: Values, near: Near | None = None, turned: Turned | None = None
+    clearance: PreparedClearance, load: SeatLoad, start: Values, near: Near | None = None, turned: Turned | None = None
 ) -> Seat:
     """The play at which the joint, without friction, exerts a given load on its pin.
 
@@ -194,7 +194,7 @@ class Seating(NamedTuple):
     """
 
     clearance: PreparedClearance
-    load: Load
+    load: SeatLoad
     size: Values
     counts: Array
     start: Values
@@ -207,7 +207,7 @@ class Seating(NamedTuple):
         axes = pose_at(play, values).axes
         memory = tuple(jnp.zeros(()) for _ in self.clearance.remembers)
         action = self.clearance.act(relative_at(play, values, self.free), memory)
-        borne = Load(action.force, action.torque).along(play, axes)
+        borne = SeatLoad(action.force, action.torque).along(play, axes)
         load = self.load if self.turned is None else self.load.plus(self.turned.load(values, self.size))
         return self.size * (jnp.where(self.counts, factor * load.along(play, axes), 0.0) - borne)
 
@@ -225,7 +225,7 @@ class Seating(NamedTuple):
             return self.asked
         return jnp.maximum(self.asked, jnp.where(self.counts, self._along(self.load, self.turned.at), 0.0))
 
-    def _along(self, load: Load, values: Values) -> Values:
+    def _along(self, load: SeatLoad, values: Values) -> Values:
         """The sizes of a load's parts along each coordinate, at values of these."""
         play = self.clearance.joint.play()
         return jnp.abs(self.size * load.along(play, pose_at(play, values).axes))
@@ -320,13 +320,13 @@ def stiffness_at(clearance: PreparedClearance, place: Values) -> Array:
     """
     play = clearance.joint.play()
     size = as_array([c.scale for c in play])
-    nowhere = Load(ZERO, ZERO)
+    nowhere = SeatLoad(ZERO, ZERO)
     smooth = clearance.without_friction()
     joint, at, size = jax.lax.stop_gradient((smooth, place, size))
     return value_and_jacobian(Seating(joint, nowhere, size, jnp.zeros(len(size), bool), at).residual, at / size)[1]
 
 
-def held_stiffness(clearance: PreparedClearance, place: Values, load: Load) -> Array:
+def held_stiffness(clearance: PreparedClearance, place: Values, load: SeatLoad) -> Array:
     """How stiffly a joint without friction holds its pin where it bears a load, for play in units of its size [J],
     without derivatives: zero along what contacts hold less firmly than the springs of a search do.
 

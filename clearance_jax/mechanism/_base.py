@@ -13,7 +13,7 @@ from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.mechanism.body import Body, Point, Spring
 from clearance_jax.mechanism.controllers import AbstractController, Reference
 from clearance_jax.mechanism.coordinate import Coordinate
-from clearance_jax.mechanism.form import Form
+from clearance_jax.mechanism.form import EquationForm
 from clearance_jax.mechanism.loads import Wrench
 from clearance_jax.mechanism.placement import Gravity, Inertia
 from clearance_jax.mechanism.play import without_play
@@ -155,11 +155,13 @@ class AbstractMechanism(Parametrised):
         return (*self.joints, *self.loops)
 
     @property
-    def form(self) -> Form:
+    def form(self) -> EquationForm:
         """Which form its equations of motion have, and why."""
         free = sum(len(coordinate.velocities) for coordinate in self.free_coordinates())
         conditions = sum(loop.joint_constraint().count for loop in self.closures())
-        return Form(free, conditions, len(list(self.coordinates())), bool(self.clearance_joints()), self.is_plane)
+        return EquationForm(
+            free, conditions, len(list(self.coordinates())), bool(self.clearance_joints()), self.is_plane
+        )
 
     def ideal(self: Kind) -> Kind:
         """The same mechanism with every clearance and misalignment taken away."""

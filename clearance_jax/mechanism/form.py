@@ -15,7 +15,7 @@ from clearance_jax._once import compute_once
 UNROLLED, PLAYED, FRAMED = 16, 24, 40
 
 
-class Form(NamedTuple):
+class EquationForm(NamedTuple):
     """What decides the form: free velocities, conditions of ideal closures (in space), coordinates in all, whether it
     has play, whether it stays in its plane.
     """

@@ -20,7 +20,7 @@ from clearance_jax.spatial import (
 )
 
 
-class Column(NamedTuple):
+class JacobianColumn(NamedTuple):
     """What one coordinate moves: a unit slide along `axis`, or, where there is a `pivot`, a unit spin about `axis`
     through it; `index`: of its velocity among the free ones (-1: it is prescribed).
     """
@@ -44,7 +44,7 @@ class Frame(NamedTuple):
 
     `pivot`: the place of the joint that carries the body, from which moments of what hangs on it are taken; `free` and
     `prescribed`: the columns of the coordinates that move it, from the ground on (of the prescribed ones with their
-    rates); of a large mechanism the free ones as one array (`table.Columns`).
+    rates); of a large mechanism the free ones as one array (`table.ColumnArrays`).
     """
 
     rotation: Rotation = IDENTITY
@@ -55,7 +55,7 @@ class Frame(NamedTuple):
     acceleration: Vector = ZERO
     pivot: Vector = ZERO
     free: Any = ()
-    prescribed: tuple[tuple[Column, Term], ...] = ()
+    prescribed: tuple[tuple[JacobianColumn, Term], ...] = ()
 
     @property
     def angle(self) -> Term:
@@ -120,7 +120,7 @@ class Frame(NamedTuple):
             acceleration=add(add(self.acceleration_at(point), coriolis), scale(acceleration, along)),
         )
 
-    def add_motion(self, column: Column, rate: Term) -> "Frame":
+    def add_motion(self, column: JacobianColumn, rate: Term) -> "Frame":
         """The frame with one more coordinate that moves it."""
         if column.index < 0:
             return self._replace(prescribed=(*self.prescribed, (column, rate)))

@@ -66,26 +66,26 @@ def order(joints: tuple[AbstractJoint, ...]) -> Order:
     return Order(tuple(coordinates), tuple(parents), carriers)
 
 
-class Fixed(NamedTuple):
+class FixedFrame(NamedTuple):
     """How a frame is fixed on a link."""
 
     rotation: Rotation = IDENTITY
     offset: Vector = ZERO
 
-    def move(self, offset: Vector, rotation: Rotation) -> "Fixed":
+    def move(self, offset: Vector, rotation: Rotation) -> "FixedFrame":
         """The frame that is fixed on this one."""
-        return Fixed(self.rotation.compose(rotation.rows), add(self.offset, self.rotation.apply(offset)))
+        return FixedFrame(self.rotation.compose(rotation.rows), add(self.offset, self.rotation.apply(offset)))
 
 
 def links_of(bodies: tuple[Body, ...], joints: tuple[AbstractJoint, ...]) -> Links:
     """The table's numbers."""
-    before, axes, placed = [], [], {GROUND: Fixed()}
+    before, axes, placed = [], [], {GROUND: FixedFrame()}
     for joint in joints:
         at = placed[joint.parent].move(joint.at_parent.vector, joint.turned)
         for coordinate in joint.coordinates():
             before.append(at)
             axes.append(coordinate.turns if coordinate.slides is None else coordinate.slides)
-            at = Fixed()
+            at = FixedFrame()
         if joint.child_orientation is not None:
             rows = transpose(joint.child_orientation.rotation.rows)
             at = at.move(ZERO, Rotation(rows, rows))

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from clearance_jax._types import Scalar
 from clearance_jax.mechanism.coordinate import Coordinate
-from clearance_jax.mechanism.frame import Column, Frame
+from clearance_jax.mechanism.frame import Frame, JacobianColumn
 from clearance_jax.mechanism.tree import AbstractJoint
 from clearance_jax.spatial import (
     UNIT,
@@ -47,7 +47,7 @@ def motion_of(coordinate: Coordinate, time: Scalar, values: Values) -> Moved:
     return Moved(-1, (q,), (v,), (a,))
 
 
-class Step(NamedTuple):
+class FrameStep(NamedTuple):
     """What moves a frame at once, and how: an elementary coordinate, which slides along, or turns about, an axis
     (neither: it is a ball), or the two `tilts` of a swing about perpendicular axes.
     """
@@ -58,11 +58,11 @@ class Step(NamedTuple):
     tilts: tuple[Vector, Vector] | None = None
 
 
-def steps(coordinates: Iterable[Coordinate], time: Scalar, values: Values) -> Iterator[Step]:
+def steps(coordinates: Iterable[Coordinate], time: Scalar, values: Values) -> Iterator[FrameStep]:
     """The steps of a joint."""
     tilt = None
     for coordinate in coordinates:
-        step = Step(motion_of(coordinate, time, values), coordinate.slides, coordinate.turns)
+        step = FrameStep(motion_of(coordinate, time, values), coordinate.slides, coordinate.turns)
         if not coordinate.swings:
             yield step
         elif tilt is None:
@@ -70,10 +70,10 @@ def steps(coordinates: Iterable[Coordinate], time: Scalar, values: Values) -> It
         else:
             first, second = tilt.by, step.by
             by = Moved(first.index, first.q + second.q, first.v + second.v, first.a + second.a)
-            yield Step(by, tilts=(tilt.turns or ZERO, step.turns or ZERO))
+            yield FrameStep(by, tilts=(tilt.turns or ZERO, step.turns or ZERO))
 
 
-def carry(frame: Frame, step: Step) -> Frame:
+def carry(frame: Frame, step: FrameStep) -> Frame:
     """The frame after a step, without a word of what moves it."""
     by, slides, turns, tilts = step
     if tilts is not None:
@@ -103,25 +103,25 @@ def swing_rates(at: Swing, by: Moved) -> tuple[Vector, Vector]:
     return spin, subtract(faster, scale(times(at.part, growth), spin))
 
 
-def beyond(frame: Frame, step: Step) -> Frame:
+def beyond(frame: Frame, step: FrameStep) -> Frame:
     """The frame after a step of a joint."""
     by, slides, turns, tilts = step
     if tilts is not None:
         at = swing(*tilts, *by.q)
         after = _swing(frame, at, by)
         for k, axis in enumerate(at.outside):
-            after = after.add_motion(Column(by.index + k, frame.rotation.apply(axis), frame.position), 0.0)
+            after = after.add_motion(JacobianColumn(by.index + k, frame.rotation.apply(axis), frame.position), 0.0)
         return after
     after = carry(frame, step)
     if slides is None and turns is None:
         for k, axis in enumerate(UNIT):
-            after = after.add_motion(Column(by.index + k, after.rotation.apply(axis), after.position), 0.0)
+            after = after.add_motion(JacobianColumn(by.index + k, after.rotation.apply(axis), after.position), 0.0)
         return after
     if turns is not None:
-        column = Column(by.index, frame.rotation.apply(turns), frame.position)
+        column = JacobianColumn(by.index, frame.rotation.apply(turns), frame.position)
     else:
         assert slides is not None
-        column = Column(by.index, frame.rotation.apply(slides), None)
+        column = JacobianColumn(by.index, frame.rotation.apply(slides), None)
     return after.add_motion(column, by.v[0])
 
 

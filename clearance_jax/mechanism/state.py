@@ -51,7 +51,7 @@ def effort_sources(mechanism: AbstractMechanism) -> tuple[Acting, ...]:
     return (*out, *controlled)
 
 
-def actuated_coordinates(mechanism: AbstractMechanism) -> "tuple[Part, ...]":
+def actuated_coordinates(mechanism: AbstractMechanism) -> "tuple[StateSlices, ...]":
     """The free coordinates on which something exerts efforts."""
     names = {name for source in effort_sources(mechanism) for name in source.coordinates}
     return tuple(part for part in parts(mechanism) if part.coordinate.name in names)
@@ -139,7 +139,7 @@ def initial_values(mechanism: AbstractMechanism) -> Array:
     return vector((*places, *(jnp.asarray(x, float) for _, v in starts for x in v)))
 
 
-class Part(NamedTuple):
+class StateSlices(NamedTuple):
     """Where a free coordinate is among the positions, and among the velocities, by their first and last index."""
 
     coordinate: Coordinate
@@ -147,11 +147,11 @@ class Part(NamedTuple):
     v: slice
 
 
-def parts(mechanism: AbstractMechanism) -> tuple[Part, ...]:
+def parts(mechanism: AbstractMechanism) -> tuple[StateSlices, ...]:
     """Every free coordinate with its place in a state."""
     out, q, v = [], 0, 0
     for c in mechanism.free_coordinates():
-        out.append(Part(c, slice(q, q + len(c.positions)), slice(v, v + len(c.velocities))))
+        out.append(StateSlices(c, slice(q, q + len(c.positions)), slice(v, v + len(c.velocities))))
         q, v = out[-1].q.stop, out[-1].v.stop
     return tuple(out)
 

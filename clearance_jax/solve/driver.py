@@ -18,7 +18,7 @@ from clearance_jax._types import Flag, Scalar
 from clearance_jax.solve.attempt import Options, decide, dense, dense_info, means_of, start_records
 from clearance_jax.solve.codes import code_of
 from clearance_jax.solve.control import Control, Means, first_end
-from clearance_jax.solve.outcome import Outcome, Task
+from clearance_jax.solve.outcome import Outcome, SolveTask
 from clearance_jax.solve.problem import Problem
 from clearance_jax.solve.step import Trial, try_step
 
@@ -60,26 +60,26 @@ class Stepper(diffrax.AbstractAdaptiveSolver):
         )
 
 
-class Samples(NamedTuple):
+class StepSamples(NamedTuple):
     """The states at sample times so far: the first `count` of them, infinite for the others."""
 
     count: Array
     y: Array
 
     @classmethod
-    def none(cls, at: Array, t0: Scalar, t1: Scalar, y0: Array) -> "Samples":
+    def none(cls, at: Array, t0: Scalar, t1: Scalar, y0: Array) -> "StepSamples":
         """Before the first step. A motion of no duration has no step, and its start as all samples."""
         y = jnp.broadcast_to(jnp.where(t0 == t1, y0, jnp.inf), (at.size, *y0.shape))
         return cls(jnp.where(t0 == t1, at.size, 0), y)
 
-    def more(self, at: Array, step: Any, keep: Flag) -> "Samples":
+    def more(self, at: Array, step: Any, keep: Flag) -> "StepSamples":
         """With the samples in a step (its interpolation), if it is kept."""
 
         def goes_on(now):
             return keep & (now.count < at.size) & (at[jnp.minimum(now.count, at.size - 1)] <= step.t1)
 
         def once(now):
-            return Samples(now.count + 1, now.y.at[now.count].set(step.evaluate(at[now.count])))
+            return StepSamples(now.count + 1, now.y.at[now.count].set(step.evaluate(at[now.count])))
 
         return jax.lax.while_loop(goes_on, once, self)
 
@@ -89,7 +89,7 @@ class DriverState(NamedTuple):
 
     control: Control
     record: tuple
-    samples: Samples | None
+    samples: StepSamples | None
 
 
 class Controller(diffrax.AbstractAdaptiveStepSizeController):
@@ -117,7 +117,7 @@ class Controller(diffrax.AbstractAdaptiveStepSizeController):
         return self
 
     def init(self, terms, t0, t1, y0, dt0, args, func, error_order):
-        samples = None if self.at is None else Samples.none(self.at, t0, t1, y0)
+        samples = None if self.at is None else StepSamples.none(self.at, t0, t1, y0)
         state = DriverState(Control.begin(t0), start_records(self.options, t0, y0, args), samples)
         return first_end(args, t0, t1, y0, self.means), state
 
@@ -138,7 +138,7 @@ def _own_field(t, y, args):
     return y
 
 
-def integrate(task: Task, options: Options, moving_breaks: bool = False, mapped: bool = False) -> Outcome:
+def integrate(task: SolveTask, options: Options, moving_breaks: bool = False, mapped: bool = False) -> Outcome:
     """One motion (or stack) to its end. `mapped`: `jax.vmap` may batch it. Then diffrax samples, because our loop over
     samples would copy all of them for each lane.
     """
@@ -156,14 +156,14 @@ def integrate(task: Task, options: Options, moving_breaks: bool = False, mapped:
     return Outcome(out.ys[0][-1], out.ts[0][-1], sampled, record, code_of(out.result), *counts)
 
 
-def step_ends(task: Task, options: Options) -> tuple[Array, Array]:
+def step_ends(task: SolveTask, options: Options) -> tuple[Array, Array]:
     """The start and the end of every step, then infinite; and the code with which the solve ends."""
     out = _by_diffrax(task, options, False, [diffrax.SubSaveAt(t0=True, steps=True)], False)
     assert out.ts is not None
     return out.ts[1], code_of(out.result)
 
 
-def _by_diffrax(task: Task, options: Options, moving_breaks: bool, subs: list, samples: bool) -> diffrax.Solution:
+def _by_diffrax(task: SolveTask, options: Options, moving_breaks: bool, subs: list, samples: bool) -> diffrax.Solution:
     """Diffrax's solution: the end, and what `subs` save; `samples`: the controller takes the task's samples."""
     at = task.save_at if samples else None
     # To pyright the abstract rtol, atol and norm are fields, not properties.

@@ -19,7 +19,7 @@ except ImportError:  # where it was before JAX 0.8
 
 
 @dataclasses.dataclass
-class Effort:
+class AttemptCounts:
     """The attempts of the solves seen so far, and whether one could not be counted."""
 
     place: Any
@@ -32,13 +32,13 @@ class Effort:
         return None if self.hidden else self.attempts or None
 
 
-_open: ContextVar[Effort | None] = ContextVar("effort", default=None)
+_open: ContextVar[AttemptCounts | None] = ContextVar("effort", default=None)
 
 
 @contextlib.contextmanager
-def effort() -> Iterator[Effort]:
+def effort() -> Iterator[AttemptCounts]:
     """Counts every solve in its context."""
-    counts = Effort(get_opaque_trace_state(convention="clearance_jax"), [])
+    counts = AttemptCounts(get_opaque_trace_state(convention="clearance_jax"), [])
     token = _open.set(counts)
     try:
         yield counts

@@ -40,7 +40,7 @@ Coefficients: TypeAlias = tuple[Float[Array, "numbers *lanes"], ...]  # noqa: F8
 PLANE = 3
 
 
-class Curve(NamedTuple):
+class StepCurve(NamedTuple):
     """The relative motion of one joint along a step of size `h`: its pose and its twist."""
 
     pose: Coefficients
@@ -48,11 +48,11 @@ class Curve(NamedTuple):
     h: Each
 
     @staticmethod
-    def of(pose: Sequence[Array], h: Each) -> "Curve":
+    def of(pose: Sequence[Array], h: Each) -> "StepCurve":
         """The curve from the coefficients of its pose, the constant first."""
         # The twist has its own coefficients: from those of the pose a compiler would compute them anew at every use.
         pose = share(tuple(pose))
-        return Curve(pose, share(tuple(slope_coefficients(pose, h))), h)
+        return StepCurve(pose, share(tuple(slope_coefficients(pose, h))), h)
 
     def at(self, s: Each | float) -> Relative:
         """The relative motion at a fraction of the step; for several joints a fraction each."""
@@ -86,7 +86,7 @@ def pose_rates(at: Relative, rate: Relative) -> tuple[tuple[Any, ...], tuple[Any
     )
 
 
-def curves(times, ends, mechanism: PreparedMechanism) -> tuple[list[Curve], Each]:
+def curves(times, ends, mechanism: PreparedMechanism) -> tuple[list[StepCurve], Each]:
     """The relative motion of every clearance joint along a step, and the largest misfit of the curves inside the step,
     over the clearance. `ends` (y0, y1, slope0, slope1).
 
@@ -126,13 +126,13 @@ def at_both_ends(times, y0, y1, slope0, slope1, mechanism: PreparedMechanism) ->
     return begin, finish
 
 
-def curve_between(begin: tuple[Relative, Relative], end: tuple[Relative, Relative], h: Each) -> Curve:
+def curve_between(begin: tuple[Relative, Relative], end: tuple[Relative, Relative], h: Each) -> StepCurve:
     """The quintic through relative motions, each with its rate, at both ends of a step."""
     ends = []
     for at, rate in (begin, end):
         first, second = pose_rates(at, rate)
         ends.append((together(pose_of(at), h), h * together(first, h), h * h * together(second, h)))
-    return Curve.of(quintic_coefficients(*ends), h)
+    return StepCurve.of(quintic_coefficients(*ends), h)
 
 
 class EventJoints(NamedTuple):
@@ -141,7 +141,7 @@ class EventJoints(NamedTuple):
     """
 
     clearance: PreparedClearance
-    curve: Curve
+    curve: StepCurve
     memory: Rows
 
     @property
@@ -150,7 +150,7 @@ class EventJoints(NamedTuple):
         return self.clearance.joint.count > 1
 
 
-def event_joints(curve_of: list[Curve], memory: dict[str, Rows], mechanism: PreparedMechanism) -> list[EventJoints]:
+def event_joints(curve_of: list[StepCurve], memory: dict[str, Rows], mechanism: PreparedMechanism) -> list[EventJoints]:
     """The joints in groups whose events are located together."""
     joints = mechanism.clearance_joints()
     each = [EventJoints(j.clearance, curve, memory[j.name]) for j, curve in zip(joints, curve_of, strict=True)]
@@ -162,11 +162,13 @@ def event_joints(curve_of: list[Curve], memory: dict[str, Rows], mechanism: Prep
             stack_trees([part(member.curve) for member in group], 1) for part in (lambda c: c.pose, lambda c: c.twist)
         )
         clearances, memories = stack_trees([(member.clearance, member.memory) for member in group])
-        alone.append(EventJoints(clearances, Curve(poses, twists, group[0].curve.h), memories))
+        alone.append(EventJoints(clearances, StepCurve(poses, twists, group[0].curve.h), memories))
     return alone
 
 
-def first_event(curve_of: list[Curve], y: Array, mechanism: PreparedMechanism, begin: Each) -> tuple[EachFlag, Each]:
+def first_event(
+    curve_of: list[StepCurve], y: Array, mechanism: PreparedMechanism, begin: Each
+) -> tuple[EachFlag, Each]:
     """Whether any law changes regime inside a step, and the fraction of the step just past the first change.
 
     **Arguments:** `y`: the state that has the laws' memory; `begin`: the fraction just after the start. There the

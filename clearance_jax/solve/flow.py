@@ -26,7 +26,7 @@ from clearance_jax.solve.driver import integrate
 from clearance_jax.solve.first_state import initial
 from clearance_jax.solve.lane_axis import from_lanes, to_lanes
 from clearance_jax.solve.lanes import batch_by
-from clearance_jax.solve.outcome import Outcome, Task
+from clearance_jax.solve.outcome import Outcome, SolveTask
 from clearance_jax.solve.problem import Problem, basis, field, lift, motion, moves, push, sparsity
 from clearance_jax.solve.refusal import refusal_of, unresolved, why_stopped
 from clearance_jax.solve.solution import Solution
@@ -174,7 +174,7 @@ def refuse_jumps(mechanism: Mechanism) -> None:
 # The solve -----------------------------------------------------------------------------------------------------------
 
 
-def task_of(inputs: Inputs, options: Options, directions: Any = None) -> Task:
+def task_of(inputs: Inputs, options: Options, directions: Any = None) -> SolveTask:
     """The task of a solve; with directions (a tree like `inputs.varied`) its states are stacks.
 
     A motion that cannot begin (see `refusal_of`) ends where it begins, with a code of its own.
@@ -185,10 +185,10 @@ def task_of(inputs: Inputs, options: Options, directions: Any = None) -> Task:
     refused = unresolved(refused, inputs.rtol, inputs.atol, allowed)
     possible = refused == 0
     save_at = None if save_at is None else jnp.where(possible, save_at, t0)
-    return Task(problem, t0, jnp.where(possible, t1, t0), start, save_at, allowed, refused, errors.seated)
+    return SolveTask(problem, t0, jnp.where(possible, t1, t0), start, save_at, allowed, refused, errors.seated)
 
 
-def solution_of(task: Task, out: Outcome, t1: Array, options: Options) -> Solution:
+def solution_of(task: SolveTask, out: Outcome, t1: Array, options: Options) -> Solution:
     """The solution of a task that was to end at `t1`, from its outcome."""
     problem, start, final = task.problem, task.start, out.final
     time, y = out.end_time[None], final[None]
@@ -240,7 +240,7 @@ def _varying_numbers(inputs: Inputs, which: tuple[bool, ...]) -> Any:
     return jax.tree.unflatten(tree, [leaf if varies else None for leaf, varies in zip(leaves, which, strict=True)])
 
 
-def _breaks_move(task: Task) -> bool:
+def _breaks_move(task: SolveTask) -> bool:
     """Whether a direction moves a time at which a drive breaks."""
     return task.problem.varies and moves(drive_breaks, task.problem)
 

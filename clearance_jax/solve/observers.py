@@ -62,19 +62,19 @@ class AbstractObserver(Module):
         )
 
 
-class Peaks(NamedTuple):
+class SignalPeaks(NamedTuple):
     """The highest peaks so far, the highest first: time [s], value (minus infinity: none yet), state."""
 
     time: Array
     value: Array
     y: Array
 
-    def highest(self, time, value, y) -> "Peaks":
+    def highest(self, time, value, y) -> "SignalPeaks":
         """The highest of these and more peaks (leading axis); their number stays."""
         time, value, y = (jnp.concatenate([a, b]) for a, b in zip(self, (time, value, y), strict=True))
         count, value = self.value.shape[0], jnp.where(jnp.isnan(value), -jnp.inf, value)
         top = jnp.argmax(value)[None] if count == 1 else _largest(value, count)
-        return Peaks(time[top], value[top], y[top])
+        return SignalPeaks(time[top], value[top], y[top])
 
 
 def _largest(value: Array, count: int) -> Array:
@@ -91,7 +91,7 @@ class PeakRecord(NamedTuple):
     neither higher nor rising.
     """
 
-    peaks: Peaks
+    peaks: SignalPeaks
     time: Array
     value: Array
     slope: Array
@@ -109,7 +109,7 @@ def without_derivatives(tree):
     return jax.tree.map(lambda x: jax.lax.stop_gradient(x) if eqx.is_array(x) else x, tree)
 
 
-class Search(NamedTuple):
+class SignalSearch(NamedTuple):
     """Search for the tops of a signal in a step: number of evaluations (`turn`); value and slope at the first and the
     last place; tops of its parts as in `tops` (only the highest if one peak is wanted): their places in the step,
     heights and second derivatives, the number of evaluations there (`looks`), and their values once known.
@@ -125,7 +125,7 @@ class Search(NamedTuple):
     value: Array
 
 
-def _search(at: Any, count: int, lowest: Any) -> Search:
+def _search(at: Any, count: int, lowest: Any) -> SignalSearch:
     """Evaluates values and slopes (`at`) at the ends of a step's parts. Where a top is higher than the `lowest` that
     counts, it evaluates the kept tops twice: one Newton step on the signal's own slope, and the value there.
 
@@ -134,7 +134,7 @@ def _search(at: Any, count: int, lowest: Any) -> Search:
     width = 1 if count == 1 else PIECES
     slots, none = jnp.arange(width), jnp.full(width, -jnp.inf)
     zero, zeros = jnp.asarray(0.0), jnp.zeros(width)
-    begin = Search(jnp.asarray(0), (zero, zero), (zero, zero), zeros, none, zeros, jnp.zeros(width, int), none)
+    begin = SignalSearch(jnp.asarray(0), (zero, zero), (zero, zero), zeros, none, zeros, jnp.zeros(width, int), none)
 
     def tops_left(now):
         """Tops that are still to be evaluated."""
@@ -160,7 +160,7 @@ def _search(at: Any, count: int, lowest: Any) -> Search:
         moved = jnp.where(here & ~again & (now.bend < 0), moved, now.place)
         ends = tuple(jnp.where(looks, a, b) for a, b in zip((value, slope), now.last, strict=True))
         first = tuple(jnp.where(k == 0, a, b) for a, b in zip((value, slope), now.first, strict=True))
-        return Search(
+        return SignalSearch(
             k + 1,
             first,
             ends,
@@ -201,7 +201,7 @@ class PeakFinder(AbstractObserver):
         times, states = jnp.broadcast_to(t0, none.shape), jnp.broadcast_to(y0, (self.count, *y0.shape))
         # As if it had risen until t0: then a signal that falls from the start peaks there, and the program needs no
         # further copy of the signal.
-        return PeakRecord(Peaks(times, none, states), t0, none[0], jnp.asarray(jnp.inf), y0)
+        return PeakRecord(SignalPeaks(times, none, states), t0, none[0], jnp.asarray(jnp.inf), y0)
 
     def __call__(self, record, times, ends, problem):
         (t0, t1), h, plan = times, times[1] - times[0], layout(problem.mechanism)

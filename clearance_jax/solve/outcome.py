@@ -10,7 +10,7 @@ from clearance_jax.solve.problem import Problem
 from clearance_jax.solve.tolerances import Tolerances
 
 
-class Task(NamedTuple):
+class SolveTask(NamedTuple):
     """A motion (or lanes of motions) to be integrated from `t0` to `t1`, from a state (or stack) `start`; `save_at`:
     sample times; `seated`: how pins of a settled start begin. A `refused` one (a `codes.Result` as a number; 0: not
     refused) ends where it begins.

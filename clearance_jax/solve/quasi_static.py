@@ -20,7 +20,7 @@ from clearance_jax._kept import kept_jit
 from clearance_jax._solo import solo_jit
 from clearance_jax._types import Code, Flag, Scalar
 from clearance_jax.dynamics.closures import StartErrors
-from clearance_jax.dynamics.pose import Pose, check_driven, ideal_states, middle_pose, poses, with_derivatives
+from clearance_jax.dynamics.pose import StaticPose, check_driven, ideal_states, middle_pose, poses, with_derivatives
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
 from clearance_jax.mechanism.prepared import PreparedMechanism
@@ -43,7 +43,7 @@ SAME = 1e-14
 POSED, CLOSED = 1e-4, 1e-8
 
 
-class Asked(NamedTuple):
+class PoseTask(NamedTuple):
     """Inputs of a quasi-static motion, varied numbers first; the sample times outside the grid (`between`), and the
     index of each sample among the grid's times and those (`places`).
     """
@@ -64,9 +64,9 @@ class Poses(NamedTuple):
     """
 
     grid: Array
-    on_grid: Pose
+    on_grid: StaticPose
     times: Array
-    at_times: Pose
+    at_times: StaticPose
     picked: tuple[tuple[Array, Array] | None, ...]
     good: Flag
     left: Flag
@@ -81,7 +81,7 @@ def quasi_static(
     **Raises:** `ClearanceError` for what no pose can give (see `check_poses`).
     """
     check_poses(mechanism, settings)
-    asked = Asked(mechanism, integrands, settings.t0, t1, settings.save_at, *_beside_grid(settings, t1))
+    asked = PoseTask(mechanism, integrands, settings.t0, t1, settings.save_at, *_beside_grid(settings, t1))
     return _motion(asked, observers=observers, seats=settings.fidelity != STATIC)
 
 
@@ -103,7 +103,7 @@ def _beside_grid(settings: Settings, t1: Any) -> tuple[Array, Array]:
 
 
 @eqx.filter_custom_jvp
-def _motion(asked: Asked, *, observers: tuple[AbstractObserver, ...], seats: bool) -> Solution:
+def _motion(asked: PoseTask, *, observers: tuple[AbstractObserver, ...], seats: bool) -> Solution:
     return _valued(asked, observers, seats)[0]
 
 
@@ -114,7 +114,7 @@ def _motion_jvp(primals, tangents, *, observers, seats):
 
 
 @solo_jit
-def _differentiated(asked: Asked, rates: Asked, posed: Poses, seats: bool):
+def _differentiated(asked: PoseTask, rates: PoseTask, posed: Poses, seats: bool):
     def motion(asked):
         return _solution(asked, posed, _states(asked, posed, with_derivatives if seats else _middle))
 
@@ -122,16 +122,16 @@ def _differentiated(asked: Asked, rates: Asked, posed: Poses, seats: bool):
 
 
 @kept_jit
-def _valued(asked: Asked, observers: tuple[AbstractObserver, ...], seats: bool) -> tuple[Solution, Poses]:
+def _valued(asked: PoseTask, observers: tuple[AbstractObserver, ...], seats: bool) -> tuple[Solution, Poses]:
     posed = _pose_all(asked, observers, seats)
     return _solution(asked, posed, _states(asked, posed)), posed
 
 
-def _middle(time: Scalar, mechanism: PreparedMechanism, pose: Pose) -> Array:
+def _middle(time: Scalar, mechanism: PreparedMechanism, pose: StaticPose) -> Array:
     return middle_pose(time, mechanism, pose.ideal).y
 
 
-def _pose_all(asked: Asked, observers: tuple, seats: bool) -> Poses:
+def _pose_all(asked: PoseTask, observers: tuple, seats: bool) -> Poses:
     numbers, rest = eqx.partition(asked, eqx.is_array)
     asked = eqx.combine(jax.lax.stop_gradient(numbers), rest)
     ready = asked.mechanism.prepare()
@@ -174,7 +174,7 @@ class Read(NamedTuple):
     until: Float[Array, "samples quadratures"]
 
 
-def _states(asked: Asked, posed: Poses, state: Callable[..., Array] | None = None) -> Read:
+def _states(asked: PoseTask, posed: Poses, state: Callable[..., Array] | None = None) -> Read:
     """The states that are read from poses; `state`: gives the state of a pose with its derivatives."""
     ready = asked.mechanism.prepare()
     grid = evenly(asked.t0, asked.t1, INTERVALS + 1)
@@ -198,7 +198,7 @@ def _states(asked: Asked, posed: Poses, state: Callable[..., Array] | None = Non
     return Read(ends[0], ends[1], samples, picks, sums[-1], _between(grid, sums, values, times))
 
 
-def _integrands(asked: Asked, ready: Any, grid: Array, y: Array) -> Float[Array, "times quadratures"]:
+def _integrands(asked: PoseTask, ready: Any, grid: Array, y: Array) -> Float[Array, "times quadratures"]:
     def flat(time, y):
         return jnp.concatenate([jnp.ravel(f(time, y, ready)) for f in asked.integrands])
 
@@ -224,7 +224,7 @@ def _between(grid: Array, sums: Array, values: Array, times: Array) -> Array:
     return hermite(sums[k], h * values[k], sums[k + 1], h * values[k + 1], part)
 
 
-def _solution(asked: Asked, posed: Poses, read: Read) -> Solution:
+def _solution(asked: PoseTask, posed: Poses, read: Read) -> Solution:
     sampled = asked.save_at is not None
     final = jnp.concatenate([read.last, read.whole])
     y = jnp.concatenate([read.samples, read.until], axis=1) if sampled else final[None]
@@ -251,7 +251,7 @@ def _solution(asked: Asked, posed: Poses, read: Read) -> Solution:
     )
 
 
-def _code(asked: Asked, posed: Poses) -> Code:
+def _code(asked: PoseTask, posed: Poses) -> Code:
     code = jnp.where((asked.t1 > asked.t0) & posed.good, int(Result.REACHED_END), int(Result.NO_POSE))
     code = jnp.where(posed.left & (code == 0), int(Result.LEFT), code)
     if asked.save_at is None:

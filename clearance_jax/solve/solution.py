@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, Int
 from clearance_jax._module import Module
 from clearance_jax._solo import solo_jit
 from clearance_jax.dynamics.energy import BALANCE_TERMS
-from clearance_jax.dynamics.quantities import Quantity, evaluate, quantities
+from clearance_jax.dynamics.quantities import QuantityEntry, evaluate, quantities
 from clearance_jax.dynamics.seated import Seated
 from clearance_jax.errors import ClearanceError, suggest
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -135,10 +135,10 @@ class Solution(Module):
             self._lookup(name, {k: quantity for k, quantity in every.items() if quantity.place is not None}, "state")
         )
 
-    def _read(self, quantity: Quantity) -> Array:
+    def _read(self, quantity: QuantityEntry) -> Array:
         return self._over_time(self.y[..., quantity.place])
 
-    def _lookup(self, name: Any, known: Mapping[str, Quantity], kind: str = "quantity") -> Quantity:
+    def _lookup(self, name: Any, known: Mapping[str, QuantityEntry], kind: str = "quantity") -> QuantityEntry:
         if not isinstance(name, str):
             raise ClearanceError(f'A solution is asked by name, `solution["piston.position"]`, not by {name!r}.')
         if name not in known:

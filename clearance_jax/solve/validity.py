@@ -21,7 +21,7 @@ from jaxtyping import Array, Float, Int
 
 from clearance_jax._module import Module
 from clearance_jax._types import Scalar
-from clearance_jax.dynamics.pose import Pose
+from clearance_jax.dynamics.pose import StaticPose
 from clearance_jax.dynamics.quantities import evaluate
 from clearance_jax.dynamics.settled import size_of
 from clearance_jax.mechanism.prepared import PreparedMechanism
@@ -98,7 +98,7 @@ def _floor(error, numbers=jnp):
 
 
 def validity_of(
-    times: Float[Array, " times"], poses: Pose, ideal: Float[Array, "times n"], mechanism: PreparedMechanism
+    times: Float[Array, " times"], poses: StaticPose, ideal: Float[Array, "times n"], mechanism: PreparedMechanism
 ) -> Validity:
     """The validity of poses on a grid of equally spaced times; `ideal`: the ideal mechanism's states then."""
     names, unit = tuple(point.name for point in mechanism.points), "m"
