@@ -1,4 +1,6 @@
-"""What both kinds of mechanism have, the user's and the one that is prepared for a solve, and their structure."""
+"""The base of both kinds of mechanism, the user's and the one prepared for a solve, with what follows from
+structure.
+"""
 
 import abc
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -31,7 +33,7 @@ Kind = TypeVar("Kind", bound="AbstractMechanism")
 
 
 class ClearanceJoint(NamedTuple):
-    """A joint whose clearance is there; `in_tree`: whether play is coordinates of it (else it closes a loop)."""
+    """A joint with its clearance; `in_tree`: whether its play adds coordinates to the tree (else it closes a loop)."""
 
     joint: AbstractPlayed
     clearance: Any
@@ -39,7 +41,7 @@ class ClearanceJoint(NamedTuple):
 
     @property
     def name(self) -> str:
-        """The joint's."""
+        """The joint's name."""
         return self.joint.name
 
     @property
@@ -64,7 +66,7 @@ class ClearanceJoint(NamedTuple):
 
 
 class AbstractMechanism(Parametrised):
-    """Bodies, the tree of joints, loops and what acts on them (see `Mechanism`), with what follows from them by
+    """Bodies, the tree of joints, loops and what acts on them (see `Mechanism`), with everything that follows from
     structure.
     """
 
@@ -84,12 +86,12 @@ class AbstractMechanism(Parametrised):
         return next(TURNING if c.slides is None else SLIDING for c in self.coordinates() if c.name == member.name)
 
     def coordinates(self) -> Iterator[Coordinate]:
-        """Every elementary coordinate of the tree, in order, with axes of its joint's own."""
+        """Every elementary coordinate of the tree, in order; axes in those of its joint's sleeve."""
         for joint in self.joints:
             yield from joint.own_coordinates()
 
     def free_coordinates(self) -> tuple[Coordinate, ...]:
-        """The coordinates that are states."""
+        """The free coordinates, which are states."""
         return tuple(c for c in self.coordinates() if c.motion.is_free)
 
     def clearance_joints(self) -> tuple[ClearanceJoint, ...]:
@@ -105,10 +107,10 @@ class AbstractMechanism(Parametrised):
         """The loops without clearance: ideal constraints."""
         return tuple(loop for loop in self.loops if getattr(loop, "clearance", None) is None)
 
-    # By structure alone, and asked some hundred times while a solve is traced.
+    # It depends on structure only, and tracing a solve asks for it some hundred times.
     @structural_property
     def is_plane(self) -> bool:
-        """Whether nothing in it leaves the plane z = 0, by its structure."""
+        """Whether its structure keeps everything in the plane z = 0."""
         places = [part.center_of_mass for part in self.bodies] + [point.at for point in self.points]
         places += [at for joint in self.all_joints() for at in (joint.at_parent, joint.at_child)]
         places += [at for spring in self.springs for at in (spring.at_a, spring.at_b)]
@@ -122,17 +124,17 @@ class AbstractMechanism(Parametrised):
 
     @property
     def may_repeat(self) -> bool:
-        """Whether conditions of its closures may follow from others, as those of loops in space do."""
+        """Whether conditions of its closures may follow from others, as in loops in space."""
         return bool(self.closures()) and not self.is_plane
 
     @property
     def has_payloads(self) -> bool:
-        """Whether a body comes or goes."""
+        """Whether a body is picked up or put down."""
         return not all(body.is_always_there for body in self.bodies)
 
     @property
     def has_manifold(self) -> bool:
-        """Whether states lie on a manifold that steps are projected to: loops closed, quaternions of unit length."""
+        """Whether states lie on a manifold to which steps are projected: closed loops, unit quaternions."""
         return bool(self.closures()) or any(coordinate.is_ball for coordinate in self.free_coordinates())
 
     def beyond(self, body: str) -> set[str]:
@@ -156,7 +158,7 @@ class AbstractMechanism(Parametrised):
 
     @property
     def form(self) -> EquationForm:
-        """Which form its equations of motion have, and why."""
+        """The form of its equations of motion."""
         free = sum(len(coordinate.velocities) for coordinate in self.free_coordinates())
         conditions = sum(loop.joint_constraint().count for loop in self.closures())
         return EquationForm(
@@ -164,12 +166,12 @@ class AbstractMechanism(Parametrised):
         )
 
     def ideal(self: Kind) -> Kind:
-        """The same mechanism with every clearance and misalignment taken away."""
+        """The same mechanism without clearances and misalignments."""
         return self.hold_pins({})._with_joints(without_misalignment)
 
     def hold_pins(self: Kind, play: Mapping[str, Sequence[Term]]) -> Kind:
-        """The ideal mechanism whose pins are held in their sleeves, by the name of each joint at given values of its
-        play coordinates [m or rad] (one that is not named: in the middle).
+        """The ideal mechanism with pins held in their sleeves; `play`: by joint, the values of its play coordinates [m
+        or rad] (default: in the middle).
         """
         return self._with_joints(lambda joint: without_play(joint, play.get(joint.name)))
 

@@ -227,7 +227,8 @@ class PreparedHeldSpline(AbstractMotionLaw):
 
     def __call__(self, time):
         last = self.table.times[-1]
-        # A table that does not come to rest ends with the motion: at its last instant, or round-off after it, it moves.
+        # If the table does not come to rest, the motion ends with it: it still moves at its last instant and a
+        # round-off after.
         moves = self.end_speed != 0
         q, v, a = self.table(jnp.where(moves, time, jnp.minimum(time, last)))
         before = (time < last) | moves

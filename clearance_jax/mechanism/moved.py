@@ -1,4 +1,4 @@
-"""How coordinates move what hangs on them: frames along the tree, one elementary coordinate after the other."""
+"""Frames along the tree, moved by one elementary coordinate after the other."""
 
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
@@ -25,8 +25,8 @@ from clearance_jax.spatial import (
 
 
 class Moved(NamedTuple):
-    """Where a coordinate is and how it moves: its positions, its velocities, and the accelerations that are given to it
-    (0.0 where nothing moves); `index`: of its first velocity among the free ones (-1: it is prescribed).
+    """Positions, velocities and given accelerations of a coordinate (0.0 where nothing moves); `index` of its first
+    velocity among the free ones (-1: prescribed).
     """
 
     index: int
@@ -36,11 +36,11 @@ class Moved(NamedTuple):
 
 
 Values = dict[str, Moved]
-"""Every free coordinate's by its name."""
+"""The motion of every free coordinate, by name."""
 
 
 def motion_of(coordinate: Coordinate, time: Scalar, values: Values) -> Moved:
-    """How a coordinate moves: as its drive says, or as the state does."""
+    """The motion of a coordinate, from its drive or the state."""
     if coordinate.motion.drive is None:
         return values[coordinate.name]
     q, v, a = coordinate.motion.drive(time)  # a tuple, any of which may be the constant 0.0
@@ -48,8 +48,8 @@ def motion_of(coordinate: Coordinate, time: Scalar, values: Values) -> Moved:
 
 
 class FrameStep(NamedTuple):
-    """What moves a frame at once, and how: an elementary coordinate, which slides along, or turns about, an axis
-    (neither: it is a ball), or the two `tilts` of a swing about perpendicular axes.
+    """One motion of a frame: an elementary coordinate, which slides along or turns about an axis (neither: a ball), or
+    the two `tilts` of a swing about perpendicular axes.
     """
 
     by: Moved
@@ -74,7 +74,7 @@ def steps(coordinates: Iterable[Coordinate], time: Scalar, values: Values) -> It
 
 
 def carry(frame: Frame, step: FrameStep) -> Frame:
-    """The frame after a step, without a word of what moves it."""
+    """The frame after a step, without the columns of what moves it."""
     by, slides, turns, tilts = step
     if tilts is not None:
         return _swing(frame, swing(*tilts, *by.q), by)
@@ -104,7 +104,7 @@ def swing_rates(at: Swing, by: Moved) -> tuple[Vector, Vector]:
 
 
 def beyond(frame: Frame, step: FrameStep) -> Frame:
-    """The frame after a step of a joint."""
+    """The frame after a step of a joint, with the columns of its coordinates."""
     by, slides, turns, tilts = step
     if tilts is not None:
         at = swing(*tilts, *by.q)
@@ -126,7 +126,7 @@ def beyond(frame: Frame, step: FrameStep) -> Frame:
 
 
 def place(joint: AbstractJoint, parent: Frame, time: Scalar, values: Values) -> Frame:
-    """The child's frame."""
+    """The frame of a joint's child."""
     frame = joint.on_parent(parent)
     for step in steps(joint.coordinates(), time, values):
         frame = beyond(frame, step)

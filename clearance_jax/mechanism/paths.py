@@ -1,4 +1,4 @@
-"""Paths of a frame in space: segment after segment, and how fast they are run through (see `segments`)."""
+"""Paths of a frame in space: segments, and the speed along them (see `segments`)."""
 
 from typing import NamedTuple
 
@@ -22,7 +22,7 @@ from clearance_jax.spatial import as_array, hamilton, of_quaternion
 
 __all__ = ["AbstractSegment", "Arc", "CartesianPath", "Curve", "Line", "Waypoint"]
 
-# Halvings of a path's duration by which the instants of its via points are found: to the last digit.
+# Bisections of a path's duration for the instants of its via points: enough for the last digit.
 HALVINGS = 60
 
 
@@ -103,11 +103,11 @@ class CartesianPath(Module):
 
     @property
     def oriented(self) -> bool:
-        """Whether it says how the frame is turned."""
+        """Whether it prescribes the orientation."""
         return self.start.orientation is not None
 
     def corners(self) -> list[list[Corner]]:
-        """Of each segment where it begins and the poses that it leads to."""
+        """By segment: its start and the poses that it leads to."""
         at, out = Corner(self.start.place, self.start.quaternion), []
         for segment in self.segments:
             ends = [at]
@@ -151,8 +151,8 @@ class CartesianPath(Module):
 
 
 class PreparedPath(Module):
-    """A path as a program evaluates it: its stretches, the parameter at the `ends` of these, and its law of time;
-    `inner`: which of the ends are inside segments.
+    """A path as a program evaluates it: its stretches, the parameter at their `ends`, and its law of time; `inner`:
+    which of the ends are inside segments.
     """
 
     stretches: Stretch
@@ -162,14 +162,14 @@ class PreparedPath(Module):
     inner: tuple[int, ...] = eqx.field(static=True)
 
     def pose(self, time: Scalar, beside: Scalar) -> tuple[Triple, Quadruple]:
-        """Place and quaternion at a time, by what the path is like at the time `beside`."""
+        """Place and quaternion at a time, on the smooth piece that holds at the time `beside`."""
         here, _, _ = self.law.within(time, beside)
         index = jnp.sum(self.law.within(beside, beside)[0] >= self.ends[:-1])
         stretch = jax.tree.map(lambda leaf: leaf[index], self.stretches)
         return stretch.at((here - self.ends[index] + stretch.length) / stretch.length)
 
     def motion(self, time: Scalar, beside: Scalar) -> tuple[Triple, Quadruple, Triple, Triple]:
-        """The same, and velocity and spin."""
+        """Place, quaternion, velocity and spin at a time, on the piece at the time `beside`."""
         (place, q), (velocity, change) = jax.jvp(lambda t: self.pose(t, beside), (time,), (jnp.ones_like(time),))
         _, x, y, z = hamilton(tuple(change), (q[0], -q[1], -q[2], -q[3]))
         return place, q, velocity, 2 * as_array((x, y, z)) / jnp.sum(q**2)
@@ -196,7 +196,7 @@ class PreparedPath(Module):
             past = jax.vmap(lambda t: self.law(t)[0])(middle) >= ends
             return jnp.where(past, low, middle), jnp.where(past, middle, high)
 
-        # Where the parameter passes them: it grows all the time.
+        # The parameter grows monotonically: where it passes them.
         whole = jnp.full_like(ends, self.law.times[0]), jnp.full_like(ends, self.law.times[-1])
         return jnp.sort(jnp.concatenate([self.law.times, jax.lax.fori_loop(0, HALVINGS, halve, whole)[1]]))
 

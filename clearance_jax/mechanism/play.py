@@ -1,4 +1,4 @@
-"""Play given to a joint, whole or by a designer's numbers (each kind of joint takes its own), and taken away."""
+"""Joints with play added, from a whole clearance or a designer's numbers, and joints with play taken away."""
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
@@ -45,7 +45,7 @@ def with_play(joint: AbstractJoint, clearance: Any, numbers: Mapping[str, Any]) 
 
 
 def no_play_reason(joint: AbstractJoint) -> ClearanceError:
-    """What is wrong with play in a joint of a kind that has none."""
+    """The error for play in a joint of a kind that has none."""
     kinds = ", ".join(kind.__name__.lower() for kind in PRESETS)
     return ClearanceError(
         f"Joint `{joint.name}` is of a kind that has no play ({type(joint).__name__.lower()}). These have: {kinds}."

@@ -1,4 +1,4 @@
-"""What a flat state vector means: `[q, v, memory]`, which quadratures (energy balance, integrals) may follow.
+"""Layout of a flat state vector `[q, v, memory]`; quadratures (energy balance, integrals) may follow.
 
 Positions and velocities are counted apart: an orientation in space has four numbers and three rates.
 """
@@ -18,8 +18,8 @@ from clearance_jax.spatial import Term, add, dot, plus, quaternion_rate, scale
 
 
 class State(NamedTuple):
-    """One state by its parts: positions, velocities, and by their names the memory of each clearance joint and
-    the efforts that each sampled actuator or controller holds.
+    """A state by its parts: positions, velocities, and by name the memory of each clearance joint and the efforts that
+    each sampled actuator or controller holds.
     """
 
     q: Rows
@@ -58,8 +58,8 @@ def actuated_coordinates(mechanism: AbstractMechanism) -> "tuple[StateSlices, ..
 
 
 class Layout(NamedTuple):
-    """Where each quantity lives in a state (static): names of the positions, of the velocities, of the memory of each
-    clearance joint, and of the efforts that each sampled actuator or controller holds.
+    """Places in a state (static): names of the positions, of the velocities, of the memory of each clearance joint, and
+    of the efforts that each sampled actuator or controller holds.
     """
 
     positions: tuple[str, ...]
@@ -74,27 +74,27 @@ class Layout(NamedTuple):
 
     @property
     def q(self) -> slice:
-        """The positions."""
+        """The slice of the positions."""
         return slice(0, len(self.positions))
 
     @property
     def v(self) -> slice:
-        """The velocities."""
+        """The slice of the velocities."""
         return slice(len(self.positions), len(self.positions) + len(self.velocities))
 
     @property
     def memory(self) -> slice:
-        """The laws' memory, and efforts that are held."""
+        """The slice of the laws' memory and the held efforts."""
         return slice(self.v.stop, self.size)
 
     @property
     def remembered(self) -> int:
-        """Number of memory variables, efforts that are held among them."""
+        """Number of memory variables, held efforts included."""
         return sum(len(names) for _, names in (*self.memories, *self.efforts))
 
     @property
     def held(self) -> int:
-        """Number of efforts that are held."""
+        """Number of held efforts."""
         return sum(len(names) for _, names in self.efforts)
 
     @property
@@ -140,7 +140,7 @@ def initial_values(mechanism: AbstractMechanism) -> Array:
 
 
 class StateSlices(NamedTuple):
-    """Where a free coordinate is among the positions, and among the velocities, by their first and last index."""
+    """The slices of a free coordinate among the positions and among the velocities."""
 
     coordinate: Coordinate
     q: slice
@@ -148,7 +148,7 @@ class StateSlices(NamedTuple):
 
 
 def parts(mechanism: AbstractMechanism) -> tuple[StateSlices, ...]:
-    """Every free coordinate with its place in a state."""
+    """Every free coordinate with its slices."""
     out, q, v = [], 0, 0
     for c in mechanism.free_coordinates():
         out.append(StateSlices(c, slice(q, q + len(c.positions)), slice(v, v + len(c.velocities))))
@@ -157,7 +157,7 @@ def parts(mechanism: AbstractMechanism) -> tuple[StateSlices, ...]:
 
 
 def position_rates(mechanism: AbstractMechanism, q: Rows, v: Rows) -> Rows:
-    """Rates of the positions: the velocities, but for an orientation."""
+    """Rates of the positions: the velocities, except for an orientation."""
     if len(q) == len(v):
         return tuple(v)
     rates = []
