@@ -1,7 +1,7 @@
-"""What this library is in a process: a method or a constant of it may have been replaced in memory.
+"""The state of this library in a process, where a method or a constant may have been replaced in memory.
 
-Its sources' digest does not tell that. So what a program may be made of is read as it stands: of every module that can
-be reached from the program's own, the functions, the classes and the constants.
+The digest of its sources does not show that. So everything of which a program may be made is read as it is: the
+functions, classes and constants of every module that can be reached from the program's own.
 """
 
 import sys
@@ -13,17 +13,17 @@ from clearance_jax._code import MADE, PACKAGE, Untold, altered, elsewhere, inner
 from clearance_jax._structure import Reader, hash_texts
 
 _HEAD = PACKAGE.name + "."
-# What these know changes with what a process does, and no program depends on it.
+# The state of these changes in a process, and no program depends on it.
 _STATEFUL = "_kept", "_library", "_remembered", "_folder", "_structure", "_code", "configure"
 _ASIDE = {f"{_HEAD}{name}" for name in _STATEFUL}
-# Of each module what it holds, its text, and the modules that it leads to.
+# By module: its contents, its text, and the modules to which it leads.
 _read: dict[str, tuple[list, str, set[str]]] = {}
 
 
 def library_text(modules: Iterable[str]) -> str:
-    """What this library is as seen from these modules of it.
+    """The state of this library, as seen from some of its modules.
 
-    **Raises:** `Untold` where code of the user's is a part of it.
+    **Raises:** `Untold` if code of the user's is part of it.
     """
     waiting, texts = set(modules), {}
     while waiting:
@@ -56,12 +56,16 @@ def _module_text(name: str, module: types.ModuleType) -> tuple[str, set[str]]:
 
 
 def _counts(module: types.ModuleType, key: str, value: Any) -> bool:
-    """Not what Python keeps there, nor a package's modules, which are there once somebody has imported them."""
+    """Whether a name of a module counts: neither Python's own entries nor the submodules of a package, which appear as
+    they are imported.
+    """
     return not key.startswith("__") and not (isinstance(value, types.ModuleType) and hasattr(module, "__path__"))
 
 
 def _contents(module: types.ModuleType) -> Iterator[Any]:
-    """All that a module and its classes hold, and the functions' code: as long as it is the same, nothing changed."""
+    """Everything that a module and its classes hold, and the functions' code. If it is the same, nothing has
+    changed.
+    """
     for key, value in vars(module).items():
         if not _counts(module, key, value):
             continue
@@ -80,7 +84,7 @@ def _contents(module: types.ModuleType) -> Iterator[Any]:
 
 
 def _of_function(value: Any) -> Iterator[Any]:
-    """What an editor that reloads writes anew into a function that is there, however often it is wrapped."""
+    """The parts of a function that a reloading editor replaces in place, through all wrappers."""
     while value is not None:
         if isinstance(value, types.FunctionType):
             yield from (value.__code__, value.__defaults__, value.__kwdefaults__)

@@ -1,4 +1,4 @@
-"""Names with a star, which stand for all the names that they fit."""
+"""Names with a star, which match other names."""
 
 from collections.abc import Iterable, Mapping
 from fnmatch import fnmatchcase
@@ -10,10 +10,10 @@ Given = TypeVar("Given")
 
 
 def expand(given: Mapping[str, Given], known: Iterable[str]) -> dict[str, Given]:
-    """What is given by names, of which some have a star: "*.radial_clearance" stands for every known name that ends so.
-    A name that is written out has what is given for it alone.
+    """Values given by names, some with a star: "*.radial_clearance" matches every known name that ends so. A value
+    under the full name has precedence.
 
-    **Raises:** `ClearanceError` for a name with a star that fits no known one.
+    **Raises:** `ClearanceError` for a name with a star that matches no known one.
     """
     out: dict[str, Given] = {}
     names = list(known)

@@ -1,7 +1,7 @@
-"""Eigenvalues and inverses of small matrices, of which lanes make large batches.
+"""Eigenvalues and inverses of small matrices in large batches of lanes.
 
-A kernel of LAPACK for a large batch shares its work among threads. Where two programs run side by side (`cj.batch` on
-two cores) each then waits for threads that the other one holds, for ever. So a large batch is cut into small ones.
+A LAPACK kernel for a large batch shares its work among threads. If two programs run side by side (`cj.batch` on two
+cores), each may wait for ever for threads that the other one holds. So a large batch is cut into small ones.
 """
 
 import math
@@ -11,12 +11,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-# The arithmetic that a kernel is given at once, at most: so many times the cube of a matrix's size.
+# Largest arithmetic of one kernel call, as a sum of cubes of the matrices' size.
 LITTLE = 4096
 
 
 def _in_small_batches(function: Callable) -> Callable:
-    """The function of a matrix, or of a few at once; of more in several batches, one after the other."""
+    """The function of a matrix or a few; for more, in several batches one after the other."""
     few = jax.custom_batching.custom_vmap(function)
 
     @few.def_vmap

@@ -1,10 +1,11 @@
-"""What a value is made of, as a text that is the same in another process: numbers, words, and the user's code.
+"""A text of everything of which a value consists, the same in another process: numbers, words, and the user's code.
 
-One reader serves what is kept between processes. Programs (`_kept`) ask it strictly: a text that leaves out anything on
-which a program depends would bring a wrong program back, so it raises `Untold` for what it cannot read completely, and
-for every function and class of the user's. Questions of sweeps, lives and designs (`identity`) ask for the best text
-there is: the user's functions and classes are read by their code (byte code, constants, what they keep of their makers,
-defaults, and the functions and globals that they name). What other packages and this library have counts by its name.
+One reader serves everything that is kept between processes. Programs (`_kept`) use it strictly: a text without
+something on which a program depends would return a wrong program, so it raises `Untold` for everything that it cannot
+read completely, and for every function and class of the user's. Questions of sweeps, lives and designs (`identity`) use
+the best possible text: the user's functions and classes are read by their code (byte code, constants, closures,
+defaults, and the functions and globals that they name). Contents of other packages and of this library are identified
+by name.
 """
 
 import dataclasses
@@ -46,20 +47,20 @@ _PLAIN = {type(None), bool, int, float, complex, str, bytes}  # of which `repr` 
 
 
 def hash_texts(*parts: str | bytes) -> str:
-    """Texts as one short text."""
+    """A short digest of several texts."""
     whole = [part.encode("utf-8", "surrogatepass") if isinstance(part, str) else part for part in parts]
     lengths = b",".join(b"%d" % len(part) for part in whole)
     return blake2b(b"".join((lengths, b"|", *whole)), digest_size=16).hexdigest()
 
 
 def text(value: Any) -> str:
-    """A value, with all that it is made of. **Raises:** `Untold`."""
+    """The text of a value with everything of which it consists. **Raises:** `Untold`."""
     reader = Reader(strict=True)
     return reader.whole(reader.of(value))
 
 
 def tree_text(tree: Any) -> str:
-    """A tree's structure (a `PyTreeDef`): every node's class, and what it holds beside its leaves.
+    """The text of a tree's structure (a `PyTreeDef`): every node's class, and its static data.
 
     **Raises:** `Untold`.
     """
@@ -76,16 +77,16 @@ def tree_text(tree: Any) -> str:
 
 
 class Reader:
-    """Texts of values. `aside`: values, by `id`, that are told elsewhere. `code`: what was met of the user's functions
-    and classes, by name, which the texts have by that name only; `whole` has both. `strict`: raise `Untold` for what
-    cannot be read completely.
+    """Texts of values. `aside`: values, by `id`, that are identified otherwise. `code`: the user's functions and
+    classes that were met, by name; texts contain only these names, and `whole` adds the code. `strict`: raise `Untold`
+    for values that cannot be read completely.
     """
 
     def __init__(self, aside: Any = (), strict: bool = False):
         self.code: dict[str, str] = {}
         self._aside, self._strict, self._done, self._within = set(aside), strict, {}, []
         self._foreign = is_versioned if strict else elsewhere  # modules whose code counts by its name
-        self._open = math.inf  # how far out the things lie that were met again within themselves
+        self._open = math.inf  # depth of the outermost value that was met again inside itself
 
     def whole(self, digest: str) -> str:
         """A text with the code that it names."""
@@ -149,7 +150,7 @@ class Reader:
         return self._wrapper(value)
 
     def _beside(self, value: Any) -> list[str]:
-        """What a container of a class of its own has beside what it contains."""
+        """The attributes of a container's own class, besides its contents."""
         attributes = variables(value)
         return ["beside", self.of(attributes)] if attributes else []
 
@@ -183,7 +184,7 @@ class Reader:
             return f"module {value.__name__}"
 
     def _wrapper(self, value: Any) -> str:
-        """What wraps a function, or an object."""
+        """A wrapper of a function, or an object."""
         kind = self.of(type(value))
         if isinstance(value, functools.partial):
             return hash_texts(kind, *map(self.of, (value.func, value.args, value.keywords)))
@@ -237,8 +238,8 @@ class Reader:
     # Code ----------------------------------------------------------------------------------------------------------
 
     def _own(self, value: Any, code: str) -> str:
-        """A function or class of the user's: by its code where another one has it, else by its name, with its code
-        among those found.
+        """A function or class of the user's: inside another one by its code, else by its name, with its code added to
+        `code`.
         """
         if any(self._is_own(outer) for outer in self._within[:-1]):
             return hash_texts(value.__qualname__, code)
@@ -256,7 +257,7 @@ class Reader:
         return isinstance(value, type) and isinstance(value.__module__, str) and not self._foreign(value.__module__)
 
     def _check_own(self, value: Any) -> None:
-        """**Raises** `Untold`, if strict, for the user's code: what it reads, calls and remembers nobody can tell."""
+        """**Raises** `Untold`, if strict, for the user's code: nothing can tell what it reads, calls and remembers."""
         if self._strict and self._is_own(value):
             raise Untold(f"code of the user's: {name_of(value)}")
 
@@ -272,7 +273,7 @@ class Reader:
         return f"class {name_of(kind)}"
 
     def _factory(self, field: dataclasses.Field) -> str:
-        """The function that makes a field's usual value."""
+        """The function that makes a field's default value."""
         make = field.default_factory
         return "" if make is dataclasses.MISSING else self.of(make)
 
@@ -318,7 +319,7 @@ class Reader:
 
 
 def _is_installed(value: Any) -> bool:
-    """Whether a function written in C is the one of that name in a package of which keys have the version."""
+    """Whether a function written in C is that of its name in a package whose version is in the keys."""
     if isinstance(value, np.ufunc):
         return getattr(np, value.__name__, None) is value
     home = getattr(value, "__module__", None)

@@ -1,12 +1,11 @@
-"""A small vocabulary of scalars, vectors and rotations of space that knows structural zeros and ones.
+"""Scalars, vectors and rotations of space with structural zeros and ones.
 
-A Python float is a constant of the compiled program, an array is a number of the model. Products with the float 0.0
+A Python float is a constant of the compiled program, an array is a number of the model. Products with the floats 0.0
 and 1.0 vanish while the program is traced, so that an absent offset, an identity rotation or an uncoupled pair of
 coordinates costs nothing (matrix products would cost a library call each).
 
 Vectors are triples `(x, y, z)`. A plane mechanism is not a mode: its z components, and all turns but those about z, are
-structural zeros, and what is made of them is absent too. Where a plane is meant, pairs `(x, y)` go through the same
-words.
+structural zeros, and so is everything computed from them. The same functions take pairs `(x, y)` of a plane.
 """
 
 from typing import NamedTuple, TypeVar
@@ -122,9 +121,9 @@ def transpose(a: Matrix) -> Matrix:
 
 
 class Rotation(NamedTuple):
-    """A rotation by its matrix, which takes the rotated frame's components to the outer ones. It remembers its last
-    turn (by `angle` about `axis`, after `before`): a further turn about the same axis adds angles, so that a chain in
-    a plane has one sine and cosine a body, of the sum.
+    """A rotation by its matrix, which takes the rotated frame's components to the outer ones. It stores its last turn
+    (by `angle` about `axis`, after `before`). A further turn about the same axis adds the angles, so a chain in a plane
+    needs one sine and cosine a body, of the sum.
     """
 
     rows: Matrix = UNIT
@@ -144,7 +143,7 @@ class Rotation(NamedTuple):
 
     @property
     def is_plane(self) -> bool:
-        """Whether it is a turn about z by its structure."""
+        """Whether its structure is a turn about z."""
         return self.before is UNIT and same_line(self.axis, Z) > 0
 
     def turn(self, axis: Vector, angle: Term) -> "Rotation":
@@ -166,7 +165,7 @@ IDENTITY = Rotation()
 
 
 def same_line(a: Vector, b: Vector) -> float:
-    """1 where two axes are the same by their structure, -1 where they are opposite, else 0."""
+    """1 if two axes are structurally the same, -1 if opposite, else 0."""
     if a is b:
         return 1.0
     if not all(isinstance(term, float) for term in (*a, *b)):
@@ -201,7 +200,7 @@ def across(axis: Vector) -> tuple[Vector, Vector]:
 
 
 def of_quaternion(w: Term, x: Term, y: Term, z: Term) -> Matrix:
-    """The matrix of a quaternion of any length (so that a field does not feel how far one is from unit)."""
+    """The matrix of a quaternion of any length, so that the vector field does not depend on the length."""
     size = total(times(p, p) for p in (w, x, y, z))
     double = 2.0 / size
     xx, yy, zz = (times(double, times(p, p)) for p in (x, y, z))
@@ -226,8 +225,8 @@ class Swing(NamedTuple):
 
 
 def swing(u: Vector, v: Vector, a: Term, b: Term) -> Swing:
-    """The rotation about g = (a u + b v) / 2 by 2 atan |g|. Two turns one after the other, about u and v, would
-    prefer these to the other axes of their plane.
+    """The rotation about g = (a u + b v) / 2 by 2 atan |g|. (Two successive turns about u and v would favour these axes
+    over others in their plane.)
 
     Its spin is 2 (g' + g x g') / (1 + g^2), and with the other sign of g x g' in the rotated axes (Rodrigues).
     """
@@ -271,8 +270,8 @@ def rotation_vector(q: tuple[Term, ...]) -> Vector:
 
 
 def quaternion_of_matrix(a: Matrix) -> tuple[Term, ...]:
-    """A quaternion (w, x, y, z), of any length, of a rotation's matrix: whichever turn it is, from the largest of its
-    four numbers (all rows of q q^T are multiples of q).
+    """A quaternion (w, x, y, z), of any length, of a rotation's matrix. It is computed from the largest of its four
+    numbers, which is accurate for every turn (all rows of q q^T are multiples of q).
     """
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = ((jnp.asarray(term, float) for term in row) for row in a)
     rows = (
@@ -287,8 +286,8 @@ def quaternion_of_matrix(a: Matrix) -> tuple[Term, ...]:
 
 
 def rotation_between(a: Rotation, b: Rotation) -> Vector:
-    """The rotation vector [rad], in the outer axes, that takes `a` to `b`: exact to round-off for small ones too, at
-    most half a turn (where its sign is undefined).
+    """The rotation vector [rad], in the outer axes, that takes `a` to `b`: accurate for small ones, at most half a turn
+    (where its sign is undefined).
     """
     if a.is_plane and b.is_plane:
         return 0.0, 0.0, minus(b.angle, a.angle)
@@ -313,7 +312,7 @@ def three(a: Array) -> Vector:
 
 
 def as_array(terms) -> Array:
-    """Stack terms into one array, absent ones as zeros; an array is one already."""
+    """Stack terms into one array, absent ones as zeros; an array is returned as it is."""
     if isinstance(terms, jax.Array):
         return terms
     terms = list(terms)

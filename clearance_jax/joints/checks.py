@@ -1,4 +1,4 @@
-"""What the numbers of a play must be, said at once in words."""
+"""Checks of the numbers of a play, with messages."""
 
 import warnings
 from collections.abc import Sequence
@@ -20,12 +20,12 @@ GRIPS = (
 
 
 class ImplausibleWarning(UserWarning):
-    """A mechanism has sizes that nobody can have meant."""
+    """A mechanism has sizes that are hardly meant."""
 
 
 def above_pin(radial: Any, pin: Any) -> str:
-    """What is said of a radial clearance that is as large as its pin's radius [m] or larger; empty where it is smaller,
-    or either is traced. (Contact in the plane is right at any size, so it is not refused.)
+    """A text about a radial clearance that is as large as its pin's radius [m] or larger; empty if it is smaller or one
+    of them is traced. (Contact in the plane is right at any size, so it is not refused.)
     """
     if isinstance(radial, Tracer) or isinstance(pin, Tracer):
         return ""
@@ -51,7 +51,7 @@ def warn_of_pin(radial: Any, pin: Any) -> None:
 
 
 def check_sizes(unit: str = "m", **sizes: Any) -> None:
-    """Raise, naming it, for a number that is none, not finite, or not above zero. What is `None`, or traced, passes."""
+    """Raise, naming it, for a number that is invalid, not finite, or not above zero. `None` and tracers pass."""
     for name, size in sizes.items():
         if size is None or isinstance(size, Tracer):
             continue
@@ -72,7 +72,7 @@ def _plain(value: np.ndarray) -> str:
 
 
 def check_larger(name: str, size: Any, than: str, other: Any, why: str) -> None:
-    """Raise, naming both, unless one length [m] is larger than another. What is traced passes."""
+    """Raise, naming both, unless one length [m] is larger than another. Tracers pass."""
     if isinstance(size, Tracer) or isinstance(other, Tracer) or np.all(np.asarray(size) > np.asarray(other)):
         return
     raise ClearanceError(
@@ -88,8 +88,8 @@ def check_known(name: str, size: Any, why: str) -> None:
 
 
 def check_start(joint: str, place: tuple[Any, ...], slides: Sequence[Vector]) -> None:
-    """Raise for an `eccentricity` (its components) along an axis that none of the play's slides has a part in. What is
-    absent, zero or traced passes.
+    """Raise for an `eccentricity` (its components) along an axis without play. Absent, zero and traced components
+    pass.
     """
     for k, (letter, part) in enumerate(zip("xyz", place, strict=True)):
         absent = part is None or isinstance(part, Tracer) or not np.any(np.asarray(part))

@@ -1,4 +1,4 @@
-"""What laws share that remember the speed of the last impact: F = F_e (1 + a(e) d'/v0)."""
+"""The base of laws that remember the speed of the last impact: F = F_e (1 + a(e) d'/v0)."""
 
 import abc
 import dataclasses
@@ -39,7 +39,9 @@ class AbstractImpactLaw(AbstractNormalLaw):
         return None if self.restitution is None else self.ratio(self.restitution)
 
     def delivered_restitution(self, speed=None, mass=None, geometry=None):
-        """The restitution that a free impact really has: without `speed`, of one faster than `minimum_impact_speed`."""
+        """The restitution that a free impact really has; without `speed`, that of one faster than
+        `minimum_impact_speed`.
+        """
         ratio = self.damping_ratio
         if ratio is None:
             return jnp.ones(())

@@ -44,7 +44,7 @@ class Relation(NamedTuple):
 
 # Relations with a logarithm: d = x (C - ln x) with d over 4 c and x = F'/(4 pi E* c) ---------------------------------
 
-# They turn back where w = C - ln x falls to 1. From w = 1.5 on, at 0.91 of that depth, they go on along their tangent.
+# They turn back where w = C - ln x falls to 1. At w = 1.5, 0.91 of that depth, they continue along their tangent.
 STEEPEST = 1.5
 NEWTON = 4
 
