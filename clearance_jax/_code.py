@@ -37,9 +37,7 @@ VERSIONED = (
 
 
 def elsewhere(name: str | None) -> bool:
-    """Whether a module belongs to this library, to Python, or to an installed package, whose versions and sources
-    identify it.
-    """
+    """Whether a module is this library's, Python's or an installed package's: versions and sources identify it."""
     return _home((name or "__main__").partition(".")[0])[0]
 
 

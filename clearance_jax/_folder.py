@@ -60,9 +60,7 @@ def make_writable(folder: Path) -> bool:
 
 
 def read(folder: Path, name: str) -> bytes | None:
-    """The content kept under a name; `None` if there is none, or it is damaged, or another user could have written
-    it.
-    """
+    """The content under a name; `None` if there is none, or it is damaged, or another user could have written it."""
     path = folder / f"{name}{ENDING}"
     try:
         # Not through a link, and the opened file itself is checked.

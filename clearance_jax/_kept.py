@@ -159,9 +159,7 @@ class kept_jit:
 
 
 def _needs_lapack(calls: set[str]) -> bool:
-    """Whether a program calls LAPACK. **Raises** `ValueError` if it calls functions that another process may not
-    have.
-    """
+    """Whether a program calls LAPACK. **Raises** `ValueError` for calls that another process may not have."""
     if not all(name.startswith(("lapack_", "__", "TopK")) for name in calls):
         raise ValueError(calls)
     return any(name.startswith("lapack_") for name in calls)
@@ -223,9 +221,7 @@ def _find_lapack() -> None:
 
 @contextlib.contextmanager
 def _jax_cache_off() -> Iterator[None]:
-    """A context without JAX's own cache. JAX checks only once whether its cache is used, so it is made to check
-    again.
-    """
+    """A context without JAX's own cache. JAX checks only once whether the cache is used: it must check again."""
     compilation_cache.reset_cache()
     try:
         with jax_config.enable_compilation_cache(False):

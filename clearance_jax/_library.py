@@ -37,35 +37,25 @@ def library_text(modules: Iterable[str]) -> str:
 
 
 def _module_text(name: str, module: types.ModuleType) -> tuple[str, set[str]]:
-    contents = list(_contents(module))
+    now = list(_contents(module))
     known = _read.get(name)
-    if (
-        known is None
-        or len(known[0]) != len(contents)
-        or any(a is not b for a, b in zip(known[0], contents, strict=True))
-    ):
+    if known is None or len(known[0]) != len(now) or any(a is not b for a, b in zip(known[0], now, strict=True)):
         reader = Reader(strict=True)
-        members = [(key, value) for key, value in sorted(vars(module).items()) if _counts(module, key, value)]
-        text = hash_texts(
-            *(hash_texts(key, _tell(value, name, reader)) for key, value in members), *reader.code.values()
-        )
+        named = [(key, value) for key, value in sorted(vars(module).items()) if _counts(module, key, value)]
+        text = hash_texts(*(hash_texts(key, _tell(value, name, reader)) for key, value in named), *reader.code.values())
         if known is not None and known[1] != text:
             altered.add(name)
-        known = _read[name] = contents, text, {home for _, value in members for home in _homes(value)}
+        known = _read[name] = now, text, {home for _, value in named for home in _homes(value)}
     return known[1], known[2]
 
 
 def _counts(module: types.ModuleType, key: str, value: Any) -> bool:
-    """Whether a name of a module counts: neither Python's own entries nor the submodules of a package, which appear as
-    they are imported.
-    """
+    """Whether a name of a module counts: not Python's own entries, nor submodules, which appear when imported."""
     return not key.startswith("__") and not (isinstance(value, types.ModuleType) and hasattr(module, "__path__"))
 
 
 def _contents(module: types.ModuleType) -> Iterator[Any]:
-    """Everything that a module and its classes hold, and the functions' code. If it is the same, nothing has
-    changed.
-    """
+    """Everything in a module and its classes, and the functions' code; if it is the same, nothing has changed."""
     for key, value in vars(module).items():
         if not _counts(module, key, value):
             continue

@@ -1,6 +1,4 @@
-"""Programs of one motion that compile in half the time, and functions compiled as one program where they are called
-alone.
-"""
+"""Programs of one motion that compile in half the time; functions that are one program where they are called alone."""
 
 import functools
 from collections.abc import Callable

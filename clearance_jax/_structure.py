@@ -4,8 +4,7 @@ One reader serves everything that is kept between processes. Programs (`_kept`) 
 something on which a program depends would return a wrong program, so it raises `Untold` for everything that it cannot
 read completely, and for every function and class of the user's. Questions of sweeps, lives and designs (`identity`) use
 the best possible text: the user's functions and classes are read by their code (byte code, constants, closures,
-defaults, and the functions and globals that they name). Contents of other packages and of this library are identified
-by name.
+defaults, and the functions and globals that they name). Other packages and this library count by names.
 """
 
 import dataclasses
@@ -206,11 +205,7 @@ class Reader:
         if inner is not None:
             # A rule of differentiation stands beside the function, for instance.
             beside = variables(value) if not type(value).__module__.startswith("jaxlib") else {}
-            attributes = {
-                name: attribute
-                for name, attribute in beside.items()
-                if not name.startswith("__") and attribute is not inner
-            }
+            attributes = {k: a for k, a in beside.items() if not k.startswith("__") and a is not inner}
             return hash_texts(kind, self.of(inner), self.of(attributes))
         return self._object(value)
 

@@ -357,9 +357,7 @@ def check_demands(part: Parametrised, begin: str = "") -> None:
 
 
 def check_bounds(value: Any, metadata: Mapping[str, Any], where: str, unit: str, given: Any = None) -> None:
-    """Raise for a number outside its field's bounds, naming its place `where`; `given`: the text that was written for
-    it.
-    """
+    """Raise for a number outside its field's bounds, naming its place `where`; `given`: how it was written."""
     value = np.asarray(value)
     if all(np.all(holds) for _, _, holds in violations(value, metadata)):
         return

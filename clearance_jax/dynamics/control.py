@@ -52,9 +52,7 @@ def exert(mechanism: PreparedMechanism, time: Scalar, state: State) -> list[Term
 
 
 def renew(mechanism: PreparedMechanism, time: Scalar, state: State, starts: bool = False) -> list[Term]:
-    """The efforts that sampled actuators and controllers hold: new ones where the time is a sampling instant or a solve
-    starts.
-    """
+    """The efforts that sampled sources hold: new ones where the time is a sampling instant or a solve starts."""
     seen, out = measure(mechanism, time, state), []
     for source in effort_sources(mechanism):
         if source.period is None:

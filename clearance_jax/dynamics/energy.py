@@ -141,9 +141,7 @@ def just_before(mechanism: PreparedMechanism, time: Scalar) -> PreparedMechanism
 
 
 def read_balance(energy_balance: Float[Array, " terms"], contact: Scalar) -> dict[str, Array]:
-    """Work of the drives, losses and exchanged energy since the start [J]; `contact`: the elastic energy of the
-    contacts.
-    """
+    """Work of the drives, losses and exchanged energy since the start [J]; `contact`: the contacts' elastic energy."""
     out: dict[str, Array] = dict(zip(BALANCE_TERMS, energy_balance, strict=True))
     out["damping_loss"] = out.pop("absorbed_work") - contact
     return out

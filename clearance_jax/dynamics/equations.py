@@ -104,26 +104,20 @@ def _loop_conditions(motion: Frames) -> list[Condition]:
 
 
 def _equations(motion: Frames) -> Equations:
-    inertia, loop_conditions = motion.mass_matrix(), _loop_conditions(motion)
-    return Equations(
-        inertia, loop_conditions, constraint(inertia, loop_conditions, motion.mechanism) if loop_conditions else None
-    )
+    inertia, every = motion.mass_matrix(), _loop_conditions(motion)
+    return Equations(inertia, every, constraint(inertia, every, motion.mechanism) if every else None)
 
 
 def _right_sides(
-    motion: Frames,
-    pairs: list[Pair],
-    efforts: list[Term],
-    loop_conditions: list[Condition],
-    solved: tuple | None = None,
+    motion: Frames, pairs: list[Pair], efforts: list[Term], every: list[Condition], solved: tuple | None = None
 ) -> tuple[list[Term], list[Term]]:
     """The right-hand sides, less the left-hand sides of the accelerations and multipliers in `solved`."""
     load = motion.load(pairs, None if solved is None else solved[0])
     load = [plus(term, effort) for term, effort in zip(load, efforts, strict=True)]
-    asked = [minus(0.0, now.acceleration) for now in loop_conditions]
+    asked = [minus(0.0, now.acceleration) for now in every]
     if solved is not None:
-        asked = [minus(wanted, now.row.dot(solved[0])) for wanted, now in zip(asked, loop_conditions, strict=True)]
-        for multiplier, now in zip(solved[1], loop_conditions, strict=True):
+        asked = [minus(wanted, now.row.dot(solved[0])) for wanted, now in zip(asked, every, strict=True)]
+        for multiplier, now in zip(solved[1], every, strict=True):
             load = [plus(term, times(multiplier, r)) for term, r in zip(load, now.row.terms, strict=True)]
     return load, asked
 

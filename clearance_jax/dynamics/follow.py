@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.chain import AbstractChain, Aim, Chain, PreparedChain, chain_of, look_at
-from clearance_jax.dynamics.inverse import Posture, begin_of, best, is_met, off, shown_length, why_unreached
+from clearance_jax.dynamics.inverse import Posture, begin_of, best, is_met, off, posture_of, shown_length, why_unreached
 from clearance_jax.dynamics.posture import PostureSolution, aim_at, change, find, rates, sought_values
 from clearance_jax.errors import ClearanceError
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -175,16 +175,10 @@ def follow(
         raise ClearanceError(why_unreached(chain, aim, solution, ", where the path begins"))
     knots, blocks = _refine(chain, ready, edges, solution.q, tolerance)
     _check_speeds(chain, knots, blocks)
-    places = dict(zip(chain.joints, chain.places(chain.joints), strict=True))
-    posture = Posture(
-        {name: solution.q[place] for name, place in places.items()},
-        *off(chain, aim, solution.gap),
-        solution.iterations,
-        solution.q,
-    )
-    sought = [(k, chain.coordinates[i].name) for k, i in enumerate(chain.sought)]
-    drives = {name: _drive(knots, blocks, k) for k, name in sought if name in chain.joints}
-    return PathDrives(drives, float(np.max(blocks.deviation)), float(np.max(blocks.angle)), posture)
+    names = [chain.coordinates[i].name for i in chain.sought]
+    drives = {name: _drive(knots, blocks, k) for k, name in enumerate(names) if name in chain.joints}
+    deviation, angle = float(np.max(blocks.deviation)), float(np.max(blocks.angle))
+    return PathDrives(drives, deviation, angle, posture_of(chain, aim, solution))
 
 
 def _edges(breaks: np.ndarray) -> np.ndarray:
@@ -201,9 +195,8 @@ def _refine(chain: Chain, path: PreparedPath, edges: np.ndarray, q: Array, toler
     span, size = edges[-1] - edges[0], float(chain.size)
     for _ in range(PASSES):
         blocks = _run(chain, path, edges, q)
-        reached = np.asarray(blocks.solution.closed) & (
-            size * np.linalg.norm(blocks.solution.gap, axis=1) < tolerance / 10
-        )
+        ends = blocks.solution
+        reached = np.asarray(ends.closed) & (size * np.linalg.norm(ends.gap, axis=1) < tolerance / 10)
         error = np.max(np.maximum(blocks.deviation, size * blocks.angle), axis=1)
         error = np.where(np.isfinite(error), error, np.inf)
         bad = ~(error < tolerance) | ~reached

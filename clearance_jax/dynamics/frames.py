@@ -112,9 +112,7 @@ class Frames(abc.ABC):
 
     @abc.abstractmethod
     def mass_matrix(self, firm: Mapping[int, Term] | None = None) -> AbstractFactors:
-        """The factored mass matrix of the free coordinates; `firm`: factors on the inertia of coordinates that are to
-        stay.
-        """
+        """The factored mass matrix of the free coordinates; `firm`: factors on the inertia of some of them."""
 
     @abc.abstractmethod
     def wrenches(self, acceleration: list[Term]) -> dict[str, SpatialForce]:

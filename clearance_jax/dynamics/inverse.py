@@ -79,11 +79,11 @@ def inverse_kinematics(
     begin = begin_of(mechanism, chain, start)
     aim = Aim(pose.place, None if pose.orientation is None else rows_of(pose))
     if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((chain, aim, begin))):
-        return _posture(chain, aim, search(chain, aim, jnp.zeros(()), begin))
+        return posture_of(chain, aim, search(chain, aim, jnp.zeros(()), begin))
     solution = best(chain, aim, jnp.zeros(()), begin, start is None, tolerance)
     if not is_met(chain, aim, solution, tolerance):
         raise ClearanceError(why_unreached(chain, aim, solution))
-    return _posture(chain, aim, solution)
+    return posture_of(chain, aim, solution)
 
 
 def rows_of(pose: Pose) -> Float[Array, "3 3"]:
@@ -125,22 +125,18 @@ _searches = eqx.filter_jit(lambda chain, aim, time, starts: jax.vmap(lambda q: s
 
 
 def best(chain: Chain, aim: Aim, time: Scalar, begin: Array, anywhere: bool, tolerance: float) -> PostureSolution:
-    """The solution from a start. If that fails and the search may begin `anywhere`, the best solution of many
-    starts.
-    """
+    """The solution from a start; if that fails and the search may begin `anywhere`, the best one of many starts."""
     solution = search(chain, aim, time, begin)
     if is_met(chain, aim, solution, tolerance) or not anywhere:
         return solution
     every = _searches(chain, aim, time, other_starts(chain, begin))
     each = [jax.tree.map(lambda leaf, k=k: leaf[k], every) for k in range(STARTS)]
-    good = [candidate for candidate in each if is_met(chain, aim, candidate, tolerance)]
+    good = [posture for posture in each if is_met(chain, aim, posture, tolerance)]
     if not good:
-        return min([solution, *each], key=lambda candidate: float(candidate.left))
+        return min([solution, *each], key=lambda posture: float(posture.left))
     units = np.asarray(chain.units)
     home = np.asarray(sought_values(chain, begin))
-    return min(
-        good, key=lambda candidate: np.linalg.norm((np.asarray(sought_values(chain, candidate.q)) - home) / units)
-    )
+    return min(good, key=lambda posture: np.linalg.norm((np.asarray(sought_values(chain, posture.q)) - home) / units))
 
 
 def other_starts(chain: Chain, begin: Array) -> Array:
@@ -173,10 +169,10 @@ def is_met(chain: Chain, aim: Aim, solution: PostureSolution, tolerance: float) 
     return bool(solution.closed) and float(jnp.linalg.norm(solution.gap)) * size <= tolerance
 
 
-def _posture(chain: Chain, aim: Aim, solution: PostureSolution) -> Posture:
-    coordinates = {
-        name: solution.q[place] for name, place in zip(chain.joints, chain.places(chain.joints), strict=True)
-    }
+def posture_of(chain: Chain, aim: Aim, solution: PostureSolution) -> Posture:
+    """The posture at the end of a search."""
+    places = zip(chain.joints, chain.places(chain.joints), strict=True)
+    coordinates = {name: solution.q[place] for name, place in places}
     return Posture(coordinates, *off(chain, aim, solution.gap), solution.iterations, solution.q)
 
 

@@ -1,8 +1,7 @@
 """Loads on the pins of a mechanism at an instant of its ideal motion, with friction in the joints.
 
 An ideal joint has no friction. Where a pin turns or slides in its sleeve, friction bears a part of its load. In a loop
-this changes the loads of all joints, because friction's moment about a joint's axis, and its force along a guide, act
-on the motion.
+this changes the loads of all joints: its moment about a joint's axis, and its force along a guide, act on the motion.
 """
 
 from typing import NamedTuple

@@ -90,22 +90,20 @@ def find(chain: PreparedChain, aim: Aim | None, time: Scalar, start: Positions) 
     limited = bool(np.any(np.isfinite(lower)) or np.any(np.isfinite(upper)))
     units = chain.units
 
-    def held_of(values, step):
+    def leaving(values, step):
         return ((values <= lower) & (step < 0)) | ((values >= upper) & (step > 0))
 
     def step_of(now: PostureSolution, damping):
         values = sought_values(chain, now.q)
         weight = damping * jnp.sum(now.gap**2)
-        at_limit = held_of(values, -(now.gap @ now.jacobian))
+
+        def step_without(fixed):
+            return _damped_step(jnp.where(fixed[None], 0.0, now.jacobian), now.gap, weight)
+
+        at_limit = leaving(values, -(now.gap @ now.jacobian))
         if limited:
-
-            def once(_, at_limit):
-                return at_limit | held_of(
-                    values, _damped_step(jnp.where(at_limit[None], 0.0, now.jacobian), now.gap, weight)
-                )
-
-            at_limit = jax.lax.fori_loop(0, HOLDS, once, at_limit)
-        step = _damped_step(jnp.where(at_limit[None], 0.0, now.jacobian), now.gap, weight) * units
+            at_limit = jax.lax.fori_loop(0, HOLDS, lambda _, x: x | leaving(values, step_without(x)), at_limit)
+        step = step_without(at_limit) * units
         return jnp.clip(values + step, lower, upper) - values, at_limit
 
     def once(carry):

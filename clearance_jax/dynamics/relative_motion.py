@@ -44,9 +44,7 @@ def tree_relative_motions(mechanism: PreparedMechanism, time: Scalar, values: Va
         moved = steps(coordinates, time, values)
         several.append(tuple(step._replace(by=step.by._replace(index=-1)) for step in moved))
     motions = (
-        [_relative_motion(*joint_steps) for joint_steps in several]
-        if mechanism.is_plane
-        else side_by_side(_relative_motion, several)
+        [_relative_motion(*args) for args in several] if mechanism.is_plane else side_by_side(_relative_motion, several)
     )
     return {joint.name: at for joint, at in zip(joints, motions, strict=True)}
 

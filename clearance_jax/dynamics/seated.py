@@ -127,26 +127,20 @@ def play_moves(
 
 
 def _ways(mechanism: PreparedMechanism, time: Scalar, y: Array) -> Float[Array, "play free"]:
-    """The rates of the play coordinates by the free velocities. In the tree the play coordinates are free
-    coordinates.
-    """
+    """The rates of the play coordinates by the free velocities; in the tree the former are among the latter."""
     plan, joints = layout(mechanism), mechanism.clearance_joints()
     if all(joint.in_tree for joint in joints):
         places = {part.coordinate.name: part.v.start for part in parts(mechanism)}
-        chosen = [places[joint.name + coordinate.suffix] for joint in joints for coordinate in joint.joint.play()]
+        chosen = [places[joint.name + c.suffix] for joint in joints for c in joint.joint.play()]
         return jnp.asarray(np.eye(plan.free)[chosen])
 
     def rates(v):
         motions = relative_motions(time, y.at[plan.v].set(v), mechanism)
         out = []
         for joint, now in zip(joints, motions, strict=True):
-            for coordinate in joint.joint.play():
+            for c in joint.joint.play():
                 # Slides come first, and turns are small: the sleeve's axes are those of the play.
-                along = (
-                    dot(now.spin, coordinate.turns)
-                    if coordinate.slides is None
-                    else dot(now.velocity, coordinate.slides)
-                )
+                along = dot(now.spin, c.turns) if c.slides is None else dot(now.velocity, c.slides)
                 out.append(along)
         return as_array(out)
 

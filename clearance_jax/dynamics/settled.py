@@ -145,9 +145,7 @@ def _tilts(joints: tuple[ClearanceJoint, ...], sizes: list[Array]) -> tuple[Arra
 
 
 def _derivatives(function: Callable, at: tuple, rate: tuple, tilts: tuple[Array, ...]) -> tuple[Any, Any]:
-    """The value of a function of time and `Seats`, and its derivatives: first along `rate`, then by each of the
-    `tilts`.
-    """
+    """A function of time and `Seats`, and its derivatives: first along `rate`, then by each of the `tilts`."""
     if not len(tilts[0]):
         value, change = jax.jvp(function, at, rate)
         return value, jax.tree.map(lambda leaf: leaf[None], change)

@@ -82,9 +82,7 @@ class AbstractClearance(Parametrised):
 
     @property
     def has_ends(self) -> bool:
-        """Whether its walls end somewhere, beyond which its formulas do not hold (see `overhang`); by default they do
-        not.
-        """
+        """Whether its walls end somewhere, beyond which its formulas do not hold (see `overhang`); by default not."""
         return False
 
     def overhang(self, at: Relative) -> Scalar:
@@ -144,9 +142,7 @@ TOUCHING = 1e-9
 
 
 class PreparedClearance(Module):
-    """A `joint` with clearance and the constants of its `normal` and `friction` laws: the form that a step
-    evaluates.
-    """
+    """A `joint` with clearance and the constants of its `normal` and `friction` laws: what a step evaluates."""
 
     joint: AbstractClearance
     normal: PreparedNormal

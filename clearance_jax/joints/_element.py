@@ -28,9 +28,7 @@ class Offset(NamedTuple):
 
 
 class AbstractElement(Parametrised):
-    """An element that fills a joint's play and acts without touch: grease, a seal, a film, preloaded rolling
-    elements.
-    """
+    """A filling of a joint's play that acts without touch: grease, a seal, a film, preloaded rolling elements."""
 
     stiff: ClassVar[bool] = False
     """Whether it holds its pin, so that the pin rests where the element and the wall bear the load together."""

@@ -122,9 +122,7 @@ class Bore(NamedTuple):
         return jax.lax.fori_loop(0, ITERATIONS, newton, start)
 
     def seat(self, along: Vector, depth: Scalar) -> tuple[Scalar, Scalar]:
-        """The place of a pin that a force along a direction presses so deep: where the wall's gradient has that
-        direction.
-        """
+        """The place of a pin that a force presses so deep along a direction, that of the wall's gradient there."""
         ahead = tuple(jnp.asarray(c, float) for c in along[:2])
         still, wall, deep = jax.tree.map(jax.lax.stop_gradient, (self, ahead, depth))
         middle = jnp.arctan2(wall[1], wall[0])
@@ -156,9 +154,7 @@ class Bore(NamedTuple):
 
 
 def finer(depth: Float[Array, "*sections sectors"]) -> Float[Array, "*sections fine"]:
-    """The profile at `FINE` places or more; the first one stays the first. A profile of so many sectors stays as it
-    is.
-    """
+    """The profile at `FINE` places or more, with the same first place; a profile of so many sectors as it is."""
     parts = -(-FINE // depth.shape[-1])
     if parts == 1:
         return depth

@@ -99,9 +99,7 @@ class ContactPoint(NamedTuple):
 
 
 class PointAction(NamedTuple):
-    """The action of one contact point, or of each of several: forces on the pin [N], rate of the memory, elastic energy
-    [J].
-    """
+    """The action of one contact point or of several: forces on the pin [N], rate of the memory, elastic energy [J]."""
 
     penetration: Scalar
     penetration_rate: Scalar

@@ -104,9 +104,7 @@ class ShortBearing(AbstractElement):
         return fx, fy, around * (0.5 * jnp.sum(pressure * slope) - shear)
 
     def _eccentricity(self, ratio: Scalar, least: Scalar) -> Scalar:
-        """The eccentricity over the clearance, held below 1 - least from 1 - 2 least on, with three continuous
-        derivatives.
-        """
+        """The eccentricity over the clearance, held below 1 - least from 1 - 2 least on, three times differentiable."""
         begin = 1 - 2 * least
         s = jnp.clip((ratio - begin) / (2 * least), 0.0, 1.0)
         # The integral of 1 - STEP5.
@@ -125,9 +123,7 @@ def _between(depth: Array) -> tuple[Array, Array]:
 
 
 def _mean_positive(values: Array) -> Array:
-    """The means over sectors of the positive part of a function that is linear in each sector, from the values at their
-    middles.
-    """
+    """Means over sectors of the positive part of a sector-wise linear function, from its values at the middles."""
     reach = 0.25 * jnp.abs(jnp.roll(values, -1) - jnp.roll(values, 1))
     cut = jnp.abs(values) < reach
     return jnp.where(cut, (values + reach) ** 2 / (4 * jnp.where(cut, reach, 1.0)), jnp.maximum(values, 0.0))

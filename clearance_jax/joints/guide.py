@@ -1,7 +1,6 @@
 """The translational clearance joint: a block in a guide, whose corners touch the guide's walls.
 
-If a straight side of the block touches a wall, so do both of its corners; corners are therefore enough (Flores et al.
-2008).
+If a straight side of the block touches a wall, so do its two corners, so corners are enough (Flores et al. 2008).
 """
 
 import itertools

@@ -30,8 +30,7 @@ WIDE, LESS, NEAR = 0.3, 8.0, 0.1
 # Residuals in parts of the load: at the end of a search; at most, if a step no longer helps; and for a search from near
 # its end, which the iterations without springs finish.
 ROUND_OFF, SOLVED, ALMOST = 1e-14, 1e-9, 1e-6
-# Stiffness of the springs per play, in parts of the load: of the whole load in directions that it does not press, of
-# its part in those that it does.
+# Stiffness of the springs per play: in parts of the whole load where it does not press, else of its component.
 LOOSE, PRESSED = 1e-4, 1e-6
 # A load changes with its pin up to this distance, in sizes of the play: from wall to wall. Otherwise a pin in a sleeve
 # far too soft could turn over and rest upside down.
@@ -249,9 +248,8 @@ class Seating(NamedTuple):
         return (most > TOUCHING * jnp.max(most)) & (most > self.wall(TOUCHING))
 
     def find(self, near: Near | None = None) -> Values:
-        """The minimum of energy and springs. With stiff walls it lies in a narrow, curved valley, so the search begins
-        with a larger load, which widens the valley, and reduces it to the real one. A search from `near` begins with
-        the real load.
+        """The minimum of energy and springs. With stiff walls it lies in a narrow, curved valley, which a larger load
+        widens: the search begins with such a load and reduces it. A search from `near` begins with the real load.
         """
         springs, whole = self.springs, jnp.linalg.norm(self.asked)
         parts = jnp.asarray(PARTS if near is None else FEWER_PARTS)
@@ -283,9 +281,9 @@ class Seating(NamedTuple):
         return jax.lax.while_loop(lambda carry: ~carry[3] & (carry[2] < MOST), once, begin)[0]
 
     def rest(self, x: Values, iterations: int) -> tuple[Values, Array, Array, Array]:
-        """The equilibrium without springs, near that with them: directions that contacts hold more firmly than springs
-        are solved, the rest stays at the start. Also the inverse of the slope there, the projection on the rest, and
-        the slope.
+        """The equilibrium without springs, near that with them: solved in directions that contacts hold more firmly
+        than springs, the rest at the start. And there the inverse of the slope, the projection on the rest, and the
+        slope.
         """
 
         def once(_, carry):

@@ -179,8 +179,7 @@ class SleeveClearance(AbstractPin):
         if self.axial_clearance is None:
             meeting = compute_once(self._stations(at, places))
             return self._contact_points(at, meeting, _around(self._radial(meeting)), weights)
-        # Both kinds for every point, and a selection: a compiled concatenation would test at every number which part it
-        # is.
+        # Both kinds for every point, and a selection: a compiled concatenation would test the part of every number.
         angles, share = 2 * np.pi * np.arange(self.ring) / self.ring, np.full(self.ring, 1.0 / self.ring)
         along = np.arange(self.count) < self.stations
         angles = np.append(np.zeros(self.stations), angles)

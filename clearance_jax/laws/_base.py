@@ -129,8 +129,7 @@ class AbstractNormalLaw(AbstractLaw):
         is simulated; NaN if the mass does not come off.
 
         **Arguments:** `speed` before the impact [m/s]; `mass` [kg], m1 m2/(m1 + m2) of two free bodies; `geometry` of
-        the joint. Arguments on which the restitution does not depend may be left out; a missing one raises
-        `ClearanceError`.
+        the joint. Arguments without effect on the restitution may be left out; a missing one raises `ClearanceError`.
         """
         unknown = jnp.asarray(jnp.nan)
         ready = self.prepare(Geometry(unknown, unknown, unknown) if geometry is None else geometry)

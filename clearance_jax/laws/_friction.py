@@ -243,9 +243,7 @@ class SmoothedFriction(AbstractModifiedFriction):
 
 
 def _room(low: Scalar | float | None, high: Scalar | float) -> Scalar:
-    """The largest width for two corners at successive speeds; for the first one (`None` before it) and its image at
-    negative slip.
-    """
+    """The largest width for two corners at successive speeds; of the first one (`None` before it) and of its image."""
     if low is None:
         return jnp.where(jnp.asarray(high) > 0, high, jnp.inf)
     return 0.5 * (jnp.asarray(high) - low)

@@ -67,8 +67,7 @@ def free_impact(ready: Any, memory: tuple[Scalar, ...], speed: Scalar, mass: Sca
 
 
 def damping_for(delivered: Callable[[float], Any], restitution: Any, guess: Any) -> float:
-    """The damping at which an impact has a `restitution`, which falls with the damping, by bisection around a first
-    guess.
+    """The damping of an impact with a `restitution`, which falls with the damping, by bisection around a first guess.
 
     **Raises:** `ClearanceError` if there is none.
     """

@@ -1,6 +1,4 @@
-"""The base of both kinds of mechanism, the user's and the one prepared for a solve, with what follows from
-structure.
-"""
+"""The base of both kinds of mechanism, the user's and the one prepared for a solve, with their structure."""
 
 import abc
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -161,9 +159,8 @@ class AbstractMechanism(Parametrised):
         """The form of its equations of motion."""
         free = sum(len(coordinate.velocities) for coordinate in self.free_coordinates())
         conditions = sum(loop.joint_constraint().count for loop in self.closures())
-        return EquationForm(
-            free, conditions, len(list(self.coordinates())), bool(self.clearance_joints()), self.is_plane
-        )
+        every = len(list(self.coordinates()))
+        return EquationForm(free, conditions, every, bool(self.clearance_joints()), self.is_plane)
 
     def ideal(self: Kind) -> Kind:
         """The same mechanism without clearances and misalignments."""

@@ -227,8 +227,7 @@ class PreparedHeldSpline(AbstractMotionLaw):
 
     def __call__(self, time):
         last = self.table.times[-1]
-        # If the table does not come to rest, the motion ends with it: it still moves at its last instant and a
-        # round-off after.
+        # A table that does not end at rest ends with the motion: it still moves at its last instant.
         moves = self.end_speed != 0
         q, v, a = self.table(jnp.where(moves, time, jnp.minimum(time, last)))
         before = (time < last) | moves

@@ -78,9 +78,8 @@ class CartesianPath(Module):
                 f"`durations` of a path must have one number for each of its {len(self.segments)} segments, but their "
                 f"shape is {self.durations.shape}."
             )
-        if not self.oriented and any(
-            pose.orientation is not None for segment in self.segments for pose in segment.poses
-        ):
+        later = [pose for segment in self.segments for pose in segment.poses]
+        if not self.oriented and any(pose.orientation is not None for pose in later):
             raise ClearanceError("A pose of the path has an orientation, but its `start` has none: give it one too.")
         if not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(self)):
             self._check_numbers()

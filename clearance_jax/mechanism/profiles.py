@@ -32,9 +32,7 @@ class Constant(AbstractDrive):
 
 
 class Ramps(NamedTuple):
-    """By move of a `Trapezoid`: the time in which it speeds up, and slows down (`ramp`), and the time at its `speed`
-    (`cruise`).
-    """
+    """By move of a `Trapezoid`: the time of speeding up, and of slowing down (`ramp`), and that at its `speed`."""
 
     ramp: Values
     cruise: Values

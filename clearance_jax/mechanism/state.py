@@ -126,9 +126,7 @@ def layout(mechanism: AbstractMechanism) -> Layout:
     memories = tuple((j.name, j.clearance.remembers) for j in mechanism.clearance_joints())
     free = mechanism.free_coordinates()
     positions = tuple(name for c in free for name in c.positions)
-    efforts = tuple(
-        (source.name, source.coordinates) for source in effort_sources(mechanism) if source.period is not None
-    )
+    efforts = tuple((s.name, s.coordinates) for s in effort_sources(mechanism) if s.period is not None)
     return Layout(positions, tuple(name for c in free for name in c.velocities), memories, efforts)
 
 

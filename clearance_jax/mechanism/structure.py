@@ -86,9 +86,7 @@ def check_tilting(bodies: Sequence[Body], joints: Sequence[AbstractJoint]) -> No
 
 
 def _tilting(joint: AbstractJoint) -> str | None:
-    """The number of a joint's play that takes it out of the plane; `None` if the joint stays, or is out of it without
-    play.
-    """
+    """The number of a joint's play that takes it out of the plane, if it stays there without play."""
     if not isinstance(joint, AbstractPlayed) or joint.clearance is None or joint.is_plane:
         return None
     key = "width" if isinstance(joint, Prismatic) else "kind"
@@ -108,9 +106,7 @@ def check_attached(bodies: Sequence[Body], springs: Sequence[Spring], points: It
 
 
 def check_payloads(bodies: Sequence[Body], joints: Sequence[AbstractJoint]) -> None:
-    """Raise for a payload that moves on its carrier, carries something itself, or is put down before it is picked
-    up.
-    """
+    """Raise for a payload that moves on its carrier, carries something itself, or is put down before it is there."""
     for body in bodies:
         if body.is_always_there:
             continue
@@ -165,20 +161,15 @@ def _check_encoder(what: str, encoder: Sequence[str], coordinate: Coordinate, ev
 
 
 def check_model(controller: AbstractController, model: Any) -> Any:
-    """The model of a controller. **Raises** `ClearanceError` if it has loops, or if its free coordinates are not
-    exactly the references.
-    """
+    """The model of a controller. **Raises** `ClearanceError` for loops, and if references miss free coordinates."""
     what = f"The model of controller `{controller.name}`"
     if model.loops:
         raise ClearanceError(
             f"{what} has the loop `{model.loops[0].name}`, but inverse dynamics is of trees only. Give it a `model` "
             "without loops."
         )
-    free, commanded = (
-        {c.name for c in model.free_coordinates()},
-        {reference.name for reference in controller.references},
-    )
-    for name in sorted(free ^ commanded):
+    free, named = ({c.name for c in model.free_coordinates()}, {reference.name for reference in controller.references})
+    for name in sorted(free ^ named):
         reason = "and its references do not name it" if name in free else "but its references name it"
         raise ClearanceError(f"{what} has {'the' if name in free else 'no'} free coordinate `{name}`, {reason}.")
     return model

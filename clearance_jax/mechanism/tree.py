@@ -80,9 +80,7 @@ class AbstractJoint(Parametrised):
         """The joint's elementary coordinates, in the order in which they act."""
 
     def own_coordinates(self) -> tuple[Coordinate, ...]:
-        """The same coordinates with axes in the joint's own, which are structural constants whatever the joint's
-        direction is.
-        """
+        """The same coordinates with axes in the joint's own, which are structural constants."""
         return self.coordinates()
 
     @abc.abstractmethod
@@ -293,8 +291,7 @@ class Prismatic(AbstractPlayed):
         x, y, z = self.axis.vector
         if not is_zero(z):
             return along(self.axis)
-        # If the axis lies in the plane z = 0, the guide's walls stand across it in this plane, and the block tilts
-        # about z.
+        # With the axis in the plane z = 0 the walls stand across it in this plane, and the block tilts about z.
         return transpose(((minus(0.0, y), x, 0.0), Z, (x, y, 0.0)))
 
     def joint_constraint(self):

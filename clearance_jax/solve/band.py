@@ -55,10 +55,10 @@ class EntryFinder(AbstractObserver):
     def __call__(self, record, times, ends, problem):
         (t0, t1), plan = times, layout(problem.mechanism)
         start, width, whole, bound = without_derivatives((t0, t1 - t0, problem, self.bound))
-        motion_ends = tuple(motion(whole, end) for end in without_derivatives(ends))
+        ends_now = tuple(motion(whole, end) for end in without_derivatives(ends))
 
         def along(x):
-            y = between(motion_ends, width, x, plan)
+            y = between(ends_now, width, x, plan)
             return jnp.asarray(self.signal(start + x * width, y, whole.mechanism), float) - bound
 
         def at(x):

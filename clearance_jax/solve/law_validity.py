@@ -1,6 +1,4 @@
-"""Checks of a solved motion: whether contact laws were used within their validity, and whether contacts bear their
-load.
-"""
+"""Checks of a solved motion: whether contact laws were used where they hold, and whether contacts bear their load."""
 
 import warnings
 from collections.abc import Iterator, Mapping
@@ -26,9 +24,7 @@ class ValidityWarning(UserWarning):
 
 
 def asked_of_laws(solution: Solution) -> Iterator[tuple[str, Array, Array, str]]:
-    """By joint whose law has a limit of validity: its name, the deepest penetration [m], the limit [m], and its
-    reason.
-    """
+    """By joint whose law has a limit of validity: its name, the deepest penetration [m], the limit [m], the reason."""
     for joint in solution.mechanism.clearance_joints():
         if not joint.clearance.normal.validity_reason:
             continue
@@ -74,15 +70,13 @@ def _limit(clearance: AbstractClearance) -> Array | None:
 
 def invalid(solution: Solution) -> str:
     """Names the laws that a single solve used where they do not hold; empty if there are none."""
-    misuses = [
+    wrong = [
         f"joint `{name}`: {format_quantity(float(deepest), 'm', 3)} is beyond "
         f"{format_quantity(float(limit), 'm', 3)}, {reason}"
         for name, deepest, limit, reason in asked_of_laws(solution)
         if float(deepest) > float(limit)
     ]
-    return (
-        f"A contact law is used where it does not hold: {'; '.join(misuses)}. Use another law there." if misuses else ""
-    )
+    return f"A contact law is used where it does not hold: {'; '.join(wrong)}. Use another law there." if wrong else ""
 
 
 def warn_of_validity(solution: Solution) -> None:

@@ -175,13 +175,12 @@ def _search(at: Any, count: int, lowest: Any) -> SignalSearch:
 
 
 class PeakFinder(AbstractObserver):
-    """Finds the peaks of a signal: inside a step, between two steps (a kink, or a jump at a drive's break), or at
-    either end.
+    """Finds the peaks of a signal: inside a step, between two steps (a kink, or a jump at a drive's break), or at an
+    end.
 
-    Contact begins and ends with a step, so within one the signal is smooth. On each part of a step it is approximated
-    by the cubic through values and slopes at the part's ends; at the highest tops a Newton step on the signal itself
-    follows. The place of a top matters for derivatives: at a fixed time they are wrong by the time's distance from the
-    top over the duration of an impact.
+    Contact begins and ends with a step, so within one the signal is smooth. On each part of a step the cubic through
+    values and slopes at its ends approximates it; a Newton step on the signal itself improves the highest tops. The
+    place matters for derivatives: at a fixed time their error is its distance from the top over the impact's duration.
     """
 
     signal: Any
@@ -208,7 +207,7 @@ class PeakFinder(AbstractObserver):
         skipped = 0.0 if self.since is None else jnp.clip((self.since - t0) / h, 0.0, 1.0)
         # The place of a peak needs no derivative: that of the signal at a fixed time is the peak's.
         start, width, part, whole = without_derivatives((t0, h, skipped, problem))
-        motion_ends = tuple(motion(whole, end) for end in without_derivatives(ends))
+        ends_now = tuple(motion(whole, end) for end in without_derivatives(ends))
 
         def inside(s, skipped):
             """Place in the step for a place in the part of it that counts."""
@@ -217,9 +216,8 @@ class PeakFinder(AbstractObserver):
         def at(s):
             def along(s):
                 x = inside(s, part)
-                return jnp.asarray(
-                    self.signal(start + x * width, between(motion_ends, width, x, plan), whole.mechanism), float
-                )
+                y = between(ends_now, width, x, plan)
+                return jnp.asarray(self.signal(start + x * width, y, whole.mechanism), float)
 
             return jax.jvp(along, (s,), (jnp.ones_like(s),))
 
@@ -234,9 +232,7 @@ class PeakFinder(AbstractObserver):
             return jnp.where(opens, first, record.value), jnp.where(opens, jnp.inf, record.slope)
 
         def meeting(first, slope):
-            """The height of a peak between the steps (minus infinity: none), and whether it is the start of this
-            step.
-            """
+            """The height of a peak between the steps (minus infinity: none), and whether it is at this step's start."""
             last, rate = before(first)
             rising, falls, jump = rate > 0, slope <= 0, 1e-9 * (jnp.abs(last) + jnp.abs(first))
             left = rising & (last >= first) & (falls | (last - first > jump))

@@ -145,33 +145,29 @@ def vjp_rows(function, problem: Problem, stacks: Rows) -> Rows:
     for i, (value, reached) in enumerate(zip(values, _reach(flat, *inputs), strict=True)):
         pulls = jax.linear_transpose(lambda *rates, i=i: along(*rates)[i], *inputs)(jnp.ones_like(value))
         pulls = {j: share(pulls[j]) for j in sorted(reached)}
-        model_pulls = [(pull, *numbers[j]) for j, pull in pulls.items() if j < len(leaves)]
+        pulled = [(pull, *numbers[j]) for j, pull in pulls.items() if j < len(leaves)]
         states = [(pull, stacks[j - len(leaves)]) for j, pull in pulls.items() if j >= len(leaves)]
-        out.append(_apply(share(value), model_pulls, states, stacks[0].shape[0]))
+        out.append(_apply(share(value), pulled, states, stacks[0].shape[0]))
     return tuple(out)
 
 
-def _apply(value: Array, model_pulls: list[tuple], states: list[tuple], rows: int) -> Array:
-    """A number and its derivatives, as a stack, from its derivatives by the mechanism's numbers (`model_pulls`: with
+def _apply(value: Array, pulls: list[tuple], states: list[tuple], rows: int) -> Array:
+    """A number and its derivatives, as a stack, from its derivatives by the mechanism's numbers (`pulls`: with
     the directions of these numbers, and the few directions that move each) and by the state (with the state's stacks).
     """
 
-    def whole(product: Array, axis: int) -> Array:
-        return jnp.sum(product, axis=tuple(range(axis, product.ndim - value.ndim)))
+    def whole(p: Array, axis: int) -> Array:
+        return jnp.sum(p, axis=tuple(range(axis, p.ndim - value.ndim)))
 
     def total(terms: list[Array], nothing: tuple[int, ...]) -> Array:
         return functools.reduce(jnp.add, terms) if terms else jnp.zeros(nothing)
 
     if not value.ndim:
         # Without lanes everything by all directions: a row is one number, and costs more to place than to compute.
-        products = [pull[None] * along for pull, along, _ in model_pulls] + [
-            pull[None] * stack[1:] for pull, stack in states
-        ]
-        return jnp.concatenate([value[None], total([whole(product, 1) for product in products], (rows - 1,))])
-    thin = [(pull, along, movers) for pull, along, movers in model_pulls if len(movers) <= THIN]
-    wide = [
-        (pull, jnp.pad(along, [(1, 0)] + [(0, 0)] * pull.ndim)) for pull, along, by in model_pulls if len(by) > THIN
-    ]
+        products = [pull[None] * along for pull, along, _ in pulls] + [pull[None] * stack[1:] for pull, stack in states]
+        return jnp.concatenate([value[None], total([whole(p, 1) for p in products], (rows - 1,))])
+    thin = [(pull, along, movers) for pull, along, movers in pulls if len(movers) <= THIN]
+    wide = [(pull, jnp.pad(along, [(1, 0)] + [(0, 0)] * pull.ndim)) for pull, along, by in pulls if len(by) > THIN]
     everywhere = [*states, *wide]
     out = total([whole(pull[None] * stack, 1) for pull, stack in everywhere], (rows, *value.shape))
     first = jnp.arange(rows).reshape(-1, *[1] * value.ndim) == 0

@@ -82,9 +82,7 @@ class SolveOptions(TypedDict, total=False):
 
 
 class Settings(NamedTuple):
-    """`SolveOptions` as read: every option has a value, numbers are arrays (another tolerance is not another
-    program).
-    """
+    """`SolveOptions` as read: every option has a value, numbers are arrays (their values are not compiled in)."""
 
     t0: Any = 0.0
     save_at: Array | None = None
@@ -100,9 +98,7 @@ class Settings(NamedTuple):
     fidelity: str = DYNAMICS
 
     def as_options(self, observers: tuple = ()) -> Options:
-        """The options for which a solve is compiled. **Raises** `ClearanceError` for a model of the motion without
-        steps.
-        """
+        """The options for which a solve is compiled. **Raises** `ClearanceError` for a `fidelity` without steps."""
         if self.fidelity != DYNAMICS:
             raise ClearanceError(
                 f'This follows the steps of a motion, and `fidelity = "{self.fidelity}"` has none: use "{DYNAMICS}".'

@@ -131,9 +131,7 @@ class Solution(Module):
             raise ClearanceError(
                 f'`{name}` is no state: it is driven, or follows from states. Use `solution["{name}"]`.'
             )
-        return self._read(
-            self._lookup(name, {k: quantity for k, quantity in every.items() if quantity.place is not None}, "state")
-        )
+        return self._read(self._lookup(name, {k: q for k, q in every.items() if q.place is not None}, "state"))
 
     def _read(self, quantity: QuantityEntry) -> Array:
         return self._over_time(self.y[..., quantity.place])

@@ -76,9 +76,7 @@ def largest_length(mechanism: AbstractMechanism, of: Any = jnp) -> Any:
 
 
 def scales(mechanism: PreparedMechanism, y0: Array, t0: Scalar, t1: Scalar) -> Scales:
-    """Magnitudes of a motion: largest length of the bodies, fastest spin of drives, start and pendulum, and what
-    follows from them.
-    """
+    """Magnitudes of a motion, from the bodies' largest length and the fastest spin of drives, start and pendulum."""
     length = largest_length(mechanism)
     gravity = _size(mechanism.gravity.vector)
     speeds = [(jnp.sqrt(gravity / length), None)]
@@ -142,8 +140,7 @@ def floors(varied: Any, directions: Any, unit: Array) -> Float[Array, " directio
 
 def event_margin(mechanism: PreparedMechanism, rtol: Scalar, varied: bool = False) -> Scalar:
     """How far past an event a cut step may end, as a fraction of the uncut step. The event left inside the step causes
-    an error of second order in the margin; of first order where a force jumps, and in derivatives where its slope
-    jumps.
+    an error of second order in the margin; of first order if a force jumps, and in derivatives if its slope jumps.
     """
     laws = [law for joint in mechanism.clearance_joints() for law in joint.laws]
     jumps = any(law.smoothness == "C-1" for law in laws)

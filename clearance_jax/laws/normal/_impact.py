@@ -39,9 +39,7 @@ class AbstractImpactLaw(AbstractNormalLaw):
         return None if self.restitution is None else self.ratio(self.restitution)
 
     def delivered_restitution(self, speed=None, mass=None, geometry=None):
-        """The restitution that a free impact really has; without `speed`, that of one faster than
-        `minimum_impact_speed`.
-        """
+        """The restitution that a free impact really has: without `speed`, of one faster than `minimum_impact_speed`."""
         ratio = self.damping_ratio
         if ratio is None:
             return jnp.ones(())
