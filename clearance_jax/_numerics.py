@@ -50,10 +50,7 @@ def sincos(angle: Real) -> tuple[Real, Real]:
     quadrant = quarter_turns - 4 * jnp.floor(quarter_turns * 0.25)
     swapped = (quadrant == 1) | (quadrant == 3)
     sine, cosine = jnp.where(swapped, cosine, sine), jnp.where(swapped, sine, cosine)
-    return (
-        jnp.where(quadrant >= 2, -sine, sine),
-        jnp.where((quadrant == 1) | (quadrant == 2), -cosine, cosine),
-    )
+    return (jnp.where(quadrant >= 2, -sine, sine), jnp.where((quadrant == 1) | (quadrant == 2), -cosine, cosine))
 
 
 @sincos.defjvp

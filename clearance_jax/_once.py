@@ -24,36 +24,9 @@ REPEATED = 2
 # Operations that cost almost nothing in a kernel.
 _FREE = {"broadcast_in_dim", "reshape", "squeeze", "slice", "convert_element_type", "copy", "stop_gradient", "iota"}
 # Operations that XLA itself does not compute twice: it takes them for expensive, or they have their own kernels.
-_ONCE = {
-    "sqrt",
-    "rsqrt",
-    "exp",
-    "exp2",
-    "expm1",
-    "log",
-    "log1p",
-    "logistic",
-    "pow",
-    "tanh",
-    "sin",
-    "cos",
-    "tan",
-    "atan2",
-}
-_ONCE |= {
-    "rem",
-    "cbrt",
-    "erf",
-    "while",
-    "scan",
-    "cond",
-    "dot_general",
-    "sort",
-    "cholesky",
-    "eigh",
-    "gather",
-    barrier.name,
-}
+_ONCE = {"sqrt", "rsqrt", "exp", "exp2", "expm1", "log", "log1p", "logistic", "pow", "tanh", "sin", "cos", "tan"}
+_ONCE |= {"atan2", "rem", "cbrt", "erf", "while", "scan", "cond", "dot_general", "sort", "cholesky", "eigh", "gather"}
+_ONCE.add(barrier.name)
 # Programs that are called, and become a part of their caller.
 _CALLS = {"jit": "jaxpr", "pjit": "jaxpr", "closed_call": "call_jaxpr", "custom_jvp_call": "call_jaxpr"}
 _CALLS |= {"custom_vjp_call": "call_jaxpr"}

@@ -27,11 +27,7 @@ from clearance_jax.errors import ClearanceError, quote, require_float64, suggest
 PARAMETER = "the parameter's"
 """The unit of a number of a study that a parameter's name decides."""
 # Bounds of a number's field: key of its metadata, test, words.
-BOUNDS = (
-    ("above", operator.gt, "greater than"),
-    ("least", operator.ge, "at least"),
-    ("below", operator.lt, "below"),
-)
+BOUNDS = (("above", operator.gt, "greater than"), ("least", operator.ge, "at least"), ("below", operator.lt, "below"))
 
 
 def as_leaf(value: Any) -> Any:

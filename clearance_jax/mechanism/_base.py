@@ -17,13 +17,7 @@ from clearance_jax.mechanism.form import EquationForm
 from clearance_jax.mechanism.loads import Wrench
 from clearance_jax.mechanism.placement import Gravity, Inertia
 from clearance_jax.mechanism.play import without_play
-from clearance_jax.mechanism.tree import (
-    SLIDING,
-    TURNING,
-    AbstractJoint,
-    AbstractPlayed,
-    without_misalignment,
-)
+from clearance_jax.mechanism.tree import SLIDING, TURNING, AbstractJoint, AbstractPlayed, without_misalignment
 from clearance_jax.parameters import Parametrised
 from clearance_jax.spatial import Term
 

@@ -122,11 +122,7 @@ KNOWN = tuple(name for name in ALL if name not in ("energy_balance", "derivative
 
 
 def trace(
-    mechanism: Mechanism,
-    t1: float,
-    *,
-    progress: Callable[[float], None] | None = None,
-    **options: Unpack[SolveOptions],
+    mechanism: Mechanism, t1: float, *, progress: Callable[[float], None] | None = None, **options: Unpack[SolveOptions]
 ) -> Trace:
     """Simulate as `simulate` does, and keep the end of every step. Use it for datasets with contact episodes.
 
