@@ -14,7 +14,7 @@ _DIGEST = 32
 ENDING = ".program"
 # Left by a process that was killed while writing.
 _PARTIAL = ".partial"
-# What JAX's own cache writes.
+# Endings of JAX's own cache.
 _JAX_ENDINGS = "-cache", "-atime"
 
 

@@ -292,7 +292,7 @@ class Reader:
             parts.append(self._code(function.__code__))
         parts += [self.of(content(cell)) for cell in function.__closure__ or ()]
         parts += [self.of(function.__defaults__), self.of(function.__kwdefaults__)]
-        # What it wraps, and its variables, may matter too.
+        # The wrapped function and variables may matter too.
         for name, attribute in sorted(vars(function).items()):
             if name == "__wrapped__" or (is_own and not name.startswith("__")):
                 parts.append(hash_texts(name, self.of(attribute)))

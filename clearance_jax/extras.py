@@ -5,7 +5,7 @@ from pathlib import Path
 
 from clearance_jax.errors import ClearanceError
 
-# Where the library lies in a clone, its project file is beside it.
+# In a clone, the project file is beside the library.
 CLONE = Path(__file__).parents[1]
 
 

@@ -191,7 +191,7 @@ def about(axis: Vector, angle: Term) -> Matrix:
 
 def across(axis: Vector) -> tuple[Vector, Vector]:
     """Two unit vectors that make a right-handed frame with a third: (first, second, axis)."""
-    # Without a decision that a small change of the axis would turn round (Duff et al. 2017).
+    # Without a branch that a small change of the axis could flip (Duff et al. 2017).
     x, y, z = (jnp.asarray(term, float) for term in axis)
     sign = jnp.where(z < 0, -1.0, 1.0)
     a = -1.0 / (sign + z)

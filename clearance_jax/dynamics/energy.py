@@ -40,7 +40,7 @@ def powers(mechanism: PreparedMechanism, time: Scalar, state: State, now: Balanc
     drive = plus(drive, load_power(mechanism, time, now.motion))
     absorbed: Term = total(action.absorbed_power for action in now.actions.values())
     friction: Term = total(action.friction_power for action in now.actions.values())
-    # What joints lose is in the efforts, and is no work of theirs.
+    # The joints' losses are part of the efforts, but not work.
     damped, rubbed = joint_losses(mechanism, state)
     drive, absorbed, friction = plus(drive, plus(damped, rubbed)), plus(absorbed, damped), plus(friction, rubbed)
     for spring in mechanism.springs:

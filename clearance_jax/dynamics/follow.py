@@ -27,7 +27,7 @@ from clearance_jax.mechanism.profiles import Quintic
 
 # Intervals that one call of the program follows; intervals of every smooth part of a path at first.
 BLOCK, FIRST = 32, 4
-# Where between two knots the point is compared with the path: the error of a quintic is largest in the middle.
+# Places between two knots at which the point is compared with the path; a quintic's error is largest in the middle.
 INSIDE = np.array([0.15, 0.35, 0.5, 0.65, 0.85])
 # How often a knot is corrected along what the path leaves free: the first guess errs by the third power of the
 # distance of the knots, the last by the fifth.
@@ -100,7 +100,7 @@ def follow_edges(given: Chain, path: PreparedPath, edges: Float[Array, " edges"]
     def inside(begin, end, q, values, speeds, accelerations, part):
         time, h = begin + part * (end - begin), end - begin
         at = _hermite(h, values, speeds, accelerations, part)
-        # What the joints do is known; passive coordinates of loops follow.
+        # The joints' motion is known; passive coordinates of loops follow.
         q = change(chain, q, jnp.where(_sought_joints(chain), at - values[0], 0.0))
         aim = aim_at(path, time, time)
         if chain.mechanism.closures():

@@ -72,7 +72,7 @@ def across_loop(joint: ClearanceJoint, centre: Vector, rotation: Rotation, motio
     """The relative motion in a joint that closes a loop, from its pin's centre and the sleeve's axes."""
     sleeve, pin = motion[joint.parent], motion[joint.child]
     gap = subtract(centre, sleeve.point(joint.joint.at_parent.vector))
-    # As the sleeve sees it: against its own point that the pin's centre is at.
+    # Relative to the sleeve's material point at the pin's centre.
     rate = subtract(pin.velocity_at(centre), sleeve.velocity_at(centre))
     place, velocity = rotation.undo(gap), rotation.undo(rate)
     if rotation.is_plane and pin.rotation.is_plane:

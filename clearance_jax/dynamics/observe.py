@@ -51,7 +51,7 @@ def contacts(mechanism: PreparedMechanism, now: Balance) -> dict[str, Array]:
     if len(axes_of(mechanism)) == 3:
         joints = [joint.clearance.joint for joint in mechanism.clearance_joints()]
         bearing = [joint.pattern(joint.points(at)) for joint, at in zip(joints, plays, strict=True)]
-        # What has no axis, as a ball, does not lean.
+        # A ball has no axis, and does not lean.
         leans = [any(coordinate.turns is not None for coordinate in joint.play()) for joint in joints]
         tilts = [as_array(at.axis[:2]) if leant else jnp.zeros(2) for at, leant in zip(plays, leans, strict=True)]
         patterns = {"contact_pattern": jnp.stack(bearing), "pin_tilt": jnp.stack(tilts)}

@@ -129,9 +129,7 @@ def poses(times: Float[Array, " times"], mechanism: PreparedMechanism, ideal: Fl
 
 
 def _between(times: Array, play: Array, k: Array, away: Array) -> Array:
-    """The play in column k of every row, interpolated between the columns `away` from it (none follows the last
-    row).
-    """
+    """The play in column k of every row, interpolated between the columns `away` from it; none follows the last row."""
     behind = jnp.append(jnp.arange(1, len(times)), len(times) - 1)
     after, later = (jnp.concatenate([x, x[behind][:, :1]], axis=1)[:, k + away] for x in (times, play))
     before, earlier = times[:, k - away], play[:, k - away]

@@ -72,9 +72,9 @@ OBSERVED = {
     "friction_loss": Variable((), "J", "energy lost in friction since the start"),
     "exchanged": Variable((), "J", "sum of absolute powers of drives and inertia since the start"),
 }
-"""What `observe` reports of a state."""
+"""The variables that `observe` reports."""
 IN_SPACE = ("joint_moment", "contact_pattern", "pin_tilt")
-"""What is reported of mechanisms that leave the plane only."""
+"""Variables of mechanisms that leave the plane only."""
 OF_BALANCE = ("drive_work", "damping_loss", "friction_loss", "exchanged")
 # A coordinate's value and rate have the names that its initial values have among the parameters.
 OF_COORDINATES = {"q": "position", "v": "velocity"}

@@ -16,7 +16,7 @@ from clearance_jax.spatial import Term, Vector, add, cross, scale, subtract
 
 
 class Reaction(NamedTuple):
-    """What a joint exerts on the pin (its child): `force` [N] in the world's axes, `on_pin` the same force in the
+    """Reaction of a joint on the pin (its child): `force` [N] in the world's axes, `on_pin` the same force in the
     sleeve's axes, `turning` the moment about the pin's centre there [N m], `at` the pin's centre in the world [m]. (The
     torque about the sleeve's axis that turns the pin is its drive's or actuator's.)
     """
@@ -30,8 +30,8 @@ class Reaction(NamedTuple):
 def joint_reactions(
     mechanism: PreparedMechanism, time: Scalar, y: Array, play: Mapping[str, Sequence[Term]] | None = None
 ) -> dict[str, Reaction]:
-    """What each joint with clearance would exert if it were ideal, by name: by the accelerations that drives, weight,
-    springs and actuators give the ideal mechanism, without any contact law.
+    """The reactions of the joints with clearance if they were ideal, by name: from the accelerations that drives,
+    weight, springs and actuators give the ideal mechanism, without any contact law.
 
     **Arguments:** `time` [s]; `y`: the ideal mechanism's state `[q, v]`, its loops closed; `play`: by the name of a
     joint at which values of its play coordinates its pin is held [m or rad] (default: in the middle).

@@ -39,7 +39,7 @@ def tree_relative_motions(mechanism: PreparedMechanism, time: Scalar, values: Va
     joints = [joint for joint in mechanism.clearance_joints() if joint.in_tree]
     several = []
     for joint in joints:
-        # Of a coordinate only how it moves: joints are alike whatever their coordinates are called and driven by.
+        # Only the coordinates' motion: joints are alike whatever the names and drives of their coordinates.
         coordinates = joint.joint.own_coordinates()
         moved = steps(coordinates, time, values)
         several.append(tuple(step._replace(by=step.by._replace(index=-1)) for step in moved))

@@ -56,7 +56,7 @@ def settle_start(time: Scalar, mechanism: PreparedMechanism) -> tuple[Array, Sta
     normal law has no place of rest.
     """
     _check(mechanism)
-    # What is sampled acts at the start as it would if it were not.
+    # At the start, sampled controllers act continuously.
     mechanism = deflect(time, mechanism.without_sampling())
     joints, loops, plan = mechanism.clearance_joints(), mechanism.loops, layout(mechanism.ideal())
     begin = tuple(middle(joint) for joint in joints)

@@ -113,7 +113,7 @@ class WrittenOut(Module, Frames):
     def __getitem__(self, body):
         return self.bodies[body]
 
-    # What moves -----------------------------------------------------------------------------------------------------
+    # Columns --------------------------------------------------------------------------------------------------------
 
     def velocities(self, body, point, base=None, beside=ZERO):
         return self._moves(body, base, lambda column: column.velocity_at(point), lambda c: c.velocity_at(beside))

@@ -102,12 +102,12 @@ class Fit:
 
     @property
     def hole_class(self) -> str:
-        """Of the hole: "H7"."""
+        """The tolerance class of the hole: "H7"."""
         return self.name.partition("/")[0]
 
     @property
     def shaft_class(self) -> str:
-        """Of the shaft: "g6"."""
+        """The tolerance class of the shaft: "g6"."""
         return self.name.partition("/")[2]
 
     @property

@@ -21,7 +21,7 @@ class Solid(NamedTuple):
     expansion: float
 
 
-# As handbooks have them: carbon steel, and tin bronze.
+# Handbook values: carbon steel, and tin bronze.
 STEEL, BRONZE = Solid(207e9, 0.29, 11.5e-6), Solid(103e9, 0.34, 18e-6)
 # Sizes on drawings are those at 20 degC (ISO 1).
 REFERENCE_TEMPERATURE = 293.15

@@ -35,7 +35,7 @@ def farthest(clearance: AbstractClearance, weights: Float[Array, " play"]) -> Fl
     across, tilts, alone = _groups(play)
     radial, tilt = play[across[0]].scale, play[tilts[0]].scale
     half = radial / tilt
-    # How the axis leans along each slide by each tilt: z turned about the tilt's axis.
+    # Lean of the axis along each slide by each tilt: z turned about the tilt's axis.
     leans = np.array(
         [[np.cross(_axis(play[t].turns), [0, 0, 1]) @ _axis(play[k].slides) for t in tilts] for k in across]
     )

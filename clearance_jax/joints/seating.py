@@ -282,8 +282,7 @@ class Seating(NamedTuple):
 
     def rest(self, x: Values, iterations: int) -> tuple[Values, Array, Array, Array]:
         """The equilibrium without springs, near that with them: solved in directions that contacts hold more firmly
-        than springs, the rest at the start. And there the inverse of the slope, the projection on the rest, and the
-        slope.
+        than springs, the rest at the start. Also the inverse of the slope, the projection on the rest, and the slope.
         """
 
         def once(_, carry):

@@ -1,4 +1,4 @@
-"""What a contact law is. Written for ONE contact point: no pose, no body, no time, no batch; `vmap` lives above it.
+"""The base of contact laws, each written for one contact point: no pose, no body, no time, no batch (`vmap` is outside).
 
 Sign convention, stated here once for the whole library:
 
@@ -8,13 +8,13 @@ Sign convention, stated here once for the whole library:
   space); the traction is the force on the pin along the same tangents, so a dissipative law returns one of opposite
   sign. Slip, traction and the memory of friction are tuples of as many components: no law is written twice.
 
-A law has two lives. What a user gives is the law: numbers, with units and bounds. Once a solve `prepared(geometry)`
-puts beside it the `constants` that follow from it and from the geometry, in a type of its own; that is what a step
-evaluates, and what clips, gates and counts for every law alike (`PreparedNormal`, `PreparedFriction`).
+A law exists in two forms. The user gives numbers, with units and bounds. Once a solve `prepare(geometry)` adds the
+`constants` that follow from them and from the geometry, as a type of its own; a step evaluates that type, which clips,
+gates and counts for every law alike (`PreparedNormal`, `PreparedFriction`).
 
-Where a formula changes piece a law says so by `event_functions`: a fixed tuple of smooth functions, whose signs make
-the regime. A law owns its memory: it has a rate, or is rewritten by `latch` at the instants at which contact begins or
-ends (which are always ends of integration steps).
+Where a formula changes piece, a law has `event_functions`: a fixed tuple of smooth functions whose signs define the
+regime. A law owns its memory: it has a rate, or `latch` rewrites it at the instants at which contact begins or ends
+(which are always ends of integration steps).
 """
 
 import abc

@@ -155,6 +155,6 @@ class Mechanism(AbstractMechanism):
         return ready.as_table() if self.form.is_table else ready
 
     def _model_of(self, controller: AbstractController) -> "Mechanism":
-        """What a controller goes by, which is itself controlled by nobody."""
+        """The model of a controller, which itself has no controllers."""
         model = self.ideal() if controller.model is None else controller.model.ideal()
         return dataclasses.replace(check_model(controller, model), controllers=())

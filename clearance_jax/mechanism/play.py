@@ -18,7 +18,7 @@ from clearance_jax.parameters import check_demands, replace
 from clearance_jax.spatial import IDENTITY, UNIT, Term, add, is_zero, product, transpose
 
 PRESETS: Mapping[type[AbstractPlayed], Preset] = {Revolute: PIN, Prismatic: GUIDE, Spherical: BALL, Cylindrical: SHAFT}
-"""How play is made, by the kind of joint."""
+"""Presets of play, by the kind of joint."""
 
 
 def with_play(joint: AbstractJoint, clearance: Any, numbers: Mapping[str, Any]) -> AbstractPlayed:

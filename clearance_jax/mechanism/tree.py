@@ -230,7 +230,7 @@ class Revolute(AbstractPlayed):
     child_orientation: Orientation | PreparedOrientation | None = orientation_key(TURN_CHILD)
     axis: Axis = axis_key("z")
     motor: Motor | None = None
-    """Of an elastic drive its motor: the joint turns by the sum of its angle and the spring's, `motion`."""
+    """The motor of an elastic drive: the joint turns by the sum of the motor's angle and the spring's, `motion`."""
 
     def units(self):
         return TURNING
@@ -277,7 +277,7 @@ class Prismatic(AbstractPlayed):
     clearance: AbstractClearance | PreparedClearance | None = flatten(default=None)
     eccentricity: Position = ORIGIN
     motor: Motor | None = None
-    """The same as of a `Revolute`."""
+    """As of a `Revolute`."""
 
     def units(self):
         return SLIDING

@@ -204,7 +204,7 @@ def _put(whole: np.ndarray, chunk: Lanes, values: np.ndarray) -> None:
     whole[chunk] = values[: len(chunk)]
 
 
-# What is given -------------------------------------------------------------------------------------------------------
+# Input checks -------------------------------------------------------------------------------------------------------
 
 
 def _leaves(function: Any, lanes: Any) -> tuple[list[np.ndarray], int]:

@@ -106,7 +106,7 @@ def judge(problem: Problem, trial: Trial, times: tuple, means: Means, control: C
     pad = pad * control.reach
     crossed, s = first_event(joint_curves, ends[1], problem.mechanism, jnp.minimum(pad / h, 0.5))
     at = t0 + s * h + pad
-    # Where the motion is accurate the event is located, also where the derivatives, whose slope jumps there, are not:
+    # The event is located if the motion is accurate, even if the derivatives are not, whose slope jumps there:
     # shrinking the step towards the jump would end at a step of a round-off.
     return Verdict(error, crossed & (at < t1 - pad) & (of_motion <= 1), at, pad)
 

@@ -202,7 +202,7 @@ def first_of(joints: EventJoints, begin: Each) -> Each:
     started = share(tuple(_sign(f) for f in functions_at(clearance, before, memory, before)))
 
     def changes(points):
-        """Of several: which joints have changed."""
+        """Which joints have changed (for several), or whether the joint has."""
         now = functions_at(clearance, points, memory, before)
         crossed = jnp.stack([_sign(f) != start for f, start in zip(now, started, strict=True)])
         return jnp.any(crossed, axis=(0, 2) if several else 0)

@@ -52,8 +52,7 @@ def together(rows: Sequence[Array], time: Each, axis: int = 0) -> Array:
     """Arrays along a new axis, before the lanes'."""
     if not jnp.ndim(time):
         return jnp.stack(rows, axis)
-    # Of lanes by selecting: a compiled concatenation asks at every number which of its parts this is, or copies them
-    # number by number.
+    # With lanes by selection: a compiled concatenation tests the part of every number, or copies number by number.
     first = jnp.expand_dims(share(rows[0]), axis)
     place = jnp.arange(len(rows)).reshape(-1, *[1] * (first.ndim - axis - 1))
     out = jnp.broadcast_to(first, (*first.shape[:axis], len(rows), *first.shape[axis + 1 :]))
@@ -69,7 +68,7 @@ def component_axis(time: Each) -> int:
 
 def sum_components(y: Array, time: Each) -> Array:
     """The sum over the components of a state, or of each state of a stack."""
-    # Of lanes one by one: a compiled reduction over another axis than the last is done lane by lane.
+    # With lanes one by one: a compiled reduction over another axis than the last goes lane by lane.
     axis = component_axis(time)
     return functools.reduce(jnp.add, [jnp.take(y, i, axis) for i in range(y.shape[axis])])
 

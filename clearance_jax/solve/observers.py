@@ -309,7 +309,7 @@ class TouchCounter(AbstractObserver):
             for t, y in zip(times, states, strict=True)
         )
         depth, rate = jnp.stack([here[0], there[0]]), jnp.stack([here[1], there[1]])
-        # Of a joint with several points: it touches where the deepest does.
+        # A joint with several points touches where the deepest one does.
         k = jnp.argmax(jnp.max(depth, axis=0))
         value, slope = depth[:, k], rate[:, k]
         met = jnp.all(depth[0] <= 0) & jnp.any(depth[1] > 0)

@@ -1,4 +1,4 @@
-"""What is integrated: a motion, or a motion and its derivatives as one stack.
+"""The problem that a solve integrates: a motion, or a motion and its derivatives as one stack.
 
 The derivative of a solve by a number is the solve of the variational equations on the same steps. So the state of a
 differentiated solve is a stack: row 0 is the motion, row 1 + k its derivative along direction k. A Runge-Kutta step

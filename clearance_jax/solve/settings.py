@@ -31,7 +31,7 @@ MAX_STEPS = 1_000_000
 DERIVATIVES = ("controlled", "screening")
 # Models of the motion, from the dearest to the cheapest.
 FIDELITIES = DYNAMICS, QUASI_STATIC, STATIC = "dynamics", "quasi-static", "static"
-# Those that give a motion.
+# Models that give a motion.
 OF_MOTIONS = (DYNAMICS, QUASI_STATIC)
 SOLVERS = {"tsit5": diffrax.Tsit5, "dopri8": diffrax.Dopri8}
 # What a user may write for a solver.

@@ -119,7 +119,7 @@ def only_reached(solution: Solution, tree: Any) -> Any:
 def _moved(mechanism, t1, settings: Settings, throw: bool, observers: tuple, integrands: tuple) -> Solution:
     options = settings.as_options(observers)
     if layout(mechanism).size == 0:
-        # Without states the energy balance is what there is to integrate.
+        # Without states, the energy balance is the only thing to integrate.
         options = options._replace(energy_balance=True)
     inputs = Inputs(mechanism, settings.t0, t1, settings.save_at, settings.rtol, settings.atol, settings.y0, integrands)
     solution = flow(inputs, options=options) if options.derivatives == "controlled" else plain_flow(inputs, options)

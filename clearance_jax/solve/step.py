@@ -189,7 +189,7 @@ def past_moving_break(time: Scalar, stack: Array, problem: Problem) -> Array:
         slope = field(time, state, moved)
         if not (problem.energy_balance and problem.mechanism.has_payloads):
             return slope
-        # What is moved is handed over by the one and, as yet, not by the other.
+        # The moved payload is handed over in one mechanism and not yet in the other.
         return slope + payload_power(slope, problem.mechanism) - payload_power(slope, moved.mechanism)
 
     after = field(time, state, problem.without_directions)

@@ -116,7 +116,7 @@ def validity_of(
     bend = bends(times, error, poses.frequency)
     largest, ringing = jnp.max(jnp.linalg.norm(error, axis=-1), axis=0), jnp.max(bend, axis=0)
     part = jnp.max(ringing / _floor(largest))
-    # Whatever is no number is not valid, and nothing is known about a pin that nothing holds.
+    # NaN is not valid, and neither is a pin that nothing holds.
     part = jnp.where(jnp.min(poses.frequency) > 0, part, jnp.inf)
     level = jnp.where(part <= SMALL, FOLLOWS, jnp.where(part <= LARGE, PEAK_ONLY, NOT_VALID))
     slowest = jnp.argmin(poses.frequency)
