@@ -1,4 +1,4 @@
-"""The base of contact laws, each written for one contact point: no pose, no body, no time, no batch (`vmap` is outside).
+"""The base of contact laws, each written for one contact point, without pose, body, time or batch (`vmap` is outside).
 
 Sign convention, stated here once for the whole library:
 
