@@ -47,6 +47,11 @@ def conditions(loop: AbstractJoint, motion: Frames) -> list[Condition]:
     return [c for c in out if not c.is_met]
 
 
+def closure_conditions(motion: Frames) -> list[Condition]:
+    """The conditions of all ideal closures of a mechanism."""
+    return [condition for loop in motion.mechanism.closures() for condition in conditions(loop, motion)]
+
+
 def _point_conditions(loop: AbstractJoint, motion: Frames, here: Vector, there: Vector) -> list[Condition]:
     """A point of the child b stays at a point of the parent a."""
     a, b = motion[loop.parent], motion[loop.child]

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from clearance_jax._types import Scalar
-from clearance_jax.dynamics.conditions import Condition, conditions
+from clearance_jax.dynamics.conditions import Condition, closure_conditions
 from clearance_jax.dynamics.frames import Frames, Pair
 from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.mechanism.prepared import PreparedMechanism
@@ -67,8 +67,7 @@ def choice(time: Scalar, y: Array, mechanism: PreparedMechanism) -> Float[Array,
     """The independent conditions of the closures in a state, see `independent`."""
     mechanism, plan = mechanism.at(time), layout(mechanism)
     motion = frames(mechanism, time, plan.split(y))
-    loop_conditions = [now for loop in mechanism.closures() for now in conditions(loop, motion)]
-    return constraint(motion.mass_matrix(), loop_conditions, mechanism).asked
+    return constraint(motion.mass_matrix(), closure_conditions(motion), mechanism).asked
 
 
 def closing_pairs(loops: Sequence[AbstractJoint], motion: Frames, by_loop: list[list[Condition]], forces) -> list[Pair]:

@@ -11,7 +11,7 @@ from clearance_jax._alike import numbers_of
 from clearance_jax._sharing import share
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.applied import applied_pairs
-from clearance_jax.dynamics.conditions import Condition, conditions
+from clearance_jax.dynamics.conditions import Condition, closure_conditions, conditions
 from clearance_jax.dynamics.constraint import closing_pairs, constraint
 from clearance_jax.dynamics.control import exert
 from clearance_jax.dynamics.frames import Frames, Pair
@@ -99,12 +99,8 @@ class Equations(NamedTuple):
         return [plus(a, b) for a, b in zip(free, correction, strict=True)], multipliers
 
 
-def _loop_conditions(motion: Frames) -> list[Condition]:
-    return [condition for loop in motion.mechanism.closures() for condition in conditions(loop, motion)]
-
-
 def _equations(motion: Frames) -> Equations:
-    inertia, every = motion.mass_matrix(), _loop_conditions(motion)
+    inertia, every = motion.mass_matrix(), closure_conditions(motion)
     return Equations(inertia, every, constraint(inertia, every, motion.mechanism) if every else None)
 
 
@@ -151,7 +147,7 @@ def _solve(motion: Frames, pairs: list[Pair], efforts: list[Term]) -> tuple[list
             for i, x in zip(varied, some, strict=True):
                 every[i] = x
             motion, pairs, efforts = rebuilt(every)
-            return flat(_right_sides(motion, pairs, efforts, _loop_conditions(motion), solved))
+            return flat(_right_sides(motion, pairs, efforts, closure_conditions(motion), solved))
 
         _, change = jax.jvp(residual, ([numbers[i] for i in varied],), ([rates[i] for i in varied],))
         return solved, flat(equations.solve(*change))

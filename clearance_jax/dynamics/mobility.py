@@ -9,7 +9,7 @@ from jaxtyping import Array
 
 from clearance_jax._types import Scalar
 from clearance_jax.dynamics.closures import assemble
-from clearance_jax.dynamics.conditions import conditions
+from clearance_jax.dynamics.conditions import closure_conditions
 from clearance_jax.dynamics.constraint import independent
 from clearance_jax.dynamics.kinematics import frames
 from clearance_jax.mechanism.mechanism import Mechanism
@@ -68,7 +68,7 @@ def _independence(ready: PreparedMechanism, time: Scalar) -> Array:
     plan = layout(ready)
     y = assemble(time, jnp.concatenate([initial_values(ready), jnp.zeros(plan.remembered)]), ready)[0]
     motion = frames(ready, time, plan.split(y))
-    loop_conditions = [now for loop in ready.closures() for now in conditions(loop, motion)]
+    loop_conditions = closure_conditions(motion)
     if not loop_conditions or plan.free == 0:
         return jnp.zeros(len(loop_conditions))
     inertia = motion.mass_matrix()

@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 
 from clearance_jax._small_matrices import small_eigh
 from clearance_jax._types import Scalar
-from clearance_jax.dynamics.conditions import conditions
+from clearance_jax.dynamics.conditions import closure_conditions
 from clearance_jax.dynamics.constraint import constraint
 from clearance_jax.dynamics.field import slope
 from clearance_jax.dynamics.kinematics import frames, relative_motions
@@ -101,8 +101,8 @@ def play_mobility(mechanism: PreparedMechanism, time: Scalar, y: Array) -> Squar
     """
     at, plan = mechanism.at(time), layout(mechanism)
     motion = frames(at, time, plan.split(y))
-    inertia, loops, ways = motion.mass_matrix(), at.closures(), _ways(mechanism, time, y)
-    every = [condition for loop in loops for condition in conditions(loop, motion)]
+    inertia, ways = motion.mass_matrix(), _ways(mechanism, time, y)
+    every = closure_conditions(motion)
     asked = constraint(inertia, every, at) if every else None
 
     def accelerations(force):
@@ -151,5 +151,5 @@ def _closing_rows(mechanism: PreparedMechanism, time: Scalar, y: Array) -> Float
     """The Jacobian of the conditions of ideal loops."""
     at, plan = mechanism.at(time), layout(mechanism)
     motion = frames(at, time, plan.split(y))
-    rows = [now.row.array for loop in at.closures() for now in conditions(loop, motion)]
+    rows = [now.row.array for now in closure_conditions(motion)]
     return jnp.stack(rows) if rows else jnp.zeros((0, plan.free))

@@ -38,7 +38,7 @@ from clearance_jax.solve.validity import NOT_VALID, Validity, validity_of
 INTERVALS = 200
 # Times nearer than this part of them are the same.
 SAME = 1e-14
-# No pose: a pin does not bear more than this part of its load, or was moved last by more than this part of its play; or
+# No pose: more than this part of a load is not borne, or a pin was moved last by more than this part of its play; or
 # loops were open by more than this part of the largest length before the last step, which squares the opening.
 POSED, CLOSED = 1e-4, 1e-8
 

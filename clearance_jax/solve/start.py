@@ -16,8 +16,8 @@ from clearance_jax.solve.tolerances import largest_length
 
 # A loop open by more than this part of the largest length is not assembled.
 CLOSED = 1e-10
-# A pin is not settled if it does not bear more than this part of its load, or moves by more than this part of its play
-# from round to round. A successful search leaves far less than 1e-9.
+# A pin is not settled if more than this part of its load is not borne, or if it moves by more than this part of its
+# play from round to round. A successful search leaves far less than 1e-9.
 AT_REST = 1e-3
 
 
