@@ -101,25 +101,21 @@ class Bore(NamedTuple):
     def distance(self, x: Scalar, y: Scalar, depth: Scalar) -> Scalar:
         """The distance from the middle, along a direction, at which a pin has a penetration."""
 
-        def newton(bore: Bore, x, y, depth, far):
-            now = bore.depth_at(far * x, far * y)
-            return far - (now.value - depth) / jax.lax.stop_gradient(now.x * x + now.y * y)
-
         still = jax.tree.map(jax.lax.stop_gradient, (self, x, y, depth))
         far = still[0]._far(*still[1:])
         # Two more iterations give the first and the second derivative.
-        return newton(self, x, y, depth, newton(self, x, y, depth, far))
+        return self._newton(x, y, depth, self._newton(x, y, depth, far))
+
+    def _newton(self, x: Scalar, y: Scalar, depth: Scalar, far: Scalar) -> Scalar:
+        """A Newton step of `distance`, whose slope has no derivative."""
+        now = self.depth_at(far * x, far * y)
+        return far - (now.value - depth) / jax.lax.stop_gradient(now.x * x + now.y * y)
 
     def _far(self, x: Scalar, y: Scalar, depth: Scalar) -> Scalar:
         """`distance` without derivatives: Newton from the place that the deepest sector alone would give."""
         ahead = x * self._cosines + y * self._sines
         start = jnp.min(jnp.where(ahead > 0, (self.clearance + self.depth + depth) / ahead, jnp.inf))
-
-        def newton(_, far):
-            now = self.depth_at(far * x, far * y)
-            return far - (now.value - depth) / (now.x * x + now.y * y)
-
-        return jax.lax.fori_loop(0, ITERATIONS, newton, start)
+        return jax.lax.fori_loop(0, ITERATIONS, lambda _, far: self._newton(x, y, depth, far), start)
 
     def seat(self, along: Vector, depth: Scalar) -> tuple[Scalar, Scalar]:
         """The place of a pin that a force presses so deep along a direction, that of the wall's gradient there."""
