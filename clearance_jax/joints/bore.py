@@ -100,7 +100,6 @@ class Bore(NamedTuple):
 
     def distance(self, x: Scalar, y: Scalar, depth: Scalar) -> Scalar:
         """The distance from the middle, along a direction, at which a pin has a penetration."""
-
         still = jax.tree.map(jax.lax.stop_gradient, (self, x, y, depth))
         far = still[0]._far(*still[1:])
         # Two more iterations give the first and the second derivative.
