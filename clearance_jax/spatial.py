@@ -97,11 +97,6 @@ def cross(a: Vector, b: Vector) -> Vector:
     )
 
 
-def plane_cross(a: Pair, b: Pair) -> Term:
-    """The out-of-plane component of a x b for vectors of the plane."""
-    return minus(times(a[0], b[1]), times(a[1], b[0]))
-
-
 def centripetal(spin: Vector, arm: Vector) -> Vector:
     """Spin x (spin x arm)."""
     return add(scale(dot(spin, arm), spin), scale(minus(0.0, dot(spin, spin)), arm))
