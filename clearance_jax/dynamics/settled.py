@@ -77,7 +77,7 @@ def settle_start(time: Scalar, mechanism: PreparedMechanism) -> tuple[Array, Sta
         return y, loads, jnp.concatenate([rates, as_array(motion.acceleration)]), opened
 
     def seats_at(seated, now: Seats, y, loads, opened, slopes):
-        turned = [slope and Turned(*slope, play) for slope, play in zip(slopes, now.play, strict=True)]
+        turned = [s and Turned(s[0], s[1], play) for s, play in zip(slopes, now.play, strict=True)]
         seats = seats_of(joints, loads, begin, turned=turned)
         pressed, left = tuple(seat.presses for seat in seats), as_array([seat.left for seat in seats])
         play = tuple(jnp.where(s.presses & seated, s.play, first) for s, first in zip(seats, begin, strict=True))
